@@ -112,12 +112,24 @@ test-python: build ## pytest and Hypothesis, on all cores
 test-slow: build ## The long sweeps that `make test` leaves out
 	$(BIN)/python -m pytest --quiet -m slow
 
+# A few hundred rounds overnight are the long hunt. A round draws its examples from its seed alone.
+SEED ?= $(shell od -An -N4 -tu4 /dev/urandom)
+ROUNDS ?= 1
+TESTS ?= tests
+.PHONY: hunt
+hunt: build ## Property tests with new random examples: TESTS (tests), from SEED (random) on, ROUNDS (1) seeds
+	@first=$(strip $(SEED)); for ((seed = first; seed < first + $(ROUNDS); seed++)); do \
+	  echo "make hunt SEED=$$seed TESTS='$(TESTS)'"; \
+	  $(BIN)/python -m pytest --quiet -m 'hypothesis and not slow' --hypothesis-profile hunt \
+	    --hypothesis-seed $$seed --numprocesses logical --dist worksteal $(TESTS) || exit; \
+	done
+
 .PHONY: digests
 digests: build ## Store the bits of today's results, after RESULTS_VERSION was raised
 	$(BIN)/python tests/support/digests.py
 
 .PHONY: operations
-operations: ## Count the operations of today's equations, and write the table that `sp.explain` reads
+operations: ## Count the operations of today's equations, and write the table of the benchmarks
 	cargo test --profile tested --locked --quiet --package softpinch --lib write_the_table -- --ignored
 
 .PHONY: mutants

@@ -24,6 +24,7 @@ import softpinch as sp
 from command import parser
 from document import ROOT, folders, put
 from machine import clock, describe
+from operation_counts import Cost, cost
 from softpinch import _core, plot
 from softpinch.plot.style import BLUE, PAGE, RED, new
 
@@ -81,10 +82,8 @@ class Task:
             progress=False,
         )
 
-    def counted(self, formulation: str) -> sp.Explanation:
-        return sp.explain(
-            self.scene, dt=DT, formulation=formulation, record=self.record, measure=False
-        )
+    def counted(self, formulation: str) -> Cost:
+        return cost(self.scene, formulation, ledger="energy" in self.record)
 
 
 def _scene(task: Task, **changes: Any) -> Task:
@@ -224,8 +223,8 @@ def measure(levels: Mapping[str, Task], formulation: str, runs: int, rounds: int
     found = Found(list(levels))
     for task in levels.values():
         told = task.counted(formulation)
-        found.operations.append(told.flops_per_step or 0)
-        found.chains.append(told.latency_per_step or 0)
+        found.operations.append(told.step)
+        found.chains.append(told.chain)
     steps, works = [], []
     for task in levels.values():
         run = task.alone(formulation)

@@ -1,8 +1,9 @@
-"""What unilateral contact costs beside the paper's bilateral contact, alone and in ensembles.
+"""Cost of unilateral contact beside the paper's bilateral contact, alone and in ensembles.
 
 make bench-contact
 """
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -13,10 +14,10 @@ import numpy as np
 import softpinch as sp
 from command import parser
 from contact_peers import libraries, missing, peers
-from machine import describe
+from machine import clock, describe
 from softpinch import paper
 from softpinch.run.options import Options
-from softpinch.run.simulate import described
+from softpinch.run.request import Request
 
 FRICTION, PUSH = 1.0, 200.0  # N
 DT = 1e-4  # s
@@ -58,20 +59,11 @@ def cases(duration: float | None) -> list[Case]:
 
 
 def _ratio(works: Sequence[Callable[[], object]], rounds: int) -> tuple[float, float, str]:
-    """Median processor times of both, s, and the median ratio of second to first with quartiles.
-
-    In turns; processor time, so that what else the machine computes takes no part.
-    """
-    spent = np.empty((rounds, 2))
-    # The first turn warms up; the last one takes its place.
-    for turn in range(-1, rounds):
-        for k, work in enumerate(works):
-            begin = time.process_time()
-            work()
-            spent[turn, k] = time.process_time() - begin
-    low, middle, high = np.quantile(spent[:, 1] / spent[:, 0], [0.25, 0.5, 0.75])
-    first, second = np.median(spent, axis=0)
-    return float(first), float(second), f"{middle:6.3f}  ({low:.3f} to {high:.3f})"
+    """Median processor times of both, s, and the median ratio of second to first with quartiles."""
+    first, second = clock(works, rounds, math.inf, time.process_time)
+    low, middle, high = np.quantile(second / first, [0.25, 0.5, 0.75])
+    text = f"{middle:6.3f}  ({low:.3f} to {high:.3f})"
+    return float(np.median(first)), float(np.median(second)), text
 
 
 def lone(duration: float | None, rounds: int) -> None:
@@ -90,7 +82,7 @@ def lone(duration: float | None, rounds: int) -> None:
             options = Options.checked(every=LAST_ONLY, record=("state",), **settings)
             scenes = (case.bilateral, case.unilateral)
             first, second, ratio = _ratio(
-                [described(scene, options).run for scene in scenes], rounds
+                [Request(scene, options).simulation().run for scene in scenes], rounds
             )
             events = len(sp.simulate(case.unilateral, **settings).contact_changes)
             print(

@@ -1,4 +1,4 @@
-"""How likely a grasp holds with real friction: README's study, for mu from 0.3 to 2.
+"""Probability that a grasp holds with real friction: README's study, for mu from 0.3 to 2.
 
 make bench-odds
 

@@ -8,7 +8,7 @@ MuJoCo's contact is soft, a model of its own: its error is measured against itse
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from importlib.util import find_spec
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 import creep
 import softpinch as sp
+from machine import median_time, without_mujoco
 
 sys.path.append(str(Path(__file__).parent.parent / "tests"))
 
@@ -37,7 +38,7 @@ Rung = tuple[int, float, float, str]
 
 
 def _oracle() -> Any:
-    """How Siconos is called, or None: it needs SymPy, and Siconos."""
+    """The module that calls Siconos, or None where SymPy or Siconos is missing."""
     try:
         from oracle import moreau_jean
     except ImportError:
@@ -48,11 +49,11 @@ def _oracle() -> Any:
 def missing() -> dict[str, str]:
     """Name -> why it does not take part."""
     absent = {} if _oracle() else {"Siconos": "not installed"}
-    return absent if find_spec("mujoco") else {**absent, "MuJoCo": "not installed"}
+    return {**absent, **without_mujoco()}
 
 
 def libraries() -> list[str]:
-    return ["mujoco"] if find_spec("mujoco") else []
+    return [] if without_mujoco() else ["mujoco"]
 
 
 def scene() -> sp.Scene:
@@ -75,12 +76,9 @@ def _kinds(q: Floats, p: Floats) -> list[Floats]:
 
 def ours(steps: int) -> End:
     settings: dict[str, Any] = {"dt": DURATION / steps, "every": 10**9, "record": ("state",)}
-    spent = []
-    for _ in range(REPEATS):
-        begin = time.process_time()
-        run = sp.simulate(scene(), **settings)
-        spent.append(time.process_time() - begin)
-    return _kinds(run.q[-1], run.p[-1]), float(np.median(spent)), ""
+    run = sp.simulate(scene(), **settings)
+    work = partial(sp.simulate, scene(), **settings)
+    return _kinds(run.q[-1], run.p[-1]), median_time(work, REPEATS, timer=time.process_time), ""
 
 
 def siconos(steps: int) -> End:

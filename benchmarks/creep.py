@@ -1,4 +1,4 @@
-"""How far a grasp within its friction cone creeps in 1000 s: softpinch beside MuJoCo.
+"""Creep of a grasp within its friction cone in 1000 s: softpinch beside MuJoCo.
 
 make bench-creep
 """
@@ -6,14 +6,13 @@ make bench-creep
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 
 import softpinch as sp
 from command import parser
-from machine import describe
+from machine import describe, without_mujoco
 
 FRICTION = 0.5
 DURATION = 1000.0  # s
@@ -42,7 +41,7 @@ STIFFNESS = 3000.0  # of MuJoCo's fingers, N/m
 
 @dataclass
 class Crept:
-    """How far the object moved along the tips while it was held.
+    """Motion of the object along the tips while it was held.
 
     Attributes:
         distance: m.
@@ -159,8 +158,8 @@ def rows(share: float, duration: float, peer: bool) -> Iterator[tuple[str, Crept
 
 def main() -> None:
     duration = 2.0 if parser(__doc__).parse_args().quick else DURATION
-    there = find_spec("mujoco") is not None
-    missing = {} if there else {"MuJoCo": "not installed"}
+    missing = without_mujoco()
+    there = not missing
     print(describe(libraries=["mujoco"] if there else (), missing=missing))
     print(f"\nfriction {FRICTION:g}, held for {duration:g} s; MuJoCo's step is {1e3 * STEP:g} ms")
     for share in SHARES:

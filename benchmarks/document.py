@@ -1,4 +1,4 @@
-"""Where benchmarks put what they found: figures, data, and the tables of the documents."""
+"""Output of benchmarks: figures, data, and the tables of the documents."""
 
 import re
 import tempfile

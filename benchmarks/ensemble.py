@@ -113,7 +113,7 @@ def steps(quick: bool) -> None:
 
 @dataclass
 class Racer:
-    """Who takes part at equal error: searched on the probes, timed on all runs."""
+    """A participant at equal error: searched on the probes, timed on all runs."""
 
     entry: Entry
     solve: Callable[[Any], object]

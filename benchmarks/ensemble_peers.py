@@ -102,7 +102,7 @@ def _given(work: Work, rows: Sequence[Any]) -> list[Any]:
 
 
 def _rk4_step(rates: Callable[[Any], Any], y: Any, h: Any) -> list[Any]:
-    """Of lists of states, whatever those are."""
+    """One RK4 step of a list of states of any type."""
     k1 = rates(y)
     k2 = rates([a + 0.5 * h * k for a, k in zip(y, k1, strict=True)])
     k3 = rates([a + 0.5 * h * k for a, k in zip(y, k2, strict=True)])

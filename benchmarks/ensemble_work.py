@@ -1,4 +1,4 @@
-"""What every ensemble is measured on: many runs of one scene, and the truth about a few of them.
+"""The measured ensembles: many runs of one scene, and references of a few of them.
 
 `grasp()` is 0.2 s from point contact to 6 degrees under a constant push, `manipulation()` the
 paper's 8 s with its eight switches. Peers get them as arrays with the runs last: states (14, runs)
@@ -97,7 +97,7 @@ class Work:
 
 
 class Truth:
-    """Where the probes end and how large each component gets, by softpinch.reference."""
+    """Ends of the probes and the largest size of each component, by softpinch.reference."""
 
     def __init__(self, work: Work) -> None:
         ends, sizes = [], []
@@ -108,7 +108,7 @@ class Truth:
         self.ends, self.scales, self.method = np.array(ends), np.array(sizes), known.method
 
     def error(self, ends: Floats) -> float:
-        """Of q and p at the end (probes, 18), each against its largest size along the run.
+        """Error of q and p at the end (probes, 18), each against its largest size along the run.
 
         The worst of the probes; inf where something is not finite.
         """

@@ -1,4 +1,4 @@
-"""What an equilibrium and a linear model cost from Python, beside SciPy's `root` on `sp.evaluate`.
+"""Time of an equilibrium and of a linear model from Python, beside SciPy's `root` on `sp.evaluate`.
 
 make bench-equilibrium
 """
@@ -14,7 +14,7 @@ import softpinch as sp
 from command import parser
 from document import put
 from machine import clock, describe
-from softpinch.analysis.ports import OUTPUTS
+from softpinch.analysis.states import OUTPUTS
 
 Floats = NDArray[np.float64]
 # The targets, us.

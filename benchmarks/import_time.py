@@ -1,4 +1,4 @@
-"""What `import softpinch` takes beyond NumPy's own import, in fresh interpreters.
+"""Time of `import softpinch` beyond NumPy's own import, in fresh interpreters.
 
 make bench-import
 """

@@ -31,7 +31,7 @@ IMPLICIT = [m for m in _core.METHODS if m not in ("rk4", "dop853")]
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is done.
+    """The extent of a measurement.
 
     Attributes:
         stride: Every so many of the settings are tried.

@@ -1,19 +1,24 @@
-"""What a measurement was taken on, printed beside it."""
+"""The clocks of all benchmarks, and the machine on which a measurement was taken."""
 
+import math
 import os
 import platform
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 import softpinch as sp
 from softpinch import _core
+
+Timer: TypeAlias = Callable[[], float]
 
 
 def processor() -> str:
@@ -56,30 +61,60 @@ def describe(
     )
 
 
-def median_time(work: Callable[[], object], repeats: int, budget: float = 10.0) -> float:
-    """Median wall time of `work` in seconds, warm, over `repeats`; `budget` s end it early."""
+def without_mujoco() -> dict[str, str]:
+    """For `missing` of `describe`: MuJoCo and why it does not take part, or nothing."""
+    return {} if find_spec("mujoco") else {"MuJoCo": "not installed"}
+
+
+def median_time(
+    work: Callable[[], object], repeats: int, budget: float = 10.0, timer: Timer = time.perf_counter
+) -> float:
+    """Median time of `work` in seconds, warm, over `repeats`; `budget` s end it early."""
     work()
     times: list[float] = []
     while len(times) < repeats and (len(times) < 3 or sum(times) < budget):
-        start = time.perf_counter()
+        start = timer()
         work()
-        times.append(time.perf_counter() - start)
+        times.append(timer() - start)
     return statistics.median(times)
 
 
+def evaluation_time(work: Callable[[], object], n: int) -> float:
+    """The quickest of eleven rounds of n evaluations, s for each evaluation."""
+    (times,) = clock([work], 11, math.inf)
+    return float(times.min()) / n
+
+
 def clock(
-    works: Sequence[Callable[[], object]], rounds: int, budget: float = 1.5
+    works: Sequence[Callable[[], object]],
+    rounds: int,
+    budget: float = 1.5,
+    timer: Timer = time.perf_counter,
+    begins: Sequence[Callable[[], object]] = (),
 ) -> list[NDArray[np.float64]]:
-    """Wall times of each, taken in turns, each after a call that warms up; s."""
+    """Times of works that take turns, each after a call that warms up; s.
+
+    All take turns, so that the machine's other work falls on each alike.
+
+    Args:
+        works: The works.
+        rounds: Number of turns.
+        budget: A work that has taken so long, s, is not repeated more than three times.
+        timer: Wall time, or `time.process_time` where other programs compute.
+        begins: Called before each call of the work of this place, and not timed.
+    """
     spent: list[list[float]] = [[] for _ in works]
     for _ in range(rounds):
-        for work, times in zip(works, spent, strict=True):
+        for k, (work, times) in enumerate(zip(works, spent, strict=True)):
             if len(times) >= 3 and 2 * sum(times) > budget:
                 continue
-            work()
-            begin = time.perf_counter()
-            work()
-            times.append(time.perf_counter() - begin)
+            for _ in range(2):
+                if begins:
+                    begins[k]()
+                start = timer()
+                work()
+                took = timer() - start
+            times.append(took)
     return [np.array(times) for times in spent]
 
 

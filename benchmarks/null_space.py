@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 
 import softpinch as sp
 from softpinch import reference
-from softpinch.accuracy.driven import Inputs
+from softpinch.accuracy.segments import Inputs
 
 Floats = NDArray[np.float64]
 INPUTS = ("target_1", "target_2", "force_x", "force_y", "moment")

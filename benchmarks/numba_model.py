@@ -1,7 +1,6 @@
 """The null-space form compiled by Numba, and what runs on it: RK4, and numbalsoda where it is."""
 
 import math
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -9,6 +8,7 @@ import numpy as np
 from numba import carray, cfunc, njit
 
 import numpy_model
+from machine import evaluation_time
 from null_space import NAMES, Floats, right_hand_side
 
 try:
@@ -137,15 +137,9 @@ def _evaluate(y, c, n):  # type: ignore[no-untyped-def]
     return out
 
 
-def evaluation_time(y: Floats, c: Floats, n: int = 20_000) -> float:
-    """Of one evaluation inside of compiled code, s: the best of eleven rounds."""
-    _evaluate(y, c, 1)
-    rounds = []
-    for _ in range(11):
-        begin = time.perf_counter()
-        _evaluate(y, c, n)
-        rounds.append((time.perf_counter() - begin) / n)
-    return min(rounds)
+def evaluated(y: Floats, c: Floats, n: int = 20_000) -> float:
+    """Time of one evaluation inside of compiled code, s."""
+    return evaluation_time(lambda: _evaluate(y, c, n), n)
 
 
 if lsoda is not None:

@@ -22,7 +22,7 @@ SIZE = np.array(
 
 
 def numbers(scene: sp.Scene, alpha: float, beta: float) -> Floats:
-    """What `terms` takes: the scene's, and the gains of (19) and (20).
+    """Parameters of `terms`: the scene's, and the gains of (19) and (20).
 
     Raises:
         ValueError: The fingers differ.
@@ -45,7 +45,7 @@ def numbers(scene: sp.Scene, alpha: float, beta: float) -> Floats:
 
 
 def terms(q, p, integral, u, c):  # type: ignore[no-untyped-def]
-    """Of (24): masses (9,), Phi (4, 9), force (9,) and gamma (4,); u as null_space's `INPUTS`."""
+    """Masses (9,), Phi (4, 9), force (9,) and gamma (4,) of (24); u as null_space's `INPUTS`."""
     length, half, offset, a, stiffness, kappa, finger_mass = (
         c[0],
         c[1],

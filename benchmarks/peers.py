@@ -71,7 +71,7 @@ class Peer:
 
 
 def _steps(n: int, duration: float, scene: sp.Scene) -> int:
-    """Of a piece, of n steps in all."""
+    """Number of steps of a piece, of n steps in all."""
     return max(1, round(n * duration / scene.duration))
 
 

@@ -1,8 +1,7 @@
-"""Who gets below an error first, and how long that takes: the search and the times."""
+"""A race of solvers to an error: the search for each solver's setting, and the times."""
 
 import contextlib
 import math
-import statistics
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -13,11 +12,11 @@ import numpy as np
 
 import null_space
 import softpinch as sp
-from machine import clock
+from machine import clock, median_time
 from null_space import Floats
 from softpinch import _core, reference
 from softpinch.run.options import Options
-from softpinch.run.simulate import described
+from softpinch.run.request import Request
 
 if TYPE_CHECKING:
     from peers import Peer
@@ -50,7 +49,7 @@ class Truth:
         self.parts = [(getattr(run, name)[-1], run.scales[name]) for name in ("q", "p")]
 
     def error(self, end: tuple[Floats, Floats]) -> float:
-        """Of q and p at the end, each component against its largest size along the run.
+        """Error of q and p at the end, each component against its largest size along the run.
 
         The largest of all; inf where something is not finite.
         """
@@ -148,7 +147,7 @@ def bare(
     """The core's part of `our_run`: its arguments are checked and handed over before."""
     pair = {"method": method, "formulation": formulation}
     given = {"record": ("state",), **pair, **_options(case, setting)}
-    return described(case.scene, Options.checked(**given)).run
+    return Request(case.scene, Options.checked(**given)).simulation().run
 
 
 def _completed(run: sp.Run) -> tuple[Floats, Floats]:
@@ -189,13 +188,9 @@ def cheapest(entry: Entry, truth: Truth, level: float, budget: float = 20.0) -> 
 
 
 def _keep_faster(best: Found, setting: Any, error: float) -> None:
-    spent = []
-    for _ in range(5):
-        begin = time.perf_counter()
-        best.entry.solve(setting)
-        spent.append(time.perf_counter() - begin)
-    if best.setting is None or statistics.median(spent) < best.time:
-        best.setting, best.error, best.time = setting, error, statistics.median(spent)
+    spent = median_time(partial(best.entry.solve, setting), 5)
+    if best.setting is None or spent < best.time:
+        best.setting, best.error, best.time = setting, error, spent
 
 
 def timed(found: Sequence[Found], rounds: int = 101) -> None:

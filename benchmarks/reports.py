@@ -17,10 +17,10 @@ import numpy as np
 import softpinch as sp
 from command import parser
 from document import folders, map_table, put
-from machine import describe
+from machine import describe, median_time
 from softpinch import _core, plot, stress
 from softpinch.accuracy.measurements import WHERE, Measurement, WorkPrecision
-from softpinch.accuracy.stability import trusted_run
+from softpinch.accuracy.runs import accurate_run
 from softpinch.accuracy.stability_axes import AXES
 from softpinch.run import scaled_error
 
@@ -47,7 +47,7 @@ HELD = sp.Scene(
 
 @dataclass(frozen=True)
 class Job:
-    """How much is measured, and where its figures and data go.
+    """The extent of the measurements, and the folders of figures and data.
 
     Attributes:
         quick: Whether it is only shown to work: short scenes and few settings.
@@ -90,7 +90,7 @@ def precision(job: Job) -> Iterator[tuple[str, str]]:
 
 
 def _brief(found: WorkPrecision) -> list[str]:
-    """What was left out, a line for each solver."""
+    """Settings that were left out, a line for each solver."""
     reasons: dict[str, list[str]] = {}
     for line in found.skipped:
         who, _, why = line.partition(": ")
@@ -140,7 +140,7 @@ def _cheapest(found: WorkPrecision, where: str) -> str:
 
 
 def _orders(found: WorkPrecision) -> str:
-    """Of each pair the orders of the last two halvings whose error is above the floor."""
+    """Orders of each pair in the last two halvings whose error is above the floor."""
     floor = 100.0 * max(found.floor.values())
     lines = [
         "| method (order) | " + " | ".join(_core.FORMULATIONS) + " |",
@@ -154,7 +154,7 @@ def _orders(found: WorkPrecision) -> str:
                 for row in found.rows
                 if (row.method, row.formulation, row.setting) == (method, formulation, "dt")
                 and math.isfinite(row.order)
-                and floor < row.error < 1e-2
+                and floor < row.along < 1e-2
             ]
             cells.append(", ".join(f"{order:.1f}" for order in seen[-2:]) or "-")
         lines.append(f"| {method} ({_core.ORDERS[method]}) | " + " | ".join(cells) + " |")
@@ -223,7 +223,7 @@ def hard(job: Job) -> Iterator[tuple[str, str]]:
         for name, case in cases.items():
             value = case.dt if setting == "dt" else 1e-6
             label = f"{name}" + (f", dt = {case.dt:g} s" if setting == "dt" else "")
-            exact = trusted_run(
+            exact = accurate_run(
                 case.scene, tolerance=1e-12, record=("state",), stabilization=case.stabilization
             )
             for formulation in _core.FORMULATIONS:
@@ -258,12 +258,8 @@ def _outcome(
             **how,  # type: ignore[arg-type]
         )
 
-    found, times = run(), []
-    for _ in range(5):
-        begin = time.thread_time()
-        run()
-        times.append(time.thread_time() - begin)
-    took = f"{1e3 * float(np.median(times)):.2g} ms"
+    found = run()
+    took = f"{1e3 * median_time(run, 5, timer=time.thread_time):.2g} ms"
     if found.status != exact.status:
         return f"*{found.status.replace('_', ' ')}*"
     if not found.success:
@@ -282,7 +278,7 @@ def _outcome(
 
 
 def advice(job: Job) -> Iterator[tuple[str, str]]:
-    """What `advise` says of the paper's scenes and of the hard ones."""
+    """Advice of `advise` for the paper's scenes and for the hard ones."""
     lines = [
         "| scene | take | error of q, p, λ | a run, ms | the best equal steps | ms | found in, s |",
         "|---|---|---|---|---|---|---|",

@@ -28,7 +28,7 @@ from scale_driver import Driver, driver
 from scale_folder import found, make, reading
 from scale_paper import Rates, project
 from scale_work import Timed, engines, file_system, in_turns, push, short, size, stopwatch
-from softpinch.store import part, table
+from softpinch.store import files, folder
 from softpinch.store.folder import Writer
 from softpinch.study.engine import how_many_threads
 from softpinch.study.sampling import Plan
@@ -38,7 +38,7 @@ Text = Iterator[tuple[str, str]]
 
 
 def workers(given: argparse.Namespace, scratch: Path) -> Text:
-    """Who computes, side by side; and what the driver takes of it."""
+    """Executors side by side, and the driver's share of their time."""
     lines = []
     with engines() as who:
         pushed = partial(push, dt=given.dt)
@@ -97,8 +97,8 @@ def store(given: argparse.Namespace, scratch: Path) -> Text:
     short(min(runs, 4 * BLOCK), store=scratch / "warm")
     turn = iter(range(given.rounds))
     with stopwatch(
-        ("encode", part, "encode"),
-        ("hash", table, "_checksum"),
+        ("encode", folder, "encode"),
+        ("hash", files, "sha256"),
         ("bring to the disk", os, "fsync"),
         ("flush", Writer, "flush"),
         ("draw", Plan, "rows"),
@@ -112,7 +112,6 @@ def store(given: argparse.Namespace, scratch: Path) -> Text:
     study = sp.Study.open(last)
     # Of three drawings two are with a store.
     split = {name: spent[name] / given.rounds for name in ("encode", "hash", "bring to the disk")}
-    split["encode"] -= split["hash"]
     split["gather, sort, write"] = spent["flush"] / given.rounds - sum(split.values())
     split["draw a second time"] = spent["draw"] / given.rounds / 3
     base = times["without"].median
@@ -139,7 +138,7 @@ def store(given: argparse.Namespace, scratch: Path) -> Text:
                 f"{100 * sum(split.values()) / base:5.2f} %",
                 f"  {parts} parts, {size(last) / runs:.1f} bytes a run, on "
                 f"{file_system(last) or 'an unknown file system'}",
-                "read again, checksums included",
+                "read again, digests included",
                 *(
                     f"  {name:24s} {seconds:7.2f} s, {runs / seconds / 1e6:.1f} million rows/s"
                     for name, seconds in reads.items()
@@ -164,7 +163,7 @@ def resume(given: argparse.Namespace, scratch: Path) -> Text:
                 f"  Study.resume, until a run begins        {one.resumed:8.3f} s",
                 f"    of it drawing and checking            {one.checked:8.3f} s, "
                 f"{1e6 * one.checked / one.missing:.1f} us a missing run",
-                f"  probability, checksums included         {one.probability:8.3f} s, "
+                f"  probability, digests included           {one.probability:8.3f} s, "
                 f"{one.parts / one.probability:.0f} parts/s",
                 f"  mean                                    {one.mean:8.3f} s",
             ]

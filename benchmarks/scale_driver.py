@@ -1,4 +1,4 @@
-"""What the process that draws and keeps costs: with workers that take no time at all."""
+"""Cost of the process that draws and keeps, with workers that take no time."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from softpinch.store.folder import Writer
 from softpinch.study.engine import RunBlock
 from softpinch.study.rows import Rows
 from softpinch.study.sampling import Plan
-from softpinch.study.setup import Setup
 from softpinch.study.sources import BLOCK
+from softpinch.study.spec import StudySpec
 
 
 class Instant(Executor):
@@ -44,7 +44,7 @@ class Instant(Executor):
 
 
 class Driver(NamedTuple):
-    """What a block of 1024 runs of `push` costs the driver, s."""
+    """Time of the driver for a block of 1024 runs of `push`, s."""
 
     draw: float
     check: float
@@ -54,7 +54,7 @@ class Driver(NamedTuple):
 
     @property
     def before(self) -> float:
-        """What is over before the first run begins: everything is drawn and checked."""
+        """The time before the first run begins, in which everything is drawn and checked."""
         return self.draw / 2 + self.check
 
     @property
@@ -73,7 +73,7 @@ def driver(blocks: int, dt: float, folder: Path) -> Driver:
     with stopwatch(
         ("draw", Plan, "rows"),
         ("check", SceneTemplate, "check"),
-        ("check", Setup, "batch"),
+        ("check", StudySpec, "batch"),
         ("store", Writer, "flush"),
     ) as spent:
         begin = time.perf_counter()

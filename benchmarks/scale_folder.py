@@ -14,9 +14,9 @@ import numpy as np
 import softpinch as sp
 from scale_work import short, stopwatch
 from softpinch.store.folder import Folder, Writer, locked
-from softpinch.study.job import Job
+from softpinch.study.compute import Job
+from softpinch.study.rows import Spans
 from softpinch.study.sources import BLOCK
-from softpinch.study.spans import Spans
 
 # Rows of a part, and runs missing after each.
 ROWS, GAP = 60, 4
@@ -31,7 +31,7 @@ def make(path: Path, parts: int) -> None:
     runs = parts * (ROWS + GAP)
     study = short(runs, only=np.arange(ROWS), store=path)
     rows = study._folder.rows(study._folder.parts[0])
-    folder = Folder(path, study._setup, study._folder.identity)
+    folder = Folder(path, study._spec, study._folder.identity)
     # The disk is not what is measured here, and would take minutes.
     with mock.patch.object(os, "fsync", lambda fd: None):
         writer = Writer(folder, locked(path))
@@ -55,7 +55,7 @@ class Found(NamedTuple):
     # `Study.resume` until the first run would begin, and what of it is drawing and checking.
     resumed: float
     checked: float
-    # `probability` and `mean`, checksums included.
+    # `probability` and `mean`, digests included.
     probability: float
     mean: float
 
@@ -76,7 +76,7 @@ def found(path: Path) -> Found:
 
 
 def reading(study: Any, name: str) -> float:
-    """What a number read from all parts takes, s."""
+    """Time to read one number from all parts, s."""
     begin = time.perf_counter()
     getattr(study, name)("peak_rotation" if name == "mean" else "completed")
     return time.perf_counter() - begin

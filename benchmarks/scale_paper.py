@@ -1,4 +1,4 @@
-"""What 1e9 runs of disturbance (ii) would take, from what was measured: nothing here is run."""
+"""Estimate for 1e9 runs of disturbance (ii) from measured times: nothing here is run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ RUNS = 10**9
 
 
 class Rates(NamedTuple):
-    """What was measured on the machine at hand, with disturbance (ii)."""
+    """Measurements on the machine at hand, with disturbance (ii)."""
 
     # Runs a second of one worker.
     rate: float

@@ -1,4 +1,4 @@
-"""What `scale.py` runs: the studies, who computes them, and the clocks."""
+"""The studies of `scale.py`, the executors that compute them, and the clocks."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def _method(call: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def size(folder: Path) -> int:
-    """Of a study's parts, bytes."""
+    """Size of a study's parts, bytes."""
     return sum(file.stat().st_size for file in (folder / "parts").iterdir())
 
 

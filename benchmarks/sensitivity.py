@@ -1,4 +1,4 @@
-"""What the derivatives of runs cost, beside runs without them and beside finite differences.
+"""Cost of the derivatives of runs, beside runs without them and beside finite differences.
 
 make bench-sensitivity
 """

@@ -1,11 +1,11 @@
-"""What a period of a run that is stepped from outside costs, alone and in vectors, beside MuJoCo.
+"""Cost of a period of a run that is stepped from outside, alone and in vectors, beside MuJoCo.
 
 make bench-stepping
 """
 
 import json
+import math
 import os
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,7 +17,7 @@ import softpinch as sp
 import stepping_peers
 from command import parser
 from document import folders, put
-from machine import describe
+from machine import clock, describe, without_mujoco
 
 PERIOD, DT = 1e-3, 1e-4  # s
 EACH = round(PERIOD / DT)
@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Work:
-    """What is timed.
+    """A timed work.
 
     Attributes:
         name: For the table.
@@ -77,18 +77,11 @@ class Timed:
 
 
 def timed(works: Sequence[Work], rounds: int) -> list[Timed]:
-    """Takes all works in turns, so that the machine's moods come to all of them alike."""
-    spent = np.empty((rounds, len(works)))
-    for turn in range(rounds):
-        for k, each in enumerate(works):
-            # Once to warm up: the works before it have used the caches.
-            for _ in range(2):
-                each.begin()
-                start = time.perf_counter()
-                each.work()
-                spent[turn, k] = (time.perf_counter() - start) / each.periods * 1e6
-    ratios = spent / spent[:, :1]
-    return [Timed(each, spent[:, k], ratios[:, k]) for k, each in enumerate(works)]
+    """All works, which take turns."""
+    begins = [each.begin for each in works]
+    spent = clock([each.work for each in works], rounds, math.inf, begins=begins)
+    times = [1e6 * own / each.periods for each, own in zip(works, spent, strict=True)]
+    return [Timed(each, own, own / times[0]) for each, own in zip(works, times, strict=True)]
 
 
 def held_grasp() -> sp.Scene:
@@ -166,7 +159,7 @@ def alone(quick: bool) -> list[Timed]:
         one_run(scene, 1000),
         rebuilt(scene, held[: len(held) // 10]),
     ]
-    if not stepping_peers.missing():
+    if not without_mujoco():
         for integrator in stepping_peers.INTEGRATORS:
             for one_by_one, called in (
                 (True, f"{EACH} calls of `mj_step`"),
@@ -252,7 +245,7 @@ def vector(quick: bool) -> list[Timed]:
             *(many(scene, actions[n], threads) for n in numbers if n != COMPARED),
             *ensembles(scene, threads),
         ]
-        for integrator in () if stepping_peers.missing() else stepping_peers.INTEGRATORS:
+        for integrator in () if without_mujoco() else stepping_peers.INTEGRATORS:
             few = actions[COMPARED][: 1 if quick else 2]
             begin, work = stepping_peers.many(integrator, DT, EACH, few, threads)
             name = f"MuJoCo, {integrator}, `rollout` of {COMPARED}"
@@ -278,7 +271,7 @@ def table(rows: Sequence[Timed]) -> str:
 
 
 def overhead(rows: Sequence[Timed]) -> str:
-    """How a step's time is spent, from the rows of one environment."""
+    """Parts of a step's time, from the rows of one environment."""
     whole, core, bare = (each.median for each in rows[:3])
     return (
         f"Of the {whole:.2f} us of `Simulator.step`, {bare:.2f} us are the {EACH} steps; "
@@ -290,7 +283,7 @@ def overhead(rows: Sequence[Timed]) -> str:
 def main() -> None:
     given = parser(__doc__, PARTS).parse_args()
     quick, parts = given.quick, given.part or PARTS
-    missing = stepping_peers.missing()
+    missing = without_mujoco()
     machine = describe(
         f"1 thread and {THREADS}", libraries=[] if missing else ["mujoco"], missing=missing
     )

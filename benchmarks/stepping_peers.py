@@ -7,7 +7,6 @@ Friction holds the object by two contacts of a sphere with a box, which are soft
 """
 
 from collections.abc import Callable
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -22,11 +21,6 @@ LOST = 0.01  # m, by how far an object that is held never sinks
 INTEGRATORS = ("RK4", "implicitfast")
 
 Floats = NDArray[np.float64]
-
-
-def missing() -> dict[str, str]:
-    """Name -> why it does not take part."""
-    return {} if find_spec("mujoco") else {"MuJoCo": "not installed"}
 
 
 def pinch(integrator: str, step: float) -> str:

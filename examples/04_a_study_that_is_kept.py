@@ -52,15 +52,13 @@ if __name__ == "__main__":
     out = Path(sys.argv[1] if len(sys.argv) > 1 else "kept.png")
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "study"
-        print(begin(folder).interruption)
-
-        study = sp.Study.open(folder)  # any process can read it, also while another one writes
+        study = begin(folder)
+        print(study.interruption)
         print(f"{study}; so far, by {study.model}, it holds with {study.probability('holds')}")
 
         # A pool that a function makes is shut down at the end; a cluster's executor works, too.
-        study = study.resume(
-            executor=lambda: ProcessPoolExecutor(2, mp_context=get_context("spawn"))
-        )
+        study.resume(executor=lambda: ProcessPoolExecutor(2, mp_context=get_context("spawn")))
+        study = sp.Study.open(folder)  # any process can; it warns where runs are missing
         print(f"{study}; by {study.model}, it holds with {study.probability('holds')}")
 
         turned = study.mean("peak_rotation")

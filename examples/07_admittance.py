@@ -38,7 +38,7 @@ KP, KD = 8.0, 0.04  # inner loop, N m/rad and N m s/rad
 ONE, ZERO = np.eye(2), np.zeros((2, 2))
 MEASURES = ("angle", "angle_rate", "multipliers", "target")
 
-# The grasp at rest, its torques and its grip forces.
+# The grasp at rest, its holding torques and its grip forces.
 settled = sp.simulate(
     sp.Scene(duration=3.0, schedule=sp.Schedule.steps([0.0], [[0.02, 0.02]])),
     method="radau5",

@@ -1,8 +1,12 @@
-"""How Hypothesis runs here: no deadlines, the same examples every time in CI. What tests share."""
+"""Settings of Hypothesis, and fixtures that several rooms share.
+
+Everyone runs the same examples; `make hunt` draws new ones from a seed that it prints.
+"""
 
 import compileall
 import os
 import shutil
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -19,10 +23,21 @@ settings.register_profile(
     "house",
     deadline=None,
     max_examples=50,
+    derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+    # Hypothesis changes its defaults where a variable such as CI is set.
+    database=None,
+    print_blob=False,
 )
-settings.register_profile("ci", settings.get_profile("house"), derandomize=True)
-settings.load_profile("ci" if os.environ.get("CI") else "house")
+# Without a database, a seed alone decides which examples are drawn.
+settings.register_profile(
+    "hunt", settings.get_profile("house"), derandomize=False, database=None, print_blob=True
+)
+settings.load_profile("house")
+
+# A shell starts its background jobs with SIGINT ignored, and what they start inherits that.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Processes that tests start find what tests share.
 os.environ["PYTHONPATH"] = os.pathsep.join(

@@ -83,26 +83,3 @@ def test_parts_that_documents_name_are_parts() -> None:
     for script, named in commands:
         parts = explained(script).stdout.split("out of ")[1].split("\n\n")[0]
         assert set(named.split()) <= set(re.findall(r"\w+", parts))
-
-
-def shape(text: str) -> list[str]:
-    """Labels, and where the columns end; values, and how often was measured, left out."""
-    shapes = []
-    for line in text.rstrip().splitlines():
-        of_the_machine = re.match(r"(processor|level|versions|scene) +", line)
-        if of_the_machine:
-            shapes.append(of_the_machine[0])
-            continue
-        counts = re.sub(r"median of \d+", "median of #", line)
-        values = re.compile(r" *(?<!\S)\d[\d.]*(e[+-]\d+)?%?(?!\S)")
-        shapes.append(values.sub(lambda value: f" <{value.end()}>", counts))
-    return shapes
-
-
-def test_make_bench_prints_what_readme_quotes() -> None:
-    quoted = re.findall(
-        r"```text\n(processor .*?)```", (ROOT / "README.md").read_text("utf-8"), re.S
-    )
-    assert len(quoted) == 1
-    printed = quick("single_run.py").stdout
-    assert shape(printed) == shape(quoted[0])

@@ -1,8 +1,7 @@
-"""What `import softpinch` brings with it: nothing but the standard library, NumPy and itself."""
+"""`import softpinch` loads nothing but the standard library, NumPy and itself."""
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -43,26 +42,13 @@ def test_what_a_scene_does_not_need_waits_until_it_is_asked_for() -> None:
     modules = loaded("import softpinch")
     rooms = {module.split(".")[1] for module in modules if module.startswith("softpinch.")}
     assert rooms == {"_core", "paper", "run", "scene", "support"}
-    assert not modules & (SLOW | {"softpinch.run.explanation", "softpinch.support.extras"})
+    assert not modules & (SLOW | {"softpinch.run.explanation"})
     assert "softpinch.study.results" in loaded("import softpinch; softpinch.monte_carlo")
 
 
 def test_dir_shows_public_names_only() -> None:
     assert set(dir(sp)) == {*sp.__all__, *MODULES}
     assert all(hasattr(sp, name) for name in dir(sp))
-
-
-def test_a_study_in_a_folder_needs_no_pandas(tmp_path: Path) -> None:
-    code = (
-        "import sys, softpinch as sp\n"
-        "study = sp.monte_carlo(sp.Scene(duration=0.01), 20, progress=False, store=sys.argv[1],\n"
-        "                       vary={'grasped.mass': sp.Normal(0.1, 0.01)})\n"
-        "study.mean('grasped.mass'), study.counts(), study.to_dict(), study.failures()\n"
-        "print('pandas' in sys.modules)"
-    )
-    command = [sys.executable, "-c", code, str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout == "False\n"
 
 
 def test_every_public_name_needs_numpy_only() -> None:

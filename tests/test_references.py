@@ -198,6 +198,20 @@ def test_names_of_the_package_that_are_cited_exist() -> None:
     assert missing == []
 
 
+def test_every_equation_has_the_functions_that_compute_it() -> None:
+    """The lists "In the code" of docs/equations.md: files, types and functions that are there."""
+    page = (ROOT / "docs/equations.md").read_text("utf-8")
+    for section in page.split("\n## ")[1:]:
+        text, _, listed = section.partition("**In the code:**")
+        heads = "".join(line.split("[")[0] for line in listed.splitlines())
+        assert set(re.findall(r"\\tag\{(U?\d+)\}", text)) <= set(re.findall(r"\((U?\d+)\)", heads))
+        for file, names in re.findall(r"\]\(\.\./([^)]+)\)((?:,? `[\w:]+`)+)", listed):
+            source = (ROOT / file).read_text("utf-8")
+            for owner, name in re.findall(r"`(?:(\w+)::)?(\w+)`", names):
+                assert re.search(rf"\b(?:fn|def|mod) {name}\b", source), (file, name)
+                assert not owner or re.search(rf"\nimpl.*\b{owner}\b", source), (file, owner)
+
+
 def test_every_misprint_of_the_document_has_its_test() -> None:
     table = (ROOT / "docs/model.md").read_text("utf-8").split("## Misprints of the paper")[1]
     listed = re.findall(r"^\| ([^|]*\(\d+\)[^|]*) \|", table.split("\n## ")[0], re.MULTILINE)

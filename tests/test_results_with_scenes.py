@@ -4,7 +4,6 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-import numpy as np
 import pytest
 
 import callables
@@ -29,12 +28,6 @@ def holders() -> dict[str, Any]:
     return {**own, "Grip": grip, "Equilibrium": grip.equilibrium}
 
 
-def test_the_takers_are_the_known_ones() -> None:
-    names = {name for name, _ in TAKERS}
-    assert {"simulate", "monte_carlo", "advise", "modes", "linearize", "explain", "fit"} <= names
-    assert {"Simulator", "State.consistent", "reference.solve", "wrench_limits"} <= names
-
-
 @pytest.mark.parametrize(("name", "wanted"), TAKERS)
 def test_the_scene_of_the_result_is_asked_for(name: str, wanted: str) -> None:
     right = callables.arguments().get(name, {})
@@ -56,23 +49,3 @@ def test_other_parts_are_asked_for_in_the_same_way() -> None:
     for take, message in takers:
         with pytest.raises(TypeError, match=message):
             take()
-
-
-def test_nothing_is_proposed_of_what_has_no_scene() -> None:
-    class Wild:
-        @property
-        def scene(self) -> sp.Scene:
-            raise RuntimeError
-
-    many = callables.fitted()
-    several = sp.fit(
-        [callables.SCENE] * 2,
-        [many.experiments[0].times] * 2,
-        [{"y": callables.run().q[1:, 1]}] * 2,
-        {"gravity": (0.0, 20.0)},
-        dt=callables.STEP,
-        noise=1e-5,
-    )
-    for value in (Wild(), sp.Run, 3, None, np.zeros(3), several):
-        with pytest.raises(TypeError, match=r"^scene = .*: must be a Scene$"):
-            sp.simulate(value, 1e-3)  # type: ignore[arg-type]

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 import softpinch as sp
 from softpinch import plot
-from softpinch.plot import drawing
+from softpinch.plot.drawing import HandDrawing
 from softpinch.plot.style import MM, PAGE, new
+from softpinch.scene import outline
 
 Floats = NDArray[np.float64]
 OUT = Path(__file__).resolve().parent.parent / "docs" / "figures" / "model.png"
@@ -81,17 +82,17 @@ class Tip:
 
     def __init__(self, side: int) -> None:
         """Takes them from the posture."""
-        q, self.sign = STATE.q, drawing.SIGNS[side]
-        finger, tip = drawing.finger_of(SCENE, side), drawing.tip_of(SCENE, side)
-        outline = drawing.finger_outline(SCENE, q, side)
+        q, self.sign = STATE.q, outline.SIGNS[side]
+        finger, tip = outline.finger_of(SCENE, side), outline.tip_of(SCENE, side)
+        finger_outline = outline.finger_outline(SCENE, q, side)
         self.angle = float(q[3 + side])
         self.up = np.array([self.sign * np.sin(self.angle), np.cos(self.angle)])
         self.inward = np.array([self.sign * np.cos(self.angle), -np.sin(self.angle)])
-        self.root, self.centre = outline.root * 1e3, outline.centre * 1e3
+        self.root, self.centre = finger_outline.root * 1e3, finger_outline.centre * 1e3
         self.length, self.half = finger.length * 1e3, finger.half_thickness * 1e3
         self.radius = tip.radius * 1e3
         self.d_n, self.d_t = float(q[5 + side]) * 1e3, float(q[7 + side]) * 1e3
-        across, self.along = drawing.object_axes(q[2])
+        across, self.along = outline.object_axes(q[2])
         self.to_face = self.sign * across
         self.foot = self.centre + (self.radius - self.d_n) * self.to_face
         self.pole = self.centre + self.radius * self.to_face
@@ -99,10 +100,10 @@ class Tip:
 
 def whole(axes: Axes) -> None:
     """The hand, with its lengths and the angles of fingers and object."""
-    drawing.draw(axes, SCENE, STATE.q)
+    HandDrawing(axes, SCENE, outline.extent(SCENE, STATE.q[None])).show(STATE.q)
     q, theta = STATE.q, float(STATE.q[2])
     right, left = Tip(0), Tip(1)
-    across, along = drawing.object_axes(theta)
+    across, along = outline.object_axes(theta)
     origin, weight = np.zeros(2), q[:2] * MM.per_si
     for tip, number in ((right, 1), (left, 2)):
         dashed(axes, tip.root, tip.root + np.array([0.0, 33.0]))
@@ -130,7 +131,7 @@ def whole(axes: Axes) -> None:
     # Width and offset, below and above the object.
     half = 0.5 * SCENE.grasped.width * MM.per_si * across
     middle = weight - SCENE.grasped.com_offset * MM.per_si * across
-    below = -0.5 * drawing.OBJECT_HEIGHT * MM.per_si * along - 5.0 * along
+    below = -0.5 * outline.OBJECT_HEIGHT * MM.per_si * along - 5.0 * along
     span(axes, middle - half + below, middle + half + below, "$W$", (1.0, -5.0))
     above = 15.0 * along
     for point in (middle, weight):
@@ -144,7 +145,7 @@ def whole(axes: Axes) -> None:
         axes.annotate("", tuple(way), tuple(origin), arrowprops={"arrowstyle": "->", "lw": 0.9})
         lift = np.array([0.0, 4.0 if name == "x" else 0.0])
         label(axes, 1.25 * way + lift, f"${name}$", "black")
-    left_most, right_most, _, top = drawing.extent(SCENE, STATE.q[None])
+    left_most, right_most, _, top = outline.extent(SCENE, STATE.q[None])
     axes.set(xlim=(left_most - 8.0, right_most + 22.0), ylim=(-18.0, max(top, 125.0)))
     axes.text(right.root[0] + 8, -6, "finger 1, right", fontsize=8, ha="left")
     axes.text(left.root[0] - 8, -6, "finger 2, left", fontsize=8, ha="right")
@@ -153,7 +154,7 @@ def whole(axes: Axes) -> None:
 
 def close(axes: Axes) -> None:
     """The right tip, with its deformation, its tilt and the forces on it."""
-    drawing.draw(axes, SCENE, STATE.q)
+    HandDrawing(axes, SCENE, outline.extent(SCENE, STATE.q[None])).show(STATE.q)
     tip = Tip(0)
     arc = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 91)
     ball = tip.centre + tip.radius * (

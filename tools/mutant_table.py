@@ -1,8 +1,20 @@
 """The places of the core that `make mutants` breaks, and the tests that should notice."""
 
-from control_mutants import CONTROL
-from mutant import CARGO, Mutant
-from rest_mutants import REST
+from dataclasses import dataclass
+
+# In the place of a test's name: the core's own tests.
+CARGO = "cargo test"
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One change of one place, and the tests (pytest's -k) that should turn red."""
+
+    file: str
+    right: str
+    wrong: str
+    test: str
+
 
 MUTANTS = (
     Mutant(
@@ -55,7 +67,9 @@ MUTANTS = (
         "beta: R::constant(1.01 * beta)",
         "stabilization",
     ),
-    Mutant("formulation/csm.rs", "half.mul_add(change[k], p[k])", "change[k] + p[k]", "energy"),
+    Mutant(
+        "formulation/equations.rs", "half.mul_add(change[k], p[k])", "change[k] + p[k]", "energy"
+    ),
     Mutant("method/rk4.rs", "R::constant(1.0 / 3.0) * h", "R::constant(0.3334) * h", "convergence"),
     Mutant("method/rk4.rs", "drive.at(tau + half)", "drive.at(tau)", "convergence"),
     Mutant(
@@ -66,8 +80,8 @@ MUTANTS = (
     ),
     Mutant(
         "formulation/projected.rs",
-        "let q = corrected_position(plant, &left_q, [0; 2]);",
-        "let q = left_q;",
+        "corrected_position(plant, &left_q, if E::UNILATERAL { contacts.free } else { [0; 2] })",
+        "left_q",
         "formulations",
     ),
     Mutant("method/dop853/tableau.rs", "0.2413651341592667", "0.2413651441592667", CARGO),
@@ -105,8 +119,8 @@ MUTANTS = (
     ),
     Mutant(
         "stepping/instant.rs",
-        "{ sound } else { each_finite(now, closure) }",
-        "{ sound } else { sound }",
+        "{ finite } else { each_finite(now, closure) }",
+        "{ finite } else { finite }",
         CARGO,
     ),
     Mutant(
@@ -122,9 +136,9 @@ MUTANTS = (
         "recording or symmetry",
     ),
     Mutant(
-        "stepping/equal_lanes.rs",
-        "if first == 0 && run",
-        "if first == 0 && start > run.scene.initial.time && run",
+        "stepping/place.rs",
+        "let struck = first == 0 && scene",
+        "let struck = first == 0 && start > scene.initial.time && scene",
         "impulse",
     ),
     Mutant(
@@ -133,7 +147,7 @@ MUTANTS = (
         "(self.chain(sin, cos), self.chain(cos, sin))",
         CARGO,
     ),
-    Mutant("formulation/tangent.rs", "E::STATES.wrapping_sub(first)", "W", CARGO),
+    Mutant("formulation/scene_equations.rs", "E::STATES.wrapping_sub(first)", "W", CARGO),
     Mutant(
         "method/linearize.rs",
         "delayed[i][k] = rate[r].mul_add(rows[r][k], delayed[i][k]);",
@@ -255,27 +269,27 @@ MUTANTS = (
         CARGO,
     ),
     Mutant(
-        "stepping/equal.rs",
-        "lanes.batch.active & !(lanes.impulses_applied | lanes.held);",
-        "lanes.batch.active & !lanes.held;",
+        "stepping/equal_lanes.rs",
+        "self.batch.active() & !(self.batch.phases.at(Phase::Struck) | self.held)",
+        "self.batch.active() & !self.held",
         "ensemble",
     ),
     Mutant(
-        "stepping/equal_lanes.rs",
+        "stepping/loop_events.rs",
         "run.place.arrival += 1;",
         "",
         "impulse",
     ),
     Mutant(
         "stepping/adaptive.rs",
-        "let watching = accepted & !lanes.entering;",
+        "let watching = accepted & !entering;",
         "let watching = accepted;",
         "ensemble",
     ),
     Mutant(
         "stepping/adaptive.rs",
-        "here.sizes.note(size, arrived, accepted, 0);",
-        "here.sizes.note(size, arrived, R::ALL, 0);",
+        "start.sizes.note(size, arrived, accepted, 0);",
+        "start.sizes.note(size, arrived, R::ALL, 0);",
         "ensemble",
     ),
     Mutant(
@@ -289,14 +303,14 @@ MUTANTS = (
     Mutant("stepping/grid.rs", "h: self.h / f64::from(refine)", "h: self.h", CARGO),
     Mutant(
         "stepping/adaptive.rs",
-        "most.at_most(lanes.places.attempts)",
-        "most.at_most(lanes.places.steps)",
+        "most.at_most(lanes.progress.attempts)",
+        "most.at_most(lanes.progress.steps)",
         "max_steps",
     ),
     Mutant(
         "stepping/adaptive.rs",
-        "most.at_most(lanes.places.attempts)",
-        "most.less(lanes.places.attempts)",
+        "most.at_most(lanes.progress.attempts)",
+        "most.less(lanes.progress.attempts)",
         "max_steps",
     ),
     Mutant(
@@ -306,9 +320,9 @@ MUTANTS = (
         "driven",
     ),
     Mutant(
-        "formulation/csm.rs",
-        "+ self.plant.driving_work(&geometry, &constraint_impulse, &p);",
-        ";",
+        "formulation/equations.rs",
+        "works[work::CONTROL] = works[work::CONTROL] + driving;",
+        "let _ = driving;",
         "driven",
     ),
     Mutant(
@@ -381,6 +395,144 @@ MUTANTS = (
         "self.free_time += if !free {",
         "unilateral_study",
     ),
-    *CONTROL,
-    *REST,
+    # Controllers and simulators.
+    Mutant(
+        "model/controller_state.rs",
+        "controller.applied(self.origin, self.acted) <= t",
+        "controller.applied(self.origin, self.acted) < t",
+        "test_sampled",
+    ),
+    Mutant(
+        "model/controller_state.rs",
+        "(next[k] - xi[k]) * (wanted[i] - limited[i]) > 0.0",
+        "(next[k] - xi[k]) * (wanted[i] - limited[i]) < 0.0",
+        "test_sampled",
+    ),
+    Mutant(
+        "model/measures.rs",
+        "y[k] = (y[k] / controller.resolution[k]).round()",
+        "y[k] = (y[k] / controller.resolution[k]).floor()",
+        "test_sampled",
+    ),
+    Mutant(
+        "model/sampled.rs",
+        "None => sample.min(self.first_after(origin, self.delay, t)),",
+        "None => sample,",
+        "test_sampled",
+    ),
+    Mutant(
+        "stepping/lane_controller.rs",
+        "if watched.instant.t < self.changed || watched.before_sample {",
+        "if watched.before_sample {",
+        "test_sampled",
+    ),
+    Mutant(
+        "stepping/equal_lanes.rs",
+        "run.place.sampled = Some(self.clock);",
+        "",
+        "test_sampled",
+    ),
+    Mutant(
+        "stepping/adaptive_lanes.rs",
+        "let now = system.evaluate(&self.batch.drive, self.progress.tau, &start.y);",
+        "let now = start.now;",
+        "test_sampled",
+    ),
+    Mutant(
+        "driver/environment.rs",
+        "let next = periods * period + self.origin;",
+        "let next = self.observed.t + period;",
+        "test_simulator",
+    ),
+    Mutant(
+        "driver/environment.rs",
+        "let goes_on = status == Status::Completed && until < self.span.end;",
+        "let goes_on = status == Status::Completed;",
+        "test_simulator",
+    ),
+    Mutant(
+        "driver/environment.rs",
+        "*grid = (state.time, 0);",
+        "let _ = grid;",
+        "test_simulator",
+    ),
+    Mutant(
+        "stepping/recorder.rs",
+        "let records = !matches!(self.due, Due::Never);",
+        "let records = true;",
+        CARGO,
+    ),
+    # Equilibria and linear models.
+    Mutant(
+        "analysis/linear.rs",
+        "let y = system.begin(&problem.motion);",
+        "let y = system.begin(&Motion::typical_magnitudes(parameters));",
+        "stability",
+    ),
+    Mutant(
+        "analysis/linear.rs",
+        "problem.drive.hold(now.torque);",
+        "problem.drive.hold([0.0; 2]);",
+        "linearize",
+    ),
+    Mutant(
+        "analysis/linear.rs",
+        "input.target_rate.map(|value| variable(value, driven))",
+        "input.target_rate.map(|value| variable(value, false))",
+        "linearize",
+    ),
+    Mutant(
+        "analysis/balance.rs",
+        "sigma[i] = thickness.mul_add(tilt[i], signed(i, geometry.contacts[i].a)) + q[D_T + i];",
+        "sigma[i] = thickness.mul_add(tilt[i], geometry.contacts[i].a) + q[D_T + i];",
+        "test_equilibrium",
+    ),
+    Mutant(
+        "analysis/balance.rs",
+        "mean.mul_add(change, state.sigma[i] - R::constant(from.sigma[i]))",
+        "state.sigma[i] - R::constant(from.sigma[i])",
+        "test_wrench or test_settled",
+    ),
+    Mutant(
+        "analysis/balance.rs",
+        "left_over[FINGER + i] = left_over[FINGER + i] - forces.torque[i];",
+        "",
+        "test_equilibrium",
+    ),
+    Mutant(
+        "analysis/rest.rs",
+        "-(forces[r][c] + (forces[r][5] * no_slip[0][c] + forces[r][6] * no_slip[1][c]))",
+        "-forces[r][c]",
+        "test_plot or test_mode_shapes or stiffness",
+    ),
+    Mutant(
+        "analysis/rest.rs",
+        "const ROUND_OFF: f64 = 1e-11;",
+        "const ROUND_OFF: f64 = 1e-4;",
+        "just_beyond",
+    ),
+    Mutant(
+        "analysis/equilibrium.rs",
+        "if r == 5 + k { -1.0 / scale[r] }",
+        "if r == 5 + k { 1.0 / scale[r] }",
+        "test_equilibrium",
+    ),
+    Mutant(
+        "analysis/wrench.rs",
+        "change.member = Member::From(change.scene.origin(&rest.z));",
+        "",
+        "test_wrench",
+    ),
+    Mutant(
+        "analysis/continuation.rs",
+        "const STRAIGHT: f64 = 0.98;",
+        "const STRAIGHT: f64 = -2.0;",
+        "test_equilibrium_map",
+    ),
+    Mutant(
+        "analysis/continuation.rs",
+        "let turned = |point: &Point| point.tangent[UNKNOWNS] <= 0.0;",
+        "let turned = |_: &Point| false;",
+        "test_equilibrium_map or test_wrench",
+    ),
 )

@@ -56,7 +56,7 @@ from .support import (
     SuspiciousValueWarning,
     VersionMismatchError,
 )
-from .support.lazy import lazily
+from .support.extras import lazily
 
 # Room -> names, and modules. Imported when they are asked for: they need extras, or a program that
 # runs a scene does not need them, and `import softpinch` stays quick (tests/test_import.py). A

@@ -141,6 +141,7 @@ class _Run(TypedDict):
     holds: bool
     stats: dict[str, int]
     warnings: list[str]
+    may_be_unstable: bool
 
 class _Outline(TypedDict):
     segments: int
@@ -191,6 +192,7 @@ class Inputs:
 @final
 class Batch:
     warning: str | None
+    may_be_unstable: bool
     def __new__(
         cls,
         parameters: _Floats,

@@ -2,34 +2,32 @@
 
 from __future__ import annotations
 
+import math
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
 
 from numpy.typing import ArrayLike
 
+from ._core import RECORDABLE
 from .run.options import STOP_ON, Options
 from .scene import usual
 from .scene.scene import Scene
 from .scene.stabilization import Stabilization
+from .study.compute import MOST_BLOCKS, EarlyStopping, Job
 from .study.engine import how_many_threads
-from .study.gradients import GradientRequest
-from .study.job import MOST_BLOCKS, EarlyStopping, Job
+from .study.gradients import checked_gradients, differentiated
 from .study.results import Ensemble
 from .study.rows import Rows
 from .study.sources import BLOCK, Key
 from .study.spec import StudySpec
-from .support.choices import Formulation, Method, Sampler, Summary, Violation
-from .support.interrupt import handlers_waiting
+from .support.choices import Formulation, Method, Recordable, Sampler, Summary, Violation
 from .support.progress import Report
 
 if TYPE_CHECKING:
     from .store.study import Study
     from .study.executor import Engine
-
-
-# The run numbers alone would take 8 TB.
-_MOST_IN_MEMORY = 2**40
 
 
 class _Settings(TypedDict, total=False):
@@ -44,6 +42,9 @@ class _Settings(TypedDict, total=False):
     sampler: Sampler
     only: ArrayLike | None
     trajectories: Sequence[int]
+    record: Recordable | Sequence[Recordable]
+    every: int
+    times: ArrayLike | None
     check_dt: bool
     gradients: str | Sequence[str]
     sensitivities: str | Sequence[str]
@@ -104,6 +105,9 @@ def monte_carlo(
     sampler: Sampler = "random",
     only: ArrayLike | None = None,
     trajectories: Sequence[int] = (),
+    record: Recordable | Sequence[Recordable] = RECORDABLE,
+    every: int = 1,
+    times: ArrayLike | None = None,
     check_dt: bool = False,
     gradients: str | Sequence[str] = (),
     sensitivities: str | Sequence[str] = (),
@@ -161,7 +165,13 @@ def monte_carlo(
             confidence intervals and standard errors remain those of independent draws.
         only: Numbers of the runs to compute, (k,), increasing; None computes all. It applies to
             this call only: `Study.resume` computes the other runs too.
-        trajectories: Numbers of runs whose full trajectories are kept, in `Ensemble.trajectories`.
+        trajectories: Numbers of runs whose trajectories are kept, in `Ensemble.trajectories`. They
+            are computed after the runs, one after the other. With `store` each is written to the
+            folder at once, and memory use does not grow with their number.
+        record: Groups of quantities of the trajectories, as for `simulate`; all if left out.
+        every: Number of steps between rows of the trajectories, as for `simulate`.
+        times: Instants of the rows of the trajectories, as for `simulate`;
+            instants outside the duration of a run are left out.
         check_dt: Whether to compute up to 256 of the runs again with half the step (or a tenth of
             the tolerance); `Ensemble.discretisation` then has the error of each summary and
             of the probabilities of "completed" and "holds".
@@ -208,8 +218,9 @@ def monte_carlo(
 
     Warns:
         StabilityWarning: `alpha` or `beta` times `dt` is so large that the method does not damp
-            constraint errors, in some run; or runs failed, and in one of up to eight of them that
-            are looked at, `dt` was too long for an explicit method to be stable.
+            constraint errors, in some run; or `dt` was too long for an explicit method to be
+            stable in one of up to eight runs that are looked at: unstable ones, else failed ones,
+            else any.
         SuspiciousValueWarning: A value that all runs share is far from the usual range.
         LostRunsWarning: Runs failed on workers of the executor and are missing.
     """
@@ -234,48 +245,45 @@ def monte_carlo(
         stop_when=stop_when,
         check_dt=check_dt,
         trajectories=trajectories,
+        record=record,
+        every=every,
+        times=times,
     )
-    slopes = GradientRequest.checked(
-        scene, gradients, sensitivities, _paths(vary), store=store, executor=executor
+    differentiable, by = checked_gradients(
+        scene, gradients, sensitivities, list(spec.shapes), store=store, executor=executor
     )
     job = Job.checked(spec, only=only, threads=threads, executor=executor, progress=progress)
     result = compute(job, store)
-    if slopes is not None and isinstance(result, Ensemble) and not result.interrupted:
-        result._differentiate(slopes, how_many_threads(threads))
+    if by and isinstance(result, Ensemble) and not result.interrupted:
+        try:
+            result._gradients = differentiated(
+                spec, result._rows, differentiable, by, how_many_threads(threads)
+            )
+        except KeyboardInterrupt:
+            result.interrupted = True
     return result
-
-
-def _paths(vary: Mapping[Key, Any] | None) -> list[str]:
-    """Returns the paths of `vary`, whose keys may be tuples of paths."""
-    if not isinstance(vary, Mapping):
-        return []
-    return [path for key in vary for path in (key if isinstance(key, tuple) else (key,))]
 
 
 def compute(job: Job, store: str | Path | None) -> Ensemble | Study:
     """Computes a study, in memory if `store` is None; errors and warnings as of `monte_carlo`."""
-    replaced = any(path.startswith("schedule.angles") for path in job.spec.plan.paths)
-    usual.warn(job.setup.scene, schedule_replaced=replaced)
+    replaced = any(path.startswith("schedule.angles") for path in job.spec.shapes)
+    usual.warn(job.spec.scene, schedule_replaced=replaced)
     if store is None:
         return _in_memory(job)
-    with handlers_waiting():
-        from .store.driver import compute_in_folder
-        from .store.study import Study
+    from .store.driver import compute_in_folder
+    from .store.study import Study
 
     return compute_in_folder(job, store, Study)
 
 
 def _in_memory(job: Job) -> Ensemble:
     """Computes all runs and keeps their rows in memory."""
-    plan, stop_when = job.spec.plan, job.spec.stop_when
-    if plan.runs > _MOST_IN_MEMORY:
-        raise ValueError(
-            f"runs = {plan.runs}: must be at most {_MOST_IN_MEMORY} in memory; store= keeps more"
-        )
-    values = plan.draw_all()
-    job.source = lambda numbers: {path: value[numbers] for path, value in values.items()}
+    spec = job.spec
+    _require_memory(job)
+    values = spec.plan.draw_all()
+    job.draw = lambda numbers: {path: value[numbers] for path, value in values.items()}
     job.check(job.wanted)
-    stopping = EarlyStopping(stop_when, job.wanted)
+    stopping = EarlyStopping(spec.stop_when, job.wanted)
     found: list[Rows] = []
 
     def accept(rows: Rows) -> bool:
@@ -285,11 +293,29 @@ def _in_memory(job: Job) -> Ensemble:
 
     # `stop_when` is decided after each block, and an executor gets one block at a time; threads
     # take many blocks in one call.
-    blocks = 1 if stop_when or job.executor is not None else MOST_BLOCKS
+    blocks = 1 if spec.stop_when or job.executor is not None else MOST_BLOCKS
     outcome = job.compute(job.wanted, accept, lambda: blocks * BLOCK)
-    rows = Rows.joined(found or [job.setup.empty()]).in_order()
-    ensemble = Ensemble(
-        job.setup, plan.describe(), rows, requested=job.wanted.count, outcome=outcome
-    )
+    rows = Rows.joined(found or [spec.empty()]).in_order()
+    ensemble = Ensemble(spec, rows, requested=job.wanted.count, outcome=outcome)
     job.finish(ensemble)
     return ensemble
+
+
+def _require_memory(job: Job) -> None:
+    """Refuses a study whose rows this machine cannot hold, before anything is drawn."""
+    runs = job.spec.plan.runs
+    columns = job.spec.schema.empty().values()
+    row = sum(column.itemsize * math.prod(column.shape[1:]) for column in columns)
+    drawn = 8 * (1 + sum(map(math.prod, job.spec.shapes.values())))
+    # The rows exist twice while those of all blocks are joined.
+    needed = runs * drawn + 2 * job.wanted.count * row
+    try:
+        there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):
+        there = 2**40  # unknown: Windows has no `sysconf`
+    if needed > there:
+        raise ValueError(
+            f"runs = {runs}: must be at most {runs * there // needed} in memory, because each "
+            f"takes about {needed // runs} bytes and this machine has {there / 1e9:.3g} GB: pass "
+            "store=, which keeps rows in a folder"
+        )

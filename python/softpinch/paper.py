@@ -55,10 +55,6 @@ def manipulation(**changes: Any) -> Scene:
 
     Args:
         changes: Fields of `Scene` to replace, as with `dataclasses.replace`.
-
-    Raises:
-        ValueError: A value breaks its rule.
-        TypeError: A field is unknown, or a value has the wrong type.
     """
     times = OPERATION_TIME * np.arange(len(OPERATIONS))
     scene = Scene(
@@ -85,10 +81,6 @@ def disturbance(case: str, pulse_duration: float = 0.01, **changes: Any) -> Scen
         case: "i", "ii", "iii" or "iv".
         pulse_duration: Duration of the pulse in cases "ii" to "iv", s.
         changes: Fields of `Scene` to replace, as with `dataclasses.replace`.
-
-    Raises:
-        ValueError: The case is unknown, or a value breaks its rule.
-        TypeError: A field is unknown, or a value has the wrong type.
     """
     degrees, make = _CASES[choice("case", case, CASES)]
     pulse_duration = positive("pulse_duration", pulse_duration)

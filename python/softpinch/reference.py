@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from .accuracy.null_space import PARAMETERS, Equations, parameters, right_hand_side
 from .accuracy.reference import Reference, confirmed, solve
-from .accuracy.walker import METHODS
+from .accuracy.segments import METHODS
 
 __all__ = [
     "METHODS",

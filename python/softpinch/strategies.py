@@ -15,11 +15,11 @@ Examples shrink towards the default `Scene()`. Parameters are the default values
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import accumulate
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -42,28 +42,34 @@ T = TypeVar("T")
 _HELD = math.radians(6.0)
 
 
-@cache
-def _unit(least: float) -> SearchStrategy[float]:
+@st.composite
+def _number(draw: DrawFn, least: float, of: Callable[[float], float]) -> float:
+    """Numbers `of` a share from `least` to 1; with `map`, the text of `of` would be printed."""
     # Single precision keeps drawn values so large that their products do not underflow in doubles.
-    return st.floats(least, 1.0, width=32, allow_subnormal=False)
+    return of(draw(st.floats(least, 1.0, width=32, allow_subnormal=False)))
 
 
 @cache
 def _within(limit: float) -> SearchStrategy[float]:
     """Numbers from -limit to limit that shrink to 0."""
-    return _unit(-1.0).map(lambda share: limit * share)
+    return _number(-1.0, lambda share: limit * share) if limit else st.just(0.0)
 
 
 @cache
 def _between(low: float, high: float) -> SearchStrategy[float]:
     """Numbers from low to high that shrink to low."""
-    return _unit(0.0).map(lambda share: low + (high - low) * share)
+    return _number(0.0, lambda share: low + (high - low) * share)
 
 
 @cache
 def _scaled(value: float, spread: float) -> SearchStrategy[float]:
     """Numbers within `spread` decades of `value` that shrink to it."""
-    return _within(spread).map(lambda decades: value * 10.0**decades)
+    return _number(-1.0, lambda u: value * 10.0 ** (spread * u)) if spread else st.just(value)
+
+
+def _near(draw: DrawFn, paper: Any, names: Sequence[str], spread: float) -> dict[str, float]:
+    """Numbers of a record, each drawn within `spread` decades of the paper's value."""
+    return {name: draw(_scaled(getattr(paper, name), spread)) for name in names}
 
 
 def _one_or_pair(one: SearchStrategy[T], symmetric: bool) -> SearchStrategy[T | tuple[T, T]]:
@@ -72,19 +78,9 @@ def _one_or_pair(one: SearchStrategy[T], symmetric: bool) -> SearchStrategy[T | 
 
 @st.composite
 def fingers(draw: DrawFn, spread: float = 0.3) -> Finger:
-    """Fingers with independently drawn parameters.
-
-    Args:
-        spread: Decades about the default values.
-    """
-    paper = Finger()
-    return Finger(
-        length=draw(_scaled(paper.length, spread)),
-        root_offset=draw(_scaled(paper.root_offset, spread)),
-        half_thickness=draw(_scaled(paper.half_thickness, spread)),
-        mass=draw(_scaled(paper.mass, spread)),
-        inertia=draw(_scaled(paper.inertia, spread)),
-    )
+    """Fingers with parameters within `spread` decades of the default values."""
+    names = ("length", "root_offset", "half_thickness", "mass", "inertia")
+    return Finger(**_near(draw, Finger(), names, spread))
 
 
 @st.composite
@@ -101,14 +97,11 @@ def fingertips(
         tilt_couplings: Possible values of kappa; examples shrink to the first.
         own_masses: Whether a tip may have its own masses instead of the object's.
     """
-    paper = Fingertip()
     mass = st.none()
     masses = st.one_of(mass, _scaled(GraspedObject().mass, spread)) if own_masses else mass
+    names = ("radius", "youngs_modulus", "normal_viscosity", "tangential_viscosity")
     return Fingertip(
-        radius=draw(_scaled(paper.radius, spread)),
-        youngs_modulus=draw(_scaled(paper.youngs_modulus, spread)),
-        normal_viscosity=draw(_scaled(paper.normal_viscosity, spread)),
-        tangential_viscosity=draw(_scaled(paper.tangential_viscosity, spread)),
+        **_near(draw, Fingertip(), names, spread),
         tilt_coupling=draw(st.sampled_from(list(tilt_couplings))),
         normal_mass=draw(masses),
         tangential_mass=draw(masses),
@@ -147,30 +140,14 @@ def grasped_objects(draw: DrawFn, spread: float = 0.3, offset: float = 0.2) -> G
 
 @st.composite
 def pids(draw: DrawFn, spread: float = 0.3) -> Pid:
-    """PID gains.
-
-    Args:
-        spread: Decades about the default values.
-    """
-    paper = Pid()
-    return Pid(
-        kp=draw(_scaled(paper.kp, spread)),
-        kd=draw(_scaled(paper.kd, spread)),
-        ki=draw(_scaled(paper.ki, spread)),
-    )
+    """PID gains within `spread` decades of the default values."""
+    return Pid(**_near(draw, Pid(), ("kp", "kd", "ki"), spread))
 
 
 @st.composite
 def stabilizations(draw: DrawFn, spread: float = 0.3) -> Stabilization:
-    """Stabilisation gains. RK4 is stable if gain * dt < 2.785.
-
-    Args:
-        spread: Decades about 1000 1/s.
-    """
-    paper = Stabilization()
-    return Stabilization(
-        alpha=draw(_scaled(paper.alpha, spread)), beta=draw(_scaled(paper.beta, spread))
-    )
+    """Gains within `spread` decades of 1000 1/s. RK4 is stable if gain * dt < 2.785."""
+    return Stabilization(**_near(draw, Stabilization(), ("alpha", "beta"), spread))
 
 
 @st.composite

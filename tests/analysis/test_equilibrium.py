@@ -11,9 +11,9 @@ from scipy.optimize import root
 
 import oracle
 import softpinch as sp
-from balances import SIZES, UNKNOWNS, left_over
+from resting import SIZES, UNKNOWNS, left_over
 from softpinch import strategies
-from softpinch.scene.compiled import Floats
+from softpinch.support.arrays import Floats
 from transforms import Units, mirrored, mirrored_coordinates
 
 LAWS = ("pid", "pid without integral", "torque", "driven")
@@ -281,15 +281,6 @@ def test_an_unstable_equilibrium_grows_as_its_eigenvalue_says() -> None:
     assert growth == pytest.approx(rate, rel=1e-3)
 
 
-def test_integrals_that_drive_nothing_do_not_count() -> None:
-    """A PID without K_I is stable, although its integral of the error grows."""
-    found = sp.equilibrium(sp.Scene(control=(sp.Pid(ki=0.0), sp.Pid())))
-    assert found.stable and len(found.eigenvalues) == 13
-    assert found.state is not None
-    assert found.state.integral[0] == 0.0 and found.state.integral[1] != 0.0
-    assert found.state.q[3] != np.radians(6.0) and found.state.q[4] == np.deg2rad(6.0)
-
-
 def test_far_starts_reach_the_same_equilibrium() -> None:
     """From states at which Newton's method fails, the object is released slowly."""
     scene = sp.Scene()
@@ -335,19 +326,16 @@ def test_bilateral_contact_says_what_it_ignores() -> None:
     [
         ({"scene": 1}, TypeError, "scene"),
         ({"time": np.nan}, ValueError, "time"),
-        ({"time": "soon"}, TypeError, "time"),
         ({"shear": (0.0,)}, ValueError, "shear"),
-        ({"grip": (0.0, np.inf)}, ValueError, "grip"),
         ({"grip": (0.0, 0.0), "shear": (0.0, 0.0)}, ValueError, "one of them"),
         ({"near": np.zeros(9)}, TypeError, "near"),
+        (
+            {"scene": sp.Scene(control=sp.SampledController.pid(1e-3))},
+            ValueError,
+            "SampledController",
+        ),
     ],
 )
 def test_bad_input_is_refused(wrong: dict[str, object], error: type[Exception], words: str) -> None:
     with pytest.raises(error, match=words):
         sp.equilibrium(**({"scene": sp.Scene()} | wrong))  # type: ignore[arg-type]
-
-
-def test_a_sampled_controller_is_refused_by_name() -> None:
-    scene = sp.Scene(control=sp.SampledController.pid(1e-3, kp=4.0))
-    with pytest.raises(ValueError, match="SampledController"):
-        sp.equilibrium(scene)

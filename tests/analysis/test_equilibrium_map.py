@@ -3,15 +3,13 @@
 import pickle
 from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
 
 import softpinch as sp
-from rest_scenes import held, leaning
-from softpinch.analysis.equilibrium_search import Search
-from transforms import Units, mirrored, mirrored_coordinates
+from resting import held, leaning
+from transforms import Units
 
 OFFSETS = np.linspace(-2e-3, 2e-3, 21)
 MASSES = np.linspace(1.0, 4.0, 13)
@@ -84,20 +82,6 @@ def test_the_continuation_does_not_jump_at_a_fold() -> None:
     assert (from_left.rotation[both] > from_right.rotation[both] + SMOOTH).all()
 
 
-def test_a_coarse_map_does_not_jump_where_newton_s_method_does() -> None:
-    axis = np.array([-1.5e-3, 1.5e-3])
-    map = sp.equilibrium_map(leaning(3.0, axis[0]), {"grasped.com_offset": axis}, progress=False)
-    # Newton's method from the first cell finds the equilibrium that leans to the other side.
-    jumped = sp.equilibrium(leaning(3.0, axis[1]), near=map.equilibrium(0).state, grip=(0.0, 0.0))
-    assert jumped.state is not None
-    assert jumped.state.q[2] < -0.1 < 0.1 < map.rotation[0]
-    assert map.branch.tolist() == [0, 1]
-    # The way between them, in small steps, ends at a fold as well.
-    fine = np.linspace(*axis, 151)
-    small = sp.equilibrium_map(leaning(3.0, axis[0]), {"grasped.com_offset": fine}, progress=False)
-    assert set(small.branch.tolist()) == {0, 1}
-
-
 def test_the_branch_ends_at_the_fold_and_not_before() -> None:
     fine = np.linspace(4.0e-4, 6.0e-4, 81)
     axis = np.concatenate([[-2e-3, 0.0], fine])
@@ -125,18 +109,6 @@ def test_branches_that_meet_around_a_cusp_have_a_seam() -> None:
                 assert (((i, j), other) in seams) == (turn > SMOOTH), (i, j, other)
     # Light objects stand upright on one sheet: a seam begins above the cusp.
     assert map.values[1][map.seams[:, :, 1].min()] > 2.0
-
-
-def test_the_mirror_image_of_a_map() -> None:
-    scene = replace(held(), grasped=replace(held().grasped, com_offset=1e-3), friction=(0.5, 0.8))
-    axes = {"grip.right": [-0.004, 0.0, 0.01], "grasped.mass": [0.1, 2.0]}
-    other = {"grip.left": axes["grip.right"], "grasped.mass": axes["grasped.mass"]}
-    map = sp.equilibrium_map(scene, axes, grip=(0.0, 0.002), progress=False)
-    image = sp.equilibrium_map(mirrored(scene), other, grip=(0.002, 0.0), progress=False)
-    np.testing.assert_allclose(image.q, mirrored_coordinates(map.q), rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(image.friction_margin, map.friction_margin, rtol=0.0, atol=1e-10)
-    turned = map.stiffness * np.outer([-1, 1, -1], [-1, 1, -1])
-    np.testing.assert_allclose(image.stiffness, turned, rtol=1e-9, atol=1e-6)
 
 
 def test_other_units_by_powers_of_two_give_the_same_bits() -> None:
@@ -199,25 +171,21 @@ def test_friction_and_time_as_asked() -> None:
         np.testing.assert_array_equal(map.q[0], alone.state.q)
 
 
-def test_infinite_friction_beside_an_axis_and_on_it() -> None:
+def test_infinite_friction_beside_an_axis() -> None:
     values = np.array([0.1, 0.4])
     beside = held(friction=(0.5, np.inf), grasped=replace(held().grasped, com_offset=1e-3))
-    map = sp.equilibrium_map(beside, {"friction.right": values}, progress=False)
+    map = sp.equilibrium_map(beside, {"friction.left": values}, progress=False)
     assert (map.friction_needed[:, 0] != map.friction_needed[:, 1]).all()
-    np.testing.assert_allclose(map.friction_margin, values - map.friction_needed[:, 0])
-    other = sp.equilibrium_map(beside, {"friction.left": values}, progress=False)
     np.testing.assert_allclose(
-        other.friction_margin,
-        np.minimum(0.5 - other.friction_needed[:, 0], values - other.friction_needed[:, 1]),
+        map.friction_margin,
+        np.minimum(0.5 - map.friction_needed[:, 0], values - map.friction_needed[:, 1]),
     )
-    with pytest.raises(ValueError, match=r"axes\['friction'\]\[1\] = inf: must be finite"):
-        sp.equilibrium_map(held(), {"friction": [0.1, np.inf]})
     endless = replace(beside, friction=(np.inf, np.inf))
     map = sp.equilibrium_map(endless, {"grasped.mass": values}, progress=False)
     assert (map.friction_margin == np.inf).all()
 
 
-def test_an_axis_of_shears() -> None:
+def test_an_axis_of_shears_sets_the_shears() -> None:
     rest = sp.equilibrium(held())
     assert rest.state is not None
     shear = rest.state.q[7:]
@@ -249,36 +217,7 @@ def test_a_map_is_a_value(tmp_path) -> None:  # type: ignore[no-untyped-def]
     assert lines[2].startswith(f"0.01,0.1,at_rest,0,{map.q[1, 0, 0].item()!r},")
 
 
-def test_progress_counts_every_continuation_and_an_interrupt_passes(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    continued, seen = 0, []
-    original = Search._continued
-
-    def counted(self: Search, *cells: Any) -> Any:
-        nonlocal continued
-        continued += 1
-        return original(self, *cells)
-
-    monkeypatch.setattr(Search, "_continued", counted)
-    axes = {"grip": np.linspace(-0.01, 0.01, 5), "grasped.mass": [0.1, 0.2]}
-    sp.equilibrium_map(held(), axes, progress=lambda *steps: seen.append((*steps, continued)))
-    # Ten cells, of which the first one is not continued. 9 of their 13 pairs continue each other,
-    # the other 4 are compared.
-    steps = [done for done, _, _ in seen]
-    assert steps == sorted(steps) and set(steps) == {0, *range(2, 15)}
-    assert all(total == 14 and count == max(done - 1, 0) for done, total, count in seen)
-    for stop in (4, 12):
-
-        def interrupt(done: int, total: int, stop: int = stop) -> None:
-            if done == stop:
-                raise KeyboardInterrupt
-
-        with pytest.raises(KeyboardInterrupt):
-            sp.equilibrium_map(held(), axes, progress=interrupt)
-
-
-def test_progress_ends_at_all_steps_beside_folds_and_cells_without_equilibrium() -> None:
+def test_progress_counts_up_to_all_steps_and_an_interrupt_passes() -> None:
     angles = np.deg2rad(np.linspace(-8.0, 4.0, 4))
     apart = {"schedule.angles.0.0": angles, "schedule.angles.0.1": angles}
     folded = {"grasped.com_offset": OFFSETS[::4], "grasped.mass": MASSES[::4]}
@@ -289,28 +228,28 @@ def test_progress_ends_at_all_steps_beside_folds_and_cells_without_equilibrium()
         assert done == sorted(done) and len({total for _, total in seen}) == 1
         assert seen[0][0] == 0 and seen[-1][0] == seen[-1][1]
 
+    def interrupt(done: int, total: int) -> None:
+        if done == 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sp.equilibrium_map(leaning(4.0, -2e-3), folded, progress=interrupt)
+
 
 @pytest.mark.parametrize(
     ("axes", "options", "message"),
     [
         ({}, {}, "axes has 0 entries: must have one or two"),
-        ({"grip": [0], "grasped.mass": [1], "friction": [1]}, {}, "axes has 3 entries"),
         ({"grasped.mas": [1.0]}, {}, r"axes: .grasped.mas.*did you mean"),
         ({"grasped.mass": [2.0, 1.0]}, {}, r"mass.\]\[1\] = 1.0: must be greater than the value"),
-        ({"grasped.mass": []}, {}, r"mass.\] has shape \(0,\)"),
-        ({"grasped.mass": [1.0, np.nan]}, {}, "nan: must be finite"),
         ({"grasped.mass": [-1.0, 1.0]}, {}, r"axes: grasped.mass = -1: .*mass = -1.0: must be"),
         ({"schedule.angles": [1.0]}, {}, r"one number, not to an array of shape \(1, 2\)"),
         ({"initial.q.0": [1.0]}, {}, "has no effect on where the scene rests"),
-        ({"duration": [1.0]}, {}, "has no effect on where the scene rests"),
-        ({"grip.top": [1.0]}, {}, 'axes: .grip.top.: must be one of "grip"'),
+        ({"grip.top": [1.0]}, {}, 'axes: .grip.top.*or one of "grip"'),
         ({"grip": [0.0], "grip.left": [0.0]}, {}, "set the same number"),
-        ({"grasped.mass": [1.0], "grasped": [1.0]}, {}, "axes: "),
         ({"grip": [0.0], "shear.left": [0.0]}, {}, "grip and shear: give one of them"),
-        ({"grip.left": [0.0]}, {"shear": (0.0, 0.0)}, "grip and shear: give one of them"),
         ({"grip": [0.0]}, {"grip": (0.0, 0.0)}, "the axes set it already"),
         ({"grip.left": [0.0]}, {"grip": (0.0, 0.0, 0.0)}, r"grip has shape \(3,\)"),
-        ({"grip": [0.0]}, {"time": np.inf}, "time = inf: must be finite"),
         ({"grip": np.arange(400.0), "friction": np.arange(400.0)}, {}, "160000 cells: at most"),
     ],
 )  # fmt: skip
@@ -323,12 +262,8 @@ def test_bad_values_are_refused_before_anything_is_computed(axes, options, messa
 
 
 def test_bad_types_are_refused() -> None:
-    with pytest.raises(TypeError, match="scene = 3: must be a Scene"):
-        sp.equilibrium_map(3, {"grip": [0.0]})  # type: ignore[arg-type]
     with pytest.raises(TypeError, match=r"axes = .*: must be a mapping of names to values"):
         sp.equilibrium_map(held(), [("grip", [0.0])])  # type: ignore[arg-type]
-    with pytest.raises(TypeError, match="axes: 3: names must be text"):
-        sp.equilibrium_map(held(), {3: [0.0]})  # type: ignore[dict-item]
     with pytest.raises(ValueError, match="equilibrium_map needs the torques"):
         sp.equilibrium_map(held(control=sp.SampledController.pid(1e-3)), {"grip": [0.0]})
     one = sp.equilibrium_map(held(), {"grip": [0.0]}, progress=False)

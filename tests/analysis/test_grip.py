@@ -162,12 +162,8 @@ REFUSED: list[tuple[sp.Scene, dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("scene", "asked", "message"), REFUSED, ids=range(len(REFUSED)))
-def test_what_no_grip_gives_is_said(scene: sp.Scene, asked: dict[str, Any], message: str) -> None:
+def test_a_force_that_no_grip_has_is_refused_with_the_nearest_one(
+    scene: sp.Scene, asked: dict[str, Any], message: str
+) -> None:
     with pytest.raises(ValueError, match=message):
         sp.grip(scene, **asked)
-
-
-def test_its_repr_has_the_numbers() -> None:
-    found = repr(sp.grip(SCENE, force=5.0))
-    assert found.startswith("<Grip of 5 N: targets 1.73")
-    assert found.endswith("at rest, stable>")

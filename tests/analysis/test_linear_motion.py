@@ -1,6 +1,5 @@
 """Linear models beside the motion: loops that are closed around them, steps, symmetries, SymPy."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -8,13 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.linalg import eigvals, expm
+from scipy.linalg import expm
 
 import softpinch as sp
 from linear_reference import EVERY_OUTPUT, off, sizes, whole
-from oracle import trajectory
-from oracle.evaluate import parameters
-from oracle.lagrangian import PARAMETERS
 from resting import UNEVEN, resting
 from softpinch import strategies
 from transforms import Units, mirrored
@@ -149,24 +145,6 @@ def test_step_responses_differ_from_the_motion_by_the_square_of_the_step(
     errors = [step_error(law, size, reduced) for size in (1.0, 0.5, 0.25)]
     orders = np.log2(errors[:-1]) - np.log2(errors[1:])
     assert (np.abs(orders - 2.0) < 0.25).all(), (errors, orders)
-
-
-def differences(rates: Callable[[tuple[float, ...]], Any], y: Floats, steps: Floats) -> Floats:
-    changes = [np.array(rates((*(y + d),))) - rates((*(y - d),)) for d in np.diag(steps)]
-    return np.transpose(changes) / (2.0 * steps)
-
-
-@pytest.mark.parametrize("at", ["rest", "moving"])
-def test_eigenvalues_are_those_that_scipy_finds_for_sympys_equations(at: str) -> None:
-    state = resting("pid")[1] if at == "rest" else moving()
-    model = sp.linearize(UNEVEN, state)
-    numbers = parameters(UNEVEN)
-    rates = trajectory._rates(tuple(numbers[name] for name in PARAMETERS))
-    asked = (*UNEVEN.schedule.target(state.time).tolist(), 0.0, 0.0, 0.0)
-    order = [0, 1, 2, 3, 4, 10, 11, 12, 13, 5, 6, 7, 8, 9]  # of the oracle's states
-    steps = 1e-6 * sizes(UNEVEN, model.state_units)[order]
-    jacobian = differences(lambda y: rates(y, asked), model.state_values[order], steps)
-    assert same_poles(model.poles, eigvals(jacobian)) <= 1e-7
 
 
 @settings(max_examples=20)

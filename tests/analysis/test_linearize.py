@@ -103,48 +103,6 @@ def _rates(model: sp.LinearModel, scene: sp.Scene) -> np.ndarray:
     ).p
 
 
-def perturbed(scene: sp.Scene, state: sp.State, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Accelerations of the pose and multipliers at states x under targets and forces u."""
-    moved = sp.State.consistent(
-        scene,
-        x=x[0],
-        y=x[1],
-        rotation=x[2],
-        fingers=x[3:5],
-        velocity=x[5:8],
-        finger_rates=x[8:10],
-        shear=x[10:12],
-    )
-    held = replace(
-        scene,
-        schedule=sp.Schedule.steps([0.0], [u[:2]]),
-        disturbances=[sp.Step(time=0.0, force=tuple(u[2:4]), moment=float(u[4]))],
-    )
-    terms = sp.evaluate(held, 1.0, moved.q, moved.p, x[12:], formulation="nullspace")
-    return np.concatenate([terms.accelerations[:5], terms.multipliers])
-
-
-def test_matrices_agree_with_central_differences_of_evaluate() -> None:
-    scene = shared.uneven()
-    state = sp.State.consistent(
-        scene, fingers=(0.12, 0.09), rotation=0.05, y=0.0735, shear=(4e-4, -3e-4),
-        velocity=(0.2, -0.1, 1.5), finger_rates=(-2.0, 1.2), integral=(2e-3, -1e-3), time=0.05,
-    )  # fmt: skip
-    model = sp.linearize(scene, state, ("targets", "force"), "multipliers")
-    point = np.concatenate([model.state_values, model.input_values])
-    columns = sizes(scene, model.state_units + model.input_units)
-    differences = []
-    for k, size in enumerate(columns):
-        up, down = point.copy(), point.copy()
-        up[k] += 1e-5 * size
-        down[k] -= 1e-5 * size
-        change = perturbed(scene, state, up[:14], up[14:])
-        change -= perturbed(scene, state, down[:14], down[14:])
-        differences.append(change / (up[k] - down[k]))
-    ours = np.vstack([whole(model)[5:10], np.hstack([model.C, model.D])])
-    assert off(ours, np.transpose(differences), columns) <= 1e-7
-
-
 def test_driven_inputs_are_angle_rate_and_acceleration_of_the_schedule() -> None:
     scene = shared.driven()
     t, h = 0.08, 1e-4
@@ -156,18 +114,3 @@ def test_driven_inputs_are_angle_rate_and_acceleration_of_the_schedule() -> None
     np.testing.assert_allclose(model.input_values[4:], acceleration, rtol=1e-3, atol=1e-3)
     np.testing.assert_array_equal(model.D, np.eye(6)[:2])
     np.testing.assert_array_equal(model.C, np.zeros((2, 8)))
-
-
-@pytest.mark.parametrize("law", ["pid", "torque", "driven"])
-def test_modes_take_the_same_matrix(law: str) -> None:
-    scene = sp.Scene()
-    if law == "torque":
-        torques = sp.Schedule.steps([0.0], [[4.0, 4.0]])
-        scene = replace(scene, control=sp.Torque(), schedule=torques)
-    elif law == "driven":
-        scene = replace(scene, fingers="driven")
-    state = scene.start()
-    model = sp.linearize(scene, state)
-    modes = sp.modes(scene, [0.0], [state.q], [state.p], [state.integral])
-    assert modes.states == model.states
-    np.testing.assert_array_equal(modes.jacobian[0], model.A)

@@ -1,4 +1,4 @@
-"""What `linearize` refuses, and how it takes an equilibrium."""
+"""Refusals of `linearize`, and its results at an equilibrium."""
 
 import re
 from dataclasses import replace
@@ -21,13 +21,8 @@ HINT = '"pose", "fingers", "compressions", "shears", "multipliers", "torque", "r
     ("inputs", "outputs", "error", "message"),
     [
         ((), "pose", ValueError, 'inputs = (): must be names out of "targets", "torque", "force"'),
-        ("targets", [], ValueError, f"outputs = []: must be names out of {HINT}"),
-        (None, "pose", TypeError, "inputs = None: must be names out of"),
         ("targets", 3, TypeError, f"outputs = 3: must be names out of {HINT}"),
         ("target", "pose", ValueError, 'did you mean "targets"?'),
-        (("force", "forces"), "pose", ValueError, "inputs[1] = 'forces': must be one of"),
-        (("force", 1), "pose", TypeError, "inputs[1] = 1: must be one of"),
-        (("force", "force"), "pose", ValueError, 'inputs: "force" is there more than once'),
         ("force", ("pose", "pose"), ValueError, 'outputs: "pose" is there more than once'),
         (("targets", "torque"), "pose", ValueError, '"targets" and "torque" exclude each other'),
     ],
@@ -83,17 +78,9 @@ def test_a_sampled_controller_needs_a_state_of_its_run() -> None:
         sp.linearize(CONTROLLED, STATE, "torque")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((3, STATE), "scene = 3: must be a Scene"),
-        ((SCENE, "start"), "state = 'start': must be a State"),
-        ((SCENE, sp.simulate(sp.Scene(duration=1e-3), dt=1e-3)), "must be a State"),
-    ],
-)
-def test_arguments_of_the_wrong_kind(arguments: Any, message: str) -> None:
-    with pytest.raises(TypeError, match=re.escape(message)):
-        sp.linearize(*arguments)
+def test_arguments_of_the_wrong_kind() -> None:
+    with pytest.raises(TypeError, match="state = 'start': must be a State"):
+        sp.linearize(SCENE, "start")  # type: ignore[arg-type]
     with pytest.raises(TypeError, match="reduced = 1"):
         sp.linearize(SCENE, STATE, reduced=1)  # type: ignore[arg-type]
 
@@ -164,14 +151,8 @@ def test_an_equilibrium_with_unilateral_contact_has_the_model_of_sticking_tips()
     np.testing.assert_allclose(moved, model.C @ held[:n, n], rtol=1e-3)
 
 
-@pytest.mark.parametrize("state", [None, STATE], ids=["no state", "a state"])
-def test_states_with_unilateral_contact_are_refused(state: sp.State | None) -> None:
-    with pytest.raises(ValueError, match=r'^Scene.contact = "unilateral": linearize linearises'):
-        sp.linearize(sp.Scene(contact="unilateral", friction=0.5), state)
-
-
 def test_no_equilibrium_with_unilateral_contact_says_why() -> None:
     heavy = sp.GraspedObject(mass=10.0)
     found = sp.equilibrium(sp.Scene(contact="unilateral", friction=0.3, grasped=heavy))
-    with pytest.raises(ValueError, match=r"^linearize: no equilibrium with sticking tips: a tip"):
+    with pytest.raises(ValueError, match=r"^linearize: no equilibrium .*: with sticking tips a"):
         sp.linearize(found.scene, found)

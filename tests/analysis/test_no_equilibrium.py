@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import minimize_scalar, root
 
 import softpinch as sp
-from balances import SIZES, UNKNOWNS, left_over
+from resting import SIZES, UNKNOWNS, left_over
 
 RADIUS, MODULUS = sp.Fingertip().radius, sp.Fingertip().youngs_modulus
 
@@ -54,6 +54,21 @@ def test_without_equilibrium_there_is_a_reason_and_no_state(
     assert not found.stable and not found.minimum
     assert np.isnan(found.stiffness).all() and np.isnan(found.multipliers).all()
     assert status in repr(found)
+
+
+def test_a_search_of_one_grip_does_not_speak_of_the_others() -> None:
+    """A run of this scene settles, while the grip (0, 0) has no equilibrium."""
+    steps = sp.Schedule.in_degrees("steps", [0.0, 0.7, 1.4], [[6, 6], [9.8, 11.4], [8.1, -5.5]])
+    heavy = sp.Scene(schedule=steps, grasped=sp.GraspedObject(mass=1.0), duration=3.0)
+    found = sp.equilibrium(heavy)
+    assert found.state is None and found.status == "overloaded"
+    assert found.message.startswith("no equilibrium with grip = (0, 0) mm: at 90.22 % of the load")
+    assert "sp.equilibrium(scene, near=run)" in found.message
+    run = sp.simulate(heavy, dt=2e-4, every=100, formulation="nullspace")
+    assert sp.equilibrium(heavy, near=run).stable
+    found = sp.equilibrium(sp.Scene(), shear=(-0.001, 0.0))
+    assert found.message.startswith("no equilibrium with shear = (-1, 0) mm: ")
+    assert sp.equilibrium(at([-3.0, -3.0]), near=run).message.startswith("no equilibrium: ")
 
 
 def upright(pressed: float, push: float) -> sp.Scene:
@@ -135,40 +150,6 @@ def test_a_load_is_too_large_beyond_the_fold_that_a_general_solver_finds(load: f
         found = sp.equilibrium(scene)
         assert found.state is None and found.status == "overloaded"
         assert load * share_of(found) == pytest.approx(fold_at(load), rel=3e-6)
-
-
-def lost_at(begin: float, end: float, duration: float) -> float:
-    """The force at which a slow ramp loses the grasp, N; inf if it holds to the end."""
-    rest = sp.equilibrium(held_by_driven_fingers(begin))
-    assert rest.state is not None and rest.stable
-    ramp = sp.Sampled(
-        times=[0.0, duration], force=[[begin, 0.0], [end, 0.0]], moment=[0.0, 0.0], hold="linear"
-    )
-    scene = replace(
-        rest.scene,
-        initial=replace(rest.state, time=0.0),
-        disturbances=(ramp,),
-        duration=duration,
-    )
-    run = sp.simulate(scene, method="radau5", tolerance=1e-8, formulation="nullspace")
-    if run.status == "completed":
-        return np.inf
-    assert run.status == "separated"
-    return float(begin + (end - begin) * run.t[-1] / duration)
-
-
-def test_a_slow_ramp_loses_the_grasp_where_the_equilibrium_ends() -> None:
-    """It comes late by the rate to the power of 2/3, as at every fold."""
-    fold = fold_at(None)
-    begin = 0.99 * fold
-    assert lost_at(begin, 0.998 * fold, 4.0) == np.inf
-    early, late = (lost_at(begin, 1.04 * fold, duration) for duration in (32.0, 4.0))
-    assert fold < early < late < 1.02 * fold
-    # The tips roll on a little, while the load of a single search grows at one grip.
-    assert early - (late - early) / 3.0 == pytest.approx(fold, rel=1e-3)
-    # A search at this force, from the ramp's beginning or anew, does not call it stable.
-    beyond = sp.equilibrium(held_by_driven_fingers(1.002 * fold))
-    assert beyond.state is None or not beyond.stable
 
 
 @pytest.mark.parametrize("beyond", [1e-3, 1e-5, 1e-6, 1e-8])

@@ -12,7 +12,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import softpinch as sp
-from rest_scenes import held
+from resting import held
 from transforms import Units, mirrored
 
 # Every violation that a limit can be.
@@ -208,7 +208,7 @@ def test_the_default_directions_and_the_weakest_of_them() -> None:
     np.testing.assert_allclose(limits.size, limits.magnitude, rtol=1e-14)
     assert limits.weakest == limits.size.min()
     assert repr(limits).startswith(
-        f"<WrenchLimits of 74 directions: weakest {limits.weakest:.4g} N"
+        f"<WrenchLimits of 74 directions: weakest {limits.weakest:.6g} N"
     )
     short = sp.wrench_limits(offset(), length=1e-3)
     np.testing.assert_allclose(short.wrench[72:], limits.wrench[72:], rtol=1e-12)
@@ -232,7 +232,7 @@ def test_an_equilibrium_or_its_scene() -> None:
     assert near.equilibrium.stable and near.limit.tolist() == ["slipping"]
 
 
-def test_what_rests_not_or_not_stably_bears_nothing() -> None:
+def test_a_grasp_without_a_stable_rest_bears_nothing() -> None:
     apart = sp.wrench_limits(held(-5.0), [[0.0, 1.0, 0.0]])
     assert apart.limit.tolist() == ["apart"] and apart.weakest == 0.0
     assert np.isnan(apart.q).all()
@@ -258,13 +258,9 @@ def test_a_direction_without_limit_is_infinite() -> None:
     [
         ({"grasp": 3}, TypeError, "grasp = 3: must be a Scene or an Equilibrium"),
         ({"directions": [[0.0, 1.0]]}, ValueError, r"directions has shape \(1, 2\)"),
-        ({"directions": []}, ValueError, "directions has shape"),
         ({"directions": [[0.0, 1.0, 0.0], [0.0] * 3]}, ValueError, r"\[1\] = .0, 0, 0.: must"),
-        ({"directions": [[0.0, np.nan, 0.0]]}, ValueError, "nan: must be finite"),
         ({"length": 0.0}, ValueError, "length = 0.0: must be finite and > 0"),
         ({"grip": (0.0, 0.0), "shear": (0.0, 0.0)}, ValueError, "shear and grip"),
-        ({"time": np.nan}, ValueError, "time = nan"),
-        ({"near": 3}, TypeError, "near = 3: must be a State, a Run or None"),
     ],
 )  # fmt: skip
 def test_bad_arguments(arguments: dict[str, Any], error: type[Exception], message: str) -> None:
@@ -277,11 +273,3 @@ def test_arguments_of_the_equilibrium_need_a_scene() -> None:
     for name, value in {"time": 0.0, "grip": (0.0, 0.0), "near": rest.state}.items():
         with pytest.raises(ValueError, match=f"{name} = .*the equilibrium has it already"):
             sp.wrench_limits(rest, **{name: value})  # type: ignore[arg-type]
-
-
-def test_its_repr_says_why_nothing_is_borne() -> None:
-    heavy = sp.Scene(contact="unilateral", friction=0.1, grasped=sp.GraspedObject(mass=20.0))
-    rest = sp.equilibrium(heavy)
-    assert rest.state is None
-    found = repr(sp.wrench_limits(rest, [[1.0, 0.0, 0.0]]))
-    assert found == f"<WrenchLimits: not even a small wrench is borne; {rest.message}>"

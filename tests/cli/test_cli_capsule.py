@@ -74,12 +74,8 @@ def test_what_only_shows_more_of_the_run_leaves_it_the_studys(file: Write, tmp_p
     [
         ("mass", {"dt": 1e-3}, {}),
         ("mass", {"method": "dop853", "tolerance": 1e-5}, {"dt": None}),
-        ("mass", {"formulation": "nullspace"}, {}),
         ("state", {"alpha": 500.0}, {"stabilization": sp.Stabilization(500.0, 700.0)}),
-        ("state", {"beta": 500.0}, {"stabilization": sp.Stabilization(900.0, 500.0)}),
         ("too many steps", {"dt": 1e-3}, {"tolerance": None, "max_steps": None}),
-        ("too many steps", {"tolerance": 1e-5}, {}),
-        ("too many steps", {"max_steps": 10}, {}),
     ],
     ids=str,
 )
@@ -124,20 +120,6 @@ def test_a_run_that_differs_from_the_study_is_said_with_both(file: Write) -> Non
     assert lines[-1] == f"as in the study: run 0 {ended}"
 
 
-def test_an_interrupted_replay_is_not_compared(
-    file: Write, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupted(scene: sp.Scene, **options: object) -> sp.Run:
-        run = sp.simulate(scene, dt=1e-3)
-        run.status = "interrupted"
-        return run
-
-    monkeypatch.setattr(commands, "simulate", interrupted)
-    code, lines, _ = call("run", file(study("mass").failures()[0]))
-    assert code == 130
-    assert not any("study" in line for line in lines)
-
-
 def test_a_bad_capsule_is_one_line(file: Write) -> None:
     path = file(study("mass").failures()[0])
     text = path.read_text(encoding="utf-8")
@@ -156,8 +138,3 @@ def test_a_study_is_sent_to_its_own_command(text: str, tmp_path: Path) -> None:
     code, lines, err = call("run", path)
     assert (code, lines) == (2, [])
     assert err == f"error: {path}: is a study of many runs: compute it with softpinch montecarlo\n"
-
-
-def test_help_says_what_a_capsule_is() -> None:
-    _, lines, _ = call("run", "--help")
-    assert "A capsule is one run of a study" in " ".join(" ".join(lines).split())

@@ -50,14 +50,6 @@ def test_run_says_which_contact_and_what_its_tips_did(scene: Path) -> None:
     assert f"|C^H| <= {holonomic:.1e} m" in line and holonomic < 1e-8
 
 
-def test_bilateral_runs_say_nothing_of_changes(tmp_path: Path) -> None:
-    path = tmp_path / "bilateral.toml"
-    path.write_text(replace(SCENE, contact="bilateral").to_toml(), encoding="utf-8")
-    code, out, _ = call("run", path)
-    assert code == 0
-    assert "changes" not in out and "friction takes" not in out and "unilateral" not in out
-
-
 def test_a_pair_of_frictions_and_a_lost_object(tmp_path: Path) -> None:
     lost = paper.disturbance(
         "i", contact="unilateral", friction=(0.3, 0.4), grasped=sp.GraspedObject(height=0.049)
@@ -147,8 +139,3 @@ def test_a_study_counts_what_is_lost_and_says_what_holding_means(tmp_path: Path)
     assert code == 1
     assert said.startswith("lost: the object was lost at t = 1.0")
     assert said.splitlines()[-1].startswith(f"as in the study: run {lost} lost at t = 1.0")
-
-
-def test_help_says_how_tips_may_slip() -> None:
-    code, out, _ = call("run", "--help")
-    assert code == 0 and 'contact = "unilateral"' in " ".join(out.split())

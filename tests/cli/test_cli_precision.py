@@ -30,11 +30,25 @@ def test_work_precision_leaves_a_table_and_a_figure(scene: Path, tmp_path: Path)
     )
     assert code == 0, text
     assert "confirmed by" in text
-    assert "below 1e-06, the quickest first" in text
+    assert "error along the run below 1e-06, the quickest first" in text
     assert sorted(path.name for path in out.iterdir()) == [
         "work_precision.csv",
         "work_precision.png",
     ]
+
+
+def test_the_error_at_the_end_comes_with_the_one_along_the_run(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(sp.Scene(duration=0.6).to_toml(), encoding="utf-8")
+    code, text = invoke(
+        *("work-precision", path, "--out", tmp_path, "--methods", "rk4", "--where", "end"),
+        *("--formulations", "nullspace", "--dt", 6e-4, 1.2e-3, 2),
+    )
+    assert code == 0, text
+    best = text[text.index("error at the end below 1e-06, the quickest first") :].splitlines()[1]
+    assert "1.20e-03" in best
+    assert float(best.rsplit(" ", 1)[1]) > 1e-2 and "error along the run" in best
+    assert "the motion has settled: 2 of 2 settings have an error along the run more" in text
 
 
 def test_advise_says_what_to_take(scene: Path) -> None:
@@ -48,10 +62,9 @@ def test_advise_says_what_to_take(scene: Path) -> None:
     ("words", "message"),
     [
         (("work-precision", "--methods", "euler"), "euler"),
-        (("work-precision", "--dt", "1e-3", "1e-4", "3"), "must be greater than LOW"),
+        (("work-precision", "--where", "middle"), "--where = 'middle': must be one of"),
         (("work-precision", "--formulations", "nullspace", "--alpha", "3"), "has no gains"),
         (("advise", "--tolerance", "0"), "tolerance = 0.0"),
-        (("advise", "--alpha", "-1"), "alpha"),
     ],
 )
 def test_bad_input_is_one_line(scene: Path, words: tuple[str, ...], message: str) -> None:

@@ -47,8 +47,6 @@ def test_run_changes_numbers_pairs_names_and_optional_values(scene: Path) -> Non
     ("changes", "message"),
     [
         (["friction"], "error: --set 'friction': must be PATH=VALUE, such as grasped.mass=0.2"),
-        (["=3"], "error: --set '=3': must be PATH=VALUE"),
-        (["friction="], "error: --set 'friction=': the value must be written as in TOML: a number"),
         (["contact=bilateral"], "--set 'contact=bilateral': the value must be written as in TOML"),
         (["friction=0.3\nx=2"], r"--set 'friction=0.3\nx=2': the value must be written as in TOML"),
         (["friction=0.3", "friction=0.4"], "--set 'friction=0.4': friction is given twice"),
@@ -56,8 +54,6 @@ def test_run_changes_numbers_pairs_names_and_optional_values(scene: Path) -> Non
         (["friction=0.3", "friction.left=0.4"], "error: --set: "),
         (["grasped.mass=-1"], "error: --set: GraspedObject.mass = -1"),
         (['grasped.mass="1"'], "error: --set: GraspedObject.mass = '1': must be a number"),
-        (["grasped={mass=1}"], "error: --set: 'grasped' = {'mass': 1}: must be a value, not a"),
-        (["duration=2026-01-01"], "error: --set: Scene.duration = "),
     ],
 )  # fmt: skip
 def test_what_is_no_change_is_refused(scene: Path, changes: list[str], message: str) -> None:

@@ -1,5 +1,6 @@
 """The core's unilateral contact against the oracle's: events, the end, forces, the ledger."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from hypothesis import assume, given, settings
 import softpinch as sp
 from contact_scenes import EVERYTHING, UNHURRIED, check, grasps, perturbed, sequence, settled
 from oracle import Change, UnilateralReference, unilateral
+from softpinch import paper
 
 METHODS: list[dict[str, Any]] = [
     {"tolerance": 1e-12, "method": "dop853", "formulation": "csm"},
@@ -114,3 +116,106 @@ def test_the_core_and_the_oracle_agree_on_a_run_with_all_modes() -> None:
     run = simulated(scene, **METHODS[1])
     assert {int(c.after) for c in run.contact_changes} == {0, 1, 2, 3}
     agree(scene)
+
+
+# The paper's parameters, faces 49 mm high, and the frictions between which its operations differ.
+FRICTIONS = (0.3, 0.5, 0.8, 1.0)
+OPERATIONS = paper.manipulation().schedule.angles
+
+
+def of_the_paper(friction: float, **changes: Any) -> sp.Scene:
+    grasped = sp.GraspedObject(height=0.049)
+    return sp.Scene(grasped=grasped, contact="unilateral", friction=friction, **changes)
+
+
+def disturbed(case: str, friction: float, duration: float) -> sp.Scene:
+    scene = paper.disturbance(case)
+    changes = {"schedule": scene.schedule, "disturbances": scene.disturbances}
+    return of_the_paper(friction, duration=duration, **changes)
+
+
+def follows(scene: sp.Scene) -> sp.Run:
+    """Compares one exact run with the oracle and returns it."""
+    ours = unilateral(scene, scene.friction, scene.grasped.height)
+    run = simulated(scene, **METHODS[1])
+    compare(run, ours)
+    return run
+
+
+def test_the_core_and_the_oracle_agree_on_the_switch_into_the_second_operation() -> None:
+    steps = sp.Schedule.steps([0.0, 0.2], OPERATIONS[:2])
+    run = follows(of_the_paper(0.5, schedule=steps, duration=0.22))
+    assert [c.after for c in run.contact_changes] == [
+        sp.ContactMode.FREE,
+        sp.ContactMode.SLIP,
+        sp.ContactMode.STICK,
+    ]
+
+
+def test_the_core_and_the_oracle_agree_that_case_i_is_lost_at_friction_of_a_half() -> None:
+    early = [replace(each, time=0.2) for each in paper.disturbance("i").disturbances]
+    scene = replace(disturbed("i", 0.5, 0.3), disturbances=early)
+    assert follows(scene).status == "lost"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("friction", FRICTIONS)
+def test_the_core_and_the_oracle_agree_on_the_eight_operations(friction: float) -> None:
+    steps = sp.Schedule.steps(np.arange(8.0), OPERATIONS)
+    run = follows(of_the_paper(friction, schedule=steps, duration=8.0))
+    assert run.holds and len(run.contact_changes) > 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("friction", FRICTIONS)
+@pytest.mark.parametrize("case", paper.CASES)
+def test_the_core_and_the_oracle_agree_on_the_disturbances(case: str, friction: float) -> None:
+    follows(disturbed(case, friction, 2.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("milliseconds", "slips", "holds"),
+    [(30, 0.298, 0.302), (20, 0.302, 0.305), (10, 0.84, 0.86), (7, 5.8, 6.0)],
+)
+def test_the_core_and_the_oracle_agree_on_the_friction_that_smooth_moves_need(
+    milliseconds: int, slips: float, holds: float
+) -> None:
+    """The hardest switch is that into operation 7."""
+    move = 1e-3 * milliseconds
+    moves = sp.Schedule.minimum_jerk(np.arange(8.0), OPERATIONS, move_time=move)
+    for friction, changes in ((slips, True), (holds, False)):
+        run = follows(of_the_paper(friction, schedule=moves, duration=6.0 + 3 * move))
+        assert bool(run.contact_changes) == changes
+
+
+# Of pushes of 10 ms: direction (N, N, N m), friction, and a size near the largest that is held.
+PUSHES = [
+    ((1.0, 0.0, 0.0), 0.5, 232.0),
+    ((0.0, 1.0, 0.0), 0.8, 125.0),
+    ((0.0, -1.0, 0.0), 0.3, 63.0),
+    ((0.0, 0.0, 1.0), 0.5, 16.5),
+    ((1.0, 1.0, 5.0 / 130.0), 0.8, 358.0),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("direction", "friction", "near"), PUSHES)
+def test_the_core_and_the_oracle_agree_on_the_largest_push_that_is_held(
+    direction: tuple[float, float, float], friction: float, near: float
+) -> None:
+    def pushed(size: float) -> sp.Scene:
+        x, y, turn = (size * part for part in direction)
+        pulse = sp.Pulse(time=1.0, duration=0.01, force=(x, y), moment=turn)
+        return of_the_paper(friction, disturbances=[pulse], duration=1.51)
+
+    low, high = 0.9 * near, 1.1 * near
+    for _ in range(6):
+        middle = 0.5 * (low + high)
+        if sp.simulate(pushed(middle), every=10**6).holds:
+            low = middle
+        else:
+            high = middle
+    for size, holds in ((0.99 * low, True), (1.01 * high, False)):
+        scene = pushed(size)
+        assert unilateral(scene, friction, scene.grasped.height).holds == holds

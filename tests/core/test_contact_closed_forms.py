@@ -225,6 +225,43 @@ def test_a_free_tip_relaxes_by_its_own_spring_and_damper(formulation: str) -> No
     check(run)
 
 
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_an_overlap_at_the_start_goes_into_the_surface_also_where_the_tip_opens(
+    formulation: str,
+) -> None:
+    """The object leaves the right tip faster than the surface can follow; the left one is away."""
+    depth, speed = 0.006, -0.5
+    scene = fixed_fingers(depth, velocity=(speed, 0, 0), duration=0.005, gravity=0.0)
+    away = replace(scene.hand.left, root_offset=0.1)
+    q = scene.start().q.copy()
+    q[5:7] = depth - 0.002, 0.0
+    scene = replace(
+        scene, hand=replace(scene.hand, left=away), initial=sp.State(q, scene.start().p)
+    )
+    run = simulated(scene, formulation=formulation, times=[0.0, 0.005])
+
+    def slope(_: float, y: NDArray[Any]) -> list[float]:
+        return [y[1], (-100 * y[1] - math.pi * E * y[0] ** 2) / MASS]
+
+    alone = solve_ivp(slope, (0, 0.005), [depth, 0], "DOP853", rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(run.q[:, 5], [depth, alone.y[0, -1]], atol=1e-12)
+    np.testing.assert_allclose(run.q[-1, 0], 0.005 * speed, atol=1e-14)
+    assert not run.contact.any() and not run.contact_changes
+    check(run)
+
+
+def test_tips_that_do_not_reach_a_consistent_state_are_free_at_once() -> None:
+    """`State.consistent` gives them negative compressions. The object falls, and nothing else."""
+    scene = fixed_fingers(gap=0.001, duration=0.01)
+    start = sp.State.consistent(scene, x=0.0, y=0.0762, rotation=0.02, velocity=(0.0, 0.3, 0.0))
+    assert (start.q[5:7] < 0.0).all()
+    run = simulated(replace(scene, initial=start), times=[0.0, 0.01])
+    assert not run.contact.any() and not run.multipliers.any() and not run.contact_changes
+    assert not run.q[:, 5:].any()
+    np.testing.assert_allclose(run.q[-1, 1], 0.0762 + 0.003 - G / 2 * 1e-4, atol=1e-14)
+    check(run)
+
+
 def test_a_step_from_point_contact_slips_at_little_friction_only() -> None:
     """lambda^H is 67.6 N at once, and lambda^N is a tenth of it."""
     sticks, slips = (

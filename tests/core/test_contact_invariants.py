@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 import softpinch as sp
@@ -19,7 +19,8 @@ from contact_scenes import (
     settled,
     within,
 )
-from transforms import MIRROR_MULTIPLIERS, Units, mirrored, mirrored_coordinates
+from ensembles import require_alone
+from transforms import MIRROR_MULTIPLIERS, Units, mirrored, mirrored_coordinates, require_scaled
 
 FIXED = [(method, {"dt": 5e-5}) for method in ("rk4", "dop853", "radau5", "rosenbrock")]
 ADAPTIVE = [(method, {"tolerance": 1e-10}) for method in ("dop853", "radau5", "rosenbrock")]
@@ -34,7 +35,7 @@ def simulated(scene: sp.Scene, **options: Any) -> sp.Run:
 
 @settings(max_examples=60)
 @given(grasps(duration=0.04), st.sampled_from(FIXED + ADAPTIVE), st.booleans())
-def test_what_holds_along_any_run(
+def test_contact_forces_gaps_and_the_ledger_are_legal_along_any_run(
     scene: sp.Scene, how: tuple[str, dict[str, float]], projected: bool
 ) -> None:
     method, steps = how
@@ -45,7 +46,7 @@ def test_what_holds_along_any_run(
 
 @settings(max_examples=30)
 @given(grasps(duration=0.04), st.tuples(*[within(-0.3, 0.3)] * 2), within(-1e-3, 1e-3))
-def test_what_holds_along_a_run_with_an_impulse(
+def test_contact_forces_gaps_and_the_ledger_are_legal_across_an_impulse(
     scene: sp.Scene, impulse: tuple[float, float], turn: float
 ) -> None:
     kick = sp.Impulse(time=0.011, impulse=impulse, angular_impulse=turn)
@@ -55,37 +56,63 @@ def test_what_holds_along_a_run_with_an_impulse(
     check(run)
 
 
-def calm(scene: sp.Scene, run: sp.Run, **options: Any) -> bool:
-    other = simulated(perturbed(scene, 1e-9), **options)
-    return (
-        other.status == run.status
-        and sequence(other) == sequence(run)
-        and float(np.abs(other.q[-1] - run.q[-1]).max()) < 1e-7
-    )
+def measured(run: sp.Run) -> dict[str, Any]:
+    """The numbers of a run that a mirror image shares; forces as shares of the largest one."""
+    times = [change[0] for finger in ("right", "left") for change in settled(run, finger)]
+    forces = run.multipliers / np.abs(run.multipliers).max()
+    return {"times": np.array(times), "q": run.q, "p": run.p, "forces": forces}
+
+
+def measured_of_image(run: sp.Run) -> dict[str, Any]:
+    """The same numbers from the run of the mirror image."""
+    times = [change[0] for finger in ("left", "right") for change in settled(run, finger)]
+    forces = run.multipliers[:, MIRROR_MULTIPLIERS] / np.abs(run.multipliers).max()
+    q, p = mirrored_coordinates(run.q), mirrored_coordinates(run.p)
+    return {"times": np.array(times), "q": q, "p": p, "forces": forces}
+
+
+# A grazing tip that opens meets the face again and again within microseconds, by gaps of 1e-15 m:
+# round-off then moves later events by up to 1e-6 s, with any method and step.
+FINGER = sp.Finger(length=0.07, root_offset=0.0425, half_thickness=0.004, mass=0.08, inertia=5e-4)
+TIP = sp.Fingertip(radius=0.018, tangential_viscosity=70.0, normal_mass=0.01, tangential_mass=0.005)
+TIPS = (
+    replace(TIP, youngs_modulus=2e5, normal_viscosity=130.0),
+    replace(TIP, youngs_modulus=4e5, normal_viscosity=70.0),
+)
+BOUNCING = sp.Scene(
+    hand=sp.Hand(right=FINGER, left=FINGER, tip=TIPS),
+    grasped=sp.GraspedObject(width=0.045, mass=0.08, inertia=3e-5, com_offset=-0.005),
+    control=(sp.Pid(), sp.Pid(kp=80.0, kd=0.7)),
+    schedule=sp.Schedule.steps([0.0, 0.015], np.deg2rad([[6.5, 2.0], [3.5, -4.0]])),
+    disturbances=(sp.Pulse(time=0.006, duration=0.0075, force=(-30.0, 0.0), moment=-2.0),),
+    duration=0.03,
+    friction=(0.1, 0.65),
+    contact="unilateral",
+)
 
 
 @settings(max_examples=40, **UNHURRIED)
 @given(grasps())
+@example(BOUNCING)
 def test_the_mirror_image_runs_the_mirror_image(scene: sp.Scene) -> None:
     scene = replace(scene, initial=scene.start())
     options: dict[str, Any] = {"dt": 1e-4, "method": "dop853"}
     run = simulated(scene, **options)
-    assume(calm(scene, run, **options))
+    others = [simulated(perturbed(scene, size), **options) for size in (1e-9, 3e-10, 1e-10)]
+    for other in others:
+        assume(other.status == run.status and sequence(other) == sequence(run))
+        assume(np.array_equal(other.contact, run.contact))
     assert isinstance(scene.friction, tuple)
     image = simulated(replace(mirrored(scene), friction=scene.friction[::-1]), **options)
     assert image.status == run.status and image.holds == run.holds
-    back = {"right": "left", "left": "right"}
-    for finger, other in back.items():
-        ours, theirs = settled(run, finger), settled(image, other)
-        assert [c[1:] for c in ours] == [c[1:] for c in theirs]
-        times = [c[0] for c in ours]
-        np.testing.assert_allclose([c[0] for c in theirs], times, rtol=0, atol=1e-10)
+    assert sequence(image)[::-1] == sequence(run)
     np.testing.assert_array_equal(image.contact[:, ::-1], run.contact)
-    np.testing.assert_allclose(mirrored_coordinates(image.q), run.q, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(mirrored_coordinates(image.p), run.p, rtol=0, atol=1e-7)
-    force = np.abs(run.multipliers).max()
-    difference = run.multipliers - image.multipliers[:, MIRROR_MULTIPLIERS]
-    assert np.abs(difference).max() <= 1e-7 * force
+    ours, theirs = measured(run), measured_of_image(image)
+    neighbours = [measured(other) for other in others]
+    for name, least in {"times": 1e-10, "q": 1e-10, "p": 1e-7, "forces": 1e-7}.items():
+        # Where a start that is moved by 1e-9 changes more than that, round-off may, too.
+        moved = max(np.abs(near[name] - ours[name]).max(initial=0.0) for near in neighbours)
+        np.testing.assert_allclose(theirs[name], ours[name], rtol=0, atol=least + 10 * moved)
 
 
 @settings(max_examples=40)
@@ -100,17 +127,11 @@ def test_powers_of_two_of_length_mass_and_time_scale_a_run_to_the_bit(
     other = simulated(
         units.scene(scene), dt=1e-4 * units.time, stabilization=scaled, formulation=formulation
     )
-    assert other.status == run.status
     assert sequence(other) == sequence(run)
     for ours, theirs in zip(run.contact_changes, other.contact_changes, strict=True):
         assert theirs.time == ours.time * units.time
     np.testing.assert_array_equal(other.contact, run.contact)
-    np.testing.assert_array_equal(other.q, run.q * units.coordinates)
-    np.testing.assert_array_equal(other.p, run.p * units.coordinates / units.time)
-    np.testing.assert_array_equal(other.multipliers, run.multipliers * units.of(1, 1, -2))
-    for name in ("friction_loss", "impact_loss", "relaxation_work", "closure"):
-        ours, theirs = getattr(run.energy, name), getattr(other.energy, name)
-        np.testing.assert_array_equal(theirs, ours * units.of(2, 1, -2), err_msg=name)
+    require_scaled(run, other, units)
 
 
 @pytest.mark.parametrize("method", ["rk4", "dop853", "radau5"])
@@ -144,15 +165,5 @@ def test_lanes_and_lone_runs_have_the_same_bits(method: str, steps: dict[str, fl
     )
     changed = 0
     for run in range(60):
-        alone = ensemble.replay(run)
-        changed += bool(alone.contact_changes)
-        last = np.concatenate([alone.q[-1], alone.p[-1]])
-        assert ensemble["final_state"][run].tobytes() == last.tobytes()
-        assert ensemble.status[run] == alone.status
-        assert ensemble.holds[run] == alone.holds
-        assert ensemble.steps[run] == alone.stats["steps"]
-        seen = {
-            k: times[run] for k, times in ensemble.violations.items() if not np.isnan(times[run])
-        }
-        assert seen == alone.violations
+        changed += bool(require_alone(ensemble, run).contact_changes)
     assert changed > 40

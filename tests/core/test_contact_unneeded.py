@@ -8,8 +8,8 @@ import pytest
 from hypothesis import assume, given, settings
 
 import softpinch as sp
-from contact_facts import HEIGHT, OPERATIONS
 from contact_scenes import grasps
+from softpinch import paper
 
 EVERYTHING = ("state", "multipliers", "residuals", "energy", "torque")
 HOW: list[dict[str, Any]] = [
@@ -23,7 +23,7 @@ HOW: list[dict[str, Any]] = [
 
 def same(scene: sp.Scene, options: dict[str, Any], formulation: str) -> None:
     """A unilateral run without events and the bilateral run have the same bits."""
-    ours, paper = (
+    ours, theirs = (
         sp.simulate(
             replace(scene, contact=contact),
             formulation=formulation,
@@ -34,17 +34,19 @@ def same(scene: sp.Scene, options: dict[str, Any], formulation: str) -> None:
         for contact in ("unilateral", "bilateral")
     )
     assert not ours.contact_changes and not ours.violations and ours.holds
-    assert ours.status == paper.status == "completed"
-    for name, values in paper.arrays().items():
+    assert ours.status == theirs.status == "completed"
+    for name, values in theirs.arrays().items():
         np.testing.assert_array_equal(ours.arrays()[name], values, err_msg=name)
 
 
 @pytest.mark.parametrize("formulation", ["csm", "projected"])
 @pytest.mark.parametrize("options", HOW, ids=str)
 def test_smooth_moves_are_the_papers(options: dict[str, Any], formulation: str) -> None:
-    moves = sp.Schedule.minimum_jerk(0.1 * np.arange(4), np.deg2rad(OPERATIONS[:4]), move_time=0.03)
+    moves = sp.Schedule.minimum_jerk(
+        0.1 * np.arange(4), paper.manipulation().schedule.angles[:4], move_time=0.03
+    )
     scene = sp.Scene(
-        grasped=sp.GraspedObject(height=HEIGHT), schedule=moves, duration=0.35, friction=1.0
+        grasped=sp.GraspedObject(height=0.049), schedule=moves, duration=0.35, friction=1.0
     )
     same(scene, options, formulation)
 

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 import softpinch as sp
 from softpinch import paper, strategies
-from wild_scenes import decades, started, wild_scene
+from wild_scenes import started, wild_scene
 
-STATUSES = {"completed", "separated", "crushed", "folded", "not_finite"}
+STATUSES = {"completed", "separated", "crushed", "folded", "unstable", "not_finite"}
 EVERYTHING = ("state", "multipliers", "residuals", "energy")
 
 wilder = st.floats(-300.0, 300.0)
@@ -31,12 +31,6 @@ def ends_well(scene: sp.Scene, **options: Any) -> None:
     assert all(np.isfinite(list(run.violations.values())))
 
 
-@settings(max_examples=300)
-@given(st.data())
-def test_parameters_over_twelve_decades_end_in_a_status(data: st.DataObject) -> None:
-    ends_well(started(wild_scene(data.draw, decades), data.draw), dt=1e-4)
-
-
 @settings(max_examples=200)
 @given(st.data())
 def test_parameters_at_the_ends_of_the_number_range_end_in_a_status(data: st.DataObject) -> None:
@@ -49,13 +43,14 @@ def test_parameters_at_the_ends_of_the_number_range_end_in_a_status(data: st.Dat
     ends_well(replace(scene, initial=replace(scene.initial, check=False)), dt=1e-3)
 
 
-@given(strategies.scenes(duration=0.01), st.floats(1e-6, 1e300))
-def test_any_step_ends_in_a_status(scene: sp.Scene, dt: float) -> None:
+huge = st.floats(0.0, 1e300)
+
+
+@given(strategies.scenes(duration=0.01), st.floats(1e-6, 1e300), huge, huge)
+def test_any_step_and_any_gain_end_in_a_status(
+    scene: sp.Scene, dt: float, alpha: float, beta: float
+) -> None:
     ends_well(scene, dt=dt)
-
-
-@given(st.floats(0.0, 1e300), st.floats(0.0, 1e300))
-def test_any_gain_ends_in_a_status(alpha: float, beta: float) -> None:
     ends_well(sp.Scene(duration=0.01), stabilization=sp.Stabilization(alpha=alpha, beta=beta))
 
 

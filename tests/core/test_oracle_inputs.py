@@ -1,7 +1,7 @@
 """Schedules, disturbances and impulses, as the reference, the oracle and the core read them.
 
 Every expected number is computed by hand from the interface's description. Two readings are held
-to them: that of `accuracy.driven`, with which the reference and the oracle walk, and the core's.
+to them: that of `accuracy.segments`, for the reference and the oracle, and the core's.
 """
 
 from dataclasses import replace
@@ -12,12 +12,9 @@ import pytest
 from numpy.typing import NDArray
 
 import softpinch as sp
-from bare_scenes import paper, push, steps, uneven
-from oracle import PARAMETERS, evaluate, parameters, reference
-from oracle.trajectory import jump
-from softpinch.accuracy.driven import Inputs
-from softpinch.scene import disturbance
-from softpinch.scene.schedule import KINDS
+from bare_scenes import paper, push, steps
+from oracle import reference
+from softpinch.accuracy.segments import Inputs
 
 Floats = NDArray[np.float64]
 BEGIN, END = -2.0, 100.0
@@ -120,15 +117,6 @@ def test_disturbances_are_read_as_the_interface_has_them(name: str) -> None:
         np.testing.assert_allclose(found[:, 2:], twice, atol=1e-14)
 
 
-def test_every_kind_but_impulses_and_noise_is_in_the_tables() -> None:
-    kinds = {type(one).__name__ for one, _ in DISTURBANCES.values()}
-    assert kinds == {"Step", "Pulse", "Sine", "Sampled"}
-    assert kinds | {"Impulse", "Noise"} == {
-        cls.__name__ for cls in disturbance.DISTURBANCES.values()
-    }
-    assert {one.kind for one, _ in SCHEDULES.values()} == set(KINDS)
-
-
 def test_every_jump_and_bend_of_an_input_is_an_edge() -> None:
     scene = sp.Scene(
         schedule=sp.Schedule.minimum_jerk([0, 1, 2], np.zeros((3, 2)), move_time=0.5),
@@ -164,57 +152,3 @@ def test_multipliers_at_a_switch_are_those_after_it_but_at_the_end_those_before(
     # One that misses the switch by a unit in the last place is still at it.
     nearly = reference(scene, [np.nextafter(1.0, 0)])
     np.testing.assert_array_equal(nearly.multipliers, after.multipliers)
-
-
-def test_an_impulse_keeps_the_constraints_and_acts_after_its_row() -> None:
-    scene = uneven(duration=0.2)
-    quiet = reference(scene, [0.1])
-    kick = sp.Impulse(time=0.1, impulse=(0.02, -0.03), angular_impulse=2e-4)
-    scene.disturbances = [kick]
-    struck = reference(scene, [0.1, 0.1 + 1e-12])
-    np.testing.assert_allclose(struck.p[0], quiet.p[0], atol=1e-11)
-    dp = struck.p[1] - struck.p[0]
-    here = evaluate(parameters(scene), struck.q[0], struck.p[0])
-    phi, mass = here.constraint_matrix.value, here.mass_matrix.value
-    # 1e-12 s at up to 1e5 m/s^2 come on top.
-    assert abs(phi @ dp).max() <= 1e-6 * abs(dp).max()
-    rest = mass @ dp - np.array([0.02, -0.03, 2e-4, 0, 0, 0, 0, 0, 0])
-    answer, *_ = np.linalg.lstsq(phi.T, rest, rcond=None)
-    assert abs(phi.T @ answer - rest).max() <= 1e-6 * abs(rest).max()
-    assert abs(dp).max() > 0.01
-
-
-def test_impulses_add_up_and_act_from_the_start_to_just_before_the_end() -> None:
-    kick = sp.Impulse(time=0.0, impulse=(0.02, 0.0))
-    twice = sp.Impulse(time=0.0, impulse=(0.04, 0.0))
-    end, early = (replace(kick, time=t) for t in (0.01, -0.01))
-
-    def last(*disturbances: sp.Impulse) -> Floats:
-        run = reference(paper(disturbances=list(disturbances), duration=0.01), [0.0, 0.01])
-        assert not run.p[0].any()
-        return np.asarray(run.p[1])
-
-    np.testing.assert_allclose(last(kick, kick), last(twice), rtol=1e-12, atol=1e-15)
-    np.testing.assert_array_equal(last(end, early), last())
-    assert abs(last(kick) - last()).max() > 1e-3
-
-
-def test_an_impulse_is_the_limit_of_short_pulses() -> None:
-    kick = sp.Impulse(time=0.05, impulse=(0.02, -0.01), angular_impulse=2e-4)
-    ideal = reference(paper(disturbances=[kick], duration=0.1), [0.1]).q
-    gaps = []
-    for length in (2e-4, 1e-4):
-        force, moment = (0.02 / length, -0.01 / length), 2e-4 / length
-        pulse = sp.Pulse(time=0.05, force=force, moment=moment, duration=length)
-        run = reference(paper(disturbances=[pulse], duration=0.1), [0.1])
-        gaps.append(abs(run.q - ideal).max())
-    assert gaps[0] / gaps[1] == pytest.approx(2, abs=0.1)
-
-
-def test_jump_leaves_where_things_are() -> None:
-    scene = paper()
-    values = tuple(parameters(scene)[name] for name in PARAMETERS)
-    state = np.array([0, 0.0762, 0.1, 0.1, 0.2, 1e-3, 0, 0.5, 0.5, *[0.0] * 5])
-    after = jump(state, values, (1.0, 0.0, 0.0))
-    np.testing.assert_array_equal(after[:9], state[:9])
-    assert after[9] > 0

@@ -167,13 +167,18 @@ def test_public_evaluate_has_what_the_core_says() -> None:
     state = sp.State.consistent(
         scene, rotation=0.1, fingers=(0.2, 0.15), shear=(1e-3, 2e-3), velocity=(0.1, 0.2, 1.0)
     )
-    terms = sp.evaluate(scene, 0.5, state.q, state.p, integral=(0.01, 0.02))
-    theirs, ours = beside(scene, np.array(state.q), np.array(state.p), (0.01, 0.02))
+    # Off the constraints, and with gains that differ.
+    q = state.q + 1e-4 * np.arange(9)
+    gains = sp.Stabilization(alpha=300.0, beta=700.0)
+    terms = sp.evaluate(scene, 0.5, q, state.p, integral=(0.01, 0.02), stabilization=gains)
+    theirs, ours = beside(scene, q, np.array(state.p), (0.01, 0.02), gains)
     for name in ("mass_matrix", "constraint_matrix", "constraint_rate", "multipliers"):
         np.testing.assert_array_equal(getattr(terms, name), ours[name])
     for name in ("elastic", "gravity", "viscous", "control", "external"):
         np.testing.assert_array_equal(getattr(terms.forces, name), ours[name])
     assert terms.energies.elastic == ours["elastic_energy"]
+    energies = terms.energies
+    assert energies.total == energies.kinetic + energies.elastic + energies.gravity
     total = terms.forces.total + terms.constraint_matrix.T @ terms.multipliers
     np.testing.assert_allclose(terms.mass_matrix @ terms.accelerations, total, atol=1e-9)
     assert theirs.differences(ours)["accelerations"] <= TOLERANCE

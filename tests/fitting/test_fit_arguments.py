@@ -30,44 +30,31 @@ def fit(**other: Any) -> sp.Fit:
     ("given", "message"),
     [
         ({"scene": 3}, "scene = 3: must be a Scene, or a sequence of scenes"),
-        ({"scene": []}, "scene = []: must have at least one"),
-        ({"scene": [SCENE, 3]}, "scene[1] = 3: must be a Scene"),
         ({"scene": [SCENE], "times": [TIMES] * 2}, "times has 2 entries: must have one for each"),
         ({"times": TIMES[::-1]}, "must be greater than the time before it, 0.1"),
-        ({"times": TIMES + 0.1}, "times[45] = 0.2: must be at most the scene's end, 0.1 s"),
-        ({"times": TIMES - 0.1}, "must be at least the scene's start, 0.0 s"),
-        ({"times": [0.0], "measured": {"y": [0.0]}}, "times = [0.0]: must have an instant after"),
+        ({"times": TIMES + 0.1}, "times: must be from 0.0 to 0.1 s, the time of the scene"),
         ({"measured": [1.0]}, "measured = [1.0]: must map names of observables"),
         ({"measured": {}}, "measured = {}: must have at least one observable"),
         ({"measured": {"rotatoin": TIMES}}, 'did you mean "rotation"?'),
-        ({"measured": {"q": np.zeros((46, 8))}}, 'measured["q"] has shape (46, 8): must have sha'),
         ({"measured": {"y": TIMES[1:]}}, 'measured["y"] has shape (45,): must have shape (46,)'),
         ({"measured": {"y": TIMES, "pose": np.ones((46, 3))}}, '"y" and "pose" both have y'),
         ({"measured": {"y": np.full(46, np.nan)}}, "measured: has no number, only NaN"),
         ({"measured": {"y": np.full(46, np.inf)}}, 'measured["y"][0] is infinite: must be finite'),
         ({"vary": {(E, C): (1.0, 2.0)}}, "must be one path; one number for several paths is not"),
         ({"vary": {}}, "vary = {}: must have at least one path"),
-        ({"vary": {"hand.tip.modulus": None}}, "Hand.tip has no field 'modulus'"),
         ({"vary": {"disturbances.0.force": None}}, "has shape (2,): must be one number, such as"),
         ({"vary": {"duration": None}}, 'vary: "duration": the measured times determine it'),
         ({"vary": {"disturbances.0.time": None}}, "is fitted with tolerance=, not with dt"),
         ({"scene": replace(SCENE, contact="unilateral", friction=1.0)}, 'need contact = "bilat'),
-        ({"noise": 1e-300}, "noise = 1e-300: must be at least 1e-100"),
-        ({"vary": {E: (1.0, 2.0, 3.0)}}, "must be bounds (low, high), or None"),
         ({"vary": {E: 3.0}}, "= 3.0: must be bounds (low, high), or None"),
         ({"vary": {E: (2e5, 1e5)}}, "high = 100000: must be above low = 200000"),
-        ({"vary": {E: (np.nan, 1.0)}}, "low = nan: must not be NaN"),
         ({"start": {"gravity": 1.0}}, "start = 'gravity': must be one of"),
         ({"start": {E: 1.0}}, "must be within the bounds 10000 and 1e+07"),
-        ({"start": {E: None}}, "= None: must be a number"),
         ({"noise": 0.0}, "noise = 0.0: must be finite and > 0"),
-        ({"noise": {"x": 1.0}}, "noise = 'x': must be one of \"y\""),
         ({"noise": {"y": [1.0, 2.0]}}, 'noise["y"] has shape (2,): must be a number or 1 numbers'),
         ({"loss": "huber"}, 'loss = \'huber\': must be one of "linear", "soft_l1"'),
-        ({"multistart": -1}, "multistart = -1: must be at least 0"),
         ({"tolerance": 1e-6}, "dt = 0.0002 and tolerance = 1e-06: give one of them"),
         ({"times": TIMES[:2], "measured": {"y": [0.0, 1.0]}}, "2 numbers cannot determine 2 para"),
-        ({"progress": 1}, "progress = 1: must be True, False or a function"),
     ],
 )
 def test_bad_input_is_refused(
@@ -76,7 +63,7 @@ def test_bad_input_is_refused(
     def compute(*_: Any, **__: Any) -> None:
         raise AssertionError("a run was computed")
 
-    monkeypatch.setattr("softpinch.fitting.experiment.simulate", compute)
+    monkeypatch.setattr("softpinch.fitting.experiment.computed", compute)
     with pytest.raises((ValueError, TypeError), match=re.escape(message)) as raised:
         fit(**given)
     assert "\n" not in str(raised.value)
@@ -84,7 +71,7 @@ def test_bad_input_is_refused(
 
 def test_a_failed_start_is_refused_with_its_values() -> None:
     """The step is too long for such viscous tips; and the fingers of a state reach no wider box."""
-    with pytest.raises(ValueError, match=rf"^start: the run at {C} = 3000 fails: .*not_finite"):
+    with pytest.raises(ValueError, match=rf"^start: the run at {C} = 3000 fails: .*unstable"):
         fit(vary={C: None}, start={C: 3000.0})
     off = replace(SCENE, initial=replace(motion().state(-1), time=0.0, check=True))
     with pytest.raises(ValueError, match=r"^start: the run at grasped\.width = 0\.1 fails: "):
@@ -115,10 +102,10 @@ def test_a_failed_run_on_the_way_is_a_step_that_is_shortened(
 def test_derivatives_that_fail_on_the_way_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     simulated = Experiment.simulated
 
-    def failing(self: Experiment, template: Any, values: Any, options: Any, slopes: bool) -> Any:
+    def failing(self: Experiment, values: Any, options: Any, slopes: bool, *rest: Any) -> Any:
         if slopes and values[C] < 50.0:
             raise FailedRun("no derivatives")
-        return simulated(self, template, values, options, slopes)
+        return simulated(self, values, options, slopes, *rest)
 
     monkeypatch.setattr(Experiment, "simulated", failing)
     with pytest.raises(ValueError, match=r"^vary: no search came to its end: no derivatives$"):

@@ -8,17 +8,17 @@ event functions.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softpinch.accuracy.driven import Driven, Inputs
+from softpinch.accuracy.segments import Driven, Inputs
 
-from .contact_result import UnilateralReference
 from .contact_system import ContactSystem
 from .contact_terms import Mechanics
-from .contact_walk import Walk
+from .contact_walk import UnilateralReference, Walk
 from .evaluate import parameters
 from .lagrangian import SIDES
 from .trajectory import start_state
@@ -67,10 +67,6 @@ def unilateral(
         max_step: s.
         window: More than 64 events within this time are chattering, s.
         most: Evaluations of the equations of motion.
-
-    Raises:
-        ValueError: A start off the constraints, or an instant outside of the run.
-        RuntimeError: Too many evaluations.
     """
     driven = getattr(scene, "fingers", "pid") == "driven"
     pair = friction if isinstance(friction, tuple) else (friction, friction)
@@ -88,14 +84,9 @@ def unilateral(
         max_step=max_step,
         driven=driven,
     )
-    initial = getattr(scene, "initial", None)
-    if driven and initial is None:
-        initial = scene.start()
-    if initial is not None and not isinstance(initial, str):
-        parts, begin = [initial.q, initial.p, initial.integral], float(initial.time)
-        start = np.concatenate([np.asarray(part, dtype=np.float64) for part in parts])
-    else:
-        start, begin = start_state(scene, numbers)
+    if driven and scene.initial is None:
+        scene = replace(scene, initial=scene.start())
+    start, begin = start_state(scene, numbers)
     inputs = (DrivenInputs if driven else Inputs)(scene, begin, begin + float(scene.duration))
     instants, wanted = inputs.instants(times)
     walk = Walk(system, inputs, start, window, most)

@@ -53,6 +53,49 @@ def couple_column(i: int, couple: float) -> Floats:
     return column
 
 
+def conditions(
+    phi: Floats, modes: Sequence[str], friction: Sequence[float], couples: Sequence[float] = ()
+) -> tuple[list[int], list[Floats]]:
+    """The rows of Phi that modes hold, and the directions of the forces that hold them."""
+    rows: list[int] = []
+    columns: list[Floats] = []
+    for i, mode in enumerate(modes):
+        normal, tangent = phi[i], phi[2 + i]
+        if mode == FREE:
+            continue
+        rows.append(i)
+        if mode == STICK:
+            rows.append(2 + i)
+            columns += [normal, tangent]
+        elif mode == GRAZE:
+            columns.append(couple_column(i, couples[i]))
+        else:
+            columns.append(normal - SIGN[mode] * friction[i] * tangent)
+    return rows, columns
+
+
+def contact_forces(
+    unknown: Floats, modes: Sequence[str], friction: Sequence[float]
+) -> tuple[Floats, list[float]]:
+    """The multipliers or impulses (4,), and the shares psi of the couples (2,)."""
+    forces, psi, at = np.zeros(4), [0.0, 0.0], 0
+    for i, mode in enumerate(modes):
+        if mode == FREE:
+            continue
+        psi[i] = 1.0
+        if mode == GRAZE:
+            psi[i] = float(unknown[at])
+        else:
+            forces[i] = unknown[at]
+            if mode == STICK:
+                at += 1
+                forces[2 + i] = unknown[at]
+            else:
+                forces[2 + i] = -SIGN[mode] * friction[i] * forces[i]
+        at += 1
+    return forces, psi
+
+
 def motion(
     terms: Terms,
     modes: Sequence[str],
@@ -69,28 +112,15 @@ def motion(
         inverse: The inverse of the masses (9,), zero for driven fingers.
         driven: The accelerations of both fingers where they are driven.
     """
-    force, rows, columns = terms.force, [], []
-    psi, given = [0.0, 0.0], np.zeros(9)
+    force, given = terms.force, np.zeros(9)
     if driven:
         given[3:5] = driven
     for i, mode in enumerate(modes):
-        if mode == FREE:
-            continue
-        normal, tangent = terms.phi[i], terms.phi[2 + i]
-        rows.append(i)
-        if mode == GRAZE:
-            columns.append(couple_column(i, terms.couples[i]))
-            continue
-        psi[i] = 1.0
-        force = force + couple_column(i, terms.couples[i])
-        if mode == STICK:
-            rows.append(2 + i)
-            columns += [normal, tangent]
-        else:
-            columns.append(normal - SIGN[mode] * friction[i] * tangent)
-    multipliers = [0.0] * 4
+        if mode not in (FREE, GRAZE):
+            force = force + couple_column(i, terms.couples[i])
+    rows, columns = conditions(terms.phi, modes, friction, terms.couples)
     if not rows:
-        return Motion(inverse * force + given, multipliers, psi, force, True)
+        return Motion(inverse * force + given, [0.0] * 4, [0.0, 0.0], force, True)
     weighted = terms.phi[rows] * inverse
     k = np.array(columns).T
     matrix = weighted @ k
@@ -98,45 +128,21 @@ def motion(
         matrix, -terms.b[rows] - weighted @ force - terms.phi[rows] @ given
     )
     if singular:
-        return Motion(inverse * force + given, multipliers, psi, force, False)
-    at = 0
-    for i, mode in enumerate(modes):
-        if mode == FREE:
-            continue
-        if mode == GRAZE:
-            psi[i] = float(unknown[at])
-        else:
-            multipliers[i] = float(unknown[at])
-            if mode == STICK:
-                at += 1
-                multipliers[2 + i] = float(unknown[at])
-            else:
-                multipliers[2 + i] = -SIGN[mode] * friction[i] * multipliers[i]
-        at += 1
+        return Motion(inverse * force + given, [0.0] * 4, [0.0, 0.0], force, False)
+    multipliers, psi = contact_forces(unknown, modes, friction)
     force = force + k @ unknown
-    return Motion(inverse * force + given, multipliers, psi, force, True)
+    return Motion(inverse * force + given, multipliers.tolist(), psi, force, True)
 
 
 def orientation(
     terms: Terms, modes: Sequence[str], friction: Sequence[float], inverse: Floats
 ) -> float:
     """det(R M^-1 K), divided by the sizes of the columns' and rows' entries; 1 without contact."""
-    rows, columns = [], []
-    for i, mode in enumerate(modes):
-        normal, tangent = terms.phi[i], terms.phi[2 + i]
-        if mode == STICK:
-            rows += [normal, tangent]
-            columns += [normal, tangent]
-        elif mode in SLIPS:
-            rows.append(normal)
-            columns.append(normal - SIGN[mode] * friction[i] * tangent)
-        elif mode == GRAZE:
-            rows.append(normal)
-            columns.append(couple_column(i, terms.couples[i]))
+    rows, columns = conditions(terms.phi, modes, friction, terms.couples)
     if not rows:
         return 1.0
     root = np.sqrt(inverse)
-    left, right = np.array(rows) * root, np.array(columns) * root
+    left, right = terms.phi[rows] * root, np.array(columns) * root
     sizes = np.linalg.norm(left, axis=1) * np.linalg.norm(right, axis=1)
     if not sizes.all():
         return 0.0
@@ -151,7 +157,7 @@ def margins(
     still: Sequence[bool],
     closed: Sequence[bool],
 ) -> float:
-    """How far the tightest condition is from being broken, as a share of the terms behind it.
+    """The distance of the tightest condition from its border, as a share of the terms behind it.
 
     Args:
         terms: At the state.
@@ -199,7 +205,7 @@ def combinations(
 
 
 class Impact(NamedTuple):
-    """What an impact or an impulse does.
+    """The state after an impact or an impulse.
 
     Attributes:
         p: Velocities after it (9,).
@@ -229,42 +235,22 @@ def impact(
         friction: mu of both.
         inverse: The inverse of the masses (9,).
         impulse: J (9,).
-
-    Raises:
-        RuntimeError: No combination solves it, which the theory excludes.
     """
     start = p if impulse is None else p + inverse * impulse
     speed = float(np.abs(phi).max(axis=1) @ np.full(4, np.abs(start).max())) + 1e-300
     choices = [(STICK, SLIP_UP, SLIP_DOWN, FREE) if c else (FREE,) for c in closed]
     best, least = None, -np.inf
     for modes in product(*choices):
-        rows, columns = [], []
-        for i, mode in enumerate(modes):
-            if mode == STICK:
-                rows += [i, 2 + i]
-                columns += [phi[i], phi[2 + i]]
-            elif mode in SLIPS:
-                rows.append(i)
-                columns.append(phi[i] - SIGN[mode] * friction[i] * phi[2 + i])
-        after, total, size = start, np.zeros(9), 0.0
-        impulses = np.zeros(4)
+        rows, columns = conditions(phi, modes, friction)
+        after, impulses, size = start, np.zeros(4), 0.0
         if rows:
             k = np.array(columns).T
             _, _, unknown, singular = dgesv((phi[rows] * inverse) @ k, -phi[rows] @ start)
             if singular:
                 continue
-            total = k @ unknown
-            after = start + inverse * total
+            after = start + inverse * (k @ unknown)
             size = float(np.abs(unknown).max())
-            at = 0
-            for i, mode in enumerate(modes):
-                if mode == STICK:
-                    impulses[[i, 2 + i]] = unknown[at : at + 2]
-                    at += 2
-                elif mode in SLIPS:
-                    impulses[i] = unknown[at]
-                    impulses[2 + i] = -SIGN[mode] * friction[i] * unknown[at]
-                    at += 1
+            impulses, _ = contact_forces(unknown, modes, friction)
         rates = phi @ after
         worst = 0.0
         for i, mode in enumerate(modes):

@@ -16,7 +16,7 @@ import numpy as np
 import scipy.integrate
 from scipy.optimize import brentq
 
-from softpinch.accuracy.driven import Driven
+from softpinch.accuracy.segments import Driven
 
 from .contact_modes import FREE, GRAZE, SIGN, SLIPS, STICK, Motion, motion
 from .contact_terms import Floats, Mechanics, Terms, live_tilts
@@ -36,7 +36,7 @@ TOGETHER = 1e-12
 
 
 class Event(NamedTuple):
-    """What ends a mode: "cone", "stopped", "unloaded", "empty", "full", "gap", "stop", ..."""
+    """The end of a mode: "cone", "stopped", "unloaded", "empty", "full", "gap", "stop", ..."""
 
     kind: str
     finger: int
@@ -58,7 +58,7 @@ class Contact:
     stopped: list[bool]
 
     def tilts(self, state: Sequence[float]) -> list[float]:
-        """What stands in P: frozen where a finger is free."""
+        """The tilts in P: frozen where a finger is free."""
         live = live_tilts(state)
         return [self.frozen[i] if self.modes[i] == FREE else live[i] for i in range(2)]
 
@@ -179,21 +179,9 @@ class ContactSystem:
     def go(
         self, begin: float, end: float, y: Floats, driven: Driven, contact: Contact, first: float
     ) -> tuple[float, Floats, list[Event], float]:
-        """Goes on in the same modes to `end` or to the first event.
+        """Goes on in the same modes to `end` or to the first event, with `first` as first step.
 
-        Args:
-            begin: Time on the clock of `driven`, s.
-            end: Where to stop.
-            y: States at `begin`.
-            driven: The inputs.
-            contact: The modes.
-            first: The first step to try, or 0.
-
-        Returns:
-            Time, states and the events there (none at `end`), and a step to try next.
-
-        Raises:
-            ArithmeticError: The motion is not finite.
+        Returns time, states and the events there (none at `end`), and a step to try next.
         """
 
         def slope(t: float, y: Floats) -> Floats:
@@ -251,19 +239,10 @@ class ContactSystem:
         before: list[Event],
         looks: int,
     ) -> tuple[tuple[float, Floats, list[Event]] | None, list[Event]]:
-        """Time, states and events of the first instant within a step at which a mode ends.
+        """Time, states and events of the first instant within a step at which a mode ends, or None.
 
-        Args:
-            solver: (t, y, end, first step) -> a solver from there to there.
-            watched: (t, y) -> all event functions.
-            t_left: Start of the step.
-            y_left: States there.
-            run: The solver, after the step.
-            before: The event functions at the step's start.
-            looks: How often to look at the step.
-
-        Returns:
-            The first instant or None, and the event functions at the step's end.
+        The step begins at `t_left` with the event functions `before`; `run` is the solver after it.
+        The event functions at the step's end are returned too.
         """
         reached: dict[float, Floats] = {t_left: y_left, run.t: run.y}
 
@@ -312,7 +291,7 @@ class ContactSystem:
 
 
 def _root(value: Callable[[float], float], low: float, high: float) -> float:
-    """Where `value` comes to zero, s: positive at `low`, but for rounding, negative at `high`."""
+    """The zero of `value`, s: positive at `low`, but for rounding, negative at `high`."""
     positive = value(low)
     if not 0 < positive < math.inf:
         positive = -value(high)

@@ -46,7 +46,7 @@ class Quantity:
 
 @dataclass(frozen=True, eq=False)
 class Oracle:
-    """What `evaluate` returns; the order of coordinates and constraints is the core's.
+    """Every term at one state; the order of coordinates and constraints is the core's.
 
     "Terms" are the additive terms of the expression that SymPy derived, multiplied out. M is
     diagonal, A = Phi M^-1 Phi^T, and |.| of a matrix is entry by entry. The scales are:

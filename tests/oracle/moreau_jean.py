@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from softpinch.accuracy.driven import Inputs
+from softpinch.accuracy.segments import Inputs
 
 from .contact_terms import PLACES, Floats, Mechanics, term_function
 from .evaluate import parameters
@@ -74,12 +74,7 @@ def version() -> str:
 
 def _task(scene: Any, friction: tuple[float, float], steps: int) -> dict[str, Any]:
     numbers = parameters(scene)
-    initial = scene.initial
-    if initial is not None and not isinstance(initial, str):
-        start = np.concatenate([initial.q, initial.p, initial.integral])
-        begin = float(initial.time)
-    else:
-        start, begin = start_state(scene, numbers)
+    start, begin = start_state(scene, numbers)
     step = scene.duration / steps
     inputs = Inputs(scene, begin, begin + scene.duration)
     asked = []
@@ -112,9 +107,6 @@ def stepped(scene: Any, friction: tuple[float, float], steps: int) -> Stepped:
             breaks belong on the grid of the steps.
         friction: mu (right, left).
         steps: How many.
-
-    Raises:
-        RuntimeError: Siconos is missing, or failed.
     """
     python = interpreter()
     if python is None:

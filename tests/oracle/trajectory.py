@@ -1,11 +1,11 @@
-"""Trajectories to compare with: the package's walker, with the equations that SymPy derives.
+"""Trajectories to compare with: SciPy's methods on the equations that SymPy derives.
 
 The four compressions and shears follow the other five coordinates (docs/integrators.md, "How the
 constraints are kept", `nullspace`): no gain to choose, no drift. Fourteen states: x, y, theta,
 theta_1, theta_2, the two shears, the two integrals of (39), and the five rates. Parameters and
-start are read from a scene's plain attributes, so any object that has them will do. How a run
-is walked through, and its schedule and disturbances, are softpinch.accuracy's:
-tests/accuracy/test_walker.py compares the walk with an oscillator with a solution in closed form,
+start are read from a scene's plain attributes, so any object that has them will do. The integration
+between the breaks of the inputs, and the inputs, are those of softpinch.accuracy.segments:
+tests/accuracy/test_segments.py compares the integration with an oscillator in closed form,
 tests/core/test_oracle_inputs.py compares the inputs with numbers computed by hand.
 """
 
@@ -21,8 +21,7 @@ import numpy as np
 import sympy as sp
 from numpy.typing import ArrayLike, NDArray
 
-from softpinch.accuracy.driven import Inputs
-from softpinch.accuracy.walker import System, Walker
+from softpinch.accuracy.segments import Inputs, System, integrate
 
 from .evaluate import evaluate, parameters
 from .lagrangian import FORCES, PARAMETERS, SHAPES, SIDES, compiled, model
@@ -62,22 +61,17 @@ def reference(
     tolerance: float = 1e-10,
     most: int = 1_000_000,
 ) -> Reference:
-    """Integrates a scene from break to break of its inputs, ending a step on every wanted instant.
+    """Integrates a scene from break to break of its inputs.
 
-    Nothing is interpolated (DOP853's dense output is of order 7) and nothing monitored: the motion
-    goes on where the model has stopped holding.
+    Nothing is monitored: the motion goes on where the model has stopped holding.
 
     Args:
         scene: hand, grasped, control, schedule, disturbances, gravity, duration, initial.
         times: (n,), s, within the run; None is the start, every break and the end.
         method: One of scipy.integrate's, an implicit one by finite differences.
-        rtol: Relative tolerance; the absolute one is the walker's share of it, of fixed sizes.
+        rtol: Relative tolerance; the absolute one is a share of it, of fixed sizes.
         tolerance: What the start may be off the constraints, of the sum of their absolute terms.
         most: Evaluations of the right-hand side (the paper's eight operations take 150_000).
-
-    Raises:
-        ValueError: The start is off the constraints, or an instant outside of the run.
-        RuntimeError: The integrator gave up, or the motion ran away: a lost grasp, often.
     """
     numbers = parameters(scene)
     values = tuple(numbers[name] for name in PARAMETERS)
@@ -86,21 +80,20 @@ def reference(
     instants, wanted = inputs.instants(times)
     length = max(numbers[f"hand.{side}.length"] for side, _ in SIDES)
     sizes = np.array([length, length, 1, 1, 1, length, length, 1, 1, length, length, 1, 1, 1])
-    walker = Walker(
+    motion = integrate(
         System(_rates(values), lambda y, impulse: jump(y, values, impulse)),
         inputs,
         state,
+        wanted,
         method=method,
         rtol=rtol,
         sizes=sizes,
         most=most,
     )
-    rows: dict[float, tuple[Floats, ...]] = {}
-    for t, y, driven in walker.walk(sorted(set(wanted))):
-        if t in wanted and t not in rows:
-            rows[t] = _row(y, driven(t), values)
-    q, p, multipliers, integral = (np.array([rows[t][k] for t in wanted]) for k in range(4))
-    return Reference(instants, q, p, multipliers, integral, walker.evaluations)
+    picked = np.searchsorted(motion.t, wanted)
+    rows = [_row(motion.y[k], tuple(motion.u[k].tolist()), values) for k in picked]
+    q, p, multipliers, integral = map(np.array, zip(*rows, strict=True))
+    return Reference(instants, q, p, multipliers, integral, motion.evaluations)
 
 
 def error(result: Any, expected: Reference) -> dict[str, float]:
@@ -112,9 +105,6 @@ def error(result: Any, expected: Reference) -> dict[str, float]:
     Args:
         result: Has t and q, p or multipliers; what is missing (AttributeError) is left out.
         expected: At the same times.
-
-    Raises:
-        ValueError: The times differ.
     """
     if not np.array_equal(np.asarray(result.t), expected.t):
         raise ValueError("error: the times differ")
@@ -169,7 +159,11 @@ def _start(scene: Any, numbers: dict[str, float], tolerance: float) -> tuple[Flo
 
 
 def start_state(scene: Any, numbers: dict[str, float]) -> tuple[Floats, float]:
-    """q, p and the integrals (20,) at a start at rest, and its time."""
+    """q, p and the integrals (20,) at the start, which may be off the constraints, and its time."""
+    initial = getattr(scene, "initial", None)
+    if initial is not None and not isinstance(initial, str):
+        parts = [np.asarray(part) for part in (initial.q, initial.p, initial.integral)]
+        return np.concatenate(parts, dtype=np.float64), float(initial.time)
     state, begin = _start(scene, numbers, 0.0)
     values = tuple(numbers[name] for name in PARAMETERS)
     q, p, _, integral = _row(state, (0.0,) * 5, values)

@@ -3,6 +3,7 @@
 import inspect
 import io
 import pickle
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -17,8 +18,55 @@ from matplotlib.axes import Axes  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 from PIL import Image  # noqa: E402
 
-from test_extras import FIGURES, SCENE, rest, run  # noqa: E402
+from test_extras import SCENE, fitted, measured, run  # noqa: E402
 
+
+@cache
+def slipping() -> sp.Run:
+    push = sp.Pulse(time=0.01, duration=0.005, force=(0.0, 100.0))
+    scene = sp.Scene(duration=0.02, contact="unilateral", friction=0.3, disturbances=(push,))
+    return sp.simulate(scene, record=("state", "residuals"))
+
+
+@cache
+def rest() -> sp.Equilibrium:
+    return sp.equilibrium(SCENE)
+
+
+FIGURES: dict[str, Callable[[], object]] = {
+    "compliance": lambda: plot.compliance(rest()),
+    "contact": lambda: plot.contact(slipping()),
+    "contact_models": lambda: plot.contact_models({"a push": {"0.5": slipping()}}),
+    "disturbances": lambda: plot.disturbances({"i": run()}),
+    "equilibria": lambda: plot.equilibria(
+        sp.equilibrium_map(sp.Scene(), {"grasped.mass": [0.1, 0.2]}, progress=False)
+    ),
+    "failure_times": lambda: plot.failure_times(pushed()),
+    "fit": lambda: plot.fit(fitted()),
+    "forces": lambda: plot.forces(run()),
+    "histogram": lambda: plot.histogram(calm(), "peak_rotation"),
+    "importance": lambda: plot.importance(pushed(), "peak_rotation"),
+    "modes": lambda: plot.modes(rest()),
+    "motion": lambda: plot.motion(run()),
+    "residuals": lambda: plot.residuals(run()),
+    "run": lambda: plot.run(run()),
+    "snapshot": lambda: plot.snapshot(run()),
+    "snapshots": lambda: plot.snapshots(run(), [0.0]),
+    "stability_map": lambda: plot.stability_map(
+        sp.stability_map(
+            SCENE, "youngs_modulus", [3e5], dt=[1e-3, 2e-3], pairs=(("csm", "rk4"),), progress=False
+        )
+    ),
+    "stabilization_sweep": lambda: plot.stabilization_sweep(
+        sp.stabilization_sweep(SCENE, products=[0.1, 1.0])
+    ),
+    "success_map": lambda: plot.success_map(
+        pushed(), "disturbances.0.force.0", "disturbances.0.force.1"
+    ),
+    "tilt_coupling": lambda: plot.tilt_coupling(run(), run()),
+    "work_precision": lambda: plot.work_precision(measured()),
+    "wrench_limits": lambda: plot.wrench_limits(sp.wrench_limits(rest(), [[1.0, 0.0, 0.0]])),
+}
 POLAR = {"wrench_limits"}
 # Draws on `ax` what the function of this name draws in `FIGURES`.
 ON_AXES = {
@@ -111,7 +159,7 @@ def test_wrench_limits_says_which_axes_it_needs() -> None:
     limits = sp.wrench_limits(rest(), [[1.0, 0.0, 0.0]])
     with pytest.raises(ValueError, match="must have projection=\"polar\", not 'rectilinear'"):
         plot.wrench_limits(limits, ax=Figure().add_subplot())
-    with pytest.raises(ValueError, match="must be None with an ensemble"):
+    with pytest.raises(ValueError, match="must be None for a figure of 1 x 2 panels"):
         plot.wrench_limits(limits, pushed(), ax=Figure().add_subplot(projection="polar"))
 
 

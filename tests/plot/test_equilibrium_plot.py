@@ -7,17 +7,12 @@ import numpy as np
 import pytest
 
 import softpinch as sp
-from rest_scenes import held, leaning
+from films import legend_of
+from resting import held, leaning
 from softpinch import plot
 
 matplotlib = pytest.importorskip("matplotlib")
 from matplotlib.collections import LineCollection, QuadMesh  # noqa: E402
-from matplotlib.figure import Figure  # noqa: E402
-
-
-def legend_of(figure: Figure) -> list[str]:
-    legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes)]
-    return [text.get_text() for each in legends if each for text in each.get_texts()]
 
 
 @cache

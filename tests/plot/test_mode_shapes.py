@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 import softpinch as sp
 from softpinch import plot
 from softpinch.plot import mode_shapes
-from softpinch.plot.panels import LETTERS
+from softpinch.plot.style import LETTERS
 
 SCENE = sp.Scene(schedule=sp.Schedule.steps([0.0], np.radians([[9.0, 3.0]])))
 

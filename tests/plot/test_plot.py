@@ -6,14 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
-from hypothesis import strategies as st
 
 import softpinch as sp
-from films import draw
-from softpinch import paper, plot, strategies
+from films import legend_of
+from softpinch import paper, plot
 from softpinch.plot import style
-from softpinch.plot.panels import LETTERS
+from softpinch.plot.style import LETTERS
 from softpinch.run import measures
 from softpinch.scene import outline
 
@@ -61,11 +59,6 @@ def drawn(axes: Axes, label: str) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
 
 
-def legend_of(figure: Figure) -> list[str]:
-    legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes)]
-    return [text.get_text() for legend in legends if legend for text in legend.get_texts()]
-
-
 def test_every_axis_has_a_name_and_a_unit(figures: dict[str, Figure]) -> None:
     for name, figure in figures.items():
         for axes in visible(figure):
@@ -97,11 +90,12 @@ def test_every_panel_has_its_letter(figures: dict[str, Figure]) -> None:
 def test_legends_tell_the_lines_apart(figures: dict[str, Figure]) -> None:
     assert legend_of(figures["motion"]) == ["simulated", "target"]
     assert legend_of(figures["disturbances"]) == ["(i)", "(ii)", "(iii)", "(iv)"]
-    assert legend_of(figures["tilt_coupling"]) == [r"$\kappa = +1$", r"$\kappa = -1$"]
+    assert legend_of(figures["tilt_coupling"])[:2] == [r"$\kappa = +1$", r"$\kappa = -1$"]
     assert {"finger 1 (right)", "finger 2 (left)"} <= set(legend_of(figures["forces"]))
     for name in ("disturbances", "tilt_coupling", "forces"):
         for axes in visible(figures[name]):
-            lines = [line for line in axes.get_lines() if not line.get_label().startswith("_")]
+            named = [line for line in axes.get_lines() if not line.get_label().startswith("_")]
+            lines = [line for line in named if line.get_marker() != "x"]
             looks = {(str(line.get_color()), str(line.get_linestyle())) for line in lines}
             dashes = {str(line._unscaled_dash_pattern) for line in lines}  # type: ignore[attr-defined]
             assert len(looks) == len(lines), name
@@ -130,7 +124,7 @@ def test_residuals_draws_sizes_and_the_papers_levels(
             curve.get_ydata(), np.maximum(np.abs(run.residuals[:, k]), 1e-16)
         )
         assert axes.get_yscale() == "log"
-        assert any(np.array_equal(line.get_ydata(), [level, level]) for line in axes.get_lines())
+        assert (np.asarray(axes.get_lines()[1].get_ydata()) == level).all()
         assert any("paper" in text.get_text() for text in axes.texts)
 
 
@@ -160,23 +154,16 @@ def test_disturbances_have_the_torques_where_they_were_recorded(cases: dict[str,
         np.testing.assert_array_equal(t, known.t[start:] - 1.0)
         np.testing.assert_array_equal(y, (known.torque[start:] - known.torque[start - 1])[:, side])
         assert [line.get_label() for line in axes[5 + side, 0].get_lines()] == ["_child0"]
+    # Beside the undisturbed run the drift of a grasp that had not settled is left out.
     calm = sp.simulate(replace(known.scene, disturbances=()), dt=1e-3, record=known.record)
     figure = plot.disturbances({"ii": known}, {"ii": calm})
-    t, y = drawn(figure.axes[6], "(ii)")
+    y = drawn(figure.axes[6], "(ii)")[1]
     np.testing.assert_allclose(y, (known.torque - calm.torque)[start:, 1], atol=1e-12)
+    y = drawn(figure.axes[3], "(ii)")[1]
+    np.testing.assert_allclose(y, 1e6 * (known.q - calm.q)[start:, 1], atol=1e-9)
     with pytest.raises(sp.NotRecordedError, match="torque was not recorded"):
         plot.disturbances({"ii": known}, {"ii": sp.simulate(calm.scene, dt=1e-3)})
     assert axes[6, 0].get_xlabel() == axes[6, 1].get_xlabel() == "time from the onset [s]"
-
-
-def test_disturbances_against_the_undisturbed_leave_out_what_had_not_settled() -> None:
-    scene = paper.disturbance("iii")
-    held = {"iii": sp.simulate(replace(scene, disturbances=()), dt=1e-3)}
-    figure = plot.disturbances({"iii": sp.simulate(scene, dt=1e-3)}, held)
-    y = drawn(figure.axes[3], "(iii)")[1]
-    plain = plot.disturbances({"iii": sp.simulate(scene, dt=1e-3)})
-    assert abs(y[-1]) > 0
-    assert abs(y[-1] - drawn(plain.axes[3], "(iii)")[1][-1]) > 1e-3  # it had crept, in micrometres
 
 
 def test_forces_marks_where_a_tip_pulls(run: sp.Run, figures: dict[str, Figure]) -> None:
@@ -202,11 +189,7 @@ def test_the_grasp_that_is_lost_ends_in_a_cross(figures: dict[str, Figure]) -> N
         if line.get_marker() == "x"
     ]
     assert len(crosses) == 3
-    assert any(
-        text.get_text() == "separated"
-        for axes in figures["tilt_coupling"].axes
-        for text in axes.texts
-    )
+    assert legend_of(figures["tilt_coupling"])[-1] == "separated"
     axes = figures["tilt_coupling"].axes[1]
     assert axes.get_title() == "under disturbance (i)"
     # Of the time before the onset no more than a glimpse is drawn: it would set the axis' limits.
@@ -261,23 +244,6 @@ def test_the_same_figure_gives_the_same_bytes(run: sp.Run, tmp_path: Path, suffi
     )
     assert first == second
     assert len(first) > 1000
-
-
-@given(st.integers(1, 20_000), st.integers(0, 2**32 - 1))
-def test_thinning_keeps_extremes_ends_and_gaps(n: int, seed: int) -> None:
-    t = np.arange(n, dtype=float)
-    rng = np.random.default_rng(seed)
-    y = rng.normal(size=n) ** 9
-    start, stop = sorted(rng.integers(0, n + 1, 2).tolist())
-    y[start:stop] = np.nan
-    few_t, few_y = style.thin(t, y, intervals=50)
-    rows = few_t.astype(int)
-    np.testing.assert_array_equal(few_y, y[rows])
-    assert (np.diff(rows) > 0).all() and rows[0] == 0 and rows[-1] == n - 1
-    assert len(rows) <= max(100, 2 * 50 + 2 + 4)
-    if not np.isnan(y).all():
-        assert np.nanmax(few_y) == np.nanmax(y) and np.nanmin(few_y) == np.nanmin(y)
-    assert np.isnan(few_y).any() == np.isnan(y).any()
 
 
 def test_the_drawn_tip_is_a_hemisphere_flattened_by_d_n_and_sheared_by_d_t() -> None:
@@ -343,52 +309,3 @@ def test_round_off_looks_like_zero() -> None:
 def drawn_axes(figure: Figure, symbol: str) -> Axes:
     (axes,) = [axes for axes in figure.axes if symbol in axes.get_ylabel()]
     return axes
-
-
-@settings(max_examples=25)
-@given(st.floats(-1e6, 1e6), st.floats(-15.0, 3.0), st.booleans())
-def test_only_round_off_widens_an_axis(middle: float, power: float, twice: bool) -> None:
-    panels = Figure().subplots(1, 2, sharey=True)
-    spread = 10.0**power * max(1.0, abs(middle))
-    panels[0].plot([0.0, 1.0], [middle, middle])
-    panels[1 if twice else 0].plot([0.0, 1.0], [middle, middle + spread])
-    before = panels[0].get_ylim()
-    style.least_range(panels)
-    low, high = panels[0].get_ylim()
-    assert panels[1].get_ylim() == (low, high)
-    if power > -8.9:
-        assert (low, high) == before
-    elif power < -9.1:
-        assert high - low > 0.09 * max(1.0, abs(middle))
-        assert low < middle < high
-
-
-def test_limits_that_were_set_stay() -> None:
-    axes = Figure().add_subplot()
-    axes.plot([0.0, 1.0], [0.0, 1e-15])
-    axes.set_ylim(-1e-15, 1e-15)
-    style.least_range([axes, Figure().add_subplot()])
-    assert axes.get_ylim() == (-1e-15, 1e-15)
-
-
-# Drawing takes seconds: shrinking would take minutes.
-WITHOUT_SHRINKING = [Phase.explicit, Phase.reuse, Phase.generate]
-
-
-# The first example is the simplest scene, the second a random one. `run` is drawn in
-# test_contact_plot.py, with more panels.
-@settings(max_examples=2, phases=WITHOUT_SHRINKING)
-@given(strategies.scenes(spread=2.0, duration=0.05))
-def test_any_run_can_be_drawn(scene: sp.Scene) -> None:
-    run = sp.simulate(scene, dt=5e-4, record=ALL)
-    for figure in (plot.snapshots(run, [run.t[0], run.t[-1]]), plot.forces(run)):
-        draw(figure)
-
-
-@pytest.mark.slow
-@settings(max_examples=6, phases=WITHOUT_SHRINKING)
-@given(strategies.scenes(spread=2.0, duration=0.05))
-def test_more_runs_can_be_drawn_with_their_layout(scene: sp.Scene) -> None:
-    run = sp.simulate(scene, dt=5e-4, record=ALL)
-    for figure in (plot.run(run), plot.snapshots(run, [run.t[0], run.t[-1]]), plot.forces(run)):
-        draw(figure, layout=True)

@@ -5,15 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import softpinch as sp
-from films import DT, PUSHED, operation, pushed_run, texts
+from films import PUSHED, operation, pushed_run, texts
 from softpinch import plot
-from softpinch.plot.contact_bands import COLORS
 from softpinch.plot.instants import instants
 from softpinch.plot.style import PURPLE
+from softpinch.plot.timeline import COLORS
 from softpinch.scene import outline
 
 pytest.importorskip("matplotlib")
@@ -37,7 +35,6 @@ def test_forces_and_their_points_are_those_of_the_equations(run: sp.Run) -> None
         terms = sp.evaluate(run.scene, run.t[row], run.q[row], run.p[row], run.integral[row])
         # Phi^T lambda of (24): force and moment of both tips on the object.
         load = terms.constraint_matrix[:, :3].T @ terms.multipliers
-        assert shown.contact is not None
         np.testing.assert_allclose(shown.contact.sum(axis=0), load[:2], rtol=1e-9, atol=1e-9)
         arms = [outline.contact_point(run.scene, shown.q, side) - shown.q[:2] for side in (0, 1)]
         moments = [r[0] * f[1] - r[1] * f[0] for r, f in zip(arms, shown.contact, strict=True)]
@@ -45,45 +42,11 @@ def test_forces_and_their_points_are_those_of_the_equations(run: sp.Run) -> None
         assert sum(moments) == pytest.approx(load[2], abs=1e-6)
 
 
-def test_between_rows_the_motion_is_interpolated_to_fourth_order(run: sp.Run) -> None:
-    # A smooth part of the motion, after the switch at 1 s.
-    times = np.linspace(1.03, 1.1, 71)
-    exact = run.q[np.searchsorted(run.t, times - 1e-9)]
-    errors = []
-    for every in (8, 16):
-        found = instants(sp.simulate(run.scene, DT, every=every), times, False)
-        errors.append(np.abs([each.q[:3] for each in found] - exact[:, :3]).max())
-    straight = np.abs(np.interp(times, run.t[::16], run.q[::16, 2]) - exact[:, 2]).max()
-    assert errors[1] < 0.1 * straight
-    assert 8.0 < errors[1] / errors[0] < 32.0
-
-
-@settings(max_examples=30, deadline=None)
-@given(st.floats(0.0, 0.1))
-def test_an_instant_has_the_values_of_the_rows_around_it(time: float) -> None:
-    run = pushed_run()
-    (shown,) = instants(run, np.array([time]), True)
-    k = int(np.searchsorted(run.t, time))
-    low, high = run.q[max(k - 1, 0)], run.q[k]
-    # Steps are short beside the motion: an overshoot beyond both rows is far below a step.
-    room = 0.5 * np.abs(high - low) + 1e-12
-    assert (shown.q >= np.minimum(low, high) - room).all()
-    assert (shown.q <= np.maximum(low, high) + room).all()
-    assert shown.external is not None
-    acts = 0.02 <= time < 0.03
-    np.testing.assert_allclose(shown.external, [0.0, 200.0 * acts, 0.1 * acts])
-
-
-@pytest.mark.parametrize("law", ["pid", "torque", "driven", "sampled", "unilateral"])
+@pytest.mark.parametrize("law", ["pid", "driven", "sampled", "unilateral"])
 def test_forces_that_were_not_recorded_are_those_that_would_have_been(law: str) -> None:
     gentle = sp.Schedule.minimum_jerk([0.0, 0.02], np.deg2rad([[0.0, 0.0], [6.0, 6.0]]), 0.02)
     scene = {
         "pid": sp.Scene(duration=0.05),
-        "torque": sp.Scene(
-            duration=0.05,
-            control=sp.Torque(),
-            schedule=sp.Schedule.steps([0.0, 0.03], [[0.3, 0.3], [0.6, 0.5]]),
-        ),
         "driven": sp.Scene(duration=0.05, fingers="driven", schedule=gentle),
         "sampled": sp.Scene(
             duration=0.05,
@@ -98,18 +61,7 @@ def test_forces_that_were_not_recorded_are_those_that_would_have_been(law: str) 
     bare = sp.simulate(scene, 1e-4, every=7)
     times = np.linspace(0.0, known.t[-1], 23)
     for a, b in zip(instants(known, times, True), instants(bare, times, True), strict=True):
-        assert a.contact is not None and b.contact is not None
         np.testing.assert_allclose(a.contact, b.contact, rtol=1e-6, atol=1e-6)
-
-
-def test_a_force_jumps_where_an_input_does(run: sp.Run) -> None:
-    # At 1 s the targets switch. Rows every 0.1 s: the force before must not show what comes.
-    coarse = sp.simulate(run.scene, DT, every=100, record=("state", "multipliers"))
-    before, after = instants(coarse, np.array([0.999, 1.0]), True)
-    k = int(np.argmin(np.abs(run.t - 0.999)))
-    assert before.contact is not None and after.contact is not None
-    assert abs(before.contact[0, 0]) == pytest.approx(abs(run.multipliers[k, 0]), rel=0.05)
-    assert abs(after.contact[0, 0] - before.contact[0, 0]) > 5.0
 
 
 def test_modes_and_violations_of_each_instant(slipping: sp.Run) -> None:
@@ -142,7 +94,6 @@ def test_a_snapshot_says_time_status_and_load(slipping: sp.Run) -> None:
 def test_a_snapshot_draws_arrows_from_the_contacts_along_the_forces(run: sp.Run) -> None:
     figure = plot.snapshot(run, 1.1)
     (shown,) = instants(run, np.array([1.1]), True)
-    assert shown.contact is not None
     outlines = [each.get_xy() for each in figure.axes[0].patches if isinstance(each, Polygon)]
     # Arrows have seven corners, and the first once more. Two tips, no disturbance, and the key.
     drawn = [each for each in outlines if len(each) == 8 and np.isfinite(each).all()]
@@ -201,23 +152,15 @@ def test_impulses_are_shown_for_a_twentieth_of_the_run() -> None:
 def test_a_film_shows_each_impulse_in_a_frame() -> None:
     run = sp.simulate(HIT, 1e-3)
     found = instants(run, np.array([0.0, 0.05, 0.1]), True)
-    assert [None if each.impulse is None else each.impulse[0] for each in found] == [
-        None, 0.03, -0.1
-    ]  # fmt: skip
+    assert [each.impulse[0] for each in found] == [0.0, 0.03, -0.1]
 
 
 def test_a_tip_has_the_colour_of_its_mode(slipping: sp.Run) -> None:
     figure = plot.snapshot(slipping, 0.025)
     (shown,) = instants(slipping, np.array([0.025]), False)
     assert shown.modes is not None
-    tips = [figure.axes[0].patches[k] for k in (1, 4)]
+    tips = [figure.axes[0].patches[k] for k in (2, 10)]
     wanted = [to_hex(COLORS[mode]) for mode in shown.modes]
     assert [to_hex(tip.get_facecolor()) for tip in tips] == wanted
     named = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
     assert "slips" in named
-
-
-def test_the_object_is_as_high_as_its_faces() -> None:
-    scene = sp.Scene(grasped=sp.GraspedObject(height=0.03))
-    corners = outline.object_outline(scene, scene.start().q)
-    assert np.ptp(corners[:, 1]) == pytest.approx(0.03)

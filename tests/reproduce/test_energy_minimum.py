@@ -10,7 +10,6 @@ import scenes
 import softpinch as sp
 from softpinch import paper
 from softpinch.reproduce import energy_minimum as e
-from softpinch.reproduce import experiment
 from softpinch.reproduce import rests as r
 
 pytest.importorskip("scipy")
@@ -77,18 +76,6 @@ def lowest_energy(rest: r.Rest) -> float:
     return float(found.fun)
 
 
-def test_energies_and_compressions_are_those_of_the_core(rest: r.Rest) -> None:
-    scene = rest.found.scene
-    rng = np.random.default_rng(1)
-    for way in rng.normal(size=(5, 3)):
-        (q,) = r.without_slip(scene, rest.q, way, [3e-3])
-        terms = sp.evaluate(scene, 0.0, q, np.zeros(9))
-        np.testing.assert_allclose(terms.residuals[:2], 0.0, atol=1e-16)
-        elastic, gravity = r.energies(scene, q)
-        assert elastic == pytest.approx(terms.energies.elastic, rel=1e-14)
-        assert gravity == pytest.approx(terms.energies.gravity, rel=1e-14)
-
-
 def led(scene: sp.Scene, q: np.ndarray, velocity, end: float) -> np.ndarray:  # type: ignore[no-untyped-def]
     """The coordinates to which the no-slip constraint leads, by SciPy on the core's matrix (25)."""
 
@@ -109,6 +96,8 @@ def test_ways_without_slip_are_those_that_scipy_integrates(rest: r.Rest) -> None
         (ours,) = r.without_slip(scene, rest.q, way, [2e-3])
         theirs = led(scene, rest.q, lambda _, way=way: way, 2e-3)
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-14)
+        residuals = sp.evaluate(scene, 0.0, ours, np.zeros(9)).residuals
+        np.testing.assert_allclose(residuals[:2], 0.0, atol=1e-16)
 
 
 def test_the_rest_is_a_minimum_on_straight_and_on_curved_ways(rest: r.Rest) -> None:
@@ -149,7 +138,7 @@ def test_slip_lowers_the_energy_and_by_how_much(rest: r.Rest) -> None:
         def elastic(shear: float, i: int = i) -> float:
             q = rest.q.copy()
             q[7 + i] = shear
-            return float(r.energies(scene, q)[0])
+            return energy(scene, q)
 
         here = rest.q[7 + i]
         slope = (elastic(here + 1e-6) - elastic(here - 1e-6)) / 2e-6
@@ -257,26 +246,6 @@ def test_the_eight_operations(operations: sp.Run) -> None:
     np.testing.assert_allclose(energies, [lowest_energy(rest) for rest in found], rtol=1e-10)
 
 
-def test_the_rests_are_computed_once(operations: sp.Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By the verdict, the table and the figure together."""
-    calls = []
-
-    def counted(run: sp.Run) -> list[r.Rest]:
-        calls.append(run)
-        return r.rests(run)
-
-    for module in (experiment, e):
-        if hasattr(module, "rests"):
-            monkeypatch.setattr(module, "rests", counted)
-    every = dict.fromkeys(experiment.Runs.__dataclass_fields__, operations)
-    runs = experiment.Runs(**every)  # type: ignore[arg-type]
-    found = e.find(runs)
-    titles = [f"operation {k}" for k in range(1, 9)]
-    assert len(e.table(runs.rests).rows) == 8 and len(found) == 5
-    assert list(e.curves(runs.rests, titles)) == titles
-    assert len(calls) == 1 and calls[0] is operations
-
-
 def of_random_hands(count: int, seed: int = random_hands.SEED) -> None:
     for each in random_hands.settled(count, seed):
         if isinstance(each, str):
@@ -304,28 +273,3 @@ def test_settled_runs_of_random_hands_are_minima_without_slip(seed: int) -> None
 @pytest.mark.slow
 def test_settled_runs_of_1000_random_hands_are_minima_without_slip() -> None:
     of_random_hands(1000)
-
-
-def test_the_survey_prints_its_counts() -> None:
-    count, text = 12, random_hands.survey(12)
-    assert f" random hands: {count} come to rest" in text
-    assert f"what the last speed explains: {count}\n" in text
-    assert f"stable: {count}; minimum of elastic energy and gravity without slip: {count}\n" in text
-    held = list(random_hands.equilibria(count))
-    stable = sum(bool((each.eigenvalues[2:].real < 0.0).all()) for each in held)
-    assert 0 < stable < count
-    kinds = f"stable and minimum {stable}, neither {count - stable}, only stable 0, only minimum 0"
-    assert text.endswith(f"{count} equilibria of soft hands: {kinds}")
-    moved, raised = [], []
-    for each in random_hands.settled(count):
-        if not isinstance(each, str):
-            moved.append(each.rest.found.state.q - each.run.q[-1])
-            scene = replace(each.run.scene, gravity=0.0)
-            light = sp.equilibrium(scene, near=each.run)
-            raised.append(1e3 * (light.state.q[1] - each.rest.found.state.q[1]))
-    far = np.abs(moved).max(axis=0)
-    assert (
-        f"farthest from it: {1e6 * far[:2].max():.2g} um and {1e3 * np.rad2deg(far[2]):.2g} mdeg"
-        in text
-    )
-    assert f"alone, higher by: {min(raised):.3f} to {max(raised):.3f} mm" in text

@@ -144,18 +144,6 @@ def test_jax_finds_the_derivatives_right_forwards_and_backwards(make: Any) -> No
 
 
 @BOTH
-def test_grad_is_the_slope_of_the_loss(make: Any) -> None:
-    """Beside central differences in every single number, with the error of their step."""
-    function, at, h = loss(make()), scaled(values()), 1e-3
-    slope = jax.jit(jax.grad(function))(at)
-    for path, value in at.items():
-        for index in np.ndindex(value.shape):
-            f = [function({**at, path: value.at[index].add(k * h)}) for k in (-2, -1, 1, 2)]
-            wanted = (f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * h)
-            assert np.isclose(slope[path][index], wanted, rtol=1e-6, atol=1e-6), (path, index)
-
-
-@BOTH
 def test_a_batch_is_a_loop(make: Any) -> None:
     layer = make()
     together = jax.jit(jax.vmap(layer))(batch())
@@ -219,51 +207,19 @@ def test_a_run_that_ends_early_is_filled_up() -> None:
     assert all(np.isnan(value[n:]).all() for value in (given.t, given.q, given.p))
     slope = jax.grad(kept)(jnp.array(thrown.impulse))
     assert np.isfinite(slope).all() and np.any(slope)
+
+    # The derivative of a square is NaN in the rows that are not there.
+    def squares(impulse: Any) -> Any:
+        return jnp.nansum(layer({"disturbances.0.impulse": impulse}).q ** 2)
+
+    h, at = 1e-5, np.array(thrown.impulse)
+    apart = [squares(at + by) - squares(at - by) for by in h * np.eye(2)]
+    assert np.allclose(jax.grad(squares)(at), np.divide(apart, 2.0 * h), rtol=1e-6)
     # Beside others in a batch, which run on.
     many = jax.vmap(lambda x: layer({"disturbances.0.impulse": x}))(
         jnp.array([[0.0, 0.0], thrown.impulse])
     )
     assert many.completed.tolist() == [True, False] and np.isfinite(many.q[0]).all()
-    # The last state of such a run has an instant of its own.
-    last = layers.final_state(scene, "disturbances.0.impulse", dt=1e-3)
-    ends = jax.vmap(lambda x: last({"disturbances.0.impulse": x}))(
-        jnp.array([[0.0, 0.0], thrown.impulse])
-    )
-    assert ends.completed.tolist() == [True, False]
-    assert ends.t.tolist() == [0.03, run.t[-1]] and np.array_equal(ends.q[1], run.q[-1])
-
-
-def test_noise_is_the_scene_s_own_in_a_batch_too() -> None:
-    noise = sp.Noise(force_std=5.0, moment_std=0.0, rate_hz=500.0, seed=4)
-    layer = layers.final_state(replace(SCENE, disturbances=[noise]), "grasped.mass", dt=1e-3)
-    masses = jnp.array([0.1, 0.12])
-    together = jax.vmap(lambda mass: layer({"grasped.mass": mass}))(masses)
-    for k in range(2):
-        assert same(one(together, k), layer({"grasped.mass": masses[k]}))
-
-
-def test_an_optimiser_of_jax_finds_what_it_looks_for() -> None:
-    """Gauss-Newton, within `jit`: the modulus and the push that a run was made with."""
-    paths = PATHS[:2]
-    layer = layers.simulate(SCENE, paths, **OPTIONS)
-    true = jnp.array([3.1e5, 20.0, -10.0])
-    sizes = jnp.array([3e5, 20.0, 20.0])
-
-    def rows(x: Any) -> Any:
-        return layer({paths[0]: sizes[0] * x[0], paths[1]: sizes[1:] * x[1:]}).q.ravel() * 1e3
-
-    measured = rows(true / sizes)
-
-    def step(x: Any) -> Any:
-        slope = jax.jacfwd(rows)(x)
-        return x - jnp.linalg.lstsq(slope, rows(x) - measured)[0]
-
-    compiled = jax.jit(step)
-
-    x = true / sizes * jnp.array([1.2, 0.7, 1.4])
-    for _ in range(6):
-        x = compiled(x)
-    assert np.allclose(x * sizes, true, rtol=1e-6)
 
 
 @pytest.mark.parametrize("make", [layers.simulate, layers.final_state])
@@ -273,13 +229,11 @@ def test_wrong_arguments_are_refused_by_their_names(make: Any) -> None:
         (("grasped.mass", "grasped.mass.0"), ValueError, "has no parts"),
         ((), ValueError, r"vary = \(\): must have"),
         (3, TypeError, "vary = 3"),
-        ((3,), TypeError, "must be a path"),
     ]:
         with pytest.raises(error, match=words):
             make(SCENE, vary)
-    for name, value in [("dt", -1.0), ("method", "euler"), ("formulation", "x"), ("stop_on", "x")]:
-        with pytest.raises(ValueError, match=f"{name} = "):
-            make(SCENE, "grasped.mass", **{name: value})
+    with pytest.raises(ValueError, match=r"dt = -1\.0"):
+        make(SCENE, "grasped.mass", dt=-1.0)
     with pytest.raises(TypeError, match="scene = 1"):
         make(1, "grasped.mass")
     with pytest.raises(ValueError, match="record = 'energy'"):
@@ -295,7 +249,6 @@ def test_wrong_values_are_refused_by_their_paths(make: Any) -> None:
         ({PATHS[0]: 3e5}, ValueError, f"'{PATHS[1]}' is missing"),
         ({**right, PATHS[1]: 1.0}, ValueError, r"has shape \(\), must have \(2,\)"),
         ({**right, PATHS[0]: "x"}, TypeError, "= 'x': must be numbers"),
-        ({**right, PATHS[0]: -1.0}, ValueError, "^Fingertip.youngs_modulus = -1.0: must be"),
         ({**right, PATHS[0]: np.nan}, ValueError, "^Fingertip.youngs_modulus = NaN: must be"),
     ]:
         with pytest.raises(error, match=words):

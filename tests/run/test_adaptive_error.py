@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import softpinch as sp
 from softpinch import paper, strategies, stress
 from softpinch.run import scaled_error
+from softpinch.run.error_estimate import ends_of_steps
 from unilateral_scenes import regripped, thrown
 
 RECORD = ("state", "multipliers")
@@ -34,11 +35,17 @@ def exact(run: sp.Run, how: dict[str, Any]) -> sp.Run:
     return sp.simulate(scene, **tighter, stop_on=())
 
 
+def sound(bar: sp.ErrorEstimate) -> bool:
+    """Whether the rows that have an estimate can be trusted."""
+    missing = "rows have no estimate" in bar.message
+    return bar.asymptotic or (missing and "may be wrong" not in bar.message)
+
+
 def require_right(scene: sp.Scene, within: float = 3.0, **how: Any) -> sp.ErrorEstimate:
     how = {"record": RECORD, **how}
     run = sp.simulate(scene, **how, estimate_error=True)
     bar = run.error_estimate
-    if not bar.asymptotic:
+    if not sound(bar):
         return bar
     right = exact(run, how)
     rows = np.flatnonzero(np.isfinite(bar.q).all(axis=1)[: len(right)])
@@ -57,14 +64,14 @@ def check(name: str, pair: tuple[str, str], tolerance: float) -> bool:
     case = stress.CASES[name]
     formulation, method = pair
     how = {"formulation": formulation, "method": method, "stabilization": case.stabilization}
-    return require_right(case.scene, tolerance=tolerance, **how).asymptotic
+    return sound(require_right(case.scene, tolerance=tolerance, **how))
 
 
 SCENES = [name for name, case in stress.CASES.items() if not case.long]
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_it_is_right_on_every_hard_scene(name: str) -> None:
+def test_trusted_estimates_are_right_on_stress_scenes(name: str) -> None:
     for pair in PAIRS:
         # An explicit method takes seconds here: the slow test has it.
         assert (
@@ -79,7 +86,7 @@ def test_it_is_right_on_every_hard_scene(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
-def test_it_is_right_with_every_pair_and_tolerance(name: str) -> None:
+def test_trusted_estimates_are_right_with_every_pair_and_tolerance(name: str) -> None:
     pairs = [(f, m) for f in sp._core.FORMULATIONS for m in sp._core.ADAPTIVE_METHODS]
     found = [check(name, pair, tol) for pair in pairs for tol in (1e-3, 1e-5, 1e-8)]
     assert sum(found) > len(found) / 2
@@ -92,7 +99,7 @@ def test_it_is_right_with_every_pair_and_tolerance(name: str) -> None:
     st.floats(-8.0, -2.0),
     st.integers(1, 5),
 )
-def test_it_is_right_on_any_scene(
+def test_trusted_estimates_are_right_on_random_scenes(
     scene: sp.Scene, pair: tuple[str, str], power: float, every: int
 ) -> None:
     how: dict[str, Any] = {"formulation": pair[0], "method": pair[1], "every": every}
@@ -125,7 +132,7 @@ def continued() -> sp.Scene:
 @pytest.mark.parametrize("method", sp._core.ADAPTIVE_METHODS)
 def test_every_kind_of_scene_has_a_bar(make: Callable[[], sp.Scene], method: str) -> None:
     bar = require_right(make(), tolerance=1e-5, method=method, formulation="projected")
-    assert bar.asymptotic, bar.message
+    assert sound(bar), bar.message
 
 
 @pytest.mark.parametrize("rows", [{"every": 5}, {"times": np.linspace(0.003, 0.097, 33)}], ids=str)
@@ -144,17 +151,74 @@ def test_rows_that_are_not_every_step(rows: dict[str, Any], method: str) -> None
 
 
 def test_changes_of_contacts_have_no_bar() -> None:
-    run = sp.simulate(
-        regripped(), tolerance=1e-5, method="dop853", formulation="csm", estimate_error=True
-    )
+    """Except where an input jumps, at which all runs change."""
+    how: dict[str, Any] = {"tolerance": 1e-5, "method": "dop853", "estimate_error": True}
+    run = sp.simulate(regripped(), **how)
     changes = [change.time for change in run.contact_changes]
     bars = run.error_estimate.q
-    assert bars is not None and changes
-    there = np.isin(run.t, changes)
+    assert bars is not None and 0.02 in changes
+    there = np.isin(run.t, changes) & (run.t != 0.02)
     assert np.isinf(bars[there]).all() and np.isfinite(bars[~there]).all()
+    message = run.error_estimate.message
+    assert not run.error_estimate.asymptotic and sound(run.error_estimate)
+    assert f"; {there.sum()} of {len(run)} rows have no estimate" in message
+    assert f"t = {run.t[there][0]:.6g}, {run.t[there][1]:.6g}" in message
+    chosen = sp.simulate(regripped(), **how, times=np.linspace(0.0, 0.04, 21))
+    assert chosen.error_estimate.asymptotic
 
 
-def test_it_says_where_it_cannot_be_trusted() -> None:
+def mirrored(seed: int) -> sp.Scene:
+    """A grasp whose tips change their contacts at one instant, up to round-off."""
+    draw = np.random.default_rng(seed).uniform
+    return sp.Scene(
+        contact="unilateral",
+        friction=draw(0.3, 1.0),
+        schedule=sp.Schedule.steps([0.0], np.deg2rad(np.full((1, 2), draw(4.0, 8.0)))),
+        duration=0.1,
+        disturbances=[sp.Pulse(time=0.0, duration=0.005, force=(0.0, draw(-250.0, 250.0)))],
+    )
+
+
+@pytest.mark.parametrize(
+    ("seed", "method"), [(k, sp._core.ADAPTIVE_METHODS[k % 3]) for k in range(8)]
+)
+def test_rows_between_changes_of_contacts_have_a_bar(seed: int, method: str) -> None:
+    """Ends of steps within round-off of each other once left most rows without."""
+    scene, tolerance = mirrored(seed), 10.0 ** np.random.default_rng(seed).uniform(-6.0, -3.0)
+    bar = require_right(scene, tolerance=tolerance, method=method, times=np.linspace(0.0, 0.1, 21))
+    assert bar.q is not None and np.isfinite(bar.q).all()
+    assert bar.asymptotic or "may be wrong" in bar.message
+
+
+@pytest.mark.parametrize("every", [1, 3])
+def test_two_changes_within_round_off_are_one_end_of_a_step(every: int) -> None:
+    how: dict[str, Any] = {"tolerance": 6.31e-4, "method": "dop853", "every": every}
+    scene = mirrored(0)
+    pulse = sp.Pulse(time=0.0, duration=0.005, force=(0.0, -200.0))
+    run = sp.simulate(replace(scene, friction=1.0, disturbances=[pulse]), **how)
+    changes = np.array([change.time for change in run.contact_changes])
+    bar = require_right(run.scene, **how)
+    assert bar.q is not None
+    lost = np.isinf(bar.q).any(axis=1)
+    assert changes.size and (np.abs(run.t[lost][:, None] - changes).min(axis=1) == 0.0).all()
+
+
+def test_an_asked_row_may_lie_within_round_off_of_the_end_of_a_step() -> None:
+    pulse = sp.Pulse(time=0.005, duration=0.01, force=(1.0, 2.0))
+    end = pulse.time + pulse.duration
+    times = np.append(np.linspace(0.0, 0.014, 8), [np.nextafter(end, 1.0), 0.02, 0.03])
+    scene = sp.Scene(disturbances=[pulse], duration=0.03)
+    bar = require_right(scene, tolerance=1e-5, method="dop853", times=times)
+    assert bar.asymptotic and bar.q is not None and np.isfinite(bar.q).all()
+
+
+def test_finer_runs_do_not_end_steps_at_the_changes_that_the_run_found() -> None:
+    t = np.array([0.0, 0.01, 0.02, np.nextafter(0.02, 1.0), 0.03])
+    assert ends_of_steps(t, [0.01]).tolist() == [0.0, 0.02, 0.03]
+    assert ends_of_steps(t, [0.0, 0.03]).tolist() == [0.0, 0.01, 0.02, 0.03]
+
+
+def test_an_estimate_with_too_long_steps_is_not_trusted() -> None:
     case = stress.CASES["strong_stabilization"]
     stiff = sp.simulate(
         case.scene, tolerance=1e-3, method="dop853", stabilization=case.stabilization,
@@ -192,9 +256,3 @@ def test_the_end_alone_has_the_bar_that_it_has_among_other_rows(method: str) -> 
         alone, last = getattr(bar, name)[0], getattr(among, name)[-1]
         assert np.isfinite(alone).all()
         np.testing.assert_allclose(alone, last, rtol=0.3, atol=1e-15)
-
-
-def test_a_start_alone_has_no_bar() -> None:
-    gone = sp.Scene(disturbances=[sp.Impulse(time=0.0, impulse=(6.0, 0.0))], duration=0.02)
-    over = sp.simulate(gone, tolerance=1e-6, method="radau5", times=[0.01], estimate_error=True)
-    assert not over.success and not over.error_estimate.asymptotic

@@ -138,7 +138,7 @@ BROKEN: dict[str, Any] = {
 
 
 @pytest.mark.parametrize("message", BROKEN)
-def test_it_names_what_is_broken(run: sp.Run, message: str) -> None:
+def test_check_names_the_broken_invariant(run: sp.Run, message: str) -> None:
     with pytest.raises(AssertionError, match=message):
         altered(run, BROKEN[message](run)).check(closure=np.inf)
 
@@ -162,7 +162,7 @@ def test_the_ledger_counts_friction_and_impacts() -> None:
 
 
 @pytest.mark.parametrize("stop_on", ["slipping", "opened"])
-def test_what_should_have_ended_the_run(run: sp.Run, stop_on: str) -> None:
+def test_a_violation_that_should_have_ended_the_run_is_found(run: sp.Run, stop_on: str) -> None:
     with pytest.raises(AssertionError, match=f"status lost: {stop_on} at .* should have ended"):
         altered(run, lambda _: None, stop_on=(stop_on,)).check()
 

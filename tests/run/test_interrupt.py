@@ -9,7 +9,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ import pytest
 
 import softpinch as sp
 from alarms import alarm
-from softpinch import _core
+from softpinch.run.request import Request
 
 LONG = sp.Scene(duration=1e4)
 
@@ -53,69 +52,42 @@ def test_ctrl_c_gives_the_run_so_far_with_a_status() -> None:
     np.testing.assert_array_equal(went_on.q[0], run.q[-1])
 
 
+def test_processes_of_tests_have_the_default_handler() -> None:
+    program = "import signal; assert signal.getsignal(signal.SIGINT) is signal.default_int_handler"
+    subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_ctrl_c_is_heard_where_the_shell_ignores_it() -> None:
+    """A shell ignores SIGINT in its background jobs, and what these start inherits it."""
+    own = [test_ctrl_c_gives_the_run_so_far_with_a_status]
+    started = [test_processes_of_tests_have_the_default_handler]
+    tests = [f"{__file__}::{test.__name__}" for test in own + started]
+    pytests = [sys.executable, "-m", "pytest", "--quiet", "-p", "no:cacheprovider", *tests]
+    ignoring = ["sh", "-c", 'trap "" INT; exec "$@"', "sh", *pytests]
+    done = subprocess.run(ignoring, capture_output=True, text=True, timeout=100.0)
+    assert done.returncode == 0, done.stdout
+
+
 @pytest.mark.parametrize("error", [SystemExit(143), TimeoutError("late")], ids=repr)
 @pytest.mark.parametrize("how", [{"dt": 1e-4}, {"tolerance": 1e-8, "method": "radau5"}], ids=str)
-def test_what_a_signal_handler_raises_is_raised(error: BaseException, how: dict[str, Any]) -> None:
+def test_exceptions_of_signal_handlers_pass_through_a_run(
+    error: BaseException, how: dict[str, Any]
+) -> None:
     with pytest.raises(type(error)) as found, alarm(error):
         sp.simulate(PUSHED, record=(), **how)
     assert found.value is error
 
 
-def test_ctrl_c_of_a_handler_is_a_status_too() -> None:
-    with alarm(KeyboardInterrupt()):
-        run = sp.simulate(LONG, dt=1e-4, every=10_000)
-    assert run.status == "interrupted"
-
-
-def test_sigterm_with_sys_exit_ends_the_process() -> None:
-    program = (
-        "import signal, sys, softpinch as sp\n"
-        "signal.signal(signal.SIGTERM, lambda *_: sys.exit(7))\n"
-        "print('ready', flush=True)\n"
-        "sp.simulate(sp.Scene(duration=1e4), dt=1e-4, record=())\n"
-        "print('alive', flush=True)\n"
-    )
-    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == b"ready\n"
-        time.sleep(0.2)
-        process.terminate()
-        assert process.stdout.read() == b""
-        assert process.wait(30.0) == 7
-
-
-def at_rest(n: int) -> tuple[sp.Scene, list[np.ndarray]]:
-    """A scene, and its start at `n` instants: t, q, p and integral."""
-    scene, start = sp.Scene(), sp.Scene().start()
+def states(n: int) -> list[np.ndarray]:
+    """The start at `n` instants: t, q, p and integral."""
+    start = sp.Scene().start()
     rows = [np.broadcast_to(one, (n, len(one))) for one in (start.q, start.p, start.integral)]
-    return scene, [np.zeros(n), *rows]
-
-
-def linearize(n: int, whole: bool = False) -> Callable[[], object]:
-    """The core's share of `modes` at `n` instants, or all matrices there."""
-    scene, states = at_rest(n)
-    how = ("nullspace", 1000.0, 1000.0)
-    choices = {"whole": whole, "open_loop": False, "frozen": False}
-    return partial(_core.linearize, scene.parameters(), scene.inputs(), *states, *how, **choices)
-
-
-def modes(n: int) -> Callable[[], object]:
-    """All of it, most of which is LAPACK's."""
-    scene, states = at_rest(n)
-    return partial(sp.modes, scene, *states)
-
-
-def stable_steps(n: int) -> Callable[[], object]:
-    """The same of `stable_step` for so many eigenvalues."""
-    return partial(_core.stable_step, "dop853", np.broadcast_to(-1.0 + 100.0j, n))
+    return [np.zeros(n), *rows]
 
 
 # All of these take far longer than the tests wait.
 HEARING: dict[str, Callable[[], object]] = {
-    "jacobians": linearize(500_000),
-    "linearize": linearize(100_000, whole=True),
-    "modes": modes(30_000),
-    "stable_step": stable_steps(5_000_000),
+    "modes": lambda: sp.modes(sp.Scene(), *states(30_000)),
     "max_stable_dt": lambda: sp.max_stable_dt(PUSHED),
     "advise": lambda: sp.advise(PUSHED),
     "stability_map": lambda: sp.stability_map(
@@ -126,7 +98,7 @@ HEARING: dict[str, Callable[[], object]] = {
 
 @pytest.mark.parametrize("work", HEARING.values(), ids=HEARING)
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), TimeoutError("late")], ids=repr)
-def test_whatever_takes_long_hears_signals(
+def test_exceptions_of_signal_handlers_pass_through_long_computations(
     work: Callable[[], object], error: BaseException
 ) -> None:
     with pytest.raises(type(error)), alarm(error):
@@ -135,8 +107,6 @@ def test_whatever_takes_long_hears_signals(
 
 FREE: dict[str, Callable[[], object]] = {
     "simulate": lambda: sp.simulate(sp.Scene(duration=20.0), dt=1e-4, every=10**6),
-    "jacobians": linearize(50_000),
-    "stable_step": stable_steps(2000),
     "max_stable_dt": lambda: sp.max_stable_dt(sp.Scene(duration=1.0), measure=False),
 }
 
@@ -171,19 +141,18 @@ def test_the_interpreter_is_free_meanwhile(compute: Callable[[], object]) -> Non
 def test_ctrl_c_in_an_error_estimate_keeps_the_run(
     refined: int, steps: dict[str, Any], finer: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = sys.modules["softpinch.run.simulate"]  # the package has a function of this name
-    compute = module.compute
+    simulation = Request.simulation
 
-    def interrupted(scene: sp.Scene, options: Any, refine: int = 1) -> Any:
+    def interrupted(self: Request, refine: int = 1, *rest: Any) -> Any:
         if refine == refined:
             signal.raise_signal(signal.SIGINT)
-        return compute(scene, options, refine)
+        return simulation(self, refine, *rest)
 
     scene = sp.Scene(duration=0.01)
     how: dict[str, Any] = {**steps, "record": ("state", "multipliers")}
     whole = sp.simulate(scene, **how)
     with monkeypatch.context() as patch:
-        patch.setattr(module, "compute", interrupted)
+        patch.setattr(Request, "simulation", interrupted)
         run = sp.simulate(scene, **how, estimate_error=True)
     assert run.status == whole.status == "completed"
     np.testing.assert_array_equal(run.q, whole.q)

@@ -13,14 +13,12 @@ from hypothesis import strategies as st
 
 import softpinch as sp
 from scenes import some_scene
-from softpinch import _core, paper, strategies
+from softpinch import _core, strategies
 
 EVERYTHING = ("state", "multipliers", "residuals", "energy")
 
 
-@pytest.mark.parametrize(
-    "record", [c for n in range(4) for c in combinations(EVERYTHING, n)], ids=str
-)
+@pytest.mark.parametrize("record", [(), *combinations(EVERYTHING, 1), EVERYTHING[:3]], ids=str)
 @pytest.mark.parametrize("method", _core.METHODS)
 def test_recording_less_changes_nothing_in_what_is_recorded(
     method: str, record: tuple[str, ...]
@@ -49,7 +47,7 @@ def test_recording_less_changes_nothing_in_what_is_recorded(
         assert less.stats["evaluations"] < full.stats["evaluations"]
 
 
-@pytest.mark.parametrize("every", [1, 2, 3, 10**12])
+@pytest.mark.parametrize("every", [1, 2, 3, 10**30])
 def test_the_last_instant_is_always_recorded_and_once(every: int) -> None:
     run = sp.simulate(some_scene(), dt=5e-4, every=every)
     assert run.t[0] == 0.0
@@ -58,7 +56,9 @@ def test_the_last_instant_is_always_recorded_and_once(every: int) -> None:
 
 
 @given(
-    strategies.scenes(duration=0.03),
+    st.sampled_from(["pid", "driven"]).flatmap(
+        lambda fingers: strategies.scenes(duration=0.03, fingers=fingers)
+    ),
     st.floats(0, 1),
     st.sampled_from([1e-4, 3e-4, 7.3e-5]),
     st.sampled_from(_core.METHODS),
@@ -78,19 +78,6 @@ def test_a_run_goes_on_from_any_recorded_state_to_the_same_bits(
     if went_on.t[-1] == whole.t[-1]:  # whole.t[k] + rest may round to a neighbour
         np.testing.assert_array_equal(went_on.q, whole.q[k:])
         np.testing.assert_array_equal(went_on.p, whole.p[k:])
-
-
-@pytest.mark.parametrize("method", _core.METHODS)
-def test_a_run_cut_on_its_grid_equals_the_uncut_run(method: str) -> None:
-    scene = paper.manipulation()
-    options = {"dt": 2e-4, "every": 500, "method": method}
-    whole = sp.simulate(scene, record=EVERYTHING, **options)
-    state = None
-    for duration in (0.5, 1.7, 0.8, 5.0):
-        part = sp.simulate(replace(scene, initial=state, duration=duration), **options)
-        state = part.state(-1)
-    np.testing.assert_array_equal(part.q[-1], whole.q[-1])
-    np.testing.assert_array_equal(part.p[-1], whole.p[-1])
 
 
 PROGRAM = """

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import softpinch as sp
+from random_pinches import random_pinch
 from softpinch import _core
 from unilateral_scenes import RECORD, gripped, pushes, regripped, thrown
 
@@ -44,9 +45,16 @@ def require_same_rest(run: sp.Run, k: int, how: dict[str, Any]) -> None:
     assert [change for change in again.contact_changes if change.time > run.t[k]] == later
 
 
-@pytest.mark.parametrize("method", _core.METHODS)
-@pytest.mark.parametrize("formulation", ["csm", "projected"])
-@pytest.mark.parametrize("name", SCENES)
+PAIRS = [(f, m) for f in ("csm", "projected") for m in _core.METHODS]
+
+
+@pytest.mark.parametrize(
+    ("name", "formulation", "method"),
+    [
+        *(("regripped", *pair) for pair in PAIRS),
+        *((name, *pair) for name in ("thrown", "struck") for pair in (PAIRS[0], PAIRS[-2])),
+    ],
+)
 def test_rows_around_events_breakpoints_and_impulses(
     name: str, formulation: str, method: str
 ) -> None:
@@ -63,27 +71,33 @@ def test_any_row_of_a_shaken_grasp(
     scene: sp.Scene, method: str, formulation: str, data: st.DataObject
 ) -> None:
     how: dict[str, Any] = {"method": method, "formulation": formulation, "record": RECORD}
-    run = sp.simulate(scene, dt=4e-4, **how)
+    run = sp.simulate(scene, dt=2e-4, **how)
     k = data.draw(st.integers(0, max(0, len(run) - 2)))
     if len(run) > 1:
-        require_same_rest(run, k, {"dt": 4e-4, **how})
+        require_same_rest(run, k, {"dt": 2e-4, **how})
 
 
-def test_a_slip_that_an_impact_of_the_other_tip_has_stopped_goes_on() -> None:
-    tips = (
-        sp.Fingertip(normal_mass=0.02, tangential_mass=0.01),
-        sp.Fingertip(normal_mass=0.05),
-    )
-    opens = sp.Schedule.steps([0.0, 0.02], np.deg2rad([[6.0, 6.0], [0.0, 0.0]]))
-    scene = sp.Scene(
-        hand=sp.Hand(tip=tips), schedule=opens, duration=0.04, friction=1.0, contact="unilateral"
-    )
-    run = sp.simulate(scene, dt=4e-4, record=RECORD)
-    for k in range(66, 72):
-        codes = run.state(k).contact[:2]
-        slips = run.contact[k] == sp.ContactMode.SLIP
-        np.testing.assert_array_equal(np.sign(codes[slips]), np.sign(run.residuals[k, 2:][slips]))
-        require_same_rest(run, k, {"dt": 4e-4, "record": RECORD})
+def test_a_slip_that_an_impact_of_the_other_tip_has_met_goes_on() -> None:
+    rng = np.random.default_rng(5)
+    how: dict[str, Any] = {"dt": 5e-5, "record": RECORD}
+    met = 0
+    for _ in range(60):
+        scene = replace(random_pinch(rng, "unilateral"), duration=0.1)
+        run = sp.simulate(scene, **how)
+        hits = [change for change in run.contact_changes if change.before == sp.ContactMode.FREE]
+        for hit in hits if run.status != "unstable" else ():
+            other = 1 if hit.finger == "right" else 0
+            row = int(np.searchsorted(run.t, hit.time))
+            if run.contact[row - 1, other] != sp.ContactMode.SLIP or row + 1 >= len(run):
+                continue
+            met += 1
+            for k in (row, row + 1):
+                codes = run.state(k).contact[:2]
+                slips = run.contact[k] == sp.ContactMode.SLIP
+                velocities = run.residuals[k, 2:][slips]
+                np.testing.assert_array_equal(np.sign(codes[slips]), np.sign(velocities))
+                require_same_rest(run, k, how)
+    assert met > 5
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -14,10 +14,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 import softpinch as sp
-from softpinch import _core, paper, strategies
-from softpinch.run.columns import COLUMNS
+from softpinch import _core, paper
 from softpinch.run.ledger import LEDGER
-from softpinch.run.options import Options
+from softpinch.scene.fields import COLUMNS
 
 ALL = ("state", "multipliers", "residuals", "energy", "torque")
 SHORT = sp.Scene(duration=0.05, schedule=sp.Schedule.steps([0.0], [[0.10, 0.07]]))
@@ -64,7 +63,7 @@ def test_everything_recorded_has_its_shape_and_cannot_be_written(run: sp.Run) ->
 
 
 @given(st.sets(st.sampled_from(ALL)))
-def test_what_was_not_recorded_says_how_to_record_it(asked: set[str]) -> None:
+def test_missing_quantities_are_an_error_with_the_remedy(asked: set[str]) -> None:
     run = sp.simulate(SHORT, dt=1e-3, record=sorted(asked))
     assert run.record == tuple(name for name in ALL if name in asked)
     quantities = {"q": "state", "p": "state", "integral": "state"}
@@ -83,12 +82,6 @@ def test_what_was_not_recorded_says_how_to_record_it(asked: set[str]) -> None:
         getattr(sp.simulate(SHORT, dt=1e-3, record=remedy), name)
 
 
-def test_one_name_may_be_asked_for_without_a_tuple() -> None:
-    assert sp.simulate(SHORT, dt=1e-3, record="energy").record == ("energy",)
-    assert sp.simulate(SHORT, dt=1e-3, stop_on="folded").stop_on == ("folded",)
-    assert sp.simulate(SHORT, dt=1e-3, stop_on=()).stop_on == ()
-
-
 def test_the_ledger_closes_by_its_definition(run: sp.Run) -> None:
     e = run.energy
     total = e.kinetic + e.elastic + e.gravity
@@ -100,27 +93,7 @@ def test_the_ledger_closes_by_its_definition(run: sp.Run) -> None:
     assert largest <= e.exchanged <= 1.001 * largest
 
 
-def test_every_larger_than_the_run_keeps_both_ends() -> None:
-    assert sp.simulate(SHORT, every=10**30).t.tolist() == [0.0, 0.05]
-
-
-@given(strategies.scenes(duration=0.02), st.integers(-21, 20))
-def test_a_run_goes_on_from_any_row_to_the_same_bits(scene: sp.Scene, k: int) -> None:
-    whole = sp.simulate(scene, dt=1e-3, stop_on=())
-    k = k % len(whole) if k >= 0 else max(k, -len(whole))
-    state = whole.state(k)
-    rest = scene.duration - state.time
-    if rest <= 0 or not whole.success:
-        return
-    continued = sp.simulate(replace(scene, initial=state, duration=rest), dt=1e-3, stop_on=())
-    if continued.t[-1] == whole.t[-1]:
-        rows = len(continued)
-        np.testing.assert_array_equal(continued.t, whole.t[-rows:])
-        np.testing.assert_array_equal(continued.q, whole.q[-rows:])
-        np.testing.assert_array_equal(continued.p, whole.p[-rows:])
-
-
-def test_states_of_rows(run: sp.Run) -> None:
+def test_states_are_those_of_their_rows(run: sp.Run) -> None:
     state = run.state(7)
     assert state.time == run.t[7]
     np.testing.assert_array_equal(state.q, run.q[7])
@@ -190,49 +163,6 @@ def test_csv_has_a_column_with_its_unit_for_each_number(run: sp.Run, tmp_path: P
         np.testing.assert_array_equal(table[:, header.index(name)], values)
 
 
-def test_other_files_are_refused(run: sp.Run, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"run\.mat': must end in \.npz or \.csv"):
-        run.save(tmp_path / "run.mat")
-    with pytest.raises(OSError, match="missing"):
-        run.save(tmp_path / "missing" / "run.csv")
-
-
-def test_a_step_too_long_for_the_gains_warns_with_what_would_do() -> None:
-    with pytest.warns(sp.StabilityWarning, match=r"alpha \* dt = 5.* take dt <= .* or alpha <="):
-        sp.simulate(SHORT, dt=5e-3)
-    with pytest.warns(sp.StabilityWarning, match="beta"):
-        sp.simulate(SHORT, dt=1e-3, stabilization=sp.Stabilization(beta=4000.0))
-
-
-def test_evaluate_stabilises_each_constraint_with_its_own_gain() -> None:
-    # (19) and (20): off the constraints, and with gains that differ.
-    gains = sp.Stabilization(alpha=300.0, beta=700.0)
-    q = SHORT.start().q + 1e-3 * np.arange(9)
-    terms = sp.evaluate(SHORT, 0.0, q, 0.1 * np.cos(np.arange(9)), stabilization=gains)
-    drift = 2 * gains.alpha * terms.residual_rates + gains.alpha**2 * terms.residuals[:2]
-    wanted = -terms.constraint_rate - [*drift, *(gains.beta * terms.residuals[2:])]
-    np.testing.assert_allclose(terms.constraint_matrix @ terms.accelerations, wanted, rtol=1e-9)
-    force = terms.forces.total + terms.constraint_matrix.T @ terms.multipliers
-    np.testing.assert_allclose(terms.mass_matrix @ terms.accelerations, force, rtol=1e-9)
-    energies = terms.energies
-    assert energies.total == energies.kinetic + energies.elastic + energies.gravity
-
-
-@pytest.mark.parametrize("component", range(3))
-def test_an_impulse_is_a_jump_that_keeps_the_constraints(component: int) -> None:
-    jx, jy, turn = 1e-3 * np.eye(3)[component]
-    impulse = sp.Impulse(time=0.0, impulse=(jx, jy), angular_impulse=turn)
-    struck = sp.simulate(replace(SHORT, disturbances=[impulse], duration=1e-9))
-    calm = sp.simulate(replace(SHORT, duration=1e-9))
-    terms = sp.evaluate(SHORT, 0.0, calm.q[0], calm.p[0])
-    phi, mobility = terms.constraint_matrix, np.linalg.inv(terms.mass_matrix)
-    free = mobility @ [jx, jy, turn, *[0] * 6]
-    jump = free - mobility @ phi.T @ np.linalg.solve(phi @ mobility @ phi.T, phi @ free)
-    assert not struck.p[0].any()
-    largest = np.abs(jump).max()
-    np.testing.assert_allclose(struck.p[-1] - calm.p[-1], jump, rtol=0, atol=1e-5 * largest)
-
-
 # The check, and each way in which it fails.
 
 
@@ -267,7 +197,6 @@ def broken(run: sp.Run) -> dict[str, dict[str, Any]]:
     return {
         r"^times increase: the row before is at 0\.008 s at t = 0\.008 s \(row 9\)": {"t": late},
         r"^finite: q\[3\] is nan at t = 0\.005 s \(row 5\)": {"q": spoiled(q, 5, 3, np.nan)},
-        r"^finite: energy_elastic is inf": {"energy": spoiled(ledger, 4, 1, np.inf)},
         r"^constraint C_2\^H: 3\.000e-03 m, .*1e-06 of the fingertip's radius at t = 0\.006 s": {
             "residuals": spoiled(run.residuals, 6, 1, -3e-3)
         },
@@ -289,10 +218,6 @@ def broken(run: sp.Run) -> dict[str, dict[str, Any]]:
             "q": spoiled(q, 7, 5, 0.02),
             "violations": {"crushed": 0.007},
         },
-        r"^status completed: the state is folded": {
-            "q": spoiled(q, 7, 2, -1.6),
-            "violations": {"folded": 0.007},
-        },
         r"^status completed: the run should have reached 0\.05 s at t = 0\.049": {
             "t": t[:-1],
             "q": q[:-1],
@@ -305,10 +230,10 @@ def broken(run: sp.Run) -> dict[str, dict[str, Any]]:
     }
 
 
-@pytest.mark.parametrize("k", range(13))
+@pytest.mark.parametrize("k", range(11))
 def test_check_names_the_invariant_where_it_broke_and_by_how_much(run: sp.Run, k: int) -> None:
     cases = list(broken(run).items())
-    assert len(cases) == 13
+    assert len(cases) == 11
     message, changes = cases[k]
     with pytest.raises(AssertionError, match=message):
         tampered(run, **changes).check()
@@ -320,24 +245,6 @@ def test_check_computes_residuals_that_were_not_recorded() -> None:
         tampered(run, q=spoiled(run.q, 100, 5, run.q[100, 5] + 1e-4)).check()
     with pytest.raises(AssertionError, match=r"^constraint C_2\^N: "):
         tampered(run, p=spoiled(run.p, 100, 8, run.p[100, 8] + 1e-2)).check()
-
-
-def test_what_was_not_to_stop_the_run_passes() -> None:
-    scene = sp.Scene(
-        schedule=sp.Schedule.steps([0.0], [[-0.2, -0.2]]), grasped=sp.GraspedObject(width=0.05)
-    )
-    stopped = sp.simulate(scene)
-    assert stopped.status == "separated"
-    assert stopped.check(residual=1e-3) is stopped
-    longer = replace(scene, duration=stopped.t[-1] + 1e-3)
-    gone = sp.simulate(longer, stop_on=("crushed", "folded"))
-    assert gone.status == "completed"
-    assert "separated" in gone.violations
-    gone.check(residual=1e-3)
-    with pytest.raises(AssertionError, match="status completed: the state is separated"):
-        strict = replace(gone._options, stop_on=("separated",))
-        assert isinstance(strict, Options)
-        sp.Run(gone.scene, strict, gone._result).check(residual=1e-3)
 
 
 @given(st.sets(st.floats(0.0, 1.2), min_size=1, max_size=5))

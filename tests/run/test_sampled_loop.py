@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import softpinch as sp
-from softpinch.analysis.ports import OUTPUTS, output_ports
-from softpinch.run.sampled_loop import MEASURED, radius
+from softpinch.analysis.states import OUTPUTS, output_ports
+from softpinch.run.stiffness import MEASURED, radius
 
 # With this gain the damping takes a free finger's whole rate away within a period.
 DEADBEAT = sp.Finger().inertia / 1e-3
@@ -181,5 +181,5 @@ def test_other_ends_are_no_fault_of_the_loop(monkeypatch: pytest.MonkeyPatch) ->
     )
     run, texts = said(early)
     assert run.status == "separated" and not texts
-    monkeypatch.setattr("softpinch.run.sampled_loop.radius", lambda *_: pytest.fail())
+    monkeypatch.setattr("softpinch.run.stiffness.radius", lambda *_: pytest.fail())
     assert sp.simulate(scene).success

@@ -60,14 +60,6 @@ def test_derivatives_are_those_of_the_same_steps_on_complex_numbers(name: str) -
             assert worst(run, expected, path, index) <= 1e-12, (path, index)
 
 
-def test_coordinates_that_follow_from_others_have_no_derivative() -> None:
-    run = sp.simulate(
-        moving(uneven()), dt=1e-3, formulation="nullspace", sensitivities=("initial.q", "initial.p")
-    )
-    assert not run.sensitivity["initial.q"][:, :, 5:7].any()
-    assert not run.sensitivity["initial.p"][:, :, 5:].any()
-
-
 def test_a_tips_mass_that_is_the_objects_is_part_of_its_derivative_unless_it_has_a_path() -> None:
     tips = ("hand.tip.normal_mass", "hand.tip.tangential_mass")
     of_all, of_each = (

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 
 import derivative_paths as paths_of
 import softpinch as sp
-from complex_numbers import STEP, Numbers
 from derivative_differences import difference, of
-from derivative_scenes import LOADS, SHARED, SIDED, entries, moving, shared, uneven
+from derivative_scenes import LOADS, SHARED, entries, moving, shared, uneven
 from differences import changed
 from softpinch import _core, strategies
 from softpinch.run.ledger import LEDGER
@@ -56,38 +55,6 @@ def test_the_derivative_by_the_start_begins_with_the_identity(method: str) -> No
     np.testing.assert_array_equal(found["initial.p"][0], np.eye(18)[:, 9:])
     np.testing.assert_array_equal(found.integral["initial.integral"][0], np.eye(2))
     assert not found["initial.integral"][0].any()
-
-
-def test_compressions_and_their_rates_follow_the_constraints_at_the_start() -> None:
-    scene = moving(uneven())
-    found = simulated(scene, "rk4", "nullspace", ("initial.q", "initial.p")).sensitivity
-    by_q, by_p = (found[f"initial.{name}"][0] for name in "qp")
-    for k in (0, 1, 2, 3, 4):
-        start = np.array(scene.start().q, dtype=complex)
-        start[k] += 1j * STEP
-        follows = np.imag(Numbers(scene).compressions(start)) / STEP
-        np.testing.assert_allclose(by_q[5:7, k], follows, rtol=1e-12, atol=1e-16)
-    state = scene.start()
-    phi = sp.evaluate(scene, state.time, state.q, state.p).constraint_matrix
-    np.testing.assert_allclose(phi @ by_p[9:], 0.0, atol=1e-14)
-    np.testing.assert_array_equal(by_p[9:14, :5], np.eye(5))
-
-
-@pytest.mark.parametrize("formulation", ["csm", "projected"])
-def test_along_the_constraints_the_derivatives_by_the_start_are_those_of_any_form(
-    formulation: str,
-) -> None:
-    how: dict[str, Any] = {"dt": 1e-4, "paths": ("initial.q", "initial.p"), "method": "dop853"}
-    scene = moving(uneven())
-    free, other = (
-        np.concatenate([run.sensitivity[path] for path in how["paths"]], axis=2)
-        for run in (simulated(scene, formulation=one, **how) for one in ("nullspace", formulation))
-    )
-    # The directions of the null-space form, in all coordinates.
-    along = other @ free[0]
-    for k in range(18):
-        if free[0, :, k].any():
-            assert difference(along[..., k], free[..., k]) <= 1e-9, k
 
 
 @few
@@ -227,14 +194,6 @@ def test_the_order_and_the_number_of_paths_change_no_bit(
         require_same_bits(other, run, path)
     alone = random.choice(paths)
     require_same_bits(simulated(scene, method, formulation, alone), run, alone)
-
-
-def test_fewer_rows_are_the_same_rows() -> None:
-    whole, some = (simulated(uneven(), "rk4", "csm", SIDED, every=every) for every in (1, 7))
-    kept = np.searchsorted(whole.t, some.t)
-    assert len(kept) < len(whole.t) / 4
-    for path in SIDED:
-        require_same_bits(some, whole, path, kept)
 
 
 @pytest.mark.parametrize("method", _core.METHODS)

@@ -1,7 +1,5 @@
 """`Run.violation_intervals` and `Run.holds`, compared with the rows of the same run."""
 
-import copy
-import pickle
 from dataclasses import replace
 from typing import Any
 
@@ -30,7 +28,7 @@ def intervals(t: NDArray[np.float64], rows: NDArray[np.bool_]) -> NDArray[np.flo
     HEIGHTS,
     st.sampled_from([None, "pulling", "rim"]),
 )
-def test_they_are_the_stretches_of_rows_that_show_a_violation(
+def test_intervals_are_the_stretches_of_rows_that_show_a_violation(
     scene: sp.Scene, height: float | None, stop_on: str | None
 ) -> None:
     scene = replace(scene, grasped=replace(scene.grasped, height=height))
@@ -48,7 +46,7 @@ def test_they_are_the_stretches_of_rows_that_show_a_violation(
     st.sampled_from(["rk4", "implicit_midpoint", "dop853"]),
     st.integers(1, 1000),
 )
-def test_they_do_not_depend_on_what_is_recorded(scene: sp.Scene, method: str, every: int) -> None:
+def test_intervals_do_not_depend_on_the_record(scene: sp.Scene, method: str, every: int) -> None:
     how: dict[str, Any] = {"dt": 1e-3, "method": method, "stop_on": ()}
     full = sp.simulate(scene, **how, record=RECORD)
     bare = sp.simulate(scene, **how, record=(), every=every)
@@ -65,21 +63,6 @@ def test_adaptive_steps_note_stretches_of_their_own_ends() -> None:
     assert {"pulling", "slipping"} <= expected.keys() == run.violation_intervals.keys()
     for name, found in run.violation_intervals.items():
         np.testing.assert_array_equal(found, expected[name])
-
-
-def test_a_violation_that_lasts_ends_with_the_run() -> None:
-    schedule = sp.Schedule.steps([0.0], [[0.1, -0.2]])
-    run = sp.simulate(sp.Scene(schedule=schedule, duration=0.05, friction=0.0), stop_on=())
-    assert run.violation_intervals["slipping"][-1, 1] == run.t[-1]
-
-
-def test_they_are_read_only_also_after_pickling_and_copying() -> None:
-    run = sp.simulate(jerked(), dt=1e-3)
-    for each in (run, pickle.loads(pickle.dumps(run)), copy.deepcopy(run)):
-        found = each.violation_intervals["pulling"]
-        np.testing.assert_array_equal(found, run.violation_intervals["pulling"])
-        with pytest.raises(ValueError, match="read-only"):
-            found[0, 0] = 1.0
 
 
 @given(

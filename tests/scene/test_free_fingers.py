@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import softpinch as sp
 from softpinch.scene import usual
-from softpinch.scene.free_fingers import growth
+from softpinch.scene.loop_matrix import growth
 
 INERTIA = sp.Finger().inertia
 LOOSE = {"kp": 1.0, "kd": 0.05}  # beside the default ki of 1000
@@ -92,12 +92,3 @@ def test_other_loops_are_no_warning() -> None:
         usual.warn(controlled(**LOOSE, duration=0.01))  # it has no time to grow
         torques = sp.Schedule.steps([0.0], [[1.2, 1.2]])
         usual.warn(sp.Scene(control=sp.Torque(), schedule=torques))
-
-
-def test_what_is_not_known_is_not_said() -> None:
-    much = sp.SampledController(1e-3, D=1e4 * np.ones((2, 2)), measures=("compression",))
-    assert growth(sp.Scene(), much) == 0.0
-    late = sp.SampledController.pid(1e-3, delay=1.0)
-    assert growth(sp.Scene(), late) == 0.0
-    huge = sp.SampledController.pid(1e-3, kp=1e308, kd=1e308)
-    assert growth(sp.Scene(), huge) == 0.0 or growth(sp.Scene(), huge) > 1e300

@@ -70,19 +70,9 @@ def test_moments_and_independence_are_those_of_theory() -> None:
         assert stats.kstest(column, "norm").pvalue > 1e-4
 
 
-def test_runs_are_independent_as_well_as_samples() -> None:
-    # The first sample of many runs, which a weak key schedule would tie together.
-    one = sp.Noise(force_std=1.0, moment_std=1.0, rate_hz=1.0, seed=3)
-    first = np.concatenate([replace(one, run=run).samples(2) for run in range(4000)], axis=1)
-    x = first.reshape(2, 4000, 3).transpose(1, 0, 2).reshape(4000, 6)
-    assert stats.kstest(x.ravel(), "norm").pvalue > 1e-4
-    assert np.abs(np.corrcoef(x.T) - np.eye(6)).max() < 4.5 / np.sqrt(4000)
-    assert np.abs((x[1:] * x[:-1]).mean(axis=0)).max() < 4.5 / np.sqrt(4000)
-
-
 @pytest.mark.parametrize("one", AWKWARD, ids=range(len(AWKWARD)))
 @pytest.mark.parametrize("how", [{"dt": 1e-3}, {"tolerance": 1e-8, "method": "dop853"}], ids=str)
-def test_it_acts_as_the_same_samples_held(one: sp.Noise, how: dict[str, object]) -> None:
+def test_noise_acts_as_the_same_samples_held(one: sp.Noise, how: dict[str, object]) -> None:
     still = sp.Step(time=0.0)
     noisy = replace(SCENE, disturbances=[still, one])
     sampled = replace(SCENE, disturbances=[still, held(one, 1, SCENE.duration)])
@@ -113,14 +103,6 @@ def test_each_run_has_a_stream_of_its_own() -> None:
     assert (other["final_state"][:, 0] != ensemble["final_state"][:, 0]).all()
 
 
-def test_two_noises_differ_by_their_place() -> None:
-    twice = replace(SCENE, disturbances=[noise(), noise()])
-    ensemble = sp.monte_carlo(twice, 2, dt=1e-3, progress=False)
-    doubled = replace(SCENE, disturbances=[noise(force_std=(4.0, 1.0), moment_std=0.02)])
-    once = sp.monte_carlo(doubled, 2, dt=1e-3, progress=False)
-    assert (np.abs(ensemble["final_state"] - once["final_state"])[:, 0] > 1e-6).all()
-
-
 def test_the_fields_of_a_noise_vary_between_runs() -> None:
     vary = {
         "disturbances.0.force_std": np.array([[0.0, 0.0], [1.0, 2.0], [3.0, 0.5]]),
@@ -137,42 +119,13 @@ def test_the_fields_of_a_noise_vary_between_runs() -> None:
         assert ensemble["final_state"][run].tobytes() == state.tobytes()
     both = replace(SCENE, disturbances=[noise(force_std=1.0)])
     scattered = {"disturbances.0.force_std": [0.5, 2.0], "disturbances.0.rate_hz": [99.0, 250.0]}
-    for own in (scattered, {"grasped.mass": [0.1, 0.1]}, {"disturbances.0.time": [0.0, 0.01]}):
-        two = sp.monte_carlo(both, vary=own, dt=1e-3, progress=False)
-        for run in range(2):
-            alone = sp.simulate(two.scene_of(run), dt=1e-3)
-            np.testing.assert_array_equal(two["final_state"][run, :9], alone.q[-1])
+    two = sp.monte_carlo(both, vary=scattered, dt=1e-3, progress=False)
+    for run in range(2):
+        alone = sp.simulate(two.scene_of(run), dt=1e-3)
+        np.testing.assert_array_equal(two["final_state"][run, :9], alone.q[-1])
     quiet = sp.simulate(SCENE, dt=1e-3)
     # The same but for the steps that end where the samples of no force would.
     np.testing.assert_allclose(ensemble["final_state"][0, :9], quiet.q[-1], rtol=1e-4, atol=1e-7)
-
-
-@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
-def test_the_energy_ledger_closes(formulation: str) -> None:
-    scene = replace(SCENE, disturbances=[noise(force_std=4.0)])
-    opened = []
-    for dt in (2e-4, 1e-4):
-        run = sp.simulate(scene, dt=dt, formulation=formulation, record="energy")
-        assert run.success and np.abs(run.energy.external_work).max() > 1e-4
-        opened.append(np.abs(run.energy.closure).max() / run.energy.exchanged)
-    # Of order 4 although the force jumps: steps end at each jump.
-    assert opened[1] < 1e-6 and 12 < opened[0] / opened[1] < 20
-
-
-def test_it_ends_where_it_says() -> None:
-    scene = replace(SCENE, disturbances=[noise(duration=0.0301, force_std=4.0)])
-    work = sp.simulate(scene, dt=1e-3, record=("state", "energy"))
-    quiet = work.t >= 0.0301
-    external = work.energy.external_work
-    assert 0.0301 in work.t and np.ptp(external[quiet]) == 0.0
-    assert np.ptp(external[~quiet]) > 0.0
-
-
-def test_it_travels_through_a_scene_file() -> None:
-    for one in (noise(), noise(force_std=1.5, duration=0.5, time=0.1), AWKWARD[2]):
-        scene = replace(SCENE, disturbances=[one])
-        again = sp.Scene.from_toml(scene.to_toml())
-        assert again == scene and again.disturbances[0].seed == one.seed
 
 
 @pytest.mark.parametrize(
@@ -181,13 +134,8 @@ def test_it_travels_through_a_scene_file() -> None:
         ({"force_std": -1.0}, ValueError, r"Noise.force_std = -1.0: must be finite and >= 0"),
         ({"force_std": (1.0, -2.0)}, ValueError, r"Noise.force_std\[1\] = -2.0: must be finite"),
         ({"force_std": (1.0, 2.0, 3.0)}, ValueError, r"Noise.force_std has shape \(3,\)"),
-        ({"force_std": np.nan}, ValueError, "Noise.force_std = nan"),
-        ({"force_std": "1"}, TypeError, "Noise.force_std = '1': must be a number"),
         ({"moment_std": -1e-9}, ValueError, "Noise.moment_std = -1e-09"),
-        ({"rate_hz": 0.0}, ValueError, "Noise.rate_hz = 0.0: must be finite and > 0"),
         ({"rate_hz": np.inf}, ValueError, "Noise.rate_hz = inf"),
-        ({"time": np.nan}, ValueError, "Noise.time = nan"),
-        ({"duration": 0.0}, ValueError, "Noise.duration = 0.0"),
         ({"duration": 1e-9, "time": 1e9}, ValueError, "long enough to end later than time"),
         ({"seed": -1}, ValueError, "Noise.seed = -1: must be at least 0"),
         ({"run": 2**64}, ValueError, "Noise.run = 18446744073709551616: must be at most"),
@@ -206,31 +154,11 @@ def test_more_samples_than_a_run_can_have_are_refused() -> None:
     vary = {"disturbances.0.rate_hz": np.array([1e2, 1e3, 1e300])}
     with pytest.raises(ValueError, match="run 2: the noise's samples"):
         sp.monte_carlo(scene, vary=vary, dt=1e-3, progress=False)
+    with pytest.raises(ValueError, match="count = 10000000000: must be at most 100000000"):
+        noise().samples(10**10)
     # What a short noise does not use, it does not need.
     short = replace(SCENE, disturbances=[noise(rate_hz=1e5, duration=1e-3)])
     assert sp.simulate(short, dt=1e-3).success
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((10**10,), "count = 10000000000: must be at most 100000000"),
-        ((2**63,), "count = 9223372036854775808: must be at most"),
-        ((10**400,), r"count = 10+\.\.\.0+: must be at most"),
-        ((-1,), "count = -1: must be at least 0"),
-        ((3, -1), "place = -1: must be at least 0"),
-        ((3, 2**64), "place = 18446744073709551616: must be at most 18446744073709551615"),
-    ],
-)
-def test_samples_that_cannot_be_are_refused(arguments: tuple[int, ...], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        noise().samples(*arguments)
-
-
-@pytest.mark.parametrize("count", [10**10, 2**63, 2**64 - 1])
-def test_the_core_refuses_more_samples_than_memory_holds(count: int) -> None:
-    with pytest.raises(ValueError, match=r"the samples, in numbers, would need .*, the limit is"):
-        _core.noise((1.0, 1.0, 1.0), (0, 0), 0, 0, count)
 
 
 def far(grid: tuple[float, int] | None, **changes: object) -> sp.Scene:
@@ -241,10 +169,16 @@ def far(grid: tuple[float, int] | None, **changes: object) -> sp.Scene:
     return sp.Scene(initial=state, duration=1e-5, disturbances=[noise(**fields)])
 
 
-@pytest.mark.parametrize("grid", [(0.0, 7), (999.0, 10**6), (1000.0 - 5e-8, 1)], ids=str)
-@pytest.mark.parametrize("duration", [None, 5e-8, 1000.0], ids=str)
-@pytest.mark.parametrize("how", [{"dt": 1e-7}, {"tolerance": 1e-6, "method": "dop853"}], ids=str)
-def test_samples_before_the_segment_of_a_state_are_not_looked_at(
+@pytest.mark.parametrize(
+    ("grid", "duration", "how"),
+    [
+        ((0.0, 7), None, {"dt": 1e-7}),
+        ((999.0, 10**6), 5e-8, {"tolerance": 1e-6, "method": "dop853"}),
+        ((1000.0 - 5e-8, 1), 1000.0, {"dt": 1e-7}),
+    ],
+    ids=str,
+)
+def test_samples_before_the_segment_of_a_state_are_not_made(
     grid: tuple[float, int], duration: float | None, how: dict[str, object]
 ) -> None:
     # A noise lies between the segment's start and now, so the run begins a segment of its own: as

@@ -3,7 +3,6 @@
 import pickle
 import re
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,12 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import softpinch as sp
-from softpinch.scene.symbols import SYMBOLS
+from softpinch.scene.fields import SYMBOLS
 
 SCENE = sp.Scene(duration=0.01)
 PAIR = SCENE.with_({"hand.tip.left.radius": 0.021, "control.left.kp": 90.0})
-PAGE = Path(__file__).parents[2] / "docs" / "symbols.md"
-
 # Every way by which a user gives a path.
 TAKERS: dict[str, Callable[[sp.Scene, str], Any]] = {
     "vary_paths": lambda scene, path: scene.vary_paths()[path],
@@ -37,11 +34,7 @@ MEANT = [
     (SCENE, "E", "hand.tip.youngs_modulus"),
     (SCENE, "hand.tip.young_modulus", "hand.tip.youngs_modulus"),
     (SCENE, "hand.right.M", "hand.right.mass"),
-    (SCENE, "grasped.M", "grasped.mass"),
-    (SCENE, "grasped.m", "grasped.mass"),
-    (SCENE, "control.K_P", "control.kp"),
     (SCENE, "mu", "friction"),
-    (SCENE, "hand.left.L", "hand.left.length"),
     (SCENE, "control.E", "hand.tip.youngs_modulus"),
     (PAIR, "hand.tip.left.E", "hand.tip.left.youngs_modulus"),
     (PAIR, "hand.tip.E", "hand.tip.left.youngs_modulus"),
@@ -59,15 +52,6 @@ def test_the_path_that_was_meant_is_suggested(
     assert isinstance(error.value, KeyError) == (taker == "vary_paths")
     assert path in str(error.value) and "\\" not in str(error.value)
     assert f'; did you mean "{meant}"?' in str(error.value), str(error.value)
-
-
-def test_the_symbols_are_those_of_the_page() -> None:
-    """The table "Parameters" of docs/symbols.md, without the rows of words and without LaTeX."""
-    text = PAGE.read_text().partition("## Parameters")[2].partition("Numbers of the comp")[0]
-    rows = re.findall(r"^\| \$(.+?)\$ \|.*?\| `([\w.]+)` \|", text, re.MULTILINE)
-    assert {symbol.replace("\\", ""): path for symbol, path in rows} == SYMBOLS
-    for path in SYMBOLS.values():
-        assert path in SCENE.vary_paths()
 
 
 @given(st.text(max_size=30) | st.sampled_from(sorted(SYMBOLS)).map("hand.tip.left.{}".format))

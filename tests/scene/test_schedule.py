@@ -1,7 +1,5 @@
 """Schedules: the polynomials that they become are what their names say."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -73,19 +71,6 @@ def test_the_core_asks_the_fingers_for_the_same(schedule: sp.Schedule, times: li
     for t, row in zip(times, many, strict=True):
         core = sp.evaluate(scene, t, start.q, start.p).target
         np.testing.assert_allclose(core, row, rtol=0, atol=1e-12)
-
-
-@given(strategies.schedules(duration=2.0, kinds=("steps", "sampled")))
-def test_at_a_jump_what_is_asked_for_is_what_follows(schedule: sp.Schedule) -> None:
-    np.testing.assert_array_equal(schedule.target(schedule.times), schedule.angles)
-
-
-@given(strategies.schedules(duration=2.0, kinds=("ramps", "minimum_jerk")))
-def test_ramps_and_smooth_moves_do_not_jump(schedule: sp.Schedule) -> None:
-    breaks, _ = schedule.compile()
-    for t in breaks:
-        ahead = schedule.target(np.nextafter(t, -np.inf))
-        np.testing.assert_allclose(ahead, schedule.target(t), rtol=0, atol=1e-12)
 
 
 @given(strategies.schedules(duration=2.0, kinds=("minimum_jerk",)))
@@ -173,22 +158,6 @@ def test_studies_may_vary_the_time_of_one_move_and_the_angle_of_one_point() -> N
             np.testing.assert_array_equal(study["final_state"][run], [*end.q, *end.p])
 
 
-@pytest.mark.parametrize(
-    "path", ["schedule.times.1", "schedule.angles.1.0", "schedule.move_time.0"]
-)
-def test_derivatives_of_a_run_by_smooth_schedules_are_those_of_differences(path: str) -> None:
-    times, angles = [0.0, 0.004, 0.009], np.deg2rad([[6, 6], [8, 5], [7, 6]])
-    move_time = [0.004, 0.003] if "move" in path else None
-    schedule = sp.Schedule.minimum_jerk(times, angles, move_time)
-    scene = sp.Scene(schedule=schedule, duration=0.02)
-    found = sp.simulate(scene, 1e-4, sensitivities=(path,)).sensitivity[path][-1]
-    value, step = float(scene.vary_paths()[path][0]), 1e-6
-    ends = [sp.simulate(scene.with_({path: value + by}), 1e-4).state(-1) for by in (step, -step)]
-    up, down = (np.concatenate([end.q, end.p]) for end in ends)
-    difference = (up - down) / (2.0 * step)
-    np.testing.assert_allclose(found, difference, atol=2e-4 * np.abs(difference).max())
-
-
 def test_driven_fingers_follow_a_way_through_points() -> None:
     ways = sp.Schedule.in_degrees("via_points", [0.0, 0.03, 0.05], [[6, 6], [8, 5], [7, 6]])
     scene = sp.Scene(schedule=ways, fingers="driven", duration=0.06)
@@ -208,26 +177,10 @@ def test_angles_may_be_given_in_degrees(kind: str) -> None:
         sp.Schedule.in_degrees(kind, TIMES, ANGLES[0], **options)
 
 
-@pytest.mark.parametrize("options", [{}, {"move_time": None}, {"move_time": 0.1}])
-def test_degrees_make_the_moves_that_radians_make(options: dict[str, Any]) -> None:
-    degrees = [[6.0, 6.0], [15.0, -5.0], [6.0, 7.0]]
-    found = sp.Schedule.in_degrees("minimum_jerk", TIMES, degrees, **options)
-    expected_one = sp.Schedule.minimum_jerk(TIMES, np.deg2rad(degrees), **options)
-    assert found == expected_one and found.kind == expected_one.kind
-    for ours, theirs in zip(found.compile(), expected_one.compile(), strict=True):
-        assert ours.tobytes() == theirs.tobytes()
-
-
 def test_moves_back_to_back_are_allowed_though_their_sum_rounds_up() -> None:
     # 0.2 + 0.1 is more than 0.3 in floating point.
     schedule = sp.Schedule.minimum_jerk([0.0, 0.1, 0.2, 0.3], np.zeros((4, 2)), 0.1)
     assert list(schedule.compile()[0]) == [0.1, 0.2, 0.3, 0.4]
-
-
-def test_a_step_at_the_first_time_is_no_break() -> None:
-    breaks, coefficients = sp.Schedule.steps(TIMES, ANGLES).compile()
-    assert list(breaks) == [1.0, 1.5]
-    assert coefficients.shape == (3, 2, 1)
 
 
 @pytest.mark.parametrize("scale", [1e-40, 1e40])

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 import softpinch as sp
 from softpinch import reference
 from softpinch.run import measures
+from softpinch.scene import usual
 
 STEPS = sp.Schedule.steps([0.0, 0.02, 0.05], [[1.2, 1.2], [1.5, 0.9], [1.0, 1.1]])
 PUSH = sp.Pulse(time=0.03, duration=0.01, force=(4.0, -1.0), moment=0.01)
@@ -65,22 +66,6 @@ def test_the_ledger_has_the_work_of_the_torques() -> None:
     assert run.energy.controller_work[-1] == pytest.approx(work, rel=1e-9)
 
 
-def test_the_torques_of_driven_fingers_give_their_motion_back() -> None:
-    schedule = sp.Schedule.minimum_jerk([0.0, 0.01], np.deg2rad([[6, 6], [7, 5]]), move_time=0.03)
-    driven = sp.Scene(schedule=schedule, fingers="driven", duration=0.05)
-    first = sp.simulate(driven, 2e-5, formulation="nullspace", record=("state", "torque"))
-    errors = []
-    for every in (4, 2):
-        torques = sp.Schedule.sampled(first.t[::every], first.torque[::every], hold="linear")
-        scene = sp.Scene(
-            control=sp.Torque(), schedule=torques, initial=driven.start(), duration=0.05
-        )
-        run = sp.simulate(scene, 2e-5, formulation="nullspace")
-        errors.append(np.abs(run.q[-1] - first.q[-1]).max())
-    # The torque is interpolated linearly, which is of order two.
-    assert errors[1] < 1e-6 and errors[0] / errors[1] == pytest.approx(4.0, rel=0.01)
-
-
 @settings(max_examples=10, deadline=None)
 @given(
     ends=st.tuples(st.floats(3.0, 12.0), st.floats(3.0, 12.0)),
@@ -107,32 +92,6 @@ def test_random_driven_motions_come_back_from_their_torques(
     run = sp.simulate(scene, 5e-5, formulation="nullspace")
     size = np.abs(first.q - first.q[0]).max()
     assert np.abs(run.q[-1] - first.q[-1]).max() < 1e-4 * size
-
-
-def test_an_ensemble_has_the_bits_of_its_runs_alone() -> None:
-    ensemble = sp.monte_carlo(
-        SCENE,
-        20,
-        seed=3,
-        vary={
-            "schedule.angles.1": sp.Normal([1.4, 1.0], 0.2),
-            "grasped.mass": sp.Uniform(0.08, 0.12),
-        },
-        summaries=("final_state", "peak_torque"),
-        progress=False,
-    )
-    for run in (0, 7, 19):
-        alone = ensemble.replay(run)
-        bits = np.concatenate([alone.q[-1], alone.p[-1]])
-        np.testing.assert_array_equal(ensemble["final_state"][run], bits)
-        assert ensemble["peak_torque"][run] == np.abs(alone.torque).max()
-
-
-def test_a_run_goes_on_to_the_same_bits() -> None:
-    whole = sp.simulate(SCENE, 1e-4)
-    row = 333
-    rest = replace(SCENE, initial=whole.state(row), duration=SCENE.duration - whole.t[row])
-    np.testing.assert_array_equal(sp.simulate(rest, 1e-4).q[-1], whole.q[-1])
 
 
 def test_torques_that_open_the_hand_free_the_tips_in_unilateral_contact() -> None:
@@ -180,7 +139,7 @@ def test_files_have_torques() -> None:
         sp.Scene.from_dict({"control": {"kind": "torque", "kp": 1.0}})
 
 
-def test_what_belongs_to_a_pid_is_refused_by_name() -> None:
+def test_functions_of_a_pid_refuse_torques_by_name() -> None:
     with pytest.raises(ValueError, match=r"Torque\(\): with fingers=\"driven\""):
         sp.Scene(control=sp.Torque(), fingers="driven")
     with pytest.raises(
@@ -198,12 +157,6 @@ def test_what_belongs_to_a_pid_is_refused_by_name() -> None:
         measures.finger_errors(sp.simulate(SCENE))
 
 
-def test_what_a_scene_pays_says_what_turns_its_fingers() -> None:
-    told = sp.explain(SCENE)
-    assert told.fingers == "torque"
-    assert "control=Torque() turns the fingers" in str(told)
-
-
 def test_figures_of_torques_have_no_target_angles() -> None:
     plot = pytest.importorskip("softpinch.plot")
     run = sp.simulate(SCENE, record=EVERYTHING)
@@ -214,5 +167,5 @@ def test_figures_of_torques_have_no_target_angles() -> None:
 
 
 def test_a_torque_is_no_angle_that_is_unusually_large() -> None:
-    firm = replace(SCENE, schedule=sp.Schedule.steps([0.0], [[40.0, 40.0]]), duration=1e-3)
-    sp.simulate(firm, 1e-4)  # a warning would be an error
+    firm = replace(SCENE, schedule=sp.Schedule.steps([0.0], [[40.0, 40.0]]))
+    assert not usual.suspicions(firm)

@@ -3,13 +3,11 @@
 import math
 import warnings
 from dataclasses import replace
-from itertools import product
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import strategies as st
 
 import softpinch as sp
 from softpinch import paper, strategies, stress
@@ -36,10 +34,7 @@ SLIPS = [
         sp.Scene(schedule=sp.Schedule.steps([0.0], [[6.0, -7.0]])),
         r"^schedule\.angles\.0\.1 = -7 rad: usual is from -1\.57\d* to 1\.57\d* rad; .*deg2rad",
     ),
-    (sp.Scene(grasped=sp.GraspedObject(width=49.0)), r"^grasped\.width = 49 m: "),
-    (sp.Scene(gravity=981.0), r"^gravity = 981 m/s\^2: "),
     (sp.Scene(friction=50.0), r"^friction = 50: usual is from 0 to 30; "),
-    (sp.Scene(hand=sp.Hand(left=sp.Finger(length=76.2))), r"^hand\.left\.length = 76\.2 m: "),
     (sp.Scene(control=(sp.Pid(), sp.Pid(kp=1e7))), r"^control\.left\.kp = 1e\+07 N m/rad: "),
     (
         sp.Scene(hand=sp.Hand(tip=(sp.Fingertip(), sp.Fingertip(radius=20.0)))),
@@ -62,39 +57,14 @@ def test_a_slip_is_a_warning_with_field_value_and_range(scene: sp.Scene, message
     assert float(paths.resolve(scene, path)) == pytest.approx(float(only.split()[2].rstrip(":")))
 
 
-def test_it_is_issued_where_a_scene_is_simulated_and_where_a_study_begins() -> None:
+def test_runs_and_studies_warn_once_at_the_users_line() -> None:
     scene = tip(youngs_modulus=0.3)
     with pytest.warns(sp.SuspiciousValueWarning, match="youngs_modulus") as caught:
-        run = sp.simulate(scene, 1e-3)
-    assert run.status and [each.filename for each in caught] == [__file__]
+        sp.simulate(scene, 1e-3)
+    assert [each.filename for each in caught] == [__file__]
     with pytest.warns(sp.SuspiciousValueWarning, match="youngs_modulus") as caught:
         sp.monte_carlo(scene, 50, vary={"grasped.mass": np.full(50, 0.1)}, dt=1e-3, progress=False)
     assert [each.filename for each in caught] == [__file__]
-
-
-def test_every_range_leads_to_a_number_of_a_scene() -> None:
-    """Else a field that was renamed would never be looked at."""
-    push = [sp.Step(time=0.0), sp.Impulse(time=0.0), sp.Sine(frequency_hz=1.0)]
-    noise = sp.Noise(force_std=(1.0, 2.0), moment_std=1.0, rate_hz=10.0)
-    moves = sp.Schedule.minimum_jerk([0.0, 1.0], [[0.1, 0.1]] * 2, 0.5)
-    tips = sp.Fingertip(normal_mass=0.1, tangential_mass=0.1)
-    scene = sp.Scene(
-        disturbances=[*push, noise], schedule=moves, hand=sp.Hand(tip=tips), friction=1.0
-    )
-    sampled = sp.Scene(control=sp.SampledController.pid(1e-3))
-    for path in usual.USUAL:
-        first, *rest = path.split(".")
-        places = {
-            "hand": ["hand.", "hand.right."],
-            "disturbances": [f"disturbances.{k}." for k in range(4)],
-        }.get(first, [f"{first}." if rest else first])
-        found = []
-        for each, place in product((scene, sampled), places):
-            try:
-                found.append(paths.resolve(each, place + ".".join(rest)))
-            except ValueError:
-                continue
-        assert found, path
 
 
 def test_nothing_that_is_real_is_suspicious() -> None:
@@ -142,13 +112,7 @@ OTHER = r"^grasped\.inertia = .* kg m\^2: usual for .* another mass or width\?.*
 
 @pytest.mark.parametrize(
     "changes",
-    [
-        {"mass": 0.25},
-        {"mass": 0.0001},
-        {"mass": 0.02, "height": 0.049},
-        {"width": 0.08},
-        {"width": 0.001, "com_offset": 0.0},
-    ],
+    [{"mass": 0.25}, {"mass": 0.02, "height": 0.049}, {"width": 0.001}],
     ids=str,
 )
 def test_an_inertia_given_for_another_mass_or_width_is_a_warning(changes: dict[str, Any]) -> None:
@@ -159,22 +123,6 @@ def test_an_inertia_given_for_another_mass_or_width_is_a_warning(changes: dict[s
     grasped = changed.grasped
     box = sp.GraspedObject.box(grasped.width, grasped.height or grasped.width, grasped.mass)
     assert not usual.suspicions(changed.with_({"grasped.inertia": box.inertia}))
-
-
-@given(st.floats(0.01, 100.0), st.floats(1e-3, 1.0), st.floats(0.0, 30.0), st.booleans())
-def test_no_uniform_box_is_suspicious(mass: float, width: float, shape: float, known: bool) -> None:
-    height = max(width * shape, 1e-5)
-    box = sp.GraspedObject.box(width, height, mass)
-    scene = sp.Scene(grasped=box if known else replace(box, height=None))
-    assert not [text for text in usual.suspicions(scene) if "another mass" in text]
-
-
-def test_a_study_of_the_mass_is_usual() -> None:
-    scene = sp.Scene(duration=1e-3)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        vary = {"grasped.mass": sp.Uniform(0.05, 0.3)}
-        sp.monte_carlo(scene, 4, vary=vary, dt=1e-3, progress=False)
 
 
 def test_a_micro_gripper_is_usual() -> None:
@@ -191,7 +139,6 @@ def test_a_micro_gripper_is_usual() -> None:
     [
         (0, 76.2, r"^initial\.q\.0 = 76\.2 m: usual is from -10 to 10 m; "),
         (2, 30.0, r"^initial\.q\.2 = 30 rad: usual is from -3\.14\d* to 3\.14\d* rad; .*deg2rad"),
-        (3, 6.0, r"^initial\.q\.3 = 6 rad: "),
         (5, 5.0, r"^initial\.q\.5 = 5 m: "),
     ],
 )
@@ -267,21 +214,6 @@ def test_torques_that_replace_the_default_schedule_are_no_warning() -> None:
     degrees = sp.Scene(schedule=sp.Schedule.steps([0.0], [[6.0, 6.0]]))
     with pytest.warns(sp.SuspiciousValueWarning, match=r"^schedule\.angles"):
         usual.warn(degrees, schedule_replaced=True)
-
-
-def test_infinite_friction_and_masses_that_are_the_object_s_are_usual() -> None:
-    assert not usual.suspicions(sp.Scene(friction=None))
-    assert not usual.suspicions(sp.Scene(friction=math.inf))
-    assert usual.USUAL["schedule.angles"][1] == math.pi / 2
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        raw.simulate(sp.Scene(duration=1e-3))
-
-
-@pytest.mark.parametrize("make", [sp.GraspedObject.box, sp.GraspedObject.cylinder])
-def test_a_body_whose_inertia_overflows_is_refused_by_name(make: Any) -> None:
-    with pytest.raises(ValueError, match=r"GraspedObject\.inertia = inf: must be finite"):
-        make(1e200, 1.0, 1.0)
 
 
 def test_targets_that_turn_no_finger_open_none() -> None:

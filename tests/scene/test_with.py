@@ -9,13 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
 
 import softpinch as sp
-from softpinch import strategies
 from softpinch.run.options import Options
-from softpinch.scene.path_table import PathTable
-from softpinch.scene.paths import shapes_of
+from softpinch.scene.paths import PathTable, shapes_of
 from softpinch.study.spec import StudySpec
 
 LOADED = sp.Scene(
@@ -47,12 +44,6 @@ def studied(scene: sp.Scene, path: str, value: Any) -> StudySpec:
     )
 
 
-@given(strategies.scenes(spread=2.0))
-def test_every_listed_path_is_accepted_with_its_own_value(scene: sp.Scene) -> None:
-    for path, (value, _) in scene.vary_paths().items():
-        assert scene.with_({path: value}) == scene, path
-
-
 @by_name
 def test_the_listed_paths_are_those_of_studies(name: str) -> None:
     scene = SCENES[name]
@@ -60,7 +51,7 @@ def test_the_listed_paths_are_those_of_studies(name: str) -> None:
         assert scene.with_({path: value}) == scene, path
         assert unit, path
         if value is not None and np.isfinite(value).all():
-            assert studied(scene, path, value).runs == 2
+            assert studied(scene, path, value).plan.runs == 2
 
 
 def every_path(node: Any, path: str = "") -> set[str]:
@@ -88,15 +79,6 @@ def test_no_path_that_a_study_accepts_is_left_out(name: str) -> None:
     assert len(accepted) > 20
 
 
-def test_large_arrays_are_listed_as_a_whole() -> None:
-    times = np.linspace(0.0, 1.0, 50)
-    scene = sp.Scene(schedule=sp.Schedule.sampled(times, np.zeros((50, 2))))
-    table = scene.vary_paths()
-    assert "schedule.angles" in table
-    assert "schedule.angles.0" not in table
-    assert scene.with_({"schedule.angles.3": (0.1, 0.2)}).schedule.angles[3].tolist() == [0.1, 0.2]
-
-
 def test_the_table_has_values_and_units() -> None:
     table = LOADED.vary_paths()
     assert isinstance(table, PathTable)
@@ -108,14 +90,6 @@ def test_the_table_has_values_and_units() -> None:
     assert SCENES["torques"].vary_paths()["schedule.angles"][1] == "N m"
     assert SCENES["own state"].vary_paths()["initial.q.2"] == (0.0, "rad")
     assert list(pickle.loads(pickle.dumps(table))) == list(table)
-
-
-def test_the_table_prints_one_line_for_each_path() -> None:
-    first, *lines = repr(LOADED.vary_paths()).splitlines()
-    assert first.split() == ["path", "value", "unit"]
-    assert [line.split()[0] for line in lines] == list(LOADED.vary_paths())
-    assert "hand.tip.youngs_modulus" in str(LOADED.vary_paths())
-    assert max(map(len, lines)) < 80
 
 
 def test_several_values_are_set_at_once() -> None:
@@ -163,18 +137,14 @@ def test_a_side_gets_a_record_or_a_number_of_its_own() -> None:
 
 REFUSED: list[tuple[Any, type[Exception], str]] = [
     ({"grasped.mas": 1.0}, ValueError, 'did you mean "grasped.mass"?'),
-    ({"grasped_object.mass": 1.0}, ValueError, 'did you mean "grasped.mass"?'),
     ({"hand.tip.lef.radius": 1.0}, ValueError, "with_: 'hand.tip.lef.radius': Hand.tip has no"),
     ({"disturbances.7.force": (1, 2)}, ValueError, "has 0 to 1, not '7'"),
     ({"grasped": sp.GraspedObject(), "grasped.mass": 0.1}, ValueError, "set the same number"),
-    ({"hand.tip": sp.Fingertip(), "hand.tip.left.radius": 0.1}, ValueError, "set the same number"),
     ({"grasped.mass": -1.0}, ValueError, "GraspedObject.mass = -1"),
     ({"grasped.mass": "0.1"}, TypeError, "GraspedObject.mass = '0.1': must be a number"),
-    ({"grasped.mass": None}, TypeError, "GraspedObject.mass = None: must be a number"),
     ({"hand.tip": 1.0}, TypeError, "Hand.tip = 1.0: must be a Fingertip"),
     ({"contact": "glued"}, ValueError, "Scene.contact = 'glued': must be one of"),
     ({"schedule.angles.0": 5.0}, ValueError, "'schedule.angles.0' = 5.0: must have the shape (2,)"),
-    ({"schedule.angles.0.0": None}, TypeError, "schedule.angles.0.0"),
     ({"schedule.angles.0.0": (1, 2)}, ValueError, "must be one number"),
     ({"grasped": {"mass": 1.0}}, TypeError, "not a mapping"),
     ({"initial.q.0": 0.1}, ValueError, "Scene.initial = None has no parts"),

@@ -172,7 +172,7 @@ def test_periods_that_fall_short_of_the_duration_by_round_off_are_all(many: bool
     assert task.steps == 5
     assert task.steps * task.period < task.duration
     episodes = Episodes.many(task, 2) if many else Episodes.alone(task)
-    episodes.begin(np.ones(episodes.n, bool), [np.random.default_rng(0)] * episodes.n)
+    episodes.start(np.ones(episodes.n, bool), [np.random.default_rng(0)] * episodes.n)
     for step in range(5):
         outcome = episodes.step(np.zeros((episodes.n, 2)))
         assert (outcome.truncated == (step == 4)).all()
@@ -191,16 +191,7 @@ def test_a_task_may_keep_the_array_of_its_torques() -> None:
     infos = []
     for kind in (FollowPath, InPlace):
         episodes = Episodes.alone(kind(**SHORT))
-        episodes.begin(np.ones(1, bool), [np.random.default_rng(0)])
+        episodes.start(np.ones(1, bool), [np.random.default_rng(0)])
         infos.append([episodes.step([[a, -a]]).info["reward_smooth"] for a in (0.01, 0.0, 0.02)])
     assert infos[1] == infos[0]
     assert all(infos[0])
-
-
-def test_a_lookahead_beyond_the_episode_sees_its_end() -> None:
-    observed = []
-    for lookahead in (0.06, 1e300):
-        episodes = Episodes.alone(FollowPath(**SHORT, lookahead=lookahead))
-        begun = episodes.begin(np.ones(1, bool), [np.random.default_rng(0)])
-        observed.append(begun.observation)
-    assert np.array_equal(*observed)

@@ -1,17 +1,13 @@
-"""A folder is gone on with by the study that it holds, and by no other."""
+"""A folder is continued by the study that it holds, and by no other."""
 
-import copy
 import shutil
 import tomllib
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy import stats
 
 import softpinch as sp
@@ -40,11 +36,6 @@ OTHERS: dict[str, tuple[dict[str, Any], str, str]] = {
         "scene.gravity",
         "9.81 there, and 9.8 here",
     ),
-    "scene's table": (
-        {"scene": replace(TINY_SCENE, grasped=sp.GraspedObject(width=0.0491))},
-        "scene.grasped.width",
-        "0.049 there, and 0.0491 here",
-    ),
     "what a scene has not": (
         {"scene": replace(TINY_SCENE, friction=0.5)},
         "scene.friction",
@@ -54,11 +45,6 @@ OTHERS: dict[str, tuple[dict[str, Any], str, str]] = {
         {"vary": {**TINY_VARY, "grasped.mass": sp.Normal(0.1, 0.02)}},
         "vary.grasped.mass.std",
         "0.01 there, and 0.02 here",
-    ),
-    "a distribution": (
-        {"vary": {**TINY_VARY, "grasped.mass": lambda rng: 0.1}},
-        "vary.grasped.mass.kind",
-        "'normal' there, and 'function' here",
     ),
     "a path less": (
         {"vary": {PUSH: TINY_VARY[PUSH]}},
@@ -84,11 +70,6 @@ OTHERS: dict[str, tuple[dict[str, Any], str, str]] = {
         "study.alpha",
         "1000.0 there, and 900.0 here",
     ),
-    "the other gain": (
-        {"stabilization": sp.Stabilization(1000.0, 900.0)},
-        "study.beta",
-        "1000.0 there, and 900.0 here",
-    ),
     "stop_on": (
         {"stop_on": ("separated",)},
         "study.stop_on",
@@ -98,11 +79,6 @@ OTHERS: dict[str, tuple[dict[str, Any], str, str]] = {
         {"summaries": ("final_state", "peak_rotation")},
         "study.summaries",
         "['final_state'] there, and ['final_state', 'peak_rotation'] here",
-    ),
-    "after": (
-        {"summaries_after": 1e-3},
-        "study.summaries_after",
-        "not given there, and 0.001 here",
     ),
     "band": ({"settling_band": 0.01}, "study.settling_band", "0.001 there, and 0.01 here"),
 }  # fmt: skip
@@ -129,7 +105,7 @@ def test_all_fields_that_differ_are_named(finished: Path) -> None:
     assert "study.seed is 3" in str(caught.value) and "study.dt is 0.001" in str(caught.value)
 
 
-def test_what_no_row_depends_on_may_differ(study: Path) -> None:
+def test_settings_on_which_no_row_depends_may_differ(study: Path) -> None:
     tiny(study, stop_when={"separated": 0.5}, check_dt=True)
     require_whole(study)
     assert sp.Study.open(study).made_by == tomllib.loads(
@@ -152,13 +128,6 @@ def test_fewer_runs_are_asked_for_than_a_function_has_drawn(tmp_path: Path) -> N
     assert tiny(tmp_path / "end", runs=500, **how).runs == BLOCK + 500
 
 
-def test_numbers_that_are_equal_are_of_the_same_study(tmp_path: Path) -> None:
-    tiny(tmp_path, runs=100, vary={"grasped.mass": stats.uniform(1, 1)})
-    tiny(tmp_path, runs=200, vary={"grasped.mass": stats.uniform(1.0, 1.0)})
-    study = resume(tmp_path)
-    assert study.complete and study.runs == 200
-
-
 def test_a_latin_hypercube_is_not_extended(tmp_path: Path) -> None:
     tiny(tmp_path, 50, sampler="latin_hypercube")
     with pytest.raises(ValueError, match=r"study\.runs is 50 there, and 60 here: a Latin"):
@@ -177,101 +146,37 @@ def test_another_results_version_is_refused_and_read(
     require_whole(study)
 
 
-@pytest.mark.parametrize("more", ["", "\n[pages]\nx = 1\n"])
-def test_an_unknown_format_is_named(more: str, study: Path) -> None:
-    edit(study / "manifest.toml", "format = 3\n", f"format = 4\n{more}")
+@pytest.mark.parametrize("version", [3, 5])
+def test_another_store_format_is_refused_in_one_line(version: int, study: Path) -> None:
+    edit(study / "manifest.toml", "format = 4\n", f"format = {version}\n")
+    said = f"^{study}: has store format {version}; this softpinch reads 4: [^\n]*$"
     for ask in (sp.Study.open, resume, lambda path: tiny(path)):
-        with pytest.raises(sp.StoreError, match=r"manifest.toml: has store format 4; .* reads 3"):
+        with pytest.raises(sp.StoreError, match=said):
             ask(study)
-
-
-@pytest.mark.parametrize("early", [1, 2])
-def test_a_folder_of_an_early_format_says_which_version_reads_it(study: Path, early: int) -> None:
-    edit(study / "manifest.toml", "format = 3\n", f"format = {early}\n")
-    (study / "parts.jsonl").write_text("")
-    for ask in (sp.Study.open, resume, lambda path: tiny(path)):
-        with pytest.raises(sp.StoreError, match=f"^{study}: has store format {early}, .*folder$"):
-            ask(study)
-
-
-@given(st.data())
-def test_a_manifest_that_was_cut_is_named(finished: Path, data: st.DataObject) -> None:
-    whole = (finished / "manifest.toml").read_bytes()
-    maker = whole.index(b"results_version")
-    cut = data.draw(st.integers(0, maker))
-    try:
-        (finished / "manifest.toml").write_bytes(whole[:cut])
-        for ask in (sp.Study.open, lambda path: tiny(path)):
-            with pytest.raises(sp.StoreError, match=r"manifest\.toml: is damaged: "):
-                ask(finished)
-    finally:
-        (finished / "manifest.toml").write_bytes(whole)
 
 
 @pytest.mark.parametrize(
     ("old", "new"),
     [
         (f"runs = {TINY}", f"runs = {TINY - 1}"),
-        (f"runs = {TINY}", 'runs = "many"'),
         (f"runs = {TINY}", ""),
-        ("seed = 3", "seed = -1"),
-        ('sampler = "random"', ""),
-        ("gravity = 9.81", 'gravity = "strong"'),
-        ("alpha = 1000.0", ""),
-        ("[study]", "study = 3\n[other]"),
+        ('sampler = "random"', 'sampler = "sobol"'),
+        ("gravity = 9.81", "gravity = "),
         ("[[made_by]]", "[made_by]"),
     ],
 )
 def test_a_manifest_that_was_altered_is_named(old: str, new: str, study: Path) -> None:
     edit(study / "manifest.toml", old, new)
-    with pytest.raises(sp.StoreError, match=r"manifest\.toml: is damaged: "):
-        sp.Study.open(study)
-    # Also where its checksum is that of the wrong text.
-    data = tomllib.loads((study / "manifest.toml").read_text())
-    if (study / "manifest.toml").read_text().count(f"runs = {TINY - 1}") == 0:
-        data.pop("sha256")
-        manifest.write(study, {"format": 2, **data})
-        with pytest.raises(sp.StoreError, match=r"manifest\.toml: is damaged: [^\n]*$"):
-            sp.Study.open(study)
+    for ask in (sp.Study.open, lambda path: tiny(path)):
+        with pytest.raises(sp.StoreError, match=r"manifest\.toml: is damaged: [^\n]*; restore"):
+            ask(study)
 
 
-def places(data: Any, where: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Where in a manifest a value stands."""
-    for key, value in data.items() if isinstance(data, dict) else enumerate(data):
-        yield (*where, key)
-        if isinstance(value, dict | list):
-            yield from places(value, (*where, key))
-
-
-WRONG = [True, -1, 2**70, 1.5, float("nan"), "text", [[3]], {"x": 1}]
-
-
-@pytest.mark.parametrize("value", WRONG, ids=range(len(WRONG)))
-def test_any_value_of_a_wrong_type_is_one_line(value: Any, study: Path) -> None:
-    """Of a stranger's manifest, too, whose checksum is right."""
-    tiny(study, trajectories=(5,), stop_when={"separated": 1e-9}, check_dt=True)
-    whole = tomllib.loads((study / "manifest.toml").read_text())
-    del whole["sha256"]
-    for *outer, last in list(places(whole)):
-        content = copy.deepcopy(whole)
-        inner = content
-        for key in outer:
-            inner = inner[key]
-        inner[last] = value
-        try:
-            manifest.write(study, {"format": 2, **content})
-            resume(study)
-        except sp.StoreError as error:
-            assert "\n" not in str(error) and str(error).startswith(str(study))
-
-
-def test_where_there_is_no_study(tmp_path: Path) -> None:
-    for path in (tmp_path, tmp_path / "nowhere"):
+def test_a_folder_without_a_study_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    for path in (tmp_path, tmp_path / "nowhere", tmp_path / "file"):
         with pytest.raises(sp.StoreError, match=r"is not a study: there is no manifest\.toml"):
             sp.Study.open(path)
-    (tmp_path / "file").write_text("")
-    with pytest.raises(sp.StoreError, match=r"cannot be read: Not a directory"):
-        sp.Study.open(tmp_path / "file")
 
 
 def test_numbers_drawn_otherwise_are_refused(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -364,11 +269,6 @@ def test_one_number_written_in_two_ways_is_one_study(tmp_path: Path) -> None:
     require_same(study.to_dict(), expected.to_dict())
 
 
-class Peaked(stats.rv_continuous):  # type: ignore[misc]
-    def _ppf(self, q: Any) -> Any:
-        return 0.1 + 0.001 * (q - 0.5) ** 3
-
-
 HISTOGRAM = np.histogram(np.linspace(0.09, 0.11, 50), bins=5)
 
 
@@ -384,9 +284,8 @@ HISTOGRAM = np.histogram(np.linspace(0.09, 0.11, 50), bins=5)
             stats.rv_histogram(HISTOGRAM),
             stats.rv_histogram((HISTOGRAM[0], HISTOGRAM[1] * (1 + 1e-9))),
         ),
-        (Peaked(name="norm")(), stats.norm(0.1, 1e-3)),
     ],
-    ids=["discrete", "histogram", "named as SciPy's"],
+    ids=["discrete", "histogram"],
 )
 def test_distributions_of_ones_own_are_told_apart_and_not_made_again(
     ours: Any, other: Any, tmp_path: Path

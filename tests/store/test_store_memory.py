@@ -13,10 +13,10 @@ import pytest
 SCRIPT = """
 import json, sys
 import stores
-from softpinch.study import job
+from softpinch.study import compute
 from softpinch.store import driver, folder
 
-folder.GATHER_SECONDS, driver.MOST_BLOCKS, job.MOST_BLOCKS = 0.0, 2, 4
+folder.GATHER_SECONDS, driver.MOST_BLOCKS, compute.MOST_BLOCKS = 0.0, 2, 4
 
 def most():
     # Not getrusage: that begins with what the process had before it became this one.

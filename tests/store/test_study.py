@@ -53,9 +53,7 @@ def test_every_column_has_the_bits_of_the_ensemble(kind: str, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("kind", sorted(set(KINDS) - {"functions", "latin", "arrays"}))
-def test_a_study_is_gone_on_with_and_extended_from_its_file_alone(
-    kind: str, tmp_path: Path
-) -> None:
+def test_a_study_is_resumed_and_extended_from_its_file_alone(kind: str, tmp_path: Path) -> None:
     # The last block is there in part, and a hole is in the middle.
     some = np.delete(np.arange(1500), np.arange(900, 1100))
     study = compute(kind, 1500, only=some, store=tmp_path)
@@ -70,7 +68,7 @@ def test_a_study_is_gone_on_with_and_extended_from_its_file_alone(
     assert all(path.read_bytes() == data for path, data in written.items())
 
 
-def test_functions_are_drawn_on_by_another_call(tmp_path: Path) -> None:
+def test_a_study_with_functions_continues_by_another_call_of_monte_carlo(tmp_path: Path) -> None:
     compute("functions", 1500, store=tmp_path)
     study = sp.Study.open(tmp_path)
     for go_on in (study.resume, lambda: study.extend(RUNS)):
@@ -96,7 +94,9 @@ def test_a_function_that_gives_other_numbers_when_asked_again_is_refused(tmp_pat
 
 
 @pytest.mark.parametrize("kind", ["latin", "arrays"])
-def test_what_cannot_be_extended_can_be_resumed(kind: str, tmp_path: Path) -> None:
+def test_latin_hypercubes_and_arrays_are_resumed_but_not_extended(
+    kind: str, tmp_path: Path
+) -> None:
     compute(kind, only=np.arange(5, 1200), store=tmp_path)
     study = sp.Study.open(tmp_path)
     with pytest.raises(ValueError, match=r"cannot be extended|must have one for each run"):
@@ -211,10 +211,7 @@ def test_check_dt_says_what_it_says_of_the_ensemble(tmp_path: Path) -> None:
 PATHS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "csm": ({}, {"dt": 1e-3}),
     "nullspace": ({}, {"dt": 1e-3, "formulation": "nullspace", "method": "implicit_midpoint"}),
-    "projected": ({}, {"dt": 1e-3, "formulation": "projected"}),
     "dop853": ({}, {"tolerance": 1e-7, "formulation": "nullspace", "method": "dop853"}),
-    "radau5": ({}, {"tolerance": 1e-7, "formulation": "nullspace", "method": "radau5"}),
-    "rosenbrock": ({}, {"tolerance": 1e-5, "formulation": "nullspace", "method": "rosenbrock"}),
     "driven": ({"fingers": "driven"}, {"dt": 1e-3, "formulation": "nullspace"}),
     "adaptive and driven": (
         {"fingers": "driven"},
@@ -291,7 +288,7 @@ def test_kept_paths_are_replays(name: str, tmp_path: Path) -> None:
     assert repr(ends[0]) == repr(ends[1]) and ends[0] == ends[1]
 
 
-def test_it_is_read_while_another_process_writes(tmp_path: Path) -> None:
+def test_a_study_is_read_while_another_process_writes(tmp_path: Path) -> None:
     tiny(tmp_path, 2 * BLOCK)
     script = (
         "import sys; from pathlib import Path; import stores\n"
@@ -310,7 +307,7 @@ def test_it_is_read_while_another_process_writes(tmp_path: Path) -> None:
     ) as writer:
         assert writer.stdin is not None and writer.stdout is not None
         assert writer.stdout.readline() == "locked\n"
-        with pytest.raises(sp.StoreError, match=f"is being written by process {writer.pid} on "):
+        with pytest.raises(sp.StoreError, match="is being written by another process"):
             tiny(tmp_path, 9 * BLOCK)
         study = sp.Study.open(tmp_path)
         assert 2 * BLOCK < study.runs < 9 * BLOCK == study.requested
@@ -326,7 +323,7 @@ def test_it_is_read_while_another_process_writes(tmp_path: Path) -> None:
     require_same(sp.Study.open(tmp_path).to_dict(), tiny(runs=9 * BLOCK).to_dict())
 
 
-def test_it_pickles_as_its_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_study_pickles_as_its_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     study = tiny(Path("here"), 2000, check_dt=True, trajectories=(3,))
     data = pickle.dumps(study)
@@ -336,14 +333,6 @@ def test_it_pickles_as_its_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         require_same(again.to_dict(), tiny(runs=2000).to_dict())
         require_discretisation(again.discretisation, study.discretisation)
         assert list(again.trajectories) == [3]
-
-
-def test_more_runs_than_can_be_counted_are_refused(tmp_path: Path) -> None:
-    study = tiny(tmp_path, 10)
-    for runs in (2**63, 2**64):
-        with pytest.raises(ValueError, match=r"runs = \d+: must be at most"):
-            study.extend(runs)
-    assert tiny(tmp_path / "one", 2**62, only=[2**62 - 1]).run.tolist() == [2**62 - 1]
 
 
 def test_a_study_stays_where_it_is_when_the_process_goes_elsewhere(

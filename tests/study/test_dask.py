@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import softpinch as sp
-from executors import BLOCK, KINDS, RUNS, Call, require_rows, require_same, study, until
-from softpinch.support.errors import LostRunsWarning
+from executors import BLOCK, KINDS, RUNS, Call, require_same, study, until
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
@@ -73,19 +71,9 @@ def test_a_cluster_gives_the_bits_of_one_thread(executor: Any, kind: str) -> Non
     require_same(study(kind, executor=executor), kind)
 
 
-def test_the_same_study_twice_is_computed_twice_and_leaves_nothing(
-    client: Any, executor: Any
-) -> None:
-    for _ in range(2):
-        spy = Spy(executor)
-        require_same(study(executor=spy))
-        assert len(spy.calls) >= 6
-    until(lambda: not states(client))
-
-
 def test_a_block_that_fails_is_computed_again(client: Any, executor: Any) -> None:
     def fail_once() -> None:
-        from softpinch.study import worker
+        from softpinch.study import executor as worker
 
         compute = worker.compute
 
@@ -127,23 +115,6 @@ def test_a_killed_worker_costs_nothing(client: Any, executor: Any, tmp_path: Pat
     require_same(study("failures", executor=executor), "failures")
 
 
-def test_another_softpinch_in_one_worker_is_an_error(client: Any, executor: Any) -> None:
-    def change(version: int) -> None:
-        from softpinch import _core
-
-        _core.RESULTS_VERSION = version  # type: ignore[misc]
-
-    (one, _) = client.run(os.getpid)
-    client.run(change, 999, workers=[one])
-    try:
-        with pytest.raises(sp.VersionMismatchError, match="results version 999; the study"):
-            study(runs=MANY, executor=executor)
-    finally:
-        client.run(change, sp._core.RESULTS_VERSION, workers=[one])
-    until(lambda: idle(client))
-    require_same(study(executor=executor))
-
-
 def test_ctrl_c_frees_the_cluster(client: Any, executor: Any) -> None:
     def report(done: int, runs: int) -> None:
         # Two short blocks have come, so both workers are at longer ones, of a second or two.
@@ -163,44 +134,6 @@ def test_ctrl_c_frees_the_cluster(client: Any, executor: Any) -> None:
     assert some["final_state"][[0, -1]].tobytes() == again["final_state"].tobytes()
     until(lambda: idle(client))
     require_same(study(executor=executor))
-
-
-def test_workers_that_come_later_are_used() -> None:
-    with (
-        distributed.LocalCluster(
-            n_workers=0, threads_per_worker=1, processes=False, **SILENT
-        ) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-
-        def report(done: int, runs: int) -> None:
-            if not ticks:
-                cluster.scale(3)
-            ticks.append(done)
-
-        ticks: list[int] = []
-        require_same(study("failures", executor=client.get_executor(), progress=report), "failures")
-
-
-def test_a_client_that_is_closed_keeps_what_came() -> None:
-    with (
-        distributed.LocalCluster(
-            n_workers=1, threads_per_worker=1, processes=False, **SILENT
-        ) as cluster,
-        distributed.Client(cluster) as client,
-        pytest.warns(LostRunsWarning),
-    ):
-        closed: list[int] = []
-
-        def report(done: int, runs: int) -> None:
-            if done and not closed:
-                closed.append(done)
-                client.close()
-
-        some = study(runs=MANY, executor=client.get_executor(), progress=report)
-    assert closed[0] <= some.runs < MANY
-    assert sum(one.runs for one in some.lost) == MANY - some.runs
-    require_rows(some, some.run, runs=MANY)
 
 
 def test_the_shell_says_that_it_waits_for_workers(capsys: pytest.CaptureFixture[str]) -> None:

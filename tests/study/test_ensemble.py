@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import softpinch as sp
 from ensembles import require_alone, require_same, same
-from scenes import SCENES, uneven
+from scenes import SCENES
 from softpinch import _core, strategies
 
 SUMMARIES = ("final_state", *_core.SUMMARIES)
@@ -54,43 +54,26 @@ VARY = {
 }
 
 
+STEPS: list[tuple[str, dict[str, float]]] = [
+    *((method, {"dt": dt}) for method, dt in LANES + OTHERS),
+    *((method, {"tolerance": k}) for method in _core.ADAPTIVE_METHODS for k in (1e-3, 1e-7)),
+]
+
+
 @pytest.mark.parametrize("formulation", _core.FORMULATIONS)
-@pytest.mark.parametrize(("method", "dt"), LANES + OTHERS)
-def test_a_run_is_what_it_is_alone(formulation: str, method: str, dt: float) -> None:
+@pytest.mark.parametrize(("method", "steps"), STEPS, ids=str)
+def test_a_run_is_what_it_is_alone(formulation: str, method: str, steps: dict[str, float]) -> None:
     ensemble = sp.monte_carlo(
         scattered(),
         21,
         seed=5,
         vary=VARY,
-        dt=dt,
         method=method,
         formulation=formulation,
         stabilization=sp.Stabilization(alpha=300.0, beta=300.0),
         summaries=SUMMARIES,
         progress=False,
-    )
-    assert ensemble.runs == 21
-    for run in range(21):
-        require_alone(ensemble, run)
-
-
-@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
-@pytest.mark.parametrize("method", _core.ADAPTIVE_METHODS)
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-7])
-def test_a_run_with_steps_of_its_own_is_what_it_is_alone(
-    formulation: str, method: str, tolerance: float
-) -> None:
-    ensemble = sp.monte_carlo(
-        scattered(),
-        21,
-        seed=5,
-        vary=VARY,
-        tolerance=tolerance,
-        method=method,
-        formulation=formulation,
-        stabilization=sp.Stabilization(alpha=300.0, beta=300.0),
-        summaries=SUMMARIES,
-        progress=False,
+        **steps,
     )
     assert ensemble.runs == 21
     for run in range(21):
@@ -173,15 +156,6 @@ def test_more_runs_begin_with_the_same_ones() -> None:
     both = {**VARY, "gravity": sp.Normal(9.8, 0.1)}
     wider = sp.monte_carlo(scattered(), 20, seed=3, vary=both, dt=1e-3, progress=False)
     assert same(few["grasped.mass"], wider["grasped.mass"])
-
-
-def test_the_order_of_runs_permutes_the_rows() -> None:
-    masses = np.geomspace(0.03, 0.3, 19)
-    order = np.random.default_rng(1).permutation(19)
-    scene = uneven()
-    straight = sp.monte_carlo(scene, vary={"grasped.mass": masses}, dt=1e-3, progress=False)
-    shuffled = sp.monte_carlo(scene, vary={"grasped.mass": masses[order]}, dt=1e-3, progress=False)
-    assert same(straight["final_state"][order], shuffled["final_state"])
 
 
 # Each ends a run in a way of its own.
@@ -295,16 +269,6 @@ def test_a_grasp_settles_once_and_a_late_window_sees_nothing() -> None:
     assert all(np.isnan(values).all() for values in nothing.summaries.values())
 
 
-def test_a_pull_shows_as_an_angle_beyond_ninety_degrees() -> None:
-    # A step of the fingers' targets makes nearly every grasp pull for a moment.
-    scene = sp.Scene(schedule=sp.Schedule.steps([0.0, 0.3], np.deg2rad([[6, 6], [20, -10]])))
-    how = {"summaries": "peak_friction_angle", "stop_on": (), "progress": False}
-    ensemble = sp.monte_carlo(scene, 2, dt=1e-3, summaries_after=0.29, **how)
-    assert ensemble.probability("pulling").value == 1.0
-    assert (ensemble["peak_friction_angle"] > np.pi / 2).all()
-    assert (ensemble["peak_friction_angle"] <= np.pi).all()
-
-
 def test_kept_trajectories_and_replay_are_full_runs() -> None:
     ensemble = sp.monte_carlo(
         scattered(), 9, vary=VARY, dt=1e-3, trajectories=(2, 7), progress=False
@@ -328,16 +292,6 @@ def test_ensembles_travel() -> None:
         copy["peak_rotation"][0] = 1.0
 
 
-def test_a_run_takes_less_than_a_kilobyte() -> None:
-    ensemble = sp.monte_carlo(
-        scattered(), 2048, vary=VARY, dt=2e-3, summaries=SUMMARIES, progress=False
-    )
-    columns = ensemble.to_dict().values()
-    # Messages are references to texts, of which most are the same.
-    messages = sum(map(len, set(ensemble.message)))
-    assert (sum(column.nbytes for column in columns) + messages) / 2048 < 1000
-
-
 def test_other_threads_of_python_go_on() -> None:
     ticks = 0
     over = threading.Event()
@@ -359,13 +313,6 @@ def test_other_threads_of_python_go_on() -> None:
         counter.join()
     # Held throughout, the interpreter would let it tick a handful of times.
     assert ticks > 20 or spent < 0.05
-
-
-def test_progress_is_told_and_ends_at_all() -> None:
-    told: list[tuple[int, int]] = []
-    sp.monte_carlo(sp.Scene(duration=0.1), 3000, dt=1e-3, progress=lambda *at: told.append(at))
-    assert told[0] == (0, 3000) and told[-1] == (3000, 3000)
-    assert [done for done, _ in told] == sorted(done for done, _ in told)
 
 
 def test_ensembles_run_in_forked_and_spawned_processes() -> None:

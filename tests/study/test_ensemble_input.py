@@ -1,4 +1,4 @@
-"""What `monte_carlo` refuses, in which words, and that it does so before it computes anything."""
+"""`monte_carlo` refuses wrong values of `vary` by name, before it computes anything."""
 
 from dataclasses import replace
 
@@ -15,57 +15,24 @@ SMOOTH = sp.Schedule.minimum_jerk([0.0, 0.1, 0.5], np.full((3, 2), 0.1), move_ti
 PATHS = {
     "grasped.mas": r"vary: 'grasped.mas': Scene.grasped has no .*mean \"grasped.mass\"",
     "graspd.mass": r"Scene has no field 'graspd'; it has .*; did you mean \"grasped.mass\"\?",
-    "": "Scene has no field ''",
     "grasped": "GraspedObject|Scene.grasped is not a number, a pair or an array of numbers",
     "grasped.mass.x": r"GraspedObject.mass = 0.1 has no parts",
-    "hand.right": "Hand.right is not a number|Scene.hand.right",
     "hand.tip": "is not a number",
-    "hand.tip.right": "Hand.tip.right is not a number",
     "hand.tip.right.right.radius": "Hand.tip.right has no field 'right'",
-    "hand.tip.0.radius": "Hand.tip has no field '0'",
-    "hand.left.right.length": "Hand.left has no field 'right'",
-    "hand.tip.mid.radius": "has no field 'mid'",
-    "control.middle.kp": "Scene.control has no field 'middle'",
     "schedule.kind": "Schedule.kind is not a number",
     "schedule.move_time": "Schedule.move_time is not a number",
-    "schedule.angles.2": r"Schedule.angles has 0 to 1, not '2'",
-    "schedule.angles.-1": r"Schedule.angles has 0 to 1, not '-1'",
     "schedule.angles.0.2": r"Schedule.angles.0 has 0 to 1, not '2'",
     "schedule.angles.0.0.0": "has no parts",
     "disturbances": "Scene.disturbances is not a number",
-    "disturbances.5.force": r"Scene.disturbances has 0 to 4, not '5'",
-    "disturbances.00.force": r"Scene.disturbances has 0 to 4, not '00'",
-    "disturbances.right.force": r"Scene.disturbances has 0 to 4, not 'right'",
     "disturbances.force": r"Scene.disturbances has 0 to 4, not 'force'",
-    "disturbances.0.forces": r"did you mean \"disturbances.0.force\"\?",
     "disturbances.0.force.2": r"has 0 to 1, not '2'",
-    "disturbances.2.seed": "is not a number",
-    "disturbances.2.run": "is not a number",
-    "disturbances.4.hold": "is not a number",
     "initial": "Scene.initial is not a number",
-    "initial.q": "Scene.initial = None has no parts",
 }
 
 
 @pytest.mark.parametrize("path", PATHS)
 def test_a_path_must_lead_to_numbers(path: str) -> None:
     refused(ValueError, PATHS[path], vary={path: TWO})
-
-
-def test_what_counts_and_what_decides_is_no_quantity() -> None:
-    start = sp.State.consistent(SCENE)
-    scene = replace(SCENE, initial=replace(start, grid=(0.0, 1), check=False))
-    for path in ("initial.grid", "initial.grid.0", "initial.check", "initial.linearized"):
-        refused(ValueError, f"vary: '{path}'", scene=scene, vary={path: TWO})
-    pairs = replace(SCENE, control=(sp.Pid(), sp.Pid()))
-    refused(
-        ValueError,
-        'Scene.control is a pair; it has "right", "left", not \'kp\'',
-        scene=pairs,
-        vary={"control.kp": TWO},
-    )
-    message = 'Scene.control is a pair; it has "right", "left", not \'0\''
-    refused(ValueError, message, scene=pairs, vary={"control.0.kp": TWO})
 
 
 @pytest.mark.parametrize(
@@ -92,32 +59,20 @@ def test_two_paths_to_one_number_are_refused(one: str, other: str) -> None:
 
 ARRAYS: list[tuple[dict[str, object], type[Exception], str]] = [
     ({}, ValueError, "runs is missing: must be given where vary has no array"),
-    ({"vary": {"grasped.mass": sp.Normal(0.1, 0.01)}}, ValueError, "runs is missing"),
-    ({"runs": 0}, ValueError, "runs = 0: must be at least 1"),
-    ({"runs": -3}, ValueError, "runs = -3: must be at least 1"),
     ({"runs": 1.0}, TypeError, "runs = 1.0: must be an integer"),
-    ({"runs": True}, TypeError, "runs = True: must be an integer"),
     (
         {"runs": 3, "vary": {"grasped.mass": TWO}},
         ValueError,
         r"vary\[\"grasped.mass\"\] has 2 entries: must have one for each run, and runs is 3",
     ),
-    (
-        {"vary": {"grasped.mass": TWO, "gravity": np.ones(3)}},
-        ValueError,
-        r"vary\[\"gravity\"\] has 3 entries: .* and vary\[\"grasped.mass\"\] has 2",
-    ),
-    ({"vary": {"grasped.mass": []}}, ValueError, "has no entries: must have one for each run"),
     ({"vary": {"grasped.mass": np.ones((2, 2))}}, ValueError, r"has shape \(2, 2\): .* \(2,\)"),
     (
         {"vary": {"disturbances.0.force": TWO}},
         ValueError,
         r"vary\[\"disturbances.0.force\"\] has shape \(2,\): must have shape \(2, 2\)",
     ),
-    ({"vary": {"grasped.mass": 0.1}}, TypeError, "must be an array with one entry for each run"),
     ({"vary": {"grasped.mass": ["0.1", "0.2"]}}, TypeError, "must hold numbers"),
-    ({"vary": {"grasped.mass": [0.1, None]}}, TypeError, "must hold numbers"),
-    ({"vary": [("grasped.mass", TWO)]}, TypeError, "vary = .*must map paths to arrays"),
+    ({"vary": [("grasped.mass", TWO)]}, TypeError, "vary = .*must be a mapping"),
     ({"vary": {3: TWO}}, TypeError, "vary: the key 3 must be a path or a tuple of paths"),
     (
         {"runs": 2, "vary": {"grasped.mass": lambda rng: rng.normal(size=2)}},
@@ -155,20 +110,12 @@ FIRST[5, 1] = FIRST[5, 0] - 0.3
 DRAWS: list[tuple[dict[str, object], str]] = [
     ({"grasped.mass": runs_of(0.1, -0.2)}, r"GraspedObject.mass = -0.2: must be finite and > 0"),
     ({"grasped.mass": runs_of(0.1, np.nan)}, "GraspedObject.mass = NaN"),
-    ({"grasped.mass": runs_of(0.1, np.inf)}, r"GraspedObject.mass = inf"),
     ({"hand.tip.left.radius": runs_of(0.02, 0.0)}, r"Fingertip.radius = 0.0: must be finite"),
     ({"control.kp": runs_of(100, -1)}, "Pid.kp = -1.0: must be finite and >= 0"),
-    ({"gravity": runs_of(9.81, np.nan)}, "Scene.gravity = NaN"),
-    ({"friction": runs_of(0.5, -0.5)}, "Scene.friction = -0.5"),
-    ({"duration": runs_of(1e-3, 0.0)}, "Scene.duration = 0.0: must be finite and > 0"),
     ({"disturbances.0.force": runs_of([1, 0], [np.nan, 0])}, r"Step.force\[0\] = nan"),
-    ({"disturbances.0.force.1": runs_of(0, np.inf)}, r"Step.force\[1\] = inf"),
     ({"disturbances.1.duration": runs_of(1e-3, -1)}, "Pulse.duration = -1.0: must be finite"),
-    ({"disturbances.2.force_std": runs_of(1.0, -1)}, "Noise.force_std = -1.0"),
-    ({"disturbances.2.rate_hz": runs_of(1.0, 0.0)}, "Noise.rate_hz = 0.0"),
     ({"disturbances.4.times": LATE}, r"Sampled.times\[1\] = 0.625: must be greater than the time"),
     ({"schedule.angles": runs_of(np.ones((2, 2)), np.nan)}, r"Schedule.angles\[0, 0\] = nan"),
-    ({"schedule.times": FIRST}, r"Schedule.times\[1\] = 2.2: must be greater than the .*, 2.5"),
     ({"grasped.width": runs_of(0.049, 0.01)}, "gap of .* mm|finger"),
 ]
 

@@ -21,7 +21,7 @@ MANY = 100_000
 
 
 class CtrlC:
-    """As a progress function: sends SIGINT so many seconds after the computing has begun."""
+    """A progress function that sends SIGINT some seconds after the computing has begun."""
 
     def __init__(self, after: float) -> None:
         self.timer = threading.Timer(after, self.send)
@@ -93,20 +93,6 @@ def test_ctrl_c_keeps_all_runs_that_were_done(how: dict[str, object]) -> None:
     assert not again.interrupted
     for name, values in again.to_dict().items():
         np.testing.assert_array_equal(some.to_dict()[name][few], values, err_msg=name)
-
-
-def test_ctrl_c_keeps_whole_batches_and_the_begun_one() -> None:
-    ctrl_c = CtrlC(0.2)
-    some = study(threads=2, dt=5e-4, progress=ctrl_c)
-    ctrl_c.require_soon()
-    assert some.interrupted and 0 < some.runs < MANY
-    require_few_missing(some, 2)
-    whole = study(threads=2, dt=5e-4, only=some.run)
-    for name, values in whole.to_dict().items():
-        np.testing.assert_array_equal(some.to_dict()[name], values, err_msg=name)
-    # Runs that were not asked for again are as good as those that were.
-    replay = some.replay(int(some.run[-1]), record="state")
-    np.testing.assert_array_equal(replay.q[-1], some["final_state"][-1, :9])
 
 
 @pytest.mark.parametrize(
@@ -191,18 +177,6 @@ def test_ctrl_c_ends_one_long_run(how: dict[str, object]) -> None:
     assert "0 runs of 1 requested" in repr(ensemble)
 
 
-def test_ctrl_c_keeps_a_study_that_stops_when_it_is_narrow() -> None:
-    ctrl_c = CtrlC(0.2)
-    some = study(
-        stop_when={"completed": 1e-9}, trajectories=(0, MANY - 1), check_dt=True, progress=ctrl_c
-    )
-    ctrl_c.require_soon()
-    assert some.interrupted and 0 < some.runs < MANY
-    # What is left of the rest: the trajectory of a run that was done, and no discretisation.
-    assert list(some.trajectories) == [0] and some.trajectories[0].success
-    assert some.discretisation is None
-
-
 @pytest.mark.parametrize("how", [{"check_dt": True}, {"trajectories": (0,)}], ids=str)
 def test_ctrl_c_in_what_follows_the_runs_loses_no_run(how: dict[str, object]) -> None:
     # The runs have just been done when the last report comes; what follows takes as long again.
@@ -221,19 +195,12 @@ def test_ctrl_c_in_what_follows_the_runs_loses_no_run(how: dict[str, object]) ->
         assert np.isnan(ensemble.discretisation["completed"].bias)
 
 
-def test_another_study_can_follow() -> None:
-    ctrl_c = CtrlC(0.1)
-    assert study(dt=1e-5, progress=ctrl_c).interrupted
-    ctrl_c.require_soon()
-    assert not study(runs=5).interrupted
-
-
 class Enough(Exception):
     """Raised by a progress function."""
 
 
 @pytest.mark.parametrize(("at", "threads"), [(0, 1), (1, 2), (3, 1)])
-def test_what_a_progress_function_raises_comes_through(at: int, threads: int) -> None:
+def test_exceptions_of_a_progress_function_come_through(at: int, threads: int) -> None:
     calls: list[tuple[int, int]] = []
     raised = []
 
@@ -258,7 +225,3 @@ def test_a_progress_function_may_give_the_ctrl_c() -> None:
 
     some = study(progress=report)
     assert some.interrupted and 0 < some.runs < MANY
-
-
-def test_what_a_progress_function_returns_changes_nothing() -> None:
-    assert study(runs=3000, progress=lambda done, runs: True).runs == 3000

@@ -1,6 +1,7 @@
-"""What an ensemble says of probabilities, means and steps, against theory and finer steps."""
+"""Probabilities, means and errors of steps, compared with theory and with finer steps."""
 
 import math
+import re
 from dataclasses import replace
 from itertools import pairwise
 
@@ -10,6 +11,7 @@ from scipy import stats
 
 import softpinch as sp
 from softpinch.study.estimates import Discretisation, Estimate
+from softpinch.study.tables import statuses
 
 CALM = sp.Scene(
     schedule=sp.Schedule.minimum_jerk([0.0, 0.001], np.deg2rad([[5, 5], [8, 4]]), move_time=0.03),
@@ -40,6 +42,32 @@ def test_wilsons_interval_is_scipys(runs: int, confidence: float) -> None:
         assert (ours.happened, ours.runs, float(ours)) == (count, runs, count / runs)
 
 
+@pytest.mark.parametrize(
+    ("count", "runs", "shown"),
+    [
+        # Rounded by hand from SciPy's `binomtest(count, runs).proportion_ci(method="wilson")`.
+        (99_997, 10**5, ("0.99997", "0.99991", "0.99999")),
+        (999_999, 10**6, ("0.999999", "0.9999943", "0.9999998")),
+        (10**6, 10**6, ("1", "0.999996", "1")),
+        (3, 10**6, ("3e-06", "1.0203e-06", "8.8211e-06")),
+        (5 * 10**11, 10**12, ("0.5", "0.499999", "0.500001")),
+    ],
+)
+def test_digits_tell_a_probability_and_its_interval_from_0_and_1(
+    count: int, runs: int, shown: tuple[str, str, str]
+) -> None:
+    ours = Estimate.counted(count, runs)
+    value, low, high = shown
+    assert str(ours) == f"{value} (95 %: {low} to {high}), {count} of {runs} runs"
+    assert [cell for cell in re.findall(r">([^<]+)</td>", ours._repr_html_())][:3] == [*shown]
+    if runs > 10**6:
+        return
+    statuses_of = np.array(["completed", "separated"]).repeat([count, runs - count])
+    table = statuses([(statuses_of, statuses_of == "completed")])
+    # In the table of a study: status, runs, share and interval, and the same of "holds".
+    assert [row[2:] for row in table.rows if row[1] == count] == 2 * [(value, f"{low} to {high}")]
+
+
 def test_intervals_cover_a_known_probability_as_often_as_they_say() -> None:
     ensemble = coin(1024 * 40, seed=2)
     assert set(ensemble.status) == {"completed", "separated"}
@@ -59,50 +87,6 @@ def test_intervals_cover_a_known_probability_as_often_as_they_say() -> None:
         exact = stats.binom.pmf(counts, 64, 0.3)[inside].sum()
         assert abs(exact - confidence) < 0.04
         assert abs(covered - exact) < 3 * math.sqrt(exact * (1 - exact) / 640)
-
-
-def test_drawn_parameters_have_the_moments_of_their_distributions() -> None:
-    runs = 8192
-    mass, mean, std = sp.Normal(0.1, 0.01), 0.1, 0.01
-    cube = np.array([[1.0, 0.5], [0.5, 2.0]])
-
-    def correlated(rng: np.random.Generator) -> tuple[float, float]:
-        kp, kd = np.linalg.cholesky(cube) @ rng.normal(size=2)
-        return 100.0 + 5 * kp, math.exp(0.1 * kd)
-
-    ensemble = sp.monte_carlo(
-        replace(TINY, disturbances=[sp.Step(time=0.0)]),
-        runs,
-        seed=5,
-        vary={
-            "grasped.mass": mass,
-            "disturbances.0.force": sp.Uniform((-8, -2), (8, 2)),
-            "hand.tip.youngs_modulus": sp.LogUniform(2e5, 5e5),
-            ("control.kp", "control.kd"): correlated,
-        },
-        dt=1e-3,
-        progress=False,
-    )
-    kd = np.log(ensemble["control.kd"]) / 0.1
-    columns = [
-        (ensemble["grasped.mass"] - mean) / std,
-        *(ensemble["disturbances.0.force"] / [8, 2] * math.sqrt(3)).T,
-        (np.log(ensemble["hand.tip.youngs_modulus"] / 2e5) / math.log(2.5) - 0.5) * math.sqrt(12),
-        (ensemble["control.kp"] - 100) / 5,
-        kd / math.sqrt(2),
-    ]
-    expected = np.eye(6)
-    expected[4, 5] = expected[5, 4] = 0.5 / math.sqrt(2)
-    x = np.array(columns)
-    sigma = 1 / math.sqrt(runs)
-    assert np.abs(x.mean(axis=1)).max() < 4.5 * sigma
-    np.testing.assert_allclose(x @ x.T / runs, expected, atol=4.5 * math.sqrt(2) * sigma)
-    # Runs and blocks of runs are independent.
-    for lag in (1, 1024):
-        assert np.abs((x[:, lag:] * x[:, :-lag]).mean(axis=1)).max() < 4.5 / math.sqrt(runs - lag)
-    assert len(np.unique(ensemble["grasped.mass"])) == runs
-    # The runs were computed with these numbers.
-    assert ensemble.scene_of(4711).grasped.mass == ensemble["grasped.mass"][4711]
 
 
 def test_sobol_converges_faster_than_random_on_a_smooth_summary() -> None:
@@ -183,7 +167,7 @@ def test_violations_are_noted_over_the_whole_run_and_summaries_after_an_instant(
     assert late.probability(late["peak_friction_angle"] > math.atan(0.05)).value == 0.0
 
 
-def test_it_stops_at_the_first_block_that_is_narrow_enough() -> None:
+def test_stop_when_ends_at_the_first_block_that_is_narrow_enough() -> None:
     whole = coin(1024 * 6, seed=4)
     lost = whole.status == "separated"
     widths = [Estimate.of(lost[: 1024 * k]).half_width for k in range(1, 7)]
@@ -204,6 +188,8 @@ def test_it_stops_at_the_first_block_that_is_narrow_enough() -> None:
     only = np.arange(1000, 3000)
     some = coin(4096, seed=4, only=only, stop_when={"completed": 0.3})
     assert list(some.run) == list(range(1000, 1024))
+    some = coin(4096, seed=4, only=np.arange(1100, 3000), stop_when={"completed": 0.3})
+    assert list(some.run) == list(range(1100, 2048))
 
 
 @pytest.mark.parametrize("formulation", ["csm", "nullspace"])

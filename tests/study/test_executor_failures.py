@@ -26,7 +26,7 @@ from executors import (
 )
 from softpinch import _core
 from softpinch.study import executor as executors
-from softpinch.study.outcome import Lost
+from softpinch.study.engine import Lost
 from softpinch.support.errors import LostRunsWarning, StoreError
 
 BLOCKS = -(-RUNS // BLOCK)
@@ -152,35 +152,6 @@ def test_after_a_break_only_goes_on_in_memory_as_the_warning_says() -> None:
     assert both.tobytes() == on_threads("only")["final_state"].tobytes()
 
 
-def test_blocks_that_have_arrived_when_it_breaks_are_kept_except_where_the_order_matters() -> None:
-    class Late(Inline):
-        """Its first block breaks it, and in the next moment all others are there."""
-
-        def submit(self, function: Callable[..., Any], /, *args: Any, **how: Any) -> Future[Any]:
-            futures.append(Future())
-            rows = super().submit(function, *args, **how).result()
-            self.rows.append(rows)
-            if len(self.calls) % BLOCKS == 0:
-                futures[-BLOCKS].set_exception(BrokenExecutor("a worker died"))
-                for future, rows in zip(futures[1 - BLOCKS :], self.rows[1:], strict=True):
-                    future.set_result(rows)
-            return futures[-1]
-
-        def __init__(self) -> None:
-            super().__init__()
-            self.rows: list[Any] = []
-
-    futures: list[Future[Any]] = []
-    with pytest.warns(
-        LostRunsWarning, match=r"lost runs 0 to 1023 \(1024\): the executor is broken"
-    ):
-        require_rows(study(executor=Late()), without(0))
-    with pytest.warns(
-        LostRunsWarning, match=rf"lost runs 0 to {RUNS - 1} \({RUNS}\): the executor"
-    ):
-        assert study("stop_when", executor=Late()).runs == 0
-
-
 @pytest.mark.parametrize("given", ["instance", "function"])
 @pytest.mark.parametrize("how", ["raises", "breaks", "submit raises"])
 def test_where_all_fails_it_ends_soon(how: str, given: str) -> None:
@@ -206,33 +177,6 @@ def test_where_all_fails_it_ends_soon(how: str, given: str) -> None:
     assert np.isnan(some.probability().value)
 
 
-def test_eight_blocks_that_fail_and_are_all_that_was_left_are_reported_once() -> None:
-    executor = Failing(lambda block, attempt: block > 0)
-    with pytest.warns(LostRunsWarning):
-        some = study("check_dt", trajectories=(), runs=9 * BLOCK, executor=executor)
-    assert [one.first for one in some.lost] == [BLOCK * k for k in range(1, 9)]
-    require_rows(some, np.arange(BLOCK), "check_dt", 9 * BLOCK)
-
-
-def test_blocks_that_fail_here_and_there_do_not_end_it() -> None:
-    executor = Failing(lambda block, attempt: block % 2 == 1)
-    with pytest.warns(LostRunsWarning):
-        some = study("check_dt", runs=80 * BLOCK, executor=executor)
-    assert some.runs == 40 * BLOCK
-    # In their order, though several fail in one turn.
-    assert [one.first for one in some.lost] == list(range(BLOCK, 80 * BLOCK, 2 * BLOCK))
-    assert some.discretisation is not None and some.discretisation["final_state"].runs == 256
-
-
-def test_an_executor_that_was_shut_down_computes_nothing_and_says_so() -> None:
-    pool = ThreadPoolExecutor(2)
-    pool.shutdown()
-    with pytest.warns(LostRunsWarning, match="cannot schedule new futures after shutdown"):
-        some = study(executor=pool)
-    assert some.runs == 0
-    require_same(study(executor=lambda: ThreadPoolExecutor(2)))
-
-
 def test_an_executor_that_is_shut_down_in_the_middle_keeps_what_came(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -252,14 +196,6 @@ def test_an_executor_that_is_shut_down_in_the_middle_keeps_what_came(
 def test_a_function_that_gives_no_executor_is_an_error(nothing: Callable[[], Any]) -> None:
     with pytest.raises(TypeError, match=r"executor: the function gave .*must give a concurrent"):
         study(executor=nothing)
-
-
-def test_a_function_that_fails_at_once_says_so() -> None:
-    def make() -> Any:
-        raise OSError("no nodes")
-
-    with pytest.raises(OSError, match="no nodes"):
-        study(executor=make)
 
 
 class Elsewhere(Inline):
@@ -293,7 +229,7 @@ class Coarse(Inline):
         return super().do(function, call)
 
 
-def test_that_check_dt_has_come_to_nothing_is_said() -> None:
+def test_lost_blocks_of_check_dt_are_reported() -> None:
     with pytest.warns(
         sp.LostRunsWarning, match=r"^check_dt: lost runs 0 to .*\(256\): .*too small"
     ):

@@ -16,43 +16,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+import softpinch as sp
 from executors import BLOCK, Call, Inline, require_rows, require_same, study
-from softpinch.study import worker
-from softpinch.support.errors import LostRunsWarning
+from softpinch.study import executor as worker
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*use of fork:DeprecationWarning")
 CONTEXTS = [name for name in ("fork", "spawn") if name in multiprocessing.get_all_start_methods()]
 MANY = 60 * BLOCK
-
-
-class Enough(Exception):
-    pass
-
-
-@pytest.mark.parametrize("at", [0, 1, 3])
-def test_what_a_progress_function_raises_comes_through(at: int) -> None:
-    calls = []
-
-    def report(done: int, runs: int) -> None:
-        calls.append(done)
-        if done >= at * BLOCK:
-            raise Enough(f"at {done}")
-
-    pools: list[ThreadPoolExecutor] = []
-
-    def make() -> ThreadPoolExecutor:
-        pools.append(ThreadPoolExecutor(1))
-        return pools[-1]
-
-    with pytest.raises(Enough, match="at "):
-        study(runs=200 * BLOCK, executor=make, progress=report)
-    # It is not asked again, and nothing goes on.
-    assert calls[-1] >= at * BLOCK and all(done < at * BLOCK for done in calls[:-1])
-    with pytest.raises(RuntimeError, match="after shutdown"):
-        pools[0].submit(print)
-    for thread in list(pools[0]._threads):
-        thread.join(30)
-        assert not thread.is_alive()
 
 
 @pytest.mark.parametrize("often", [False, True])
@@ -156,21 +126,6 @@ def test_ctrl_c_cancels_what_has_not_begun_and_keeps_what_comes_within_a_moment(
     assert "at most 1024 a worker" in some.interruption
 
 
-def test_blocks_that_were_lost_before_are_reported_also_after_ctrl_c() -> None:
-    class Failing(Inline):
-        def do(self, function: Callable[..., Any], call: Call) -> Any:
-            if call.block == 1:
-                raise OSError("no memory")
-            if call.block == 3:
-                os.kill(os.getpid(), signal.SIGINT)
-            return super().do(function, call)
-
-    with pytest.warns(LostRunsWarning, match=r"lost runs 1024 to 2047 \(1024\): failed 3 times"):
-        some = study("failures", executor=Failing())
-    assert some.interrupted and len(some.lost) == 1
-    require_rows(some, np.r_[:BLOCK, 2 * BLOCK : 4 * BLOCK], "failures")
-
-
 def test_ctrl_c_leaves_out_blocks_cut_short_where_the_order_matters() -> None:
     some = study("stop_when", executor=Held())
     assert some.interrupted and not some.lost
@@ -220,6 +175,7 @@ import multiprocessing, os, sys, threading
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 import numpy as np
+import softpinch as sp
 from executors import BLOCK, SHAKEN
 import softpinch as sp
 
@@ -299,3 +255,26 @@ def test_ctrl_c_that_workers_do_not_hear_ends_the_call_all_the_same(tmp_path: Pa
         os.kill(process.pid, signal.SIGINT)
         assert process.stdout is not None
         assert process.stdout.readline() == "back\n"
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="has no SIGALRM")
+def test_an_exception_of_another_handler_ends_the_call_and_rows_are_kept(tmp_path: Path) -> None:
+    class Slow(Inline):
+        """Its second block never comes."""
+
+        def submit(self, function: Callable[..., Any], /, *args: Any, **how: Any) -> Future[Any]:
+            if not self.calls:
+                return super().submit(function, *args, **how)
+            threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGALRM)).start()
+            return Future()
+
+    def handle(number: int, frame: object) -> None:
+        raise TimeoutError("deadline")
+
+    before = signal.signal(signal.SIGALRM, handle)
+    try:
+        with pytest.raises(TimeoutError, match="deadline"):
+            study("failures", executor=Slow(), runs=2 * BLOCK, store=tmp_path / "study")
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    require_rows(sp.Study.open(tmp_path / "study"), np.arange(BLOCK), "failures")

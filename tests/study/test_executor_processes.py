@@ -5,7 +5,7 @@ import multiprocessing
 import os
 import signal
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 import softpinch as sp
-from executors import BLOCK, KINDS, RUNS, on_threads, require_rows, require_same, study
-from softpinch.study import worker
+from executors import BLOCK, KINDS, RUNS, require_rows, require_same, study
 from softpinch.support.errors import LostRunsWarning
 
 # Python 3.12 and later say that a fork of a process with threads may hang; ours must not.
@@ -45,17 +44,6 @@ def test_two_processes_give_the_bits_of_one_thread(two: ProcessPoolExecutor, kin
     require_same(study(kind, executor=two), kind)
 
 
-@pytest.mark.parametrize("kind", ["noise", "stop_when", "only"])
-def test_threads_of_an_executor_give_the_bits_of_one_thread(kind: str) -> None:
-    with ThreadPoolExecutor(3) as threads:
-        require_same(study(kind, executor=threads), kind)
-
-
-def test_a_fork_server_gives_the_bits_of_one_thread() -> None:
-    with pool("forkserver") as executor:
-        require_same(study("failures", executor=executor), "failures")
-
-
 def test_a_store_filled_by_processes_is_the_same_study(
     two: ProcessPoolExecutor, tmp_path: Path
 ) -> None:
@@ -66,7 +54,7 @@ def test_a_store_filled_by_processes_is_the_same_study(
 
 
 class Once:
-    """As a progress function: does something when the first rows have come."""
+    """A progress function that calls a function when the first rows have come."""
 
     def __init__(self, do: Callable[[], object]) -> None:
         self._do = do
@@ -116,49 +104,3 @@ def test_a_killed_worker_ends_a_study_with_what_there_is_and_a_store_goes_on(
     with pool() as executor:
         again = sp.Study.open(tmp_path / "s").resume(executor=executor, progress=False)
     require_same(again, "failures", MANY)
-
-
-@needs_fork
-def test_workers_that_cannot_begin_end_it() -> None:
-    with pytest.warns(LostRunsWarning, match="BrokenProcessPool"):
-        some = study(runs=300 * BLOCK, executor=lambda: pool(initializer=os._exit, initargs=(1,)))
-    assert some.runs == 0 and sum(one.runs for one in some.lost) == 300 * BLOCK
-
-
-def spying(compute: Callable[..., Any], path: Path) -> Callable[..., Any]:
-    def spy(setup: Any, block: Any, threads: int, watch: Any) -> Any:
-        with path.open("a") as file:
-            file.write(f"{threads}\n")
-        return compute(setup, block, threads, watch)
-
-    return spy
-
-
-@needs_fork
-@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="no cores can be given")
-def test_a_worker_uses_the_cores_that_it_has_been_given(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    cores = sorted(os.sched_getaffinity(0))
-    cases: list[tuple[int, dict[str, Any], dict[str, Any], int]] = [
-        (1, {}, {}, 1),
-        (1, {}, {"threads": len(cores)}, len(cores)),
-        (1, {"initializer": os.sched_setaffinity, "initargs": (0, cores[:1])}, {"threads": 2}, 1),
-        (2, {}, {"threads": 64}, len(cores)),
-    ]
-    for k, (workers, how, asked, expected) in enumerate(cases):
-        seen = tmp_path / str(k)
-        with monkeypatch.context() as patch:
-            patch.setattr(worker, "compute", spying(worker.compute, seen))
-            with pool(workers=workers, **how) as executor:
-                require_same(study(executor=executor, **asked))
-        assert set(seen.read_text().split()) == {str(expected)}, cases[k]
-
-
-@needs_fork
-def test_another_softpinch_in_a_worker_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    expected = on_threads()
-    with pool(initializer=setattr, initargs=(sp._core, "RESULTS_VERSION", 999)) as executor:
-        with pytest.raises(sp.VersionMismatchError, match="with results version 999; the study"):
-            study(executor=executor)
-        assert sp._core.RESULTS_VERSION != 999 and expected.runs == RUNS

@@ -1,20 +1,17 @@
 """Means against exact arithmetic; quantiles of results are those of NumPy."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 import softpinch as sp
 from softpinch.study.estimates import Mean
-from softpinch.study.run_table import number
-from softpinch.support.arrays import Floats
+from softpinch.study.tables import number
 from stores import SCENE, in_memory
 
 LARGEST, SMALLEST = float(np.finfo(np.float64).max), 5e-324
@@ -41,25 +38,8 @@ anything = st.lists(st.floats() | awkward, max_size=40)
 
 
 def bits(values: Sequence[float]) -> list[str]:
-    """What tells 0.0 from -0.0, and takes NaN for equal to itself."""
+    """Texts that distinguish 0.0 from -0.0, and in which NaN equals itself."""
     return [float(each).hex() for each in values]
-
-
-SAMPLES: dict[str, Callable[[np.random.Generator, int], NDArray[Any]]] = {
-    "normal": lambda rng, n: rng.normal(size=n),
-    "every exponent": lambda rng, n: (
-        np.ldexp(rng.uniform(0.5, 1.0, n), rng.integers(-1073, 1025, n)) * rng.choice([-1, 1], n)
-    ),
-    "narrow": lambda rng, n: 1.0 + 1e-13 * rng.normal(size=n),
-    "repeated": lambda rng, n: rng.integers(-3, 4, n) * 0.1,
-    "all equal": lambda rng, n: np.full(n, 0.1),
-    "denormal": lambda rng, n: rng.integers(-50, 50, n) * SMALLEST,
-    "huge": lambda rng, n: rng.uniform(-0.4, 0.4, n) * LARGEST,
-}
-
-
-def sample(name: str, n: int = 3000) -> Floats:
-    return SAMPLES[name](np.random.default_rng(7), n)
 
 
 def exact_mean(values: Sequence[float]) -> tuple[Fraction, Fraction]:
@@ -96,11 +76,6 @@ def test_the_mean_is_the_exact_one(values: list[float]) -> None:
     check_mean(values)
 
 
-@pytest.mark.parametrize("name", SAMPLES)
-def test_the_mean_of_many(name: str) -> None:
-    check_mean(sample(name, 1000).tolist())
-
-
 def test_the_spread_of_neighbours() -> None:
     # The mean rounds to 1.0: without the correction the spread would be sqrt(2) times too large.
     assert Mean.of(np.array([1.0, 1.0 + 2**-52])).spread == pytest.approx(
@@ -134,13 +109,9 @@ def test_the_mean_of_one_and_of_none() -> None:
     [
         (0.0123456, 0.000412, 0, "0.01235 ± 0.00041 (1000 runs)"),
         (-1234567.8, 0.25, 12, "-1234567.8 ± 0.25 (1000 runs), 12 left out"),
-        (0.0012, 0.5, 0, "0.001 ± 0.5 (1000 runs)"),
         (0.0, 0.5, 0, "0 ± 0.5 (1000 runs)"),
-        (1 / 3, 0.0, 0, "0.33333 ± 0 (1000 runs)"),
-        (1 / 3, math.nan, 0, "0.33333 ± nan (1000 runs)"),
         (math.nan, math.nan, 3, "nan ± nan (1000 runs), 3 left out"),
         (1e308, math.inf, 0, "1e+308 ± inf (1000 runs)"),
-        (1e300, 1e-300, 0, "1.0000000000000001e+300 ± 1e-300 (1000 runs)"),
     ],
 )
 def test_the_mean_as_text(value: float, error: float, left_out: int, text: str) -> None:

@@ -1,8 +1,5 @@
 """Which parameter matters, against models whose answer is known exactly."""
 
-import re
-import tracemalloc
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -110,16 +107,6 @@ def test_any_numbers_give_finite_shares_and_units_do_not_matter(
     assert large["x"].share == pytest.approx(found["x"].share, abs=1e-9)
 
 
-def test_shuffled_copies_are_not_held_together() -> None:
-    x = draws(20_000, "ab")
-    tracemalloc.start()
-    effects(x, x["a"] + x["b"] ** 2)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    # What it needs of each input, and some temporaries; 99 copies would be five times that.
-    assert peak < 30 * x["a"].nbytes
-
-
 def test_bad_input_is_refused() -> None:
     with pytest.raises(ValueError, match="a has 2 rows: must have one for each of result, 3"):
         effects({"a": [1.0, 2.0]}, [1.0, 2.0, 3.0])
@@ -149,12 +136,3 @@ def test_an_ensemble_says_which_of_its_parameters_matter() -> None:
     settled = np.isfinite(ensemble["settling_time"]).sum()
     assert next(iter(sp.sensitivity(ensemble, "settling_time").values())).runs == settled
     assert np.isnan(sp.sensitivity(calm())["grasped.mass"].share)
-
-
-def test_effects_print_four_digits() -> None:
-    found = effects(draws(500, "ab"), draws(500, "c", seed=2)["c"] + draws(500, "ab")["a"])
-    for effect in found.values():
-        shown = [float(number) for number in re.findall(r"=(-?[\d.e-]+)", repr(effect))]
-        assert shown == [*(float(f"{value:.3e}") for value in effect[:3]), 500.0]
-        assert repr(effect).startswith("Effect(share=") and f"{effect.share}" not in repr(effect)
-    assert repr(effects({"a": [1.0, 2.0]}, [1.0, 1.0])["a"]).startswith("Effect(share=nan, ")

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from softpinch.study.spans import Spans
+from softpinch.study.rows import Spans
 
 # Few enough numbers that intervals touch, lie in each other and leave gaps of one.
 SETS = st.one_of(

@@ -213,6 +213,7 @@ def arguments() -> dict[str, dict[str, Any]]:
         "Estimate.of": {"happened": [True, False]},
         "Estimate.counted": {"count": 1, "n": 2},
         "Mean.of": {"values": [1.0, 2.0]},
+        "Run.at": {"times": [0.001]},
         "Run.check": {"residual": math.inf, "closure": math.inf},
         "Run.save": {"path": Path(tempfile.mkdtemp()) / "run.csv"},
         "EquilibriumMap.equilibrium": {"i": 0, "j": 0},

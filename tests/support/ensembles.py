@@ -9,7 +9,7 @@ import numpy as np
 import softpinch as sp
 from softpinch import _core, paper
 from softpinch.montecarlo import compute
-from softpinch.study.job import Job
+from softpinch.study.compute import Job
 from softpinch.study.spec import StudySpec
 
 SUMMARIES = ("final_state", *_core.SUMMARIES)

@@ -35,6 +35,12 @@ def draw(figure: Figure, layout: bool = False) -> None:
     figure.draw_without_rendering()
 
 
+def legend_of(figure: Figure) -> list[str]:
+    """The entries of all legends of a figure."""
+    legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes)]
+    return [text.get_text() for each in legends if each for text in each.get_texts()]
+
+
 def texts(figure: Figure) -> list[str]:
     axes = figure.axes[0]
     return [*(axes.get_title(where) for where in ("left", "right")),

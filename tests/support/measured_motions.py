@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import softpinch as sp
-from softpinch.fitting.observables import GROUPS, PLACES
+from softpinch.fitting.experiment import GROUPS, INDICES
 from softpinch.scene.template import SceneTemplate
 
 E, C, KAPPA = "hand.tip.youngs_modulus", "hand.tip.normal_viscosity", "hand.tip.tilt_coupling"
@@ -29,8 +29,13 @@ def changed(scene: sp.Scene, values: Mapping[str, float]) -> sp.Scene:
 
 def motion(scene: sp.Scene = SCENE, values: Mapping[str, float] = TRUTH) -> sp.Run:
     """Its rows are every fifth step, at multiples of a millisecond; `TIMES` are among them."""
-    every = ("state", "multipliers", "torque")
-    return sp.simulate(changed(scene, values), DT, record=every, every=5, stop_on=())
+    return sp.simulate(
+        changed(scene, values),
+        DT,
+        record=("state", "multipliers", "torque"),
+        every=5,
+        stop_on=(),
+    )
 
 
 def at(run: sp.Run, times: Any = TIMES) -> Any:
@@ -43,7 +48,7 @@ def columns(run: sp.Run, *names: str, times: Any = TIMES) -> dict[str, Any]:
     rows = at(run, times)
     found = {}
     for name in names:
-        table = [getattr(run, PLACES[c].quantity)[rows, PLACES[c].column]
+        table = [getattr(run, INDICES[c].quantity)[rows, INDICES[c].column]
                  for c in GROUPS.get(name, (name,))]  # fmt: skip
         found[name] = table[0] if len(table) == 1 else np.column_stack(table)
     return found

@@ -147,7 +147,7 @@ def parts(folder: Path) -> list[Path]:
 
 @cache
 def tiny_in_memory() -> sp.Ensemble:
-    """What `tiny` gives without a store."""
+    """The study `tiny` without a store."""
     ensemble: sp.Ensemble = tiny()
     return ensemble
 

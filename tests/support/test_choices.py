@@ -1,13 +1,9 @@
 """The types of choices have the names of the tables that the package checks against."""
 
-import inspect
-import re
-from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any, get_args
 
 import pytest
 
-import callables
 import softpinch as sp
 from softpinch import _core
 from softpinch.run.options import STOP_ON
@@ -52,49 +48,3 @@ def test_every_type_is_compared() -> None:
     named = {v for name, v in vars(choices).items() if name[0].isupper() and get_args(v)}
     assert named == {*TABLES, *REFUSALS}
     assert set(STOP_ON) <= set(get_args(choices.Violation))
-
-
-def test_the_signatures_have_them() -> None:
-    assert get_type_hints(sp.simulate)["method"] is choices.Method
-    assert get_type_hints(sp.simulate)["formulation"] is choices.Formulation
-    assert get_type_hints(sp.Schedule.sampled)["hold"] is choices.Hold
-
-
-def test_mypy_reads_the_uses() -> None:
-    makefile = Path(__file__).parents[2] / "Makefile"
-    assert "typed_uses.py" in makefile.read_text("utf-8")
-
-
-# Argument -> the type in its annotation.
-CHOSEN = {
-    "method": "Method",
-    "methods": "Method",
-    "formulation": "Formulation",
-    "formulations": "Formulation",
-    "sampler": "Sampler",
-    "stop_on": "Violation",
-    "record": "Recordable",
-    "hold": "Hold",
-}
-
-
-def test_every_public_function_has_them() -> None:
-    """Not `softpinch.reference`, whose methods are SciPy's."""
-    found = [
-        (name, parameter, callables.called(name))
-        for name in callables.public()
-        if not name.startswith("reference.")
-        for parameter in callables.parameters(name)
-        if parameter in CHOSEN
-    ]
-    asked = {name for name, *_ in found}
-    assert {"advise", "work_precision", "max_stable_dt", "stabilization_sweep", "modes"} <= asked
-    wrong = []
-    for name, parameter, function in found:
-        if name.startswith("Simulator."):
-            function = getattr(sp.Simulator, name.partition(".")[2])  # the test's is derived
-        # Not evaluated, because the types of some other arguments are imported for checkers only.
-        hint = str(inspect.signature(function).parameters[parameter].annotation)
-        if not re.search(rf"\b{CHOSEN[parameter]}\b", hint):
-            wrong.append(f"{name}({parameter}: {hint})")
-    assert not wrong, wrong

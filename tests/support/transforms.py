@@ -205,3 +205,22 @@ class Units:
             integral=np.asarray(initial.integral) * self.time,
             time=initial.time * self.time,
         )
+
+
+def require_scaled(run: sp.Run, other: sp.Run, units: Units) -> None:
+    """The other run is that of the same scene in other units, to the bit."""
+    assert other.status == run.status
+    rate = units.coordinates / units.time
+    pairs = {
+        "t": units.time,
+        "q": units.coordinates,
+        "p": rate,
+        "multipliers": units.of(1, 1, -2),
+        "residuals": units.length / np.array([1, 1, units.time, units.time]),
+    }
+    for name, scale in pairs.items():
+        np.testing.assert_array_equal(getattr(other, name), getattr(run, name) * scale, name)
+    for name in ("kinetic", "elastic", "gravity", "controller_work", "viscous_loss",
+                 "friction_loss", "impact_loss", "relaxation_work", "closure"):  # fmt: skip
+        ours, theirs = getattr(run.energy, name), getattr(other.energy, name)
+        np.testing.assert_array_equal(theirs, ours * units.of(2, 1, -2), name)

@@ -7,7 +7,7 @@ from xarray import Dataset
 
 import softpinch as sp
 from softpinch.run.run import Run
-from softpinch.scene.path_table import PathTable
+from softpinch.scene.paths import PathTable
 from softpinch.support.choices import Method
 
 

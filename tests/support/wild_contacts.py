@@ -11,6 +11,7 @@ STATUSES = {
     "crushed",
     "folded",
     "lost",
+    "unstable",
     "chattering",
     "no_mode",
     "not_finite",

@@ -58,8 +58,15 @@ class Trial(Result):
             return f"tolerance={self.step_tolerance:.3g}"
         return f"dt={self.dt:.3g}"
 
+    @property
+    def summary(self) -> str:
+        """Pair, setting and time, or the lower bound of the time if no setting was found."""
+        pair = f"{self.formulation} {self.method}"
+        if not self.found:
+            return f"none found, at least {1e3 * self.time:.3g} ms ({pair})"
+        return f"{pair} {self.setting}, {1e3 * self.time:.3g} ms"
+
     def __str__(self) -> str:
-        """The pair with its setting and its cost, or why it was given up."""
         what = self.note or f"{self.setting}: {1e3 * self.time:.3g} ms a run"
         return f"{self.formulation} {self.method}, {what}"
 
@@ -156,5 +163,4 @@ class Advice(Result):
         return {"steps": steps, **{name: values[name] for name in first}, **values}
 
     def __str__(self) -> str:
-        """The advice in words."""
         return self.message

@@ -3,39 +3,59 @@
 from __future__ import annotations
 
 import math
+import statistics
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from .. import _core
-from ..run.error_estimate import QUANTITIES
-from ..run.options import some_names
-from ..scene.contact import formulations_of, require_formulations
+from ..run.options import MOST_STEPS, Options
+from ..run.request import Request
+from ..run.run import computed
+from ..scene.fields import ESTIMATED
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.choices import Formulation, Method
 from ..support.progress import Report, reporting
 from .advice import Advice, Trial
-from .setting_search import SAFE, Found, SettingSearch
-from .trial_run import TrialRun
-from .yardstick import Yardstick
+from .reference_motion import ReferenceMotion
+from .runs import cpu_times, largest_that_holds, pairs_of, timed_run
 
 # A run is given up if it takes this many times as long as the best of its kind, or this share of
 # the time that is left.
-_HOPELESS, _GREEDY = 3.0, 0.1
-# A method is skipped with further formulations if one formulation took this many times as long.
-_SLOW = 2.0
+_TOO_SLOW, _OF_TIME_LEFT = 3.0, 0.1
 # Share of the budget after which no new pair is tried: the rest is for the check of the best.
 _SEARCH = 0.75
+# The search aims at the first share of the accuracy, and accepts errors up to the second.
+_AIM, _SAFE = 0.3, 0.6
+# The search ends where a looser setting would save less than this share of the time.
+_LEAST_SAVING = 0.25
+# From one setting to the next, the time of a run changes by at most about this factor.
+_FACTOR = 1.5
+# A pair is given up after this many runs.
+_MOST_TRIALS = 12
+# Steps stay below this share of the stability limit.
+_STABLE = 0.8
+# At most this many rows of a run are kept: between them errors hardly differ.
+_MOST_ROWS = 100_000
+# Number of steps of the run that shows how long a step takes.
+_FEW = 300
+# The shortest time of a step of any method, s.
+_SHORTEST = 5e-7
+# Number of timed repetitions of a run, and the time, s, from which the run is not repeated.
+_REPEATS, _LONG = 5, 0.05
+# Smaller errors count as this one, whose inverse has a square that does not overflow.
+_LEAST = 1e-100
+# The range of the tolerances of adaptive steps.
+_TIGHTEST, _LOOSEST = 1e-13, 1e-2
 # The advised run is compared at this many of its rows, and its setting is made tighter at most so
 # often.
 _ROWS, _TIGHTENINGS = 1000, 4
-# Below this duration, s, shares of it would underflow.
-_BRIEFEST = 1e-300
 _KINDS = ("tolerance", "dt")
 # The methods that are usually best come first, so that the search gives the others up early.
 _PROMISING = {
@@ -57,12 +77,12 @@ def advise(
     """Finds the cheapest formulation, method and step with which a scene meets a tolerance.
 
     Every pair of formulation and method is tried with equal steps (`dt`) and, if it has them, with
-    adaptive steps (`tolerance`). The error of a trial is its difference from the motion, which
-    adaptive steps at a much smaller tolerance compute with steps that end at the compared instants.
-    From trial to trial the setting changes as the method's order tells. What cannot be the best is
-    not computed: steps that are shorter than those of the best pair by the stability limit of the
-    eigenvalues along the motion, and runs that have taken three times as long as the best one. With
-    a `SampledController`, whose torques depend on the run, that limit is not known and not used.
+    adaptive steps (`tolerance`). A bisection finds the loosest setting that is accurate enough. The
+    error of a trial is its difference from the motion, which adaptive steps at a much smaller
+    tolerance compute with steps that end at the compared instants. Runs that would take three times
+    as long as the best one are not computed, nor are steps beyond the stability limit of the
+    eigenvalues along the motion. With a `SampledController`, whose torques depend on the run, that
+    limit is not known and not used.
 
     The quickest pair of both kinds is advised. It is compared with a run by another method.
 
@@ -80,15 +100,11 @@ def advise(
         progress: As for `monte_carlo`; it counts pairs.
 
     Raises:
-        ValueError: An argument breaks its rule, the scene's start does, or its duration is below
-            1e-300 s.
-        TypeError: An argument is of the wrong kind.
+        ValueError: An argument breaks its rule, or the scene's start does.
         KeyboardInterrupt: Ctrl-C.
     """
     checks.instance("scene", scene, Scene)
     checks.instance("stabilization", stabilization, Stabilization)
-    if not scene.duration >= _BRIEFEST:
-        raise ValueError(f"Scene.duration = {scene.duration}: must be >= {_BRIEFEST} s for advise")
     tolerance = checks.number("tolerance", tolerance)
     if not 1e-11 <= tolerance <= 0.1:
         raise ValueError(f"tolerance = {tolerance}: must be from 1e-11 to 0.1")
@@ -96,282 +112,344 @@ def advise(
     if not budget > 0:
         raise ValueError(f"budget = {budget}: must be > 0")
     on_constraints = scene.start().check
-    if formulations is None:
-        formulations = formulations_of(scene) if on_constraints else "csm"
-    kept = some_names("formulations", formulations, _core.FORMULATIONS)
-    require_formulations("formulations", kept, scene)
-    stepped = some_names("methods", methods, _core.METHODS)
-    if not on_constraints and kept != ("csm",):
+    if formulations is None and not on_constraints:
+        formulations = "csm"
+    pairs = pairs_of(scene, formulations, methods)
+    if not on_constraints and {formulation for formulation, _ in pairs} != {"csm"}:
         raise ValueError(
-            f"formulations = {kept}: a start off the constraints (check=False) is for 'csm' only"
+            f"formulations = {formulations}: a start off the constraints (check=False) is for "
+            "'csm' only"
         )
     stop = time.perf_counter() + _SEARCH * budget
-    yardstick = Yardstick(scene, tolerance, stabilization)
-    pairs = [(formulation, method) for formulation in kept for method in stepped]
+    motion = ReferenceMotion(scene, tolerance, stabilization)
     with reporting(progress, "trying pairs") as report:
-        return _Advisor(yardstick, budget, stop, report).advise(pairs)
+        return _Advisor(motion, budget, stop).advise(pairs, report)
+
+
+class _GivenUp(Exception):
+    """The search for a setting ended; the message has the reason."""
+
+
+class _Search:
+    """The search for the loosest setting of one pair that is accurate enough.
+
+    `kind` is "dt" for equal steps, or "tolerance" for adaptive steps. `least_time` is a lower bound
+    of the CPU time of a run, s, if the search gave up; else 0.
+    """
+
+    def __init__(
+        self, motion: ReferenceMotion, formulation: Formulation, method: Method, kind: str
+    ) -> None:
+        self.motion, self.kind = motion, kind
+        self.formulation, self.method = formulation, method
+        order = float(_core.ORDERS[method])
+        # The error grows with this power of the setting. Time falls with the inverse of dt, and
+        # about with this root of a tolerance.
+        self.order, self._root = (order, 1.0) if kind == "dt" else (1.0, order)
+        self.least_time = 0.0
+        self._duration = float(motion.scene.duration)
+        self._step_time = 0.0
+        # Setting -> its error; inf if the run does not end as it should.
+        self._errors: dict[float, float] = {}
+
+    @cached_property
+    def stable(self) -> float:
+        """The longest stable step, s."""
+        return self.motion.stable(self.formulation, self.method)
+
+    @property
+    def longest(self) -> float:
+        """The longest step to try, s, or the largest tolerance."""
+        if self.kind == "tolerance":
+            return _LOOSEST
+        return min(_STABLE * self.stable, self._duration)
+
+    def options(self, value: float, most: float = math.inf) -> Options:
+        """The options of a run with one setting; adaptive steps stop after about `most` s."""
+        how: dict[str, Any] = {self.kind: value}
+        if self.kind == "dt":
+            how["every"] = max(1, math.ceil(self._duration / value / _MOST_ROWS))
+        elif most < math.inf:
+            how["max_steps"] = int(min(100 + most / _SHORTEST, MOST_STEPS))
+        return self.motion.options(self.method, self.formulation, **how)
+
+    def bounded_time(self) -> float:
+        """The CPU time of a run with the longest stable step, s; 0 if it has few steps."""
+        if self.kind == "tolerance" or self._duration / self.longest <= _FEW:
+            return 0.0
+        return self._expected(self.longest)
+
+    def loosest(self, first: float, most: float, deadline: float) -> Trial:
+        """Finds the loosest setting that is accurate enough; `Trial.note` says why there is none.
+
+        A run that takes longer than `most`, s, is given up, and so is the search at the deadline,
+        by `time.perf_counter`.
+        """
+        accuracy, longest = self.motion.tolerance, self.longest
+        least = _TIGHTEST if self.kind == "tolerance" else 0.0
+
+        def error(value: float) -> float:
+            if value not in self._errors:
+                self._errors[value] = self._error(value, most, deadline)
+            return self._errors[value]
+
+        value = min(first, longest)
+        if self.kind == "dt":
+            # Begin with the shortest step that is not too expensive, if the first one is.
+            value = min(max(value, 1.01 * value * self._expected(value) / most), longest)
+        try:
+            # Two steps by the method's order come close to the limit, and bisection finds it.
+            for _ in range(2):
+                found, change = error(value), 0.25
+                if found < math.inf:
+                    change = (_AIM * accuracy / max(found, _LEAST)) ** (1.0 / self.order)
+                value = min(max(value * min(max(change, 1.0 / 30.0), 30.0), least), longest)
+            largest_that_holds(
+                lambda value: error(value) <= _SAFE * accuracy,
+                value,
+                least,
+                longest,
+                factor=_FACTOR**self._root,
+                accuracy=(1.0 + _LEAST_SAVING) ** self._root - 1.0,
+            )
+            note = f"even {self.kind} = {least:.2g} is not enough"
+        except _GivenUp as reason:
+            note = str(reason)
+        good = [value for value, found in self._errors.items() if found <= _SAFE * accuracy]
+        if not good:
+            return self.trial(note=note)
+        return self.trial(max(good), self._errors[max(good)], self.clock(max(good)))
+
+    def trial(
+        self,
+        value: float = math.nan,
+        error: float = math.inf,
+        time: float = math.inf,
+        note: str = "",
+    ) -> Trial:
+        """The result of the search, with the CPU time, s, scaled up to the whole scene."""
+        known = {"dt" if self.kind == "dt" else "step_tolerance": value}
+        return Trial(
+            formulation=self.formulation,
+            method=self.method,
+            error=error,
+            time=time / self.motion.share,
+            whole=self.motion.share == 1.0 and not note.startswith("not tried"),
+            note=note,
+            **known,
+        )
+
+    def clock(self, value: float) -> float:
+        """CPU time of a run that keeps only its last state, s."""
+        request = self.motion.request(self.options(value))
+        once = timed_run(request.with_(record=()))[1]
+        return once if once > _LONG else statistics.median(cpu_times(request, _REPEATS))
+
+    def _error(self, value: float, most: float, deadline: float) -> float:
+        """The largest error of a run; raises `_GivenUp` if it would take too long."""
+        if time.perf_counter() > deadline:
+            raise _GivenUp("the budget ended before a setting was good enough")
+        if len(self._errors) == _MOST_TRIALS:
+            raise _GivenUp("no setting was good enough")
+        if self.kind == "dt" and self._expected(value) > most:
+            self.least_time = self._expected(value)
+            raise _GivenUp(
+                f"dt = {value:.2g} s or less would take {1e3 * self.least_time:.2g} ms a run"
+            )
+        run, spent = timed_run(self.motion.request(self.options(value, most)))
+        if run.status == "too_many_steps":
+            self.least_time = spent
+            raise _GivenUp(f"tolerance = {value:.2g} takes over {1e3 * spent:.2g} ms a run")
+        if run.stats["steps"] >= _FEW:
+            self._step_time = max(spent / run.stats["steps"], _SHORTEST)
+        errors = self.motion.errors(run)
+        return math.inf if errors is None else max(errors.values())
+
+    def _expected(self, dt: float) -> float:
+        """The expected CPU time of a run with equal steps, s."""
+        if not self._step_time:
+            short = replace(self.motion.scene, duration=min(_FEW * dt, self._duration))
+            run, spent = timed_run(Request(short, self.options(dt)))
+            # A run that fails soon says little.
+            self._step_time = max(spent / max(run.stats["steps"], _FEW // 2), _SHORTEST)
+        # A step ends at each switch of an input.
+        return self._step_time * max(self._duration / dt, len(self.motion.switches))
 
 
 class _Advisor:
     """The search over all pairs of one scene.
 
-    Attributes:
-        yardstick: What the trials are compared with.
-        quickest: Kind of setting -> shortest CPU time of a pair so far, s.
-        found: The pairs whose setting was found, with it.
-        trials: One trial for each search, in the order in which they ended.
+    No new pair is tried after the instant `stop`, by `time.perf_counter`, s.
     """
 
-    def __init__(self, yardstick: Yardstick, budget: float, stop: float, report: Report) -> None:
-        """Takes the budget, s, and when no new pair is tried, by `time.perf_counter`, s."""
-        self.yardstick, self.budget, self.stop, self.report = yardstick, budget, stop, report
-        self.quickest = dict.fromkeys(_KINDS, math.inf)
-        self.found: list[tuple[SettingSearch, Found]] = []
+    def __init__(self, motion: ReferenceMotion, budget: float, stop: float) -> None:
+        self.motion, self.budget, self.stop = motion, budget, stop
+        self.found: list[tuple[_Search, Trial]] = []
         self.trials: list[Trial] = []
         self.untried: list[str] = []
-        # Kind of setting -> the pair given up with the least predicted time.
-        self.predicted: dict[str, Trial] = {}
-        # (kind, method) -> the shortest time with a formulation, s.
-        self.by_method: dict[tuple[str, str], float] = {}
+        # Kind of setting -> the quickest pair so far, or the one given up with the least time.
+        self.best: dict[str, Trial | None] = dict.fromkeys(_KINDS)
 
-    def advise(self, pairs: Sequence[tuple[Formulation, Method]]) -> Advice:
+    def advise(self, pairs: Sequence[tuple[Formulation, Method]], report: Report) -> Advice:
         searches = [
-            SettingSearch(self.yardstick, pair, kind)
+            _Search(self.motion, *pair, kind)
             for pair in pairs
             for kind in _KINDS
             if kind == "dt" or pair[1] in _core.ADAPTIVE_METHODS
         ]
-        first: float | None = None
-        for search in sorted(searches, key=_promise):
-            if search.kind == "tolerance":
-                self._try(search, self.yardstick.tolerance)
-            else:
-                first = self._first_step() if first is None else first
-                self._try(search, first, search.least_time())
-            self.report(len(self.trials), len(searches))
-        return self._result()
-
-    def _first_step(self) -> float:
-        """The step at which searches for equal steps begin: a short one of the adaptive steps."""
-        t, share = self.yardstick.trusted.t, 0.5
-        if self.found:
-            search, found = min(self.found, key=lambda each: each[1].time)
-            t = TrialRun.of(self.yardstick.scene, search.options(found.value)).result["t"]
-            share = 0.25
         # A run that is over at once has no step.
-        taken = np.diff(t)
-        return float(np.quantile(taken, share)) if len(taken) else self.yardstick.scene.duration
-
-    def _try(self, search: SettingSearch, first: float, least: float = 0.0) -> None:
-        """Searches the setting of one pair, unless it cannot be the best."""
-        best = self.quickest[search.kind]
-        key = search.kind, search.method
-        if self.by_method.get(key, 0.0) > _SLOW * best:
-            note = f"{search.method} is over {_SLOW:g} times as slow as the best elsewhere"
-            self._add(search, None, note)
-            return
-        if least > _HOPELESS * best:
-            note = (
-                f"stable up to dt = {search.longest:.2g} s only: at least "
-                f"{1e3 * least:.2g} ms a run, over {_HOPELESS:g} times as slow as the best"
-            )
-            self._add(search, None, note, least)
-            return
-        left = self.stop - time.perf_counter()
-        if left <= 0 or least > _GREEDY * left:
-            self.untried.append(search.name)
-            why = f", at least {1e3 * least:.2g} ms a run" if least else ""
-            note = f"not tried within the budget of {self.budget:g} s{why}"
-            self._add(search, None, note, least)
-            return
-        most = min(_HOPELESS * best, _GREEDY * left)
-        found, note = search.loosest(first, most, self.stop)
-        if found is not None:
-            found = Found(
-                value=found.value,
-                error=found.error,
-                time=search.clock(found.value, found.time),
-            )
-            self.quickest[search.kind] = min(best, found.time)
-            self.by_method[key] = min(self.by_method.get(key, math.inf), found.time)
-        self._add(search, found, note)
-
-    def _add(
-        self, search: SettingSearch, found: Found | None, note: str, least: float = 0.0
-    ) -> None:
-        trial = self._trial(search, found, note)
-        self.trials.append(trial)
-        if found is not None:
-            self.found.append((search, found))
-            return
-        least = max(least, search.predicted)
-        known = self.predicted.get(search.kind)
-        if least > 0.0 and (known is None or least / self.yardstick.share < known.time):
-            self.predicted[search.kind] = replace(trial, time=least / self.yardstick.share)
-
-    def _trial(self, search: SettingSearch, found: Found | None, note: str = "") -> Trial:
-        share = self.yardstick.share
-        known: dict[str, Any] = {"note": note}
-        if found is not None:
-            known["dt" if search.kind == "dt" else "step_tolerance"] = found.value
-            known |= {"error": max(found.error.values()), "time": found.time / share}
-        return Trial(
-            formulation=search.formulation,
-            method=search.method,
-            whole=share == 1.0 and not note.startswith(("not tried", search.method)),
-            **known,
-        )
-
-    def _result(self) -> Advice:
+        steps = np.diff(self.motion.run.t) if len(self.motion.run) > 1 else [math.inf]
+        first = {"tolerance": self.motion.tolerance, "dt": float(np.median(steps))}
+        for search in sorted(searches, key=_promise):
+            self._add(search, self._tried(search, first[search.kind]))
+            report(len(self.trials), len(searches))
         self.found.sort(key=lambda each: each[1].time)
-        best: dict[str, Trial | None] = {kind: self.predicted.get(kind) for kind in _KINDS}
-        for search, found in reversed(self.found):
-            best[search.kind] = self._trial(search, found)
         self.trials.sort(key=lambda trial: (not trial.whole, trial.time))
-        known: dict[str, Any] = {
-            "scene": self.yardstick.whole,
-            "tolerance": self.yardstick.tolerance,
-            "equal": best["dt"],
-            "adaptive": best["tolerance"],
-            "tried": self.yardstick.scene.duration,
-            "untried": tuple(self.untried),
-            "stabilization": self.yardstick.stabilization,
-            "trials": tuple(self.trials),
-        }
-        for search, found in self.found:
-            verified = self._verified(search, found)
-            if verified is not None:
-                return self._advised(search, *verified, known)
-        return self._unmet(known)
+        for search, trial in self.found:
+            advice = self._verified(search, trial)
+            if advice is not None:
+                return advice
+        return self._unmet()
 
-    def _verified(self, search: SettingSearch, found: Found) -> tuple[Found, float, str] | None:
+    def _tried(self, search: _Search, first: float) -> Trial:
+        """Searches the setting of one pair, unless it cannot be the best."""
+        known = self.best[search.kind]
+        best = known.time * self.motion.share if known and known.found else math.inf
+        left = self.stop - time.perf_counter()
+        least = 0.0
+        if left > 0 or known is None:
+            least = search.least_time = search.bounded_time()
+        if least > _TOO_SLOW * best:
+            return search.trial(
+                note=f"stable up to dt = {search.longest:.2g} s only: at least "
+                f"{1e3 * least:.2g} ms a run, over {_TOO_SLOW:g} times as slow as the best"
+            )
+        if left <= 0 or least > _OF_TIME_LEFT * left:
+            self.untried.append(f"{search.formulation} {search.method}, {search.kind}")
+            why = f", at least {1e3 * least:.2g} ms a run" if least else ""
+            return search.trial(note=f"not tried within the budget of {self.budget:g} s{why}")
+        return search.loosest(first, min(_TOO_SLOW * best, _OF_TIME_LEFT * left), self.stop)
+
+    def _add(self, search: _Search, trial: Trial) -> None:
+        self.trials.append(trial)
+        if trial.found:
+            self.found.append((search, trial))
+        elif search.least_time > 0.0:
+            trial = replace(trial, time=search.least_time / self.motion.share)
+        else:
+            return
+        known = self.best[search.kind]
+        if known is None or (not trial.found, trial.time) < (not known.found, known.time):
+            self.best[search.kind] = trial
+
+    def _verified(self, search: _Search, trial: Trial) -> Advice | None:
         """Checks a setting at many rows, and makes it tighter until the error is small enough.
 
-        Returns:
-            The setting, the difference at the end from another method, and its name; None if no
-            setting close to the first one is good enough.
+        Returns None if no setting close to the first one is good enough.
         """
-        order = 1.0 if search.kind == "tolerance" else float(_core.ORDERS[search.method])
-        value, accuracy = found.value, self.yardstick.tolerance
+        equal, accuracy = search.kind == "dt", self.motion.tolerance
+        value = first = trial.dt if equal else trial.step_tolerance
         for _ in range(_TIGHTENINGS):
-            trial = TrialRun.of(self.yardstick.scene, search.options(value))
-            errors = self.yardstick.errors(trial.run, _ROWS)
+            run = computed(self.motion.request(search.options(value)))
+            errors = self.motion.errors(run, _ROWS)
             if errors is None:
                 return None
             largest = max(errors.values())
-            if largest <= SAFE * accuracy:
-                spent = found.time
-                if value != found.value:
-                    spent = search.clock(value, trial.time)
-                apart, method = self.yardstick.confirm(trial.run)
-                return Found(value=value, error=errors, time=spent), apart, method
-            value *= float(np.clip((0.5 * SAFE * accuracy / largest) ** (1 / order), 0.01, 0.9))
-        return None
-
-    def _advised(
-        self, search: SettingSearch, found: Found, apart: float, method: str, known: dict[str, Any]
-    ) -> Advice:
-        equal = search.kind == "dt"
-        trial = self._trial(search, found)
-        known["equal" if equal else "adaptive"] = trial
+            if largest <= _SAFE * accuracy:
+                break
+            change = (0.5 * _SAFE * accuracy / largest) ** (1 / search.order)
+            value *= float(np.clip(change, 0.01, 0.9))
+        else:
+            return None
+        spent = trial.time * self.motion.share if value == first else search.clock(value)
+        trial = self.best[search.kind] = search.trial(value, largest, spent)
         margin = math.inf
         if equal:
-            margin = math.nan
-            if self.yardstick.limited:
-                margin = self.yardstick.stable(*search.pair) / found.value
-        return Advice(
-            **known,
-            met=apart <= self.yardstick.tolerance,
-            formulation=search.formulation,
-            method=search.method,
-            dt=found.value if equal else None,
-            step_tolerance=None if equal else found.value,
-            error=found.error,
-            time=trial.time,
-            margin=margin,
-            confirmed=apart,
-            message=self._message(trial, found, known, (margin, apart, method)),
-        )
-
-    def _message(
-        self,
-        trial: Trial,
-        found: Found,
-        known: dict[str, Any],
-        checked: tuple[float, float, str],
-    ) -> str:
-        margin, apart, method = checked
-        sizes = ", ".join(f"{name} {size:.1e}" for name, size in found.error.items())
-        room = "any dt is stable" if math.isinf(margin) else f"stable up to {margin:.3g} times that"
-        if math.isnan(margin):
-            room = "the longest stable dt is not known with a SampledController"
+            margin = search.stable / value if self.motion.limited else math.nan
+        apart, method = self.motion.confirm(run)
+        sizes = ", ".join(f"{name} {size:.1e}" for name, size in errors.items())
+        steps, adaptive = (best.summary if best else "none" for best in self._best())
         parts = [
             f'take formulation="{trial.formulation}", method="{trial.method}", {trial.setting}: '
             f"error {sizes}; {1e3 * trial.time:.3g} ms a run",
-            f"the best equal steps: {_cost(known['equal'])}",
-            f"the best adaptive steps: {_cost(known['adaptive'])}",
-        ]
-        if not math.isnan(trial.dt):
-            parts.append(room)
-        parts.append(
+            f"the best equal steps: {steps}",
+            f"the best adaptive steps: {adaptive}",
+            *([_room(margin)] if equal else []),
             f"a run by {method} ends otherwise"
             if math.isinf(apart)
-            else f"a run by {method} at a smaller tolerance ends {apart:.1e} from it"
-        )
-        return "; ".join([*parts, *self._left_out()])
-
-    def _left_out(self) -> list[str]:
-        parts = []
-        if self.yardstick.share < 1.0:
-            parts.append(
-                f"only the first {self.yardstick.scene.duration:.3g} s were tried, and times are "
-                "scaled up"
-            )
-        if self.untried:
-            some = ", ".join(self.untried[:4]) + (", ..." if len(self.untried) > 4 else "")
-            parts.append(f"{_pairs(len(self.untried))} not tried within {self.budget:g} s ({some})")
-        return parts
-
-    def _unmet(self, known: dict[str, Any]) -> Advice:
-        """The advice if no pair meets the tolerance: the settings of the stiff adaptive run."""
-        trusted = self.yardstick.trusted
-        reasons = [
-            f"{trial.formulation} {trial.method}: {trial.note}"
-            for trial in self.trials
-            if trial.note
+            else f"a run by {method} at a smaller tolerance ends {apart:.1e} from it",
         ]
-        tolerance = self.yardstick.tolerance
-        return Advice(
-            **known,
+        return self._advice(
+            parts,
+            met=apart <= accuracy,
+            formulation=search.formulation,
+            method=search.method,
+            dt=value if equal else None,
+            step_tolerance=None if equal else value,
+            error=errors,
+            time=trial.time,
+            margin=margin,
+            confirmed=apart,
+        )
+
+    def _unmet(self) -> Advice:
+        """The advice if no pair meets the tolerance: the settings of the stiff adaptive run."""
+        accurate = self.motion.run
+        return self._advice(
+            [
+                f"no pair meets {self.motion.tolerance:g} here",
+                *(f"{one.formulation} {one.method}: {one.note}" for one in self.trials if one.note),
+            ],
             met=False,
-            formulation=trusted.formulation,
-            method=trusted.method,
+            formulation=accurate.formulation,
+            method=accurate.method,
             dt=None,
-            step_tolerance=trusted.tolerance,
-            error=dict.fromkeys(QUANTITIES, math.inf),
+            step_tolerance=accurate.tolerance,
+            error=dict.fromkeys(ESTIMATED, math.inf),
             time=math.inf,
             margin=math.inf,
             confirmed=math.inf,
-            message="; ".join([f"no pair meets {tolerance:g} here", *reasons, *self._left_out()]),
+        )
+
+    def _best(self) -> tuple[Trial | None, Trial | None]:
+        """The best equal and the best adaptive steps."""
+        return self.best["dt"], self.best["tolerance"]
+
+    def _advice(self, parts: list[str], **found: Any) -> Advice:
+        if self.motion.share < 1.0:
+            parts.append(
+                f"only the first {self.motion.scene.duration:.3g} s were tried, and times are "
+                "scaled up"
+            )
+        if self.untried:
+            count = len(self.untried)
+            pairs = "1 pair was" if count == 1 else f"{count} pairs were"
+            some = ", ".join(self.untried[:4]) + (", ..." if count > 4 else "")
+            parts.append(f"{pairs} not tried within {self.budget:g} s ({some})")
+        equal, adaptive = self._best()
+        return Advice(
+            scene=self.motion.full,
+            tolerance=self.motion.tolerance,
+            equal=equal,
+            adaptive=adaptive,
+            tried=self.motion.scene.duration,
+            untried=tuple(self.untried),
+            stabilization=self.motion.stabilization,
+            trials=tuple(self.trials),
+            message="; ".join(parts),
+            **found,
         )
 
 
-def _pairs(count: int) -> str:
-    return "1 pair was" if count == 1 else f"{count} pairs were"
+def _room(margin: float) -> str:
+    if math.isnan(margin):
+        return "the longest stable dt is not known with a SampledController"
+    return "any dt is stable" if math.isinf(margin) else f"stable up to {margin:.3g} times that"
 
 
-def _cost(trial: Trial | None) -> str:
-    if trial is None:
-        return "none"
-    if not trial.found:
-        pair = f"{trial.formulation} {trial.method}"
-        return f"none found, at least {1e3 * trial.time:.3g} ms ({pair})"
-    return f"{trial.formulation} {trial.method} {trial.setting}, {1e3 * trial.time:.3g} ms"
-
-
-def _promise(search: SettingSearch) -> tuple[bool, int, int, str]:
-    """Sorts the formulation without drift first, and there adaptive steps first."""
-    other = search.formulation != search.yardstick.trusted.formulation
+def _promise(search: _Search) -> tuple[bool, int, int, str]:
+    """Sort key: the formulation without drift first, and within a formulation adaptive steps."""
+    other = search.formulation != search.motion.run.formulation
     kind = _KINDS.index(search.kind)
     place = _PROMISING[search.kind].index(search.method)
     return other, kind, place, search.formulation

@@ -1,4 +1,4 @@
-"""Measurements of solvers: one solver at one setting, other solvers to compare, a whole sweep."""
+"""Results of `work_precision` and `stabilization_sweep`, and other solvers to compare with."""
 
 from __future__ import annotations
 
@@ -11,19 +11,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..scene.fields import ESTIMATED
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
+from ..support.choices import Method
+from ..support.extras import require
 from ..support.result import Result
 from ..support.table import save_by_suffix, save_csv
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-QUANTITIES = ("q", "p", "multipliers")
-# The places at which errors are compared: at the end, or the largest along the run.
-WHERE = ("end", "along")
+# The places at which errors are compared: the largest along the run, or at the end.
+WHERE = ("along", "end")
+# An error along the run above this multiple of the one at the end has settled by then.
+_SETTLED = 10.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -53,8 +57,9 @@ class Measurement(Result):
         evaluations: Number of evaluations of the right-hand side; -1 if unknown, as for a peer.
         factorisations: Number of matrix factorisations; -1 if unknown.
         steps: Number of steps; -1 if unknown.
-        order: Observed order of convergence of the error at the end (q and p), from the next longer
-            step; nan if there is none, or a run failed.
+        order: Observed order of convergence of `along`, from the next longer step; nan if there is
+            none, or a run failed. It exceeds the method's order where the longer step is too long
+            for the method's theory.
         expected_order: The method's order; 0 for adaptive steps and peers.
     """
 
@@ -80,7 +85,10 @@ class Measurement(Result):
 
     @property
     def error(self) -> float:
-        """The larger error of q and p at the end, which every solver has."""
+        """The larger error of q and p at the end, which every solver has.
+
+        A grasp that has settled at the end has forgotten the errors before; see `along`.
+        """
         return max(self.end.get("q", math.inf), self.end.get("p", math.inf))
 
     @property
@@ -110,12 +118,7 @@ class Peer:
     ends: Callable[[Any], tuple[Floats, Floats]]
 
     def __post_init__(self) -> None:
-        """Checks the types; `prepare` itself must accept the values.
-
-        Raises:
-            TypeError: An attribute is of the wrong kind.
-            ValueError: `values` is empty or has a value that is not finite.
-        """
+        """Checks the types; `prepare` itself must accept the values."""
         checks.instance("Peer.name", self.name, str, "text")
         checks.instance("Peer.setting", self.setting, str, "text")
         checks.array("Peer.values", self.values, ("k",))
@@ -143,7 +146,7 @@ class WorkPrecision(Result):
     stabilization: Stabilization
     skipped: tuple[str, ...]
 
-    def cheapest(self, error: float, where: str = "end") -> tuple[Measurement, ...]:
+    def cheapest(self, error: float, where: str = "along") -> tuple[Measurement, ...]:
         """The quickest measurement with a small enough error, of each solver and kind of setting.
 
         The quickest comes first. A measurement is left out if the next tighter setting misses the
@@ -151,12 +154,11 @@ class WorkPrecision(Result):
 
         Args:
             error: The largest accepted error.
-            where: "end" takes the error of q and p at the end, "along" the largest of q, p and
-                lambda along the run.
+            where: "along" takes the largest error of q, p and lambda along the run, which peers
+                do not have; "end" takes the error of q and p at the end.
 
         Raises:
             ValueError: `where` is unknown, or `error` is not positive.
-            TypeError: An argument is of the wrong kind.
         """
         error = checks.number("error", error)
         if not error > 0:
@@ -171,6 +173,17 @@ class WorkPrecision(Result):
             found += sorted(kept, key=lambda row: row.time)[:1]
         return tuple(sorted(found, key=lambda row: row.time))
 
+    def settled(self) -> str:
+        """Says how many errors at the end hide larger errors before, in words; "" if none does."""
+        rows = [row for row in self.rows if row.along < math.inf]
+        hidden = [row for row in rows if row.along > _SETTLED * row.error]
+        if not hidden:
+            return ""
+        return (
+            f"the motion has settled: {len(hidden)} of {len(rows)} settings have an error along "
+            f"the run more than {_SETTLED:g} times that at the end"
+        )
+
     def curves(self) -> dict[tuple[str, str], list[Measurement]]:
         """(solver, setting) -> its measurements without those not run, from loose to tight."""
         found: dict[tuple[str, str], list[Measurement]] = {}
@@ -180,12 +193,12 @@ class WorkPrecision(Result):
         return found
 
     def to_dict(self) -> dict[str, NDArray[Any]]:
-        """Column name -> array (rows,); errors are named "end.q", "smooth.p" and so on."""
-        columns: dict[str, list[Any]] = {}
-        for row in self.rows:
-            for name, value in _flat(row).items():
-                columns.setdefault(name, []).append(value)
-        return {name: np.array(values) for name, values in columns.items()}
+        """Column name -> array (rows,).
+
+        Errors are named "along", "end.q", "smooth.p" and so on.
+        """
+        rows = [_flat(row) for row in self.rows]
+        return {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
 
     def save(self, path: str | Path) -> Path:
         """Writes the rows as .csv, with units in the header.
@@ -201,16 +214,39 @@ class WorkPrecision(Result):
         return save_by_suffix(path, {".csv": lambda file: save_csv(file, header, rows)})
 
     def to_pandas(self) -> DataFrame:
-        """The rows as a pandas DataFrame; needs the extra `study`.
-
-        Raises:
-            ImportError: pandas is not installed.
-        """
-        from ..support.extras import require
-
+        """The rows as a pandas DataFrame; needs the extra `study`."""
         pandas = require("pandas", extra="study", purpose="to_pandas")
         frame: DataFrame = pandas.DataFrame(self.to_dict())
         return frame
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class StabilizationSweep(Result):
+    """Effect of the gains of (19, 20) at one step: constraint drift, and error of the motion.
+
+    Attributes:
+        dt: The step, s.
+        method: How time is stepped.
+        product: Gain times step, alpha dt = beta dt, (k,).
+        status: Status of each run (k,).
+        holonomic: Largest |C^H| along each run (k,), m; inf if the run did not complete.
+        nonholonomic: Largest |C^N| along each run (k,), m/s; inf if the run did not complete.
+        error: Largest error of q and p along each run (k,), each component divided by its largest
+            magnitude; inf if the run did not complete.
+        multipliers: Largest error of lambda along each run (k,), scaled likewise.
+        without: The four results of a run with "nullspace", or with "projected" in unilateral
+            contact, which have no gains: "holonomic", "nonholonomic", "q and p", "multipliers".
+    """
+
+    dt: float
+    method: Method
+    product: Floats
+    status: tuple[str, ...]
+    holonomic: Floats
+    nonholonomic: Floats
+    error: Floats
+    multipliers: Floats
+    without: Mapping[str, float]
 
 
 _COLUMN_UNITS = {
@@ -227,9 +263,11 @@ def _flat(row: Measurement) -> dict[str, Any]:
     for each in fields(row):
         value = getattr(row, each.name)
         if isinstance(value, Mapping):
-            found |= {f"{each.name}.{name}": value.get(name, math.nan) for name in QUANTITIES}
+            found |= {f"{each.name}.{name}": value.get(name, math.nan) for name in ESTIMATED}
         elif each.name == "quartiles":
             found |= dict(zip(("lower_quartile", "upper_quartile"), value, strict=True))
         else:
             found[each.name] = value
+        if each.name == "status":
+            found["along"] = row.along
     return found

@@ -1,4 +1,4 @@
-"""The null-space form (14 states), written once for whatever can add, multiply and take a sine.
+"""The null-space form (14 states), written once for all types of numbers that have a sine.
 
 The formulation `nullspace` of docs/integrators.md (Maggi's equations): the compressions follow from
 C^H = 0 (9), their rates and the shears' from Phi p = 0 (25). No gain is to be chosen, nothing
@@ -41,7 +41,7 @@ PARAMETERS = (
     *(*_of("right"), *_of("left")),
     *("grasped.width", "grasped.mass", "grasped.inertia", "grasped.com_offset", "gravity"),
 )
-# Without these nothing pushes a hand at rest but the inputs.
+# The parameters of the forces that act on a hand at rest without inputs.
 _FORCES = ("youngs_modulus", "viscosity", "kp", "kd", "ki", "gravity")
 
 
@@ -63,7 +63,7 @@ def parameters(scene: Scene) -> tuple[float, ...]:
     """The scene's numbers in the order of `PARAMETERS` (35,), SI.
 
     Raises:
-        TypeError: It is no scene.
+        TypeError: `scene` is not a Scene.
     """
     checks.instance("scene", scene, Scene)
     numbers = dict(zip(_core.PARAMETERS, scene.parameters().tolist(), strict=True))
@@ -78,12 +78,12 @@ def right_hand_side(
     """The equations of motion in terms of a sine, a cosine, sums, products and quotients.
 
     Args:
-        sin: Of one number, whatever the states are.
-        cos: The same.
-        compiled: What each function is passed through: `numba.njit`, or nothing.
+        sin: The sine of one number of the states' type.
+        cos: The cosine likewise.
+        compiled: A decorator for each function, such as `numba.njit`.
 
     Raises:
-        TypeError: One is no function.
+        TypeError: An argument is not a function.
     """
     for name, function in (("sin", sin), ("cos", cos), ("compiled", compiled)):
         checks.function(name, function)
@@ -101,7 +101,7 @@ def right_hand_side(
         x, g = x * cosine + z * sine, z * cosine - x * sine
         # C^H = 0 (9).
         d_n = r + face - s * x
-        # Of theta_p = theta_i + s theta, by the sum of angles: two sines less.
+        # sin and cos of theta_p by the addition theorem, which saves two sines.
         sin_p, cos_p = sin_a * cosine + s * cos_a * sine, cos_a * cosine - s * sin_a * sine
         normal, across = length * sin_p + half * cos_p, length * cos_p - half * sin_p
         # A_i, B_i, E_i and F_i; E_i is the constant of (30).
@@ -117,7 +117,7 @@ def right_hand_side(
 
     @compiled
     def loads(s, k, y, f, face, cosine, sine, gravity, target):  # type: ignore[no-untyped-def]
-        """Finger k's rows, what acts on theta_i and theta, f_d + M_d b of its tip, slip and lag."""
+        """Finger k's rows, moments on theta_i and theta, f_d + M_d b of its tip, slip and lag."""
         rows, slip, bias, shape = contact(s, k, y, f, face, cosine, sine)
         d_n, tangent, secant, sin_a = shape
         d_t, stiffness, kappa = y[5 + k], math.pi * f[6], f[9]
@@ -136,7 +136,7 @@ def right_hand_side(
 
     @compiled
     def finger(s, k, y, f, face, cosine, sine, gravity, target):  # type: ignore[no-untyped-def]
-        """What finger k adds to the 3 x 3 system of (u', v', theta''), its own angle eliminated."""
+        """Finger k's share of the 3 x 3 system of (u', v', theta''), its own angle eliminated."""
         rows, acting, tip, slip, lag = loads(s, k, y, f, face, cosine, sine, gravity, target)
         a, b, e, h = rows
         m_n, m_t = f[10], f[11]
@@ -162,7 +162,7 @@ def right_hand_side(
 
     @compiled
     def rates(y, c, u):  # type: ignore[no-untyped-def]
-        """(M_5 + Phi_5^T M_d Phi_5) v' = f_5 - Phi_5^T (f_d + M_d b), and what v moves."""
+        """The rates of y; (M_5 + Phi_5^T M_d Phi_5) v' = f_5 - Phi_5^T (f_d + M_d b)."""
         cosine, sine = cos(y[2]), sin(y[2])
         half, off, gravity = 0.5 * c[30], c[33], c[34]
         one, two = c[0:15], c[15:30]
@@ -222,8 +222,8 @@ def right_hand_side(
 def jump(y: list[float], c: tuple[float, ...], impulse: tuple[float, ...]) -> list[float]:
     """The state just after an ideal impulse (J_x, J_y, J_theta), N s and N m s.
 
-    M dp = J + Phi^T Lambda, Phi dp = 0: what J would give as a force, from rest, with nothing else
-    acting, as an acceleration.
+    M dp = J + Phi^T Lambda, Phi dp = 0. So dp equals the accelerations that a force J gives to a
+    hand at rest on which no other force acts.
     """
     alone = tuple(
         0.0 if any(name.endswith(force) for force in _FORCES) else value
@@ -234,5 +234,5 @@ def jump(y: list[float], c: tuple[float, ...], impulse: tuple[float, ...]) -> li
     return [*y[:9], *(p + more for p, more in zip(y[9:], change, strict=True))]
 
 
-# On floats.
+# The equations for floats.
 PLAIN = right_hand_side()

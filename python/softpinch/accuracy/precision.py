@@ -1,31 +1,57 @@
-"""`work_precision`: error against run time of every pair, with an independent reference."""
+"""`work_precision` and `stabilization_sweep`: errors of runs relative to an independent reference.
+
+Every setting is run once, and rows of each run are sampled. The reference is then computed at the
+instants of all these rows.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+import statistics
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..run.options import some_names
+from ..run import scaled_error
+from ..run.measures import held_residuals
+from ..run.options import Options
+from ..run.request import Request
+from ..run.run import Run
 from ..scene import usual
-from ..scene.contact import formulations_of, require_formulations
+from ..scene.contact import without_drift
+from ..scene.fields import ESTIMATED
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.choices import Formulation, Method
 from ..support.progress import Report, reporting
-from . import own_reference
-from .measurements import Measurement, Peer, WorkPrecision
-from .precision_runs import Curve, end_of, peer_rows, switching
-from .stability import trusted_run
+from .measurements import Measurement, Peer, StabilizationSweep, WorkPrecision
+from .reference import Reference, of_any_contact
+from .runs import accurate_run, cpu_times, pairs_of, repeated, timed_run
+from .segments import Inputs
 
 # The default steps: the longest as a multiple of the mean step that a stiff method takes at
 # tolerance 1e-6, and the number of steps, each half of the one before.
 _LONGEST, _HALVINGS = 16.0, 11
 _TOLERANCES = 10.0 ** -np.arange(2.0, 12.0)
+# Errors are computed at this many evenly spread rows of a run, and 0, 1, 3, 7, ... steps after
+# each switch of the inputs.
+_ROWS = 48
+# Share of the time from one switch to the next that counts as "at the switch".
+_AT_SWITCH = 0.01
+# Runs with more steps are recorded at every k-th step only.
+_MOST_RECORDED = 200_000
+# Lower bound of the time that a step takes, s.
+_CHEAPEST_STEP = 1e-7
+# Number of timed repetitions of a run, unless it is slow.
+_REPEATS = 7
+_EVERYTHING = ("state", "multipliers", "residuals", "energy", "contact")
 
 
 def work_precision(
@@ -68,44 +94,43 @@ def work_precision(
 
     Raises:
         ValueError: An argument breaks its rule, or the scene starts off the constraints.
-        TypeError: An argument is of the wrong kind.
         RuntimeError: The reference cannot be computed, usually because the grasp is lost.
         ImportError: SciPy is not installed.
         KeyboardInterrupt: Ctrl-C.
     """
     checks.instance("scene", scene, Scene)
     checks.instance("stabilization", stabilization, Stabilization)
-    if formulations is None:
-        formulations = formulations_of(scene)
-    kept = some_names("formulations", formulations, _core.FORMULATIONS)
-    require_formulations("formulations", kept, scene)
-    stepped = some_names("methods", methods, _core.METHODS)
+    pairs = pairs_of(scene, formulations, methods)
     longest = checks.positive("longest", longest)
     steps = _default_steps(scene) if dt is None else ladder("dt", dt)
     allowed = _TOLERANCES if tolerances is None else ladder("tolerances", tolerances)
     switches = switching(scene)
-    ours = [
-        Curve(scene, (formulation, method), setting, values, stabilization, switches)
-        for formulation in kept
-        for method in stepped
+    curves = [
+        (_request(scene, formulation, stabilization, method), setting, values)
+        for formulation, method in pairs
         for setting, values in (("dt", steps), ("tolerance", allowed))
         if setting == "dt" or method in _core.ADAPTIVE_METHODS
     ]
     others = checks.several("peers", peers, "Peers")
     for each in others:
         checks.instance("peers", each, Peer)
-    total = sum(len(curve.values) for curve in ours) + sum(len(peer.values) for peer in others)
+    total = sum(len(values) for *_, values in curves) + sum(len(peer.values) for peer in others)
     skipped: list[str] = []
     rows: list[Measurement] = []
     usual.warn(scene)
     with reporting(progress, "measuring") as report:
-        instants = np.unique(np.concatenate([curve.look(longest) for curve in ours]))
-        exact = own_reference.best(scene, np.union1d(instants, [end_of(scene)]))
-        for curve in ours:
-            rows += curve.measured(exact, skipped)
+        runs = [run for curve in curves for run in _curve(*curve, switches, longest)]
+        exact = _reference(scene, runs)
+        for run in runs:
+            if run.row.status == "not_run":
+                skipped.append(_too_long(run.row))
+                rows.append(run.row)
+            else:
+                row = _measured(run, exact, switches)
+                rows.append(_with_order(row, rows[-1]) if rows else row)
             report(len(rows), total)
         for peer in others:
-            rows += peer_rows(peer, scene, exact, longest, skipped)
+            rows += _peer_rows(peer, scene, exact, longest, skipped)
             report(len(rows), total)
     assert exact.own_error is not None
     return WorkPrecision(
@@ -116,6 +141,24 @@ def work_precision(
         stabilization=stabilization,
         skipped=tuple(skipped),
     )
+
+
+def _request(
+    scene: Scene,
+    formulation: str,
+    stabilization: Stabilization,
+    method: str,
+    dt: float | None = None,
+) -> Request:
+    """A run with everything recorded that is measured."""
+    options = Options.checked(
+        dt=dt,
+        method=method,
+        formulation=formulation,
+        stabilization=stabilization,
+        record=_EVERYTHING,
+    )
+    return Request(scene, options)
 
 
 def ladder(name: str, values: ArrayLike) -> Floats:
@@ -133,7 +176,249 @@ def ladder(name: str, values: ArrayLike) -> Floats:
 
 
 def _default_steps(scene: Scene) -> Floats:
-    stiff = trusted_run(scene, tolerance=1e-6)
+    stiff = accurate_run(scene, tolerance=1e-6)
     mean = scene.duration / max(stiff.stats["steps"], 1)
     steps = _LONGEST * mean * 0.5 ** np.arange(_HALVINGS)
     return np.unique(np.minimum(steps, scene.duration))[::-1]
+
+
+def stabilization_sweep(
+    scene: Scene,
+    dt: float = 1e-4,
+    method: Method = "rk4",
+    products: ArrayLike | None = None,
+) -> StabilizationSweep:
+    """Runs a scene with "csm" over a range of gains, and measures drift and error of the motion.
+
+    A gain that removes drift may at the same time make the motion wrong. Errors are relative to the
+    same reference as in `work_precision`. Drift is that of the constraints that contacts hold.
+
+    Args:
+        scene: The scene to simulate.
+        dt: The longest step, s.
+        method: How time is stepped.
+        products: Values of alpha dt = beta dt, (k,); None takes 33 from 1e-4 to 10, by equal
+            factors.
+
+    Raises:
+        ValueError: An argument breaks its rule, or the scene starts off the constraints.
+        RuntimeError: The reference cannot be computed.
+        ImportError: SciPy is not installed.
+        KeyboardInterrupt: Ctrl-C.
+    """
+    checks.instance("scene", scene, Scene)
+    dt = checks.positive("dt", dt)
+    method = checks.choice("method", method, _core.METHODS)
+    given = np.geomspace(1e-4, 10.0, 33) if products is None else ladder("products", products)[::-1]
+
+    switches = switching(scene)
+
+    def sampled(formulation: Formulation, gain: float) -> _Sampled:
+        gains = Stabilization(alpha=gain, beta=gain)
+        return _sampled(_request(scene, formulation, gains, method, dt), switches)[0]
+
+    usual.warn(scene)
+    plain = sampled(without_drift(scene), 0.0)
+    runs = [sampled("csm", product / dt) for product in given.tolist()]
+    exact = _reference(scene, [plain, *runs])
+    # With the start as the only switch, the smooth part is the whole run.
+    own, *along = (run.errors(exact, exact.t[:1])["smooth"] for run in (plain, *runs))
+    rows = [run.row for run in runs]
+    completed = np.array([row.status == "completed" for row in rows])
+    return StabilizationSweep(
+        dt=dt,
+        method=method,
+        product=given,
+        status=tuple(row.status for row in rows),
+        holonomic=np.where(completed, [row.holonomic for row in rows], np.inf),
+        nonholonomic=np.where(completed, [row.nonholonomic for row in rows], np.inf),
+        error=np.array([max(each["q"], each["p"]) for each in along]),
+        multipliers=np.array([each["multipliers"] for each in along]),
+        without={
+            "holonomic": plain.row.holonomic,
+            "nonholonomic": plain.row.nonholonomic,
+            "q and p": max(own["q"], own["p"]),
+            "multipliers": own["multipliers"],
+        },
+    )
+
+
+class _Sampled(NamedTuple):
+    """A run that was computed once, and the rows of it that are compared with the reference.
+
+    Attributes:
+        request: The run.
+        row: Its measurement, without errors and times.
+        t: Instants of the rows (n,), s; none if the run would take too long.
+        values: Quantity -> its values in these rows (n, k).
+    """
+
+    request: Request
+    row: Measurement
+    t: Floats = np.zeros(0)
+    values: Mapping[str, Floats] = {}
+
+    def errors(self, exact: Reference, switches: Floats) -> dict[str, Any]:
+        """The fields `end`, `smooth` and `at_switches` of a `Measurement`, by quantity."""
+        nothing = dict.fromkeys(ESTIMATED, math.inf)
+        if self.row.status != "completed":
+            return {"end": nothing, "smooth": nothing, "at_switches": nothing}
+        at = np.searchsorted(exact.t, self.t)
+        stretch = np.append(np.diff(switches), exact.t[-1] - switches[-1])
+        which = np.searchsorted(switches, self.t, side="right") - 1
+        # The start is no switch: a run has no error there.
+        near = (which > 0) & (self.t - switches[which] <= _AT_SWITCH * stretch[which])
+        found: dict[str, dict[str, float]] = {"end": {}, "smooth": {}, "at_switches": {}}
+        for name, values in self.values.items():
+            rows = scaled_error.by_row(values, getattr(exact, name)[at], exact.scales[name])
+            found["end"][name] = float(rows[-1])
+            found["smooth"][name] = float(rows[~near].max(initial=0.0))
+            if near.any():
+                found["at_switches"][name] = float(rows[near].max())
+        return found
+
+
+def _sampled(request: Request, switches: Floats) -> tuple[_Sampled, float]:
+    """Computes a run, and returns it with its CPU time, s."""
+    run, spent = timed_run(request)
+    residuals = held_residuals(run).max(axis=0)
+    exchanged = run.energy.exchanged
+    closure = float(np.abs(run.energy.closure).max())
+    names = ("evaluations", "factorisations", "steps")
+    counts: dict[str, Any] = {name: run.stats[name] for name in names}
+    row = replace(
+        _row(request),
+        status=run.status,
+        holonomic=float(residuals[:2].max()),
+        nonholonomic=float(residuals[2:].max()),
+        closure=closure / exchanged if exchanged > 0.0 else closure,
+        **counts,
+    )
+    rows = sampled_rows(run, switches)
+    return _Sampled(request, row, run.t[rows], {n: getattr(run, n)[rows] for n in ESTIMATED}), spent
+
+
+def _row(request: Request) -> Measurement:
+    """The measurement of a run that was not computed."""
+    options = request.options
+    equal = options.dt is not None
+    return Measurement(
+        solver=f"{options.formulation} {options.method}",
+        formulation=options.formulation,
+        method=options.method,
+        setting="dt" if equal else "tolerance",
+        value=options.dt or options.tolerance or math.nan,
+        status="not_run",
+        expected_order=_core.ORDERS[options.method] if equal else 0,
+    )
+
+
+def sampled_rows(run: Run, switches: Floats, count: int = _ROWS) -> NDArray[np.intp]:
+    """Indices of rows spread over the run, of rows soon after each switch, and of the last row."""
+    last = len(run) - 1
+    even = np.linspace(0, last, count).round().astype(np.intp)
+    after = 2 ** np.arange(0, max(last, 1).bit_length() + 1) - 1
+    near = (np.searchsorted(run.t, switches)[:, None] + after[None, :6]).ravel()
+    rows = np.unique(np.concatenate([even, near[near <= last], [last]]))
+    # An event may come just before such a row or just after it. At a switch it comes at it.
+    events = np.setdiff1d([change.time for change in run.contact_changes], switches)
+    return np.asarray(rows[~np.isin(run.t[rows], events) | (rows == last)])
+
+
+def _reference(scene: Scene, runs: Sequence[_Sampled]) -> Reference:
+    """The reference at the rows of the runs, and at the end."""
+    instants = np.concatenate([run.t for run in runs])
+    return of_any_contact(scene, np.union1d(instants, [end_of(scene)]))
+
+
+def switching(scene: Scene) -> Floats:
+    """The start of a scene, and the instants at which an input jumps or bends (k,), s."""
+    return np.array(Inputs(scene, float(scene.start().time), end_of(scene)).edges[:-1])
+
+
+def end_of(scene: Scene) -> float:
+    """The last instant of a scene's run, s."""
+    return float(scene.start().time + scene.duration)
+
+
+def _curve(
+    request: Request, setting: str, values: Floats, switches: Floats, longest: float
+) -> Iterator[_Sampled]:
+    """Runs every value of a setting once, except those expected to take longer than `longest`, s.
+
+    The values are sorted from loose to tight.
+    """
+    spent, before, duration = 0.0, 0.0, request.scene.duration
+    for value in values.tolist():
+        # Time grows inversely with dt, and about with the fourth root of 1 / tolerance.
+        if setting == "dt":
+            every = max(1, math.ceil(duration / value / _MOST_RECORDED))
+            wanted = request.with_(dt=value, every=every)
+            expected = spent * before / value if before else _CHEAPEST_STEP * duration / value
+        else:
+            wanted = request.with_(dt=None, tolerance=value)
+            expected = spent * (before / value) ** 0.25
+        if expected > longest:
+            yield _Sampled(wanted, _row(wanted))
+            continue
+        run, spent = _sampled(wanted, switches)
+        yield run
+        before = value
+
+
+def _measured(run: _Sampled, exact: Reference, switches: Floats) -> Measurement:
+    """The measurement of a run, with its errors and times."""
+    times = _summarized(cpu_times(run.request, _REPEATS))
+    return replace(run.row, **times, **run.errors(exact, switches))
+
+
+def _too_long(row: Measurement) -> str:
+    return f"{row.solver}, {row.setting} = {row.value:.3g}: would take too long"
+
+
+def _with_order(row: Measurement, longer: Measurement) -> Measurement:
+    """Adds the order, if the measurement before is one with a longer step of the same pair."""
+    errors = longer.along, row.along
+    same = (longer.solver, longer.setting) == (row.solver, row.setting) and row.setting == "dt"
+    if not same or not all(0.0 < error < math.inf for error in errors):
+        return row
+    return replace(row, order=math.log(errors[0] / errors[1]) / math.log(longer.value / row.value))
+
+
+def _summarized(times: Sequence[float]) -> dict[str, Any]:
+    """The fields `time` and `quartiles` of a `Measurement`."""
+    low, high = np.quantile(times, [0.25, 0.75])
+    return {"time": statistics.median(times), "quartiles": (float(low), float(high))}
+
+
+def _peer_rows(
+    peer: Peer, scene: Scene, exact: Reference, longest: float, skipped: list[str]
+) -> list[Measurement]:
+    """A timed measurement for each value of a peer's setting; adds failures to `skipped`."""
+    try:
+        solve = peer.prepare(scene)
+    except (ValueError, TypeError, AssertionError, RuntimeError) as reason:
+        skipped.append(f"{peer.name}: {reason}")
+        return []
+    rows: list[Measurement] = []
+    spent = 0.0
+    for value in peer.values:
+        row = Measurement(
+            solver=peer.name, setting=peer.setting, value=float(value), status="not_run"
+        )
+        if spent > longest:
+            skipped.append(_too_long(row))
+            rows.append(row)
+            continue
+        try:
+            q, p = peer.ends(solve(value))
+            times = repeated(partial(solve, value), _REPEATS)
+        except (ArithmeticError, ValueError, RuntimeError) as reason:
+            rows.append(replace(row, status="failed", end=dict.fromkeys(("q", "p"), math.inf)))
+            skipped.append(f"{peer.name}, {peer.setting} = {value:.3g}: {reason}")
+            continue
+        spent = statistics.median(times)
+        end = scaled_error.at_end({"q": q, "p": p}, exact, exact.scales)
+        status = "completed" if all(map(math.isfinite, end.values())) else "not_finite"
+        rows.append(replace(row, status=status, end=end, **_summarized(times)))
+    return rows

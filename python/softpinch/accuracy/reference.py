@@ -1,11 +1,13 @@
 """Reference solutions: accurate trajectories to compare with, public as `softpinch.reference`.
 
-SciPy integrates the null-space form of the equations (`null_space`), with the inputs of `driven`,
-over each interval between two breaks of the inputs.
+SciPy integrates the null-space form of the equations (`null_space`) between the breaks of the
+inputs (`segments`). For unilateral contact, which these equations do not have, `of_any_contact`
+returns a run of the core itself.
 """
 
 from __future__ import annotations
 
+import cmath
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,24 +16,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..run import scaled_error
+from ..run.options import Options
+from ..run.request import Request
+from ..run.run import computed
+from ..scene.contact import require_bilateral
+from ..scene.control import WRITTEN
 from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats, read_only
 from ..support.result import Result
-from .integrate import Problem, Rough
-from .null_space import PARAMETERS, Equations, parameters, right_hand_side
-from .walker import METHODS, Walker
-
-__all__ = [
-    "METHODS",
-    "PARAMETERS",
-    "Equations",
-    "Reference",
-    "confirmed",
-    "parameters",
-    "right_hand_side",
-    "solve",
-]
+from .null_space import PLAIN, STATES, jump, parameters, right_hand_side
+from .segments import METHODS, Inputs, Motion, System, integrate
 
 # The smallest relative tolerance that SciPy accepts, 100 times round-off.
 _TIGHTEST = 2.3e-14
@@ -39,8 +34,33 @@ _TIGHTEST = 2.3e-14
 # more than this multiple of the evaluations of the rough pass.
 _MOST_EXPLICIT = 2_000_000
 _STIFF = 50
-# The most evaluations of the confirming method at a tenth of the tolerance.
-_MOST_TIGHTER = 150_000
+# LSODA may take this many evaluations to confirm a solution, or this multiple of those of the
+# first method if that is more.
+_MOST_CONFIRMING, _CONFIRMING = 150_000, 3
+
+_ROWS = right_hand_side(np.sin, np.cos)
+_COMPLEX = right_hand_side(cmath.sin, cmath.cos)
+# Derivatives take a step along the imaginary axis. Nothing is subtracted, so it may be tiny.
+_STEP = 1e-100
+_METRES = np.array([1, 1, 0, 0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 0], dtype=bool)
+# A state that is zero by symmetry has the round-off of other states. So the size of a state is at
+# least this share of the largest size of its kind (a radian counts as a finger's length). The share
+# for rates keeps tolerances above round-off, which implicit methods would take for stiffness.
+# Coordinates get less of that round-off: a step's length times that of the rates.
+_KINDS = ((slice(0, 7), 1e-3), (slice(7, 9), 1e-3), (slice(9, 14), 1.0))
+# The size of a state is at least this share of its typical size: the rates of a body at rest have
+# the round-off of the forces on it, and no tolerance below that can be met.
+_AT_REST = 1e-2
+# Tolerances of the rough pass; the second is used if the motion diverges with the first.
+_ROUGH = (1e-6, 1e-9)
+# The stiffness is evaluated at this many states of the rough pass.
+_PROBES = 64
+# DOP853's stability region reaches to about -6, and a step takes 12 evaluations.
+_EVALUATIONS_OF_STIFFNESS = 2.0
+# Formulation and tolerance of the core's reference, and of the run that confirms it.
+_CORE_RUNS = (("projected", 1e-13), ("csm", 1e-12))
+# Number of instants, besides the requested ones, at which the core's reference finds the scales.
+_INSTANTS = 1000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -85,8 +105,8 @@ def solve(
 ) -> Reference:
     """Integrates a scene over each interval between two breaks of its inputs.
 
-    One-step methods end a step at every requested instant instead of interpolating, because the
-    dense output of DOP853 has only order 7. LSODA and BDF evaluate their own polynomials.
+    A one-step method takes an additional step to each requested instant, because the interpolating
+    polynomials of its steps are less accurate. LSODA and BDF evaluate their own polynomials.
 
     Args:
         scene: The scene, with bilateral contact; its friction coefficient is not used.
@@ -105,7 +125,6 @@ def solve(
     Raises:
         ValueError: The start violates the constraints, an instant is outside of the run, or the
             scene has unilateral contact or driven fingers.
-        TypeError: An argument is of the wrong kind.
         RuntimeError: The motion diverges, often because the grasp is lost, or needs more than
             `most` evaluations; the message has the time.
         ImportError: SciPy is not installed.
@@ -113,9 +132,7 @@ def solve(
     method = checks.choice("method", method, METHODS)
     rtol = max(checks.positive("rtol", rtol), _TIGHTEST)
     most = checks.integer("most", most, 1)
-    problem = Problem(scene, times, tolerance, rates)
-    rough = problem.rough(most)
-    return _solved(problem, rough, problem.walker(method, rtol, rough.sizes, most))
+    return _Problem(scene, times, tolerance, rates, most).solution(method, rtol, most)
 
 
 def confirmed(
@@ -131,9 +148,9 @@ def confirmed(
 
     The first solution is returned. Its method is DOP853, or Radau if the eigenvalues along a rough
     pass show that stability would limit the steps of an explicit method. The second method is LSODA
-    (Adams and BDF), at a tenth of the tolerance if that is cheap, and otherwise at the tolerance.
-    If LSODA fails, the first method repeats the run at ten times the tolerance, which is a weaker
-    confirmation. `Reference.method` names both methods.
+    (Adams and BDF) at a tenth of the tolerance. If LSODA fails or takes much longer, the first
+    method repeats the run at ten times the tolerance, which is a weaker confirmation.
+    `Reference.method` names both methods.
 
     Args:
         scene: As `solve`.
@@ -149,59 +166,207 @@ def confirmed(
 
     Raises:
         ValueError: As `solve`.
-        TypeError: As `solve`.
         RuntimeError: As `solve`.
-        ImportError: As `solve`.
     """
     rtol = max(checks.positive("rtol", rtol), _TIGHTEST)
     most = checks.integer("most", most, 1)
-    problem = Problem(scene, times, tolerance, rates)
-    rough = problem.rough(most)
-    stiff = rough.explicit > min(most, _MOST_EXPLICIT, _STIFF * rough.evaluations)
+    problem = _Problem(scene, times, tolerance, rates, most)
+    stiff = problem.explicit > min(most, _MOST_EXPLICIT, _STIFF * problem.evaluations)
     name = "Radau" if stiff else "DOP853"
-    first = _solved(problem, rough, problem.walker(name, rtol, rough.sizes, most))
-    tighter = max(0.1 * rtol, _TIGHTEST), min(most, _MOST_TIGHTER)
-    attempts = (("LSODA", *tighter), ("LSODA", rtol, most), (name, 10.0 * rtol, most))
-    walkers = [
-        problem.walker(method, tolerance, rough.sizes, limit)
-        for method, tolerance, limit in attempts
-    ]
-    second = _first_to_finish(problem, rough, walkers)
+    first = problem.solution(name, rtol, most)
+    affordable = min(most, max(_MOST_CONFIRMING, _CONFIRMING * first.evaluations))
+    try:
+        second = problem.solution("LSODA", max(0.1 * rtol, _TIGHTEST), affordable)
+    except RuntimeError:
+        second = problem.solution(name, 10.0 * rtol, most)
+    # Both solutions count the rough pass.
+    return _compared(first, second, first.evaluations + second.evaluations - problem.evaluations)
+
+
+def of_any_contact(scene: Scene, times: ArrayLike) -> Reference:
+    """Solves a scene as `confirmed`; in unilateral contact by two runs of the core.
+
+    The instants (n,), s, must increase, and the last must be the end of the run.
+    """
+    if scene.contact == "bilateral":
+        return confirmed(scene, times)
+    wanted = np.asarray(times, np.float64)
+    first, second = (_core_solution(scene, wanted, *how) for how in _CORE_RUNS)
+    found = _compared(first, second, first.evaluations + second.evaluations)
+    reason = "the core's own runs, because the independent reference has no unilateral contact"
+    return replace(found, method=f"{found.method}: {reason}")
+
+
+def _compared(first: Reference, second: Reference, evaluations: int) -> Reference:
+    """The first solution with its difference to the second one."""
     return replace(
         first,
         method=f"{first.method}, confirmed by {second.method}",
-        evaluations=first.evaluations + sum(walker.evaluations for walker in walkers),
+        evaluations=evaluations,
         own_error=scaled_error.largest(second, first),
     )
 
 
-def _first_to_finish(problem: Problem, rough: Rough, walkers: Sequence[Walker]) -> Reference:
-    for walker in walkers[:-1]:
-        try:
-            return _solved(problem, rough, walker)
-        except RuntimeError:
-            continue
-    return _solved(problem, rough, walkers[-1])
-
-
-def _solved(problem: Problem, rough: Rough, walker: Walker) -> Reference:
-    wanted = np.unique(problem.wanted)
-    path = [(t, y, driven(t)) for t, y, driven in walker.walk(wanted.tolist())]
-    times, states, inputs = (np.array(column) for column in zip(*path, strict=True))
-    along = problem.rows(states, inputs)
-    usual = scaled_error.usual(problem.scene)
-    picked = np.searchsorted(times, problem.wanted)
-    rows = {name: read_only(column[picked]) for name, column in along.items()}
-    return Reference(
-        t=problem.t,
-        q=rows["q"],
-        p=rows["p"],
-        multipliers=rows["multipliers"],
-        integral=rows["integral"],
-        method=walker.name,
-        evaluations=walker.evaluations + rough.evaluations,
-        scales={
-            name: read_only(scaled_error.scales(name, along[name], usual))
-            for name in scaled_error.UNITS
-        },
+def _core_solution(scene: Scene, times: Floats, formulation: str, tolerance: float) -> Reference:
+    begin = float(scene.start().time)
+    options = Options.checked(
+        method="dop853",
+        formulation=formulation,
+        tolerance=tolerance,
+        times=np.union1d(times, np.linspace(begin, times[-1], _INSTANTS)),
+        record=("state", "multipliers"),
     )
+    run = computed(Request(scene, options))
+    if not run.success:
+        raise RuntimeError(
+            f"reference: with unilateral contact {formulation} ended as {run.status} at t = "
+            f"{run.t[-1]} s: {run.message}"
+        )
+    along = {name: getattr(run, name) for name in ("q", "p", "multipliers", "integral")}
+    method = f"{formulation} dop853 at tolerance {tolerance:.0e}"
+    picked = np.searchsorted(run.t, times)
+    return _reference(scene, times, along, picked, method, run.stats["evaluations"])
+
+
+def _reference(
+    scene: Scene,
+    times: Floats,
+    along: Mapping[str, Floats],
+    picked: Any,
+    method: str,
+    evaluations: int,
+) -> Reference:
+    """A reference whose rows are those picked from the whole motion, which gives the scales."""
+    usual = scaled_error.usual(scene)
+    rows = {name: read_only(values[picked]) for name, values in along.items()}
+    scales = {
+        name: read_only(scaled_error.scales(name, along[name], usual))
+        for name in scaled_error.UNITS
+    }
+    return Reference(t=times, **rows, method=method, evaluations=evaluations, scales=scales)
+
+
+class _Problem:
+    """A scene as a problem for SciPy: parameters, start, inputs, and requested instants.
+
+    A rough pass finds the magnitudes of the states, for absolute tolerances.
+
+    Attributes:
+        sizes: Largest size of each state along the run (14,).
+        explicit: Approximate number of evaluations that DOP853 needs for stability: 12 a step, with
+            the longest steps that the largest eigenvalue allows.
+        evaluations: Number of evaluations of the rough pass.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        times: ArrayLike | None,
+        tolerance: float,
+        rates: Callable[..., Any] | None,
+        most: int,
+    ) -> None:
+        checks.instance("scene", scene, Scene)
+        require_bilateral(scene, "the reference", "has the equations of bilateral contact only")
+        if scene.law != "pid":
+            given = WRITTEN[scene.law]
+            raise ValueError(f"Scene.{given}: the reference has the equations of a PID only")
+        if rates is not None:
+            checks.function("rates", rates)
+        self.scene, self.c = scene, parameters(scene)
+        self.start, begin = _start(scene, self.c, checks.positive("tolerance", tolerance))
+        end = begin + scene.duration
+        if not end > begin:
+            raise ValueError(
+                f"Scene.duration = {scene.duration}: too short, it ends no later than it starts"
+            )
+        self.inputs = Inputs(scene, begin, end)
+        self.t, self.wanted = self.inputs.instants(times)
+        c, of_states = self.c, rates or PLAIN.rates
+        self.system = System(
+            rates=lambda y, u: of_states(y, c, u),
+            jump=lambda y, impulse: np.array(jump(y.tolist(), c, impulse)),
+            jacobian=self.jacobian,
+        )
+        self._integrate_roughly(most)
+
+    def _motion(
+        self, wanted: Sequence[float], method: str, rtol: float, sizes: Floats, most: int
+    ) -> Motion:
+        return integrate(
+            self.system, self.inputs, self.start, wanted,
+            method=method, rtol=rtol, sizes=sizes, most=most,
+        )  # fmt: skip
+
+    def _integrate_roughly(self, most: int) -> None:
+        known = np.where(_METRES, max(self.c[0], self.c[15]), 1.0)
+        for rtol in _ROUGH:
+            try:
+                motion = self._motion((), "LSODA", rtol, known, most)
+            except RuntimeError:
+                continue  # With a loose tolerance a grasp that holds may be lost.
+            sizes = np.abs(motion.y).max(axis=0)
+            for kind, least in _KINDS:
+                # If all states of a kind are at rest, their round-off is not a size.
+                largest = max((sizes[kind] / known[kind]).max(), _AT_REST)
+                sizes[kind] = np.maximum(sizes[kind], least * largest * known[kind])
+            self.sizes, self.explicit = sizes, self._explicit_work(motion)
+            self.evaluations = motion.evaluations
+            return
+        # The motion diverges, which the accurate integration reports. Sizes are of no use then.
+        self.sizes, self.explicit, self.evaluations = known, 0.0, 0
+
+    def _explicit_work(self, motion: Motion) -> float:
+        rows = np.unique(np.linspace(0, len(motion.t) - 1, _PROBES).astype(int))
+        stiffness = 0.0
+        for k, length in zip(rows, np.diff(motion.t[rows]), strict=False):
+            jacobian = self.jacobian(motion.y[k], tuple(motion.u[k].tolist()))
+            if np.isfinite(jacobian).all():
+                stiffness += float(np.abs(np.linalg.eigvals(jacobian)).max() * length)
+        return _EVALUATIONS_OF_STIFFNESS * stiffness
+
+    def jacobian(self, y: Floats, u: tuple[float, ...]) -> Floats:
+        """The derivatives of the rates (14, 14), exact except for round-off."""
+        columns = []
+        for k in range(STATES):
+            moved: list[complex] = y.tolist()
+            moved[k] += 1j * _STEP
+            columns.append([complex(rate).imag for rate in _COMPLEX.rates(moved, self.c, u)])
+        return np.array(columns).T / _STEP
+
+    def solution(self, method: str, rtol: float, most: int) -> Reference:
+        """The reference by one method, whose evaluations include those of the rough pass."""
+        motion = self._motion(self.wanted, method, rtol, self.sizes, most)
+        states = list(motion.y.T)
+        d_n1, d_n2, *tips = _ROWS.followers(states, self.c)
+        along = {
+            "q": np.stack([*states[:5], d_n1, d_n2, *states[5:7]], axis=1),
+            "p": np.stack([*states[9:], *tips], axis=1),
+            "multipliers": np.stack(_ROWS.multipliers(states, self.c, motion.u.T), axis=1),
+            "integral": motion.y[:, 7:9],
+        }
+        picked = np.searchsorted(motion.t, self.wanted)
+        evaluations = self.evaluations + motion.evaluations
+        name = f"SciPy {method} at rtol {rtol:.2g}"
+        return _reference(self.scene, self.t, along, picked, name, evaluations)
+
+
+def _start(scene: Scene, c: tuple[float, ...], tolerance: float) -> tuple[Floats, float]:
+    """The fourteen states at the start, which must be on the constraints, and its time, s."""
+    start = scene.start()
+    y = np.array([*start.q[:5], *start.q[7:], *start.integral, *start.p[:5]])
+    d_n1, d_n2, *tips = PLAIN.followers(y.tolist(), c)
+    # Typical sizes of the terms in C^H and C^N.
+    length = float(np.abs([*start.q[:2], *c[:3], c[5], *c[15:18], c[20], c[30], c[33]]).sum())
+    speed = float(np.abs(start.p[[0, 1, 5, 6, 7, 8]]).sum() + length * np.abs(start.p[2:5]).sum())
+    gaps = (
+        ("C^H = 0 (9)", "m", np.abs(start.q[5:7] - (d_n1, d_n2)).max(), tolerance * length),
+        ("Phi p = 0 (25)", "m/s", np.abs(start.p[5:] - tips).max(), tolerance * speed),
+    )
+    for equation, unit, gap, allowed in gaps:
+        if gap > allowed:
+            raise ValueError(
+                f"Scene.initial: {gap:.3e} {unit} off {equation}; a reference needs a start on "
+                f"the constraints, to {allowed:.3e} {unit}. State.consistent makes one"
+            )
+    return y, start.time

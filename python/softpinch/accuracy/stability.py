@@ -1,37 +1,242 @@
-"""Stability: linearisation of the motion along a run, and the longest stable step of a scene."""
+"""Linearisations of the motion, and `max_stable_dt`: the longest stable step.
+
+The step is predicted from eigenvalues along an accurate run, and measured by trial runs.
+"""
 
 from __future__ import annotations
 
+import cmath
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .. import _core
+from ..analysis.states import state_names
+from ..run import scaled_error
 from ..run.contact import ContactMode
-from ..run.options import MOST_STEPS
-from ..run.run import Run
-from ..run.simulate import not_interrupted, simulate
-from ..run.stiffness import Complexes, stable_steps
-from ..scene.contact import require_formulations, without_drift
-from ..scene.scene import Scene
+from ..run.options import MOST_STEPS, Options
+from ..run.request import Request
+from ..run.run import Run, computed
+from ..run.stiffness import ALONE, Complexes, eigenvalues, stable_steps, surfaces
+from ..scene.contact import as_bilateral, require_bilateral, require_formulations
+from ..scene.control import require_known_torque
+from ..scene.fields import COORDINATES, RATES
+from ..scene.scene import Scene, State
 from ..scene.stabilization import Stabilization
 from ..support import checks
+from ..support.arrays import Floats
 from ..support.choices import Formulation, Method
+from ..support.display import ShownTable
 from ..support.result import Result
-from .bisection import Bisection
-from .linear_modes import along_run
+from .runs import ACCURATE, accurate_run, largest_that_holds
 
-# Tolerance of the trusted run, which stands for the exact motion.
-_TRUSTED_TOLERANCE = 1e-8
+# Number of instants of a run at which the motion is linearised.
+_INSTANTS = 200
+# Eigenvalues below this share of the largest one are zero but for round-off.
+_NEUTRAL = 1e-11
 # Statuses that are physical ends of the motion; all others mean that the integrator gave up.
 ENDS = ("completed", "separated", "crushed", "folded", "lost")
-# The trusted run may take at least this many steps, a fraction of a second of work, even if the
+# The accurate run may take at least this many steps, a fraction of a second of work, even if the
 # runs of the bisection may take fewer.
 _FEWEST_STEPS = 100_000
+# A coordinate whose error exceeds this share of its largest magnitude follows another motion.
+LOST = 0.5
+# Relative accuracy of the measured step, and the factor between steps until it is bracketed.
+_SHARP, _FACTOR = 0.005, 1.25
+# A step counts as stable if these shares of it are stable, too: not every unstable step shows.
+_SHORTER = (0.95, 0.9, 0.8)
+# Number of rows of a trial run.
+_ROWS = 256
+# Least number of steps for a scene at rest, so that growth by a percent a step becomes visible.
+_TIME_TO_GROW = 4000
+# Displacement of a scene at rest, as a share of typical sizes: exact symmetry would hide unstable
+# modes.
+_DISPLACEMENT = 1e-9
 # Predicted and measured steps agree if they differ by less than this factor.
 _AGREE = 1.1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Modes(Result):
+    """Linearisations of the motion: a small deviation z from the motion obeys dz/dt = J z.
+
+    Attributes:
+        t: Instants (n,), s.
+        jacobian: J at each instant (n, N, N), in the formulation's own states.
+        rates: Eigenvalues of J (n, N), 1/s; nan where an entry of J overflowed.
+        states: Names of the N states; the time derivative of x is "rate of x".
+    """
+
+    t: Floats
+    jacobian: Floats
+    rates: Complexes
+    states: tuple[str, ...]
+
+    def stable_step(self, method: Method) -> Floats:
+        """The longest stable step at each instant (n,), s; inf where every step is stable.
+
+        It is the longest step for which every decaying mode decays in the numerical solution too.
+        Modes that grow physically impose no limit, except slowly growing oscillations, which count
+        as undamped. The step is zero where an entry of J overflowed.
+
+        Raises:
+            ValueError: The method is unknown.
+        """
+        method = checks.choice("method", method, _core.METHODS)
+        return np.asarray(stable_steps(method, self.rates).min(axis=1))
+
+    def _tables(self) -> Iterator[ShownTable]:
+        """The modes at the first instant, the fastest growing one first."""
+        if not len(self.t):
+            return
+        # The neutral directions of a grasp have zero eigenvalues, but for round-off.
+        largest = np.abs(self.rates[0]).max()
+        rates = np.where(np.abs(self.rates[0]) <= _NEUTRAL * largest, 0.0, self.rates[0])
+        # Of each conjugate pair, the eigenvalue with positive imaginary part.
+        order = sorted(rates[~(rates.imag < 0.0)].tolist(), key=lambda rate: -rate.real)
+        rows = [
+            (
+                self._name(rate),
+                rate.real,
+                rate.imag / (2.0 * math.pi),
+                -rate.real / abs(rate) if rate else "",
+            )
+            for rate in order
+        ]
+        columns = ("largest share", "growth [1/s]", "frequency [Hz]", "damping ratio")
+        yield ShownTable(columns, rows, f"The modes at t = {self.t[0]:.6g} s")
+
+    def leading(self, k: int, rate: complex) -> str:
+        """Name of the state with the largest share in a mode.
+
+        Args:
+            k: Index of the instant.
+            rate: Eigenvalue of the mode, 1/s.
+
+        Returns:
+            A name out of `states`, without "rate of "; "an overflow" if an entry of J overflowed.
+
+        Raises:
+            ValueError: `k` is out of range, or `rate` is not finite although J is.
+        """
+        k = checks.integer("k", k, -len(self.t), len(self.t) - 1)
+        if not np.isfinite(self.jacobian[k]).all():
+            return "an overflow"
+        if not isinstance(rate, int | float | complex | np.number) or isinstance(rate, bool):
+            raise TypeError(f"rate = {checks.shown(rate)}: must be an eigenvalue, a complex number")
+        rate = complex(checks.finite("rate", rate.real), checks.finite("rate", rate.imag))
+        values, vectors = np.linalg.eig(self.jacobian[k])
+        vector = np.abs(vectors[:, np.argmin(np.abs(values - rate))])
+        # To compare different units, lengths are divided by 0.02 m, and rates in addition by the
+        # magnitude of the eigenvalue.
+        sizes = [
+            (1.0 if "theta" in name or "integral" in name else 0.02)
+            * (abs(rate) if name.startswith("rate") else 1.0)
+            for name in self.states
+        ]
+        # For an eigenvalue of zero this divides by zero.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shares = np.nan_to_num(vector / sizes, nan=0.0, posinf=np.inf)
+        return self.states[int(np.argmax(shares))].removeprefix("rate of ")
+
+    def _name(self, rate: complex) -> str:
+        if rate == 0.0:
+            return "neutral"
+        return self.leading(0, rate) if cmath.isfinite(rate) else "an overflow"
+
+
+def modes(
+    scene: Scene,
+    t: ArrayLike,
+    q: ArrayLike,
+    p: ArrayLike,
+    integral: ArrayLike,
+    *,
+    formulation: Formulation = "nullspace",
+    stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
+) -> Modes:
+    """Linearises the motion about states, such as the rows of a run.
+
+    Args:
+        scene: The scene with parameters and inputs, with bilateral contact.
+        t: Instants (n,), on the clock of schedule and disturbances, s. At a jump of an input, its
+            value after the jump counts.
+        q: Coordinates (n, 9), m and rad.
+        p: Velocities (n, 9), m/s and rad/s.
+        integral: PID integrals (n, 2), rad s.
+        formulation: The formulation whose states are used. "csm" adds modes with eigenvalues
+            -alpha, twice for each C^H, and -beta for each C^N; "projected" has zeros instead.
+        stabilization: The gains of (19) and (20), for "csm".
+
+    Raises:
+        ValueError: A shape is wrong, a number is not finite, `formulation` is unknown, or the scene
+            has unilateral contact.
+    """
+    checks.instance("scene", scene, Scene)
+    checks.instance("stabilization", stabilization, Stabilization)
+    require_bilateral(
+        scene,
+        "modes",
+        'linearises bilateral contact only; replace(scene, contact="bilateral") has the motion '
+        "while both tips stick",
+    )
+    formulation = checks.choice("formulation", formulation, _core.FORMULATIONS)
+    instants = checks.array("t", t, ("n",))
+    n = len(instants)
+    require_known_torque(scene.law, "the linearisation")
+    options = Options.checked(formulation=formulation, stabilization=stabilization)
+    jacobian = Request(scene, options).linear_model(
+        instants,
+        checks.array("q", q, (n, 9)),
+        checks.array("p", p, (n, 9)),
+        checks.array("integral", integral, (n, 2)),
+    )["A"]
+    states = state_names(scene.law, formulation)
+    return Modes(t=instants, jacobian=jacobian, rates=eigenvalues(jacobian), states=states)
+
+
+def along_run(
+    run: Run, formulation: Formulation, stabilization: Stabilization, instants: int = _INSTANTS
+) -> Modes:
+    """Linearises the motion at evenly spread rows of a run, including its start and end.
+
+    In unilateral contact the rows in which both tips stick have the linearisation of bilateral
+    contact. The others have only the parts that move by themselves (`surfaces`): the shear of a tip
+    that slips, grazes or is free, the compression and the finger of a free one; and zeros for the
+    states whose rates are not known there.
+    """
+    rows = np.unique(np.linspace(0, len(run) - 1, instants).round().astype(int))
+    found = modes(
+        as_bilateral(run.scene),
+        run.t[rows],
+        run.q[rows],
+        run.p[rows],
+        run.integral[rows],
+        formulation=formulation,
+        stabilization=stabilization,
+    )
+    if run.scene.contact == "bilateral":
+        return found
+    contacts = [run.state(row).contact for row in rows.tolist()]
+    modes_of_tips = np.abs(np.array(contacts)[:, :2]).astype(np.uint8)
+    own = surfaces(run.scene, run.q[rows], modes_of_tips)
+    n, size = found.rates.shape
+    jacobian = np.zeros((n, size + 2 * len(ALONE), size + 2 * len(ALONE)))
+    sticks = (modes_of_tips == ContactMode.STICK).all(axis=1)
+    jacobian[:, :size, :size] = np.where(sticks[:, None, None], found.jacobian, 0.0)
+    for k in range(len(ALONE)):
+        block = slice(size + 2 * k, size + 2 * k + 2)
+        jacobian[:, block, block] = own[:, k]
+    alone = [name for k in ALONE for name in (COORDINATES[k], RATES[k])]
+    return replace(
+        found,
+        jacobian=jacobian,
+        rates=eigenvalues(jacobian),
+        states=(*found.states, *alone),
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -46,7 +251,7 @@ class StableStep(Result):
         t: The instant whose eigenvalues allow the shortest step, s.
         rate: The eigenvalue that limits the step there, 1/s.
         mode: Name of the state with the largest share in the mode of `rate`.
-        measured: Longest step with which the run still ends correctly, to half a percent, s; inf if
+        measured: Longest step with which the run is still right, to half a percent, s; inf if
             even a single step does; None if it was not measured.
         message: Both results in words, and the reason if they differ.
     """
@@ -77,16 +282,16 @@ def max_stable_dt(
 ) -> StableStep:
     """Finds the longest stable step of a formulation and a method for a scene.
 
-    The predicted step comes from linear theory: the motion is linearised at some 200 instants of a
-    trusted run (a stiff method with adaptive steps at tolerance 1e-8), and the step is the shortest
-    at which a decaying mode leaves the method's stability region. The measured step comes from a
-    bisection: it is the longest with which the run ends with the trusted run's status, within half
-    of each coordinate's largest magnitude of its final state, and without swinging further out by
-    more than that.
+    The predicted step comes from linear theory: the motion is linearised at some 200 instants of an
+    accurate run (a stiff method with adaptive steps at tolerance 1e-8), and the step is the
+    shortest at which a decaying mode leaves the method's stability region. The measured step comes
+    from a bisection: it is the longest with which the run ends with the accurate run's status, so
+    that it is not "unstable" either, and stays within half of each coordinate's largest magnitude
+    of the accurate run. Steps of 0.95, 0.9 and 0.8 times its length do so, too.
 
-    In unilateral contact the linearisation is whole at the instants at which both tips stick. At
-    the others it has the surfaces that move by themselves: the shear of a tip that slips, grazes or
-    is free, and the compression of a free one. Only the measurement covers the rest of the motion
+    In unilateral contact the linearisation is complete at the instants at which both tips stick. At
+    the others it has the parts that move by themselves: the shear of a tip that slips, grazes or
+    is free, the compression and the finger of a free one. Only the measurement covers the rest
     there, and the message has the share of these instants if it matters.
 
     A stable step need not be accurate: `advise` finds a step that meets an accuracy.
@@ -99,46 +304,45 @@ def max_stable_dt(
         stabilization: The gains of (19) and (20), for "csm".
         measure: Whether to measure the step, besides predicting it.
         max_steps: Largest number of steps of a run in the bisection; if more would be needed,
-            `measured` is None. The trusted run takes at most this many steps, or 100 000 if that is
-            more. If it does not reach the end of the motion, only the part that it reached is
+            `measured` is None. The accurate run takes at most this many steps, or 100 000 if that
+            is more. If it does not reach the end of the motion, only the part that it reached is
             linearised and nothing is measured; the message says so.
 
     Raises:
         ValueError: An argument breaks its rule, or the scene's start does.
-        TypeError: An argument is of the wrong kind.
         KeyboardInterrupt: Ctrl-C.
     """
     checks.instance("scene", scene, Scene)
-    checks.instance("stabilization", stabilization, Stabilization)
-    method = checks.choice("method", method, _core.METHODS)
-    formulation = checks.choice("formulation", formulation, _core.FORMULATIONS)
+    trial = Options.checked(
+        method=method, formulation=formulation, stabilization=stabilization, record=("state",)
+    )
     require_formulations("formulation", (formulation,), scene)
     max_steps = checks.integer("max_steps", max_steps, 1, MOST_STEPS)
     measure = checks.boolean("measure", measure)
     most = max(max_steps, _FEWEST_STEPS)
     record = ("state", "contact")
-    trusted = trusted_run(scene, formulation, stabilization, record=record, max_steps=most)
-    along = along_run(trusted, formulation, stabilization)
+    accurate = accurate_run(scene, formulation, stabilization, record=record, max_steps=most)
+    along = along_run(accurate, formulation, stabilization)
     steps = along.stable_step(method)
     k = int(np.argmin(steps))
     predicted, rate = float(steps[k]), _limiting(along.rates[k], method)
-    measured, found = None, ""
-    if trusted.status not in ENDS:
-        found = (
-            f"the motion is known to t = {trusted.t[-1]:.4g} s only, where {trusted.method} with "
-            f"tolerance {_TRUSTED_TOLERANCE:g} ended as {trusted.status}"
+    measured, failure = None, ""
+    if accurate.status not in ENDS:
+        failure = (
+            f"the motion is known to t = {accurate.t[-1]:.4g} s only, where {accurate.method} with "
+            f"tolerance {ACCURATE:g} ended as {accurate.status}"
         )
     elif measure:
-        bisection = Bisection(scene, trusted, (method, formulation, stabilization), predicted)
-        measured, found = bisection.longest(max_steps)
-    mode = along.leading(k, rate)
-    message = _message(method, predicted, (float(along.t[k]), rate, mode), measured)
+        search = StepSearch(accurate, trial, predicted)
+        measured, failure = search.longest(max_steps), search.failure
+    t, mode = float(along.t[k]), along.leading(k, rate)
+    message = _message(method, predicted, t, rate, mode, measured)
     if measured is not None and not _alike(predicted, measured):
         share = float(np.mean(steps < measured))
-        message += f"; they part because {_reason(predicted, measured, share, found)}"
-    elif found and measured is None:
-        message += f"; not measured: {found}"
-    alone = float((trusted.contact != ContactMode.STICK).any(axis=1).mean())
+        message += f"; they part because {_reason(predicted, measured, share, failure)}"
+    elif failure and measured is None:
+        message += f"; not measured: {failure}"
+    alone = float((accurate.contact != ContactMode.STICK).any(axis=1).mean())
     if alone and (measured is None or measured < predicted / _AGREE):
         message += (
             f"; at {100 * alone:.2g} % of the instants a tip does not stick, where only its own "
@@ -148,7 +352,7 @@ def max_stable_dt(
         method=method,
         formulation=formulation,
         predicted=predicted,
-        t=float(along.t[k]),
+        t=t,
         rate=rate,
         mode=mode,
         measured=measured,
@@ -156,34 +360,97 @@ def max_stable_dt(
     )
 
 
-def trusted_run(
-    scene: Scene,
-    formulation: Formulation = "nullspace",
-    stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
-    tolerance: float = _TRUSTED_TOLERANCE,
-    record: Sequence[str] = ("state",),
-    method: Method = "radau5",
-    max_steps: int | None = None,
-) -> Run:
-    """A run by a stiff method with adaptive steps, which stands for the exact motion.
+class StepSearch:
+    """The search for the longest step with which a run follows the accurate run to its end.
 
-    It uses "nullspace", or "projected" in unilateral contact, which have no drift; or "csm" if
-    `formulation` is that and the scene starts off the constraints, from where only "csm" can start.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C.
+    Attributes:
+        scene: The scene of the trials; at rest it is slightly displaced, because exact symmetry
+            hides unstable modes.
+        failure: The reason why the last run with too long a step failed.
     """
-    can_start = scene.start().check or formulation != "csm"
-    run = simulate(
-        scene,
-        tolerance=tolerance,
-        method=method,
-        formulation=without_drift(scene) if can_start else "csm",
-        stabilization=stabilization,
-        record=record,  # type: ignore[arg-type]
-        max_steps=max_steps,
-    )
-    return not_interrupted(run)
+
+    def __init__(self, accurate: Run, trial: Options, predicted: float) -> None:
+        """Prepares the search, which begins at the predicted step, s, or at some step if it is inf.
+
+        The options of a trial have the method, the formulation and the gains.
+        """
+        self.scales = scaled_error.scales("q", accurate.q, scaled_error.usual(accurate.scene))
+        self.accurate, self.trial = accurate, trial
+        self.scene = accurate.scene
+        self.failure = ""
+        moved = np.abs(accurate.q - accurate.q[0]) / self.scales
+        quiet = not len(accurate.violations) and accurate.stats["segments"] == 1
+        if quiet and float(moved.max()) < 1e-6 and math.isfinite(predicted):
+            self.scene = self._displaced(_TIME_TO_GROW * predicted)
+        self.first = predicted if math.isfinite(predicted) else accurate.scene.duration / 8
+        self.first = min(self.first, self.scene.duration)
+
+    def _displaced(self, duration: float) -> Scene:
+        scene, start = self.scene, self.scene.start()
+        shares = _DISPLACEMENT * np.array([1.0, -0.7, 0.5, 0.8, -0.6, 0.9, -0.4, 0.3, -1.0])
+        q, p = np.array(start.q) + shares * self.scales, start.p + shares * self.scales
+        # Off the constraints a tip of unilateral contact would be free.
+        if self.trial.formulation == "csm" and scene.contact == "bilateral":
+            displaced = State(q, p, start.integral, start.time, check=False)
+        else:
+            displaced = State.consistent(
+                scene,
+                x=q[0],
+                y=q[1],
+                rotation=q[2],
+                fingers=q[3:5],
+                shear=q[7:],
+                velocity=p[:3],
+                finger_rates=p[3:5],
+                integral=start.integral,
+                time=start.time,
+            )
+        return replace(scene, initial=displaced, duration=max(duration, scene.duration))
+
+    def holds(self, dt: float) -> bool:
+        """Whether the run with this step follows the accurate run to its end; else sets `failure`.
+
+        The core ends a run whose energy ledger shows that its steps are unstable.
+        """
+        every = max(1, int(self.scene.duration / dt) // _ROWS)
+        run = computed(Request(self.scene, self.trial).with_(dt=dt, every=every))
+        expected = self.accurate
+        if run.status != expected.status:
+            self.failure = f"with dt = {dt:.3g} s the run ends as {run.status} at {run.t[-1]:.6g} s"
+            return False
+        # A displaced scene lasts longer than the accurate run, which stays at rest.
+        exact = np.stack([np.interp(run.t, expected.t, column) for column in expected.q.T], axis=1)
+        errors = scaled_error.by_row(run.q, exact, self.scales)
+        k = int(np.argmax(errors))
+        if errors[k] < LOST:
+            return True
+        self.failure = (
+            f"with dt = {dt:.3g} s a coordinate is {errors[k]:.2g} times its largest size off at "
+            f"{run.t[k]:.6g} s"
+        )
+        return False
+
+    def longest(self, max_steps: int) -> float | None:
+        """The longest step, s, of runs with at most so many steps; None if even that is too long.
+
+        `failure` then has the reason why a longer step failed.
+        """
+        duration, first = self.scene.duration, self.first
+        least = duration / max_steps
+        while True:
+            good = largest_that_holds(
+                self.holds, first, least, duration, factor=_FACTOR, accuracy=_SHARP
+            )
+            if good is None:
+                self.failure = f"even {max_steps} steps are not enough: {self.failure}"
+                return None
+            if good == duration:
+                return math.inf
+            shorter = [share * good for share in _SHORTER if share * good > least]
+            failed = next((dt for dt in shorter if not self.holds(dt)), None)
+            if failed is None:
+                return good
+            first = failed / _FACTOR
 
 
 def _limiting(rates: Complexes, method: str) -> complex:
@@ -201,9 +468,8 @@ def _alike(predicted: float, measured: float) -> bool:
 
 
 def _message(
-    method: str, predicted: float, where: tuple[float, complex, str], measured: float | None
+    method: str, predicted: float, t: float, rate: complex, mode: str, measured: float | None
 ) -> str:
-    t, rate, mode = where
     swing = f" and {abs(rate.imag):.3g} rad/s" if abs(rate.imag) > 1e-3 * abs(rate) else ""
     what = f"the mode of {mode} at {rate.real:.3g} 1/s{swing}, t = {t:.4g} s"
     if math.isnan(rate.real):

@@ -15,16 +15,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..run.evaluate import evaluate
-from ..scene import units
+from ..scene import fields as units
 from ..scene.contact import as_bilateral
 from ..scene.control import WRITTEN, Pid
 from ..scene.disturbance import Impulse
+from ..scene.fields import label as label_of
 from ..scene.hand import Finger, Fingertip, Hand
 from ..scene.scene import Scene, State
 from ..scene.schedule import Schedule
 from ..scene.stabilization import Stabilization
 from ..scene.template import SceneTemplate
-from ..study import labels
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.record import SIDES
@@ -61,12 +61,7 @@ class Axis:
     def apply(
         self, scene: Scene, stabilization: Stabilization, value: float
     ) -> tuple[Scene, Stabilization]:
-        """The scene and the gains of "csm" at a value of the axis.
-
-        Raises:
-            ValueError: The value breaks a rule; the message names axis, value and rule.
-            TypeError: A user's function did not return a Scene.
-        """
+        """The scene and the gains of "csm" at a value of the axis."""
         try:
             found = self.at(scene, value)
         except ValueError as error:
@@ -80,13 +75,7 @@ class Axis:
 def choose(
     scene: Scene, axis: str | Callable[[float], Scene], values: ArrayLike | None
 ) -> tuple[Axis, Floats]:
-    """The axis with a name, or made from a path or a function; and its values (v,), checked.
-
-    Raises:
-        ValueError: The name is unknown, the path does not lead to a single number, or the values do
-            not increase or are missing.
-        TypeError: An argument is of the wrong kind.
-    """
+    """The axis with a name, or made from a path or a function; and its values (v,), checked."""
     if values is not None:
         values = checks.increasing("values", values)
     if isinstance(axis, str) and axis in AXES:
@@ -126,24 +115,16 @@ def _path(scene: Scene, path: str) -> Axis:
     assert isinstance(unit, str)
     return Axis(
         name=path,
-        label=labels.label(path),
+        label=label_of(path),
         unit=unit,
         at=lambda _, value: varied.changed({path: value}),
     )
-
-
-def _youngs_modulus(scene: Scene, value: float) -> Scene:
-    return _tips(scene, youngs_modulus=value)
 
 
 def _object_mass(scene: Scene, value: float) -> Scene:
     grasped = scene.grasped
     inertia = grasped.inertia * (value / grasped.mass)
     return replace(scene, grasped=replace(grasped, mass=value, inertia=inertia))
-
-
-def _viscosity(scene: Scene, value: float) -> Scene:
-    return _tips(scene, normal_viscosity=value, tangential_viscosity=value)
 
 
 def _gains(scene: Scene, factor: float) -> Scene:
@@ -165,8 +146,7 @@ def _stabilization(scene: Scene, value: float) -> Stabilization:
 def _grasp_depth(scene: Scene, share: float) -> Scene:
     if not 0.0 < share < 1.0:
         raise ValueError("must be > 0 and < 1, a share of the tips' radius")
-    angles = [_closed(scene, k, share) for k in (0, 1)]
-    return _held_at(scene, angles)
+    return _held_at(scene, [_closed(scene, k, share) for k in (0, 1)])
 
 
 def _closed(scene: Scene, k: int, share: float) -> float:
@@ -244,15 +224,15 @@ def _fingers(hand: Hand) -> tuple[Finger, Finger]:
     return hand.right, hand.left
 
 
-def _tips(scene: Scene, **values: float) -> Scene:
-    """The scene with these parameters replaced in both fingertips."""
-    tip = scene.hand.tip
-    if isinstance(tip, tuple):
-        both: Fingertip | tuple[Fingertip, Fingertip]
-        both = (replace(tip[0], **values), replace(tip[1], **values))
-    else:
-        both = replace(tip, **values)
-    return replace(scene, hand=replace(scene.hand, tip=both))
+def _of_tips(*names: str) -> Callable[[Scene, float], Scene]:
+    """A function that sets parameters of both fingertips."""
+
+    def at(scene: Scene, value: float) -> Scene:
+        values = dict.fromkeys(names, value)
+        right, left = (replace(tip, **values) for tip in scene.hand.tips)
+        return replace(scene, hand=replace(scene.hand, tip=(right, left)))
+
+    return at
 
 
 def _decades(low: float, high: float, count: int = 13) -> tuple[float, ...]:
@@ -263,11 +243,15 @@ _DEPTHS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 0.6, 0.8, 0.9, 0.97, 0.
 _TILTS = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 68.0, 75.0, 80.0, 84.0, 87.0, 89.0)
 _VISCOSITIES = (0.0, *_decades(1e-1, 1e5))
 
+
+_MODULUS = _of_tips("youngs_modulus")
+_VISCOSITY = _of_tips("normal_viscosity", "tangential_viscosity")
+
 # Name, label, unit, scale, default values, and the function for `Axis.at`.
 _TABLE = (
-    ("youngs_modulus", "modulus $E$", "Pa", "log", _decades(1e4, 1e10), _youngs_modulus),
+    ("youngs_modulus", "modulus $E$", "Pa", "log", _decades(1e4, 1e10), _MODULUS),
     ("object_mass", "mass $M$", "kg", "log", _decades(1e-4, 1e1), _object_mass),
-    ("viscosity", "viscosity $c_n, c_t$", "N s/m", "log", _VISCOSITIES, _viscosity),
+    ("viscosity", "viscosity $c_n, c_t$", "N s/m", "log", _VISCOSITIES, _VISCOSITY),
     ("gains", "factor on the gains", "1", "log", _decades(1e-3, 1e3), _gains),
     ("stabilization", r"$\alpha, \beta$", "1/s", "log", _decades(1e1, 1e7), _stabilization),
     ("grasp_depth", "depth $d_n/a$", "1", "logit", _DEPTHS, _grasp_depth),

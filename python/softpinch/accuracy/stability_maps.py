@@ -2,32 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..run.options import STOP_ON
+from ..run import scaled_error
+from ..run.options import MOST_STEPS, STOP_ON, Options
+from ..run.run import Run
+from ..scene.contact import formulations_of, require_formulations
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
+from ..study.engine import how_many_threads
 from ..support import checks
 from ..support.arrays import Floats, read_only
-from ..support.progress import Report
+from ..support.choices import Formulation, Method
+from ..support.progress import Report, reporting
 from ..support.result import Result
 from ..support.table import save_by_suffix, save_csv, save_npz
-from .bisection import LOST
-from .stability_plan import NOT_RUN, Pair, Plan
-from .stability_reference import METHODS, NO_REFERENCE, TOLERANCE
+from .runs import accurate_run, batches, run_batch
+from .stability import ENDS, LOST, along_run
+from .stability_axes import choose
 
 Bools = NDArray[np.bool_]
 Texts = NDArray[np.str_]
+Pair = tuple[Formulation, Method]
 
+PAIRS: tuple[Pair, ...] = tuple((f, m) for f in _core.FORMULATIONS for m in _core.METHODS)
+# Statuses besides the core's: of runs that were left out, and of values without a reference.
+NOT_RUN, NO_REFERENCE = "not_run", "no_reference"
 # A completed run with an error above the first is misleading; an error below the second is good.
 WRONG, GOOD = 0.1, 1e-3
+# Tolerance and methods of the references. The first method gives the reference, the second an
+# estimate of its error; if they differ by more than `_APART`, there is no reference.
+_TOLERANCE, _APART = 1e-11, 0.1
+_METHODS: tuple[Method, Method] = ("radau5", "rosenbrock")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -147,8 +161,8 @@ class StabilityMap(Result):
             "scale": self.scale,
             "max_steps": self.max_steps,
             "stop_on": list(STOP_ON),
-            "references": list(METHODS),
-            "reference_tolerance": TOLERANCE,
+            "references": list(_METHODS),
+            "reference_tolerance": _TOLERANCE,
         }
 
     def save(self, path: str | Path) -> Path:
@@ -162,10 +176,13 @@ class StabilityMap(Result):
             OSError: The file cannot be written.
         """
         path = checks.path("path", path)
-        return save_by_suffix(path, {".npz": self._save_npz, ".csv": self._save_csv})
-
-    def _save_npz(self, path: Path) -> None:
-        save_npz(path, self.to_dict(), self.provenance())
+        return save_by_suffix(
+            path,
+            {
+                ".npz": lambda file: save_npz(file, self.to_dict(), self.provenance()),
+                ".csv": self._save_csv,
+            },
+        )
 
     def _save_csv(self, path: Path) -> None:
         header = ["formulation", "method", f"{self.axis} [{self.unit}]", "dt [s]", "status",
@@ -176,8 +193,7 @@ class StabilityMap(Result):
              self.floor[v], self.predicted[k, v]]
             for k, v, d in np.ndindex(self.status.shape)
         )  # fmt: skip
-        plain = ([x.item() if isinstance(x, np.generic) else x for x in row] for row in rows)
-        save_csv(path, header, plain)
+        save_csv(path, header, rows)
 
 
 def _counted(names: Sequence[str]) -> str:
@@ -229,32 +245,212 @@ def stability_map(
     Raises:
         ValueError: An argument breaks its rule, or a value gives a scene that cannot start. Both
             are found before anything is simulated.
-        TypeError: An argument is of the wrong kind.
         KeyboardInterrupt: Ctrl-C, within a second.
     """
-    plan = Plan(scene, axis, values, dt, pairs, stabilization, max_steps, threads)
-    return made(plan, progress)
+    return MapPlan(scene, axis, values, dt, pairs, stabilization, max_steps, threads).run(progress)
 
 
-def made(plan: Plan, progress: bool | Report) -> StabilityMap:
-    """Computes the map of a plan."""
-    found = plan.run(progress)
-    expected = np.array([one.status for one in found.references], dtype=found.status.dtype)
-    return StabilityMap(
-        axis=plan.axis.name,
-        label=plan.axis.label,
-        unit=plan.axis.unit,
-        scale=plan.axis.scale,
-        values=plan.values,
-        dt=plan.dt,
-        pairs=plan.pairs,
-        status=read_only(found.status),
-        error=read_only(found.error),
-        agrees=read_only(found.status == expected[:, None]),
-        predicted=read_only(found.predicted),
-        expected=read_only(expected),
-        floor=read_only(np.array([one.floor for one in found.references])),
-        scene=plan.scene,
-        stabilization=plan.stabilization,
-        max_steps=plan.max_steps,
-    )
+class _Reference:
+    """An accurate run of a scene, with an estimate of its error by a second method.
+
+    Attributes:
+        status: Status of the run; "no_reference" if the two methods fail or disagree.
+        floor: Difference between the two methods; inf without a reference.
+    """
+
+    def __init__(
+        self, scene: Scene, gains: Stabilization, formulation: Formulation, max_steps: int
+    ) -> None:
+        self._gains = gains
+        self._run, second = (
+            accurate_run(
+                scene, formulation, gains, tolerance=_TOLERANCE, method=method, max_steps=max_steps
+            )
+            for method in _METHODS
+        )
+        usual = scaled_error.usual(scene)
+        self._scales = {
+            name: scaled_error.scales(name, getattr(self._run, name), usual) for name in ("q", "p")
+        }
+        self.status, self.floor = self._run.status, self._difference(second)
+        if self.floor >= _APART:
+            self.status, self.floor = NO_REFERENCE, np.inf
+
+    def _difference(self, other: Run) -> float:
+        if self._run.status != other.status or self._run.status not in ENDS:
+            return np.inf
+        if self._run.success:
+            return self._error(other.q[-1], other.p[-1])
+        ends = sorted((float(self._run.t[-1]), float(other.t[-1])))
+        # Runs may end at their very start.
+        return (ends[1] - ends[0]) / (ends[1] - float(self._run.t[0]) or 1.0)
+
+    def _error(self, q: Floats, p: Floats) -> float:
+        return max(scaled_error.at_end({"q": q, "p": p}, self._run, self._scales).values())
+
+    def error(self, status: str, state: Floats) -> float:
+        """Error at a run's end, the larger of q and p; inf if the run or this is not complete."""
+        if not status == self.status == "completed":
+            return np.inf
+        return self._error(state[:9], state[9:])
+
+    def stable_steps(self, pairs: Sequence[Pair]) -> list[float]:
+        """The longest stable step of each pair by the eigenvalues along the reference, s."""
+        along = {
+            formulation: along_run(self._run, formulation, self._gains)
+            for formulation in dict.fromkeys(formulation for formulation, _ in pairs)
+        }
+        return [float(along[f].stable_step(method).min()) for f, method in pairs]
+
+
+class _Job(NamedTuple):
+    """A batch of runs with one pair and one step.
+
+    Attributes:
+        batch: The core's batch; its parameters have been checked.
+        values: For each run of the batch, the indices of the values for which it stands.
+        pair: Index of the pair.
+        step: Index of the step.
+    """
+
+    batch: _core.Batch
+    values: list[list[int]]
+    pair: int
+    step: int
+
+
+class MapPlan:
+    """A stability map to compute, with checked arguments, which are those of `stability_map`."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        axis: str | Callable[[float], Scene],
+        values: ArrayLike | None,
+        dt: ArrayLike | None,
+        pairs: Sequence[Pair] | None,
+        stabilization: Stabilization,
+        max_steps: int,
+        threads: int | None,
+    ) -> None:
+        checks.instance("scene", scene, Scene)
+        checks.instance("stabilization", stabilization, Stabilization)
+        self._scene, self._stabilization = scene, stabilization
+        self.axis, given = choose(scene, axis, values)
+        self._values = read_only(given)
+        self._dt = _steps(dt)
+        self._max_steps = checks.integer("max_steps", max_steps, 1, MOST_STEPS)
+        self._threads = how_many_threads(threads)
+        # The scene and the gains of "csm" at each value.
+        self._cases = [self.axis.apply(scene, stabilization, value) for value in given.tolist()]
+        self._pairs = _allowed(pairs, [scene for scene, _ in self._cases])
+        self._formulations = tuple(dict.fromkeys(formulation for formulation, _ in self._pairs))
+        for value, (at, gains) in zip(given.tolist(), self._cases, strict=True):
+            for formulation in self._formulations:
+                options = Options.checked(
+                    dt=at.duration, formulation=formulation, stabilization=gains
+                )
+                try:
+                    next(batches([at], options))
+                except ValueError as error:
+                    said = str(error).removeprefix("run 0: ")
+                    raise ValueError(f"{self.axis.name} = {value:.6g}: {said}") from None
+        self._jobs = list(self._batched())
+
+    def _batched(self) -> Iterator[_Job]:
+        """The jobs of all runs that are not too long; equal runs are computed once."""
+        for d, dt in enumerate(self._dt.tolist()):
+            for k, (formulation, method) in enumerate(self._pairs):
+                # Gains -> scene -> the indices of its values.
+                alike: dict[Stabilization, dict[Scene, list[int]]] = {}
+                for v, (scene, gains) in enumerate(self._cases):
+                    if math.ceil(scene.duration / dt) <= self._max_steps:
+                        used = gains if formulation == "csm" else Stabilization()
+                        alike.setdefault(used, {}).setdefault(scene, []).append(v)
+                for gains, scenes in alike.items():
+                    options = Options.checked(
+                        dt=dt, method=method, formulation=formulation, stabilization=gains
+                    )
+                    values = list(scenes.values())
+                    for batch, chosen in batches(list(scenes), options):
+                        yield _Job(batch, [values[n] for n in chosen], k, d)
+
+    def run(self, progress: bool | Report = True) -> StabilityMap:
+        """Computes the references and all runs."""
+        cases, n = self._cases, len(self._cases)
+        total = n + sum(len(values) for job in self._jobs for values in job.values)
+        # A start off the constraints was refused unless all pairs are of "csm".
+        formulation: Formulation = "csm" if self._formulations == ("csm",) else "nullspace"
+        known: dict[tuple[Scene, Stabilization], _Reference] = {}
+        status = np.full((len(self._pairs), n, len(self._dt)), NOT_RUN, dtype="U20")
+        error = np.full(status.shape, np.inf)
+        with reporting(progress, "stability map") as report:
+            for done, case in enumerate(cases, 1):
+                if case not in known:
+                    known[case] = _Reference(*case, formulation, self._max_steps)
+                report(done, total)
+            references = [known[case] for case in cases]
+            done = n
+            for job in self._jobs:
+                ends = run_batch(job.batch, min(self._threads, len(job.values)))
+                for (ended, state), values in zip(ends, job.values, strict=True):
+                    for v in values:
+                        status[job.pair, v, job.step] = ended
+                        error[job.pair, v, job.step] = references[v].error(ended, state)
+                done += sum(map(len, job.values))
+                report(done, total)
+        expected = np.array([one.status for one in references], dtype=status.dtype)
+        return StabilityMap(
+            axis=self.axis.name,
+            label=self.axis.label,
+            unit=self.axis.unit,
+            scale=self.axis.scale,
+            values=self._values,
+            dt=self._dt,
+            pairs=self._pairs,
+            status=status,
+            error=error,
+            agrees=status == expected[:, None],
+            predicted=np.array([one.stable_steps(self._pairs) for one in references]).T,
+            expected=expected,
+            floor=np.array([one.floor for one in references]),
+            scene=self._scene,
+            stabilization=self._stabilization,
+            max_steps=self._max_steps,
+        )
+
+
+def _steps(dt: ArrayLike | None) -> Floats:
+    if dt is None:
+        return read_only(np.geomspace(1e-6, 1e-2, 13))
+    steps = checks.times("dt", dt)
+    checks.positive("dt[0]", steps[0])
+    return steps
+
+
+def check_pairs(pairs: Sequence[tuple[str, str]] | None) -> tuple[Pair, ...]:
+    """Checks pairs (formulation, method); None stands for all pairs."""
+    if pairs is None:
+        return PAIRS
+    found: list[Pair] = []
+    for k, pair in enumerate(checks.several("pairs", pairs, "pairs (formulation, method)")):
+        if isinstance(pair, str) or not isinstance(pair, Sequence) or len(pair) != 2:
+            raise TypeError(f"pairs[{k}] = {checks.shown(pair)}: must be (formulation, method)")
+        formulation = checks.choice(f"pairs[{k}][0]", pair[0], _core.FORMULATIONS)
+        one = (formulation, checks.choice(f"pairs[{k}][1]", pair[1], _core.METHODS))
+        if one in found:
+            raise ValueError(f"pairs[{k}] = {one}: must not be repeated")
+        found.append(one)
+    if not found:
+        raise ValueError("pairs is empty: must have a pair")
+    return tuple(found)
+
+
+def _allowed(pairs: Sequence[Pair] | None, scenes: Sequence[Scene]) -> tuple[Pair, ...]:
+    """Checks pairs; None stands for all pairs that the scenes' contact allows."""
+    found = check_pairs(pairs)
+    for scene in scenes:
+        if pairs is None:
+            found = tuple(pair for pair in found if pair[0] in formulations_of(scene))
+        require_formulations("pairs", [formulation for formulation, _ in found], scene)
+    return found

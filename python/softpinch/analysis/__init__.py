@@ -1,22 +1,19 @@
 """One scene in depth: where it comes to rest, and what a small deviation from there does.
 
-`rest` finds where it comes to rest, `grip_targets` how the fingers must close for that to have a
-given force, and `equilibrium_maps` does so over one or two numbers of the
-scene (`equilibrium_search` solves the cells), and `wrench` finds how hard it can be pushed.
-`linearization` linearises the motion about a state; its result is in `linear_model`.
-`core_matrices` gets the matrices of all linearisations from the core. `ports` has the inputs and
-outputs of linear models, and `states` the names of each formulation's states.
+`rest` finds where it comes to rest, `equilibrium_maps` does so over one or two numbers of the
+scene, `grip_targets` finds how the fingers must close for a given force, and `wrench` how hard the
+object can be pushed. `linearization` linearises the motion about a state; `states` names the
+states, inputs and outputs of linear models.
 """
 
 from typing import TYPE_CHECKING
 
-from ..support.lazy import lazily
+from ..support.extras import lazily
 
 if TYPE_CHECKING:
     from .equilibrium_maps import EquilibriumMap, equilibrium_map
     from .grip_targets import Grip, grip
-    from .linear_model import LinearModel
-    from .linearization import linearize
+    from .linearization import LinearModel, linearize
     from .rest import Equilibrium, equilibrium
     from .wrench import WrenchLimits, wrench_limits
 else:
@@ -25,8 +22,7 @@ else:
         {
             "equilibrium_maps": ("EquilibriumMap", "equilibrium_map"),
             "grip_targets": ("Grip", "grip"),
-            "linear_model": ("LinearModel",),
-            "linearization": ("linearize",),
+            "linearization": ("LinearModel", "linearize"),
             "rest": ("Equilibrium", "equilibrium"),
             "wrench": ("WrenchLimits", "wrench_limits"),
         },

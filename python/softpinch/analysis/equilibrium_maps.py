@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,20 +12,37 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..scene.coordinates import COORDINATE_UNITS, COORDINATES
+from ..run.request import rest_scene
+from ..scene.control import require_known_torque
+from ..scene.fields import COORDINATE_UNITS, COORDINATES, QUANTITIES, units
+from ..scene.paths import resolve
 from ..scene.scene import Scene
+from ..scene.template import SceneTemplate
 from ..support import checks
 from ..support.arrays import Floats, read_only
-from ..support.progress import Report
+from ..support.progress import Report, reporting
 from ..support.result import Result
 from ..support.table import save_by_suffix, save_csv, save_npz
-from .equilibrium_search import Plan, Search
-from .ports import MULTIPLIERS
-from .rest import Equilibrium
+from .rest import Equilibrium, from_core, last_instant
 
 Bools = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 Texts = NDArray[np.str_]
+Cell = tuple[int, ...]
+
+# Axis along the family -> kind of the member, and indices of the tips that the axis sets.
+FAMILY: dict[str, tuple[str, tuple[int, ...]]] = {
+    f"{kind}{side}": (kind, tips)
+    for kind in ("grip", "shear")
+    for side, tips in (("", (0, 1)), (".right", (0,)), (".left", (1,)))
+}
+# Fields of a scene on which its equilibria do not depend.
+_WITHOUT_EFFECT = ("initial", "duration")
+# The most cells of a map; each has an `Equilibrium` of several kB.
+_MOST = 100_000
+# Two equilibria are one if their coordinates differ by less, as a share of a tip's radius or in
+# rad. The balance is solved to 1e-11; at a fold, coordinates have the square root of its error.
+_SAME = 1e-5
 
 _POSE = COORDINATES[:3]
 # The arrays over the cells, with the names of the entries of each cell and their units.
@@ -32,7 +50,7 @@ _ENTRIES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "status": (("status",), ("",)),
     "branch": (("branch",), ("1",)),
     "q": (COORDINATES, COORDINATE_UNITS),
-    "multipliers": (MULTIPLIERS, ("N",) * 4),
+    "multipliers": (QUANTITIES["multipliers"].symbols, ("N",) * 4),
     "friction_needed": (("friction_needed_1", "friction_needed_2"), ("1", "1")),
     "friction_margin": (("friction_margin",), ("1",)),
     "stiffness": (
@@ -98,7 +116,6 @@ class EquilibriumMap(Result):
     cells: tuple[Equilibrium, ...]
 
     def __post_init__(self) -> None:
-        """Makes the arrays read-only."""
         super().__post_init__()
         for values in self.values:
             read_only(values)
@@ -124,21 +141,15 @@ class EquilibriumMap(Result):
         Args:
             i: Index on the first axis; negative ones count from the end.
             j: Index on the second axis, if there is one.
-
-        Raises:
-            ValueError: An index is outside the map, or there is no second axis.
-            TypeError: An index is no integer, or the second one is missing.
         """
-        place = [i] if j is None and len(self.axes) == 1 else [i, j]
-        if len(place) > len(self.axes):
+        if len(self.axes) == 1 and j is not None:
             raise ValueError(f"j = {checks.shown(j)}: the map has one axis")
-        sized = zip("ij", place, self.shape, strict=False)
+        sized = zip("ij", (i, j), self.shape, strict=False)
         index = [checks.integer(name, k, -size, size - 1) for name, k, size in sized]
         number = np.arange(len(self.cells)).reshape(self.shape)[tuple(index)]
         return self.cells[int(number)]
 
     def __repr__(self) -> str:
-        """Shows the axes, and how many cells ended in which way."""
         axes = " x ".join(
             f"{name} ({len(values)})" for name, values in zip(self.axes, self.values, strict=True)
         )
@@ -166,22 +177,20 @@ class EquilibriumMap(Result):
         }
 
     def save(self, path: str | Path) -> Path:
-        """Writes the map as .csv, with a row for each cell, or as .npz with `to_dict()`.
-
-        Raises:
-            ValueError: The suffix is neither .csv nor .npz.
-            OSError: The file cannot be written.
-        """
+        """Writes the map as .csv, with a row for each cell, or as .npz with `to_dict()`."""
         path = checks.path("path", path)
-        return save_by_suffix(path, {".npz": self._save_npz, ".csv": self._save_csv})
-
-    def _save_npz(self, path: Path) -> None:
-        save_npz(path, self.to_dict(), self.provenance())
+        return save_by_suffix(
+            path,
+            {
+                ".npz": lambda path: save_npz(path, self.to_dict(), self.provenance()),
+                ".csv": self._save_csv,
+            },
+        )
 
     def _save_csv(self, path: Path) -> None:
         header = [f"{name} [{unit}]" for name, unit in zip(self.axes, self.units, strict=True)]
-        for names, units in _ENTRIES.values():
-            header += [f"{n} [{u}]" if u else n for n, u in zip(names, units, strict=True)]
+        for entry in _ENTRIES.values():
+            header += [f"{n} [{u}]" if u else n for n, u in zip(*entry, strict=True)]
 
         def row(index: tuple[int, ...]) -> list[Any]:
             found = [float(v[k]) for v, k in zip(self.values, index, strict=True)]
@@ -228,33 +237,237 @@ def equilibrium_map(
         ValueError: A path does not lead to one number, or has no effect on where the scene rests;
             values do not increase or break the rule of their field; or grip and shear are mixed.
             All are found before anything is computed.
-        TypeError: An argument is of the wrong kind.
-        KeyboardInterrupt: Ctrl-C, within a second. Nothing is kept.
     """
-    search = Search(Plan(scene, axes, time=time, grip=grip, shear=shear))
+    search = _Search(_Plan(scene, axes, time, grip, shear))
     cells = search.run(progress)
     shape = search.plan.shape
 
-    def array(of: Any) -> NDArray[Any]:
-        found = np.array([of(cell) for cell in cells])
+    def array(name: str) -> NDArray[Any]:
+        found = np.array([getattr(cell, name) for cell in cells])
         return found.reshape(shape + found.shape[1:])
 
+    q = np.array([np.full(9, np.nan) if cell.state is None else cell.state.q for cell in cells])
     return EquilibriumMap(
         axes=search.plan.names,
         units=search.plan.units,
         values=search.plan.values,
-        status=array(lambda cell: cell.status),
         branch=search.branch,
         seams=search.seams,
-        q=array(lambda cell: np.full(9, np.nan) if cell.state is None else cell.state.q),
-        multipliers=array(lambda cell: cell.multipliers),
-        friction_needed=array(lambda cell: cell.friction_needed),
-        friction_margin=array(lambda cell: cell.friction_margin),
-        stiffness=array(lambda cell: cell.stiffness),
-        stable=array(lambda cell: cell.stable),
-        minimum=array(lambda cell: cell.minimum),
-        growth=array(lambda cell: cell.growth),
-        energy=array(lambda cell: cell.energy),
+        q=q.reshape(*shape, 9),
         scene=scene,
         cells=tuple(cells),
+        **{name: array(name) for name in _ENTRIES if name not in ("branch", "q")},
     )
+
+
+class _Plan:
+    """The checked arguments of `equilibrium_map`, and the scene and the member of each cell."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        axes: Mapping[str, ArrayLike],
+        time: float | None,
+        grip: ArrayLike | None,
+        shear: ArrayLike | None,
+    ) -> None:
+        checks.instance("scene", scene, Scene)
+        require_known_torque(scene.law, "equilibrium_map")
+        checks.instance("axes", axes, Mapping, "a mapping of names to values")
+        if not 1 <= len(axes) <= 2:
+            raise ValueError(f"axes has {len(axes)} entries: must have one or two")
+        for name in axes:
+            if not isinstance(name, str):
+                raise TypeError(f"axes: {checks.shown(name)}: names must be text")
+        self.scene = scene
+        self.time = None if time is None else checks.finite("time", time)
+        self.names = tuple(axes)
+        self.values = tuple(
+            checks.increasing(f"axes[{checks.shown(name)}]", axes[name]) for name in axes
+        )
+        self.shape = tuple(len(values) for values in self.values)
+        if int(np.prod(self.shape)) > _MOST:
+            raise ValueError(f"axes: the map has {np.prod(self.shape)} cells: at most {_MOST}")
+        self.kind, self._base = self._member(grip, shear)
+        self._template = self._varied([name for name in axes if name not in FAMILY])
+        self.units = tuple("m" if name in FAMILY else str(units(name, ())) for name in axes)
+
+    def _member(self, grip: ArrayLike | None, shear: ArrayLike | None) -> tuple[str, Floats]:
+        """The kind of the members, and the numbers that no axis sets."""
+        given = {"grip": grip, "shear": shear}
+        kinds = {kind for kind, numbers in given.items() if numbers is not None}
+        kinds |= {FAMILY[name][0] for name in self.names if name in FAMILY}
+        if len(kinds) > 1:
+            raise ValueError(
+                "grip and shear: give one of them, each chooses the member of the family"
+            )
+        tips = [tip for name in self.names if name in FAMILY for tip in FAMILY[name][1]]
+        if len(tips) > len(set(tips)):
+            raise ValueError(f"axes: {checks.quoted(self.names)} set the same number")
+        kind = next(iter(kinds), "grip")
+        numbers = given[kind]
+        if numbers is not None and len(tips) == 2:
+            raise ValueError(f"{kind} = {checks.shown(numbers)}: the axes set it already")
+        return kind, np.zeros(2) if numbers is None else checks.array(kind, numbers, (2,))
+
+    def _varied(self, paths: list[str]) -> SceneTemplate:
+        """The scene with the numbers at these paths left open."""
+        for path in paths:
+            if path.split(".")[0] in _WITHOUT_EFFECT:
+                raise ValueError(
+                    f"axes: {checks.shown(path)} has no effect on where the scene rests"
+                )
+        try:
+            template = SceneTemplate(self.scene, paths, 0)
+        except (TypeError, ValueError) as error:
+            text = str(error).removeprefix("vary: ")
+            raise ValueError(f"axes: {text}; or one of {checks.quoted(FAMILY)}") from None
+        for path, shape in template.shapes.items():
+            if shape:
+                raise ValueError(
+                    f"axes: {checks.shown(path)}: must lead to one number, not to an array "
+                    f"of shape {shape}"
+                )
+        return template
+
+    def scene_at(self, cell: Cell) -> Scene:
+        """The scene of a cell; an error names axis, value and rule."""
+        numbers = {n: float(v[k]) for n, v, k in zip(self.names, self.values, cell, strict=True)}
+        own = {name: number for name, number in numbers.items() if name not in FAMILY}
+        if not own:
+            return self.scene
+        try:
+            return self._template.changed(own)
+        except ValueError as error:
+            where = ", ".join(f"{name} = {number:.6g}" for name, number in own.items())
+            raise ValueError(f"axes: {where}: {error}") from None
+
+    def member_at(self, cell: Cell) -> Floats:
+        """The grips or shears of a cell (2,), m."""
+        numbers = self._base.copy()
+        for name, values, k in zip(self.names, self.values, cell, strict=True):
+            if name in FAMILY:
+                numbers[list(FAMILY[name][1])] = values[k]
+        return numbers
+
+    def by_distance(self) -> list[Cell]:
+        """All cells, those nearest to the scene's own values first, by shares of the axes."""
+        away: NDArray[np.float64] = np.zeros(self.shape)
+        for axis, (name, values) in enumerate(zip(self.names, self.values, strict=True)):
+            own = self._base[FAMILY[name][1][0]] if name in FAMILY else resolve(self.scene, name)
+            share = (values - float(own)) / (float(values[-1] - values[0]) or 1.0)
+            one = np.ones(len(self.shape), dtype=np.intp)
+            one[axis] = len(values)
+            away = away + np.reshape(share, one) ** 2
+        order = np.argsort(away, axis=None, kind="stable")
+        return [tuple(int(k) for k in np.unravel_index(n, self.shape)) for n in order]
+
+
+class _Search:
+    """Solves the cells of a plan.
+
+    Attributes:
+        branch: The branch of each cell, -1 without one.
+        seams: Pairs of neighbours of one branch that do not continue each other (k, 2, axes).
+    """
+
+    def __init__(self, plan: _Plan) -> None:
+        self.plan = plan
+        self.branch = np.full(plan.shape, -1, dtype=np.int64)
+        self.seams: Integers = np.empty((0, 2, len(plan.shape)), dtype=np.int64)
+        self._found: dict[Cell, Any] = {}
+        self._reached_from: dict[Cell, Cell] = {}
+        # All scenes are made first, so that bad values are refused before any search.
+        self._scenes = {cell: plan.scene_at(cell) for cell in np.ndindex(plan.shape)}
+        self._rests = {
+            cell: rest_scene(scene, self._time(scene)) for cell, scene in self._scenes.items()
+        }
+
+    def _time(self, scene: Scene) -> float:
+        return last_instant(scene) if self.plan.time is None else self.plan.time
+
+    def run(self, progress: bool | Report) -> list[Equilibrium]:
+        """Solves all cells, finds the seams, and returns the cells row by row."""
+        plan, count = self.plan, 0
+        with reporting(progress, "equilibria") as report:
+            report(0, self._steps())
+            for cell in plan.by_distance():
+                if self.branch[cell] < 0:
+                    member = plan.member_at(cell)
+                    self._found[cell] = self._rests[cell].equilibrium(plan.kind, member, None)
+                    if self._found[cell]["status"] == "at_rest":
+                        self._spread(cell, count, report)
+                        count += 1
+                    report(len(self._found), self._steps())
+            self._compare_neighbours(report)
+        return [
+            from_core(scene, self._time(scene), self._found[cell], plan.kind, plan.member_at(cell))
+            for cell, scene in self._scenes.items()
+        ]
+
+    def _spread(self, first: Cell, number: int, report: Report) -> None:
+        """Continues a new branch from its first cell to all cells without one that it reaches."""
+        self.branch[first] = number
+        queue = deque([first])
+        while queue:
+            cell = queue.popleft()
+            for other in self._beside(cell):
+                if self.branch[other] >= 0:
+                    continue
+                found = self._continued(cell, other)
+                if found["status"] == "at_rest":
+                    self._found[other], self._reached_from[other] = found, cell
+                    self.branch[other] = number
+                    queue.append(other)
+                    report(len(self._found), self._steps())
+
+    def _steps(self) -> int:
+        """The largest number of steps: cells, and pairs of neighbours that may have a seam.
+
+        A branch of n cells is a tree of n - 1 pairs that continue each other. If one branch has all
+        cells, the other pairs are all to be compared; with more branches they are fewer.
+        """
+        return 1 + sum(self.branch.size // size * (size - 1) for size in self.plan.shape)
+
+    def _beside(self, cell: Cell) -> Iterator[Cell]:
+        for axis, size in enumerate(self.plan.shape):
+            for k in (cell[axis] - 1, cell[axis] + 1):
+                if 0 <= k < size:
+                    yield (*cell[:axis], k, *cell[axis + 1 :])
+
+    def _continued(self, cell: Cell, other: Cell) -> Any:
+        """The equilibrium of another cell that continues the one of this cell."""
+        return self._rests[other].continued(
+            self.plan.kind,
+            self.plan.member_at(other),
+            self._rests[cell],
+            self.plan.member_at(cell),
+            self._found[cell]["q"],
+        )
+
+    def _compare_neighbours(self, report: Report) -> None:
+        pairs, done = [], len(self._found)
+        for cell in np.ndindex(self.plan.shape):
+            for other in self._beside(cell):
+                known = (
+                    self._reached_from.get(cell) == other or self._reached_from.get(other) == cell
+                )
+                apart = self.branch[cell] != self.branch[other]
+                if other < cell or known or apart or self.branch[cell] < 0:
+                    continue
+                if not self._continue_each_other(cell, other):
+                    pairs.append((cell, other))
+                done += 1
+                report(done, self._steps())
+        self.seams = np.array(pairs, dtype=np.int64).reshape(-1, 2, len(self.plan.shape))
+        if done < self._steps():
+            report(self._steps(), self._steps())
+
+    def _continue_each_other(self, cell: Cell, other: Cell) -> bool:
+        found = self._continued(cell, other)
+        if found["status"] != "at_rest":
+            return False
+        radius = min(tip.radius for tip in self._scenes[other].hand.tips)
+        size = np.array([radius, radius, 1.0, 1.0, 1.0, *[radius] * 4])
+        away = np.abs(found["q"] - self._found[other]["q"]) / size
+        return bool(away.max() < _SAME)

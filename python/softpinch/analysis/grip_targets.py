@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..scene.control import WRITTEN, Pid
+from ..scene.outline import closing_angle
 from ..scene.scene import Scene
 from ..scene.schedule import Schedule
-from ..scene.touching import closing_angle
 from ..support import checks
-from ..support.arrays import Floats, read_only
+from ..support.arrays import Floats
 from ..support.record import SIDES
 from ..support.result import Result
 from .rest import Equilibrium, equilibrium
@@ -46,11 +46,10 @@ class Grip(Result):
     scene: Scene
 
     def __repr__(self) -> str:
-        """Shows the targets, the force and the compression."""
         right, left = np.degrees(self.targets)
         return (
-            f"<Grip of {self.force:.4g} N: targets {right:.4f} and {left:.4f} degrees, "
-            f"compression {1e3 * self.compression:.4g} mm; {self.equilibrium.message}>"
+            f"<Grip of {self.force:.6g} N: targets {right:.4f} and {left:.4f} degrees, "
+            f"compression {1e3 * self.compression:.6g} mm; {self.equilibrium.message}>"
         )
 
     def _picture(self) -> str:
@@ -88,11 +87,9 @@ def grip(scene: Scene, force: float | None = None, compression: float | None = N
         The targets, with the equilibrium and the scene that holds them.
 
     Raises:
-        ValueError: Both or none of `force` and `compression` are given, or one is not positive and
-            finite; no equilibrium has it (the message has the nearest one, and why there is no
-            other); or the fingers have no target angles (`Torque()`, `SampledController`, or a PID
-            without K_P and K_I).
-        TypeError: An argument has the wrong type.
+        ValueError: No equilibrium has this force (the message has the nearest one, and why there is
+            no other), or the fingers have no target angles (`Torque()`, `SampledController`, or a
+            PID without K_P and K_I).
     """
     checks.instance("scene", scene, Scene)
     if (force is None) == (compression is None):
@@ -103,8 +100,7 @@ def grip(scene: Scene, force: float | None = None, compression: float | None = N
     # Driven fingers stand at their angles, whatever the gains.
     still = replace(scene, disturbances=(), initial=None)
     driven = replace(still, fingers="driven", control=Pid())
-    search = _Search(driven, name, unit, wanted)
-    found = search.run()
+    found = _Search(driven, name, unit, wanted).run()
     targets = _targets(scene, found)
     schedule = _held(targets)
     # Fingers without K_I yield, and the same targets may have another rest.
@@ -119,7 +115,7 @@ def grip(scene: Scene, force: float | None = None, compression: float | None = N
             "leaves one"
         )
     return Grip(
-        targets=read_only(targets),
+        targets=targets,
         force=_size(rest, "force"),
         compression=_size(rest, "compression"),
         equilibrium=rest,
@@ -177,12 +173,8 @@ class _Search:
     """
 
     def __init__(self, scene: Scene, name: str, unit: str, wanted: float) -> None:
-        """Finds the interval.
-
-        Raises:
-            ValueError: The fingers are too short to touch the object.
-        """
-        self.scene, self.name, self.unit, self.wanted = scene, name, unit, wanted
+        self.scene, self.name, self.wanted = scene, name, wanted
+        self.unit, self.asked = unit, f"{name} = {wanted:g} {unit}"
         low = closing_angle(scene, 0.0)
         if low is None:
             raise ValueError("scene: no angle of the fingers brings the tips to the object")
@@ -194,11 +186,7 @@ class _Search:
         self.rests: list[Equilibrium | None] = [None, None]
 
     def run(self) -> Equilibrium:
-        """Returns the equilibrium with the wanted size.
-
-        Raises:
-            ValueError: There is none.
-        """
+        """Returns the equilibrium with the wanted size, or says why there is none."""
         if self.name == "force":
             self._loosen()
         width = math.inf
@@ -212,12 +200,10 @@ class _Search:
             if not low < angle < high:
                 break
             size, rest = self._at(angle)
-            if size is None:
-                self._take(rest.status in _TIGHT, angle, None, rest)
-            elif abs(size - self.wanted) <= _CLOSE * self.wanted:
+            if size is not None and abs(size - self.wanted) <= _CLOSE * self.wanted:
                 return rest
-            else:
-                self._take(size > self.wanted, angle, size, rest)
+            above_wanted = rest.status in _TIGHT if size is None else size > self.wanted
+            self._take(above_wanted, angle, size, rest)
         return self._nearest()
 
     def _loosen(self) -> None:
@@ -225,9 +211,6 @@ class _Search:
 
         The force has one minimum over the angle, which a golden section search approaches until
         the force is low enough.
-
-        Raises:
-            ValueError: The least force is larger.
         """
         low, high = self.ends
         best: Equilibrium | None = None
@@ -240,8 +223,7 @@ class _Search:
                     if rest.status in _TIGHT:
                         high = angle
                     else:
-                        low = angle
-                        self.rests[0] = rest
+                        low, self.rests[0] = angle, rest
                     break
                 if size <= self.wanted:
                     self._take(False, angle, size, rest)
@@ -254,7 +236,7 @@ class _Search:
                     high = second
                 else:
                     low = first
-        words = f"force = {self.wanted:g} N: no grip at rest has so little force"
+        words = f"{self.asked}: no grip at rest has so little force"
         if best is not None and best.state is not None:
             degrees = math.degrees(best.state.q[3])
             words += f"; the least is {_size(best, 'force'):.4g} N, at {degrees:.4g} degrees"
@@ -263,35 +245,25 @@ class _Search:
         raise ValueError(words)
 
     def _at(self, angle: float) -> tuple[float | None, Equilibrium]:
-        """The equilibrium with both fingers at an angle, and its size, None where there is none.
-
-        Raises:
-            ValueError: There is no equilibrium for a reason that no other angle removes.
-        """
+        """The equilibrium with both fingers at an angle, and its size, None where there is none."""
         rest = equilibrium(replace(self.scene, schedule=_held(np.array([angle, angle]))), 0.0)
         if rest.state is not None:
             return _size(rest, self.name), rest
         if rest.status not in _LOOSE + _TIGHT:
-            raise ValueError(
-                f"{self.name} = {self.wanted:g} {self.unit}: at {math.degrees(angle):.4g} degrees "
-                f"{rest.message}"
-            )
+            # No other angle removes the reason.
+            raise ValueError(f"{self.asked}: at {math.degrees(angle):.4g} degrees {rest.message}")
         return None, rest
 
     def _take(self, above: bool, angle: float, size: float | None, rest: Equilibrium) -> None:
         self.ends[above], self.sizes[above], self.rests[above] = angle, size, rest
 
     def _nearest(self) -> Equilibrium:
-        """Returns an end of the interval that is close enough.
-
-        Raises:
-            ValueError: An end has no equilibrium, or the size jumps between the ends.
-        """
-        words = [f"{self.name} = {self.wanted:g} {self.unit}: no grip at rest has it"]
+        """Returns an end of the interval that is close enough, or says why there is none."""
+        words = [f"{self.asked}: no grip at rest has it"]
         for angle, size, rest in zip(self.ends, self.sizes, self.rests, strict=True):
             if rest is None:
                 continue
-            if size is not None and abs(size - self.wanted) <= 1e-6 * self.wanted:
+            if size is not None and abs(size - self.wanted) <= _HELD * self.wanted:
                 return rest
             there = rest.message if size is None else f"it is {size:.4g} {self.unit}"
             words.append(f"at {math.degrees(angle):.4g} degrees {there}")

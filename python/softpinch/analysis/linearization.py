@@ -2,29 +2,148 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import _core
-from ..scene.compilation import inputs as compiled_inputs
 from ..scene.contact import as_bilateral, require_bilateral
 from ..scene.control import WRITTEN, require_known_torque
 from ..scene.scene import Scene, State, require_fit
+from ..scene.scene import inputs as compiled_inputs
 from ..scene.schedule import Schedule
-from ..support import checks
-from ..support.arrays import Floats
-from . import core_matrices
-from .linear_model import LinearModel
-from .ports import INPUTS, OUTPUTS, Ports, groups, input_ports, output_ports
+from ..support import checks, extras
+from ..support.arrays import Floats, read_only
+from ..support.display import ShownTable
+from ..support.result import Result
 from .rest import Equilibrium, equilibrium
-from .states import places, state_names, unit_of
+from .states import (
+    INPUTS,
+    OUTPUTS,
+    Ports,
+    groups,
+    input_ports,
+    kept,
+    linear_at,
+    output_ports,
+    places,
+    shears_by_pose,
+    state_names,
+    unit_of,
+    without_shears,
+)
+
+Complexes = NDArray[np.complex128]
 
 # States that are this far off the constraints or off the schedule, as a share of a tip's radius
 # and in rad, are refused; the drift of `csm` is far smaller.
 _OFF = 0.01
 _OFF_SCHEDULE = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class LinearModel(Result):
+    """Small deviations from an operating point: dx/dt = A x + B u, y = C x + D u.
+
+    States x, inputs u and outputs y are differences from `state_values`, `input_values` and
+    `output_values`. If the operating point is no equilibrium, the motion leaves it at the rates
+    `state_rates`, and x is the difference from that motion.
+
+    Attributes:
+        A: (N, N), the derivatives of the states' rates with respect to the states.
+        B: (N, m), the same with respect to the inputs.
+        C: (k, N), the derivatives of the outputs with respect to the states.
+        D: (k, m), the same with respect to the inputs.
+        states: Names of the states (N,); the rate of x is "rate of x".
+        inputs: Names of the inputs (m,).
+        outputs: Names of the outputs (k,).
+        state_units: Units of the states (N,).
+        input_units: Units of the inputs (m,).
+        output_units: Units of the outputs (k,).
+        state_values: The states at the operating point (N,).
+        input_values: The inputs at the operating point (m,).
+        output_values: The outputs at the operating point (k,).
+        state_rates: The rates of the states at the operating point (N,).
+        state: The operating point.
+        neutral: Rows w, (2, N), of the combinations w x that no motion of the model changes: shear
+            plus slip, d_ti + Phi_Ni (x, y, theta, theta_1, theta_2) with the rows N of (25). They
+            belong to the two eigenvalues zero. With driven fingers the angles theta_i are inputs:
+            w x changes only with them, by B's columns of their rates. (0, N) if the operating
+            point moves, where no such combination exists, and in a reduced model.
+    """
+
+    A: Floats
+    B: Floats
+    C: Floats
+    D: Floats
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    state_units: tuple[str, ...]
+    input_units: tuple[str, ...]
+    output_units: tuple[str, ...]
+    state_values: Floats
+    input_values: Floats
+    output_values: Floats
+    state_rates: Floats
+    state: State
+    neutral: Floats
+
+    @cached_property
+    def poles(self) -> Complexes:
+        """The eigenvalues of A (N,), 1/s.
+
+        Zeros are those of `neutral`, and one for each integral of a PID with K_I = 0: it drives
+        nothing, so the sign of the other poles tells whether the grasp is stable.
+        """
+        return read_only(np.linalg.eigvals(self.A).astype(complex))
+
+    def to_control(self) -> Any:
+        """Converts to a `control.StateSpace` with these names. Needs the extra `control`."""
+        control = extras.require("control", extra="control", purpose="LinearModel.to_control")
+        names = {"states": self.states, "inputs": self.inputs, "outputs": self.outputs}
+        return control.StateSpace(
+            *self._matrices(), **{kind: list(own) for kind, own in names.items()}
+        )
+
+    def to_scipy(self) -> Any:
+        """Converts to a `scipy.signal.StateSpace`, which has no names. Needs the extra `study`."""
+        signal = extras.require("scipy.signal", extra="study", purpose="LinearModel.to_scipy")
+        return signal.StateSpace(*self._matrices())
+
+    def _matrices(self) -> list[Floats]:
+        # Writable, and separate from this model's.
+        return [matrix.copy() for matrix in (self.A, self.B, self.C, self.D)]
+
+    def _tables(self) -> Iterator[ShownTable]:
+        rows = [
+            (kind, *row)
+            for kind, names, units, values in (
+                ("state", self.states, self.state_units, self.state_values),
+                ("input", self.inputs, self.input_units, self.input_values),
+                ("output", self.outputs, self.output_units, self.output_values),
+            )
+            for row in zip(names, units, values, strict=True)
+        ]
+        yield ShownTable(("", "name", "unit", "at the operating point"), rows)
+        poles = sorted(self.poles[self.poles.imag >= 0.0], key=lambda pole: -pole.real)
+        swings = [(pole.real, pole.imag / (2.0 * np.pi)) for pole in poles]
+        yield ShownTable(("pole: real part [1/s]", "frequency [Hz]"), swings)
+
+    def __repr__(self) -> str:
+        return (
+            f"<LinearModel at {self.state.time:.6g} s: {len(self.states)} states, "
+            f"{_brief(self.inputs)} -> {_brief(self.outputs)}>"
+        )
+
+
+def _brief(names: tuple[str, ...]) -> str:
+    shown = names if len(names) <= 6 else (*names[:2], "...", names[-1])
+    return f"({', '.join(shown)})"
 
 
 def linearize(
@@ -48,7 +167,7 @@ def linearize(
     - "targets": the schedule's values. Target angles for a PID, rad; torques with `Torque()`, N m;
       for driven fingers the angles, rad, their rates, rad/s, and accelerations, rad/s^2, which the
       model takes as six independent inputs;
-    - "torque": torques on the fingers, N m, instead of whatever turns them in the scene: the open
+    - "torque": torques on the fingers, N m, instead of the scene's law: the open
       loop. At the operating point they are the scene's own;
     - "force": external force F_x and F_y, N, and moment, N m, on the object.
 
@@ -68,17 +187,13 @@ def linearize(
             constraint ties the shears to the pose, d_ti = -Phi_Ni (x, y, theta, theta_1, theta_2),
             whatever the inputs do. The transfer function stays the same, and the two eigenvalues
             zero are gone. With driven fingers it stays the same for all inputs whose rates and
-            accelerations are those of the angles. The integrals of a PID with K_I = 0 stay: they
-            drive nothing, and each has an eigenvalue zero, which `Equilibrium.eigenvalues` leaves
-            out.
+            accelerations are those of the angles. The integrals of a PID with K_I = 0 stay, each
+            with an eigenvalue zero, which `Equilibrium.eigenvalues` leaves out.
 
     Raises:
-        ValueError: A name is unknown or repeated; "targets" and "torque" together; the scene has
-            unilateral contact, and `state` is no equilibrium; there is no equilibrium, or it is one
-            of another scene; the state does not fit the scene; `reduced` at a state that moves; or
-            the law is a `SampledController`, except with "torque" at a state of its run, which has
-            the torques in force.
-        TypeError: An argument is of the wrong kind.
+        ValueError: There is no equilibrium, or it is one of another scene; the state does not fit
+            the scene; `reduced` at a state that moves; or the law is a `SampledController`, except
+            with "torque" at a state of its run, which has the torques in force.
     """
     checks.instance("scene", scene, Scene)
     scene = _sticking(scene, state)
@@ -100,12 +215,17 @@ def linearize(
         state = _at_rest(equilibrium(scene) if state is None else state)
     require_fit(scene, "state", state)
     law = "torque" if open_loop else scene.law
-    found = core_matrices.at(
-        scene, state, _inputs(scene, state), whole=True, open_loop=open_loop, frozen=frozen
+    found = linear_at(
+        scene,
+        state,
+        inputs=_inputs(scene, state),
+        whole=True,
+        open_loop=open_loop,
+        frozen=frozen,
     )
     _require_sound(scene, state, found)
     model = _selected(found, state, law, input_ports(chosen, law), wanted)
-    return LinearModel(**(_without_neutral(model) if reduced else model))
+    return _without_neutral(model) if reduced else model
 
 
 def _sticking(scene: Scene, state: object) -> Scene:
@@ -166,74 +286,68 @@ def _require_sound(scene: Scene, state: State, found: _core._Linear) -> None:
         )
 
 
-def _selected(
-    found: _core._Linear, state: State, law: str, ins: Ports, outs: Ports
-) -> dict[str, Any]:
-    """The fields of the model with the chosen rows and columns."""
+def _selected(found: _core._Linear, state: State, law: str, ins: Ports, outs: Ports) -> LinearModel:
+    """The model with the chosen rows and columns."""
     columns, rows = list(ins.places), list(outs.places)
     names = state_names(law, "nullspace")
-    slips = _slips(found["A"][0], names)
-    at_rest = not found["output"][0, 15:].any()
-    return {
-        "A": found["A"][0],
-        "B": found["B"][0][:, columns],
-        "C": found["C"][0][rows],
-        "D": found["D"][0][rows][:, columns],
-        "states": names,
-        "inputs": ins.names,
-        "outputs": outs.names,
-        "state_units": tuple(map(unit_of, names)),
-        "input_units": ins.units,
-        "output_units": outs.units,
-        "state_values": found["state"][0],
-        "input_values": found["input"][0, columns],
-        "output_values": found["output"][0, rows],
-        "state_rates": found["rate"][0],
-        "state": state,
-        "neutral": slips if at_rest else slips[:0],
-    }
-
-
-def _slips(a: Floats, names: tuple[str, ...]) -> Floats:
-    """The rows w of d_t + Phi_N pose (2, N), from A: at rest, d_t changes at -Phi_N pose rates."""
+    # The rows w of d_t + Phi_N pose (2, N): at rest, d_t changes at -Phi_N times the pose's rates.
     pose, _, shears = places(names)
-    rows = np.zeros((2, len(names)))
-    rows[:, pose] = -core_matrices.shears_by_pose(a, names)
-    rows[:, shears] = np.eye(2)
-    return rows
+    slips = np.zeros((2, len(names)))
+    slips[:, pose] = -shears_by_pose(found["A"][0], names)
+    slips[:, shears] = np.eye(2)
+    at_rest = not found["output"][0, 15:].any()
+    return LinearModel(
+        A=found["A"][0],
+        B=found["B"][0][:, columns],
+        C=found["C"][0][rows],
+        D=found["D"][0][rows][:, columns],
+        states=names,
+        inputs=ins.names,
+        outputs=outs.names,
+        state_units=tuple(map(unit_of, names)),
+        input_units=ins.units,
+        output_units=outs.units,
+        state_values=found["state"][0],
+        input_values=found["input"][0, columns],
+        output_values=found["output"][0, rows],
+        state_rates=found["rate"][0],
+        state=state,
+        neutral=slips if at_rest else slips[:0],
+    )
 
 
-def _without_neutral(model: dict[str, Any]) -> dict[str, Any]:
-    """The fields of the model on the subspace in which both neutral combinations are zero.
+def _without_neutral(model: LinearModel) -> LinearModel:
+    """The model on the subspace in which both neutral combinations are zero.
 
     There d_t = -Phi_N pose. The angles of driven fingers are inputs, so their share of it, which
     B has in the columns of the rates, goes to the columns of the angles.
     """
-    neutral, states, inputs = model["neutral"], model["states"], model["inputs"]
-    if not len(neutral):
+    states, inputs = model.states, model.inputs
+    if not len(model.neutral):
         raise ValueError(
             "reduced = True: the operating point moves (state.p is not zero), so the no-slip "
             "constraint turns with it and ties no shear to the pose; reduced = False keeps all "
             "states"
         )
     pose, _, shears = places(states)
-    kept = core_matrices.kept(states)
+    rows = kept(states)
     # d_t by the pose and by the inputs.
-    by_pose = -neutral[:, pose]
+    by_pose = -model.neutral[:, pose]
     by_inputs = np.zeros((2, len(inputs)))
     for name in ("target_1", "target_2"):
         rate = f"rate of {name}"
         if rate in inputs:
-            by_inputs[:, inputs.index(name)] = model["B"][shears, inputs.index(rate)]
-    a, c = model["A"][kept], model["C"]
-    return model | {
-        "A": core_matrices.without_shears(a, by_pose, states),
-        "B": model["B"][kept] + a[:, shears] @ by_inputs,
-        "C": core_matrices.without_shears(c, by_pose, states),
-        "D": model["D"] + c[:, shears] @ by_inputs,
-        "states": tuple(states[k] for k in kept),
-        "state_units": tuple(model["state_units"][k] for k in kept),
-        "state_values": model["state_values"][kept],
-        "state_rates": model["state_rates"][kept],
-        "neutral": neutral[:0, kept],
-    }
+            by_inputs[:, inputs.index(name)] = model.B[shears, inputs.index(rate)]
+    a, c = model.A[rows], model.C
+    return replace(
+        model,
+        A=without_shears(a, by_pose, states),
+        B=model.B[rows] + a[:, shears] @ by_inputs,
+        C=without_shears(c, by_pose, states),
+        D=model.D + c[:, shears] @ by_inputs,
+        states=tuple(states[k] for k in rows),
+        state_units=tuple(model.state_units[k] for k in rows),
+        state_values=model.state_values[rows],
+        state_rates=model.state_rates[rows],
+        neutral=model.neutral[:0, rows],
+    )

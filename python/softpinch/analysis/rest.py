@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
+from ..run.request import rest_scene
 from ..run.run import Run
+from ..scene.contact import coefficients
 from ..scene.control import require_known_torque
-from ..scene.friction import coefficients
 from ..scene.scene import Scene, State
 from ..scene.svg import drawings
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.result import Result
-from . import core_matrices
-from .states import state_names
+from .states import kept, linear_at, shears_by_pose, state_names, without_shears
 
 Complexes = NDArray[np.complex128]
 
@@ -47,14 +47,14 @@ class Equilibrium(Result):
             stays there while the inputs keep the values of `time`; driven fingers that move at
             `time` cannot start at rest.
         status: "at_rest", or why there is no equilibrium: "apart" (the tips do not reach the
-            object), "overloaded" (the object is too heavy, or pushed too hard), "separated",
-            "crushed" or "folded" (a tip leaves the range of the model), "pulling", "slipping" or
-            "off_face" (in unilateral contact), or "not_found".
+            object unless it is turned between them), "overloaded" (the object is too heavy, or
+            pushed too hard), "separated", "crushed" or "folded" (a tip leaves the range of the
+            model), "pulling", "slipping" or "off_face" (in unilateral contact), or "not_found".
         message: The result in words.
         multipliers: lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N (4,), N; positive lambda^H
             presses the tip on the object.
-        torque: The torques that hold the fingers (2,), N m.
-        friction_needed: |lambda^N| / lambda^H of both contacts (2,); inf where a tip pulls.
+        torque: The holding torques: those on the right and the left finger at this rest (2,), N m,
+            positive where they close it. A settled run has the same in `Run.torque`.
         stiffness: The stiffness of the grasp (3, 3), N/m, N and N m/rad: the force and the moment
             on the object that a displacement in x, y and theta needs while the fingers are held.
             It is not symmetric: K - K^T has the entries +-(lambda_1^N + lambda_2^N) cos(theta) in
@@ -122,7 +122,6 @@ class Equilibrium(Result):
         return float(np.min(np.where(free, np.inf, np.where(free, 0.0, mu) - needed)))
 
     def __repr__(self) -> str:
-        """Shows the message, and the pose at rest."""
         if self.state is None:
             return f"<Equilibrium {self.status}: {self.message}>"
         # Adding zero turns -0.0 into 0.0.
@@ -133,7 +132,7 @@ class Equilibrium(Result):
     def _picture(self) -> str:
         if self.state is None:
             return ""
-        return drawings(self.scene, [np.asarray(self.state.q)], [f"at rest, t = {self.time:.4g} s"])
+        return drawings(self.scene, [np.asarray(self.state.q)], [f"at rest, t = {self.time:.6g} s"])
 
 
 def equilibrium(
@@ -174,9 +173,8 @@ def equilibrium(
         The equilibrium, or the reason why there is none.
 
     Raises:
-        ValueError: A number is not finite, both `shear` and `grip` are given, or the scene has a
-            `SampledController`, whose torques depend on the run.
-        TypeError: An argument has the wrong type.
+        ValueError: Both `shear` and `grip` are given, or the scene has a `SampledController`, whose
+            torques depend on the run.
     """
     checks.instance("scene", scene, Scene)
     require_known_torque(scene.law, "equilibrium")
@@ -191,9 +189,14 @@ def equilibrium(
         # A run that ends where its targets switch has come to rest under those before. The
         # eigenvalues depend on them too, so this is the equilibrium's own instant.
         instant = float(np.nextafter(instant, -np.inf))
-    kind, values = _member(shear, grip, start)
-    rest = _core.RestScene(scene.parameters(), scene.inputs(), instant)
-    return described(scene, instant, rest.equilibrium(kind, values, start))
+    if shear is not None:
+        kind, member = "shear", checks.array("shear", shear, (2,))
+    elif grip is not None:
+        kind, member = "grip", checks.array("grip", grip, (2,))
+    else:
+        kind, member = ("grip", np.zeros(2)) if start is None else ("from", start)
+    found = rest_scene(scene, instant).equilibrium(kind, member, start)
+    return from_core(scene, instant, found, kind, member)
 
 
 def _near(near: object) -> tuple[Floats | None, float]:
@@ -212,31 +215,20 @@ def last_instant(scene: Scene) -> float:
     return max(begin + scene.duration, scene.schedule.end)
 
 
-def _member(
-    shear: ArrayLike | None, grip: ArrayLike | None, start: Floats | None
-) -> tuple[str, Floats]:
-    """The kind of the member of the family, and its numbers."""
-    if shear is not None:
-        return "shear", checks.array("shear", shear, (2,))
-    if grip is not None:
-        return "grip", checks.array("grip", grip, (2,))
-    return ("grip", np.zeros(2)) if start is None else ("from", start)
-
-
-def described(scene: Scene, time: float, found: Any) -> Equilibrium:
-    """The result of a search as an `Equilibrium`."""
+def from_core(scene: Scene, time: float, found: Any, kind: str, member: Floats) -> Equilibrium:
+    """Makes an `Equilibrium` from the core's result of a search for a member of the family."""
     status = found["status"]
     if status != "at_rest":
-        return _without(scene, time, status, found["message"])
+        return _without(scene, time, status, found["message"], kind, member)
     violations = tuple(found["violations"])
     if scene.contact == "unilateral":
         for name in _UNILATERAL:
             if name in violations:
-                words = f"no equilibrium with sticking tips: {_WORDS[name]}"
-                return _without(scene, time, name, words)
+                words = f"with sticking tips {_WORDS[name]}"
+                return _without(scene, time, name, words, kind, member)
     # The integral of a tiny K_I, or the rates of tiny masses, may overflow.
     if not np.isfinite(found["integral"]).all():
-        return _without(scene, time, "not_found", "no equilibrium: the PID's integral overflows")
+        return _without(scene, time, "not_found", "the PID's integral overflows", kind, member)
     state = State(found["q"], integral=tuple(found["integral"].tolist()), time=time)
     eigenvalues = _eigenvalues(scene, state)
     growing = eigenvalues[2:].real.max()
@@ -262,8 +254,17 @@ def described(scene: Scene, time: float, found: Any) -> Equilibrium:
     )
 
 
-def _without(scene: Scene, time: float, status: str, message: str) -> Equilibrium:
-    """The reason why there is no equilibrium."""
+def _without(
+    scene: Scene, time: float, status: str, reason: str, kind: str, member: Floats
+) -> Equilibrium:
+    """The reason why there is no equilibrium, which of a grip or shears is not that of others."""
+    message = f"no equilibrium: {reason}"
+    if kind != "from":
+        right, left = 1e3 * member
+        message = (
+            f"no equilibrium with {kind} = ({right:.6g}, {left:.6g}) mm: {reason}; no other {kind} "
+            "was searched; sp.equilibrium(scene, near=run) finds where a run settles"
+        )
     return Equilibrium(scene=scene, time=time, state=None, status=status, message=message)
 
 
@@ -280,7 +281,7 @@ def _message(growing: float, known: float, violations: tuple[str, ...]) -> str:
     if growing < -known:
         words = ["at rest, stable"]
     elif growing > known:
-        words = [f"at rest, but unstable: a deviation grows with {growing:.3g} 1/s"]
+        words = [f"at rest, but unstable: a deviation grows with {growing:.6g} 1/s"]
     elif np.isfinite(growing):
         words = ["at rest; whether the slowest deviation grows or decays is hidden by round-off"]
     else:
@@ -290,15 +291,13 @@ def _message(growing: float, known: float, violations: tuple[str, ...]) -> str:
 
 def _eigenvalues(scene: Scene, state: State) -> Complexes:
     """Eigenvalues of the linearised motion (N,), 1/s: the two zeros, then by their real parts."""
-    a = core_matrices.at(scene, state, frozen=True)["A"][0]
+    a = linear_at(scene, state, frozen=True)["A"][0]
     names = state_names(scene.law, "nullspace")
-    rows = core_matrices.kept(names)
-    a = core_matrices.without_shears(a, core_matrices.shears_by_pose(a, names), names)[rows]
+    rows = kept(names)
+    a = without_shears(a, shears_by_pose(a, names), names)[rows]
     # Integrals that drive nothing are left out: they would be zeros too.
-    idle = {
-        name for name, gain in zip(_INTEGRALS, scene.parameters()[_GAINS], strict=True) if not gain
-    }
-    driving = [k for k, row in enumerate(rows) if names[row] not in idle]
+    gains = dict(zip(_INTEGRALS, scene.parameters()[_GAINS], strict=True))
+    driving = [k for k, row in enumerate(rows) if gains.get(names[row], 1.0)]
     a = a[np.ix_(driving, driving)]
     if not np.isfinite(a).all():
         return np.full(len(a) + 2, complex(np.nan, np.nan))

@@ -1,14 +1,40 @@
-"""The names of the states in which each formulation integrates the motion, with their units."""
+"""Names, units and places of the states, inputs and outputs of the linearised motion."""
 
 from __future__ import annotations
 
 from functools import cache
+from itertools import chain, pairwise
+from typing import Any, NamedTuple
 
-from ..scene.coordinates import COORDINATE_UNITS, COORDINATES
+import numpy as np
+
+from .. import _core
+from ..run.options import Options
+from ..run.request import Request
+from ..scene.fields import COORDINATES, QUANTITIES, RATE_UNITS, RATES
+from ..scene.scene import Scene, State
+from ..support import checks
+from ..support.arrays import Floats
+
+INPUTS = ("targets", "torque", "force")
+OUTPUTS = ("pose", "fingers", "compressions", "shears", "multipliers", "torque", "rates")
 
 # Coordinate or integral -> unit.
-_UNITS = dict(zip(COORDINATES, COORDINATE_UNITS, strict=True))
-_UNITS |= {"integral_1": "rad s", "integral_2": "rad s"}
+_UNITS = {
+    column: unit
+    for name in ("q", "integral")
+    for column, unit in zip(QUANTITIES[name].columns, QUANTITIES[name].units, strict=True)
+}
+
+
+def linear_at(scene: Scene, state: State, **how: Any) -> _core._Linear:
+    """Returns the matrices of "nullspace" at one state; `how` is that of `Request.linear_model`.
+
+    Each array has a first axis of length one.
+    """
+    request = Request(scene, Options.checked(formulation="nullspace"))
+    rows = np.array([state.time]), state.q[None], state.p[None], np.array([state.integral])
+    return request.linear_model(*rows, **how)
 
 
 @cache
@@ -41,3 +67,103 @@ def unit_of(name: str) -> str:
     """Returns the unit of a state or of a rate of it ("rate of x")."""
     rate = name.removeprefix("rate of ")
     return _UNITS[rate] + ("/s" if rate != name else "")
+
+
+def shears_by_pose(a: Floats, names: tuple[str, ...]) -> Floats:
+    """Returns -Phi_N of (25), derivatives of the shears by pose and moving fingers at rest (2, d).
+
+    A of "nullspace" (N, N) has it, because there the shears' rates are -Phi_N times the pose's.
+    """
+    _, rates, shears = places(names)
+    return a[shears, rates]
+
+
+def without_shears(rows: Floats, by_pose: Floats, names: tuple[str, ...]) -> Floats:
+    """Returns rows of A or C by the states without the shears, which follow the pose at rest.
+
+    No motion changes d_t + Phi_N pose: these two combinations are neutral, and where they are zero
+    the other states, which `kept` lists, have all eigenvalues but their two zeros.
+    """
+    pose, _, shears = places(names)
+    rows = rows.copy()
+    rows[:, pose] += rows[:, shears] @ by_pose
+    return rows[:, kept(names)]
+
+
+def kept(names: tuple[str, ...]) -> list[int]:
+    """Returns the indices of the states that are no shears."""
+    shears = places(names)[2]
+    return [*range(shears.start), *range(shears.stop, len(names))]
+
+
+class Ports(NamedTuple):
+    """Inputs or outputs: their indices in the core's arrays, their names and their units."""
+
+    places: tuple[int, ...]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+
+
+_TARGETS = ("target_1", "target_2")
+_TORQUES = Ports((0, 1), QUANTITIES["torque"].symbols, QUANTITIES["torque"].units)
+# The schedule's values, by `Scene.law`. The angles, rates and accelerations of driven fingers act
+# on the object one by one.
+_SCHEDULES = {
+    "pid": Ports((0, 1), _TARGETS, ("rad", "rad")),
+    "torque": _TORQUES,
+    "driven": Ports(
+        (0, 1, 2, 3, 4, 5),
+        tuple(
+            f"{order}{name}" for order in ("", "rate of ", "acceleration of ") for name in _TARGETS
+        ),
+        ("rad", "rad", "rad/s", "rad/s", "rad/s^2", "rad/s^2"),
+    ),
+}
+
+
+# The core's outputs: coordinates, multipliers, torques, and rates of pose and fingers.
+_QUANTITIES = [QUANTITIES[name] for name in ("q", "multipliers", "torque")]
+_OUTPUT_NAMES = (*(name for each in _QUANTITIES for name in each.symbols), *RATES[:5])
+_OUTPUT_UNITS = (*(unit for each in _QUANTITIES for unit in each.units), *RATE_UNITS[:5])
+# Group -> its places among them.
+_OUTPUTS = {
+    group: range(*ends)
+    for group, ends in zip(OUTPUTS, pairwise((0, 3, 5, 7, 9, 13, 15, 20)), strict=True)
+}
+
+
+def groups(name: str, value: object, allowed: tuple[str, ...]) -> tuple[str, ...]:
+    """Checks names of groups, of which one may be given alone."""
+    given = (value,) if isinstance(value, str) else value
+    if not isinstance(given, tuple | list) or not given:
+        error = ValueError if isinstance(given, tuple | list) else TypeError
+        raise error(
+            f"{name} = {checks.shown(value)}: must be names out of {checks.quoted(allowed)}"
+        )
+    found = tuple(checks.choice(f"{name}[{k}]", one, allowed) for k, one in enumerate(given))
+    for one in found:
+        if found.count(one) > 1:
+            raise ValueError(f'{name}: "{one}" is there more than once')
+    return found
+
+
+@cache
+def input_ports(chosen: tuple[str, ...], law: str) -> Ports:
+    """Returns the inputs of these groups in this order, of equations whose fingers `law` moves."""
+    schedule = _SCHEDULES[law]
+    first = len(schedule.places)
+    force = Ports(
+        (first, first + 1, first + 2), ("force_x", "force_y", "moment"), ("N", "N", "N m")
+    )
+    own = {"targets": schedule, "torque": _TORQUES, "force": force}
+    chosen_ports = zip(*(own[group] for group in chosen), strict=True)
+    return Ports(*(tuple(chain.from_iterable(column)) for column in chosen_ports))
+
+
+@cache
+def output_ports(chosen: tuple[str, ...]) -> Ports:
+    """Returns the outputs of these groups in this order."""
+    found = tuple(place for group in chosen for place in _OUTPUTS[group])
+    return Ports(
+        found, tuple(_OUTPUT_NAMES[k] for k in found), tuple(_OUTPUT_UNITS[k] for k in found)
+    )

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .. import _core
+from ..run.request import rest_scene
 from ..run.run import Run
 from ..scene.scene import Scene, State
 from ..support import checks, suggest
 from ..support.arrays import Floats
+from ..support.display import ShownTable
 from ..support.result import Result
 from .rest import ROUND_OFF, Equilibrium, equilibrium
 
@@ -22,6 +24,8 @@ Texts = NDArray[np.str_]
 _FORCES = 72
 # The largest number of directions: each takes one to three milliseconds.
 _MOST = 1_000_000
+# A notebook lists so many directions.
+_LISTED = 100
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -37,7 +41,7 @@ class WrenchLimits(Result):
         magnitude: The multiple of each direction at which something gives way (n,); inf if nothing
             does.
         wrench: Magnitude times direction (n, 3), N and N m.
-        limit: What gives way (n,): a contact, by "pulling", "slipping" or "off_face"; a tip, by
+        limit: The cause (n,): a contact, by "pulling", "slipping" or "off_face"; a tip, by
             "separated", "crushed" or "folded"; or the balance, by "unstable": the equilibrium ends
             in a fold, no longer resists a slow displacement, or an oscillation grows. "none" if
             nothing gives way up to wrenches far beyond the range of the model, "lost" if the search
@@ -58,7 +62,7 @@ class WrenchLimits(Result):
     @property
     def size(self) -> Floats:
         """The size of each limiting wrench (n,), N: the norm of force and moment / `length`."""
-        return sizes(self.wrench, self.length)
+        return np.asarray(np.linalg.norm(self.wrench / [1.0, 1.0, self.length], axis=1))
 
     @property
     def weakest(self) -> float:
@@ -72,7 +76,6 @@ class WrenchLimits(Result):
         return float(self.size.min())
 
     def __repr__(self) -> str:
-        """Shows the weakest direction, and how many directions are limited by what."""
         k = int(np.argmin(self.size))
         x, y, moment = self.wrench[k]
         names, counts = np.unique(self.limit, return_counts=True)
@@ -83,14 +86,22 @@ class WrenchLimits(Result):
         if not self.size.any():
             return f"<WrenchLimits: not even a small wrench is borne; {self.equilibrium.message}>"
         return (
-            f"<WrenchLimits of {len(self.limit)} directions: weakest {self.weakest:.4g} N at "
-            f"({x:.4g} N, {y:.4g} N, {moment:.4g} N m); {each}>"
+            f"<WrenchLimits of {len(self.limit)} directions: weakest {self.weakest:.6g} N at "
+            f"({x:.6g} N, {y:.6g} N, {moment:.6g} N m); {each}>"
         )
 
-
-def sizes(wrenches: Floats, length: float) -> Floats:
-    """The norm of force and moment / `length` of wrenches (n, 3), N."""
-    return np.asarray(np.linalg.norm(wrenches / [1.0, 1.0, length], axis=1))
+    def _tables(self) -> Iterator[ShownTable]:
+        columns = ("F_x [N]", "F_y [N]", "moment [N m]", "size [N]")
+        each = [
+            (str(limit), *wrench, size)
+            for limit, wrench, size in zip(self.limit, self.wrench, self.size, strict=True)
+        ]
+        weakest = sorted(each, key=lambda row: row[-1])
+        first = {row[0]: row for row in reversed(weakest)}
+        counts = [(*first[name], int((self.limit == name).sum())) for name in sorted(first)]
+        yield ShownTable(("limit", *columns, "directions"), counts, "the weakest of each limit")
+        listed = min(len(each), _LISTED)
+        yield ShownTable(("limit", *columns), each[:listed], f"{listed} directions", folded=True)
 
 
 def wrench_limits(
@@ -122,7 +133,7 @@ def wrench_limits(
         directions: Forces in x and y and moments (n, 3), N and N m, of any size but zero. None
             takes 72 forces of 1 N without moment, from the direction x counter-clockwise, and the
             moments +1 N and -1 N times `length`.
-        time: As for `equilibrium`; only with a scene. So are `shear`, `near` and `grip`.
+        time: As `shear`, `near` and `grip`, see `equilibrium`; only with a scene.
         shear: See `equilibrium`.
         near: See `equilibrium`.
         grip: See `equilibrium`.
@@ -131,12 +142,6 @@ def wrench_limits(
 
     Returns:
         The limits. A scene without equilibrium bears nothing: see `WrenchLimits`.
-
-    Raises:
-        ValueError: A number breaks its rule, a direction is zero, or an argument of `equilibrium`
-            is given beside an equilibrium.
-        TypeError: An argument has the wrong type.
-        KeyboardInterrupt: Ctrl-C. Nothing is kept.
     """
     if not isinstance(grasp, Scene | Equilibrium):
         part = suggest.part("scene", grasp, Scene)
@@ -169,13 +174,10 @@ def wrench_limits(
 def _default(length: float) -> Floats:
     """Forces of 1 N in all directions, and both moments of 1 N times `length`."""
     angles = np.arange(_FORCES // 4) * (2.0 * np.pi / _FORCES)
+    x, y = np.cos(angles), np.sin(angles)
     # The other quarters are turned by exact right angles, so that mirror images agree to the bit.
-    quarter = np.column_stack([np.cos(angles), np.sin(angles)])
-    turned = [quarter]
-    for _ in range(3):
-        x, y = turned[-1].T
-        turned.append(np.column_stack([-y, x]))
-    forces = np.vstack(turned) + 0.0
+    quarters = [(x, y), (-y, x), (-x, -y), (y, -x)]
+    forces = np.vstack([np.column_stack(quarter) for quarter in quarters]) + 0.0
     moments = np.array([[0.0, 0.0, length], [0.0, 0.0, -length]])
     return np.vstack([np.column_stack([forces, np.zeros(_FORCES)]), moments])
 
@@ -198,5 +200,5 @@ def _found(rest: Equilibrium, rows: Floats) -> tuple[Floats, list[str], Floats]:
         return none, [rest.status] * len(rows), np.full((len(rows), 9), np.nan)
     if rest.growth > ROUND_OFF * np.abs(rest.eigenvalues).max():
         return none, ["unstable"] * len(rows), np.tile(rest.state.q, (len(rows), 1))
-    scene = _core.RestScene(rest.scene.parameters(), rest.scene.inputs(), rest.time)
+    scene = rest_scene(rest.scene, rest.time)
     return scene.wrench_limits(rest.state.q, np.ascontiguousarray(rows))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,7 +21,7 @@ from ..run.simulate import simulate
 from ..scene.stabilization import Stabilization
 from ..study.capsule import Capsule
 from ..support.extras import require
-from ..support.formats import FORMATS
+from ..support.files import FORMATS
 from .fit import fit
 from .montecarlo import montecarlo
 from .options import Alpha, Beta, Dt, Format, Formulation, Method, Out, Set, Tolerance, separated
@@ -179,7 +179,7 @@ def run(
         others = how["stabilization"]
         how["stabilization"] = gains(how["formulation"], others=others, alpha=alpha, beta=beta)
         console = Console(stderr=True)
-        with console.status(f"simulating {scene.name}") if console.is_terminal else _nothing():
+        with console.status(f"simulating {scene.name}") if console.is_terminal else nullcontext():
             result = simulate(
                 described,
                 **how,
@@ -209,11 +209,6 @@ app.command()(fit)
 app.command()(stability)
 app.command()(work_precision)
 app.command()(advise)
-
-
-@contextmanager
-def _nothing() -> Iterator[None]:
-    yield
 
 
 def _writable(option: str, path: Path | None, suffixes: tuple[str, ...]) -> None:

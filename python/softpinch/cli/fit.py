@@ -12,8 +12,7 @@ from ..fitting.problem import LOSSES
 from ..fitting.search import fit as fit_numbers
 from ..support import checks
 from ..support.extras import require
-from ..support.files import writing
-from ..support.formats import FORMATS
+from ..support.files import FORMATS, writing
 from .options import Dt, Format, Formulation, Method, Out, Tolerance
 from .shell import ENDED_EARLY, one_line_errors
 

@@ -14,12 +14,12 @@ from ..montecarlo import compute
 from ..store.files import MANIFEST, PARTS
 from ..store.study import Study
 from ..study import study_file
-from ..study.job import Job
+from ..study.compute import Job
 from ..study.sampling import SAMPLERS
-from ..study.setup import SUMMARIES
+from ..study.spec import SUMMARIES
 from ..support import checks
 from ..support.extras import require
-from ..support.formats import FORMATS
+from ..support.files import FORMATS
 from .options import Dt, Format, Formulation, Method, Out, Threads, Tolerance, separated
 from .shell import ENDED_EARLY, INTERRUPTED, one_line_errors
 
@@ -70,9 +70,6 @@ def montecarlo(
     """
     with one_line_errors():
         checks.choice("--format", format, FORMATS)
-        names = None
-        if summaries is not None:
-            names = separated(summaries)
         spec = study_file.read(
             study,
             runs=runs,
@@ -82,11 +79,11 @@ def montecarlo(
             method=method,
             formulation=formulation,
             sampler=sampler,
-            summaries=names,
+            summaries=None if summaries is None else separated(summaries),
             check_dt=check_dt,
         )
         require("matplotlib", extra="plot", purpose="figures")
-        begun = Study.open(out).runs if (out / MANIFEST).exists() else 0
+        begun = Study._opened(out).runs if (out / MANIFEST).exists() else 0
         started = time.perf_counter()
         with _executor(dask) as executor:
             result = compute(Job.checked(spec, threads=threads, executor=executor), out)

@@ -9,7 +9,7 @@ import typer
 
 from .. import _core
 from ..scene.stabilization import Stabilization
-from ..support.formats import FORMATS
+from ..support.files import FORMATS
 
 _USUAL = Stabilization()
 

@@ -10,11 +10,11 @@ import numpy as np
 import typer
 
 from .. import _core
-from ..accuracy.measurements import Measurement, WorkPrecision
+from ..accuracy.measurements import WHERE, Measurement, WorkPrecision
 from ..run.options import some_names
 from ..support import checks
 from ..support.extras import require
-from ..support.formats import FORMATS
+from ..support.files import FORMATS
 from .options import Alpha, Beta, Format, Out, SceneFile, Set, Steps, separated
 from .shell import ENDED_EARLY, gains, ladder, one_line_errors, read_scene
 
@@ -40,6 +40,9 @@ def work_precision(
     longest: Annotated[
         float, typer.Option(help="Leave out settings that would take longer, s.")
     ] = 2.0,
+    where: Annotated[
+        str, typer.Option(help="The error: the largest along the run, or that at the end.")
+    ] = "along",
     out: Out = Path("work_precision"),
     format: Format = "png",
 ) -> None:
@@ -52,6 +55,7 @@ def work_precision(
     """
     with one_line_errors():
         checks.choice("--format", format, FORMATS)
+        checks.choice("--where", where, WHERE)
         kept = None
         if formulations is not None:
             kept = some_names("formulations", separated(formulations), _core.FORMULATIONS)
@@ -77,34 +81,45 @@ def work_precision(
         except RuntimeError as reason:
             typer.echo(f"no reference: {reason}", err=True)
             raise typer.Exit(ENDED_EARLY) from None
-        for line in lines(found):
+        for line in lines(found, where):
             typer.echo(line)
         table = found.save(out / "work_precision.csv")
-        figure = plot.save(plot.work_precision(found), out / f"work_precision.{format}")
+        figure = plot.save(
+            plot.work_precision(found, where=where), out / f"work_precision.{format}"
+        )
         typer.echo(f"{out}: {table.name}, {figure.name}")
 
 
-def lines(found: WorkPrecision) -> Iterator[str]:
+def lines(found: WorkPrecision, where: str = "along") -> Iterator[str]:
     """Lines that summarise measurements, for the screen and for reports."""
     own = ", ".join(f"{name} {size:.0e}" for name, size in found.floor.items())
     yield f"reference: {found.reference}; its own error: {own}"
+    place = "along the run" if where == "along" else "at the end"
     for level in _LEVELS:
-        yield f"error at the end below {level:.0e}, the quickest first:"
-        best = found.cheapest(level)
-        yield from (f"  {_line(row)}" for row in best)
+        yield f"error {place} below {level:.0e}, the quickest first:"
+        best = found.cheapest(level, where)
+        yield from (f"  {_line(row, where)}" for row in best)
         if not best:
             yield "  none"
+    if where == "end" and found.settled():
+        yield found.settled()
     failed = [row for row in found.rows if row.status not in ("completed", "not_run")]
     for row in failed:
         yield f"failed: {row.solver}, {row.setting} = {row.value:.3g}: {row.status}"
     yield from (f"left out: {reason}" for reason in found.skipped)
 
 
-def _line(row: Measurement) -> str:
-    order = f", order {row.order:.1f}" if np.isfinite(row.order) else ""
+def _line(row: Measurement, where: str) -> str:
+    size, order = row.along, ""
+    if where == "end":
+        size, order = row.error, f", error along the run {row.along:.1e}"
+    elif np.isfinite(row.order):
+        order = f", order {row.order:.1f}"
+        if row.order > row.expected_order + 1.0:
+            order += f", above the method's {row.expected_order} after a step too long for it"
     work = f", {row.evaluations} evaluations" if row.evaluations >= 0 else ""
     return (
-        f"{row.solver:28s} {row.setting:>9s} {row.value:8.2e}  error {row.error:.1e}"
+        f"{row.solver:28s} {row.setting:>9s} {row.value:8.2e}  error {size:.1e}"
         f"  {1e3 * row.time:9.4f} ms{work}{order}"
     )
 

@@ -27,11 +27,7 @@ _LONGEST = 2000
 
 @contextmanager
 def one_line_errors() -> Iterator[None]:
-    """Prints errors and warnings as one line each, without traceback, and sets the exit code.
-
-    Raises:
-        typer.Exit: With `BAD_INPUT` for bad input, `INTERRUPTED` for Ctrl-C.
-    """
+    """Prints errors and warnings as one line each, without traceback, and sets the exit code."""
     with warnings.catch_warnings(record=True) as caught:
         for kind in (StabilityWarning, SuspiciousValueWarning):
             warnings.simplefilter("always", kind)
@@ -75,9 +71,6 @@ def gains(
         formulations: The formulations that the command runs.
         others: The gains that stay where no option is given.
         given: Option name -> its value, or None.
-
-    Raises:
-        ValueError: A gain is given, and no formulation is "csm"; only "csm" has gains.
     """
     found = {name: value for name, value in given.items() if value is not None}
     # An unknown formulation is reported elsewhere.
@@ -101,11 +94,6 @@ def with_changes(scene: Scene, changes: Sequence[str] | None) -> Scene:
     Args:
         scene: The scene.
         changes: The texts of the option --set, each PATH=VALUE with a TOML value; None is none.
-
-    Raises:
-        ValueError: A text is not PATH=VALUE, a path does not exist or is given twice, or a value is
-            not TOML or breaks the rule of its field.
-        TypeError: A value is of the wrong kind.
     """
     values: dict[str, Any] = {}
     for text in changes or ():

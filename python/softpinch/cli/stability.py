@@ -10,15 +10,14 @@ import typer
 
 from ..accuracy.stability import max_stable_dt
 from ..accuracy.stability_axes import AXES
-from ..accuracy.stability_maps import StabilityMap, made
-from ..accuracy.stability_plan import PAIRS, Pair, Plan, check_pairs
+from ..accuracy.stability_maps import PAIRS, MapPlan, Pair, StabilityMap, check_pairs
 from ..scene.contact import formulations_of, require_formulations
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.extras import require
-from ..support.formats import FORMATS
+from ..support.files import FORMATS
 from ..support.progress import reporting
 from .options import Alpha, Beta, Format, Out, SceneFile, Set, Steps, Threads
 from .shell import gains, ladder, one_line_errors, read_scene
@@ -75,7 +74,7 @@ def stability(
         at, steps = _values(values, axes), _steps(dt, axes)
         # Check all maps before the first run.
         plans = [
-            Plan(described, name, at, steps, wanted, stabilization, max_steps, threads)
+            MapPlan(described, name, at, steps, wanted, stabilization, max_steps, threads)
             for name in axes
         ]
         if plans:
@@ -84,7 +83,7 @@ def stability(
         for line in _table(described, wanted, stabilization):
             typer.echo(line)
         for plan in plans:
-            found = made(plan, progress=True)
+            found = plan.run()
             typer.echo("")
             for line in found.summary():
                 typer.echo(line)

@@ -10,27 +10,15 @@ import numpy as np
 
 from .. import _core
 from ..plot.style import save
-from ..study.columns import HOLDS
 from ..study.effects import sensitivity
 from ..study.results import Ensemble, Results
-from ..study.rows import possible_violations
-from ..support.files import writing
-from ..support.formats import FORMATS
+from ..study.rows import HOLDS, possible_violations
+from ..support.files import FORMATS, writing
 from ..support.table import Table, save_npz
 
 _SUMMARY = (
-    "name",
-    "unit",
-    "runs",
-    "mean",
-    "low (95 %)",
-    "high (95 %)",
-    "std",
-    "min",
-    "5 %",
-    "50 %",
-    "95 %",
-    "max",
+    *("name", "unit", "runs", "mean", "low (95 %)", "high (95 %)"),
+    *("std", "min", "5 %", "50 %", "95 %", "max"),
 )
 # Half width of a two-sided 95 % interval of a normal distribution, in standard errors.
 _REACH = 1.959963984540054
@@ -50,12 +38,12 @@ _CAPSULES = 10
 def sample(study: Results) -> Ensemble:
     """The runs for the figures: all, or of a large study `LARGEST` evenly spaced ones."""
     numbers = study._evenly_spaced(LARGEST)
-    return Ensemble(study._setup, study._sampling, study._rows_of(numbers), requested=len(numbers))
+    return Ensemble(study._spec, study._rows_of(numbers), requested=len(numbers))
 
 
 def runs_table(ensemble: Results) -> Table:
     """A table with a row for each run and a column for each number, without rounding."""
-    found = ensemble._setup.schema.split(ensemble.to_dict())
+    found = ensemble._spec.schema.split(ensemble.to_dict())
     headers = tuple(
         name if column.unit in ("", "1") else f"{name} [{column.unit}]"
         for name, column in found.items()
@@ -68,18 +56,18 @@ def runs_table(ensemble: Results) -> Table:
 
 def summaries(study: Results) -> dict[str, str]:
     """Column name -> unit, for the columns of all summaries."""
-    entries = study._setup.schema.entries
+    entries = study._spec.schema.entries
     return {
         column: unit
-        for name in study._setup.summaries
+        for name in study._spec.summaries
         for column, unit in entries[name].columns.items()
     }
 
 
 def scalars(study: Results) -> list[str]:
     """Names of the summaries that have one number for each run."""
-    entries = study._setup.schema.entries
-    return [name for name in study._setup.summaries if not entries[name].shape]
+    entries = study._spec.schema.entries
+    return [name for name in study._spec.summaries if not entries[name].shape]
 
 
 def summary_table(study: Results) -> Table:
@@ -90,7 +78,7 @@ def summary_table(study: Results) -> Table:
     """
     rows: list[tuple[Any, ...]] = [(f"model: {study.model}", "", study.runs, *[""] * 9)]
     happened = dict.fromkeys(["completed", HOLDS, *study.counts()])
-    for name in possible_violations(study.scene, study._setup.shapes):
+    for name in possible_violations(study.scene, study._spec.shapes):
         if study.probability(name).happened:
             happened[name] = None
     for name in happened:
@@ -114,10 +102,6 @@ def summary_table(study: Results) -> Table:
 def save_tables(study: Results, some: Ensemble, out: Path) -> list[Path]:
     """Writes summary.csv and, if `some` has all runs, runs.csv and ensemble.npz."""
     files = [out / "summary.csv", out / "runs.csv", out / "ensemble.npz"]
-    for file in files:
-        # A folder from a stranger must not redirect our files to another place by a link.
-        if file.is_symlink():
-            file.unlink()
     summary_table(study).save(files[0])
     if some.runs < study.runs:
         for file in files[1:]:
@@ -135,9 +119,6 @@ def save_capsules(study: Results, out: Path) -> list[Path]:
     files = []
     for capsule in study.failures()[:_CAPSULES]:
         files.append(out / "failures" / f"{capsule.run}.toml")
-        for link in (files[-1].parent, files[-1]):
-            if link.is_symlink():
-                link.unlink()
         files[-1].parent.mkdir(exist_ok=True)
         with writing(files[-1]):
             files[-1].write_text(capsule.to_toml(), encoding="utf-8")

@@ -1,4 +1,7 @@
-"""One measured motion: its scene, the data, and a simulation of them."""
+"""One measured motion: its scene, the data, and a simulation of them.
+
+What can be measured along a run has a name: single columns, and groups of columns.
+"""
 
 from __future__ import annotations
 
@@ -10,23 +13,56 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..analysis.states import output_ports
+from ..run import scaled_error
 from ..run.options import Options
-from ..run.run import Run
-from ..run.scaled_error import usual
-from ..run.simulate import not_interrupted, simulate
+from ..run.request import Request
+from ..run.run import computed
+from ..run.simulate import warn_of_steps
+from ..scene import usual
+from ..scene.fields import QUANTITIES
+from ..scene.paths import replaced, tree_of_numbers
 from ..scene.scene import Scene
-from ..scene.template import SceneTemplate
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.result import Result
-from .interpolation import Interpolation
-from .observables import PLACES, columns
 
 # Noise below this share of a typical size of the scene is round-off.
 _ROUND_OFF = 1e-12
 
-# Residuals over a smaller noise would overflow when they are squared.
-_LEAST_NOISE = 1e-100
+
+class ObservableIndex(NamedTuple):
+    """The place of a column in a run: the name of an array, the index in it, and the unit."""
+
+    quantity: str
+    column: int
+    unit: str
+
+
+_MEASURABLE = ("q", "p", "multipliers", "torque")
+# Name of a column -> where it is.
+INDICES: Mapping[str, ObservableIndex] = {
+    name: ObservableIndex(quantity, column, QUANTITIES[quantity].units[column])
+    for quantity in _MEASURABLE
+    for column, name in enumerate(QUANTITIES[quantity].columns)
+}
+# Group -> its columns. Those of `sp.linearize` have the coordinates' own names.
+GROUPS: Mapping[str, tuple[str, ...]] = {
+    **{quantity: QUANTITIES[quantity].columns for quantity in _MEASURABLE},
+    **{
+        group: output_ports((group,)).names
+        for group in ("pose", "fingers", "compressions", "shears", "rates")
+    },
+    "position": ("x", "y"),
+    "rotation": ("theta",),
+}
+NAMES = (*GROUPS, *(name for name in INDICES if name not in GROUPS))
+
+
+def columns(name: object) -> tuple[str, ...]:
+    """Returns the columns of an observable."""
+    known = checks.choice("measured", name, NAMES)
+    return GROUPS.get(known, (known,))
 
 
 class FailedRun(ValueError):
@@ -79,18 +115,9 @@ class Experiment(Result):
     def checked(
         cls, scene: Scene, times: object, measured: object, noise: object, where: str = ""
     ) -> Experiment:
-        """Checks the data of an experiment.
+        """Checks the data of an experiment, which are those of `fit`.
 
-        Args:
-            scene: The scene.
-            times: The instants (n,), s.
-            measured: Observable -> values (n,) or (n, k).
-            noise: None, a number, or observable -> a number or numbers (k,).
-            where: The place in a list of experiments, for error messages, such as "[0]".
-
-        Raises:
-            ValueError: A value breaks its rule.
-            TypeError: A value has the wrong type.
+        For error messages, `where` is the place in a list of experiments, such as "[0]".
         """
         instants = _instants(f"times{where}", times, scene)
         if not isinstance(measured, Mapping):
@@ -119,7 +146,7 @@ class Experiment(Result):
             times=instants,
             observables=observables,
             columns=tuple(owner),
-            units=tuple(PLACES[column].unit for column in owner),
+            units=tuple(INDICES[column].unit for column in owner),
             data=data,
             noise=found,
             estimated=np.isnan(found),
@@ -129,74 +156,81 @@ class Experiment(Result):
     @property
     def residuals(self) -> dict[str, Floats]:
         """Observable -> measured minus fitted (n,) or (n, k), in SI units; NaN where no data is."""
-        return self._split(self.data - self.fitted)
-
-    def _split(self, table: Floats) -> dict[str, Floats]:
         found, first = {}, 0
         for name, own in self.observables.items():
-            block = table[:, first : first + len(own)]
+            block = (self.data - self.fitted)[:, first : first + len(own)]
             found[name] = block[:, 0] if len(own) == 1 else block
             first += len(own)
         return found
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Where there is a measurement (n, c)."""
+        """Marks the measurements that exist (n, c)."""
         return np.isfinite(self.data)
 
     @property
     def least_noise(self) -> Floats:
         """The noise (c,) below which there is only round-off."""
-        sizes = usual(self.scene)
+        sizes = scaled_error.usual(self.scene)
         radius = max(tip.radius for tip in self.scene.hand.tips)
         sizes["torque"] = radius * sizes["multipliers"][:2]
-        places = [PLACES[column] for column in self.columns]
+        places = [INDICES[column] for column in self.columns]
         return _ROUND_OFF * np.array([sizes[each.quantity][each.column] for each in places])
+
+    def changed(self, values: Mapping[str, float]) -> Scene:
+        """Returns the scene with values put in at their paths."""
+        scene: Scene = replaced(self.scene, tree_of_numbers(values))
+        return scene
 
     def simulated(
         self,
-        template: SceneTemplate,
         values: Mapping[str, float],
         options: Options,
         derivatives: bool,
+        warns: bool = False,
     ) -> Motion:
         """Simulates the scene with values put in, at the measured instants.
 
         Args:
-            template: A template of the scene.
             values: Path -> value.
             options: How to simulate.
             derivatives: Whether to compute them too.
+            warns: Whether to warn as `simulate` does.
 
         Raises:
             FailedRun: The values break a rule of the scene, or the run ends too early.
         """
         paths = tuple(values)
-        how = options.numerics()
-        if options.tolerance is not None:
-            how["times"] = self.times
-        wanted = paths if derivatives else ()
         try:
-            scene = self._shortened(template.changed(values), options)
-            run = simulate(scene, **how, record=self._recorded, sensitivities=wanted)  # type: ignore[arg-type]
+            scene = self._shortened(self.changed(values), options)
+            request = Request(scene, replace(options, times=self.times, record=self._recorded))
+            if warns:
+                usual.warn(scene)
+            run = computed(request, paths if derivatives else ())
+            if warns:
+                warn_of_steps(request, run._result)
         except ValueError as error:
             raise FailedRun(str(error)) from None
-        not_interrupted(run)
         if not run.success:
             raise FailedRun(f"the run ends as {run.status}: {run.message}")
-        rows = Interpolation(run, self.times)
-        table = self._columns(rows, _quantities(run))
-        slope = self._columns(rows, _derivatives(run, paths)) if derivatives else None
+        places = [INDICES[column] for column in self.columns]
+        table = np.stack([getattr(run, one.quantity)[:, one.column] for one in places], axis=1)
+        slope = None
+        if derivatives:
+            found = run.sensitivity
+            state = np.stack([found[path] for path in paths], axis=-1)
+            slopes = {"q": state[:, :9], "p": state[:, 9:]}
+            for name in self._recorded[1:]:
+                of = getattr(found, name)
+                slopes[name] = np.stack([of[path] for path in paths], axis=-1)
+            slope = np.stack([slopes[one.quantity][:, one.column] for one in places], axis=1)
         return Motion(table, slope, run.violations)
 
     @property
     def _recorded(self) -> tuple[str, ...]:
-        return tuple(
-            dict.fromkeys(
-                "state" if (quantity := PLACES[column].quantity) in ("q", "p") else quantity
-                for column in ("x", *self.columns)
-            )
-        )
+        """The quantities that a run records: its state, and then the other measured ones."""
+        quantities = dict.fromkeys(INDICES[column].quantity for column in self.columns)
+        return ("state", *(name for name in quantities if name not in ("q", "p")))
 
     def _shortened(self, scene: Scene, options: Options) -> Scene:
         """Returns the scene up to the last measured time."""
@@ -205,45 +239,13 @@ class Experiment(Result):
             duration *= 1.0 + 1e-12  # rounding must not put the last time behind the end
         return replace(scene, duration=duration) if duration < scene.duration else scene
 
-    def _columns(self, rows: Interpolation, of: Mapping[str, Floats]) -> Floats:
-        q, p = rows.state(of["q"], of["p"])
-        found = {"q": q, "p": p}
-        for name in self._recorded[1:]:
-            found[name] = rows.other(of[name])
-        places = [PLACES[column] for column in self.columns]
-        return np.stack([found[each.quantity][:, each.column] for each in places], axis=1)
-
-
-def _quantities(run: Run) -> dict[str, Floats]:
-    found = {"q": run.q, "p": run.p}
-    for name in ("multipliers", "torque"):
-        if name in run.record:
-            found[name] = getattr(run, name)
-    return found
-
-
-def _derivatives(run: Run, paths: tuple[str, ...]) -> dict[str, Floats]:
-    """The derivatives of the quantities by the values at the paths: (rows, columns, p)."""
-    sensitivity = run.sensitivity
-    state = np.stack([sensitivity[path] for path in paths], axis=-1)
-    found = {"q": state[:, :9], "p": state[:, 9:]}
-    for name in ("multipliers", "torque"):
-        if name in run.record:
-            of = getattr(sensitivity, name)
-            found[name] = np.stack([of[path] for path in paths], axis=-1)
-    return found
-
 
 def _instants(name: str, times: object, scene: Scene) -> Floats:
     found = checks.times(name, times)
     begin = scene.start().time
     end = begin + scene.duration
-    if found[0] < begin:
-        raise ValueError(f"{name}[0] = {found[0]}: must be at least the scene's start, {begin} s")
-    if found[-1] > end + 1e-12 * max(abs(end), scene.duration):
-        raise ValueError(
-            f"{name}[{len(found) - 1}] = {found[-1]}: must be at most the scene's end, {end} s"
-        )
+    if found[0] < begin or found[-1] > end + 1e-12 * max(abs(end), scene.duration):
+        raise ValueError(f"{name}: must be from {begin} to {end} s, the time of the scene")
     if found[-1] == begin:
         raise ValueError(f"{name} = [{begin}]: must have an instant after the scene's start")
     return found
@@ -263,19 +265,11 @@ def _values(name: str, given: object, own: tuple[str, ...], times: Floats) -> Fl
     return table.reshape(len(times), len(own))
 
 
-def _deviation(name: str, given: object) -> float:
-    """Checks a standard deviation, which must not be so small that residuals over it overflow."""
-    found = checks.positive(name, given)
-    if found < _LEAST_NOISE:
-        raise ValueError(f"{name} = {found}: must be at least {_LEAST_NOISE}")
-    return found
-
-
 def _noise(where: str, noise: object, observables: Mapping[str, tuple[str, ...]]) -> Floats:
     """The noise of each column (c,); NaN if it is to be estimated."""
     name = f"noise{where}"
     if not isinstance(noise, Mapping):
-        one = math.nan if noise is None else _deviation(name, noise)
+        one = math.nan if noise is None else checks.positive(name, noise)
         return np.full(sum(map(len, observables.values())), one)
     for key in noise:
         checks.choice(name, key, observables)
@@ -286,7 +280,7 @@ def _noise(where: str, noise: object, observables: Mapping[str, tuple[str, ...]]
         each = (
             np.array(math.nan)
             if given is None
-            else np.asarray(checks.number_or_array(label, given, _deviation))
+            else np.asarray(checks.number_or_array(label, given, checks.positive))
         )
         if each.ndim and each.shape != (len(own),):
             raise ValueError(

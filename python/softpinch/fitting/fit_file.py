@@ -33,7 +33,7 @@ from ..scene.stabilization import Stabilization
 from ..study.study_file import scene_of
 from ..support import checks, toml
 from ..support.arrays import Floats
-from .observables import GROUPS, NAMES, PLACES, columns
+from .experiment import GROUPS, INDICES, NAMES, columns
 
 _TOP = ("scene", "paper", "fit", "vary", "start")
 _GAINS = tuple(f.name for f in fields(Stabilization))
@@ -60,16 +60,9 @@ class FitFile(NamedTuple):
 
 
 def read(path: Path, **changes: Any) -> FitFile:
-    """Reads what to fit.
+    """Reads what to fit; `changes` override settings of the file, see `in_place`.
 
-    Args:
-        path: The file.
-        changes: Settings that override those in the file (see `in_place`); None changes nothing.
-
-    Raises:
-        ValueError: The file is not TOML, a name is unknown or a value breaks its rule. The message
-            has the file. `sp.fit` checks the settings themselves.
-        OSError: The file or that of the scene cannot be read.
+    `sp.fit` checks the settings themselves.
     """
     path = checks.path("path", path)
     data = toml.read(path)
@@ -130,11 +123,6 @@ def read_data(path: Path, wanted: tuple[str, ...] | None) -> tuple[Floats, dict[
 
     Returns:
         The times (n,), s, and observable -> values (n,) or (n, k), NaN where nothing was measured.
-
-    Raises:
-        ValueError: The file has no column of times, lacks a wanted column, or has an entry that is
-            no number, or a column of another unit. The message has the file, and line and column.
-        OSError: The file cannot be read.
     """
     path = checks.path("path", path)
     try:
@@ -185,14 +173,15 @@ def _column(text: str, all_wanted: bool) -> str:
     known = GROUPS.get(name, (name,))
     if len(known) == 1:
         name = known[0]
-    if name != _TIME and name not in PLACES:
+    if name != _TIME and name not in INDICES:
         if all_wanted:
             raise ValueError(
                 f"has the column {checks.shown(name)}, which is no observable"
-                f"{checks.hint(name, PLACES)}; name the columns to use in [fit] as measured = [...]"
+                f"{checks.hint(name, INDICES)}; name the columns to use in [fit] as measured = "
+                "[...]"
             )
         return ""
-    right = "s" if name == _TIME else PLACES[name].unit
+    right = "s" if name == _TIME else INDICES[name].unit
     if unit and unit != right:
         raise ValueError(f'column "{name}": unit = {checks.shown(unit)}: must be "{right}"')
     return name

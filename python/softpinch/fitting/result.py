@@ -13,7 +13,6 @@ import numpy as np
 from .. import _core
 from ..run.options import STOP_ON, Options
 from ..scene.scene import Scene
-from ..scene.template import SceneTemplate
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.extras import require
@@ -21,8 +20,8 @@ from ..support.files import writing
 from ..support.result import Result
 from ..support.table import Table, save_by_suffix
 from .experiment import Experiment
-from .parameters import Parameter, slopes, values
-from .profile import Profile, followed
+from .problem import Parameter, slopes, values
+from .uncertainty import Profile, followed
 
 LEVEL = 0.95
 # Residuals as large as these, or larger, have this probability if model and noise are right.
@@ -148,17 +147,7 @@ class Fit(Result):
             KeyboardInterrupt: Ctrl-C.
         """
         index = list(self.values).index(checks.choice("path", path, self.values))
-        return followed(
-            self.experiments,
-            self.parameters,
-            self.options,
-            self.loss,
-            u=self.estimate,
-            error=float(self.scaled_errors[index]),
-            index=index,
-            level=checks.share("level", level),
-            reach=self._reach(level),
-        )
+        return followed(self, index, checks.share("level", level), self._reach(level))
 
     def _reach(self, level: float) -> float:
         return reach(level, self.degrees_of_freedom if self.noise_estimated else None)
@@ -171,10 +160,7 @@ class Fit(Result):
     @cached_property
     def scenes(self) -> tuple[Scene, ...]:
         """The scene of each experiment with the fitted values put in."""
-        return tuple(
-            SceneTemplate(each.scene, self.values, 0).changed(self.values)
-            for each in self.experiments
-        )
+        return tuple(each.changed(self.values) for each in self.experiments)
 
     @property
     def scene(self) -> Scene:
@@ -204,7 +190,7 @@ class Fit(Result):
 
     @property
     def messages(self) -> tuple[str, ...]:
-        """What a reader of the values must know, in sentences; empty if there is nothing."""
+        """Sentences that a reader of the values must know; empty if there are none."""
         found = [] if self.converged else ["the search did not converge"]
         found += self.undetermined
         found += [f"{path} is at its bound" for path in self.at_bound]
@@ -287,7 +273,6 @@ class Fit(Result):
         return save_by_suffix(path, {".json": as_json, ".csv": self.table().save})
 
     def __repr__(self) -> str:
-        """Shows a table of the values, and what a reader must know."""
         count = len(self.experiments)
         measured = self.degrees_of_freedom + len(self.parameters)
         head = (

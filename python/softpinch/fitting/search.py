@@ -19,8 +19,16 @@ from ..support.choices import Formulation, Method, Violation
 from ..support.extras import require
 from ..support.progress import Report, reporting
 from .experiment import Experiment, FailedRun
-from .parameters import Parameter, parameters, values
-from .problem import LOSSES, MOST_EVALUATIONS, Minimum, Problem, influence, quiet
+from .problem import (
+    LOSSES,
+    MOST_EVALUATIONS,
+    Minimum,
+    Parameter,
+    Problem,
+    influence,
+    parameters,
+    values,
+)
 from .result import LEVEL, Fit, reach
 from .uncertainty import correlations, sandwich, sentences, uncertainty
 
@@ -71,11 +79,8 @@ def fit(
     Args:
         scene: The scene, or the scenes of several experiments that share the fitted numbers.
         times: The measured instants (n,), s, increasing, on the clock of the scene's start; or a
-            sequence with one array for each experiment. With `dt` values between steps are
-            interpolated from the rows around them: q by the cubic of q and p (error of order 4 in
-            the step), p by its derivative (order 3), multipliers and torques linearly (order 2,
-            and order 1 in a step that ends at a jump of an input). With `tolerance` the method's
-            own polynomial gives them.
+            sequence with one array for each experiment. Between the steps of `dt` the method itself
+            gives the values, with a shorter step; between those of `tolerance` its own polynomial.
         measured: Observable -> what was measured, (n,) or (n, k), in SI units; NaN marks a missing
             measurement, which is left out. Or a sequence of such mappings. The observables are the
             arrays "q" (n, 9), "p" (n, 9), "multipliers" (n, 4) and "torque" (n, 2); "pose" (n, 3),
@@ -148,16 +153,15 @@ def fit(
     count = 0
     with reporting(progress, "fitting") as report:
 
-        def told() -> None:
+        def evaluated() -> None:
             nonlocal count
             count += 1
             report(min(count, most), most)
 
-        problem = _begun(Problem(experiments, found, options, loss, told))
-        with quiet():
-            robust = loss != "linear"
-            best, starts, same = _best(problem, _starts(found, multistart, seed), robust)
-            problem, best = _settled(problem, best, loss)
+        problem = _begun(Problem(experiments, found, options, loss, evaluated))
+        robust = loss != "linear"
+        best, starts, same = _best(problem, _starts(found, multistart, seed), robust)
+        problem, best = _settled(problem, best, loss)
         fitted = _result(problem, best, options, loss, starts, same)
         report(most, most)
     return fitted
@@ -172,22 +176,16 @@ def _experiments(scene: Any, times: Any, measured: Any, noise: Any) -> list[Expe
         raise ValueError("scene = []: must have at least one")
     for k, each in enumerate(scenes):
         checks.instance(f"scene[{k}]", each, Scene)
+    if not isinstance(noise, list | tuple):
+        noise = [noise] * len(scenes)
     rows = []
-    for name, given in (("times", times), ("measured", measured)):
+    for name, given in (("times", times), ("measured", measured), ("noise", noise)):
         one = checks.several(name, given, "a sequence with an entry for each scene")
         if len(one) != len(scenes):
             raise ValueError(
                 f"{name} has {len(one)} entries: must have one for each scene, {len(scenes)}"
             )
         rows.append(one)
-    if isinstance(noise, list | tuple):
-        if len(noise) != len(scenes):
-            raise ValueError(
-                f"noise has {len(noise)} entries: must have one for each scene, {len(scenes)}"
-            )
-        rows.append(list(noise))
-    else:
-        rows.append([noise] * len(scenes))
     return [
         Experiment.checked(one, instants, data, own, f"[{k}]")
         for k, (one, instants, data, own) in enumerate(zip(scenes, *rows, strict=True))
@@ -222,7 +220,7 @@ def _begun(problem: Problem) -> Problem:
     """
     u = np.zeros(len(problem.parameters))
     try:
-        motions = problem.motions(u, derivatives=True)
+        motions = problem.motions(u, derivatives=True, warns=True)
     except FailedRun as error:
         at = ", ".join(f"{k} = {v:g}" for k, v in values(problem.parameters, u).items())
         raise ValueError(f"start: the run at {at} fails: {error}") from None
@@ -314,7 +312,7 @@ def _estimated(problem: Problem, u: Floats, loss: str) -> list[Floats]:
 def _result(
     problem: Problem, best: Minimum, options: Options, loss: str, starts: int, same: int
 ) -> Fit:
-    motions = problem.motions(best.u, derivatives=True)
+    motions = problem.motions(best.u, derivatives=True, warns=True)
     residuals, jacobian = problem.residuals(motions), problem.jacobian(motions)
     inflation = sandwich(*influence(residuals, loss)) if loss != "linear" else 1.0
     experiments = tuple(

@@ -1,15 +1,22 @@
-"""How far the data of a fit determine its parameters, from the Jacobian at the minimum."""
+"""How far the data of a fit determine its parameters, and the profile likelihood of one."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..support.arrays import Floats
-from .parameters import Parameter
+from ..support.extras import require
+from ..support.result import Result
+from .experiment import FailedRun
+from .problem import Parameter, Problem, influence
+
+if TYPE_CHECKING:
+    from .result import Fit
 
 # Singular values below this share of the largest are round-off, as are smaller entries of the
 # directions.
@@ -17,10 +24,17 @@ _ROUND_OFF = 1e-9
 _DUST = 1e-6
 # A parameter takes part in a direction if its entry has at least this share of the largest.
 _SHARE = 0.1
+# The first step, in standard errors, and the largest one, in spans.
+_FIRST, _LARGEST = 0.5, 0.125
+_MOST_STEPS = 60
+# Shortest step that is tried after a failed run, as a share of the first one.
+_SHORTEST = 1e-3
+# The ends of the interval are exact to this share of their distance from the minimum.
+_PRECISION = 1e-4
 
 
 class Uncertainty(NamedTuple):
-    """What the linearised problem says about the coordinates u.
+    """Uncertainty of the coordinates u in the linearised problem.
 
     Attributes:
         covariance: Of u (p, p); large but finite where the data determine nothing.
@@ -99,9 +113,10 @@ def sentences(found: Uncertainty, parameters: Sequence[Parameter]) -> Iterator[s
         noise = f"changes the data by {change:.2g} standard deviations of the noise in all"
         if len(names) == 1:
             (index,) = np.flatnonzero(part)
+            change_of_one = _full_range(parameters[int(index)])
             yield (
-                f"the data do not determine {names[0]}: {_whole(parameters[int(index)])} {noise}, "
-                "by the slope at the fit"
+                f"the data do not determine {names[0]}: {change_of_one} {noise}, by the slope at "
+                "the fit"
             )
             continue
         joined = f"{', '.join(names[:-1])} and {names[-1]}"
@@ -113,7 +128,7 @@ def sentences(found: Uncertainty, parameters: Sequence[Parameter]) -> Iterator[s
         )
 
 
-def _whole(parameter: Parameter) -> str:
+def _full_range(parameter: Parameter) -> str:
     if np.isfinite(parameter.high - parameter.low) and parameter.low > -np.inf:
         return f"its whole range, {parameter.low:g} to {parameter.high:g}{_unit(parameter)},"
     if parameter.log:
@@ -147,3 +162,108 @@ def _moves(parameters: Sequence[Parameter], direction: Floats) -> str:
         else:
             texts.append(f"{each.path} {by * each.span:+.2g}{_unit(each)}")
     return " and ".join(texts)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Profile(Result):
+    """The profile likelihood of one fitted number.
+
+    Attributes:
+        path: Its path.
+        level: The level of the interval.
+        interval: (low, high) of the number. An end may be its bound, which may be infinite; see
+            `closed`.
+        closed: Whether the interval ends before the bound, or before a value with failed runs, on
+            either side.
+        values: Values of the number along the profile (m,), increasing.
+        increase: How far the sum of the squared residuals, over their noise, exceeds its minimum
+            there, with all other numbers fitted (m,).
+        limit: The increase at the ends of the interval.
+    """
+
+    path: str
+    level: float
+    interval: tuple[float, float]
+    closed: tuple[bool, bool]
+    values: Floats
+    increase: Floats
+    limit: float
+
+
+def followed(fit: Fit, index: int, level: float, reach: float) -> Profile:
+    """Follows the profile of a parameter from the minimum to both sides.
+
+    Args:
+        fit: The fit.
+        index: The parameter.
+        level: The level of the interval.
+        reach: Half the width of the linearised interval, in standard errors.
+    """
+    problem, u = Problem(fit.experiments, fit.parameters, fit.options, fit.loss), fit.estimate
+    motions = problem.motions(u)
+    psi, slope = influence(problem.residuals(motions), fit.loss)
+    # A robust loss grows less than the sum of squares of its residuals.
+    scale = 2.0
+    if fit.loss != "linear":
+        scale /= sandwich(psi, slope) * float(np.mean(slope))
+    least = problem.minimum(u, held=index).cost
+    step = min(_FIRST * float(fit.scaled_errors[index]), _LARGEST)
+    found = [
+        _side(problem, u, index, sign * step, scale, least, reach * reach) for sign in (-1.0, 1.0)
+    ]
+    points = sorted({(u[index], 0.0), *(point for side in found for point in side[2])})
+    parameter = fit.parameters[index]
+    return Profile(
+        path=parameter.path,
+        level=level,
+        interval=(parameter.value(found[0][0]), parameter.value(found[1][0])),
+        closed=(found[0][1], found[1][1]),
+        values=np.array([parameter.value(float(at)) for at, _ in points]),
+        increase=np.array([increase for _, increase in points]),
+        limit=reach * reach,
+    )
+
+
+def _side(
+    problem: Problem, u: Floats, index: int, step: float, scale: float, least: float, limit: float
+) -> tuple[float, bool, list[tuple[float, float]]]:
+    """Returns the end of the interval on one side, whether it is closed, and the profile."""
+    optimize = require("scipy.optimize", extra="study", purpose="fit")
+    bound = float(problem.bounds[0 if step < 0.0 else 1, index])
+    warm, points, first = u.copy(), [(float(u[index]), 0.0)], abs(step)
+
+    def increase(at: float) -> float:
+        start = warm.copy()
+        start[index] = at
+        end = problem.minimum(start, held=index)
+        warm[:] = end.u
+        found = scale * (end.cost - least)
+        points.append((at, found))
+        return found
+
+    for _ in range(_MOST_STEPS):
+        before = points[-1]
+        at = before[0] + step
+        at = max(at, bound) if step < 0.0 else min(at, bound)
+        if at == before[0]:
+            return bound, False, points
+        try:
+            now = increase(at)
+        except FailedRun:
+            step *= 0.5
+            if abs(step) < _SHORTEST * first:
+                return before[0], False, points
+            continue
+        if now >= limit:
+            ends = {before[0]: before[1], at: now}
+
+            def excess(x: float, ends: dict[float, float] = ends) -> float:
+                """Nearly linear in u, because the increase is nearly a parabola."""
+                found = ends[x] if x in ends else increase(x)
+                return float(np.sqrt(max(found, 0.0)) - np.sqrt(limit))
+
+            near = _PRECISION * abs(at - float(u[index]))
+            root = optimize.brentq(excess, before[0], at, xtol=near)
+            return float(root), True, points
+        step = float(np.copysign(min(1.5 * abs(step), _LARGEST), step))
+    return points[-1][0], False, points

@@ -13,16 +13,22 @@ the bits of a `PinchEnv` of its seed. Rewards, pushes and observations are those
 
 from __future__ import annotations
 
-from ..simulator.task import Episode, Measure, Task, Transition
-from ..simulator.tasks import FollowPath, HoldAgainstPushes, HoldWithLeastGrip
+from ..simulator.tasks import (
+    Episode,
+    FollowPath,
+    HoldAgainstPushes,
+    HoldWithLeastGrip,
+    Measure,
+    Task,
+    Transition,
+)
 from ..support.extras import require
 
 require("gymnasium", extra="gym", purpose="softpinch.gym")
 
 from gymnasium.envs.registration import register, registry  # noqa: E402
 
-from .environment import PinchEnv  # noqa: E402
-from .vector import PinchVectorEnv  # noqa: E402
+from .environments import PinchEnv, PinchVectorEnv  # noqa: E402
 
 __all__ = [
     "Episode",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -18,20 +18,11 @@ from ..support.arrays import Floats
 Results: TypeAlias = dict[str, np.ndarray[Any, Any]]
 # Result -> path -> derivative, of the shape of the result and then that of the value.
 Slopes: TypeAlias = dict[str, dict[str, Floats]]
-Result = TypeVar("Result")
 Shapes: TypeAlias = Mapping[str, tuple[int, ...]]
-# Of values by path.
-Compute: TypeAlias = Callable[[dict[str, Floats]], Results]
-# Of values by path, and of the paths to derive by.
-Derive: TypeAlias = Callable[[dict[str, Floats], Sequence[str]], tuple[Results, Slopes]]
 
 
 def require_float64() -> None:
-    """Refuses JAX's default of 32 bits, which would round values and results.
-
-    Raises:
-        RuntimeError: JAX's numbers have 32 bits.
-    """
+    """Refuses JAX's default of 32 bits, which would round values and results."""
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise RuntimeError(
             "softpinch.jax needs numbers of 64 bits, and JAX is set to 32: call "
@@ -48,9 +39,8 @@ def differentiable(
     shapes: Shapes,
     results: Mapping[str, jax.ShapeDtypeStruct],
     check: Callable[[dict[str, Floats]], object],
-    compute: Compute,
-    derive: Derive,
-    many: Compute | None = None,
+    derive: Callable[[dict[str, Floats], Sequence[str]], tuple[Results, Slopes]],
+    many: Callable[[dict[str, Floats]], Results] | None = None,
 ) -> Callable[[Mapping[str, Any]], dict[str, jax.Array]]:
     """Makes a function of values by path to results by name, for JAX.
 
@@ -62,9 +52,8 @@ def differentiable(
         results: Name -> shape and type of a result of one run.
         check: Refuses wrong values of one run. It is called if the numbers are known outside of
             callbacks, because JAX buries the message of an error in a callback.
-        compute: Computes results of one run.
-        derive: Computes results and derivatives of one run.
-        many: Computes results (runs, ...) of values (runs, ...); None loops over `compute`.
+        derive: Computes results of one run from its values, and their derivatives by some paths.
+        many: Computes results (runs, ...) of values (runs, ...); None computes one by one.
     """
     smooth = [name for name, each in results.items() if each.dtype == np.float64]
 
@@ -72,12 +61,11 @@ def differentiable(
         batch, runs = runs_of(values)
         if many is not None and len(next(iter(runs.values()))) > 1:
             return _reshaped(many(runs), batch)
-        each = _one_by_one(compute, runs)
-        return _reshaped({name: np.stack([one[name] for one in each]) for name in results}, batch)
+        return sloped((), *values)[0]
 
     def sloped(by: Sequence[str], *values: Any) -> tuple[Results, Slopes]:
         batch, runs = runs_of(values)
-        each = _one_by_one(lambda values: derive(values, by), runs)
+        each = one_by_one(runs, by)
         found = {name: np.stack([one[name] for one, _ in each]) for name in results}
         slopes = {
             name: {path: np.stack([slope[name][path] for _, slope in each]) for path in by}
@@ -86,6 +74,17 @@ def differentiable(
         return _reshaped(found, batch), {
             name: _reshaped(slope, batch) for name, slope in slopes.items()
         }
+
+    def one_by_one(runs: dict[str, Floats], by: Sequence[str]) -> list[tuple[Results, Slopes]]:
+        count, found = len(next(iter(runs.values()))), []
+        for k in range(count):
+            try:
+                found.append(derive({path: value[k] for path, value in runs.items()}, by))
+            except ValueError as error:
+                if count == 1:
+                    raise
+                raise ValueError(f"run {k}: {error}") from None
+        return found
 
     def runs_of(values: Sequence[Any]) -> tuple[tuple[int, ...], dict[str, Floats]]:
         """Returns the shape of the batch, and the values of its runs in one axis."""
@@ -128,10 +127,12 @@ def differentiable(
             if name not in smooth:
                 tangents[name] = np.zeros(each.shape, jax.dtypes.float0)
                 continue
-            tangents[name] = jnp.zeros(each.shape)
+            total = jnp.zeros(each.shape)
             for path, dot in moved.items():
-                slope = slopes[name][path]
-                tangents[name] += jnp.tensordot(slope, dot, axes=len(shapes[path]))
+                total += jnp.tensordot(slopes[name][path], dot, axes=len(shapes[path]))
+            # Rows that a run does not reach are constant. A zero slope alone would not do: the
+            # derivative of a loss is NaN there, and JAX multiplies both.
+            tangents[name] = jnp.where(jnp.isnan(out[name]), 0.0, total)
         return out, tangents
 
     def layer(values: Mapping[str, Any]) -> dict[str, jax.Array]:
@@ -142,21 +143,6 @@ def differentiable(
         return function(*arrays)
 
     return layer
-
-
-def _one_by_one(
-    compute: Callable[[dict[str, Floats]], Result], runs: dict[str, Floats]
-) -> list[Result]:
-    """Computes one run after another; an error has the number of its run."""
-    count, found = len(next(iter(runs.values()))), []
-    for k in range(count):
-        try:
-            found.append(compute({path: value[k] for path, value in runs.items()}))
-        except ValueError as error:
-            if count == 1:
-                raise
-            raise ValueError(f"run {k}: {error}") from None
-    return found
 
 
 def _reshaped(runs: dict[str, Any], batch: tuple[int, ...]) -> dict[str, Any]:

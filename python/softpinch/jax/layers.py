@@ -11,11 +11,11 @@ import numpy as np
 from .. import _core
 from ..montecarlo import monte_carlo
 from ..run.options import MOST_STEPS, STOP_ON, Options, names
-from ..run.run import Run
-from ..run.simulate import described, not_interrupted
+from ..run.request import Request
 from ..run.simulate import simulate as run_of
+from ..scene.control import SampledController
 from ..scene.disturbance import Noise
-from ..scene.sampled_control import SampledController
+from ..scene.fields import QUANTITIES
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..scene.template import SceneTemplate
@@ -26,8 +26,6 @@ from .callback import Results, Slopes, array, differentiable, require_float64
 # The statuses of runs, in the order of the numbers in `Trajectory.status`.
 STATUSES: tuple[str, ...] = _core.STATUSES
 _RECORDABLE = ("multipliers", "torque")
-# Result -> number of its columns.
-_COLUMNS = {"q": 9, "p": 9, "multipliers": 4, "torque": 2}
 
 
 class Trajectory(NamedTuple):
@@ -54,7 +52,7 @@ class Trajectory(NamedTuple):
 
     @property
     def completed(self) -> jax.Array:
-        """Whether the run has reached its end, as a boolean."""
+        """True if the run has reached its end."""
         return self.status == 0
 
 
@@ -75,7 +73,7 @@ class FinalState(NamedTuple):
 
     @property
     def completed(self) -> jax.Array:
-        """Whether the run has reached its end, as a boolean."""
+        """True if the run has reached its end."""
         return self.status == 0
 
 
@@ -102,7 +100,9 @@ def simulate(
     `sp.simulate`. `jvp`, `jacfwd`, `grad` and `jacrev` have the derivatives of
     `sp.simulate(..., sensitivities=...)`, all in forward mode: the time grows with the number of
     varied numbers that JAX derives by, and not with the number of results. There are no second
-    derivatives. `vmap` makes one call for a batch, which computes one run after another;
+    derivatives. They hold at fixed instants, and that of `t` is zero, although the rows around a
+    switch that a value moves (such as "disturbances.0.time") move with it: use the last row there,
+    or `final_state`. `vmap` makes one call for a batch, which computes one run after another;
     `final_state` uses the lanes of the core.
 
     Args:
@@ -114,7 +114,7 @@ def simulate(
         method: The integration method, as for `sp.simulate`.
         formulation: How the constraints are enforced, as for `sp.simulate`.
         stabilization: The gains of (19) and (20), for "csm".
-        record: What to return beside the state: "multipliers", "torque".
+        record: Groups to return beside the state: "multipliers", "torque".
         every: Number of steps between rows; the last instant is always a row.
         stop_on: The violations that end a run, as for `sp.simulate`.
 
@@ -126,7 +126,6 @@ def simulate(
 
     Raises:
         ValueError: An argument breaks its rule, or a path does not exist.
-        TypeError: An argument has the wrong type.
         RuntimeError: JAX's numbers have 32 bits: `jax_enable_x64` is not set.
     """
     record = names("record", record, _RECORDABLE)
@@ -141,43 +140,9 @@ def simulate(
         every=every,
         stop_on=stop_on,
     )
-    steps = described(scene, options).outline()["steps"]
+    steps = Request(scene, options).simulation().outline()["steps"]
     assert steps is not None  # known for equal steps
-    rows = 1 + -(-steps // options.every)
-    columns = {name: _COLUMNS[name] for name in ("q", "p", *record)}
-    results = {
-        "t": array(rows),
-        **{name: array(rows, k) for name, k in columns.items()},
-        "status": array(kind=np.int32),
-    }
-
-    def padded(value: Floats, fill: float) -> Floats:
-        whole = np.full((rows, *value.shape[1:]), fill)
-        whole[: len(value)] = value
-        return whole
-
-    def arrays(run: Run) -> Results:
-        if len(run) > rows or (run.success and len(run) < rows):
-            raise ValueError(
-                f"vary: with these values the run has {len(run)} rows, and {rows} with those of "
-                "the scene; a layer's number of rows must not depend on its values"
-            )
-        found = {name: padded(getattr(run, name), np.nan) for name in ("t", *columns)}
-        return {**found, "status": np.array(STATUSES.index(run.status), np.int32)}
-
-    def compute(values: dict[str, Floats]) -> Results:
-        return arrays(_run(template, values, options))
-
-    def derive(values: dict[str, Floats], by: Sequence[str]) -> tuple[Results, Slopes]:
-        run = _run(template, values, options, by)
-        slopes = _slopes(run, by, record)
-        slopes["t"] = {path: np.zeros((len(run), *template.shapes[path])) for path in by}
-        return arrays(run), {
-            name: {path: padded(value, 0.0) for path, value in each.items()}
-            for name, each in slopes.items()
-        }
-
-    layer = differentiable(template.shapes, results, template.changed, compute, derive)
+    layer = _layer(template, options, record, rows=1 + -(-steps // options.every))
 
     def trajectory(values: Values) -> Trajectory:
         found: dict[str, Any] = {"multipliers": None, "torque": None, **layer(values)}
@@ -204,20 +169,15 @@ def final_state(
     Args:
         scene: The scene. If it has noise, a batch is one run after another, with equal noise.
         vary: Dotted paths of the numbers that are arguments.
-        dt: Longest step, s, as for `sp.simulate`; 1e-4 if it is None.
-        method: The integration method, as for `sp.simulate`.
-        formulation: How the constraints are enforced, as for `sp.simulate`.
+        dt: As for `simulate`, and so are the other arguments.
+        method: The integration method.
+        formulation: How the constraints are enforced.
         stabilization: The gains of (19) and (20), for "csm".
-        stop_on: The violations that end a run, as for `sp.simulate`.
+        stop_on: The violations that end a run.
 
     Returns:
         A function of a dictionary, path -> value, as `simulate` has it. A run that ends early gives
         its last state, and a status.
-
-    Raises:
-        ValueError: An argument breaks its rule, or a path does not exist.
-        TypeError: An argument has the wrong type.
-        RuntimeError: JAX's numbers have 32 bits: `jax_enable_x64` is not set.
     """
     template, options = _prepared(
         scene,
@@ -230,17 +190,9 @@ def final_state(
         every=MOST_STEPS,
         stop_on=stop_on,
     )
-    results = {"t": array(), "q": array(9), "p": array(9), "status": array(kind=np.int32)}
     # An ensemble gives every run noise of its own, and a layer is a function of its values only.
     alike = not any(isinstance(one, Noise) for one in scene.disturbances)
     lanes = alike and not isinstance(scene.control, SampledController)
-
-    def arrays(run: Run) -> Results:
-        last = {name: getattr(run, name)[-1] for name in ("t", "q", "p")}
-        return {**last, "status": np.array(STATUSES.index(run.status), np.int32)}
-
-    def compute(values: dict[str, Floats]) -> Results:
-        return arrays(_run(template, values, options))
 
     def together(runs: dict[str, Floats]) -> Results:
         vary: dict[Any, Any] = {**runs}
@@ -251,17 +203,7 @@ def final_state(
         status = np.array([STATUSES.index(one) for one in many.status], np.int32)
         return {"t": many["end_time"], "q": state[:, :9], "p": state[:, 9:], "status": status}
 
-    def derive(values: dict[str, Floats], by: Sequence[str]) -> tuple[Results, Slopes]:
-        run = _run(template, values, options, by)
-        slopes = _slopes(run, by, ())
-        slopes["t"] = {path: np.zeros((1, *template.shapes[path])) for path in by}
-        return arrays(run), {
-            name: {path: value[-1] for path, value in each.items()} for name, each in slopes.items()
-        }
-
-    layer = differentiable(
-        template.shapes, results, template.changed, compute, derive, together if lanes else None
-    )
+    layer = _layer(template, options, many=together if lanes else None)
 
     def state(values: Values) -> FinalState:
         return FinalState(**layer(values))
@@ -282,27 +224,56 @@ def _prepared(
     return SceneTemplate(scene, paths, 0), options
 
 
-def _run(
+def _layer(
     template: SceneTemplate,
-    values: dict[str, Floats],
     options: Options,
-    sensitivities: Sequence[str] = (),
-) -> Run:
-    run = run_of(
-        template.changed(values),
-        **options.numerics(),
-        record=options.record,  # type: ignore[arg-type]
-        every=options.every,
-        sensitivities=sensitivities,
-    )
-    return not_interrupted(run)
-
-
-def _slopes(run: Run, by: Sequence[str], record: Sequence[str]) -> Slopes:
-    """The derivatives of a run's rows by each path."""
-    found = run.sensitivity
-    slopes = {
-        "q": {path: found[path][:, :9] for path in by},
-        "p": {path: found[path][:, 9:] for path in by},
+    record: Sequence[str] = (),
+    rows: int | None = None,
+    many: Callable[[dict[str, Floats]], Results] | None = None,
+) -> Callable[[Values], dict[str, jax.Array]]:
+    """Makes the JAX function of a run's rows, or of its last row alone if `rows` is None."""
+    columns = {name: len(QUANTITIES[name].columns) for name in ("q", "p", *record)}
+    first = () if rows is None else (rows,)
+    results = {
+        "t": array(*first),
+        **{name: array(*first, k) for name, k in columns.items()},
+        "status": array(kind=np.int32),
     }
-    return slopes | {name: {path: getattr(found, name)[path] for path in by} for name in record}
+
+    def shaped(value: Floats, fill: float) -> Any:
+        if rows is None:
+            return value[-1]
+        filled = np.full((rows, *value.shape[1:]), fill)
+        filled[: len(value)] = value
+        return filled
+
+    def derive(values: dict[str, Floats], by: Sequence[str]) -> tuple[Results, Slopes]:
+        run = run_of(
+            template.changed(values),
+            **options.numerics(),
+            record=options.record,  # type: ignore[arg-type]
+            every=options.every,
+            sensitivities=by,
+        )
+        if run.status == "interrupted":
+            raise KeyboardInterrupt
+        if rows is not None and (len(run) > rows or (run.success and len(run) < rows)):
+            raise ValueError(
+                f"vary: with these values the run has {len(run)} rows, and {rows} with those of "
+                "the scene; a layer's number of rows must not depend on its values"
+            )
+        found = {name: shaped(getattr(run, name), np.nan) for name in ("t", *columns)}
+        found["status"] = np.array(STATUSES.index(run.status), np.int32)
+        slopes: Slopes = {name: {} for name in ("t", *columns)}
+        for path in by:
+            both = run.sensitivity[path]
+            slopes["t"][path] = np.zeros((len(run), *template.shapes[path]))
+            slopes["q"][path], slopes["p"][path] = both[:, :9], both[:, 9:]
+            for name in record:
+                slopes[name][path] = getattr(run.sensitivity, name)[path]
+        return found, {
+            name: {path: shaped(value, 0.0) for path, value in each.items()}
+            for name, each in slopes.items()
+        }
+
+    return differentiable(template.shapes, results, template.changed, derive, many)

@@ -1,119 +1,283 @@
-"""The drawing of hand and object at one instant, of the outlines in `scene/outline.py`."""
+"""Hand and object in axes of Matplotlib: alone, with forces and modes of a run, and in frames."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scene.outline import (
-    SIGNS,
-    finger_of,
-    finger_outline,
-    object_axes,
-    object_height,
-    object_outline,
-)
+from ..run import measures as measures
+from ..run.contact import ContactMode
+from ..run.run import Run
+from ..scene import outline
+from ..scene.fields import words
+from ..scene.outline import SKIN
 from ..scene.scene import Scene
-from . import style
+from ..support.arrays import Floats
+from ..support.extras import require
+from .instants import Instant
+from .style import BLACK, GREEN, MM, PURPLE, RED
+from .timeline import COLORS
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.patches import Polygon
 
-Floats = NDArray[np.float64]
+# The longest arrow, as a share of the object's width, so that two tips' arrows do not meet; and its
+# limits, as shares of the picture's width.
+_LONGEST, _LEAST, _MOST = 0.45, 0.1, 0.25
+# Impacts are brief and large; forces above this multiple of the 90 % quantile do not set the scale.
+_TALL = 3.0
+# Room around what moves, and for the key of the arrows above it, as shares of the picture's width.
+_MARGIN, _KEY = 0.04, 0.07
+# The limits of a film take this many evenly spaced instants, and the extremes of every coordinate.
+_SAMPLES = 200
+# The outline of no arrow.
+_NO_ARROW = np.full((7, 2), np.nan)
 
-# Colour of a tip, and of one that sticks in a drawing of modes.
-SKIN = "#F3C9A8"
+
+def polygon(axes: Axes, fill: str, edge: str, width: float, zorder: float) -> Polygon:
+    """Adds a polygon, or without `fill` a line, without points at first."""
+    from matplotlib.patches import Polygon
+
+    patch = Polygon(
+        _NO_ARROW, closed=bool(fill), facecolor=fill or "none", edgecolor=edge, linewidth=width,
+        zorder=zorder,
+    )  # fmt: skip
+    axes.add_patch(patch)
+    return patch
+
+
+Limits = tuple[float, float, float, float]
+Modes = tuple[ContactMode, ContactMode]
 
 
 class HandDrawing:
-    """The artists of a hand and its object in axes in mm, which show one state after another."""
+    """Hand and object in axes in mm, which show one state after another.
 
-    def __init__(self, axes: Axes, scene: Scene) -> None:
-        """Adds the artists, at first without a state.
+    The limits of the axes are left, right, bottom and top.
+    """
 
-        Args:
-            axes: The axes.
-            scene: The scene, which has the dimensions.
-        """
-        from matplotlib.patches import Circle, Polygon
-
+    def __init__(self, axes: Axes, scene: Scene, limits: Limits) -> None:
+        axes.set_aspect("equal")
+        axes.set_xlim(*limits[:2])
+        axes.set_ylim(*limits[2:])
         self._scene = scene
-        body, edge = "0.62", "0.15"
-        mm = style.MM.per_si
-        nowhere = np.full((4, 2), np.nan)
+        self._parts = [
+            polygon(axes, fill, edge, width, 2.0 + 0.01 * layer)
+            for layer, (_, fill, edge, width) in enumerate(outline.shapes(scene, np.zeros(9)))
+        ]
 
-        def polygon(color: str, width: float, zorder: float, label: str = "") -> Polygon:
-            made = Polygon(nowhere, facecolor=color, edgecolor=edge, linewidth=width, zorder=zorder)
-            if label:
-                made.set_label(label)
-            axes.add_patch(made)
-            return made
+    def show(self, q: Floats, modes: Modes | None = None) -> None:
+        """Shows the coordinates q (9,), m and rad, with tips in the colours of their modes."""
+        skins = (SKIN, SKIN) if modes is None else (COLORS[modes[0]], COLORS[modes[1]])
+        for part, shape in zip(self._parts, outline.shapes(self._scene, q, skins), strict=True):
+            part.set_xy(shape.points * MM.per_si)
+            part.set_facecolor(shape.fill or "none")
+            part.set_edgecolor(shape.edge)
 
-        roots = [-sign * finger_of(scene, k).root_offset * mm for k, sign in enumerate(SIGNS)]
-        axes.plot(roots[::-1], [0.0, 0.0], color=edge, linewidth=1.2, zorder=1.0)
-        self._object = polygon("#CFE3F2", 0.8, 2.0, "object")
-        self._tips, self._links, self._fibres = [], [], []
-        joints = []
-        for side in (0, 1):
-            self._tips.append(polygon(SKIN, 0.6, 3.0))
-            self._fibres.append(axes.plot([], [], linewidth=0.4, zorder=3.1)[0])
-            self._links.append(polygon(body, 0.6, 3.2))
-            joint = Circle(
-                (roots[side], 0.0),
-                1.25 * finger_of(scene, side).half_thickness * mm,
-                facecolor="white",
-                edgecolor=edge,
-                linewidth=0.8,
-                zorder=3.3,
-            )
-            joints.append(axes.add_patch(joint))
-        # A line along the object's upright axis makes its rotation visible.
-        (self._centre,) = axes.plot(
-            [], [], marker="o", color="black", markersize=2.2, linestyle="none", zorder=4.0
+
+class Frame(NamedTuple):
+    """Limits and scales that all pictures of a film share.
+
+    Attributes:
+        left, right, bottom, top: Limits of the axes, mm.
+        longest: Length of the longest arrow, mm.
+        newton: Length of the arrow of 1 N, mm; 0 if there are no forces.
+        newton_second: Length of the arrow of an impulse of 1 N s, mm; 0 if there are none.
+    """
+
+    left: float
+    right: float
+    bottom: float
+    top: float
+    longest: float
+    newton: float
+    newton_second: float
+
+    @classmethod
+    def of(cls, run: Run, shown: Sequence[Instant]) -> Frame:
+        """Limits that contain the whole motion, and a scale for all forces."""
+        q = np.array([each.q for each in shown])
+        some = np.linspace(0, len(q) - 1, min(len(q), _SAMPLES)).astype(int)
+        rows = np.unique(np.concatenate([some, q.argmin(axis=0), q.argmax(axis=0)]))
+        left, right, bottom, top = outline.extent(run.scene, q[rows])
+        width = right - left
+        margin = _MARGIN * width
+        pushing = [force for each in shown for force in (*each.contact, each.external[:2])]
+        sizes = np.hypot(*np.transpose(pushing))
+        sizes = sizes[sizes > 0.0]
+        longest = _LONGEST * run.scene.grasped.width * MM.per_si
+        longest = min(max(longest, _LEAST * width), _MOST * width)
+        newton = 0.0
+        if sizes.size:
+            newton = longest / min(sizes.max(), _TALL * np.quantile(sizes, 0.9))
+        pushes = measures.impulses(run).values()
+        push = max((float(np.hypot(*each[:2])) for each in pushes), default=0.0)
+        return cls(
+            left - margin,
+            right + margin,
+            bottom - margin,
+            top + margin + (_KEY * width if newton else 0.0),
+            longest,
+            float(newton),
+            longest / push if push else 0.0,
         )
-        (self._axis,) = axes.plot([], [], color="black", linewidth=0.7, zorder=4.0)
-        # Whatever moves, or is in front of what moves, in the order in which it is drawn.
-        self.moving: list[Artist] = [self._object]
-        for side in (0, 1):
-            self.moving += [self._tips[side], self._fibres[side], self._links[side], joints[side]]
-        self.moving += [self._centre, self._axis]
 
-    def show(self, q: Floats, skins: Sequence[str] = (SKIN, SKIN)) -> None:
-        """Shows a state.
+
+class Picture:
+    """Hand, object, forces, time and status of a run in axes, at one instant after another."""
+
+    def __init__(self, axes: Axes, run: Run, frame: Frame) -> None:
+        self._run, self._frame = run, frame
+        axes.set_xlabel("$x$ [mm]")
+        axes.set_ylabel("$y$ [mm]")
+        self._hand = HandDrawing(axes, run.scene, frame[:4])
+        # The tips' forces, the disturbances', and an impulse, which has another unit.
+        self._contact = [polygon(axes, BLACK, "white", 0.5, 5.0) for _ in (0, 1)]
+        self._external = polygon(axes, PURPLE, "white", 0.5, 5.0)
+        self._impulse = polygon(axes, "white", PURPLE, 1.0, 5.0)
+        # The texts have letters until the layout is known, as an empty line has no height.
+        self._time = axes.set_title("t", loc="left", pad=3.0, fontsize="medium")
+        self._status = axes.set_title("g", loc="right", pad=3.0, fontsize="medium")
+        width = frame.right - frame.left
+        self._line = frame.top - 0.035 * width
+        self._load = axes.text(
+            frame.right - 0.02 * width, self._line, "",
+            ha="right", va="center", color=PURPLE, fontsize="small",
+        )  # fmt: skip
+        if frame.newton:
+            self._draw_key(axes)
+        span = float(run.t[-1] - run.t[0])
+        # Decimals that tell a thousandth of the run's time.
+        self._digits = int(np.clip(np.ceil(3.0 - np.log10(span)), 1, 9)) if span > 0.0 else 6
+
+    def _draw_key(self, axes: Axes) -> None:
+        """Draws the arrow of a round force in the upper left corner."""
+        frame = self._frame
+        largest = frame.longest / frame.newton
+        power = 10.0 ** np.floor(np.log10(largest))
+        force = power * max(k for k in (1.0, 2.0, 5.0) if k * power <= largest)
+        width = frame.right - frame.left
+        start = np.array([frame.left + 0.02 * width, self._line])
+        arrow = self._arrow(start, np.array([force, 0.0]), frame.newton)
+        polygon(axes, BLACK, "white", 0.5, 1.0).set_xy(arrow)
+        end = start[0] + frame.newton * force + 0.02 * width
+        axes.text(end, start[1], f"{force:g} N", va="center", fontsize="small")
+
+    def _arrow(self, start: Floats, force: Floats, unit: float) -> Floats:
+        """The outline (7, 2) of an arrow from `start`, mm; `unit` is the length of 1 N or 1 N s."""
+        size = float(np.hypot(*force))
+        if size == 0.0:
+            return _NO_ARROW
+        longest = self._frame.longest
+        return outline.arrow(start, force / size, min(unit * size, longest), longest)
+
+    def show(self, shown: Instant) -> None:
+        """Shows an instant."""
+        frame = self._frame
+        q = shown.q
+        self._hand.show(q, shown.modes)
+        for side, (artist, force) in enumerate(zip(self._contact, shown.contact, strict=True)):
+            at = outline.contact_point(self._run.scene, q, side) * MM.per_si
+            artist.set_xy(self._arrow(at, force, frame.newton))
+        centre = q[:2] * MM.per_si
+        self._external.set_xy(self._arrow(centre, shown.external[:2], frame.newton))
+        self._impulse.set_xy(self._arrow(centre, shown.impulse[:2], frame.newton_second))
+        self._load.set_text(_load(shown.external, shown.impulse))
+        self._time.set_text(f"t = {shown.time:.{self._digits}f} s")
+        self._status.set_text(", ".join(map(words, shown.status)))
+        self._status.set_color(GREEN if shown.status == ("completed",) else RED)
+
+
+def _load(load: Floats, push: Floats) -> str:
+    """The loads of the object beside the tips' forces: disturbance, moments, size of an impulse."""
+    texts = ["disturbance"] if load.any() else []
+    texts += [f"{load[2]:+.3g} N m"] if load[2] else []
+    size = np.hypot(*push[:2])
+    texts += [f"impulse {size:.3g} N s"] if size else []
+    texts += [f"{'' if size else 'impulse '}{push[2]:+.3g} N m s"] if push[2] else []
+    # The minus sign of figures is longer than a hyphen.
+    return ", ".join(texts).replace("-", "\u2212")
+
+
+# Length of a frame's arrow for 1 N, mm, its longest, and the length that its head belongs to.
+_MM_PER_N, _LONGEST_PUSH, _HEADED = 6.0, 40.0, 12.0
+_INCHES, _DPI = (4.8, 4.8), 100
+# Shown beyond the hand and the object at their start, mm.
+_AROUND = 14.0
+
+
+class Frames:
+    """Frames of a scene that is stepped from outside, on axes that show its start.
+
+    They are arrays of pixels, or with `window` shown by Matplotlib's backend.
+    """
+
+    def __init__(self, scene: Scene, window: bool = False) -> None:
+        require("matplotlib", extra="plot", purpose="figures")
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        self._plt: Any = None
+        self.has_window = False
+        if window:
+            import matplotlib.pyplot as plt
+
+            self._plt = plt
+            self._figure: Any = plt.figure(figsize=_INCHES, dpi=_DPI)
+            canvas = type(self._figure.canvas)
+            self.has_window = getattr(canvas, "required_interactive_framework", None) is not None
+            if self.has_window:
+                plt.show(block=False)
+        else:
+            self._figure = Figure(figsize=_INCHES, dpi=_DPI)
+            FigureCanvasAgg(self._figure)
+        # A layout that adapts to each frame would make a film jump.
+        self._axes = self._figure.add_axes((0.14, 0.1, 0.83, 0.83))
+        self._axes.set_xlabel("x [mm]")
+        self._axes.set_ylabel("y [mm]")
+        left, right, bottom, top = outline.extent(scene, np.asarray(scene.start().q)[None])
+        limits = left - _AROUND, right + _AROUND, bottom - 4.0, top + 2.0 * _AROUND
+        self._hand = HandDrawing(self._axes, scene, limits)
+        (self._target,) = self._axes.plot(
+            [], [], marker="+", color="#1B7F3B", markersize=11, markeredgewidth=1.5,
+            linestyle="none", zorder=5.0, label="wanted position",
+        )  # fmt: skip
+        self._push = polygon(self._axes, "#B3202A", "#B3202A", 0.5, 6.0)
+        self._axes.legend(loc="upper right", fontsize=8)
+
+    def draw(self, q: Floats, target: Floats, force: Floats, title: str) -> None:
+        """Draws one frame, and shows it if there is a window.
 
         Args:
             q: Coordinates (9,), m and rad.
-            skins: The colours of the right and the left tip.
+            target: Wanted pose (3,), m and rad.
+            force: Force and moment on the object (3,), N and N m.
+            title: The text above the picture.
         """
-        mm = style.MM.per_si
-        self._object.set_xy(object_outline(self._scene, q) * mm)
-        gap = np.full((1, 2), np.nan)
-        for side in (0, 1):
-            outline = finger_outline(self._scene, q, side)
-            self._tips[side].set_xy(outline.tip * mm)
-            self._tips[side].set_facecolor(skins[side])
-            lines = [part for fibre in outline.fibres for part in (fibre, gap)]
-            self._fibres[side].set_data(*np.concatenate(lines[:-1]).T * mm)
-            self._fibres[side].set_color("#B5744A" if skins[side] == SKIN else "white")
-            self._links[side].set_xy(outline.link * mm)
-        x, y = q[:2] * mm
-        self._centre.set_data([x], [y])
-        _, along = object_axes(q[2])
-        top = q[:2] + 0.42 * object_height(self._scene) * along
-        self._axis.set_data(*np.array([q[:2], top]).T * mm)
+        self._hand.show(q)
+        self._target.set_data(*(target[:2, None] * MM.per_si))
+        size = float(np.hypot(force[0], force[1]))
+        self._push.set_visible(size > 0.0)
+        if size > 0.0:
+            length = min(_MM_PER_N * size, _LONGEST_PUSH)
+            start = q[:2] * MM.per_si
+            self._push.set_xy(outline.arrow(start, force[:2] / size, length, _HEADED))
+        push = f"push {size:.1f} N, {1e3 * force[2]:+.0f} N mm" if force.any() else "no push"
+        self._axes.set_title(f"{title}, {push}", fontsize=10)
+        if self.has_window:
+            self._figure.canvas.draw_idle()
+            self._figure.canvas.flush_events()
 
+    def pixels(self) -> NDArray[np.uint8]:
+        """Returns the last frame (height, width, 3), as a copy."""
+        self._figure.canvas.draw()
+        return np.array(self._figure.canvas.buffer_rgba(), dtype=np.uint8)[:, :, :3].copy()
 
-def draw(axes: Axes, scene: Scene, q: Floats, skins: Sequence[str] = (SKIN, SKIN)) -> None:
-    """Draws hand and object into axes in mm.
-
-    Args:
-        axes: The axes.
-        scene: The scene, which has the dimensions.
-        q: Coordinates (9,), m and rad.
-        skins: The colours of the right and the left tip.
-    """
-    HandDrawing(axes, scene).show(q, skins)
+    def close(self) -> None:
+        """Closes the window, if there is one."""
+        if self._plt is not None:
+            self._plt.close(self._figure)

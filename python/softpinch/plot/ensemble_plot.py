@@ -1,23 +1,36 @@
-"""Figures of ensembles and studies, public as `softpinch.plot.histogram` and so on."""
+"""Figures of ensembles and studies: histograms, failure times, importance and shares as a map."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..scene.fields import label, words
 from ..scene.scene import State
-from ..study.columns import finite
 from ..study.effects import Effect, sensitivity
 from ..study.estimates import Estimate
-from ..study.labels import label, shown, words
 from ..study.results import Results
-from ..study.run_table import drawn_by_magnitude, number
+from ..study.rows import finite
+from ..study.tables import booleans, drawn_by_magnitude, number, shown
 from ..support.arrays import Floats
 from ..support.checks import instance, integer
-from .style import BLACK, BLUE, COLUMN, GREY, LINES, RED, by_magnitude, new, one_panel, styled, tag
+from .style import (
+    BLACK,
+    BLUE,
+    COLUMN,
+    GREY,
+    LINES,
+    RED,
+    by_magnitude,
+    colorbar,
+    one_panel,
+    panels,
+    styled,
+    tag,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +39,14 @@ if TYPE_CHECKING:
 # `importance` shows at most this many parameters, the most important ones.
 _MOST_BARS = 12
 # No printer resolves more bins.
-MOST_BINS = 10_000
+_MOST_BINS = 10_000
+# A bin is marked if half of its 95 % confidence interval is larger; lines are at all of these.
+_LEVELS = (0.05, 0.1, 0.2)
+_WIDE = _LEVELS[-1]
+_DOTS: dict[str, Any] = {
+    "linestyle": "none", "marker": "o", "markersize": 2.0, "markerfacecolor": "white",
+    "markeredgecolor": BLACK, "markeredgewidth": 0.4,
+}  # fmt: skip
 
 
 def histogram(
@@ -45,68 +65,54 @@ def histogram(
         ax: The axes to draw on; None makes a figure.
 
     Raises:
-        TypeError: An argument is of the wrong kind.
-        ValueError: The summary was not computed, the name is unknown or stands for several numbers,
-            or `bins` is not from 1 to 10 000.
-        ImportError: matplotlib is not installed.
+        ValueError: The summary was not computed, or the name is unknown or stands for several
+            numbers.
     """
-    refuse_other_results(ensemble)
+    instance("ensemble", ensemble, Results, "an Ensemble or a Study")
     column = shown(number(ensemble, name))
     values, kept = column.values, finite(column.values)
     completed = (ensemble.status == "completed")[kept]
     values = values[kept]
-    count = _bins(len(values)) if bins is None else integer("bins", bins, 1, MOST_BINS)
+    if bins is None:
+        # Rice's rule, within the resolution of a narrow figure.
+        bins = int(np.clip(np.ceil(2.0 * len(values) ** (1 / 3)), 5, 60))
+    bins = integer("bins", bins, 1, _MOST_BINS)
     with one_panel(ax, COLUMN, 2.5) as (figure, each):
         each.set_xlabel(label(name, column.unit))
         each.set_ylabel("runs in the bin")
-        if len(values):
-            least = 1.0 if drawn_by_magnitude(ensemble, name) else 100.0
-            if values.min() > 0.0 and values.max() > least * values.min():
-                edges = np.geomspace(values.min(), values.max(), count + 1)
-                by_magnitude(each, "x", edges[0], edges[-1])
-            else:
-                edges = np.histogram_bin_edges(values, count)
-            heights = _bars(each, edges, values, completed)
-            _quantiles(each, values)
-            each.set_xlim(edges[0], edges[-1])
-            each.set_ylim(0.0, 1.08 * max(heights))
-            _legend(figure, each, ax)
+        if not len(values):
+            _write_message(each, "no run has a finite value")
+            return figure
+        least = 1.0 if drawn_by_magnitude(ensemble, name) else 100.0
+        if values.min() > 0.0 and values.max() > least * values.min():
+            edges = np.geomspace(values.min(), values.max(), bins + 1)
+            by_magnitude(each, "x", edges[0], edges[-1])
         else:
-            write_message(each, "no run has a finite value")
-        left_out = ensemble.runs - len(values)
-        if left_out and len(values):
-            _corner(each, f"{left_out} of {ensemble.runs} runs without a finite value")
+            edges = np.histogram_bin_edges(values, bins)
+        highest = _bars(each, edges, values, completed)
+        _quantiles(each, values)
+        each.set_xlim(edges[0], edges[-1])
+        each.set_ylim(0.0, 1.08 * highest)
+        _legend(figure, each, ax)
+        if left_out := ensemble.runs - len(values):
+            text = f"{left_out} of {ensemble.runs} runs without a finite value"
+            each.set_title(text, fontsize=8.0, loc="right", pad=3.0)
         return figure
 
 
-def refuse_other_results(ensemble: object) -> None:
-    """Refuses anything but the results of many runs."""
-    instance("ensemble", ensemble, Results, "an Ensemble or a Study")
-
-
-def _bins(n: int) -> int:
-    """The number of bins for n values: Rice's rule, within the resolution of a narrow figure."""
-    return int(np.clip(np.ceil(2.0 * n ** (1 / 3)), 5, 60))
-
-
-def _bars(axes: Axes, edges: Floats, values: Floats, completed: np.ndarray) -> list[float]:
-    """Draws stacked bars of completed and other runs, and returns their total heights."""
+def _bars(axes: Axes, edges: Floats, values: Floats, completed: NDArray[np.bool_]) -> float:
+    """Draws stacked bars of completed and other runs, and returns the height of the highest."""
     done = np.histogram(values[completed], edges)[0]
-    lost = np.histogram(values[~completed], edges)[0]
+    all_runs = np.histogram(values, edges)[0]
     if completed.any():
         name = f"completed ({np.count_nonzero(completed)})"
         axes.stairs(done, edges, fill=True, color=BLUE, alpha=0.55, linewidth=0.0, label=name)
     if not completed.all():
         name = f"ended early ({np.count_nonzero(~completed)})"
-        hatched: dict[str, Any] = {
-            "facecolor": "white",
-            "edgecolor": RED,
-            "hatch": "//////",
-            "linewidth": 0.0,
-        }
-        axes.stairs(done + lost, edges, baseline=done, fill=True, label=name, **hatched)
-    axes.stairs(done + lost, edges, color=BLACK, linewidth=0.6)
-    return [float(height) for height in done + lost]
+        hatched: dict[str, Any] = {"facecolor": "white", "edgecolor": RED, "hatch": "//////"}
+        axes.stairs(all_runs, edges, baseline=done, fill=True, linewidth=0.0, label=name, **hatched)
+    axes.stairs(all_runs, edges, color=BLACK, linewidth=0.6)
+    return float(all_runs.max())
 
 
 def _quantiles(axes: Axes, values: Floats) -> None:
@@ -124,12 +130,8 @@ def failure_times(ensemble: Results, ax: Axes | None = None) -> Figure:
     Args:
         ensemble: The ensemble or study.
         ax: The axes to draw on; None makes a figure.
-
-    Raises:
-        TypeError: `ensemble` is neither an Ensemble nor a Study, or `ax` are no axes.
-        ImportError: matplotlib is not installed.
     """
-    refuse_other_results(ensemble)
+    instance("ensemble", ensemble, Results, "an Ensemble or a Study")
     counts = {name: n for name, n in ensemble.counts().items() if name != "completed"}
     lost = sum(counts.values())
     never = ensemble.runs - lost
@@ -147,11 +149,8 @@ def failure_times(ensemble: Results, ax: Axes | None = None) -> Figure:
         each.set_xlim(start, end)
         if not lost:
             most = Estimate.of(np.zeros(ensemble.runs, bool)).high
-            write_message(
-                each,
-                f"none of {ensemble.runs} runs ended early:\n"
-                f"the probability is below {most:.2g} (95 %)",
-            )
+            text = f"none of {ensemble.runs} runs ended early:\nthe probability is below {most:.2g}"
+            _write_message(each, f"{text} (95 %)")
             each.set_ylim(0.0, 1.0)
             return figure
         entries = list(counts) if len(counts) == 1 else [*counts, "all"]
@@ -176,11 +175,7 @@ def failure_times(ensemble: Results, ax: Axes | None = None) -> Figure:
 
 
 def _spanned(ensemble: Results) -> tuple[float, float]:
-    """The first and the last instant of any run, s.
-
-    They come from the runs' values, because the shared scene may not have a valid start: for
-    example, its width may be a placeholder that every run replaces.
-    """
+    """The first and the last instant of any run, s; the shared scene may have no valid start."""
     initial = ensemble.scene.initial
     shared = initial.time if isinstance(initial, State) else 0.0
     if not ensemble.runs:
@@ -189,6 +184,7 @@ def _spanned(ensemble: Results) -> tuple[float, float]:
     return float(start), float(ensemble.end_time.max())
 
 
+@styled()
 def importance(
     ensemble: Results,
     name: str | NDArray[np.bool_] = "completed",
@@ -207,12 +203,10 @@ def importance(
         found: The result of `sensitivity` for this name, if it has been computed already.
 
     Raises:
-        TypeError: An argument is of the wrong kind.
         ValueError: The summary was not computed, the name is unknown or stands for several numbers,
             or nothing was varied.
-        ImportError: matplotlib is not installed.
     """
-    refuse_other_results(ensemble)
+    instance("ensemble", ensemble, Results, "an Ensemble or a Study")
     found = sensitivity(ensemble, name) if found is None else found
     instance("found", found, Mapping, "a dictionary of effects, as sensitivity() gives it")
     for path, effect in found.items():
@@ -220,48 +214,43 @@ def importance(
     if not found:
         raise ValueError("found is empty: must have an effect")
     effects = dict(list(found.items())[:_MOST_BARS])
-    with styled():
-        height = 1.15 + 0.24 * max(len(effects), 2)
-        figure = new(COLUMN, height)
-        share, sign = figure.subplots(1, 2, sharey=True, width_ratios=(1.7, 1.0))
-        figure.suptitle(_title(name, found), fontsize=8.0)
-        rows = np.arange(len(effects))
-        share.set_yticks(rows, [label(path) for path in effects])
-        share.set_ylim(len(effects) - 0.4, -0.6)
-        share.tick_params(axis="y", length=0.0)
-        sign.tick_params(axis="y", length=0.0)
-        share.set_xlabel("share of variance [1]")
-        sign.set_xlabel("rank corr. [1]")
-        _shares(share, rows, list(effects.values()))
-        values = [effect.rank_correlation for effect in effects.values()]
-        sign.barh(rows, values, height=0.08, color=RED, linewidth=0.0)
-        sign.plot(values, rows, color=RED, marker="o", linestyle="")
-        sign.axvline(0.0, color=BLACK, linewidth=0.6)
-        sign.set_xlim(-1.05, 1.05)
-        sign.set_xticks([-1, 0, 1])
-        tag(share, "a")
-        tag(sign, "b")
-        figure.legend(*share.get_legend_handles_labels(), loc="outside lower center", ncols=2)
-        return figure
+    height = 1.15 + 0.24 * max(len(effects), 2)
+    figure, axes = panels(1, 2, COLUMN, height, sharey=True, width_ratios=(1.7, 1.0))
+    share, sign = axes[0]
+    figure.suptitle(_title(name, found), fontsize=8.0)
+    rows = np.arange(len(effects))
+    share.set_yticks(rows, [label(path) for path in effects])
+    share.set_ylim(len(effects) - 0.4, -0.6)
+    share.set_xlabel("share of variance [1]")
+    sign.set_xlabel("rank corr. [1]")
+    _shares(share, rows, list(effects.values()))
+    values = [effect.rank_correlation for effect in effects.values()]
+    sign.barh(rows, values, height=0.08, color=RED, linewidth=0.0)
+    sign.plot(values, rows, color=RED, marker="o", linestyle="")
+    sign.axvline(0.0, color=BLACK, linewidth=0.6)
+    sign.set_xlim(-1.05, 1.05)
+    sign.set_xticks([-1, 0, 1])
+    for each, letter in ((share, "a"), (sign, "b")):
+        each.tick_params(axis="y", length=0.0)
+        tag(each, letter)
+    figure.legend(*share.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return figure
 
 
 def _shares(axes: Axes, rows: np.ndarray, effects: list[Effect]) -> None:
     """Draws bars of the shares, and grey bars of the noise level."""
     values = np.clip(np.nan_to_num([effect.share for effect in effects]), 0.0, 1.0)
     noise = np.nan_to_num([effect.noise for effect in effects])
-    blue: dict[str, Any] = {"color": BLUE, "alpha": 0.75}
-    grey: dict[str, Any] = {"color": GREY, "alpha": 0.6}
-    axes.barh(rows, values, height=0.62, linewidth=0.0, label="first order", **blue)
-    axes.barh(rows, noise, height=0.86, linewidth=0.0, label="by chance (95 %)", **grey)
+    bars: dict[str, Any] = {"linewidth": 0.0}
+    axes.barh(rows, values, height=0.62, color=BLUE, alpha=0.75, label="first order", **bars)
+    axes.barh(rows, noise, height=0.86, color=GREY, alpha=0.6, label="by chance (95 %)", **bars)
     top = max(float(values.max()), float(noise.max()), 0.05)
     # Leave room for the numbers to the right of the bars.
     axes.set_xlim(0.0, 1.32 * top)
     for row, value, chance in zip(rows, values, noise, strict=True):
         text = f"{value:.2f}" if value > chance else "noise" if chance > 0.0 else ""
-        at = max(value, chance) + 0.02 * top
-        axes.text(
-            at, row, text, va="center", fontsize=8.0, color=BLACK if value > chance else "0.4"
-        )
+        at, color = max(value, chance) + 0.02 * top, BLACK if value > chance else "0.4"
+        axes.text(at, row, text, va="center", fontsize=8.0, color=color)
 
 
 def _title(name: str | NDArray[np.bool_], found: Mapping[str, Effect]) -> str:
@@ -287,10 +276,150 @@ def _legend(figure: Figure, axes: Axes, ax: Axes | None) -> None:
     )
 
 
-def write_message(axes: Axes, text: str) -> None:
+def _write_message(axes: Axes, text: str) -> None:
     """Writes a text into empty axes that have nothing to draw."""
     axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes, fontsize=8.0)
 
 
-def _corner(axes: Axes, text: str) -> None:
-    axes.set_title(text, fontsize=8.0, loc="right", pad=3.0)
+def success_map(
+    ensemble: Results,
+    x: str,
+    y: str,
+    what: str | NDArray[np.bool_] = "completed",
+    bins: int | None = None,
+    ax: Axes | None = None,
+) -> Figure:
+    """The share of runs in which something happened, over two parameters; empty bins stay blank.
+
+    Lines show where few runs are: along them the share's 95 % confidence interval (Wilson) reaches
+    0.05, 0.1 and 0.2 to both sides. They are drawn over at least 2 x 2 bins, where the map has such
+    values, through averages over adjacent bins; without a run the interval is from 0 to 1. A dot
+    marks each bin whose own interval is wider than 0.4, also where no line can be drawn.
+    The axis of a number that was drawn by a LogUniform or LogNormal is logarithmic. The title names
+    the contact model and the friction, as `Results.model` does.
+
+    Args:
+        ensemble: The ensemble or study.
+        x: Path of the parameter on the horizontal axis; with an index if the value has several
+            numbers: "disturbances.0.force.0".
+        y: Path of the parameter on the vertical axis.
+        what: A status, a violation, "holds", or whether it happened in each run, booleans (runs,).
+        bins: Number of bins along each axis; None chooses it by the number of runs.
+        ax: The axes to draw on, beside which the scale of the colours is placed; None makes a
+            figure.
+
+    Raises:
+        ValueError: A summary was not computed, a name is unknown or stands for several numbers, or
+            `what` is "slipping" and no run has a coefficient of friction.
+    """
+    instance("ensemble", ensemble, Results, "an Ensemble or a Study")
+    across = shown(number(ensemble, x, "x"))
+    up = shown(number(ensemble, y, "y"))
+    if isinstance(what, str):
+        happened, share_of = ensemble.happened(what), f"share of runs: {words(what)} [1]"
+    else:
+        happened, share_of = booleans("what", what, ensemble.runs), "share of runs [1]"
+    kept = finite(across.values, up.values)
+    u, v, happened = across.values[kept], up.values[kept], happened[kept]
+    if bins is None:
+        bins = int(np.clip(np.sqrt(len(u) / 12), 3, 30))
+    bins = integer("bins", bins, 1, _MOST_BINS)
+    magnitude = [drawn_by_magnitude(ensemble, name) for name in (x, y)]
+    with one_panel(ax, COLUMN, 2.9) as (figure, each):
+        each.set_xlabel(label(x, across.unit))
+        each.set_ylabel(label(y, up.unit))
+        if not len(u):
+            each.set_title(ensemble.model, fontsize=8.0, pad=3.0)
+            _write_message(each, "no run has finite values")
+            return figure
+        all_runs, some, (left, bottom), middles = _counts(u, v, happened, bins, magnitude)
+        share = np.ma.masked_invalid(
+            np.divide(some, all_runs, out=np.full(some.shape, np.nan), where=all_runs > 0)
+        )
+        # Colour limits are multiples of 0.1, so that a single run does not change all colours.
+        low, high = np.floor(10 * share.min()) / 10, np.ceil(10 * share.max()) / 10
+        if high - low < 0.1:
+            low, high = max(0.0, low - 0.1), min(1.0, high + 0.1)
+        mesh = each.pcolormesh(
+            left, bottom, share.T, cmap="cividis", vmin=low, vmax=high, rasterized=True
+        )
+        each.set_facecolor("white")
+        for which, logarithmic, edges in zip("xy", magnitude, (left, bottom), strict=True):
+            if logarithmic:
+                by_magnitude(each, which, edges[0], edges[-1])
+        each.set_xlim(left[0], left[-1])
+        each.set_ylim(bottom[0], bottom[-1])
+        reach = _reach(some, all_runs)
+        lines = _lines(each, middles, reach)
+        vague = (all_runs > 0) & (reach > _WIDE)
+        k, m = np.nonzero(vague)
+        each.plot(middles[0][k], middles[1][m], **_DOTS)
+        colorbar(figure, mesh, each, share_of)
+        filled = all_runs[all_runs > 0]
+        blank = int((all_runs == 0).sum())
+        text = f"{ensemble.model}\n{len(u)} runs, {np.median(filled):.0f} in the median bin"
+        text += f"; {blank} bins empty" if blank else ""
+        keys = ["\u00b1 at lines"] if lines else []
+        keys += [f"wider than {2.0 * _WIDE:g} at dots"] if vague.any() else []
+        if keys:
+            text += f"\n95 % interval: {', '.join(keys)}"
+        each.set_title(text, fontsize=8.0, pad=3.0)
+        return figure
+
+
+def _counts(
+    u: Floats, v: Floats, happened: NDArray[np.bool_], bins: int, magnitude: Sequence[bool]
+) -> tuple[Floats, Floats, list[Floats], list[Floats]]:
+    """Runs and events in each bin (bins, bins), and edges and middles along each axis.
+
+    Bins of a logarithmic axis have equal ratios.
+    """
+    u, v = (np.log10(w) if log else w for w, log in zip((u, v), magnitude, strict=True))
+    runs, *edges = np.histogram2d(u, v, bins)
+    some = np.histogram2d(u[happened], v[happened], edges)[0]
+    middles = [0.5 * (each[:-1] + each[1:]) for each in edges]
+    edges, middles = (
+        [10.0**w if log else w for w, log in zip(values, magnitude, strict=True)]
+        for values in (edges, middles)
+    )
+    return runs, some, edges, middles
+
+
+def _reach(some: Floats, runs: Floats) -> Floats:
+    """Half of the 95 % confidence interval's width in each bin (k, m)."""
+    pairs, which = np.unique(
+        np.column_stack([some.ravel(), runs.ravel()]), axis=0, return_inverse=True
+    )
+    halves = [Estimate.counted(int(k), int(n)).half_width for k, n in pairs]
+    return np.array(halves)[which.ravel()].reshape(runs.shape)
+
+
+def _averaged(values: Floats) -> Floats:
+    """Averages over adjacent bins, weighted 1, 2, 1 along each axis; a border repeats its bins.
+
+    A line through the bins' own values would follow their random counts.
+    """
+    for _ in values.shape:
+        padded = np.pad(values, ((1, 1), (0, 0)), "edge")
+        values = (0.25 * (padded[:-2] + padded[2:]) + 0.5 * values).T
+    return values
+
+
+def _lines(axes: Axes, middles: Sequence[Floats], reach: Floats) -> bool:
+    """Draws lines of equal half width, one label for each level; returns whether there are any."""
+    from matplotlib.patheffects import withStroke
+
+    smooth = _averaged(reach)
+    levels = [level for level in _LEVELS if smooth.min() < level < smooth.max()]
+    if min(reach.shape) < 2 or not levels:
+        return False
+    drawn = axes.contour(*middles, smooth.T, levels, colors="white", linewidths=0.9)
+    # White on black is visible on every colour of the map, and in grey.
+    drawn.set_path_effects([withStroke(linewidth=1.9, foreground=BLACK)])
+    # One label for each level, at different shares of the lines, so that they keep apart.
+    longest = [max(parts, key=len) for parts in drawn.allsegs]
+    places = [part[len(part) * (k + 1) // 4] for k, part in enumerate(longest)]
+    for text in drawn.clabel(fmt="\u00b1%g", fontsize=7.0, colors=BLACK, manual=places):
+        text.set_path_effects([withStroke(linewidth=1.8, foreground="white")])
+        text.set_clip_on(False)
+    return True

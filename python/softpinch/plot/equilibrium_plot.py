@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..analysis.equilibrium_maps import EquilibriumMap
-from ..scene.friction import coefficients
-from ..study.columns import Column
-from ..study.labels import label, shown, words
+from ..scene.contact import coefficients
+from ..scene.fields import label, words
+from ..study.rows import Column
+from ..study.tables import shown
 from ..support import checks
 from ..support.arrays import Floats
 from .style import (
@@ -24,7 +23,12 @@ from .style import (
     MM,
     PAGE,
     RED,
+    cell_edges,
+    cell_patch,
+    colorbar,
     constant_limits,
+    fill_cells,
+    legend,
     panels,
     styled,
     tag,
@@ -55,27 +59,16 @@ _MARGIN = "margin of friction [1]"
 # Smaller differences, in the units of the panels or as a share of the values, are round-off.
 _ROUND_OFF = 1e-7
 Line = dict[str, Any]
+_ONLY: Line = {"color": BLACK}
 # The right line is wider, so that it shows below the left one where both are equal.
 _RIGHT: Line = {"color": BLUE, "linewidth": 1.8}
-_LEFT: Line = {
-    "color": RED,
-    "linewidth": 0.8,
-    "marker": "o",
-    "markersize": 2.4,
-    "markeredgewidth": 0.0,
-}
+_POINTS: Line = {"marker": "o", "markersize": 2.4}
+_LEFT: Line = {"color": RED, "linewidth": 0.8, "markeredgewidth": 0.0, **_POINTS}
 
 
-class _Curve(NamedTuple):
-    """A line of a panel: its values over the axis, its style, and its name if it needs one."""
-
-    values: Floats
-    style: Line
-    name: str = ""
-
-
+@styled()
 def equilibria(map: EquilibriumMap) -> Figure:
-    """Where the grasp rests over the axes of a map, how stiff it is, and whether it is stable.
+    """Rest of the grasp over the axes of a map: pose, stiffness, friction and stability.
 
     Over one axis: rotation and height of the object, its stiffness with the fingers held, the
     friction that both contacts need (a grey line is the friction of the scene) and the growth of
@@ -92,28 +85,15 @@ def equilibria(map: EquilibriumMap) -> Figure:
 
     Args:
         map: The map.
-
-    Raises:
-        TypeError: `map` is not an EquilibriumMap.
-        ImportError: matplotlib is not installed.
     """
     checks.instance("map", map, EquilibriumMap, "an EquilibriumMap")
-    with styled():
-        return _curves(map) if len(map.axes) == 1 else _maps(map)
+    return _curves(map) if len(map.axes) == 1 else _maps(map)
 
 
 def _axis(map: EquilibriumMap, k: int) -> tuple[Floats, str]:
     """The values of an axis in the unit of figures, and its label."""
     column = shown(Column(map.values[k], map.units[k]))
     return np.asarray(column.values), label(map.axes[k], column.unit)
-
-
-def _edges(values: Floats) -> Floats:
-    """The edges of the cells around the values."""
-    halves = 0.5 * np.diff(values)
-    halves = halves if len(halves) else np.array([0.5])
-    ends = [values[:1] - halves[:1], values[:-1] + 0.5 * np.diff(values), values[-1:] + halves[-1:]]
-    return np.concatenate(ends)
 
 
 # One axis.
@@ -123,58 +103,53 @@ def _curves(map: EquilibriumMap) -> Figure:
     figure, axes = panels(3, 2, PAGE, 5.2, sharex=True)
     values, name = _axis(map, 0)
     stiffness = map.stiffness
-    plans: tuple[tuple[str, list[_Curve]], ...] = (
-        ("rotation [deg]", [_Curve(map.rotation * DEG.per_si, {"color": BLACK})]),
-        ("height $y$ [mm]", [_Curve(map.position[:, 1] * MM.per_si, {"color": BLACK})]),
-        (
-            "stiffness [N/mm]",
-            [
-                _Curve(stiffness[:, 0, 0] / MM.per_si, {"color": BLUE}, "$K_{xx}$"),
-                _Curve(stiffness[:, 1, 1] / MM.per_si, {**_LEFT, "color": GREEN}, "$K_{yy}$"),
-            ],
-        ),
-        (r"$K_{\theta\theta}$ [N m/rad]", [_Curve(stiffness[:, 2, 2], {"color": BLACK})]),
-        (
-            "friction needed [1]",
-            [
-                _Curve(map.friction_needed[:, 0], _RIGHT, "right"),
-                _Curve(map.friction_needed[:, 1], _LEFT, "left"),
-            ],
-        ),
-        ("growth [1/s]", [_Curve(map.growth, {"color": BLACK})]),
-    )
-    for k, (each, (what, curves)) in enumerate(zip(axes.flat, plans, strict=True)):
+    force, friction = stiffness / MM.per_si, map.friction_needed
+    # Name of each panel -> its lines: values, style, and a name if there are several.
+    plans: dict[str, list[tuple[Floats, Line, str]]] = {
+        "rotation [deg]": [(map.rotation * DEG.per_si, _ONLY, "")],
+        "height $y$ [mm]": [(map.position[:, 1] * MM.per_si, _ONLY, "")],
+        "stiffness [N/mm]": [
+            (force[:, 0, 0], {"color": BLUE}, "$K_{xx}$"),
+            (force[:, 1, 1], {**_LEFT, "color": GREEN}, "$K_{yy}$"),
+        ],
+        r"$K_{\theta\theta}$ [N m/rad]": [(stiffness[:, 2, 2], _ONLY, "")],
+        "friction needed [1]": [(friction[:, 0], _RIGHT, "right"), (friction[:, 1], _LEFT, "left")],
+        "growth [1/s]": [(map.growth, _ONLY, "")],
+    }
+    for k, (each, (what, curves)) in enumerate(zip(axes.flat, plans.items(), strict=True)):
         for curve in curves:
-            _curve(each, map, values, curve)
+            _curve(each, map, values, *curve)
         each.set_ylabel(what)
-        drawn = np.concatenate([curve.values for curve in curves])
+        drawn = np.concatenate([curve[0] for curve in curves])
         if (limits := constant_limits(drawn, _ROUND_OFF)) is not None:
             each.set_ylim(*limits)
         tag(each, "abcdef"[k])
         if len(curves) > 1:
-            _names(each, curves)
+            legend(each)
         _spans(each, map, values)
     _friction(axes[2, 0], map, values)
     axes[2, 1].axhline(0.0, color=GREY, linewidth=0.6, zorder=0.8)
     for each in axes[-1]:
         each.set_xlabel(name)
-        edges = _edges(values)
+        edges = cell_edges(values)
         each.set_xlim(edges[0], edges[-1])
     _legend(figure, map, [])
     return figure
 
 
-def _curve(axes: Axes, map: EquilibriumMap, values: Floats, curve: _Curve) -> None:
+def _curve(
+    axes: Axes, map: EquilibriumMap, x: Floats, values: Floats, usual: Line, name: str
+) -> None:
     """Draws a line for each stretch of one branch that is stable, or is not."""
-    y = np.where(np.isfinite(curve.values), curve.values, np.nan)
-    marks = {"markevery": max(1, len(values) // 16)} if "marker" in curve.style else {}
-    for first, end, stable in _stretches(map):
-        style = {**curve.style, **marks, "linestyle": "-" if stable else _UNSTABLE}
+    y = np.where(np.isfinite(values), values, np.nan)
+    marks = {"markevery": max(1, len(x) // 16)} if "marker" in usual else {}
+    for k, (first, end, stable) in enumerate(_stretches(map)):
+        style = {**usual, **marks, "linestyle": "-" if stable else _UNSTABLE}
         if end - first == 1 and not _joined(map, first):
             # A lone cell would not show as a line.
-            style |= {"marker": "o", "markersize": 2.4, "markerfacecolor": "white"}
-            style |= {"markerfacecolor": style["color"]} if stable else {}
-        axes.plot(values[first:end], y[first:end], **style)
+            style |= {**_POINTS, "markerfacecolor": style["color"] if stable else "white"}
+        # The legend has one entry for all stretches.
+        axes.plot(x[first:end], y[first:end], **style, label="" if k else name)
 
 
 def _joined(map: EquilibriumMap, k: int) -> bool:
@@ -205,11 +180,11 @@ def _stretches(map: EquilibriumMap) -> Iterator[tuple[int, int, bool]]:
 
 def _spans(axes: Axes, map: EquilibriumMap, values: Floats) -> None:
     """Marks the cells without equilibrium over the whole height."""
-    edges = _edges(values)
+    edges = cell_edges(values)
     for k, status in enumerate(map.status.tolist()):
         if status != "at_rest":
             face, hatch = _FACES[status]
-            axes.axvspan(edges[k], edges[k + 1], facecolor=face, edgecolor="0.4", hatch=hatch,
+            axes.axvspan(edges[k], edges[k + 1], facecolor=face, edgecolor="0.3", hatch=hatch,
                          linewidth=0.0, zorder=0.3)  # fmt: skip
 
 
@@ -223,24 +198,13 @@ def _friction(axes: Axes, map: EquilibriumMap, values: Floats) -> None:
     axes.set_ylim(bottom=0.0)
 
 
-def _names(axes: Axes, curves: list[_Curve]) -> None:
-    """Names the lines of a panel at the right end of the title's line."""
-    from matplotlib.lines import Line2D
-
-    axes.legend(
-        handles=[Line2D([], [], **curve.style, label=curve.name) for curve in curves],
-        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(curves), borderaxespad=0.0,
-        borderpad=0.15, handlelength=1.7,
-    )  # fmt: skip
-
-
 # Two axes.
 
 
 def _maps(map: EquilibriumMap) -> Figure:
     figure, axes = panels(2, 2, PAGE, 5.4, sharex=True, sharey=True)
     (x, across), (y, up) = _axis(map, 0), _axis(map, 1)
-    left, bottom = _edges(x), _edges(y)
+    left, bottom = cell_edges(x), cell_edges(y)
     friction, what = _friction_shown(map)
     plans = (
         (map.rotation * DEG.per_si, "rotation [deg]", True),
@@ -251,12 +215,11 @@ def _maps(map: EquilibriumMap) -> Figure:
     extra: list[Any] = []
     for k, (each, (values, name, signed)) in enumerate(zip(axes.flat, plans, strict=True)):
         drawn = np.ma.masked_invalid(values)
-        _faces(each, map, drawn.mask & (map.status == "at_rest"), left, bottom)
+        pulls = np.ma.getmaskarray(drawn) & (map.status == "at_rest")
+        kinds = np.where(pulls, "pulling", map.status)
+        fill_cells(each, kinds, np.column_stack([left[:-1], left[1:]]), bottom, _FACES)
         if drawn.count():
-            low, high = constant_limits(values, _ROUND_OFF) or (
-                float(drawn.min()),
-                float(drawn.max()),
-            )
+            low, high = constant_limits(values, _ROUND_OFF) or (drawn.min(), drawn.max())
             if signed:
                 high = max(abs(low), abs(high))
                 low = -high
@@ -264,9 +227,7 @@ def _maps(map: EquilibriumMap) -> Figure:
             mesh = each.pcolormesh(
                 left, bottom, drawn.T, cmap=colors, vmin=low, vmax=high, rasterized=True
             )
-            bar = figure.colorbar(mesh, ax=each, pad=0.02)
-            bar.set_label(name)
-            bar.outline.set_linewidth(0.6)
+            colorbar(figure, mesh, each, name)
         else:
             each.set_title(name)
         extra = _boundaries(each, map, left, bottom)
@@ -295,28 +256,10 @@ def _smallest(map: EquilibriumMap) -> Floats:
 
 
 def _friction_shown(map: EquilibriumMap) -> tuple[Floats, str]:
-    """What the panel of friction shows, and its name."""
+    """Values and name of the panel of friction."""
     if np.isfinite(map.friction_margin).any():
         return map.friction_margin, _MARGIN
     return map.friction_needed.max(axis=-1), "friction needed [1]"
-
-
-def _faces(
-    axes: Axes, map: EquilibriumMap, pulling: NDArray[np.bool_], left: Floats, bottom: Floats
-) -> None:
-    """Draws the cells without a colour: joined in columns, with the face of their status."""
-    kinds = np.where(pulling, "pulling", map.status)
-    for i, column in enumerate(kinds.tolist()):
-        places = itertools.groupby(range(len(column)), key=column.__getitem__)
-        for kind, cells in places:
-            if kind == "at_rest":
-                continue
-            rows = list(cells)
-            face, hatch = _FACES[kind]
-            axes.fill_between(
-                [left[i], left[i + 1]], bottom[rows[0]], bottom[rows[-1] + 1], facecolor=face,
-                edgecolor="0.4", hatch=hatch, linewidth=0.0, zorder=0.5,
-            )  # fmt: skip
 
 
 def _boundaries(axes: Axes, map: EquilibriumMap, left: Floats, bottom: Floats) -> list[Any]:
@@ -342,18 +285,18 @@ def _boundaries(axes: Axes, map: EquilibriumMap, left: Floats, bottom: Floats) -
             if (map.friction_margin[i, j] < 0.0) != (map.friction_margin[k, m] < 0.0):
                 friction.append(side)
     entries = []
-    if friction:
-        axes.add_collection(LineCollection(friction, colors="white", linewidths=0.9, zorder=1.9))
-        entries.append(Line2D([], [], color=BLACK, linewidth=0.4, label="limit of friction"))
-        axes.add_collection(LineCollection(friction, colors=BLACK, linewidths=0.4, zorder=1.95))
-    # A single side hardly shows; the dots of unstable cells show where it is.
-    if len(stability) > 1:
-        axes.add_collection(LineCollection(stability, colors="white", linewidths=2.4, zorder=2.0))
-        axes.add_collection(LineCollection(stability, colors=BLACK, linewidths=1.1, zorder=2.1))
-        entries.append(Line2D([], [], color=BLACK, linewidth=1.1, label="boundary of stability"))
-    if branches:
-        axes.add_collection(LineCollection(branches, colors=RED, linewidths=1.4, zorder=2.2))
-        entries.append(Line2D([], [], color=RED, linewidth=1.4, label="fold between neighbours"))
+    # A single side of stability hardly shows; the dots of unstable cells show where it is.
+    stability = stability if len(stability) > 1 else []
+    for sides, name, layers in (
+        (friction, "limit of friction", {"white": 0.9, BLACK: 0.4}),
+        (stability, "boundary of stability", {"white": 2.4, BLACK: 1.1}),
+        (branches, "fold between neighbours", {RED: 1.4}),
+    ):
+        if sides:
+            for color, width in layers.items():
+                lines = LineCollection(sides, colors=color, linewidths=width, zorder=2.0)
+                axes.add_collection(lines)
+            entries.append(Line2D([], [], color=color, linewidth=width, label=name))
     unstable = at_rest & ~map.stable
     if unstable.any():
         i, j = np.nonzero(unstable)
@@ -367,9 +310,7 @@ def _boundaries(axes: Axes, map: EquilibriumMap, left: Floats, bottom: Floats) -
 
 def _legend(figure: Figure, map: EquilibriumMap, handles: list[Any]) -> None:
     from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
 
-    handles = list(handles)
     if len(map.axes) == 1:
         if map.stable.any():
             handles.append(Line2D([], [], color=BLACK, label="stable"))
@@ -379,13 +320,11 @@ def _legend(figure: Figure, map: EquilibriumMap, handles: list[Any]) -> None:
         if np.isfinite(mu).any():
             handles.append(Line2D([], [], color=GREY, linewidth=0.8, label="friction of the scene"))
     pulls = bool(np.isinf(map.friction_needed).any()) and len(map.axes) == 2
-    for status, (face, hatch) in _FACES.items():
+    for status, face in _FACES.items():
         if (map.status == status).any() or (status == "pulling" and pulls):
             name = f"no equilibrium: {words(status)}"
             if status == "pulling" and pulls and not (map.status == status).any():
                 name = "a tip pulls"
-            handles.append(
-                Patch(facecolor=face, edgecolor="0.4", hatch=hatch, linewidth=0.4, label=name)
-            )
+            handles.append(cell_patch(face, name))
     if handles:
         figure.legend(handles=handles, loc="outside upper center", ncols=4, columnspacing=1.4)

@@ -1,25 +1,39 @@
-"""Snapshots and films of a run, public as `plot.snapshot` and `plot.animate`."""
+"""Hand and object of a run at some instants: `snapshots`, `snapshot`, and the film of `animate`."""
 
 from __future__ import annotations
 
+import base64
+import importlib
 import math
-from collections.abc import Sequence
+import os
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..run import measures as measures
 from ..run.contact import ContactMode
 from ..run.run import Run
+from ..scene import outline
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.extras import require
+from ..support.files import writing
 from ..support.progress import Report, reporting
-from . import contact_bands
-from .instants import Instant, instants
-from .picture import Frame, Picture
-from .style import COLUMN, new, one_panel, styled
-from .writers import FASTEST, KINDS, SLOWEST, writing_film
+from .drawing import Frame, HandDrawing, Modes, Picture
+from .instants import instants
+from .style import COLUMN, LETTERS, PAGE, new, one_panel, panels_or_given, styled, tag
+from .timeline import LEGEND, legend_of_modes, occurring
+
+if sys.platform == "win32":
+    from pathlib import WindowsPath as _Path
+else:
+    from pathlib import PosixPath as _Path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,12 +41,92 @@ if TYPE_CHECKING:
 
 # Width of a film and of a snapshot, inches; the height of the axes is within these shares of it.
 _WIDTH, _SHAPES = 5.6, (0.4, 1.6)
-# Room for title and labels, and for the legend of modes, inches.
+# Room for title and labels, inches.
 _LABELS = 0.75
-# The most frames of a film: more than eleven hours at 25 frames per second.
-_MOST_FRAMES = 1_000_000
-# Frames that are computed together, so that long films need little memory.
-_BLOCK = 1000
+# The most frames of a film: more than an hour at 25 frames per second.
+_MOST_FRAMES = 100_000
+_KINDS = (".gif", ".html", ".mp4")
+# Browsers show frames of a GIF that last less than 20 ms for 100 ms.
+_FASTEST = 50.0
+# The signs on the buttons of Matplotlib's player, which takes them from a font on the web.
+_SIGNS = {
+    "minus": "&minus;",
+    "fast-backward": "|&laquo;",
+    "step-backward": "&lsaquo;",
+    "play fa-flip-horizontal": "&#9664;&#65038;",
+    "pause": "| |",
+    "play": "&#9654;&#65038;",
+    "step-forward": "&rsaquo;",
+    "fast-forward": "&raquo;|",
+    "plus": "+",
+}
+
+
+def snapshots(
+    run: Run,
+    times: Sequence[float],
+    titles: Sequence[str] = (),
+    columns: int = 3,
+    ax: Axes | None = None,
+) -> Figure:
+    """Hand and object at some instants, in mm, the tips drawn deformed (the paper's Fig. 4).
+
+    In unilateral contact the colour of a tip is its mode; at the instant of a change, as at a
+    switch of the targets, it is the mode before.
+
+    Args:
+        run: A run with "state" recorded; each instant shows the closest recorded row.
+        times: The instants, s.
+        titles: A title for each instant; by default the time.
+        columns: Number of panels side by side.
+        ax: The axes to draw a single instant on; None makes a figure.
+
+    Raises:
+        ValueError: The numbers of titles and instants differ, or `ax` is given with several
+            instants.
+    """
+    checks.instance("run", run, Run)
+    shown = checks.array("times", times, ("k",)).tolist()
+    columns = min(checks.integer("columns", columns, 1), len(shown))
+    names = checks.several("titles", titles, "texts, one for each time")
+    titles = names or [f"$t$ = {time:g} s" for time in shown]
+    for title in titles:
+        checks.instance("titles", title, str, "texts, one for each time")
+    if len(shown) != len(titles):
+        raise ValueError(f"{len(titles)} titles for {len(shown)} times: must be one for each")
+    nearest = [int(np.argmin(np.abs(run.t - time))) for time in shown]
+    q = run.q[nearest]
+    modes: list[Modes | None] = [None] * len(shown)
+    if run.scene.contact == "unilateral":
+        codes = measures.contact_modes(run)[nearest]
+        modes = [(ContactMode(a), ContactMode(b)) for a, b in codes]
+    present = {mode for pair in modes for mode in pair or ()}
+    rows = -(-len(shown) // columns)
+    left, right, bottom, top = outline.extent(run.scene, q)
+    margin = 0.04 * (right - left)
+    limits = left - margin, right + margin, bottom - margin, top + margin
+    width = PAGE if columns > 1 else COLUMN
+    # Panels have the aspect ratio of the drawing, but within limits, because a hand may have any
+    # shape. The constants leave room for a line of title above each panel.
+    shape = min(max((limits[3] - limits[2]) / (limits[1] - limits[0]), 0.2), 4.0)
+    height = rows * (width / columns * 0.9 * shape + 0.22) + 0.4
+    height += LEGEND if present else 0.0
+    grid = panels_or_given(ax, rows, columns, width, height, sharex=True, sharey=True)
+    with grid as (figure, axes):
+        for each in axes.flat[len(shown) :]:
+            each.set_visible(False)
+        for k, each in enumerate(axes.flat[: len(shown)]):
+            HandDrawing(each, run.scene, limits).show(q[k], modes[k])
+            if len(shown) > 1:
+                tag(each, LETTERS[k % len(LETTERS)], titles[k])
+            else:
+                each.set_title(titles[k], loc="left", pad=3.0)
+        for each in axes[-1]:
+            each.set_xlabel("$x$ [mm]")
+        for each in axes[:, 0]:
+            each.set_ylabel("$y$ [mm]")
+        legend_of_modes(figure, present, ax)
+        return figure
 
 
 def snapshot(
@@ -50,24 +144,19 @@ def snapshot(
     of impacts, have the longest arrow too. An object without `height`, whose faces have no end, is
     drawn 49 mm high.
 
-    Between recorded rows the state is interpolated by the cubic Hermite polynomial of q and p. If
-    the multipliers were not recorded, they are computed from the recorded states.
+    The run is computed once more, with a row at the instant, whatever it recorded.
 
     Args:
-        run: A run with "state" recorded.
+        run: The run.
         t: The instant, s; None takes the last one.
         ax: The axes to draw on; None makes a figure.
         forces: Whether to draw the forces.
 
     Raises:
-        ValueError: `t` is outside the recorded instants, or the run has no row.
-        TypeError: An argument is of the wrong kind.
-        NotRecordedError: The state was not recorded.
-        ImportError: matplotlib is not installed.
+        ValueError: `t` is outside the recorded instants.
     """
     checks.instance("run", run, Run)
     forces = checks.boolean("forces", forces)
-    _require_rows(run)
     time = float(run.t[-1]) if t is None else checks.finite("t", t)
     if not run.t[0] <= time <= run.t[-1]:
         raise ValueError(f"t = {time:g}: must be from {run.t[0]:g} to {run.t[-1]:g} s")
@@ -76,7 +165,7 @@ def snapshot(
     present = set(shown.modes or ())
     with one_panel(ax, COLUMN, _height(COLUMN, frame, present)) as (figure, axes):
         Picture(axes, run, frame).show(shown)
-        contact_bands.legend_of_panel(figure, ax, present)
+        legend_of_modes(figure, present, ax)
         return figure
 
 
@@ -96,11 +185,13 @@ def animate(
     status of a frame has all violations since the frame before.
 
     Args:
-        run: A run with "state" recorded.
+        run: The run; its instants are computed once more, whatever it recorded.
         path: The file, which ends in .gif, .html or .mp4. An .html file is a page with a player; it
             contains its frames and needs no other file. An .mp4 file needs the program ffmpeg, or
-            the package imageio-ffmpeg.
-        fps: Frames per second of film, > 0; in a .gif at most 50.
+            the package imageio-ffmpeg. The frames of a .gif and an .html film are in memory until
+            the last one is drawn, about a megabyte each in a .gif.
+        fps: Frames per second of film, > 0; in a .gif at most 50, and its frames last whole
+            hundredths of a second.
         speed: Simulated seconds per second of film, > 0.
         forces: Whether to draw the forces.
         progress: True draws a bar if rich is installed and stderr is a terminal; or a function of
@@ -108,109 +199,85 @@ def animate(
         dpi: Dots per inch: the film is 5.6 inches wide.
 
     Returns:
-        The path.
+        The path. A notebook shows the film itself where the path is the last value of a cell.
 
     Raises:
-        ValueError: An argument breaks its rule, the run has no row, or the film would have more
-            than 1 000 000 frames.
-        TypeError: An argument is of the wrong kind.
-        NotRecordedError: The state was not recorded.
-        OSError: The file cannot be written, or there is no ffmpeg for an .mp4 file; then no file is
-            left.
-        ImportError: matplotlib is not installed.
+        ValueError: An argument breaks its rule, or the film would have more than 100 000 frames.
+        OSError: The file cannot be written, or there is no ffmpeg for an .mp4 file.
     """
-    require("matplotlib", extra="plot", purpose="figures")
+    matplotlib = require("matplotlib", extra="plot", purpose="figures")
+    from matplotlib.animation import FuncAnimation
+
     checks.instance("run", run, Run)
     path = checks.path("path", path)
-    kind = path.suffix.lower()
-    if kind not in KINDS:
-        raise ValueError(f"path = {str(path)!r}: must end in {checks.quoted(KINDS)}")
+    if path.suffix.lower() not in _KINDS:
+        raise ValueError(f"path = {str(path)!r}: must end in {checks.quoted(_KINDS)}")
     fps, speed = checks.positive("fps", fps), checks.positive("speed", speed)
-    if kind == ".gif" and fps > FASTEST:
-        raise ValueError(f"fps = {fps:g}: must be <= {FASTEST:g} in a .gif, whose unit is 10 ms")
+    if path.suffix.lower() == ".gif" and fps > _FASTEST:
+        raise ValueError(f"fps = {fps:g}: must be <= {_FASTEST:g} in a .gif, whose unit is 10 ms")
     forces = checks.boolean("forces", forces)
     dpi = checks.integer("dpi", dpi, 20, 1000)
-    _require_rows(run)
-    if kind == ".gif" and fps < SLOWEST:
-        raise ValueError(f"fps = {fps:g}: must be >= {SLOWEST:g} in a .gif")
-    if not math.isfinite(speed / fps):
-        raise ValueError(f"fps = {fps:g}: too few for speed = {speed:g}")
-    times = _times(run, speed / fps)
-    some = instants(run, times[_evenly(len(times), 400)], forces)
-    frame = Frame.of(run, some)
-    present = {mode for each in some for mode in each.modes or ()}
-    if run.scene.contact == "unilateral":
-        present |= set(contact_bands.occurring({"": run}))
-    with reporting(progress, "film", "frames") as report, styled():
-        film = Film(run, frame, present, dpi)
-        sample = [film.pixels(each) for each in _varied(some)]
-        with writing_film(path, kind, fps, sample) as write:
-            for start in range(0, len(times), _BLOCK):
-                # The instant before a block is the begin of its first frame's violations.
-                first = max(start - 1, 0)
-                shown = instants(run, times[first : start + _BLOCK], forces)[start - first :]
-                for k, each in enumerate(shown, start + 1):
-                    write(film.pixels(each))
-                    report(k, len(times))
-    return path
-
-
-class Film:
-    """Draws frames of the same size one after another.
-
-    What does not move is drawn once and kept as pixels. For each frame these are copied, and only
-    the artists that move are drawn on them ("blitting").
-    """
-
-    def __init__(self, run: Run, frame: Frame, present: set[ContactMode], dpi: int) -> None:
-        """Makes the figure, and draws what does not move.
-
-        Args:
-            run: The run.
-            frame: Limits of the axes and scale of the forces.
-            present: The modes of contacts that occur.
-            dpi: Dots per inch.
-        """
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-        # Video formats need even numbers of pixels.
-        size = (_WIDTH, _height(_WIDTH, frame, present))
-        width, height = (2 * round(0.5 * dpi * each) / dpi for each in size)
-        figure = new(width, height)
+    shown = instants(run, _times(run, fps, speed), forces)
+    frame = Frame.of(run, shown)
+    present = occurring([run])
+    with (
+        reporting(progress, "film", "frames") as report,
+        styled(),
+        writing(path),
+        # A film that fails leaves the file before, and no other.
+        tempfile.TemporaryDirectory(prefix=".film", dir=path.parent) as folder,
+    ):
+        figure = new(_WIDTH, _height(_WIDTH, frame, present))
         figure.set_dpi(dpi)
-        canvas: Any = FigureCanvasAgg(figure)
-        self._canvas = canvas
-        self._axes = figure.add_subplot()
-        self._picture = Picture(self._axes, run, frame)
-        if present:
-            contact_bands.legend_below(figure, present)
-        self._canvas.draw()
+        picture = Picture(figure.add_subplot(), run, frame)
+        legend_of_modes(figure, present)
+        figure.draw_without_rendering()
         # From now on the layout stays, else the picture would jump.
         figure.set_layout_engine("none")
-        for artist in self._picture.moving:
-            artist.set_animated(True)
-        self._canvas.draw()
-        self._background = self._canvas.copy_from_bbox(figure.bbox)
-
-    def pixels(self, shown: Instant) -> np.ndarray:
-        """Draws a frame and returns a copy of its pixels (height, width, 4), red to alpha."""
-        self._picture.show(shown)
-        self._canvas.restore_region(self._background)
-        for artist in self._picture.moving:
-            self._axes.draw_artist(artist)
-        return np.array(self._canvas.buffer_rgba())
+        part = Path(folder) / f"film{path.suffix.lower()}"
+        writer = _writer(part.suffix, fps, matplotlib.rcParams)
+        film = FuncAnimation(figure, picture.show, shown, init_func=lambda: None)
+        film.save(part, writer, dpi=dpi, progress_callback=lambda k, n: report(k + 1, n))
+        if part.suffix == ".html":
+            part.write_text(_offline(part.read_text("utf-8")), "utf-8")
+        os.replace(part, path)
+    return FilmPath(path)
 
 
-def _require_rows(run: Run) -> None:
-    if not len(run):
-        raise ValueError("run: must have a recorded row")
+def _writer(kind: str, fps: Any, settings: Any) -> Any:
+    """Matplotlib's writer of a kind of film."""
+    from matplotlib.animation import FFMpegWriter, HTMLWriter, PillowWriter
+
+    if kind == ".gif":
+        return PillowWriter(fps)
+    if kind == ".html":
+        return HTMLWriter(fps, embed_frames=True, embed_limit=math.inf)
+    if shutil.which(settings["animation.ffmpeg_path"]) is None:
+        try:
+            ffmpeg = importlib.import_module("imageio_ffmpeg")
+            settings["animation.ffmpeg_path"] = ffmpeg.get_ffmpeg_exe()
+        except (ImportError, RuntimeError):
+            raise FileNotFoundError(
+                "an .mp4 file needs the program ffmpeg: install it (apt install ffmpeg, or pip "
+                "install imageio-ffmpeg), or write a .gif or an .html file"
+            ) from None
+    return FFMpegWriter(fps, "h264", extra_args=["-movflags", "+faststart"])
 
 
-def _times(run: Run, apart: float) -> Floats:
+def _offline(page: str) -> str:
+    """The page of Matplotlib's player with signs on its buttons that need no font from the web."""
+    page = re.sub(r"<link\b[^>]*>", "", page, count=1)
+    return re.sub(
+        r'<i class="fa fa-([^"]+)"></i>', lambda found: _SIGNS.get(found[1], found[1]), page
+    )
+
+
+def _times(run: Run, fps: float, speed: float) -> Floats:
     """Times of the frames: equal steps from the first row, and the last row."""
-    first, last = float(run.t[0]), float(run.t[-1])
-    count = (last - first) / apart
-    if not count < _MOST_FRAMES:
+    first, last, apart = float(run.t[0]), float(run.t[-1]), speed / fps
+    if not math.isfinite(apart):
+        raise ValueError(f"fps = {fps:g}: too few for speed = {speed:g}")
+    if not (count := (last - first) / apart) < _MOST_FRAMES:
         raise ValueError(
             f"speed / fps = {apart:g} s: gives {count:.3g} frames, must be at most {_MOST_FRAMES}"
         )
@@ -220,21 +287,26 @@ def _times(run: Run, apart: float) -> Floats:
     return np.append(times, last)
 
 
-def _evenly(n: int, most: int) -> list[int]:
-    """At most so many evenly spaced indices of n, with the first and the last."""
-    return [int(k) for k in np.unique(np.linspace(0, n - 1, min(n, most)).astype(int))]
-
-
-def _varied(some: Sequence[Instant]) -> list[Instant]:
-    """Instants with all colours of a film: some evenly spaced, and the first of each look."""
-    looks: dict[object, Instant] = {}
-    for each in some:
-        looks.setdefault((each.modes, bool(each.status), each.impulse is None), each)
-    return [some[k] for k in _evenly(len(some), 6)] + list(looks.values())
-
-
-def _height(width: float, frame: Frame, present: set[ContactMode]) -> float:
+def _height(width: float, frame: Frame, present: Collection[ContactMode]) -> float:
     """Height of a figure, inches, for its width."""
     shape = (frame.top - frame.bottom) / (frame.right - frame.left)
     height = (width - _LABELS) * min(max(shape, _SHAPES[0]), _SHAPES[1]) + _LABELS
-    return height + (contact_bands.LEGEND if present else 0.0)
+    return height + (LEGEND if present else 0.0)
+
+
+class FilmPath(_Path):
+    """The path of a film, which a notebook shows as the film."""
+
+    def _repr_html_(self) -> str | None:
+        """The film with all its data; None if there is no film, as at the path of a folder."""
+        kind = self.suffix.lower()
+        if kind not in _KINDS or not self.is_file():
+            return None
+        if kind == ".html":
+            return self.read_text("utf-8")
+        data = base64.b64encode(self.read_bytes()).decode("ascii")
+        if kind == ".mp4":
+            return (
+                f'<video src="data:video/mp4;base64,{data}" controls loop autoplay muted></video>'
+            )
+        return f'<img src="data:image/gif;base64,{data}" alt="film">'

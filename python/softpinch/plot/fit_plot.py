@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..fitting.experiment import Experiment
 from ..fitting.result import Fit
-from ..study.columns import Column
-from ..study.labels import label, shown
+from ..scene.fields import label
+from ..study.rows import Column
+from ..study.tables import shown
 from ..support import checks
 from ..support.arrays import Floats
-from .style import BLACK, GREY, PAGE, RED, panels, styled, tag
+from .style import BLACK, GREY, LETTERS, PAGE, RED, panels, styled, tag
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,25 +23,24 @@ if TYPE_CHECKING:
 # A figure has at most this many columns of measurements; more would not be legible.
 _MOST = 12
 _ROW = 1.35
-# The name of a multiplier in a file -> in a figure.
-_NAMES = {
-    f"lambda_{i}{row}": rf"$\lambda_{i}^{{\mathrm{{{row}}}}}$" for i in (1, 2) for row in "HN"
-} | {f"torque_{i}": rf"$\tau_{i}$" for i in (1, 2)}
+_MEASURED: dict[str, Any] = {
+    "fmt": "o", "markersize": 2.5, "color": BLACK, "ecolor": GREY, "elinewidth": 0.6
+}  # fmt: skip
 
 
 class _Panel(NamedTuple):
     """A column of an experiment."""
 
     name: str
-    unit: str
     times: Floats
     data: Floats
     fitted: Floats
-    noise: float
+    noise: Floats
 
 
+@styled()
 def fit(fit: Fit) -> Figure:
-    """What was measured, with the noise as bars, the fitted motion, and the residuals.
+    """Measurements with their noise as bars, the fitted motion, and the residuals.
 
     Each row shows a measured column: left the measurements and the fitted motion through the
     measured instants, right the residuals in standard deviations of the noise, where two of three
@@ -47,71 +48,44 @@ def fit(fit: Fit) -> Figure:
 
     Args:
         fit: The fit.
-
-    Raises:
-        TypeError: `fit` is not a Fit.
-        ImportError: matplotlib is not installed.
     """
     checks.instance("fit", fit, Fit)
+    several = len(fit.experiments) > 1
     every = [
         panel
         for k, each in enumerate(fit.experiments)
-        for panel in _panels(each, k if len(fit.experiments) > 1 else None)
+        for panel in _panels(each, f" ({k})" if several else "")
     ]
     found = every[:_MOST]
-    with styled():
-        figure, axes = panels(
-            len(found), 2, PAGE, 0.6 + _ROW * len(found),
-            sharex="col" if len(fit.experiments) == 1 else False,
-            gridspec_kw={"width_ratios": [3, 2]},
-        )  # fmt: skip
-        for k, (panel, (left, right)) in enumerate(zip(found, axes, strict=True)):
-            _motion(left, panel)
-            _residuals(right, panel)
-            tag(left, "abcdefghijkl"[k])
-        some = f", {len(found)} of {len(every)} columns" if len(every) > len(found) else ""
-        axes[0, 1].set_title(f"residual / noise{some}")
-        for each in axes[-1]:
-            each.set_xlabel("$t$ [s]")
-        handles, names = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, names, loc="outside upper left", ncols=2)
+    figure, axes = panels(
+        len(found),
+        2,
+        PAGE,
+        0.6 + _ROW * len(found),
+        sharex=False if several else "col",
+        width_ratios=[3, 2],
+    )
+    for letter, panel, (left, right) in zip(LETTERS, found, axes, strict=False):
+        left.errorbar(panel.times, panel.data, yerr=panel.noise, label="measured", **_MEASURED)
+        left.plot(panel.times, panel.fitted, color=RED, zorder=3.0, label="fitted")
+        left.set_ylabel(panel.name)
+        _residuals(right, panel)
+        tag(left, letter)
+    some = f", {len(found)} of {len(every)} columns" if len(every) > len(found) else ""
+    axes[0, 1].set_title(f"residual / noise{some}")
+    for each in axes[-1]:
+        each.set_xlabel("$t$ [s]")
+    handles, names = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside upper left", ncols=2)
     return figure
 
 
-def _panels(experiment: Experiment, number: int | None) -> list[_Panel]:
-    found = []
+def _panels(experiment: Experiment, number: str) -> Iterator[_Panel]:
     for k, (name, unit) in enumerate(zip(experiment.columns, experiment.units, strict=True)):
-        table = np.column_stack([experiment.data[:, k], experiment.fitted[:, k]])
+        noise = np.full(len(experiment.times), experiment.noise[k])
+        table = np.column_stack([experiment.data[:, k], experiment.fitted[:, k], noise])
         column = shown(Column(table, unit))
-        factor = shown(Column(np.array(1.0), unit)).values
-        where = "" if number is None else f" ({number})"
-        found.append(
-            _Panel(
-                _named(name, str(column.unit)) + where,
-                str(column.unit),
-                experiment.times,
-                column.values[:, 0],
-                column.values[:, 1],
-                float(experiment.noise[k] * factor),
-            )
-        )
-    return found
-
-
-def _named(name: str, unit: str) -> str:
-    if name in _NAMES:
-        return f"{_NAMES[name]} [{unit}]"
-    rate = name.startswith("rate of ")
-    text = label(name.removeprefix("rate of "), unit)
-    return f"rate of {text}" if rate else text
-
-
-def _motion(axes: Axes, panel: _Panel) -> None:
-    style: dict[str, Any] = {"fmt": "o", "markersize": 2.5, "color": BLACK}
-    style |= {"ecolor": GREY, "elinewidth": 0.6}
-    axes.errorbar(panel.times, panel.data, yerr=panel.noise, label="measured", **style)
-    axes.plot(panel.times, panel.fitted, color=RED, zorder=3.0, label="fitted")
-    axes.set_ylabel(panel.name)
+        yield _Panel(label(name, column.unit) + number, experiment.times, *column.values.T)
 
 
 def _residuals(axes: Axes, panel: _Panel) -> None:

@@ -13,9 +13,8 @@ from ..scene import outline
 from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import Floats
-from . import drawing
-from .panels import LETTERS
-from .style import DEG, GREY, LINES, MM, PAGE, panels, styled, tag
+from .drawing import HandDrawing
+from .style import DEG, GREY, LETTERS, LINES, MM, PAGE, panels, styled, tag
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,6 +37,7 @@ class _Mode(NamedTuple):
     name: str
 
 
+@styled()
 def modes(found: Equilibrium, most: int = 8) -> Figure:
     """Draws the modes of an equilibrium: the hand, moved along each eigenvector.
 
@@ -52,43 +52,32 @@ def modes(found: Equilibrium, most: int = 8) -> Figure:
         most: Largest number of shapes.
 
     Raises:
-        ValueError: There is no equilibrium, or `most` is not positive.
-        TypeError: An argument has the wrong type.
-        ImportError: matplotlib is not installed.
+        ValueError: There is no equilibrium.
     """
     checks.instance("found", found, Equilibrium)
     most = checks.integer("most", most, 1)
     if found.state is None:
         raise ValueError(f"found: there are no modes, because {found.message}")
     shapes = _shapes(found)[:most]
-    with styled():
-        columns = min(_COLUMNS, len(shapes))
-        rows = -(-len(shapes) // columns)
-        figure, axes = panels(rows, columns, PAGE * columns / _COLUMNS, _HEIGHT * rows)
-        moved = [_moved(found.scene, found.state.q, mode.direction) for mode in shapes]
-        box = outline.extent(found.scene, np.array([found.state.q, *moved]))
-        for panel, letter, mode, q in zip(axes.flat, LETTERS, shapes, moved, strict=False):
-            drawing.draw(panel, found.scene, q)
-            _outline(panel, found.scene, found.state.q)
-            panel.set_aspect("equal")
-            panel.set_xlim(box[0] - 2.0, box[1] + 2.0)
-            panel.set_ylim(box[2] - 2.0, box[3] + 2.0)
-            tag(panel, letter, mode.name)
-            panel.set_axis_off()
-        for panel in axes.flat[len(shapes) :]:
-            panel.set_axis_off()
+    columns = min(_COLUMNS, len(shapes))
+    rows = -(-len(shapes) // columns)
+    figure, axes = panels(rows, columns, PAGE * columns / _COLUMNS, _HEIGHT * rows)
+    moved = [_moved(found.scene, found.state.q, mode.direction) for mode in shapes]
+    left, right, bottom, top = outline.extent(found.scene, np.array([found.state.q, *moved]))
+    limits = left - 2.0, right + 2.0, bottom - 2.0, top + 2.0
+    for panel, letter, mode, q in zip(axes.flat, LETTERS, shapes, moved, strict=False):
+        HandDrawing(panel, found.scene, limits).show(q)
+        _outline(panel, found.scene, found.state.q)
+        tag(panel, letter, mode.name)
+    for panel in axes.flat:
+        panel.set_axis_off()
     return figure
 
 
 def _shapes(found: Equilibrium) -> list[_Mode]:
     """The neutral directions, then the modes by the size of their eigenvalues."""
-    model = linearize(
-        found.scene,
-        found,
-        inputs="force",
-        outputs=("pose", "fingers", "compressions", "shears"),
-        reduced=True,
-    )
+    outputs = ("pose", "fingers", "compressions", "shears")
+    model = linearize(found.scene, found, inputs="force", outputs=outputs, reduced=True)
     rates, vectors = np.linalg.eig(model.A)
     # Both grips together, and one against the other: the second one turns the object.
     right, left = found.neutral
@@ -155,8 +144,9 @@ def _time(seconds: float) -> str:
     return f"{seconds * 1e6:.3g} µs"
 
 
+@styled()
 def compliance(found: Equilibrium, frequency_hz: ArrayLike | None = None) -> Figure:
-    """Draws how far the object gives way to a sinusoidal force, over its frequency.
+    """Draws the compliance of the object to a sinusoidal force, over its frequency.
 
     The curves are x over F_x, y over F_y and the rotation over the moment: magnitude and phase.
     python-control draws the whole matrix: `control.bode_plot(model.to_control())` with
@@ -168,8 +158,6 @@ def compliance(found: Equilibrium, frequency_hz: ArrayLike | None = None) -> Fig
 
     Raises:
         ValueError: There is no equilibrium, or a frequency is not positive.
-        TypeError: An argument has the wrong type.
-        ImportError: matplotlib is not installed.
     """
     checks.instance("found", found, Equilibrium)
     if found.state is None:
@@ -182,28 +170,28 @@ def compliance(found: Equilibrium, frequency_hz: ArrayLike | None = None) -> Fig
             raise ValueError(f"frequency_hz[{k}] = {hertz[k]}: must be > 0")
     model = linearize(found.scene, found, inputs="force", outputs="pose", reduced=True)
     response = _response(model.A, model.B, model.C, hertz)
-    with styled():
-        from matplotlib.ticker import MultipleLocator
+    from matplotlib.ticker import MultipleLocator
 
-        figure, axes = panels(2, 2, PAGE, 3.6, sharex=True, height_ratios=[1.6, 1.0])
-        for column, (names, unit, scale) in enumerate(
-            (
-                (((0, "$x$ over $F_x$"), (1, "$y$ over $F_y$")), "mm/N", MM.per_si),
-                (((2, r"$\theta$ over the moment"),), "deg/(N m)", DEG.per_si),
-            )
-        ):
-            upper, lower = axes[:, column]
-            for k, name in names:
-                own = response[:, k, k]
-                upper.loglog(hertz, scale * np.abs(own), **LINES[k], label=name)
-                lower.semilogx(hertz, DEG.per_si * np.unwrap(np.angle(own)), **LINES[k])
-            upper.set_ylabel(f"compliance [{unit}]")
-            upper.legend()
-            lower.set_ylabel("phase [deg]")
-            lower.yaxis.set_major_locator(MultipleLocator(90.0))
-            lower.set_xlabel("frequency [Hz]")
-            tag(upper, "ab"[column])
-            tag(lower, "cd"[column])
+    figure, axes = panels(2, 2, PAGE, 3.6, sharex=True, height_ratios=[1.6, 1.0])
+    angle = r"$\theta$ over the moment"
+    for column, (names, unit, scale) in enumerate(
+        (
+            ({0: "$x$ over $F_x$", 1: "$y$ over $F_y$"}, "mm/N", MM.per_si),
+            ({2: angle}, "deg/(N m)", DEG.per_si),
+        )
+    ):
+        upper, lower = axes[:, column]
+        for k, name in names.items():
+            own = response[:, k, k]
+            upper.loglog(hertz, scale * np.abs(own), **LINES[k], label=name)
+            lower.semilogx(hertz, DEG.per_si * np.unwrap(np.angle(own)), **LINES[k])
+        upper.set_ylabel(f"compliance [{unit}]")
+        upper.legend()
+        lower.set_ylabel("phase [deg]")
+        lower.yaxis.set_major_locator(MultipleLocator(90.0))
+        lower.set_xlabel("frequency [Hz]")
+        tag(upper, "ab"[column])
+        tag(lower, "cd"[column])
     return figure
 
 

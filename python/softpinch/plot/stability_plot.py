@@ -10,13 +10,21 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .. import _core
-from ..accuracy.stability_maps import StabilityMap
-from ..accuracy.stability_plan import NOT_RUN
-from ..accuracy.stability_reference import NO_REFERENCE
-from ..study.labels import words
+from ..accuracy.stability_maps import NO_REFERENCE, NOT_RUN, StabilityMap
+from ..scene.fields import words
 from ..support import checks
 from ..support.arrays import Floats
-from .style import BLACK, COLUMN, PAGE, RED, panels_or_given
+from .style import (
+    BLACK,
+    COLUMN,
+    PAGE,
+    RED,
+    cell_edges,
+    cell_patch,
+    colorbar,
+    fill_cells,
+    panels_or_given,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,6 +47,7 @@ _KINDS: dict[str, tuple[str, str]] = {
     "crushed": ("#E4C3DA", "\\\\\\\\"),
     "folded": ("#BFDDF0", "----"),
     "not_finite": ("#606060", ""),
+    "unstable": ("#606060", "...."),
     "newton_failed": ("#B4B4B4", "||||"),
     "step_too_small": ("#B4B4B4", "++"),
     NO_REFERENCE: ("#FFFFFF", "xx"),
@@ -47,14 +56,14 @@ _KINDS: dict[str, tuple[str, str]] = {
 
 
 class _Grid(NamedTuple):
-    """Positions of the cells: horizontally on the axis' scale, vertically in powers of ten."""
+    """Positions of the cells: horizontally on the axis' scale, vertically in powers of ten.
+
+    They are the horizontal centres (v,), left and right edges (v, 2), and vertical edges (d + 1,).
+    """
 
     across: Floats
-    """Horizontal centres (v,)."""
     left: Floats
-    """Left and right edges (v, 2)."""
     up: Floats
-    """Vertical edges (d + 1,)."""
 
 
 def stability_map(map: StabilityMap, ax: Axes | None = None) -> Figure:
@@ -70,9 +79,7 @@ def stability_map(map: StabilityMap, ax: Axes | None = None) -> Figure:
             below it; None makes a figure.
 
     Raises:
-        TypeError: An argument is of the wrong kind.
         ValueError: `ax` is given, and the map has several formulations or methods.
-        ImportError: matplotlib is not installed.
     """
     checks.instance("map", map, StabilityMap)
     rows = [name for name in _core.FORMULATIONS if name in {pair[0] for pair in map.pairs}]
@@ -105,7 +112,7 @@ def stability_map(map: StabilityMap, ax: Axes | None = None) -> Figure:
                 continue
             k = map.pairs.index((row, column))
             _errors(each, map, k, grid)
-            _faces(each, kinds[k], grid)
+            fill_cells(each, kinds[k], grid.left, grid.up, _KINDS)
             _marks(each, map, k, grid)
             _boundary(each, map.predicted[k], grid)
         _scales(axes[0, 0], map, grid)
@@ -117,11 +124,10 @@ def stability_map(map: StabilityMap, ax: Axes | None = None) -> Figure:
             axes[0, 0].set_xlabel(across)
             axes[0, 0].set_ylabel(up)
         colors = ScalarMappable(Normalize(_BEST, _WORST), _COLORS)
-        bar = figure.colorbar(colors, ax=axes, pad=0.01, aspect=40, extend="both", fraction=0.04)
-        bar.set_label("error at the end [1]")
+        options = {"pad": 0.01, "aspect": 40, "extend": "both", "fraction": 0.04}
+        bar = colorbar(figure, colors, axes, "error at the end [1]", **options)
         ticks = range(_BEST, _WORST + 1, 3)
         bar.set_ticks(list(ticks), labels=[_power(k) for k in ticks])
-        bar.outline.set_linewidth(0.6)
         entries = {"handles": list(_legend(kinds, map)), "handlelength": 1.8, "columnspacing": 1.4}
         if ax is None:
             columns_of_it = 5 if width == PAGE else 2
@@ -144,10 +150,7 @@ def _grid(map: StabilityMap) -> _Grid:
     ends = halves if len(halves) else np.array([0.5])
     left = across - np.concatenate([ends[:1], halves])
     right = across + np.concatenate([halves, ends[-1:]])
-    steps = np.log10(map.dt)
-    half = np.diff(steps) / 2
-    half = half if len(half) else np.array([0.5])
-    up = np.concatenate([[steps[0] - half[0]], steps[:-1] + half, [steps[-1] + half[-1]]])
+    up = cell_edges(np.log10(map.dt))
     return _Grid(across, np.column_stack([left, right]), up)
 
 
@@ -186,27 +189,8 @@ def _errors(axes: Axes, map: StabilityMap, k: int, grid: _Grid) -> None:
         )  # fmt: skip
 
 
-def _faces(axes: Axes, kinds: np.ndarray, grid: _Grid) -> None:
-    """Draws faces and hatches of cells without an error, joining equal neighbours in a column."""
-    for v, d, until in _stretches(kinds):
-        face, hatch = _KINDS[kinds[v, d]]
-        left, right = grid.left[v]
-        axes.fill_between(
-            [left, right], grid.up[d], grid.up[until], facecolor=face, edgecolor="0.25",
-            hatch=hatch, linewidth=0.0, zorder=1.5,
-        )  # fmt: skip
-
-
-def _stretches(kinds: np.ndarray) -> Iterator[tuple[int, int, int]]:
-    """Yields column, first and end row of each stretch of equal cells without an error."""
-    for v, column in enumerate(kinds):
-        edges = [0, *(np.flatnonzero(column[1:] != column[:-1]) + 1).tolist(), len(column)]
-        for d, until in itertools.pairwise(edges):
-            if column[d]:
-                yield v, d, until
-
-
 def _marks(axes: Axes, map: StabilityMap, k: int, grid: _Grid) -> None:
+    """Marks the runs of one pair that complete with an error above 0.1."""
     middles = 0.5 * (grid.up[1:] + grid.up[:-1])
     v, d = np.nonzero(map.misleading()[k] & (map.expected == "completed")[:, None])
     axes.plot(grid.across[v], middles[d], linestyle="", **_DOT)
@@ -247,15 +231,13 @@ def _scales(axes: Axes, map: StabilityMap, grid: _Grid) -> None:
     places = _whole(low, high, 3)
     labels = [_power(k) for k in places]
     if map.scale in _TICKS:
-        ticks = np.array(_TICKS[map.scale])
-        kept = ticks[(ticks >= map.values[0]) & (ticks <= map.values[-1])]
-        places, labels = (
-            _position(map.scale, kept).tolist(),
-            [
-                f"{tick:g}" if tick == 0.0 or tick > 0.1 else _power(math.log10(tick))
-                for tick in kept
-            ],
-        )
+        ticks = [tick for tick in _TICKS[map.scale] if map.values[0] <= tick <= map.values[-1]]
+        places = _position(map.scale, np.array(ticks)).tolist()
+        plain = [tick == 0.0 or tick > 0.1 for tick in ticks]
+        labels = [
+            f"{tick:g}" if short else _power(math.log10(tick))
+            for tick, short in zip(ticks, plain, strict=True)
+        ]
     if zero:
         # The tick next to zero is left out, as there is no room for it.
         places, labels = [float(grid.across[0]), *places[1:]], ["0", *labels[1:]]
@@ -275,14 +257,12 @@ def _power(k: float) -> str:
 
 def _legend(kinds: np.ndarray, map: StabilityMap) -> Iterator[Any]:
     from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
 
     if np.isfinite(map.predicted).any():
         yield Line2D([], [], **{**_LINES[1], "color": BLACK}, label="predicted longest step")
     if map.misleading().any():
         yield Line2D([], [], linestyle="", **_DOT, label="completes, error above 0.1")
     seen = set(kinds.ravel().tolist())
-    for kind, (face, hatch) in _KINDS.items():
+    for kind, face in _KINDS.items():
         if kind in seen:
-            yield Patch(facecolor=face, edgecolor="0.25", hatch=hatch, linewidth=0.4,
-                        label=words(kind))  # fmt: skip
+            yield cell_patch(face, words(kind))

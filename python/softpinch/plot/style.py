@@ -15,19 +15,23 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..scene.fields import DISPLAY_UNITS
 from ..support import checks
+from ..support.arrays import Floats
 from ..support.extras import require
 from ..support.files import writing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.colorbar import Colorbar
     from matplotlib.figure import Figure
-
-Floats = NDArray[np.float64]
+    from matplotlib.patches import Patch
 
 # Widths of one and of two columns of a paper, inches.
 COLUMN = 3.4
 PAGE = 7.0
+# Of the panels of a figure.
+LETTERS = "abcdefghijklmnopqrstuvwxyz"
 
 # Okabe and Ito's colours, distinct for every colour vision; dashes keep lines distinct in grey.
 BLACK, BLUE, RED, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
@@ -46,10 +50,6 @@ TARGET: dict[str, Any] = {"color": RED, "linestyle": (0, (3, 1.5)), "linewidth":
 # A linear axis whose values differ by less than this, in its unit or relative to the largest, shows
 # round-off: that of a run is below 1e-12 deg, mm, N or J.
 _ROUND_OFF = 1e-9
-
-# Lines with many points are reduced to the extremes in this many intervals. The difference is not
-# visible, and vector files stay small.
-INTERVALS = 1000
 
 _RC: dict[str, Any] = {
     # These fonts come with matplotlib, so figures are equal on every machine.
@@ -85,29 +85,26 @@ _RC: dict[str, Any] = {
 
 
 class Unit(NamedTuple):
-    """A unit for plotting.
-
-    Attributes:
-        name: The unit's name in labels.
-        per_si: The number of these units in one SI unit.
-    """
+    """A unit of figures: its name in labels, and the number of these in one SI unit."""
 
     name: str
     per_si: float
 
+    def finer(self, peak: float) -> Unit:
+        """The unit, or its thousandth if `peak`, in SI units, is below a tenth of the unit."""
+        if peak * self.per_si >= 0.1:
+            return self
+        return Unit({"mm": "µm", "deg": "mdeg"}[self.name], 1e3 * self.per_si)
 
-MM = Unit("mm", 1e3)
-UM = Unit("µm", 1e6)
-DEG = Unit("deg", 180.0 / np.pi)
-MILLIDEG = Unit("mdeg", 180e3 / np.pi)
+
+MM, DEG = Unit(*DISPLAY_UNITS["m"]), Unit(*DISPLAY_UNITS["rad"])
 
 
 @contextmanager
 def styled() -> Iterator[None]:
     """Applies the style of these figures to figures made or saved inside `with plot.styled():`.
 
-    Raises:
-        ImportError: matplotlib is not installed.
+    It is a decorator, too.
     """
     matplotlib = require("matplotlib", extra="plot", purpose="figures")
     colors = [style["color"] for style in LINES]
@@ -129,9 +126,7 @@ def save(figure: Figure, path: str | Path) -> Path:
 
     Raises:
         ValueError: Matplotlib does not support the format; the message lists supported ones.
-        TypeError: `figure` is not a figure, or `path` not a path.
         OSError: The file cannot be written.
-        ImportError: matplotlib is not installed.
     """
     require("matplotlib", extra="plot", purpose="figures")
     from matplotlib.figure import Figure
@@ -162,45 +157,6 @@ def new(width: float, height: float) -> Figure:
     return figure
 
 
-@contextmanager
-def one_panel(
-    ax: Axes | None,
-    width: float,
-    height: float,
-    place: tuple[int, int, int] = (1, 1, 1),
-    **subplot: Any,
-) -> Iterator[tuple[Figure, Any]]:
-    """Yields the figure and the axes of a figure with one panel, to draw on inside the block.
-
-    The user's own axes keep the user's style; a new figure has that of these figures.
-
-    Args:
-        ax: The user's axes; None makes a figure.
-        width: Width of a new figure, inches.
-        height: Its height, inches.
-        place: Rows, columns and number of the panel in a new figure.
-        subplot: Passed to `matplotlib.figure.Figure.add_subplot`.
-
-    Raises:
-        TypeError: `ax` is neither None nor axes of matplotlib.
-        ImportError: matplotlib is not installed.
-    """
-    require("matplotlib", extra="plot", purpose="figures")
-    from matplotlib.axes import Axes
-
-    if ax is None:
-        with styled():
-            figure = new(width, height)
-            yield figure, figure.add_subplot(*place, **subplot)
-        return
-    checks.instance("ax", ax, Axes, "axes of matplotlib")
-    whole = ax.get_figure()
-    # Axes in a part of a figure belong to the whole one too.
-    while getattr(whole, "figure", whole) is not whole:
-        whole = whole.figure  # type: ignore[union-attr]
-    yield whole, ax  # type: ignore[misc]
-
-
 def panels(
     rows: int, columns: int, width: float, height: float, **options: Any
 ) -> tuple[Figure, NDArray[Any]]:
@@ -214,7 +170,9 @@ def panels(
 def panels_or_given(
     ax: Axes | None, rows: int, columns: int, width: float, height: float, **options: Any
 ) -> Iterator[tuple[Figure, NDArray[Any]]]:
-    """Yields a figure and its axes (rows, columns); one panel may be the user's own axes.
+    """Yields a figure and its axes (rows, columns), to draw on inside the block.
+
+    The only panel may be the user's own axes, which keep the user's style.
 
     Args:
         ax: The user's axes; None makes a figure.
@@ -223,42 +181,45 @@ def panels_or_given(
         width: Width of a new figure, inches.
         height: Its height, inches.
         options: Passed to `panels`.
-
-    Raises:
-        TypeError: `ax` is neither None nor axes of matplotlib.
-        ValueError: `ax` is given, and there are several panels.
-        ImportError: matplotlib is not installed.
     """
+    require("matplotlib", extra="plot", purpose="figures")
+    from matplotlib.axes import Axes
+
     if ax is None:
         with styled():
             yield panels(rows, columns, width, height, **options)
         return
-    with one_panel(ax, width, height) as (figure, only):
-        if rows * columns > 1:
-            raise ValueError(f"ax: must be None for a figure of {rows} x {columns} panels")
-        yield figure, np.array([[only]])
+    checks.instance("ax", ax, Axes, "axes of matplotlib")
+    if rows * columns > 1:
+        raise ValueError(f"ax: must be None for a figure of {rows} x {columns} panels")
+    whole = ax.get_figure()
+    # Axes in a part of a figure belong to the whole one too.
+    while getattr(whole, "figure", whole) is not whole:
+        whole = whole.figure  # type: ignore[union-attr]
+    yield whole, np.array([[ax]])  # type: ignore[misc]
 
 
-def thin(t: Floats, y: Floats, intervals: int = INTERVALS) -> tuple[Floats, Floats]:
-    """Reduces a line (n,) to each interval's extremes, the edges of gaps (NaN), and its ends."""
-    n = len(t)
-    if n <= 2 * intervals:
-        return t, y
-    edges = np.linspace(0, n, intervals + 1).astype(int)[:-1]
-    gap = np.isnan(y)
-    low, high = np.where(gap, np.inf, y), np.where(gap, -np.inf, y)
-    bounds = [*edges.tolist(), n]
-    spans = list(itertools.pairwise(bounds))
-    least = [a + int(np.argmin(low[a:b])) for a, b in spans]
-    most = [a + int(np.argmax(high[a:b])) for a, b in spans]
-    turns = np.flatnonzero(gap[1:] != gap[:-1])
-    rows = np.unique(np.concatenate([[0, n - 1], least, most, turns, turns + 1]).astype(int))
-    return t[rows], y[rows]
+@contextmanager
+def one_panel(ax: Axes | None, width: float, height: float) -> Iterator[tuple[Figure, Any]]:
+    """As `panels_or_given` with one panel: yields the figure and its only axes."""
+    with panels_or_given(ax, 1, 1, width, height) as (figure, axes):
+        yield figure, axes[0, 0]
 
 
-def line(axes: Axes, t: Floats, y: Floats, **style: Any) -> None:
-    """Draws y (n,) over t (n,), thinned if there are more points than are visible."""
-    axes.plot(*thin(t, y), **style)
+def note(
+    axes: Axes,
+    text: str,
+    place: tuple[float, float],
+    coordinates: Any,
+    offset: tuple[float, float],
+    ha: str,
+    **options: Any,
+) -> None:
+    """Writes a text above a place, at an offset in points."""
+    axes.annotate(
+        text, place, xycoords=coordinates, xytext=offset, textcoords="offset points", ha=ha,
+        va="bottom", **options,
+    )  # fmt: skip
 
 
 def tag(axes: Axes, letter: str, title: str = "") -> None:
@@ -266,15 +227,7 @@ def tag(axes: Axes, letter: str, title: str = "") -> None:
     if title:
         axes.set_title(f"({letter}) {title}", loc="left", pad=3.0)
         return
-    axes.annotate(
-        f"({letter})",
-        (0.0, 1.0),
-        xycoords="axes fraction",
-        xytext=(-2.0, 2.0),
-        textcoords="offset points",
-        ha="right",
-        va="bottom",
-    )
+    note(axes, f"({letter})", (0.0, 1.0), "axes fraction", (-2.0, 2.0), "right")
 
 
 def legend(axes: Axes) -> None:
@@ -304,6 +257,14 @@ def legend_above(figure: Figure, axes: Sequence[Axes]) -> None:
     figure.legend(
         list(entries.values()), list(entries), loc="outside upper right", ncols=len(entries)
     )
+
+
+def colorbar(figure: Figure, mesh: Any, axes: Any, label: str, **options: Any) -> Colorbar:
+    """Adds a scale of colours beside axes."""
+    bar = figure.colorbar(mesh, ax=axes, **{"pad": 0.02, **options})
+    bar.set_label(label)
+    bar.outline.set_linewidth(0.6)
+    return bar
 
 
 def by_magnitude(axes: Axes, which: str, low: float, high: float) -> None:
@@ -345,12 +306,7 @@ def constant_limits(values: Floats, round_off: float = _ROUND_OFF) -> tuple[floa
 
 
 def whole_decades(axes: Axes, labels: int = 6) -> None:
-    """Makes the vertical axis logarithmic over whole decades; exact zeros are not drawn.
-
-    Args:
-        axes: The axes, with their lines.
-        labels: Largest number of labelled decades.
-    """
+    """Makes the vertical axis logarithmic over whole decades; exact zeros are not drawn."""
     from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
     values = np.concatenate([np.asarray(each.get_ydata(), float) for each in axes.get_lines()])
@@ -364,3 +320,39 @@ def whole_decades(axes: Axes, labels: int = 6) -> None:
     axes.yaxis.set_major_locator(LogLocator(numticks=labels))
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.yaxis.set_minor_locator(NullLocator())
+
+
+def cell_edges(centres: Floats) -> Floats:
+    """The edges (n + 1,) of cells around their centres (n,); a lone cell is one wide."""
+    half = 0.5 * np.diff(centres) if len(centres) > 1 else np.array([0.5])
+    ends = [centres[:1] - half[:1], centres[:-1] + half[: len(centres) - 1]]
+    return np.concatenate([*ends, centres[-1:] + half[-1:]])
+
+
+def fill_cells(
+    axes: Axes,
+    kinds: NDArray[Any],
+    across: NDArray[Any],
+    up: Floats,
+    faces: Mapping[str, tuple[str, str]],
+) -> None:
+    """Fills cells whose kinds (m, n) have a face, a colour and a hatch; equal neighbours as one.
+
+    `across` has the left and right edges of the columns (m, 2), `up` those of the rows (n + 1,).
+    """
+    for column, sides in zip(kinds.tolist(), across, strict=True):
+        for kind, cells in itertools.groupby(range(len(column)), key=column.__getitem__):
+            if kind in faces:
+                rows, (face, hatch) = list(cells), faces[kind]
+                axes.fill_between(
+                    sides, up[rows[0]], up[rows[-1] + 1], facecolor=face, edgecolor="0.3",
+                    hatch=hatch, linewidth=0.0, zorder=0.9,
+                )  # fmt: skip
+
+
+def cell_patch(face: tuple[str, str], label: str) -> Patch:
+    """The entry of a legend for cells with a face colour and hatch."""
+    from matplotlib.patches import Patch
+
+    color, hatch = face
+    return Patch(facecolor=color, edgecolor="0.3", hatch=hatch, linewidth=0.4, label=label)

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..analysis.wrench import WrenchLimits
-from ..study.labels import words
+from ..scene.fields import words
 from ..study.results import Results
-from ..study.run_table import booleans, number
+from ..study.tables import booleans, number
 from ..support import checks
 from ..support.arrays import Floats
-from .style import BLACK, BLUE, COLUMN, GREEN, GREY, PAGE, PURPLE, RED, one_panel
+from .style import BLACK, BLUE, COLUMN, GREEN, GREY, PAGE, PURPLE, RED, panels_or_given
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,52 +60,45 @@ def wrench_limits(
         ax: The axes to draw on, with projection="polar"; None makes a figure.
 
     Raises:
-        TypeError: An argument is of the wrong kind.
         ValueError: No direction is without moment, the ensemble does not vary `force`, `ax` is
             given with an ensemble, whose forces need a second panel, or `ax` is not polar.
-        ImportError: matplotlib is not installed.
     """
     checks.instance("limits", limits, WrenchLimits)
     # Forces whose moment is zero.
     plain = limits.directions[:, 2] == 0.0
     if not plain.any():
         raise ValueError("limits: must have a direction without moment")
+    angle = np.arctan2(limits.directions[plain, 1], limits.directions[plain, 0])
+    size = limits.magnitude[plain] * np.hypot(*limits.directions[plain, :2].T)
+    # The forces that are drawn, as complex numbers, N.
+    shown = size[np.isfinite(size)] * np.exp(1j * angle[np.isfinite(size)])
     points = None if ensemble is None else _points(ensemble, force, what)
-    if ax is not None and points is not None:
-        raise ValueError("ax: must be None with an ensemble, whose forces need a second panel")
-    inches = (COLUMN, 3.7) if points is None else (PAGE, 3.9)
-    place = (1, 1, 1) if points is None else (1, 2, 1)
-    with one_panel(ax, *inches, place, projection="polar") as (figure, first):
+    if points is not None:
+        shown = np.append(shown, points[1] * np.exp(1j * points[0]))
+    columns, width, height = (1, COLUMN, 3.7) if points is None else (2, PAGE, 3.9)
+    polar = {"projection": "polar"}
+    with panels_or_given(ax, 1, columns, width, height, subplot_kw=polar) as (figure, axes):
+        first = axes[0, 0]
         if first.name != "polar":
             raise ValueError(f'ax: must have projection="polar", not {first.name!r}')
-        axes: list[Any] = [first]
-        if points is not None:
-            axes.append(figure.add_subplot(1, 2, 2, projection="polar"))
-        angle = np.arctan2(limits.directions[plain, 1], limits.directions[plain, 0])
-        size = limits.magnitude[plain] * np.hypot(*limits.directions[plain, :2].T)
-        _outline(axes[0], angle, size, {"color": GREY, "linewidth": 0.8})
-        _marked(axes[0], angle, size, limits.limit[plain])
-        axes[0].set_title(_title(limits, plain), fontsize=9.0, pad=8.0)
-        # What is drawn, in both panels.
-        shown = size * np.exp(1j * angle)
-        largest = [float(size[np.isfinite(size)].max(initial=0.0))]
-        if points is not None:
+        _outline(first, angle, size, {"color": GREY, "linewidth": 0.8})
+        _marked(first, angle, size, limits.limit[plain])
+        first.set_title(_title(limits, plain), fontsize=9.0, pad=8.0)
+        if points is not None and ensemble is not None:
+            second = axes[0, 1]
             turned, sizes, held = points
-            _outline(axes[1], angle, size, {"color": "white", "linewidth": 2.4, "zorder": 2.0})
+            _outline(second, angle, size, {"color": "white", "linewidth": 2.4, "zorder": 2.0})
             style = {"color": BLACK, "linewidth": 1.1, "zorder": 2.1}
-            _outline(axes[1], angle, size, {**style, "label": "limit of slow forces"})
+            _outline(second, angle, size, {**style, "label": "limit of slow forces"})
             for some, mark, name in ((held, _HELD, "held"), (~held, _LOST, "not held")):
                 label = f"{name} ({int(some.sum())})"
                 # Grid and labels, whose zorder is 1.5, are above the points.
-                axes[1].plot(
+                second.plot(
                     turned[some], sizes[some], linestyle="", label=label, zorder=1.2, **mark
                 )
-            assert ensemble is not None
-            axes[1].set_title(f"in runs\n{ensemble.model}", fontsize=9.0, pad=8.0)
-            shown = np.append(shown, sizes * np.exp(1j * turned))
-            largest += [float(sizes.max(initial=0.0))]
-        for each in axes:
-            _frame(each, max(largest), shown)
+            second.set_title(f"in runs\n{ensemble.model}", fontsize=9.0, pad=8.0)
+        for each in axes.flat:
+            _frame(each, shown)
             count = len(each.get_legend_handles_labels()[1])
             if count:
                 each.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=min(count, 3))
@@ -113,13 +106,11 @@ def wrench_limits(
 
 
 def _points(
-    ensemble: object, force: str, what: str | NDArray[np.bool_]
+    ensemble: Results, force: str, what: str | NDArray[np.bool_]
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Angles, sizes and whether the grasp held (runs,), of the forces of an ensemble."""
-    if not isinstance(ensemble, Results):
-        raise TypeError(f"ensemble = {checks.shown(ensemble)}: must be an Ensemble or a Study")
-    if not isinstance(force, str):
-        raise TypeError(f"force = {checks.shown(force)}: must be a path")
+    checks.instance("ensemble", ensemble, Results, "an Ensemble or a Study")
+    checks.instance("force", force, str, "a path")
     x, y = (number(ensemble, f"{force}.{k}", "force").values for k in (0, 1))
     if isinstance(what, str):
         held = ensemble.happened(what)
@@ -163,16 +154,14 @@ def _title(limits: WrenchLimits, plain: NDArray[np.bool_]) -> str:
     return text + (f"\n{free} directions without limit" if free else "")
 
 
-def _frame(axes: PolarAxes, largest: float, shown: NDArray[np.complex128]) -> None:
+def _frame(axes: PolarAxes, shown: NDArray[np.complex128]) -> None:
     """Sets the scale, and names its unit at the radial axis, which is where the fewest points are.
 
-    Args:
-        axes: The axes.
-        largest: The largest force, N.
-        shown: The forces that are drawn, as complex numbers (n,), N.
+    `shown` are the forces that are drawn, as complex numbers (n,), N.
     """
     from matplotlib.ticker import MaxNLocator
 
+    largest = float(np.abs(shown).max(initial=0.0))
     top = 1.08 * largest if largest > 0.0 else 1.0
     axes.set_ylim(0.0, top)
     axes.set_xticks(np.deg2rad(np.arange(0.0, 360.0, 45.0)))
@@ -181,19 +170,14 @@ def _frame(axes: PolarAxes, largest: float, shown: NDArray[np.complex128]) -> No
     axes.set_yticks(ticks, labels=[])
     # The angle at which the nearest point is farthest from the labels.
     labels = ticks[:, None] * np.exp(1j * _RADIAL)
-    apart = np.abs(labels[..., None] - shown[np.isfinite(shown)])
+    apart = np.abs(labels[..., None] - shown)
     radial = _RADIAL[np.argmax(apart.min(axis=(0, 2), initial=10.0 * top))]
     # matplotlib's own labels would be beside their circles, where the points are.
     for tick in ticks:
         box = {"facecolor": "white", "edgecolor": "none", "pad": 0.4}
         axes.text(radial, tick, f"{tick:g}", fontsize=8.0, ha="center", va="center", bbox=box)
     across, up = np.cos(radial), np.sin(radial)
-    axes.text(
-        radial,
-        1.05 * top,
-        "force [N]",
-        ha="left" if across > 0.0 else "right",
-        va="bottom" if up > 0.0 else "top",
-    )
+    ha, va = "left" if across > 0.0 else "right", "bottom" if up > 0.0 else "top"
+    axes.text(radial, 1.05 * top, "force [N]", ha=ha, va=va)
     axes.grid(linewidth=0.4, color="0.8")
     axes.tick_params(pad=1.0)

@@ -10,7 +10,7 @@ makes tables, `figures` draws, and `reproduction` has `reproduce`, which does al
 need the extra `plot`, `show` needs `cli`.
 """
 
-from ..support.formats import FORMATS
+from ..support.files import FORMATS
 from .experiment import Progress, Runs, simulate_all
 from .reproduction import Reproduction, reproduce
 from .verdict import find

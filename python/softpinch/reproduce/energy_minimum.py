@@ -8,15 +8,16 @@ operation; docs/model.md, "At rest: the local minimum of elastic energy", has th
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from ..plot.energy_plot import EnergyCurves
 from ..run import measures as m
 from ..run.run import Run
+from ..support.arrays import Floats
 from ..support.table import Table
 from .experiment import Runs
-from .finding import BAND, FAILS, HOLDS, Finding, beyond
+from .finding import BANDS, FAILS, HOLDS, Finding, beyond
 from .rests import (
     WAYS,
     Rest,
@@ -28,7 +29,6 @@ from .rests import (
     without_slip,
 )
 
-_BANDS = np.array([1e-3 * BAND, 1e-3 * BAND, np.deg2rad(BAND)])
 # The slope of the energy that counts as zero, N: its error by differences is a tenth of it.
 _FLAT = 1e-4
 # How far the curves of the figure reach beyond the rests, rad, and their points.
@@ -36,12 +36,28 @@ _MARGIN, _POINTS = np.deg2rad(4.0), 81
 _NOWHERE = "no operation has come to rest"
 
 
+class EnergyCurves(NamedTuple):
+    """The energy around a rest, by the angle of the object, rad, and relative to the rest, J.
+
+    Attributes:
+        rest: The rest (2,): angle, energy.
+        rolled: While the object turns about its centre of gravity without slip (2, n).
+        family: Of other states of rest, which need slip (2, k).
+        lowest: The one of these with the lowest energy (2,).
+    """
+
+    rest: Floats
+    rolled: Floats
+    family: Floats
+    lowest: Floats
+
+
 def is_minimum(rest: Rest) -> bool:
     """Whether elastic energy and gravity have a minimum here on every way without slip.
 
     The operation must have ended here, too, within `BAND`.
     """
-    arrived = bool((np.abs(rest.moved) <= _BANDS).all())
+    arrived = bool((np.abs(rest.moved) <= BANDS).all())
     return arrived and rest.slope <= _FLAT and rest.curvature > 0.0 and rest.turning > 0.0
 
 
@@ -76,7 +92,7 @@ def without_slipping(run: Run, found: Sequence[Rest]) -> Finding:
 
 
 def elastic_alone(found: Sequence[Rest]) -> Finding:
-    """How far the rests are from the minimum of elastic energy alone."""
+    """The distance of the rests from the minimum of elastic energy alone."""
     claim = "elastic energy alone is not stationary at rest: its slope in y is the weight"
     measure = "how far the rest is below the minimum of elastic energy alone, mm"
     if not found:
@@ -99,7 +115,7 @@ def elastic_alone(found: Sequence[Rest]) -> Finding:
 
 
 def if_tips_slip(found: Sequence[Rest]) -> Finding:
-    """What the energy has to lose if the tips may slip."""
+    """The energy that a grasp can lose if the tips may slip."""
     claim = "if tips may slip the rest is no minimum, nor the equilibrium with the lowest energy"
     measure = "largest energy that the rest has more than the lowest member of its family, mJ"
     if not found:
@@ -133,13 +149,13 @@ def upright_tips(found: Sequence[Rest]) -> Finding:
         for rest in found
         if abs(rest.q[3] + rest.q[4]) < 0.9 * abs(rest.q[3] - rest.q[4])
     ]
-    told = "; ".join(f"{number}: {asks:.1f} and {has:.1f}" for number, asks, has in turned)
+    turns = "; ".join(f"{number}: {asks:.1f} and {has:.1f}" for number, asks, has in turned)
     return beyond(
         claim,
         measure,
         max(tilts),
         "both tips together would ask for theta = (theta_1 - theta_2)/2, but without slip the "
-        f"object rolls on them to the other side (operation, asked and real angle in deg): {told}",
+        f"object rolls on them to the other side (operation, asked and real angle in deg): {turns}",
     )
 
 
@@ -151,14 +167,14 @@ def depends_on_the_way(found: Sequence[Rest], direct: Run) -> Finding:
     measure = "energy of the last rest after all operations less that straight from the start, mJ"
     if not found:
         return beyond(claim, measure, np.nan, _NOWHERE)
-    value, told = np.nan, ""
+    value, comparison = np.nan, ""
     end = m.settled(direct)[-1]
     if np.isfinite(end).all():
         last = found[-1]
         other = rest_at(direct.scene, end, float(direct.t[-1]))
         value = 1e3 * (last.found.energy - other.found.energy)
         turned, raised = (np.rad2deg(1.0), 1e3) * (last.q - other.q)[[2, 1]]
-        told = (
+        comparison = (
             f"; after all operations the last rest is {abs(raised):.2f} mm "
             f"{'higher' if raised > 0.0 else 'lower'}, turned by {turned:.3f} deg, and has "
             f"{value:.2f} mJ more than straight from the start, and both are minima"
@@ -172,7 +188,7 @@ def depends_on_the_way(found: Sequence[Rest], direct: Run) -> Finding:
         value,
         "the sum of lambda^N carries the weight, and makes the stiffness differ from its transpose "
         f"by {_span(skew, '.3f')} N times cos(theta) in (x, theta): the object that "
-        f"is led around a small loop in x and theta comes back with another energy{told}",
+        f"is led around a small loop in x and theta comes back with another energy{comparison}",
     )
 
 
@@ -235,12 +251,7 @@ def table(found: Sequence[Rest]) -> Table:
 
 
 def curves(found: Sequence[Rest], titles: Sequence[str]) -> dict[str, EnergyCurves]:
-    """The energy without slip and along the family, around the rest after each operation.
-
-    Args:
-        found: The rests.
-        titles: The title of each operation.
-    """
+    """The energy without slip and along the family, around the rest after each operation."""
     drawn = {}
     for rest in found:
         if rest.found.state is None or rest.lowest.state is None:

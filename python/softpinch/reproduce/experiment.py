@@ -78,8 +78,6 @@ def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
         progress: Called before each simulation.
 
     Raises:
-        ValueError: `dt` breaks its rule.
-        TypeError: An argument is of the wrong kind.
         KeyboardInterrupt: Ctrl-C during a run.
     """
     dt = checks.positive("dt", dt)

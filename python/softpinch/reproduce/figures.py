@@ -6,29 +6,37 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from .. import paper, plot
-from ..plot.energy_plot import energy_minima
+from ..plot.style import (
+    BLACK,
+    DEG,
+    LETTERS,
+    LINES,
+    PAGE,
+    PALE,
+    least_range,
+    legend_above,
+    panels,
+    styled,
+    tag,
+)
 from ..run import measures as m
 from ..run.run import Run
 from . import energy_minimum
+from .energy_minimum import EnergyCurves
 from .experiment import Progress, Runs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+# Columns of panels in the figure of the energy.
+_COLUMNS = 4
+
 
 def draw(runs: Runs, out: Path, suffix: str, progress: Progress) -> list[Path]:
-    """Draws and saves every figure.
-
-    Args:
-        runs: All runs.
-        out: The folder.
-        suffix: File format: "png", "pdf" or "svg".
-        progress: Called before each figure.
-
-    Returns:
-        The saved files.
-    """
+    """Draws and saves every figure."""
     pieces = m.operations(runs.operations)
     times = [pieces[0][0], *(end for _, end in pieces)]
     titles = ["start"]
@@ -66,6 +74,43 @@ def draw(runs: Runs, out: Path, suffix: str, progress: Progress) -> list[Path]:
         progress(f"drawing {name}", 0.4 + 0.6 * k / len(makers))
         files.append(plot.save(make(), out / f"{name}.{suffix}"))
     return files
+
+
+def energy_minima(curves: Mapping[str, EnergyCurves]) -> Figure:
+    """Elastic energy and gravity around each rest: without slip, and along its family."""
+    with styled():
+        rows = max(1, -(-len(curves) // _COLUMNS))
+        figure, axes = panels(rows, _COLUMNS, PAGE, 1.0 + 1.75 * rows, sharey=True)
+        for each in axes.ravel()[len(curves) :]:
+            each.set_visible(False)
+        for k, (each, (title, found)) in enumerate(zip(axes.flat, curves.items(), strict=False)):
+            scale = np.array([DEG.per_si, 1e3])
+            each.axhline(0.0, color=PALE, linewidth=0.6, zorder=0.5)
+            each.plot(*(found.rolled.T * scale).T, **LINES[0], label="turned without slip")
+            each.plot(*(found.family.T * scale).T, **LINES[1], label="other states of rest")
+            # The dot is smaller, and visible where both are in the same place.
+            for place, marker, size, face, label in (
+                (found.lowest, "D", 5.0, "white", "lowest state of rest"),
+                (found.rest, "o", 2.8, BLACK, "rest that is reached"),
+            ):
+                each.plot(
+                    *(place * scale),
+                    marker,
+                    color=BLACK,
+                    markersize=size,
+                    markerfacecolor=face,
+                    label=label,
+                )
+            tag(each, LETTERS[k], title)
+            if k >= len(curves) - _COLUMNS:
+                each.set_xlabel(r"$\theta$ [deg]")
+            if k % _COLUMNS == 0:
+                each.set_ylabel(r"$P + P_g$ [mJ]")
+        least_range(axes.flat[: len(curves)])
+        legend_above(figure, list(axes.flat))
+        if curves:
+            figure.text(0.012, 0.985, r"targets $(\theta_1, \theta_2)$:", va="top")
+        return figure
 
 
 def _angles() -> list[str]:

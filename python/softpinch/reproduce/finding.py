@@ -1,4 +1,4 @@
-"""What a verdict is made of."""
+"""A claim of the paper, or an observation beyond it, with its verdict."""
 
 from __future__ import annotations
 
@@ -6,11 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..scene.fields import COORDINATE_UNITS, DISPLAY_UNITS
+
 HOLDS, FAILS, BEYOND = "holds", "does not hold", "not in the paper"
 
+# From x, y, theta in SI units to the units of tables and figures, mm and degrees.
+POSE = np.array([DISPLAY_UNITS[unit][1] for unit in COORDINATE_UNITS[:3]])
 # Half width of the band for "converges", as far as the paper's figures can be read: for the
 # object's settled pose, mm and degrees, and for the finger angles, degrees.
 BAND = 0.05
+# The same for x and y, m, and theta, rad.
+BANDS = np.array([1e-3 * BAND, 1e-3 * BAND, np.deg2rad(BAND)])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""What becomes of the paper's operations and disturbances if tips only push, and may slip.
+"""The paper's operations and disturbances with tips that only push, and may slip.
 
 The paper's contact is bilateral: its tips pull where they have to, and never slip. The runs here
 have unilateral contact and faces of finite height. All words follow from the runs.
@@ -14,9 +14,7 @@ from ..run import measures as m
 from ..run.contact import ContactMode
 from ..run.run import Run
 from .experiment import Runs
-from .finding import BAND, Finding, beyond
-
-_BANDS = np.array([1e-3 * BAND, 1e-3 * BAND, np.deg2rad(BAND)])
+from .finding import BANDS, Finding, beyond
 
 
 def spells(run: Run, mode: ContactMode, begin: float, end: float) -> list[float]:
@@ -35,7 +33,7 @@ def survived(run: Run) -> list[bool]:
 
     At rest means that its pose has stayed within `BAND` over the last quarter of the operation.
     """
-    rests = [bool((ranges <= _BANDS).all()) for ranges in m.drift(run)]
+    rests = [bool((ranges <= BANDS).all()) for ranges in m.drift(run)]
     opened = run.violation_intervals.get("opened", np.empty((0, 2)))
     # An opening at a switch belongs to the operation that begins.
     free = [((opened[:, 0] < end) & (opened[:, 1] >= end)).any() for _, end in m.operations(run)]
@@ -44,16 +42,11 @@ def survived(run: Run) -> list[bool]:
 
 def case_survived(run: Run) -> bool:
     """Whether a disturbed grasp holds, and its object comes to rest."""
-    return run.holds and bool((m.drift_since(run) <= _BANDS).all())
+    return run.holds and bool((m.drift_since(run) <= BANDS).all())
 
 
 def which_survive(real: Mapping[float, Run], cases: Mapping[str, Mapping[float, Run]]) -> Finding:
-    """Which of the paper's operations and disturbances are survived, and with which friction.
-
-    Args:
-        real: Friction -> the eight operations.
-        cases: Case -> friction -> its run.
-    """
+    """The operations and disturbances that hold with each friction."""
     kept = {mu: survived(run) for mu, run in real.items()}
     count = len(next(iter(kept.values())))
     rows = {f"operation {k + 1}": {mu: kept[mu][k] for mu in kept} for k in range(count)}
@@ -61,7 +54,7 @@ def which_survive(real: Mapping[float, Run], cases: Mapping[str, Mapping[float, 
         f"({case})": {mu: case_survived(run) for mu, run in runs.items()}
         for case, runs in cases.items()
     }
-    # What is survived with these frictions.
+    # Frictions in words -> the operations and disturbances that hold with them.
     named: dict[str, list[str]] = {}
     for name, row in rows.items():
         of_some = named.setdefault(_frictions(row), [])
@@ -86,12 +79,7 @@ def _frictions(row: Mapping[float, bool]) -> str:
 
 
 def operations(paper: Run, real: Mapping[float, Run]) -> Finding:
-    """The openings of tips in the eight operations, and where the object ends.
-
-    Args:
-        paper: The operations with bilateral contact.
-        real: Friction -> the operations with unilateral contact.
-    """
+    """The openings of tips in the eight operations, and where the object ends."""
     opened: dict[int, list[float]] = {}
     for run in real.values():
         for k, piece in enumerate(m.operations(run)):
@@ -124,36 +112,30 @@ def operations(paper: Run, real: Mapping[float, Run]) -> Finding:
 
 
 def _end(run: Run) -> str:
-    """How a run that did not hold ended."""
+    """The end of a run that did not hold, in words."""
     if not run.success:
         return f"{run.status} at {run.t[-1]:.4f} s"
     return "not held, a tip is free at the end" if not run.holds else "not at rest at the end"
 
 
 def disturbance(case: str, paper: Run, real: Mapping[float, Run]) -> Finding:
-    """What a disturbance does to a real hand, for each friction.
-
-    Args:
-        case: The case of Fig. 7.
-        paper: Its run with bilateral contact.
-        real: Friction -> its run with unilateral contact.
-    """
-    told: dict[str, list[float]] = {}
+    """The effect of a disturbance on a real hand, for each friction."""
+    outcomes: dict[str, list[float]] = {}
     for mu, run in real.items():
-        told.setdefault(_outcome(paper, run), []).append(mu)
+        outcomes.setdefault(_outcome(paper, run), []).append(mu)
     return beyond(
         f"what disturbance ({case}) does to a real hand",
         "frictions with which it is survived",
         float(sum(map(case_survived, real.values()))),
         "; ".join(
             f"mu = {', '.join(f'{mu:g}' for mu in frictions)}: {outcome}"
-            for outcome, frictions in told.items()
+            for outcome, frictions in outcomes.items()
         ),
     )
 
 
 def _outcome(paper: Run, run: Run) -> str:
-    """How a disturbed run ended, beside the paper's model."""
+    """The end of a disturbed run in words, beside the paper's model."""
     if not case_survived(run):
         return _end(run)
     slip, free = (
@@ -161,7 +143,7 @@ def _outcome(paper: Run, run: Run) -> str:
         for mode in (ContactMode.SLIP, ContactMode.FREE)
     )
     ends = [m.response(each)[1][-1, :3] for each in (run, paper)]
-    if slip == free == 0.0 and bool((np.abs(ends[0] - ends[1]) <= _BANDS).all()):
+    if slip == free == 0.0 and bool((np.abs(ends[0] - ends[1]) <= BANDS).all()):
         return "as in the paper's model"
     tips = [f"slips for up to {slip:.2g} ms"] if slip else []
     tips += [f"opens for up to {free:.2g} ms"] if free else []
@@ -174,7 +156,7 @@ def _outcome(paper: Run, run: Run) -> str:
 
 
 def find(runs: Runs) -> tuple[Finding, ...]:
-    """What becomes of the operations and disturbances, from the runs with unilateral contact."""
+    """The operations and disturbances of a real hand, from the runs with unilateral contact."""
     return (
         which_survive(runs.real, runs.real_cases),
         operations(runs.operations, runs.real),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,16 +17,13 @@ from ..support.arrays import Floats
 from ..support.extras import require
 from ..support.table import Table
 from . import real_hand
-from .experiment import FRICTIONS, Runs
-from .finding import BAND, BEYOND, FAILS, HOLDS, Finding
+from .experiment import Runs
+from .finding import BAND, BEYOND, FAILS, HOLDS, POSE, Finding
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 
-_DEGREES = float(np.rad2deg(1.0))
-# From x, y, theta in SI units to mm and degrees.
-_POSE = np.array([1e3, 1e3, _DEGREES])
 _NOWHERE = np.full(3, np.nan)
 _YES = {True: "yes", False: "no"}
 
@@ -37,12 +35,12 @@ def operations_table(run: Run) -> Table:
     peak, late, least = m.peak_residuals(run), m.settled_residuals(run), m.least_pressing(run)
     rows = []
     for k, (begin, end) in enumerate(m.operations(run)):
-        target = run.scene.schedule.target(0.5 * (begin + end)) * _DEGREES
+        target = run.scene.schedule.target(0.5 * (begin + end)) * POSE[2]
         pull = 1e3 * m.longest_pull(run, begin, end)
         row = np.concatenate(
             [
                 target.round(9),
-                settled[k, :3] * _POSE,
+                settled[k, :3] * POSE,
                 1e3 * settled[k, 5:7],
                 [settling[k], *peak[k], *late[k], least[k], pull],
             ]
@@ -69,15 +67,15 @@ def disturbances_table(runs: Mapping[str, Run], held: Mapping[str, Run]) -> Tabl
         after = m.since_onset(run)
         row = np.concatenate(
             [
-                np.abs(change[:, :3]).max(axis=0) * _POSE,
-                change[-1, :3] * _POSE,
+                np.abs(change[:, :3]).max(axis=0) * POSE,
+                change[-1, :3] * POSE,
                 1e3 * run.q[-1, 5:7],
                 [run.multipliers[after, :2].min(), 1e3 * m.longest_pull(run, m.onset(run), np.inf)],
                 np.abs(run.residuals).max(axis=0).reshape(2, 2).max(axis=1),
                 [np.abs(run.energy.closure).max()],
             ]
         )
-        right, left = (run.scene.schedule.target(run.t[-1]) * _DEGREES).round(9).tolist()
+        right, left = (run.scene.schedule.target(run.t[-1]) * POSE[2]).round(9).tolist()
         rows.append((case, right, left, run.status, *row.tolist()))
     columns: tuple[str, ...] = (
         "case",
@@ -95,14 +93,14 @@ def disturbances_table(runs: Mapping[str, Run], held: Mapping[str, Run]) -> Tabl
 def coupling_table(runs: Runs) -> Table:
     """Final poses with kappa = +1, as the paper prints (4), and with kappa = -1."""
     both = (runs.operations, runs.other_operations)
-    ends = zip(*(m.settled(run)[:, :3] * _POSE for run in both), strict=True)
+    ends = zip(*(m.settled(run)[:, :3] * POSE for run in both), strict=True)
     rows: list[tuple[Any, ...]] = [
         (f"operation {k + 1}", *plus.tolist(), *minus.tolist(), *(run.status for run in both))
         for k, (plus, minus) in enumerate(ends)
     ]
     for case, plus in runs.cases.items():
         minus = runs.other_cases[case]
-        poses = [(run.q[-1, :3] * _POSE).tolist() for run in (plus, minus)]
+        poses = [(run.q[-1, :3] * POSE).tolist() for run in (plus, minus)]
         rows.append((f"case ({case})", *poses[0], *poses[1], plus.status, minus.status))
     pose = ("x [mm]", "y [mm]", "theta [deg]")
     signs = ("kappa = +1", "kappa = -1")
@@ -116,7 +114,7 @@ def contact_table(runs: Runs) -> Table:
     The pose of a run that ended early is nan.
     """
     names = ["bilateral", *(f"mu = {mu:g}" for mu in runs.real)]
-    ends = [m.settled(run)[:, :3] * _POSE for run in (runs.operations, *runs.real.values())]
+    ends = [m.settled(run)[:, :3] * POSE for run in (runs.operations, *runs.real.values())]
     kept = [real_hand.survived(run) for run in runs.real.values()]
     rows: list[tuple[Any, ...]] = []
     for k, piece in enumerate(m.operations(runs.operations)):
@@ -125,7 +123,7 @@ def contact_table(runs: Runs) -> Table:
         rows.append((f"operation {k + 1}", *poses, *(_YES[each[k]] for each in kept), *does))
     for case, cases in runs.real_cases.items():
         each = (runs.cases[case], *cases.values())
-        poses = _joined([run.q[-1, :3] * _POSE if run.success else _NOWHERE for run in each])
+        poses = _joined([run.q[-1, :3] * POSE if run.success else _NOWHERE for run in each])
         does = _joined([_longest(run, m.onset(run), np.inf) for run in cases.values()])
         survived = (_YES[real_hand.case_survived(run)] for run in cases.values())
         rows.append((f"case ({case})", *poses, *survived, *does))
@@ -154,135 +152,58 @@ def verdict_table(findings: Sequence[Finding]) -> Table:
     return Table(columns=columns, rows=rows)
 
 
-# Tables on the screen: a title, and for each column its index in the table, a short header, and a
-# format. "z" prints a rounded -0.000 as 0.000. Each table fits a terminal of 80 columns.
-_Column = tuple[int, str, str]
-_OPERATION: tuple[_Column, ...] = (
-    (0, "operation\n", "d"),
-    (1, "theta_1^d\n[deg]", "g"),
-    (2, "theta_2^d\n[deg]", "g"),
-)
-_CASE: tuple[_Column, ...] = ((0, "case\n", ""),)
-_FRICTIONS = tuple(enumerate(FRICTIONS))
-
-
-def _first(header: str, k: int) -> str:
-    """The header of the first of several columns; nothing above the others."""
-    return "" if k else header
-
-
-_SCREENS: dict[str, tuple[tuple[str, tuple[_Column, ...]], ...]] = {
-    "operations": (
-        (
-            "Where each operation settles",
-            (
-                *_OPERATION,
-                (3, "x\n[mm]", "z.3f"),
-                (4, "y\n[mm]", "z.3f"),
-                (5, "theta\n[deg]", "z.3f"),
-                (6, "d_n1\n[mm]", "z.3f"),
-                (7, "d_n2\n[mm]", "z.3f"),
-                (8, "after\n[s]", ".2f"),
-            ),
-        ),
-        (
-            "What it leaves of the constraints, and how the tips press",
-            (
-                _OPERATION[0],
-                (9, "peak\n|C^H| [m]", ".0e"),
-                (10, "peak\n|C^N| [m/s]", ".0e"),
-                (11, "settled\n|C^H| [m]", ".0e"),
-                (12, "settled\n|C^N| [m/s]", ".0e"),
-                (13, "lambda^H\nleast [N]", ".1f"),
-                (14, "pulls\n[ms]", ".2g"),
-            ),
-        ),
+# Tables on the screen: a title -> the table, and the format of each of its columns that is shown.
+# "z" prints a rounded -0.000 as 0.000. Each fits a terminal of 80 columns.
+_POSES = dict.fromkeys((3, 4, 5, 6, 7), "z.3f")
+_SIZES = dict.fromkeys((9, 10, 11, 12), ".0e")
+_SCREENS: dict[str, tuple[str, dict[int, str]]] = {
+    "Where each operation settles": (
+        "operations",
+        {0: "d", 1: "g", 2: "g", **_POSES, 8: ".2f"},
     ),
-    "disturbances": (
-        (
-            "What the disturbances do: the peak, and what stays",
-            (
-                *_CASE,
-                (3, "status\n", ""),
-                (4, "peak x\n[mm]", "z.3f"),
-                (5, "peak y\n[mm]", "z.4f"),
-                (6, "peak theta\n[deg]", "z.3f"),
-                (7, "change x\n[mm]", "z.3f"),
-                (8, "change y\n[mm]", "z.4f"),
-                (9, "change theta\n[deg]", "z.3f"),
-            ),
-        ),
-        (
-            "How the tips press under them, and what is left of constraints and ledger",
-            (
-                *_CASE,
-                (1, "fingers\n[deg]", "g"),
-                (10, "d_n1\n[mm]", "z.3f"),
-                (11, "d_n2\n[mm]", "z.3f"),
-                (12, "lambda^H\nleast [N]", ".1f"),
-                (13, "pulls\n[ms]", ".2g"),
-                (14, "peak\n|C^H| [m]", ".0e"),
-                (15, "peak\n|C^N| [m/s]", ".0e"),
-                (16, "closure\n[J]", ".0e"),
-            ),
-        ),
+    "What it leaves of the constraints, and how the tips press": (
+        "operations",
+        {0: "d", **_SIZES, 13: ".1f", 14: ".2g"},
     ),
-    "tilt_coupling": (
-        (
-            "kappa = +1, as printed, beside -1, as springs and kinematics give: where it ends",
-            (
-                (0, "\n", ""),
-                (3, "theta [deg]\n+1", "z.3f"),
-                (6, "\n-1", "z.3f"),
-                (2, "y [mm]\n+1", "z.3f"),
-                (5, "\n-1", "z.3f"),
-                (7, "status\n+1", ""),
-                (8, "\n-1", ""),
-            ),
-        ),
+    "What the disturbances do: the peak, and what stays": (
+        "disturbances",
+        {0: "", 3: "", 4: "z.3f", 5: "z.4f", 6: "z.3f", 7: "z.3f", 8: "z.4f", 9: "z.3f"},
     ),
-    "energy_minimum": (
-        (
-            "Energy at rest: a minimum without slip (softest), not among all states of rest",
-            (
-                _OPERATION[0],
-                (1, "theta\n[deg]", "z.3f"),
-                (3, "P\n[mJ]", ".1f"),
-                (6, "softest\n[N/mm]", ".1f"),
-                (8, "turning\n[N m/rad]", ".1f"),
-                (11, "P least\n[mm] up", ".3f"),
-                (17, "lowest at\n[deg]", "z.3f"),
-                (18, "lower by\n[mJ]", "z.3f"),
-            ),
-        ),
+    "How the tips press under them, and what is left of constraints and ledger": (
+        "disturbances",
+        {
+            0: "",
+            1: "g",
+            10: "z.3f",
+            11: "z.3f",
+            12: ".1f",
+            13: ".2g",
+            14: ".0e",
+            15: ".0e",
+            16: ".0e",
+        },
     ),
-    "contact": (
-        (
-            "Where it ends in the paper's model, and if tips only push and may slip (mu)",
-            (
-                (0, "theta\n[deg]", ""),
-                (11, "bilateral\n", "z.3f"),
-                *((12 + k, f"mu\n{mu:g}", "z.3f") for k, mu in _FRICTIONS),
-            ),
-        ),
-        (
-            "The same of its height",
-            (
-                (0, "y\n[mm]", ""),
-                (6, "bilateral\n", "z.3f"),
-                *((7 + k, f"mu\n{mu:g}", "z.3f") for k, mu in _FRICTIONS),
-            ),
-        ),
-        (
-            "Whether such a hand survives, and the longest that a tip opens, ms",
-            (
-                (0, "\n", ""),
-                *((16 + k, f"{_first('survives', k)}\nmu {mu:g}", "") for k, mu in _FRICTIONS),
-                *((20 + k, f"{_first('opens', k)}\nmu {mu:g}", ".2g") for k, mu in _FRICTIONS),
-            ),
-        ),
+    "kappa = +1, as printed, beside -1, as springs and kinematics give: where it ends": (
+        "tilt_coupling",
+        {0: "", 3: "z.3f", 6: "z.3f", 2: "z.3f", 5: "z.3f", 7: "", 8: ""},
+    ),
+    "Energy at rest: a minimum without slip, not among all states of rest": (
+        "energy_minimum",
+        {0: "d", 1: "z.3f", 3: ".1f", 6: ".1f", 8: ".1f", 11: ".3f", 17: "z.3f", 18: "z.3f"},
+    ),
+    "Where it ends in the paper's model, and if tips only push and may slip (mu)": (
+        "contact",
+        {0: "", **dict.fromkeys(range(11, 16), "z.3f")},
+    ),
+    "The height where it ends": ("contact", {0: "", **dict.fromkeys(range(6, 11), "z.3f")}),
+    "Whether such a hand survives": ("contact", dict.fromkeys((0, *range(16, 20)), "")),
+    "The longest that one of its tips opens": (
+        "contact",
+        {0: "", **dict.fromkeys(range(20, 24), ".2g")},
     ),
 }
+# Columns of a terminal that a header may take.
+_HEADER = 8
 _COLORS = {HOLDS: "green", FAILS: "bold red"}
 
 
@@ -292,20 +213,15 @@ def show(
     findings: Sequence[Finding],
     files: Sequence[Path],
 ) -> None:
-    """Prints tables, statuses and violations of the runs, verdicts, and the files' folder.
-
-    Raises:
-        ImportError: rich is not installed.
-    """
+    """Prints tables, statuses and violations of the runs, verdicts, and the files' folder."""
     require("rich", extra="cli", purpose="printing tables")
     from rich.console import Console
     from rich.text import Text
 
     console = Console(highlight=False, markup=False)
     console.print(Text(PARAMETER_NOTE, style="italic"))
-    for name, screens in _SCREENS.items():
-        for title, columns in screens:
-            _print_table(console, title, tables[name], columns)
+    for title, (name, formats) in _SCREENS.items():
+        _print_table(console, title, tables[name], formats)
     named = {"the operations": runs.operations}
     named |= {f"({case})": run for case, run in runs.cases.items()}
     for what, run in named.items():
@@ -316,16 +232,20 @@ def show(
     console.print(f"\n{len(files)} files in {', '.join(folders)}", soft_wrap=True)
 
 
-def _print_table(console: Console, title: str, table: Table, columns: tuple[_Column, ...]) -> None:
+def _print_table(console: Console, title: str, table: Table, formats: Mapping[int, str]) -> None:
     from rich import box
     from rich.table import Table as Grid
     from rich.text import Text
 
     grid = Grid(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True, show_edge=False)
-    for _, header, style in columns:
-        grid.add_column(Text(header), justify="right" if style else "left", no_wrap=True)
+    for k, style in formats.items():
+        name = table.columns[k].replace("N m", "N\N{NO-BREAK SPACE}m")
+        header = fill(name, _HEADER, break_long_words=False)
+        grid.add_column(
+            Text(header), justify="right" if style else "left", no_wrap=True, vertical="bottom"
+        )
     for row in table.rows:
-        grid.add_row(*(format(row[k], style) for k, _, style in columns))
+        grid.add_row(*(format(row[k], style) for k, style in formats.items()))
     console.print()
     console.print(Text(title, style="bold"))
     console.print(grid)

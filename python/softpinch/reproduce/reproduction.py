@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..support import checks
 from ..support.extras import require
-from ..support.formats import FORMATS
+from ..support.files import FORMATS
 from ..support.table import Table
 from . import energy_minimum, report
 from .experiment import Progress, Runs, quietly, simulate_all
@@ -33,11 +33,7 @@ class Reproduction:
     files: tuple[Path, ...]
 
     def show(self) -> None:
-        """Prints tables and verdicts.
-
-        Raises:
-            ImportError: rich is not installed (extra `cli`).
-        """
+        """Prints tables and verdicts; needs the extra `cli`."""
         report.show(self.runs, self.tables, self.findings, self.files)
 
 
@@ -56,10 +52,7 @@ def reproduce(
         The runs, tables, findings and written files.
 
     Raises:
-        ValueError: `format` or `dt` breaks its rule.
-        TypeError: An argument is of the wrong kind.
         OSError: A file cannot be written.
-        ImportError: matplotlib is not installed.
         KeyboardInterrupt: Ctrl-C during a run.
     """
     out = checks.path("out", out, "the path of a folder")

@@ -1,8 +1,7 @@
 """The rests after the operations, and the energy around them.
 
 The energy V = P + P_g, (5) and (16), is taken as a function of the object's pose and both shears;
-the fingers are held, and the compressions follow from C^H = 0 (9). All of it is computed here from
-the printed formulas, beside the core, which only finds the equilibria.
+the fingers are held, and the compressions follow from C^H = 0 (9).
 """
 
 from __future__ import annotations
@@ -14,12 +13,14 @@ from numpy.typing import ArrayLike
 
 from ..analysis.rest import Equilibrium, equilibrium
 from ..run import measures as m
+from ..run.evaluate import evaluate
 from ..run.run import Run
+from ..scene import outline
 from ..scene.scene import Scene, State
 from ..support.arrays import Floats
 
-# (-1)^i of the right and the left finger.
-SIGNS = np.array([-1.0, 1.0])
+SIGNS = np.array(outline.SIGNS)
+_AT_REST = np.zeros(9)
 # The ways in x, y and theta along which the energy is measured: edges, faces and corners of a cube.
 _CUBE = np.array([way for way in np.ndindex(3, 3, 3) if way != (1, 1, 1)]) - 1.0
 WAYS = _CUBE / np.linalg.norm(_CUBE, axis=1, keepdims=True)
@@ -30,26 +31,10 @@ TURNING = np.array([1.0, -1.0])
 _SECANTS = 30
 
 
-def energies(scene: Scene, q: ArrayLike) -> tuple[Floats, Floats]:
-    """The elastic energy (5) and the energy of gravity (16) of coordinates (..., 9), J."""
-    q = np.asarray(q, np.float64)
-    tips, fingers = scene.hand.tips, (scene.hand.right, scene.hand.left)
-    elastic = np.zeros(q.shape[:-1])
-    gravity = scene.gravity * scene.grasped.mass * q[..., 1]
-    for i, (tip, finger) in enumerate(zip(tips, fingers, strict=True)):
-        tilt = q[..., 3 + i] + SIGNS[i] * q[..., 2]
-        d_n, d_t = q[..., 5 + i], q[..., 7 + i]
-        elastic += (
-            np.pi
-            * tip.youngs_modulus
-            * (
-                d_n**3 / (3.0 * np.cos(tilt) ** 2)
-                + tip.tilt_coupling * d_n**2 * d_t * np.tan(tilt)
-                + d_n * d_t**2
-            )
-        )
-        gravity = gravity + scene.gravity * finger.mass * finger.length * np.cos(q[..., 3 + i])
-    return elastic, gravity
+def energies(scene: Scene, places: Floats) -> tuple[Floats, Floats]:
+    """The elastic energy (5) and the energy of gravity (16) at coordinates (n, 9), (n,), J."""
+    found = [evaluate(scene, 0.0, q, _AT_REST).energies for q in places]
+    return np.array([each.elastic for each in found]), np.array([each.gravity for each in found])
 
 
 def lever_arms(scene: Scene) -> Floats:
@@ -78,24 +63,10 @@ def without_slip(scene: Scene, q: ArrayLike, way: ArrayLike, far: ArrayLike) -> 
     middle, share = q[2] + half, np.sinc(half / np.pi)
     along = share * (np.sin(middle) * dx - np.cos(middle) * dy)
     moved[:, 7:] += far[:, None] * (along[:, None] - lever_arms(scene) * turn)
-    moved[:, 5:7] = compressions(scene, moved)
+    # C^H = 0 (9), in which the compressions stand by themselves.
+    for row in moved:
+        row[5:7] -= evaluate(scene, 0.0, row, _AT_REST).residuals[:2]
     return moved
-
-
-def compressions(scene: Scene, q: Floats) -> Floats:
-    """The compressions that C^H = 0 (9) gives to the pose and the fingers of q (n, 9), (n, 2)."""
-    sine, cosine = np.sin(q[:, 2]), np.cos(q[:, 2])
-    found = np.empty((len(q), 2))
-    fingers = (scene.hand.right, scene.hand.left)
-    for i, (finger, tip) in enumerate(zip(fingers, scene.hand.tips, strict=True)):
-        sign, angle = SIGNS[i], q[:, 3 + i]
-        reach = finger.length * np.sin(angle) + finger.half_thickness * np.cos(angle)
-        height = finger.length * np.cos(angle) - finger.half_thickness * np.sin(angle)
-        across = (q[:, 0] - sign * (reach - finger.root_offset)) * cosine
-        across += (q[:, 1] - height) * sine
-        face = 0.5 * scene.grasped.width + sign * scene.grasped.com_offset
-        found[:, i] = tip.radius + face - sign * across
-    return found
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -135,7 +106,7 @@ class Rest:
 
     @property
     def moved(self) -> Floats:
-        """What the operation's end lacks to the rest in x, y, theta, (3,), m and rad."""
+        """Rest pose minus the final pose: x, y, theta (3,), m and rad."""
         return np.asarray(self.q[:3] - self.reached[:3])
 
     @property
@@ -219,14 +190,7 @@ def around(scene: Scene, q: Floats) -> tuple[float, float, float]:
 
 
 def rest_at(scene: Scene, q: Floats, time: float, number: int = 1) -> Rest:
-    """The rest to which a settled state leads, and the energy around it.
-
-    Args:
-        scene: The scene, whose fingers rest at their targets.
-        q: The coordinates of the settled state (9,).
-        time: The instant, s, whose targets hold.
-        number: The number of the operation.
-    """
+    """The rest to which a settled state leads, and the energy around it."""
     state = State(q, time=time)
     found = equilibrium(scene, near=state)
     weightless = equilibrium(replace(scene, gravity=0.0), near=state)

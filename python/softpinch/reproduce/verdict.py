@@ -16,7 +16,7 @@ from ..run.run import Run
 from ..support import checks
 from . import energy_minimum, real_hand
 from .experiment import Runs
-from .finding import BAND, FAILS, HOLDS, Finding, beyond
+from .finding import BAND, FAILS, HOLDS, POSE, Finding, beyond
 
 # Orders of magnitude that the paper states from its Fig. 6: |C^H| in m, |C^N| in m/s.
 HOLONOMIC, NONHOLONOMIC = 1e-8, 1e-6
@@ -28,7 +28,7 @@ def _decided(holds: bool) -> str:
 
 def converges(run: Run) -> Finding:
     """The object's position and orientation converge in every operation."""
-    ranges = m.drift(run) * [1e3, 1e3, np.rad2deg(1.0)]
+    ranges = m.drift(run) * POSE
     moved, turned = float(ranges[:, :2].max()), float(ranges[:, 2].max())
     value = float(ranges.max())
     slowest = float(m.settling_times(run, BAND * 1e-3, np.deg2rad(BAND)).max())
@@ -115,7 +115,7 @@ def survives(case: str, run: Run) -> Finding:
     """After a disturbance the grasp holds, the fingers come back, and the object comes to rest."""
     value, finger = np.nan, np.nan
     if run.success:
-        value = float((m.drift_since(run) * [1e3, 1e3, np.rad2deg(1.0)]).max())
+        value = float((m.drift_since(run) * POSE).max())
         finger = float(np.rad2deg(m.finger_errors(run)[-1].max()))
     pull, least = _pull(run)
     caveat = f"; a tip has to pull, {least:.1f} N, for {1e3 * pull:.1f} ms" if pull > 0 else ""
@@ -144,12 +144,7 @@ def _pull(run: Run) -> tuple[float, float]:
 
 
 def light_swings_more(light: tuple[Run, Run], strong: tuple[Run, Run]) -> Finding:
-    """A light grasp oscillates more than a strong one.
-
-    Args:
-        light: The disturbed and the undisturbed run of case (iii).
-        strong: The disturbed and the undisturbed run of case (ii).
-    """
+    """A light grasp oscillates more than a strong one; each is disturbed and undisturbed."""
     scale = np.array([1e3, 1e6, np.rad2deg(1.0)])
     more, less = m.swing(*light) * scale, m.swing(*strong) * scale
     # The claim concerns Fig. 7 (c) and (d), which show x and y.
@@ -204,11 +199,7 @@ def pulls_at_switches(run: Run) -> Finding:
 
 
 def only_as_printed(runs: Mapping[float, Run]) -> Finding:
-    """The moments with which the grasp survives the step (40).
-
-    Args:
-        runs: Moment in N m -> case (i) with this moment.
-    """
+    """The moments with which the grasp survives the step (40)."""
     ends = {moment: "held" if run.success else run.status for moment, run in runs.items()}
     return beyond(
         "whether the step (i) is survived depends on the moment that comes with its force",
@@ -231,13 +222,7 @@ def reading_of_delta(run: Run) -> Finding:
 
 
 def sign_of_the_shear(plus: Run, minus: Run, pushed: Run) -> Finding:
-    """The effect of kappa = -1, which follows from the paper's springs and kinematics together.
-
-    Args:
-        plus: The operations with kappa = +1, as printed.
-        minus: The operations with kappa = -1.
-        pushed: Case (i) with kappa = -1.
-    """
+    """The effect of kappa = -1 on the operations, and on the pushed grasp of case (i)."""
     tilts = [np.rad2deg(m.settled(run)[:, 2]) for run in (plus, minus)]
     worst = int(np.argmax(np.nan_to_num(np.abs(tilts[0] - tilts[1]))))
     ended = "held" if pushed.success else f"lost ({pushed.status} at {pushed.t[-1]:.3f} s)"
@@ -252,12 +237,7 @@ def sign_of_the_shear(plus: Run, minus: Run, pushed: Run) -> Finding:
 
 
 def residuals_follow_the_step(run: Run, coarse: Run) -> Finding:
-    """The residuals' orders of magnitude depend on the step and say nothing about the model.
-
-    Args:
-        run: The operations.
-        coarse: The operations with twice the step.
-    """
+    """The residuals' orders of magnitude follow the step, which `coarse` has twice as long."""
     fine, rough = (np.abs(r.residuals).max(axis=0).reshape(2, 2).max(axis=1) for r in (run, coarse))
     ratios = np.divide(rough, fine, out=np.full(2, np.nan), where=fine > 0.0)
     return beyond(
@@ -292,11 +272,7 @@ def parameters_are_ours() -> Finding:
 
 
 def find(runs: Runs) -> tuple[Finding, ...]:
-    """Judges every claim of the paper by the runs, and adds observations beyond the paper.
-
-    Raises:
-        TypeError: `runs` is not a `Runs`, as `simulate_all` makes.
-    """
+    """Judges every claim of the paper by the runs, and adds observations beyond the paper."""
     checks.instance("runs", runs, Runs)
     return (
         converges(runs.operations),

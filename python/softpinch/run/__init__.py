@@ -4,12 +4,12 @@
 tests a run's invariants, `error_estimate` compares it with finer runs, and `scaled_error` defines
 "error" for every report. `evaluate` has every term of the equations at one state, `measures` has
 quantities derived from runs, and `sensitivity` the derivatives of runs. `explanation` says what a
-scene compiles to, with the costs in `cost` and `operations`.
+scene compiles to. `request` calls the core.
 """
 
 from typing import TYPE_CHECKING
 
-from ..support.lazy import lazily
+from ..support.extras import lazily
 from .contact import ContactChange, ContactMode
 from .error_estimate import ErrorEstimate
 from .evaluate import Energies, Evaluation, Forces, evaluate

@@ -2,36 +2,43 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, NoReturn
+
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
+from ..scene.fields import QUANTITIES
+from ..scene.outline import contact_heights, tilts, tip_of
 from ..support import checks
 from ..support.arrays import Floats
-from .check_contact import AT_END, check_contact, half_height, places
+from ..support.record import SIDES
 from .contact import ContactMode, Modes
-from .finished import Finished, fail, radius
 
-_RESIDUALS = ("C_1^H", "C_2^H", "C_1^N", "C_2^N")
+if TYPE_CHECKING:
+    from .run import Run
+
+_RESIDUALS = QUANTITIES["residuals"].symbols
 # The core's tolerance for "separated", as a share of the tip's radius: round-off may make the
 # compression of a point contact negative.
 _SEPARATION = 1e-9
+# Violation -> the mode that shows it.
+SHOWN_BY = {"slipping": ContactMode.SLIP, "opened": ContactMode.FREE}
+# Multipliers up to this share of their largest magnitude along the run are round-off.
+_ROUND_OFF = 1e-12
+# A loss may fall by this share of the exchanged energy, the default limit of the ledger's error: an
+# excursion that begins and ends within a step is not seen, and a method's stages may lie beyond the
+# end of a slip.
+_LOSS = 1e-4
+# A run is lost where a contact comes to an end of its face; the place there has this relative
+# error, because the event is located.
+AT_END = 1e-6
 
 
-def check_run(run: Finished, modes: Modes | None, *, residual: float, closure: float) -> None:
+def check_run(run: Run, modes: Modes | None, *, residual: float, closure: float) -> None:
     """Checks every invariant of a run; `Run.check` explains the tolerances.
 
-    Args:
-        run: The run.
-        modes: The modes of the contacts in all rows (n, 2), or in the last row (1, 2) if no others
-            are known; None in bilateral contact.
-        residual: Largest constraint residual.
-        closure: Largest error of the energy ledger.
-
-    Raises:
-        AssertionError: An invariant is broken; the message is about the first one.
-        ValueError: A tolerance is negative or NaN.
-        TypeError: A tolerance is not a number.
+    `modes` are those of `known_modes`.
     """
     _check_times(run)
     _check_finite(run)
@@ -54,14 +61,14 @@ def _limit(tolerance: float, scale: float) -> float:
     return tolerance * scale if np.isfinite(tolerance) else np.inf
 
 
-def _check_times(run: Finished) -> None:
+def _check_times(run: Run) -> None:
     late = np.flatnonzero(~(np.diff(run.t) > 0))
     if late.size:
         row = int(late[0]) + 1
         fail(run, "times increase", row, f"the row before is at {run.t[row - 1]} s")
 
 
-def _check_finite(run: Finished) -> None:
+def _check_finite(run: Run) -> None:
     for name, values in {"t": run.t, **run.arrays()}.items():
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):
@@ -69,15 +76,15 @@ def _check_finite(run: Finished) -> None:
             fail(run, "finite", row, f"{name}{component or ''} is {values[row, *component]}")
 
 
-def _speed(run: Finished) -> float:
+def _speed(run: Run) -> float:
     """The largest speed of the object or of a fingertip's centre along the run, m/s."""
     hand = run.scene.hand
-    arms = [np.hypot(finger.length, finger.half_thickness) for finger in (hand.right, hand.left)]
+    arms = [np.hypot(f.length, f.half_thickness) for f in (hand.right, hand.left)]
     object_speed = np.hypot(run.p[:, 0], run.p[:, 1])
     return float(max(object_speed.max(), (np.abs(run.p[:, 3:5]) * arms).max()))
 
 
-def _check_residuals(run: Finished, modes: Modes | None, tolerance: float) -> None:
+def _check_residuals(run: Run, modes: Modes | None, tolerance: float) -> None:
     has_state = "state" in run.record
     if "residuals" in run.record:
         residuals = run.residuals
@@ -86,11 +93,11 @@ def _check_residuals(run: Finished, modes: Modes | None, tolerance: float) -> No
     else:
         return
     if modes is not None and len(modes) < len(run.t):
-        return  # without the modes nobody knows what was held
+        return  # without modes the active constraints are unknown
     held = _held(run, modes)
     for k, name in enumerate(_RESIDUALS):
         if k < 2:
-            scale, unit, what = radius(run, k), "m", "the fingertip's radius"
+            scale, unit, what = tip_of(run.scene, k).radius, "m", "the fingertip's radius"
         elif has_state:
             scale, unit, what = _speed(run), "m/s", "the largest speed"
         else:
@@ -105,7 +112,7 @@ def _check_residuals(run: Finished, modes: Modes | None, tolerance: float) -> No
             _check_gap(run, residuals[:, k], modes, k, allowed)
 
 
-def _held(run: Finished, modes: Modes | None) -> NDArray[np.bool_]:
+def _held(run: Run, modes: Modes | None) -> NDArray[np.bool_]:
     """Returns which of the four constraints hold in each row (n, 4)."""
     if modes is None:
         return np.ones((len(run.t), 4), dtype=bool)
@@ -113,16 +120,16 @@ def _held(run: Finished, modes: Modes | None) -> NDArray[np.bool_]:
     return np.hstack([closed, sticks])
 
 
-def _check_gap(run: Finished, gap: Floats, modes: Modes, side: int, allowed: float) -> None:
+def _check_gap(run: Run, gap: Floats, modes: Modes, side: int, allowed: float) -> None:
     """Checks that a free tip is outside of the object, unless it passes beside the face."""
-    beside = np.abs(places(run, run.q)[:, side]) >= (1.0 - AT_END) * half_height(run)
+    beside = np.abs(contact_heights(run.scene, run.q)[:, side]) >= (1.0 - AT_END) * half_height(run)
     broken = np.flatnonzero((modes[:, side] == ContactMode.FREE) & ~beside & (gap < -allowed))
     if broken.size:
         row = int(broken[0])
         fail(run, f"gap >= 0 ({_RESIDUALS[side]})", row, f"the free tip is at {gap[row]:.3e} m")
 
 
-def _check_closure(run: Finished, tolerance: float) -> None:
+def _check_closure(run: Run, tolerance: float) -> None:
     if "energy" not in run.record:
         return
     closure, exchanged = run.energy.closure, run.energy.exchanged
@@ -132,18 +139,17 @@ def _check_closure(run: Finished, tolerance: float) -> None:
         fail(run, "energy ledger closes", row, excess)
 
 
-def _shown(run: Finished, modes: Modes | None) -> dict[str, NDArray[np.bool_]]:
+def _shown(run: Run, modes: Modes | None) -> dict[str, NDArray[np.bool_]]:
     """Returns violation -> whether each recorded row shows it; only the last row if q is missing.
 
     "rim" is left out: it depends on a sine, whose rounding may decide. In unilateral contact only
     closed tips show violations; `check_contact` knows those that a mode is.
     """
     q = run.q if "state" in run.record else run.state(-1).q[None]
-    radii = np.array([radius(run, 0), radius(run, 1)])
-    tilt = q[:, 3:5] + q[:, 2:3] * [-1.0, 1.0]
+    radii = np.array([tip.radius for tip in run.scene.hand.tips])
     by_side: dict[str, NDArray[np.bool_]] = {
         "crushed": q[:, 5:7] >= radii,
-        "folded": np.abs(tilt) >= np.pi / 2,
+        "folded": np.abs(tilts(q)) >= np.pi / 2,
     }
     if modes is not None:
         closed = modes[-len(q) :] != ContactMode.FREE
@@ -158,7 +164,7 @@ def _shown(run: Finished, modes: Modes | None) -> dict[str, NDArray[np.bool_]]:
     return {name: sides[:, 0] | sides[:, 1] for name, sides in by_side.items()}
 
 
-def _check_status(run: Finished, modes: Modes | None) -> None:
+def _check_status(run: Run, modes: Modes | None) -> None:
     # With `times` the first row may be long after the start, but the last instant is always a row.
     first, last = run.scene.start().time, run.t[-1]
     for name, time in run.violations.items():
@@ -181,3 +187,126 @@ def _check_status(run: Finished, modes: Modes | None) -> None:
     end = run.scene.start().time + run.scene.duration
     if run.success and last != end:
         fail(run, "status completed", -1, f"the run should have reached {end} s")
+
+
+def check_contact(run: Run, modes: Modes) -> None:
+    """Checks modes, multipliers and losses of a run with unilateral contact."""
+    _check_modes(run, modes)
+    _check_end(run)
+    if len(modes) == len(run.t) and "multipliers" in run.record:
+        _check_multipliers(run, modes)
+    if "energy" in run.record:
+        _check_losses(run)
+
+
+def changing(run: Run) -> NDArray[np.bool_]:
+    """Returns where a tip's mode changes at the very instant of a row (n, 2).
+
+    Such a row has the state before the change, and the mode after it; but at an impulse the mode
+    before it.
+    """
+    found = np.zeros((len(run.t), 2), dtype=bool)
+    for change in run.contact_changes:
+        found[run.t == change.time, SIDES.index(change.finger)] = True
+    return found
+
+
+def half_height(run: Run) -> float:
+    """Returns half the height of the object's faces, m; inf if they are endless."""
+    height = run.scene.grasped.height
+    return np.inf if height is None else 0.5 * height
+
+
+def _check_modes(run: Run, modes: Modes) -> None:
+    """Checks that the rows have the modes to which the changes lead, and `violations`, `holds`."""
+    first = len(run.t) - len(modes)
+    for side, finger in enumerate(SIDES):
+        changes = [change for change in run.contact_changes if change.finger == finger]
+        mode = changes[0].before if changes else ContactMode(modes[0, side])
+        expected = np.full(len(run.t), mode)
+        for change in changes:
+            if change.before != mode:
+                row = int(np.searchsorted(run.t, change.time))
+                found = f"the {finger} tip leaves {change.before.name} at {change.time} s in"
+                fail(run, "contact changes", row, f"{found} {mode.name}")
+            mode = change.after
+            expected[run.t >= change.time] = mode
+        settled = ~changing(run)[first:, side]
+        wrong = np.flatnonzero((expected[first:] != modes[:, side]) & settled)
+        if wrong.size:
+            row = int(wrong[0])
+            names = ContactMode(modes[row, side]).name, ContactMode(expected[first + row]).name
+            finding = f"the {finger} tip is {names[0]}, its changes lead to {names[1]}"
+            fail(run, "contact modes", first + row, finding)
+    for name, time in _first_times(run, modes).items():
+        if run.violations.get(name) != time:
+            finding = f"the modes show it at {time} s first, the run reported"
+            fail(run, f"violation {name}", 0, f"{finding} {run.violations.get(name)}")
+    held = run.success and not (modes[-1] == ContactMode.FREE).any()
+    if run.holds != held:
+        fail(run, "holds", -1, f"it is {run.holds}, the status and the last modes say {held}")
+
+
+def _first_times(run: Run, modes: Modes) -> dict[str, float | None]:
+    """Returns violation -> the first time at which a mode shows it, s, or None."""
+    begun = {change.finger: change.before for change in reversed(run.contact_changes)}
+    at_start = [begun.get(finger, modes[0, side]) for side, finger in enumerate(SIDES)]
+    found: dict[str, float | None] = {}
+    for name, mode in SHOWN_BY.items():
+        times = [change.time for change in run.contact_changes if change.after == mode]
+        found[name] = run.scene.start().time if mode in at_start else min(times, default=None)
+    return found
+
+
+def _check_end(run: Run) -> None:
+    """Checks that a run ended with the step that `stop_on` ends, and why it is lost."""
+    before = run.t[-2] if len(run.t) > 1 else run.scene.start().time
+    for name in SHOWN_BY:
+        time = run.violations.get(name, np.inf)
+        if name in run.stop_on and time < before:
+            fail(run, f"status {run.status}", -1, f"{name} at {time} s should have ended the run")
+        if name == run.status and not time >= before:
+            fail(run, f"status {name}", -1, f"it began at {time} s, before the last step")
+    reach = np.abs(contact_heights(run.scene, run.state(-1).q[None])).max()
+    if run.status == "lost" and not reach >= (1.0 - AT_END) * half_height(run):
+        fail(run, "status lost", -1, "both contacts are within the faces")
+
+
+def _check_multipliers(run: Run, modes: Modes) -> None:
+    normal, tangential = run.multipliers[:, :2], run.multipliers[:, 2:]
+    limit = np.broadcast_to(np.asarray(run.scene.friction, dtype=float), (2,)) * normal
+    least = _ROUND_OFF * float(np.abs(run.multipliers).max())
+    untouched = (modes == ContactMode.FREE) | (modes == ContactMode.GRAZE)
+    slips = modes == ContactMode.SLIP
+    off = {
+        "lambda^H >= 0": (-normal, least, True),
+        "no force without contact": (np.maximum(abs(normal), abs(tangential)), 0.0, untouched),
+        "|lambda^N| <= mu lambda^H": (abs(tangential) - limit, least, True),
+        "|lambda^N| = mu lambda^H in slip": (abs(abs(tangential) - limit), least, slips),
+    }
+    for invariant, (excess, allowed, rows) in off.items():
+        broken = np.argwhere((excess > allowed) & rows)
+        if len(broken):
+            row, side = map(int, broken[0])
+            mode = ContactMode(modes[row, side]).name
+            forces = f"lambda^H = {normal[row, side]:.3e} N, lambda^N = {tangential[row, side]:.3e}"
+            fail(run, invariant, row, f"the {SIDES[side]} tip is in {mode} with {forces} N")
+
+
+def _check_losses(run: Run) -> None:
+    kicks = np.sort([time for load in run.scene.loads() for time, *_ in load.impulses])
+    # An impulse that turns a slip round does work and takes energy; only their sum has a sign.
+    kicked = np.searchsorted(kicks, run.t[:-1]) < np.searchsorted(kicks, run.t[1:])
+    least = _LOSS * run.energy.exchanged
+    for name, exempt in (("friction_loss", False), ("impact_loss", kicked)):
+        falls = -np.diff(getattr(run.energy, name))
+        broken = np.flatnonzero((falls > least) & ~np.asarray(exempt))
+        if broken.size:
+            row = int(broken[0]) + 1
+            fail(run, f"{name} never falls", row, f"it falls by {falls[row - 1]:.3e} J")
+
+
+def fail(run: Run, invariant: str, row: int, finding: str) -> NoReturn:
+    """Raises the AssertionError of a broken invariant, with the time of the row."""
+    row %= len(run.t)
+    raise AssertionError(f"{invariant}: {finding} at t = {run.t[row]} s (row {row})")

@@ -13,7 +13,7 @@ Modes: TypeAlias = NDArray[np.uint8]
 
 
 class ContactMode(IntEnum):
-    """What a tip does: it is free, sticks, slips or grazes (touches without a force)."""
+    """The mode of a tip, which is free, sticks, slips or grazes (touches without a force)."""
 
     FREE = 0
     STICK = 1
@@ -34,9 +34,6 @@ def known_modes(result: Mapping[str, Any]) -> Modes | None:
     """Returns the modes of all rows (n, 2), or of the last row (1, 2) if no others are known.
 
     The recorded states have them too. None in bilateral contact.
-
-    Args:
-        result: The core's result of a run.
     """
     last = result["final"]["contacts"]
     if last is None:

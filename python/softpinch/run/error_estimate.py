@@ -1,21 +1,33 @@
-"""A run's estimated error, from the same run with half and with a quarter of each step."""
+"""A run's estimated error, from the same run with half and with a quarter of each step.
+
+Adaptive steps are taken again, each divided into equal parts. Integration goes from one instant at
+which an input may jump to the next, and ends a step there. A force of zero that "jumps" at each end
+of a step therefore makes equal steps out of the adaptive ones: as many between two of these ends as
+the run is refined.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .. import _core
+from ..scene import fields
+from ..scene.disturbance import Sampled
 from ..support.arrays import Floats, read_only
 from ..support.result import Result
 from . import scaled_error
 
+if TYPE_CHECKING:
+    from ..scene.scene import Scene
+    from .request import Request
+
 # Quantity with an error estimate -> the entry of `record` that records it.
-QUANTITIES = {"q": "state", "p": "state", "multipliers": "multipliers"}
+QUANTITIES = {name: fields.QUANTITIES[name].record for name in fields.ESTIMATED}
 # Scaled differences between runs up to this are round-off.
 _ROUND_OFF = 1e-12
 # Allowed deviation of the observed order, as a share of the method's order.
@@ -38,21 +50,22 @@ class ErrorEstimate(Result):
         q: Estimated |error| of q at each recorded row, (n, 9), m and rad; None if the state was not
             recorded. It is inf in rows that the finer runs lack, such as the last row of a run
             that a violation ended. With adaptive steps it is also inf at the instants at which a
-            contact changes, which differ between the runs.
+            contact changes, unless an input jumps there: each run has its own such instants.
+            `times` chooses other rows.
         p: Estimated |error| of p, (n, 9), m/s and rad/s, or None.
         multipliers: Estimated |error| of lambda, (n, 4), N, or None.
-        largest: "q", "p", "multipliers" -> the largest error over components and the rows that all
-            runs have, each component scaled by its largest magnitude along the run. It is inf if
+        largest: "q", "p", "multipliers" -> the largest error over components and the rows that have
+            an estimate, each component scaled by its largest magnitude along the run. It is inf if
             the runs did not end alike.
         order: The observed power of the step with which the differences between the runs fall.
             It is inf if only round-off is left, and -inf if they grow from zero because a run
             failed, or if the estimate was interrupted.
         expected_order: The order of the method.
         asymptotic: Whether the estimate can be trusted: all three runs ended with the same status
-            within a step of each other, every scaled error is below 1e-2, and the errors fall with
-            the method's order or are round-off. Of adaptive steps, which may be too long for the
-            method's full order, only order 1.6 is required.
-        message: The estimate in words.
+            within a step of each other, every row has an estimate, every scaled error is below
+            1e-2, and the errors fall with the method's order or are round-off. Of adaptive steps,
+            which may be too long for the method's full order, only order 1.6 is required.
+        message: The estimate in words. It names the rows without an estimate.
         interrupted: Whether Ctrl-C came before both finer runs were done. Then every error is inf.
     """
 
@@ -67,71 +80,53 @@ class ErrorEstimate(Result):
     interrupted: bool = False
 
     def __str__(self) -> str:
-        """Returns the message."""
         return self.message
 
 
-def estimate(
-    result: Mapping[str, Any],
-    again: Callable[[int], Mapping[str, Any]],
-    method: str,
-    recorded: tuple[str, ...],
-    usual: Mapping[str, Floats],
-    scales: Mapping[str, Floats] | None = None,
-    adaptive: bool = False,
-) -> ErrorEstimate:
-    """Estimates the error of a run by Richardson extrapolation from two finer runs.
+def estimate(request: Request, result: Mapping[str, Any]) -> ErrorEstimate:
+    """Estimates the error of a run's result by Richardson extrapolation from two finer runs.
 
-    Args:
-        result: The core's result of the run.
-        again: Computes the run with each step divided into the given number, 2 or 4, and the same
-            recorded instants.
-        method: The integration method.
-        recorded: The run's `record`.
-        usual: Typical magnitudes for the scene, from `scaled_error.usual`.
-        scales: Name -> magnitudes (k,) that scale the errors, for a run that is a part of a longer
-            one; None takes them from the finest run.
+    Ctrl-C during these leaves every error infinite.
     """
-    half, quarter = again(2), again(4)
-    rows = min(len(each["t"]) for each in (result, half, quarter))
-    # The last row of a run that ended early is its last instant, which may differ between runs.
-    while rows and not result["t"][rows - 1] == half["t"][rows - 1] == quarter["t"][rows - 1]:
-        rows -= 1
-    compared = np.ones(rows, dtype=bool)
-    if adaptive:
-        # Steps end at changes of contacts, and a finer run may have its own just before or after.
-        changes = [change[0] for change in result["contact_changes"]]
-        compared = ~np.isin(result["t"][:rows], changes)
-    expected = _core.ORDERS[method]
+    adaptive = request.options.tolerance is not None
+    expected = _core.ORDERS[request.options.method]
+    names = [name for name, kind in QUANTITIES.items() if kind in request.options.record]
+    try:
+        runs = result, half, quarter = result, *_finer_runs(request, result)
+    except KeyboardInterrupt:
+        return _interrupted(result, names, expected, adaptive)
+    t = result["t"]
+    n = min(len(each["t"]) for each in runs)
+    # A finer run may lack the last row of a run that ended early, and rows at changes of contacts.
+    compared = np.flatnonzero((t[:n] == half["t"][:n]) & (t[:n] == quarter["t"][:n]))
+    usual = scaled_error.usual(request.scene)
     found: dict[str, Floats] = {}
     largest: dict[str, float] = {}
     orders: list[float] = []
-    for name in (name for name, kind in QUANTITIES.items() if kind in recorded):
-        coarse, middle, fine = (each[name][:rows][compared] for each in (result, half, quarter))
-        scale = scaled_error.scales(name, fine, usual) if scales is None else scales[name]
+    for name in names:
+        coarse, middle, fine = (each[name][compared] for each in runs)
+        scale = scaled_error.scales(name, fine, usual)
         first = float(scaled_error.by_row(coarse, middle, scale).max(initial=0.0))
         second = float(scaled_error.by_row(middle, fine, scale).max(initial=0.0))
         order = _observed_order(first, second)
-        round_off = first <= _ROUND_OFF
-        orders.append(math.inf if round_off else order)
+        orders.append(math.inf if first <= _ROUND_OFF else order)
         # Richardson: with a quarter of the step, 4^-order of the error remains, so the difference
         # of the two runs is (1 - 4^-order) of it.
         left = 4.0 ** -float(np.clip(order, 0.5, expected)) if math.isfinite(order) else 0.0
-        bars = np.full(result[name].shape, np.inf)
         apart = np.abs(coarse - fine) / (1.0 - left)
-        bars[:rows][compared] = apart
-        found[name] = bars
-        bars.flags.writeable = False
+        bars = np.full(result[name].shape, np.inf)
+        bars[compared] = apart
+        found[name] = read_only(bars)
         largest[name] = float(scaled_error.by_row(apart, 0.0, scale).max(initial=0.0))
-    told = [order for order in orders if order != math.inf]
-    order = max(told, key=lambda order: abs(order - expected), default=math.inf)
+    finite = [order for order in orders if order != math.inf]
+    order = max(finite, key=lambda order: abs(order - expected), default=math.inf)
     # Runs that end at the same violation do so within a step of each other.
-    step = np.diff(result["t"][-2:]).max(initial=0.0)
-    late = max(abs(each["t"][-1] - result["t"][-1]) for each in (half, quarter))
-    alike = len({each["status"] for each in (result, half, quarter)}) == 1
+    step = np.diff(t[-2:]).max(initial=0.0)
+    late = max(abs(each["t"][-1] - t[-1]) for each in (half, quarter))
+    same_status = len({each["status"] for each in runs}) == 1
     # A single row may be the start, whose error is zero, unless the run completed.
-    moved = rows > 1 or (result["status"] == "completed" and bool(compared.any()))
-    alike = alike and moved and late <= step
+    moved = len(compared) > (result["status"] != "completed")
+    alike = bool(same_status and moved and late <= step)
     if not alike:
         largest = dict.fromkeys(largest, math.inf)
     if adaptive:
@@ -139,7 +134,13 @@ def estimate(
     else:
         margin = _MARGIN * expected
         falls = all(order == math.inf or abs(order - expected) <= margin for order in orders)
-    asymptotic = alike and max(largest.values()) < _LARGEST and falls
+    reliable = alike and max(largest.values()) < _LARGEST and falls
+    missing = t[~np.isfinite(np.hstack(list(found.values()))).all(axis=1)]
+    if alike:
+        message = _sizes(largest, order, expected, reliable, adaptive)
+        message += _without(missing, len(t)) if len(missing) else ""
+    else:
+        message = _not_alike(runs, adaptive)
     return ErrorEstimate(
         q=found.get("q"),
         p=found.get("p"),
@@ -147,10 +148,8 @@ def estimate(
         largest=largest,
         order=order,
         expected_order=expected,
-        asymptotic=asymptotic,
-        message=_message(
-            largest, (order, expected), asymptotic, (result, half, quarter), alike, adaptive
-        ),
+        asymptotic=reliable and not len(missing),
+        message=message,
     )
 
 
@@ -163,19 +162,18 @@ def _observed_order(first: float, second: float) -> float:
     return math.log2(first / second)
 
 
-def interrupted(
-    result: Mapping[str, Any], method: str, recorded: tuple[str, ...], adaptive: bool = False
+def _interrupted(
+    result: Mapping[str, Any], names: Sequence[str], expected: int, adaptive: bool
 ) -> ErrorEstimate:
-    """Returns the estimate of a run whose finer runs Ctrl-C has stopped: every error is inf."""
-    named = [name for name, kind in QUANTITIES.items() if kind in recorded]
-    found = {name: read_only(np.full(result[name].shape, np.inf)) for name in named}
+    """The estimate of a run whose finer runs Ctrl-C has stopped: every error is inf."""
+    found = {name: np.full(result[name].shape, np.inf) for name in names}
     return ErrorEstimate(
         q=found.get("q"),
         p=found.get("p"),
         multipliers=found.get("multipliers"),
-        largest=dict.fromkeys(named, math.inf),
+        largest=dict.fromkeys(names, math.inf),
         order=-math.inf,
-        expected_order=_core.ORDERS[method],
+        expected_order=expected,
         asymptotic=False,
         message="the error cannot be estimated: the runs with "
         + ("halves and quarters of the steps were" if adaptive else "dt/2 and dt/4 were")
@@ -184,36 +182,140 @@ def interrupted(
     )
 
 
-def _message(
-    largest: dict[str, float],
-    orders: tuple[float, int],
-    asymptotic: bool,
-    runs: tuple[Mapping[str, Any], ...],
-    alike: bool,
-    adaptive: bool,
+def _not_alike(runs: Sequence[Mapping[str, Any]], adaptive: bool) -> str:
+    """Says that the runs ended differently, or too early."""
+    ends = [f"{run['status']} at t = {run['t'][-1]:.6g} s" for run in runs]
+    if len(set(ends)) > 1:
+        how = f"the run ended differently ({', '.join(ends)})"
+    else:
+        how = f"the run ended before a second row ({ends[0]})"
+    halved = "its own steps, halves and quarters of them" if adaptive else "dt, dt/2 and dt/4"
+    remedy = f"take a smaller {'tolerance' if adaptive else 'dt'}"
+    if runs[0]["status"] == "too_many_steps":
+        remedy = "raise max_steps"
+    return f"the error cannot be estimated: with {halved} {how}; {remedy}"
+
+
+def _sizes(
+    largest: dict[str, float], order: float, expected: int, reliable: bool, adaptive: bool
 ) -> str:
-    order, expected = orders
-    setting, steps = ("tolerance", "its steps") if adaptive else ("dt", "dt")
+    """Says how large the errors are, and whether they fall as expected."""
     sizes = ", ".join(f"{name} {size:.1e}" for name, size in largest.items())
-    if not alike:
-        ends = [f"{run['status']} at t = {run['t'][-1]:.6g} s" for run in runs]
-        how = (
-            f"the run ended differently ({', '.join(ends)})"
-            if len(set(ends)) > 1
-            else f"the run ended before a second row ({ends[0]})"
-        )
-        halved = "its own steps, halves and quarters of them" if adaptive else "dt, dt/2 and dt/4"
-        cut = runs[0]["status"] == "too_many_steps"
-        remedy = "raise max_steps" if cut else f"take a smaller {setting}"
-        return f"the error cannot be estimated: with {halved} {how}; {remedy}"
     text = f"estimated error of the run, relative to the largest size of each component: {sizes}"
     if order == math.inf:
         return f"{text}; only round-off is left"
+    setting, steps, long = (
+        ("tolerance", "its steps", "the steps are") if adaptive else ("dt", "dt", "dt is")
+    )
     text += f"; it falls with the power {order:.1f} of {steps}; the method's order is {expected}"
-    if asymptotic:
+    if reliable:
         return text
-    long = "the steps are" if adaptive else "dt is"
     return (
         f"{text}; the estimate may be wrong, because {long} too long for its theory: take a "
         f"smaller {setting}"
     )
+
+
+def _without(missing: Floats, rows: int) -> str:
+    """Says which of the rows have no estimate."""
+    first = ", ".join(f"{instant:.6g}" for instant in missing[:3])
+    more = ", ..." if len(missing) > 3 else ""
+    return (
+        f"; {len(missing)} of {rows} rows have no estimate, because a contact changes or the run "
+        f"ends there: t = {first}{more} s"
+    )
+
+
+def require_estimable(record: tuple[str, ...]) -> None:
+    """Refuses a run that records nothing whose error can be estimated."""
+    if not _estimable(record):
+        raise ValueError(
+            f"estimate_error with record={record}: needs 'state' or 'multipliers' in record"
+        )
+
+
+def _estimable(record: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(kind for kind in record if kind in QUANTITIES.values())
+
+
+def _finer_runs(
+    request: Request, result: Mapping[str, Any]
+) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    """Computes the run with half and with a quarter of each step, with the same recorded instants.
+
+    Adaptive steps are known by the rows of the run if it recorded every step; otherwise they come
+    from another run, which records nothing else.
+    """
+    request = request.with_(record=_estimable(request.options.record))
+    options = request.options
+    if options.tolerance is None:
+        return request.run_to_end(2), request.run_to_end(4)
+    t = result["t"]
+    if options.times is not None or options.every != 1:
+        ends = request.with_(record=(), times=None, every=1).run_to_end()["t"]
+        t = np.union1d(t, ends)
+    t = ends_of_steps(t, [change[0] for change in result["contact_changes"]])
+    if len(t) < 2:
+        return result, result
+    finer = _on_steps(request, t)
+    half, quarter = (_at_rows(finer.run_to_end(refine), result["t"]) for refine in (2, 4))
+    return half, quarter
+
+
+def ending_at(scene: Scene, t: Floats) -> Scene:
+    """Returns the scene with steps that end at increasing instants (n,), s."""
+    zero = Sampled(times=t, force=np.zeros((len(t), 2)))
+    return replace(scene, disturbances=[*scene.disturbances, zero])
+
+
+def ends_of_steps(t: Floats, changes: Sequence[float]) -> Floats:
+    """Returns the instants among `t`, increasing, at which the steps of finer runs end.
+
+    Steps of the run end at the changes of its contacts. The finer runs find changes of their own: a
+    step that ended at those of the run would choose the modes of the contacts there, and repeat
+    errors of the run. An instant that follows another within round-off is left out too, because the
+    core does not count steps without length, and would record other rows from there on.
+    """
+    kept = ~np.isin(t, changes)
+    kept[[0, -1]] = True
+    t = t[kept]
+    return t[np.diff(t, prepend=-np.inf) > _close(t)]
+
+
+def _on_steps(request: Request, t: Floats) -> Request:
+    """Makes the request of a run whose steps end at given instants (n,), s, n > 1, increasing.
+
+    It has equal steps, of which the core takes as many between two ends as it is told to refine. It
+    ends one step later than `t` if the scene's duration allows, because a finer run may meet the
+    violation that ended the run later.
+    """
+    scene = request.scene
+    start = scene.start()
+    over = 2.0 * t[-1] - t[-2]
+    duration = min(scene.duration, over - start.time)
+    initial = scene.initial if start.grid is None else replace(start, grid=None)
+    finer = replace(ending_at(scene, np.append(t, over)), duration=duration, initial=initial)
+    return request.with_(finer, dt=duration, tolerance=None, times=None, every=1)
+
+
+def _at_rows(result: Mapping[str, Any], t: Floats) -> Mapping[str, Any]:
+    """Keeps a row for each of the instants `t`, and the last row.
+
+    These rows have the instants `t` where the run has them up to round-off, else its own next ones.
+    """
+    own = result["t"]
+    n, close = len(own), _close(t)
+    rows = np.minimum(np.searchsorted(own, t - close), n - 1)
+    t = np.where(np.abs(own[rows] - t) <= close, t, own[rows])
+    if rows[-1] != n - 1:
+        rows, t = np.append(rows, n - 1), np.append(t, own[-1])
+    kept = {
+        name: value[rows] if isinstance(value, np.ndarray) and len(value) == n else value
+        for name, value in result.items()
+    }
+    return {**kept, "t": t}
+
+
+def _close(t: Floats) -> Floats:
+    """The round-off within which two instants are one end of a step, which may be quartered."""
+    return 8.0 * np.spacing(np.abs(t))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import _core
 from ..scene.contact import require_bilateral
@@ -13,11 +13,9 @@ from ..scene.control import require_known_torque
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
-from ..support.arrays import read_only
+from ..support.arrays import Floats
 from ..support.choices import Formulation
 from ..support.result import Result
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -117,11 +115,6 @@ def evaluate(
         integral: Integrals of the angle errors in (39), (2,), rad s.
         formulation: The formulation that gives the multipliers and accelerations.
         stabilization: The gains of (19) and (20), for formulation "csm".
-
-    Raises:
-        ValueError: A shape is wrong, a number is not finite, `formulation` is unknown, or the scene
-            has unilateral contact.
-        TypeError: An argument has the wrong type.
     """
     checks.instance("scene", scene, Scene)
     checks.instance("stabilization", stabilization, Stabilization)
@@ -132,7 +125,7 @@ def evaluate(
         "which hold while both tips stick",
     )
     require_known_torque(scene.law, "evaluate")
-    terms = _core.evaluate(
+    found = _core.evaluate(
         scene.parameters(),
         scene.inputs(),
         checks.finite("t", t),
@@ -143,25 +136,8 @@ def evaluate(
         stabilization.alpha,
         stabilization.beta,
     )
-    return Evaluation(
-        mass_matrix=read_only(terms["mass_matrix"]),
-        constraint_matrix=read_only(terms["constraint_matrix"]),
-        constraint_rate=read_only(terms["constraint_rate"]),
-        residuals=read_only(terms["residuals"]),
-        residual_rates=read_only(terms["residual_rates"]),
-        forces=Forces(
-            elastic=read_only(terms["elastic"]),
-            gravity=read_only(terms["gravity"]),
-            viscous=read_only(terms["viscous"]),
-            control=read_only(terms["control"]),
-            external=read_only(terms["external"]),
-        ),
-        multipliers=read_only(terms["multipliers"]),
-        accelerations=read_only(terms["accelerations"]),
-        energies=Energies(
-            kinetic=terms["kinetic_energy"],
-            elastic=terms["elastic_energy"],
-            gravity=terms["gravity_energy"],
-        ),
-        target=read_only(terms["target"]),
-    )
+    terms: dict[str, Any] = {**found}
+    forces = {f.name: terms.pop(f.name) for f in fields(Forces)}
+    kinds = ("kinetic", "elastic", "gravity")
+    energies = {kind: terms.pop(f"{kind}_energy") for kind in kinds}
+    return Evaluation(**terms, forces=Forces(**forces), energies=Energies(**energies))

@@ -52,7 +52,6 @@ class EnergyLedger(Result):
     start: tuple[float, float, float]
 
     def _tables(self) -> Iterator[ShownTable]:
-        """Where the energy went."""
         if not len(self.kinetic):
             return
         entries = {**{name: getattr(self, name) for name in LEDGER}, "closure": self.closure}

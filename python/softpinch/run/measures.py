@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.control import WRITTEN
-from ..scene.disturbance import Disturbance
-from .contact import ContactMode
+from ..support.arrays import Floats
+from ..support.record import SIDES
+from .contact import ContactMode, known_modes
 from .run import Run
-
-Floats = NDArray[np.float64]
 
 # The last share of an operation, in which the grasp must be at rest to count as settled.
 LAST = 0.25
@@ -44,10 +43,7 @@ def settled(run: Run) -> Floats:
 
 
 def drift(run: Run) -> Floats:
-    """Returns the ranges of x, y, theta over each operation's last quarter (operations, 3).
-
-    In m and rad; nan if the run ended before the end of the operation.
-    """
+    """Returns the ranges of x, y, theta over each operation's last quarter; nan without its end."""
     ranges = np.full((len(operations(run)), 3), np.nan)
     for k, (begin, end) in enumerate(operations(run)):
         late = (run.t >= end - LAST * (end - begin)) & (run.t <= end)
@@ -59,12 +55,8 @@ def drift(run: Run) -> Floats:
 def settling_times(run: Run, distance: float, angle: float) -> Floats:
     """Returns the time from each switch until the pose stays near its final value (operations,), s.
 
-    It is nan if the run ended before the end of the operation.
-
-    Args:
-        run: A run with recorded state.
-        distance: Tolerance for x and y, m.
-        angle: Tolerance for theta, rad.
+    Near is within `distance`, m, of x and y, and within `angle`, rad, of theta. It is nan if the
+    run ended before the end of the operation.
     """
     times = np.full(len(operations(run)), np.nan)
     for k, ((begin, end), final) in enumerate(zip(operations(run), settled(run), strict=True)):
@@ -77,11 +69,7 @@ def settling_times(run: Run, distance: float, angle: float) -> Floats:
 
 
 def finger_errors(run: Run) -> Floats:
-    """Returns |theta_i - theta_i^d| at the end of each operation (operations, 2), rad.
-
-    Raises:
-        ValueError: The schedule has no angles.
-    """
+    """Returns |theta_i - theta_i^d| at the end of each operation (operations, 2), rad."""
     if not run.scene.schedules_angles:
         law = WRITTEN[run.scene.law]
         raise ValueError(f"Scene.{law}: the schedule has no angles to compare with")
@@ -104,24 +92,17 @@ def near_switches(run: Run) -> NDArray[np.bool_]:
 
 
 def held_residuals(run: Run) -> Floats:
-    """Returns |C^H|, m, and |C^N|, m/s, where they are `active_constraints`, else 0, (n, 4).
-
-    Raises:
-        NotRecordedError: Residuals were not recorded.
-    """
+    """Returns |C^H|, m, and |C^N|, m/s, where they are `active_constraints`, else 0, (n, 4)."""
     return np.where(active_constraints(run), np.abs(run.residuals), 0.0)
 
 
 def peak_residuals(run: Run) -> Floats:
-    """Returns the largest |C^H|, m, and |C^N|, m/s, of each operation (operations, 2).
-
-    Both and `settled_residuals` are of `held_residuals`, and raise its error.
-    """
+    """Returns the largest `held_residuals` |C^H|, m, and |C^N|, m/s, of each operation (k, 2)."""
     return _residuals_over(run, 0.0)
 
 
 def settled_residuals(run: Run) -> Floats:
-    """Returns the largest |C^H|, m, and |C^N|, m/s, in each operation's last quarter."""
+    """Returns the largest held residuals in each operation's last quarter (k, 2)."""
     return _residuals_over(run, 1.0 - LAST)
 
 
@@ -135,10 +116,7 @@ def _residuals_over(run: Run, share: float) -> Floats:
 
 
 def least_pressing(run: Run) -> Floats:
-    """Returns the smallest lambda^H of each operation (operations,), N, from its switch on.
-
-    It is 0 where a tip is free in unilateral contact.
-    """
+    """Returns the smallest lambda^H of each operation (operations,), N; 0 where a tip is free."""
     least = np.full(len(operations(run)), np.nan)
     for k, (begin, end) in enumerate(operations(run)):
         rows = (run.t >= begin) & (run.t < end)
@@ -147,37 +125,27 @@ def least_pressing(run: Run) -> Floats:
     return least
 
 
-def _breaks(disturbance: Disturbance) -> list[float]:
-    """Returns the sorted instants at which a disturbance begins, changes or ends, s."""
-    compiled = disturbance.compile()
-    times = [float(time) for breaks, _ in compiled.forces for time in breaks]
-    times += [edge for sine in compiled.sines for edge in sine[:2].tolist()]
-    times += [edge for row, _, _ in compiled.noises for edge in row[4:].tolist()]
-    return sorted(times + [float(impulse[0]) for impulse in compiled.impulses])
-
-
 def jumps(run: Run) -> Floats:
     """Returns the instants at which an input may jump (k,), s, in order."""
-    times = run.scene.schedule.compile()[0].tolist()
-    for disturbance in run.scene.disturbances:
-        times += _breaks(disturbance)
-    return np.unique(times)
+    switches = run.scene.schedule.compile()[0]
+    return np.unique([*switches, *(time for load in run.scene.loads() for time in load.instants())])
 
 
-def impulses(run: Run) -> Floats:
-    """Returns the instants of the impulses (k,), s, in order."""
-    compiled = [disturbance.compile().impulses for disturbance in run.scene.disturbances]
-    return np.unique([float(impulse[0]) for each in compiled for impulse in each])
+def impulses(run: Run) -> dict[float, Floats]:
+    """Returns instant, s, in order -> the sum of the impulses then (3,), N s and N m s."""
+    start = run.scene.start().time
+    found: dict[float, Floats] = {}
+    rows = (row.tolist() for load in run.scene.loads() for row in load.impulses)
+    for time, *push in sorted(rows):
+        if start <= time < start + run.scene.duration:
+            found[time] = found.get(time, np.zeros(3)) + push
+    return found
 
 
 def pulling_intervals(run: Run, side: int) -> list[tuple[float, float]]:
     """Returns begin and end, s, of each interval in which a fingertip pulls (lambda^H < 0).
 
     lambda^H is interpolated linearly between rows, except across a jump of an input.
-
-    Args:
-        run: A run with recorded multipliers.
-        side: 0 for finger 1, the right one; 1 for finger 2.
     """
     t, force, jump = run.t, run.multipliers[:, side], np.isin(run.t, jumps(run))
     pulls = np.concatenate([[False], force < 0.0, [False]])
@@ -208,19 +176,13 @@ def longest_pull(run: Run, begin: float, end: float) -> float:
 def contact_spans(run: Run, side: int) -> list[tuple[float, float, ContactMode]]:
     """Returns begin and end, s, and the mode of each interval in which a contact keeps its mode.
 
-    The intervals follow one another from the run's start to its end. Only that of a run that
-    ended at its start is empty.
-
-    Args:
-        run: A run with unilateral contact; nothing needs to be recorded.
-        side: 0 for finger 1, the right one; 1 for finger 2.
+    The intervals follow one another from the start to the end of a run with unilateral contact.
+    Only that of a run that ended at its start is empty.
     """
-    name = ("right", "left")[side]
-    changes = [change for change in run.contact_changes if change.finger == name]
-    codes = run.state(-1).contact
-    assert codes is not None
-    # The sign of a code is the direction of the motion; modes do not have it.
-    modes = [changes[0].before if changes else ContactMode(min(abs(int(codes[side])), 3))]
+    changes = [change for change in run.contact_changes if change.finger == SIDES[side]]
+    rows = known_modes(run._result)
+    assert rows is not None
+    modes = [changes[0].before if changes else ContactMode(rows[-1, side])]
     modes += [change.after for change in changes]
     edges = [run.scene.start().time, *(change.time for change in changes), float(run.t[-1])]
     found: list[tuple[float, float, ContactMode]] = []
@@ -237,9 +199,6 @@ def contact_modes(run: Run) -> NDArray[np.uint8]:
 
     A row at the instant of a change has the mode before it, to which the row's state belongs;
     `Run.contact` has the mode after it, to which the row's multipliers belong.
-
-    Args:
-        run: A run with unilateral contact; nothing needs to be recorded.
     """
     return modes_at(run, run.t)
 
@@ -284,21 +243,18 @@ def friction_demand(run: Run) -> Floats:
 
 def onset(run: Run) -> float:
     """Returns the time at which the first disturbance begins, s, or the run's start without one."""
-    begins = [_breaks(disturbance)[0] for disturbance in run.scene.disturbances]
+    begins = [load.instants()[0] for load in run.scene.loads()]
     return max(min(begins, default=float(run.t[0])), float(run.t[0]))
 
 
 def lasting(run: Run) -> bool:
-    """Whether a force or a moment on the object never ends."""
-    for disturbance in run.scene.disturbances:
-        compiled = disturbance.compile()
-        if any(np.any(coefficients[-1] != 0.0) for _, coefficients in compiled.forces):
-            return True
-        if any(np.isinf(sine[1]) for sine in compiled.sines):
-            return True
-        if any(np.isinf(row[5]) for row, _, _ in compiled.noises):
-            return True
-    return False
+    """True if a force or a moment on the object never ends."""
+    return any(
+        any(np.any(coefficients[-1] != 0.0) for _, coefficients in load.forces)
+        or any(np.isinf(sine[1]) for sine in load.sines)
+        or any(np.isinf(row[5]) for row, _, _ in load.noises)
+        for load in run.scene.loads()
+    )
 
 
 def since_onset(run: Run) -> NDArray[np.bool_]:
@@ -307,15 +263,9 @@ def since_onset(run: Run) -> NDArray[np.bool_]:
 
 
 def response(run: Run, undisturbed: Run | None = None) -> tuple[Floats, Floats]:
-    """Returns the response to a disturbance: times since its onset and changes of q.
+    """Returns the response to a disturbance: times since its onset (k,), s, changes of q (k, 9).
 
-    Args:
-        run: A run with recorded state.
-        undisturbed: A run without the disturbance, relative to which the changes are computed;
-            None computes them relative to the state at the onset.
-
-    Returns:
-        Times (k,), s, and changes of q (k, 9), m and rad.
+    The changes are relative to the run `undisturbed`, or else to the state at the onset.
     """
     rows = since_onset(run)
     t, q = run.t[rows], run.q[rows]
@@ -329,11 +279,8 @@ def response(run: Run, undisturbed: Run | None = None) -> tuple[Floats, Floats]:
 def torque_response(run: Run, undisturbed: Run | None = None) -> Floats:
     """Returns the changes of the torques in the rows of `response` (k, 2), N m.
 
-    Args:
-        run: A run with recorded torque.
-        undisturbed: A run with recorded torque but without the disturbance, relative to which the
-            changes are computed; None computes them relative to the last row before the onset, as
-            driving torques jump there.
+    They are relative to the run `undisturbed`, or else to the last row before the onset, as driving
+    torques jump there.
     """
     rows = since_onset(run)
     t, torque = run.t[rows], run.torque[rows]
@@ -344,10 +291,7 @@ def torque_response(run: Run, undisturbed: Run | None = None) -> Floats:
 
 
 def drift_since(run: Run) -> Floats:
-    """Returns the ranges of x, y and theta over the last quarter of the time since the onset (3,).
-
-    In m and rad; nan if the run ended early.
-    """
+    """Returns the ranges of x, y, theta over the last quarter since the onset; nan if it failed."""
     if not run.success:
         return np.full(3, np.nan)
     end = float(run.t[-1])
@@ -373,14 +317,10 @@ def swing_back(run: Run, undisturbed: Run | None = None) -> Floats:
 
 
 def busy(t: Floats, change: Floats) -> float:
-    """Returns the time until the pose stays near its final value, s.
+    """Returns the time until the pose stays near its final value, s, from the result of `response`.
 
     Near means within 0.5 % of the largest distance from the final value. The time is rounded up to
     a twentieth of a second, but never exceeds the response.
-
-    Args:
-        t: Times since the onset (k,), s.
-        change: Changes of q (k, 9), from `response`.
     """
     pose = np.abs(change[:, :3] - change[-1, :3])
     moving = np.flatnonzero((pose > 0.005 * pose.max(axis=0, initial=0.0)).any(axis=1))

@@ -45,10 +45,6 @@ class Options(Result):
         """Validates arguments of `simulate` as far as possible without the scene.
 
         Omitted arguments take the defaults of `simulate`, except `record`, whose default is empty.
-
-        Raises:
-            ValueError: An argument breaks its rule.
-            TypeError: An argument has the wrong type.
         """
         try:
             return _checked(**given)
@@ -57,12 +53,7 @@ class Options(Result):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Options:
-        """Makes options from the output of `to_dict`. Omitted entries take their defaults.
-
-        Raises:
-            ValueError: A value breaks its rule.
-            TypeError: A value has the wrong type, or a name is unknown.
-        """
+        """Makes options from the output of `to_dict`. Omitted entries take their defaults."""
         gains = {name: value for name, value in data.items() if name in _GAINS}
         others = {name: value for name, value in data.items() if name not in _GAINS}
         return cls.checked(**others, stabilization=Stabilization(**gains))
@@ -78,6 +69,12 @@ class Options(Result):
             "stabilization": self.stabilization,
             "stop_on": self.stop_on,
         }
+
+    def core(self) -> dict[str, Any]:
+        """Returns the arguments that `_core.Simulation` and `_core.Batch` share."""
+        how = self.numerics() | {"max_steps": self.max_steps}
+        gains: Stabilization = how.pop("stabilization")
+        return how | {"alpha": gains.alpha, "beta": gains.beta, "stop_on": list(self.stop_on)}
 
     def to_dict(self) -> dict[str, Any]:
         """Converts `numerics` to plain data with the names in `NUMERICS`; omits None."""
@@ -119,7 +116,7 @@ def _checked(
     return Options(
         dt=dt,
         tolerance=tolerance,
-        times=_times(tolerance, times, every),
+        times=_times(times, every),
         method=method,
         formulation=checks.choice("formulation", formulation, _core.FORMULATIONS),
         stabilization=stabilization,
@@ -134,12 +131,7 @@ def _checked(
 def names(
     field: str, value: str | Sequence[str], allowed: Sequence[checks.Name]
 ) -> tuple[checks.Name, ...]:
-    """Converts one name or several to a tuple in the order of `allowed`, without repeats.
-
-    Raises:
-        ValueError: A name is unknown; the message lists the allowed names and the closest one.
-        TypeError: The value is neither text nor a sequence or set of texts.
-    """
+    """Converts one name or several to a tuple in the order of `allowed`, without repeats."""
     given = (value,) if isinstance(value, str) else value
     if not isinstance(given, Sequence | set | frozenset):
         raise TypeError(
@@ -152,12 +144,7 @@ def names(
 def some_names(
     field: str, value: str | Sequence[str], allowed: Sequence[checks.Name]
 ) -> tuple[checks.Name, ...]:
-    """Converts names as `names` does, and refuses an empty result.
-
-    Raises:
-        ValueError: A name is unknown, or there is no name.
-        TypeError: The value is neither text nor a sequence or set of texts.
-    """
+    """Converts names as `names` does, and refuses an empty result."""
     found = names(field, value, allowed)
     if not found:
         raise ValueError(f"{field} = (): must have at least one")
@@ -167,13 +154,7 @@ def some_names(
 def steps(
     dt: float | None, tolerance: float | None, method: str
 ) -> tuple[float | None, float | None]:
-    """Checks `dt` and `tolerance`, which exclude each other; without both, `dt` has its default.
-
-    Raises:
-        ValueError: Both are given, `dt` is not positive and finite, or `method` has no error
-            estimate for a tolerance.
-        TypeError: The given one is not a number.
-    """
+    """Checks `dt` and `tolerance`, which exclude each other; without both, `dt` has its default."""
     if tolerance is None:
         return checks.positive("dt", DT if dt is None else dt), None
     if dt is not None:
@@ -214,12 +195,10 @@ def in_place(**settings: Any) -> dict[str, Any]:
     return given
 
 
-def _times(tolerance: float | None, times: ArrayLike | None, every: int) -> Floats | None:
+def _times(times: ArrayLike | None, every: int) -> Floats | None:
     """Checks the instants to record."""
     if times is None:
         return None
-    if tolerance is None:
-        raise ValueError("times goes with tolerance; with dt, `every` chooses the rows")
     if every != 1:
         raise ValueError(f"every = {every} and times: give one of them")
     return checks.times("times", times)

@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
+from ..scene import fields
 from ..scene.scene import Scene, State
+from ..scene.svg import drawings
 from ..support import checks
 from ..support.arrays import read_only
 from ..support.display import Shown, ShownTable
 from ..support.errors import NotRecordedError
+from ..support.record import plain
 from ..support.table import save_by_suffix, save_csv, save_npz
-from .columns import COLUMNS, RECORDED_ARRAYS
 from .contact import ContactChange, ContactMode, known_modes
 from .error_estimate import QUANTITIES, ErrorEstimate
 from .ledger import LEDGER, EnergyLedger
 from .options import Options
-from .run_display import run_picture, run_tables
-from .sensitivity import Sensitivity
+from .request import Request
+from .sensitivity import Sensitivity, checked, differentiated
 
 
 class Run(Shown):
@@ -46,7 +48,9 @@ class Run(Shown):
         t: Recorded instants (n,), s.
         status: "completed"; the violation of `stop_on` that ended the run: "separated", "crushed",
             "folded", "pulling", "slipping", "rim", "off_face" or "opened"; or "not_finite",
-            "newton_failed", "step_too_small", "too_many_steps" or "interrupted". Unilateral contact
+            "unstable" (the steps were too long for an explicit method: the energy ledger is open by
+            more energy than the motion was ever given), "newton_failed", "step_too_small",
+            "too_many_steps" or "interrupted". Unilateral contact
             ends a run also as "crushed", "folded" or "lost" (a contact leaves its face, or no tip
             is beside a face), whatever `stop_on` is, as "chattering" (more than 64 events in one
             step) and as "no_mode" (no modes of the contacts agree with the forces).
@@ -58,11 +62,10 @@ class Run(Shown):
             checked instants are the ends of all steps, recorded or not, and with `tolerance` also
             the instants of `times` and those inside a step at which a tip seemed to separate and
             return. So the violation began at most one step before an interval's first instant, and
-            ended at most one step after its last one. Both are equal if only one instant showed it.
-            An interval whose violation lasts to the end of the run ends at the run's last instant.
-            In unilateral contact "slipping" (a tip slips) and "opened" (a tip is free) have their
-            exact times, from event to event, also within a step; "pulling" and "separated" do not
-            occur, and closed tips only are "crushed", "folded", on the "rim" or "off_face".
+            ended at most one step after its last one. In unilateral contact "slipping" (a tip
+            slips) and "opened" (a tip is free) have their exact times, from event to event, also
+            within a step; "pulling" and "separated" do not occur, and closed tips only are
+            "crushed", "folded", on the "rim" or "off_face".
         holds: Whether the grasp held. With unilateral contact: the run reaches its end, and no tip
             is free there. With bilateral contact, as far as that can tell: the run must reach its
             end, and from `summaries_after` on, or from the start if that is None, no tip may pull
@@ -81,7 +84,7 @@ class Run(Shown):
         error: ErrorEstimate | None = None,
         slopes: Sensitivity | None = None,
     ) -> None:
-        """Takes the result of `_core.Simulation.run`; users get runs from `simulate`."""
+        # `result` is that of `_core.Simulation.run`.
         self._options = options
         self._result = result
         self._error = error
@@ -191,11 +194,10 @@ class Run(Shown):
 
     @property
     def success(self) -> bool:
-        """Whether the run reached its end time."""
+        """True if the run reached its end time."""
         return self.status == "completed"
 
     def __len__(self) -> int:
-        """Returns the number of recorded instants."""
         return len(self.t)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -205,7 +207,7 @@ class Run(Shown):
         "energy_closure".
         """
         found = {
-            name: self._result[name] for name in RECORDED_ARRAYS if self._result[name] is not None
+            name: self._result[name] for name in fields.QUANTITIES if self._result[name] is not None
         }
         if self._result["energy"] is not None:
             ledger = self.energy
@@ -223,9 +225,7 @@ class Run(Shown):
         `SampledController` has the controller's own state.
 
         Raises:
-            IndexError: The run has no row `k`.
             NotRecordedError: The state was not recorded, and `k` is not the last row.
-            TypeError: `k` is not an integer.
         """
         n = len(self.t)
         k = checks.integer("k", k)
@@ -235,28 +235,59 @@ class Run(Shown):
         if k in (-1, n - 1):
             last = result["final"]
             q, p, integral, t = last["q"], last["p"], last["integral"], last["t"]
-            contact, controller = last["contacts"], last["controller"]
-            grid, linearized = (last["anchor"], last["step"]), last["linearized"]
+            contact, controller, linearized = (
+                last[name] for name in ("contacts", "controller", "linearized")
+            )
+            grid = last["anchor"], last["step"]
         else:
             q, p, integral, t = self.q[k], self.p[k], self.integral[k], self.t[k]
-            grid = (result["grid_anchor"][k], result["grid_step"][k])
-            contact = None if result["contacts"] is None else result["contacts"][k]
-            controller = None if result["controllers"] is None else result["controllers"][k]
-            linearized = None if result["linearized"] is None else result["linearized"][k]
+            contact, controller, linearized = (
+                None if result[name] is None else result[name][k]
+                for name in ("contacts", "controllers", "linearized")
+            )
             if linearized is not None and np.isnan(linearized[0]):
                 linearized = None
-        check = self.formulation != "csm"
+            grid = result["grid_anchor"][k], result["grid_step"][k]
         return State(
             q,
             p,
             tuple(integral),
             t,
-            check=check,
+            check=self.formulation != "csm",
             grid=grid,
             linearized=linearized,
             contact=contact,
             controller=controller,
         )
+
+    def at(self, times: ArrayLike) -> NDArray[np.float64]:
+        """Returns the states at any instants of the run, also between its rows and its steps.
+
+        The run is computed once more for it, with the same steps. With `dt` a state between the
+        ends of steps comes from a shorter step of the method from the end before, so that it has
+        the method's order; with `tolerance` from the method's interpolating polynomial.
+
+        Args:
+            times: Instants (n,), s, in any order, from the run's start to its last instant.
+
+        Returns:
+            Coordinates and their rates (n, 18), m, rad, m/s and rad/s.
+
+        Raises:
+            ValueError: An instant is not finite, or not within the run.
+        """
+        instants = checks.array("times", times, ("n",))
+        begin, end = self.scene.start().time, float(self._result["final"]["t"])
+        for k in np.flatnonzero(~((begin <= instants) & (instants <= end))):
+            rule = f"must be from {begin:.6g} to {end:.6g}, where the run ends"
+            raise ValueError(f"times[{k}] = {instants[k]}: {rule}")
+        asked, place = np.unique(instants, return_inverse=True)
+        found = Request(self.scene, self._options).rows_at(asked)
+        if len(found["t"]) < len(asked):
+            # With a tolerance the asked instants are checked for violations, too.
+            rule = f"is in the step after {found['t'][-1]:.6g} s, in which the run ends"
+            raise ValueError(f"times: {asked[len(found['t'])]} {rule}; ask for earlier instants")
+        return np.hstack([found["q"], found["p"]])[place]
 
     def check(self, *, residual: float = 1e-6, closure: float = 1e-4) -> Self:
         """Checks the invariants of the recorded quantities and returns the run.
@@ -284,8 +315,6 @@ class Run(Shown):
         Raises:
             AssertionError: An invariant is broken. The message has the invariant, time, row,
                 component, value and limit.
-            ValueError: A limit is negative or NaN.
-            TypeError: A limit is not a number.
         """
         from .check import check_run  # most runs are not checked
 
@@ -294,22 +323,13 @@ class Run(Shown):
 
     def provenance(self) -> dict[str, Any]:
         """Returns the run's scene, options, software versions and status as plain data."""
-        options = self._options
+        options = {name: plain(value) for name, value in self._options._values().items()}
         return {
             "softpinch": _core.__version__,
             "results_version": _core.RESULTS_VERSION,
             "scene": self.scene.to_dict(),
-            "dt": options.dt,
-            "tolerance": options.tolerance,
-            "method": options.method,
-            "formulation": options.formulation,
-            "stabilization": options.stabilization.to_dict(),
-            "record": list(options.record),
-            "every": options.every,
-            "times": None if options.times is None else options.times.tolist(),
-            "stop_on": list(options.stop_on),
-            "max_steps": None if options.tolerance is None else options.max_steps,
-            "summaries_after": options.summaries_after,
+            **options,
+            "max_steps": None if self.tolerance is None else self._options.max_steps,
             "status": self.status,
             "message": self.message,
             "holds": self.holds,
@@ -330,11 +350,6 @@ class Run(Shown):
 
         Returns:
             The path.
-
-        Raises:
-            ValueError: The suffix is neither `.npz` nor `.csv`.
-            TypeError: `path` is not a path.
-            OSError: The file cannot be written.
         """
         path = checks.path("path", path)
         return save_by_suffix(path, {".npz": self._save_npz, ".csv": self._save_csv})
@@ -351,8 +366,8 @@ class Run(Shown):
 
     def _save_csv(self, path: Path) -> None:
         arrays = self._saved()
-        # Arrays that COLUMNS lacks are those of the energy ledger, which have one column each.
-        columns = [COLUMNS.get(name, (f"{name} [J]",)) for name in arrays]
+        # Arrays that `COLUMNS` lacks are those of the energy ledger, which have one column each.
+        columns = [fields.COLUMNS.get(name, (f"{name} [J]",)) for name in arrays]
         header = ["t [s]", *(column for group in columns for column in group)]
         # Column by column, because the codes of contacts are integers and the others are not.
         table = [
@@ -361,18 +376,28 @@ class Run(Shown):
         save_csv(path, header, zip(*(column.tolist() for column in table), strict=True))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickles through `restored`, because unpickled arrays would be writable."""
+        # Unpickled arrays would be writable.
         return restored, (self.scene, self._options, self._result, self._error, self._slopes)
 
     def _picture(self) -> str:
-        return run_picture(self.scene, self.t, self._result["q"])
+        """Drawings at the first, middle and last row, as SVG; without rows of q, of the start."""
+        t, q = self.t, self._result["q"]
+        if q is None or not len(t):
+            return self.scene._picture()
+        finite = set(np.flatnonzero(np.isfinite(q).all(axis=1)))
+        rows = sorted({0, len(t) // 2, len(t) - 1} & finite)
+        return drawings(self.scene, [q[k] for k in rows], [f"t = {t[k]:.6g} s" for k in rows])
 
     def _tables(self) -> Iterator[ShownTable]:
+        """The result of the run with counts of its work, and the first times of violations."""
         facts = {"result": self.message, "holds": self.holds, **self.stats}
-        return run_tables(facts, self.violations)
+        # Of counts that are zero, explicit methods have several.
+        shown = [item for item in facts.items() if item[1] != 0 or item[1] is False]
+        yield ShownTable(("", ""), shown)
+        if self.violations:
+            yield ShownTable(("violation", "first at [s]"), tuple(self.violations.items()))
 
     def __repr__(self) -> str:
-        """Shows status, time span, rows, steps and violations on one line."""
         seen = "".join(f", {name} at {time:.6g} s" for name, time in self.violations.items())
         span = f"t = {self.t[0]:.6g} to {self.t[-1]:.6g} s" if len(self.t) else "no rows"
         recorded = ", ".join(self.record) or "time only"
@@ -394,3 +419,11 @@ def restored(
         if isinstance(value, np.ndarray):
             read_only(value)
     return Run(scene, options, result, error, slopes)
+
+
+def computed(request: Request, sensitivities: Sequence[str] = ()) -> Run:
+    """Computes a run, without the warnings and estimates of `simulate`."""
+    wanted = checked(request.scene, sensitivities)
+    result = request.run_to_end()
+    slopes = differentiated(request, result["t"], wanted) if wanted[0] else None
+    return Run(request.scene, request.options, result, slopes=slopes)

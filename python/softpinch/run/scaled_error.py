@@ -13,14 +13,19 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from ..scene.fields import ESTIMATED, QUANTITIES
 from ..scene.scene import Scene
 from ..support.arrays import Floats
 
 Units: TypeAlias = Sequence[Sequence[int]]
 
+
+def _sharing_units(units: Sequence[str]) -> Units:
+    return [[k for k, one in enumerate(units) if one == unit] for unit in dict.fromkeys(units)]
+
+
 # Groups of components that share a unit: metres and radians in q and p, newtons in lambda.
-_MIXED: Units = ((0, 1, 5, 6, 7, 8), (2, 3, 4))
-UNITS: Mapping[str, Units] = {"q": _MIXED, "p": _MIXED, "multipliers": ((0, 1, 2, 3),)}
+UNITS: Mapping[str, Units] = {name: _sharing_units(QUANTITIES[name].units) for name in ESTIMATED}
 # A component below this share of the largest one with its unit is round-off.
 _ROUND_OFF = 1e-9
 
@@ -36,7 +41,7 @@ def usual(scene: Scene) -> dict[str, Floats]:
     radius = max(tip.radius for tip in tips)
     modulus = max(tip.youngs_modulus for tip in tips)
     places = np.full(9, radius)
-    places[list(_MIXED[1])] = 1.0
+    places[list(UNITS["q"][1])] = 1.0
     with np.errstate(over="ignore"):
         pace = np.sqrt(np.float64(modulus) * radius / scene.grasped.mass)
         force = np.full(4, modulus * radius * radius)
@@ -47,16 +52,10 @@ def usual(scene: Scene) -> dict[str, Floats]:
 def scales(name: str, rows: Floats, usual: Mapping[str, Floats] | None = None) -> Floats:
     """Returns the magnitudes (k,) that divide the differences of each component.
 
-    Args:
-        name: The quantity: "q", "p" or "multipliers".
-        rows: The trajectory of the quantity (n, k).
-        usual: Typical magnitudes for the scene, from `usual`; None if they are unknown.
-
-    Returns:
-        Each component's largest magnitude along the run. If that is below 1e-9 of the largest
-        component with its unit, that component's magnitude replaces it; if all components with the
-        unit are below 1e-9 of the typical magnitude, the typical one does. It is 1 if all are zero
-        and no typical magnitude is known.
+    They are each component's largest magnitude along the rows (n, k) of a run. If that is below
+    1e-9 of the largest component with its unit, that component's magnitude replaces it; if all
+    components with the unit are below 1e-9 of the typical magnitude in `usual`, the typical one
+    does. It is 1 if all are zero and no typical magnitude is known.
     """
     sizes = np.abs(rows).max(axis=0, initial=0.0)
     for unit in map(list, UNITS[name]):
@@ -80,15 +79,9 @@ def common(name: str, rows: Floats, usual: Mapping[str, Floats]) -> Floats:
 
 
 def by_row(value: Floats, exact: Floats | float, scale: Floats) -> Floats:
-    """Returns the largest scaled difference over the components of each row.
+    """Returns the largest scaled difference over the components of each row, (n, k) or (k,).
 
-    Args:
-        value: Trajectory (n, k), or one row (k,).
-        exact: Trajectory or row to compare with, or one number for all components.
-        scale: Magnitudes (k,), from `scales`.
-
-    Returns:
-        Errors (n,), or () for one row; inf if a difference overflows or is NaN.
+    It is inf if a difference overflows or is NaN.
     """
     with np.errstate(invalid="ignore", over="ignore"):
         worst = (np.abs(value - exact) / scale).max(axis=-1, initial=0.0)
@@ -98,15 +91,12 @@ def by_row(value: Floats, exact: Floats | float, scale: Floats) -> Floats:
 def at_end(
     last: Mapping[str, Floats], expected: Any, along: Mapping[str, Floats]
 ) -> dict[str, float]:
-    """Returns the errors of a run's last state.
+    """Returns the errors of a run's last state: quantity -> error, from `by_row`.
 
     Args:
         last: Quantity -> its last row (k,).
         expected: A `Run` or another object with these quantities (n, k); its last row is exact.
         along: Quantity -> `scales` of the whole run.
-
-    Returns:
-        Quantity -> error, from `by_row`.
     """
     return {
         name: float(by_row(row, getattr(expected, name)[-1], along[name]))
@@ -117,22 +107,14 @@ def at_end(
 def errors(
     result: Any, expected: Any, along: Mapping[str, Floats] | None = None
 ) -> dict[str, Floats]:
-    """Returns the error of a result at each of its instants.
-
-    The caller takes the maximum over the rows of interest.
+    """Returns the error of a result at each of its instants: name -> (n,), from `by_row`.
 
     Args:
         result: A `Run` or another object with t (n,) and some of q (n, 9), p (n, 9) and multipliers
-            (n, 4). A quantity that is missing (AttributeError) is left out.
+            (n, 4).
         expected: An object with these attributes at the same instants, taken as exact.
         along: Name -> `scales` of the whole run. None takes `expected.scales`, which a
             `reference.Reference` has, or otherwise computes them from the rows of `expected`.
-
-    Returns:
-        Name -> errors (n,), from `by_row`.
-
-    Raises:
-        ValueError: The instants differ.
     """
     if not np.array_equal(np.asarray(result.t), np.asarray(expected.t)):
         raise ValueError("errors: the result's instants differ from those it is compared with")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,12 +24,14 @@ from ..support.display import Shown, ShownTable
 from ..support.errors import NotRecordedError, StabilityWarning, warn
 from ..support.result import Result
 from .ledger import LEDGER
-from .options import Options
+
+if TYPE_CHECKING:
+    from .request import Request
 
 # The columns of the energy ledger in bilateral contact.
 _ENERGIES = LEDGER[:7]
-# Quantity of the core's result -> the group of `record` that it belongs to.
-_GROUPS = {"multipliers": "multipliers", "torque": "torque", "energy": "energy"}
+# Quantities that are kept only if `record` has them.
+_RECORDED = ("multipliers", "torque", "energy")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -46,12 +48,6 @@ class SensitivityState(Result):
     derivatives: Floats
 
     def __post_init__(self) -> None:
-        """Checks the derivatives.
-
-        Raises:
-            ValueError: The shape is wrong.
-            TypeError: A value is not a number.
-        """
         found = checks.numbers("SensitivityState.derivatives", self.derivatives)
         wanted = (20, count(self.shapes))
         if found.shape != wanted:
@@ -85,7 +81,6 @@ class Sensitivity(Shown, Mapping[str, Floats]):
         found: Mapping[str, Floats],
         record: Sequence[str],
     ) -> None:
-        """Takes the derivatives (n, numbers, d) by quantity; users get them from `simulate`."""
         self._shapes = dict(shapes)
         self._found = {name: read_only(value) for name, value in found.items()}
         self._record = tuple(record)
@@ -95,29 +90,21 @@ class Sensitivity(Shown, Mapping[str, Floats]):
         return by_path(self._found[quantity], self._shapes)
 
     def _recorded(self, quantity: str) -> dict[str, Floats]:
-        group = _GROUPS[quantity]
-        if group not in self._record:
+        if quantity not in self._record:
             raise NotRecordedError(
-                f"sensitivity.{quantity}: {group!r} was not recorded: add it to record"
+                f"sensitivity.{quantity}: {quantity!r} was not recorded: add it to record"
             )
         return self._of(quantity)
 
     def __getitem__(self, path: str) -> Floats:
-        """Returns the derivatives of q and p by the value at a path, (n, 18, ...).
-
-        Raises:
-            KeyError: The run has no derivatives by this path.
-        """
         if path not in self._shapes:
             raise KeyError(f"{path!r}: the run has derivatives by {checks.quoted(self._shapes)}")
         return self._of("state")[path]
 
     def __iter__(self) -> Iterator[str]:
-        """Iterates over the paths."""
         return iter(self._shapes)
 
     def __len__(self) -> int:
-        """Returns the number of paths."""
         return len(self._shapes)
 
     @property
@@ -127,20 +114,12 @@ class Sensitivity(Shown, Mapping[str, Floats]):
 
     @property
     def multipliers(self) -> Mapping[str, Floats]:
-        """Path -> the derivatives of the multipliers (n, 4, ...), if these were recorded.
-
-        Raises:
-            NotRecordedError: The multipliers were not recorded.
-        """
+        """Path -> the derivatives of the multipliers (n, 4, ...), if these were recorded."""
         return self._recorded("multipliers")
 
     @property
     def torque(self) -> Mapping[str, Floats]:
-        """Path -> the derivatives of the torques on the fingers (n, 2, ...), if recorded.
-
-        Raises:
-            NotRecordedError: The torques were not recorded.
-        """
+        """Path -> the derivatives of the torques on the fingers (n, 2, ...), if recorded."""
         return self._recorded("torque")
 
     @property
@@ -149,9 +128,6 @@ class Sensitivity(Shown, Mapping[str, Floats]):
 
         The columns are kinetic, elastic, gravity, controller_work, external_work, viscous_loss and
         constraint_work; bilateral contact has no other.
-
-        Raises:
-            NotRecordedError: The energies were not recorded.
         """
         found = self._recorded("energy")
         return {
@@ -164,10 +140,6 @@ class Sensitivity(Shown, Mapping[str, Floats]):
 
         A run from `run.state(k)` with `sensitivities=run.sensitivity.at(k)` continues them; with
         `dt` it gives the same bits as an uninterrupted run.
-
-        Raises:
-            IndexError: The run has no row `k`.
-            TypeError: `k` is not an integer.
         """
         rows = len(self._found["state"])
         k = checks.integer("k", k)
@@ -177,26 +149,20 @@ class Sensitivity(Shown, Mapping[str, Floats]):
         return SensitivityState(shapes=self._shapes, derivatives=whole)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickles through the constructor, because an unpickled array would be writable."""
+        # Unpickled arrays would be writable.
         return Sensitivity, (self._shapes, self._found, self._record)
 
     def _tables(self) -> Iterator[ShownTable]:
         yield ShownTable(("by", "derivatives"), tuple(self.items()))
 
     def __repr__(self) -> str:
-        """Shows the paths and the number of rows."""
         return f"<Sensitivity of {len(self._found['state'])} rows by {', '.join(self._shapes)}>"
 
 
 def checked(
     scene: Scene, asked: str | Sequence[str] | SensitivityState
 ) -> tuple[dict[str, tuple[int, ...]], Floats | None]:
-    """Checks `sensitivities` of `simulate`: path -> shape, and derivatives of the start if given.
-
-    Raises:
-        ValueError: The scene has no derivatives, or a path has none.
-        TypeError: `sensitivities` is neither a path, paths, nor a `SensitivityState`.
-    """
+    """Checks `sensitivities`: path -> shape, and derivatives of the start if given."""
     seeds = None
     if isinstance(asked, SensitivityState):
         seeds = asked.derivatives
@@ -217,22 +183,12 @@ def checked(
 
 
 def differentiated(
-    scene: Scene,
-    simulation: _core.Simulation,
-    t: Floats,
-    wanted: tuple[dict[str, tuple[int, ...]], Floats | None],
-    options: Options,
+    request: Request, t: Floats, wanted: tuple[dict[str, tuple[int, ...]], Floats | None]
 ) -> Sensitivity:
-    """Computes the derivatives of a run at its recorded times `t`.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C.
-        ValueError: A number of a disturbance has no derivative, or the equations of an implicit
-            step were not solved again.
-    """
+    """Computes the derivatives of a run at its recorded times `t`; `wanted` is from `checked`."""
     paths, seeds = wanted
-    along = directions(scene, list(paths), seeds=seeds)
-    found, failed = _core.sensitivities(simulation, along, t)
+    along = directions(request.scene, list(paths), seeds=seeds)
+    found, failed = _core.sensitivities(request.simulation(), along, t)
     if failed is not None:
         warn(f"{failed}. The derivatives from there on are NaN", StabilityWarning)
     ends = np.cumsum(list(_core.SENSITIVITIES.values()))[:-1]
@@ -241,6 +197,6 @@ def differentiated(
     kept = {
         name: part.copy()
         for name, part in parts.items()
-        if name not in _GROUPS or name in options.record
+        if name not in _RECORDED or name in request.options.record
     }
-    return Sensitivity(paths, kept, options.record)
+    return Sensitivity(paths, kept, request.options.record)

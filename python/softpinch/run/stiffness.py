@@ -1,12 +1,14 @@
-"""Whether a failed run had too long a step: eigenvalues along the motion, and the longest step.
+"""Warnings of runs that their steps, or the loop of their controller, made unstable.
 
-A healthy run pays nothing for this: only a run that an explicit method with equal steps did not
-complete is looked at.
+A healthy run pays nothing for this. Runs of explicit methods with equal steps are looked at if they
+did not complete, or if a bound on the rates of the motion lets their steps be too long; runs under
+a `SampledController` if they failed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -14,12 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
-from ..scene.contact import as_bilateral, without_drift
-from ..scene.scene import Scene
+from ..scene.contact import without_drift
+from ..scene.control import Pid, SampledController
+from ..scene.loop_matrix import MOST_UNDER_WAY, measured, spectral_radius
+from ..scene.scene import Scene, inputs
+from ..scene.schedule import Schedule
 from ..support.arrays import Floats
 from ..support.choices import Method
 from .contact import ContactMode, Modes
 from .options import Options
+from .request import Request
 
 Complexes = NDArray[np.complex128]
 
@@ -35,8 +41,29 @@ _TOLERANCE, _MOST = 1e-3, 300
 _MOST_ROWS = 1_000_000
 # The motion is linearised at this many of its instants.
 _INSTANTS = 10
+# Indices in q of the coordinates that can move by themselves: d_n and d_t of both tips, theta_i.
+ALONE = (5, 6, 7, 8, 3, 4)
 # The method that the warning recommends.
 STIFF: Method = "radau5"
+# The ends that an unstable loop does not explain: the run was stopped.
+_STOPPED = ("completed", "interrupted", "too_many_steps")
+# The motion is linearised at this many rows of the run, of about so many.
+_LOOP_INSTANTS, _LOOP_ROWS = 9, 1000
+# The loop is named if a deviation has grown so much by the end of the run.
+_GROWN = 10.0
+# Measure -> its rows among the core's linear outputs; targets have none.
+MEASURED: Mapping[str, list[int]] = {
+    "angle": [3, 4],
+    "angle_error": [3, 4],
+    "angle_rate": [18, 19],
+    "position": [0, 1],
+    "velocity": [15, 16],
+    "rotation": [2],
+    "rotation_rate": [17],
+    "compression": [5, 6],
+    "shear": [7, 8],
+    "multipliers": [9, 10, 11, 12],
+}
 
 
 def eigenvalues(jacobian: Floats) -> Complexes:
@@ -63,30 +90,26 @@ def stable_steps(method: str, rates: Complexes) -> Floats:
 
 
 def is_explicit(method: str) -> bool:
-    """Whether a method is stable for short steps only."""
+    """True if a method is stable for short steps only."""
     return bool(np.isfinite(_core.stable_step(method, np.array([-1.0 + 0.0j]))[0]))
 
 
 def surfaces(scene: Scene, q: Floats, contact: Modes) -> Floats:
-    """Jacobians of the tips' surfaces that move by themselves (n, 4, 2, 2), in 1/s; others are 0.
+    """Jacobians of the parts that move by themselves (n, 6, 2, 2), in 1/s; those of others are 0.
+
+    They are the derivatives of (rate, acceleration) by (coordinate, rate), for the coordinates
+    `ALONE`, at q (n, 9) with the modes (n, 2).
 
     Where a tip does not stick, its shear obeys m d'' + c d' + k d = force of friction, by (U3) and
     (U5); where it is free, so does its compression, without that force. By (5) k is 2 pi E d_n: of
     the shear exactly, of the compression but for the tilt, and it falls to zero as the surface
     relaxes. The force of friction depends on the shear by the couple of the tip alone, which is
-    left out.
-
-    Args:
-        scene: The scene.
-        q: Coordinates (n, 9), m and rad.
-        contact: Modes of both tips (n, 2).
-
-    Returns:
-        The derivatives of (rate, acceleration) by (d, rate), in the order of `State.q`: d_n of the
-        right and the left tip, d_t of the right and the left tip.
+    left out. The finger of a free tip turns under its PID alone, by (39), here without the
+    integral.
     """
-    found = np.zeros((len(q), 4, 2, 2))
-    moves = np.hstack([contact == ContactMode.FREE, contact != ContactMode.STICK])
+    found = np.zeros((len(q), len(ALONE), 2, 2))
+    free = contact == ContactMode.FREE
+    moves = np.hstack([free, contact != ContactMode.STICK, free])
     for k in range(4):
         tip, kind = scene.hand.tips[k % 2], ("normal", "tangential")[k // 2]
         mass = getattr(tip, f"{kind}_mass")
@@ -94,137 +117,161 @@ def surfaces(scene: Scene, q: Floats, contact: Modes) -> Floats:
         found[:, k, 0, 1] = 1.0
         found[:, k, 1, 0] = -2.0 * np.pi * tip.youngs_modulus * q[:, 5 + k % 2] / mass
         found[:, k, 1, 1] = -getattr(tip, f"{kind}_viscosity") / mass
+    if scene.law == "pid":
+        pids = scene.control if isinstance(scene.control, tuple) else (scene.control,) * 2
+        for k, (pid, finger) in enumerate(
+            zip(pids, (scene.hand.right, scene.hand.left), strict=True)
+        ):
+            assert isinstance(pid, Pid)
+            found[:, 4 + k, 0, 1] = 1.0
+            found[:, 4 + k, 1] = -pid.kp / finger.inertia, -pid.kd / finger.inertia
     return np.where(moves[:, :, None, None], found, 0.0)
 
 
-def too_long(
-    scene: Scene,
-    options: Options,
-    ended: tuple[str, float],
-    compute: Callable[[Scene, Options], Mapping[str, Any]],
-) -> str | None:
-    """Says that the step of a failed run was beyond the stability limit of its method.
+def too_long(request: Request, status: str, end: float) -> str | None:
+    """Returns a warning if the step of a run was beyond the stability limit of its method, or None.
 
-    A stiff method computes the motion a little beyond the instant at which the run failed. If it
-    fails there too, that is the motion's own end. Otherwise the eigenvalues of the linearised
-    motion tell the longest step for which each decaying mode decays in the numerical solution too.
-    The longest step that the run took is compared with it, which may be much shorter than `dt`,
-    because steps end at each instant at which an input jumps.
-
-    Args:
-        scene: The scene.
-        options: The options of the run.
-        ended: The run's status, and the instant at which it ended, s.
-        compute: Computes a run; Ctrl-C raises.
-
-    Returns:
-        The warning; None if the run did not fail, its method is stable for every step, or its step
-        was not too long.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C.
+    A stiff method computes the motion a little beyond the instant `end` at which the run ended with
+    `status`. If it fails there too, that is the motion's own end, unless the run's energy ledger
+    has shown that its steps were unstable. Otherwise the eigenvalues of the linearised motion give
+    the longest step for which each decaying mode decays in the numerical solution too. The longest
+    step that the run took is compared with it, which may be much shorter than `dt`, because steps
+    end at each instant at which an input jumps.
     """
-    status, end = ended
-    if options.dt is None or status in ("completed", "interrupted"):
+    scene, options = request.scene, request.options
+    if options.dt is None or status == "interrupted" or not is_explicit(options.method):
         return None
-    if not is_explicit(options.method):
-        return None
-    how = replace(
-        options,
+    # The status belongs to the next step if a number overflowed in it.
+    duration = min(end - scene.start().time + 2.0 * options.dt, scene.duration)
+    motion = request.with_(
+        replace(scene, duration=duration),
         dt=None,
         tolerance=_TOLERANCE,
         method=STIFF,
         formulation=without_drift(scene) if scene.start().check else options.formulation,
         record=("state", "contact"),
+        times=None,
         every=1,
         max_steps=_MOST,
-    )
-    # The status belongs to the next step if a number overflowed in it.
-    duration = min(end - scene.start().time + 2.0 * options.dt, scene.duration)
-    motion = compute(replace(scene, duration=duration), how)
-    # Short of steps, the method shows the beginning; any other end is the motion's own.
+    ).run_to_end()
+    # A run that used up its steps still shows the start; another early end is the motion's own.
     cut = motion["status"] == "too_many_steps" and motion["t"][-1] < end
-    if motion["status"] != "completed" and not cut:
+    if motion["status"] != "completed" and not cut and status != "unstable":
         return None
-    steps = _stable(scene, options, motion)
+    steps = _stable(request, motion)
     k = int(np.argmin(steps))
     longest = float(steps[k])
     if not 0.0 < longest < min(options.dt, scene.duration):
         return None
-    if longest >= _longest_taken(scene, options, end, compute):
+    if longest >= _longest_taken(request, end):
         return None
-    confirmed = "which a stiff method does not confirm"
+    about = {
+        "completed": "the run completed, but modes that should decay grow in it",
+        "unstable": f'the run ended as "unstable" at t = {end:.6g} s: by its energy ledger it is '
+        "not the motion",
+    }.get(
+        status,
+        f'the run ended as "{status}" at t = {end:.6g} s, which a stiff method does not confirm',
+    )
     if cut:
-        confirmed = f"and a stiff method looked up to t = {motion['t'][-1]:.4g} s only"
+        about += f" (a stiff method looked up to t = {motion['t'][-1]:.6g} s only)"
     return (
         f"dt = {options.dt:g} s is beyond {longest:.3g} s, the longest step with which "
-        f"{options.method} is stable at t = {motion['t'][k]:.4g} s, and the run ended as "
-        f'"{status}" at t = {end:.4g} s, {confirmed}: take '
+        f"{options.method} is stable at t = {motion['t'][k]:.6g} s, and {about}: take "
         f'method="{STIFF}", which is stable for every dt, or dt <= {0.95 * longest:.2g} s'
     )
 
 
-def _longest_taken(
-    scene: Scene,
-    options: Options,
-    end: float,
-    compute: Callable[[Scene, Options], Mapping[str, Any]],
-) -> float:
+def _longest_taken(request: Request, end: float) -> float:
     """The longest step that a run with equal steps took until `end`, s.
 
     Steps end where inputs jump, so that they may be shorter than `dt`. The run is computed again,
     because its own rows may be far apart. Of a run with over a million steps it is the longest mean
     of some neighbours.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C.
     """
-    assert options.dt is not None
-    whole = min(options.dt, scene.duration)
-    every = 1 + int((end - scene.start().time) / options.dt / _MOST_ROWS)
-    again = compute(scene, replace(options, record=(), every=every))
+    scene, dt = request.scene, request.options.dt
+    assert dt is not None
+    every = 1 + int((end - scene.start().time) / dt / _MOST_ROWS)
+    again = request.with_(record=(), times=None, every=every).run_to_end()
     # The last rows may be closer than `every` steps. A run may fail in its first step.
     taken = np.diff(again["t"]) / every
-    return float(taken.max(initial=0.0)) or whole
+    return float(taken.max(initial=0.0)) or min(dt, scene.duration)
 
 
-def _stable(scene: Scene, options: Options, motion: Mapping[str, Any]) -> Floats:
+def _stable(request: Request, motion: Mapping[str, Any]) -> Floats:
     """The longest stable step at each row of the motion, s; inf in rows that are not looked at.
 
     Where both tips stick, all modes are looked at; elsewhere only those of the surfaces that move
     by themselves.
     """
+    scene, method = request.scene, request.options.method
     steps = np.full(len(motion["t"]), np.inf)
     rows = np.unique(np.linspace(0, len(steps) - 1, _INSTANTS).round().astype(int))
     sticks = (motion["contact"][rows] == ContactMode.STICK).all(axis=1)
     held = rows[sticks]
     if len(held):
-        bilateral = as_bilateral(scene)
-        sampled = bilateral.law == "sampled"
+        # A discrete controller holds its torques during a step; its state is no part of the motion.
+        sampled = scene.law == "sampled"
         t, q, p, integral = (
             np.ascontiguousarray(motion[name][held]) for name in ("t", "q", "p", "integral")
         )
-        jacobian = _core.linearize(
-            bilateral.parameters(),
-            bilateral.inputs(),
-            t,
-            q,
-            p,
-            # The state of a discrete controller is no part of the motion that it holds.
-            np.zeros((len(held), 2)) if sampled else integral,
-            options.formulation,
-            options.stabilization.alpha,
-            options.stabilization.beta,
-            whole=False,
-            # It holds its torques during a step.
-            open_loop=sampled,
-            frozen=False,
-        )["A"]
-        rates = eigenvalues(jacobian)
+        integral = np.zeros((len(held), 2)) if sampled else integral
+        rates = eigenvalues(request.linear_model(t, q, p, integral, open_loop=sampled)["A"])
         # Of a pair of conjugates one is enough.
         half = np.where(rates.imag < 0.0, 0.0, rates)
-        steps[held] = stable_steps(options.method, half).min(axis=1)
+        steps[held] = stable_steps(method, half).min(axis=1)
     own = surfaces(scene, motion["q"][rows], motion["contact"][rows])
-    alone = stable_steps(options.method, eigenvalues(own.reshape(-1, 2, 2)))
+    alone = stable_steps(method, eigenvalues(own.reshape(-1, 2, 2)))
     steps[rows] = np.minimum(steps[rows], alone.reshape(len(rows), -1).min(axis=1))
     return steps
+
+
+def unstable(request: Request, status: str, end: float) -> str | None:
+    """Says that a run failed under a sampled controller whose loop is unstable.
+
+    The loop is linearised, without its limits, about several states of the run in which both tips
+    stick. It is named if the median of the spectral radii lets a deviation grow tenfold or more
+    until the end of the run.
+
+    Arguments and result are those of `too_long`.
+    """
+    scene, options = request.scene, request.options
+    control = scene.control
+    if status in _STOPPED or not isinstance(control, SampledController):
+        return None
+    lasted = end - scene.start().time
+    if control.delay > MOST_UNDER_WAY * control.period or lasted < control.period:
+        return None
+    every = 1 if options.dt is None else max(1, int(lasted / options.dt / _LOOP_ROWS))
+    record = ("state", "torque", "contact")
+    motion = request.with_(record=record, every=every, times=None).run_to_end()
+    rows = np.flatnonzero((motion["contact"] == ContactMode.STICK).all(axis=1))
+    rows = rows[np.linspace(0, len(rows) - 1, min(_LOOP_INSTANTS, len(rows))).round().astype(int)]
+    radii = [
+        radius(scene, *(motion[name][row] for name in ("t", "q", "p", "torque"))) for row in rows
+    ]
+    found = float(np.median(radii)) if radii else math.nan
+    if not math.log(max(found, 1.0)) * lasted / control.period >= math.log(_GROWN):
+        return None
+    return (
+        f'the run ended as "{status}" at t = {end:.4g} s, and the likely cause is its '
+        f"SampledController, whose loop is unstable: by the linearised motion deviations grow by "
+        f"a factor of {found:.4g} in each sampling period of {control.period:g} s (the spectral "
+        "radius of the loop); lower the gains, or shorten the period and the delay"
+    )
+
+
+def radius(scene: Scene, t: float, q: Floats, p: Floats, torque: Floats) -> float:
+    """The spectral radius of the loop from sample to sample, about a state; nan if it overflows.
+
+    It is at least 1, because a grasp at rest has two neutral states. Limits of the torques are left
+    out. `torque` (2,) is in force, N m.
+    """
+    control = scene.control
+    assert isinstance(control, SampledController)
+    held = inputs(Schedule.steps([0.0], [torque]), scene.disturbances, "torque")
+    plant = Request(scene, Options.checked(formulation="nullspace")).linear_model(
+        np.array([t]), q[None], p[None], np.zeros((1, 2)), inputs=held, whole=True, open_loop=True
+    )
+    a, b, c, d = plant["A"][0], plant["B"][0][:, :2], plant["C"][0], plant["D"][0][:, :2]
+    return spectral_radius(control, a, b, *measured(control, MEASURED, c, d))

@@ -1,16 +1,15 @@
 """The description of a simulation: frozen records, validated once and compiled for the Rust core.
 
-The public records are in `hand`, `control`, `sampled_control`, `schedule`, `disturbance`,
-`stabilization` and `scene` (which also has `State`). `compilation` and `compiled` make the core's
-arrays for one run or many runs; `template` is a scene with numbers that differ between runs.
-`paths` resolves dotted paths into a scene, `units` has the unit of every field, and `usual` its
-usual range.
+The public records are in `hand`, `control`, `schedule`, `disturbance`, `stabilization` and `scene`
+(which also has `State`). `scene` makes the core's inputs of one run or many; `template` is a scene
+with numbers that differ between runs. `fields` is the table of all quantities with units,
+symbols and usual ranges, `paths` resolves dotted paths into a scene, and `usual` warns of numbers
+outside their usual range.
 """
 
-from .control import Pid, Torque
+from .control import Pid, SampledController, Torque
 from .disturbance import Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
 from .hand import Finger, Fingertip, GraspedObject, Hand
-from .sampled_control import SampledController
 from .scene import Scene, State
 from .schedule import Schedule
 from .stabilization import Stabilization

@@ -1,29 +1,28 @@
-"""What depends on the contact model of a scene: its formulations, and functions without slip."""
+"""Contact and friction of a scene: coefficients, formulations, and functions without slip."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from .. import _core
+from ..support import checks
 from ..support.choices import Formulation
-from .scene import Scene, State
+from ..support.record import SIDES
+
+if TYPE_CHECKING:
+    from .scene import Scene
 
 # The states of "nullspace" are on the constraints of both contacts always.
 _BILATERAL = ("nullspace",)
 
 
 def require_bilateral(scene: Scene, name: str, reason: str) -> None:
-    """Refuses unilateral contact.
-
-    Args:
-        scene: The scene.
-        name: The function that refuses it.
-        reason: What it has instead, and how to use it.
-
-    Raises:
-        ValueError: The scene has unilateral contact.
-    """
+    """Refuses unilateral contact in the function `name`; `reason` says what it computes instead."""
     if scene.contact != "bilateral":
         raise ValueError(f'Scene.contact = "{scene.contact}": {name} {reason}')
 
@@ -31,7 +30,7 @@ def require_bilateral(scene: Scene, name: str, reason: str) -> None:
 def as_bilateral(scene: Scene) -> Scene:
     """Returns the scene with bilateral contact, whose start has no modes of contacts."""
     start = scene.initial
-    if isinstance(start, State):
+    if start is not None and not isinstance(start, str):
         start = replace(start, contact=None)
     return replace(scene, contact="bilateral", initial=start)
 
@@ -49,14 +48,51 @@ def without_drift(scene: Scene) -> Formulation:
 
 
 def require_formulations(field: str, names: Sequence[str], scene: Scene) -> None:
-    """Refuses formulations that cannot simulate a scene.
-
-    Raises:
-        ValueError: One of the names is for bilateral contact only.
-    """
+    """Refuses formulations that cannot simulate a scene."""
     for name in names:
         if name not in formulations_of(scene):
             raise ValueError(
                 f'{field} = "{name}": must be one of "csm" or "projected" where contact = '
                 f'"{scene.contact}"'
             )
+
+
+def parse_friction(data: Any, path: str) -> Any:
+    """Parses one coefficient of friction, a list (right, left), or a table of both sides."""
+    if not isinstance(data, Mapping):
+        return data
+    checks.refuse_unknown("Scene.friction", data, SIDES, path)
+    for side in SIDES:
+        if side not in data:
+            raise ValueError(f"Scene.friction.{side}{checks.at(path)}: is missing")
+    return tuple(data[side] for side in SIDES)
+
+
+def pair_of(given: Any) -> tuple[float, float] | None:
+    """Returns the checked coefficients of both contacts if a pair is given, else None."""
+    if not (isinstance(given, tuple | list) or np.ndim(given)):
+        return None
+    try:
+        right, left = (checks.number("Scene.friction", value) for value in given)
+    except (TypeError, ValueError):
+        raise TypeError(
+            f"Scene.friction = {checks.shown(given)}: must be a number, or two, (right, left)"
+        ) from None
+    for value in (right, left):
+        _core.validate("Scene", "friction", value)
+    return right, left
+
+
+def coefficients(friction: float | tuple[float, float] | None) -> tuple[float, float]:
+    """Returns a scene's coefficients of both contacts, (right, left); inf where it has none."""
+    right, left = friction if isinstance(friction, tuple) else (friction, friction)
+    return (math.inf if right is None else right, math.inf if left is None else left)
+
+
+def require_finite(friction: float | tuple[float, float] | None) -> None:
+    """Refuses unilateral contact without finite friction."""
+    if not np.isfinite(coefficients(friction)).all():
+        raise ValueError(
+            f"Scene.friction = {checks.shown(friction)}: must be finite where "
+            'contact = "unilateral", such as 0.5'
+        )

@@ -1,4 +1,5 @@
-"""What turns the fingers of a scene: a PID (39), torques of the schedule, or a sampled controller.
+"""The laws that turn the fingers of a scene: a PID (39), torques of the schedule, or a discrete
+linear controller, which the core computes.
 
 A new law needs its class, and its `kind` in `LAWS`.
 """
@@ -7,13 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Self, TypeAlias
+from typing import Any, ClassVar, Self, TypeAlias
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import _core
 from ..support import checks
-from ..support.kinds import without_kind
-from ..support.record import Record
+from ..support.arrays import Floats, read_only
+from ..support.record import SIDES, Record, without_kind
 from .hand import one_or_pair, take_one_or_pair
-from .sampled_control import SampledController
+
+# Measures that a controller knows without a sensor.
+_KNOWN = {"target", "target_rate"}
+
+# A `SampledController` as the core takes it: measures, number of states, anti-windup, numbers
+# (runs, k), seed, and the numbers of the runs.
+Compiled: TypeAlias = tuple[list[str], int, bool, Floats, int, NDArray[np.uint64]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -31,8 +42,23 @@ class Pid(Record):
     ki: float = 1000.0
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Law(Record):
+    """Base class of the laws that a scene file tells from a PID by their `kind`."""
+
+    _kind: ClassVar[str]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Converts to a dictionary with the key `kind`."""
+        return {"kind": self._kind, **super().to_dict()}
+
+    @classmethod
+    def _parse(cls, data: Any, path: str) -> Self:
+        return super()._parse(without_kind("Scene.control", data, cls._kind, path), path)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Torque(Record):
+class Torque(Law):
     """The schedule's values are the torques on the fingers, N m, instead of target angles.
 
     A positive torque closes its finger. Between the instants of the schedule the torques are what
@@ -40,19 +66,273 @@ class Torque(Record):
     back. Give a schedule too: the default one, 0.105 rad for a PID, would be 0.105 N m.
     """
 
-    def to_dict(self) -> dict[str, Any]:
-        """Converts to a dictionary with the key `kind`, by which a file tells it from a PID."""
-        return {"kind": "torque"}
+    _kind: ClassVar[str] = "torque"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SampledController(Law):
+    """A discrete linear controller: it measures at every period, and its torques are held.
+
+    With the measurements y_k at start + k * period and the state xi_k:
+
+        u_k = C xi_k + D y_k, limited to v_k,    xi_(k+1) = A xi_k + B y_k,
+
+    and v_k is the torque on the fingers from start + k * period + delay until v_(k+1) acts. Steps
+    of the integration end at each of these instants, so that a method keeps its order. A delay may
+    be longer than the period. The schedule has the target angles of the fingers.
+
+    A sampled loop can be unstable although the mechanics and the same gains in continuous time are
+    stable. If a run fails so, the `StabilityWarning` of `simulate` has the loop's spectral radius.
+
+    Measures, with the number of their entries in y:
+
+    - "angle" (2), rad; "angle_rate" (2), rad/s: theta_i of the right and the left finger;
+    - "angle_error" (2), rad: theta_i minus its target, as in the PID (39);
+    - "target" (2), rad; "target_rate" (2), rad/s: the schedule's;
+    - "position" (2), m; "velocity" (2), m/s: x and y of the object;
+    - "rotation" (1), rad; "rotation_rate" (1), rad/s: theta of the object;
+    - "compression" (2), m; "shear" (2), m: d_n and d_t of both tips;
+    - "multipliers" (4), N: lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N under the torques before
+      the sample.
+
+    Attributes:
+        period: Time between samples, s.
+        A: (n, n); None is a controller without states, with B and C also None.
+        B: (n, m), for the m numbers that are measured.
+        C: (2, n), N m: torques on the right and the left finger.
+        D: (2, m); None is zero.
+        measures: Names of the measures, in the order of y.
+        delay: Time from a sample until its torques act, s.
+        limits: Smallest and largest torque, N m, (2,), or one pair for each finger (2, 2); None
+            does not limit them. The torques never exceed them.
+        initial_torque: Torques on the right and the left finger until the first sample acts, N m,
+            within the limits.
+        initial_state: xi_0 (n,); None is zero.
+        anti_windup: Anti-windup by clamping: a state is held during a sample if its change would
+            drive a limited torque further beyond its limit.
+        measure_noise: Standard deviation of Gaussian noise on the measurements, in their units: one
+            number for each entry of y (m,), or measure -> number; a number holds for all. Known
+            quantities ("target", "target_rate") have none.
+        resolution: The steps to which measurements are rounded, as of an encoder, given as
+            `measure_noise`; 0 does not round. For "angle_error" the angle is rounded.
+        seed: Seed of the noise, from 0 to 2^64 - 1; in `monte_carlo` it becomes the study's.
+        run: Run number, which the noise depends on too; in `monte_carlo` it becomes the run's.
+    """
+
+    period: float
+    A: NDArray[np.float64] | None = None
+    B: NDArray[np.float64] | None = None
+    C: NDArray[np.float64] | None = None
+    D: NDArray[np.float64] | None = None
+    measures: tuple[str, ...] = ("angle_error", "angle_rate")
+    delay: float = 0.0
+    limits: NDArray[np.float64] | None = None
+    initial_torque: tuple[float, float] = (0.0, 0.0)
+    initial_state: NDArray[np.float64] | None = None
+    anti_windup: bool = False
+    measure_noise: NDArray[np.float64] | float = 0.0
+    resolution: NDArray[np.float64] | float = 0.0
+    seed: int = 0
+    run: int = 0
+
+    _kind: ClassVar[str] = "sampled"
+
+    def __post_init__(self) -> None:
+        self._set("period", checks.positive("SampledController.period", self.period))
+        self._set("delay", checks.non_negative("SampledController.delay", self.delay))
+        self._set("measures", _measures(self.measures))
+        m = sum(_core.MEASURES[name] for name in self.measures)
+        n = _states(self.A)
+        if n == 0 and any(value is not None and np.size(value) for value in (self.B, self.C)):
+            given = checks.shown(self.A)
+            raise ValueError(
+                f"SampledController.A = {given}: must be (n, n), because B or C is given"
+            )
+        for name, shape in (("A", (n, n)), ("B", (n, m)), ("C", (2, n)), ("D", (2, m))):
+            self._set(name, _matrix(name, getattr(self, name), shape))
+        if n == 0 and self.D is not None and not self.D.any():
+            raise ValueError(
+                "SampledController: it has no gains; give D, or A, B and C (`pid` makes them)"
+            )
+        self._set("limits", _limits(self.limits))
+        torque = checks.pair("SampledController.initial_torque", self.initial_torque)
+        self._set("initial_torque", torque)
+        begin = np.zeros(n) if self.initial_state is None else self.initial_state
+        if n or np.size(begin):
+            begin = checks.array("SampledController.initial_state", begin, (n,))
+        self._set("initial_state", begin)
+        self._require_within_limits()
+        self._set("anti_windup", checks.boolean("SampledController.anti_windup", self.anti_windup))
+        for name in ("measure_noise", "resolution"):
+            self._set(name, self._of_each(name, getattr(self, name)))
+        for name in ("seed", "run"):
+            place = f"SampledController.{name}"
+            self._set(name, checks.integer(place, getattr(self, name), 0, 2**64 - 1))
+
+    def _of_each(self, name: str, value: object) -> Floats:
+        """Returns one number that is not negative for each entry of y."""
+        place = f"SampledController.{name}"
+        widths = [_core.MEASURES[measure] for measure in self.measures]
+        if isinstance(value, Mapping):
+            checks.refuse_unknown(place, value, self.measures, "")
+            for known in sorted(_KNOWN & value.keys()):
+                if checks.number(f"{place}[{known!r}]", value[known]) != 0.0:
+                    raise ValueError(
+                        f"{place}[{known!r}] = {checks.shown(value[known])}: must be 0, because no "
+                        "sensor measures it"
+                    )
+            value = [checks.number(f"{place}[{k!r}]", value.get(k, 0.0)) for k in self.measures]
+            value = np.repeat(value, widths)
+        elif np.ndim(value) == 0:  # type: ignore[arg-type]
+            value = np.full(sum(widths), checks.number(place, value))
+        found = checks.array(place, value, (sum(widths),))
+        for k, number in enumerate(found):
+            checks.non_negative(f"{place}[{k}]", number)
+        return found
+
+    def _require_within_limits(self) -> None:
+        """Refuses initial torques that the limits do not allow."""
+        if self.limits is None:
+            return
+        for side, torque, (low, high) in zip(SIDES, self.initial_torque, self.limits, strict=True):
+            if not low <= torque <= high:
+                raise ValueError(
+                    f"SampledController.initial_torque = {checks.shown(self.initial_torque)}: must "
+                    f"be within the limits, from {low} to {high} for the {side} finger"
+                )
 
     @classmethod
-    def _parse(cls, data: Any, path: str) -> Self:
-        return super()._parse(without_kind("Scene.control", data, "torque", path), path)
+    def pid(
+        cls,
+        period: float,
+        kp: float = 100.0,
+        kd: float = 1.0,
+        ki: float = 1000.0,
+        **settings: Any,
+    ) -> Self:
+        """Makes the sampled form of the PID (39): u = -K_P e - K_D theta-dot - K_I sum(e) period.
+
+        The continuous PID is its limit as the period goes to zero. The default gains are those of
+        `Pid`; with the default hand they are unstable from a delay of 1 ms on, where kp = 4,
+        kd = 0.05 and ki = 20 are stable. Give all three gains: the default ki beside a kp of 1 and
+        a kd of 0.05 is unstable where no tip touches, which a run warns of. In studies the gains of
+        the right and the left finger are -`D.0.0` and -`D.1.1` (kp), -`D.0.2` and -`D.1.3` (kd),
+        -`C.0.0` and -`C.1.1` (ki).
+
+        Args:
+            period: Time between samples, s.
+            kp: K_P, N m/rad.
+            kd: K_D, N m s/rad.
+            ki: K_I, N m/(rad s).
+            settings: Other fields: `delay`, `limits`, `anti_windup`, ...
+        """
+        period = checks.positive("SampledController.period", period)
+        gains = {"kp": kp, "kd": kd, "ki": ki}
+        kp, kd, ki = (checks.finite(f"SampledController.pid: {k}", v) for k, v in gains.items())
+        one, zero = np.eye(2), np.zeros((2, 2))
+        return cls(
+            period,
+            one,
+            np.hstack([period * one, zero]),
+            -ki * one,
+            np.hstack([-kp * one, -kd * one]),
+            **{"measures": ("angle_error", "angle_rate")} | settings,
+        )
+
+    def compile_runs(
+        self, values: Mapping[str, Floats], numbers: NDArray[np.uint64] | None, seed: int
+    ) -> Compiled:
+        """Returns the controllers of many runs as the core takes them.
+
+        Args:
+            values: Fields that differ between runs -> (runs, ...).
+            numbers: The run numbers (runs,), which the noise depends on; None keeps `run`.
+            seed: Seed of the noise.
+        """
+        limits = np.tile([-np.inf, np.inf], (2, 1)) if self.limits is None else self.limits
+        names = ("period", "delay", "limits", "initial_torque", *"ABCD")
+        parts = []
+        for name in (*names, "initial_state", "measure_noise", "resolution"):
+            own = limits if name == "limits" else np.asarray(getattr(self, name), dtype=float)
+            many = values.get(name, own[None])
+            parts.append(many.reshape(len(many), own.size))
+        runs = max(map(len, parts))
+        rows = np.hstack([np.broadcast_to(part, (runs, part.shape[1])) for part in parts])
+        numbers = np.array([self.run], np.uint64) if numbers is None else numbers
+        states = _states(self.A)
+        rows = np.ascontiguousarray(rows)
+        return list(self.measures), states, self.anti_windup, rows, seed, numbers
+
+    def to_dict(self) -> dict[str, Any]:
+        """Converts to a dictionary with the key `kind`; arrays without entries are left out."""
+        data = super().to_dict()
+        if not _states(self.A):
+            for name in (*"ABC", "initial_state"):
+                del data[name]
+        return data
+
+
+def _measures(value: object) -> tuple[str, ...]:
+    place = "SampledController.measures"
+    given = (value,) if isinstance(value, str) else value
+    if not isinstance(given, tuple | list) or not given:
+        raise TypeError(
+            f"{place} = {checks.shown(value)}: must be names out of {checks.quoted(_core.MEASURES)}"
+        )
+    found = tuple(
+        checks.choice(f"{place}[{k}]", one, _core.MEASURES) for k, one in enumerate(given)
+    )
+    for name in found:
+        if found.count(name) > 1:
+            raise ValueError(f"{place}: {name!r} is there more than once")
+    return found
+
+
+def _states(value: object) -> int:
+    """Returns the number of rows of A."""
+    if value is None:
+        return 0
+    given = checks.numbers("SampledController.A", value)
+    return given.shape[0] if given.ndim else 0
+
+
+def _matrix(name: str, value: ArrayLike | None, shape: tuple[int, int]) -> Floats:
+    """Checks a matrix; None is one of zeros."""
+    place = f"SampledController.{name}"
+    if value is None:
+        if name in "BC" and shape[0] * shape[1]:
+            raise ValueError(f"{place} = None: must have shape {shape}, to fit A and measures")
+        value = np.zeros(shape)
+    elif np.size(value) == 0 and 0 in shape:
+        value = np.zeros(shape)
+    return checks.array(place, value, shape)
+
+
+def _limits(value: object) -> Floats | None:
+    """Checks the limits, and returns one pair for each finger."""
+    if value is None:
+        return None
+    place = "SampledController.limits"
+    given = checks.numbers(place, value)
+    if given.shape not in ((2,), (2, 2)):
+        raise ValueError(
+            f"{place} = {checks.shown(value)}: must be (smallest, largest), or one such pair for "
+            "each finger"
+        )
+    pairs = np.array(np.broadcast_to(given, (2, 2)))
+    if not (pairs[:, 0] <= pairs[:, 1]).all():
+        raise ValueError(
+            f"{place} = {checks.shown(value)}: the smallest must not exceed the largest"
+        )
+    if (pairs[:, 0] == np.inf).any() or (pairs[:, 1] == -np.inf).any():
+        raise ValueError(f"{place} = {checks.shown(value)}: must leave a finite torque")
+    return read_only(pairs)
 
 
 Control: TypeAlias = Pid | tuple[Pid, Pid] | Torque | SampledController
 
 # The entry `kind` of a scene file -> class. A PID has none.
-LAWS: dict[str, type[Torque | SampledController]] = {"torque": Torque, "sampled": SampledController}
+LAWS: dict[str, type[Law]] = {law._kind: law for law in (Torque, SampledController)}
 # `Scene.law` -> what moves the fingers then, as it is written.
 WRITTEN = {
     "pid": "control=Pid(...)",
@@ -63,12 +343,7 @@ WRITTEN = {
 
 
 def parse_control(data: Any, path: str) -> Any:
-    """Parses `control` of a scene: the gains of a PID, those of both sides, or a table with `kind`.
-
-    Raises:
-        ValueError: The kind is unknown, or a gain breaks its rule.
-        TypeError: A value has the wrong type.
-    """
+    """Parses `control` of a scene: one PID, one for each side, or a table with `kind`."""
     if isinstance(data, Mapping) and "kind" in data:
         kind = checks.choice(f"Scene.control.kind{checks.at(path)}", data["kind"], LAWS)
         return LAWS[kind]._parse(data, path)
@@ -76,12 +351,8 @@ def parse_control(data: Any, path: str) -> Any:
 
 
 def take_control(value: object) -> object:
-    """Checks the field `control` of a scene; a pair of PIDs is returned as a tuple (right, left).
-
-    Raises:
-        TypeError: The value is no control.
-    """
-    if isinstance(value, Torque | SampledController):
+    """Checks the field `control` of a scene; a pair of PIDs becomes a tuple (right, left)."""
+    if isinstance(value, Law):
         return value
     try:
         return take_one_or_pair("Scene.control", value, Pid)
@@ -90,15 +361,7 @@ def take_control(value: object) -> object:
 
 
 def require_known_torque(law: str, name: str) -> None:
-    """Refuses a `SampledController`, whose torques depend on the run so far.
-
-    Args:
-        law: The scene's `law`.
-        name: The function that refuses it.
-
-    Raises:
-        ValueError: The law is "sampled".
-    """
+    """Refuses a `SampledController`, whose torques depend on the run; `name` is the function."""
     if law == "sampled":
         raise ValueError(
             f"Scene.{WRITTEN[law]}: {name} needs the torques at a state, which depend on the run; "

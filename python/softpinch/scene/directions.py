@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any, TypeAlias
 
@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from .. import _core
 from ..support import checks
 from ..support.arrays import Floats
-from .compiled import Compiled
-from .disturbance import DISTURBANCES, Disturbance
+from .disturbance import DISTURBANCES, Compiled, Disturbance
 from .piecewise import Piecewise
 from .scene import Scene, State
 from .schedule import Schedule
@@ -43,11 +42,7 @@ _Compiled: TypeAlias = tuple[Piecewise, tuple[Compiled, ...]]
 
 
 def require_derivatives(scene: Scene) -> None:
-    """Refuses a scene whose runs have no derivatives.
-
-    Raises:
-        ValueError: The contact is unilateral, or the control is a `SampledController`.
-    """
+    """Refuses a scene whose runs have no derivatives."""
     if scene.contact == "unilateral":
         raise ValueError(
             'sensitivities need contact = "bilateral": the derivative jumps at every change of a '
@@ -60,11 +55,7 @@ def require_derivatives(scene: Scene) -> None:
 
 
 def listed(asked: object) -> list[str]:
-    """Returns the paths of an argument `sensitivities`, which is one path or several.
-
-    Raises:
-        TypeError: It is neither text nor a sequence of texts.
-    """
+    """Returns the paths of an argument `sensitivities`, which is one path or several."""
     found = [asked] if isinstance(asked, str) else asked
     if not isinstance(found, list | tuple) or not all(isinstance(path, str) for path in found):
         raise TypeError(
@@ -76,18 +67,9 @@ def listed(asked: object) -> list[str]:
 def shapes(
     scene: Scene, paths: Sequence[str], varied: Sequence[str] = ()
 ) -> dict[str, tuple[int, ...]]:
-    """Checks paths, and returns the shape of the value at each.
+    """Checks paths, and returns the shape of the value at each; `varied` paths differ between runs.
 
     Paths into `initial` are also those of a start that the scene does not give as a `State`.
-
-    Args:
-        scene: The scene that all runs share.
-        paths: The paths to differentiate by.
-        varied: The paths that differ between runs.
-
-    Raises:
-        ValueError: A path does not exist, its value is not numeric, two paths have the same number,
-            or there is no derivative by it.
     """
     for path in paths:
         if path in _REFUSED:
@@ -137,18 +119,15 @@ def directions(
     varied: Sequence[str] = (),
     seeds: Floats | None = None,
 ) -> _core.Directions:
-    """Makes the directions of all numbers at the paths, in the order of the paths.
+    """Makes the directions of all numbers at paths that `shapes` has checked.
 
     Args:
         scene: The scene of the run.
-        paths: Paths that `shapes` has checked.
+        paths: The paths.
         shared: The scene that all runs share, if it differs from the run's own.
         varied: The paths in which these scenes differ.
         seeds: Derivatives (20, d) of the start, q, p and integral, in place of those that the paths
             give, for a run that goes on from another one.
-
-    Raises:
-        ValueError: There is no derivative by a number of a disturbance.
     """
     derived = None if isinstance(scene.initial, State) else scene._start_kind
     start = "driven" if derived and scene.fingers == "driven" else derived
@@ -196,13 +175,13 @@ def move_breakpoints(scene: Scene, paths: Sequence[str]) -> bool:
 
 
 def _compiled(scene: Scene) -> _Compiled:
-    return scene.schedule.compile(), tuple(one.compile() for one in scene.disturbances)
+    return scene.schedule.compile(), scene.loads()
 
 
 def _slopes(scene: Scene, base: _Compiled, path: str, index: tuple[int, ...]) -> _Compiled:
     """Returns the derivatives of the compiled inputs by one number."""
     schedule, loads = base
-    still = _unmoved(schedule), tuple(_still(load) for load in loads)
+    still = _mapped(np.zeros_like, schedule), tuple(load.map(np.zeros_like) for load in loads)
     root, *rest = path.split(".")
     if root == "schedule":
         return _derivative(scene.schedule, path, rest, index), still[1]
@@ -213,24 +192,15 @@ def _slopes(scene: Scene, base: _Compiled, path: str, index: tuple[int, ...]) ->
     return still
 
 
-def _unmoved(piecewise: Piecewise) -> Piecewise:
+def _mapped(function: Callable[[Floats], Floats], piecewise: Piecewise) -> Piecewise:
     breaks, coefficients = piecewise
-    return np.zeros_like(breaks), np.zeros_like(coefficients)
-
-
-def _still(load: Compiled) -> Compiled:
-    return Compiled(
-        forces=tuple(map(_unmoved, load.forces)),
-        sines=tuple(map(np.zeros_like, load.sines)),
-        impulses=tuple(map(np.zeros_like, load.impulses)),
-        noises=tuple((np.zeros_like(row), seed, run) for row, seed, run in load.noises),
-    )
+    return function(breaks), function(coefficients)
 
 
 def _derivative(
     record: Schedule | Disturbance, path: str, steps: list[str], index: tuple[int, ...]
 ) -> Any:
-    """Returns the derivatives of what a record compiles itself to, by the number at a path."""
+    """Returns the derivatives of a compiled schedule or disturbance, by the number at a path."""
     name, *inside = steps
     place = (*map(int, inside), *index)
     try:
@@ -245,13 +215,8 @@ def _derivative(
             f"numbers in its fields, from which derivatives are computed ({error})"
         ) from None
     if isinstance(record, Schedule):
-        return _imaginary(compiled)
-    derivative = Compiled(
-        forces=tuple(map(_imaginary, compiled.forces)),
-        sines=tuple(_part(sine) for sine in compiled.sines),
-        impulses=tuple(_part(impulse) for impulse in compiled.impulses),
-        noises=tuple((_part(row), seed, run) for row, seed, run in compiled.noises),
-    )
+        return _mapped(_imaginary_part, compiled)
+    derivative = compiled.map(_imaginary_part)
     if any(row[3:].any() for row, _, _ in derivative.noises):
         raise ValueError(
             f"sensitivities: {path!r}: there is no derivative by the rate or the times of a noise: "
@@ -272,11 +237,7 @@ def _moved(record: Any, name: str, place: tuple[int, ...], by: complex) -> Any:
 
 
 def _require_analytic(record: Any, name: str, place: tuple[int, ...], compiled: Compiled) -> None:
-    """Refuses what loses the imaginary part, such as `abs`: it is compared with a difference.
-
-    Raises:
-        TypeError: The derivative differs from the difference by more than a tenth.
-    """
+    """Refuses what loses the imaginary part, such as `abs`: it is compared with a difference."""
     size = 1e-5 * max(float(np.abs(np.asarray(getattr(record, name), float)[place])), 1e-5)
     up, down = (_moved(record, name, place, by).compile() for by in (size, -size))
     for found, after, before in zip(*map(_flat, (compiled, up, down)), strict=True):
@@ -290,14 +251,8 @@ def _flat(compiled: Compiled) -> list[NDArray[Any]]:
     return [*pieces, *compiled.sines, *compiled.impulses, *(row for row, _, _ in compiled.noises)]
 
 
-def _part(array: NDArray[Any]) -> Floats:
-    found: Floats = np.imag(array) / _TINY
-    return found
-
-
-def _imaginary(piecewise: tuple[NDArray[Any], NDArray[Any]]) -> Piecewise:
-    breaks, coefficients = piecewise
-    return _part(breaks), _part(coefficients)
+def _imaginary_part(array: NDArray[Any]) -> Floats:
+    return np.asarray(np.imag(array) / _TINY)
 
 
 def _held(of: Piecewise, slope: Piecewise) -> Piecewise:

@@ -7,9 +7,9 @@ impulses and noise. A new disturbance is a class with `compile` and a line in `D
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,19 +18,88 @@ from .. import _core
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.choices import Hold
-from ..support.kinds import chosen, kind_of
-from ..support.record import Record, bare, runs_of
-from .compiled import Compiled, stacked
-from .piecewise import held, linear, require_finite
+from ..support.record import Record, bare, chosen, kind_of, runs_of
+from .piecewise import Piecewise, held, linear, padded, require_finite
 from .schedule import HOLDS
 
 _NONE = np.zeros(3)
+# The checks of fields by their names, which have one meaning in all classes below.
+_RULES: dict[str, Callable[[str, Any], Any]] = {
+    "time": checks.finite,
+    "duration": checks.positive,
+    "force": checks.pair,
+    "moment": checks.finite,
+    "impulse": checks.pair,
+    "angular_impulse": checks.finite,
+    "frequency_hz": checks.positive,
+    "phase": checks.finite,
+    "moment_std": checks.non_negative,
+    "rate_hz": checks.positive,
+}
 # The most samples that `Noise.samples` returns: ten times the most that one run may use; 2.4 GB.
 _MOST_SAMPLES = 100_000_000
 
 
+class Compiled(NamedTuple):
+    """A compiled disturbance. For many runs every array has the runs as its first axis.
+
+    Attributes:
+        forces: Piecewise polynomials of F_x and F_y, N, and moment, N m.
+        sines: Arrays (7,): start and end, s; angular frequency, 1/s; phase, rad; amplitudes of F_x
+            and F_y, N, and of the moment, N m.
+        impulses: Arrays (4,): time, s; J_x and J_y, N s; J_theta, N m s.
+        noises: (array (6,), seed, run) each. The array has the standard deviations of F_x and F_y,
+            N, and of the moment, N m; the sample rate, Hz; start and end, s.
+    """
+
+    forces: tuple[Piecewise, ...] = ()
+    sines: tuple[Floats, ...] = ()
+    impulses: tuple[Floats, ...] = ()
+    noises: tuple[tuple[Floats, int, int], ...] = ()
+
+    def map(self, function: Callable[[Floats], Floats]) -> Compiled:
+        """Returns the loads with a function of each array."""
+        return Compiled(
+            forces=tuple((function(breaks), function(rows)) for breaks, rows in self.forces),
+            sines=tuple(map(function, self.sines)),
+            impulses=tuple(map(function, self.impulses)),
+            noises=tuple((function(row), seed, run) for row, seed, run in self.noises),
+        )
+
+    def instants(self) -> list[float]:
+        """Returns the sorted instants of one run at which a load begins, changes or ends, s."""
+        times = [time for breaks, _ in self.forces for time in breaks.tolist()]
+        times += [edge for sine in self.sines for edge in sine[:2].tolist()]
+        times += [edge for row, _, _ in self.noises for edge in row[4:].tolist()]
+        return sorted(times + [float(impulse[0]) for impulse in self.impulses])
+
+
+def stacked(runs: Sequence[Compiled], owner: str) -> Compiled:
+    """Stacks a disturbance of class `owner`, compiled for each run, along a new first axis."""
+    counts = [tuple(map(len, run)) for run in runs]
+    for k, count in enumerate(counts):
+        if count != counts[0]:
+            raise ValueError(
+                f"run {k}: {owner}.compile gave {_counted(count)}, but "
+                f"{_counted(counts[0])} in another run: must give equal numbers in all runs"
+            )
+    return Compiled(
+        forces=tuple(map(padded, zip(*(run.forces for run in runs), strict=True))),
+        sines=tuple(map(np.stack, zip(*(run.sines for run in runs), strict=True))),
+        impulses=tuple(map(np.stack, zip(*(run.impulses for run in runs), strict=True))),
+        noises=tuple(
+            (np.stack([rows for rows, _, _ in same]), same[0][1], same[0][2])
+            for same in zip(*(run.noises for run in runs), strict=True)
+        ),
+    )
+
+
+def _counted(counts: tuple[int, ...]) -> str:
+    return ", ".join(f"{n} {name}" for n, name in zip(counts, Compiled._fields, strict=True) if n)
+
+
 def _columns(*parts: Any) -> Floats:
-    """Broadcasts numbers or arrays (...) and stacks them along a new last axis (..., parts)."""
+    """Stacks numbers or arrays (...) along a new last axis (..., parts)."""
     whole = np.stack(np.broadcast_arrays(*parts), axis=-1)
     # Derivatives of a disturbance come from complex numbers (directions.py).
     return whole.astype(np.result_type(np.float64, whole), copy=False)
@@ -46,10 +115,6 @@ def _load(force: Any, moment: Any) -> Floats:
 class Disturbance(Record):
     """Base class of the disturbances."""
 
-    # Whether `compile` also accepts fields with the runs as a first axis. The flag is read from the
-    # class itself and not inherited, because a derived class may only handle scalar fields.
-    _compiles_many: ClassVar[bool] = False
-
     def compile(self) -> Compiled:
         """Returns the arrays for the core."""
         raise NotImplementedError
@@ -59,11 +124,10 @@ class Disturbance(Record):
 
         Args:
             values: Fields that differ between runs -> (runs, ...).
-
-        Raises:
-            ValueError: A run's value breaks a rule.
         """
-        if vars(type(self)).get("_compiles_many", False):
+        # The built-in classes also compile fields with the runs as a first axis; others may only
+        # handle the fields of one run.
+        if type(self) in DISTURBANCES.values():
             many = bare(self, values)
             if getattr(many, "duration", None) is not None:
                 time, duration = np.broadcast_arrays(many.time, many.duration)  # type: ignore[attr-defined]
@@ -75,11 +139,7 @@ class Disturbance(Record):
         return stacked(runs, type(self).__name__)
 
     def to_dict(self) -> dict[str, Any]:
-        """Converts to a dictionary with the entry `kind`, which `from_dict` needs.
-
-        Raises:
-            TypeError: The class is not in `DISTURBANCES`.
-        """
+        """Converts to a dictionary with the entry `kind`, which `from_dict` needs."""
         return {
             "kind": kind_of(self, DISTURBANCES, "disturbance.DISTURBANCES"),
             **super().to_dict(),
@@ -92,21 +152,20 @@ class Disturbance(Record):
         result: Self = super(Disturbance, found)._parse(rest, path)
         return result
 
-    def _number(self, name: str, check: Any = checks.finite) -> float:
-        value: float = check(f"{type(self).__name__}.{name}", getattr(self, name))
-        self._set(name, value)
-        return value
-
-    def _pair(self, name: str) -> None:
-        self._set(name, checks.pair(f"{type(self).__name__}.{name}", getattr(self, name)))
-
-    def _end(self, time: float) -> None:
-        """Checks `duration`: it must not vanish in round-off when added to `time`."""
-        duration = self._number("duration", checks.positive)
+    def _check(self) -> None:
+        """Checks the numbers and pairs by the names of their fields."""
+        kind = type(self).__name__
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if f.name in _RULES and not (value is None and f.default is None):
+                self._set(f.name, _RULES[f.name](f"{kind}.{f.name}", value))
+        duration: float | None = getattr(self, "duration", None)
+        if duration is None:
+            return
+        time: float = self.time  # type: ignore[attr-defined]
         if time + duration <= time:
             raise ValueError(
-                f"{type(self).__name__}.duration = {duration}: "
-                f"must be long enough to end later than time = {time}"
+                f"{kind}.duration = {duration}: must be long enough to end later than time = {time}"
             )
 
 
@@ -124,13 +183,8 @@ class Step(Disturbance):
     force: tuple[float, float] = (0.0, 0.0)
     moment: float = 0.0
 
-    _compiles_many: ClassVar[bool] = True
-
     def __post_init__(self) -> None:
-        """Checks time, force and moment."""
-        self._number("time")
-        self._pair("force")
-        self._number("moment")
+        self._check()
 
     def compile(self) -> Compiled:
         """Returns a piecewise polynomial with one break."""
@@ -154,13 +208,8 @@ class Pulse(Disturbance):
     force: tuple[float, float] = (0.0, 0.0)
     moment: float = 0.0
 
-    _compiles_many: ClassVar[bool] = True
-
     def __post_init__(self) -> None:
-        """Checks time, duration, force and moment."""
-        self._end(self._number("time"))
-        self._pair("force")
-        self._number("moment")
+        self._check()
 
     def compile(self) -> Compiled:
         """Returns a piecewise polynomial with two breaks. An overflowing end is never reached."""
@@ -188,13 +237,8 @@ class Impulse(Disturbance):
     impulse: tuple[float, float] = (0.0, 0.0)
     angular_impulse: float = 0.0
 
-    _compiles_many: ClassVar[bool] = True
-
     def __post_init__(self) -> None:
-        """Checks time and impulse."""
-        self._number("time")
-        self._pair("impulse")
-        self._number("angular_impulse")
+        self._check()
 
     def compile(self) -> Compiled:
         """Returns one impulse."""
@@ -222,19 +266,12 @@ class Sine(Disturbance):
     time: float = 0.0
     duration: float | None = None
 
-    _compiles_many: ClassVar[bool] = True
-
     def __post_init__(self) -> None:
-        """Checks every field."""
-        frequency = self._number("frequency_hz", checks.positive)
-        if not math.isfinite(math.tau * frequency):
-            raise ValueError(f"Sine.frequency_hz = {frequency}: 2 pi times it must be finite")
-        self._pair("force")
-        self._number("moment")
-        self._number("phase")
-        time = self._number("time")
-        if self.duration is not None:
-            self._end(time)
+        self._check()
+        if not math.isfinite(math.tau * self.frequency_hz):
+            raise ValueError(
+                f"Sine.frequency_hz = {self.frequency_hz}: 2 pi times it must be finite"
+            )
 
     def compile(self) -> Compiled:
         """Returns one sinusoid."""
@@ -262,10 +299,7 @@ class Sampled(Disturbance):
     moment: NDArray[np.float64] | None = None
     hold: Hold = "zero"
 
-    _compiles_many: ClassVar[bool] = True
-
     def __post_init__(self) -> None:
-        """Checks every field, and that the rates between samples do not overflow."""
         self._set("times", checks.times("Sampled.times", self.times))
         self._set("force", checks.array("Sampled.force", self.force, ("k", 2)))
         moment = np.zeros(len(self.times)) if self.moment is None else self.moment
@@ -311,21 +345,15 @@ class Noise(Disturbance):
     seed: int = 0
     run: int = 0
 
-    _compiles_many: ClassVar[bool] = True
-
     def __post_init__(self) -> None:
-        """Checks every field."""
+        self._check()
         if checks.read("Noise.force_std", self.force_std).ndim == 0:
-            self._number("force_std", checks.non_negative)
+            self._set("force_std", checks.non_negative("Noise.force_std", self.force_std))
         else:
-            self._pair("force_std")
-            for k, std in enumerate(np.atleast_1d(self.force_std)):
+            pair = checks.pair("Noise.force_std", self.force_std)
+            self._set("force_std", pair)
+            for k, std in enumerate(pair):
                 checks.non_negative(f"Noise.force_std[{k}]", std)
-        self._number("moment_std", checks.non_negative)
-        self._number("rate_hz", checks.positive)
-        time = self._number("time")
-        if self.duration is not None:
-            self._end(time)
         for name in ("seed", "run"):
             self._set(name, checks.integer(f"Noise.{name}", getattr(self, name), 0, 2**64 - 1))
 
@@ -345,10 +373,6 @@ class Noise(Disturbance):
         Args:
             count: Number of samples, at most 100 million.
             place: Index of the disturbance in `Scene.disturbances`.
-
-        Raises:
-            ValueError: An argument is negative or too large.
-            TypeError: An argument is not an integer.
         """
         count = checks.integer("count", count, 0, _MOST_SAMPLES)
         place = checks.integer("place", place, 0, 2**64 - 1)

@@ -34,11 +34,7 @@ def name_sides(value: Any, data: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 def take_one_or_pair(name: str, value: object, cls: type[Record]) -> object:
-    """Checks a field for one record, or for a pair of records, returned as a tuple (right, left).
-
-    Raises:
-        TypeError: The value is neither.
-    """
+    """Checks a field for one record or a pair of records, which becomes a tuple (right, left)."""
     members = tuple(value) if isinstance(value, tuple | list) else (value,)
     if isinstance(value, cls) or (len(members) == 2 and all(isinstance(m, cls) for m in members)):
         return value if isinstance(value, cls) else members
@@ -113,7 +109,6 @@ class Hand(Record):
     }
 
     def __post_init__(self) -> None:
-        """Checks the types of the fields."""
         checks.instance("Hand.right", self.right, Finger)
         checks.instance("Hand.left", self.left, Finger)
         self._set("tip", take_one_or_pair("Hand.tip", self.tip, Fingertip))
@@ -167,10 +162,6 @@ class GraspedObject(Record):
             width: W, distance between the faces, m.
             height: H, of the faces, m.
             mass: M, kg.
-
-        Raises:
-            ValueError: A number is not finite and positive.
-            TypeError: A value is not a number.
         """
         width = checks.positive("width", width)
         height = checks.positive("height", height)
@@ -194,10 +185,6 @@ class GraspedObject(Record):
             length: L, distance between the flat ends, m.
             radius: R, m.
             mass: M, kg.
-
-        Raises:
-            ValueError: A number is not finite and positive.
-            TypeError: A value is not a number.
         """
         length = checks.positive("length", length)
         radius = checks.positive("radius", radius)

@@ -3,22 +3,33 @@
 Between two samples the torques are held, so a linear motion has an exact discrete-time model. With
 the state of the controller and its torques that are under way it is the loop, whose spectral radius
 is the factor by which a deviation grows in each period. Limits of the torques are left out.
+
+A finger that touches nothing moves by I theta'' = u, without gravity. In a grasp the tips add
+stiffness and damping.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .. import _core
 from ..support.arrays import Floats
-from .sampled_control import SampledController
+from .control import SampledController
 
-# With more torques under way the matrix of the loop is too large to look at.
+if TYPE_CHECKING:
+    from .scene import Scene
+
+# With more torques under way the matrix of the loop is too large to compute.
 MOST_UNDER_WAY = 50
 # Terms of the exponential series, of a matrix whose norm is at most one half.
 _TERMS = 16
+# Measure -> its places among the angles and then the rates of the fingers.
+_OF_FINGERS = {"angle": [0, 1], "angle_error": [0, 1], "angle_rate": [2, 3]}
 
 
 def spectral_radius(
@@ -26,12 +37,8 @@ def spectral_radius(
 ) -> float:
     """The spectral radius of the loop; nan if a number overflows.
 
-    Args:
-        control: The controller.
-        a: The motion x' = a x + b v (n, n), 1/s.
-        b: The same for the torques v (n, 2).
-        h: The measurements h x + j v (m, n), in the order of the controller's measures.
-        j: The same for the torques (m, 2).
+    The motion is x' = a x + b v (n, n), (n, 2), under the torques v, and the measurements are
+    h x + j v (m, n), (m, 2).
     """
     with np.errstate(all="ignore"):
         loop = _matrix(control, a, b, h, j)
@@ -92,3 +99,37 @@ def _held(a: Floats, b: Floats, time: float) -> tuple[Floats, Floats]:
         for _ in range(halvings):
             found = found @ found
     return found[:size, :size], found[:size, size:]
+
+
+def measured(
+    control: SampledController, places: Mapping[str, list[int]], c: Floats, d: Floats
+) -> tuple[Floats, Floats]:
+    """H (m, n) and J (m, 2), with which the controller measures y = H x + J v under the torques v.
+
+    `places` has the rows of each measure in c (k, n) and d (k, 2); other measures are constant.
+    """
+    h, j = [], []
+    for name in control.measures:
+        width = _core.MEASURES[name]
+        rows = places.get(name)
+        h.append(c[rows] if rows else np.zeros((width, c.shape[1])))
+        j.append(d[rows] if rows else np.zeros((width, d.shape[1])))
+    return np.vstack(h), np.vstack(j)
+
+
+def growth(scene: Scene, control: SampledController) -> float:
+    """Returns the factor by which the swings of free fingers grow in one period.
+
+    It is below 1 for a stable loop, and 0.0 if it is not known, because the controller measures
+    more than the fingers or its delay takes too many periods.
+    """
+    known = set(control.measures) <= _OF_FINGERS.keys() | {"target", "target_rate"}
+    if not known or control.delay > MOST_UNDER_WAY * control.period:
+        return 0.0
+    a, b = np.zeros((4, 4)), np.zeros((4, 2))
+    a[:2, 2:] = np.eye(2)
+    with np.errstate(all="ignore"):
+        b[2:] = np.diag([1.0 / scene.hand.right.inertia, 1.0 / scene.hand.left.inertia])
+    h, j = measured(control, _OF_FINGERS, np.eye(4), np.zeros((4, 2)))
+    factor = spectral_radius(control, a, b, h, j)
+    return 0.0 if math.isnan(factor) else factor

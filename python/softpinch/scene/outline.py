@@ -1,13 +1,22 @@
-"""Outlines of the hand and the object at one instant."""
+"""Geometry of the hand and the object: places, directions and outlines at one instant.
+
+The compressions d_n1 and d_n2 depend on where the object is, but for an upright object their sum
+does not (9): each finger adds L sin(theta_i) + d_f cos(theta_i) - (W_f - a - W/2).
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ..support.arrays import Floats
-from .hand import Finger, Fingertip, GraspedObject, Hand
+from .hand import Finger, Fingertip
+
+if TYPE_CHECKING:
+    from .scene import Scene
 
 # Height of an object whose faces have no height, m: with the default width it gives the default
 # inertia.
@@ -15,21 +24,11 @@ OBJECT_HEIGHT = 0.049
 # (-1)^i of (6): finger 1, the right one, first.
 SIGNS = (-1.0, 1.0)
 _MM = 1e3
-_ARC = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 181)
+_ARC = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 61)
+# Colours of a drawing: edges, links, the object, a fingertip and the lines inside it.
+EDGE, LINK, OBJECT, SKIN, _FIBRE = "#262626", "#9E9E9E", "#CFE3F2", "#F3C9A8", "#B5744A"
 # Lines drawn inside a tip to show its shear: their positions on its base, as shares of its radius.
 _FIBRES = (-0.72, -0.36, 0.0, 0.36, 0.72)
-
-
-class Bodies(Protocol):
-    """A scene, of which only the dimensions of hand and object are needed."""
-
-    @property
-    def hand(self) -> Hand:
-        """The hand."""
-
-    @property
-    def grasped(self) -> GraspedObject:
-        """The object."""
 
 
 class FingerOutline(NamedTuple):
@@ -50,12 +49,12 @@ class FingerOutline(NamedTuple):
     fibres: tuple[Floats, ...]
 
 
-def tip_of(scene: Bodies, side: int) -> Fingertip:
+def tip_of(scene: Scene, side: int) -> Fingertip:
     """The fingertip of finger 1 (side 0) or 2 (side 1)."""
     return scene.hand.tips[side]
 
 
-def finger_of(scene: Bodies, side: int) -> Finger:
+def finger_of(scene: Scene, side: int) -> Finger:
     """Finger 1 (side 0) or 2 (side 1)."""
     return scene.hand.right if side == 0 else scene.hand.left
 
@@ -66,13 +65,13 @@ def object_axes(theta: float) -> tuple[Floats, Floats]:
     return np.array([c, s]), np.array([-s, c])
 
 
-def object_height(scene: Bodies) -> float:
+def object_height(scene: Scene) -> float:
     """The height of the drawn object, m."""
     height = scene.grasped.height
     return OBJECT_HEIGHT if height is None or not np.isfinite(height) else height
 
 
-def object_outline(scene: Bodies, q: Floats) -> Floats:
+def object_outline(scene: Scene, q: Floats) -> Floats:
     """The object's corners (4, 2), m; its middle is off the centre of gravity by w."""
     across, along = object_axes(q[2])
     # w is measured from the middle towards finger 1, the right one.
@@ -82,9 +81,27 @@ def object_outline(scene: Bodies, q: Floats) -> Floats:
 
 
 _CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+# Half of an arrow's shaft and of its head, and the head's length, as shares of the longest arrow.
+_SHAFT, _WIDE, _HEAD = 0.04, 0.12, 0.3
 
 
-def finger_axes(scene: Bodies, q: Floats, side: int) -> tuple[Floats, Floats, Floats, Floats]:
+def arrow(start: Floats, along: Floats, length: float, longest: float) -> Floats:
+    """The outline (7, 2) of an arrow from `start` (2,) along a unit vector (2,).
+
+    The head of the `longest` arrow of a picture has a fixed share of its length; shorter arrows
+    than this head have a smaller one.
+    """
+    # The head of a short arrow is smaller, and so is its shaft.
+    head = min(_HEAD * longest, length)
+    small = head / _HEAD
+    thin, wide, neck = small * _SHAFT, small * _WIDE, length - head
+    points = [(0.0, thin), (neck, thin), (neck, wide), (length, 0.0)]
+    points += [(u, -v) for u, v in points[2::-1]]
+    up = np.array([-along[1], along[0]])
+    return np.array([start + u * along + v * up for u, v in points])
+
+
+def finger_axes(scene: Scene, q: Floats, side: int) -> tuple[Floats, Floats, Floats, Floats]:
     """Root and O_i of (7, 8), m, and the unit vectors along the finger and inward (each (2,))."""
     sign, finger, angle = SIGNS[side], finger_of(scene, side), float(q[3 + side])
     root = np.array([-sign * finger.root_offset, 0.0])
@@ -93,14 +110,8 @@ def finger_axes(scene: Bodies, q: Floats, side: int) -> tuple[Floats, Floats, Fl
     return root, root + finger.length * up + finger.half_thickness * inward, up, inward
 
 
-def finger_outline(scene: Bodies, q: Floats, side: int) -> FingerOutline:
-    """One finger with its tip flattened by d_n and sheared by d_t against the object's face.
-
-    Args:
-        scene: The scene, which has the dimensions.
-        q: Coordinates (9,), m and rad.
-        side: 0 for finger 1, the right one; 1 for finger 2.
-    """
+def finger_outline(scene: Scene, q: Floats, side: int) -> FingerOutline:
+    """Finger 1 (side 0) or 2 (side 1), its tip compressed by d_n and sheared by d_t at the face."""
     sign, finger = SIGNS[side], finger_of(scene, side)
     a = tip_of(scene, side).radius
     root, centre, up, inward = finger_axes(scene, q, side)
@@ -138,12 +149,60 @@ def finger_outline(scene: Bodies, q: Floats, side: int) -> FingerOutline:
     tip_line = place(a * np.sin(_ARC), a * np.cos(_ARC))
     lines = []
     for share in _FIBRES:
-        out = np.linspace(0.0, a * np.sqrt(1.0 - share**2), 40)
+        out = np.linspace(0.0, a * np.sqrt(1.0 - share**2), 12)
         lines.append(place(np.full_like(out, share * a), out))
     return FingerOutline(root, link, centre, tip_line, tuple(lines))
 
 
-def contact_point(scene: Bodies, q: Floats, side: int) -> Floats:
+class Shape(NamedTuple):
+    """A part of the drawing of hand and object.
+
+    Attributes:
+        points: Its corners (n, 2), m.
+        fill: Its colour; of a line "".
+        edge: The colour of its line.
+        width: The width of its line, points of print.
+    """
+
+    points: Floats
+    fill: str
+    edge: str
+    width: float
+
+
+def shapes(scene: Scene, q: Floats, skins: Sequence[str] = (SKIN, SKIN)) -> list[Shape]:
+    """The drawing of hand and object, from back to front; the number of shapes is constant.
+
+    `skins` has the colours of the right and the left tip.
+    """
+    fingers = [finger_outline(scene, q, side) for side in (0, 1)]
+    found = [Shape(np.array([finger.root for finger in fingers]), "", EDGE, 1.2)]
+    found.append(Shape(object_outline(scene, q), OBJECT, EDGE, 0.8))
+    for side, (finger, skin) in enumerate(zip(fingers, skins, strict=True)):
+        fibre = _FIBRE if skin == SKIN else "white"
+        joint = finger.root + 1.25 * finger_of(scene, side).half_thickness * _CIRCLE
+        found.append(Shape(finger.tip, skin, EDGE, 0.6))
+        found += [Shape(points, "", fibre, 0.4) for points in finger.fibres]
+        found.append(Shape(finger.link, LINK, EDGE, 0.6))
+        found.append(Shape(joint, "white", EDGE, 0.8))
+    # The centre of gravity, and a line along the object's upright axis, which shows its rotation.
+    height = object_height(scene)
+    top = q[:2] + 0.42 * height * object_axes(float(q[2]))[1]
+    found.append(Shape(q[:2] + 0.02 * height * _CIRCLE, "black", "black", 0.6))
+    found.append(Shape(np.array([q[:2], top]), "", "black", 0.7))
+    return found
+
+
+_TURN = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
+_CIRCLE = np.column_stack([np.cos(_TURN), np.sin(_TURN)])
+
+
+def tilts(q: Floats) -> Floats:
+    """The tilts theta_p of both tips (6), (..., 2), rad."""
+    return np.asarray(q[..., 3:5] + np.array(SIGNS) * q[..., 2:3])
+
+
+def contact_point(scene: Scene, q: Floats, side: int) -> Floats:
     """The point of a tip at which its contact force acts on the object's face (2,), m.
 
     It is the foot of the perpendicular from O_i to the face, where the moments of both contact
@@ -154,7 +213,20 @@ def contact_point(scene: Bodies, q: Floats, side: int) -> Floats:
     return np.asarray(centre + (tip_of(scene, side).radius - q[5 + side]) * SIGNS[side] * across)
 
 
-def extent(scene: Bodies, q: Floats) -> tuple[float, float, float, float]:
+def contact_heights(scene: Scene, q: Floats) -> Floats:
+    """The places G_i (11) of the contacts on their faces (n, 2), from the middle up, m."""
+    hand, signs, theta = scene.hand, np.array(SIGNS), q[:, 2:3]
+    length, thick, root = (
+        np.array([getattr(finger, name) for finger in (hand.right, hand.left)])
+        for name in ("length", "half_thickness", "root_offset")
+    )
+    tilt = tilts(q)
+    middle = q[:, 1:2] * np.cos(theta) - q[:, :1] * np.sin(theta)
+    tip = length * np.cos(tilt) - thick * np.sin(tilt) + signs * root * np.sin(theta)
+    return np.asarray(middle - tip)
+
+
+def extent(scene: Scene, q: Floats) -> tuple[float, float, float, float]:
     """Left, right, bottom and top of the drawing at the instants q (k, 9), mm.
 
     Points beyond three times the hand's size, and points that are not finite, are ignored, so that
@@ -174,3 +246,34 @@ def extent(scene: Bodies, q: Floats) -> tuple[float, float, float, float]:
     points = points[(np.abs(points) <= 3.0 * size).all(axis=1)] * _MM
     (left, bottom), (right, top) = points.min(axis=0), points.max(axis=0)
     return float(left), float(right), float(bottom), float(top)
+
+
+def compression(scene: Scene, angles: tuple[float, float]) -> float:
+    """Returns d_n1 + d_n2 of an upright object, m, at these angles of the fingers, rad.
+
+    It is negative where the tips leave a gap.
+    """
+    return sum(
+        length * math.sin(angle) + thickness * math.cos(angle) - gap
+        for angle, (length, thickness, gap) in zip(angles, _fingers(scene), strict=True)
+    )
+
+
+def closing_angle(scene: Scene, total: float) -> float | None:
+    """Returns the equal angle of both fingers, rad, at which the compressions have this sum, m.
+
+    A sum of zero gives the angle at which the tips touch the object. None: no angle does.
+    """
+    lengths, thicknesses, gaps = (sum(values) for values in zip(*_fingers(scene), strict=True))
+    share = (total + gaps) / math.hypot(lengths, thicknesses)
+    if not abs(share) <= 1.0:
+        return None
+    return math.asin(share) - math.atan2(thicknesses, lengths)
+
+
+def _fingers(scene: Scene) -> Iterator[tuple[float, float, float]]:
+    """Yields length, half thickness, and the gap of a finger whose tip stands above its root, m."""
+    for side in (0, 1):
+        finger, tip = finger_of(scene, side), tip_of(scene, side)
+        gap = finger.root_offset - tip.radius - 0.5 * scene.grasped.width
+        yield finger.length, finger.half_thickness, gap

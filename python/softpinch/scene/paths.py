@@ -1,4 +1,4 @@
-"""Dotted paths into a scene: reading the value at a path, and replacing values.
+"""Dotted paths into a scene: reading, listing and replacing the values at them.
 
 A path consists of field names, the sides `right` and `left`, and indices of disturbances and
 arrays. It ends at a number, a pair or an array: "grasped.mass", "hand.tip.left.radius",
@@ -10,41 +10,42 @@ is always one number, which both contacts take.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..support import checks, suggest
+from ..support.display import Shown
 from ..support.record import SIDES, Record
-from .control import WRITTEN
-from .sampled_control import SampledController
-from .symbols import spelt_out
+from .control import WRITTEN, SampledController
+from .fields import Unit, spelt_out, units
+
+if TYPE_CHECKING:
+    from .scene import Scene
 
 # Numeric fields that cannot be varied, because they are no physical quantities.
 _COUNTS = {"grid", "linearized", "controller", "seed", "run"}
 # The field that holds either one number for both contacts or a pair (right, left), as path steps.
 _FRICTION = ["friction"]
-# The same of records for both fingers.
+# Fields that hold one value for both fingers or contacts, or a pair, as steps of paths.
 _SIDED = (["hand", "tip"], ["control"], _FRICTION)
+# Entries of larger arrays have paths too, which are not listed.
+_MOST_ENTRIES = 32
+# An array with more numbers is printed as its shape.
+_SHOWN = 4
 
 
-def shared_fields(scene: Record) -> Sequence[list[str]]:
+def shared_fields(scene: Scene) -> Sequence[list[str]]:
     """Returns the fields of this scene that both fingers share, or that are pairs."""
-    one = isinstance(getattr(scene, "control", None), SampledController)
+    one = isinstance(scene.control, SampledController)
     return [steps for steps in _SIDED if not (one and steps == ["control"])]
 
 
-def shapes_of(scene: Record, paths: Iterable[str]) -> dict[str, tuple[int, ...]]:
-    """Checks paths to numbers, and returns the shape of the value at each.
-
-    Raises:
-        ValueError: A path does not exist or its value is not numeric; two paths set the same
-            number; or a path leads to gains that the scene has not.
-        TypeError: A path is not text.
-    """
+def shapes_of(scene: Scene, paths: Iterable[str]) -> dict[str, tuple[int, ...]]:
+    """Checks paths to numbers, and returns the shape of the value at each."""
     paths = list(paths)
     for path in paths:
         require_gains(scene, path)
@@ -53,22 +54,17 @@ def shapes_of(scene: Record, paths: Iterable[str]) -> dict[str, tuple[int, ...]]
     return shapes
 
 
-def require_gains(scene: Any, path: str) -> None:
+def require_gains(scene: Scene, path: str) -> None:
     """Refuses a path into the control of a scene whose fingers need no gains."""
     below = isinstance(path, str) and path.startswith("control.")
     if below and scene.law not in ("pid", "sampled"):
         raise ValueError(f"vary: {path!r}: with {WRITTEN[scene.law]} there is no PID")
 
 
-def resolve(scene: Record, path: str) -> Any:
+def resolve(scene: Scene, path: str) -> Any:
     """Returns the value at a path, or 0.0 for an optional number that is None.
 
     The value at "friction", which is always one number, is that of the right contact.
-
-    Raises:
-        ValueError: The path does not exist, its value is not numeric, or it leads into a record
-            inside a disturbance.
-        TypeError: The path is not text.
     """
     node, where = locate(scene, path)
     shown = checks.shown(path)
@@ -98,13 +94,8 @@ def resolve(scene: Record, path: str) -> Any:
     return node
 
 
-def locate(scene: Record, path: str) -> tuple[Any, str]:
-    """Returns whatever is at a path, also records and text, and its place for error messages.
-
-    Raises:
-        ValueError: The path does not exist.
-        TypeError: The path is not text.
-    """
+def locate(scene: Scene, path: str) -> tuple[Any, str]:
+    """Returns whatever is at a path, also records and text, and its place for error messages."""
     if not isinstance(path, str):
         raise TypeError(f'vary: {checks.shown(path)}: must be a path such as "grasped.mass"')
     shown = checks.shown(path)
@@ -113,21 +104,19 @@ def locate(scene: Record, path: str) -> tuple[Any, str]:
     steps = path.split(".")
     for k, name in enumerate(steps):
         sided = steps[:k] in shared_fields(scene)
-        if isinstance(node, Record):
+        if sided and name in SIDES:
+            # Otherwise one record of both fingers, or one number of both contacts.
+            if isinstance(node, tuple):
+                node = node[SIDES.index(name)]
+            where = f"{where}.{name}"
+        elif isinstance(node, Record):
             names = [f.name for f in fields(node)]
-            if sided and name in SIDES:
-                where = f"{where}.{name}"  # one record of both fingers
-                continue
             if name not in names:
                 raise ValueError(
                     f"vary: {shown}: {where} has no field {checks.shown(name)}; it has "
                     f"{checks.quoted(names)}{_hint(scene, path)}"
                 )
             node, where = getattr(node, name), type(node).__name__ + "." + name
-        elif sided and name in SIDES and not isinstance(node, tuple):
-            where = f"{where}.{name}"  # one number of both contacts
-        elif sided and name in SIDES:
-            node, where = node[SIDES.index(name)], f"{where}.{name}"
         elif sided and isinstance(node, tuple):
             raise ValueError(
                 f"vary: {shown}: {where} is a pair; it has {checks.quoted(SIDES)}, not "
@@ -143,7 +132,7 @@ def locate(scene: Record, path: str) -> tuple[Any, str]:
     return node, where
 
 
-def _hint(scene: Record, path: str) -> str:
+def _hint(scene: Scene, path: str) -> str:
     """Returns '; did you mean "hand.tip.youngs_modulus"?' for "hand.tip.E" and what is misspelt."""
     meant = spelt_out(path)
     for other in meant:
@@ -161,14 +150,11 @@ def _without(entries: int, name: str) -> str:
     return f"has {'one entry, 0' if entries == 1 else f'0 to {entries - 1}'}, not {asked}"
 
 
-def at_path(scene: Record, path: str) -> list[Any]:
+def at_path(scene: Scene, path: str) -> list[Any]:
     """Returns the values at a path as a list, which has one entry or one for each side.
 
     "friction", or a path into `hand.tip` or `control` that names no side, gives two values (right,
     left), because another path may have split the shared number or record into a pair.
-
-    Raises:
-        ValueError: The path does not exist, or its value is not numeric.
     """
     steps = path.split(".")
     for sided in shared_fields(scene):
@@ -198,14 +184,10 @@ def tree_of(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def replaced(node: Any, tree: Any) -> Any:
-    """Returns a copy of `node` with new values.
+    """Returns a copy of a record, pair, array or value with new values from a tree of paths.
 
     The values of one record are replaced together, because some rules relate several fields. What
     both fingers share stays shared if a value for one side changes nothing.
-
-    Args:
-        node: A record, a pair, an array or a single value.
-        tree: Name or index -> the tree of that child; or the new value itself.
     """
     if not isinstance(tree, dict):
         return tree
@@ -254,3 +236,129 @@ def refuse_overlaps(paths: Sequence[str]) -> None:
                 if other != path and not apart:
                     first, second = sorted((other, path), key=paths.index)
                     raise ValueError(f"vary: {first!r} and {second!r} set the same number")
+
+
+def changed(scene: Scene, values: object, named: Mapping[str, object]) -> Scene:
+    """Returns a copy of a scene with other values at dotted paths; see `Scene.with_`."""
+    if named:
+        written = ", ".join(f'"{name}": {checks.shown(value)}' for name, value in named.items())
+        raise TypeError(
+            f"with_: {next(iter(named))} is given by name: must map paths to values, as in "
+            f"with_({{{written}}})"
+        )
+    if not isinstance(values, Mapping):
+        raise TypeError(
+            f"with_: {checks.shown(values)}: must map paths to values, such as "
+            '{"grasped.mass": 0.2}'
+        )
+    try:
+        for path in values:
+            require_gains(scene, path)
+        taken = {path: _taken(path, locate(scene, path)[0], values[path]) for path in values}
+        refuse_overlaps(list(taken))
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"with_: {str(error).removeprefix('vary: ')}") from None
+    result: Scene = replaced(scene, tree_of(taken))
+    return result
+
+
+def _taken(path: str, old: Any, value: Any) -> Any:
+    """Checks a value where the constructors of the records would not, and returns it."""
+    if isinstance(value, Mapping):
+        raise TypeError(
+            f"{checks.shown(path)} = {checks.shown(value)}: must be a value, not a mapping; the "
+            'parts of a record have paths of their own, such as "grasped.mass"'
+        )
+    steps = path.split(".")
+    if steps[0] == "friction" and len(steps) == 2 and value is None:
+        return np.inf  # no limit, as None for both
+    if steps[-1].isdecimal() and isinstance(old, float | np.ndarray):
+        # NumPy would broadcast one number to a whole row of an array.
+        numbers = checks.numbers(path, value)
+        if numbers.shape != np.shape(old):
+            rule = f"must have the shape {np.shape(old)}" if np.ndim(old) else "must be one number"
+            raise ValueError(f"{checks.shown(path)} = {checks.shown(value)}: {rule}")
+        return numbers if numbers.ndim else float(numbers)
+    return value
+
+
+class PathTable(Shown, dict[str, tuple[Any, Unit]]):
+    """Path -> (value, unit). It prints as a table with one line for each path."""
+
+    def __init__(self, entries: Mapping[str, tuple[Any, Unit]], scene: Scene) -> None:
+        super().__init__(entries)
+        self._scene = scene  # for errors
+
+    def __missing__(self, path: str) -> tuple[Any, Unit]:
+        why = f"{path}: can be varied, but is not listed; its parts or the whole are"
+        try:
+            shapes_of(self._scene, [path])
+        except (TypeError, ValueError) as error:
+            why = str(error).removeprefix("vary: ")
+        # A KeyError is printed as a quoted text, in which single quotes need backslashes.
+        raise KeyError(why.replace("'", '"'))
+
+    def __repr__(self) -> str:
+        rows = [(path, _shown(value), _joined(unit)) for path, (value, unit) in self.items()]
+        rows.insert(0, ("path", "value", "unit"))
+        first, second = (max(len(row[k]) for row in rows) for k in (0, 1))
+        return "\n".join(f"{a:<{first}}  {b:>{second}}  {c}".rstrip() for a, b, c in rows)
+
+
+def paths_of(scene: Scene) -> PathTable:
+    """Lists the paths of a scene that `vary` accepts; see `Scene.vary_paths`."""
+    found: dict[str, tuple[Any, Unit]] = {}
+    for path in _below(scene, scene, ""):
+        value, _ = locate(scene, path)
+        if path == "friction" and isinstance(value, tuple):
+            continue  # a study would give both contacts one number; each has a path of its own
+        try:
+            shape = shapes_of(scene, [path])[path]
+        except ValueError:
+            continue  # names of choices, whole records, and what all runs share
+        found[path] = value, _unit(scene, path, shape)
+    return PathTable(found, scene)
+
+
+def _below(scene: Scene, node: Any, path: str) -> Iterator[str]:
+    """Yields the paths of a value and of all its parts, whether or not they lead to numbers."""
+    if path:
+        yield path
+    parts: dict[str, Any] = {}
+    shared = path.split(".") in shared_fields(scene)
+    if isinstance(node, Record):
+        parts = {f.name: getattr(node, f.name) for f in fields(node)}
+    elif _is_short(node) and not shared:
+        parts = {str(k): item for k, item in enumerate(node)}
+    if shared:
+        pair = node if isinstance(node, tuple) else (node, node)
+        parts |= dict(zip(SIDES, pair, strict=True))
+    for name, part in parts.items():
+        yield from _below(scene, part, f"{path}.{name}" if path else name)
+
+
+def _is_short(node: Any) -> bool:
+    """True for sequences whose entries are listed: records, or a few numbers."""
+    if isinstance(node, tuple):
+        return any(isinstance(item, Record) for item in node) or len(node) <= _MOST_ENTRIES
+    return isinstance(node, np.ndarray) and node.size <= _MOST_ENTRIES
+
+
+def _unit(scene: Scene, path: str, shape: tuple[int, ...]) -> Unit:
+    if path.startswith("schedule.angles") and not scene.schedules_angles:
+        # A controller of one's own may use the schedule for any quantity.
+        return "N m" if scene.law == "torque" else "unknown"
+    return units(path, shape)
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, tuple | np.ndarray):
+        array = np.asarray(value)
+        if array.ndim > 1 or array.size > _SHOWN:
+            return f"array {array.shape}"
+        return f"({', '.join(_shown(item) for item in value)})"
+    return "None" if value is None else f"{value:.6g}"
+
+
+def _joined(unit: Unit) -> str:
+    return unit if isinstance(unit, str) else ", ".join(dict.fromkeys(unit))

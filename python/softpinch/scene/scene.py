@@ -1,36 +1,231 @@
-"""`Scene`, the complete physics of a run."""
+"""`Scene`, the complete physics of a run, `State`, and their conversion to the core's inputs."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import repeat
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ClassVar, Never, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..support import checks
-from ..support.arrays import read_only
+from ..support.arrays import Floats, read_only
 from ..support.choices import ContactModel, Fingers
 from ..support.display import ShownTable
 from ..support.record import SIDES, Parser, Record
 from . import usual
-from .changes import changed
-from .compilation import inputs
-from .control import WRITTEN, Control, Pid, Torque, parse_control, take_control
-from .disturbance import Disturbance
-from .friction import pair_of, parse_friction, require_finite
+from .contact import pair_of, parse_friction, require_finite
+from .control import WRITTEN, Control, Pid, SampledController, Torque, parse_control, take_control
+from .disturbance import Compiled, Disturbance, Noise
 from .hand import GraspedObject, Hand, name_sides
-from .path_table import PathTable, paths_of
-from .sampled_control import SampledController
+from .paths import PathTable, changed, paths_of
 from .schedule import Schedule, default_schedule
-from .state import State, require_fit
 from .svg import drawings
 
-__all__ = ["Scene", "State", "require_fit"]
+
+@dataclass(frozen=True, eq=False, repr=False)
+class State(Record):
+    """The state of the system at one instant, from which a run can start.
+
+    Attributes:
+        q: Coordinates (9,): x, y, theta, theta_1, theta_2, d_n1, d_n2, d_t1, d_t2, m and rad.
+        p: Rates of the coordinates (9,), m/s and rad/s.
+        integral: The integrals of the angle errors in (39), (right, left), rad s.
+        time: Time on the clock of schedule and disturbances, s.
+        check: Whether a run refuses to start if the state violates the constraints. False allows
+            it, for formulation="csm" only.
+        grid: (start time of the current segment, s; steps taken since then). With it a continued
+            run repeats the step times of the original run and gives identical bits. None starts a
+            new grid.
+        linearized: The point (21,) at which an implicit method evaluated the Jacobian that it still
+            uses: time since the segment's start, q, p, integral. None evaluates a new Jacobian.
+        contact: The contacts (4,) of a run with contact="unilateral", from which another run goes
+            on; a scene with bilateral contact refuses them. They are, for the right and the left
+            tip, a code (0 free, 1 stick, 2 or -2 slip with the face moving up or down over the
+            tip, 3 graze, 4 or -4 graze while the face moves up or down), then the tilts that are
+            frozen while the tips are free, rad. None lets the contacts follow from `q` and `p`.
+        controller: The state of a `SampledController` in a run, from which another run goes on: the
+            instant of its first sample, s; the numbers of samples taken and in force; the torques
+            in force (2,), N m; xi (n,); and the torques under way. None starts the controller at
+            `time`.
+    """
+
+    q: NDArray[np.float64]
+    p: NDArray[np.float64] = field(default_factory=lambda: np.zeros(9))
+    integral: tuple[float, float] = (0.0, 0.0)
+    time: float = 0.0
+    check: bool = True
+    grid: tuple[float, int] | None = None
+    linearized: NDArray[np.float64] | None = None
+    contact: NDArray[np.float64] | None = None
+    controller: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        # The core checks the constraints.
+        for name, size in {"q": 9, "p": 9, "linearized": 21, "contact": 4}.items():
+            value = getattr(self, name)
+            if value is not None or size == 9:
+                self._set(name, checks.array(f"State.{name}", value, (size,)))
+        self._set("integral", checks.pair("State.integral", self.integral))
+        self._set("time", checks.finite("State.time", self.time))
+        self._set("check", checks.boolean("State.check", self.check))
+        if self.grid is not None:
+            if not isinstance(self.grid, tuple | list) or len(self.grid) != 2:
+                raise TypeError(
+                    f"State.grid = {checks.shown(self.grid)}: must be (segment start, steps taken)"
+                )
+            anchor = checks.finite("State.grid[0]", self.grid[0])
+            self._set("grid", (anchor, checks.integer("State.grid[1]", self.grid[1], 0, 2**63 - 1)))
+        if self.controller is not None:
+            self._set("controller", self._controller_row())
+
+    def _controller_row(self) -> NDArray[np.float64]:
+        """Checks `controller`, whose torques under way may be infinite: a run then ends later."""
+        row = checks.numbers("State.controller", self.controller)
+        if row.ndim != 1 or np.isnan(row).any():
+            raise ValueError(
+                f"State.controller = {checks.shown(self.controller)}: must be numbers, (k,)"
+            )
+        return read_only(row.copy())
+
+    @classmethod
+    def consistent(
+        cls,
+        scene: Scene,
+        *,
+        x: float | None = None,
+        y: float | None = None,
+        rotation: float = 0.0,
+        fingers: ArrayLike = (0.0, 0.0),
+        shear: ArrayLike = (0.0, 0.0),
+        velocity: ArrayLike = (0.0, 0.0, 0.0),
+        finger_rates: ArrayLike = (0.0, 0.0),
+        integral: ArrayLike = (0.0, 0.0),
+        time: float = 0.0,
+    ) -> Self:
+        """Makes the state with a given pose, shear and velocity that satisfies the constraints.
+
+        The compressions follow from C^H = 0 (9), the rates of compression and shear from
+        Phi p = 0 (25). A tip that does not reach the object gives a negative compression in
+        `q[5:7]`, not an error.
+
+        Args:
+            scene: The `Scene` whose geometry is used.
+            x: Horizontal position of the centre of gravity, m; None takes the scene's start.
+            y: Vertical position of the centre of gravity, m, upwards; None takes the scene's start.
+            rotation: theta, rad.
+            fingers: theta_1 and theta_2 (2,), rad.
+            shear: d_t1 and d_t2 (2,), m.
+            velocity: Rates of x, y and theta (3,), m/s and rad/s.
+            finger_rates: Rates of theta_1 and theta_2 (2,), rad/s.
+            integral: Integrals of the angle errors (2,), rad s.
+            time: Time on the clock of schedule and disturbances, s.
+        """
+        checks.instance("scene", scene, Scene)
+        start = scene._start_position() if x is None or y is None else (0.0, 0.0)
+        pose = [
+            start[0] if x is None else checks.finite("x", x),
+            start[1] if y is None else checks.finite("y", y),
+            checks.finite("rotation", rotation),
+            *checks.pair("fingers", fingers),
+        ]
+        rates = [
+            *checks.array("velocity", velocity, (3,)),
+            *checks.pair("finger_rates", finger_rates),
+        ]
+        q, p = _core.consistent(
+            scene.parameters(),
+            np.array(pose),
+            checks.array("shear", shear, (2,)),
+            np.array(rates),
+        )
+        return cls(q, p, integral=checks.pair("integral", integral), time=time)
+
+    @classmethod
+    def _parse(cls, data: Any, path: str) -> Self:
+        if isinstance(data, Mapping) and isinstance(data.get("grid"), list):
+            data = {**data, "grid": tuple(data["grid"])}
+        return super()._parse(data, path)
+
+
+def require_fit(scene: Scene, name: str, state: State) -> None:
+    """Refuses a state with contacts or a controller that the scene does not have."""
+    if state.contact is not None and scene.contact == "bilateral":
+        raise ValueError(
+            f"{name}.contact = {checks.shown(state.contact)}: must be None "
+            'with contact = "bilateral", in which contacts have no modes'
+        )
+    if state.controller is not None and scene.law != "sampled":
+        raise ValueError(
+            f"{name}.controller: must be None, because control is no SampledController"
+        )
+
+
+# The fields that differ between runs, if no field does.
+_ALIKE: Mapping[str, Floats] = MappingProxyType({})
+
+
+def inputs(
+    schedule: Schedule,
+    disturbances: Sequence[Disturbance],
+    law: str,
+    control: object = None,
+    *,
+    moves: Mapping[str, Floats] = _ALIKE,
+    loads: Sequence[Mapping[str, Floats]] = (),
+    gains: Mapping[str, Floats] = _ALIKE,
+    numbers: NDArray[np.uint64] | None = None,
+    seed: int = 0,
+) -> _core.Inputs:
+    """Converts schedule, disturbances and controller to the core's inputs, for one run or many.
+
+    Args:
+        schedule: The target angles of the fingers, or the torques, as shared by all runs.
+        disturbances: The loads on the object, as shared by all runs.
+        law: "pid", "torque", "sampled" or "driven".
+        control: The scene's control, of which only a `SampledController` is an input.
+        moves: Fields of the schedule that differ between runs -> (runs, ...).
+        loads: The same of each disturbance; empty if none differs.
+        gains: The same of a `SampledController`.
+        numbers: The run numbers (runs,), which key the noise together with `seed`; None keeps
+            each noise's own `seed` and `run`.
+        seed: The study's seed.
+    """
+
+    def one(array: Any) -> Any:
+        return np.ascontiguousarray(array[None])
+
+    many = np.ascontiguousarray
+    breaks, rows = schedule.compile_runs(moves) if moves else map(one, schedule.compile())
+    compiled = [
+        load.compile_runs(values).map(many) if values else load.compile().map(one)
+        for load, values in zip(disturbances, loads or repeat(_ALIKE), strict=False)
+    ]
+    noises: list[Any] = []
+    for place, (load, arrays) in enumerate(zip(disturbances, compiled, strict=True)):
+        for row, own_seed, own_run in arrays.noises:
+            # Only a `Noise` takes the study's seed and run number, as in `SceneTemplate.at`.
+            if numbers is None or not isinstance(load, Noise):
+                noises.append((row, own_seed, np.array([own_run], np.uint64), place))
+            else:
+                noises.append((row, seed, numbers, place))
+    parts = (
+        (many(breaks), many(rows)),
+        [force for arrays in compiled for force in arrays.forces],
+        [sine for arrays in compiled for sine in arrays.sines],
+        [impulse for arrays in compiled for impulse in arrays.impulses],
+        noises,
+    )
+    if not isinstance(control, SampledController):
+        return _core.Inputs(*parts, law)
+    controller = control.compile_runs(gains, numbers, control.seed if numbers is None else seed)
+    return _core.Inputs(*parts, "torque", controller)
 
 
 _STARTS = 'must be a State, "touching" or None'
@@ -74,10 +269,6 @@ class Scene(Record):
             have to. With "unilateral" contact the tips push and never pull, stick as far as
             friction allows, slip, open and close again; and straight fingers that do not reach
             the object are a start too, with free tips.
-
-    Raises:
-        ValueError: A value breaks its rule; the message has the field, the value and the rule.
-        TypeError: A value has the wrong type.
     """
 
     hand: Hand = field(default_factory=Hand)
@@ -103,7 +294,6 @@ class Scene(Record):
     }
 
     def __post_init__(self) -> None:
-        """Checks types and numbers."""
         pair = pair_of(self.friction)
         if pair is not None:
             self._set("friction", None)
@@ -167,10 +357,8 @@ class Scene(Record):
         Raises:
             ValueError: A path does not exist (the message suggests the closest), two paths set the
                 same number, or a value breaks the rule of its field.
-            TypeError: `values` is missing or no mapping, a value has the wrong type, or a field is
-                given by name.
         """
-        return changed(self, values, named)
+        return changed(self, values, named)  # type: ignore[return-value]
 
     def vary_paths(self) -> PathTable:
         """Lists the paths that `vary` of `monte_carlo` accepts, with their values and units.
@@ -194,7 +382,8 @@ class Scene(Record):
             start = self.start()
         except ValueError:
             return ""  # a run says why it cannot start
-        return drawings(self, [np.asarray(start.q)], [f"start, t = {start.time:.4g} s"])
+        text = f"start, t = {start.time:.6g} s"
+        return drawings(self, [np.asarray(start.q)], [text], self.disturbances)
 
     def _tables(self) -> Iterator[ShownTable]:
         """Everything that can be varied, with units."""
@@ -209,6 +398,10 @@ class Scene(Record):
     @cached_property
     def _parameters(self) -> NDArray[np.float64]:
         return read_only(np.array([self._parameter(path) for path in _core.PARAMETERS]))
+
+    @cached_property
+    def _loads(self) -> tuple[Compiled, ...]:
+        return tuple(disturbance.compile() for disturbance in self.disturbances)
 
     @cached_property
     def _inputs(self) -> _core.Inputs:
@@ -233,14 +426,14 @@ class Scene(Record):
 
     @property
     def law(self) -> str:
-        """What moves the fingers: "pid", "torque", "sampled" or "driven"."""
+        """The law that moves the fingers: "pid", "torque", "sampled" or "driven"."""
         if isinstance(self.control, SampledController):
             return "sampled"
         return "torque" if isinstance(self.control, Torque) else self.fingers
 
     @property
     def schedules_angles(self) -> bool:
-        """Whether the schedule's values are angles of the fingers.
+        """True if the schedule's values are angles of the fingers.
 
         With `Torque()` they are torques. A `SampledController` that does not measure "angle_error"
         may use them for any quantity.
@@ -266,8 +459,12 @@ class Scene(Record):
         return float(node)
 
     def inputs(self) -> _core.Inputs:
-        """Returns the schedule and the disturbances in the core's form."""
+        """Returns the core's inputs of one run: schedule, disturbances and controller."""
         return self._inputs
+
+    def loads(self) -> tuple[Compiled, ...]:
+        """Returns the disturbances as arrays of the core."""
+        return self._loads
 
     def start(self) -> State:
         """Returns the state in which a run starts.
@@ -290,11 +487,7 @@ class Scene(Record):
         return name_sides(self.friction, data, "friction")
 
     def to_toml(self) -> str:
-        """Returns the text of a TOML scene file with exact numbers. Needs the extra `cli`.
-
-        Raises:
-            ImportError: tomli_w is not installed.
-        """
+        """Returns the text of a TOML scene file with exact numbers. Needs the extra `cli`."""
         from ..support import toml  # most programs do not need it
 
         return toml.dumps(self.to_dict(), "scene")
@@ -309,11 +502,6 @@ class Scene(Record):
 
         Args:
             source: TOML text, or the `Path` of a file.
-
-        Raises:
-            ValueError: The source is not TOML, or as in `from_dict`.
-            TypeError: `source` is neither text nor a `Path`, or as in `from_dict`.
-            OSError: The file cannot be read.
         """
         from ..support import toml
 

@@ -20,8 +20,8 @@ KINDS = ("steps", "ramps", "minimum_jerk", "via_points", "sampled")
 # Kind -> the field that this kind needs in addition to times and angles.
 _OWN = {"minimum_jerk": "move_time", "sampled": "hold"}
 # Kinds whose times determine the number of pieces.
-_ROWS = "a row (right, left) for each time, such as [[0.1, 0.1]]"
 _SMOOTH = ("minimum_jerk", "via_points")
+_ROWS = "a row (right, left) for each time, such as [[0.1, 0.1]]"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -52,7 +52,6 @@ class Schedule(Record):
     hold: Hold | None = None
 
     def __post_init__(self) -> None:
-        """Checks all fields, and that the compiled polynomials are finite."""
         super().__post_init__()
         checks.choice("Schedule.kind", self.kind, KINDS)
         self._set("times", checks.times("Schedule.times", self.times))
@@ -107,10 +106,6 @@ class Schedule(Record):
         Args:
             times: Increasing instants (k,), s.
             angles: Target angles (k, 2), rad.
-
-        Raises:
-            ValueError: A shape is wrong, a number is not finite, or the times do not increase.
-            TypeError: A value is not a number.
         """
         return cls(kind="steps", times=times, angles=angles)  # type: ignore[arg-type]
 
@@ -121,10 +116,6 @@ class Schedule(Record):
         Args:
             times: Increasing instants of the knots (k,), s.
             angles: Target angles at the knots (k, 2), rad.
-
-        Raises:
-            ValueError: As in `steps`; or the angular rates overflow.
-            TypeError: As in `steps`.
         """
         return cls(kind="ramps", times=times, angles=angles)  # type: ignore[arg-type]
 
@@ -159,9 +150,7 @@ class Schedule(Record):
             move_time: Duration of every move, or of each move (k - 1,), s; None passes through.
 
         Raises:
-            ValueError: As in `steps`; or moves overlap, `move_time` has the wrong length or is too
-                short for the start times, or the angular rates overflow.
-            TypeError: As in `steps`.
+            ValueError: Moves overlap, or the angular rates overflow.
         """
         return cls(
             kind="via_points" if move_time is None else "minimum_jerk",
@@ -178,10 +167,6 @@ class Schedule(Record):
             times: Increasing instants (k,), s.
             angles: Target angles (k, 2), rad.
             hold: "zero" holds each sample until the next; "linear" interpolates between samples.
-
-        Raises:
-            ValueError: As in `steps`; or `hold` is unknown, or the angular rates overflow.
-            TypeError: As in `steps`.
         """
         return cls(kind="sampled", times=times, angles=angles, hold=hold)  # type: ignore[arg-type]
 
@@ -208,10 +193,6 @@ class Schedule(Record):
             angles: Target angles (k, 2), degrees; columns right and left.
             move_time: As in `minimum_jerk`, for "minimum_jerk" only; None makes it "via_points".
             hold: As in `sampled`, for "sampled" only; None takes "zero".
-
-        Raises:
-            ValueError: As in the constructor of this kind; or an option belongs to another kind.
-            TypeError: As in `steps`.
         """
         if checks.choice("kind", kind, KINDS) == "sampled" and hold is None:
             hold = "zero"
@@ -246,9 +227,6 @@ class Schedule(Record):
 
         Args:
             values: Fields that differ between runs -> (runs, ...).
-
-        Raises:
-            ValueError: A run's value breaks a rule of the constructor; the message names the run.
         """
         if self.kind not in _SMOOTH:
             times = values.get("times", self.times[None])
@@ -264,10 +242,6 @@ class Schedule(Record):
         """Returns the target angles (..., 2), rad, at times `t` (...), s.
 
         At a jump they are the angles after the jump.
-
-        Raises:
-            ValueError: A time is not finite.
-            TypeError: A time is not a number.
         """
         t = checks.numbers("t", t)
         checks.require_finite("t", t)

@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from .. import _core
 from ..support.arrays import Floats
 from ..support.record import Record
-from .compilation import inputs
+from .control import SampledController
 from .disturbance import Noise
 from .paths import replaced, shapes_of, tree_of_numbers
-from .sampled_control import SampledController
-from .scene import Scene, State
+from .scene import Scene, State, inputs
 
 # The core's errors begin with the index of the run within its batch.
 _RUN = re.compile(r"run (\d+): ")
@@ -36,13 +35,6 @@ class SceneTemplate:
     """
 
     def __init__(self, scene: Scene, paths: Iterable[str], seed: int) -> None:
-        """Checks the paths of the varied values.
-
-        Raises:
-            ValueError: A path does not exist or its value is not numeric; two paths set the same
-                number; or a path leads to gains that the scene has not.
-            TypeError: A path is not text.
-        """
         self.scene = scene
         self.seed = seed
         self.shapes = shapes_of(scene, paths)
@@ -53,16 +45,7 @@ class SceneTemplate:
         return scene
 
     def at(self, values: Mapping[str, Any], run: int) -> Scene:
-        """Returns the scene of one run.
-
-        Args:
-            values: Path -> value.
-            run: The run's number, which keys the noise.
-
-        Raises:
-            ValueError: A value breaks its rule.
-            TypeError: A value has the wrong type.
-        """
+        """Returns the scene of one run, from its values (path -> value) and its number."""
         scene = self.changed(values)
         control = scene.control
         if isinstance(control, SampledController):
@@ -74,18 +57,11 @@ class SceneTemplate:
         return replace(scene, disturbances=disturbances, control=control)
 
     def check(self, values: Mapping[str, Floats], numbers: NDArray[np.uint64]) -> None:
-        """Refuses values that break the rule of their field.
+        """Refuses values, path -> (runs, ...), that break the rule of their field.
 
         A rule on one number is an interval. So it is enough to check the runs with the smallest and
         the largest value of each component, and the first with a non-finite value. The core checks
         rules that relate two numbers in every run.
-
-        Args:
-            values: Path -> (runs, ...).
-            numbers: The run numbers (runs,).
-
-        Raises:
-            ValueError: A value breaks its rule; the message names the run.
         """
         suspects: set[int] = set()
         for value in values.values():
@@ -105,26 +81,15 @@ class SceneTemplate:
             except (TypeError, ValueError) as error:
                 raise ValueError(f"run {int(numbers[row])}: {error}") from None
 
-    def _explain(self, values: Mapping[str, Floats], numbers: NDArray[np.uint64], row: int) -> None:
-        """Raises the error that building and starting one run's scene gives, if there is one."""
-        run = int(numbers[row])
-        try:
-            self.at({path: value[row] for path, value in values.items()}, run).start()
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"run {run}: {error}") from None
-
     def batch(
         self, values: Mapping[str, Floats], numbers: NDArray[np.uint64], **how: Any
     ) -> _core.Batch:
-        """Makes the core's batch of runs, which checks them.
+        """Makes the core's batch of runs, which checks them; errors name the run, field and value.
 
         Args:
-            values: Path -> (runs, ...), of these runs.
+            values: Path -> (runs, ...).
             numbers: The run numbers (runs,), for noise and error messages.
-            how: Further arguments of `_core.Batch`, such as `dt` and `method`.
-
-        Raises:
-            ValueError: A run breaks a rule; the message names the run, the field and the value.
+            how: Further arguments of `_core.Batch`: those of `Options.core`, and of the summaries.
         """
         try:
             return self._batch(values, numbers, **how)
@@ -132,12 +97,15 @@ class SceneTemplate:
             found = _RUN.match(str(error))
             if found is None:
                 raise
-            # Python's message for this run's scene, if it fails there too, names the field better.
-            self._explain(values, numbers, int(found[1]))
-            text = str(error)[found.end() :]
+            row, text = int(found[1]), str(error)[found.end() :]
             if text.startswith(_SHARED):
                 raise ValueError(text) from None
-            raise ValueError(f"run {int(numbers[int(found[1])])}: {text}") from None
+            run = int(numbers[row])
+            try:
+                self.at({path: value[row] for path, value in values.items()}, run).start()
+            except (TypeError, ValueError) as better:
+                text = str(better)  # it names the field
+            raise ValueError(f"run {run}: {text}") from None
 
     def _batch(
         self, values: Mapping[str, Floats], numbers: NDArray[np.uint64], **how: Any
@@ -157,15 +125,15 @@ class SceneTemplate:
         gains: Mapping[str, Floats] = {}
         if isinstance(control, SampledController):
             gains = self._fields(control, "control", values)
-        start = scene.initial if isinstance(scene.initial, State) else None
-        kind = "state" if isinstance(scene.initial, State) else scene._start_kind
-        own = {} if start is None else self._fields(start, "initial", values)
+        # Other kinds of start have no use for the numbers of a state.
+        given = isinstance(scene.initial, State)
+        start = scene.initial if isinstance(scene.initial, State) else State(np.zeros(9))
+        own = self._fields(start, "initial", values)
 
-        def rows(name: str, length: int) -> Floats:
-            one = np.zeros(length) if start is None else np.asarray(getattr(start, name))
+        def rows(name: str) -> Floats:
+            one = np.asarray(getattr(start, name), dtype=np.float64)
             return np.ascontiguousarray(own.get(name, one[None]))
 
-        time = own.get("time", np.array([0.0 if start is None else start.time]))
         return _core.Batch(
             scene.parameters(),
             columns,
@@ -181,17 +149,17 @@ class SceneTemplate:
                 seed=self.seed,
             ),
             runs=len(numbers),
-            start=kind,
-            time=np.ascontiguousarray(time),
-            q=rows("q", 9),
-            p=rows("p", 9),
-            integral=rows("integral", 2),
-            grid=None if start is None else start.grid,
-            linearized=None if start is None else start.linearized,
-            contacts=None if start is None or start.contact is None else start.contact[None],
-            controller=None if start is None else start.controller,
+            start="state" if given else scene._start_kind,
+            time=rows("time"),
+            q=rows("q"),
+            p=rows("p"),
+            integral=rows("integral"),
+            grid=start.grid,
+            linearized=start.linearized,
+            contacts=None if start.contact is None else start.contact[None],
+            controller=start.controller,
             contact=scene.contact,
-            check=True if start is None else start.check,
+            check=start.check,
             duration=np.ascontiguousarray(values.get("duration", np.array([scene.duration]))),
             **how,
         )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import fields
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,55 +17,16 @@ from numpy.typing import NDArray
 from ..support import errors
 from ..support.errors import SuspiciousValueWarning
 from ..support.record import SIDES, Record
-from .free_fingers import growth
-from .friction import coefficients
-from .sampled_control import SampledController
+from .contact import coefficients
+from .control import SampledController
+from .fields import COORDINATE_RANGES, COORDINATE_UNITS, USUAL, without_places
+from .loop_matrix import growth
+from .outline import closing_angle, compression
 from .schedule import default_schedule
-from .touching import closing_angle, compression
 
-# Largest usual finger angle, rad: a right angle, beyond which no finger can hold an object.
-_TURN = 0.5 * math.pi
-# Dotted path without sides and indices -> (smallest, largest usual value, unit).
-USUAL: dict[str, tuple[float, float, str]] = {
-    "hand.length": (1e-4, 10.0, "m"),
-    "hand.root_offset": (0.0, 10.0, "m"),
-    "hand.half_thickness": (0.0, 1.0, "m"),
-    "hand.mass": (0.0, 100.0, "kg"),
-    # The fingers of a micro-gripper, 5 mm long, weigh milligrams, and their tips micrograms.
-    "hand.inertia": (1e-13, 100.0, "kg m^2"),
-    "hand.tip.radius": (1e-5, 1.0, "m"),
-    # From a tenth of the softest gel to ten times the modulus of the stiffest materials.
-    "hand.tip.youngs_modulus": (100.0, 1e13, "Pa"),
-    "hand.tip.normal_viscosity": (0.0, 1e6, "N s/m"),
-    "hand.tip.tangential_viscosity": (0.0, 1e6, "N s/m"),
-    "hand.tip.tilt_coupling": (-10.0, 10.0, "1"),
-    "hand.tip.normal_mass": (1e-9, 1e3, "kg"),
-    "hand.tip.tangential_mass": (1e-9, 1e3, "kg"),
-    "grasped.width": (1e-5, 10.0, "m"),
-    "grasped.mass": (1e-9, 1e3, "kg"),
-    "grasped.inertia": (1e-17, 1e3, "kg m^2"),
-    "grasped.com_offset": (-10.0, 10.0, "m"),
-    "grasped.height": (1e-5, 10.0, "m"),
-    "control.kp": (0.0, 1e6, "N m/rad"),
-    "control.kd": (0.0, 1e4, "N m s/rad"),
-    "control.ki": (0.0, 1e8, "N m/(rad s)"),
-    "control.period": (1e-6, 0.1, "s"),
-    "control.delay": (0.0, 0.1, "s"),
-    "schedule.angles": (-_TURN, _TURN, "rad"),
-    "schedule.move_time": (1e-6, 1e5, "s"),
-    "disturbances.force": (-1e5, 1e5, "N"),
-    "disturbances.moment": (-1e3, 1e3, "N m"),
-    "disturbances.impulse": (-1e3, 1e3, "N s"),
-    "disturbances.angular_impulse": (-100.0, 100.0, "N m s"),
-    "disturbances.frequency_hz": (0.0, 1e6, "Hz"),
-    "disturbances.phase": (-4.0 * math.pi, 4.0 * math.pi, "rad"),
-    "disturbances.force_std": (0.0, 1e5, "N"),
-    "disturbances.moment_std": (0.0, 1e3, "N m"),
-    "disturbances.rate_hz": (0.0, 1e7, "Hz"),
-    "gravity": (-300.0, 300.0, "m/s^2"),
-    "duration": (0.0, 1e6, "s"),
-    "friction": (0.0, 30.0, "1"),
-}
+if TYPE_CHECKING:
+    from .scene import Scene
+
 # Unilateral contact of a tip whose surface is as heavy as the object always has a mode up to a
 # friction of about 1.5, of tips of 10 g up to 5 (Painlevé's paradox lies beyond).
 _HEAVY_TIP_FRICTION, _LIGHT = 1.4, 0.01
@@ -76,29 +37,13 @@ _SLENDER, _SMALLER = 100.0, 1.0 - 1e-9
 _GROWN = 10.0
 # A gap below this length, m, is round-off of the start.
 _ROUND_OFF = 1e-9
-# Usual ranges for `State.q`: the object's position, the three angles, and the tips' deformations.
-_POSITION, _ANGLE, _STRAIN = (-10.0, 10.0, "m"), (-math.pi, math.pi, "rad"), (-1.0, 1.0, "m")
-_COORDINATES = (*[_POSITION] * 2, *[_ANGLE] * 3, *[_STRAIN] * 4)
 
 
-class Suspicious(Protocol):
-    """The part of `Scene` that `warn` needs: the cached result of `suspicions`."""
-
-    @property
-    def _suspicions(self) -> tuple[str, ...]: ...
-
-
-def warn(scene: Suspicious, schedule_replaced: bool = False) -> None:
+def warn(scene: Scene, schedule_replaced: bool = False) -> None:
     """Warns once for each field of a scene with a number outside its usual range.
 
-    Args:
-        scene: The scene.
-        schedule_replaced: Whether other torques take the place of those of the scene's schedule:
-            the default schedule then needs no warning.
-
-    Warns:
-        SuspiciousValueWarning: A number is outside its usual range, or the torques are those of the
-            default schedule.
+    `schedule_replaced` says that other torques take the place of those of the scene's schedule: the
+    default schedule then needs no warning.
     """
     texts = scene._suspicions
     if not schedule_replaced:
@@ -107,25 +52,25 @@ def warn(scene: Suspicious, schedule_replaced: bool = False) -> None:
         errors.warn(text, SuspiciousValueWarning)
 
 
-def suspicions(scene: Record) -> tuple[str, ...]:
+def suspicions(scene: Scene) -> tuple[str, ...]:
     """Returns messages of `warn`: one for each unusual field, about an array's worst entry."""
     texts = (*_below(scene, ""), *_heavy_tips(scene), *_growing_swings(scene))
     if not any(text.startswith("schedule.") for text in texts):
         texts += tuple(_opening(scene))
     if not any(text.startswith("grasped.") for text in texts):
         texts += tuple(_other_inertia(scene))
-    if getattr(scene, "schedules_angles", True):
+    if scene.schedules_angles:
         return texts
     return tuple(text for text in texts if not text.startswith("schedule.angles"))
 
 
-def _heavy_tips(scene: Any) -> Iterator[str]:
+def _heavy_tips(scene: Scene) -> Iterator[str]:
     """Yields a message about unilateral friction that is high for tips with the default masses.
 
     The default gives the surface of a tip the mass of the object (14). It is one message, about the
     contact with the highest friction.
     """
-    if getattr(scene, "contact", "") != "unilateral":
+    if scene.contact != "unilateral":
         return
     pair = scene.friction
     high = [
@@ -142,9 +87,9 @@ def _heavy_tips(scene: Any) -> Iterator[str]:
         )
 
 
-def _growing_swings(scene: Any) -> Iterator[str]:
+def _growing_swings(scene: Scene) -> Iterator[str]:
     """Yields a message about a sampled controller with which free fingers swing ever wider."""
-    control = getattr(scene, "control", None)
+    control = scene.control
     if not isinstance(control, SampledController):
         return
     factor = growth(scene, control)
@@ -160,9 +105,9 @@ def _growing_swings(scene: Any) -> Iterator[str]:
     )
 
 
-def _default_torques(scene: Any) -> Iterator[str]:
+def _default_torques(scene: Scene) -> Iterator[str]:
     """Yields a message about torques for which the scene was given no schedule."""
-    if getattr(scene, "law", "") == "torque" and scene.schedule == default_schedule():
+    if scene.law == "torque" and scene.schedule == default_schedule():
         angle = scene.schedule.angles[0, 0]
         yield (
             f"schedule: this is the default schedule, whose {angle:.3g} rad are meant as "
@@ -171,9 +116,9 @@ def _default_torques(scene: Any) -> Iterator[str]:
         )
 
 
-def _opening(scene: Any) -> Iterator[str]:
+def _opening(scene: Scene) -> Iterator[str]:
     """Yields a message about fingers in contact whose first targets leave a gap to the object."""
-    if getattr(scene, "law", "driven") == "driven" or not scene.schedules_angles:
+    if scene.law == "driven" or not scene.schedules_angles:
         return
     try:
         start = scene.start()
@@ -208,15 +153,13 @@ def inertias(width: float, mass: float, height: float | None) -> tuple[float, fl
     return mass * square / 12.0, mass * most
 
 
-def _other_inertia(scene: Any) -> Iterator[str]:
+def _other_inertia(scene: Scene) -> Iterator[str]:
     """Yields a message about an inertia that was given for another mass or width.
 
     The inertia does not follow the mass and the width, and nothing records for which of them it was
     given. So it is compared with those of bodies that have this mass and these faces.
     """
-    grasped = getattr(scene, "grasped", None)
-    if grasped is None:
-        return
+    grasped = scene.grasped
     least, most = inertias(grasped.width, grasped.mass, grasped.height)
     if _SMALLER * least <= grasped.inertia <= most / _SMALLER:
         return
@@ -241,14 +184,14 @@ def _below(node: Any, path: str) -> Iterator[str]:
             yield from _below(item, f"{path}.{name}")
     elif path == "initial.q":
         # One message for the whole state: about its first number outside the usual range.
-        for k, expected in enumerate(_COORDINATES):
-            if found := list(_outside(f"{path}.{k}", np.asarray(node[k]), *expected)):
+        for k, (usual, unit) in enumerate(zip(COORDINATE_RANGES, COORDINATE_UNITS, strict=True)):
+            if found := list(_outside(f"{path}.{k}", np.asarray(node[k]), *usual, unit)):
                 yield found[0]
                 break
     elif isinstance(node, float | tuple | np.ndarray):
-        plain = [name for name in path.split(".") if name not in SIDES and not name.isdecimal()]
-        if usual := USUAL.get(".".join(plain)):
-            yield from _outside(path, np.asarray(node), *usual)
+        known = USUAL.get(without_places(path))
+        if known is not None and known.usual is not None:
+            yield from _outside(path, np.asarray(node), *known.usual, str(known.unit))
 
 
 def _outside(path: str, values: NDArray[Any], low: float, high: float, unit: str) -> Iterator[str]:

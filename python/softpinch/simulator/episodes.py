@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..support import checks
 from ..support.arrays import Floats
-from .common import checked_actions
-from .simulator import Simulator
-from .task import Mask, Task, Transition
+from .simulator import Simulator, checked_actions
+from .tasks import Mask, Task, Transition
 from .vector import Observations, VectorSimulator
 
 # Observed values are clipped to this size, after scaling: a lost object may be anywhere.
@@ -21,7 +20,7 @@ _TEXT = "<U16"
 
 
 class Outcome(NamedTuple):
-    """What one period gave in each of n environments.
+    """The result of one period in each of n environments.
 
     Attributes:
         observation: Scaled observations (n, entries).
@@ -38,33 +37,15 @@ class Outcome(NamedTuple):
     info: dict[str, NDArray[Any]]
 
 
-class Stepped(Protocol):
-    """What episodes need of a simulator; `VectorSimulator` has it."""
-
-    @property
-    def observations(self) -> Observations:
-        """What was last seen."""
-
-    def step(self, actions: ArrayLike) -> Observations:
-        """Steps all runs by one period."""
-
-    def reset(self, *, mask: ArrayLike | None = None) -> Observations:
-        """Puts runs at their starts."""
-
-    def set_force(self, force: ArrayLike, moment: ArrayLike, mask: ArrayLike | None) -> None:
-        """Sets forces on the objects."""
-
-
-class Alone:
-    """One `Simulator` with the methods of a `VectorSimulator` of one run."""
+class SingleSimulatorAdapter:
+    """One `Simulator` with the methods of a `VectorSimulator` of one run that episodes need."""
 
     def __init__(self, simulator: Simulator) -> None:
-        """Takes over a simulator."""
         self.simulator = simulator
 
     @property
     def observations(self) -> Observations:
-        """What was last seen, with a first axis of length 1."""
+        """The last observation, with a first axis of length 1."""
         t, q, p, multipliers, status = self.simulator.observation
         return Observations(
             np.array([t]), q[None], p[None], multipliers[None], np.array([status], _TEXT)
@@ -87,10 +68,14 @@ class Alone:
 
 
 class Episodes:
-    """Episodes of a task in n environments, with one simulator for all of them."""
+    """Episodes of a task in n environments, with one simulator for all of them.
 
-    def __init__(self, task: Task, n: int, simulator: Stepped) -> None:
-        """Takes a simulator of the task's scene; `begin` must come before `step`."""
+    `start` must come before `step`.
+    """
+
+    def __init__(
+        self, task: Task, n: int, simulator: VectorSimulator | SingleSimulatorAdapter
+    ) -> None:
         self.task, self.n, self.simulator = task, n, simulator
         self.measures = task.measures
         self._scales = np.array([measure.scale for measure in self.measures])
@@ -100,29 +85,26 @@ class Episodes:
         self._acting = np.zeros((n, 3))
         self._torque = np.tile(task.grip_torque, (n, 1))
         self._ahead = round(min(task.lookahead, task.duration) / task.period)
-        # An environment that has never begun needs a reset, as does one that has ended.
+        # An environment that has never started needs a reset, as does one that has ended.
         self.ended = np.ones(n, bool)
-        self.begun = np.zeros(n, bool)
+        self.started = np.zeros(n, bool)
 
     @classmethod
     def alone(cls, task: Task) -> Episodes:
-        """Makes a single environment, whose `simulator` is an `Alone`."""
-        return cls(task, 1, Alone(Simulator(task.scene, task.period, task.dt)))
+        """Makes a single environment."""
+        return cls(task, 1, SingleSimulatorAdapter(Simulator(task.scene, task.period, task.dt)))
 
     @classmethod
     def many(cls, task: Task, n: int, threads: int = 1) -> Episodes:
         """Makes n environments."""
         return cls(task, n, VectorSimulator(task.scene, n, task.period, task.dt, threads=threads))
 
-    def begin(self, mask: Mask, random: Sequence[np.random.Generator]) -> Outcome:
+    def start(self, mask: Mask, random: Sequence[np.random.Generator]) -> Outcome:
         """Starts new episodes, and returns the observations of all environments.
 
         Args:
             mask: Which environments (n,).
             random: The generators of all n environments.
-
-        Raises:
-            ValueError: The task's draw has a wrong shape, or a number that is not finite.
         """
         steps = self.task.steps
         for k in np.flatnonzero(mask).tolist():
@@ -134,25 +116,19 @@ class Episodes:
         self._acting[mask] = 0.0
         self._torque[mask] = self.task.grip_torque
         self.ended[mask] = False
-        self.begun[mask] = True
+        self.started[mask] = True
         nothing = np.zeros((self.n, 2))
         return self._outcome(seen, nothing, self._torque, np.zeros(self.n, bool), paid=False)
 
     def step(self, actions: ArrayLike) -> Outcome:
         """Steps all environments by one period. Those that have ended get no reward.
 
-        Args:
-            actions: Actions (n, 2); they are clipped to [-1, 1].
-
-        Raises:
-            ValueError: The shape is wrong, or a number is not finite; the message names its
-                environment.
-            TypeError: The actions are not numbers.
+        Actions (n, 2) are clipped to [-1, 1].
         """
         action = np.clip(checked_actions(actions, self.n, "environment"), -1.0, 1.0)
         going = ~self.ended
         # A copy: a task may write to the same array at the next step, and a reset writes to ours.
-        torque = _taken("torques()", self.task.torques(action), (self.n, 2)).copy()
+        torque = _computed("torques()", self.task.torques(action), (self.n, 2)).copy()
         self._push()
         before = self._torque
         seen = self.simulator.step(torque)
@@ -191,7 +167,7 @@ class Episodes:
         lost = going & (failed | strayed)
         now = Transition(seen, target, ahead, action, self._torque, before, lost)
         shape = (self.n, len(self.measures))
-        measured = _taken("measure()", task.measure(now), shape)
+        measured = _computed("measure()", task.measure(now), shape)
         observation = np.clip(measured / self._scales, -LIMIT, LIMIT)
         info: dict[str, NDArray[Any]] = {
             "time": seen.t.copy(),
@@ -201,24 +177,22 @@ class Episodes:
         reward = np.zeros(self.n)
         if paid:
             for name, term in task.terms(now).items():
-                term = np.where(going, _taken(f"terms()[{name!r}]", term, (self.n,)), 0.0)
+                term = np.where(going, _computed(f"terms()[{name!r}]", term, (self.n,)), 0.0)
                 info[f"reward_{name}"] = term
                 reward = reward + term
         return Outcome(observation, reward, lost, truncated & ~lost, info)
 
 
-def _taken(name: str, values: object, shape: tuple[int, ...]) -> Floats:
-    """Returns what a task has computed, and refuses a wrong shape and numbers that are not finite.
-
-    It is called several times in a step, so the usual case has a short way.
-    """
+def _computed(name: str, values: object, shape: tuple[int, ...]) -> Floats:
+    """Returns numbers that a task has computed, and refuses a wrong shape and infinite ones."""
+    # This is called several times in a step, so the usual case has a short way.
     if type(values) is np.ndarray and values.dtype == np.float64 and values.shape == shape:
         checks.require_finite(name, values)
         return values
     return checks.array(name, values, shape)
 
 
-def only(info: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+def of_one(info: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
     """Returns the info of a single environment: plain numbers and text, and arrays."""
     return {
         name: each[0].copy() if each.ndim > 1 else each[0].item() for name, each in info.items()

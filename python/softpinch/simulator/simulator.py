@@ -1,4 +1,4 @@
-"""`Simulator`: one run that is stepped from outside."""
+"""`Simulator`: one run that is stepped from outside. `VectorSimulator` uses its checks too."""
 
 from __future__ import annotations
 
@@ -12,31 +12,28 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..run.options import STOP_ON
+from ..run.options import STOP_ON, Options
+from ..run.request import Request
 from ..run.run import Run
-from ..run.simulate import described, simulate
+from ..run.simulate import simulate
 from ..scene import usual
+from ..scene.control import WRITTEN
 from ..scene.disturbance import Sampled
-from ..scene.scene import Scene, State
+from ..scene.scene import Scene, State, require_fit
 from ..scene.schedule import Schedule
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.choices import Formulation, Method, Recordable, Violation
 from ..support.display import Shown, text_of
-from .common import (
-    STATUSES,
-    checked_options,
-    parts_of,
-    refuse_copies,
-    state_of,
-)
 
+# The name of a status's code in the core: a run that goes on, and then the ways to end.
+STATUSES = ("running", *_core.STATUSES)
 # Numbers that are kept of each period: its start, torques, force and moment.
 _KEPT = 6
 
 
 class Observation(NamedTuple):
-    """What is seen of a run at the end of a period.
+    """Observation of a run at the end of a period.
 
     Attributes:
         t: Time, s.
@@ -55,7 +52,6 @@ class Observation(NamedTuple):
     status: str
 
     def __repr__(self) -> str:
-        """Names and short values, on a few lines."""
         return text_of("Observation", self._asdict())
 
 
@@ -79,8 +75,7 @@ class Simulator(Shown):
 
     The state is kept in the core, so that a simulator is not copied or pickled; for `run()` it also
     keeps 48 bytes for each period since the last `reset` or `set_state`. The core takes equal
-    steps: `tolerance` is not offered, because its
-    steps depend on the sizes of all earlier states.
+    steps: `tolerance` is not offered, because its steps depend on all earlier states.
     """
 
     def __init__(
@@ -107,20 +102,14 @@ class Simulator(Shown):
         Raises:
             ValueError: An argument breaks its rule, the scene's fingers are driven, or its start is
                 refused.
-            TypeError: An argument has the wrong type.
-
-        Warns:
-            SuspiciousValueWarning: A number of the scene is far from its usual range.
         """
         self._options = checked_options(scene, dt, method, formulation, stabilization, stop_on)
         self._scene = scene
         self._period = checks.positive("period", period)
         usual.warn(scene, schedule_replaced=True)
-        self._core = _core.Simulator.alone(described(scene, self._options), self._period)
+        self._core = _core.Simulator.alone(Request(scene, self._options).simulation(), self._period)
         self._start: State | None = None
         self._force = (0.0, 0.0, 0.0)
-        # The numbers of all periods.
-        self._held = array("d")
         self._seen = self._begin()
 
     @property
@@ -135,14 +124,14 @@ class Simulator(Shown):
 
     @property
     def observation(self) -> Observation:
-        """What was last seen: the return value of the last `reset`, `step` or `set_state`."""
+        """The last observation, which `reset`, `step` and `set_state` also return."""
         return self._seen
 
     @property
     def message(self) -> str:
         """The status in words, with the numbers; empty while the run goes on."""
         if self._seen.status == "completed":
-            return f"reached the end at t = {self._seen.t} s"
+            return f"reached the end at t = {self._seen.t:.6g} s"
         return self._core.message(0)
 
     def reset(self, state: State | None = None) -> Observation:
@@ -150,11 +139,7 @@ class Simulator(Shown):
 
         Args:
             state: Start from this state, and last for the scene's duration from its time on; None
-                starts as the scene does.
-
-        Raises:
-            ValueError: The state is refused; the simulator is as before then.
-            TypeError: `state` is no `State`.
+                starts as the scene does. If it is refused, the simulator is as before.
         """
         self._core.reset(0, None if state is None else parts_of(self._scene, "state", state))
         self._start, self._force = state, (0.0, 0.0, 0.0)
@@ -165,17 +150,13 @@ class Simulator(Shown):
 
         Args:
             torque: Torques on the right and the left finger (2,), N m, a positive one closes its
-                finger; or the target angles of the fingers of a PID, rad.
-
-        Raises:
-            ValueError: The run has ended, or a torque is not finite.
-            TypeError: `torque` is not two numbers.
-            KeyboardInterrupt: Ctrl-C; the simulator is as before the step then.
+                finger; or the target angles of the fingers of a PID, rad. If they are refused, or
+                after Ctrl-C, the simulator is as before the step.
         """
         before = self._seen
         if before.status != "running":
             raise ValueError(
-                f"step: the run has ended with status {before.status!r} at t = {before.t} s; "
+                f"step: the run has ended with status {before.status!r} at t = {before.t:.6g} s; "
                 "reset() begins it again"
             )
         right, left = _two(torque)
@@ -190,10 +171,6 @@ class Simulator(Shown):
         Args:
             force: (F_x, F_y) at the centre of gravity, N, beside the scene's disturbances.
             moment: Moment, counter-clockwise, N m.
-
-        Raises:
-            ValueError: A number is not finite.
-            TypeError: A value is not a number.
         """
         found = (*checks.pair("force", force), checks.finite("moment", moment))
         self._core.set_force(0, found)
@@ -213,7 +190,6 @@ class Simulator(Shown):
         Raises:
             ValueError: The state is refused, or its time is not within the run; the simulator is as
                 before then.
-            TypeError: `state` is no `State`.
         """
         self._core.set_state(0, parts_of(self._scene, "state", state))
         self._start = state
@@ -232,24 +208,11 @@ class Simulator(Shown):
         Args:
             record: Groups of quantities to record, as for `simulate`; all by default.
             every: Number of steps between recorded rows.
-
-        Raises:
-            ValueError: There has been no step, or an argument breaks its rule.
-            TypeError: An argument has the wrong type.
         """
         if not self._held:
             raise ValueError("run: there has been no step since the start")
-        o = self._options
-        return simulate(
-            self._scene_so_far(),
-            o.dt,
-            o.method,
-            o.formulation,
-            o.stabilization,
-            record,
-            every,
-            o.stop_on,  # type: ignore[arg-type]
-        )
+        numerics = self._options.numerics()
+        return simulate(self._scene_so_far(), record=record, every=every, **numerics)
 
     def _scene_so_far(self) -> Scene:
         held = np.array(self._held).reshape(-1, _KEPT)
@@ -277,11 +240,9 @@ class Simulator(Shown):
         return self._seen
 
     def __reduce__(self) -> NoReturn:
-        """Refuses to be copied or pickled."""
         refuse_copies(self)
 
     def __repr__(self) -> str:
-        """Shows status, time and steps on one line."""
         seen = self._seen
         steps = f"{len(self._held) // _KEPT} periods of {self._period} s"
         return f"<Simulator {seen.status}: t = {seen.t:.6g} s, {steps}>"
@@ -304,3 +265,73 @@ def _duration(start: float, end: float) -> float:
         if start + near == end:
             return near
     return duration
+
+
+def checked_options(
+    scene: Scene,
+    dt: float | None,
+    method: str,
+    formulation: str,
+    stabilization: Stabilization,
+    stop_on: str | Sequence[str],
+) -> Options:
+    """Checks a scene that is stepped from outside, and the options of its equal steps."""
+    checks.instance("scene", scene, Scene)
+    if scene.law not in ("torque", "pid"):
+        raise ValueError(
+            f"Scene.{WRITTEN[scene.law]}: a simulator needs control=Torque(), whose torques it "
+            "sets, or a PID, whose target angles it sets"
+        )
+    return Options.checked(
+        dt=dt,
+        method=method,
+        formulation=formulation,
+        stabilization=stabilization,
+        stop_on=stop_on,
+    )
+
+
+def state_of(parts: tuple[Any, ...], formulation: str) -> State:
+    """Makes the public state from the core's."""
+    time, q, p, integral, grid, contact = parts
+    # The stabilisation lets states drift off the constraints.
+    check = formulation != "csm"
+    right, left = integral
+    return State(q, p, (right, left), time, check=check, grid=grid, contact=contact)
+
+
+def parts_of(scene: Scene, name: str, state: State) -> tuple[Any, ...]:
+    """Checks a state from which a scene is to go on, and returns it as the core takes it."""
+    checks.instance(name, state, State)
+    require_fit(scene, name, state)
+    return (
+        state.time,
+        np.asarray(state.q),
+        np.asarray(state.p),
+        state.integral,
+        state.grid,
+        state.contact,
+        state.check,
+    )
+
+
+def refuse_copies(simulator: object) -> NoReturn:
+    """Refuses a copy: it would share the state in the core, but not the record of the steps."""
+    raise TypeError(
+        f"{type(simulator).__name__} cannot be copied or pickled: take its state() and give it to "
+        "set_state() or reset() of another one"
+    )
+
+
+def checked_actions(actions: ArrayLike, n: int, each: str) -> NDArray[np.float64]:
+    """Converts actions (n, 2) to a contiguous array; errors call one of the n an `each`."""
+    given = checks.numbers("actions", actions)
+    if given.shape != (n, 2):
+        raise ValueError(f"actions have shape {given.shape}: must be ({n}, 2)")
+    wrong = np.argwhere(~np.isfinite(given))
+    if len(wrong):
+        k, finger = wrong[0].tolist()
+        raise ValueError(
+            f"actions[{k}, {finger}] = {given[k, finger]}: must be finite ({each} {k})"
+        )
+    return np.ascontiguousarray(given, dtype=np.float64)

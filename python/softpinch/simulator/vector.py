@@ -18,7 +18,7 @@ from ..study.spec import StudySpec
 from ..support import checks
 from ..support.choices import Formulation, Method, Violation
 from ..support.display import Shown, text_of
-from .common import (
+from .simulator import (
     STATUSES,
     checked_actions,
     checked_options,
@@ -33,7 +33,7 @@ _MOST = 10_000_000
 
 
 class Observations(NamedTuple):
-    """What is seen of all runs at the ends of their periods; `Observation` has the details.
+    """Observations of all runs at the ends of their periods; `Observation` has the details.
 
     Attributes:
         t: Times (n,), s.
@@ -50,7 +50,6 @@ class Observations(NamedTuple):
     status: NDArray[np.str_]
 
     def __repr__(self) -> str:
-        """Names and short values, on a few lines."""
         return text_of("Observations", self._asdict())
 
 
@@ -85,25 +84,17 @@ class VectorSimulator(Shown):
             scene: The scene that all runs share, apart from the varied values.
             n: Number of runs.
             period: Time for which the torques of one `step` are held, s.
-            dt: Longest step, s, as for `simulate`; 1e-4 if it is None.
-            method: The integration method, as for `simulate`. "rk4", "dop853" and "rosenbrock"
-                compute several runs in each instruction.
-            formulation: How the constraints are enforced, as for `simulate`.
-            stabilization: The gains of (19) and (20), for "csm".
+            dt: As for `Simulator`.
+            method: As for `Simulator`. "rk4", "dop853" and "rosenbrock" compute several runs in
+                each instruction.
+            formulation: As for `Simulator`.
+            stabilization: As for `Simulator`.
             stop_on: The violations that end a run, as for `simulate`.
             vary: The varied paths, and the sources of their values, as for `monte_carlo`.
             seed: Seed of the draws and of noise, as for `monte_carlo`.
             threads: Largest number of threads of a step. To wake a second thread costs up to 0.1 ms
                 at every step, so that it pays from about 2500 integration steps a call on, for
                 example 250 runs and 10 steps a period.
-
-        Raises:
-            ValueError: An argument breaks its rule, or a run's scene does; the message has its
-                number.
-            TypeError: An argument has the wrong type.
-
-        Warns:
-            SuspiciousValueWarning: A number of the scene is far from its usual range.
         """
         options = checked_options(scene, dt, method, formulation, stabilization, stop_on)
         self._scene = scene
@@ -114,19 +105,13 @@ class VectorSimulator(Shown):
         usual.warn(self._scene, schedule_replaced=True)
         numbers = np.arange(n, dtype=np.uint64)
         self._values = spec.plan.rows(numbers)
-        self._setup = spec.setup
-        self._setup.varied.check(self._values, numbers)
-        batch = self._setup.batch(numbers, self._values)
+        self._spec = spec
+        self._spec.varied.check(self._values, numbers)
+        batch = self._spec.batch(numbers, self._values)
         self._core = _core.Simulator.many(batch, self._period, threads)
         self._codes = np.zeros(n, np.uint8)
-        self._seen = Observations(
-            np.empty(n),
-            np.empty((n, 9)),
-            np.empty((n, 9)),
-            np.empty((n, 4)),
-            np.empty(n, _NAMES.dtype),
-        )
-        self._observe(self._seen)
+        t, q, p, multipliers = np.empty(n), np.empty((n, 9)), np.empty((n, 9)), np.empty((n, 4))
+        self._seen = Observations(t, q, p, multipliers, np.empty(n, _NAMES.dtype))
 
     @property
     def n(self) -> int:
@@ -140,19 +125,17 @@ class VectorSimulator(Shown):
 
     @property
     def observations(self) -> Observations:
-        """What was last seen, in the simulator's own arrays."""
-        return self._observe(self._seen)
+        """The present observations, in the simulator's own arrays."""
+        t, q, p, multipliers, status = self._seen
+        self._core.observe((t, q, p, multipliers, self._codes))
+        _NAMES.take(self._codes, out=status, mode="clip")
+        return self._seen
 
     def scene(self, run: int) -> Scene:
-        """Returns the scene of a run, with its own values.
-
-        Raises:
-            IndexError: There is no such run.
-        """
+        """Returns the scene of a run, with its own values."""
         run = self._run(run)
-        return self._setup.varied.at(
-            {path: value[run] for path, value in self._values.items()}, run
-        )
+        own = {path: value[run] for path, value in self._values.items()}
+        return self._spec.varied.at(own, run)
 
     def message(self, run: int) -> str:
         """Returns the status of a run in words; empty if it goes on or has reached its end."""
@@ -169,9 +152,7 @@ class VectorSimulator(Shown):
 
         Raises:
             ValueError: A shape is wrong, or a number is not finite; the message names its run. All
-                runs are as before the step then.
-            TypeError: `actions` are not numbers.
-            KeyboardInterrupt: Ctrl-C; all runs are as before the step then.
+                runs are as before the step then, as they are after Ctrl-C.
         """
         given = actions
         if (
@@ -208,11 +189,10 @@ class VectorSimulator(Shown):
         Raises:
             ValueError: A shape is wrong, or a state is refused; the message has the number of its
                 run then, and the runs before it have their new states.
-            TypeError: An argument has the wrong type.
         """
         parts = (None,) * self.n if state is None else self._parts(state)
         self._place(self._core.reset, parts, mask)
-        return self._observe(self._seen)
+        return self.observations
 
     def set_force(
         self, force: ArrayLike = (0.0, 0.0), moment: ArrayLike = 0.0, mask: ArrayLike | None = None
@@ -223,10 +203,6 @@ class VectorSimulator(Shown):
             force: (F_x, F_y), N, of all runs (2,) or of each (n, 2), beside the disturbances.
             moment: Moments, counter-clockwise, N m, of all runs or of each (n,).
             mask: Which runs (n,), as booleans; None is all of them.
-
-        Raises:
-            ValueError: A shape is wrong, or a number is not finite.
-            TypeError: A value is not a number.
         """
         n = self.n
         forces = checks.array("force", force, (n, 2) if np.ndim(force) == 2 else (2,))
@@ -240,31 +216,17 @@ class VectorSimulator(Shown):
     def state(self, run: int) -> State:
         """Returns the present state of a run, from which `set_state` or another run goes on."""
         parts = self._core.state(self._run(run))
-        return state_of(parts, self._setup.options.formulation)
+        return state_of(parts, self._spec.options.formulation)
 
     def set_state(
         self, state: State | Sequence[State], mask: ArrayLike | None = None
     ) -> Observations:
         """Goes on from states, each at its time, as `Simulator.set_state` does.
 
-        Args:
-            state: The state from which all of them go on, or one for each of the n runs.
-            mask: Which runs (n,), as booleans; None is all of them. The others stay as they are.
-
-        Raises:
-            ValueError: A shape is wrong, or a state is refused; the message has the number of its
-                run then, and the runs before it have their new states.
-            TypeError: An argument has the wrong type.
+        `state` and `mask` are those of `reset`; a state is needed here.
         """
-        parts = self._parts(state)
-        self._place(self._core.set_state, parts, mask)
-        return self._observe(self._seen)
-
-    def _observe(self, seen: Observations) -> Observations:
-        t, q, p, multipliers, status = seen
-        self._core.observe((t, q, p, multipliers, self._codes))
-        _NAMES.take(self._codes, out=status, mode="clip")
-        return seen
+        self._place(self._core.set_state, self._parts(state), mask)
+        return self.observations
 
     def _run(self, run: int) -> int:
         run = checks.integer("run", run)
@@ -316,10 +278,8 @@ class VectorSimulator(Shown):
         return [parts_of(self._scene, f"state[{k}]", each) for k, each in enumerate(state)]
 
     def __reduce__(self) -> NoReturn:
-        """Refuses to be copied or pickled."""
         refuse_copies(self)
 
     def __repr__(self) -> str:
-        """Shows the numbers of runs and of those that go on."""
-        goes_on = int((self._codes == 0).sum())
+        goes_on = int((self.observations.status == STATUSES[0]).sum())
         return f"<VectorSimulator of {self.n} runs, {goes_on} running, {self._period} s a period>"

@@ -11,23 +11,19 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .. import _core
-from ..study.columns import HOLDS
-from ..study.engine import RunBlock, compute
-from ..study.job import MOST_BLOCKS, EarlyStopping, Job
-from ..study.outcome import Outcome
+from ..study.compute import MOST_BLOCKS, EarlyStopping, Job
+from ..study.engine import Outcome, RunBlock, compute
 from ..study.results import Results
-from ..study.rows import Rows
+from ..study.rows import HOLDS, Rows, Spans
 from ..study.sampling import Plan
 from ..study.sources import BLOCK
-from ..study.spans import Spans
+from ..study.spec import RECORDING
 from ..support import checks
-from ..support.disk import reason
 from ..support.errors import StoreError
 from ..support.interrupt import CtrlC
-from . import arrays, manifest
-from .files import MANIFEST
+from . import manifest
+from .files import MANIFEST, arrow
 from .folder import Folder, Writer, locked, refuse_other_content
-from .table import arrow
 
 StudyT = TypeVar("StudyT", bound=Results)
 
@@ -44,7 +40,6 @@ class _Pace:
         self._since = time.monotonic()
 
     def note_arrival(self) -> None:
-        """Adapts the number of blocks to the time since rows last arrived."""
         now = time.monotonic()
         spent, self._since = now - self._since, now
         if spent < PACE_SECONDS:
@@ -58,31 +53,19 @@ def compute_in_folder(
 ) -> StudyT:
     """Computes the runs that the folder's study lacks, and writes them there.
 
-    Args:
-        job: The checked study, and how to compute it.
-        store: The study's folder.
-        opened: Makes the study object from its folder, its manifest and the outcome of computing.
-
-    Returns:
-        The object that `opened` makes.
-
-    Raises:
-        ValueError: The folder holds another study, a function in `vary` does not repeat its draws,
-            or an input of a run breaks its rule.
-        StoreError: The folder cannot be written, is damaged or locked, holds other files, or holds
-            rows with other bits than this process computes.
+    `opened` makes the study object from its folder, its manifest and the outcome of computing.
     """
-    spec, plan, setup = job.spec, job.spec.plan, job.setup
+    spec, plan = job.spec, job.spec.plan
     path = checks.path("store", store, "the path of a folder")
     arrow()
-    vary, given_arrays = arrays.described(spec.vary, plan.describe()["vary"])
+    vary, given_arrays = manifest.with_files(plan)
     given = manifest.describe(spec, vary)
     there = _matching_manifest(path, given)
     done = Spans.upto(0)
     if there is None:
         refuse_other_content(path)
     else:
-        done = Folder(path, setup, manifest.identity(there)).done
+        done = Folder(path, spec, manifest.identity(there)).done
     missing = job.wanted.without(done)
     if any(entry["kind"] == "function" for entry in given["vary"].values()):
         _refuse_unrepeatable_draws(plan, missing)
@@ -94,10 +77,10 @@ def compute_in_folder(
         there = _matching_manifest(path, given)
         if there is None:
             refuse_other_content(path)
-        arrays.write(path, given_arrays)
+        manifest.write_arrays(path, given_arrays)
         if there is None:
             manifest.write(path, given)
-        folder = Folder(path, setup, manifest.identity(there or given))
+        folder = Folder(path, spec, manifest.identity(there or given))
         writer = Writer(folder, lock)
         described = given
         if there is not None:
@@ -138,9 +121,6 @@ def _refuse_unrepeatable_draws(plan: Plan, missing: Spans) -> None:
     """Refuses functions in `vary` whose draws do not repeat.
 
     A study draws the numbers of a run again whenever it continues or replays that run.
-
-    Raises:
-        ValueError: A second draw of the first missing block differs from the first draw.
     """
     for numbers in islice(missing.aligned_chunks(lambda: BLOCK), 1):
         again = plan.rows(numbers)
@@ -160,17 +140,9 @@ def _events(folder: Folder) -> Iterator[Rows]:
 
 
 def _matching_manifest(path: Path, given: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The manifest of a folder that holds the given study; None if there is no manifest.
-
-    Raises:
-        ValueError: The folder holds another study.
-        StoreError: The manifest is damaged, or the folder cannot be read.
-    """
-    try:
-        if not (path / MANIFEST).exists():
-            return None
-    except OSError as error:
-        raise StoreError(f"{path}: cannot be read: {reason(error)}") from None
+    """The manifest of a folder that holds the given study; None if there is no manifest."""
+    if not (path / MANIFEST).exists():
+        return None
     there = manifest.read(path)
     manifest.compare(path, there, given)
     return there
@@ -190,6 +162,8 @@ def _continued(there: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, 
     paths = {each for data in (there, given) for each in data["study"].get("trajectories", ())}
     if paths:
         free["trajectories"] = sorted(paths)
+    if "trajectories" not in given["study"]:
+        free |= {name: there["study"][name] for name in RECORDING if name in there["study"]}
     return {
         **there,
         "study": {**kept, **free},
@@ -202,9 +176,6 @@ def _verify_same_bits(job: Job, folder: Folder, there: Mapping[str, Any], plan: 
 
     Draws one stored block again. If the software or the processor differs from every earlier
     writer's, it also computes one stored run again.
-
-    Raises:
-        StoreError: The bits differ, because NumPy, SciPy, the processor or a function changed.
     """
     rows = folder.rows(min(folder.parts, key=lambda part: int(part.edges[0, 0])))
     # The folder may hold more runs than the caller asks for now.
@@ -221,8 +192,8 @@ def _verify_same_bits(job: Job, folder: Folder, there: Mapping[str, Any], plan: 
     if ours in there["made_by"]:
         return
     first = rows.select(np.array([0]))
-    block = RunBlock(first.run, {path: first.columns[path] for path in job.setup.shapes})
-    again = compute(job.setup, block, 1, lambda done: False)
+    block = RunBlock(first.run, {path: first.columns[path] for path in job.spec.shapes})
+    again = compute(job.spec, block, 1, lambda done: False)
     for name, values in again.columns.items():
         # NaN does not equal itself, so values that differ as lists are compared as bytes.
         before = first.columns[name].astype(values.dtype)

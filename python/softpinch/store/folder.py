@@ -1,4 +1,9 @@
-"""A study's folder: finding and reading its parts, and adding parts under the folder's lock."""
+"""A study's folder: finding, reading and adding parts.
+
+A part is a Parquet file with one row for each run, which any tool reads. A value of several numbers
+has one column for each number, named as in `Ensemble.to_pandas`. NaN, such as the time of an event
+that never happened, is null. The metadata of every column has its unit.
+"""
 
 from __future__ import annotations
 
@@ -6,23 +11,62 @@ import re
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
 
-from ..study.rows import Rows
-from ..study.setup import Setup
-from ..study.spans import Spans
-from ..support.disk import reason, visible, write_whole
+from ..study.compute import MOST_BLOCKS
+from ..study.rows import Edges, Entry, Rows, Spans
+from ..study.sources import BLOCK
+from ..study.spec import StudySpec
 from ..support.errors import StoreError
-from . import part as parts
-from .files import ARRAYS, LOCK, MANIFEST, PARTS, TRAJECTORIES, clean_up
-from .lock import Lock, LockedError
-from .part import MOST_NUMBERS, Part
+from ..support.extras import require
+from ..support.files import flush_folder, visible
+from . import files
+from .files import ARRAYS, DIGESTS, LOCK, MANIFEST, PARTS, TRAJECTORIES
+
+if TYPE_CHECKING:
+    from filelock import BaseFileLock
 
 # Rows are buffered for about this long before they become a part, s; a kill loses the buffer.
 GATHER_SECONDS = 5.0
+# Buffered rows become a part once they hold this many numbers, 64 MB.
+MOST_NUMBERS = 2**23
+# Rows that one call of the core returns; a part may exceed MOST_NUMBERS by this many rows.
+_AT_ONCE = MOST_BLOCKS * BLOCK
 _PART_NAME = re.compile(r"[0-9]{6,18}\.parquet")
+
+
+class Part(NamedTuple):
+    """A file of rows, as found when it was opened.
+
+    Attributes:
+        path: The file.
+        digest: The SHA-256 that was written beside it.
+        edges: (k, 2), first and one past the last run of each interval.
+    """
+
+    path: Path
+    digest: str
+    edges: Edges
+
+    @classmethod
+    def open(cls, path: Path, study: str) -> Part:
+        """Opens a part of the study with the identity `study`; reads its footer and its digest."""
+        digest = files.read_digest(path)
+        with files.reading(path):
+            facts, rows, columns = files.read_facts(path)
+            if facts["study"] != study:
+                raise ValueError(f"it belongs to another study than {MANIFEST} describes")
+            edges = np.array(facts["runs"], dtype=np.int64).reshape(-1, 2)
+            inner = edges.ravel()
+            if (inner < 0).any() or (inner[1:] <= inner[:-1]).any():
+                raise ValueError("its intervals of runs do not increase")
+            # A stranger's small file may decompress to many gigabytes of equal numbers.
+            if rows != Spans(edges).count or (rows - _AT_ONCE) * columns > MOST_NUMBERS:
+                raise ValueError(f"it has {rows} rows, not those that a study writes")
+        return cls(path, digest, edges)
 
 
 class Folder:
@@ -30,31 +74,22 @@ class Folder:
 
     Attributes:
         path: The folder, absolute.
-        setup: Scene, options and summaries that all runs share.
-        identity: Hash of everything on which the rows depend; each part's footer repeats it.
+        spec: The study.
+        identity: Hash of everything on which the rows depend; each part's metadata repeats it.
         parts: The parts in the order of their names, which is the order of writing.
         done: The runs whose rows are in the parts.
     """
 
-    def __init__(self, path: Path, setup: Setup, identity: str) -> None:
-        """Reads the footers of all parts.
-
-        Raises:
-            StoreError: A part is damaged or belongs to another study.
-        """
+    def __init__(self, path: Path, spec: StudySpec, identity: str) -> None:
         # An absolute path stays valid when the process changes its working directory.
         self.path = path.absolute()
-        self.setup = setup
+        self.spec = spec
         self.identity = identity
         self.parts: list[Part] = []
         self.refresh()
 
     def refresh(self) -> None:
-        """Looks for parts that have been added or deleted since.
-
-        Raises:
-            StoreError: A part is damaged or belongs to another study, or two parts share runs.
-        """
+        """Looks for parts that have been added or deleted since."""
         known = {part.path.name: part for part in self.parts}
         folder = self.path / PARTS
         self.parts = [
@@ -74,7 +109,7 @@ class Folder:
         except FileNotFoundError:
             return []
         except OSError as error:
-            raise StoreError(f"{folder}: cannot be read: {reason(error)}") from None
+            raise StoreError(f"{folder}: cannot be read: {error.strerror}") from None
         for name in found:
             if not _PART_NAME.fullmatch(name):
                 raise StoreError(
@@ -97,17 +132,22 @@ class Folder:
                 )
         raise AssertionError("the parts do not overlap")
 
-    def read(self, part: Part, entries: Sequence[str]) -> dict[str, NDArray[Any]]:
-        """Reads entries of a part, each (runs, ...), and verifies their checksums.
-
-        Raises:
-            StoreError: The file is missing or damaged.
-        """
-        return part.read(self.identity, entries, self.setup)
+    def read(self, part: Part, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+        """Reads entries of `Results.to_dict`, each (runs, ...), or single columns of entries."""
+        schema = self.spec.schema.entries
+        wanted = {name: list(schema[name].columns) if name in schema else [name] for name in names}
+        flat = [column for columns in wanted.values() for column in columns]
+        found, _ = files.read(part.path, part.digest, flat)
+        return {
+            name: _values(schema[name], [found[column] for column in columns])
+            if name in schema
+            else found[name]
+            for name, columns in wanted.items()
+        }
 
     def rows(self, part: Part) -> Rows:
         """Reads all rows of a part."""
-        return Rows(columns=self.read(part, tuple(self.setup.empty().columns)))
+        return Rows(columns=self.read(part, tuple(self.spec.empty().columns)))
 
     def damaged(self) -> Iterator[str]:
         """Reads every part, and yields one line for each damaged part."""
@@ -118,26 +158,41 @@ class Folder:
                 yield str(error)
 
 
+def _values(entry: Entry, columns: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """The array of an entry from its columns."""
+    if entry.shape:
+        return np.stack(columns, axis=1).reshape(-1, *entry.shape)
+    return columns[0].astype(entry.empty().dtype, copy=False)
+
+
+def encode(rows: Rows, spec: StudySpec, study: str) -> memoryview:
+    """Encodes rows as a part, in memory; `study` is the identity of their study."""
+    entries = rows.entries()
+    columns, units = {}, {}
+    for entry in spec.schema.entries.values():
+        for name, (values, unit) in entry.split(entries[entry.name]).items():
+            # Some Parquet readers lack unsigned 64-bit integers.
+            columns[name] = values.astype(np.int64) if entry.kind == "count" else values
+            units[name] = unit
+    return files.encode(columns, {"study": study, "runs": Spans.of(rows.run).edges.tolist()}, units)
+
+
 class Writer:
     """Adds parts to a study's folder. It buffers rows until they are worth a part."""
 
-    def __init__(self, folder: Folder, lock: Lock) -> None:
+    def __init__(self, folder: Folder, lock: BaseFileLock) -> None:
         """Takes a folder and its lock, which this process must hold."""
         self._folder = folder
         self._lock = lock
         self._rows: list[Rows] = []
         self._count = 0
         self._since = time.monotonic()
-        clean_up(folder.path)
+        files.clean_up(folder.path)
         folder.refresh()
         self._next = max((int(part.path.stem) for part in folder.parts), default=-1) + 1
 
     def add(self, rows: Rows) -> None:
-        """Buffers rows, possibly none; writes a part if the buffer is large or old enough.
-
-        Raises:
-            StoreError: The part cannot be written.
-        """
+        """Buffers rows, possibly none; writes a part if the buffer is large or old enough."""
         if len(rows):
             self._rows.append(rows)
             # `len(rows)` counts the failure time, a column that is added when a part is encoded.
@@ -146,11 +201,7 @@ class Writer:
             self.flush()
 
     def flush(self) -> None:
-        """Writes the buffered rows as one part.
-
-        Raises:
-            StoreError: The part cannot be written; earlier parts are unchanged.
-        """
+        """Writes the buffered rows as one part."""
         self._since = time.monotonic()
         if not self._rows:
             return
@@ -159,12 +210,11 @@ class Writer:
         self._rows, self._count = [], 0
         folder = self._folder
         path = folder.path / PARTS / f"{self._next:06}.parquet"
-        data = parts.encode(rows, folder.setup, folder.identity)
         try:
-            write_whole(path, data)
+            files.write_with_digest(path, encode(rows, folder.spec, folder.identity))
         except OSError as error:
             raise StoreError(
-                f"{folder.path}: {reason(error)}: the last {len(rows)} runs cannot be written; "
+                f"{folder.path}: {error.strerror}: the last {len(rows)} runs cannot be written; "
                 f"the {folder.done.count} runs before them are stored, and resume continues there"
             ) from None
         self._next += 1
@@ -180,50 +230,46 @@ class Writer:
             self._lock.release()
 
 
-def locked(path: Path) -> Lock:
+def locked(path: Path) -> BaseFileLock:
     """Makes a study's folder if it is missing, and takes its lock.
 
-    Raises:
-        StoreError: The folder cannot be made or written, a subfolder is a symbolic link, or another
-            process holds the lock.
+    The operating system releases the lock when this process ends, however it ends.
     """
-    for name in (PARTS, TRAJECTORIES, ARRAYS):
-        # A folder from a stranger must not redirect our files to another place.
-        if (path / name).is_symlink():
-            raise StoreError(f"{path / name}: cannot be written: it is a symbolic link")
+    filelock = require("filelock", extra="study", purpose="a study's folder (filelock)")
     try:
-        (path / PARTS).mkdir(parents=True, exist_ok=True)
-        return Lock(path / LOCK)
-    except LockedError as error:
-        raise StoreError(f"{path}: is being written by {error}") from None
+        for name in (PARTS, DIGESTS):
+            (path / name).mkdir(parents=True, exist_ok=True)
+        flush_folder(path)
+        lock: BaseFileLock = filelock.FileLock(path / LOCK, timeout=0)
+        lock.acquire()
+    except filelock.Timeout:
+        raise StoreError(f"{path}: is being written by another process or thread") from None
     except OSError as error:
-        raise StoreError(f"{path}: cannot be written: {reason(error)}") from None
+        raise StoreError(f"{path}: cannot be written: {error.strerror}") from None
+    return lock
 
 
 def refuse_other_content(path: Path) -> None:
     """Refuses to begin a study in a folder that has no manifest but other content.
 
-    A lock and arrays are accepted: a study killed before it wrote its manifest leaves them.
-
-    Raises:
-        StoreError: The folder has foreign files, or parts or trajectories without a manifest.
+    Empty folders, a lock, digests and arrays are accepted: a study killed before it wrote its
+    manifest leaves them.
     """
     try:
-        found = visible(path)
+        for name in visible(path):
+            below = path / name
+            if name in (PARTS, TRAJECTORIES) and below.is_dir():
+                if visible(below):
+                    raise StoreError(
+                        f"{below}: belongs to a study whose {MANIFEST} is missing: restore it, or "
+                        "use another folder"
+                    )
+            elif name not in (LOCK, DIGESTS, ARRAYS):
+                raise StoreError(
+                    f"{path}: is not empty and not a study: it contains {name}; give a new folder "
+                    "or an empty one"
+                )
     except FileNotFoundError:
         return
-    except OSError as error:
-        raise StoreError(f"{path}: cannot be written: {reason(error)}") from None
-    for name in found:
-        below = path / name
-        if name in (PARTS, TRAJECTORIES) and below.is_dir():
-            if visible(below):
-                raise StoreError(
-                    f"{below}: belongs to a study whose {MANIFEST} is missing: restore it, or "
-                    "use another folder"
-                )
-        elif name not in (LOCK, ARRAYS):
-            raise StoreError(
-                f"{path}: is not empty and not a study: it contains {name}; give a new folder or "
-                "an empty one"
-            )
+    except NotADirectoryError as error:
+        raise StoreError(f"{path}: cannot be written: {error.strerror}") from None

@@ -8,6 +8,7 @@ format, sha256             version and checksum of the manifest, verified when i
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import platform
 import tomllib
@@ -22,21 +23,19 @@ import numpy as np
 from .. import _core
 from ..run.options import ALWAYS, NUMERICS, Options
 from ..scene.scene import Scene
-from ..study.rows import EVENTS
-from ..study.sampling import MOST_RUNS, SAMPLERS
-from ..study.setup import Setup
-from ..study.sources import BLOCK
-from ..study.spec import SETTINGS, StudySpec
+from ..study.sampling import MOST_RUNS, Plan
+from ..study.sources import Description
+from ..study.spec import RECORDING, SETTINGS, StudySpec
+from ..study.study_file import checksum, load_array
 from ..support import checks, extras, toml
-from ..support.disk import one_line, reason
+from ..support.arrays import Floats
 from ..support.errors import StoreError
-from . import arrays, files
-from .files import MANIFEST
+from . import files
+from .files import ARRAYS, MANIFEST
 
-FORMAT = 3
-_TOP = ("format", "study", "vary", "scene", "made_by")
+FORMAT = 4
 # Entries of [study] that may change when a study is continued, because no row depends on them.
-FREE = ("runs", "stop_when", "check_dt", "trajectories")
+FREE = ("runs", "stop_when", "check_dt", "trajectories", *RECORDING)
 
 
 def describe(spec: StudySpec, vary: Mapping[str, Any]) -> dict[str, Any]:
@@ -44,7 +43,7 @@ def describe(spec: StudySpec, vary: Mapping[str, Any]) -> dict[str, Any]:
 
     Args:
         spec: The study.
-        vary: The table `vary`, with a file for each array (`arrays.described`).
+        vary: The table `vary`, with a file for each array (`with_files`).
     """
     data = {"format": FORMAT, **spec.to_dict(), "vary": dict(vary), "made_by": [made_by()]}
     return tomllib.loads(dumps(data))
@@ -89,64 +88,43 @@ def _package() -> str:
 
 
 def write(path: Path, data: Mapping[str, Any]) -> None:
-    """Writes the manifest of a folder.
-
-    Raises:
-        StoreError: The manifest cannot be written.
-        ImportError: tomli_w is not installed.
-    """
+    """Writes the manifest of a folder."""
     own = {"format": data["format"], "sha256": _digest(data)}
     files.write(path / MANIFEST, dumps({**own, **data}).encode())
 
 
 def dumps(data: Mapping[str, Any]) -> str:
-    """Converts a manifest to TOML that gives every number back exactly.
-
-    Raises:
-        ImportError: tomli_w is not installed.
-    """
+    """Converts a manifest to TOML that gives every number back exactly."""
     # `toml.dumps` would name another extra in its error.
     extras.require("tomli_w", extra="study", purpose="a study's folder (tomli-w)")
     return toml.dumps(data, "study")
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Reads and checks the manifest of a folder.
-
-    Raises:
-        StoreError: There is no manifest, it is damaged or altered, or it has another format.
-    """
+    """Reads the manifest of a folder, and compares it with its digest."""
     file = path / MANIFEST
-    try:
+    if not file.exists():
+        raise StoreError(f"{path}: is not a study: there is no {MANIFEST}")
+    with files.reading(file, "restore the original"):
         data = toml.contents(file)
-        if data.get("format") in (1, 2):
+        if data.get("format", FORMAT) != FORMAT:
             raise StoreError(
-                f"{path}: has store format {data['format']}, of development versions of softpinch "
-                f"0.1.0: read it with the version that its {MANIFEST} names, or use that "
-                f"{MANIFEST} as a study file, to compute it again in another folder"
+                f"{path}: has store format {data['format']!r}; this softpinch reads {FORMAT}: read "
+                f"it with the version that its {MANIFEST} names, or use that {MANIFEST} as a "
+                "study file, to compute it again in another folder"
             )
-        if "format" in data and data["format"] != FORMAT:
-            raise StoreError(
-                f"{file}: has store format {data['format']!r}; this softpinch reads {FORMAT}"
-            )
-        digest = data.pop("sha256", None)
-        if digest != _digest(data):
+        if data.pop("sha256", None) != _digest(data):
             raise ValueError(
-                "it was changed after softpinch wrote it: restore the original; for another study "
-                "use another folder, and for more runs `Study.extend`"
+                "it was changed after softpinch wrote it (for another study use another folder, "
+                "and for more runs `Study.extend`)"
             )
         data = {"vary": {}, **data}
-        _check_types(data)
-    except FileNotFoundError:
-        raise StoreError(f"{path}: is not a study: there is no {MANIFEST}") from None
-    except StoreError:
-        raise
-    except OSError as error:
-        raise StoreError(f"{file}: cannot be read: {reason(error)}") from None
-    except (KeyError, RecursionError, TypeError, ValueError) as error:
-        text = one_line(error).removeprefix(f"{file}: ")
-        raise StoreError(f"{file}: is damaged: {text}") from None
-    return data
+        checks.integer("study.runs", data["study"]["runs"], 1, MOST_RUNS)
+        for maker in data["made_by"]:
+            checks.integer("made_by.results_version", maker["results_version"], 0)
+        if not data["made_by"]:
+            raise ValueError("[[made_by]] is empty")
+        return data
 
 
 def _digest(data: Mapping[str, Any]) -> str:
@@ -154,70 +132,25 @@ def _digest(data: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
 
 
-def _check_types(data: Mapping[str, Any]) -> None:
-    """Refuses a manifest in which an entry is missing or has the wrong type.
-
-    The scene and the numerical settings are checked later, when records are made of them.
-    """
-    checks.refuse_unknown("manifest", data, _TOP, "")
-    study, makers = data["study"], data["made_by"]
-    for name in ("study", "vary", "scene"):
-        checks.instance(name, data[name], dict)
-    runs = checks.integer("study.runs", study["runs"], 1, MOST_RUNS)
-    checks.integer("study.seed", study["seed"], 0)
-    checks.choice("study.sampler", study["sampler"], SAMPLERS)
-    checks.instance("study.trajectories", study.get("trajectories", []), list)
-    for run in study.get("trajectories", ()):
-        checks.integer("study.trajectories", run, 0, runs - 1)
-    checks.instance("study.check_dt", study.get("check_dt", False), bool)
-    checks.instance("study.stop_when", study.get("stop_when", {}), dict)
-    for name, width in study.get("stop_when", {}).items():
-        checks.choice("study.stop_when", name, EVENTS)
-        checks.positive(f"study.stop_when.{name}", width)
-    checks.instance("made_by", makers, list)
-    if not makers:
-        raise ValueError("[[made_by]] is empty")
-    for maker in makers:
-        checks.instance("made_by", maker, dict)
-        checks.instance("made_by.softpinch", maker["softpinch"], str)
-        checks.integer("made_by.results_version", maker["results_version"], 0)
-    for name, entry in data["vary"].items():
-        checks.instance(f"vary.{name}", entry, dict)
-        checks.instance(f"vary.{name}.kind", entry["kind"], str)
-        if entry["kind"] == "array":
-            arrays.check_entry(f"vary.{name}", entry)
-
-
-def setup_of(path: Path, data: Mapping[str, Any]) -> Setup:
-    """Scene, options and summaries that all runs share, from a manifest.
-
-    Raises:
-        StoreError: The manifest is damaged.
-    """
-    try:
+def spec_of(path: Path, data: Mapping[str, Any]) -> StudySpec:
+    """The study that a manifest describes, without the sources of its varied values."""
+    with files.reading(path / MANIFEST, "restore the original"):
         own = data["study"]
         checks.refuse_unknown("[study]", own, SETTINGS, "")
         for name in ALWAYS:
             if name not in own:
                 raise ValueError(f"[study].{name} is missing")
-        return Setup.checked(
+        return StudySpec.checked(
             Scene.from_dict(data["scene"]),
-            [path for key in data["vary"] for path in key.split(", ")],
-            own["seed"],
             Options.from_dict({name: own[name] for name in NUMERICS if name in own}),
+            runs=own["runs"],
+            seed=own["seed"],
+            vary={tuple(key.split(", ")): Description(e) for key, e in data["vary"].items()},
             summaries=own["summaries"],
             summaries_after=own.get("summaries_after"),
             settling_band=own["settling_band"],
+            sampler=own["sampler"],
         )
-    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
-        raise StoreError(f"{path / MANIFEST}: is damaged: {one_line(error)}") from None
-
-
-def sampling_of(data: Mapping[str, Any]) -> dict[str, Any]:
-    """How the runs' numbers are drawn, in the form of `Plan.describe`."""
-    own = data["study"]
-    facts = {name: own[name] for name in ("sampler", "seed", "runs")}
-    return {**facts, "block": BLOCK, "vary": data["vary"]}
 
 
 def identity(data: Mapping[str, Any]) -> str:
@@ -235,14 +168,7 @@ def _decisive(data: Mapping[str, Any]) -> dict[str, Any]:
 def compare(path: Path, there: Mapping[str, Any], given: Mapping[str, Any]) -> None:
     """Refuses a study that differs from the study in a folder.
 
-    Args:
-        path: The folder.
-        there: The manifest in the folder.
-        given: The manifest of the given study.
-
-    Raises:
-        ValueError: The studies differ; the message lists each field that differs.
-        StoreError: The folder has another results version of the core, so bits would differ.
+    `there` is the manifest in the folder `path`, and `given` that of the given study.
     """
     versions = [each["results_version"] for each in there["made_by"]]
     if versions[-1] != _core.RESULTS_VERSION:
@@ -253,9 +179,9 @@ def compare(path: Path, there: Mapping[str, Any], given: Mapping[str, Any]) -> N
         )
     old, new = _decisive(there), _decisive(given)
     lines = [
-        f"{name} is {_shown(old, name)} there, and {_shown(new, name)} here"
+        f"{name} is {_shown(old.get(name))} there, and {_shown(new.get(name))} here"
         for name in dict.fromkeys((*old, *new))
-        if _value(old, name) != _value(new, name)
+        if old.get(name) != new.get(name)
     ]
     before, now = there["study"]["runs"], given["study"]["runs"]
     if there["study"]["sampler"] == "latin_hypercube" and before != now:
@@ -268,9 +194,6 @@ def compare(path: Path, there: Mapping[str, Any], given: Mapping[str, Any]) -> N
         )
 
 
-_NOTHING = object()
-
-
 def _flat(data: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     """Yields (dotted path, value) of every entry in nested tables."""
     if isinstance(data, Mapping):
@@ -280,14 +203,54 @@ def _flat(data: Any, path: str = "") -> Iterator[tuple[str, Any]]:
         yield path, data
 
 
-def _value(data: Mapping[str, Any], name: str) -> Any:
-    value = data.get(name, _NOTHING)
-    # In Python True == 1, but a study with true and one with 1 differ.
-    return (isinstance(value, bool), value)
+def _shown(value: Any) -> str:
+    return "not given" if value is None else checks.shown(value)
 
 
-def _shown(data: Mapping[str, Any], name: str) -> str:
-    if name not in data:
-        return "not given"
-    text = repr(data[name])
-    return text if len(text) <= 80 else f"{text[:77]}..."
+def with_files(plan: Plan) -> tuple[dict[str, Any], dict[str, Floats]]:
+    """Adds the name and the SHA-256 of a file to the description of each array in `vary`.
+
+    Returns:
+        The completed table `vary` of `Plan.describe`, and file name -> array.
+    """
+    result, found = dict(plan.describe()["vary"]), {}
+    for name, source in zip(result, plan.sources.values(), strict=True):
+        if result[name]["kind"] == "array":
+            array = np.ascontiguousarray(source.value)
+            total = checksum(array)
+            file = f"{ARRAYS}/{total[:16]}.npy"
+            found[file] = array
+            result[name] = {**result[name], "file": file, "sha256": total}
+    return result, found
+
+
+def write_arrays(path: Path, given: Mapping[str, Floats]) -> None:
+    """Writes arrays, file name -> array, into a folder, where they are missing or damaged."""
+    for file, array in given.items():
+        if _array_fault(path / file, checksum(array)):
+            buffer = io.BytesIO()
+            np.save(buffer, array)
+            files.write(path / file, buffer.getbuffer())
+
+
+def damaged_arrays(path: Path, data: Mapping[str, Any]) -> Iterator[str]:
+    """Yields one line for each missing or damaged array of a folder with this manifest."""
+    for name, entry in data["vary"].items():
+        if entry["kind"] != "array":
+            continue
+        file = path / entry["file"]
+        fault = _array_fault(file, entry["sha256"])
+        if fault:
+            yield (
+                f"{file}: {fault}: restore it, or call monte_carlo again with the original {name}, "
+                "which writes it again"
+            )
+
+
+def _array_fault(file: Path, sha256: str) -> str:
+    """The fault of an array's file in words; empty if there is none."""
+    try:
+        load_array(file, sha256)
+    except ValueError as error:
+        return str(error)
+    return ""

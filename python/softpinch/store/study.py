@@ -13,23 +13,20 @@ from numpy.typing import NDArray
 from ..run.run import Run
 from ..study import study_file
 from ..study.capsule import Capsule
+from ..study.compute import Job
+from ..study.engine import Outcome
 from ..study.estimates import Discretisation
-from ..study.job import Job
-from ..study.outcome import Outcome
 from ..study.results import Ensemble, Results
-from ..study.rows import Rows
-from ..study.spans import Numbers, Spans
+from ..study.rows import Numbers, Rows, Spans
 from ..support import checks
 from ..support.arrays import Floats, read_only
-from ..support.errors import StoreError
-from ..support.interrupt import handlers_waiting
+from ..support.errors import LostRunsWarning, StoreError, warn
 from ..support.progress import Report
-from . import arrays
 from . import manifest as manifests
-from .files import MANIFEST
+from .driver import compute_in_folder
+from .files import MANIFEST, arrow
 from .folder import Folder
-from .paths import Trajectories
-from .table import arrow
+from .trajectories import Trajectories
 
 if TYPE_CHECKING:
     from ..study.executor import Engine
@@ -64,14 +61,14 @@ class Study(Results):
         manifest: Mapping[str, Any],
         outcome: Outcome = Outcome(),  # noqa: B008
     ) -> None:
-        """For internal use: users get studies from `monte_carlo` and `Study.open`."""
-        super().__init__(folder.setup, manifests.sampling_of(manifest))
+        super().__init__(manifests.spec_of(folder.path, manifest))
         self._folder = folder
         self.interrupted, self.lost, self._under_way = outcome
         self.path = folder.path
         self.requested: int = manifest["study"]["runs"]
         self.missing = read_only(Spans.upto(self.requested).without(folder.done).edges)
         self.complete = not len(self.missing)
+        self._stops_early = "stop_when" in manifest["study"]
         self.made_by: list[dict[str, Any]] = manifest["made_by"]
         self.trajectories = Trajectories(folder, self.scene_of)
         self.discretisation = None
@@ -81,15 +78,30 @@ class Study(Results):
         """Opens a study's folder, even while another process writes to it.
 
         Raises:
-            TypeError: `path` is not a path.
-            ValueError: `path` is empty or not valid as a path.
             StoreError: The folder has no study, or the study is damaged.
-            ImportError: pyarrow is not installed.
+
+        Warns:
+            LostRunsWarning: Runs are missing; the message says which ones.
         """
+        study = cls._opened(path)
+        # `stop_when` leaves out runs on purpose.
+        if not study.complete and not study._stops_early:
+            spans = [f"{first} to {end - 1}" for first, end in study.missing[:3].tolist()]
+            others = " and others" if len(study.missing) > 3 else ""
+            warn(
+                f"{study.path}: runs {', '.join(spans)}{others} of {study.requested} are missing; "
+                "`resume()` computes them, unless another process is doing so",
+                LostRunsWarning,
+            )
+        return study
+
+    @classmethod
+    def _opened(cls, path: str | Path) -> Study:
+        """Opens a study's folder, without a warning of missing runs."""
         arrow()
         path = checks.path("path", path, "the path of a folder")
         manifest = manifests.read(path)
-        folder = Folder(path, manifests.setup_of(path, manifest), manifests.identity(manifest))
+        folder = Folder(path, manifests.spec_of(path, manifest), manifests.identity(manifest))
         return cls(folder, manifest)
 
     def resume(
@@ -108,8 +120,7 @@ class Study(Results):
 
         Raises:
             ValueError: `vary` has a function, which no file can hold: call `monte_carlo` again with
-                all of its arguments. Or an argument breaks its rule.
-            TypeError: An argument is of the wrong kind.
+                all of its arguments.
             StoreError: The folder cannot be written, a file is damaged, or this machine or software
                 gives other bits than the rows in the folder have.
 
@@ -136,15 +147,10 @@ class Study(Results):
 
         Raises:
             ValueError: As `resume`; or the number of runs is fixed, by arrays in `vary` or by a
-                Latin hypercube.
-            TypeError: As `resume`.
-            StoreError: As `resume`.
-
-        Warns:
-            LostRunsWarning: As `resume`.
+                Latin hypercube. Other errors and warnings are those of `resume`.
         """
         data = manifests.read(self.path)
-        for wrong in arrays.damaged(self.path, data["vary"]):
+        for wrong in manifests.damaged_arrays(self.path, data):
             raise StoreError(wrong)
         try:
             file = study_file.parse(data, self.path / MANIFEST)
@@ -155,8 +161,6 @@ class Study(Results):
         job = Job.checked(
             file.spec(runs=runs), threads=threads, executor=executor, progress=progress
         )
-        with handlers_waiting():
-            from .driver import compute_in_folder
         return compute_in_folder(job, self.path, Study)
 
     @property
@@ -169,14 +173,14 @@ class Study(Results):
             yield self._folder.read(part, names)
 
     def _numbers(self, name: str) -> Floats:
-        self._setup.schema.locate(name)  # refuses an unknown name
+        self._spec.schema.locate(name)  # refuses an unknown name
         # Read this column alone: the other 17 of a state would take most of the time.
         parts = [part[name].astype(np.float64, copy=False) for part in self._read_by_part((name,))]
         return np.concatenate([np.empty(0), *parts])
 
     def _read(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         parts = list(self._read_by_part(("run", *names)))
-        empty = {name: self._setup.schema.entries[name].empty() for name in ("run", *names)}
+        empty = {name: self._spec.schema.entries[name].empty() for name in ("run", *names)}
         found = {name: np.concatenate([p[name] for p in [empty, *parts]]) for name in empty}
         order = np.argsort(found["run"], kind="stable")
         if (order[1:] < order[:-1]).any():
@@ -191,13 +195,13 @@ class Study(Results):
     def ensemble(self) -> Ensemble:
         """Reads all rows into memory, as an ensemble."""
         rows = [self._folder.rows(part) for part in self._folder.parts]
-        return self._ensemble(Rows.joined([self._setup.empty(), *rows]).in_order())
+        return self._ensemble(Rows.joined([self._spec.empty(), *rows]).in_order())
 
     def _ensemble(self, rows: Rows) -> Ensemble:
-        return Ensemble(self._setup, self._sampling, rows, requested=len(rows))
+        return Ensemble(self._spec, rows, requested=len(rows))
 
     def _rows_of(self, runs: Numbers) -> Rows:
-        found = [self._setup.empty()]
+        found = [self._spec.empty()]
         for part in self._folder.parts:
             mine = runs[Spans(part.edges).contains(runs)]
             if len(mine):
@@ -226,8 +230,13 @@ class Study(Results):
             raise IndexError(
                 f"run {checks.shown(run)} is not among the {self.runs} runs of {self.path}"
             )
-        rows = self._rows_of(np.array([run], np.uint64))
-        return {path: rows.columns[path][0] for path in self._setup.shapes}
+        (part,) = (
+            each for each in self._folder.parts if Spans(each.edges).within(run, run + 1).count
+        )
+        # These columns alone: the others would take most of the time of many trajectories.
+        found = self._folder.read(part, ("run", *self._spec.shapes))
+        row = np.searchsorted(found["run"], run)
+        return {path: found[path][row] for path in self._spec.shapes}
 
     def failures(self) -> Failures:
         """The runs that did not complete, each replayable alone; read on access."""
@@ -241,32 +250,29 @@ class Study(Results):
         return {**super().provenance(), **known}
 
     def verify(self) -> None:
-        """Reads the manifest, every part, array and trajectory, and verifies their checksums.
+        """Reads manifest, parts, arrays and trajectories, and compares them with their digests.
 
         Raises:
             StoreError: A file is missing or damaged; the message has a line for each.
         """
         data = manifests.read(self.path)
         found = [
-            *self._other_study(data),
             *self._folder.damaged(),
             *self.trajectories.damaged(),
-            *arrays.damaged(self.path, data["vary"]),
+            *manifests.damaged_arrays(self.path, data),
         ]
+        if manifests.identity(data) != self._folder.identity:
+            file = self.path / MANIFEST
+            found.append(f"{file}: describes another study than when this was opened")
         if found:
             raise StoreError("\n".join(found))
 
-    def _other_study(self, data: Mapping[str, Any]) -> Iterator[str]:
-        if manifests.identity(data) != self._folder.identity:
-            yield f"{self.path / MANIFEST}: describes another study than when this was opened"
-
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickles the path, which is opened again on unpickling, and the outcome of the call."""
+        # The path is opened again on unpickling.
         outcome = Outcome(self.interrupted, self.lost, self._under_way)
         return _reopened, (self.path.absolute(), outcome, self.discretisation)
 
     def __repr__(self) -> str:
-        """The folder, and the numbers of computed runs, requested runs and parts."""
         there = f"all {self.runs}" if self.complete else f"{self.runs} of {self.requested}"
         parts = len(self._folder.parts)
         return f"<Study {str(self.path)!r}: {there} runs, in {parts} part{'s' * (parts != 1)}>"
@@ -275,7 +281,7 @@ class Study(Results):
 def _reopened(
     path: Path, outcome: Outcome, discretisation: dict[str, Discretisation] | None
 ) -> Study:
-    study = Study.open(path)
+    study = Study._opened(path)
     study.interrupted, study.lost, study._under_way = outcome
     study.discretisation = discretisation
     return study
@@ -289,7 +295,6 @@ class Failures(Sequence[Capsule]):
     """The runs of a study that did not complete, in the order of their numbers."""
 
     def __init__(self, study: Study) -> None:
-        """Reads the statuses of all runs, to find those that did not complete."""
         self._study = study
         runs, parts = [np.empty(0, np.uint64)], [np.empty(0, np.int64)]
         for place, part in enumerate(study._folder.parts):
@@ -302,7 +307,6 @@ class Failures(Sequence[Capsule]):
         self._open: tuple[int, Ensemble] | None = None
 
     def __len__(self) -> int:
-        """The number of failed runs."""
         return len(self._runs)
 
     @overload
@@ -312,7 +316,6 @@ class Failures(Sequence[Capsule]):
     def __getitem__(self, index: slice) -> list[Capsule]: ...
 
     def __getitem__(self, index: int | slice) -> Capsule | list[Capsule]:
-        """The capsule at an index, or a list of capsules for a slice."""
         if isinstance(index, slice):
             return [self[k] for k in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):
@@ -328,5 +331,4 @@ class Failures(Sequence[Capsule]):
         return replace(capsule, **versions)
 
     def __repr__(self) -> str:
-        """The number of failures, and their study."""
         return f"<{len(self)} failures of {self._study!r}>"

@@ -6,7 +6,7 @@ again. Threads or the workers of an executor return rows in blocks. Nothing here
 
 from typing import TYPE_CHECKING
 
-from ..support.lazy import lazily
+from ..support.extras import lazily
 
 if TYPE_CHECKING:
     from .capsule import Capsule
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
         Uniform,
     )
     from .effects import Effect, sensitivity
+    from .engine import Lost
     from .estimates import Discretisation, Estimate, Mean
     from .gradients import Gradients
-    from .outcome import Lost
     from .results import Ensemble, Results
 else:
     __getattr__ = lazily(
@@ -39,9 +39,9 @@ else:
                 "Uniform",
             ),
             "effects": ("Effect", "sensitivity"),
+            "engine": ("Lost",),
             "estimates": ("Discretisation", "Estimate", "Mean"),
             "gradients": ("Gradients",),
-            "outcome": ("Lost",),
             "results": ("Ensemble", "Results"),
         },
     )

@@ -20,8 +20,8 @@ import numpy as np
 
 from .. import _core
 from ..run.options import ALWAYS, NUMERICS, Options
+from ..run.request import Request
 from ..run.run import Run
-from ..run.simulate import simulate
 from ..scene.paths import at_path
 from ..scene.scene import Scene
 from ..scene.template import SceneTemplate
@@ -66,7 +66,6 @@ class Capsule(Shown):
     results_version: int = _core.RESULTS_VERSION
 
     def __repr__(self) -> str:
-        """The outcome and the varied values, on at most ten lines."""
         names = ("run", "status", "time", "message")
         return text_of("Capsule", {**{n: getattr(self, n) for n in names}, **self.parameters})
 
@@ -74,7 +73,6 @@ class Capsule(Shown):
         yield ShownTable(("path", "value"), tuple(self.parameters.items()))
 
     def __post_init__(self) -> None:
-        """Makes arrays read-only, also in an unpickled capsule."""
         for value in self.parameters.values():
             if isinstance(value, np.ndarray):
                 read_only(value)
@@ -96,18 +94,13 @@ class Capsule(Shown):
     ) -> Run:
         """Simulates the run again with the same bits, and returns it with its trajectory.
 
-        Args:
-            record: As for `simulate`.
-            every: As for `simulate`.
+        The arguments are those of `simulate`.
         """
-        return simulate(self.scene, **self.options.numerics(), record=record, every=every)
+        options = Options.checked(**self.options.numerics(), record=record, every=every)
+        return Run(self.scene, options, Request(self.scene, options).compute())
 
     def agrees(self, run: Run) -> bool:
-        """Whether a replay has the status and the last instant of the study's run.
-
-        Raises:
-            TypeError: `run` is not a Run.
-        """
+        """Whether a replay has the status and the last instant of the study's run."""
         checks.instance("run", run, Run)
         return run.status == self.status and run.t[-1:].tolist() == [self.time]
 
@@ -164,11 +157,7 @@ class Capsule(Shown):
         return capsule
 
     def to_toml(self) -> str:
-        """Converts to TOML for `softpinch run`, with exact numbers. Needs the extra `cli`.
-
-        Raises:
-            ImportError: tomli_w is not installed.
-        """
+        """Converts to TOML for `softpinch run`, with exact numbers. Needs the extra `cli`."""
         return toml.dumps(self.to_dict(), "capsule, one run of a study")
 
     @classmethod
@@ -192,24 +181,16 @@ class Capsule(Shown):
             name = f"{source}: " if isinstance(source, Path) else ""
             raise ValueError(f"{name}{error}") from None
 
-    def _compared(self) -> tuple[Any, ...]:
-        facts = (self.run, self.seed, self.status, self.time, self.message)
-        versions = (self.version, self.results_version)
-        own = {path: plain(value) for path, value in self.parameters.items()}
-        return *facts, *versions, own, self.options, self.scene
-
     def __eq__(self, other: object) -> bool:
-        """Compares by value; scenes are compared with their varied values."""
         if not isinstance(other, Capsule):
             return NotImplemented
-        return self._compared() == other._compared()
+        return self.to_dict() == other.to_dict()
 
     def __hash__(self) -> int:
-        """Hashes the fields that are cheap to hash."""
         return hash((self.run, self.seed, self.status, self.time))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickles the fields only, without the cached scene, which can be made again."""
+        # The fields only, without the cached scene, which can be made again.
         return _rebuild, (type(self), {f.name: getattr(self, f.name) for f in fields(self)})
 
 

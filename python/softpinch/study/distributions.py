@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any, Self
 
 import numpy as np
@@ -20,12 +21,12 @@ from numpy.typing import ArrayLike
 
 from ..support import checks
 from ..support.arrays import Floats
-from ..support.kinds import chosen, kind_of
-from ..support.record import Record
-from .quantiles import MOST, normal, truncated
+from ..support.extras import require
+from ..support.record import Record, chosen, kind_of
 
-# Normal draws stay within this many std: ndtri(LEAST) = -8.3, and P(|z| > 9) = 1e-19 in `normal`.
-_TAIL = 9.0
+# Limits of uniform numbers, so that quantiles are finite.
+LEAST = 2.0**-54
+MOST = 1.0 - 2.0**-53
 # log_ndtr is accurate enough for quantiles of a truncated tail up to this many std.
 _FARTHEST = 1000.0
 # The most draws of one call of `sample`; these take 8 TB.
@@ -36,12 +37,12 @@ _MOST_NUMBERS = 2**22
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Distribution(Record):
-    """Base of the distributions."""
+    """Base of the distributions. The parameters broadcast to a draw, of independent components."""
 
     @property
     def shape(self) -> tuple[int, ...]:
         """The shape of one draw; () is a number."""
-        raise NotImplementedError
+        return np.broadcast_shapes(*map(np.shape, self._values().values()))
 
     @property
     def dimensions(self) -> int:
@@ -55,8 +56,8 @@ class Distribution(Record):
             u: Uniform numbers (n, dimensions), within [0, 1).
 
         Returns:
-            Draws (n, *shape). They are always finite, because u is limited to 1 - 2^-53 from above,
-            and to 2^-54 from below if the distribution has no lower end.
+            Draws (n, *shape). u is limited to 1 - 2^-53 from above, and to 2^-54 from below if the
+            distribution has no lower end, so that draws are finite.
 
         Raises:
             TypeError: `u` is not numeric.
@@ -78,19 +79,22 @@ class Distribution(Record):
             ValueError: `n` is below 0, or above 2^40.
             ImportError: The distribution needs SciPy, which is not installed.
         """
-        n = _checked_count(rng, n)
+        checks.instance("rng", rng, np.random.Generator)
+        return self._drawn(rng, checks.integer("n", n, 0, _MOST_DRAWS))
+
+    def _drawn(self, rng: np.random.Generator, n: int) -> Floats:
         return self._quantiles(rng.random((n, self.dimensions)))
 
     def _quantiles(self, u: Floats) -> Floats:
         """Quantiles (n, *shape) of uniform numbers u (n, dimensions), which are checked."""
+        return self._component_quantiles(u.reshape(len(u), *self.shape))
+
+    def _component_quantiles(self, u: Floats) -> Floats:
+        """Quantiles of uniform numbers u (n, *shape), for each component."""
         raise NotImplementedError
 
     def to_dict(self) -> dict[str, Any]:
-        """Converts to a dictionary with the `kind` that `from_dict` needs.
-
-        Raises:
-            TypeError: The class has no entry in `DISTRIBUTIONS`.
-        """
+        """Converts to a dictionary with the `kind` that `from_dict` needs."""
         return {
             "kind": kind_of(self, DISTRIBUTIONS, "distributions.DISTRIBUTIONS"),
             **super().to_dict(),
@@ -102,23 +106,6 @@ class Distribution(Record):
         found, rest = chosen(Distribution, cls, DISTRIBUTIONS, data, path)
         result: Self = super(Distribution, found)._parse(rest, path)
         return result
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class _Componentwise(Distribution):
-    """A distribution with independent components, whose parameters broadcast to a draw's shape."""
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """The shape of one draw, to which the parameters broadcast."""
-        return np.broadcast_shapes(*map(np.shape, self._values().values()))
-
-    def _quantiles(self, u: Floats) -> Floats:
-        return self._component_quantiles(u.reshape(len(u), *self.shape))
-
-    def _component_quantiles(self, u: Floats) -> Floats:
-        """Quantiles of uniform numbers u (n, *shape), for each component."""
-        raise NotImplementedError
 
     def _checked(self, name: str, check: Callable[[str, object], float] = checks.finite) -> Floats:
         """Checks a field, stores it as a float or a read-only array, and returns it as an array."""
@@ -142,28 +129,15 @@ class _Componentwise(Distribution):
                 f"but are {shown}"
             )
 
-    def _refuse(self, name: str, wrong: object, rule: str, other: str = "") -> None:
-        """Raises an error if any of `wrong` is true; it has the rule and the value of `other`."""
-        where = np.argwhere(np.broadcast_to(np.asarray(wrong), self.shape))
-        if not len(where):
-            return
-        index = tuple(map(int, where[0]))
-
-        def said(field: str) -> tuple[str, float]:
-            value = np.asarray(getattr(self, field))
-            shown = f"{field}{list(index)}" if value.ndim else field
-            return shown, float(np.broadcast_to(value, self.shape)[index])
-
-        shown, value = said(name)
-        message = f"{type(self).__name__}.{shown} = {value}: must {rule}"
-        if other:
-            shown, value = said(other)
-            message += f" {shown}, {value}"
-        raise ValueError(message)
+    def _refuse(self, name: str, wrong: Any, rule: str) -> None:
+        """Raises an error with the field, its value and the rule if any of `wrong` is true."""
+        if np.any(wrong):
+            shown = checks.shown(getattr(self, name))
+            raise ValueError(f"{type(self).__name__}.{name} = {shown}: must {rule}")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Normal(_Componentwise):
+class Normal(Distribution):
     """The normal distribution. `ppf` needs SciPy, `sample` does not.
 
     Attributes:
@@ -175,28 +149,22 @@ class Normal(_Componentwise):
     std: ArrayLike
 
     def __post_init__(self) -> None:
-        """Checks both parameters, and that the tails do not overflow."""
-        mean, std = self._checked("mean"), self._checked("std")
+        self._checked("mean")
+        std = self._checked("std")
         self._broadcast()
         self._refuse("std", std < 0.0, "be >= 0")
-        with np.errstate(over="ignore"):
-            end = np.abs(mean) + _TAIL * std
-        self._refuse("std", ~np.isfinite(end), "keep mean + 9 std finite beside", "mean")
 
-    def sample(self, rng: np.random.Generator, n: int) -> Floats:
-        """Random draws (n, *shape); the first rows do not depend on `n`."""
-        n = _checked_count(rng, n)
+    def _drawn(self, rng: np.random.Generator, n: int) -> Floats:
         return rng.normal(np.asarray(self.mean), np.asarray(self.std), (n, *self.shape))
 
     def _component_quantiles(self, u: Floats) -> Floats:
-        quantiles: Floats = np.asarray(self.mean) + np.asarray(self.std) * normal(
-            u, type(self).__name__
-        )
+        z = _normal_quantiles(u, "Normal")
+        quantiles: Floats = np.asarray(self.mean) + np.asarray(self.std) * z
         return quantiles
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Uniform(_Componentwise):
+class Uniform(Distribution):
     """The uniform distribution from `low` to `high`.
 
     Attributes:
@@ -208,13 +176,11 @@ class Uniform(_Componentwise):
     high: ArrayLike
 
     def __post_init__(self) -> None:
-        """Checks both bounds."""
         low, high = self._checked("low"), self._checked("high")
         self._broadcast()
-        self._refuse("high", high <= low, "be >", "low")
+        self._refuse("high", high <= low, f"be > low, {checks.shown(self.low)}")
         with np.errstate(over="ignore"):
-            width = high - low
-        self._refuse("high", ~np.isfinite(width), "be at a finite distance from", "low")
+            self._refuse("high", ~np.isfinite(high - low), "be at a finite distance from low")
 
     def _component_quantiles(self, u: Floats) -> Floats:
         low, high = np.asarray(self.low), np.asarray(self.high)
@@ -223,7 +189,7 @@ class Uniform(_Componentwise):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LogUniform(_Componentwise):
+class LogUniform(Distribution):
     """The logarithm is uniform, for numbers of which only the order of magnitude is known.
 
     Attributes:
@@ -235,11 +201,10 @@ class LogUniform(_Componentwise):
     high: ArrayLike
 
     def __post_init__(self) -> None:
-        """Checks both bounds."""
         low, high = self._checked("low"), self._checked("high")
         self._broadcast()
         self._refuse("low", low <= 0.0, "be > 0")
-        self._refuse("high", high <= low, "be >", "low")
+        self._refuse("high", high <= low, f"be > low, {checks.shown(self.low)}")
 
     def _component_quantiles(self, u: Floats) -> Floats:
         low, high = np.asarray(self.low), np.asarray(self.high)
@@ -250,7 +215,7 @@ class LogUniform(_Componentwise):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LogNormal(_Componentwise):
+class LogNormal(Distribution):
     """The logarithm is normal: median * exp(sigma * z). `ppf` needs SciPy, `sample` does not.
 
     Attributes:
@@ -262,23 +227,16 @@ class LogNormal(_Componentwise):
     sigma: ArrayLike
 
     def __post_init__(self) -> None:
-        """Checks both parameters, and that the upper tail does not overflow."""
         median, sigma = self._checked("median"), self._checked("sigma")
         self._broadcast()
         self._refuse("median", median <= 0.0, "be > 0")
         self._refuse("sigma", sigma < 0.0, "be >= 0")
-        limit = math.log(np.finfo(np.float64).max)
-        with np.errstate(over="ignore"):
-            end = np.log(median) + _TAIL * sigma
-        self._refuse("sigma", end > limit, "keep median * exp(9 sigma) finite beside", "median")
 
-    def sample(self, rng: np.random.Generator, n: int) -> Floats:
-        """Random draws (n, *shape); the first rows do not depend on `n`."""
-        n = _checked_count(rng, n)
+    def _drawn(self, rng: np.random.Generator, n: int) -> Floats:
         return self._from_normal(rng.standard_normal((n, *self.shape)))
 
     def _component_quantiles(self, u: Floats) -> Floats:
-        return self._from_normal(normal(u, type(self).__name__))
+        return self._from_normal(_normal_quantiles(u, "LogNormal"))
 
     def _from_normal(self, z: Floats) -> Floats:
         # Add the logarithm, because exp(sigma z) may overflow although the product does not.
@@ -287,7 +245,7 @@ class LogNormal(_Componentwise):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TruncatedNormal(_Componentwise):
+class TruncatedNormal(Distribution):
     """The normal distribution truncated to an interval. Needs SciPy.
 
     Draws are quantiles of uniform numbers, also in `sample`, computed from logarithms of the tails.
@@ -308,25 +266,41 @@ class TruncatedNormal(_Componentwise):
     high: ArrayLike
 
     def __post_init__(self) -> None:
-        """Checks all four parameters."""
         mean, std = self._checked("mean"), self._checked("std")
-        low, high = (
-            self._checked("low", checks.not_nan),
-            self._checked("high", checks.not_nan),
-        )
+        low, high = self._checked("low", checks.not_nan), self._checked("high", checks.not_nan)
         self._broadcast()
         self._refuse("std", std <= 0.0, "be > 0")
-        self._refuse("high", high <= low, "be >", "low")
+        self._refuse("high", high <= low, f"be > low, {checks.shown(self.low)}")
         with np.errstate(over="ignore"):
-            end = np.abs(mean) + _TAIL * std
+            end = np.abs(mean) + 9.0 * std
             bottom, top = (low - mean) / std, (high - mean) / std
-        self._refuse("std", ~np.isfinite(end), "keep mean + 9 std finite beside", "mean")
-        self._refuse("low", bottom > _FARTHEST, "be at most 1000 std above", "mean")
-        self._refuse("high", top < -_FARTHEST, "be at most 1000 std below", "mean")
+        self._refuse("std", ~np.isfinite(end), "keep mean + 9 std finite")
+        self._refuse("low", bottom > _FARTHEST, "be at most 1000 std above mean")
+        self._refuse("high", top < -_FARTHEST, "be at most 1000 std below mean")
 
     def _component_quantiles(self, u: Floats) -> Floats:
-        own = (np.broadcast_to(value, self.shape) for value in self._values().values())
-        return truncated(u, *own, owner=type(self).__name__)
+        # `scipy.stats.truncnorm.ppf` uses this formula too, but takes three times as long, and a
+        # second to import. About half of its draws differ from these by rounding.
+        special = _special("TruncatedNormal")
+        mean, std, low, high = (
+            np.broadcast_to(value, self.shape) for value in self._values().values()
+        )
+        with np.errstate(over="ignore"):
+            bottom, top = (low - mean) / std, (high - mean) / std
+        # Mirror an interval above the mean, because only the lower tail has enough digits.
+        mirrored = bottom > 0.0
+        near, far = np.where(mirrored, -bottom, top), np.where(mirrored, -top, bottom)
+        inner = inside(u)
+        from_near, from_far = np.log1p(-inner), np.log(inner)
+        weight_near = np.where(mirrored, from_near, from_far)
+        weight_far = np.where(mirrored, from_far, from_near)
+        log_p = np.logaddexp(
+            special.log_ndtr(near) + weight_near, special.log_ndtr(far) + weight_far
+        )
+        # Rounding may raise the sum of both terms above 1.
+        z = special.ndtri_exp(np.minimum(log_p, -LEAST))
+        quantiles: Floats = np.clip(mean + std * np.where(mirrored, -z, z), low, high)
+        return quantiles
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -342,9 +316,7 @@ class Choice(Distribution):
     weights: ArrayLike | None = None
 
     def __post_init__(self) -> None:
-        """Checks both fields."""
         given = checks.read("Choice.values", self.values)
-        checks.require_few_axes("Choice.values", given)
         if given.ndim == 0 or given.size == 0:
             raise ValueError(f"Choice.values has shape {given.shape}: must have shape (k, ...)")
         values = checks.array("Choice.values", self.values, given.shape)
@@ -356,8 +328,7 @@ class Choice(Distribution):
         checks.same_length("Choice.weights", weights, "Choice.values", len(values))
         for k in np.flatnonzero(weights < 0.0)[:1]:
             raise ValueError(f"Choice.weights[{k}] = {weights[k]}: must be >= 0")
-        with np.errstate(over="ignore"):
-            total = weights.sum()
+        total = weights.sum()
         if not (np.isfinite(total) and total > 0.0):
             raise ValueError(f"Choice.weights: their sum is {total}, must be finite and > 0")
 
@@ -383,10 +354,20 @@ class Choice(Distribution):
         return drawn
 
 
-def _checked_count(rng: object, n: object) -> int:
-    """Checks the arguments of `sample`, and returns the number of draws."""
-    checks.instance("rng", rng, np.random.Generator)
-    return checks.integer("n", n, 0, _MOST_DRAWS)
+def inside(u: Floats) -> Floats:
+    """Clips uniform numbers to [2^-54, 1 - 2^-53], so that their quantiles are finite."""
+    clipped: Floats = np.clip(u, LEAST, MOST)
+    return clipped
+
+
+def _normal_quantiles(u: Floats, owner: str) -> Floats:
+    """Standard normal quantiles, always finite."""
+    quantiles: Floats = _special(owner).ndtri(inside(u))
+    return quantiles
+
+
+def _special(owner: str) -> ModuleType:
+    return require("scipy.special", extra="study", purpose=f"quantiles of {owner} (SciPy)")
 
 
 # `kind` in a study file -> class.

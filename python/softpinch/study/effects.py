@@ -22,9 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..support import checks
 from ..support.arrays import Floats
-from ..support.extras import load
+from ..support.display import ShownTable
 from .results import Results
-from .run_table import number
+from .tables import number
 
 # The number of shuffled copies of the result that determine the noise level. The seed is fixed, so
 # that equal results give equal noise levels.
@@ -53,12 +53,25 @@ class Effect(NamedTuple):
     runs: int
 
     def __repr__(self) -> str:
-        """The numbers with four digits, which is more than the runs determine."""
-        share, noise, correlation = (f"{number:.4g}" for number in self[:3])
+        share, noise, correlation = (f"{number:.6g}" for number in self[:3])
         return (
             f"Effect(share={share}, noise={noise}, rank_correlation={correlation}, "
             f"runs={self.runs})"
         )
+
+
+class Effects(dict[str, Effect]):
+    """Name of an input -> `Effect`. It prints as a table, and is one in a notebook."""
+
+    def _table(self) -> ShownTable:
+        names = (name.replace("_", " ") for name in Effect._fields)
+        return ShownTable(("varied", *names), [(name, *effect) for name, effect in self.items()])
+
+    def __repr__(self) -> str:
+        return self._table().text()
+
+    def _repr_html_(self) -> str:
+        return self._table().html()
 
 
 def sensitivity(
@@ -73,32 +86,27 @@ def sensitivity(
             (runs,).
 
     Returns:
-        Path of each varied number ("disturbances.0.force.0") -> `Effect`, the largest share first.
-        The shares are NaN if the result is equal in all runs.
+        A dictionary that shows as a table: path of each varied number ("disturbances.0.force.0") ->
+        `Effect`, the largest share first. The shares are NaN if the result is equal in all runs.
 
     Raises:
         ValueError: The summary was not computed, the name is unknown, or nothing was varied.
         TypeError: `ensemble` is neither an Ensemble nor a Study.
     """
     checks.instance("ensemble", ensemble, Results, "an Ensemble or a Study")
-    varied = ensemble._setup.schema.split(ensemble.parameters)
+    varied = ensemble._spec.schema.split(ensemble.parameters)
     inputs = {path: column.values for path, column in varied.items()}
     if not inputs:
         raise ValueError("sensitivity: nothing was varied")
     found = effects(inputs, number(ensemble, name).values)
     order = sorted(found, key=lambda path: -np.nan_to_num(found[path].share, nan=-math.inf))
-    return {path: found[path] for path in order}
+    return Effects((path, found[path]) for path in order)
 
 
 def effects(inputs: Mapping[str, ArrayLike], result: ArrayLike) -> dict[str, Effect]:
-    """The effect of each input on a result.
+    """The effect of each input, name -> finite values (n,), on a result (n,).
 
-    Args:
-        inputs: Name -> finite values (n,).
-        result: The values of the result (n,); rows that are not finite are ignored.
-
-    Raises:
-        ValueError: Lengths differ, or an input is not finite.
+    Rows in which the result is not finite are ignored.
     """
     y = checks.numbers("result", result)
     if y.ndim != 1:
@@ -115,7 +123,7 @@ def effects(inputs: Mapping[str, ArrayLike], result: ArrayLike) -> dict[str, Eff
     ranks = {name: _ranks(x[kept]) for name, x in given.items()}
     # Shares do not depend on the scale of y. Normalise it, because its squares might overflow.
     y = (y - y.mean()) / np.abs(y - y.mean()).max()
-    rng = load("numpy.random").default_rng(_SEED)
+    rng = np.random.default_rng(_SEED)
     # Shuffle one copy at a time, because all copies would take a hundred times the result's memory.
     by_chance = np.empty((_SHUFFLES, len(binned)))
     for row in by_chance:

@@ -8,18 +8,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
-from functools import partial
 from typing import NamedTuple, TypeAlias
 
-from .. import _core
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.interrupt import CtrlC
 from ..support.progress import Report
-from .outcome import Outcome
-from .rows import Rows
-from .setup import Setup
-from .spans import Numbers
+from .rows import Numbers, Rows, Spans
+from .spec import StudySpec
 
 # The largest number of runs that one thread computes at a time.
 MOST_LANES = 8
@@ -32,13 +28,49 @@ class RunBlock(NamedTuple):
         numbers: Numbers of the runs (k,), increasing.
         values: Path -> (k, ...), the varied values of each run.
         refine: Factor by which steps or tolerance are smaller than the study's.
-        batch: The core's batch of these runs, if it has been made; it is not sent to workers.
     """
 
     numbers: Numbers
     values: dict[str, Floats]
     refine: int = 1
-    batch: _core.Batch | None = None
+
+
+class Lost(NamedTuple):
+    """Runs that the workers failed to compute.
+
+    Attributes:
+        first: Number of the first lost run.
+        last: Number of the last lost run.
+        runs: Number of lost runs from `first` to `last`.
+        reason: The error of the last attempt, or the reason why the executor stopped.
+    """
+
+    first: int
+    last: int
+    runs: int
+    reason: str
+
+    @classmethod
+    def of(cls, spans: Spans, reason: str) -> Lost:
+        """The loss of these runs."""
+        return cls(int(spans.edges[0, 0]), int(spans.edges[-1, 1]) - 1, spans.count, reason)
+
+    def __str__(self) -> str:
+        return f"runs {self.first} to {self.last} ({self.runs}): {self.reason}"
+
+
+class Outcome(NamedTuple):
+    """The end of a computation.
+
+    Attributes:
+        interrupted: Whether Ctrl-C ended it.
+        lost: Runs that the workers failed to compute.
+        under_way: The number of runs that Ctrl-C leaves out, in words.
+    """
+
+    interrupted: bool = False
+    lost: tuple[Lost, ...] = ()
+    under_way: str = ""
 
 
 # Function that stores rows and returns whether they are enough. The engine for executors also calls
@@ -55,50 +87,42 @@ def how_many_threads(threads: int | None) -> int:
     return os.cpu_count() or 1
 
 
-def compute(setup: Setup, block: RunBlock, threads: int, watch: Callable[[int], bool]) -> Rows:
+def compute(spec: StudySpec, block: RunBlock, threads: int, watch: Callable[[int], bool]) -> Rows:
     """Computes the rows of a block, without the varied values.
 
-    Args:
-        setup: The setup that all runs share.
-        block: The runs.
-        threads: The largest number of threads.
-        watch: Receives the number of completed runs, and returns whether to stop.
+    `watch` receives the number of completed runs, and returns whether to stop.
     """
-    batch = block.batch or setup.batch(block.numbers, block.values, block.refine)
+    batch = spec.batch(block.numbers, block.values, block.refine)
     # More threads than runs would only cost time.
     result = batch.run(min(threads, len(block.numbers)), watch)
-    return Rows.of(result, block.numbers, setup.summaries)
+    return Rows.of(result, block.numbers, spec.summaries)
 
 
 def on_threads(
-    setup: Setup,
+    spec: StudySpec,
     blocks: Iterable[RunBlock],
     total: int,
     threads: int,
     report: Report,
     accept: Accept,
 ) -> Outcome:
-    """Computes runs block by block on threads.
+    """Computes blocks with `total` runs on threads, one block after the other.
 
     Ctrl-C stops the computation within a fraction of a second; all completed rows are accepted.
-
-    Args:
-        setup: The setup that all runs share.
-        blocks: The blocks of runs.
-        total: The number of runs of all blocks.
-        threads: The number of threads.
-        report: Receives the number of completed runs.
-        accept: Stores rows, and returns whether they are enough.
     """
     done, under_way = 0, f"at most {MOST_LANES} a thread"
+
+    def watch(computed: int) -> bool:
+        report(done + computed, total)
+        return ctrl_c.pending
+
     with CtrlC() as ctrl_c:
         try:
             report(0, total)
             for block in blocks:
                 # Hold Ctrl-C back until the rows are accepted, so that no computed row is lost.
                 ctrl_c.held = True
-                watch = partial(_watch, ctrl_c, report, done, total)
-                rows = compute(setup, block, threads, watch)
+                rows = compute(spec, block, threads, watch)
                 enough = accept(rows.with_values(block.numbers, block.values))
                 ctrl_c.held = False
                 done += len(rows)
@@ -110,9 +134,3 @@ def on_threads(
         except KeyboardInterrupt:
             return Outcome(True, under_way=under_way)
     return Outcome(under_way=under_way)
-
-
-def _watch(ctrl_c: CtrlC, report: Report, before: int, total: int, done: int) -> bool:
-    """Reports progress, and returns whether to stop."""
-    report(before + done, total)
-    return ctrl_c.pending

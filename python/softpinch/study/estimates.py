@@ -33,6 +33,7 @@ class Estimate(NamedTuple):
         happened: The number of runs in which the event happened.
         runs: The number of all runs.
         confidence: The confidence level of the interval.
+        missing: The number of runs that were requested and have no result.
     """
 
     value: float
@@ -41,15 +42,11 @@ class Estimate(NamedTuple):
     happened: int
     runs: int
     confidence: float
+    missing: int = 0
 
     @classmethod
     def of(cls, happened: NDArray[np.bool_], confidence: float = 0.95) -> Self:
-        """Estimates from booleans (runs,): whether the event happened in each run.
-
-        Raises:
-            TypeError: `happened` does not hold booleans.
-            ValueError: `happened` has the wrong shape, or `confidence` is not between 0 and 1.
-        """
+        """Estimates from booleans (runs,): whether the event happened in each run."""
         given = read("happened", happened)
         if given.ndim != 1:
             raise ValueError(f"happened has shape {given.shape}: must have shape (runs,)")
@@ -59,12 +56,7 @@ class Estimate(NamedTuple):
 
     @classmethod
     def counted(cls, count: int, n: int, confidence: float = 0.95) -> Self:
-        """Estimates from the number of runs, `count` out of `n`, in which the event happened.
-
-        Raises:
-            TypeError: An argument is of the wrong kind.
-            ValueError: `count` is not from 0 to `n`, or `confidence` is not between 0 and 1.
-        """
+        """Estimates from the number of runs, `count` out of `n`, in which the event happened."""
         n = integer("n", n, 0, _MOST)
         count = integer("count", count, 0, n)
         confidence = share("confidence", confidence)
@@ -84,17 +76,27 @@ class Estimate(NamedTuple):
         """Half of the interval's width."""
         return 0.5 * (self.high - self.low)
 
+    def texts(self) -> tuple[str, str, str]:
+        """Share, low and high end, with digits that tell them from each other and from 0 and 1."""
+        exact = {0.0, 1.0, *self[:3]}
+        for digits in range(5, 18):
+            if len({f"{number:.{digits}g}" for number in exact}) == len(exact):
+                break
+        return f"{self.value:.{digits}g}", f"{self.low:.{digits}g}", f"{self.high:.{digits}g}"
+
     def __str__(self) -> str:
-        """The share, the interval and the counts."""
-        interval = f"{100 * self.confidence:g} %: {self.low:.5g} to {self.high:.5g}"
-        return f"{self.value:.5g} ({interval}), {self.happened} of {self.runs} runs"
+        value, low, high = self.texts()
+        requested = f", {self.runs + self.missing} requested" if self.missing else ""
+        return (
+            f"{value} ({100 * self.confidence:g} %: {low} to {high}), "
+            f"{self.happened} of {self.runs} runs{requested}"
+        )
 
     def _repr_html_(self) -> str:
         """The share, the interval and the counts as a table, for notebooks."""
-        return ShownTable(self._fields, [tuple(self)], "probability").html()
+        return ShownTable(self._fields, [(*self.texts(), *self[3:])], "probability").html()
 
     def __float__(self) -> float:
-        """The share."""
         return self.value
 
 
@@ -127,10 +129,6 @@ class Mean(NamedTuple):
         """Computes the mean of values (n,).
 
         Sums are exact and rounded once, so the order of the values does not change any bit.
-
-        Raises:
-            TypeError: The values are not numeric.
-            ValueError: The values have the wrong shape.
         """
         values = numbers("values", values)
         if values.ndim != 1:
@@ -143,18 +141,10 @@ class Mean(NamedTuple):
         mean = _mean(kept)
         spread = _spread(kept, mean, max(-least, greatest)) if runs > 1 else math.nan
         # Adding 0.0 turns -0.0 into 0.0, because the order of the values decides between them.
-        return cls(
-            mean + 0.0,
-            spread / math.sqrt(runs),
-            spread,
-            least + 0.0,
-            greatest + 0.0,
-            runs,
-            left_out,
-        )
+        error = spread / math.sqrt(runs)
+        return cls(mean + 0.0, error, spread, least + 0.0, greatest + 0.0, runs, left_out)
 
     def __str__(self) -> str:
-        """The mean, rounded to two digits of its error, and the counts."""
         digits = 5
         if self.value != 0.0 and 0.0 < self.error < math.inf:
             known = math.floor(math.log10(abs(self.value))) - math.floor(math.log10(self.error))
@@ -163,7 +153,6 @@ class Mean(NamedTuple):
         return f"{self.value:.{digits}g} ± {self.error:.2g} ({self.runs} runs){left_out}"
 
     def __float__(self) -> float:
-        """The mean."""
         return self.value
 
 
@@ -184,12 +173,7 @@ def _spread(values: Floats, mean: float, largest: float) -> float:
 
     The deviations are taken from a rounded mean, and their sum corrects the rounding error: this is
     the corrected two-pass algorithm of Chan, Golub and LeVeque, "Algorithms for computing the
-    sample variance", 1983.
-
-    Args:
-        values: The values (n,).
-        mean: Their mean.
-        largest: Their largest magnitude.
+    sample variance", 1983. `largest` is the largest magnitude.
     """
     # Scale by a power of two, which is exact, so that squares neither overflow nor underflow.
     exponent = max(math.frexp(largest)[1] - 1, -1022)
@@ -230,12 +214,9 @@ class Discretisation(Result):
 
     @classmethod
     def of(cls, coarse: Floats, fine: Floats, every: Iterable[Floats]) -> Self:
-        """Compares values.
+        """Compares the values of runs (k, ...) with those of smaller steps.
 
-        Args:
-            coarse: Values of the compared runs (k, ...).
-            fine: Values of these runs with smaller steps (k, ...).
-            every: Values of all runs of the study, in parts.
+        `every` has the values of all runs of the study, in parts.
         """
         with np.errstate(invalid="ignore"):
             difference = coarse - fine

@@ -15,6 +15,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from dataclasses import dataclass
+from functools import lru_cache
 from queue import Empty, SimpleQueue
 from typing import Any, TypeAlias
 
@@ -23,14 +24,11 @@ import numpy as np
 from .. import _core
 from ..support import checks
 from ..support.errors import VersionMismatchError
-from ..support.interrupt import CtrlC, by_handler
+from ..support.interrupt import CtrlC
 from ..support.progress import Report
-from .engine import Accept, RunBlock
-from .outcome import Lost, Outcome
-from .rows import Rows
-from .setup import Setup
-from .spans import Spans
-from .worker import work
+from .engine import Accept, Lost, Outcome, RunBlock, compute, how_many_threads
+from .rows import Rows, Spans
+from .spec import StudySpec
 
 # An executor, or a function that makes one.
 Engine: TypeAlias = Executor | Callable[[], Executor]
@@ -55,13 +53,53 @@ _HOW_TO_GO_ON = (
     "repeat the call with only=; a Dask cluster replaces workers that die"
 )
 
+# On a worker: the last call of `monte_carlo` during which Ctrl-C reached it.
+_interrupted_call = ""
+
+
+@lru_cache(maxsize=8)
+def _unpickled(spec: bytes) -> StudySpec:
+    """Unpickles a study; cached, so that later blocks reuse its cached properties."""
+    found: StudySpec = pickle.loads(spec)
+    return found
+
+
+def work(call: str, attempt: int, version: int, spec: bytes, block: RunBlock, threads: int) -> Rows:
+    """Computes a block of runs on a worker.
+
+    Args:
+        call: Unique name of the call of `monte_carlo` to which the block belongs.
+        attempt: The number of this attempt, from 1.
+        version: `_core.RESULTS_VERSION` of the submitting process; another one is refused.
+        spec: The pickled study.
+        block: The runs to compute.
+        threads: The largest number of threads; a worker uses at most one for each available core.
+
+    Returns:
+        The rows, without the varied values. After Ctrl-C they lack the unfinished runs, and further
+        blocks of the interrupted call give no rows.
+    """
+    global _interrupted_call
+    if version != _core.RESULTS_VERSION:
+        raise VersionMismatchError(
+            f"a worker has softpinch {_core.__version__} with results version "
+            f"{_core.RESULTS_VERSION}; the study is made with results version {version}"
+        )
+    study = _unpickled(spec)
+    # A second attempt means that only this worker was interrupted, and not the whole study.
+    if call == _interrupted_call and attempt == 1:
+        return study.empty()
+    with CtrlC() as ctrl_c:
+        ctrl_c.held = True
+        threads = min(threads, how_many_threads(None))
+        rows = compute(study, block, threads, lambda done: ctrl_c.pending)
+    if ctrl_c.pending:
+        _interrupted_call = call
+    return rows
+
 
 def check(executor: object) -> None:
-    """Refuses an argument that is neither an executor nor a function.
-
-    Raises:
-        TypeError: `executor` is neither.
-    """
+    """Refuses an argument that is neither an executor nor a function."""
     if hasattr(executor, "get_executor"):
         raise TypeError(
             f"executor = {checks.shown(executor)}: is a Dask client; pass its get_executor()"
@@ -93,7 +131,6 @@ class BlockScheduler:
         in_order: bool,
         ctrl_c: CtrlC,
     ) -> None:
-        """Takes a function that submits a block, and arguments of `on_executor`."""
         self._submit = submit
         self._accept = accept
         self._in_order = in_order
@@ -105,7 +142,7 @@ class BlockScheduler:
         # Blocks taken from `self._tasks` that are neither accepted nor lost, by their place.
         self._open: dict[int, _Task] = {}
         self._retries: deque[_Task] = deque()
-        self._under_way: dict[Future[Rows], _Task] = {}
+        self.under_way: dict[Future[Rows], _Task] = {}
         self._finished: SimpleQueue[Future[Rows]] = SimpleQueue()
         # Rows that wait for the rows of earlier blocks, by their place; None for a lost block.
         self._waiting: dict[int, Rows | None] = {}
@@ -124,19 +161,11 @@ class BlockScheduler:
         exhausted = self._exhausted and not self._open
         return exhausted or self._enough or bool(self._stopped) or self._ctrl_c.pending
 
-    @property
-    def idle(self) -> bool:
-        """Whether no submitted block is unfinished."""
-        return not self._under_way
-
     def advance(self) -> bool:
-        """Submits at most one block, and processes at most one finished block.
+        """Submits at most one block, and processes at most one; returns whether one had finished.
 
         The two alternate, so that rows are accepted while the first blocks are still being
         submitted. If no block can be submitted, the call waits briefly for a finished block.
-
-        Returns:
-            Whether a block had finished.
         """
         return self._collect(0.0 if self._submit_next() else _POLL_SECONDS)
 
@@ -147,7 +176,7 @@ class BlockScheduler:
         """
         self.cancel()
         end = time.monotonic() + (_GRACE_SECONDS if self._ctrl_c.pending else 0.0)
-        while not self._finished.empty() or (self._under_way and time.monotonic() < end):
+        while not self._finished.empty() or (self.under_way and time.monotonic() < end):
             self._collect(_POLL_SECONDS)
 
     def cancel(self) -> None:
@@ -158,7 +187,7 @@ class BlockScheduler:
         gh-107219).
         """
         if not self._executor_broken:
-            for future in list(self._under_way):
+            for future in list(self.under_way):
                 future.cancel()
 
     def lost(self, asked: Spans) -> tuple[Lost, ...]:
@@ -188,11 +217,9 @@ class BlockScheduler:
         try:
             future = self._submit(task)
         except Exception as error:
-            if by_handler(error):
-                raise
             self._executor_failed(error)
             return False
-        self._under_way[future] = task
+        self.under_way[future] = task
         future.add_done_callback(self._finished.put)
         return True
 
@@ -202,7 +229,7 @@ class BlockScheduler:
             future = self._finished.get(timeout=seconds)
         except Empty:
             return False
-        task = self._under_way.pop(future)
+        task = self.under_way.pop(future)
         # Not raised here, because a worker's KeyboardInterrupt must not interrupt this process.
         error = CancelledError() if future.cancelled() else future.exception()
         rows = future.result() if error is None else None
@@ -211,8 +238,6 @@ class BlockScheduler:
         if error is None or (rows is not None and self._ctrl_c.pending and not self._in_order):
             self._lost_in_a_row = 0
             self._settle(task, rows)
-        elif by_handler(error):  # a signal handler raised it while this thread computed the block
-            raise error
         elif not self.over:
             self._failed(task, error)
         return True
@@ -243,20 +268,13 @@ class BlockScheduler:
         self._stopped = f"{why}: {_error_text(error)}; {_HOW_TO_GO_ON}"
 
     def _settle(self, task: _Task, rows: Rows | None) -> None:
-        """Accepts the rows of a block; with `in_order`, only after those of all earlier blocks.
-
-        Args:
-            task: The block.
-            rows: Its rows; None for a lost block.
-        """
+        """Accepts the rows of a block, or None of a lost one; with `in_order` in their order."""
         if not self._in_order:
             self._next_place = task.place  # without an order, accept these rows now
         self._waiting[task.place] = rows
         while self._next_place in self._waiting and not self._enough:
-            block, rows = (
-                self._open.pop(self._next_place).block,
-                self._waiting.pop(self._next_place),
-            )
+            block = self._open.pop(self._next_place).block
+            rows = self._waiting.pop(self._next_place)
             self._next_place += 1
             if rows is not None:
                 self.done += len(rows)
@@ -269,7 +287,7 @@ def _error_text(error: BaseException) -> str:
 
 
 def on_executor(
-    setup: Setup,
+    spec: StudySpec,
     blocks: Iterable[RunBlock],
     asked: Spans,
     given: Engine,
@@ -278,22 +296,11 @@ def on_executor(
     accept: Accept,
     in_order: bool,
 ) -> Outcome:
-    """Computes runs on the workers of an executor.
+    """Computes `blocks`, which have the runs `asked`, on the workers of an executor.
 
-    Args:
-        setup: The setup that all runs share.
-        blocks: The blocks of runs, with increasing numbers.
-        asked: The runs of all blocks.
-        given: The executor, or a function that makes one; the made one is shut down at the end.
-        threads: The number of threads for each block.
-        report: Receives the number of completed runs.
-        accept: Stores rows, and returns whether they are enough.
-        in_order: Whether rows are accepted in the order of `blocks` instead of the order of
-            arrival. Then Ctrl-C discards the completed runs of an unfinished block.
-
-    Raises:
-        TypeError: The function does not return an executor.
-        VersionMismatchError: A worker's softpinch has another results version.
+    An executor that `given` makes is shut down at the end. With `in_order`, rows are accepted in
+    the order of the blocks instead of the order of arrival, and Ctrl-C discards the completed runs
+    of an unfinished block.
     """
     # An executor class has `submit` too, but it must be called to make an executor.
     made = isinstance(given, type) or not hasattr(given, "submit")
@@ -305,7 +312,8 @@ def on_executor(
         )
     # Dask gives calls with equal arguments a common result, even that of a failed attempt or of a
     # cancelled study. A unique name for the call and the attempt's number make arguments distinct.
-    call, version, pickled = uuid.uuid4().hex, _core.RESULTS_VERSION, pickle.dumps(setup)
+    call, version = uuid.uuid4().hex, _core.RESULTS_VERSION
+    pickled = pickle.dumps(spec.described())
 
     def submit(task: _Task) -> Future[Rows]:
         future: Future[Rows] = executor.submit(
@@ -321,7 +329,7 @@ def on_executor(
                 report(0, asked.count)
                 while not scheduler.over:
                     if not scheduler.advance():
-                        accept(setup.empty())
+                        accept(spec.empty())
                     report(scheduler.done, asked.count)
             except KeyboardInterrupt:  # the user's progress function may raise it
                 ctrl_c.pending = True
@@ -329,5 +337,5 @@ def on_executor(
         finally:
             scheduler.cancel()
             if made:
-                executor.shutdown(wait=scheduler.idle)
+                executor.shutdown(wait=not scheduler.under_way)
     return Outcome(ctrl_c.pending, scheduler.lost(asked), "at most 1024 a worker")

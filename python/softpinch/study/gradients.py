@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -24,109 +24,14 @@ from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats, read_only
 from ..support.display import Shown, ShownTable
-from ..support.errors import NotRecordedError, StabilityWarning, warn
+from ..support.errors import StabilityWarning, warn
 from .rows import Rows
-from .setup import Setup
+from .spec import StudySpec
 
 GRADIENTS = ("final_state", *_core.GRADIENTS)
 _STATE = 18
 # Runs that are computed in one call, between which there is time for Ctrl-C in a slow one.
 _BLOCK = 1024
-
-
-@dataclass(frozen=True)
-class GradientRequest:
-    """The arguments `gradients` and `sensitivities` of `monte_carlo`, checked.
-
-    Attributes:
-        summaries: The summaries to differentiate, in the order of `GRADIENTS`.
-        shapes: Path -> the shape of the value there.
-    """
-
-    summaries: tuple[str, ...]
-    shapes: Mapping[str, tuple[int, ...]]
-
-    @classmethod
-    def checked(
-        cls,
-        scene: Scene,
-        gradients: str | Sequence[str],
-        sensitivities: str | Sequence[str],
-        varied: Sequence[str],
-        **others: object,
-    ) -> Self | None:
-        """Checks the arguments; None if no gradients are wanted.
-
-        Args:
-            scene: The scene that all runs share.
-            gradients: The summaries to differentiate.
-            sensitivities: Paths; if empty, `varied`.
-            varied: The paths that differ between runs.
-            others: Name -> value of arguments with which there are no gradients, unless None.
-
-        Raises:
-            ValueError: A name is unknown or has no derivative, there is no path or a wrong one, the
-                scene has no derivatives, or one of `others` is given.
-            TypeError: An argument is of the wrong kind.
-        """
-        summaries = names("gradients", gradients, GRADIENTS)
-        paths = listed(sensitivities)
-        if not summaries:
-            if paths:
-                raise ValueError(
-                    "sensitivities: goes with gradients, the summaries to differentiate"
-                )
-            return None
-        for name, value in others.items():
-            if value is not None:
-                raise ValueError(
-                    f"gradients and {name}: give one of them; gradients are computed on threads of "
-                    "this process and kept in memory"
-                )
-        require_derivatives(scene)
-        paths = paths or list(varied)
-        if not paths:
-            raise ValueError(
-                "gradients: give sensitivities, the paths to differentiate by, or vary"
-            )
-        return cls(summaries, shapes(scene, paths, list(varied)))
-
-    def compute(self, setup: Setup, rows: Rows, threads: int) -> Gradients:
-        """Computes the gradients of all runs with these rows, which have their varied values.
-
-        Raises:
-            KeyboardInterrupt: Ctrl-C.
-            ValueError: A run's number has no derivative.
-        """
-        wanted = [name for name in self.summaries if name != "final_state"]
-        setup = replace(setup, summaries=tuple(wanted))
-        paths, varied = list(self.shapes), list(setup.shapes)
-        along = partial(directions, paths=paths, shared=setup.scene, varied=varied)
-        # Directions of the inputs depend on each run's own inputs.
-        differ = move_inputs(paths)
-        shared = [] if differ else [along(setup.scene)]
-        parts, failed = [], 0
-        for first in range(0, len(rows), _BLOCK):
-            some = slice(first, first + _BLOCK)
-            columns = {name: column[some] for name, column in rows.columns.items()}
-            values = {path: columns[path] for path in varied}
-            own = shared or [
-                along(setup.varied.at({path: values[path][k] for path in varied}, run))
-                for k, run in enumerate(columns["run"].tolist())
-            ]
-            batch = setup.batch(columns["run"], values)
-            until = np.ascontiguousarray(columns["end_time"])
-            found, lost = _core.gradients(batch, own, until, wanted, threads)
-            parts.append(found)
-            failed += len(lost)
-        if failed:
-            warn(
-                f"{failed} of {len(rows)} runs could not be followed to their ends: their "
-                "gradients are NaN; a smaller dt or tolerance may help",
-                StabilityWarning,
-            )
-        none = np.zeros((0, count(self.shapes), _STATE + len(wanted)))
-        return Gradients(self, np.concatenate([none, *parts]))
 
 
 class Gradients(Shown, Mapping[str, Mapping[str, Floats]]):
@@ -139,9 +44,12 @@ class Gradients(Shown, Mapping[str, Mapping[str, Floats]]):
     again.
     """
 
-    def __init__(self, request: GradientRequest, whole: Floats) -> None:
+    def __init__(
+        self, summaries: tuple[str, ...], shapes: Mapping[str, tuple[int, ...]], whole: Floats
+    ) -> None:
         """Takes the numbers (runs, directions, 18 + summaries); users get them from ensembles."""
-        self._request = request
+        self._summaries = summaries
+        self._shapes = shapes
         self._whole = read_only(whole)
 
     def __getitem__(self, summary: str) -> dict[str, Floats]:
@@ -150,59 +58,112 @@ class Gradients(Shown, Mapping[str, Mapping[str, Floats]]):
         Raises:
             KeyError: The summary was not asked for.
         """
-        asked = self._request.summaries
-        if summary not in asked:
-            raise KeyError(f"{summary!r}: there are gradients of {checks.quoted(asked)}")
-        others = [name for name in asked if name != "final_state"]
+        if summary not in self._summaries:
+            known = checks.quoted(self._summaries)
+            raise KeyError(f"{summary!r}: there are gradients of {known}")
+        others = [name for name in self._summaries if name != "final_state"]
         columns = slice(0, _STATE) if summary == "final_state" else _STATE + others.index(summary)
         own = np.moveaxis(self._whole[:, :, columns], 1, -1)
-        return by_path(own, self._request.shapes)
+        return by_path(own, self._shapes)
 
-    def __iter__(self) -> Any:
-        """Iterates over the summaries."""
-        return iter(self._request.summaries)
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._summaries)
 
     def __len__(self) -> int:
-        """Returns the number of summaries."""
-        return len(self._request.summaries)
+        return len(self._summaries)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickles through the constructor, because an unpickled array would be writable."""
-        return Gradients, (self._request, self._whole)
+        # Through the constructor, because an unpickled array would be writable.
+        return Gradients, (self._summaries, self._shapes, self._whole)
 
     def _tables(self) -> Iterator[ShownTable]:
         rows = [(summary, *entry) for summary, found in self.items() for entry in found.items()]
         yield ShownTable(("summary", "by", "derivatives"), rows)
 
     def __repr__(self) -> str:
-        """Shows the summaries, the paths and the number of runs."""
-        request = self._request
         return (
-            f"<Gradients of {', '.join(request.summaries)} by {', '.join(request.shapes)}: "
+            f"<Gradients of {', '.join(self._summaries)} by {', '.join(self._shapes)}: "
             f"{len(self._whole)} runs>"
         )
 
 
-class WithGradients:
-    """The part of an ensemble that has gradients."""
+def checked_gradients(
+    scene: Scene,
+    gradients: str | Sequence[str],
+    sensitivities: str | Sequence[str],
+    varied: Sequence[str],
+    **others: object,
+) -> tuple[tuple[str, ...], Mapping[str, tuple[int, ...]]]:
+    """Checks the arguments `gradients` and `sensitivities` of `monte_carlo`.
 
-    interrupted: bool
-    _setup: Setup
-    _rows: Rows
-    _gradients: Gradients | None = None
+    Args:
+        scene: The scene that all runs share.
+        gradients: The summaries to differentiate.
+        sensitivities: Paths; if empty, `varied`.
+        varied: The paths that differ between runs.
+        others: Name -> value of arguments with which there are no gradients, unless None.
 
-    def _differentiate(self, request: GradientRequest, threads: int) -> None:
-        """Computes the gradients of all rows; Ctrl-C leaves them out."""
-        try:
-            self._gradients = request.compute(self._setup, self._rows, threads)
-        except KeyboardInterrupt:
-            self.interrupted = True
-
-    @property
-    def gradients(self) -> Gradients:
-        """Summary -> path -> the derivatives (runs, ...), if `monte_carlo` had `gradients`."""
-        if self._gradients is None:
-            raise NotRecordedError(
-                "no gradients were computed: pass gradients=(summary, ...) to monte_carlo"
+    Returns:
+        The summaries in the order of `GRADIENTS`, possibly none, and path -> shape of its value.
+    """
+    summaries = names("gradients", gradients, GRADIENTS)
+    paths = listed(sensitivities)
+    if not summaries:
+        if paths:
+            raise ValueError("sensitivities: goes with gradients, the summaries to differentiate")
+        return (), {}
+    for name, value in others.items():
+        if value is not None:
+            raise ValueError(
+                f"gradients and {name}: give one of them; gradients are computed on threads of "
+                "this process and kept in memory"
             )
-        return self._gradients
+    require_derivatives(scene)
+    paths = paths or list(varied)
+    if not paths:
+        raise ValueError("gradients: give sensitivities, the paths to differentiate by, or vary")
+    return summaries, shapes(scene, paths, list(varied))
+
+
+def differentiated(
+    spec: StudySpec,
+    rows: Rows,
+    summaries: tuple[str, ...],
+    by: Mapping[str, tuple[int, ...]],
+    threads: int,
+) -> Gradients:
+    """Computes the gradients of all runs with these rows, which have their varied values.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C.
+        ValueError: A run's number has no derivative.
+    """
+    wanted = [name for name in summaries if name != "final_state"]
+    spec = replace(spec, summaries=tuple(wanted))
+    paths, varied = list(by), list(spec.shapes)
+    along = partial(directions, paths=paths, shared=spec.scene, varied=varied)
+    # Directions of the inputs depend on each run's own inputs.
+    differ = move_inputs(paths)
+    shared = [] if differ else [along(spec.scene)]
+    parts, failed = [], 0
+    for first in range(0, len(rows), _BLOCK):
+        some = slice(first, first + _BLOCK)
+        columns = {name: column[some] for name, column in rows.columns.items()}
+        values = {path: columns[path] for path in varied}
+        own = shared or [
+            along(spec.varied.at({path: values[path][k] for path in varied}, run))
+            for k, run in enumerate(columns["run"].tolist())
+        ]
+        batch = spec.batch(columns["run"], values)
+        until = np.ascontiguousarray(columns["end_time"])
+        found, lost = _core.gradients(batch, own, until, wanted, threads)
+        parts.append(found)
+        failed += len(lost)
+    if failed:
+        warn(
+            f"{failed} of {len(rows)} runs could not be followed to their ends: their "
+            "gradients are NaN; a smaller dt or tolerance may help",
+            StabilityWarning,
+        )
+    none = np.zeros((0, count(by), _STATE + len(wanted)))
+    return Gradients(summaries, by, np.concatenate([none, *parts]))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..run.run import Run
@@ -16,24 +16,33 @@ from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats, read_only
 from ..support.choices import Recordable
+from ..support.display import Shown, ShownTable
+from ..support.errors import NotRecordedError
 from ..support.record import plain
+from . import tables
 from .capsule import Capsule
+from .engine import Lost, Outcome
 from .estimates import Discretisation, Estimate, Mean
 from .estimates import plain as number_or_array
-from .gradients import Gradients, WithGradients
-from .outcome import Lost, Outcome
-from .results_tables import status_counts
-from .rows import Rows, checked_event, event_columns, happened, is_friction
-from .run_table import RunTable, booleans
-from .setup import Setup
-from .spans import Numbers
+from .gradients import Gradients
+from .rows import HOLDS, Numbers, Rows, checked_event, event_columns, happened, is_friction
+from .spec import StudySpec
+from .tables import booleans
 
 if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
+# Messages differ in length, so NumPy stores them as objects.
+Texts = NDArray[np.object_]
 
-class Results(RunTable):
+# A notebook shows the distributions of so many runs at most; a study of more would have to be read.
+_SHOWN_RUNS = 200_000
+# Largest number of components that a notebook shows of an entry.
+_SHOWN_COLUMNS = 4
+
+
+class Results(Shown, ABC):
     """The results of many runs, with one row for each run, and statistics of them.
 
     Arrays are read-only, and their rows are sorted by the numbers of the runs. For a study on disk,
@@ -42,7 +51,8 @@ class Results(RunTable):
 
     Attributes:
         requested: The number of requested runs.
-        interrupted: Whether Ctrl-C stopped the computation early.
+        interrupted: Whether Ctrl-C stopped the runs, or the work on `discretisation`,
+            `trajectories` or `gradients`.
         lost: Runs that an executor's workers failed to compute.
         trajectories: Run number -> `Run`, the recorded trajectories.
         discretisation: Summary, "completed" or "holds" -> `Discretisation`; None without
@@ -60,13 +70,182 @@ class Results(RunTable):
     trajectories: Mapping[int, Run]
     discretisation: dict[str, Discretisation] | None
 
-    def __init__(self, setup: Setup, sampling: Mapping[str, Any]) -> None:
+    def __init__(self, spec: StudySpec) -> None:
         """For internal use: users get results from `monte_carlo`."""
-        super().__init__(setup, sampling)
+        # Without the sources, which may be large arrays and functions that cannot be pickled.
+        self._spec = spec.described()
+        self._sampling = self._spec.plan.describe()
+        self.scene: Scene = spec.scene
+        self.seed = spec.plan.seed
+        self.sampler: str = spec.plan.sampler
+        self._names = tuple(spec.schema.entries)
+
+    @property
+    @abstractmethod
+    def runs(self) -> int:
+        """The number of rows."""
+
+    @abstractmethod
+    def _read(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+        """Returns entries of `to_dict` by their names, each (runs, ...)."""
+
+    def _read_by_part(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
+        """Yields entries of `to_dict` for some rows at a time, in any order of the rows."""
+        yield self._read(names)
+
+    @abstractmethod
+    def _varied_values(self, run: int) -> dict[str, Any]:
+        """Returns the varied values of a run; IndexError if there is no such run."""
+
+    @abstractmethod
+    def _evenly_spaced(self, most: int) -> Numbers:
+        """Returns the numbers of at most `most` runs, evenly spaced among all runs."""
+
+    @abstractmethod
+    def _rows_of(self, runs: Numbers) -> Rows:
+        """Returns the rows of some runs: increasing numbers, all in the table."""
+
+    @abstractmethod
+    def _add_trajectory(self, run: int, path: Run) -> None:
+        """Adds the trajectory `path` of a run to `trajectories`."""
+
+    @abstractmethod
+    def has(self, run: int) -> bool:
+        """Whether there is a row of this run."""
 
     @abstractmethod
     def chunks(self) -> Iterator[Ensemble]:
         """Yields all rows as ensembles; a study on disk gives one ensemble for each part."""
+
+    @abstractmethod
+    def failures(self) -> Sequence[Capsule]:
+        """The runs that did not complete, as capsules, each of which can be replayed alone."""
+
+    def _column(self, name: str) -> NDArray[Any]:
+        return self._read((name,))[name]
+
+    def __len__(self) -> int:
+        return self.runs
+
+    @property
+    def run(self) -> NDArray[np.uint64]:
+        """The numbers of the runs (runs,)."""
+        return self._column("run")
+
+    @property
+    def status(self) -> NDArray[np.str_]:
+        """The final status of each run (runs,); see `Run.status`."""
+        return self._column("status")
+
+    @property
+    def message(self) -> Texts:
+        """The status of each run in words, with numbers (runs,)."""
+        return self._column("message")
+
+    @property
+    def holds(self) -> NDArray[np.bool_]:
+        """Whether each run's grasp held (runs,); see `Run.holds`.
+
+        In bilateral contact this counts from `summaries_after` on; in unilateral contact it means
+        that the run completed and no tip is free at its end.
+        """
+        return self._column(HOLDS)
+
+    @property
+    def end_time(self) -> Floats:
+        """The last instant of each run (runs,), s, on the clock of the scene."""
+        return self._column("end_time")
+
+    @property
+    def failure_time(self) -> Floats:
+        """The last instant of each run that did not complete (runs,), s; NaN for completed runs."""
+        return self._column("failure_time")
+
+    @property
+    def steps(self) -> NDArray[np.uint64]:
+        """The number of steps of each run (runs,)."""
+        return self._column("steps")
+
+    @property
+    def violations(self) -> dict[str, Floats]:
+        """Violation -> the time at which each run first had it (runs,), s; NaN for never."""
+        found = self._read([f"first_{name}" for name in _core.VIOLATIONS])
+        return {name.removeprefix("first_"): times for name, times in found.items()}
+
+    @property
+    def parameters(self) -> dict[str, Floats]:
+        """Path -> the varied values of each run (runs, ...)."""
+        return self._read(tuple(self._spec.shapes))
+
+    @property
+    def summaries(self) -> dict[str, Floats]:
+        """Name -> (runs, ...), the computed summaries; also available as `results["name"]`.
+
+        Summaries use the states at the ends of steps. With `tolerance` they also use instants
+        inside a step at which a tip seemed to separate and return. They are NaN if the run ended
+        before `summaries_after`.
+
+        - final_state: q, then p, at the last instant (runs, 18).
+        - peak_rotation: The largest |theta|, rad.
+        - min_compression: The smallest d_n of both tips, m.
+        - peak_friction_angle: The largest atan2(|lambda^N|, lambda^H) of both contacts, rad; above
+          90 degrees if a tip pulls.
+        - peak_friction_ratio: The largest |lambda^N| / lambda^H of both contacts, which is the
+          coefficient of friction that the grasp needs; inf if a tip pulls, or if lambda^H is zero
+          and lambda^N is not.
+        - pulling_time: The total time during which a tip pulls, s. A step counts in full if a tip
+          pulls at both of its ends, and by half if at one end. Zero in unilateral contact.
+        - slip_distance: The distance that the faces slide over the tips, both contacts together, m.
+          Zero in bilateral contact.
+        - free_time: The total time during which a tip is free, s. Zero in bilateral contact.
+        - settling_time: The time from `summaries_after`, or from the start, until the speed of the
+          object's faces stays below `settling_band`, s. The speed is the root mean square of both
+          faces' middles. It is inf if the speed is above the band at the end, or if the run did not
+          complete.
+        - max_residual: The largest |C| of the four constraints, C^H in m and C^N in m/s.
+        - energy_closure: The largest error of the energy ledger, J.
+        - peak_torque: The largest torque on either finger, N m: of the PID, or the torque that
+          drives the finger.
+        """
+        return self._read(self._spec.summaries)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """An entry of `to_dict` by its name: a summary, a varied path, or another one, (runs, ...).
+
+        Raises:
+            KeyError: There is no such entry; the message says how to compute a missing summary.
+        """
+        if name in self._names:
+            return self._column(name)
+        if name in ("final_state", *_core.SUMMARIES):
+            wanted = (*self._spec.summaries, name)
+            raise KeyError(f"{name} was not computed: pass summaries={wanted!r}")
+        known = checks.quoted((*self._spec.summaries, *self._spec.shapes))
+        raise KeyError(f"{checks.shown(name)}: must be one of {known}")
+
+    def to_dict(self) -> dict[str, NDArray[Any]]:
+        """All entries by their names, each (runs, ...).
+
+        The entries are run, status, message, end_time, failure_time, steps, holds, the varied
+        values by their paths, the violations as first_pulling, ..., and the summaries.
+        """
+        return self._read(self._names)
+
+    def happened(self, what: str) -> NDArray[np.bool_]:
+        """Whether an event happened in each run (runs,); names and errors as of `probability`."""
+        what = checked_event("what", what, self.scene, self._spec.shapes)
+        return read_only(happened(self._read(event_columns(what)), what))
+
+    def _tables(self) -> Iterator[ShownTable]:
+        if not self.runs:
+            return
+        parts = self._read_by_part(("status", *event_columns(HOLDS)))
+        yield tables.statuses((part["status"], happened(part, HOLDS)) for part in parts)
+        entries = self._spec.schema.entries
+        columns = [entries[name].columns for name in (*self._spec.shapes, *self._spec.summaries)]
+        names = [name for some in columns if len(some) <= _SHOWN_COLUMNS for name in some]
+        if names and self.runs <= _SHOWN_RUNS:
+            yield tables.distributions({name: tables.number(self, name) for name in names})
 
     @property
     def interruption(self) -> str:
@@ -80,10 +259,6 @@ class Results(RunTable):
             f"{kept}; unfinished runs ({self._under_way}) are missing, and a long run is more "
             "likely to be missing than a short one"
         )
-
-    @abstractmethod
-    def _add_trajectory(self, run: int, path: Run) -> None:
-        """Adds the trajectory `path` of a run to `trajectories`."""
 
     def probability(
         self,
@@ -114,18 +289,19 @@ class Results(RunTable):
         """
         confidence = checks.share("confidence", confidence)
         if isinstance(what, str):
-            what = checked_event("what", what, self.scene, self._setup.shapes)
+            what = checked_event("what", what, self.scene, self._spec.shapes)
             found = [happened(part, what) for part in self._read_by_part(event_columns(what))]
         elif callable(what):
             found = [booleans("what", what(some), len(some)) for some in self.chunks()]
         else:
             found = [booleans("what", what, self.runs)]
         count = sum(int(np.count_nonzero(part)) for part in found)
-        return Estimate.counted(count, self.runs, confidence)
+        estimate = Estimate.counted(count, self.runs, confidence)
+        return estimate._replace(missing=max(0, self.requested - self.runs))
 
     def counts(self) -> dict[str, int]:
         """Status -> the number of runs with this status, the most frequent status first."""
-        return status_counts(part["status"] for part in self._read_by_part(("status",)))
+        return tables.status_counts(part["status"] for part in self._read_by_part(("status",)))
 
     @property
     def model(self) -> str:
@@ -136,7 +312,7 @@ class Results(RunTable):
         coefficient differs between runs.
         """
         friction = self.scene.friction
-        if any(map(is_friction, self._setup.shapes)):
+        if any(map(is_friction, self._spec.shapes)):
             words = "varied friction"
         elif friction is None:
             words = "any friction"
@@ -149,7 +325,7 @@ class Results(RunTable):
     def mean(self, name: str | NDArray[np.bool_]) -> Mean:
         """The mean of a column over the runs in which it is finite, with its standard error.
 
-        Sums are exact and rounded once (`math.fsum`). The memory is up to 40 bytes for each run.
+        Sums are exact and rounded once (`math.fsum`).
 
         Args:
             name: A summary or varied value ("peak_rotation"); one number of an entry with several
@@ -167,8 +343,6 @@ class Results(RunTable):
     def quantile(self, name: str, q: float | Sequence[float]) -> Any:
         """Quantiles of a column over the runs in which it is finite, by `numpy.quantile`.
 
-        The memory is up to 40 bytes for each run.
-
         Args:
             name: As for `mean`.
             q: One probability or several, from 0 to 1.
@@ -176,8 +350,6 @@ class Results(RunTable):
         Returns:
             A float, or an array (len(q),); NaN if the column is finite in no run.
 
-        Raises:
-            ValueError: As for `mean`, or a probability in `q` is outside 0 to 1.
         """
         wanted = checks.array("q", np.atleast_1d(checks.numbers("q", q)), ("k",))
         if ((wanted < 0) | (wanted > 1)).any():
@@ -194,19 +366,21 @@ class Results(RunTable):
 
     def _numbers(self, name: str) -> Floats:
         """The numbers of a column (runs,), in any order."""
-        entry, place = self._setup.schema.locate(name)
+        entry, place = self._spec.schema.locate(name)
         values = self._column(entry)
         return values.reshape(len(values), -1)[:, place].astype(np.float64)
 
     def replay(
-        self, run: int, record: Recordable | Sequence[Recordable] = _core.RECORDABLE, every: int = 1
+        self,
+        run: int,
+        record: Recordable | Sequence[Recordable] = _core.RECORDABLE,
+        every: int = 1,
+        times: ArrayLike | None = None,
     ) -> Run:
         """Simulates one run again with the same bits, and returns it with its trajectory.
 
-        Args:
-            run: The number of the run.
-            record: As for `simulate`.
-            every: As for `simulate`.
+        The arguments are those of `simulate`; instants of `times` outside the run's duration are
+        left out.
 
         Raises:
             IndexError: There is no such run.
@@ -214,7 +388,7 @@ class Results(RunTable):
         run = checks.integer("run", run, 0)
         values = self._varied_values(run)
         recorded = (record,) if isinstance(record, str) else record
-        return self._setup.replay(run, values, recorded, every)
+        return self._spec.replay(run, values, recorded, every, times)
 
     def scene_of(self, run: int) -> Scene:
         """The scene of one run with its varied values, for `simulate`.
@@ -223,80 +397,73 @@ class Results(RunTable):
             IndexError: There is no such run.
         """
         run = checks.integer("run", run, 0)
-        return self._setup.varied.at(self._varied_values(run), run)
-
-    @abstractmethod
-    def failures(self) -> Sequence[Capsule]:
-        """The runs that did not complete, as capsules, each of which can be replayed alone."""
+        return self._spec.varied.at(self._varied_values(run), run)
 
     def provenance(self) -> dict[str, Any]:
         """The settings and software versions behind these results, as plain data."""
-        setup, options = self._setup, self._setup.options
+        spec = self._spec
         return {
             "softpinch": _core.__version__,
             "results_version": _core.RESULTS_VERSION,
             "numpy": np.__version__,
             "simd": _core.simd_level(),
-            "scene": setup.scene.to_dict(),
-            "seed": setup.seed,
+            "scene": self.scene.to_dict(),
+            "seed": self.seed,
             "sampling": self._sampling,
             "runs": self.runs,
             "requested": self.requested,
             "interrupted": self.interrupted,
-            **{name: plain(value) for name, value in options.numerics().items()},
-            "summaries": list(setup.summaries),
-            "summaries_after": setup.after if math.isfinite(setup.after) else None,
-            "settling_band": setup.band,
+            **{name: plain(value) for name, value in spec.options.numerics().items()},
+            "summaries": list(spec.summaries),
+            "summaries_after": spec.after if math.isfinite(spec.after) else None,
+            "settling_band": spec.band,
         }
 
     def to_pandas(self) -> DataFrame:
         """A pandas DataFrame with a row for each run; needs the extra `study`.
 
-        An entry with several numbers has one column for each number. `attrs` has "units" (column ->
-        unit) and "provenance".
+        The index is the run's number. An entry with several numbers has one column for each number.
+        `attrs` has "units" (column -> unit; "1" for numbers without a unit, "" for text) and
+        "provenance".
         """
-        from .export import to_pandas
-
-        return to_pandas(self._setup.schema, self.to_dict(), self.provenance())
+        return tables.to_pandas(self._spec.schema, self.to_dict(), self.provenance())
 
     def to_xarray(self) -> Dataset:
-        """An xarray Dataset over the runs; needs the extra `study`.
+        """An xarray Dataset over the dimension `run`, a variable for each entry; needs `study`.
 
-        Every variable has its unit in `attrs`; the dataset's `attrs` have the provenance.
+        Labelled axes, such as the 18 numbers of a state, are dimensions with labels; the others of
+        an entry are "<entry>.index", "<entry>.index_2" and so on. Every variable has its unit in
+        `attrs["units"]`. If the numbers of an entry have different units, an extra coordinate has
+        the units, such as `state_unit` for the axis `state`. The attributes of the dataset are
+        numbers and text that every netCDF format supports; `provenance` is JSON.
         """
-        from .export import to_xarray
-
-        return to_xarray(self._setup.schema, self.to_dict(), self.provenance())
+        return tables.to_xarray(self._spec.schema, self.to_dict(), self.provenance())
 
 
-class Ensemble(WithGradients, Results):
+class Ensemble(Results):
     """The result of `monte_carlo` without a store: read-only arrays with a row for each run.
 
-    Attributes:
-        requested: The number of requested runs. There are fewer rows if Ctrl-C, `stop_when` or lost
-            workers ended the computation early.
-        interrupted: Whether Ctrl-C stopped the runs, or the work on `discretisation` or
-            `trajectories`.
+    There are fewer rows than `requested` if Ctrl-C, `stop_when` or lost workers ended the
+    computation early.
     """
+
+    _gradients: Gradients | None = None
 
     def __init__(
         self,
-        setup: Setup,
-        sampling: Mapping[str, Any],
+        spec: StudySpec,
         rows: Rows,
         *,
         requested: int,
         outcome: Outcome = Outcome(),  # noqa: B008, it never changes
-        trajectories: Mapping[int, Run] | None = None,
-        discretisation: dict[str, Discretisation] | None = None,
     ) -> None:
         """For internal use: users get ensembles from `monte_carlo`."""
-        super().__init__(setup, sampling)
+        super().__init__(spec)
         self._rows = rows
         self.requested = requested
         self.interrupted, self.lost, self._under_way = outcome
-        self.trajectories: dict[int, Run] = dict(trajectories or {})
-        self.discretisation = discretisation
+        self.trajectories: dict[int, Run] = {}
+        self.discretisation = None
         columns = rows.entries()
         self._columns = {name: read_only(columns[name]) for name in self._names}
 
@@ -305,11 +472,17 @@ class Ensemble(WithGradients, Results):
         """The number of rows."""
         return len(self._rows)
 
+    @property
+    def gradients(self) -> Gradients:
+        """Summary -> path -> the derivatives (runs, ...), if `monte_carlo` had `gradients`."""
+        if self._gradients is None:
+            raise NotRecordedError(
+                "no gradients were computed: pass gradients=(summary, ...) to monte_carlo"
+            )
+        return self._gradients
+
     def _read(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         return {name: self._columns[name] for name in names}
-
-    def _read_by_part(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
-        yield self._read(names)
 
     def _rows_of(self, runs: Numbers) -> Rows:
         return self._rows.select(np.searchsorted(self.run, runs))
@@ -339,14 +512,14 @@ class Ensemble(WithGradients, Results):
                 f"run {checks.shown(run)} is not among the {self.runs} runs of this ensemble"
             )
         row = int(np.searchsorted(self.run, np.uint64(run)))
-        return {path: self._columns[path][row] for path in self._setup.shapes}
+        return {path: self._columns[path][row] for path in self._spec.shapes}
 
     def failures(self) -> list[Capsule]:
         """The runs that did not complete, as capsules, each of which can be replayed alone."""
         return self._capsules(np.flatnonzero(self.status != "completed"))
 
     def _capsules(self, rows: NDArray[np.intp]) -> list[Capsule]:
-        varied, options = self._setup.varied, self._setup.options
+        varied, options = self._spec.varied, self._spec.options
         return [
             Capsule(
                 run=int(self.run[row]),
@@ -354,7 +527,7 @@ class Ensemble(WithGradients, Results):
                 time=float(self.end_time[row]),
                 message=str(self.message[row]),
                 parameters={
-                    path: number_or_array(self._columns[path][row]) for path in self._setup.shapes
+                    path: number_or_array(self._columns[path][row]) for path in self._spec.shapes
                 },
                 varied=varied,
                 options=options,
@@ -362,33 +535,16 @@ class Ensemble(WithGradients, Results):
             for row in rows.tolist()
         ]
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickles through the constructor, because unpickled arrays would be writable."""
-        return _rebuild, (
-            (self._setup, self._sampling, self._rows),
-            {
-                "requested": self.requested,
-                "outcome": Outcome(self.interrupted, self.lost, self._under_way),
-                "trajectories": self.trajectories,
-                "discretisation": self.discretisation,
-            },
-            self._gradients,
-        )
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        for column in self._columns.values():
+            read_only(column)
 
     def __repr__(self) -> str:
-        """The counts of the statuses, and the names of the summaries."""
         counts = ", ".join(f"{count} {name}" for name, count in self.counts().items()) or "no runs"
         cut = f" of {self.requested} requested" if self.requested != self.runs else ""
         stopped = ", interrupted" if self.interrupted else ""
         return (
             f"<Ensemble of {self.runs} runs{cut}: {counts}{stopped}; "
-            f"{', '.join(self._setup.summaries) or 'no summaries'}>"
+            f"{', '.join(self._spec.summaries) or 'no summaries'}>"
         )
-
-
-def _rebuild(
-    args: tuple[Any, ...], kwargs: Mapping[str, Any], gradients: Gradients | None
-) -> Ensemble:
-    ensemble = Ensemble(*args, **kwargs)
-    ensemble._gradients = gradients
-    return ensemble

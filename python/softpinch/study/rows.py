@@ -1,20 +1,295 @@
-"""Result rows of runs, stored by column: the core's results and the varied values of each run."""
+"""The rows of a study: sets of run numbers, the schema of the columns, the rows, and the events.
+
+Results, Parquet parts, pandas, xarray, tables and figures use one schema. An entry with several
+numbers has one column for each number. The columns of a varied value have indices, as in
+"disturbances.0.force.0", so that `vary` accepts their names as paths. The columns of a result have
+names, as in "final_state.theta".
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, Literal, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
+from ..scene import fields as units
 from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats
-from .columns import HOLDS
-from .spans import Numbers
+
+Numbers = NDArray[np.uint64]
+Edges = NDArray[np.int64]
+Kind: TypeAlias = Literal["count", "status", "message", "truth", "number"]
+
+# The column that says whether each run's grasp held.
+HOLDS = "holds"
+# Events of a run whose probability can be estimated: its final status, a violation, a held grasp.
+# Some violations are statuses too, because they can end a run.
+EVENTS = tuple(dict.fromkeys((*_core.STATUSES, *_core.VIOLATIONS, HOLDS)))
+# Events that bilateral contact does not have -> the events that it has in their place.
+_UNILATERAL = {
+    "opened": 'a tip that would open pulls: ask for "pulling"',
+    "lost": 'a run goes on beyond the faces: ask for "off_face"',
+}
+
+_TYPES: dict[Kind, Any] = {
+    "count": np.uint64,
+    "status": np.array(_core.STATUSES).dtype,
+    "message": object,
+    "truth": np.bool_,
+    "number": np.float64,
+}
+# Error messages list at most this many columns, because a study may have thousands.
+_LISTED = 20
+
+
+class Spans:
+    """A set of run numbers, stored as half-open intervals, because studies have up to 2^62 runs.
+
+    Attributes:
+        edges: The intervals (k, 2): their first number and one past their last number. They are
+            sorted, and do not overlap or touch.
+    """
+
+    def __init__(self, edges: Edges) -> None:
+        self.edges = edges
+
+    @classmethod
+    def upto(cls, runs: int) -> Self:
+        """The set of the runs 0 to `runs` - 1."""
+        return cls(np.array([[0, runs]], np.int64)[: min(runs, 1)])
+
+    @classmethod
+    def of(cls, numbers: Numbers) -> Self:
+        """The set of the runs `numbers` (k,), which must increase."""
+        given = numbers.astype(np.int64)
+        where = np.flatnonzero(np.diff(given) != 1)
+        first = given[np.concatenate([[0], where + 1])] if len(given) else given
+        last = given[np.concatenate([where, [-1]])] if len(given) else given
+        return cls(np.stack([first, last + 1], axis=1))
+
+    @classmethod
+    def joined(cls, parts: Iterable[Edges]) -> Self:
+        """The union of intervals in any order; a ValueError names a run that two of them have."""
+        edges = np.concatenate([np.empty((0, 2), np.int64), *parts])
+        edges = edges[np.argsort(edges[:, 0], kind="stable")]
+        twice = np.flatnonzero(edges[1:, 0] < edges[:-1, 1])
+        if twice.size:
+            raise ValueError(f"run {edges[twice[0] + 1, 0]} occurs twice")
+        # Merge intervals that touch.
+        apart = np.flatnonzero(edges[1:, 0] != edges[:-1, 1]) + 1
+        begins = np.concatenate([[0], apart])[: len(edges)]
+        ends = np.concatenate([apart - 1, [len(edges) - 1]])[: len(begins)]
+        return cls(np.stack([edges[begins, 0], edges[ends, 1]], axis=1))
+
+    @property
+    def count(self) -> int:
+        """The number of runs in the set."""
+        return int((self.edges[:, 1] - self.edges[:, 0]).sum())
+
+    def without(self, other: Self) -> Self:
+        """The runs of this set that are not in `other`."""
+        cuts = np.unique(np.concatenate([self.edges.ravel(), other.edges.ravel()]))
+        # Between two cuts, either all runs or no runs are in each set, so the first one decides.
+        kept = self._contains(cuts[:-1]) & ~other._contains(cuts[:-1])
+        return self.joined([np.stack([cuts[:-1], cuts[1:]], axis=1)[kept]])
+
+    def within(self, first: int, last: int) -> Self:
+        """The runs of the set from `first` to `last` - 1."""
+        low = int(np.searchsorted(self.edges[:, 1], first, side="right"))
+        high = int(np.searchsorted(self.edges[:, 0], last, side="left"))
+        edges = np.clip(self.edges[low:high], first, last)
+        return type(self)(edges[edges[:, 0] < edges[:, 1]])
+
+    def contains(self, runs: Numbers) -> NDArray[np.bool_]:
+        """Whether each of the given runs is in the set, (k,)."""
+        return self._contains(runs.astype(np.int64))
+
+    def _contains(self, given: NDArray[np.int64]) -> NDArray[np.bool_]:
+        if not len(self.edges):
+            return np.zeros(len(given), bool)
+        span = np.searchsorted(self.edges[:, 0], given, side="right") - 1
+        among: NDArray[np.bool_] = (span >= 0) & (given < self.edges[span, 1])
+        return among
+
+    def numbers(self) -> Numbers:
+        """The numbers of all runs, increasing, (count,)."""
+        parts = [np.arange(first, last, dtype=np.uint64) for first, last in self.edges]
+        return np.concatenate([np.empty(0, np.uint64), *parts])
+
+    def aligned_chunks(self, size: Callable[[], int]) -> Iterator[Numbers]:
+        """Yields the numbers of all runs, increasing, in arrays that end at multiples of a size.
+
+        `size` is called before each array, and may change its answer.
+        """
+        at, k = 0, 0
+        while k < len(self.edges):
+            at = max(at, int(self.edges[k, 0]))
+            length = size()
+            stop = (at // length + 1) * length
+            yield self.within(at, stop).numbers()
+            at = stop
+            k = int(np.searchsorted(self.edges[:, 1], at, side="right"))
+
+    def __repr__(self) -> str:
+        shown = ", ".join(f"{first} to {last - 1}" for first, last in self.edges[:5])
+        more = ", ..." if len(self.edges) > 5 else ""
+        return f"<Spans of {self.count} runs: {shown}{more}>"
+
+
+class Column(NamedTuple):
+    """A column: one number or one text for each run.
+
+    Attributes:
+        values: The values (runs,).
+        unit: The unit; "1" for numbers without a unit, "" for text.
+    """
+
+    values: NDArray[Any]
+    unit: str
+
+
+class Entry(NamedTuple):
+    """One entry of `Results.to_dict`, an array (runs, *shape).
+
+    Attributes:
+        name: The name of the entry.
+        kind: The kind of its values.
+        shape: The shape of the value of one run.
+        unit: The unit of all values, or one unit for each index of the last axis.
+        axes: For each axis of `shape` its name in `units.AXES`; None for an axis without a name.
+    """
+
+    name: str
+    kind: Kind
+    shape: tuple[int, ...]
+    unit: str | tuple[str, ...]
+    axes: tuple[str | None, ...]
+
+    @classmethod
+    def of(cls, name: str, kind: Kind = "number", shape: tuple[int, ...] = ()) -> Entry:
+        """Makes an entry with units and axes out of the table of fields."""
+        return cls(name, kind, shape, units.units(name, shape), units.axes(name, shape))
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """The columns of the entry, in order: column name -> unit."""
+        if not self.shape:
+            assert isinstance(self.unit, str)
+            return {self.name: self.unit}
+        # Results use the names of their last axis. Varied values use the index, because the name of
+        # their column must be a path.
+        last = self.axes[-1]
+        named = units.AXES[last] if self.name in units.RESULTS and last is not None else None
+        found = {}
+        for index in np.ndindex(self.shape):
+            words = [str(place) for place in index]
+            if named is not None:
+                words[-1] = named[index[-1]]
+            own = self.unit if isinstance(self.unit, str) else self.unit[index[-1]]
+            found[".".join((self.name, *words))] = own
+        return found
+
+    def empty(self) -> NDArray[Any]:
+        """An array of this entry without rows."""
+        return np.empty((0, *self.shape), _TYPES[self.kind])
+
+    def split(self, values: NDArray[Any]) -> dict[str, Column]:
+        """Splits the entry's array (runs, *shape) into its columns."""
+        columns = self.columns
+        flat = values.reshape(len(values), len(columns))
+        return {name: Column(flat[:, k], unit) for k, (name, unit) in enumerate(columns.items())}
+
+
+class Schema:
+    """All entries of a study's results.
+
+    Attributes:
+        entries: Name -> entry, in the order of `Results.to_dict`.
+        summaries: The names of the summaries.
+    """
+
+    def __init__(
+        self, summaries: Iterable[str], shapes: Mapping[str, tuple[int, ...]], law: str
+    ) -> None:
+        """Takes the names of the summaries, path -> shape of each run's varied value, and the law.
+
+        With the law "torque" the schedule's values are torques, in spite of their name.
+        """
+        self.summaries = tuple(summaries)
+        entries = [
+            Entry.of("run", "count"),
+            Entry.of("status", "status"),
+            Entry.of("message", "message"),
+            Entry.of("end_time"),
+            Entry.of("failure_time"),
+            Entry.of("steps", "count"),
+            Entry.of(HOLDS, "truth"),
+            *(Entry.of(path, shape=shape) for path, shape in shapes.items()),
+            *(Entry.of(f"first_{name}") for name in _core.VIOLATIONS),
+            *(
+                Entry.of(name, shape=(18,) if name == "final_state" else ())
+                for name in self.summaries
+            ),
+        ]
+        self.entries = {
+            entry.name: entry._replace(unit="N m")
+            if law == "torque" and entry.name.startswith("schedule.angles")
+            else entry
+            for entry in entries
+        }
+
+    def split(self, values: Mapping[str, NDArray[Any]]) -> dict[str, Column]:
+        """Splits the arrays of entries, name -> (runs, ...), into columns."""
+        result: dict[str, Column] = {}
+        for name, each in values.items():
+            result.update(self.entries[name].split(each))
+        return result
+
+    def empty(self) -> dict[str, NDArray[Any]]:
+        """Arrays of all entries without rows."""
+        return {name: entry.empty() for name, entry in self.entries.items()}
+
+    def locate(self, name: str, field: str = "name") -> tuple[str, int]:
+        """Finds a numeric column: returns the name of its entry and its index in that entry.
+
+        Args:
+            name: The name of the column.
+            field: The argument's name, for error messages.
+
+        Raises:
+            ValueError: The name is unknown, belongs to a summary that was not computed, to an entry
+                with several columns, or to an event, which has no number.
+            TypeError: The name is not a string.
+        """
+        checks.instance(field, name, str, "the name of a column")
+        if name in (*_core.STATUSES, *_core.VIOLATIONS):
+            raise ValueError(f"{name!r} is an event, which has no number: use `probability`")
+        known = {
+            key: (entry.name, k)
+            for entry in self.entries.values()
+            if entry.unit != ""
+            for k, key in enumerate(entry.columns)
+        }
+        if name in known:
+            return known[name]
+        parts = [key for key in known if key.startswith(f"{name}.")]
+        if parts:
+            raise ValueError(f"{name!r} has several numbers: take one of {checks.quoted(parts)}")
+        summary = name.split(".")[0]
+        if summary in ("final_state", *_core.SUMMARIES) and summary not in self.summaries:
+            more = " and more" if len(known) > _LISTED else ""
+            raise ValueError(
+                f"{field} = {checks.shown(name)} was not computed: pass "
+                f"summaries={(*self.summaries, summary)!r}; computed columns are "
+                f"{checks.quoted(list(known)[:_LISTED])}{more}"
+            )
+        allowed = (*known, "completed", *_core.STATUSES[1:], *_core.VIOLATIONS)
+        raise ValueError(f"{field} = {checks.shown(name)} is unknown{checks.hint(name, allowed)}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,11 +311,6 @@ class Rows:
 
         After Ctrl-C the result has only the completed runs. Threads start runs in order, so the
         missing runs are those that were in progress, one for each lane, and those not yet started.
-
-        Args:
-            result: The core's result.
-            numbers: The numbers of all runs of the batch.
-            summaries: The names of the summaries to include.
         """
         computed = {"final_state": result["final_state"], **result["summaries"]}
         columns = {
@@ -68,7 +338,6 @@ class Rows:
         return cls(columns=columns, interrupted=any(part.interrupted for part in parts))
 
     def __len__(self) -> int:
-        """The number of rows."""
         return len(self.run)
 
     def entries(self) -> dict[str, NDArray[Any]]:
@@ -96,23 +365,11 @@ class Rows:
     def with_values(self, numbers: Numbers, values: Mapping[str, Floats]) -> Self:
         """Adds the varied values of each run as columns.
 
-        Args:
-            numbers: Numbers of runs (k,), increasing, which include all runs of these rows.
-            values: Path -> the varied values of the runs `numbers`, (k, ...).
+        `numbers` (k,) increase and include all runs of these rows; `values` are theirs, (k, ...).
         """
         rows = np.searchsorted(numbers, self.run)
         own = {path: value[rows] for path, value in values.items()}
         return type(self)(columns={**self.columns, **own}, interrupted=self.interrupted)
-
-
-# Events of a run whose probability can be estimated: its final status, a violation, a held grasp.
-# Some violations are statuses too, because they can end a run.
-EVENTS = tuple(dict.fromkeys((*_core.STATUSES, *_core.VIOLATIONS, HOLDS)))
-# Events that bilateral contact does not have -> the events that it has in their place.
-_UNILATERAL = {
-    "opened": 'a tip that would open pulls: ask for "pulling"',
-    "lost": 'a run goes on beyond the faces: ask for "off_face"',
-}
 
 
 def event_columns(name: str) -> tuple[str, ...]:
@@ -138,22 +395,11 @@ def is_friction(path: str) -> bool:
 
 
 def checked_event(field: str, name: object, scene: Scene, varied: Iterable[str]) -> str:
-    """Checks the name of an event and returns it.
+    """Checks the name of an event of runs of `scene` with these varied paths, and returns it.
 
     Without a coefficient of friction, "slipping" is refused: no run could report it, and a
     probability of zero would suggest a grasp that never slips. In bilateral contact "opened" and
     "lost" are refused for the same reason.
-
-    Args:
-        field: The argument's name, for error messages.
-        name: The name of the event.
-        scene: The scene that all runs share.
-        varied: The varied paths.
-
-    Raises:
-        ValueError: The name is unknown; is "slipping" without a coefficient of friction; or is
-            "opened" or "lost" in bilateral contact.
-        TypeError: The name is not a string.
     """
     name = checks.choice(field, name, EVENTS)
     if missing := _missing(name, scene, varied):
@@ -168,9 +414,15 @@ def possible_violations(scene: Scene, varied: Iterable[str]) -> list[str]:
 
 
 def _missing(name: str, scene: Scene, varied: Iterable[str]) -> str:
-    """What a scene lacks for an event to occur at all; empty if it may occur."""
+    """The feature that a scene lacks for an event to occur at all; empty if it may occur."""
     if name in _UNILATERAL and scene.contact != "unilateral":
         return f'Scene.contact = "unilateral"; in bilateral contact {_UNILATERAL[name]}'
     if name == "slipping" and scene.friction is None and not any(map(is_friction, varied)):
         return 'a coefficient of friction; give Scene.friction, or vary "friction"'
     return ""
+
+
+def finite(*values: Floats) -> NDArray[np.bool_]:
+    """Whether all of the given values are finite in each run, (runs,)."""
+    kept: NDArray[np.bool_] = np.logical_and.reduce([np.isfinite(each) for each in values])
+    return kept

@@ -1,47 +1,77 @@
-"""The sources of varied values: arrays, distributions and functions, with a common interface."""
+"""The sources of varied values: arrays, distributions and functions, with a common interface.
+
+A file may name a distribution of SciPy: {kind = "scipy", name = "gamma", args = [2.0]}. Files come
+from other people, so an entry must not be able to run other code: the name must be that of a
+distribution, and the arguments must be numbers for its parameters. Both are checked before any
+function of SciPy is called.
+"""
 
 from __future__ import annotations
 
 import inspect
 import math
+import sys
 from collections.abc import Callable, Mapping
+from types import ModuleType
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..support import checks
+from ..support import checks, extras
 from ..support.arrays import Floats
-from . import scipy_names
-from .distributions import Distribution
-from .quantiles import inside
+from .distributions import Distribution, inside
 
 # The dotted path of a scene's field, or a tuple of paths that are drawn together.
 Key: TypeAlias = str | tuple[str, ...]
 
 BLOCK = 1024
 
+# The multivariate distributions that a file may name, and their parameters. Each of them keeps its
+# parameters when it is frozen and draws real arrays, so a manifest can hold it.
+MULTIVARIATE: dict[str, tuple[str, ...]] = {
+    "dirichlet": ("alpha",),
+    "invwishart": ("df", "scale"),
+    "matrix_normal": ("mean", "rowcov", "colcov"),
+    "multinomial": ("n", "p"),
+    "multivariate_hypergeom": ("m", "n"),
+    "multivariate_normal": ("mean", "cov", "allow_singular"),
+    "multivariate_t": ("loc", "shape", "df", "allow_singular"),
+    "ortho_group": ("dim",),
+    "special_ortho_group": ("dim",),
+    "uniform_direction": ("dim",),
+    "vonmises_fisher": ("mu", "kappa"),
+    "wishart": ("df", "scale"),
+}
+# The most numbers to which the parameters of a univariate distribution may broadcast.
+_MOST_NUMBERS = 2**20
+# The longest axis of a multivariate parameter: a covariance of this size takes 8 MB.
+_LONGEST = 1024
+# Drawing takes memory in proportion to these parameters, so a file may not make them huge.
+_COUNTS = {("irwinhall", "n"), ("nhypergeom", "M")}
+_MOST_COUNT = 10_000
 
-class Field:
-    """The fields of one key of `vary`: its paths, and the shape of one draw for all of them."""
 
-    def __init__(
-        self, key: Key, paths: tuple[str, ...], shapes: Mapping[str, tuple[int, ...]]
-    ) -> None:
-        """Takes a key of `vary`, its paths, and path -> shape of its field.
+Shapes: TypeAlias = Mapping[str, tuple[int, ...]]
 
-        Raises:
-            ValueError: The shape of a path is missing.
-        """
-        for path in paths:
-            if path not in shapes:
-                raise ValueError(f"{name_of(paths)}: the shape of {path!r} is not known")
-        self.name = name_of(paths)
-        self.paths = paths
-        self.shapes = tuple(shapes[path] for path in paths)
+
+class Source:
+    """The source of the values of one key of `vary`: random draws, or quantiles of points."""
+
+    def __init__(self, key: Key, value: Any, shapes: Shapes) -> None:
+        """Takes the key, the user's array, distribution or function, and path -> shape."""
+        self.value = value
+        self.paths = (key,) if isinstance(key, str) else key
+        # In error messages.
+        self.name = f"vary[{checks.quoted(self.paths)}]"
+        self.shapes = tuple(shapes[path] for path in self.paths)
         # Whether a function returns one value for each path instead of a single value.
         self.several = not isinstance(key, str)
         self.sizes = [math.prod(shape) for shape in self.shapes]
-        self.shape = self.shapes[0] if len(paths) == 1 else (sum(self.sizes),)
+        # The shape of one draw for all paths.
+        alone = len(self.paths) == 1
+        self.shape = self.shapes[0] if alone else (sum(self.sizes),)
+        # Ends error messages about shapes.
+        self.joined = "" if alone else ", the numbers of all the paths in a row"
 
     def split(self, values: Floats) -> dict[str, Floats]:
         """Splits draws (m, *shape) into path -> (m, *shape of its field)."""
@@ -53,35 +83,21 @@ class Field:
             for path, shape, part in zip(self.paths, self.shapes, parts, strict=True)
         }
 
-    @property
-    def wanted(self) -> str:
-        """The required shape, for error messages."""
-        if len(self.paths) == 1:
-            return f"must have shape {self.shape}"
-        return f"must have shape {self.shape}, the numbers of all the paths in a row"
+    def wrong_draws(self, kind: str, shape: tuple[int, ...]) -> ValueError:
+        """The error for draws of a distribution `kind` that do not have the right shape."""
+        return ValueError(
+            f"{self.name}: draws of {kind} have shape {shape}, must have shape "
+            f"{self.shape}{self.joined}"
+        )
 
     def check_kind(self, kind: str, shape: tuple[int, ...]) -> None:
-        """Refuses a distribution `kind` unless its draws have the field's shape or are numbers."""
-        if shape == self.shape or (shape == () and len(self.paths) == 1):
-            return
-        raise ValueError(f"{self.name}: draws of {kind} have shape {shape}, {self.wanted}")
-
-
-class Source:
-    """The source of a field's values, which gives random draws or maps a sampler's points."""
-
-    def __init__(self, field: Field, value: Any) -> None:
-        """Takes the field, and the user's distribution, function or array."""
-        self.field = field
-        self.value = value
+        """Refuses a distribution `kind` unless its draws have the right shape or are numbers."""
+        if shape != self.shape and (shape != () or len(self.paths) > 1):
+            raise self.wrong_draws(kind, shape)
 
     def dimensions(self, sampler: str) -> int:
-        """The number of dimensions of the sampler's points that one draw needs.
-
-        Raises:
-            ValueError: The source does not support samplers other than "random".
-        """
-        raise NotImplementedError
+        """The number of dimensions of a draw's points; refuses a sampler that does not fit."""
+        return 0
 
     def draw(self, rng: np.random.Generator, block: int, calls: int) -> Floats:
         """Draws the values of a block (1024, *shape).
@@ -99,27 +115,33 @@ class Source:
         raise NotImplementedError
 
 
+class Description(dict[str, Any]):
+    """The result of `Source.describe`; in `vary` it stands for a source that draws nothing."""
+
+
+class _DescribedSource(Source):
+    """The description of a source, in results and on workers, which draw nothing."""
+
+    def describe(self) -> dict[str, Any]:
+        return dict(self.value)
+
+
 class ArraySource(Source):
     """An array with one entry for each run."""
 
-    def __init__(self, field: Field, value: Any) -> None:
-        """Copies the array.
-
-        Raises:
-            ValueError: Its rows do not have the field's shape.
-            TypeError: It is not numeric.
-        """
+    def __init__(self, key: Key, value: Any, shapes: Shapes) -> None:
+        super().__init__(key, value, shapes)
+        if not hasattr(value, "__len__") or isinstance(value, str | Mapping):
+            raise TypeError(
+                f"{self.name} = {checks.shown(value)}: must be an array with one entry for each "
+                "run, a distribution or a function"
+            )
         # Copy the array, because the caller might change it before all blocks are drawn.
-        super().__init__(field, checks.numbers(field.name, value).copy())
+        self.value = checks.numbers(self.name, value).copy()
         shape = self.value.shape
-        if shape[1:] != field.shape:
-            rows = f"{shape[:1] + field.shape}, one entry for each run"
-            along = "" if len(field.paths) == 1 else ", the numbers of all the paths in a row"
-            raise ValueError(f"{field.name} has shape {shape}: must have shape {rows}{along}")
-
-    def dimensions(self, sampler: str) -> int:
-        """Zero, because nothing is drawn."""
-        return 0
+        if shape[1:] != self.shape:
+            rows = f"{shape[:1] + self.shape}, one entry for each run{self.joined}"
+            raise ValueError(f"{self.name} has shape {shape}: must have shape {rows}")
 
     def draw(self, rng: np.random.Generator, block: int, calls: int) -> Floats:
         """The block's rows."""
@@ -141,22 +163,22 @@ class _OwnDistribution(Source):
 
     value: Distribution
 
-    def __init__(self, field: Field, value: Distribution) -> None:
-        super().__init__(field, value)
-        field.check_kind(type(value).__name__, value.shape)
+    def __init__(self, key: Key, value: Distribution, shapes: Shapes) -> None:
+        super().__init__(key, value, shapes)
+        self.check_kind(type(value).__name__, value.shape)
         # The number of draws of the distribution that make one draw of the field.
-        self.copies = 1 if value.shape == field.shape else math.prod(field.shape)
+        self.copies = 1 if value.shape == self.shape else math.prod(self.shape)
 
     def dimensions(self, sampler: str) -> int:
         return self.copies * self.value.dimensions
 
     def draw(self, rng: np.random.Generator, block: int, calls: int) -> Floats:
         drawn = self.value.sample(rng, BLOCK * self.copies)
-        return drawn.reshape(BLOCK, *self.field.shape)
+        return drawn.reshape(BLOCK, *self.shape)
 
     def from_points(self, points: Floats, block: int) -> Floats:
         placed = self.value.ppf(points.reshape(len(points) * self.copies, self.value.dimensions))
-        return placed.reshape(len(points), *self.field.shape)
+        return placed.reshape(len(points), *self.shape)
 
     def describe(self) -> dict[str, Any]:
         return self.value.to_dict()
@@ -165,40 +187,37 @@ class _OwnDistribution(Source):
 class _SciPyDistribution(Source):
     """A frozen SciPy distribution: it has a method `rvs`, and `ppf` if it is univariate."""
 
-    def __init__(self, field: Field, value: Any) -> None:
-        super().__init__(field, value)
+    def __init__(self, key: Key, value: Any, shapes: Shapes) -> None:
+        super().__init__(key, value, shapes)
+        frozen = getattr(value, "dist", value)
+        own_name = type(value).__name__.removesuffix("_frozen")
+        self.kind = getattr(frozen, "name", None) or own_name
         self.scalar = hasattr(value, "ppf")
         if self.scalar:
             parameters = (*getattr(value, "args", ()), *getattr(value, "kwds", {}).values())
-            for parameter in parameters:
-                checks.require_few_axes(f"{field.name}: a parameter of {self._kind()}", parameter)
-            field.check_kind(self._kind(), np.broadcast_shapes(*map(np.shape, parameters)))
+            self.check_kind(self.kind, np.broadcast_shapes(*map(np.shape, parameters)))
         else:
             # `dim` is the length of the last axis of a multivariate draw. Check it before drawing,
             # because draws with a very long axis would exhaust the memory.
-            length = field.shape[-1] if field.shape else 1
+            length = self.shape[-1] if self.shape else 1
             if getattr(value, "dim", length) != length:
-                field.check_kind(self._kind(), (int(value.dim),))
-
-    def _kind(self) -> str:
-        frozen = getattr(self.value, "dist", self.value)
-        return getattr(frozen, "name", None) or type(self.value).__name__.removesuffix("_frozen")
+                self.check_kind(self.kind, (int(value.dim),))
 
     def dimensions(self, sampler: str) -> int:
         if not self.scalar:
             raise ValueError(
-                f'{self.field.name} = {self._kind()}: has no ppf, which sampler "{sampler}" needs; '
+                f'{self.name} = {self.kind}: has no ppf, which sampler "{sampler}" needs; '
                 'use independent components or sampler "random"'
             )
-        return math.prod(self.field.shape)
+        return math.prod(self.shape)
 
     def draw(self, rng: np.random.Generator, block: int, calls: int) -> Floats:
-        shape = (BLOCK, *self.field.shape)
+        shape = (BLOCK, *self.shape)
         size = shape if self.scalar else BLOCK
         return self._checked(lambda: self.value.rvs(size=size, random_state=rng), shape)
 
     def from_points(self, points: Floats, block: int) -> Floats:
-        shape = (len(points), *self.field.shape)
+        shape = (len(points), *self.shape)
         # Clip to inside (0, 1): at 0 the quantile may be infinite, and that of a discrete
         # distribution is below its smallest value.
         return self._checked(lambda: self.value.ppf(inside(points.reshape(shape))), shape)
@@ -206,46 +225,39 @@ class _SciPyDistribution(Source):
     def _checked(self, draw: Callable[[], Any], shape: tuple[int, ...]) -> Floats:
         try:
             drawn = draw()
-        except (ArithmeticError, MemoryError) as error:
-            raise ValueError(f"{self.field.name}: {self._kind()} cannot draw: {error}") from error
         except Exception as error:
-            error.add_note(f"softpinch: while drawing {self.field.name} from {self._kind()}")
+            error.add_note(f"softpinch: while drawing {self.name} from {self.kind}")
             raise
-        values = checks.numbers(f"{self.field.name}: draws of {self._kind()}", drawn)
+        values = checks.numbers(f"{self.name}: draws of {self.kind}", drawn)
         # SciPy leaves out the axis of a single component.
         fits = values.shape == shape or (
             values.shape[:1] == shape[:1] and values.size == shape[0] == math.prod(shape)
         )
         if not fits:
-            raise ValueError(
-                f"{self.field.name}: draws of {self._kind()} have shape {values.shape[1:]}, "
-                f"{self.field.wanted}"
-            )
+            raise self.wrong_draws(self.kind, values.shape[1:])
         return values.reshape(shape)
 
-    def _own(self) -> dict[str, Any]:
-        """Describes a distribution class of the user, with the numbers that define it, if known."""
-        frozen = getattr(self.value, "dist", self.value)
-        kind = f"{type(frozen).__module__}.{type(frozen).__qualname__}"
-        numbers = {
-            name: _plain(getattr(frozen, name))
-            for name in ("xk", "pk", "_histogram")
-            if hasattr(frozen, name)
-        }
-        return {"kind": "function", "function": kind, **numbers}
-
     def describe(self) -> dict[str, Any]:
-        result: dict[str, Any] = {"kind": "scipy", "name": self._kind()}
-        if not scipy_names.described(self.value, self._kind()):
-            result = self._own()
+        result: dict[str, Any] = {"kind": "scipy", "name": self.kind}
+        # A multivariate distribution keeps its class in `_dist`.
+        kept = getattr(self.value, "_dist", None)
+        frozen = getattr(self.value, "dist", kept or self.value)
+        # Without an imported SciPy the distribution cannot be SciPy's.
+        if type(_named(sys.modules.get("scipy.stats"), self.kind)) is not type(frozen):
+            # A class of the user, or numbers in a histogram or a table.
+            frozen = getattr(self.value, "dist", self.value)
+            kind = f"{type(frozen).__module__}.{type(frozen).__qualname__}"
+            numbers = ("xk", "pk", "_histogram")
+            own = {name: _plain(getattr(frozen, name)) for name in numbers if hasattr(frozen, name)}
+            result = {"kind": "function", "function": kind, **own}
         if hasattr(self.value, "args"):
             result["args"] = _plain(list(self.value.args))
             result["kwds"] = _plain(dict(self.value.kwds))
-        elif hasattr(self.value, "_dist"):
+        elif kept is not None:
             # A multivariate distribution has attributes with the names of its parameters.
-            names = inspect.signature(type(self.value._dist).__call__).parameters
-            kept = {name: getattr(self.value, name, None) for name in names if name != "seed"}
-            result["kwds"] = _plain({k: v for k, v in kept.items() if v is not None})
+            names = inspect.signature(type(kept).__call__).parameters
+            given = {name: getattr(self.value, name, None) for name in names if name != "seed"}
+            result["kwds"] = _plain({k: v for k, v in given.items() if v is not None})
         return result
 
 
@@ -254,49 +266,48 @@ class _FunctionSource(Source):
 
     def dimensions(self, sampler: str) -> int:
         raise ValueError(
-            f"{self.field.name}: a function that draws from a generator needs sampler "
+            f"{self.name}: a function that draws from a generator needs sampler "
             f'"random", not "{sampler}"; or use a distribution'
         )
 
     def draw(self, rng: np.random.Generator, block: int, calls: int) -> Floats:
-        values = np.empty((calls, *self.field.shape))
+        values = np.empty((calls, *self.shape))
         for k in range(calls):
             run = f"run {block * BLOCK + k}"
             try:
                 value = self.value(rng)
             except Exception as error:
-                error.add_note(f"softpinch: while drawing {self.field.name}, {run}")
+                error.add_note(f"softpinch: while drawing {self.name}, {run}")
                 raise
-            if self.field.several:
+            if self.several:
                 values[k] = self._joined(value, run)
             else:
-                values[k] = _fitting(f"{self.field.name}, {run}", value, self.field.shape)
+                values[k] = _fitting(f"{self.name}, {run}", value, self.shape)
         return values
 
     def _joined(self, value: Any, run: str) -> Floats:
         """Joins the values that a function returned for each path into one flat vector."""
-        field = self.field
-        where = f"{field.name}, {run}"
+        where = f"{self.name}, {run}"
         if isinstance(value, Mapping):
-            if set(value) != set(field.paths):
+            if set(value) != set(self.paths):
                 raise ValueError(
                     f"{where}: the function gave values for {checks.quoted(map(str, value))}; "
-                    f"must give one for each of {checks.quoted(field.paths)}"
+                    f"must give one for each of {checks.quoted(self.paths)}"
                 )
-            value = [value[path] for path in field.paths]
+            value = [value[path] for path in self.paths]
         several = isinstance(value, tuple | list) or (
             isinstance(value, np.ndarray) and value.ndim > 0
         )
-        if not several or len(value) != len(field.paths):
+        if not several or len(value) != len(self.paths):
             raise ValueError(
                 f"{where}: the function gave {checks.shown(value)}; must give a value for each of "
-                f"{checks.quoted(field.paths)}"
+                f"{checks.quoted(self.paths)}"
             )
         parts = [
             _fitting(f"{where}, {path!r}", part, shape).ravel()
-            for path, part, shape in zip(field.paths, value, field.shapes, strict=True)
+            for path, part, shape in zip(self.paths, value, self.shapes, strict=True)
         ]
-        return np.concatenate(parts).reshape(field.shape)
+        return np.concatenate(parts).reshape(self.shape)
 
     def describe(self) -> dict[str, Any]:
         name = getattr(self.value, "__qualname__", None)
@@ -304,25 +315,17 @@ class _FunctionSource(Source):
         return {"kind": "function", "function": shown}
 
 
-def source_of(field: Field, value: Any, runs: int) -> Source:
-    """Makes the source for a value of `vary`.
-
-    Raises:
-        ValueError: The value's shape does not fit the field.
-        TypeError: The value is of the wrong kind.
-    """
+def source_of(key: Key, value: Any, shapes: Shapes) -> Source:
+    """Makes the source for a value of `vary`."""
+    if isinstance(value, Description):
+        return _DescribedSource(key, value, shapes)
     if isinstance(value, Distribution):
-        return _OwnDistribution(field, value)
+        return _OwnDistribution(key, value, shapes)
     if hasattr(value, "rvs"):
-        return _SciPyDistribution(field, value)
+        return _SciPyDistribution(key, value, shapes)
     if callable(value):
-        return _FunctionSource(field, value)
-    return ArraySource(field, value)
-
-
-def name_of(paths: tuple[str, ...]) -> str:
-    """The name of an entry of `vary` in error messages."""
-    return f"vary[{checks.quoted(paths)}]"
+        return _FunctionSource(key, value, shapes)
+    return ArraySource(key, value, shapes)
 
 
 def _fitting(name: str, value: Any, shape: tuple[int, ...]) -> Floats:
@@ -342,3 +345,105 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
     return value if isinstance(value, bool | int | float | str) else repr(value)
+
+
+def _named(stats: ModuleType | None, name: object) -> Any:
+    """The distribution of this name in `scipy.stats`; None if files may not use the name."""
+    if stats is None or not isinstance(name, str) or name.startswith("_"):
+        return None
+    # Use the module's dictionary, because getattr might run the module's `__getattr__`.
+    found = vars(stats).get(name)
+    univariate = isinstance(found, stats.rv_continuous | stats.rv_discrete)
+    return found if univariate or name in MULTIVARIATE else None
+
+
+def frozen_distribution(where: str, data: Mapping[str, Any]) -> Any:
+    """Makes the frozen distribution of SciPy that a table of a file describes.
+
+    Args:
+        where: The table's name, for error messages.
+        data: The table: `name`, and optionally `args` and `kwds`.
+
+    Raises:
+        ValueError: The name is not that of a distribution, or an argument breaks its rule.
+        TypeError: An argument is of the wrong kind.
+        ImportError: SciPy is not installed.
+    """
+    checks.refuse_unknown(where, data, ("kind", "name", "args", "kwds"), "")
+    stats = extras.require("scipy.stats", extra="study", purpose=f"{where} (SciPy)")
+    name = data.get("name")
+    distribution = _named(stats, name)
+    if not isinstance(name, str) or distribution is None:
+        allowed = [each for each in vars(stats) if _named(stats, each) is not None]
+        hint = checks.hint(name, allowed) if isinstance(name, str) else ""
+        raise ValueError(
+            f"{where}: name = {checks.shown(name)}: must be a distribution of scipy.stats, such "
+            f'as "gamma" or "multivariate_normal"{hint}'
+        )
+    args, kwds = data.get("args", []), data.get("kwds", {})
+    if not isinstance(args, list | tuple):
+        raise TypeError(f"{where}: args = {checks.shown(args)}: must be an array of numbers")
+    if not isinstance(kwds, Mapping):
+        raise TypeError(f"{where}: kwds = {checks.shown(kwds)}: must be a table of numbers")
+    univariate = name not in MULTIVARIATE
+    place = f"{where}: {name}"
+    if univariate:
+        shapes = distribution.shapes.replace(",", " ").split() if distribution.shapes else []
+        names = [*shapes, "loc", *(["scale"] if hasattr(distribution, "pdf") else [])]
+        if len(args) > len(names):
+            raise ValueError(f"{place} has {len(args)} args: must be at most {len(names)}")
+        checks.refuse_unknown(place, kwds, names, "")
+        _check_univariate(place, name, {**dict(zip(names, args, strict=False)), **kwds})
+    elif args:
+        raise ValueError(f"{place}: args: must be empty; give its parameters by name, in kwds")
+    else:
+        checks.refuse_unknown(place, kwds, MULTIVARIATE[name], "")
+        _check_multivariate(place, kwds)
+    try:
+        made = distribution(*args, **kwds)
+        # If parameters are outside of its domain, a univariate distribution's support is NaN.
+        valid = not (univariate and np.isnan(made.support()).any())
+    except Exception as error:
+        raise ValueError(f"{where}: SciPy cannot make {name}: {error}") from None
+    if not valid:
+        given = ", ".join([*map(checks.shown, args), *(f"{k} = {v}" for k, v in kwds.items())])
+        raise ValueError(f"{where}: {name}({given}): is outside of the distribution's domain")
+    return made
+
+
+def _check_univariate(where: str, name: str, given: Mapping[str, Any]) -> None:
+    """Refuses arguments that are not numbers for the shape parameters, loc or scale."""
+    arrays = {each: _numbers(f"{where}.{each}", value) for each, value in given.items()}
+    try:
+        shape = np.broadcast_shapes(*(array.shape for array in arrays.values()))
+    except ValueError:
+        raise ValueError(f"{where}: the shapes of its arguments must broadcast") from None
+    if math.prod(shape) > _MOST_NUMBERS:
+        raise ValueError(f"{where} has shape {shape}: must be at most {_MOST_NUMBERS} numbers")
+    for each, array in arrays.items():
+        if (name, each) in _COUNTS and (array > _MOST_COUNT).any():
+            raise ValueError(f"{where}.{each} = {array.max()}: must be at most {_MOST_COUNT}")
+
+
+def _check_multivariate(where: str, given: Mapping[str, Any]) -> None:
+    """Refuses values other than numbers, vectors and small matrices."""
+    for each, value in given.items():
+        if each == "allow_singular":
+            checks.boolean(f"{where}.{each}", value)
+        elif each == "dim":
+            checks.integer(f"{where}.dim", value, 1, _LONGEST)
+        else:
+            array = _numbers(f"{where}.{each}", value)
+            if array.ndim > 2 or max(array.shape, default=0) > _LONGEST:
+                raise ValueError(
+                    f"{where}.{each} has shape {array.shape}: must be a number, a vector or a "
+                    f"matrix with at most {_LONGEST} entries a side"
+                )
+
+
+def _numbers(where: str, value: Any) -> Floats:
+    """Converts a value of a file to an array of numbers, which may be infinite but not NaN."""
+    array = checks.numbers(where, value)
+    if array.size == 0 or np.isnan(array).any():
+        raise ValueError(f"{where} = {checks.shown(value)}: must be numbers, and none of them NaN")
+    return array

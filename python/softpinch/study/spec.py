@@ -1,25 +1,36 @@
 """`StudySpec`, the checked description of a study.
 
 All parts of the package use it: `monte_carlo` makes it from its arguments, study files and
-manifests are converted to it and from it, `Study.resume` and `Study.extend` make it from the
-manifest, and workers receive its `setup`.
+manifests are converted to it and from it, and workers and results have it without the sources.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Self
 
-from ..run.options import NUMERICS, Options
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .. import _core
+from ..run.options import MOST_STEPS, NUMERICS, Options, names
+from ..run.request import Request
+from ..run.run import Run
 from ..scene.scene import Scene
+from ..scene.template import SceneTemplate
 from ..support import checks
-from .rows import checked_event
-from .sampling import Plan, count_runs
-from .setup import Setup
+from ..support.arrays import Floats
+from ..support.choices import Recordable
+from ..support.record import plain
+from .rows import Numbers, Rows, Schema, checked_event
+from .sampling import Plan, paths_of
 from .sources import Key
 
+SUMMARIES = ("final_state", *_core.SUMMARIES)
+# Which rows of trajectories are kept, and which quantities.
+RECORDING = ("record", "every", "times")
 # The names in the table `study` of `StudySpec.to_dict`.
 SETTINGS = (
     "runs",
@@ -32,6 +43,7 @@ SETTINGS = (
     "stop_when",
     "check_dt",
     "trajectories",
+    *RECORDING,
 )
 
 
@@ -42,22 +54,28 @@ class StudySpec:
     The executor that computes the runs, and the storage of their rows, are not part of it.
 
     Attributes:
-        setup: The part that all runs share: scene, varied paths, seed, options, summaries.
-        vary: Path, or paths that are drawn together -> array, distribution or function.
-        runs: The number of runs.
-        sampler: How numbers are drawn.
+        scene: The scene that all runs share, apart from the varied values.
+        plan: The draws of the varied values, with the number of runs, the seed and the sampler.
+        options: Numerical options of every run.
+        summaries: Names of the summaries to compute.
+        after: Instant from which summaries are computed, s; minus infinity is the start.
+        band: Speed of the faces below which the object counts as settled, m/s.
         stop_when: Event -> half width of its interval below which no more runs are computed.
         check_dt: Whether some runs are computed again with smaller steps.
         trajectories: The runs whose trajectories are recorded.
+        recording: The options of these trajectories: `options`, and `RECORDING`.
     """
 
-    setup: Setup
-    vary: Mapping[Key, Any]
-    runs: int
-    sampler: str
+    scene: Scene
+    plan: Plan
+    options: Options
+    summaries: tuple[str, ...]
+    after: float
+    band: float
     stop_when: Mapping[str, float]
     check_dt: bool
     trajectories: tuple[int, ...]
+    recording: Options
 
     @classmethod
     def checked(
@@ -75,59 +93,65 @@ class StudySpec:
         stop_when: Mapping[str, float] | None = None,
         check_dt: bool = False,
         trajectories: Sequence[int] = (),
+        record: Recordable | Sequence[Recordable] = _core.RECORDABLE,
+        every: int = 1,
+        times: ArrayLike | None = None,
     ) -> Self:
-        """Checks the arguments of `monte_carlo` that describe a study.
-
-        Args:
-            scene: The scene that all runs share, apart from the varied values.
-            options: The numerical options of every run.
-            runs: As for `monte_carlo`, like all following arguments.
-            seed: Seed of the draws and of held noise.
-            vary: The varied paths, and the sources of their values.
-            summaries: Names of the summaries to compute.
-            summaries_after: Instant from which summaries are computed, s.
-            settling_band: Speed below which the object counts as settled, m/s.
-            sampler: How numbers are drawn.
-            stop_when: Event -> half width.
-            check_dt: Whether to estimate the error due to the steps.
-            trajectories: Runs whose trajectories to record.
-
-        Raises:
-            ValueError: An argument breaks its rule.
-            TypeError: An argument is of the wrong kind.
-        """
+        """Checks the arguments of `monte_carlo` that describe a study; errors are those there."""
         checks.instance("scene", scene, Scene)
         vary = {} if vary is None else vary
-        if not isinstance(vary, Mapping):
-            raise TypeError(
-                f"vary = {checks.shown(vary)}: must map paths to arrays, distributions or functions"
-            )
-        runs = count_runs(vary, runs)
-        setup = Setup.checked(
-            scene,
-            [path for key in vary for path in ((key,) if isinstance(key, str) else key)],
-            seed,
-            options,
-            summaries=summaries,
-            summaries_after=summaries_after,
-            settling_band=settling_band,
-        )
+        paths = [path for several in paths_of(vary).values() for path in several]
+        seed = checks.integer("seed", seed, 0, 2**64 - 1)
+        shapes = SceneTemplate(scene, paths, seed).shapes
+        plan = Plan(vary, runs, seed, sampler, shapes=shapes)
+        after = summaries_after
         spec = cls(
-            setup=setup,
-            vary=vary,
-            runs=runs,
-            sampler=sampler,
-            stop_when=_stop_when(stop_when, sampler, scene, setup.shapes),
+            scene=scene,
+            plan=plan,
+            options=options,
+            summaries=names("summaries", summaries, SUMMARIES),
+            after=-np.inf if after is None else checks.finite("summaries_after", after),
+            band=checks.positive("settling_band", settling_band),
+            stop_when=_stop_when(stop_when, sampler, scene, shapes),
             check_dt=checks.boolean("check_dt", check_dt),
-            trajectories=_trajectories(trajectories, runs),
+            trajectories=_trajectories(trajectories, plan.runs),
+            recording=Options.checked(
+                **options.numerics(), record=record, every=every, times=times
+            ),
         )
-        spec.plan  # noqa: B018, it checks `vary` and the sampler
+        if spec._recorded() and not spec.trajectories:
+            given = " and ".join(spec._recorded())
+            raise ValueError(f"{given}: for the runs in trajectories, and there are none")
         return spec
 
+    @property
+    def shapes(self) -> Mapping[str, tuple[int, ...]]:
+        """Path -> shape of the varied value of one run."""
+        return self.plan.shapes
+
+    @property
+    def refined(self) -> int:
+        """Factor by which `check_dt` reduces the steps or the tolerance."""
+        return 2 if self.options.tolerance is None else 10
+
     @cached_property
-    def plan(self) -> Plan:
-        """The draws of the varied values."""
-        return Plan(self.vary, self.runs, self.setup.seed, self.sampler, shapes=self.setup.shapes)
+    def varied(self) -> SceneTemplate:
+        """The template that takes the varied values."""
+        return SceneTemplate(self.scene, self.shapes, self.plan.seed)
+
+    @cached_property
+    def schema(self) -> Schema:
+        """The columns of the study's results."""
+        return Schema(self.summaries, self.shapes, self.scene.law)
+
+    def described(self) -> Self:
+        """The description for workers and results, which have the values and draw none."""
+        plan = self.plan.described()
+        return self if plan is self.plan else replace(self, plan=plan)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Without the cached properties, which workers compute again.
+        return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def to_dict(self) -> dict[str, Any]:
         """Converts to plain data: the tables `study`, `vary` and `scene` of a study file.
@@ -135,18 +159,84 @@ class StudySpec:
         For arrays it has only the shape, and for functions only the name.
         """
         settings = {
-            "runs": self.runs,
-            "sampler": self.sampler,
-            **self.setup.to_dict(),
+            "runs": self.plan.runs,
+            "sampler": self.plan.sampler,
+            "seed": self.plan.seed,
+            **self.options.to_dict(),
+            "summaries": list(self.summaries),
+            "summaries_after": self.after if np.isfinite(self.after) else None,
+            "settling_band": self.band,
             "stop_when": dict(self.stop_when) or None,
             "check_dt": self.check_dt,
             "trajectories": sorted(self.trajectories) or None,
+            **self._recorded(),
         }
         return {
             "study": {name: value for name, value in settings.items() if value is not None},
             "vary": self.plan.describe()["vary"],
-            "scene": self.setup.scene.to_dict(),
+            "scene": self.scene.to_dict(),
         }
+
+    def _recorded(self) -> dict[str, Any]:
+        """The settings in `RECORDING` that are not the default, as plain data."""
+        given = {name: plain(getattr(self.recording, name)) for name in RECORDING}
+        default = {"record": list(_core.RECORDABLE), "every": 1, "times": None}
+        return {name: value for name, value in given.items() if value != default[name]}
+
+    def replay(
+        self,
+        run: int,
+        values: Mapping[str, Any],
+        record: Sequence[Recordable] = _core.RECORDABLE,
+        every: int = 1,
+        times: ArrayLike | None = None,
+    ) -> Run:
+        """Simulates one run again, with the same bits; `values` are its varied values.
+
+        Those of `times` that are outside the run's duration are left out.
+        """
+        scene = self.varied.at(values, run)
+        if times is not None:
+            times, start = checks.times("times", times), scene.start().time
+            inside = times[(times >= start) & (times <= start + scene.duration)]
+            # The end of the run, if none is inside.
+            times = inside if len(inside) else [start + scene.duration]
+        options = Options.checked(
+            **self.options.numerics(),
+            record=record,
+            every=every,
+            times=times,
+            summaries_after=self.after if np.isfinite(self.after) else None,
+        )
+        return Run(scene, options, Request(scene, options).compute())
+
+    def batch(self, numbers: Numbers, values: Mapping[str, Floats], refine: int = 1) -> _core.Batch:
+        """The core's batch of some runs, with steps or tolerance smaller by the factor `refine`.
+
+        The largest number of steps grows by this factor, which is enough for a smaller tolerance.
+        """
+        o = self.options
+        return self.varied.batch(
+            values,
+            numbers,
+            dt=None if o.dt is None else o.dt / refine,
+            tolerance=None if o.tolerance is None else o.tolerance / refine,
+            method=o.method,
+            formulation=o.formulation,
+            alpha=o.stabilization.alpha,
+            beta=o.stabilization.beta,
+            summaries=[name for name in self.summaries if name != "final_state"],
+            after=self.after,
+            band=self.band,
+            stop_on=list(o.stop_on),
+            max_steps=min(o.max_steps * refine, MOST_STEPS),
+        )
+
+    def empty(self) -> Rows:
+        """Rows without runs."""
+        columns = self.schema.empty()
+        del columns["failure_time"]  # computed from the other columns
+        return Rows(columns=columns)
 
 
 def _trajectories(trajectories: Sequence[int], runs: int) -> tuple[int, ...]:

@@ -15,7 +15,9 @@ seed = 7
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import hashlib
+import os
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,20 +29,20 @@ from ..run.options import NUMERICS, Options, in_place
 from ..scene.scene import Scene
 from ..scene.template import SceneTemplate
 from ..support import checks, toml
-from ..support.interrupt import by_handler
-from . import scipy_names
-from .array_files import load
+from ..support.arrays import Floats
+from ..support.files import one_line
 from .distributions import Distribution
-from .sampling import MOST_RUNS, Plan
-from .setup import SUMMARIES
-from .sources import Key
-from .spec import SETTINGS, StudySpec
+from .sampling import MOST_RUNS, Plan, paths_of
+from .sources import Key, frozen_distribution
+from .spec import SETTINGS, SUMMARIES, StudySpec
 
 # The last three occur only in manifests, which are study files too.
 _TOP = ("scene", "paper", "study", "vary", "format", "sha256", "made_by")
 # The number of runs if neither the file nor an array determines it.
 _RUNS = 1000
 _SCENE = {f.name for f in fields(Scene)}
+# The first bytes of a NumPy file.
+_MAGIC = b"\x93NUMPY"
 
 
 def read(path: Path, **changes: Any) -> StudySpec:
@@ -100,8 +102,7 @@ def parse(data: Mapping[str, Any], path: Path) -> StudyFile:
         if "seed" in own:
             checks.integer("[study].seed", own["seed"], 0, 2**64 - 1)
         scene = scene_of(data, path.parent)
-        vary = _vary(data.get("vary", {}), scene, path.parent)
-        return StudyFile(scene, vary, own)
+        return StudyFile(scene, _vary(data.get("vary", {}), scene, path.parent), own)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from None
 
@@ -156,86 +157,88 @@ def _vary(data: Any, scene: Scene, beside: Path) -> dict[Key, Any]:
         )
     result: dict[Key, Any] = {}
     for name, value in data.items():
-        if isinstance(value, Mapping) and "kind" not in value:
-            # TOML reads a dotted path without quotes as nested tables.
-            raise ValueError(
-                f'[vary].{name}: must be one path in quotes, such as "grasped.mass", and a '
-                'distribution with a "kind"'
-            )
         paths = tuple(part.strip() for part in name.split(","))
-        where = f'[vary]."{name}"'
-        key = paths[0] if len(paths) == 1 else paths
-        kind = value["kind"] if isinstance(value, Mapping) else "numbers"
-        read: Callable[[str, Any, Path], Any] = _distribution
-        if isinstance(kind, str):
-            read = _KINDS.get(kind, read)
-        result[key] = read(where, value, beside)
-    every = [path for key in result for path in ((key,) if isinstance(key, str) else key)]
+        result[paths[0] if len(paths) == 1 else paths] = _entry(name, value, beside)
+    every = [path for paths in paths_of(result).values() for path in paths]
     shapes = SceneTemplate(scene, every, seed=0).shapes
     drawn = {key: value for key, value in result.items() if not isinstance(value, np.ndarray)}
-    Plan(drawn, 1, shapes=shapes)
+    Plan(drawn, 1, shapes=shapes)  # refuses draws of a wrong shape
     return result
 
 
-def _distribution(where: str, value: Any, beside: Path) -> Distribution:
+def _entry(name: str, value: Any, beside: Path) -> Any:
+    """Parses an entry of `[vary]`; the `kind` of a table selects from a closed list."""
+    where = f'[vary]."{name}"'
+    if not isinstance(value, Mapping):
+        if not isinstance(value, list) or not value:
+            raise TypeError(
+                f"{where} = {checks.shown(value)}: must be a distribution, {{kind = ...}}, or an "
+                "array with one entry a run"
+            )
+        return checks.numbers(where, value)
+    if "kind" not in value:
+        # TOML reads a dotted path without quotes as nested tables.
+        raise ValueError(
+            f'[vary].{name}: must be one path in quotes, such as "grasped.mass", and a '
+            'distribution with a "kind"'
+        )
+    if value["kind"] == "array":
+        return _array(where, value, beside)
+    if value["kind"] == "scipy":
+        return frozen_distribution(where, value)
+    if value["kind"] == "function":
+        raise ValueError(
+            f"{where}: is the function or distribution {value.get('function')}, which cannot be "
+            "written to a file: call monte_carlo again with all of its arguments"
+        )
     return Distribution._parse(value, where)
 
 
-def _numbers(where: str, value: Any, beside: Path) -> Any:
-    if not isinstance(value, list) or not value:
-        raise TypeError(
-            f"{where} = {checks.shown(value)}: must be a distribution, {{kind = ...}}, or an "
-            "array with one entry a run"
-        )
-    try:
-        return checks.numbers(where, value)
-    except TypeError:
-        raise TypeError(f"{where}: must hold numbers, equally many for each run") from None
-
-
-def _array(where: str, value: Mapping[str, Any], beside: Path) -> Any:
+def _array(where: str, value: Mapping[str, Any], beside: Path) -> Floats:
     """Reads an array from its own file, as named in a manifest."""
     checks.refuse_unknown(where, value, ("kind", "shape", "file", "sha256"), "")
     for name in ("file", "sha256"):
         if not isinstance(value.get(name), str):
             raise ValueError(f"{where}: {name} is missing, or no text")
     path = beside / checks.path(f"{where}: file", value["file"], "the name of a file")
+    shown = checks.shown(value["file"])
     # Studies write arrays only into their folder. A path elsewhere could be a device or a pipe, and
     # reading it might never end.
+    if not path.resolve().is_relative_to(beside.resolve()):
+        raise ValueError(f"{where}: file = {shown}: must be in the folder {beside}")
     try:
-        below = path.resolve().is_relative_to(beside.resolve())
-    except (OSError, RuntimeError) as error:
-        if by_handler(error):
-            raise
-        below = False  # a cycle of symbolic links
-    if not below:
-        raise ValueError(
-            f"{where}: file = {checks.shown(value['file'])}: must be in the folder {beside}"
-        )
-    try:
-        return load(path, value["sha256"])
+        return load_array(path, value["sha256"])
     except ValueError as error:
-        shown = checks.shown(value["file"])
         raise ValueError(f"{where}: file = {shown}: {error}") from None
 
 
-def _frozen(where: str, value: Mapping[str, Any], beside: Path) -> Any:
-    """Makes a frozen SciPy distribution from the description by `Plan.describe`."""
-    checks.refuse_unknown(where, value, ("kind", "name", "args", "kwds"), "")
-    return scipy_names.frozen(where, value)
+def checksum(array: Floats) -> str:
+    """SHA-256 of an array's numbers."""
+    return hashlib.sha256(np.ascontiguousarray(array).data).hexdigest()
 
 
-def _function(where: str, value: Mapping[str, Any], beside: Path) -> Any:
-    raise ValueError(
-        f"{where}: is the function or distribution {value.get('function')}, which cannot be "
-        "written to a file: call monte_carlo again with all of its arguments"
-    )
+def load_array(file: Path, sha256: str) -> Floats:
+    """Opens the array in a NumPy file as a memory map, and verifies its checksum.
 
-
-# Kinds of entries in the table `vary` of a manifest, besides distributions.
-_KINDS: dict[str, Callable[[str, Any, Path], Any]] = {
-    "numbers": _numbers,
-    "array": _array,
-    "scipy": _frozen,
-    "function": _function,
-}
+    Raises:
+        ValueError: The file is missing, is not an array of floats, or has another checksum. The
+            message continues a sentence that begins with the file's name.
+    """
+    if not file.is_file():
+        raise ValueError("is not a file" if os.path.lexists(file) else "is missing")
+    try:
+        with file.open("rb") as stream:
+            # NumPy would try to load other files as archives or pickles.
+            if stream.read(len(_MAGIC)) != _MAGIC:
+                raise ValueError("it is not a NumPy file")
+        # Ignore warnings: the size of a damaged shape may overflow 64 bits.
+        with np.errstate(all="ignore"):
+            array: Floats = np.load(file, mmap_mode="r", allow_pickle=False)
+    # For damaged bytes NumPy raises errors of many types, OSError among them.
+    except Exception as error:
+        raise ValueError(f"is damaged: {one_line(error)}") from None
+    if array.dtype != np.float64 or not array.ndim:
+        raise ValueError("has been altered: its shape or type is not one that a study writes")
+    if checksum(array) != sha256:
+        raise ValueError("has been altered: its checksum differs")
+    return array

@@ -1,8 +1,8 @@
 """Utilities that every other room imports. They know nothing about grasps or studies.
 
-Values: `checks` (arguments), `record`, `kinds` and `result` (frozen dataclasses), `arrays`,
-`suggest` ("did you mean"). Files: `toml`, `table` (CSV and NPZ), `files`, `disk` (atomic writes),
-`formats` (figures). The process: `errors`, `extras` (optional imports), `interrupt` (signals) and
+Values: `checks` (arguments), `record` and `result` (frozen dataclasses), `arrays`, `choices`,
+`display`, `suggest` ("did you mean"). Files: `toml`, `table` (CSV and NPZ), `files` (atomic
+writes). The process: `errors`, `extras` (imports at the point of use), `interrupt` (Ctrl-C) and
 `progress`. No module here imports from another room.
 """
 

@@ -16,15 +16,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from .arrays import Floats, read_only
 
 # NumPy dtype kinds that can hold real numbers: integers, floats, and objects such as fractions.
 _NUMBERS = "iufO"
-_MOST_AXES = 31
-
-
 # A name out of a table; a literal type where the table has one.
 Name = TypeVar("Name", bound=str)
 
@@ -32,10 +29,8 @@ Name = TypeVar("Name", bound=str)
 def number(name: str, value: object) -> float:
     """Converts any kind of real number to a float, which may be infinite or NaN.
 
-    Raises:
-        TypeError: The value is not a real number. Text is refused although float() accepts it,
-            because a quoted number in a scene file is a mistake.
-        ValueError: The value is an integer too large for a float.
+    Text is refused although float() accepts it, because a quoted number in a scene file is a
+    mistake.
     """
     try:
         given = read(name, value)
@@ -48,36 +43,36 @@ def number(name: str, value: object) -> float:
     raise TypeError(f"{name} = {shown(value)}: must be a number")
 
 
+def _number_that(name: str, value: object, holds: Callable[[float], bool], rule: str) -> float:
+    result = number(name, value)
+    if not holds(result):
+        raise ValueError(f"{name} = {result}: {rule}")
+    return result
+
+
 def finite(name: str, value: object) -> float:
     """Converts a finite number to a float."""
-    result = number(name, value)
-    if not np.isfinite(result):
-        raise ValueError(f"{name} = {result}: must be finite")
-    return result
+    return _number_that(name, value, math.isfinite, "must be finite")
 
 
 def positive(name: str, value: object) -> float:
     """Converts a finite number above zero to a float."""
-    result = number(name, value)
-    if not (np.isfinite(result) and result > 0):
-        raise ValueError(f"{name} = {result}: must be finite and > 0")
-    return result
+    return _number_that(name, value, lambda x: 0.0 < x < math.inf, "must be finite and > 0")
 
 
 def non_negative(name: str, value: object) -> float:
     """Converts a finite number of zero or more to a float."""
-    result = number(name, value)
-    if not (np.isfinite(result) and result >= 0):
-        raise ValueError(f"{name} = {result}: must be finite and >= 0")
-    return result
+    return _number_that(name, value, lambda x: 0.0 <= x < math.inf, "must be finite and >= 0")
 
 
 def not_nan(name: str, value: object) -> float:
     """Converts a number that may be infinite, but not NaN, to a float."""
-    result = number(name, value)
-    if math.isnan(result):
-        raise ValueError(f"{name} = {result}: must not be NaN")
-    return result
+    return _number_that(name, value, lambda x: not math.isnan(x), "must not be NaN")
+
+
+def share(name: str, value: object) -> float:
+    """Converts a number strictly between 0 and 1 to a float."""
+    return _number_that(name, value, lambda x: 0.0 < x < 1.0, "must be above 0 and below 1")
 
 
 def integer(name: str, value: object, least: int | None = None, most: int | None = None) -> int:
@@ -122,14 +117,6 @@ def boolean(name: str, value: object) -> bool:
     return bool(value)
 
 
-def share(name: str, value: object) -> float:
-    """Converts a number strictly between 0 and 1 to a float."""
-    result = finite(name, value)
-    if not 0.0 < result < 1.0:
-        raise ValueError(f"{name} = {result}: must be above 0 and below 1")
-    return result
-
-
 def function(name: str, value: object) -> None:
     """Refuses a value that is not callable."""
     if not callable(value):
@@ -139,9 +126,7 @@ def function(name: str, value: object) -> None:
 def read(name: str, value: object) -> NDArray[Any]:
     """Converts a user's value to an array of any dtype. Every array argument passes through here.
 
-    Raises:
-        TypeError: The value is a masked array. NumPy would drop the mask and use hidden entries.
-        ValueError: The value is ragged.
+    Masked arrays are refused: NumPy would drop the mask and use hidden entries.
     """
     parts = value if isinstance(value, list | tuple) else ()
     if any(isinstance(each, np.ma.MaskedArray) for each in (value, *parts)):
@@ -155,10 +140,7 @@ def read(name: str, value: object) -> NDArray[Any]:
 def numbers(name: str, value: object) -> Floats:
     """Converts real numbers to a float64 array. Infinity and NaN pass; float64 input is not copied.
 
-    Raises:
-        TypeError: An entry is not a real number. In object arrays None and text are refused,
-            because NumPy would convert None to NaN and text to numbers.
-        ValueError: The value is ragged, or holds an integer too large for a float.
+    In object arrays None and text are refused: NumPy would make NaN and numbers of them.
     """
     given = read(name, value)
     kind = given.dtype.kind
@@ -181,10 +163,6 @@ def array(name: str, value: object, shape: tuple[int | str, ...], meaning: str =
 
     A letter in `shape` allows any length above 0 along that axis. `meaning` says in the error what
     the axes are.
-
-    Raises:
-        TypeError: An entry is not a real number.
-        ValueError: The shape differs, or a number is not finite.
     """
     wanted = "(" + ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "") + ")"
     given = numbers(name, value)
@@ -193,6 +171,7 @@ def array(name: str, value: object, shape: tuple[int | str, ...], meaning: str =
         for length, asked in zip(given.shape, shape, strict=True)
     ):
         rule = f"must have shape {wanted}{meaning and ', '}{meaning}"
+        rule += " and must not be empty" if 0 in given.shape else ""
         raise ValueError(f"{name} has shape {given.shape}: {rule}")
     result = np.array(given)
     require_finite(name, result)
@@ -204,20 +183,12 @@ def number_or_array(
 ) -> float | Floats:
     """Applies `check` to a number, or to each entry of an array and returns a read-only array."""
     given = read(name, value)
-    require_few_axes(name, given)
     if given.ndim == 0:
         return check(name, value)
     if given.size == 0:
         raise ValueError(f"{name} has shape {given.shape}: must not be empty")
     each = [check(f"{name}{list(index)}", given[index]) for index in np.ndindex(given.shape)]
     return read_only(np.array(each).reshape(given.shape))
-
-
-def require_few_axes(name: str, values: ArrayLike) -> None:
-    """Refuses more axes than NumPy can broadcast: 32, and a study's draws need one for the runs."""
-    axes = np.ndim(values)
-    if axes > _MOST_AXES:
-        raise ValueError(f"{name} has {axes} axes: must have at most {_MOST_AXES}")
 
 
 def require_finite(name: str, values: Floats) -> None:
@@ -227,27 +198,20 @@ def require_finite(name: str, values: Floats) -> None:
         raise ValueError(f"{name}{list(where) or ''} = {values[where]}: must be finite")
 
 
-def times(name: str, value: object) -> Floats:
-    """Converts finite, strictly increasing times (k,), s, to a read-only array."""
-    result = array(name, value, ("k",))
-    late = np.flatnonzero(result[1:] <= result[:-1])
-    if late.size:
-        k = int(late[0]) + 1
-        raise ValueError(
-            f"{name}[{k}] = {result[k]}: must be greater than the time before it, {result[k - 1]}"
-        )
-    return result
-
-
-def increasing(name: str, value: object) -> Floats:
+def increasing(name: str, value: object, what: str = "value") -> Floats:
     """Converts finite, strictly increasing numbers (k,) to a read-only array."""
     result = array(name, value, ("k",))
     late = np.flatnonzero(result[1:] <= result[:-1])
     if late.size:
         k = int(late[0]) + 1
-        rule = f"must be greater than the value before it, {result[k - 1]}"
+        rule = f"must be greater than the {what} before it, {result[k - 1]}"
         raise ValueError(f"{name}[{k}] = {result[k]}: {rule}")
     return result
+
+
+def times(name: str, value: object) -> Floats:
+    """Converts finite, strictly increasing times (k,), s, to a read-only array."""
+    return increasing(name, value, "time")
 
 
 def same_length(name: str, values: Floats, other: str, length: int) -> None:
@@ -271,45 +235,20 @@ _repr.maxstring = _repr.maxother = _repr.maxlong = 60
 
 def shown(value: object) -> str:
     """Returns a short text for a value of any size, on one line, for an error message."""
-    if isinstance(value, int) and value.bit_length() > 3000:
-        # Python refuses to convert an integer of thousands of digits to text.
-        return f"<integer of {value.bit_length()} bits>"
-    try:
-        text = _repr.repr(value)
-        return " ".join(text.split()) if "\n" in text else text
-    except Exception:  # the repr of a user's class may fail; the original error matters more
-        return f"<{type(value).__name__}>"
-
-
-def printable(name: str) -> str:
-    """Returns a name from a file for an error message: one line, short, no control characters."""
-    name = name if len(name) <= 60 else f"{name[:57]}..."
-    return name if name.isprintable() else repr(name)
+    return " ".join(_repr.repr(value).split())
 
 
 def path(name: str, value: object, what: str = "a path") -> Path:
     """Converts text or an `os.PathLike` of text to a `pathlib.Path`.
 
     `what` completes the message "must be ...".
-
-    Raises:
-        TypeError: The value is neither text nor an `os.PathLike` of text.
-        ValueError: The path is empty, above 4096 characters, or has a character that paths forbid.
     """
     text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(text, str):
         raise TypeError(f"{name} = {shown(value)}: must be {what}, as text or an os.PathLike")
-    if len(text) > 4096:
-        raise ValueError(f"{name} has {len(text)} characters: no path has more than 4096")
     if not text:
         # pathlib would read an empty path as the current folder.
         raise ValueError(f"{name} is empty: must be {what}")
-    try:
-        possible = b"\0" not in os.fsencode(text)
-    except UnicodeEncodeError:
-        possible = False
-    if not possible:
-        raise ValueError(f"{name} = {shown(text)}: must be {what}; no path has such a character")
     return Path(text)
 
 
@@ -341,8 +280,6 @@ def quoted(names: Iterable[str]) -> str:
 
 def hint(name: str, allowed: Iterable[str]) -> str:
     """Returns '; did you mean "..."?' if an allowed name is close, otherwise an empty text."""
-    if len(name) > 100:  # too long for a typing error, and slow to compare
-        return ""
     import difflib  # only an error needs it
 
     close = difflib.get_close_matches(name, list(allowed), n=1, cutoff=0.5)
@@ -369,21 +306,13 @@ def refuse_unknown(
         raise TypeError(f"{owner}{at(path)} = {shown(data)}: must be a table")
     allowed = tuple(allowed)
     for name in data:
-        if not isinstance(name, str):
-            raise TypeError(f"{owner}{at(path)}: {shown(name)}: names must be text")
         if name not in allowed:
+            from . import suggest  # only an error needs it
+
+            close = suggest.hint(name, cls, path) if cls else hint(name, allowed)
             raise ValueError(
-                f"{owner}.{printable(name)}{at(path)}: unknown name; must be one of "
-                f"{quoted(allowed)}{_hint_of(name, allowed, path, cls)}"
+                f"{owner}.{name}{at(path)}: unknown name; must be one of {quoted(allowed)}{close}"
             )
-
-
-def _hint_of(name: str, allowed: Iterable[str], path: str, cls: type[Any] | None) -> str:
-    if cls is None:
-        return hint(name, allowed)
-    from . import suggest  # only an error needs it
-
-    return suggest.hint(name, cls, path)
 
 
 def at(path: str) -> str:

@@ -1,4 +1,4 @@
-"""How objects show themselves: at most ten lines of text in a terminal, tables in a notebook."""
+"""Text of objects for a terminal, at most ten lines, and tables for a notebook."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 # A terminal shows a title and at most so many lines below it.
 _LINES = 8
 _LINE = 100
-_STYLE = "text-align:left;padding:0.1em 0.8em 0.1em 0;vertical-align:top"
+_STYLE = 'style="text-align:left;padding:0.1em 0.8em 0.1em 0;vertical-align:top"'
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class ShownTable:
 
     Attributes:
         columns: The header of each column, with its unit.
-        rows: Rows with one entry for each column; `short` makes text of what is no text.
+        rows: Rows with one entry for each column; `short` formats entries other than text.
         caption: A line above the table; empty for none.
         folded: Whether the table is hidden until a reader clicks on its caption.
     """
@@ -35,23 +35,30 @@ class ShownTable:
     def html(self) -> str:
         """The table as HTML, with all text escaped."""
         caption = html.escape(self.caption)
-        lines = [f"<caption {_styled()}>{caption}</caption>" if caption and not self.folded else ""]
+        lines = [f"<caption {_STYLE}>{caption}</caption>" if caption and not self.folded else ""]
         lines += [_row("th", self.columns), *(_row("td", row) for row in self.rows)]
         table = f"<table>{''.join(lines)}</table>"
         return f"<details><summary>{caption}</summary>{table}</details>" if self.folded else table
 
-
-def _styled() -> str:
-    return f'style="{_STYLE}"'
+    def text(self) -> str:
+        """The table as at most ten lines of text, without its caption."""
+        rows = [self.columns, *(tuple(map(short, row)) for row in self.rows[:_LINES])]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = [
+            "  ".join(f"{entry:{width}}" for entry, width in zip(row, widths, strict=True)).rstrip()
+            for row in rows
+        ]
+        more = len(self.rows) - _LINES
+        return "\n".join([*lines, f"and {more} more"] if more > 0 else lines)
 
 
 def _row(kind: str, entries: Iterable[Any]) -> str:
-    cells = (f"<{kind} {_styled()}>{html.escape(short(entry))}</{kind}>" for entry in entries)
+    cells = (f"<{kind} {_STYLE}>{html.escape(short(entry))}</{kind}>" for entry in entries)
     return f"<tr>{''.join(cells)}</tr>"
 
 
 class Shown:
-    """Base class of what a notebook shows as its `repr` with tables below.
+    """Base class of objects that notebooks show as their `repr` and tables.
 
     A class says what it shows by `_tables`, and by `_picture` where it has one.
     """
@@ -105,10 +112,8 @@ def short(value: Any) -> str:
         return _cut(" ".join(str(value).split()), 500)
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
-    if isinstance(value, float | np.floating):
-        return f"{value:.5g}"
-    if isinstance(value, complex | np.complexfloating):
-        return f"{value:.4g}"
+    if isinstance(value, float | complex | np.inexact):
+        return f"{value:.6g}"
     if isinstance(value, np.ndarray):
         return _array(value)
     if isinstance(value, Mapping):

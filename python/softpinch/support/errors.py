@@ -24,7 +24,7 @@ class NotRecordedError(AttributeError):
 
 
 class LostRunsWarning(UserWarning):
-    """Some runs could not be computed, because their workers failed repeatedly."""
+    """Runs are missing: their workers failed repeatedly, or a study's folder lacks their rows."""
 
 
 class StoreError(OSError):

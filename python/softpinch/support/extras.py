@@ -1,20 +1,11 @@
-"""Imports at the point of use; a missing optional dependency names the extra to install."""
+"""Imports at the point of use: optional dependencies, and the public names of a package."""
 
 from __future__ import annotations
 
 import importlib
-import sys
+from collections.abc import Callable, Mapping, Sequence
 from types import ModuleType
-
-from .interrupt import handlers_waiting
-
-
-def load(module: str) -> ModuleType:
-    """Imports a module, and defers signal handlers until the import is done."""
-    if module in sys.modules:
-        return importlib.import_module(module)
-    with handlers_waiting():
-        return importlib.import_module(module)
+from typing import Any
 
 
 def require(module: str, *, extra: str, purpose: str = "") -> ModuleType:
@@ -24,12 +15,9 @@ def require(module: str, *, extra: str, purpose: str = "") -> ModuleType:
         module: The module's name, such as "matplotlib" or "hypothesis.strategies".
         extra: The extra in softpinch's pyproject.toml that installs the module.
         purpose: The feature that needs the module, for the message; empty means the module's name.
-
-    Raises:
-        ImportError: The module is not installed; the message says how to install it.
     """
     try:
-        return load(module)
+        return importlib.import_module(module)
     except ModuleNotFoundError as error:
         # An installed module that lacks a dependency of its own should report that one.
         if error.name is None or error.name != module.split(".")[0]:
@@ -38,3 +26,21 @@ def require(module: str, *, extra: str, purpose: str = "") -> ModuleType:
             f"softpinch's extra {extra} is needed for {purpose or module}: "
             f"pip install '.[{extra}]' in a checkout"
         ) from None
+
+
+def lazily(package: str, modules: Mapping[str, Sequence[str]]) -> Callable[[str], Any]:
+    """Makes the `__getattr__` of a package whose names are imported when they are asked for.
+
+    Args:
+        package: Its `__name__`.
+        modules: Module in it -> names in that; the module's own name stands for the module itself.
+    """
+    places = {name: module for module, names in modules.items() for name in names}
+
+    def find(name: str) -> Any:
+        if name not in places:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        module = importlib.import_module(f"{package}.{places[name]}")
+        return module if name == places[name] else getattr(module, name)
+
+    return find

@@ -1,20 +1,24 @@
-"""Helpers for file access: non-blocking opening, and write errors that name the file."""
+"""Writing files: atomically, or with errors that name the file; and the formats of figures."""
 
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+if sys.platform == "darwin":
+    import fcntl
+
+FORMATS = ("png", "pdf", "svg")
+# The suffix of a file that is still being written.
+PARTIAL = ".partial"
 
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Adds the file's name to system errors that lack it, such as a full disk during `write`.
-
-    Raises:
-        OSError: The error raised inside the block, with the file's name.
-    """
+    """Adds the file's name to system errors that lack it, such as a full disk during `write`."""
     try:
         yield
     except OSError as error:
@@ -23,6 +27,52 @@ def writing(path: Path) -> Iterator[None]:
         raise OSError(error.errno, error.strerror, str(path)) from error
 
 
-def without_waiting(path: str, flags: int) -> int:
-    """An `opener` for `open` which does not block on a named pipe without a writer."""
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+def write_whole(path: Path, data: memoryview | bytes) -> None:
+    """Writes a file so that a crash at any moment leaves either its old or its new content.
+
+    The data go to a hidden file in the same folder, which is flushed to the disk and renamed; then
+    the folder is flushed.
+    """
+    partial = path.with_name(f".{path.name}{PARTIAL}")
+    try:
+        partial.unlink(missing_ok=True)
+        with partial.open("xb") as file:
+            file.write(data)
+            file.flush()
+            _flush(file.fileno())
+        os.replace(partial, path)
+        flush_folder(path.parent)
+    except OSError:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+        raise
+
+
+def flush_folder(folder: Path) -> None:
+    """Flushes a folder's entries to the disk, so that a rename survives a power failure."""
+    if os.name == "nt":  # Windows cannot flush a folder
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        _flush(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _flush(descriptor: int) -> None:
+    """Flushes written data to the disk, and on macOS also the disk's own cache."""
+    if sys.platform == "darwin":
+        with suppress(OSError):  # not every file system supports it
+            fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)
+            return
+    os.fsync(descriptor)
+
+
+def visible(folder: Path) -> list[str]:
+    """Returns the sorted names in a folder without hidden files, which desktops leave behind."""
+    return sorted(name for name in os.listdir(folder) if not name.startswith("."))
+
+
+def one_line(error: Exception) -> str:
+    """Returns an error's text without line breaks, or the error's type if it has no text."""
+    return " ".join(str(error).split()) or type(error).__name__

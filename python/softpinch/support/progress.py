@@ -26,9 +26,6 @@ def reporting(progress: bool | Report, what: str, each: str = "runs") -> Iterato
             installed. False draws nothing. A function is used as it is.
         what: The label of the bar.
         each: The name of what is counted, for the rate.
-
-    Raises:
-        TypeError: `progress` is neither a boolean nor a function.
     """
     if callable(progress):
         yield progress

@@ -13,13 +13,15 @@ import numpy as np
 
 from .. import _core
 from .arrays import Floats
-from .checks import at, below, number, quoted, refuse_unknown, shown
-from .display import Shown, ShownTable
+from .checks import at, below, choice, number, quoted, refuse_unknown, shown
+from .display import ShownTable
+from .result import ByValue, same
 
 # (plain data, its dotted path) -> the value of the field.
 Parser: TypeAlias = Callable[[Any, str], Any]
 
 RecordType = TypeVar("RecordType", bound="Record")
+Kind = TypeVar("Kind", bound="Record")
 
 SIDES = ("right", "left")
 # A repr prints arrays up to this number of entries, and only the shape of larger ones.
@@ -33,51 +35,29 @@ def _required(cls: type[Record]) -> frozenset[str]:
     )
 
 
-def _refuse_unnamed(cls: type[Record], args: tuple[Any, ...], values: Mapping[str, Any]) -> None:
-    """Refuses arguments without a name where fields have names only, and fields that are missing.
+def _refuse_arguments(cls: type[Record], args: tuple[Any, ...], values: Mapping[str, Any]) -> None:
+    """Refuses unknown, missing and unnamed arguments, as Python does, and says which fields exist.
 
-    Raises:
-        TypeError: As Python does.
+    A class with a constructor of its own leaves this to Python.
     """
-    places: tuple[str, ...] = cls.__match_args__
-    given = {*places[: len(args)], *values}
-    if (len(args) <= len(places) and _required(cls) <= given) or not _is_generated(cls):
+    import inspect  # only an error needs it
+
+    names = list(inspect.signature(cls.__init__).parameters)[1:]
+    if not cls.__dataclass_fields__.keys() >= {*names}:
         return
-    names = [f.name for f in fields(cls)]
+    try:
+        refuse_unknown(cls.__name__, values, names, "", cls)
+    except ValueError as error:
+        raise TypeError(str(error)) from None
+    places: tuple[str, ...] = cls.__match_args__
     if len(args) > len(places):
         rule = f"must have a name, one of {quoted(names)}"
         raise TypeError(f"{cls.__name__}: {shown(args[len(places)])}: {rule}{cls._advice}")
-    missing = [name for name in names if name in _required(cls) - given]
-    verb = "is" if len(missing) == 1 else "are"
-    listed = ", ".join(f"{cls.__name__}.{name}" for name in missing)
-    raise TypeError(f"{listed}: {verb} missing{cls._advice}")
-
-
-def _is_generated(cls: type[Record]) -> bool:
-    """Whether a class has the constructor of a dataclass, whose arguments are the fields."""
-    import inspect  # only an error needs it
-
-    own = list(inspect.signature(cls.__init__).parameters.values())[1:]
-    return cls.__dataclass_fields__.keys() >= {parameter.name for parameter in own}
-
-
-def _refuse_arguments(cls: type[Record], values: Mapping[str, Any]) -> None:
-    """Refuses unknown arguments of a constructor and suggests the closest field.
-
-    Raises:
-        TypeError: An argument is unknown; Python uses this type for unknown arguments too.
-    """
-    import inspect  # only an error needs it
-
-    # A subclass may define its own constructor, with arguments that are not fields.
-    own = list(inspect.signature(cls.__init__).parameters.values())[1:]
-    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in own):
-        return
-    names = [parameter.name for parameter in own]
-    try:
-        refuse_unknown(cls.__name__, values, names, "", cls if _is_generated(cls) else None)
-    except ValueError as error:
-        raise TypeError(str(error)) from None
+    missing = _required(cls) - {*places[: len(args)], *values}
+    if missing:
+        verb = "is" if len(missing) == 1 else "are"
+        listed = ", ".join(f"{cls.__name__}.{name}" for name in names if name in missing)
+        raise TypeError(f"{listed}: {verb} missing{cls._advice}")
 
 
 def plain(value: Any) -> Any:
@@ -94,12 +74,6 @@ def plain(value: Any) -> Any:
 def _key(value: object) -> object:
     # -0.0 equals 0.0, so both must hash alike: adding zero turns -0.0 into 0.0.
     return (value.shape, (value + 0.0).tobytes()) if isinstance(value, np.ndarray) else value
-
-
-def _same(a: object, b: object) -> bool:
-    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
-        return np.array_equal(a, b)
-    return type(a) is type(b) and bool(a == b)
 
 
 def _show(value: object) -> str:
@@ -144,12 +118,8 @@ def runs_of(
             raise ValueError(f"run {run}: {error}") from None
 
 
-def _rebuild(cls: type[Record], values: dict[str, Any]) -> Record:
-    return cls(**values)
-
-
 @dataclass(frozen=True, eq=False, repr=False)
-class Record(Shown):
+class Record(ByValue):
     """Base class of the parts of a scene.
 
     Derive with `@dataclass(frozen=True, kw_only=True, eq=False, repr=False)`. Fields that
@@ -162,15 +132,9 @@ class Record(Shown):
     # Added to errors about the constructor's arguments, for a class that others make.
     _advice: ClassVar[str] = ""
 
-    def __new__(cls, *args: Any, **values: Any) -> Self:
-        """Refuses unknown, missing and unnamed arguments, and says which fields there are.
-
-        The `__init__` that `dataclass` generates would refuse them too, but without this advice.
-        """
-        if not values.keys() <= cls.__dataclass_fields__.keys():
-            _refuse_arguments(cls, values)
-        if args or not _required(cls) <= values.keys():
-            _refuse_unnamed(cls, args, values)
+    def __new__(cls, *args: Any, **values: Any) -> Self:  # noqa: D102
+        if args or not _required(cls) <= values.keys() <= cls.__dataclass_fields__.keys():
+            _refuse_arguments(cls, args, values)
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
@@ -187,17 +151,7 @@ class Record(Shown):
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
 
-    def _values(self) -> dict[str, Any]:
-        return {f.name: getattr(self, f.name) for f in fields(self)}
-
-    def __eq__(self, other: object) -> bool:
-        """Compares by value, arrays included."""
-        if not isinstance(other, Record) or type(other) is not type(self):
-            return NotImplemented
-        return all(map(_same, self._values().values(), other._values().values()))
-
     def __hash__(self) -> int:
-        """Hashes by value, arrays included."""
         return hash((type(self), *map(_key, self._values().values())))
 
     def _shown(self) -> Iterator[tuple[str, Any]]:
@@ -205,7 +159,7 @@ class Record(Shown):
         for f in fields(self):
             value = getattr(self, f.name)
             default = f.default_factory() if f.default_factory is not MISSING else f.default
-            if not _same(value, default):
+            if not same(value, default):
                 yield f.name, value
 
     def _tables(self) -> Iterator[ShownTable]:
@@ -213,7 +167,6 @@ class Record(Shown):
         yield ShownTable(("field", "value"), tuple(self._values().items()))
 
     def __repr__(self) -> str:
-        """Shows only the fields that differ from their defaults."""
         shown = ", ".join(f"{name}={_show(value)}" for name, value in self._shown())
         return f"{type(self).__name__}({shown})"
 
@@ -228,10 +181,6 @@ class Record(Shown):
                     printer.text(_show(value))
                 else:
                     printer.pretty(value)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickles through the constructor, because an unpickled array would be writable."""
-        return _rebuild, (type(self), self._values())
 
     def to_dict(self) -> dict[str, Any]:
         """Converts to a dictionary of numbers, text, lists and dictionaries; omits None fields."""
@@ -264,3 +213,43 @@ class Record(Shown):
             return cls(**values)
         except (TypeError, ValueError) as error:
             raise type(error)(f"{error}{at(path)}") from None
+
+
+# Plain data in which an entry `kind` selects the record class, such as kind = "pulse".
+def kind_of(record: Record, kinds: Mapping[str, type[Record]], place: str) -> str:
+    """Returns the name of a record's class in the table `kinds`; errors call the table `place`."""
+    for kind, cls in kinds.items():
+        if type(record) is cls:
+            return kind
+    raise TypeError(f"{type(record).__name__} has no kind: add it to {place}")
+
+
+def chosen(
+    base: type[Record], cls: type[Kind], kinds: Mapping[str, type[Record]], data: Any, path: str
+) -> tuple[type[Kind], Any]:
+    """Returns the class that the entry `kind` selects, and the data without that entry.
+
+    Args:
+        base: The common base class of all kinds.
+        cls: The class whose `from_dict` is called: `base`, or a derived class, for which `kind` is
+            optional.
+        kinds: Kind -> class.
+        data: Plain data.
+        path: The dotted path of the data, for error messages.
+    """
+    known = {kind: each for kind, each in kinds.items() if issubclass(each, cls)}
+    if not isinstance(data, Mapping) or ("kind" not in data and cls is not base):
+        return cls, data
+    where = f"{base.__name__}.kind{at(path)}"
+    if "kind" not in data:
+        raise ValueError(f"{where}: is missing; must be one of {quoted(known)}")
+    found = known[choice(where, data["kind"], known)]
+    return found, {name: value for name, value in data.items() if name != "kind"}
+
+
+def without_kind(place: str, data: Any, kind: str, path: str) -> Any:
+    """Returns plain data of one kind without its optional entry `kind`."""
+    if not isinstance(data, Mapping) or "kind" not in data:
+        return data
+    choice(f"{place}.kind{at(path)}", data["kind"], (kind,))
+    return {name: value for name, value in data.items() if name != "kind"}

@@ -1,4 +1,4 @@
-"""The base class of results: frozen dataclasses with read-only arrays, compared by value."""
+"""Frozen dataclasses that are compared by value, and results, whose arrays are read-only."""
 
 from __future__ import annotations
 
@@ -12,7 +12,24 @@ from .arrays import read_only
 from .display import Shown, ShownTable, html_of, text_of
 
 
-class Result(Shown):
+class ByValue(Shown):
+    """Base class of frozen dataclasses that are compared, copied and pickled by value."""
+
+    def _values(self) -> dict[str, Any]:
+        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+
+    def __eq__(self, other: object) -> bool:
+        # NaN equals NaN, because it marks a missing number.
+        if type(other) is not type(self):
+            return NotImplemented
+        return same(self._values(), other._values())
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Through the constructor, because an unpickled array would be writable.
+        return _rebuild, (type(self), self._values())
+
+
+class Result(ByValue):
     """Base class of results. It keeps arrays read-only, also in unpickled and copied results.
 
     Derive with `@dataclass(frozen=True, kw_only=True, eq=False, repr=False)`.
@@ -24,11 +41,7 @@ class Result(Shown):
             if isinstance(value, np.ndarray):
                 read_only(value)
 
-    def _values(self) -> dict[str, Any]:
-        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
-
     def __repr__(self) -> str:
-        """Names and short values, on at most ten lines."""
         return text_of(type(self).__name__, self._facts())
 
     def _facts(self) -> dict[str, Any]:
@@ -53,20 +66,10 @@ class Result(Shown):
         head = ShownTable(("", ""), rows, type(self).__name__)
         return html_of(self._picture(), (head, *self._tables()))
 
-    def __eq__(self, other: object) -> bool:
-        """Compares by value, arrays included. NaN equals NaN, because it marks a missing number."""
-        if type(other) is not type(self):
-            return NotImplemented
-        return _same(self._values(), other._values())
-
     def __hash__(self) -> int:
-        """Hashes only text, integers and booleans, which is fast and consistent with equality."""
+        # Text, integers and booleans only, which is fast and consistent with equality.
         kept = (str, int, bool)
         return hash((type(self), *(v for v in self._values().values() if isinstance(v, kept))))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickles through the constructor, because an unpickled array would be writable."""
-        return _rebuild, (type(self), self._values())
 
 
 def _missing(value: Any) -> bool:
@@ -78,17 +81,18 @@ def _listed(value: Any) -> bool:
     return isinstance(value, tuple) and bool(value) and isinstance(value[0], Result)
 
 
-def _rebuild(cls: type[Result], values: dict[str, Any]) -> Result:
+def _rebuild(cls: type[ByValue], values: dict[str, Any]) -> ByValue:
     return cls(**values)
 
 
-def _same(a: Any, b: Any) -> bool:
+def same(a: Any, b: Any) -> bool:
+    """Compares values of fields: arrays, NaN, and what contains them."""
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return np.array_equal(a, b, equal_nan=a.dtype.kind in "fc" and b.dtype.kind in "fc")
     if isinstance(a, Mapping) and isinstance(b, Mapping):
-        return a.keys() == b.keys() and all(_same(value, b[name]) for name, value in a.items())
+        return a.keys() == b.keys() and all(same(value, b[name]) for name, value in a.items())
     if isinstance(a, list | tuple) and isinstance(b, list | tuple):
-        return len(a) == len(b) and all(map(_same, a, b))
+        return len(a) == len(b) and all(map(same, a, b))
     if isinstance(a, float) and isinstance(b, float) and a != a:
         return b != b
     return type(a) is type(b) and bool(a == b)

@@ -11,8 +11,6 @@ from typing import Any
 # Least similarity of two names, from 0 to 1: for fields of the record itself, and for fields of
 # nested records. Nested fields need more, because more names resemble each other by chance.
 _ALIKE, _ALIKE_BELOW = 0.5, 0.6
-# Longer names are no typing errors, and comparing them is slow.
-_LONGEST = 100
 # The most fields that are compared; a scene may have a million disturbances.
 _MOST = 1000
 
@@ -26,8 +24,6 @@ def hint(name: str, owner: Any, path: str = "") -> str:
             default values are searched.
         path: The dotted path of the owner, which goes in front of the suggestion.
     """
-    if len(name) > _LONGEST:
-        return ""
     import difflib  # only an error needs it
 
     def alike(one: str, other: str) -> float:
@@ -55,8 +51,6 @@ def part(name: str, value: object, cls: type[object]) -> str:
         value: The value that is no `cls`.
         cls: The wanted class.
     """
-    if isinstance(value, type):
-        return ""
     wanted = name.rpartition(".")[2]
     try:
         found = isinstance(getattr(value, wanted, None), cls)
@@ -74,7 +68,7 @@ def places(owner: Any, path: str = "", kinds: str = "") -> Iterator[tuple[str, s
     for each in fields(owner):
         value = _default(each) if isinstance(owner, type) else getattr(owner, each.name)
         here = _below(path, each.name)
-        kind = _below(kinds, _in_words(value) or each.name)
+        kind = _below(kinds, _words(type(value).__name__) if is_dataclass(value) else each.name)
         yield here, kind
         items: Mapping[str, Any] = {}
         if is_dataclass(value):
@@ -97,11 +91,6 @@ def _default(each: Field[Any]) -> Any:
     return each.default_factory() if each.default_factory is not MISSING else each.default
 
 
-def _in_words(value: object) -> str:
-    if not is_dataclass(value):
-        return ""
-    return _words(type(value).__name__)
-
-
 def _words(name: str) -> str:
+    """The name of a class in lower case, with underscores between its words."""
     return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()

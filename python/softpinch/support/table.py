@@ -55,10 +55,6 @@ def save_by_suffix(path: Path, writers: Mapping[str, Callable[[Path], object]]) 
     Args:
         path: The file.
         writers: Suffix in lower case, with the dot -> function that writes the file.
-
-    Raises:
-        ValueError: No writer has this suffix.
-        OSError: The file cannot be written.
     """
     if path.suffix.lower() not in writers:
         raise ValueError(f"path = {str(path)!r}: must end in {' or '.join(writers)}")

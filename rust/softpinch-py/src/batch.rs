@@ -195,13 +195,14 @@ impl Batch {
         length("duration", duration.len())?;
         let steps = match (dt, tolerance) {
             (Some(dt), None) => Steps::Fixed(dt),
-            (None, Some(tolerance)) => Steps::Free { tolerance, times: None },
+            (None, Some(tolerance)) => Steps::Free { tolerance },
             _ => return Err(PyValueError::new_err("give dt or tolerance")),
         };
         let summaries: Vec<_> = Names(&summaries).select("summaries", &SUMMARIES)?;
         let options = Options {
             steps,
             every: u64::MAX,
+            times: None,
             method: lookup("method", method, &METHODS).map_err(raise)?,
             formulation: lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?,
             contact: lookup("contact", contact, &CONTACT_MODELS).map_err(raise)?,
@@ -211,17 +212,21 @@ impl Batch {
             summaries: Wanted::new(summaries, after, band),
             max_steps,
             refine: 1,
+            guard: false,
             simd: Level::from_environment().map_err(raise)?,
         };
         let parameters = fixed("parameters", &parameters)?;
         let mut batch =
             Self { parameters, columns, inputs, start, check, duration, runs, options, warning: None };
-        let longest = py.detach(|| {
-            let mut longest = 0.0f64;
+        let (longest, guard) = py.detach(|| {
+            let (mut longest, mut guard) = (0.0f64, false);
             let mut signals = Signals::new();
             for run in 0..runs {
                 signals.check()?;
-                let step = batch.scene(run).and_then(|scene| check_scene(&scene, &batch.options));
+                let step = batch.scene(run).and_then(|scene| {
+                    guard |= batch.options.may_be_unstable(&scene);
+                    check_scene(&scene, &batch.options)
+                });
                 longest = longest.max(step.map_err(|error| {
                     raise(match error {
                         Error::Run { .. } => error,
@@ -229,9 +234,10 @@ impl Batch {
                     })
                 })?);
             }
-            PyResult::Ok(longest)
+            PyResult::Ok((longest, guard))
         })?;
         batch.warning = stability_warning(&batch.options, longest);
+        batch.options.guard = guard;
         Ok(batch)
     }
 
@@ -239,6 +245,12 @@ impl Batch {
     #[getter]
     fn warning(&self) -> Option<String> {
         self.warning.clone()
+    }
+
+    /// Whether the steps of any run may be beyond the stability limit of the method, by a bound on the rates.
+    #[getter]
+    fn may_be_unstable(&self) -> bool {
+        self.options.guard
     }
 
     /// Simulates all runs. `watch(done)` is called from time to time and stops the runs by returning True.

@@ -285,7 +285,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("RULES", rules)?;
     module.add("PARAMETERS", PyTuple::new(py, parameter_table().into_iter().map(|(path, _)| path))?)?;
     module.add("METHODS", PyTuple::new(py, METHODS.map(|(name, _)| name))?)?;
-    let adaptive = METHODS.into_iter().filter(|(_, method)| method.is_adaptive()).map(|(name, _)| name);
+    let adaptive =
+        METHODS.into_iter().filter(|(_, method)| method.entry().adaptive.is_some()).map(|(name, _)| name);
     module.add("ADAPTIVE_METHODS", PyTuple::new(py, adaptive.collect::<Vec<_>>())?)?;
     module.add("FORMULATIONS", PyTuple::new(py, FORMULATIONS.map(|(name, _)| name))?)?;
     module.add("FINGERS", PyTuple::new(py, FINGERS.map(|(name, _)| name))?)?;
@@ -319,7 +320,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("MAX_STEPS", MAX_STEPS)?;
     let orders = PyDict::new(py);
     for (name, method) in METHODS {
-        orders.set_item(name, method.order())?;
+        orders.set_item(name, method.entry().order)?;
     }
     module.add("ORDERS", orders)?;
     module.add("RESULTS_VERSION", softpinch::RESULTS_VERSION)?;

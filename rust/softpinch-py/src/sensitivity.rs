@@ -1,9 +1,5 @@
 //! The derivatives of runs across the border to Python.
 
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::time::Duration;
-
 use numpy::{Ix3, PyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::{PyKeyboardInterrupt, PyValueError};
 use pyo3::prelude::*;
@@ -13,15 +9,13 @@ use crate::convert::{Names, columns, entries, raise, room};
 use crate::inputs::Inputs;
 use crate::signals::Failure;
 use crate::simulation::Simulation;
+use softpinch::driver::ensemble::derivatives;
 use softpinch::driver::sensitivities::{self as core, COMPONENTS, Derivatives, Direction, Shift};
-use softpinch::error::{Error, lookup};
+use softpinch::error::lookup;
 use softpinch::model::motion::Motion;
 use softpinch::model::parameters::PARAMETER_COUNT;
 use softpinch::model::start::{STARTS, Start};
 use softpinch::stepping::summary::{SUMMARIES, Summary};
-
-/// Interval at which signals are looked for while threads compute gradients.
-const WATCH: Duration = Duration::from_millis(50);
 
 /// Derivatives with three axes.
 type Numbers<'py> = Bound<'py, PyArray<f64, Ix3>>;
@@ -121,7 +115,7 @@ pub fn gradients<'py>(
     threads: usize,
 ) -> PyResult<(Numbers<'py>, Vec<(usize, String)>)> {
     let until = entries("until, in numbers,", &until)?;
-    let (runs, _) = batch.size();
+    let (runs, options) = batch.size();
     if until.len() != runs {
         return Err(PyValueError::new_err("until: must have one time for each run"));
     }
@@ -134,85 +128,23 @@ pub fn gradients<'py>(
         ));
     }
     let width = count * (18 + summaries.len());
+    let one = |run: usize, stops: &dyn Fn() -> bool| {
+        let Directions { directions, start } = own[if own.len() == 1 { 0 } else { run }];
+        core::gradients(&batch.scene(run)?, options, *start, directions, (until[run], &summaries), stops)
+    };
     let (found, failure) = py.detach(|| {
         let failure = Failure::default();
-        let asked = || failure.stops(|py| py.check_signals().map(|()| false));
-        (differentiated(batch, &own, (&until, &summaries), threads, &asked), failure)
+        let mut asked = || failure.stops(|py| py.check_signals().map(|()| false));
+        (derivatives(runs, threads, one, &mut asked), failure)
     });
     failure.interrupted(py)?;
-    let mut found = found.map_err(raise)?;
-    if found.len() < runs {
-        return Err(PyKeyboardInterrupt::new_err(()));
-    }
-    found.sort_unstable_by_key(|(run, _)| *run);
+    let found = found.map_err(raise)?.ok_or_else(|| PyKeyboardInterrupt::new_err(()))?;
     let mut numbers = room("the gradients, in numbers,", runs * width)?;
     let mut failed = Vec::new();
-    for (run, Derivatives { numbers: own, failed: why }) in found {
+    for (run, Derivatives { numbers: own, failed: why }) in found.into_iter().enumerate() {
         numbers.extend(own);
         failed.extend(why.map(|why| (run, why)));
     }
     let numbers = PyArray1::from_vec(py, numbers).reshape([runs, count, 18 + summaries.len()])?;
     Ok((numbers, failed))
-}
-
-/// The gradients of all runs, in any order; fewer if `asked` says to stop.
-fn differentiated(
-    batch: &Batch,
-    directions: &[&Directions],
-    (until, summaries): (&[f64], &[Summary]),
-    threads: usize,
-    asked: &dyn Fn() -> bool,
-) -> Result<Vec<(usize, Derivatives)>, Error> {
-    let (runs, options) = batch.size();
-    let (next, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
-    let interrupted = || stop.load(Ordering::Relaxed);
-    let one = |run: usize| {
-        let scene = batch.scene(run)?;
-        let Directions { directions, start } = directions[if directions.len() == 1 { 0 } else { run }];
-        let wanted = (until[run], summaries);
-        core::gradients(&scene, options, *start, directions, wanted, &interrupted)
-    };
-    let work = || {
-        let mut found = Vec::new();
-        loop {
-            let run = next.fetch_add(1, Ordering::Relaxed);
-            if run >= runs || interrupted() {
-                return Ok(found);
-            }
-            let own = one(run).map_err(|error| Error::Run { run, error: Box::new(error) });
-            match own.inspect_err(|_| stop.store(true, Ordering::Relaxed))? {
-                Some(numbers) => found.push((run, numbers)),
-                None => return Ok(found),
-            }
-        }
-    };
-    let (sender, results) = channel();
-    let mut all = Vec::new();
-    std::thread::scope(|scope| {
-        for _ in 0..threads.clamp(1, runs.max(1)) {
-            let sender = sender.clone();
-            let thread = std::thread::Builder::new().spawn_scoped(scope, || {
-                let sender = sender;
-                // The receiver waits for all threads. If it is gone, nobody needs the numbers.
-                let _ = sender.send(work());
-            });
-            if let Err(error) = thread {
-                stop.store(true, Ordering::Relaxed);
-                return Err(Error::Threads { threads, reason: error.to_string() });
-            }
-        }
-        drop(sender);
-        loop {
-            match results.recv_timeout(WATCH) {
-                Ok(found) => all.extend(found?),
-                Err(RecvTimeoutError::Disconnected) => return Ok(()),
-                Err(RecvTimeoutError::Timeout) => {
-                    if asked() {
-                        stop.store(true, Ordering::Relaxed);
-                    }
-                }
-            }
-        }
-    })?;
-    Ok(all)
 }

@@ -90,14 +90,15 @@ impl Simulation {
             duration,
         };
         let times = times.map(|times| entries("times, in numbers,", &times)).transpose()?;
-        let steps = match (dt, tolerance, times) {
-            (Some(dt), None, None) => Steps::Fixed(dt),
-            (None, Some(tolerance), times) => Steps::Free { tolerance, times },
-            _ => return Err(PyValueError::new_err("give dt, or tolerance and, with it, times")),
+        let steps = match (dt, tolerance) {
+            (Some(dt), None) => Steps::Fixed(dt),
+            (None, Some(tolerance)) => Steps::Free { tolerance },
+            _ => return Err(PyValueError::new_err("give dt or tolerance")),
         };
         let options = Options {
             steps,
             every,
+            times,
             method: lookup("method", method, &METHODS).map_err(raise)?,
             formulation: lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?,
             contact: lookup("contact", contact, &CONTACT_MODELS).map_err(raise)?,
@@ -111,6 +112,7 @@ impl Simulation {
             ),
             max_steps,
             refine,
+            guard: false,
             simd: Level::from_environment().map_err(raise)?,
         };
         Ok(Self { scene, options })
@@ -128,7 +130,9 @@ impl Simulation {
         });
         failure.interrupted(py)?;
         let (run, warning) = result.map_err(raise)?;
-        convert::run(py, run, warning)
+        let out = convert::run(py, run, warning)?;
+        out.set_item("may_be_unstable", self.options.may_be_unstable(&self.scene))?;
+        Ok(out)
     }
 
     /// The numbers of segments, steps and bytes of the run, without computing it.

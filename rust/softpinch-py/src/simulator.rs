@@ -1,7 +1,9 @@
 //! Runs that are stepped from outside across the border to Python.
 
-use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1, PyReadwriteArray2, ToPyArray};
-use pyo3::exceptions::{PyIndexError, PyKeyboardInterrupt, PyValueError};
+use std::sync::{Mutex, MutexGuard, TryLockError};
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
+use pyo3::exceptions::{PyIndexError, PyKeyboardInterrupt, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::batch::Batch;
@@ -35,19 +37,23 @@ type GivenState<'py> = (
     Option<PyReadonlyArray1<'py, f64>>,
     bool,
 );
-/// Arrays of all runs: times (n,), coordinates (n, 9), velocities (n, 9), multipliers (n, 4) and codes (n,).
+/// Arrays of all runs: times (n,), coordinates (n, 9), velocities (n, 9), multipliers (n, 4) and codes (n,). They
+/// are borrowed once no other thread uses the simulator.
 type Arrays<'py> = (
-    PyReadwriteArray1<'py, f64>,
-    PyReadwriteArray2<'py, f64>,
-    PyReadwriteArray2<'py, f64>,
-    PyReadwriteArray2<'py, f64>,
-    PyReadwriteArray1<'py, u8>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray1<u8>>,
 );
 
 /// Runs that are stepped from outside. The code of a status is its place in `STATUSES` plus one; 0 means that the
 /// run goes on.
-#[pyclass(module = "softpinch._core")]
-pub struct Simulator {
+#[pyclass(frozen, module = "softpinch._core")]
+pub struct Simulator(Mutex<Runs>);
+
+/// The runs of a simulator, and the targets of the next step.
+struct Runs {
     core: Core,
     targets: Vec<[f64; 2]>,
 }
@@ -72,6 +78,23 @@ fn given((time, q, p, memory, grid, contact, check): &GivenState<'_>) -> PyResul
 }
 
 impl Simulator {
+    fn new(core: Core, targets: Vec<[f64; 2]>) -> Self {
+        Self(Mutex::new(Runs { core, targets }))
+    }
+
+    /// The runs, unless another thread uses them.
+    fn runs(&self) -> PyResult<MutexGuard<'_, Runs>> {
+        match self.0.try_lock() {
+            Ok(runs) => Ok(runs),
+            Err(TryLockError::Poisoned(runs)) => Ok(runs.into_inner()),
+            Err(TryLockError::WouldBlock) => Err(PyRuntimeError::new_err(
+                "this simulator is in use by another thread; make one for each thread",
+            )),
+        }
+    }
+}
+
+impl Runs {
     fn require(&self, run: usize) -> PyResult<usize> {
         let runs = self.core.runs();
         if run < runs {
@@ -92,73 +115,17 @@ impl Simulator {
         // An interrupted step has changed nothing, so it can be repeated.
         if done.map_err(raise)? { Ok(()) } else { Err(PyKeyboardInterrupt::new_err(())) }
     }
-}
 
-#[pymethods]
-impl Simulator {
-    /// A single run.
-    #[staticmethod]
-    fn alone(simulation: &Simulation, period: f64) -> PyResult<Self> {
-        let (scene, options) = simulation.parts();
-        let core = Core::new(vec![scene.clone()], options, period, 1).map_err(|error| match error {
-            Error::Run { error, .. } => raise(*error),
-            error => raise(error),
-        })?;
-        Ok(Self { core, targets: vec![[0.0; 2]] })
-    }
-
-    /// The runs of a batch.
-    #[staticmethod]
-    fn many(py: Python<'_>, batch: &Batch, period: f64, threads: usize) -> PyResult<Self> {
-        let (runs, options) = batch.size();
-        let core = py.detach(|| {
-            let mut scenes = room("the runs", runs)?;
-            for run in 0..runs {
-                scenes.push(batch.scene(run).map_err(raise)?);
-            }
-            Core::new(scenes, options, period, threads).map_err(raise)
-        })?;
-        let mut targets = room("the actions, in numbers,", runs)?;
-        targets.resize(runs, [0.0; 2]);
-        Ok(Self { core, targets })
-    }
-
-    /// Steps the only run by one period.
-    fn step<'py>(&mut self, py: Python<'py>, right: f64, left: f64) -> PyResult<Observation<'py>> {
-        self.targets.fill([right, left]);
-        self.advance(py)?;
-        self.observation(py, 0)
-    }
-
-    /// Steps all runs that have not ended by one period.
-    fn step_all(
+    /// Does some work, and writes what was last seen of all runs then. Arrays that overlap are refused before.
+    fn observe_after(
         &mut self,
-        py: Python<'_>,
-        actions: PyReadonlyArray2<'_, f64>,
-        arrays: Arrays<'_>,
+        (t, q, p, multipliers, status): Arrays<'_>,
+        work: impl FnOnce(&mut Self) -> PyResult<()>,
     ) -> PyResult<()> {
-        let (actions, runs) = (actions.as_array(), self.targets.len());
-        if actions.dim() != (runs, 2) {
-            let found = actions.dim();
-            return Err(PyValueError::new_err(format!("actions have shape {found:?}: must be ({runs}, 2)")));
-        }
-        // Row by row, because the array may have any layout.
-        for (target, row) in self.targets.iter_mut().zip(actions.rows()) {
-            *target = [row[0], row[1]];
-        }
-        self.advance(py)?;
-        self.observe(arrays)
-    }
-
-    /// What was last seen of a run.
-    fn observation<'py>(&self, py: Python<'py>, run: usize) -> PyResult<Observation<'py>> {
-        let Observed { t, q, p, multipliers, status, .. } = self.core.observed(self.require(run)?);
-        Ok((*t, q.to_pyarray(py), p.to_pyarray(py), multipliers.to_pyarray(py), code(*status)))
-    }
-
-    /// Writes what was last seen of all runs.
-    fn observe(&self, arrays: Arrays<'_>) -> PyResult<()> {
-        let (mut t, mut q, mut p, mut multipliers, mut status) = arrays;
+        let (mut t, mut status) = (t.try_readwrite()?, status.try_readwrite()?);
+        let (mut q, mut p, mut multipliers) =
+            (q.try_readwrite()?, p.try_readwrite()?, multipliers.try_readwrite()?);
+        work(self)?;
         let runs = self.core.runs();
         let refused = || PyValueError::new_err(format!("out: must be contiguous arrays of {runs} runs"));
         let t = t.as_slice_mut().map_err(|_| refused())?;
@@ -177,39 +144,118 @@ impl Simulator {
         Ok(())
     }
 
+    fn observation<'py>(&self, py: Python<'py>, run: usize) -> PyResult<Observation<'py>> {
+        let Observed { t, q, p, multipliers, status, .. } = self.core.observed(self.require(run)?);
+        Ok((*t, q.to_pyarray(py), p.to_pyarray(py), multipliers.to_pyarray(py), code(*status)))
+    }
+}
+
+#[pymethods]
+impl Simulator {
+    /// A single run.
+    #[staticmethod]
+    fn alone(simulation: &Simulation, period: f64) -> PyResult<Self> {
+        let (scene, options) = simulation.parts();
+        let core = Core::new(vec![scene.clone()], options, period, 1).map_err(|error| match error {
+            Error::Run { error, .. } => raise(*error),
+            error => raise(error),
+        })?;
+        Ok(Self::new(core, vec![[0.0; 2]]))
+    }
+
+    /// The runs of a batch.
+    #[staticmethod]
+    fn many(py: Python<'_>, batch: &Batch, period: f64, threads: usize) -> PyResult<Self> {
+        let (runs, options) = batch.size();
+        let core = py.detach(|| {
+            let mut scenes = room("the runs", runs)?;
+            for run in 0..runs {
+                scenes.push(batch.scene(run).map_err(raise)?);
+            }
+            Core::new(scenes, options, period, threads).map_err(raise)
+        })?;
+        let mut targets = room("the actions, in numbers,", runs)?;
+        targets.resize(runs, [0.0; 2]);
+        Ok(Self::new(core, targets))
+    }
+
+    /// Steps the only run by one period.
+    fn step<'py>(&self, py: Python<'py>, right: f64, left: f64) -> PyResult<Observation<'py>> {
+        let mut runs = self.runs()?;
+        runs.targets.fill([right, left]);
+        runs.advance(py)?;
+        runs.observation(py, 0)
+    }
+
+    /// Steps all runs that have not ended by one period, and writes what was seen of them.
+    fn step_all(
+        &self,
+        py: Python<'_>,
+        actions: PyReadonlyArray2<'_, f64>,
+        arrays: Arrays<'_>,
+    ) -> PyResult<()> {
+        let mut all = self.runs()?;
+        let (actions, runs) = (actions.as_array(), all.targets.len());
+        if actions.dim() != (runs, 2) {
+            let found = actions.dim();
+            return Err(PyValueError::new_err(format!("actions have shape {found:?}: must be ({runs}, 2)")));
+        }
+        // Row by row, because the array may have any layout.
+        for (target, row) in all.targets.iter_mut().zip(actions.rows()) {
+            *target = [row[0], row[1]];
+        }
+        all.observe_after(arrays, |all| all.advance(py))
+    }
+
+    /// What was last seen of a run.
+    fn observation<'py>(&self, py: Python<'py>, run: usize) -> PyResult<Observation<'py>> {
+        self.runs()?.observation(py, run)
+    }
+
+    /// Writes what was last seen of all runs.
+    fn observe(&self, arrays: Arrays<'_>) -> PyResult<()> {
+        self.runs()?.observe_after(arrays, |_| Ok(()))
+    }
+
     /// The status of a run in words; empty if it goes on or has reached its end.
-    fn message(&self, run: usize) -> PyResult<&str> {
-        Ok(&self.core.observed(self.require(run)?).message)
+    fn message(&self, run: usize) -> PyResult<String> {
+        let runs = self.runs()?;
+        Ok(runs.core.observed(runs.require(run)?).message.clone())
     }
 
     /// The end of the last period of a run, s.
     fn end(&self, run: usize) -> PyResult<f64> {
-        Ok(self.core.end(self.require(run)?))
+        let runs = self.runs()?;
+        Ok(runs.core.end(runs.require(run)?))
     }
 
     /// The present state of a run.
     fn state<'py>(&self, py: Python<'py>, run: usize) -> PyResult<StateParts<'py>> {
-        let State { time, q, p, memory, grid, contact, .. } = self.core.state(self.require(run)?);
+        let runs = self.runs()?;
+        let State { time, q, p, memory, grid, contact, .. } = runs.core.state(runs.require(run)?);
         let contact = contact.as_ref().map(|row| row.to_pyarray(py));
         Ok((*time, q.to_pyarray(py), p.to_pyarray(py), *memory, *grid, contact))
     }
 
     /// Puts a run back to its start, or to the start of another run.
-    fn reset(&mut self, run: usize, state: Option<GivenState<'_>>) -> PyResult<()> {
-        let run = self.require(run)?;
+    fn reset(&self, run: usize, state: Option<GivenState<'_>>) -> PyResult<()> {
+        let mut runs = self.runs()?;
+        let run = runs.require(run)?;
         let state = state.as_ref().map(given).transpose()?;
-        self.core.reset(run, state.as_ref().map(|(state, check)| (state, *check))).map_err(raise)
+        runs.core.reset(run, state.as_ref().map(|(state, check)| (state, *check))).map_err(raise)
     }
 
     /// Goes on from a state.
-    fn set_state(&mut self, run: usize, state: GivenState<'_>) -> PyResult<()> {
-        let (run, (state, check)) = (self.require(run)?, given(&state)?);
-        self.core.set_state(run, (&state, check)).map_err(raise)
+    fn set_state(&self, run: usize, state: GivenState<'_>) -> PyResult<()> {
+        let mut runs = self.runs()?;
+        let (run, (state, check)) = (runs.require(run)?, given(&state)?);
+        runs.core.set_state(run, (&state, check)).map_err(raise)
     }
 
     /// Sets the external force and moment of a run.
-    fn set_force(&mut self, run: usize, force: [f64; 3]) -> PyResult<()> {
-        let run = self.require(run)?;
-        self.core.set_force(run, force).map_err(raise)
+    fn set_force(&self, run: usize, force: [f64; 3]) -> PyResult<()> {
+        let mut runs = self.runs()?;
+        let run = runs.require(run)?;
+        runs.core.set_force(run, force).map_err(raise)
     }
 }

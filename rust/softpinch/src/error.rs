@@ -65,8 +65,9 @@ pub enum Error {
     },
     /// A schedule that driven fingers cannot follow.
     #[error(
-        "{name} {what} at t = {time:?} s: fingers=\"driven\" would need an infinite acceleration there. \
-         minimum_jerk moves smoothly; fingers=\"pid\" may follow any schedule"
+        "{name} {what} at t = {}: fingers=\"driven\" would need an infinite acceleration there. \
+         minimum_jerk moves smoothly; fingers=\"pid\" may follow any schedule",
+        seconds(*time)
     )]
     NotSmooth {
         /// Path of the schedule.
@@ -100,8 +101,9 @@ pub enum Error {
     },
     /// The equations of a step that a run took could not be solved again for its derivatives.
     #[error(
-        "sensitivities: the equations of the step before t = {time} s were not solved to round-off, the correction was \
-         still {correction:.1e} of the states' sizes: a smaller dt or tolerance may help"
+        "sensitivities: the equations of the step before t = {} were not solved to round-off, the correction was \
+         still {correction:.1e} of the states' sizes: a smaller dt or tolerance may help",
+        seconds(*time)
     )]
     NoDerivative {
         /// The end of the step, s.
@@ -170,6 +172,12 @@ pub fn require_at_most(
 /// Rounds a number to six digits for a message.
 pub(crate) fn brief(value: f64) -> f64 {
     format!("{value:.5e}").parse().unwrap_or(value)
+}
+
+/// A time with six significant digits, for a message.
+pub(crate) fn seconds(t: f64) -> String {
+    let t = brief(t);
+    if t != 0.0 && t.abs() < 1e-4 { format!("{t:e} s") } else { format!("{t} s") }
 }
 
 /// Finds `name` in a table of names. The error lists the names of the table.

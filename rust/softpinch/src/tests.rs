@@ -16,6 +16,7 @@ mod counted;
 mod operations;
 
 use crate::driver::simulate::simulate;
+use crate::method::table::Method;
 use crate::model::geometry::index::{D_N, THETA, X, Y};
 use crate::model::geometry::{Geometry, Side};
 use crate::model::inputs::Inputs;
@@ -92,13 +93,19 @@ fn lopsided() -> Scene {
 fn runs_agree_with_the_specification() {
     let scene = lopsided();
     let record = Selection { state: true, multipliers: true, ..Selection::default() };
-    let options = Options { record, ..Options::default() };
-    let (run, _) = simulate(&scene, &options, &|| false).expect("the scene is valid");
-    assert_eq!((run.status, run.recording.t.len()), (Status::Completed, 501), "{}", run.message);
-    let rows = specification::specified(&scene, &options.stabilization, 1e-4, 500);
-    let differences = specification::differences(&rows, &run.recording);
-    // This comparison fails for NaN as well.
-    assert!(differences.iter().all(|&difference| difference <= 1e-11), "{differences}");
+    let methods = [
+        (Method::Rk4, specification::rk4 as specification::StepOf, 1e-11),
+        (Method::ImplicitMidpoint, specification::midpoint, 1e-9),
+    ];
+    for (method, step, most) in methods {
+        let options = Options { record, method, ..Options::default() };
+        let (run, _) = simulate(&scene, &options, &|| false).expect("the scene is valid");
+        assert_eq!((run.status, run.recording.t.len()), (Status::Completed, 501), "{}", run.message);
+        let rows = specification::specified((&scene, &options.stabilization), step, (1e-4, 500));
+        let differences = specification::differences(&rows, &run.recording);
+        // This comparison fails for NaN as well.
+        assert!(differences.iter().all(|&difference| difference <= most), "{method:?}: {differences}");
+    }
 }
 
 /// The products that the kernel writes out are products with the constraint matrix.

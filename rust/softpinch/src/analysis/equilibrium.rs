@@ -21,7 +21,7 @@ use crate::model::geometry::Geometry;
 use crate::model::geometry::index::{D_N, FINGER};
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
-use crate::stepping::monitor::{Limits, Set, VIOLATIONS, Violation};
+use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet};
 
 /// An equilibrium.
 #[derive(Debug, Clone, Copy)]
@@ -46,7 +46,7 @@ pub struct Equilibrium {
     /// Whether the energy has a minimum along every displacement that the no-slip constraint admits.
     pub minimum: bool,
     /// The violations of the model's assumptions.
-    pub violations: Set,
+    pub violations: ViolationSet,
 }
 
 /// An extreme violation, in which the model ends: separated, crushed or folded.
@@ -65,7 +65,7 @@ pub(super) fn leaves(scene: &RestScene, rest: &Rest) -> Option<Violation> {
 }
 
 /// The violations of a state at rest.
-pub(super) fn violations(scene: &RestScene, rest: &Rest) -> Set {
+pub(super) fn violations(scene: &RestScene, rest: &Rest) -> ViolationSet {
     let balance = &rest.rows.balance;
     let geometry = Geometry::new(&scene.plant.sides, &balance.q, &[0.0; 9]);
     let now = Evaluation {
@@ -75,8 +75,8 @@ pub(super) fn violations(scene: &RestScene, rest: &Rest) -> Set {
         places: geometry.places(),
         ..Evaluation::nothing()
     };
-    let found: [_; VIOLATIONS.len()] = Limits::<f64>::new(&scene.parameters).violated(&now);
-    Set::of(&found, 0)
+    let found: [_; VIOLATIONS.len()] = Limits::<f64>::new(&scene.parameters).violated(&now, None);
+    ViolationSet::of(&found, 0)
 }
 
 /// One scene that becomes another, with its member of the family.
@@ -307,7 +307,7 @@ mod tests {
         // K - K^T has the sum of lambda^N at (x, theta).
         let turned = found.stiffness[(0, 2)] - found.stiffness[(2, 0)];
         assert!((turned - weight).abs() < 1e-9);
-        assert!(found.minimum && found.violations == Set::default());
+        assert!(found.minimum && found.violations == ViolationSet::default());
     }
 
     #[test]

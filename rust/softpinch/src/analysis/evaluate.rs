@@ -3,8 +3,10 @@
 use nalgebra::{SMatrix, SVector};
 
 use crate::error::Error;
-use crate::formulation::constrained::Constrained;
+use crate::formulation::contact_solve::Response;
 use crate::formulation::csm::Csm;
+use crate::formulation::equations::{self, Equations};
+use crate::model::contact_modes::Contacts;
 use crate::model::control::{Actuated, Controller, Driven, Fingers};
 use crate::model::drive::{Drive, Input};
 use crate::model::energy::Energies;
@@ -84,8 +86,12 @@ fn terms<K: Controller<f64>>(
     (q, p, memory): (&[f64; 9], &[f64; 9], &[f64; 2]),
 ) -> Terms {
     let plant = Plant::<f64, K>::new(parameters, fingers);
-    let (geometry, forces, Constrained { multipliers, acceleration: accelerations }) =
-        Csm::new(plant, stabilization).terms(input, &Motion { q: *q, p: *p, memory: *memory });
+    let motion = Motion { q: *q, p: *p, memory: *memory };
+    let geometry = Geometry::new(&plant.sides, q, p);
+    let csm = Csm::new(plant, stabilization);
+    let equations::Terms { forces, response, .. } =
+        csm.terms(input, &Contacts::sticking(), &motion, geometry);
+    let Response { multipliers, acceleration: accelerations, .. } = response;
     let [right, left] = forces.elastic;
     let ([drag_n1, drag_n2, drag_t1, drag_t2], torque) = (plant.drags(p), forces.torque);
     let [fx, fy, moment] = forces.external;

@@ -7,10 +7,9 @@ use nalgebra::{DMatrix, DVector, Schur};
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
 use crate::formulation::nullspace::{DEGREES, DRIVEN_DEGREES};
-use crate::formulation::scene_equations::{Choice, SceneEquations};
+use crate::formulation::scene_equations::{Choice, SceneEquations, Tangent};
 use crate::formulation::system::{Linear, System};
 use crate::formulation::table::Formulation;
-use crate::formulation::tangent::Tangent;
 use crate::method::linearize::DIRECTIONS;
 use crate::model::contact_modes::ContactModel;
 use crate::model::control::Fingers;
@@ -204,7 +203,7 @@ pub fn linearize(
             *dual = Dual::variable(number, direction);
         }
         let seeded = seed(&input, driven, states.wrapping_sub(first));
-        let now = tangent.evaluate(&seeded, &dual_y).ok_or_else(|| Error::Unknown {
+        let now = tangent.evaluate_seeded(&seeded, &dual_y).ok_or_else(|| Error::Unknown {
             field: "formulation",
             name: format!("{:?}", setting.formulation).to_lowercase(),
             allowed: "\"nullspace\", for a model with inputs and outputs".to_owned(),

@@ -6,7 +6,7 @@ use crate::error::brief;
 use crate::stepping::monitor::Violation;
 use crate::stepping::status::Status;
 
-/// Why there is no equilibrium.
+/// Why there is no equilibrium; as text, what follows "no equilibrium: ".
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reason {
     /// The tips do not reach the object at these angles of the fingers; the gap in m.
@@ -49,11 +49,10 @@ impl Reason {
 
 impl Display for Reason {
     fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
-        write!(out, "no equilibrium: ")?;
         match *self {
             Self::Apart(gap) => write!(
                 out,
-                "the tips do not hold the object, which would have to be {} mm wider at these angles of the fingers",
+                "at these angles of the fingers the object would have to be {} mm wider, unless it is turned between the tips",
                 brief(1e3 * gap)
             ),
             Self::Outside(violation) => {
@@ -72,7 +71,7 @@ impl Display for Reason {
                 }
                 match violation {
                     Some(violation) => write!(out, "a tip is {}", Status::of(violation).name()),
-                    None => write!(out, "the balance ends, and beyond that nothing holds the object"),
+                    None => write!(out, "the balance ends"),
                 }
             }
             Self::NotFound { near: true } => write!(out, "none was found from this state"),

@@ -2,13 +2,13 @@
 
 use crate::driver::sensitivities::COMPONENTS;
 use crate::formulation::equations::{Evaluation, States};
+use crate::formulation::run_dual::{RunDual, RunDualSystem};
 use crate::formulation::system::System;
-use crate::formulation::varied_equations::{Varied, VariedEquations};
 use crate::model::contact_modes::Contacts;
 use crate::model::energy::BILATERAL_WORKS;
 use crate::model::motion::Motion;
 use crate::model::source::DIRECTIONS;
-use crate::number::lanes::Lanes;
+use crate::number::lanes::{LaneTask, Lanes};
 use crate::number::real::Real;
 use crate::stepping::summary::{Summaries, Summary, SummaryInstant, Wanted};
 
@@ -27,10 +27,10 @@ pub(super) struct Rows<'a> {
 
 /// The summaries of a run and its last state, with their derivatives.
 pub(super) struct Ends<R> {
-    summaries: Summaries<Varied<R>>,
+    summaries: Summaries<RunDual<R>>,
     /// The last instant of the run, s.
     until: f64,
-    last: Option<Motion<Varied<R>>>,
+    last: Option<Motion<RunDual<R>>>,
 }
 
 /// What takes the instants of a run with derivatives.
@@ -75,30 +75,39 @@ impl<R: Lanes> Sink<'_, R> {
             }
         }
     }
+}
 
-    /// Takes an instant.
-    pub(super) fn take(
-        &mut self,
-        system: &VariedEquations<R>,
-        time: f64,
-        now: &Evaluation<Varied<R>>,
-        y: &States<Varied<R>>,
-    ) {
-        match self {
-            Self::Rows(rows) => rows.take(system, now, y),
-            Self::Ends(ends) => ends.take(time, now),
+/// Gives an instant to a sink.
+pub(super) struct Take<'a, 's, R> {
+    pub(super) sink: &'a mut Sink<'s, R>,
+    pub(super) system: &'a RunDualSystem<R>,
+    pub(super) time: f64,
+    pub(super) now: &'a Evaluation<RunDual<R>>,
+    pub(super) y: &'a States<RunDual<R>>,
+}
+
+impl<R: Lanes> LaneTask<R> for Take<'_, '_, R> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { sink, system, time, now, y } = self;
+        match sink {
+            Sink::Rows(rows) => rows.take(system, now, y),
+            Sink::Ends(ends) => ends.take(time, now),
         }
     }
 }
 
 impl Rows<'_> {
+    #[inline(always)]
     fn take<R: Lanes>(
         &mut self,
-        system: &VariedEquations<R>,
-        now: &Evaluation<Varied<R>>,
-        y: &States<Varied<R>>,
+        system: &RunDualSystem<R>,
+        now: &Evaluation<RunDual<R>>,
+        y: &States<RunDual<R>>,
     ) {
-        let mut energy = [Varied::zero(); 3 + BILATERAL_WORKS];
+        let mut energy = [RunDual::zero(); 3 + BILATERAL_WORKS];
         let size = system.size();
         if size.works > 0 {
             let energies = system.energies(&Contacts::sticking(), &now.motion);
@@ -125,11 +134,12 @@ impl<R: Lanes> Ends<R> {
         Self { summaries: Summaries::new(wanted), until, last: None }
     }
 
-    fn take(&mut self, time: f64, now: &Evaluation<Varied<R>>) {
-        let zero = Varied::zero();
+    #[inline(always)]
+    fn take(&mut self, time: f64, now: &Evaluation<RunDual<R>>) {
+        let zero = RunDual::zero();
         let Motion { q, p, .. } = now.motion;
         let instant = SummaryInstant {
-            t: Varied::constant(time),
+            t: RunDual::constant(time),
             q,
             p,
             multipliers: now.multipliers,

@@ -5,14 +5,14 @@
 
 use std::mem::swap;
 
-use crate::driver::derivative_sink::Sink;
+use crate::driver::derivative_sink::{Sink, Take};
 use crate::driver::sensitivities::{Direction, Shift};
 use crate::error::Error;
 use crate::formulation::equations::{MAX_COMPONENTS, States};
+use crate::formulation::run_dual::{RunDual, RunDualEquations};
 use crate::formulation::system::{StageState, System};
-use crate::formulation::varied_equations::{Varied, VariedEquations};
+use crate::method::run_dual::{RunDualSteps, values};
 use crate::method::traits::{Step, Unsolved};
-use crate::method::varied::{VariedSteps, values};
 use crate::model::contact_modes::Contacts;
 use crate::model::drive::{Drive, Input, SegmentDrive};
 use crate::model::inputs::Inputs;
@@ -22,6 +22,7 @@ use crate::model::source::VariedParameters;
 use crate::model::start::Start;
 use crate::number::lanes::{LaneTask, Lanes};
 use crate::number::real::Real;
+use crate::number::simd::level::Instructions;
 use crate::stepping::grid::{Grid, Segment, Span};
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::queue::POLL;
@@ -97,13 +98,14 @@ impl Course<'_> {
 
 /// A run with its derivatives.
 pub(super) struct Walk<'a, R> {
+    pub(super) instructions: Instructions,
     pub(super) scene: &'a Scene,
     pub(super) options: &'a Options,
     pub(super) start: Option<Start>,
     /// The directions, at most eight.
     pub(super) directions: &'a [Direction],
     pub(super) source: VariedParameters<'a>,
-    pub(super) system: VariedEquations<R>,
+    pub(super) equations: RunDualEquations<R>,
     /// The ends of free steps.
     pub(super) ends: &'a [f64],
     pub(super) interrupted: &'a dyn Fn() -> bool,
@@ -111,8 +113,8 @@ pub(super) struct Walk<'a, R> {
 
 /// Walks with a method until its sink needs no more.
 pub(super) struct WalkTask<'w, 's, R>(
-    pub(super) Walk<'w, R>,
-    pub(super) &'w mut dyn VariedSteps<R>,
+    pub(super) &'w Walk<'w, R>,
+    pub(super) &'w mut dyn RunDualSteps<R>,
     pub(super) &'w mut Sink<'s, R>,
 );
 
@@ -123,12 +125,13 @@ impl<R: Lanes> LaneTask<R> for WalkTask<'_, '_, R> {
     fn run(self) -> Self::Output {
         let Self(walk, method, sink) = self;
         let mut course = walk.course()?;
-        let Walk { scene, system, .. } = &walk;
+        let Walk { scene, equations, .. } = walk;
+        let system = &equations.system;
         let inputs = &scene.inputs;
         let mut segment = course.first(inputs);
         let mut drive = walk.drive(segment.anchor);
-        let mut y = system.begin(&walk.begin(&drive));
-        let mut next = [Varied::zero(); MAX_COMPONENTS];
+        let mut y = system.begin(&R::call(walk.instructions, Begin(walk, &drive)));
+        let mut next = [RunDual::zero(); MAX_COMPONENTS];
         let mut rate = next;
         let mut steps = 0u64;
         loop {
@@ -137,10 +140,10 @@ impl<R: Lanes> LaneTask<R> for WalkTask<'_, '_, R> {
                 (tau, values(&system.begin(&constant::<R>(&motion))))
             });
             method.begin(inputs.segment(segment.anchor), linearized);
-            let tau = Varied::constant(segment.tau(segment.first));
+            let tau = RunDual::constant(segment.tau(segment.first));
             walk.visit(segment.start, &drive, (tau, &y), &mut rate, sink);
             // A run that is resumed inside a segment has already had what happens at the start of the segment.
-            if segment.first == 0 && walk.pass(segment.start, &drive, &mut y) {
+            if segment.first == 0 && R::call(walk.instructions, Pass(walk, segment.start, &drive, &mut y)) {
                 rate = walk.rates(&drive.at(tau), &y);
             }
             let mut taken = 0;
@@ -148,19 +151,19 @@ impl<R: Lanes> LaneTask<R> for WalkTask<'_, '_, R> {
                 if sink.is_full() {
                     return Ok(());
                 }
-                let tau = Varied::constant(tau);
-                // With free steps a row may be inside a step: a step that ends there has its derivatives.
+                let tau = RunDual::constant(tau);
+                // A row may be inside a step: a step that ends there has its derivatives.
                 while let Some(row) = sink.next_before(end) {
-                    let h = Varied::constant((row - segment.anchor) - tau.lane(0));
+                    let h = RunDual::constant((row - segment.anchor) - tau.lane(0));
                     let step = Step { tau, h, y: &y, rate: &rate, allowed: None };
-                    let attempt = method.step(system, &drive, &step, &mut next);
+                    let attempt = method.step(equations, &drive, &step, &mut next);
                     attempt.map_err(|failure| unsolved(row, failure))?;
                     system.correct(&drive, tau + h, &mut next);
                     walk.visit(row, &drive, (tau + h, &next), &mut { rate }, sink);
                 }
-                let h = Varied::constant(h);
+                let h = RunDual::constant(h);
                 let step = Step { tau, h, y: &y, rate: &rate, allowed: None };
-                let attempt = method.step(system, &drive, &step, &mut next);
+                let attempt = method.step(equations, &drive, &step, &mut next);
                 attempt.map_err(|failure| unsolved(end, failure))?;
                 system.correct(&drive, tau + h, &mut next);
                 swap(&mut y, &mut next);
@@ -170,18 +173,43 @@ impl<R: Lanes> LaneTask<R> for WalkTask<'_, '_, R> {
                     return Ok(());
                 }
                 if end < segment.end {
-                    let tau = Varied::constant(course.tau(&segment, taken, end));
+                    let tau = RunDual::constant(course.tau(&segment, taken, end));
                     walk.visit(end, &drive, (tau, &y), &mut rate, sink);
                 }
             }
             let Some(later) = course.after(inputs, &segment).filter(|_| !sink.is_full()) else {
-                let tau = Varied::constant(course.tau(&segment, taken, segment.end));
+                let tau = RunDual::constant(course.tau(&segment, taken, segment.end));
                 walk.visit(segment.end, &drive, (tau, &y), &mut rate, sink);
                 return Ok(());
             };
             segment = later;
             drive = walk.drive(segment.anchor);
         }
+    }
+}
+
+/// Finds the start of a run.
+struct Begin<'a, 'w, R>(&'a Walk<'w, R>, &'a SegmentDrive<RunDual<R>>);
+
+impl<R: Lanes> LaneTask<R> for Begin<'_, '_, R> {
+    type Output = Motion<RunDual<R>>;
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        self.0.begin(self.1)
+    }
+}
+
+/// Applies what happens at a breakpoint.
+struct Pass<'a, 'w, R>(&'a Walk<'w, R>, f64, &'a SegmentDrive<RunDual<R>>, &'a mut States<RunDual<R>>);
+
+impl<R: Lanes> LaneTask<R> for Pass<'_, '_, R> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run(self) -> bool {
+        let Self(walk, time, drive, y) = self;
+        walk.pass(time, drive, y)
     }
 }
 
@@ -200,22 +228,23 @@ impl<R: Lanes> Walk<'_, R> {
     }
 
     /// The inputs of the segment from `anchor` on.
-    fn drive(&self, anchor: f64) -> SegmentDrive<Varied<R>> {
+    fn drive(&self, anchor: f64) -> SegmentDrive<RunDual<R>> {
         let slopes: Vec<_> = self.directions.iter().map(|one| one.inputs.segment(anchor)).collect();
         SegmentDrive::varied(&self.scene.inputs.segment(anchor), &slopes)
     }
 
     /// A number with its derivative in each direction.
-    fn varied(&self, value: f64, of: impl Fn(&Direction) -> f64) -> Varied<R> {
-        Varied::varied(value, &self.directions.iter().map(of).collect::<Vec<_>>())
+    fn varied(&self, value: f64, of: impl Fn(&Direction) -> f64) -> RunDual<R> {
+        RunDual::varied(value, &self.directions.iter().map(of).collect::<Vec<_>>())
     }
 
     /// The start of the run.
-    fn begin(&self, drive: &SegmentDrive<Varied<R>>) -> Motion<Varied<R>> {
+    #[inline(always)]
+    fn begin(&self, drive: &SegmentDrive<RunDual<R>>) -> Motion<RunDual<R>> {
         let initial = &self.scene.initial;
         let mut motion = constant::<R>(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
         if let Some(start) = self.start {
-            let derived = start.varied(&self.source, &drive.at(Varied::zero()), &initial.q);
+            let derived = start.varied(&self.source, &drive.at(RunDual::zero()), &initial.q);
             for n in 0..9 {
                 (motion.q[n].slope, motion.p[n].slope) = (derived.q[n].slope, derived.p[n].slope);
             }
@@ -235,25 +264,26 @@ impl<R: Lanes> Walk<'_, R> {
     fn visit(
         &self,
         time: f64,
-        drive: &SegmentDrive<Varied<R>>,
-        (tau, y): (Varied<R>, &States<Varied<R>>),
-        rate: &mut States<Varied<R>>,
+        drive: &SegmentDrive<RunDual<R>>,
+        (tau, y): (RunDual<R>, &States<RunDual<R>>),
+        rate: &mut States<RunDual<R>>,
         sink: &mut Sink<'_, R>,
     ) {
         if sink.wants(time) {
-            let now = self.system.evaluate(drive, tau, y);
+            let now = self.equations.system.evaluate(drive, tau, y);
             *rate = now.rate;
-            sink.take(&self.system, time, &now, y);
+            R::call(self.instructions, Take { sink, system: &self.equations.system, time, now: &now, y });
         } else {
-            let at = StageState { from: y, by: Varied::zero(), along: y };
-            self.system.rates(&drive.at(tau), &drive.contacts, at, rate);
+            let at = StageState { from: y, by: RunDual::zero(), along: y };
+            self.equations.system.rates(&drive.at(tau), &drive.contacts, at, rate);
         }
     }
 
     /// Applies what happens at a breakpoint: the shifts of inputs whose jump moves, then the impulses. Returns whether
     /// anything does.
-    fn pass(&self, time: f64, drive: &SegmentDrive<Varied<R>>, y: &mut States<Varied<R>>) -> bool {
-        let input = drive.at(Varied::zero());
+    #[inline(always)]
+    fn pass(&self, time: f64, drive: &SegmentDrive<RunDual<R>>, y: &mut States<RunDual<R>>) -> bool {
+        let input = drive.at(RunDual::zero());
         let mut passes = self.directions.iter().any(|one| one.shifts.iter().any(|shift| shift.time == time));
         if passes {
             self.shift(time, &input, y);
@@ -271,7 +301,7 @@ impl<R: Lanes> Walk<'_, R> {
             let by = self.varied(0.0, |one| one.impulse_times.get(number).copied().unwrap_or(0.0));
             self.carry(&input, y, by);
             // The angles of driven fingers are those of the instant to which the impulse moves.
-            self.system.jump(&drive.at(by), y, &std::array::from_fn(component));
+            self.equations.system.jump(&drive.at(by), y, &std::array::from_fn(component));
             self.carry(&input, y, -by);
         }
         passes
@@ -279,19 +309,20 @@ impl<R: Lanes> Walk<'_, R> {
 
     /// Adds the effect of the shifts at a breakpoint. The rates are affine in the inputs, so that the difference of
     /// the derivatives with and without a shift is exact.
-    fn shift(&self, time: f64, input: &Input<Varied<R>>, y: &mut States<Varied<R>>) {
-        let shifted = |number: Varied<R>, of: &dyn Fn(&Shift) -> f64| {
+    #[inline(always)]
+    fn shift(&self, time: f64, input: &Input<RunDual<R>>, y: &mut States<RunDual<R>>) {
+        let shift = |of: &dyn Fn(&Shift) -> f64| {
             let here = |one: &Direction| one.shifts.iter().filter(|shift| shift.time == time).map(of).sum();
-            number + self.varied(0.0, here)
+            self.varied(0.0, here)
         };
         let mut moved = *input;
         for i in 0..2 {
-            moved.target[i] = shifted(input.target[i], &|shift| shift.target[i]);
+            moved.target[i] = moved.target[i] + shift(&|shift| shift.target[i]);
             moved.target_acceleration[i] =
-                shifted(input.target_acceleration[i], &|shift| shift.acceleration[i]);
+                moved.target_acceleration[i] + shift(&|shift| shift.acceleration[i]);
         }
         for c in 0..3 {
-            moved.force[c] = shifted(input.force[c], &|shift| shift.force[c]);
+            moved.force[c] = moved.force[c] + shift(&|shift| shift.force[c]);
         }
         let (with, without) = (self.rates(&moved, y), self.rates(input, y));
         for n in 0..MAX_COMPONENTS {
@@ -300,7 +331,8 @@ impl<R: Lanes> Walk<'_, R> {
     }
 
     /// Carries the state on by the times `by` of the directions.
-    fn carry(&self, input: &Input<Varied<R>>, y: &mut States<Varied<R>>, by: Varied<R>) {
+    #[inline(always)]
+    fn carry(&self, input: &Input<RunDual<R>>, y: &mut States<RunDual<R>>, by: RunDual<R>) {
         if by.slope.iter().all(|by| by.is_zero() & R::ALL == R::ALL) {
             return;
         }
@@ -312,18 +344,19 @@ impl<R: Lanes> Walk<'_, R> {
     }
 
     /// The rates of a state under the inputs of an instant.
-    fn rates(&self, input: &Input<Varied<R>>, y: &States<Varied<R>>) -> States<Varied<R>> {
-        let mut rate = [Varied::zero(); MAX_COMPONENTS];
-        let at = StageState { from: y, by: Varied::zero(), along: y };
-        self.system.rates(input, &Contacts::sticking(), at, &mut rate);
+    #[inline(always)]
+    fn rates(&self, input: &Input<RunDual<R>>, y: &States<RunDual<R>>) -> States<RunDual<R>> {
+        let mut rate = [RunDual::zero(); MAX_COMPONENTS];
+        let at = StageState { from: y, by: RunDual::zero(), along: y };
+        self.equations.system.rates(input, &Contacts::sticking(), at, &mut rate);
         rate
     }
 }
 
 /// A motion without derivatives.
-fn constant<R: Lanes>(motion: &Motion<f64>) -> Motion<Varied<R>> {
+fn constant<R: Lanes>(motion: &Motion<f64>) -> Motion<RunDual<R>> {
     let Motion { q, p, memory } = motion;
-    Motion { q: q.map(Varied::constant), p: p.map(Varied::constant), memory: memory.map(Varied::constant) }
+    Motion { q: q.map(RunDual::constant), p: p.map(RunDual::constant), memory: memory.map(RunDual::constant) }
 }
 
 /// The error of a step whose equations were solved in the run, but not again to round-off.

@@ -2,21 +2,19 @@
 //!
 //! Every run gives the bits that it gives alone, whatever thread computes it and whatever runs are beside it.
 
-use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::time::Duration;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use crate::driver::lanes::in_lanes;
 use crate::driver::queue::{Row, Scenes, Shared, Worker};
+use crate::driver::sensitivities::Derivatives;
 use crate::driver::simulate::simulate;
+use crate::driver::threads::share;
 use crate::error::Error;
 use crate::model::scene::Scene;
 use crate::stepping::grid::Grid;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::record::reserved;
 use crate::stepping::status::Status;
-
-/// Interval at which the caller gets the number of finished runs and is asked whether to stop.
-const WATCH: Duration = Duration::from_millis(50);
 
 /// Simulates runs 0 to `runs` of `scenes` on `threads` threads of its own. From time to time `watch` gets the
 /// number of finished runs and says whether to stop; after a stop the rows are those of the finished runs.
@@ -29,40 +27,40 @@ pub fn ensemble(
     watch: &mut dyn FnMut(usize) -> bool,
 ) -> Result<Vec<Row>, Error> {
     let shared = &Shared::new(scenes, runs, options);
-    let threads = threads.min(runs.max(1));
-    let (sender, results) = channel();
     let mut rows = reserved("the rows of an ensemble, in numbers,", runs)?;
-    std::thread::scope(|scope| {
-        for _ in 0..threads {
-            let sender = sender.clone();
-            let thread = std::thread::Builder::new().spawn_scoped(scope, move || {
-                let worked = work(shared);
-                if worked.is_err() {
-                    shared.stop();
-                }
-                // The receiver waits for all threads. If it is gone, nobody needs the rows.
-                let _ = sender.send(worked);
-            });
-            if let Err(error) = thread {
-                shared.stop();
-                return Err(Error::Threads { threads, reason: error.to_string() });
-            }
-        }
-        drop(sender);
-        loop {
-            match results.recv_timeout(WATCH) {
-                Ok(worked) => rows.extend(worked?),
-                Err(RecvTimeoutError::Disconnected) => return Ok(()),
-                Err(RecvTimeoutError::Timeout) => {
-                    if watch(shared.done()) {
-                        shared.stop();
-                    }
-                }
-            }
-        }
-    })?;
+    let found = share(threads.min(runs.max(1)), &shared.stop, || work(shared), &mut || watch(shared.done()))?;
+    rows.extend(found.into_iter().flatten());
     rows.sort_unstable_by_key(|row| row.run);
     Ok(rows)
+}
+
+/// Computes `one` number after the other, each the derivatives of a run from 0 to `runs`, on `threads` threads of its own.
+/// It gets the number of the run, and a function that says whether to stop. Returns the derivatives in the order of the
+/// runs; `None` if `watch`, which is called from time to time, has stopped the work.
+pub fn derivatives(
+    runs: usize,
+    threads: usize,
+    one: impl Fn(usize, &dyn Fn() -> bool) -> Result<Option<Derivatives>, Error> + Sync,
+    watch: &mut dyn FnMut() -> bool,
+) -> Result<Option<Vec<Derivatives>>, Error> {
+    let (next, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let stops = || stop.load(Ordering::Relaxed);
+    let work = || {
+        let mut found = Vec::new();
+        while !stops() {
+            let run = next.fetch_add(1, Ordering::Relaxed);
+            if run >= runs {
+                break;
+            }
+            let own = one(run, &stops).map_err(|error| Error::Run { run, error: Box::new(error) })?;
+            found.extend(own.map(|own| (run, own)));
+        }
+        Ok(found)
+    };
+    let mut found: Vec<_> =
+        share(threads.clamp(1, runs.max(1)), &stop, work, watch)?.into_iter().flatten().collect();
+    found.sort_unstable_by_key(|(run, _)| *run);
+    Ok((found.len() == runs).then(|| found.into_iter().map(|(_, own)| own).collect()))
 }
 
 /// The work of one thread.

@@ -132,7 +132,11 @@ pub(super) fn in_lanes<'a>(
     choice: Choice,
 ) -> Result<Option<()>, Error> {
     let level = options.simd;
-    match (&options.steps, options.method) {
+    // Every method is named, so that none runs outside of lanes because it was forgotten.
+    match (options.steps, options.method) {
+        (_, Method::ImplicitMidpoint | Method::Radau5) | (Steps::Free { .. }, Method::Rk4) => {
+            return Ok(None);
+        }
         (Steps::Fixed(_), Method::Rk4) => {
             dispatch_lanes(level, EqualKernel::<Rk4InLanes>::new(runs, grid, options, choice))?
         }
@@ -142,14 +146,12 @@ pub(super) fn in_lanes<'a>(
         (Steps::Fixed(_), Method::Rosenbrock) => {
             dispatch_lanes(level, EqualKernel::<RosenbrockInLanes>::new(runs, grid, options, choice))?
         }
-        (Steps::Free { tolerance, .. }, Method::Dop853) => {
-            dispatch_lanes(level, AdaptiveKernel::<Dop853InLanes>::new(runs, options, choice, *tolerance))?
+        (Steps::Free { tolerance }, Method::Dop853) => {
+            dispatch_lanes(level, AdaptiveKernel::<Dop853InLanes>::new(runs, options, choice, tolerance))?
         }
-        (Steps::Free { tolerance, .. }, Method::Rosenbrock) => dispatch_lanes(
-            level,
-            AdaptiveKernel::<RosenbrockInLanes>::new(runs, options, choice, *tolerance),
-        )?,
-        _ => return Ok(None),
+        (Steps::Free { tolerance }, Method::Rosenbrock) => {
+            dispatch_lanes(level, AdaptiveKernel::<RosenbrockInLanes>::new(runs, options, choice, tolerance))?
+        }
     }
     .map(Some)
 }

@@ -12,3 +12,4 @@ pub mod simulate;
 pub mod simulator;
 #[cfg(test)]
 pub(crate) mod tests;
+mod threads;

@@ -12,7 +12,7 @@ use crate::model::scene::Scene;
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::monitor::VIOLATIONS;
 use crate::stepping::options::Options;
-use crate::stepping::queue::{Finished, RunQueue, Watched};
+use crate::stepping::queue::{Finished, RunQueue, Sample};
 use crate::stepping::record::Instant;
 use crate::stepping::recorder::Run;
 use crate::stepping::status::Status;
@@ -78,7 +78,7 @@ pub struct Shared<'a> {
     fingers: OnceLock<Fingers>,
     next: AtomicUsize,
     done: AtomicUsize,
-    stop: AtomicBool,
+    pub(super) stop: AtomicBool,
 }
 
 impl<'a> Shared<'a> {
@@ -118,11 +118,6 @@ impl<'a> Shared<'a> {
     #[inline(always)]
     pub fn stops(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
-    }
-
-    /// Tells all threads to stop.
-    pub fn stop(&self) {
-        self.stop.store(true, Ordering::Relaxed);
     }
 
     /// Number of finished runs.
@@ -170,7 +165,7 @@ impl<'a> RunQueue<'a> for LaneQueue<'_, 'a> {
         self.0.stops()
     }
 
-    fn finish(&mut self, finished: Finished, _: impl FnOnce(&Watched) -> LedgerRow) {
+    fn finish(&mut self, finished: Finished, _: impl FnOnce(&Sample) -> LedgerRow) {
         self.0.finish(finished);
     }
 }

@@ -6,13 +6,10 @@ use crate::driver::derivative_sink::{Ends, Rows, Sink};
 use crate::driver::differentiated_run::{Walk, WalkTask};
 use crate::driver::simulate::simulate;
 use crate::error::Error;
-use crate::formulation::varied_equations::VariedEquations;
-use crate::method::dop853::Dop853;
-use crate::method::lone::{implicit_midpoint, radau5, rosenbrock};
-use crate::method::rk4::Rk4;
+use crate::formulation::run_dual::RunDualEquations;
+use crate::method::run_dual::run_dual_steps;
 use crate::method::table::Method;
 use crate::method::traits::Runs;
-use crate::method::varied::{Explicit, Solved, VariedSteps};
 use crate::model::contact_modes::ContactModel;
 use crate::model::energy::BILATERAL_WORKS;
 use crate::model::inputs::Inputs;
@@ -74,8 +71,7 @@ pub struct Derivatives {
     pub failed: Option<String>,
 }
 
-/// The derivatives of a run at the times `rows`, which are instants of the run: ends of its steps, or with free steps
-/// any. `start` says what the scene's start follows from; `None` if it is given. Returns the components of
+/// The derivatives of a run at the times `rows`, which are instants of the run. `start` says what the scene's start follows from; `None` if it is given. Returns the components of
 /// [`QUANTITIES`] row by row, each with one number for every direction; `None` if `interrupted` says so.
 ///
 /// At a breakpoint the row has the state before its shifts and impulses.
@@ -128,10 +124,9 @@ fn ends(scene: &Scene, options: &Options, interrupted: &dyn Fn() -> bool) -> Res
     }
     match &options.steps {
         Steps::Fixed(_) => Ok(Vec::new()),
-        Steps::Free { tolerance, .. } => {
-            let steps = Steps::Free { tolerance: *tolerance, times: None };
-            let times = Options { steps, record: Selection::default(), every: 1, ..options.clone() };
-            Ok(simulate(scene, &times, interrupted)?.0.recording.t)
+        Steps::Free { .. } => {
+            let ends = Options { record: Selection::default(), every: 1, times: None, ..options.clone() };
+            Ok(simulate(scene, &ends, interrupted)?.0.recording.t)
         }
     }
 }
@@ -173,27 +168,26 @@ impl LaneKernel for All<'_> {
             });
             let source = VariedParameters { parameters: &scene.parameters, slopes };
             let twice = options.method == Method::Rosenbrock;
-            let system = VariedEquations::<R>::new(instructions, choice, &source, gains, twice);
-            let walk = Walk { scene, options, start, directions, source, system, ends, interrupted };
+            let equations = RunDualEquations::<R>::new(instructions, choice, &source, gains, twice);
+            let walk = Walk {
+                instructions,
+                scene,
+                options,
+                start,
+                directions,
+                source,
+                equations,
+                ends,
+                interrupted,
+            };
             let mut sink = match &mut wanted {
                 Wanted::Rows { times, numbers } => {
                     Sink::Rows(Rows { times, numbers, first: chunk * DIRECTIONS, width: all.len(), taken: 0 })
                 }
                 Wanted::Ends { until, .. } => Sink::Ends(Ends::new(&options.summaries, *until)),
             };
-            let own = runs.system::<f64>();
-            let mut explicit = (Explicit(instructions, Rk4::new()), Explicit(instructions, Dop853::new()));
-            let mut midpoint = Solved::new(instructions, implicit_midpoint(runs, &own), own);
-            let mut radau = Solved::new(instructions, radau5(runs, &own), own);
-            let mut linear = Solved::new(instructions, rosenbrock(runs, &own), own);
-            let method: &mut dyn VariedSteps<R> = match options.method {
-                Method::Rk4 => &mut explicit.0,
-                Method::Dop853 => &mut explicit.1,
-                Method::ImplicitMidpoint => &mut midpoint,
-                Method::Radau5 => &mut radau,
-                Method::Rosenbrock => &mut linear,
-            };
-            match R::call(instructions, WalkTask(walk, method, &mut sink)) {
+            let mut method = run_dual_steps(runs, options.method);
+            match R::call(instructions, WalkTask(&walk, &mut *method, &mut sink)) {
                 Ok(()) if sink.is_full() => {}
                 Ok(()) => return Ok(None),
                 Err(failure @ Error::NoDerivative { .. }) => {

@@ -1,11 +1,12 @@
 //! One run: the checks before it, its result, and the choice of the code that computes it.
 
 use crate::error::Error;
-use crate::formulation::inlined::InlinedWork;
+use crate::formulation::inlined::Inlined;
 use crate::formulation::mode_selection::Contact;
-use crate::formulation::scene_equations::{Choice, SceneEquations};
+use crate::formulation::scene_equations::{Choice, EquationKind, SceneEquations, with};
 use crate::formulation::system::System;
 use crate::formulation::table::Formulation;
+use crate::formulation::unilateral::Unilateral;
 use crate::method::lone::{dop853, implicit_midpoint, radau5, rosenbrock};
 use crate::method::rk4::Rk4;
 use crate::method::table::{AdaptiveMethod, METHODS, Method};
@@ -35,7 +36,7 @@ pub fn stability_warning(options: &Options, longest: f64) -> Option<String> {
     if options.formulation != Formulation::Csm {
         return None;
     }
-    let limit = options.method.real_stability_limit()?;
+    let limit = options.method.entry().real_stability_limit?;
     let Stabilization { alpha, beta } = options.stabilization;
     let (name, gain) = if alpha >= beta { ("alpha", alpha) } else { ("beta", beta) };
     (gain * longest > limit).then(|| {
@@ -59,12 +60,19 @@ pub fn simulate(
     options: &Options,
     interrupted: &dyn Fn() -> bool,
 ) -> Result<(Run, Option<String>), Error> {
-    let (plan, rows) = prepare(scene, options)?;
+    let guarded;
+    let options = if options.may_be_unstable(scene) {
+        guarded = Options { guard: true, ..options.clone() };
+        &guarded
+    } else {
+        options
+    };
+    let (plan, times, rows) = prepare(scene, options)?;
     let recording = Recording::with_capacity(options.record, plan.layout(scene, options), rows)?;
     let warning = stability_warning(options, plan.longest());
-    let due = match &plan {
-        Plan::Free { times: Some(times), .. } => Due::Times(times),
-        _ => Due::Steps { every: options.every, left: 0 },
+    let due = match &times {
+        Some(times) => Due::Times(times),
+        None => Due::Steps { every: options.every, left: 0 },
     };
     let single = Single {
         instructions: options.simd.require()?,
@@ -100,7 +108,7 @@ pub(super) fn advance(
 /// Checks a scene and options without computing the run. Returns the longest step if steps are fixed, else
 /// zero.
 pub fn check(scene: &Scene, options: &Options) -> Result<f64, Error> {
-    prepare(scene, options).map(|(plan, _)| plan.longest())
+    prepare(scene, options).map(|(plan, ..)| plan.longest())
 }
 
 /// The size of a run before it is computed.
@@ -116,23 +124,19 @@ pub struct Outline {
 
 /// Outlines a run. Bad input is the only error.
 pub fn outline(scene: &Scene, options: &Options) -> Result<Outline, Error> {
-    let (plan, _) = prepare(scene, options)?;
+    let (plan, times, _) = prepare(scene, options)?;
     let row = 8 * options.record.width(plan.layout(scene, options));
-    Ok(match plan {
-        Plan::Fixed(Grid { segments, steps, .. }) => {
-            // The rows are the start, one for every `every` steps, and always the end.
-            let rows = 1 + steps.div_ceil(options.every);
-            Outline { segments, steps: Some(steps), bytes: Some(rows * row) }
-        }
-        Plan::Free { span, times, .. } => Outline {
-            segments: span.segment_count(&scene.inputs),
-            steps: None,
-            bytes: times.map(|times| {
-                let rows = times.len() + usize::from(times.last() != Some(&span.end));
-                rows as u64 * row
-            }),
-        },
-    })
+    let (segments, steps) = match &plan {
+        Plan::Fixed(Grid { segments, steps, .. }) => (*segments, Some(*steps)),
+        Plan::Free { span, .. } => (span.segment_count(&scene.inputs), None),
+    };
+    // The rows are those that were asked for, or the start and one for every `every` steps; and always the end.
+    let end = scene.initial.time + scene.duration;
+    let rows = match times {
+        Some(times) => Some(times.len() as u64 + u64::from(times.last() != Some(&end))),
+        None => steps.map(|steps| 1 + steps.div_ceil(options.every)),
+    };
+    Ok(Outline { segments, steps, bytes: rows.map(|rows| rows * row) })
 }
 
 /// Refuses a scene or options with which no run can begin. The times of the run are checked elsewhere. Single
@@ -188,7 +192,7 @@ fn require_unilateral(scene: &Scene, options: &Options) -> Result<(), Error> {
     }
     let Some(row) = &scene.initial.contact else { return Ok(()) };
     let contacts = Contact::of_row(row)?;
-    if options.formulation == Formulation::Projected {
+    if scene.check || options.formulation != Formulation::Csm {
         // Only the stabilisation leads back to the constraints.
         let held = |kind: usize, i: usize| match kind {
             0 => contacts[i].closed,
@@ -201,12 +205,12 @@ fn require_unilateral(scene: &Scene, options: &Options) -> Result<(), Error> {
 
 /// The method as one that chooses the length of its steps. The error lists the methods that do.
 fn adaptive(method: Method) -> Result<AdaptiveMethod, Error> {
-    method.adaptive().ok_or_else(|| Error::Unknown {
+    method.entry().adaptive.ok_or_else(|| Error::Unknown {
         field: "method",
         name: method.name().to_owned(),
         allowed: METHODS
             .iter()
-            .filter(|(_, method)| method.is_adaptive())
+            .filter(|(_, method)| method.entry().adaptive.is_some())
             .map(|(name, _)| format!("{name:?}"))
             .collect::<Vec<_>>()
             .join(", ")
@@ -217,14 +221,14 @@ fn adaptive(method: Method) -> Result<AdaptiveMethod, Error> {
 /// The times of a run, after their check.
 enum Plan {
     Fixed(Grid),
-    Free { method: AdaptiveMethod, span: Span, tolerance: f64, times: Option<Vec<f64>> },
+    Free { method: AdaptiveMethod, span: Span, tolerance: f64 },
 }
 
 impl Plan {
     /// What the rows of the recording have because of the method and the contacts.
     fn layout(&self, scene: &Scene, options: &Options) -> Layout {
         Layout {
-            keeps_jacobian: options.method.keeps_jacobian() && matches!(self, Self::Fixed(_)),
+            keeps_jacobian: options.method.entry().keeps_jacobian && matches!(self, Self::Fixed(_)),
             unilateral: options.contact == ContactModel::Unilateral,
             controller: scene.inputs.sampled().map_or(0, |sampled| sampled.controller.width()),
         }
@@ -239,25 +243,23 @@ impl Plan {
     }
 }
 
-/// Checks a run. Returns its times and the number of rows of its recording, which is zero if free steps make
-/// it unknown beforehand.
-fn prepare(scene: &Scene, options: &Options) -> Result<(Plan, u64), Error> {
+/// Checks a run. Returns its times, the instants to record if these were asked for, and the number of rows of its
+/// recording, which is zero if free steps make it unknown beforehand.
+fn prepare(scene: &Scene, options: &Options) -> Result<(Plan, Option<Vec<f64>>, u64), Error> {
     require_sound(scene, options)?;
     let Scene { inputs, initial, duration, .. } = scene;
-    match &options.steps {
+    let span = Span::new(inputs, initial, *duration)?;
+    let (plan, rows) = match options.steps {
         Steps::Fixed(dt) => {
-            let grid = Grid::new(inputs, initial, *duration, *dt, options.refine)?;
+            let grid = Grid::new(inputs, initial, *duration, dt, options.refine)?;
             let rows = grid.steps / options.every + 2;
-            Ok((Plan::Fixed(grid), rows))
+            (Plan::Fixed(grid), rows)
         }
-        Steps::Free { tolerance, times } => {
-            let span = Span::new(inputs, initial, *duration)?;
-            let times = times.as_ref().map(|times| instants(times, span)).transpose()?;
-            let rows = times.as_ref().map_or(0, |times| times.len() as u64 + 1);
-            let method = adaptive(options.method)?;
-            Ok((Plan::Free { method, span, tolerance: *tolerance, times }, rows))
-        }
-    }
+        Steps::Free { tolerance } => (Plan::Free { method: adaptive(options.method)?, span, tolerance }, 0),
+    };
+    let times = options.times.as_ref().map(|times| instants(times, span)).transpose()?;
+    let rows = times.as_ref().map_or(rows, |times| times.len() as u64 + 1);
+    Ok((plan, times, rows))
 }
 
 /// Checks the instants to record. An instant that is outside of the run by round-off becomes the start or the
@@ -294,15 +296,15 @@ struct Single<'a> {
     recorder: Recorder<'a>,
 }
 
-/// Equal steps of RK4, inlined around the equations.
-struct Rk4EqualSteps<'a>(Single<'a>, &'a Grid);
+/// Equal steps of RK4, with the equations inlined.
+struct Rk4EqualSteps<'a, S>(Single<'a>, &'a Grid, S);
 
-impl<'a> InlinedWork for Rk4EqualSteps<'a> {
+impl<'a, S: System<f64> + Copy> LaneTask<f64> for Rk4EqualSteps<'a, S> {
     type Output = Result<Recorder<'a>, Error>;
 
     #[inline(always)]
-    fn run<S: System<f64> + Copy>(self, system: S) -> Self::Output {
-        let Self(Single { instructions, options, recorder: queue, .. }, grid) = self;
+    fn run(self) -> Self::Output {
+        let Self(Single { instructions, options, recorder: queue, .. }, grid, system) = self;
         let grid = |_, _: &Scene| Ok(grid.clone());
         let builder = |_: &LaneParameters<'_>| (system, Rk4::new());
         EqualSteps { instructions, options, queue, grid, builder }.run()
@@ -362,8 +364,15 @@ impl<'a> Single<'a> {
         match plan {
             Plan::Fixed(grid) => match options.method {
                 Method::Rk4 => {
-                    SceneEquations::new(instructions, choice, &scene.parameters, &options.stabilization)
-                        .inlined_into(Rk4EqualSteps(self, grid))
+                    let gains = &options.stabilization;
+                    let called = &SceneEquations::new(instructions, choice, &scene.parameters, gains);
+                    with!(called.kind, equations => if choice.ledger {
+                        let system = Inlined::<_, true> { equations, called };
+                        f64::call(instructions, Rk4EqualSteps(self, grid, system))
+                    } else {
+                        let system = Inlined::<_, false> { equations, called };
+                        f64::call(instructions, Rk4EqualSteps(self, grid, system))
+                    })
                 }
                 Method::Dop853 => f64::call(instructions, EqualStepsTask(self, grid, dop853)),
                 Method::ImplicitMidpoint => {

@@ -51,6 +51,8 @@ impl Simulator {
                 rule: "a simulator takes equal steps",
             });
         };
+        let guard = scenes.iter().any(|scene| options.may_be_unstable(scene));
+        let options = &Options { guard, ..options.clone() };
         let mut environments = Vec::with_capacity(scenes.len());
         for (run, scene) in scenes.into_iter().enumerate() {
             let refused = |error| Error::Run { run, error: Box::new(error) };

@@ -70,7 +70,7 @@ fn scene_with(fingers: Fingers, run: usize) -> Result<Scene, Error> {
 #[test]
 fn lanes_without_a_run_never_need_the_slow_sine() {
     let fixed = |method| (method, Steps::Fixed(1e-4));
-    let free = |method| (method, Steps::Free { tolerance: 1e-6, times: None });
+    let free = |method| (method, Steps::Free { tolerance: 1e-6 });
     for (method, steps) in [
         fixed(Method::Rk4),
         fixed(Method::Dop853),
@@ -83,7 +83,7 @@ fn lanes_without_a_run_never_need_the_slow_sine() {
         {
             // There are fewer runs than lanes, or more runs, of which the last ones leave lanes empty.
             for runs in [1, 11] {
-                let options = Options { steps: steps.clone(), method, formulation, ..Options::default() };
+                let options = Options { steps, method, formulation, ..Options::default() };
                 let scenes = |run| scene_with(fingers, run);
                 let shared = Shared::new(&scenes, runs, &options);
                 LIBM_LANES.set(0);
@@ -167,7 +167,7 @@ fn portable_lanes_give_the_bits_of_lone_runs_with_events() {
         };
         let options = Options { steps: Steps::Fixed(dt), ..base.clone() };
         let equal = require_alone(slipping, &options, equal_steps);
-        let steps = Steps::Free { tolerance, times: None };
+        let steps = Steps::Free { tolerance };
         let options = Options { steps, method: Method::Dop853, ..base };
         let adaptive = require_alone(slipping, &options, adaptive_steps);
         for rows in [equal, adaptive] {
@@ -186,7 +186,7 @@ fn portable_lanes_give_the_bits_of_lone_runs() {
     require_alone(scene, &options, equal_steps);
     let tolerance = 1e-6;
     let options = Options {
-        steps: Steps::Free { tolerance, times: None },
+        steps: Steps::Free { tolerance },
         method: Method::Dop853,
         formulation: Formulation::Nullspace,
         ..Options::default()
@@ -206,7 +206,7 @@ fn portable_lanes_give_the_bits_of_lone_runs_with_controllers() {
     };
     let options = Options { steps: Steps::Fixed(2e-4), ..Options::default() };
     require_alone(sampled, &options, equal_steps);
-    let steps = Steps::Free { tolerance: 1e-6, times: None };
+    let steps = Steps::Free { tolerance: 1e-6 };
     let options = Options { steps, method: Method::Dop853, ..Options::default() };
     require_alone(sampled, &options, adaptive_steps);
 }
@@ -222,12 +222,12 @@ fn an_ensemble_refuses_a_start_that_a_lone_run_refuses() {
         Ok(scene)
     };
     let fixed = || Steps::Fixed(2e-4);
-    let free = || Steps::Free { tolerance: 1e-4, times: None };
+    let free = || Steps::Free { tolerance: 1e-4 };
     let radau = Method::Radau5;
     for (method, steps) in
         [(Method::Rk4, fixed()), (radau, fixed()), (Method::Dop853, free()), (radau, free())]
     {
-        let of = |formulation| Options { method, formulation, steps: steps.clone(), ..Options::default() };
+        let of = |formulation| Options { method, formulation, steps, ..Options::default() };
         let many = |options: &Options| ensemble(&off, 11, options, 1, &mut |_| false);
         for formulation in [Formulation::Nullspace, Formulation::Projected] {
             let options = of(formulation);

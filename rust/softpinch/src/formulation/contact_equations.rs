@@ -1,102 +1,141 @@
 //! The equations of unilateral contact as the search for events uses them: for one run, after the choice of
 //! its fingers.
 
-use crate::formulation::equations::{Equations, States};
+use crate::formulation::equations::{Equations, States, Terms};
 use crate::formulation::impact::{Impact, impact};
-use crate::formulation::unilateral::{ContactTerms, Unilateral};
+use crate::formulation::unilateral::Unilateral;
 use crate::model::contact_modes::Contacts;
-use crate::model::control::Controller;
+use crate::model::control::{Actuated, Driven};
 use crate::model::drive::Input;
 use crate::model::geometry::{Geometry, Side};
 use crate::model::motion::Motion;
 use crate::number::lanes::{LaneTask, Lanes};
 use crate::number::simd::level::Instructions;
 
-/// The equations of one run with unilateral contact.
-pub trait ContactEquations {
-    /// All terms at one state, in the modes of the contacts.
-    fn terms(&self, input: &Input<f64>, contacts: &Contacts<f64>, motion: &Motion<f64>) -> ContactTerms<f64>;
-
-    /// The velocities `p` after an impact of the contacts that are `closed`, with an impulse on the object.
-    fn impact(&self, geometry: &Geometry<f64>, p: &[f64; 9], closed: [bool; 2], impulse: [f64; 3]) -> Impact;
-
-    /// The state of a motion, with works of zero.
-    fn begin(&self, motion: &Motion<f64>) -> States<f64>;
-
-    /// The motion of a state.
-    fn motion(&self, input: &Input<f64>, y: &States<f64>) -> Motion<f64>;
-
-    /// The sum of the energies of a motion, J.
-    fn energy(&self, contacts: &Contacts<f64>, motion: &Motion<f64>) -> f64;
-
-    /// The lengths of both sides.
-    fn sides(&self) -> &[Side<f64>; 2];
-
-    /// The diagonal of the mass matrix (14).
-    fn masses(&self) -> &[f64; 9];
-
-    /// mu of both contacts.
-    fn friction(&self) -> [f64; 2];
+/// The equations of one run with unilateral contact, and the instructions for which their long computations are
+/// compiled.
+#[derive(Debug, Clone, Copy)]
+pub enum ContactEquations<'a> {
+    /// Fingers that torques turn.
+    Actuated(Instructions, &'a Unilateral<f64, Actuated<f64>>),
+    /// Fingers that follow their schedule.
+    Driven(Instructions, &'a Unilateral<f64, Driven>),
 }
 
-/// The equations with the instructions for which their long computations are compiled.
-pub(super) struct Called<'a, K>(pub(super) Instructions, pub(super) &'a Unilateral<f64, K>);
+/// Evaluates one expression with the equations of either kind of fingers.
+macro_rules! with {
+    ($contact:expr, ($instructions:pat, $equations:ident) => $body:expr) => {
+        match *$contact {
+            ContactEquations::Actuated($instructions, $equations) => $body,
+            ContactEquations::Driven($instructions, $equations) => $body,
+        }
+    };
+}
 
 /// Computes the terms at one state.
-struct Terms<'a, K>(&'a Unilateral<f64, K>, &'a Input<f64>, &'a Contacts<f64>, &'a Motion<f64>);
+struct TermsAt<'a, E>(&'a E, &'a Input<f64>, &'a Contacts<f64>, &'a Motion<f64>);
 
-impl<K: Controller<f64>> LaneTask<f64> for Terms<'_, K> {
-    type Output = ContactTerms<f64>;
+impl<E: Equations<f64>> LaneTask<f64> for TermsAt<'_, E> {
+    type Output = Terms<f64>;
 
     #[inline(always)]
-    fn run(self) -> ContactTerms<f64> {
-        self.0.terms(self.1, self.2, self.3)
+    fn run(self) -> Terms<f64> {
+        let Self(equations, input, contacts, motion) = self;
+        let geometry = Geometry::new(&equations.plant().sides, &motion.q, &motion.p);
+        equations.terms(input, contacts, motion, geometry)
     }
 }
 
-/// Computes an impact.
-struct Collision<'a, K>(&'a Unilateral<f64, K>, (&'a Geometry<f64>, &'a [f64; 9]), ([bool; 2], [f64; 3]));
+/// Computes an impact with these frictions.
+struct Collision<'a, E> {
+    equations: &'a E,
+    friction: [f64; 2],
+    geometry: &'a Geometry<f64>,
+    p: &'a [f64; 9],
+    closed: [bool; 2],
+    impulse: [f64; 3],
+}
 
-impl<K: Controller<f64>> LaneTask<f64> for Collision<'_, K> {
+impl<E: Equations<f64>> LaneTask<f64> for Collision<'_, E> {
     type Output = Impact;
 
     #[inline(always)]
     fn run(self) -> Impact {
-        let Self(equations, (geometry, p), (closed, impulse)) = self;
-        impact(geometry, equations.plant(), p, (closed, equations.friction()), impulse)
+        let Self { equations, friction, geometry, p, closed, impulse } = self;
+        impact(geometry, equations.plant(), p, (closed, friction), impulse)
     }
 }
 
-impl<K: Controller<f64>> ContactEquations for Called<'_, K> {
-    fn terms(&self, input: &Input<f64>, contacts: &Contacts<f64>, motion: &Motion<f64>) -> ContactTerms<f64> {
-        f64::call(self.0, Terms(self.1, input, contacts, motion))
+/// Computes the part of the constraints' accelerations that the coordinates' accelerations make.
+struct Swept<'a>(&'a Terms<f64>);
+
+impl LaneTask<f64> for Swept<'_> {
+    type Output = [f64; 4];
+
+    #[inline(always)]
+    fn run(self) -> [f64; 4] {
+        self.0.geometry.phi_times(&self.0.response.acceleration)
+    }
+}
+
+impl ContactEquations<'_> {
+    /// All terms at one state, in the modes of the contacts.
+    #[must_use]
+    pub fn terms(&self, input: &Input<f64>, contacts: &Contacts<f64>, motion: &Motion<f64>) -> Terms<f64> {
+        with!(self, (instructions, equations) => {
+            f64::call(instructions, TermsAt(equations, input, contacts, motion))
+        })
     }
 
-    fn impact(&self, geometry: &Geometry<f64>, p: &[f64; 9], closed: [bool; 2], impulse: [f64; 3]) -> Impact {
-        f64::call(self.0, Collision(self.1, (geometry, p), (closed, impulse)))
+    /// The velocities `p` after an impact of the contacts that are `closed`, with an impulse on the object.
+    #[must_use]
+    pub fn impact(
+        &self,
+        geometry: &Geometry<f64>,
+        p: &[f64; 9],
+        closed: [bool; 2],
+        impulse: [f64; 3],
+    ) -> Impact {
+        let friction = self.friction();
+        with!(self, (instructions, equations) => {
+            f64::call(instructions, Collision { equations, friction, geometry, p, closed, impulse })
+        })
     }
 
-    fn begin(&self, motion: &Motion<f64>) -> States<f64> {
-        self.1.begin(motion)
+    /// The state of a motion, with works of zero.
+    #[must_use]
+    pub fn begin(&self, motion: &Motion<f64>) -> States<f64> {
+        with!(self, (_, equations) => equations.begin(motion))
     }
 
-    fn motion(&self, input: &Input<f64>, y: &States<f64>) -> Motion<f64> {
-        self.1.motion(input, y)
+    /// The motion of a state.
+    #[must_use]
+    pub fn motion(&self, input: &Input<f64>, y: &States<f64>) -> Motion<f64> {
+        with!(self, (_, equations) => equations.unpack(input, y))
     }
 
-    fn energy(&self, contacts: &Contacts<f64>, motion: &Motion<f64>) -> f64 {
-        self.1.energies(contacts, motion).total()
+    /// The rates of the constraints' velocities that the accelerations make: Phi times the accelerations.
+    #[must_use]
+    pub fn swept(&self, terms: &Terms<f64>) -> [f64; 4] {
+        let (Self::Actuated(instructions, _) | Self::Driven(instructions, _)) = *self;
+        f64::call(instructions, Swept(terms))
     }
 
-    fn sides(&self) -> &[Side<f64>; 2] {
-        &self.1.plant().sides
+    /// The lengths of both sides.
+    #[must_use]
+    pub fn sides(&self) -> &[Side<f64>; 2] {
+        with!(self, (_, equations) => &equations.plant().sides)
     }
 
-    fn masses(&self) -> &[f64; 9] {
-        &self.1.plant().masses
+    /// The diagonal of the mass matrix (14).
+    #[must_use]
+    pub fn masses(&self) -> &[f64; 9] {
+        with!(self, (_, equations) => &equations.plant().masses)
     }
 
-    fn friction(&self) -> [f64; 2] {
-        self.1.friction()
+    /// mu of both contacts.
+    #[must_use]
+    pub fn friction(&self) -> [f64; 2] {
+        with!(self, (_, equations) => equations.friction())
     }
 }

@@ -13,6 +13,7 @@
 //! 4 x 4 system for u. It is solved by LU without pivots, the finger that grazes last: as long as friction is
 //! below the critical coefficient, the leading minors are positive. The system is not symmetric.
 
+use crate::formulation::constrained::Constrained;
 use crate::model::contact_modes::Contacts;
 use crate::model::control::Controller;
 use crate::model::forces::Plant;
@@ -46,6 +47,15 @@ pub struct Response<R> {
     pub acceleration: [R; 9],
     /// The pivots of R M^-1 K. Their product is its determinant; solutions with a negative one are unstable.
     pub pivots: [R; 4],
+}
+
+/// The response while both tips stick.
+impl<R: Real> From<Constrained<R>> for Response<R> {
+    #[inline(always)]
+    fn from(Constrained { multipliers, acceleration }: Constrained<R>) -> Self {
+        let one = R::constant(1.0);
+        Self { multipliers, share: [one; 2], acceleration, pivots: [one; 4] }
+    }
 }
 
 /// Two rows (H, N) of the system with the columns of one finger.

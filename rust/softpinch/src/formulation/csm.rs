@@ -3,18 +3,15 @@
 //!
 //! (24) is solved for the accelerations, with gamma in place of Phi-dot p (`constrained.rs`).
 
-use crate::formulation::constrained::{Constrained, constrained};
-use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, States};
-use crate::model::contact_modes::Contacts;
+use crate::formulation::equations::{Equations, MAX_COMPONENTS, States};
 use crate::model::control::Controller;
 use crate::model::drive::Input;
-use crate::model::energy::{BILATERAL_WORKS, Energies, work};
-use crate::model::forces::{Forces, Plant};
+use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
 use crate::model::geometry::index::{D_N, FINGER};
 use crate::model::motion::Motion;
 use crate::model::parameters::Stabilization;
-use crate::number::real::{Real, dot};
+use crate::number::real::Real;
 
 /// Degrees of freedom: the number of coordinates that the equations integrate.
 pub const DEGREES: usize = 9;
@@ -36,6 +33,7 @@ pub struct Csm<R, K> {
 
 impl<R: Real, K: Controller<R>> Csm<R, K> {
     /// The formulation of a scene with the gains of (19) and (20).
+    #[inline(always)]
     pub fn new(plant: Plant<R, K>, stabilization: &Stabilization) -> Self {
         let Stabilization { alpha, beta } = *stabilization;
         Self {
@@ -48,7 +46,7 @@ impl<R: Real, K: Controller<R>> Csm<R, K> {
 
     /// gamma of (22) and (23).
     #[inline(always)]
-    pub(crate) fn gamma(&self, geometry: &Geometry<R>) -> [R; 4] {
+    fn gamma(&self, geometry: &Geometry<R>) -> [R; 4] {
         let [c1, c2, c3, c4] = geometry.residuals();
         let [v1, v2, _, _] = geometry.constraint_velocity();
         let [b1, b2, b3, b4] = geometry.bias();
@@ -59,29 +57,17 @@ impl<R: Real, K: Controller<R>> Csm<R, K> {
             self.beta.mul_add(c4, b4),
         ]
     }
-
-    /// Geometry, forces, multipliers and accelerations at one state. The input has the accelerations of
-    /// driven fingers.
-    #[inline(always)]
-    pub fn terms(&self, input: &Input<R>, motion: &Motion<R>) -> (Geometry<R>, Forces<R>, Constrained<R>) {
-        let plant = &self.plant;
-        let Motion { q, p, memory } = motion;
-        let geometry = Geometry::new(&plant.sides, q, p);
-        let mut forces = plant.forces(&geometry, q, p, memory, input);
-        let finger_acceleration = &input.target_acceleration;
-        let solution =
-            constrained(&geometry, plant, &forces.total(), &self.gamma(&geometry), finger_acceleration);
-        if !K::ANGLE_IS_STATE {
-            forces.torque =
-                plant.driving_torque(&geometry, &forces, finger_acceleration, &solution.multipliers);
-        }
-        (geometry, forces, solution)
-    }
 }
 
 impl<R: Real, K: Controller<R>> Equations<R> for Csm<R, K> {
+    type Fingers = K;
     const STATES: usize = if K::ANGLE_IS_STATE { STATES } else { DRIVEN_STATES };
     const DEGREES: usize = if K::ANGLE_IS_STATE { DEGREES } else { DRIVEN_DEGREES };
+
+    #[inline(always)]
+    fn plant(&self) -> &Plant<R, K> {
+        &self.plant
+    }
 
     #[inline(always)]
     fn begin(&self, motion: &Motion<R>) -> States<R> {
@@ -89,64 +75,14 @@ impl<R: Real, K: Controller<R>> Equations<R> for Csm<R, K> {
     }
 
     #[inline(always)]
-    fn evaluate(&self, input: &Input<R>, _: &Contacts<R>, y: &States<R>, ledger: bool) -> Evaluation<R> {
+    fn motion(&self, input: &Input<R>, y: &States<R>) -> (Motion<R>, Geometry<R>) {
         let motion = unpack::<R, K>(input, y);
-        let (geometry, forces, Constrained { multipliers, acceleration }) = self.terms(input, &motion);
-        let memory = if K::MEMORY { self.plant.memory_rates(&motion.q, input) } else { [R::zero(); 2] };
-        let mut rate = pack::<R, K>(&motion.p, &acceleration, &memory);
-        if ledger {
-            let drags = self.plant.drags(&motion.p);
-            let powers = forces.powers(&geometry, &drags, &motion.p, &multipliers);
-            rate[Self::STATES..Self::STATES + BILATERAL_WORKS].copy_from_slice(&powers);
-        }
-        Evaluation {
-            rate,
-            motion,
-            multipliers,
-            residuals: geometry.residuals(),
-            sin_tilt: geometry.sin_tilt(),
-            places: geometry.places(),
-            torque: forces.torque,
-            share: [R::constant(1.0); 2],
-        }
+        (motion, Geometry::new(&self.plant.sides, &motion.q, &motion.p))
     }
 
     #[inline(always)]
-    fn energies(&self, _: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        self.plant.energies(&motion.q, &motion.p)
-    }
-
-    #[inline(always)]
-    fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3], ledger: bool) {
-        let Motion { q, mut p, memory } = unpack::<R, K>(input, y);
-        let geometry = Geometry::new(&self.plant.sides, &q, &p);
-        let mut force = [R::zero(); 9];
-        force[..3].copy_from_slice(impulse);
-        let (still, finger_acceleration) = ([R::zero(); 4], [R::zero(); 2]);
-        let Constrained { multipliers: constraint_impulse, acceleration: change } =
-            constrained(&geometry, &self.plant, &force, &still, &finger_acceleration);
-        let half = R::constant(0.5);
-        let mut mean = p;
-        for k in 0..9 {
-            mean[k] = half.mul_add(change[k], p[k]);
-            p[k] = p[k] + change[k];
-        }
-        let works = *y;
-        *y = pack::<R, K>(&q, &p, &memory);
-        if ledger {
-            let first = Self::STATES;
-            let drift = geometry.phi_times(&mean);
-            y[first..first + BILATERAL_WORKS].copy_from_slice(&works[first..first + BILATERAL_WORKS]);
-            if !K::ANGLE_IS_STATE {
-                y[first + work::CONTROL] =
-                    y[first + work::CONTROL] + self.plant.driving_work(&geometry, &constraint_impulse, &p);
-            }
-            y[first + work::EXTERNAL] =
-                y[first + work::EXTERNAL] + dot(impulse, &[mean[0], mean[1], mean[2]]);
-            y[first + work::CONSTRAINT] = y[first + work::CONSTRAINT]
-                + (constraint_impulse[0].dot2(drift[0], constraint_impulse[1], drift[1])
-                    + constraint_impulse[2].dot2(drift[2], constraint_impulse[3], drift[3]));
-        }
+    fn bias(&self, geometry: &Geometry<R>) -> [R; 4] {
+        self.gamma(geometry)
     }
 }
 

@@ -1,12 +1,18 @@
-//! The interface of a formulation: it computes the derivative and the multipliers of a state.
+//! The interface of a formulation, and what all formulations have in common: the derivative and the multipliers
+//! of a state, the jump by an impulse, and the energies.
 
 use std::fmt::Debug;
 
+use crate::formulation::constrained::{Constrained, constrained};
+use crate::formulation::contact_solve::Response;
 use crate::model::contact_modes::Contacts;
+use crate::model::control::Controller;
 use crate::model::drive::Input;
-use crate::model::energy::{BILATERAL_WORKS, Energies};
+use crate::model::energy::{BILATERAL_WORKS, Energies, WORKS, work};
+use crate::model::forces::{Forces, Plant};
+use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
-use crate::number::real::Real;
+use crate::number::real::{Real, dot};
 
 /// Number of components of the largest state: nine coordinates, their rates, two memories, the seven works of
 /// the ledger, and one that fills the last block.
@@ -57,9 +63,28 @@ impl<R: Real> Evaluation<R> {
     }
 }
 
+/// All terms at one state.
+#[derive(Debug, Clone, Copy)]
+pub struct Terms<R> {
+    /// The geometry. Its residuals C^H and C^N are the gap of a free tip and the velocity of one that slips.
+    pub geometry: Geometry<R>,
+    /// The applied forces. The couples of tips that graze or are free are left out.
+    pub forces: Forces<R>,
+    /// Multipliers, shares of the couples, and accelerations.
+    pub response: Response<R>,
+    /// dP/d theta_pi of both tips, N m, whether it acts or not.
+    pub couple: [R; 2],
+    /// mu of both contacts; zero in bilateral contact, which needs no friction.
+    pub friction: [R; 2],
+}
+
 /// The equations of a formulation for one kind of fingers, in numbers of any type. `ledger` says whether the
-/// state carries the works of the ledger.
+/// state carries the works of the ledger. Bilateral contact ignores the modes in `contacts`.
+///
+/// A formulation says what its states are and what bias its accelerations have. The rest is common to all.
 pub trait Equations<R: Real>: Copy + Debug {
+    /// The law of the fingers.
+    type Fingers: Controller<R>;
     /// Number of states of the motion.
     const STATES: usize;
     /// Number of coordinates among these states. The coordinates come first, and their rates follow.
@@ -68,25 +93,127 @@ pub trait Equations<R: Real>: Copy + Debug {
     const WORKS: usize = BILATERAL_WORKS;
     /// Whether contacts can slip and open.
     const UNILATERAL: bool = false;
+    /// Whether the states can leave the constraints.
+    const DRIFTS: bool = true;
 
-    /// The state of a motion, with works of zero.
+    /// The constants of the scene.
+    fn plant(&self) -> &Plant<R, Self::Fingers>;
+
+    /// The state of a motion, with works of zero. It turns the rates of a motion into the state's derivative, too.
     fn begin(&self, motion: &Motion<R>) -> States<R>;
 
-    /// Derivative and multipliers of the state `y` under the inputs of the instant. Bilateral contact ignores
-    /// the modes in `contacts`.
+    /// The motion of a state, and its geometry.
+    fn motion(&self, input: &Input<R>, y: &States<R>) -> (Motion<R>, Geometry<R>);
+
+    /// The bias b of the constraints on the accelerations, Phi a = -b.
+    fn bias(&self, geometry: &Geometry<R>) -> [R; 4];
+
+    /// All terms of (24) at one state.
+    #[inline(always)]
+    fn terms(
+        &self,
+        input: &Input<R>,
+        _: &Contacts<R>,
+        motion: &Motion<R>,
+        geometry: Geometry<R>,
+    ) -> Terms<R> {
+        let plant = self.plant();
+        let Motion { q, p, memory } = motion;
+        let mut forces = plant.forces(&geometry, q, p, memory, input);
+        let finger_acceleration = &input.target_acceleration;
+        let found =
+            constrained(&geometry, plant, &forces.total(), &self.bias(&geometry), finger_acceleration);
+        if !Self::Fingers::ANGLE_IS_STATE {
+            forces.torque = plant.driving_torque(&geometry, &forces, finger_acceleration, &found.multipliers);
+        }
+        let couple = [forces.elastic[0].tilt, forces.elastic[1].tilt];
+        Terms { geometry, forces, response: found.into(), couple, friction: [R::zero(); 2] }
+    }
+
+    /// The powers whose integrals are the works of the ledger.
+    #[inline(always)]
+    fn powers(&self, terms: &Terms<R>, _: &Contacts<R>, p: &[R; 9]) -> [R; WORKS] {
+        let Terms { geometry, forces, response, .. } = terms;
+        let mut powers = [R::zero(); WORKS];
+        powers[..BILATERAL_WORKS].copy_from_slice(&forces.powers(
+            geometry,
+            &self.plant().drags(p),
+            p,
+            &response.multipliers,
+        ));
+        powers
+    }
+
+    /// Derivative and multipliers of the state `y` under the inputs of the instant.
+    #[inline(always)]
     fn evaluate(
         &self,
         input: &Input<R>,
         contacts: &Contacts<R>,
         y: &States<R>,
         ledger: bool,
-    ) -> Evaluation<R>;
+    ) -> Evaluation<R> {
+        let (motion, geometry) = self.motion(input, y);
+        let terms = self.terms(input, contacts, &motion, geometry);
+        let Response { multipliers, share, acceleration, .. } = terms.response;
+        let memory =
+            if Self::Fingers::MEMORY { self.plant().memory_rates(&motion.q, input) } else { [R::zero(); 2] };
+        let mut rate = self.begin(&Motion { q: motion.p, p: acceleration, memory });
+        if ledger {
+            let powers = self.powers(&terms, contacts, &motion.p);
+            rate[Self::STATES..Self::STATES + Self::WORKS].copy_from_slice(&powers[..Self::WORKS]);
+        }
+        Evaluation {
+            rate,
+            motion,
+            multipliers,
+            residuals: terms.geometry.residuals(),
+            sin_tilt: terms.geometry.sin_tilt(),
+            places: terms.geometry.places(),
+            torque: terms.forces.torque,
+            share,
+        }
+    }
 
-    /// Adds the velocity jump that an impulse (J_x, J_y, J_theta) makes. It keeps the constraints: Phi dp = 0
-    /// and M dp = J + Phi^T Lambda. The works of the impulse and of the constraint impulses Lambda are added
-    /// to the ledger as J (p before + p after) / 2, which is exact.
-    fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3], ledger: bool);
+    /// Adds the velocity jump that an impulse (J_x, J_y, J_theta) makes while both tips stick. It keeps the
+    /// constraints: Phi dp = 0 and M dp = J + Phi^T Lambda. The works of the impulse and of the constraint
+    /// impulses Lambda are added to the ledger as J (p before + p after) / 2, which is exact.
+    #[inline(always)]
+    fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3], ledger: bool) {
+        let (Motion { p, .. }, geometry) = self.motion(input, y);
+        let (plant, zero) = (self.plant(), R::zero());
+        let mut force = [zero; 9];
+        force[..3].copy_from_slice(impulse);
+        let Constrained { multipliers: constraint_impulse, acceleration: change } =
+            constrained(&geometry, plant, &force, &[zero; 4], &[zero; 2]);
+        let jump = self.begin(&Motion { q: [zero; 9], p: change, memory: [zero; 2] });
+        for n in Self::DEGREES..2 * Self::DEGREES {
+            y[n] = y[n] + jump[n];
+        }
+        if ledger {
+            let half = R::constant(0.5);
+            let mut mean = p;
+            for k in 0..9 {
+                mean[k] = half.mul_add(change[k], p[k]);
+            }
+            let works = &mut y[Self::STATES..];
+            works[work::EXTERNAL] = works[work::EXTERNAL] + dot(impulse, &[mean[0], mean[1], mean[2]]);
+            if !Self::Fingers::ANGLE_IS_STATE {
+                let driving = plant.driving_work(&geometry, &constraint_impulse, &p);
+                works[work::CONTROL] = works[work::CONTROL] + driving;
+            }
+            if Self::DRIFTS {
+                let drift = geometry.phi_times(&mean);
+                works[work::CONSTRAINT] = works[work::CONSTRAINT]
+                    + (constraint_impulse[0].dot2(drift[0], constraint_impulse[1], drift[1])
+                        + constraint_impulse[2].dot2(drift[2], constraint_impulse[3], drift[3]));
+            }
+        }
+    }
 
-    /// The energies of a motion, for the ledger. Bilateral contact ignores the modes in `contacts`.
-    fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R>;
+    /// The energies of a motion, for the ledger.
+    #[inline(always)]
+    fn energies(&self, _: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
+        self.plant().energies(&motion.q, &motion.p)
+    }
 }

@@ -1,66 +1,33 @@
 //! The equations of a single run, inlined into the work that uses them.
+//!
+//! RK4's loop does so, because its step does little besides evaluating them: if the equations were called, a step
+//! of a single run would take 20 to 25 % longer (measured: docs/what-a-scene-pays.md). In lanes it makes little
+//! difference.
 
 use std::ops::Range;
 
 use crate::formulation::equations::{Equations, Evaluation, States};
-use crate::formulation::scene_equations::{EquationKind, Evaluate, Rates, SceneEquations, size_of, with};
+use crate::formulation::scene_equations::{Evaluate, Rates, SceneEquations, size_of};
 use crate::formulation::system::{Size, StageState, System};
 use crate::model::contact_modes::Contacts;
 use crate::model::drive::{Input, SegmentDrive};
 use crate::model::energy::Energies;
 use crate::model::motion::Motion;
-use crate::number::lanes::{LaneTask, Lanes};
-
-/// Work that is inlined around the equations of a single run. RK4 uses this, because its step does little
-/// besides evaluating them: if the equations were called, a step of a single run would take 20 to 25 % longer
-/// (measured: docs/what-a-scene-pays.md). In lanes it makes little difference.
-pub(crate) trait InlinedWork {
-    /// The result of the work.
-    type Output;
-    /// Does the work. It must be `#[inline(always)]`.
-    fn run<S: System<f64> + Copy>(self, system: S) -> Self::Output;
-}
-
-/// A task that does such work, with the equations that are inlined into it.
-struct InlinedTask<'a, W, E, const LEDGER: bool>(W, Inlined<'a, E, LEDGER>);
-
-impl<W: InlinedWork, E: Equations<f64>, const LEDGER: bool> LaneTask<f64> for InlinedTask<'_, W, E, LEDGER> {
-    type Output = W::Output;
-
-    #[inline(always)]
-    fn run(self) -> W::Output {
-        let Self(work, equations) = self;
-        work.run(equations)
-    }
-}
-
-impl SceneEquations<f64> {
-    /// Does work that is inlined around the equations.
-    pub(crate) fn inlined_into<W: InlinedWork>(&self, work: W) -> W::Output {
-        let (instructions, called) = (self.instructions, self);
-        with!(&self.kind, equations => {
-            if self.ledger {
-                f64::call(instructions, InlinedTask(work, Inlined::<_, true> { equations, called }))
-            } else {
-                f64::call(instructions, InlinedTask(work, Inlined::<_, false> { equations, called }))
-            }
-        })
-    }
-}
+use crate::number::lanes::LaneTask;
 
 /// The equations of a single run, inlined wherever their rates are needed instead of called. Whether the
 /// ledger is carried is known at compile time, which saves another 3 to 5 % of a step.
-#[derive(Clone, Copy)]
-struct Inlined<'a, E, const LEDGER: bool> {
-    equations: &'a E,
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Inlined<'a, E, const LEDGER: bool> {
+    pub(crate) equations: &'a E,
     /// The same equations, called, for the rare work.
-    called: &'a SceneEquations<f64>,
+    pub(crate) called: &'a SceneEquations<f64>,
 }
 
 impl<E: Equations<f64>, const LEDGER: bool> System<f64> for Inlined<'_, E, LEDGER> {
     #[inline(always)]
     fn size(&self) -> Size {
-        size_of::<f64, E>(LEDGER)
+        size_of(self.equations, LEDGER)
     }
 
     #[inline(always)]

@@ -2,7 +2,8 @@
 //!
 //! A new formulation needs one file beside `csm.rs` with its [`Equations`](equations::Equations), one line in
 //! [`FORMULATIONS`](table::FORMULATIONS), and lines in `scene_equations.rs`, where a scene gets its
-//! equations.
+//! equations: [`SceneEquations`](scene_equations::SceneEquations), for numbers of every kind. `run_dual.rs` has
+//! those of a run with derivatives.
 //!
 //! Unilateral contact, which slips and opens:
 //!
@@ -27,9 +28,8 @@ pub mod inlined;
 pub mod mode_selection;
 pub mod nullspace;
 pub mod projected;
+pub mod run_dual;
 pub mod scene_equations;
 pub mod system;
 pub mod table;
-pub mod tangent;
 pub mod unilateral;
-pub mod varied_equations;

@@ -8,7 +8,7 @@
 
 use crate::error::Error;
 use crate::formulation::contact_equations::ContactEquations;
-use crate::formulation::unilateral::ContactTerms;
+use crate::formulation::equations::Terms;
 use crate::model::contact_modes::{ContactRow, Contacts, Mode, Slip};
 use crate::model::drive::Input;
 use crate::model::geometry::index::{D_N, D_T, FINGER, THETA};
@@ -131,11 +131,11 @@ pub struct Chosen {
 /// into the surface may have delayed its end. On a border all combinations may fail by round-off; then the one
 /// that fails least is taken.
 pub fn choose(
-    equations: &dyn ContactEquations,
+    equations: ContactEquations<'_>,
     input: &Input<f64>,
     motion: &Motion<f64>,
     now: &[Contact; 2],
-    mut trial: impl FnMut(&Contacts<f64>) -> Option<ContactTerms<f64>>,
+    mut trial: impl FnMut(&Contacts<f64>) -> Option<Terms<f64>>,
 ) -> Option<Chosen> {
     let all = now.map(|contact| Contact { left: None, ..contact });
     let passes = [(now, false), (&all, true)];
@@ -153,11 +153,11 @@ pub fn choose(
 /// The first combination that is admissible, or admissible a moment later if it is on a border. The error has
 /// the one that comes nearest of those on a border.
 fn first_admissible(
-    equations: &dyn ContactEquations,
+    equations: ContactEquations<'_>,
     input: &Input<f64>,
     motion: &Motion<f64>,
     now: &[Contact; 2],
-    trial: &mut impl FnMut(&Contacts<f64>) -> Option<ContactTerms<f64>>,
+    trial: &mut impl FnMut(&Contacts<f64>) -> Option<Terms<f64>>,
 ) -> Result<[Mode; 2], Option<[Mode; 2]>> {
     let mut combinations = Vec::new();
     for (first, right) in now[0].candidates().into_iter().enumerate() {
@@ -192,12 +192,7 @@ fn first_admissible(
 
 /// The least margin by which the conditions of all modes hold, as a share of the accelerations at the contact;
 /// negative if one fails, or if the solution has the wrong orientation.
-fn margin(
-    equations: &dyn ContactEquations,
-    terms: &ContactTerms<f64>,
-    modes: [Mode; 2],
-    now: &[Contact; 2],
-) -> f64 {
+fn margin(equations: ContactEquations<'_>, terms: &Terms<f64>, modes: [Mode; 2], now: &[Contact; 2]) -> f64 {
     let oriented = terms.response.pivots.iter().filter(|&&pivot| pivot < 0.0).count() % 2 == 0;
     let sound = terms.response.acceleration.iter().all(|a| a.is_finite());
     if !(oriented && sound) {
@@ -205,7 +200,7 @@ fn margin(
     }
     let (masses, friction) = (equations.masses(), equations.friction());
     let (acceleration, multipliers) = (&terms.response.acceleration, &terms.response.multipliers);
-    let (swept, bias) = (terms.geometry.phi_times(acceleration), terms.geometry.bias());
+    let (swept, bias) = (equations.swept(terms), terms.geometry.bias());
     let own = |i: usize| {
         // The terms of the accelerations of the gap and of the slip, and those that the multipliers make.
         let mut size = f64::MIN_POSITIVE;
@@ -238,7 +233,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::formulation::contact_equations::Called;
+    use crate::formulation::equations::Equations;
     use crate::formulation::unilateral::Unilateral;
     use crate::model::control::{Actuated, Fingers};
     use crate::model::drive::{Drive, SegmentDrive};
@@ -253,8 +248,8 @@ mod tests {
         Unilateral::new(&parameters, Fingers::Pid, &Stabilization { alpha: 0.0, beta: 0.0 })
     }
 
-    fn called(equations: &Unilateral<f64, Actuated<f64>>) -> Called<'_, Actuated<f64>> {
-        Called(Level::detect().require().unwrap(), equations)
+    fn called(equations: &Unilateral<f64, Actuated<f64>>) -> ContactEquations<'_> {
+        ContactEquations::Actuated(Level::detect().require().unwrap(), equations)
     }
 
     /// A pressed grasp: fingers closed by `grip`, the object turned and sheared.
@@ -277,7 +272,7 @@ mod tests {
         let motion = grasp(0.1, 0.0, [0.0; 2], [0.0; 5]);
         let input = still(0.15);
         let choose = |friction| {
-            choose(&called(&equations(friction, 0.01)), &input, &motion, &[Contact::touching(); 2], |_| None)
+            choose(called(&equations(friction, 0.01)), &input, &motion, &[Contact::touching(); 2], |_| None)
                 .unwrap()
                 .modes
         };
@@ -294,10 +289,10 @@ mod tests {
         for friction in [0.0, 0.05, 0.3] {
             let equations = equations(friction, 0.01);
             let input = still(0.15);
-            let modes = choose(&called(&equations), &input, &motion, &[slips; 2], |_| None).unwrap().modes;
+            let modes = choose(called(&equations), &input, &motion, &[slips; 2], |_| None).unwrap().modes;
             assert_eq!(modes, [Mode::Slip(Slip::Down); 2]);
             let contacts = contacts_in(modes, &[slips; 2], &motion.q);
-            let terms = equations.terms(&input, &contacts, &motion);
+            let terms = called(&equations).terms(&input, &contacts, &motion);
             let [right, left, ..] = terms.response.multipliers;
             let object = Parameters::default().grasped;
             let expected = friction * (right + left) / object.mass - 9.81;
@@ -314,10 +309,10 @@ mod tests {
         let free = Contact { mode: Mode::Free, closed: false, ..Contact::touching() };
         let equations = equations(0.5, 0.01);
         let input = still(0.15);
-        let modes = choose(&called(&equations), &input, &motion, &[free; 2], |_| None).unwrap().modes;
+        let modes = choose(called(&equations), &input, &motion, &[free; 2], |_| None).unwrap().modes;
         assert_eq!(modes, [Mode::Free; 2]);
         let contacts = contacts_in(modes, &[free; 2], &motion.q);
-        let terms = equations.terms(&input, &contacts, &motion);
+        let terms = called(&equations).terms(&input, &contacts, &motion);
         assert_eq!(terms.response.acceleration[..3], [0.0, -9.81, 0.0]);
         assert_eq!(terms.response.multipliers, [0.0; 4]);
         assert_eq!(terms.response.share, [0.0; 2]);
@@ -342,11 +337,11 @@ mod tests {
             let equations = equations(friction, 0.01);
             let input = Input { force: [5.0 * force[0], force[1], 0.01 * force[2]], ..still(target) };
             let now = [Contact::touching(); 2];
-            let modes = choose(&called(&equations), &input, &motion, &now, |_| None);
+            let modes = choose(called(&equations), &input, &motion, &now, |_| None);
             prop_assert!(modes.is_some());
             let modes = modes.unwrap().modes;
             let contacts = contacts_in(modes, &now, &motion.q);
-            let terms = equations.terms(&input, &contacts, &motion);
+            let terms = called(&equations).terms(&input, &contacts, &motion);
             let response = &terms.response;
             let swept = terms.geometry.phi_times(&response.acceleration);
             let bias = terms.geometry.bias();

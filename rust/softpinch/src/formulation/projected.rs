@@ -8,13 +8,12 @@
 
 use crate::formulation::constrained::constrained;
 use crate::formulation::contact_solve::{Load, response};
-use crate::formulation::csm::{Csm, pack, unpack};
+use crate::formulation::csm::{pack, unpack};
 use crate::formulation::equations::{Equations, States};
-use crate::formulation::unilateral::Unilateral;
 use crate::model::contact_modes::Contacts;
 use crate::model::control::Controller;
 use crate::model::drive::Input;
-use crate::model::energy::{BILATERAL_WORKS, Energies, WORKS, work};
+use crate::model::energy::work;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
 use crate::model::geometry::index::{D_N, FINGER, THETA, X};
@@ -34,9 +33,11 @@ fn newton_step<R: Real, K: Controller<R>>(plant: &Plant<R, K>, q: &[R; 9], free:
     let geometry = Geometry::new(&plant.sides, q, &[zero; 9]);
     let w = &plant.inverse_masses;
     let [r, l] = &geometry.contacts;
-    let own =
-        |i: usize, a: R, b: R| (b * b).mul_add(w[FINGER + i], (a * a).mul_add(w[THETA], w[X] + w[D_N + i]));
-    let mut matrix = [own(0, r.a, r.b), (r.a * l.a).mul_add(w[THETA], -w[X]), own(1, l.a, l.b)];
+    let mut matrix = [
+        (r.b * r.b).mul_add(w[FINGER], (r.a * r.a).mul_add(w[THETA], w[X] + w[D_N])),
+        (r.a * l.a).mul_add(w[THETA], -w[X]),
+        (l.b * l.b).mul_add(w[FINGER + 1], (l.a * l.a).mul_add(w[THETA], w[X] + w[D_N + 1])),
+    ];
     let mut residuals = [r.holonomic, l.holonomic];
     if free[0] | free[1] != 0 {
         matrix[1] = R::select(free[0] | free[1], zero, matrix[1]);
@@ -65,49 +66,26 @@ fn corrected_position<R: Real, K: Controller<R>>(
     q
 }
 
-/// Puts a state of [`Csm`] back on the constraints.
+/// Puts a state back on the constraints that the modes of the contacts hold. It is a state of
+/// [`Csm`](super::csm::Csm) or of unilateral contact.
 #[inline(always)]
-pub fn correct<R: Real, K: Controller<R>>(
-    plant: &Plant<R, K>,
-    input: &Input<R>,
-    y: &mut States<R>,
-    ledger: bool,
-) {
-    let Motion { q: left_q, p: left_p, memory } = unpack::<R, K>(input, y);
-    let q = corrected_position(plant, &left_q, [0; 2]);
-    let geometry = Geometry::new(&plant.sides, &q, &left_p);
-    // Phi dp = -Phi p and M dp = Phi^T nu: this is the solve of (24) without a force.
-    let (force, finger_acceleration) = ([R::zero(); 9], [R::zero(); 2]);
-    let change = constrained(&geometry, plant, &force, &geometry.constraint_velocity(), &finger_acceleration)
-        .acceleration;
-    let p = sum(&left_p, &change);
-    let works = *y;
-    *y = pack::<R, K>(&q, &p, &memory);
-    if ledger {
-        let first = <Csm<R, K> as Equations<R>>::STATES;
-        let gain = gain(&plant.energies(&q, &p), &plant.energies(&left_q, &left_p));
-        book(y, &works[first..first + BILATERAL_WORKS], first, gain);
-    }
-}
-
-/// Puts a state of [`Unilateral`] back on the constraints that the modes of its contacts hold.
-#[inline(always)]
-pub fn correct_closed<R: Real, K: Controller<R>>(
-    equations: &Unilateral<R, K>,
+pub fn correct<R: Real, E: Equations<R>>(
+    equations: &E,
     input: &Input<R>,
     contacts: &Contacts<R>,
     y: &mut States<R>,
     ledger: bool,
 ) {
     let plant = equations.plant();
-    let Motion { q: left_q, p: left_p, memory } = unpack::<R, K>(input, y);
-    let q = corrected_position(plant, &left_q, contacts.free);
+    let Motion { q: left_q, p: left_p, memory } = unpack::<R, E::Fingers>(input, y);
+    let q = corrected_position(plant, &left_q, if E::UNILATERAL { contacts.free } else { [0; 2] });
     let geometry = Geometry::new(&plant.sides, &q, &left_p);
     let (zero, finger_acceleration) = (R::zero(), [R::zero(); 2]);
+    // Phi dp = -Phi p and M dp = Phi^T nu: this is the solve of (24) without a force.
     let drift = geometry.constraint_velocity();
     let mut change = constrained(&geometry, plant, &[zero; 9], &drift, &finger_acceleration).acceleration;
     let special = contacts.special();
-    if special != 0 {
+    if E::UNILATERAL && special != 0 {
         // Contacts that slip or graze keep C^H only, as those that slip without friction do.
         let up = [contacts.slip(0) | contacts.graze[0], contacts.slip(1) | contacts.graze[1]];
         let held = Contacts { up, down: [0; 2], graze: [0; 2], ..*contacts };
@@ -120,12 +98,17 @@ pub fn correct_closed<R: Real, K: Controller<R>>(
     }
     let p = sum(&left_p, &change);
     let works = *y;
-    *y = pack::<R, K>(&q, &p, &memory);
+    *y = pack::<R, E::Fingers>(&q, &p, &memory);
     if ledger {
-        let first = <Unilateral<R, K> as Equations<R>>::STATES;
-        let before = equations.energies_of(contacts, &left_q, &left_p);
-        let gain = gain(&equations.energies_of(contacts, &q, &p), &before);
-        book(y, &works[first..first + WORKS], first, gain);
+        let range = E::STATES..E::STATES + E::WORKS;
+        y[range.clone()].copy_from_slice(&works[range]);
+        // The energy that the correction adds is work of the constraints.
+        let now = equations.energies(contacts, &Motion { q, p, memory });
+        let before = equations.energies(contacts, &Motion { q: left_q, p: left_p, memory });
+        let gain = (now.kinetic - before.kinetic)
+            + ((now.elastic - before.elastic) + (now.gravity - before.gravity));
+        let work = &mut y[E::STATES + work::CONSTRAINT];
+        *work = *work + gain;
     }
 }
 
@@ -136,17 +119,4 @@ fn sum<R: Real>(a: &[R; 9], b: &[R; 9]) -> [R; 9] {
         sum[k] = a[k] + b[k];
     }
     sum
-}
-
-/// The energy that a correction adds.
-#[inline(always)]
-fn gain<R: Real>(now: &Energies<R>, before: &Energies<R>) -> R {
-    (now.kinetic - before.kinetic) + ((now.elastic - before.elastic) + (now.gravity - before.gravity))
-}
-
-/// Writes the works into a state and adds the energy that the correction has added to that of the constraints.
-#[inline(always)]
-fn book<R: Real>(y: &mut States<R>, works: &[R], first: usize, gain: R) {
-    y[first..first + works.len()].copy_from_slice(works);
-    y[first + work::CONSTRAINT] = y[first + work::CONSTRAINT] + gain;
 }

@@ -1,35 +1,35 @@
 //! The equations of a scene after the choice of formulation, fingers and ledger. Step loops and methods call
 //! them without knowing this choice.
 //!
-//! Each call goes to code that is compiled once for each kind of numbers. In lanes a call costs little
-//! (measured: docs/what-a-scene-pays.md), so step loops and methods are compiled once, not once for each
+//! They are written once for all numbers: lanes, dual numbers of lanes for Jacobians, and the dual numbers of a run
+//! with derivatives. Each call goes to code that is compiled once for each kind of numbers. In lanes a call costs
+//! little (measured: docs/what-a-scene-pays.md), so step loops and methods are compiled once, not once for each
 //! formulation.
 
-use std::marker::PhantomData;
-
-use crate::formulation::contact_equations::{Called, ContactEquations};
+use crate::formulation::contact_equations::ContactEquations;
 use crate::formulation::csm::Csm;
 use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, States};
 use crate::formulation::nullspace::Nullspace;
 use crate::formulation::projected;
-use crate::formulation::system::{Size, StageState, System};
+use crate::formulation::system::{Jacobian, Linear, Size, StageState, System};
 use crate::formulation::table::Formulation;
 use crate::formulation::unilateral::Unilateral;
 use crate::model::contact_modes::{ContactModel, Contacts};
-use crate::model::control::{Actuated, Controller, Driven, Fingers};
+use crate::model::control::{Actuated, Driven, Fingers};
 use crate::model::drive::{Drive, Input, SegmentDrive};
 use crate::model::energy::Energies;
 use crate::model::forces::Plant;
 use crate::model::motion::Motion;
 use crate::model::parameters::Stabilization;
 use crate::model::source::Source;
+use crate::number::dual::Dual;
 use crate::number::lanes::{LaneTask, Lanes};
 use crate::number::real::Real;
 use crate::number::simd::level::Instructions;
 
 /// The kinds of equations.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum EquationKind<R> {
+pub(crate) enum EquationKind<R> {
     Csm(Csm<R, Actuated<R>>),
     CsmDriven(Csm<R, Driven>),
     Nullspace(Nullspace<R, Actuated<R>>),
@@ -38,20 +38,26 @@ pub(super) enum EquationKind<R> {
     UnilateralDriven(Unilateral<R, Driven>),
 }
 
-/// Evaluates one expression with the equations of any kind.
+/// Evaluates one expression with the equations of any kind. No code is compiled for unilateral contact if the
+/// constant in brackets is false; then no equations are of its kinds.
 macro_rules! with {
     ($kind:expr, $equations:ident => $body:expr) => {
-        match $kind {
+        with!($kind, $equations [true] => $body)
+    };
+    ($kind:expr, $equations:ident [$unilateral:expr] => $body:expr) => {
+        match &$kind {
             EquationKind::Csm($equations) => $body,
             EquationKind::CsmDriven($equations) => $body,
             EquationKind::Nullspace($equations) => $body,
             EquationKind::NullspaceDriven($equations) => $body,
-            EquationKind::Unilateral($equations) => $body,
-            EquationKind::UnilateralDriven($equations) => $body,
+            EquationKind::Unilateral($equations) if $unilateral => $body,
+            EquationKind::UnilateralDriven($equations) if $unilateral => $body,
+            EquationKind::Unilateral(Unilateral { csm: $equations, .. }) => $body,
+            EquationKind::UnilateralDriven(Unilateral { csm: $equations, .. }) => $body,
         }
     };
 }
-pub(super) use with;
+pub(crate) use with;
 
 impl<R: Real> EquationKind<R> {
     /// The equations of a scene, or of one scene for each lane.
@@ -62,36 +68,24 @@ impl<R: Real> EquationKind<R> {
             Formulation::Csm => *gains,
             Formulation::Nullspace | Formulation::Projected => Stabilization { alpha: 0.0, beta: 0.0 },
         };
-        let driven = fingers == Fingers::Driven;
-        match (contact, formulation) {
-            (ContactModel::Unilateral, _) if driven => {
+        match (contact, formulation, fingers) {
+            (ContactModel::Unilateral, _, Fingers::Driven) => {
                 Self::UnilateralDriven(Unilateral::new(source, fingers, &gains))
             }
-            (ContactModel::Unilateral, _) => Self::Unilateral(Unilateral::new(source, fingers, &gains)),
-            (_, Formulation::Nullspace) if driven => {
+            (ContactModel::Unilateral, ..) => Self::Unilateral(Unilateral::new(source, fingers, &gains)),
+            (_, Formulation::Nullspace, Fingers::Driven) => {
                 Self::NullspaceDriven(Nullspace::new(Plant::new(source, fingers)))
             }
-            (_, Formulation::Nullspace) => Self::Nullspace(Nullspace::new(Plant::new(source, fingers))),
-            (_, Formulation::Csm | Formulation::Projected) if driven => {
-                Self::CsmDriven(Csm::new(Plant::new(source, fingers), &gains))
-            }
-            (_, Formulation::Csm | Formulation::Projected) => {
-                Self::Csm(Csm::new(Plant::new(source, fingers), &gains))
-            }
+            (_, Formulation::Nullspace, _) => Self::Nullspace(Nullspace::new(Plant::new(source, fingers))),
+            (_, _, Fingers::Driven) => Self::CsmDriven(Csm::new(Plant::new(source, fingers), &gains)),
+            _ => Self::Csm(Csm::new(Plant::new(source, fingers), &gains)),
         }
-    }
-
-    fn size(&self, ledger: bool) -> Size {
-        fn of<R: Real, E: Equations<R>>(_: &E, ledger: bool) -> Size {
-            size_of::<R, E>(ledger)
-        }
-        with!(self, equations => of(equations, ledger))
     }
 }
 
 /// The numbers of components of the equations' states, with or without the works of the ledger.
 #[inline(always)]
-pub(super) fn size_of<R: Real, E: Equations<R>>(ledger: bool) -> Size {
+pub(super) fn size_of<R: Real, E: Equations<R>>(_: &E, ledger: bool) -> Size {
     Size { states: E::STATES, degrees: E::DEGREES, works: if ledger { E::WORKS } else { 0 } }
 }
 
@@ -108,38 +102,30 @@ pub struct Choice {
     pub ledger: bool,
 }
 
-/// The equations of a scene, or of one scene for each lane, after the choice.
+/// The equations of a scene, or of one scene for each lane, after the choice. `UNILATERAL` says whether unilateral
+/// contact is compiled.
 #[derive(Debug, Clone, Copy)]
-pub struct SceneEquations<R> {
+pub struct SceneEquations<R, const UNILATERAL: bool = true> {
     pub(super) instructions: Instructions,
     pub(super) ledger: bool,
     projected: bool,
-    pub(super) kind: EquationKind<R>,
+    pub(crate) kind: EquationKind<R>,
 }
 
-/// Builds equations in numbers of type `N`. Lanes need this whenever one of their runs changes. The code is
-/// called, not inlined.
-struct Build<'a, S, N>(Choice, &'a S, &'a Stabilization, PhantomData<N>);
+/// The equations of a scene in dual numbers with `W` directions.
+pub type Tangent<R, const W: usize> = SceneEquations<Dual<R, W>>;
 
-impl<R: Lanes, N: Real, S: Source<N>> LaneTask<R> for Build<'_, S, N> {
-    type Output = EquationKind<N>;
+/// Builds equations. Lanes need this whenever one of their runs changes. The code is called, not inlined.
+struct Build<'a, S>(Choice, &'a S, &'a Stabilization);
+
+impl<R: Lanes, S: Source<R>> LaneTask<R> for Build<'_, S> {
+    type Output = EquationKind<R>;
 
     #[inline(always)]
-    fn run(self) -> EquationKind<N> {
-        let Self(choice, source, gains, _) = self;
+    fn run(self) -> EquationKind<R> {
+        let Self(choice, source, gains) = self;
         EquationKind::new(choice, source, gains)
     }
-}
-
-/// Builds the equations of a scene, or of one scene for each lane, in numbers that are lanes or consist of
-/// lanes.
-pub(super) fn build<R: Lanes, N: Real>(
-    instructions: Instructions,
-    choice: Choice,
-    source: &impl Source<N>,
-    gains: &Stabilization,
-) -> EquationKind<N> {
-    R::call(instructions, Build(choice, source, gains, PhantomData))
 }
 
 impl<R: Lanes> SceneEquations<R> {
@@ -154,8 +140,23 @@ impl<R: Lanes> SceneEquations<R> {
             instructions,
             ledger: choice.ledger,
             projected: choice.formulation == Formulation::Projected,
-            kind: build::<R, R>(instructions, choice, source, gains),
+            kind: R::call(instructions, Build(choice, source, gains)),
         }
+    }
+}
+
+impl<R: Lanes> SceneEquations<R, false> {
+    /// Builds the equations of bilateral contact.
+    pub fn bilateral(
+        instructions: Instructions,
+        choice: Choice,
+        source: &impl Source<R>,
+        gains: &Stabilization,
+    ) -> Self {
+        let choice = Choice { contact: ContactModel::Bilateral, ..choice };
+        let SceneEquations { instructions, ledger, projected, kind } =
+            SceneEquations::<R>::new(instructions, choice, source, gains);
+        Self { instructions, ledger, projected, kind }
     }
 }
 
@@ -224,58 +225,27 @@ task! {
     Energy(contacts: &'a Contacts<R>, motion: &'a Motion<R>) -> Energies<R>,
     equations => equations.energies(contacts, motion)
 }
-
-/// Puts a state back on the constraints.
-struct Correct<'a, R, K> {
-    plant: &'a Plant<R, K>,
-    drive: &'a SegmentDrive<R>,
-    tau: R,
-    y: &'a mut States<R>,
-    ledger: bool,
-}
-
-impl<R: Lanes, K: Controller<R>> LaneTask<R> for Correct<'_, R, K> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        projected::correct(self.plant, &self.drive.at(self.tau), self.y, self.ledger);
+task! {
+    Correct(drive: &'a SegmentDrive<R>, tau: R, y: &'a mut States<R>, ledger: bool) -> (),
+    equations => if E::DRIFTS {
+        projected::correct(equations, &drive.at(tau), &drive.contacts, y, ledger);
     }
 }
 
-/// Puts a state back on the constraints of the closed contacts.
-struct CorrectClosed<'a, R, K> {
-    equations: &'a Unilateral<R, K>,
-    drive: &'a SegmentDrive<R>,
-    tau: R,
-    y: &'a mut States<R>,
-    ledger: bool,
-}
-
-impl<R: Lanes, K: Controller<R>> LaneTask<R> for CorrectClosed<'_, R, K> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { equations, drive, tau, y, ledger } = self;
-        projected::correct_closed(equations, &drive.at(tau), &drive.contacts, y, ledger);
-    }
-}
-
-impl<R: Lanes> System<R> for SceneEquations<R> {
+impl<R: Lanes, const UNILATERAL: bool> System<R> for SceneEquations<R, UNILATERAL> {
     #[inline(always)]
     fn size(&self) -> Size {
-        self.kind.size(self.ledger)
+        with!(self.kind, equations [UNILATERAL] => size_of(equations, self.ledger))
     }
 
     fn begin(&self, motion: &Motion<R>) -> States<R> {
-        with!(&self.kind, equations => equations.begin(motion))
+        with!(self.kind, equations [UNILATERAL] => equations.begin(motion))
     }
 
     #[inline(always)]
     fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>) {
         let Self { instructions, ledger, .. } = *self;
-        with!(&self.kind, equations => {
+        with!(self.kind, equations [UNILATERAL] => {
             R::call(instructions, Evaluate { equations, drive, tau, y, now, ledger });
         });
     }
@@ -283,22 +253,20 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
     #[inline(always)]
     fn rates(&self, input: &Input<R>, contacts: &Contacts<R>, at: StageState<'_, R>, rate: &mut States<R>) {
         let Self { instructions, ledger, .. } = *self;
-        with!(&self.kind, equations => {
+        with!(self.kind, equations [UNILATERAL] => {
             R::call(instructions, Rates { equations, input, contacts, at, rate, ledger });
         });
     }
 
     fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]) {
         let Self { instructions, ledger, .. } = *self;
-        with!(&self.kind, equations => {
+        with!(self.kind, equations [UNILATERAL] => {
             R::call(instructions, Jump { equations, input, y, impulse, ledger });
         });
     }
 
     fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        with!(&self.kind, equations => {
-            R::call(self.instructions, Energy { equations, contacts, motion })
-        })
+        with!(self.kind, equations [UNILATERAL] => R::call(self.instructions, Energy { equations, contacts, motion }))
     }
 
     #[inline(always)]
@@ -312,31 +280,93 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
             return;
         }
         let Self { instructions, ledger, .. } = *self;
-        match &self.kind {
-            EquationKind::Csm(csm) => {
-                R::call(instructions, Correct { plant: &csm.plant, drive, tau, y, ledger })
+        with!(self.kind, equations [UNILATERAL] => {
+            R::call(instructions, Correct { equations, drive, tau, y, ledger });
+        });
+    }
+}
+
+/// Computes a Jacobian in sweeps, each with `W` directions.
+struct Sweeps<'a, R, E> {
+    equations: &'a E,
+    drive: &'a SegmentDrive<R>,
+    tau: R,
+    y: &'a States<R>,
+    ledger: bool,
+    jacobian: &'a mut Jacobian<R>,
+}
+
+impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<Dual<R, W>> for Sweeps<'_, R, E> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let rows = &mut self.jacobian.rows;
+        let all = size_of(self.equations, self.ledger).all();
+        let contacts = self.drive.contacts.lifted();
+        let mut first = 0;
+        while first <= E::STATES {
+            let mut y = [Dual::constant(0.0); MAX_COMPONENTS];
+            for (n, (dual, &number)) in y.iter_mut().zip(self.y).take(all).enumerate() {
+                let direction = if n < E::STATES { n.wrapping_sub(first) } else { W };
+                *dual = Dual::variable(number, direction);
             }
-            EquationKind::CsmDriven(csm) => {
-                R::call(instructions, Correct { plant: &csm.plant, drive, tau, y, ledger })
+            let tau = Dual::variable(self.tau, E::STATES.wrapping_sub(first));
+            let rate = self.equations.evaluate(&self.drive.at(tau), &contacts, &y, self.ledger).rate;
+            for n in 0..all {
+                rows[n][first..first + W].copy_from_slice(&rate[n].slope);
             }
-            EquationKind::Unilateral(equations) => {
-                R::call(instructions, CorrectClosed { equations, drive, tau, y, ledger })
-            }
-            EquationKind::UnilateralDriven(equations) => {
-                R::call(instructions, CorrectClosed { equations, drive, tau, y, ledger })
-            }
-            // The states of this formulation are always on the constraints.
-            EquationKind::Nullspace(_) | EquationKind::NullspaceDriven(_) => {}
+            first += W;
         }
     }
 }
 
-impl SceneEquations<f64> {
-    /// Calls `work` with the equations of unilateral contact; `None` if these are others.
-    pub(crate) fn with_contact<T>(&self, work: impl FnOnce(&dyn ContactEquations) -> T) -> Option<T> {
+impl<R: Lanes, const W: usize> Linear<R> for Tangent<R, W> {
+    fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>) {
+        let Self { instructions, ledger, .. } = *self;
+        with!(self.kind, equations => {
+            Dual::call(instructions, Sweeps { equations, drive, tau, y, ledger, jacobian });
+        });
+    }
+}
+
+impl<R: Lanes, const W: usize> Tangent<R, W> {
+    /// Evaluates the state `y` under the inputs of an instant, without the works of the ledger. The directions
+    /// of state and inputs are the caller's, so this differentiates every result by whatever is wanted. `None`
+    /// for formulations other than `nullspace`: only its minimal coordinates are linearised with inputs and
+    /// outputs, and this code is not compiled for the other formulations.
+    #[must_use]
+    pub fn evaluate_seeded(
+        &self,
+        input: &Input<Dual<R, W>>,
+        y: &States<Dual<R, W>>,
+    ) -> Option<Evaluation<Dual<R, W>>> {
         match &self.kind {
-            EquationKind::Unilateral(equations) => Some(work(&Called(self.instructions, equations))),
-            EquationKind::UnilateralDriven(equations) => Some(work(&Called(self.instructions, equations))),
+            EquationKind::Nullspace(equations) => {
+                Some(Dual::call(self.instructions, Seeded { equations, input, y }))
+            }
+            EquationKind::NullspaceDriven(equations) => {
+                Some(Dual::call(self.instructions, Seeded { equations, input, y }))
+            }
+            _ => None,
+        }
+    }
+}
+task! {
+    Seeded(input: &'a Input<R>, y: &'a States<R>) -> Evaluation<R>,
+    equations => equations.evaluate(input, &Contacts::sticking(), y, false)
+}
+
+impl SceneEquations<f64> {
+    /// The equations of unilateral contact; `None` if these are others.
+    pub(crate) fn contact(&self) -> Option<ContactEquations<'_>> {
+        match &self.kind {
+            EquationKind::Unilateral(equations) => {
+                Some(ContactEquations::Actuated(self.instructions, equations))
+            }
+            EquationKind::UnilateralDriven(equations) => {
+                Some(ContactEquations::Driven(self.instructions, equations))
+            }
             _ => None,
         }
     }

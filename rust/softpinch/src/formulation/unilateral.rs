@@ -6,13 +6,13 @@
 
 use crate::formulation::constrained::constrained;
 use crate::formulation::contact_solve::{Load, Response, response};
-use crate::formulation::csm::{Csm, pack, unpack};
-use crate::formulation::equations::{Equations, Evaluation, States};
+use crate::formulation::csm::{Csm, unpack};
+use crate::formulation::equations::{Equations, States, Terms};
 use crate::model::contact_modes::Contacts;
 use crate::model::control::{Controller, Fingers};
 use crate::model::drive::Input;
 use crate::model::energy::{ElasticGradient, Energies, WORKS};
-use crate::model::forces::{Forces, Plant};
+use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
 use crate::model::geometry::index::{D_N, D_T, FINGER, THETA};
 use crate::model::motion::Motion;
@@ -23,77 +23,26 @@ use crate::number::real::{Real, signed};
 /// The equations of unilateral contact.
 #[derive(Debug, Clone, Copy)]
 pub struct Unilateral<R, K> {
-    csm: Csm<R, K>,
+    pub(crate) csm: Csm<R, K>,
     friction: [R; 2],
-}
-
-/// All terms at one state.
-#[derive(Debug, Clone, Copy)]
-pub struct ContactTerms<R> {
-    /// The geometry. Its residuals C^H and C^N are the gap of a free tip and the velocity of one that slips.
-    pub geometry: Geometry<R>,
-    /// The applied forces. The couples of tips that graze or are free are left out.
-    pub forces: Forces<R>,
-    /// Multipliers, shares of the couples, and accelerations.
-    pub response: Response<R>,
-    /// dP/d theta_pi of both tips, N m, whether it acts or not.
-    pub couple: [R; 2],
-    /// mu of both contacts.
-    pub friction: [R; 2],
 }
 
 impl<R: Real, K: Controller<R>> Unilateral<R, K> {
     /// The equations of a scene with the gains of (19) and (20).
+    #[inline(always)]
     pub fn new(source: &impl Source<R>, fingers: Fingers, stabilization: &Stabilization) -> Self {
         let friction = [source.number(|p| p.friction.right), source.number(|p| p.friction.left)];
         Self { csm: Csm::new(Plant::new(source, fingers), stabilization), friction }
     }
 
-    /// The constants of the scene.
-    pub fn plant(&self) -> &Plant<R, K> {
-        &self.csm.plant
+    /// The motion of a state.
+    pub fn unpack(&self, input: &Input<R>, y: &States<R>) -> Motion<R> {
+        unpack::<R, K>(input, y)
     }
 
     /// mu of both contacts.
     pub fn friction(&self) -> [R; 2] {
         self.friction
-    }
-
-    /// All terms at one state, in the modes of the contacts.
-    #[inline(always)]
-    pub fn terms(&self, input: &Input<R>, contacts: &Contacts<R>, motion: &Motion<R>) -> ContactTerms<R> {
-        let (csm, plant) = (&self.csm, &self.csm.plant);
-        let Motion { q, p, memory } = motion;
-        let geometry = Geometry::new(&plant.sides, q, p);
-        let elastic = plant.elastic(&geometry, q);
-        let couple = [elastic[0].tilt, elastic[1].tilt];
-        let special = contacts.special();
-        let elastic = if special == 0 { elastic } else { self.released(contacts, elastic, q) };
-        let mut forces = plant.forces_with(elastic, &geometry, q, p, memory, input);
-        let (force, bias) = (forces.total(), csm.gamma(&geometry));
-        let finger_acceleration = input.target_acceleration;
-        let stuck = constrained(&geometry, plant, &force, &bias, &finger_acceleration);
-        let one = R::constant(1.0);
-        let mut found = Response {
-            multipliers: stuck.multipliers,
-            share: [one; 2],
-            acceleration: stuck.acceleration,
-            pivots: [one; 4],
-        };
-        if special != 0 {
-            let friction = self.friction;
-            let load = Load { force, couple, friction, bias, finger_acceleration };
-            found = select(special, &response(&geometry, plant, contacts, &load), &found);
-        }
-        if !K::ANGLE_IS_STATE {
-            for i in 0..2 {
-                let part = R::select(contacts.graze[i], found.share[i] * couple[i], forces.elastic[i].tilt);
-                forces.elastic[i].tilt = part;
-            }
-            forces.torque =
-                plant.driving_torque(&geometry, &forces, &finger_acceleration, &found.multipliers);
-        }
-        ContactTerms { geometry, forces, response: found, couple, friction: self.friction }
     }
 
     /// The gradients of (5) in the modes of the contacts: with frozen tilts where tips are free, and without
@@ -117,17 +66,74 @@ impl<R: Real, K: Controller<R>> Unilateral<R, K> {
         }
         elastic
     }
+}
 
-    /// The motion of a state.
+impl<R: Real, K: Controller<R>> Equations<R> for Unilateral<R, K> {
+    type Fingers = K;
+    const STATES: usize = <Csm<R, K> as Equations<R>>::STATES;
+    const DEGREES: usize = <Csm<R, K> as Equations<R>>::DEGREES;
+    const WORKS: usize = WORKS;
+    const UNILATERAL: bool = true;
+
     #[inline(always)]
-    pub fn motion(&self, input: &Input<R>, y: &States<R>) -> Motion<R> {
-        unpack::<R, K>(input, y)
+    fn plant(&self) -> &Plant<R, K> {
+        &self.csm.plant
+    }
+
+    #[inline(always)]
+    fn begin(&self, motion: &Motion<R>) -> States<R> {
+        self.csm.begin(motion)
+    }
+
+    #[inline(always)]
+    fn motion(&self, input: &Input<R>, y: &States<R>) -> (Motion<R>, Geometry<R>) {
+        self.csm.motion(input, y)
+    }
+
+    #[inline(always)]
+    fn bias(&self, geometry: &Geometry<R>) -> [R; 4] {
+        self.csm.bias(geometry)
+    }
+
+    /// All terms at one state, in the modes of the contacts.
+    #[inline(always)]
+    fn terms(
+        &self,
+        input: &Input<R>,
+        contacts: &Contacts<R>,
+        motion: &Motion<R>,
+        geometry: Geometry<R>,
+    ) -> Terms<R> {
+        let plant = &self.csm.plant;
+        let Motion { q, p, memory } = motion;
+        let elastic = plant.elastic(&geometry, q);
+        let couple = [elastic[0].tilt, elastic[1].tilt];
+        let special = contacts.special();
+        let elastic = if special == 0 { elastic } else { self.released(contacts, elastic, q) };
+        let mut forces = plant.forces_with(elastic, &geometry, q, p, memory, input);
+        let (force, bias) = (forces.total(), self.bias(&geometry));
+        let finger_acceleration = input.target_acceleration;
+        let mut found = Response::from(constrained(&geometry, plant, &force, &bias, &finger_acceleration));
+        if special != 0 {
+            let friction = self.friction;
+            let load = Load { force, couple, friction, bias, finger_acceleration };
+            found = select(special, &response(&geometry, plant, contacts, &load), &found);
+        }
+        if !K::ANGLE_IS_STATE {
+            for i in 0..2 {
+                let part = R::select(contacts.graze[i], found.share[i] * couple[i], forces.elastic[i].tilt);
+                forces.elastic[i].tilt = part;
+            }
+            forces.torque =
+                plant.driving_torque(&geometry, &forces, &finger_acceleration, &found.multipliers);
+        }
+        Terms { geometry, forces, response: found, couple, friction: self.friction }
     }
 
     /// The energies of a motion. The elastic energy of a free tip is that at its frozen tilt.
     #[inline(always)]
-    pub fn energies_of(&self, contacts: &Contacts<R>, q: &[R; 9], p: &[R; 9]) -> Energies<R> {
-        let plant = &self.csm.plant;
+    fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
+        let (plant, Motion { q, p, .. }) = (&self.csm.plant, motion);
         let mut energies = plant.energies(q, p);
         if contacts.free[0] | contacts.free[1] != 0 {
             for i in 0..2 {
@@ -146,8 +152,8 @@ impl<R: Real, K: Controller<R>> Unilateral<R, K> {
     /// The powers whose integrals are the works of the ledger. Friction's is the loss mu lambda^H |v|. While a
     /// tip grazes, its tilt changes (5) by tau theta_p-dot, but only the part psi of its couple acts.
     #[inline(always)]
-    fn powers(&self, terms: &ContactTerms<R>, contacts: &Contacts<R>, p: &[R; 9]) -> [R; WORKS] {
-        let ContactTerms { geometry, forces, response, couple, .. } = terms;
+    fn powers(&self, terms: &Terms<R>, contacts: &Contacts<R>, p: &[R; 9]) -> [R; WORKS] {
+        let Terms { geometry, forces, response, couple, .. } = terms;
         let drift = geometry.constraint_velocity();
         let zero = R::zero();
         let (mut held, mut friction, mut relaxation) = (response.multipliers, zero, zero);
@@ -163,60 +169,6 @@ impl<R: Real, K: Controller<R>> Unilateral<R, K> {
         let drags = self.csm.plant.drags(p);
         let [control, external, viscous, constraint] = forces.powers(geometry, &drags, p, &held);
         [control, external, viscous, constraint, friction, zero, relaxation]
-    }
-}
-
-impl<R: Real, K: Controller<R>> Equations<R> for Unilateral<R, K> {
-    const STATES: usize = <Csm<R, K> as Equations<R>>::STATES;
-    const DEGREES: usize = <Csm<R, K> as Equations<R>>::DEGREES;
-    const WORKS: usize = WORKS;
-    const UNILATERAL: bool = true;
-
-    #[inline(always)]
-    fn begin(&self, motion: &Motion<R>) -> States<R> {
-        pack::<R, K>(&motion.q, &motion.p, &motion.memory)
-    }
-
-    #[inline(always)]
-    fn evaluate(
-        &self,
-        input: &Input<R>,
-        contacts: &Contacts<R>,
-        y: &States<R>,
-        ledger: bool,
-    ) -> Evaluation<R> {
-        let motion = unpack::<R, K>(input, y);
-        let terms = self.terms(input, contacts, &motion);
-        let Response { multipliers, share, acceleration, .. } = terms.response;
-        let plant = &self.csm.plant;
-        let memory = if K::MEMORY { plant.memory_rates(&motion.q, input) } else { [R::zero(); 2] };
-        let mut rate = pack::<R, K>(&motion.p, &acceleration, &memory);
-        if ledger {
-            let powers = self.powers(&terms, contacts, &motion.p);
-            rate[Self::STATES..Self::STATES + WORKS].copy_from_slice(&powers);
-        }
-        Evaluation {
-            rate,
-            motion,
-            multipliers,
-            residuals: terms.geometry.residuals(),
-            sin_tilt: terms.geometry.sin_tilt(),
-            places: terms.geometry.places(),
-            torque: terms.forces.torque,
-            share,
-        }
-    }
-
-    #[inline(always)]
-    fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        self.energies_of(contacts, &motion.q, &motion.p)
-    }
-
-    /// The jump where both tips stick. Step loops use the law of [`impact`](super::impact::impact) instead,
-    /// which lets tips slip and open.
-    #[inline(always)]
-    fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3], ledger: bool) {
-        self.csm.jump(input, y, impulse, ledger);
     }
 }
 

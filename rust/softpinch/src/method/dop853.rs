@@ -9,10 +9,20 @@ use std::convert::Infallible;
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{BLOCK, Size, StageState, System};
+use crate::method::table::{AdaptiveMethod, MethodEntry};
 use crate::method::traits::{Adaptive, AdaptiveInLanes, Integrator, Runs, Stats, Step, largest};
 use crate::model::drive::{Drive, SegmentDrive};
 use crate::number::lanes::{Bits, Lanes};
 use tableau::{A, A_EXTRA, ALL, B, C, C_EXTRA, DENSE, E3, E5, EXTRA, STAGES};
+
+/// The properties of the method.
+pub const ENTRY: MethodEntry = MethodEntry {
+    name: "dop853",
+    order: 8,
+    real_stability_limit: Some(REAL_STABILITY_LIMIT),
+    keeps_jacobian: false,
+    adaptive: Some(AdaptiveMethod::Dop853),
+};
 
 /// |R(z)| <= 1 on the real axis from minus this number to 0. R has degree 12 and follows from the tableau.
 pub const REAL_STABILITY_LIMIT: f64 = 6.393_65;

@@ -11,7 +11,17 @@ use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::System;
 use crate::method::linearize::{Factors, Linearization};
 use crate::method::newton::{Iteration, Problem, Scheme};
+use crate::method::table::MethodEntry;
 use crate::method::traits::{Stats, Unsolved};
+
+/// The properties of the method.
+pub const ENTRY: MethodEntry = MethodEntry {
+    name: "implicit_midpoint",
+    order: 2,
+    real_stability_limit: None,
+    keeps_jacobian: true,
+    adaptive: None,
+};
 
 /// The method.
 #[derive(Debug, Clone, Copy)]

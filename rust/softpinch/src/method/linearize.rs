@@ -218,10 +218,9 @@ mod tests {
 
     use super::*;
     use crate::formulation::csm;
-    use crate::formulation::scene_equations::{Choice, SceneEquations};
+    use crate::formulation::scene_equations::{Choice, SceneEquations, Tangent};
     use crate::formulation::system::{Linear, System};
     use crate::formulation::table::Formulation;
-    use crate::formulation::tangent::Tangent;
     use crate::model::contact_modes::ContactModel;
     use crate::model::control::Fingers;
     use crate::model::drive::SegmentDrive;

@@ -1,8 +1,7 @@
 //! The methods of a single run.
 
-use crate::formulation::scene_equations::SceneEquations;
+use crate::formulation::scene_equations::{SceneEquations, Tangent};
 use crate::formulation::system::System;
-use crate::formulation::tangent::Tangent;
 use crate::method::dop853::Dop853;
 use crate::method::implicit_midpoint::ImplicitMidpoint;
 use crate::method::linearize::{DIRECTIONS, Factors};
@@ -25,20 +24,24 @@ pub fn dop853(_: Runs<'_>, _: &SceneEquations<f64>) -> Dop853 {
     Dop853::new()
 }
 
+/// The implicit midpoint rule of a single run.
+pub type LoneMidpoint = ByNewton<ImplicitMidpoint, Factors<f64>>;
+/// Radau5 of a single run.
+pub type LoneRadau5 = ByNewton<Radau5, Pair>;
+/// The Rosenbrock method of a single run.
+pub type LoneRosenbrock = Rosenbrock<Tangent<f64, DIRECTIONS>>;
+
 /// The implicit midpoint rule before its first step.
-pub fn implicit_midpoint(
-    runs: Runs<'_>,
-    system: &SceneEquations<f64>,
-) -> ByNewton<ImplicitMidpoint, Factors<f64>> {
+pub fn implicit_midpoint(runs: Runs<'_>, system: &SceneEquations<f64>) -> LoneMidpoint {
     by_newton(runs, system, ImplicitMidpoint)
 }
 
 /// Radau5 before its first step.
-pub fn radau5(runs: Runs<'_>, system: &SceneEquations<f64>) -> ByNewton<Radau5, Pair> {
+pub fn radau5(runs: Runs<'_>, system: &SceneEquations<f64>) -> LoneRadau5 {
     by_newton(runs, system, Radau5::new())
 }
 
 /// The Rosenbrock method before its first step.
-pub fn rosenbrock(runs: Runs<'_>, system: &SceneEquations<f64>) -> Rosenbrock<Tangent<f64, DIRECTIONS>> {
+pub fn rosenbrock(runs: Runs<'_>, system: &SceneEquations<f64>) -> LoneRosenbrock {
     Rosenbrock::new(system.size(), runs.tangent())
 }

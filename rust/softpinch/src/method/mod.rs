@@ -1,8 +1,8 @@
 //! The methods that step time: one file for each, with its tableau and its paper.
 //!
-//! A new method needs one file beside `rk4.rs`, its line in [`Method`](table::Method),
-//! [`METHODS`](table::METHODS) and the properties below them, and one line in `driver/simulate.rs`, which
-//! compiles it. Explicit methods implement [`Integrator`](traits::Integrator) themselves. A method that
+//! A new method needs one file beside `rk4.rs` with its [`MethodEntry`](table::MethodEntry), its lines in
+//! [`table`], and one line each where it is compiled: in `driver/simulate.rs`, `driver/lanes.rs`, `run_dual/mod.rs` and
+//! `stepping/lone_steps.rs`, whose compiler names what is missing. Explicit methods implement [`Integrator`](traits::Integrator) themselves. A method that
 //! solves equations for its stages is a [`newton::Scheme`], which [`newton::Newton`] drives. A method with an
 //! error estimate implements [`Adaptive`](traits::Adaptive) as well.
 
@@ -17,11 +17,11 @@ pub mod newton;
 pub mod radau5;
 pub mod rk4;
 pub mod rosenbrock;
+pub mod run_dual;
 pub mod stability;
 pub mod step_control;
 pub mod table;
 pub mod traits;
-pub mod varied;
 
 #[cfg(test)]
 mod tests;

@@ -261,4 +261,10 @@ where
         self.reusable = false;
         self.scheme.restart();
     }
+
+    #[inline(always)]
+    fn repeat(&mut self) {
+        self.reusable = true;
+        self.scheme.restart();
+    }
 }

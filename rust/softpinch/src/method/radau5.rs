@@ -9,8 +9,18 @@ use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{Linear, Size, StageState, System};
 use crate::method::linearize::{Factors, Linearization};
 use crate::method::newton::{Iteration, Newton, Problem, Scheme};
+use crate::method::table::{AdaptiveMethod, MethodEntry};
 use crate::method::traits::{Adaptive, Stats, Step, Unsolved, largest};
 use crate::model::drive::{Drive, SegmentDrive};
+
+/// The properties of the method.
+pub const ENTRY: MethodEntry = MethodEntry {
+    name: "radau5",
+    order: 5,
+    real_stability_limit: None,
+    keeps_jacobian: true,
+    adaptive: Some(AdaptiveMethod::Radau5),
+};
 
 const SQRT6: f64 = 2.449_489_742_783_178;
 

@@ -13,9 +13,19 @@ use std::convert::Infallible;
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{Size, StageState, System};
+use crate::method::table::MethodEntry;
 use crate::method::traits::{InLanes, Integrator, Runs, Stats, Step};
 use crate::model::drive::{Drive, SegmentDrive};
 use crate::number::lanes::Lanes;
+
+/// The properties of the method.
+pub const ENTRY: MethodEntry = MethodEntry {
+    name: "rk4",
+    order: 4,
+    real_stability_limit: Some(REAL_STABILITY_LIMIT),
+    keeps_jacobian: false,
+    adaptive: None,
+};
 
 /// |R(z)| = |1 + z + z^2/2 + z^3/6 + z^4/24| <= 1 on the real axis from -2.785... to 0 (Hairer and Wanner,
 /// "Solving Ordinary Differential Equations II", IV.2).

@@ -11,13 +11,23 @@ use std::convert::Infallible;
 use std::marker::PhantomData;
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
+use crate::formulation::scene_equations::Tangent;
 use crate::formulation::system::{Linear, Size, StageState, System};
-use crate::formulation::tangent::Tangent;
 use crate::method::linearize::{DIRECTIONS_IN_LANES, Linearization};
+use crate::method::table::{AdaptiveMethod, MethodEntry};
 use crate::method::traits::{Adaptive, AdaptiveInLanes, Integrator, Runs, Stats, Step, largest};
 use crate::model::drive::{Drive, SegmentDrive};
 use crate::number::lanes::{Bits, Lanes};
 use crate::number::linear::{Entry, LaneEntry};
+
+/// The properties of the method.
+pub const ENTRY: MethodEntry = MethodEntry {
+    name: "rosenbrock",
+    order: 4,
+    real_stability_limit: None,
+    keeps_jacobian: false,
+    adaptive: Some(AdaptiveMethod::Rosenbrock),
+};
 
 pub(super) const STAGES: usize = 6;
 pub(super) const GAMMA: f64 = 0.25;
@@ -60,6 +70,8 @@ pub struct Rosenbrock<T, R = f64, E = f64> {
     /// The system in dual numbers.
     tangent: T,
     linearization: Linearization<R>,
+    /// Whether the next step has the start of the last one, and so its linearisation.
+    repeats: bool,
     stages: [States<R>; STAGES],
     /// The type of number in which linear systems are solved.
     entry: PhantomData<E>,
@@ -70,7 +82,7 @@ impl<T, R: Lanes, E> Rosenbrock<T, R, E> {
     #[inline(always)]
     pub fn new(size: Size, tangent: T) -> Self {
         let (linearization, stages) = (Linearization::new(size), [[R::zero(); MAX_COMPONENTS]; STAGES]);
-        Self { tangent, linearization, stages, entry: PhantomData }
+        Self { tangent, linearization, repeats: false, stages, entry: PhantomData }
     }
 
     /// The linearisation of the last step, at its start.
@@ -117,9 +129,11 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
         // A lane without a run has a step of length zero. A division by it would give NaN, which would slow
         // all lanes down. A long step would slow them down too, because angles are huge at its end.
         let h = R::select(h.is_zero(), R::constant(1e-6), h);
-        self.linearization.take(&self.tangent, drive, tau, y);
+        if !std::mem::take(&mut self.repeats) {
+            self.linearization.take(&self.tangent, drive, tau, y);
+            stats.jacobians += 1;
+        }
         let linearization = &self.linearization;
-        stats.jacobians += 1;
         stats.factorisations += 1;
         stats.evaluations += STAGES as u64 - 1;
         let one = R::constant(1.0);
@@ -148,6 +162,11 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
         let before = &self.stages[STAGES - 2];
         size.each(|n| next[n] = share.mul_add(before[n], at[n]) + last[n]);
         Ok(())
+    }
+
+    #[inline(always)]
+    fn repeat(&mut self) {
+        self.repeats = true;
     }
 }
 

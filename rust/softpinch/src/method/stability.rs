@@ -44,7 +44,7 @@ impl Method {
     #[must_use]
     pub fn longest_stable_step(self, rate: Complex<f64>) -> f64 {
         let size = rate.norm();
-        if self.real_stability_limit().is_none() || size == 0.0 || rate.re > 0.0 {
+        if self.entry().real_stability_limit.is_none() || size == 0.0 || rate.re > 0.0 {
             return f64::INFINITY;
         }
         let direction = rate / size;

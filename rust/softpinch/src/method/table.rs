@@ -1,6 +1,6 @@
 //! The table of the methods, and their properties.
 
-use crate::method::{dop853, rk4};
+use crate::method::{dop853, implicit_midpoint, radau5, rk4, rosenbrock};
 
 /// The methods.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,64 +28,46 @@ pub enum AdaptiveMethod {
     Rosenbrock,
 }
 
+/// The properties of a method.
+pub struct MethodEntry {
+    /// Its public name.
+    pub name: &'static str,
+    /// Its order: the error falls with this power of the step if nothing is stiff.
+    pub order: u32,
+    /// The end of its stability region on the negative real axis, without its sign; `None` if the region has no end
+    /// there.
+    pub real_stability_limit: Option<f64>,
+    /// Whether its steps keep a Jacobian for the steps that follow.
+    pub keeps_jacobian: bool,
+    /// The method as one that chooses the length of its steps, if it estimates its error.
+    pub adaptive: Option<AdaptiveMethod>,
+}
+
 /// The methods by their public names.
 pub const METHODS: [(&str, Method); 5] = [
-    ("rk4", Method::Rk4),
-    ("dop853", Method::Dop853),
-    ("implicit_midpoint", Method::ImplicitMidpoint),
-    ("radau5", Method::Radau5),
-    ("rosenbrock", Method::Rosenbrock),
+    (rk4::ENTRY.name, Method::Rk4),
+    (dop853::ENTRY.name, Method::Dop853),
+    (implicit_midpoint::ENTRY.name, Method::ImplicitMidpoint),
+    (radau5::ENTRY.name, Method::Radau5),
+    (rosenbrock::ENTRY.name, Method::Rosenbrock),
 ];
 
 impl Method {
+    /// The properties of the method.
+    #[must_use]
+    pub const fn entry(self) -> &'static MethodEntry {
+        match self {
+            Self::Rk4 => &rk4::ENTRY,
+            Self::Dop853 => &dop853::ENTRY,
+            Self::ImplicitMidpoint => &implicit_midpoint::ENTRY,
+            Self::Radau5 => &radau5::ENTRY,
+            Self::Rosenbrock => &rosenbrock::ENTRY,
+        }
+    }
+
     /// The public name of the method.
     #[must_use]
-    pub fn name(self) -> &'static str {
-        METHODS.iter().find(|(_, method)| *method == self).map_or("", |&(name, _)| name)
-    }
-
-    /// The order of the method: the error falls with this power of the step if nothing is stiff.
-    #[must_use]
-    pub fn order(self) -> u32 {
-        match self {
-            Self::Rk4 | Self::Rosenbrock => 4,
-            Self::Dop853 => 8,
-            Self::ImplicitMidpoint => 2,
-            Self::Radau5 => 5,
-        }
-    }
-
-    /// The end of the method's stability region on the negative real axis, without its sign; `None` if the
-    /// region has no end there.
-    #[must_use]
-    pub fn real_stability_limit(self) -> Option<f64> {
-        match self {
-            Self::Rk4 => Some(rk4::REAL_STABILITY_LIMIT),
-            Self::Dop853 => Some(dop853::REAL_STABILITY_LIMIT),
-            Self::ImplicitMidpoint | Self::Radau5 | Self::Rosenbrock => None,
-        }
-    }
-
-    /// Whether the steps keep a Jacobian for the steps that follow.
-    #[must_use]
-    pub fn keeps_jacobian(self) -> bool {
-        matches!(self, Self::ImplicitMidpoint | Self::Radau5)
-    }
-
-    /// Whether the method estimates its error, so that it can choose the length of its steps.
-    #[must_use]
-    pub fn is_adaptive(self) -> bool {
-        self.adaptive().is_some()
-    }
-
-    /// The method as one that chooses the length of its steps, if it estimates its error.
-    #[must_use]
-    pub fn adaptive(self) -> Option<AdaptiveMethod> {
-        match self {
-            Self::Rk4 | Self::ImplicitMidpoint => None,
-            Self::Dop853 => Some(AdaptiveMethod::Dop853),
-            Self::Radau5 => Some(AdaptiveMethod::Radau5),
-            Self::Rosenbrock => Some(AdaptiveMethod::Rosenbrock),
-        }
+    pub const fn name(self) -> &'static str {
+        self.entry().name
     }
 }

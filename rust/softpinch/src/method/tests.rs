@@ -186,7 +186,7 @@ fn each_method_has_its_order() {
             Method::ImplicitMidpoint => (80, 0.1),
             Method::Radau5 => (20, 0.2),
         };
-        let order = f64::from(method.order());
+        let order = f64::from(method.entry().order);
         let observed = (error(integrator, steps) / error(integrator, 2 * steps)).log2();
         assert!((observed - order).abs() < within, "{method:?} {observed}");
     });
@@ -241,7 +241,7 @@ fn radau5_and_rosenbrock_are_l_stable_and_the_midpoint_rule_is_not() {
 #[test]
 fn the_real_stability_limits_are_sharp() {
     for (_, method) in METHODS {
-        let Some(limit) = method.real_stability_limit() else { continue };
+        let Some(limit) = method.entry().real_stability_limit else { continue };
         let growth = |share: f64| method.stability_function(Complex::new(-share * limit, 0.0)).norm();
         assert!(growth(0.9999) < 1.0, "{method:?}");
         assert!(growth(1.0001) > 1.0, "{method:?}");
@@ -256,7 +256,7 @@ fn the_longest_stable_step_ends_where_a_mode_begins_to_grow() {
             let rate = Complex::from_polar(3e4, std::f64::consts::PI * (0.5 + 0.5 * f64::from(k) / 20.0));
             let rate = Complex::new(rate.re.min(0.0), rate.im);
             let h = method.longest_stable_step(rate);
-            assert_eq!(h.is_infinite(), method.real_stability_limit().is_none(), "{method:?}");
+            assert_eq!(h.is_infinite(), method.entry().real_stability_limit.is_none(), "{method:?}");
             if h.is_finite() {
                 assert!((1..100).all(
                     |k| method.stability_function(rate * (h * f64::from(k) / 100.0)).norm() <= 1.0 + 1e-9
@@ -268,7 +268,7 @@ fn the_longest_stable_step_ends_where_a_mode_begins_to_grow() {
         assert!(method.longest_stable_step(Complex::new(0.0, 0.0)).is_infinite());
     }
     let real = Method::Rk4.longest_stable_step(Complex::new(-2.0, 0.0));
-    assert!((real - 0.5 * Method::Rk4.real_stability_limit().unwrap()).abs() < 1e-6);
+    assert!((real - 0.5 * Method::Rk4.entry().real_stability_limit.unwrap()).abs() < 1e-6);
     // Hairer and Wanner IV.2: RK4 reaches 2 sqrt(2) on the imaginary axis.
     let oscillation = Method::Rk4.longest_stable_step(Complex::new(0.0, 1.0));
     assert!((oscillation - 8.0_f64.sqrt()).abs() < 1e-6, "{oscillation}");

@@ -6,9 +6,8 @@
 use std::convert::Infallible;
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::scene_equations::{Choice, SceneEquations};
+use crate::formulation::scene_equations::{Choice, SceneEquations, Tangent};
 use crate::formulation::system::{Size, System};
-use crate::formulation::tangent::Tangent;
 use crate::model::drive::SegmentDrive;
 use crate::model::parameters::{Parameters, Stabilization};
 use crate::model::source::Duals;
@@ -131,6 +130,12 @@ pub trait Integrator<R: Lanes, S: System<R>> {
     /// Forgets the data of the last step, because there is a breakpoint before the next one.
     #[inline(always)]
     fn restart(&mut self) {}
+
+    /// Prepares another step from the start of the last one: its Jacobian is kept, the rest is forgotten.
+    #[inline(always)]
+    fn repeat(&mut self) {
+        self.restart();
+    }
 
     /// Whether steps keep a Jacobian for the steps that follow.
     #[inline(always)]

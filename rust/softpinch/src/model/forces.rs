@@ -56,21 +56,31 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
     pub fn new(source: &impl Source<R>, fingers: Fingers) -> Self {
         let one = R::constant(1.0);
         let gravity = source.number(|p| p.surroundings.gravity);
-        let finger_weight = |i: usize| {
-            source.number(|p| p.fingers[i].mass) * gravity * source.number(|p| p.fingers[i].length)
-        };
-        let moves = |k: usize| K::ANGLE_IS_STATE || !(FINGER..D_N).contains(&k);
-        let masses: [R; 9] = std::array::from_fn(|k| source.number(|p| p.masses()[k]));
+        // Loops, because closures that compute would be compiled without the instructions of the lanes.
+        let (mut masses, mut inverse_masses) = ([R::zero(); 9], [R::zero(); 9]);
+        for k in 0..9 {
+            masses[k] = source.number(|p| p.masses()[k]);
+            if K::ANGLE_IS_STATE || !(FINGER..D_N).contains(&k) {
+                inverse_masses[k] = one / masses[k];
+            }
+        }
+        let (mut inverse_driven_masses, mut finger_weights) = ([one; 2], [one; 2]);
+        for i in 0..2 {
+            let tip = [D_N, D_T][i];
+            inverse_driven_masses[i] =
+                one / source.number(|p| p.grasped.mass + (p.masses()[tip] + p.masses()[tip + 1]));
+            finger_weights[i] =
+                source.number(|p| p.fingers[i].mass) * gravity * source.number(|p| p.fingers[i].length);
+        }
         Self {
             sides: Side::both(source),
             tips: [Tip::new(source, 0), Tip::new(source, 1)],
             masses,
-            inverse_masses: std::array::from_fn(|k| if moves(k) { one / masses[k] } else { R::zero() }),
-            inverse_driven_masses: [D_N, D_T]
-                .map(|tip| one / source.number(|p| p.grasped.mass + (p.masses()[tip] + p.masses()[tip + 1]))),
+            inverse_masses,
+            inverse_driven_masses,
             controllers: [K::of(source, 0, fingers), K::of(source, 1, fingers)],
             weight: source.number(|p| p.grasped.mass) * gravity,
-            finger_weights: [finger_weight(0), finger_weight(1)],
+            finger_weights,
         }
     }
 

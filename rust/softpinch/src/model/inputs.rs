@@ -134,6 +134,17 @@ impl Inputs {
         }
     }
 
+    /// The same inputs, and a force on the object from `time` on that ends after `duration`, s: F_x and F_y in N and
+    /// the moment in N m.
+    pub fn with_pulse(mut self, time: f64, duration: f64, force: [f64; 3]) -> Result<Self, Error> {
+        Rule::Positive.check("pulse.duration", duration)?;
+        // An end that overflows is never reached.
+        let times = [time, (time + duration).min(f64::MAX)];
+        let pulse = PiecewisePolynomial::steps("pulse", [0.0; 3], &times, &[force, [0.0; 3]])?;
+        self.forces.push(pulse.into());
+        Ok(self)
+    }
+
     /// The same inputs, for fingers that move in the given way.
     #[must_use]
     pub fn with_fingers(self, fingers: Fingers) -> Self {
@@ -313,6 +324,27 @@ mod tests {
         assert_eq!(inputs.segment(1.5).at(0.25).force, [3.0, 0.0, 0.5]);
         assert_eq!(inputs.segment(2.0).at(0.0).force, [0.0; 3]);
         assert_eq!(inputs.segment(2.0).at(9.0).target, [0.1, 0.2]);
+    }
+
+    /// A pulse acts from its time on, until its duration has passed.
+    #[test]
+    fn a_pulse_acts_between_its_breakpoints() {
+        let inputs = Inputs::constant_targets([0.1; 2]).with_pulse(1.0, 0.5, [3.0, -4.0, 0.5]).unwrap();
+        assert_eq!(inputs.next_breakpoint(0.0), 1.0);
+        assert_eq!(inputs.next_breakpoint(1.0), 1.5);
+        assert_eq!(inputs.next_breakpoint(1.5), f64::INFINITY);
+        let at = [0.0, 1.0, 1.5].map(|t| inputs.segment(t).at(0.0).force);
+        assert_eq!(at, [[0.0; 3], [3.0, -4.0, 0.5], [0.0; 3]]);
+        let refused = |time, duration, force| {
+            Inputs::constant_targets([0.1; 2]).with_pulse(time, duration, force).unwrap_err().to_string()
+        };
+        assert_eq!(refused(1.0, 0.0, [1.0; 3]), "pulse.duration = 0.0: must be finite and > 0");
+        assert_eq!(
+            refused(1.0, 1e-17, [1.0; 3]),
+            "pulse.times[1] = 1.0: must be greater than the time before it"
+        );
+        assert!(refused(f64::NAN, 1.0, [1.0; 3]).starts_with("pulse.times[0] = NaN: must be finite"));
+        assert!(refused(1.0, 1.0, [f64::INFINITY, 0.0, 0.0]).starts_with("pulse.coefficients[1] = inf"));
     }
 
     #[test]

@@ -13,6 +13,7 @@ pub mod motion;
 pub mod noise;
 pub mod parameters;
 pub mod piecewise;
+pub mod rates;
 pub mod rule;
 pub mod sampled;
 pub mod scene;

@@ -67,15 +67,18 @@ fn upright(parameters: &Parameters, angles: [f64; 2]) -> [f64; 9] {
 }
 
 /// [`upright`] in numbers of any type. `turns` are the sines and cosines of the angles.
+#[inline(always)]
 fn upright_at<R: Real>(source: &impl Source<R>, angles: [R; 2], turns: [(R, R); 2]) -> [R; 9] {
-    let height = |i: usize| {
-        let (sin, cos) = turns[i];
-        source.number(|p| p.fingers[i].length) * cos - source.number(|p| p.fingers[i].half_thickness) * sin
-    };
     let zero = R::zero();
+    let mut heights = [zero; 2];
+    for i in 0..2 {
+        let (sin, cos) = turns[i];
+        heights[i] = source.number(|p| p.fingers[i].length) * cos
+            - source.number(|p| p.fingers[i].half_thickness) * sin;
+    }
     let mut q = [zero; 9];
     q[X] = source.number(|p| p.grasped.com_offset);
-    q[Y] = R::constant(0.5) * (height(0) + height(1));
+    q[Y] = R::constant(0.5) * (heights[0] + heights[1]);
     q[FINGER..FINGER + 2].copy_from_slice(&angles);
     let residuals = Geometry::new(&Side::both(source), &q, &[zero; 9]).residuals();
     for i in 0..2 {
@@ -103,24 +106,29 @@ impl Start {
     /// The derivatives of a start in the directions of the parameters and of the inputs at its instant. `q` has its
     /// coordinates.
     #[must_use]
+    #[inline(always)]
     pub fn varied<R: Real>(self, source: &impl Source<R>, input: &Input<R>, q: &[f64; 9]) -> Motion<R> {
         let zero = R::zero();
-        let angle = |i: usize| match self {
-            Self::Contact => zero,
-            Self::Driven => input.target[i],
-            Self::Touching => {
-                // One step of Newton's method from the solution, for what `angle_at` solves.
-                let at = R::constant(q[FINGER + i]);
-                let (sin, cos) = at.sin_cos();
-                let (length, half) =
-                    (source.number(|p| p.fingers[i].length), source.number(|p| p.fingers[i].half_thickness));
-                let distance =
-                    source.number(|p| (p.fingers[i].root_offset - p.tips[i].radius) - 0.5 * p.grasped.width);
-                at - (length * sin + half * cos - distance) / (length * cos - half * sin)
-            }
-        };
-        let angles = [angle(0), angle(1)];
-        let q = upright_at(source, angles, angles.map(R::sin_cos));
+        let mut angles = [zero; 2];
+        for i in 0..2 {
+            angles[i] = match self {
+                Self::Contact => zero,
+                Self::Driven => input.target[i],
+                Self::Touching => {
+                    // One step of Newton's method from the solution, for what `angle_at` solves.
+                    let at = R::constant(q[FINGER + i]);
+                    let (sin, cos) = at.sin_cos();
+                    let (length, half) = (
+                        source.number(|p| p.fingers[i].length),
+                        source.number(|p| p.fingers[i].half_thickness),
+                    );
+                    let distance = source
+                        .number(|p| (p.fingers[i].root_offset - p.tips[i].radius) - 0.5 * p.grasped.width);
+                    at - (length * sin + half * cos - distance) / (length * cos - half * sin)
+                }
+            };
+        }
+        let q = upright_at(source, angles, [angles[0].sin_cos(), angles[1].sin_cos()]);
         let mut p = [zero; 9];
         if self == Self::Driven {
             let [x, y, ..] = q;

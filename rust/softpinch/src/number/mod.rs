@@ -7,6 +7,8 @@ pub mod linear;
 pub mod real;
 pub mod row;
 mod scalar;
+// The only unsafe code of the crate.
+#[allow(unsafe_code)]
 pub mod simd;
 #[cfg(test)]
 mod tests;

@@ -9,17 +9,18 @@ use crate::method::traits::Unsolved;
 use crate::model::motion::Motion;
 use crate::model::scene::Scene;
 use crate::number::lanes::{Bits, LaneTask, Lanes, each};
-use crate::stepping::adaptive_contacts::AdaptiveEvents;
 use crate::stepping::batch::{LaneBatch, Seen};
 use crate::stepping::ending::{Attempt, End, full, overflow};
 use crate::stepping::grid::Span;
 use crate::stepping::instant::watched;
-use crate::stepping::queue::{RunQueue, Watched};
+use crate::stepping::loop_events::AdaptiveEvents;
+use crate::stepping::phase::Phase;
+use crate::stepping::queue::{RunQueue, Sample};
 use crate::stepping::sizes::Sizes;
 use crate::stepping::status::Status;
 
 /// The places of the runs in time. In a lane without a run all numbers are zero.
-pub(super) struct Places<R> {
+pub(super) struct Progress<R> {
     /// Start, end and length of the segments between breakpoints.
     pub(super) from: R,
     pub(super) to: R,
@@ -40,8 +41,8 @@ pub(super) struct Places<R> {
     pub(super) last: Bits,
 }
 
-impl<R: Lanes> Places<R> {
-    /// Places without any run.
+impl<R: Lanes> Progress<R> {
+    /// Progress without any run.
     #[inline(always)]
     pub(super) fn new() -> Self {
         let zero = R::zero();
@@ -85,22 +86,21 @@ impl<R: Lanes> Places<R> {
 /// The lanes of the adaptive loop.
 pub(super) struct AdaptiveLanes<'a, R: Lanes, Q> {
     pub(super) batch: LaneBatch<'a, R, Span, Q>,
-    pub(super) places: Places<R>,
+    pub(super) progress: Progress<R>,
     pub(super) control: StepControl<R>,
     /// Why the equations of the last attempt were not solved, if that is so. Methods that solve equations for
     /// their stages have one lane.
     pub(super) unsolved: Option<Unsolved>,
     /// Lanes whose last watched instant is saved in their run.
     pub(super) saved: Bits,
-    /// Lanes whose run has just ended, and lanes at the start of a segment.
+    /// Lanes whose run has just ended, so that another one is loaded.
     pub(super) left: Bits,
-    pub(super) entering: Bits,
     /// Events of unilateral contact.
     pub(super) events: AdaptiveEvents,
 }
 
 /// The states from which the steps of all lanes start.
-pub(super) struct Here<R> {
+pub(super) struct StepStart<R> {
     pub(super) y: States<R>,
     /// The evaluation of `y`.
     pub(super) now: Evaluation<R>,
@@ -110,33 +110,39 @@ pub(super) struct Here<R> {
 
 impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     /// Loads the next run, if there is one, into a lane, and puts the lane at the start of its first segment.
-    pub(super) fn load(&mut self, lane: usize, here: &mut Here<R>) -> Result<(), Error> {
+    pub(super) fn load(&mut self, lane: usize, start: &mut StepStart<R>) -> Result<(), Error> {
         let place = |_, scene: &Scene| Span::new(&scene.inputs, &scene.initial, scene.duration);
         let loaded = self.batch.load_lane(lane, place)?;
-        let start = self.batch.runs[lane].as_ref().map_or(0.0, |run| run.place.start);
-        self.places.begin(lane, start);
-        self.events.forget(1 << lane);
+        let from = self.batch.runs[lane].as_ref().map_or(0.0, |run| run.place.start);
+        self.progress.begin(lane, from);
+        self.events.settle(1 << lane);
         // A controller that measures at the start of the run needs the inputs before that.
         if let Some(run) = &mut self.batch.runs[lane]
             && let Some(controller) = &mut run.controller
         {
-            let mut drive = run.scene.inputs.segment(start);
+            let mut drive = run.scene.inputs.segment(from);
             drive.hold(controller.held());
             self.batch.drive.set(lane, &drive);
         }
         if loaded {
-            (self.entering, self.saved) = (self.entering | 1 << lane, self.saved | 1 << lane);
+            self.saved |= 1 << lane;
         } else {
-            for rate in &mut here.now.rate {
+            for rate in &mut start.now.rate {
                 rate.set(lane, 0.0);
             }
         }
         Ok(())
     }
 
+    /// The lanes at the start of a segment, or at an event, from which they go on as from such a start.
+    #[inline(always)]
+    pub(super) fn entering(&self) -> Bits {
+        self.batch.phases.at(Phase::Start) | self.batch.phases.at(Phase::Event)
+    }
+
     /// Counts the steps that the run in a lane has taken.
     pub(super) fn count(&mut self, lane: usize) {
-        let steps = self.places.steps.lane(lane);
+        let steps = self.progress.steps.lane(lane);
         if let Some(run) = &mut self.batch.runs[lane] {
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a whole number
             let steps = steps as u64;
@@ -146,31 +152,31 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
 
     /// Sets the typical magnitudes of the states in the lanes of `changed`, which have new runs.
     #[inline(always)]
-    pub(super) fn size(&self, system: &impl System<R>, changed: Bits, here: &mut Here<R>) {
+    pub(super) fn size(&self, system: &impl System<R>, changed: Bits, start: &mut StepStart<R>) {
         let usual = system.begin(&self.batch.gathered(Motion::typical_magnitudes));
         let slow = system.begin(&self.batch.gathered(Motion::slow_magnitudes));
-        here.sizes.begin(changed, &usual, &slow);
+        start.sizes.begin(changed, &usual, &slow);
     }
 
     /// Ends the run in a lane at its last instant.
-    pub(super) fn retire(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Watched) {
+    pub(super) fn retire(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Sample) {
         self.left |= 1 << lane;
         self.count(lane);
         self.batch.retire_lane(system, lane, end, last);
     }
 
     /// The last watched instant of a lane.
-    pub(super) fn last(&self, system: &impl System<R>, lane: usize, here: &Here<R>) -> Option<Watched> {
+    pub(super) fn last(&self, system: &impl System<R>, lane: usize, start: &StepStart<R>) -> Option<Sample> {
         if self.saved >> lane & 1 != 0 {
             return self.batch.runs[lane].as_ref()?.saved_instant;
         }
-        let t = self.places.watched.lane(lane);
+        let t = self.progress.watched.lane(lane);
         let contact = self.batch.contact_row(lane);
-        Some(watched(system.size(), (lane, contact), &here.now, &here.y, t, (t, 0)))
+        Some(watched(system.size(), (lane, contact), &start.now, &start.y, t, (t, 0)))
     }
 
     /// Saves the last watched instant of a lane in its run.
-    pub(super) fn save(&mut self, lane: usize, last: Option<Watched>) {
+    pub(super) fn save(&mut self, lane: usize, last: Option<Sample>) {
         self.saved |= 1 << lane;
         if let Some(run) = &mut self.batch.runs[lane] {
             run.saved_instant = last;
@@ -179,7 +185,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
 
     /// The result of the last attempt of a lane.
     pub(super) fn attempt(&self, lane: usize) -> Attempt {
-        match (self.unsolved, self.places.errors.lane(lane)) {
+        match (self.unsolved, self.progress.errors.lane(lane)) {
             (Some(unsolved), _) => Attempt::Unsolved(unsolved),
             (None, error) if error < 0.0 => Attempt::None,
             (None, error) => Attempt::Error(error),
@@ -189,8 +195,14 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     /// Ends the run in a lane at the last watched instant. An `end` of `None` means that a number overflowed.
     #[cold]
     #[inline(never)]
-    pub(super) fn stop(&mut self, system: &impl System<R>, lane: usize, here: &Here<R>, end: Option<End>) {
-        let Some(last) = self.last(system, lane, here) else { return };
+    pub(super) fn stop(
+        &mut self,
+        system: &impl System<R>,
+        lane: usize,
+        start: &StepStart<R>,
+        end: Option<End>,
+    ) {
+        let Some(last) = self.last(system, lane, start) else { return };
         let end = end.unwrap_or_else(|| overflow(last.instant.t));
         self.retire(system, lane, end, &last);
     }
@@ -204,7 +216,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         lane: usize,
         due: bool,
         seen: &Seen,
-        instant: &Watched,
+        instant: &Sample,
     ) -> bool {
         let recorded = if due { self.batch.record(system, instant) } else { Ok(()) };
         let end = match recorded {
@@ -225,47 +237,48 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     /// Lets the discrete controllers measure, in those of the lanes in `begins` in which a sample is due at the end of
     /// the segment.
     #[inline(always)]
-    fn take_samples(&mut self, system: &impl System<R>, begins: Bits, here: &Here<R>) {
+    fn take_samples(&mut self, system: &impl System<R>, begins: Bits, start: &StepStart<R>) {
         let mut due = 0;
         for lane in each(begins) {
             let Some(run) = &self.batch.runs[lane] else { continue };
-            let t = self.places.to.lane(lane);
+            let t = self.progress.to.lane(lane);
             let samples = run.controller.as_ref().is_some_and(|controller| controller.is_due(t));
             due |= Bits::from(samples) << lane;
         }
         if due == 0 {
             return;
         }
-        let now = system.evaluate(&self.batch.drive, self.places.tau, &here.y);
+        let now = system.evaluate(&self.batch.drive, self.progress.tau, &start.y);
         self.batch.stats.evaluations += 1;
         for lane in each(due) {
             let Some(run) = &mut self.batch.runs[lane] else { continue };
             let Some(controller) = &mut run.controller else { continue };
             let how = (self.batch.instructions, self.batch.options);
             let scene = (&*run.scene, run.contact.as_deref());
-            controller.sample(scene, how, self.places.to.lane(lane), (&now, lane));
+            controller.sample(scene, how, self.progress.to.lane(lane), (&now, lane));
         }
     }
 
     /// Begins a segment in the lanes of `entering`, or goes on in it after an event, and computes the length of
     /// the first step.
     #[inline(always)]
-    pub(super) fn enter(&mut self, system: &impl System<R>, here: &mut Here<R>) {
+    pub(super) fn enter(&mut self, system: &impl System<R>, start: &mut StepStart<R>) {
         let size = system.size();
-        self.control.restart(self.entering);
+        let entering = self.entering();
+        self.control.restart(entering);
         self.unsolved = None;
-        let over = self.places.to.at_most(self.places.t);
-        let ends = over & self.places.last;
-        let begins = self.entering & over & !self.places.last;
+        let over = self.progress.to.at_most(self.progress.t);
+        let ends = over & self.progress.last;
+        let begins = entering & over & !self.progress.last;
         if self.batch.unilateral {
-            self.meet_events(system, here);
+            self.meet_events(system, start);
         }
-        self.take_samples(system, begins & self.entering, here);
-        for lane in each(begins & self.entering) {
+        self.take_samples(system, begins & self.entering(), start);
+        for lane in each(begins & self.entering()) {
             let Some(run) = &mut self.batch.runs[lane] else { continue };
-            let from = self.places.to.lane(lane);
+            let from = self.progress.to.lane(lane);
             let to = run.place.segment_end(&run.scene.inputs, from);
-            self.places.enter(lane, (from, to), to == run.place.end);
+            self.progress.enter(lane, (from, to), to == run.place.end);
             let mut drive = run.scene.inputs.segment(from);
             if let Some(controller) = &mut run.controller {
                 drive.hold(controller.torque(from));
@@ -277,22 +290,22 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
             run.segments += 1;
         }
         if self.batch.unilateral {
-            self.choose_modes(system, begins, here);
+            self.choose_modes(system, begins, start);
         }
-        let (times, tau) = (self.places.t, self.places.tau);
-        let mut now = system.evaluate(&self.batch.drive, tau, &here.y);
+        let (times, tau) = (self.progress.t, self.progress.tau);
+        let mut now = system.evaluate(&self.batch.drive, tau, &start.y);
         self.batch.stats.evaluations += 1;
-        let seen = self.batch.watch(system, &now, &here.y, times, self.entering);
+        let seen = self.batch.watch(system, &now, &start.y, times, self.entering());
         let (mut stays, mut jumped): (Bits, Bits) = (0, 0);
-        for lane in each(self.entering) {
+        for lane in each(self.entering()) {
             let bit = 1 << lane;
             let t = times.lane(lane);
-            if seen.sound & bit == 0 {
-                self.stop(system, lane, here, None);
+            if seen.finite & bit == 0 {
+                self.stop(system, lane, start, None);
                 continue;
             }
             let contact = self.batch.contact_row(lane);
-            let instant = watched(size, (lane, contact), &now, &here.y, t, (t, 0));
+            let instant = watched(size, (lane, contact), &now, &start.y, t, (t, 0));
             let due = self.batch.queue.is_due(t, false);
             if !self.goes_on(system, lane, due, &seen, &instant) {
                 continue;
@@ -303,34 +316,34 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
             }
             let jumps = begins & bit != 0
                 && if self.batch.unilateral {
-                    let Some(jumps) = self.strike(system, lane, here) else { continue };
+                    let Some(jumps) = self.strike(system, lane, start) else { continue };
                     jumps
                 } else {
-                    self.batch.apply_impulses(system, lane, (t, tau), &mut here.y)
+                    self.batch.apply_impulses(system, lane, (t, tau), &mut start.y)
                 };
             self.saved &= !bit;
             if jumps {
                 self.save(lane, Some(instant));
             }
-            self.places.watched.set(lane, t);
+            self.progress.watched.set(lane, t);
             jumped |= Bits::from(jumps) << lane;
             stays |= bit;
         }
-        self.entering = 0;
+        self.batch.phases.set(self.entering(), Phase::Step);
         if stays == 0 {
             return;
         }
         if jumped != 0 {
-            now = system.evaluate(&self.batch.drive, tau, &here.y);
+            now = system.evaluate(&self.batch.drive, tau, &start.y);
             self.batch.stats.evaluations += 1;
         }
-        here.now = merged(stays, &now, &here.now);
-        here.sizes.note(size, &here.y, stays, stays);
+        start.now = merged(stays, &now, &start.now);
+        start.sizes.note(size, &start.y, stays, stays);
         self.batch.stats.evaluations += 1;
-        let (equations, states) = ((system, &self.batch.drive), (&here.y, &here.now.rate));
-        let rest = self.places.length - tau;
-        let h = here.sizes.first_step(equations, &self.control, states, (stays, tau, rest));
-        self.places.h = R::select(stays, h, self.places.h);
+        let (equations, states) = ((system, &self.batch.drive), (&start.y, &start.now.rate));
+        let rest = self.progress.length - tau;
+        let h = start.sizes.first_step(equations, &self.control, states, (stays, tau, rest));
+        self.progress.h = R::select(stays, h, self.progress.h);
     }
 }
 
@@ -360,7 +373,7 @@ pub(super) fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>)
 pub(super) struct Enter<'b, 'a, R: Lanes, Q, S>(
     pub(super) &'b mut AdaptiveLanes<'a, R, Q>,
     pub(super) &'b S,
-    pub(super) &'b mut Here<R>,
+    pub(super) &'b mut StepStart<R>,
 );
 
 impl<'a, R: Lanes, Q: RunQueue<'a>, S: System<R>> LaneTask<R> for Enter<'_, 'a, R, Q, S> {

@@ -9,7 +9,7 @@ use crate::formulation::system::System;
 use crate::method::traits::Stats;
 use crate::model::contact_modes::ContactModel;
 use crate::model::drive::{Drive, SegmentDrive};
-use crate::model::energy::{Energies, WORKS, closure};
+use crate::model::energy::{self, Energies, WORKS};
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;
@@ -18,15 +18,19 @@ use crate::model::start::contact;
 use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::number::simd::level::Instructions;
 use crate::stepping::contact_lane::LaneContact;
-use crate::stepping::ending::{End, after_violation};
-use crate::stepping::instant::{column, finite, ledger, put, put_motion};
+use crate::stepping::ending::{End, after_violation, unstable};
+use crate::stepping::instant::{all_finite, column, ledger, put, put_motion};
 use crate::stepping::lane_controller::LaneController;
-use crate::stepping::monitor::{Limits, Set, VIOLATIONS, Violation, explain};
-use crate::stepping::options::Options;
-use crate::stepping::queue::{Builder, Finished, LaneParameters, RunQueue, Watched};
+use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet, explain};
+use crate::stepping::options::{Options, Steps};
+use crate::stepping::phase::{Phase, Phases};
+use crate::stepping::queue::{Builder, Finished, LaneParameters, RunQueue, Sample};
 use crate::stepping::record::Instant;
 use crate::stepping::status::Status;
 use crate::stepping::summary::{RunEnd, Summaries, SummaryInstant};
+
+/// A closure error of the ledger below this share of the energy of gravity, whose zero is arbitrary, is round-off.
+const ROUND_OFF: f64 = 1e-9;
 
 /// The run in a lane.
 pub struct LaneRun<'a, P> {
@@ -38,7 +42,7 @@ pub struct LaneRun<'a, P> {
     pub first_times: [f64; VIOLATIONS.len()],
     /// The last watched instant, if it is not the last one that the loop evaluated: the start of the run
     /// before any evaluation, the instant before an impulse, or an instant inside a step.
-    pub saved_instant: Option<Watched>,
+    pub saved_instant: Option<Sample>,
     /// Steps that the run has taken.
     pub steps: u64,
     /// Segments that the run has entered.
@@ -55,9 +59,11 @@ pub struct LaneRun<'a, P> {
 #[derive(Debug, Clone, Copy)]
 pub struct Seen {
     /// Lanes in which all numbers are finite.
-    pub sound: Bits,
-    /// Lanes whose run ends because of a violation.
+    pub finite: Bits,
+    /// Lanes whose run ends because of a violation, or because its steps are unstable.
     pub ended: Bits,
+    /// Lanes whose steps are unstable.
+    unstable: Bits,
     /// For each of [`VIOLATIONS`] the lanes in which it holds.
     pub found: [Bits; VIOLATIONS.len()],
 }
@@ -72,8 +78,8 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
     pub(super) instructions: Instructions,
     /// The run in each lane.
     pub runs: [Option<LaneRun<'a, P>>; MOST],
-    /// Lanes that have a run.
-    pub active: Bits,
+    /// The phases of the lanes.
+    pub phases: Phases,
     /// The inputs of each lane's segment.
     pub drive: SegmentDrive<R>,
     /// Counts of the work that was done.
@@ -86,6 +92,11 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
     half_width: R,
     /// The energies at the starts of the runs.
     initial_energies: Energies<R>,
+    /// Lanes whose steps may be unstable, the energy that their motion was given at most so far, and the closure
+    /// error of their ledger at the last watched instant.
+    guarded: Bits,
+    supplied: R,
+    open: R,
     /// For each of [`VIOLATIONS`] the lanes in which it has been seen, and the lanes whose run it ends.
     pub(super) noted: [Bits; VIOLATIONS.len()],
     stop_on: [Bits; VIOLATIONS.len()],
@@ -116,13 +127,16 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             options,
             instructions,
             runs: [const { None }; MOST],
-            active: 0,
+            phases: Phases::idle(),
             drive: SegmentDrive::still(),
             stats: Stats::default(),
             start: Motion { q: [zero; 9], p: [zero; 9], memory: [zero; 2] },
             limits: Limits::new(&lanes),
             half_width: zero,
             initial_energies: Energies { kinetic: zero, elastic: zero, gravity: zero },
+            guarded: 0,
+            supplied: zero,
+            open: zero,
             noted: [0; VIOLATIONS.len()],
             stop_on: VIOLATIONS.map(|(_, violation)| stops(violation)),
             shown: 0,
@@ -144,7 +158,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         place: impl FnOnce(usize, &Scene) -> Result<P, Error>,
     ) -> Result<bool, Error> {
         let bit = 1 << lane;
-        self.active &= !bit;
+        self.phases.set(bit, Phase::Idle);
         self.runs[lane] = None;
         let Some((number, scene)) = self.queue.take()? else {
             if R::WIDTH > 1 {
@@ -164,11 +178,15 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         for occurred in &mut self.occurred {
             *occurred &= !bit;
         }
+        self.guarded &= !bit;
+        if self.options.guard {
+            self.guarded |= Bits::from(self.options.may_be_unstable(&scene)) << lane;
+        }
         self.shown &= !bit;
         self.lost_grip &= !bit;
         self.summaries.restart(lane);
-        self.active |= bit;
-        let saved_instant = Some(Watched {
+        self.phases.set(bit, Phase::Start);
+        let saved_instant = Some(Sample {
             instant: Instant::start(initial),
             works: [0.0; WORKS],
             linearized: None,
@@ -204,6 +222,12 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             place,
         });
         Ok(true)
+    }
+
+    /// The lanes that have runs.
+    #[inline(always)]
+    pub fn active(&self) -> Bits {
+        R::ALL & self.phases.active()
     }
 
     fn parameters(&self) -> LaneParameters<'_> {
@@ -249,6 +273,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             initial.kinetic = R::select(changed, kinetic, initial.kinetic);
             initial.elastic = R::select(changed, elastic, initial.elastic);
             initial.gravity = R::select(changed, gravity, initial.gravity);
+            self.supplied = R::select(changed, R::zero(), self.supplied);
         }
     }
 
@@ -264,15 +289,19 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         watched: Bits,
     ) -> Seen {
         let size = system.size();
-        let closure = if size.works > 0 {
+        let (mut closure, mut unstable) = (R::zero(), 0);
+        if size.works > 0 {
             let energies = system.energies(&self.drive.contacts, &now.motion);
-            closure(&self.initial_energies, &energies, &y[size.states..size.all()])
-        } else {
-            R::zero()
-        };
-        let sound = finite(now, closure);
-        let seen = watched & sound;
-        let found = if self.unilateral { self.violated(now, watched) } else { self.limits.violated(now) };
+            let works = &y[size.states..size.all()];
+            closure = energy::closure(&self.initial_energies, &energies, works);
+            if self.guarded & watched != 0 {
+                unstable = self.beyond_supply(&energies, works, closure);
+            }
+        }
+        let finite = all_finite(now, closure);
+        let seen = watched & finite;
+        let found =
+            if self.unilateral { self.violated(now, watched) } else { self.limits.violated(now, None) };
         // Most instants show nothing.
         let (mut any, mut ended) = (0, 0);
         for bits in found {
@@ -292,7 +321,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             }
         }
         if R::WIDTH == 1 && seen != 0 && any | self.shown != 0 {
-            self.queue.note(t.lane(0), Set::of(&found, 0));
+            self.queue.note(t.lane(0), ViolationSet::of(&found, 0));
             self.shown = any;
         }
         if !self.summaries.is_empty() {
@@ -302,7 +331,24 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
                 SummaryInstant { t, q, p, multipliers, residuals, slip_speed, closure, half_width, torque };
             self.summaries.watch(&instant, seen);
         }
-        Seen { sound, ended, found }
+        unstable &= seen;
+        Seen { finite, ended: ended | unstable, unstable, found }
+    }
+
+    /// The lanes whose energy ledger is open by more than the energy that their motion was ever given: at its start,
+    /// by torques, forces and impulses, and by gravity. Steps beyond the stability limit create energy from nothing;
+    /// steps within it leave the ledger open by a small share of what the motion exchanges.
+    #[inline(always)]
+    fn beyond_supply(&mut self, energies: &Energies<R>, works: &[R], closure: R) -> Bits {
+        let &[control, external, ..] = works else { return 0 };
+        let initial = &self.initial_energies;
+        let fallen = energies.gravity - initial.gravity;
+        let known =
+            (initial.kinetic.abs() + initial.elastic.abs()) + R::constant(ROUND_OFF) * initial.gravity.abs();
+        let given = known + ((control.abs() + external.abs()) + fallen.abs());
+        self.supplied = self.supplied.max_in(given, R::ALL);
+        self.open = closure;
+        self.supplied.less(closure.abs()) & self.guarded
     }
 
     /// Notes the first time of a violation in the lanes of `first_seen`.
@@ -321,7 +367,13 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     #[cold]
     pub fn violation(&self, lane: usize, seen: &Seen, instant: &Instant) -> Option<End> {
         let run = self.runs[lane].as_ref()?;
-        let violation = Set::of(&seen.found, lane).intersection(self.options.stop_on).first()?;
+        if seen.unstable >> lane & 1 != 0 {
+            let (Steps::Fixed(dt), scene) = (&self.options.steps, &run.scene) else { return None };
+            let found = (self.open.lane(lane), self.supplied.lane(lane));
+            let h = dt.min(scene.duration) / f64::from(self.options.refine);
+            return Some(unstable(instant.t, h, found, self.options.surely_stable_step(scene)));
+        }
+        let violation = ViolationSet::of(&seen.found, lane).intersection(self.options.stop_on).first()?;
         let begins = run.steps == 0;
         let mut instant = *instant;
         if self.unilateral && matches!(violation, Violation::Slipping | Violation::Opened) {
@@ -355,7 +407,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     pub fn gathered(&self, of: impl Fn(&Parameters) -> Motion<f64>) -> Motion<R> {
         let zero = R::zero();
         let mut motion = Motion { q: [zero; 9], p: [zero; 9], memory: [zero; 2] };
-        for lane in each(self.active) {
+        for lane in each(self.active()) {
             let Some(run) = &self.runs[lane] else { continue };
             put_motion(&mut motion, lane, &of(&run.scene.parameters));
         }
@@ -365,10 +417,10 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     /// Removes the run from a lane. `last` is the last instant of the run.
     #[cold]
     #[inline(never)]
-    pub fn retire_lane(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Watched) {
-        self.active &= !(1 << lane);
+    pub fn retire_lane(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Sample) {
+        self.phases.set(1 << lane, Phase::Idle);
         let Some(mut run) = self.runs[lane].take() else { return };
-        let (status, message) = after_violation(end, &run.first_times);
+        let (status, message) = after_violation(end, last.instant.t, &run.first_times);
         let from = run.scene.initial.time.max(self.options.summaries.after);
         let completed = status == Status::Completed;
         let mut free_time = 0.0;
@@ -397,7 +449,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
 
     /// Records a watched instant. The error says that there is no memory for it.
     #[inline(always)]
-    pub fn record(&mut self, system: &impl System<R>, watched: &Watched) -> Result<(), Error> {
+    pub fn record(&mut self, system: &impl System<R>, watched: &Sample) -> Result<(), Error> {
         // A recorded run has a loop of its own, in lane 0.
         if self.options.record.state
             && let Some(LaneRun { controller: Some(controller), .. }) = &self.runs[0]

@@ -2,18 +2,20 @@
 
 use crate::formulation::equations::Evaluation;
 use crate::model::contact_modes::{ContactRow, Mode};
+use crate::model::scene::Scene;
 use crate::number::lanes::{Bits, Lanes};
 use crate::stepping::batch::LaneBatch;
 use crate::stepping::contact_events::{ContactEnd, Reason};
+use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::ending::{self, End};
 use crate::stepping::monitor::{VIOLATIONS, Violation};
-use crate::stepping::queue::{RunQueue, Watched};
+use crate::stepping::queue::{RunQueue, Sample};
 
 impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     /// The violations of unilateral contact at an instant, with those that events have shown before it.
     #[inline(always)]
     pub(super) fn violated(&mut self, now: &Evaluation<R>, watched: Bits) -> [Bits; VIOLATIONS.len()] {
-        let mut found = self.limits.violated_by(now, &self.drive.contacts);
+        let mut found = self.limits.violated(now, Some(&self.drive.contacts));
         for (found, occurred) in found.iter_mut().zip(&mut self.occurred) {
             *found |= *occurred & watched;
             *occurred &= !watched;
@@ -38,13 +40,13 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     /// The lanes in which an event of unilateral contact is due.
     #[inline(always)]
     pub fn due(&self, now: &Evaluation<R>) -> Bits {
-        self.limits.due(now, &self.drive.contacts) & self.active
+        self.limits.due(now, &self.drive.contacts) & self.active()
     }
 
-    /// The lanes whose modes are surely those that would be chosen now.
+    /// The lanes whose modes are certainly those that would be chosen now.
     #[inline(always)]
-    pub fn firm(&self, now: &Evaluation<R>) -> Bits {
-        self.limits.firm(now, &self.drive.contacts)
+    pub fn modes_certain(&self, now: &Evaluation<R>) -> Bits {
+        self.limits.modes_certain(now, &self.drive.contacts)
     }
 
     /// The contacts of the run in a lane in the form of results, in unilateral contact.
@@ -56,8 +58,20 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         self.runs[lane].as_ref()?.contact.as_ref().map(|contact| contact.row())
     }
 
+    /// Lets `work` act on the contacts of the run in a lane, and notes what it changes; `None` if there are none.
+    pub(super) fn act<T>(
+        &mut self,
+        lane: usize,
+        work: impl FnOnce(&mut LaneContact, &Scene) -> Result<T, Box<ContactEnd>>,
+    ) -> Option<Result<T, Box<ContactEnd>>> {
+        let run = self.runs[lane].as_mut()?;
+        let found = work(run.contact.as_mut()?, &run.scene);
+        self.note_changes(lane);
+        Some(found)
+    }
+
     /// Notes what the events of the run in a lane have changed.
-    pub fn note_changes(&mut self, lane: usize) {
+    fn note_changes(&mut self, lane: usize) {
         let Some(run) = &mut self.runs[lane] else { return };
         let Some(contact) = &mut run.contact else { return };
         let (changes, work) = contact.take_changes();
@@ -90,8 +104,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         &self,
         lane: usize,
         end: &ContactEnd,
-        (before, h): (Watched, f64),
-    ) -> Option<(End, Watched)> {
+        (before, h): (Sample, f64),
+    ) -> Option<(End, Sample)> {
         let run = self.runs[lane].as_ref()?;
         let contact = run.contact.as_ref()?;
         let modes = contact.contacts().map(|contact| contact.mode);
@@ -105,6 +119,6 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
                 _ => (Reason::NotFinite, before),
             },
         };
-        Some((ending::contact(last.instant.t, reason, modes, h), last))
+        Some((ending::contact(&run.scene, &last.instant, reason, modes, h), last))
     }
 }

@@ -3,11 +3,11 @@
 
 use crate::formulation::equations::States;
 use crate::formulation::mode_selection::{Contact, contacts_in};
-use crate::formulation::unilateral::ContactTerms;
 use crate::method::traits::Unsolved;
 use crate::model::contact_modes::{Contacts, Mode};
 use crate::model::geometry::index::{D_N, D_T, X, Y};
 use crate::model::motion::Motion;
+use crate::number::lanes::{Bits, Lanes};
 
 /// What ends a mode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,11 +68,22 @@ pub struct Change {
     pub cause: Cause,
 }
 
+/// How the object is lost. A finger is 0 for the right one, 1 for the left one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Loss {
+    /// The closed contact of this finger left its face.
+    OffFace(usize),
+    /// The free tip of this finger met the end of the face.
+    MetEnd(usize),
+    /// Both tips are free, and neither is beside its face.
+    Apart,
+}
+
 /// Why a run ends at an event of its contacts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reason {
     /// The object is lost.
-    Lost,
+    Lost(Loss),
     /// More than [`MOST_EVENTS`](crate::stepping::event_stepper::MOST_EVENTS) events within one step.
     Chattering,
     /// No mode of the contacts is admissible.
@@ -134,66 +145,69 @@ pub struct Event {
     pub cause: Cause,
 }
 
-/// The events of both contacts that are due at an instant, with their values.
-pub(super) fn due(
-    modes: [Mode; 2],
-    half_height: f64,
-    terms: &ContactTerms<f64>,
-    motion: &Motion<f64>,
-) -> Vec<(Event, f64)> {
-    let mut found = Vec::new();
-    for finger in 0..2 {
-        for (cause, value) in values(modes, half_height, finger, terms, motion).into_iter().flatten() {
-            if value < 0.0 {
-                found.push((Event { finger, cause }, value));
-            }
-        }
-    }
-    found
+/// Both contacts of the runs in all lanes at one instant, in so far as their modes depend on it.
+pub(super) struct ContactState<'a, R> {
+    pub(super) motion: &'a Motion<R>,
+    pub(super) multipliers: &'a [R; 4],
+    pub(super) residuals: [R; 4],
+    /// The parts psi of grazing contacts.
+    pub(super) share: [R; 2],
+    /// The places of the contacts along their faces.
+    pub(super) places: [R; 2],
+    pub(super) friction: [R; 2],
+    pub(super) half_height: R,
+}
+
+/// A condition under which the mode of a contact goes on.
+pub(super) struct Condition<R> {
+    /// What happens if it fails.
+    pub(super) cause: Cause,
+    /// The lanes whose mode has this condition.
+    pub(super) asked: Bits,
+    /// The condition fails where its value is negative.
+    pub(super) value: R,
 }
 
 /// A gap, a slip velocity or a share that is zero when its mode begins may fail by this share of its terms, by
 /// round-off.
 const ROUND_OFF: f64 = 16.0 * f64::EPSILON;
 
-/// The values of the events of one contact: each is positive while the modes may go on.
-pub(super) fn values(
-    modes: [Mode; 2],
-    half_height: f64,
+/// The conditions under which the mode of contact `i` goes on. With `tolerant`, those that are zero when their mode
+/// begins hold in spite of round-off.
+#[inline(always)]
+pub(super) fn conditions<R: Lanes>(
+    at: &ContactState<'_, R>,
+    contacts: &Contacts<R>,
     i: usize,
-    terms: &ContactTerms<f64>,
-    motion: &Motion<f64>,
-) -> [Option<(Cause, f64)>; 4] {
-    let (along, across) = (terms.response.multipliers[i], terms.response.multipliers[2 + i]);
-    let residuals = terms.geometry.residuals();
-    let share = terms.response.share[i];
-    let places = terms.geometry.places().map(f64::abs);
-    let Motion { q, p, .. } = motion;
-    let d_n = q[D_N + i];
-    let gap = residuals[i] + ROUND_OFF * (q[X].abs() + q[Y].abs() + d_n.abs());
-    let slack = ROUND_OFF * (p[X].abs() + p[Y].abs() + p[D_T + i].abs());
-    let relaxed = Some((Cause::Relaxed, d_n));
-    let on_face = Some((Cause::Lost, half_height - places[i]));
-    match modes[i] {
-        Mode::Stick => {
-            [Some((Cause::Cone, terms.friction[i] * along - across.abs())), None, relaxed, on_face]
-        }
-        Mode::Slip(direction) => [
-            Some((Cause::Stop, direction.sign() * residuals[2 + i] + slack)),
-            Some((Cause::Release, along)),
-            relaxed,
-            on_face,
-        ],
-        Mode::Graze => [Some((Cause::Share, share.min(1.0 - share) + ROUND_OFF)), None, relaxed, on_face],
-        Mode::Free => {
-            let both_free = modes == [Mode::Free; 2];
-            [
-                Some((Cause::Impact, gap.max(places[i] - half_height))),
-                None,
-                // A surface that has come to rest stays at rest.
-                relaxed.filter(|_| d_n != 0.0),
-                both_free.then_some((Cause::Lost, half_height - places[0].min(places[1]))),
-            ]
-        }
+    tolerant: bool,
+) -> [Condition<R>; 7] {
+    let Motion { q, p, .. } = at.motion;
+    let round_off = |sizes: [R; 3]| {
+        let [a, b, c] = sizes.map(R::abs);
+        R::constant(ROUND_OFF) * (a + b + c)
+    };
+    let (along, across, v) = (at.multipliers[i], at.multipliers[2 + i], at.residuals[2 + i]);
+    let (free, graze, slip) = (contacts.free[i], contacts.graze[i], contacts.slip(i));
+    let (d_n, places) = (q[D_N + i], at.places.map(R::abs));
+    let mut forward = R::select(contacts.down[i], -v, v);
+    let mut part = at.share[i].min_in(R::constant(1.0) - at.share[i], R::ALL);
+    let mut gap = at.residuals[i];
+    if tolerant {
+        forward = forward + round_off([p[X], p[Y], p[D_T + i]]);
+        part = part + R::constant(ROUND_OFF);
+        gap = gap + round_off([q[X], q[Y], d_n]);
     }
+    let both_free = contacts.free[0] & contacts.free[1];
+    let nearest = R::select(both_free, places[0].min_in(places[1], R::ALL), places[i]);
+    let condition = |cause, asked, value| Condition { cause, asked, value };
+    [
+        condition(Cause::Cone, !(slip | graze | free), at.friction[i] * along - across.abs()),
+        condition(Cause::Stop, slip, forward),
+        condition(Cause::Release, slip, along),
+        condition(Cause::Share, graze, part),
+        condition(Cause::Impact, free, gap.max_in(places[i] - at.half_height, R::ALL)),
+        // A surface of a free tip that has come to rest stays at rest.
+        condition(Cause::Relaxed, !(free & d_n.is_zero()), d_n),
+        condition(Cause::Lost, !free | both_free, at.half_height - nearest),
+    ]
 }

@@ -2,108 +2,26 @@
 //! with a step of the run's own method, so that its result does not depend on the runs beside it.
 
 use crate::error::Error;
-use crate::formulation::equations::{Evaluation, MAX_COMPONENTS, States};
+use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::mode_selection::{Contact, tilt};
-use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
-use crate::method::lone::{dop853, implicit_midpoint, radau5, rosenbrock};
-use crate::method::rk4::Rk4;
-use crate::method::table::Method;
-use crate::method::traits::{Integrator, Runs, Stats, Step};
+use crate::method::traits::{Stats, Unsolved};
 use crate::model::contact_modes::{ContactRow, Contacts, Mode, Slip};
 use crate::model::drive::SegmentDrive;
+use crate::model::geometry::index::D_N;
 use crate::model::geometry::{Geometry, Side};
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;
 use crate::model::start::{State, allowed_residuals};
-use crate::number::lanes::{Lanes, MOST};
+use crate::number::lanes::Lanes;
 use crate::number::simd::level::Instructions;
 use crate::stepping::contact_events::{Change, ContactEnd, ContactRun, Event, Reason};
-use crate::stepping::event_stepper::{EventStepper, Place};
+use crate::stepping::event_stepper::{EventStepper, SegmentState};
 use crate::stepping::instant::watched;
+use crate::stepping::lone_steps::LoneSteps;
 use crate::stepping::options::{Options, Steps};
-use crate::stepping::queue::Watched;
-
-/// The equations and the method of one run, for its events.
-trait ContactSteps: Send + Sync {
-    /// Calls `work` with a stepper.
-    fn with_stepper(&mut self, half_height: f64, work: &mut dyn FnMut(&mut EventStepper<'_>));
-
-    /// Evaluates a state.
-    fn evaluate(&self, drive: &SegmentDrive, tau: f64, y: &States<f64>) -> Evaluation<f64>;
-
-    /// The equations.
-    fn system(&self) -> &SceneEquations<f64>;
-
-    /// The work that was done since the last call.
-    fn take_stats(&mut self) -> Stats;
-}
-
-/// The equations of one run and its method.
-struct StepsOf<I> {
-    system: SceneEquations<f64>,
-    method: I,
-    stats: Stats,
-}
-
-impl<I: Integrator<f64, SceneEquations<f64>> + Send + Sync> ContactSteps for StepsOf<I> {
-    fn with_stepper(&mut self, half_height: f64, work: &mut dyn FnMut(&mut EventStepper<'_>)) {
-        let Self { system, method, stats } = self;
-        let system = &*system;
-        let mut step = |drive: &SegmentDrive, tau: f64, h: f64, y: &States<f64>| {
-            let now = system.evaluate(drive, tau, y);
-            stats.evaluations += 1;
-            method.restart();
-            let step = Step { tau, h, y, rate: &now.rate, allowed: None };
-            let mut next = [0.0; MAX_COMPONENTS];
-            match method.step(system, drive, &step, &mut next, stats) {
-                Ok(()) => {
-                    system.correct(drive, tau + h, &mut next);
-                    Ok(next)
-                }
-                Err(failure) => Err(Reason::Unsolved(failure.into())),
-            }
-        };
-        system.with_contact(|equations| {
-            work(&mut EventStepper { equations, size: system.size(), half_height, step: &mut step });
-        });
-    }
-
-    fn evaluate(&self, drive: &SegmentDrive, tau: f64, y: &States<f64>) -> Evaluation<f64> {
-        self.system.evaluate(drive, tau, y)
-    }
-
-    fn system(&self) -> &SceneEquations<f64> {
-        &self.system
-    }
-
-    fn take_stats(&mut self) -> Stats {
-        std::mem::take(&mut self.stats)
-    }
-}
-
-/// The equations and the method of a run with these parameters.
-fn steps(instructions: Instructions, options: &Options, scene: &Scene) -> Box<dyn ContactSteps> {
-    fn boxed<I: Integrator<f64, SceneEquations<f64>> + Send + Sync + 'static>(
-        runs: Runs<'_>,
-        method: impl Fn(Runs<'_>, &SceneEquations<f64>) -> I,
-    ) -> Box<dyn ContactSteps> {
-        let system = runs.system();
-        let method = method(runs, &system);
-        Box::new(StepsOf { system, method, stats: Stats::default() })
-    }
-    let parameters = &[&scene.parameters; MOST];
-    let choice = options.choice(scene.inputs.fingers());
-    let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
-    match options.method {
-        Method::Rk4 => boxed(runs, |_, _| Rk4::new()),
-        Method::Dop853 => boxed(runs, dop853),
-        Method::ImplicitMidpoint => boxed(runs, implicit_midpoint),
-        Method::Radau5 => boxed(runs, radau5),
-        Method::Rosenbrock => boxed(runs, rosenbrock),
-    }
-}
+use crate::stepping::queue::Sample;
 
 /// The inputs of a segment.
 struct Segment {
@@ -114,8 +32,9 @@ struct Segment {
 
 /// The contacts of the run in a lane.
 pub struct LaneContact {
+    instructions: Instructions,
     run: ContactRun,
-    steps: Box<dyn ContactSteps>,
+    steps: LoneSteps,
     half_height: f64,
     /// The segment of the run, the segment before it, and whether the last event was in that one.
     segment: Segment,
@@ -154,8 +73,9 @@ impl LaneContact {
     ) -> Result<Self, Error> {
         let (contacts, unset) = start_of(&scene.parameters, &scene.initial)?;
         Ok(Self {
+            instructions,
             run: ContactRun::new(contacts),
-            steps: steps(instructions, options, scene),
+            steps: LoneSteps::new(instructions, options, scene),
             half_height: 0.5 * scene.parameters.grasped.height,
             segment: Segment { anchor: 0.0, drive: SegmentDrive::still() },
             earlier: Segment { anchor: 0.0, drive: SegmentDrive::still() },
@@ -188,7 +108,7 @@ impl LaneContact {
         let mut contact = Self::new(instructions, options, scene, f64::NEG_INFINITY)?;
         let State { time, q, p, memory, .. } = scene.initial;
         contact.enter(time, drive);
-        let y = contact.steps.system().begin(&Motion { q, p, memory });
+        let y = contact.steps.system.begin(&Motion { q, p, memory });
         let begun = contact.begin(&Moment { earlier: false, tau: 0.0, h, y: &y });
         Ok(contact.evaluate(0.0, &begun.unwrap_or_else(|end| end.y)).multipliers)
     }
@@ -206,42 +126,39 @@ impl LaneContact {
         self.earlier = std::mem::replace(&mut self.segment, Segment { anchor, drive });
     }
 
-    /// Calls `work` with the stepper, the contacts, and the inputs of the segment or of the `earlier` one.
+    /// Calls `work` with the stepper at a moment.
     fn act<T>(
         &mut self,
-        earlier: bool,
-        work: impl FnOnce(&mut EventStepper<'_>, &mut ContactRun, &mut SegmentDrive) -> Result<T, Box<ContactEnd>>,
+        at: &Moment<'_>,
+        work: impl FnOnce(&mut EventStepper<'_>, &mut SegmentState) -> Result<T, Box<ContactEnd>>,
     ) -> Result<T, Box<ContactEnd>> {
-        let Self { run, steps, half_height, .. } = self;
-        self.in_earlier = earlier;
-        let Segment { anchor, drive } = if earlier { &mut self.earlier } else { &mut self.segment };
+        let Self { instructions, run, steps: LoneSteps { system, method }, half_height, .. } = self;
+        self.in_earlier = at.earlier;
+        let Segment { anchor, drive } = if at.earlier { &mut self.earlier } else { &mut self.segment };
         run.anchor = *anchor;
         put(&run.contacts, &mut drive.contacts, 0);
-        let mut work = Some(work);
-        let mut found = None;
-        steps.with_stepper(*half_height, &mut |stepper| {
-            found = work.take().map(|work| work(stepper, run, drive));
-        });
-        // The equations are those of unilateral contact, so that the work was done.
-        found.unwrap_or_else(|| {
-            Err(Box::new(ContactEnd { reason: Reason::NoMode, tau: 0.0, y: [0.0; MAX_COMPONENTS] }))
-        })
+        method.forget_start();
+        let mut place = SegmentState { tau: at.tau, y: *at.y };
+        let Some(equations) = system.contact() else { return Err(place.end(Reason::NoMode)) };
+        let (instructions, half_height, h) = (*instructions, *half_height, at.h);
+        let mut stepper =
+            EventStepper { instructions, system, equations, method, half_height, run, drive, h };
+        work(&mut stepper, &mut place)
     }
 
     /// Chooses the modes at the start of the run or at a breakpoint. Returns the state from which the run goes
     /// on.
     pub fn begin(&mut self, at: &Moment<'_>) -> Result<States<f64>, Box<ContactEnd>> {
         let (unset, fresh) = (self.unset.take(), std::mem::take(&mut self.fresh));
-        let corrects = self.steps.system().corrects();
-        let mut place = Place { tau: at.tau, y: *at.y };
-        self.act(at.earlier, |stepper, run, drive| {
+        let corrects = self.steps.system.corrects();
+        self.act(at, |stepper, place| {
             match unset {
-                Some(approaches) => stepper.start(run, drive, at.h, &mut place, approaches)?,
+                Some(approaches) => stepper.start(place, approaches)?,
                 None => {
                     if fresh && corrects {
-                        stepper.put_on_constraints(run, drive, &mut place);
+                        stepper.put_on_constraints(place);
                     }
-                    stepper.begin(run, drive, at.h, &mut place)?;
+                    stepper.begin(place)?;
                 }
             }
             Ok(place.y)
@@ -252,13 +169,10 @@ impl LaneContact {
     pub fn strike<'b>(
         &mut self,
         at: &Moment<'_>,
-        impulses: impl Iterator<Item = &'b [f64; 3]>,
+        mut impulses: impl Iterator<Item = &'b [f64; 3]>,
     ) -> Result<States<f64>, Box<ContactEnd>> {
-        let mut place = Place { tau: at.tau, y: *at.y };
-        self.act(at.earlier, |stepper, run, drive| {
-            for impulse in impulses {
-                stepper.strike(run, drive, at.h, &mut place, *impulse)?;
-            }
+        self.act(at, |stepper, place| {
+            impulses.try_for_each(|impulse| stepper.strike(place, impulse))?;
             Ok(place.y)
         })
     }
@@ -269,8 +183,22 @@ impl LaneContact {
         from: &Moment<'_>,
         arrived: &States<f64>,
     ) -> Result<States<f64>, Box<ContactEnd>> {
-        let place = Place { tau: from.tau, y: *from.y };
-        self.act(from.earlier, |stepper, run, drive| stepper.advance(run, drive, from.h, (place, *arrived)))
+        self.act(from, |stepper, place| stepper.advance(*place, arrived))
+    }
+
+    /// The instant at the end of a step that is shorter than the run's own, after the events until then. The run does
+    /// not change. An event that ends the run is left to the run's own step, which may not see it.
+    pub fn inside(&mut self, from: &Moment<'_>) -> Result<Sample, Unsolved> {
+        let drive = &mut self.segment.drive;
+        put(&self.run.contacts, &mut drive.contacts, 0);
+        self.steps.method.forget_start();
+        let arrived =
+            if from.h > 0.0 { self.steps.step(drive, (from.tau, from.y), from.h)? } else { *from.y };
+        let run = self.run.clone();
+        let y = self.advance(from, &arrived).unwrap_or(arrived);
+        let row = self.last(&ContactEnd { reason: Reason::NoMode, tau: from.tau + from.h, y });
+        self.run = run;
+        Ok(row)
     }
 
     /// The earliest event in a step that ends at `arrived`, and the length of the step that leads to it.
@@ -279,24 +207,22 @@ impl LaneContact {
         from: &Moment<'_>,
         arrived: &States<f64>,
     ) -> Result<Option<(f64, Event)>, Box<ContactEnd>> {
-        let place = Place { tau: from.tau, y: *from.y };
-        self.act(from.earlier, |stepper, run, drive| stepper.earliest(run, drive, &place, (from.h, arrived)))
+        self.act(from, |stepper, place| stepper.earliest(place, (from.h, arrived)))
     }
 
     /// The state after an event.
     pub fn happen(&mut self, at: &Moment<'_>, event: Event) -> Result<States<f64>, Box<ContactEnd>> {
-        let mut place = Place { tau: at.tau, y: *at.y };
-        self.act(at.earlier, |stepper, run, drive| {
-            stepper.happen(run, drive, &mut place, at.h, event)?;
+        self.act(at, |stepper, place| {
+            stepper.happen(place, event)?;
             Ok(place.y)
         })
     }
 
     /// The instant at which an event ends the run.
-    pub fn last(&self, end: &ContactEnd) -> Watched {
+    pub fn last(&self, end: &ContactEnd) -> Sample {
         let now = self.evaluate(end.tau, &end.y);
         let t = if self.in_earlier { &self.earlier } else { &self.segment }.anchor + end.tau;
-        watched(self.steps.system().size(), (0, Some(self.row())), &now, &end.y, t, (t, 0))
+        watched(self.steps.system.size(), (0, Some(self.row())), &now, &end.y, t, (t, 0))
     }
 
     /// Whether the modes are to be chosen from the state at which the run starts.
@@ -384,7 +310,8 @@ fn start_of(parameters: &Parameters, initial: &State) -> Result<([Contact; 2], O
 }
 
 /// The contacts that follow from a state, and whether a closed one approaches its face. A contact is closed
-/// unless it has a gap or opens; its face slips unless the velocity of the slip is round-off.
+/// unless it has a gap or opens, or its surface would have to be stretched; its face slips unless the velocity of the
+/// slip is round-off.
 fn contacts_at(parameters: &Parameters, State { q, p, .. }: &State) -> ([Contact; 2], bool) {
     let geometry = Geometry::new(&Side::both(parameters), q, p);
     let (gaps, rates) = (geometry.residuals(), geometry.constraint_velocity());
@@ -392,7 +319,8 @@ fn contacts_at(parameters: &Parameters, State { q, p, .. }: &State) -> ([Contact
     let mut approaches = false;
     let contacts = std::array::from_fn(|i| {
         let [place, normal, tangential] = allowed[i];
-        let closed = gaps[i] <= place && rates[i] <= normal;
+        let reaches = q[D_N + i] - gaps[i] >= -place;
+        let closed = reaches && gaps[i] <= place && rates[i] <= normal;
         approaches |= closed && rates[i] < -normal;
         let slip = match rates[2 + i] {
             _ if !closed => None,

@@ -120,7 +120,10 @@ fn each_method_keeps_its_order_across_all_kinds_of_events() {
         };
         let errors = steps.map(error);
         let order = (errors[0] / errors[1]).log2();
-        assert!((order - f64::from(method.order())).abs() < 0.7, "{method:?} {formulation:?} {errors:?}");
+        assert!(
+            (order - f64::from(method.entry().order)).abs() < 0.7,
+            "{method:?} {formulation:?} {errors:?}"
+        );
     }
 }
 
@@ -129,7 +132,7 @@ fn each_method_keeps_its_order_across_all_kinds_of_events() {
 fn all_methods_end_at_the_same_state() {
     let scene = pushed(&at_rest(), 0.5, [150.0, 0.0, 0.0], 0.06);
     let exact = run(&scene, &Options { method: Method::Dop853, ..options(Steps::Fixed(1e-5)) });
-    let free = |tolerance| Steps::Free { tolerance, times: None };
+    let free = |tolerance| Steps::Free { tolerance };
     for (method, formulation, steps, allowed) in [
         (Method::Dop853, Formulation::Csm, free(1e-10), 1e-10),
         (Method::Dop853, Formulation::Projected, free(1e-10), 1e-10),
@@ -219,7 +222,8 @@ fn a_resumed_run_gives_the_same_bits() {
                 contact: Some(rows.contact[k]),
                 controller: None,
             };
-            let rest = Scene { initial, duration: 0.04 - rows.t[k], ..scene.clone() };
+            // The stabilisation leaves residuals, which a start that is checked may not have.
+            let rest = Scene { initial, check: false, duration: 0.04 - rows.t[k], ..scene.clone() };
             let found = run(&rest, &options);
             assert_eq!(
                 (found.last.q, found.last.p),

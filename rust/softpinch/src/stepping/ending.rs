@@ -1,11 +1,15 @@
 //! The ends of runs in words. Each message gives the cause with its numbers, and then advice.
 
-use crate::error::Error;
+use crate::error::{Error, seconds};
 use crate::method::traits::Unsolved;
 use crate::model::contact_modes::Mode;
-use crate::stepping::contact_events::Reason;
+use crate::model::geometry::{Geometry, Side};
+use crate::model::parameters::SIDES;
+use crate::model::scene::Scene;
+use crate::stepping::contact_events::{Loss, Reason};
 use crate::stepping::event_stepper::MOST_EVENTS;
 use crate::stepping::monitor::{STOP_ON, VIOLATIONS};
+use crate::stepping::record::Instant;
 use crate::stepping::status::Status;
 
 /// The status with which a run ended, and its message.
@@ -25,29 +29,45 @@ pub enum Attempt {
 /// The message of a run that reached its end.
 #[must_use]
 pub fn arrival(t: f64) -> String {
-    format!("reached the end at t = {t} s")
+    format!("reached the end at t = {}", seconds(t))
 }
 
 /// The end of a run that the caller stopped.
 #[cold]
 pub fn interruption(t: f64) -> End {
-    (Status::Interrupted, format!("stopped from outside at t = {t} s; run.state(-1) goes on from there"))
+    let t = seconds(t);
+    (Status::Interrupted, format!("stopped from outside at t = {t}; run.state(-1) goes on from there"))
 }
 
 /// The end of a run whose recording found no more memory.
 #[cold]
 pub fn full(t: f64, error: &Error) -> End {
-    (Status::Interrupted, format!("stopped at t = {t} s: {error}; run.state(-1) goes on from there"))
+    let t = seconds(t);
+    (Status::Interrupted, format!("stopped at t = {t}: {error}; run.state(-1) goes on from there"))
 }
 
 /// The end of a run in which a number overflowed, in the step that started at `from`.
 #[cold]
 pub fn overflow(from: f64) -> End {
+    let from = seconds(from);
     let message = format!(
-        "a number overflowed in the step from t = {from} s; the last row is the last finite instant. Shorter steps (a \
+        "a number overflowed in the step from t = {from}; the last row is the last finite instant. Shorter steps (a \
          smaller dt or tolerance) or a less extreme scene may help"
     );
     (Status::NotFinite, message)
+}
+
+/// The end of a run with steps of length `h` whose energy ledger is open by `error` at time `t`, which is more than
+/// the energy `supplied` to the motion so far. Steps up to `stable` are surely stable.
+#[cold]
+pub fn unstable(t: f64, h: f64, (error, supplied): (f64, f64), stable: f64) -> End {
+    let message = format!(
+        "the energy ledger is open by {error:.3e} J at t = {}, where only {supplied:.3e} J were ever put in: steps of {h:.3e} s are \
+         too long for the method to be stable, and the run is not the motion. dt <= {stable:.2e} s is surely short enough, \
+         max_stable_dt finds the longest step, and \"radau5\" is stable for every step",
+        seconds(t)
+    );
+    (Status::Unstable, message)
 }
 
 /// Describes an iteration that did not converge.
@@ -65,8 +85,9 @@ fn failure(Unsolved { iterations, correction }: Unsolved) -> String {
 #[cold]
 pub fn unsolved(t: f64, h: f64, unsolved: Unsolved) -> End {
     let message = format!(
-        "Newton's iteration did not converge in the step of {h:.3e} s from t = {t} s: {}. A smaller dt may help, or tolerance= \
+        "Newton's iteration did not converge in the step of {h:.3e} s from t = {}: {}. A smaller dt may help, or tolerance= \
          with a method that has it",
+        seconds(t),
         failure(unsolved)
     );
     (Status::NewtonFailed, message)
@@ -88,8 +109,9 @@ pub fn too_small(t: f64, h: f64, last: Attempt) -> End {
             format!("in the last attempt Newton's iteration did not converge, {}", failure(unsolved))
         }
     };
+    let t = seconds(t);
     let message = format!(
-        "no step was short enough at t = {t} s, down to {h:.3e} s: {reason}. The motion may diverge there; otherwise a larger \
+        "no step was short enough at t = {t}, down to {h:.3e} s: {reason}. The motion may diverge there; otherwise a larger \
          tolerance or another method may help"
     );
     (Status::StepTooSmall, message)
@@ -98,63 +120,100 @@ pub fn too_small(t: f64, h: f64, last: Attempt) -> End {
 /// The end of a run that used up its steps.
 #[cold]
 pub fn too_many(t: f64, h: f64, most: u64) -> End {
+    let t = seconds(t);
     let message = format!(
-        "{most} steps, rejected ones too, were not enough: the run reached t = {t} s with a step length of {h:.3e} s. If the method is \
+        "{most} steps, rejected ones too, were not enough: the run reached t = {t} with a step length of {h:.3e} s. If the method is \
          explicit, the scene is stiff: \"radau5\" takes longer steps. Otherwise raise tolerance or max_steps"
     );
     (Status::TooManySteps, message)
 }
 
-/// The end of a run at an event of its contacts, which have these modes at time `t`.
+/// The end of a run at an event of its contacts, which have these modes at the `last` instant.
 #[cold]
-pub fn contact(t: f64, reason: Reason, [right, left]: [Mode; 2], h: f64) -> End {
+pub fn contact(scene: &Scene, last: &Instant, reason: Reason, [right, left]: [Mode; 2], h: f64) -> End {
+    let t = seconds(last.t);
     let modes = format!("the right tip {}, the left tip {}", right.word(), left.word());
     match reason {
-        Reason::Lost => (
+        Reason::Lost(loss) => (
             Status::Lost,
             format!(
-                "the object was lost at t = {t} s ({modes}): a contact left its face, or a free tip met the end of the face, or neither \
-                 tip is beside its face"
+                "the object was lost at t = {t}: {}; more friction, angles that close the fingers further, a smaller disturbance or \
+                 higher faces would keep it",
+                lost(scene, last, loss, [right, left])
             ),
         ),
         Reason::Chattering => (
             Status::Chattering,
             format!(
-                "the modes of the contacts changed more than {MOST_EVENTS} times within one step at t = {t} s ({modes}). A tip with more mass \
-                 or less friction may help"
+                "the modes of the contacts changed more than {MOST_EVENTS} times within one step at t = {t} ({modes}): as a rule two \
+                 contacts open each other in turn, ever faster. Another dt, method or formulation seldom helps; tips of another \
+                 normal_mass (half of it, say), or less friction, may avoid it"
             ),
         ),
         Reason::NoMode => (
             Status::NoMode,
             format!(
-                "no modes of the contacts were admissible at t = {t} s (so far {modes}). Friction is beyond the critical coefficient there; \
+                "no modes of the contacts were admissible at t = {t} (so far {modes}). Friction is beyond the critical coefficient there; \
                  less friction or less mass of the tips would avoid it"
             ),
         ),
-        Reason::Unsolved(cause) => unsolved(t, h, cause),
-        Reason::NotFinite => overflow(t),
+        Reason::Unsolved(cause) => unsolved(last.t, h, cause),
+        Reason::NotFinite => overflow(last.t),
     }
 }
 
-/// The end of a run that first went on after a violation and then failed. No other step helps then, only a
-/// stop at the violation. The message keeps its cause, but this advice replaces its own.
-pub fn after_violation(end: End, first_times: &[f64; VIOLATIONS.len()]) -> End {
-    use Status::{NewtonFailed, NotFinite, StepTooSmall, TooManySteps};
+/// Describes how the object was lost: which tip, and how far it is from the middle of its face.
+fn lost(scene: &Scene, last: &Instant, loss: Loss, modes: [Mode; 2]) -> String {
+    let sides = Side::both(&scene.parameters);
+    let places = |q, p| Geometry::new(&sides, q, p).places().map(f64::abs);
+    let (now, start) = (places(&last.q, &last.p), places(&scene.initial.q, &scene.initial.p));
+    let half = 0.5 * scene.parameters.grasped.height;
+    let of = |i: usize| {
+        format!(
+            "{:.3e} m from the middle of the face, {:.3e} m at the start; half the height is {half:.3e} m",
+            now[i], start[i]
+        )
+    };
+    match loss {
+        Loss::OffFace(i) => {
+            format!(
+                "the contact of the {} tip, which {}, left its face ({})",
+                SIDES[i],
+                modes[i].word(),
+                of(i)
+            )
+        }
+        Loss::MetEnd(i) => {
+            format!("the {} tip, which is free, met the end of the face ({})", SIDES[i], of(i))
+        }
+        Loss::Apart => format!(
+            "both tips are free, and neither is beside its face any longer (the right one is {:.3e} m, the left one {:.3e} m from the \
+             middle of the face; half the height is {half:.3e} m)",
+            now[0], now[1]
+        ),
+    }
+}
+
+/// The end, at time `last`, of a run that first went on after a violation and then failed. No other step helps then,
+/// only a stop at the violation. The message keeps its cause, but this advice replaces its own.
+pub fn after_violation(end: End, last: f64, first_times: &[f64; VIOLATIONS.len()]) -> End {
+    use Status::{NewtonFailed, NotFinite, StepTooSmall, TooManySteps, Unstable};
     let (status, message) = end;
     let first = STOP_ON
         .iter()
         .map(|&(name, violation)| (name, first_times[violation as usize]))
-        .filter(|(_, t)| !t.is_nan())
+        .filter(|&(_, t)| t < last || t == last && status != Unstable)
         .min_by(|(_, a), (_, b)| a.total_cmp(b));
     let (true, Some((name, t))) =
-        (matches!(status, NotFinite | NewtonFailed | StepTooSmall | TooManySteps), first)
+        (matches!(status, NotFinite | Unstable | NewtonFailed | StepTooSmall | TooManySteps), first)
     else {
         return (status, message);
     };
     let cause = message.split_once(". ").map_or(message.as_str(), |(cause, _)| cause);
     let message = format!(
-        "{cause}. The run had gone on from t = {t} s, where it was {name} and the model stopped holding: with stop_on = {name:?} it \
-         ends there"
+        "{cause}. The run had gone on from t = {}, where it was {name} and the model stopped holding: with stop_on = {name:?} it \
+         ends there",
+        seconds(t)
     );
     (status, message)
 }

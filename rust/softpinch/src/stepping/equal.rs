@@ -14,9 +14,11 @@ use crate::stepping::batch::LaneBatch;
 use crate::stepping::ending::full;
 use crate::stepping::equal_lanes::{EqualLanes, Instants, pack};
 use crate::stepping::grid::Grid;
-use crate::stepping::instant::finite;
+use crate::stepping::instant::all_finite;
 use crate::stepping::options::Options;
+use crate::stepping::phase::Phase;
 use crate::stepping::queue::{Builder, POLL, RunQueue};
+use crate::stepping::rows_inside::RowsInside;
 
 /// The loop of equal steps before it runs.
 pub struct EqualSteps<'a, Q, G, E> {
@@ -47,13 +49,8 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> Equ
             anchor: zero,
             taken: zero,
             h: zero,
-            starting: 0,
-            arrived: 0,
-            impulses_due: 0,
-            impulses_applied: 0,
-            entered: 0,
-            anew: 0,
-            sampling: 0,
+            at_start: 0,
+            entered: false,
             stepped: 0,
             held: 0,
             clock: 0,
@@ -61,6 +58,7 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> Equ
             taken_at: None,
             in_use: None,
             in_use_last: None,
+            inside: RowsInside::default(),
         };
         for lane in 0..R::WIDTH {
             lanes.load(lane, 0)?;
@@ -75,12 +73,9 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> Equ
         replacement.copy_from_slice(&y[..]);
         lanes.schedule();
 
-        while lanes.batch.active != 0 {
-            if lanes.entered != 0 {
-                lanes.entered = 0;
-                if method.keeps_jacobian() {
-                    lanes.restart_jacobian(&system, &mut method);
-                }
+        while lanes.batch.active() != 0 {
+            if std::mem::take(&mut lanes.entered) && method.keeps_jacobian() {
+                lanes.restart_jacobian(&system, &mut method);
             }
             let tau = lanes.taken * lanes.h;
             let t = lanes.times(tau);
@@ -93,28 +88,31 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> Equ
             if lanes.batch.holds {
                 lanes.held = 0;
                 let due = if lanes.batch.unilateral { lanes.batch.due(now) & lanes.stepped } else { 0 };
-                if due | lanes.anew != 0 {
-                    let firm = lanes.batch.firm(now);
-                    loaded = lanes.meet_events(&system, (due, firm, tau), &at, &mut replacement)?;
+                if due | lanes.batch.phases.at(Phase::Start) != 0 {
+                    let certain = lanes.batch.modes_certain(now);
+                    loaded = lanes.meet_events(&system, (due, certain, tau), &at, &mut replacement)?;
                     if lanes.held != 0 && method.keeps_jacobian() {
                         method.restart();
                         lanes.in_use = None;
                     }
                 }
-                let sampling = lanes.sampling & !lanes.held;
+                let sampling = lanes.batch.phases.at(Phase::Sample) & !lanes.held;
                 if sampling != 0 {
                     // A lane that is not finite is watched, and ends.
-                    let sampling = sampling & finite(now, zero);
+                    let sampling = sampling & all_finite(now, zero);
                     lanes.take_samples(sampling, now);
                     system.each(|n| replacement[n] = R::select(sampling, y[n], replacement[n]));
                 }
             }
-            let watching = lanes.batch.active & !(lanes.impulses_applied | lanes.held);
+            let watching = lanes.watched_now();
+            if lanes.has_rows_inside() && watching != 0 && !lanes.record_inside(&system, f64::INFINITY) {
+                break;
+            }
             let seen = lanes.batch.watch(&system, now, y, t, watching);
-            if method.keeps_jacobian() && watching & seen.sound != 0 {
+            if method.keeps_jacobian() && watching & seen.finite != 0 {
                 lanes.in_use_last = lanes.in_use;
             }
-            if watching & seen.sound & 1 != 0
+            if watching & seen.finite & 1 != 0
                 && lanes.batch.queue.is_due(t.lane(0), false)
                 && let Some(row) = lanes.now(&system, 0, &at)
                 && let Err(error) = lanes.batch.record(&system, &row)
@@ -124,11 +122,12 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> Equ
                 break;
             }
 
-            skipping |= R::ALL & !lanes.batch.active | lanes.held;
-            let leaving = (watching & !seen.sound) | seen.ended | (lanes.arrived & !lanes.held);
+            let phases = &lanes.batch.phases;
+            skipping |= R::ALL & phases.at(Phase::Idle) | lanes.held;
+            let leaving = (watching & !seen.finite) | seen.ended | (phases.at(Phase::End) & !lanes.held);
+            let impulses = phases.at(Phase::Impulse) | phases.at(Phase::Struck);
             let polls = (lanes.clock + 1).is_multiple_of(POLL);
-            lanes.starting &= lanes.held;
-            if leaving | lanes.impulses_due | lanes.impulses_applied != 0 || polls {
+            if leaving | impulses != 0 || polls {
                 let (skipped, reloaded) = lanes.end_runs_and_apply_impulses(
                     &system,
                     (&seen, leaving, tau),
@@ -150,6 +149,13 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> Equ
                             lanes.in_use = lanes.taken_at.filter(|_| method.jacobian_is_reusable());
                         }
                         system.correct(drive, tau + lanes.h, after);
+                        if R::WIDTH == 1
+                            && lanes.batch.queue.next_time() < f64::INFINITY
+                            && let Err(unsolved) = lanes.look_inside(&system, tau, y)
+                        {
+                            lanes.fail(&system, (1, unsolved), &Instants { now, y, before, y_before: y })?;
+                            (skipping, loaded) = (skipping | 1, loaded | 1);
+                        }
                     }
                     Err(failure) => {
                         let failed = R::ALL & !skipping;
@@ -160,7 +166,7 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> Equ
                 }
             }
             if loaded != 0 {
-                if lanes.batch.active == 0 {
+                if lanes.batch.active() == 0 {
                     break;
                 }
                 lanes.batch.renew(&mut builder, (&mut system, &mut method), loaded, &mut replacement);
@@ -170,6 +176,7 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> Equ
                 system.each(|n| y[n] = R::select(skipping, replacement[n], y[n]));
             }
             lanes.stepped = !skipping;
+            lanes.at_start &= skipping;
             lanes.taken = R::select(skipping, lanes.taken, lanes.taken + R::constant(1.0));
             lanes.clock += 1;
             if lanes.clock == lanes.arrival {

@@ -5,17 +5,34 @@ use crate::error::Error;
 use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::system::System;
 use crate::method::traits::{Integrator, Unsolved};
+use crate::model::drive::SegmentDrive;
 use crate::model::motion::{Linearized, Motion, unpacked};
 use crate::model::scene::Scene;
-use crate::number::lanes::{Bits, Lanes, each};
+use crate::number::lanes::{Bits, LaneTask, Lanes, each};
 use crate::stepping::batch::{LaneBatch, Seen};
 use crate::stepping::ending::{self, End, interruption, overflow};
 use crate::stepping::grid::{Grid, Segment};
-use crate::stepping::instant::{column, everywhere, put, watched};
+use crate::stepping::instant::{column, everywhere, watched};
 use crate::stepping::lane_controller::LaneController;
+use crate::stepping::phase::Phase;
 use crate::stepping::place::Place;
-use crate::stepping::queue::{POLL, RunQueue, Watched};
+use crate::stepping::queue::{POLL, RunQueue, Sample};
+use crate::stepping::rows_inside::RowsInside;
 use crate::stepping::status::Status;
+
+/// Takes the Jacobian of a method at the point of the run that this one resumes.
+struct TakeJacobian<'a, R, S, I>(&'a S, &'a mut I, &'a SegmentDrive<R>, &'a Linearized);
+
+impl<R: Lanes, S: System<R>, I: Integrator<R, S>> LaneTask<R> for TakeJacobian<'_, R, S, I> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self(system, method, drive, point) = self;
+        let (tau, motion) = unpacked(point);
+        method.take_jacobian(drive, R::constant(tau), &system.begin(&everywhere(&motion)));
+    }
+}
 
 /// The last two instants of the runs in all lanes: the states and their evaluations.
 pub(super) struct Instants<'a, R> {
@@ -33,20 +50,11 @@ pub(super) struct EqualLanes<'a, R: Lanes, Q, G> {
     pub(super) anchor: R,
     pub(super) taken: R,
     pub(super) h: R,
-    /// Lanes at the first instant of their run, and lanes at the last.
-    pub(super) starting: Bits,
-    pub(super) arrived: Bits,
-    /// Lanes whose impulses are applied now, and lanes whose impulses have just been applied, so that the
-    /// instant has been watched already.
-    pub(super) impulses_due: Bits,
-    pub(super) impulses_applied: Bits,
-    /// Lanes that have entered a segment since the last step.
-    pub(super) entered: Bits,
-    /// In unilateral contact: lanes whose modes are to be chosen anew, lanes that took the last step, and lanes
-    /// whose state an event replaces now, so that they do not take the next step.
-    pub(super) anew: Bits,
-    /// Lanes at the instant of a sample of their discrete controller, under the torques before it.
-    pub(super) sampling: Bits,
+    /// Lanes that have not yet stepped in their segment, and whether one of them has just entered it.
+    pub(super) at_start: Bits,
+    pub(super) entered: bool,
+    /// Lanes that took the last step, and lanes whose state an event or whose torque a sample replaces now, so that they
+    /// do not take the next step.
     pub(super) stepped: Bits,
     pub(super) held: Bits,
     /// The clock, which counts the evaluations of the loop, and its reading when the next segment of any lane
@@ -58,19 +66,15 @@ pub(super) struct EqualLanes<'a, R: Lanes, Q, G> {
     pub(super) taken_at: Option<Linearized>,
     pub(super) in_use: Option<Linearized>,
     pub(super) in_use_last: Option<Linearized>,
+    /// For a recorded run, which has lane 0: the rows inside its last step.
+    pub(super) inside: RowsInside,
 }
 
 impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>> EqualLanes<'a, R, Q, G> {
     /// Loads the next run, if there is one, into a lane. The run starts at the clock `from`.
     pub(super) fn load(&mut self, lane: usize, from: u64) -> Result<(), Error> {
-        let bit = 1 << lane;
-        self.arrived &= !bit;
-        self.starting &= !bit;
-        self.impulses_due &= !bit;
-        self.sampling &= !bit;
         let grid = &mut self.grid;
         if self.batch.load_lane(lane, |number, scene| Ok(Place::new(grid(number, scene)?, from)))? {
-            self.starting |= bit;
             self.enter(lane, from);
         } else {
             self.anchor.set(lane, 0.0);
@@ -96,21 +100,22 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
         self.h.set(lane, h);
         #[allow(clippy::cast_precision_loss)] // at most 1e11
         self.taken.set(lane, first as f64);
-        self.entered |= 1 << lane;
+        self.at_start |= 1 << lane;
+        self.entered = true;
         if samples {
             // The run starts with a sample. Its segment begins after that.
-            self.sampling |= 1 << lane;
+            self.batch.phases.set(1 << lane, Phase::Sample);
             return;
         }
         run.segments += 1;
-        // A run that is resumed inside a segment has already had the impulses at the start of the segment.
-        if first == 0 && run.scene.inputs.impulses_at(start).next().is_some() {
-            self.impulses_due |= 1 << lane;
-        }
+        let mut phase = run.place.phase_at_start(&run.scene);
         if let Some(contact) = &mut run.contact {
             contact.enter(anchor, drive);
-            self.anew |= Bits::from(first == 0 || contact.is_unset()) << lane;
+            if first == 0 || contact.is_unset() {
+                phase = Phase::Start;
+            }
         }
+        self.batch.phases.set(1 << lane, phase);
     }
 
     /// Lets the discrete controllers of the lanes in `sampling` measure the instant that was just evaluated, and
@@ -118,7 +123,6 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
     #[cold]
     #[inline(never)]
     pub(super) fn take_samples(&mut self, sampling: Bits, now: &Evaluation<R>) {
-        self.sampling &= !sampling;
         self.held |= sampling;
         for lane in each(sampling) {
             let Some(run) = &mut self.batch.runs[lane] else { continue };
@@ -139,7 +143,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
 
     /// Finds the clock at which the next segment ends.
     pub(super) fn schedule(&mut self) {
-        let runs = each(self.batch.active & !self.arrived).filter_map(|lane| self.batch.runs[lane].as_ref());
+        let under_way = self.batch.active() & !self.batch.phases.at(Phase::End);
+        let runs = each(under_way).filter_map(|lane| self.batch.runs[lane].as_ref());
         self.arrival = runs.map(|run| run.place.arrival).min().unwrap_or(u64::MAX);
     }
 
@@ -148,7 +153,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
     #[cold]
     #[inline(never)]
     pub(super) fn arrive(&mut self) {
-        for lane in each(self.batch.active & !self.arrived) {
+        for lane in each(self.batch.active() & !self.batch.phases.at(Phase::End)) {
             let Some(run) = &mut self.batch.runs[lane] else { continue };
             let place = &mut run.place;
             if place.arrival != self.clock {
@@ -157,7 +162,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
             let sampled = |controller: &LaneController| controller.is_due(place.segment.end);
             if run.controller.as_deref().is_some_and(sampled) && !place.grid.is_last(&place.segment) {
                 // The controller measures at the end of the segment, before another one begins.
-                self.sampling |= 1 << lane;
+                self.batch.phases.set(1 << lane, Phase::Sample);
                 continue;
             }
             match place.grid.after(&run.scene.inputs, &place.segment) {
@@ -165,7 +170,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
                     place.go_on(next);
                     self.enter(lane, self.clock);
                 }
-                None => self.arrived |= 1 << lane,
+                None => self.batch.phases.set(1 << lane, Phase::End),
             }
         }
         self.schedule();
@@ -175,7 +180,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
     #[inline(always)]
     pub(super) fn times(&self, tau: R) -> R {
         let mut t = self.anchor + tau;
-        let exact = self.arrived | self.starting;
+        let exact = self.batch.phases.at(Phase::End) | self.at_start;
         if exact != 0 {
             for lane in each(exact) {
                 if let Some(run) = &self.batch.runs[lane] {
@@ -188,22 +193,22 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
 
     /// The instant that was just watched, in one lane.
     #[inline(always)]
-    pub(super) fn now(&self, system: &impl System<R>, lane: usize, at: &Instants<'_, R>) -> Option<Watched> {
+    pub(super) fn now(&self, system: &impl System<R>, lane: usize, at: &Instants<'_, R>) -> Option<Sample> {
         let (t, grid) = self.batch.runs[lane].as_ref()?.place.now(self.clock);
         let contact = self.batch.contact_row(lane);
         let found = watched(system.size(), (lane, contact), at.now, at.y, t, grid);
-        Some(Watched { linearized: self.in_use_last, ..found })
+        Some(Sample { linearized: self.in_use_last, ..found })
     }
 
-    /// The last watched instant of a lane: the current one if it is `sound`, else one before it.
+    /// The last watched instant of a lane: the current one if it is `finite`, else one before it.
     pub(super) fn last(
         &self,
         system: &impl System<R>,
         lane: usize,
-        sound: bool,
+        finite: bool,
         at: &Instants<'_, R>,
-    ) -> Option<Watched> {
-        if sound {
+    ) -> Option<Sample> {
+        if finite {
             return self.now(system, lane, at);
         }
         let run = self.batch.runs[lane].as_ref()?;
@@ -217,7 +222,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
         let (evaluation, y) = if since_sample == 0 { (at.now, at.y) } else { (at.before, at.y_before) };
         let contact = self.batch.contact_row(lane);
         let found = watched(system.size(), (lane, contact), evaluation, y, t, grid);
-        Some(Watched { linearized: self.in_use_last, before_sample: since_sample <= 1, ..found })
+        Some(Sample { linearized: self.in_use_last, before_sample: since_sample <= 1, ..found })
     }
 
     /// Counts the steps that the run in a lane has taken.
@@ -226,10 +231,18 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
         run.steps = run.place.steps_before + run.place.step(self.clock) - run.place.segment.first;
     }
 
+    /// The lanes whose present instant is watched: the state of the others has just been replaced.
+    #[inline(always)]
+    pub(super) fn watched_now(&self) -> Bits {
+        self.batch.active() & !(self.batch.phases.at(Phase::Struck) | self.held)
+    }
+
     /// Ends the run in a lane at its last instant.
-    pub(super) fn retire(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Watched) {
+    pub(super) fn retire(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Sample) {
         self.count(lane);
-        self.arrived &= !(1 << lane);
+        if self.has_rows_inside() && !self.record_inside(system, last.instant.t) {
+            return;
+        }
         self.batch.retire_lane(system, lane, end, last);
     }
 
@@ -247,9 +260,9 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
     ) -> Result<(Bits, Bits), Error> {
         let mut leaving = leaving;
         for lane in each(leaving) {
-            let sound = seen.sound >> lane & 1 != 0;
-            let Some(last) = self.last(system, lane, sound, at) else { continue };
-            let end = if sound {
+            let finite = seen.finite >> lane & 1 != 0;
+            let Some(last) = self.last(system, lane, finite, at) else { continue };
+            let end = if finite {
                 self.count(lane);
                 let violation = self.batch.violation(lane, seen, &last.instant);
                 violation.unwrap_or((Status::Completed, String::new()))
@@ -259,12 +272,9 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
             self.retire(system, lane, end, &last);
         }
         if (self.clock + 1).is_multiple_of(POLL) && self.batch.queue.stops() {
-            for lane in each(self.batch.active) {
-                let Some(last) =
-                    self.last(system, lane, (self.impulses_applied | self.held) >> lane & 1 == 0, at)
-                else {
-                    continue;
-                };
+            for lane in each(self.batch.active()) {
+                let watched = self.watched_now() >> lane & 1 != 0;
+                let Some(last) = self.last(system, lane, watched, at) else { continue };
                 let Some(run) = &self.batch.runs[lane] else { continue };
                 let end = interruption(run.place.now(self.clock).0);
                 self.retire(system, lane, end, &last);
@@ -274,26 +284,23 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
         for lane in each(leaving) {
             self.load(lane, self.clock + 1)?;
         }
-        let jumping = self.impulses_due & !(leaving | self.held);
-        self.impulses_due &= !jumping;
+        let struck = self.batch.phases.at(Phase::Struck);
+        self.batch.phases.set(struck, Phase::Step);
+        let jumping = self.batch.phases.at(Phase::Impulse) & !(leaving | self.held);
         for lane in each(jumping) {
             if self.batch.unilateral {
                 leaving |= self.strike(system, (lane, tau.lane(lane)), at, replacement)?;
                 continue;
             }
-            let now = self.now(system, lane, at);
-            let Some(run) = &mut self.batch.runs[lane] else { continue };
+            let Some(now) = self.now(system, lane, at) else { continue };
+            let Some(run) = &self.batch.runs[lane] else { continue };
+            let (mut y, anchor) = (*at.y, run.place.segment.anchor);
+            self.batch.apply_impulses(system, lane, (anchor, tau), &mut y);
             // The instant after the impulses is evaluated but not watched again. The next step starts from
             // it.
-            run.saved_instant = now;
-            run.place.saved_until = self.clock + 2;
-            run.place.arrival += 1;
-            let mut y = *at.y;
-            let anchor = run.place.segment.anchor;
-            self.batch.apply_impulses(system, lane, (anchor, tau), &mut y);
-            put(replacement, lane, &column(&y, lane));
+            self.hold(lane, now, (&column(&y, lane), 2), replacement);
         }
-        self.impulses_applied = jumping & !leaving;
+        self.batch.phases.set(jumping & !leaving, Phase::Struck);
         self.schedule();
         Ok((leaving | jumping, leaving))
     }
@@ -308,11 +315,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
         at: &Instants<'_, R>,
     ) -> Result<(), Error> {
         for lane in each(failed) {
-            let Some(last) =
-                self.last(system, lane, (self.impulses_applied | self.held) >> lane & 1 == 0, at)
-            else {
-                continue;
-            };
+            let watched = self.watched_now() >> lane & 1 != 0;
+            let Some(last) = self.last(system, lane, watched, at) else { continue };
             let Some(run) = &self.batch.runs[lane] else { continue };
             let end = ending::unsolved(run.place.now(self.clock).0, self.h.lane(lane), unsolved);
             self.retire(system, lane, end, &last);
@@ -332,8 +336,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
         let Some(point) = run.scene.initial.linearized.filter(|_| run.place.segment.first > 0) else {
             return;
         };
-        let (tau, motion) = unpacked(&point);
-        method.take_jacobian(&self.batch.drive, R::constant(tau), &system.begin(&everywhere(&motion)));
+        R::call(self.batch.instructions, TakeJacobian(system, method, &self.batch.drive, &point));
         (self.in_use, self.taken_at) = (Some(point), Some(point));
     }
 }

@@ -2,12 +2,17 @@
 //! step, which is repeated with a shorter length, so that the method keeps its order across events.
 
 use crate::formulation::contact_equations::ContactEquations;
-use crate::formulation::equations::States;
-use crate::formulation::system::Size;
-use crate::formulation::unilateral::ContactTerms;
-use crate::model::drive::{Drive, SegmentDrive};
+use crate::formulation::equations::{States, Terms};
+use crate::formulation::scene_equations::SceneEquations;
+use crate::model::drive::{Drive, Input, SegmentDrive};
+use crate::model::geometry::{Geometry, Side};
 use crate::model::motion::Motion;
-use crate::stepping::contact_events::{ContactEnd, ContactRun, Event, Reason, due, values};
+use crate::number::lanes::{LaneTask, Lanes};
+use crate::number::simd::level::Instructions;
+use crate::stepping::contact_events::{
+    Condition, ContactEnd, ContactRun, ContactState, Event, Reason, conditions,
+};
+use crate::stepping::lone_steps::LoneMethod;
 
 /// Largest number of events within one step of the run.
 pub const MOST_EVENTS: usize = 64;
@@ -16,7 +21,7 @@ const MOST_TRIALS: usize = 60;
 /// Where a condition is zero when its mode begins, such as the gap, it is looked at after this share of the step;
 /// if it fails there, after this share of that time, and so on, at most so many times.
 const EARLY: f64 = 1.0 / 1024.0;
-const EARLIEST: u32 = 4;
+const EARLIEST: i32 = 4;
 /// A rest of a step below this share of it is taken without a look at its events: round-off could make them up.
 /// The next step finds them.
 const SLIVER: f64 = 1.0 / (1u64 << 40) as f64;
@@ -25,33 +30,60 @@ const RESOLUTION: f64 = 1.0 / (1u64 << 50) as f64;
 
 /// A state within a segment.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Place {
+pub(super) struct SegmentState {
     /// Time since the start of the segment, s.
     pub(super) tau: f64,
     /// The state.
     pub(super) y: States<f64>,
 }
 
-impl Place {
+impl SegmentState {
     pub(super) fn end(&self, reason: Reason) -> Box<ContactEnd> {
         Box::new(ContactEnd { reason, tau: self.tau, y: self.y })
     }
 }
 
-/// Takes a step of the method from time `tau` of the segment over `h`. The error says why it is not solved.
-pub(super) type StepOf<'a> =
-    dyn FnMut(&SegmentDrive, f64, f64, &States<f64>) -> Result<States<f64>, Reason> + 'a;
-
 /// Takes the steps of one run between its events.
 pub(super) struct EventStepper<'a> {
+    /// The instructions of the code that computes, which is called. The search itself only compares numbers.
+    pub(super) instructions: Instructions,
     /// The equations.
-    pub(super) equations: &'a dyn ContactEquations,
-    /// The numbers of components of the states.
-    pub(super) size: Size,
+    pub(super) system: &'a SceneEquations<f64>,
+    pub(super) equations: ContactEquations<'a>,
+    /// Takes the steps.
+    pub(super) method: &'a mut LoneMethod,
     /// Half the height of the faces.
     pub(super) half_height: f64,
-    /// Takes a step of the method.
-    pub(super) step: &'a mut StepOf<'a>,
+    /// The contacts.
+    pub(super) run: &'a mut ContactRun,
+    /// The inputs of the segment, with the modes of the contacts.
+    pub(super) drive: &'a mut SegmentDrive,
+    /// The length of the run's own step.
+    pub(super) h: f64,
+}
+
+/// Computes the inputs of an instant.
+struct InputAt<'a>(&'a SegmentDrive, f64);
+
+impl LaneTask<f64> for InputAt<'_> {
+    type Output = Input<f64>;
+
+    #[inline(always)]
+    fn run(self) -> Input<f64> {
+        self.0.at(self.1)
+    }
+}
+
+/// Computes the geometry of a motion.
+struct GeometryOf<'a>(&'a [Side<f64>; 2], &'a Motion<f64>);
+
+impl LaneTask<f64> for GeometryOf<'_> {
+    type Output = Geometry<f64>;
+
+    #[inline(always)]
+    fn run(self) -> Geometry<f64> {
+        Geometry::new(self.0, &self.1.q, &self.1.p)
+    }
 }
 
 impl EventStepper<'_> {
@@ -59,89 +91,108 @@ impl EventStepper<'_> {
     /// drive are those at the end.
     pub(super) fn advance(
         &mut self,
-        run: &mut ContactRun,
-        drive: &mut SegmentDrive,
-        h: f64,
-        (from, arrived): (Place, States<f64>),
+        from: SegmentState,
+        arrived: &States<f64>,
     ) -> Result<States<f64>, Box<ContactEnd>> {
-        let (mut place, mut rest, mut arrived) = (from, h, arrived);
-        let end = place.tau + h;
+        let (mut place, mut rest, mut arrived) = (from, self.h, *arrived);
+        let end = place.tau + self.h;
         for _ in 0..=MOST_EVENTS {
-            let Some((length, event)) = self.earliest(run, drive, &place, (rest, &arrived))? else {
+            let Some((length, event)) = self.earliest(&place, (rest, &arrived))? else {
                 return Ok(arrived);
             };
-            let y = self.step_from(drive, &place, length)?;
-            place = Place { tau: if length < rest { place.tau + length } else { end }, y };
-            self.happen(run, drive, &mut place, h, event)?;
+            let y = self.step_from(&place, length)?;
+            place = SegmentState { tau: if length < rest { place.tau + length } else { end }, y };
+            self.happen(&mut place, event)?;
             rest = end - place.tau;
             if rest <= 0.0 {
                 return Ok(place.y);
             }
-            arrived = self.step_from(drive, &place, rest)?;
-            if rest <= SLIVER * h {
+            arrived = self.step_from(&place, rest)?;
+            if rest <= SLIVER * self.h {
                 return Ok(arrived);
             }
         }
         Err(place.end(Reason::Chattering))
     }
 
-    fn step_from(
-        &mut self,
-        drive: &SegmentDrive,
-        from: &Place,
-        h: f64,
-    ) -> Result<States<f64>, Box<ContactEnd>> {
-        (self.step)(drive, from.tau, h, &from.y).map_err(|reason| from.end(reason))
+    pub(super) fn step_from(&mut self, from: &SegmentState, h: f64) -> Result<States<f64>, Box<ContactEnd>> {
+        let step = self.method.step(self.system, self.drive, (from.tau, &from.y), h);
+        step.map_err(|unsolved| from.end(Reason::Unsolved(unsolved)))
+    }
+
+    /// The inputs of an instant.
+    pub(super) fn input(&self, tau: f64) -> Input<f64> {
+        f64::call(self.instructions, InputAt(self.drive, tau))
+    }
+
+    /// The geometry of a motion.
+    pub(super) fn geometry(&self, motion: &Motion<f64>) -> Geometry<f64> {
+        f64::call(self.instructions, GeometryOf(self.equations.sides(), motion))
     }
 
     /// The terms and the motion of a state.
-    fn look(&self, drive: &SegmentDrive, tau: f64, y: &States<f64>) -> (ContactTerms<f64>, Motion<f64>) {
-        let input = drive.at(tau);
+    pub(super) fn terms_at(&self, tau: f64, y: &States<f64>) -> (Terms<f64>, Motion<f64>) {
+        let input = self.input(tau);
         let motion = self.equations.motion(&input, y);
-        (self.equations.terms(&input, &drive.contacts, &motion), motion)
+        (self.equations.terms(&input, &self.drive.contacts, &motion), motion)
     }
 
     /// The earliest event in a step of length `h` that ends at `arrived`, and the length of the step that leads
     /// to it; `None` if no event is due at the end.
+    ///
+    /// At the event that is found, another one may be due that is over at the end of the step: lambda^H of a slipping
+    /// tip turns negative, and then positive again once the tip's surface is stretched. So the shorter step is looked at in its
+    /// turn.
     pub(super) fn earliest(
         &mut self,
-        run: &ContactRun,
-        drive: &SegmentDrive,
-        from: &Place,
+        from: &SegmentState,
         (h, arrived): (f64, &States<f64>),
     ) -> Result<Option<(f64, Event)>, Box<ContactEnd>> {
-        let (terms, motion) = self.look(drive, from.tau + h, arrived);
-        if terms.response.acceleration.iter().any(|a| !a.is_finite()) {
-            return Err(from.end(Reason::NotFinite));
-        }
+        let mut y = *arrived;
+        let mut located: Vec<(f64, Event)> = Vec::new();
         let mut earliest: Option<(f64, Event)> = None;
-        for (event, at_end) in due(run.modes(), self.half_height, &terms, &motion) {
-            let length = self.locate(run, drive, from, h, (event, at_end))?;
-            if earliest.is_none_or(|(least, _)| length < least) {
-                earliest = Some((length, event));
+        for _ in 0..MOST_EVENTS {
+            let end = earliest.map_or(h, |(length, _)| length);
+            let (terms, motion) = self.terms_at(from.tau + end, &y);
+            if terms.response.acceleration.iter().any(|a| !a.is_finite()) {
+                return Err(from.end(Reason::NotFinite));
+            }
+            for (event, at_end) in self.values(&terms, &motion).filter(|&(_, value)| value < 0.0) {
+                if located.iter().any(|&(length, known)| known == event && length <= end) {
+                    continue;
+                }
+                let length = self.locate(from, (end, h), (event, at_end))?;
+                located.push((length, event));
+                if earliest.is_none_or(|(least, _)| length < least) {
+                    earliest = Some((length, event));
+                }
+            }
+            match earliest {
+                Some((length, _)) if length < end => y = self.step_from(from, length)?,
+                _ => break,
             }
         }
         Ok(earliest)
     }
 
     /// The length of the step at whose end an event is just due, by the Illinois method (Dowell and Jarratt, "A
-    /// modified regula falsi method for computing the root of an equation", 1971).
+    /// modified regula falsi method for computing the root of an equation", 1971). It is due in the step of length
+    /// `end`; the resolution is a share of `h`, because an implicit step may be too short to be solved.
     fn locate(
         &mut self,
-        run: &ContactRun,
-        drive: &SegmentDrive,
-        from: &Place,
-        h: f64,
+        from: &SegmentState,
+        (end, h): (f64, f64),
         (event, at_end): (Event, f64),
     ) -> Result<f64, Box<ContactEnd>> {
-        let (mut low, mut at_low) = (0.0, self.value(run, drive, (from.tau, &from.y), event));
-        let (mut high, mut at_high) = (h, at_end);
+        let shortest = EARLY.powi(EARLIEST) * h;
+        let (mut low, mut at_low) = (0.0, self.value(from.tau, &from.y, event));
+        let (mut high, mut at_high) = (end, at_end);
         for _ in 0..EARLIEST {
-            if at_low > 0.0 {
+            if at_low > 0.0 || EARLY * high < shortest {
                 break;
             }
             low = EARLY * high;
-            at_low = self.value_after(run, drive, from, low, event)?;
+            at_low = self.value_after(from, low, event)?;
             if at_low <= 0.0 {
                 (high, at_high) = (low, at_low);
             }
@@ -160,7 +211,7 @@ impl EventStepper<'_> {
             if length <= low || length >= high {
                 break;
             }
-            let value = self.value_after(run, drive, from, length, event)?;
+            let value = self.value_after(from, length, event)?;
             let below = value > 0.0;
             if below {
                 (low, at_low) = (length, value);
@@ -185,28 +236,37 @@ impl EventStepper<'_> {
 
     fn value_after(
         &mut self,
-        run: &ContactRun,
-        drive: &SegmentDrive,
-        from: &Place,
+        from: &SegmentState,
         length: f64,
         event: Event,
     ) -> Result<f64, Box<ContactEnd>> {
-        let y = self.step_from(drive, from, length)?;
-        Ok(self.value(run, drive, (from.tau + length, &y), event))
+        let y = self.step_from(from, length)?;
+        Ok(self.value(from.tau + length, &y, event))
     }
 
-    fn value(
-        &self,
-        run: &ContactRun,
-        drive: &SegmentDrive,
-        (tau, y): (f64, &States<f64>),
-        event: Event,
-    ) -> f64 {
-        let (terms, motion) = self.look(drive, tau, y);
-        values(run.modes(), self.half_height, event.finger, &terms, &motion)
+    /// The value of an event at a state: negative where the event is due.
+    fn value(&self, tau: f64, y: &States<f64>, event: Event) -> f64 {
+        let (terms, motion) = self.terms_at(tau, y);
+        self.values(&terms, &motion).find(|&(other, _)| other == event).map_or(1.0, |(_, value)| value)
+    }
+
+    /// The values of the events that the contacts can have in their modes.
+    fn values(&self, terms: &Terms<f64>, motion: &Motion<f64>) -> impl Iterator<Item = (Event, f64)> + use<> {
+        let state = ContactState {
+            motion,
+            multipliers: &terms.response.multipliers,
+            residuals: terms.geometry.residuals(),
+            share: terms.response.share,
+            places: terms.geometry.places(),
+            friction: terms.friction,
+            half_height: self.half_height,
+        };
+        [0, 1]
+            .map(|finger| (finger, conditions(&state, &self.drive.contacts, finger, true)))
             .into_iter()
-            .flatten()
-            .find(|(cause, _)| *cause == event.cause)
-            .map_or(1.0, |(_, value)| value)
+            .flat_map(|(finger, conditions)| {
+                let asked = conditions.into_iter().filter(|condition| condition.asked & 1 != 0);
+                asked.map(move |Condition { cause, value, .. }| (Event { finger, cause }, value))
+            })
     }
 }

@@ -5,8 +5,9 @@ use crate::formulation::equations::States;
 use crate::formulation::system::System;
 use crate::method::traits::{Adaptive, Step};
 use crate::model::motion::Motion;
+use crate::model::parameters::Parameters;
 use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
-use crate::stepping::adaptive_lanes::{AdaptiveLanes, Here};
+use crate::stepping::adaptive_lanes::{AdaptiveLanes, StepStart};
 use crate::stepping::instant::{column, watched};
 use crate::stepping::monitor::{turning_points, violating_turning_point};
 use crate::stepping::queue::RunQueue;
@@ -24,13 +25,27 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         let mut turning_times = [f64::INFINITY; MOST];
         for lane in each(turning_points(before, after) & accepted) {
             let Some(run) = &self.batch.runs[lane] else { continue };
-            let (taken, from, tau) = (h.lane(lane), self.places.from.lane(lane), self.places.tau.lane(lane));
+            let (taken, from, tau) =
+                (h.lane(lane), self.progress.from.lane(lane), self.progress.tau.lane(lane));
             let (before, after) = (motion(before, lane), motion(after, lane));
-            if let Some(x) = violating_turning_point(&run.scene.parameters, &before, &after, taken) {
+            let task = TurningPointOf(&run.scene.parameters, &before, &after, taken);
+            if let Some(x) = f64::call(self.batch.instructions, task) {
                 turning_times[lane] = from + x.mul_add(taken, tau);
             }
         }
         turning_times
+    }
+}
+
+/// Finds the point at which one run seems to violate a limit and to come back. This is rare, so the code is called.
+struct TurningPointOf<'a>(&'a Parameters, &'a Motion<f64>, &'a Motion<f64>, f64);
+
+impl LaneTask<f64> for TurningPointOf<'_> {
+    type Output = Option<f64>;
+
+    #[inline(always)]
+    fn run(self) -> Option<f64> {
+        violating_turning_point(self.0, self.1, self.2, self.3)
     }
 }
 
@@ -45,7 +60,7 @@ pub(super) struct LookInside<'b, 'a, R: Lanes, Q, S, I> {
     pub(super) lanes: &'b mut AdaptiveLanes<'a, R, Q>,
     pub(super) system: &'b S,
     pub(super) method: &'b mut I,
-    pub(super) here: &'b Here<R>,
+    pub(super) start: &'b StepStart<R>,
     pub(super) step: &'b Step<'b, R>,
     /// The states at the end of the method's step, before any correction.
     pub(super) next: &'b States<R>,
@@ -62,12 +77,12 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, S: System<R>, I: Adaptive<R, S>> LaneTask<R>
 
     #[inline(always)]
     fn run(self) -> Bits {
-        let Self { lanes, system, method, here, step, next, mut accepted, ends, mut turning_times } = self;
+        let Self { lanes, system, method, start, step, next, mut accepted, ends, mut turning_times } = self;
         let size = system.size();
         method.prepare(system, &lanes.batch.drive, step, next, &mut lanes.batch.stats);
         loop {
             let mut inside: Bits = 0;
-            let (from, mut time, mut share) = (lanes.places.from, lanes.places.from, R::zero());
+            let (from, mut time, mut share) = (lanes.progress.from, lanes.progress.from, R::zero());
             for lane in each(accepted) {
                 let (tau, taken, from) = (step.tau.lane(lane), step.h.lane(lane), from.lane(lane));
                 let asked = lanes.batch.queue.next_time();
@@ -94,8 +109,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, S: System<R>, I: Adaptive<R, S>> LaneTask<R>
                 if turning_times[lane] <= t {
                     turning_times[lane] = f64::INFINITY;
                 }
-                if seen.sound & bit == 0 {
-                    lanes.stop(system, lane, here, None);
+                if seen.finite & bit == 0 {
+                    lanes.stop(system, lane, start, None);
                 } else {
                     let contact = lanes.batch.contact_row(lane);
                     let instant = watched(size, (lane, contact), &then, &between, t, (t, 0));

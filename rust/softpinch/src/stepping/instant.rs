@@ -7,7 +7,7 @@ use crate::model::energy::{LedgerRow, WORKS};
 use crate::model::motion::Motion;
 use crate::number::lanes::{Bits, Lanes};
 use crate::number::real::Real;
-use crate::stepping::queue::Watched;
+use crate::stepping::queue::Sample;
 use crate::stepping::record::Instant;
 
 /// An instant of the run in a lane, as evaluated at the state `y`.
@@ -19,7 +19,7 @@ pub fn watched<R: Lanes>(
     y: &States<R>,
     t: f64,
     grid: (f64, u64),
-) -> Watched {
+) -> Sample {
     let Evaluation { motion: Motion { q, p, memory }, multipliers, residuals, torque, .. } = now;
     let instant = Instant {
         t,
@@ -32,12 +32,12 @@ pub fn watched<R: Lanes>(
         torque: column(torque, lane),
         contact,
     };
-    Watched { instant, works: column(&works(size, y), lane), linearized: None, before_sample: false }
+    Sample { instant, works: column(&works(size, y), lane), linearized: None, before_sample: false }
 }
 
 /// The row of the energy ledger at an instant.
-pub(super) fn ledger<R: Lanes>(system: &impl System<R>, watched: &Watched) -> LedgerRow {
-    let Watched { instant: Instant { q, p, memory, contact, .. }, works, .. } = watched;
+pub(super) fn ledger<R: Lanes>(system: &impl System<R>, watched: &Sample) -> LedgerRow {
+    let Sample { instant: Instant { q, p, memory, contact, .. }, works, .. } = watched;
     let motion = everywhere(&Motion { q: *q, p: *p, memory: *memory });
     let mut contacts = Contacts::sticking();
     if let Some([right, left, right_tilt, left_tilt]) = contact {
@@ -61,7 +61,7 @@ pub(crate) fn works<R: Real>(size: Size, y: &States<R>) -> [R; WORKS] {
 /// If a sum of products is finite, so are its factors. If it is not, a product of finite factors may have
 /// overflowed, so each number is checked alone.
 #[inline(always)]
-pub(crate) fn finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
+pub(crate) fn all_finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
     let Evaluation { motion: Motion { q, p, memory }, multipliers, residuals, torque, .. } = now;
     let (mut first, mut second) = (closure, torque[0] * torque[1]);
     for k in 0..9 {
@@ -70,11 +70,11 @@ pub(crate) fn finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
     for k in 0..4 {
         second = multipliers[k].mul_add(residuals[k], second);
     }
-    let sound = (memory[0].mul_add(memory[1], first + second) * R::zero()).is_zero();
-    if sound & R::ALL == R::ALL { sound } else { each_finite(now, closure) }
+    let finite = (memory[0].mul_add(memory[1], first + second) * R::zero()).is_zero();
+    if finite & R::ALL == R::ALL { finite } else { each_finite(now, closure) }
 }
 
-/// [`finite`] with a check of each number: zero times a number is zero if the number is finite, and NaN
+/// [`all_finite`] with a check of each number: zero times a number is zero if the number is finite, and NaN
 /// otherwise. There is no threshold, so scaling changes nothing.
 #[cold]
 #[inline(never)]

@@ -3,7 +3,7 @@
 use crate::error::Error;
 use crate::model::contact_modes::Mode;
 use crate::stepping::contact_events::Change;
-use crate::stepping::monitor::{Set, VIOLATIONS};
+use crate::stepping::monitor::{VIOLATIONS, ViolationSet};
 use crate::stepping::record::MOST_VALUES;
 
 /// Largest number of intervals of one violation, as far as the size of a recording is limited.
@@ -15,7 +15,7 @@ const MOST_INTERVALS: usize = (MOST_VALUES / 2.0) as usize;
 #[derive(Debug, Clone)]
 pub struct Intervals {
     /// The violations at the last watched instant, and its time.
-    found: Set,
+    found: ViolationSet,
     last: f64,
     /// For each of [`VIOLATIONS`] the intervals, s; the end of one that lasts is NaN.
     intervals: [Vec<[f64; 2]>; VIOLATIONS.len()],
@@ -28,12 +28,18 @@ impl Intervals {
     #[must_use]
     pub fn new() -> Self {
         let intervals = [const { Vec::new() }; VIOLATIONS.len()];
-        Self { found: Set::default(), last: f64::NAN, intervals, limit: MOST_INTERVALS, refusal: None }
+        Self {
+            found: ViolationSet::default(),
+            last: f64::NAN,
+            intervals,
+            limit: MOST_INTERVALS,
+            refusal: None,
+        }
     }
 
     /// Notes the violations at the instant `t`.
     #[inline(always)]
-    pub fn note(&mut self, t: f64, found: Set) {
+    pub fn note(&mut self, t: f64, found: ViolationSet) {
         if found != self.found {
             self.change(t, found);
         }
@@ -42,7 +48,7 @@ impl Intervals {
 
     #[cold]
     #[inline(never)]
-    fn change(&mut self, t: f64, found: Set) {
+    fn change(&mut self, t: f64, found: ViolationSet) {
         for (intervals, (_, violation)) in self.intervals.iter_mut().zip(VIOLATIONS) {
             match (self.found.contains(violation), found.contains(violation)) {
                 (false, true) => match make_room(intervals, self.limit) {
@@ -183,7 +189,7 @@ mod tests {
         let mut t = 0.0;
         while !intervals.is_refused() {
             intervals.note(t, [Pulling].into_iter().collect());
-            intervals.note(t + 1.0, Set::default());
+            intervals.note(t + 1.0, ViolationSet::default());
             t += 2.0;
         }
         assert_eq!(t, 8.0);

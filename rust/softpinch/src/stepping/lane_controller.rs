@@ -16,7 +16,7 @@ use crate::number::simd::level::Instructions;
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::instant::column;
 use crate::stepping::options::Options;
-use crate::stepping::queue::Watched;
+use crate::stepping::queue::Sample;
 
 /// The discrete controller of a run.
 pub struct LaneController {
@@ -103,8 +103,12 @@ impl LaneController {
         self.now.torque()
     }
 
-    /// The torques that act from the instant `t` on, N m.
+    /// The torques that act from the instant `t` on, N m. They are NaN, which ends the run, once a sample has
+    /// overflowed, although its output may be limited, or under way.
     pub fn torque(&mut self, t: f64) -> [f64; 2] {
+        if self.now.row().any(|number| !number.is_finite()) {
+            return [f64::NAN; 2];
+        }
         if self.now.acts(&self.controller, t) {
             self.keep(t);
             self.now.act(&self.controller, t);
@@ -113,7 +117,7 @@ impl LaneController {
     }
 
     /// The state at an instant, which may be one before the last change.
-    pub fn state_at(&self, watched: &Watched) -> Cow<'_, ControllerState> {
+    pub fn state_at(&self, watched: &Sample) -> Cow<'_, ControllerState> {
         if watched.instant.t < self.changed || watched.before_sample {
             Cow::Owned(self.now.before(&self.before))
         } else {

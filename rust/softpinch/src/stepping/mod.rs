@@ -4,13 +4,12 @@
 //!
 //! Events of unilateral contact: [`contact_events`] says what ends a mode, `event_stepper.rs` locates events on
 //! the method's own step, `contact_changes.rs` lets them happen. [`contact_lane`] does this for the run in a lane,
-//! `equal_contacts.rs` and `adaptive_contacts.rs` are its use in the two loops.
+//! `loop_events.rs` is its use in the two loops.
 
 // Loops over several arrays at once are clearer with an index.
 #![allow(clippy::needless_range_loop)]
 
 pub mod adaptive;
-mod adaptive_contacts;
 mod adaptive_lanes;
 pub mod batch;
 mod contact_batch;
@@ -21,7 +20,6 @@ pub mod contact_lane;
 mod contact_tests;
 pub mod ending;
 pub mod equal;
-mod equal_contacts;
 mod equal_lanes;
 pub mod event_stepper;
 pub mod grid;
@@ -29,12 +27,16 @@ mod inside_step;
 pub mod instant;
 pub mod intervals;
 pub mod lane_controller;
+mod lone_steps;
+mod loop_events;
 pub mod monitor;
 pub mod options;
+pub mod phase;
 mod place;
 pub mod queue;
 pub mod record;
 pub mod recorder;
+mod rows_inside;
 pub mod sizes;
 pub mod status;
 pub mod summary;

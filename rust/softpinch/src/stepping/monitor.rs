@@ -1,6 +1,7 @@
 //! The ways in which the model stops holding. Each is watched at the ends of steps, and at the instants
 //! inside a step that an adaptive run looks at; its first time is noted.
 
+use crate::error::seconds;
 use crate::formulation::equations::Evaluation;
 use crate::model::contact_modes::Contacts;
 use crate::model::geometry::index::{D_N, FINGER, THETA};
@@ -10,6 +11,7 @@ use crate::model::parameters::{Parameters, SIDES};
 use crate::model::source::Source;
 use crate::number::lanes::{Bits, Lanes};
 use crate::number::real::{Real, signed};
+use crate::stepping::contact_events::{Condition, ContactState, conditions};
 use crate::stepping::record::Instant;
 
 /// A way in which the model stops holding.
@@ -53,15 +55,15 @@ pub const STOP_ON: [(&str, Violation); 3] = [VIOLATIONS[0], VIOLATIONS[1], VIOLA
 /// A negative compression up to this share of the radius is round-off, not separation.
 const SEPARATION: f64 = 1e-9;
 
-/// A contact sticks firmly if friction could be less by this share. The choice of modes distrusts much smaller
+/// The mode of a sticking contact is certain if friction could be less by this share. The choice of modes distrusts much smaller
 /// margins only.
-const FIRM: f64 = 1e-6;
+const MARGIN: f64 = 1e-6;
 
 /// A set of violations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Set(u8);
+pub struct ViolationSet(u8);
 
-impl Set {
+impl ViolationSet {
     /// Whether `violation` is in the set.
     #[inline(always)]
     #[must_use]
@@ -90,7 +92,7 @@ impl Set {
     }
 }
 
-impl FromIterator<Violation> for Set {
+impl FromIterator<Violation> for ViolationSet {
     fn from_iter<I: IntoIterator<Item = Violation>>(violations: I) -> Self {
         let mut set = Self::default();
         for violation in violations {
@@ -144,6 +146,19 @@ impl TurningPoint {
     }
 }
 
+/// The numbers of one tip that violations depend on.
+struct Tip<R> {
+    d_n: R,
+    /// theta_p, and its sine.
+    tilt: R,
+    sin_tilt: R,
+    /// The place of the contact along the face.
+    place: R,
+    /// lambda^H and lambda^N.
+    normal: R,
+    tangential: R,
+}
+
 /// The limits with which the model's quantities are compared.
 #[derive(Debug, Clone, Copy)]
 pub struct Limits<R> {
@@ -178,47 +193,57 @@ impl<R: Lanes> Limits<R> {
         }
     }
 
-    /// For each of [`VIOLATIONS`] the lanes in which it holds at an instant.
+    /// For each of [`VIOLATIONS`] the lanes in which it holds at an instant. In unilateral contact there are `contacts`.
     #[inline(always)]
-    pub fn violated(&self, now: &Evaluation<R>) -> [Bits; VIOLATIONS.len()] {
+    pub fn violated(&self, now: &Evaluation<R>, contacts: Option<&Contacts<R>>) -> [Bits; VIOLATIONS.len()] {
         let Evaluation { motion: Motion { q, .. }, sin_tilt, places, multipliers, .. } = now;
         let mut found = [0; VIOLATIONS.len()];
-        let quarter = R::constant(std::f64::consts::FRAC_PI_2);
         for i in 0..2 {
-            let (a, d_n) = (self.radius[i], q[D_N + i]);
-            let tilt = q[FINGER + i] + signed(i, q[THETA]);
-            let (normal, tangential) = (multipliers[i], multipliers[2 + i]);
-            found[Violation::Separated as usize] |= d_n.less(self.least[i]);
-            found[Violation::Crushed as usize] |= a.at_most(d_n);
-            found[Violation::Folded as usize] |= quarter.at_most(tilt.abs());
-            found[Violation::Pulling as usize] |= normal.less(R::zero());
-            found[Violation::Rim as usize] |= (a * (R::constant(1.0) - sin_tilt[i].abs())).less(d_n);
-            if self.bounded != 0 {
-                found[Violation::OffFace as usize] |= self.half_height.less(places[i].abs()) & self.bounded;
-            }
-            if self.limited != 0 {
-                found[Violation::Slipping as usize] |=
-                    (self.friction[i] * normal).less(tangential.abs()) & self.limited;
+            let tip = Tip {
+                d_n: q[D_N + i],
+                tilt: q[FINGER + i] + signed(i, q[THETA]),
+                sin_tilt: sin_tilt[i],
+                place: places[i],
+                normal: multipliers[i],
+                tangential: multipliers[2 + i],
+            };
+            let own = self.violated_by(i, &tip, contacts);
+            for k in 0..VIOLATIONS.len() {
+                found[k] |= own[k];
             }
         }
         found
     }
 
-    /// The same in unilateral contact, where tips neither pull nor press an object that they do not touch.
+    /// The conditions of all violations, for tip `i`. In unilateral contact tips neither pull nor press an object that
+    /// they do not touch.
     #[inline(always)]
-    pub fn violated_by(&self, now: &Evaluation<R>, contacts: &Contacts<R>) -> [Bits; VIOLATIONS.len()] {
-        let Evaluation { motion: Motion { q, .. }, sin_tilt, places, .. } = now;
-        let mut found = [0; VIOLATIONS.len()];
+    fn violated_by(
+        &self,
+        i: usize,
+        tip: &Tip<R>,
+        contacts: Option<&Contacts<R>>,
+    ) -> [Bits; VIOLATIONS.len()] {
+        let &Tip { d_n, tilt, sin_tilt, place, normal, tangential } = tip;
+        let (a, free) = (self.radius[i], contacts.map_or(0, |contacts| contacts.free[i]));
         let quarter = R::constant(std::f64::consts::FRAC_PI_2);
-        for i in 0..2 {
-            let (a, d_n, free) = (self.radius[i], q[D_N + i], contacts.free[i]);
-            let tilt = q[FINGER + i] + signed(i, q[THETA]);
-            found[Violation::Crushed as usize] |= a.at_most(d_n) & !free;
-            found[Violation::Folded as usize] |= quarter.at_most(tilt.abs()) & !free;
-            found[Violation::Rim as usize] |= (a * (R::constant(1.0) - sin_tilt[i].abs())).less(d_n) & !free;
-            found[Violation::OffFace as usize] |= self.half_height.less(places[i].abs()) & !free;
-            found[Violation::Slipping as usize] |= contacts.slip(i);
-            found[Violation::Opened as usize] |= free;
+        let mut found = [0; VIOLATIONS.len()];
+        let mut set = |violation: Violation, bits: Bits| found[violation as usize] = bits;
+        set(Violation::Crushed, a.at_most(d_n) & !free);
+        set(Violation::Folded, quarter.at_most(tilt.abs()) & !free);
+        set(Violation::Rim, (a * (R::constant(1.0) - sin_tilt.abs())).less(d_n) & !free);
+        if self.bounded != 0 {
+            set(Violation::OffFace, self.half_height.less(place.abs()) & self.bounded & !free);
+        }
+        if let Some(contacts) = contacts {
+            set(Violation::Slipping, contacts.slip(i));
+            set(Violation::Opened, free);
+        } else {
+            set(Violation::Separated, d_n.less(self.least[i]));
+            set(Violation::Pulling, normal.less(R::zero()));
+            if self.limited != 0 {
+                set(Violation::Slipping, (self.friction[i] * normal).less(tangential.abs()) & self.limited);
+            }
         }
         found
     }
@@ -226,39 +251,37 @@ impl<R: Lanes> Limits<R> {
     /// The lanes in which each tip is free, or sticks well within its friction cone. There the choice of modes
     /// finds those that are there already.
     #[inline(always)]
-    pub fn firm(&self, now: &Evaluation<R>, contacts: &Contacts<R>) -> Bits {
-        let within = R::constant(1.0 - FIRM);
-        let mut firm = Bits::MAX;
+    pub fn modes_certain(&self, now: &Evaluation<R>, contacts: &Contacts<R>) -> Bits {
+        let within = R::constant(1.0 - MARGIN);
+        let mut certain = Bits::MAX;
         for i in 0..2 {
             let (along, across) = (now.multipliers[i], now.multipliers[2 + i]);
             let sticks = across.abs().less((within * self.friction[i]) * along);
-            firm &= contacts.free[i] | sticks & !(contacts.slip(i) | contacts.graze[i]);
+            certain &= contacts.free[i] | sticks & !(contacts.slip(i) | contacts.graze[i]);
         }
-        firm
+        certain
     }
 
-    /// The lanes in which an event of unilateral contact may be due. The same conditions, but for round-off, are
-    /// values in `contact_events.rs`.
+    /// The lanes in which an event of unilateral contact may be due.
     #[inline(always)]
     pub fn due(&self, now: &Evaluation<R>, contacts: &Contacts<R>) -> Bits {
-        let Evaluation { motion: Motion { q, .. }, places, multipliers, residuals, share, .. } = now;
-        let (zero, one) = (R::zero(), R::constant(1.0));
+        let Evaluation { motion, places, multipliers, residuals, share, .. } = now;
+        let state = ContactState {
+            motion,
+            multipliers,
+            residuals: *residuals,
+            share: *share,
+            places: *places,
+            friction: self.friction,
+            half_height: self.half_height,
+        };
         let mut found = 0;
-        let (right, left) = (places[0].abs(), places[1].abs());
-        for (i, place) in [(0, right), (1, left)] {
-            let (along, across, slip) = (multipliers[i], multipliers[2 + i], residuals[2 + i]);
-            let (free, graze) = (contacts.free[i], contacts.graze[i]);
-            let beyond = self.half_height.less(place);
-            let stick = !(contacts.slip(i) | free | graze);
-            found |= (self.friction[i] * along).less(across.abs()) & stick;
-            found |= slip.less(zero) & contacts.up[i] | zero.less(slip) & contacts.down[i];
-            found |= along.less(zero) & contacts.slip(i);
-            found |= (share[i].less(zero) | one.less(share[i])) & graze;
-            found |= residuals[i].less(zero) & place.less(self.half_height) & free;
-            found |= q[D_N + i].less(zero) | beyond & !free;
+        for i in 0..2 {
+            for Condition { asked, value, .. } in conditions(&state, contacts, i, false) {
+                found |= value.less(R::zero()) & asked;
+            }
         }
-        let both = contacts.free[0] & contacts.free[1];
-        found | self.half_height.less(right) & self.half_height.less(left) & both
+        found
     }
 }
 
@@ -266,6 +289,7 @@ impl<R: Lanes> Limits<R> {
 /// between two states. It is a share of the step of length `h` between them. It is found on the cubic through
 /// values and rates at both ends, because a step may be long.
 #[must_use]
+#[inline(always)]
 pub fn violating_turning_point(
     parameters: &Parameters,
     before: &Motion<f64>,
@@ -292,87 +316,74 @@ pub fn violating_turning_point(
 /// of the run.
 #[must_use]
 pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, instant: &Instant) -> String {
-    let Instant { t, q, p, multipliers, contact, .. } = instant;
-    let friction = parameters.friction.fields();
-    let far = if begins { START } else { RUNAWAY };
-    let side = |broken: &dyn Fn(usize) -> bool| usize::from(!broken(0));
-    let tilt = |i: usize| q[FINGER + i] + signed(i, q[THETA]);
+    let Instant { q, p, multipliers, contact, .. } = instant;
+    let t = seconds(instant.t);
+    let places = Geometry::new(&Side::both(parameters), q, p).places();
+    let limits = Limits::<f64>::new(parameters);
+    let tips: [Tip<f64>; 2] = std::array::from_fn(|i| {
+        let tilt = q[FINGER + i] + signed(i, q[THETA]);
+        Tip {
+            d_n: q[D_N + i],
+            tilt,
+            sin_tilt: Real::sin_cos(tilt).0,
+            place: places[i],
+            normal: multipliers[i],
+            tangential: multipliers[2 + i],
+        }
+    });
+    let i = usize::from(limits.violated_by(0, &tips[0], None)[violation as usize] == 0);
+    let (side, radius, friction) = (SIDES[i], limits.radius[i], limits.friction[i]);
+    let Tip { d_n, tilt, sin_tilt, place, normal, tangential } = &tips[i];
+    let extreme = if begins { START } else { RUNAWAY };
     match violation {
         Violation::Separated => {
-            let i = side(&|i| q[D_N + i] < -SEPARATION * parameters.tips[i].radius);
-            let advice = if q[D_N + i] < -2.0 * parameters.tips[i].radius {
-                far
+            let advice = if *d_n < -2.0 * radius {
+                extreme
             } else {
                 "; angles that close the fingers further, a firmer grasp or a smaller disturbance would keep it, or shorter steps where \
                  these are longer than max_stable_dt"
             };
-            format!(
-                "the {} fingertip left the object at t = {t} s (d_n = {:.3e} m){advice}",
-                SIDES[i],
-                q[D_N + i]
-            )
+            format!("the {side} fingertip left the object at t = {t} (d_n = {d_n:.3e} m){advice}")
         }
         Violation::Crushed => {
-            let i = side(&|i| q[D_N + i] >= parameters.tips[i].radius);
-            let advice = if q[D_N + i] > 2.0 * parameters.tips[i].radius { far } else { "" };
+            let advice = if *d_n > 2.0 * radius {
+                extreme
+            } else {
+                "; a stiffer or larger tip, angles that close the fingers less or a smaller disturbance would keep it whole, or shorter \
+                 steps where these are longer than max_stable_dt"
+            };
             format!(
-                "the {} fingertip was crushed at t = {t} s (d_n = {:.3e} m, its radius is {:.3e} m){advice}",
-                SIDES[i],
-                q[D_N + i],
-                parameters.tips[i].radius
+                "the {side} fingertip was crushed at t = {t} (d_n = {d_n:.3e} m, its radius is {radius:.3e} m){advice}"
             )
         }
         Violation::Folded => {
-            let degrees = |i: usize| tilt(i).to_degrees();
-            let i = side(&|i| degrees(i).abs() >= 90.0);
-            let advice = if degrees(i).abs() > 180.0 { far } else { "" };
+            let degrees = tilt.to_degrees();
+            let advice = if degrees.abs() > 180.0 { extreme } else { "" };
             format!(
-                "the {} fingertip folded at t = {t} s (theta_p = {:.2} degrees, the limit is 90){advice}",
-                SIDES[i],
-                degrees(i)
+                "the {side} fingertip folded at t = {t} (theta_p = {degrees:.2} degrees, the limit is 90){advice}"
             )
         }
-        Violation::Pulling => {
-            let i = side(&|i| multipliers[i] < 0.0);
-            format!(
-                "the {} fingertip would have to pull at t = {t} s (lambda^H = {:.3e} N); a real tip would lift off the object",
-                SIDES[i], multipliers[i]
-            )
-        }
-        Violation::Slipping if contact.is_some() => format!("a fingertip slipped at t = {t} s"),
-        Violation::Slipping => {
-            let i = side(&|i| friction[i] * multipliers[i] < multipliers[2 + i].abs());
-            format!(
-                "the {} fingertip would slip at t = {t} s (|lambda^N| = {:.3e} N, and friction {} holds up to mu lambda^H = \
-                 {:.3e} N)",
-                SIDES[i],
-                multipliers[2 + i].abs(),
-                friction[i],
-                friction[i] * multipliers[i]
-            )
-        }
-        Violation::Opened => format!("a fingertip left the object at t = {t} s"),
-        Violation::Rim => {
-            let rim = |i: usize| parameters.tips[i].radius * (1.0 - Real::sin_cos(tilt(i)).0.abs());
-            let i = side(&|i| rim(i) < q[D_N + i]);
-            format!(
-                "the contact of the {} fingertip reached the rim of its hemisphere at t = {t} s (d_n = {:.3e} m, at this tilt the rim is at \
-                 {:.3e} m)",
-                SIDES[i],
-                q[D_N + i],
-                rim(i)
-            )
-        }
-        Violation::OffFace => {
-            let geometry = Geometry::new(&Side::both(parameters), q, p);
-            let (place, half) = (|i: usize| geometry.contacts[i].a.abs(), 0.5 * parameters.grasped.height);
-            let i = side(&|i| half < place(i));
-            format!(
-                "the contact of the {} fingertip left the face at t = {t} s (|G| = {:.3e} m, half the height is {half:.3e} m)",
-                SIDES[i],
-                place(i)
-            )
-        }
+        Violation::Pulling => format!(
+            "the {side} fingertip would have to pull at t = {t} (lambda^H = {normal:.3e} N); a real tip would lift off the object"
+        ),
+        Violation::Slipping if contact.is_some() => format!("a fingertip slipped at t = {t}"),
+        Violation::Slipping => format!(
+            "the {side} fingertip would slip at t = {t} (|lambda^N| = {:.3e} N, and friction {friction} holds up to mu lambda^H = \
+             {:.3e} N)",
+            tangential.abs(),
+            friction * normal
+        ),
+        Violation::Opened => format!("a fingertip left the object at t = {t}"),
+        Violation::Rim => format!(
+            "the contact of the {side} fingertip reached the rim of its hemisphere at t = {t} (d_n = {d_n:.3e} m, at this tilt the rim is at \
+             {:.3e} m)",
+            radius * (1.0 - sin_tilt.abs())
+        ),
+        Violation::OffFace => format!(
+            "the contact of the {side} fingertip left the face at t = {t} (|G| = {:.3e} m, half the height is {:.3e} m)",
+            place.abs(),
+            limits.half_height
+        ),
     }
 }
 

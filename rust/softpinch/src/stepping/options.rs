@@ -6,13 +6,15 @@ use crate::method::table::Method;
 use crate::model::contact_modes::ContactModel;
 use crate::model::control::Fingers;
 use crate::model::parameters::Stabilization;
+use crate::model::rates::fastest_rate;
+use crate::model::scene::Scene;
 use crate::number::simd::level::Level;
-use crate::stepping::monitor::{STOP_ON, Set};
+use crate::stepping::monitor::{STOP_ON, ViolationSet};
 use crate::stepping::record::Selection;
 use crate::stepping::summary::{Summary, Wanted};
 
 /// The length of the steps.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Steps {
     /// Equal steps between breakpoints, at most this long, s.
     Fixed(f64),
@@ -20,8 +22,6 @@ pub enum Steps {
     Free {
         /// Largest error of a step, as a share of each state's magnitude.
         tolerance: f64,
-        /// Instants to record, s; `None` to record the ends of steps.
-        times: Option<Vec<f64>>,
     },
 }
 
@@ -46,14 +46,19 @@ pub struct Options {
     pub record: Selection,
     /// Number of steps between rows. The last instant is always recorded.
     pub every: u64,
+    /// Instants to record instead, s; `None` to record the ends of steps.
+    pub times: Option<Vec<f64>>,
     /// Violations that end the run.
-    pub stop_on: Set,
+    pub stop_on: ViolationSet,
     /// The summaries to compute.
     pub summaries: Wanted,
     /// Largest number of attempted steps in a run with free steps.
     pub max_steps: u64,
     /// Number of equal parts into which each step of a fixed grid is divided.
     pub refine: u32,
+    /// Whether runs whose steps [may be unstable](Options::may_be_unstable) end where their energy ledger shows that
+    /// they are. This carries the ledger.
+    pub guard: bool,
     /// Instructions to use.
     pub simd: Level,
 }
@@ -68,10 +73,12 @@ impl Default for Options {
             stabilization: Stabilization { alpha: 1000.0, beta: 1000.0 },
             record: Selection { state: true, ..Selection::default() },
             every: 1,
+            times: None,
             stop_on: STOP_ON.iter().map(|&(_, violation)| violation).collect(),
             summaries: Wanted::default(),
             max_steps: MAX_STEPS,
             refine: 1,
+            guard: false,
             simd: Level::detect(),
         }
     }
@@ -80,7 +87,24 @@ impl Default for Options {
 impl Options {
     /// Whether the state carries the works of the ledger.
     pub(crate) fn carries_ledger(&self) -> bool {
-        self.record.energy || self.summaries.contains(Summary::EnergyClosure)
+        self.record.energy || self.guard || self.summaries.contains(Summary::EnergyClosure)
+    }
+
+    /// Whether the steps of a run may be beyond the stability limit of its method, by a bound on the rates of the
+    /// motion. Methods with error control, and those that are stable for every step, need no such bound.
+    #[must_use]
+    pub fn may_be_unstable(&self, scene: &Scene) -> bool {
+        let Steps::Fixed(dt) = self.steps else { return false };
+        self.surely_stable_step(scene) < dt.min(scene.duration) / f64::from(self.refine)
+    }
+
+    /// The longest step that is stable by the bound on the rates, s; infinite if every step is stable.
+    #[must_use]
+    pub fn surely_stable_step(&self, scene: &Scene) -> f64 {
+        let Some(limit) = self.method.entry().real_stability_limit else { return f64::INFINITY };
+        let rate = fastest_rate(&scene.parameters, scene.inputs.fingers());
+        let Stabilization { alpha, beta } = self.stabilization;
+        limit / if self.formulation == Formulation::Csm { rate.max(alpha).max(beta) } else { rate }
     }
 
     /// The choice of equations for a scene with these fingers.

@@ -1,6 +1,8 @@
 //! The place of a run on its grid, in the loop of equal steps.
 
+use crate::model::scene::Scene;
 use crate::stepping::grid::{Grid, Segment};
+use crate::stepping::phase::Phase;
 
 /// The place of a run on its grid.
 pub(super) struct Place {
@@ -29,6 +31,14 @@ impl Place {
             sampled: None,
             grid,
         }
+    }
+
+    /// The phase in which a run begins the current segment, once the modes of its contacts are chosen. A run that is resumed
+    /// inside a segment has already had the impulses at the start of the segment.
+    pub(super) fn phase_at_start(&self, scene: &Scene) -> Phase {
+        let Segment { first, start, .. } = self.segment;
+        let struck = first == 0 && scene.inputs.impulses_at(start).next().is_some();
+        if struck { Phase::Impulse } else { Phase::Step }
     }
 
     /// Goes on in the segment after the current one.

@@ -14,7 +14,7 @@ use crate::model::scene::Scene;
 use crate::number::lanes::MOST;
 use crate::stepping::contact_events::Change;
 use crate::stepping::contact_lane::LaneContact;
-use crate::stepping::monitor::{Set, VIOLATIONS};
+use crate::stepping::monitor::{VIOLATIONS, ViolationSet};
 use crate::stepping::record::Instant;
 use crate::stepping::status::Status;
 use crate::stepping::summary::COUNT;
@@ -36,7 +36,7 @@ pub trait RunQueue<'a> {
     fn stops(&mut self) -> bool;
 
     /// Takes a run that has ended. `ledger` computes the ledger row of its last instant.
-    fn finish(&mut self, finished: Finished, ledger: impl FnOnce(&Watched) -> LedgerRow);
+    fn finish(&mut self, finished: Finished, ledger: impl FnOnce(&Sample) -> LedgerRow);
 
     /// Whether to record the instant `t`, which was just watched. An instant inside a step is recorded only
     /// if it was asked for.
@@ -49,7 +49,7 @@ pub trait RunQueue<'a> {
     /// Takes the violations that hold at the instant `t`, which was just watched. Instants that show none
     /// are left out, except the first after others.
     #[inline(always)]
-    fn note(&mut self, t: f64, found: Set) {
+    fn note(&mut self, t: f64, found: ViolationSet) {
         let _ = (t, found);
     }
 
@@ -64,7 +64,7 @@ pub trait RunQueue<'a> {
     }
 
     /// Records an instant. The error says that there is no memory for it.
-    fn record(&mut self, watched: &Watched, ledger: impl FnOnce(&Watched) -> LedgerRow) -> Result<(), Error> {
+    fn record(&mut self, watched: &Sample, ledger: impl FnOnce(&Sample) -> LedgerRow) -> Result<(), Error> {
         let _ = (watched, ledger);
         Ok(())
     }
@@ -78,7 +78,7 @@ pub trait RunQueue<'a> {
 
 /// An instant of a run that was watched and found to be finite.
 #[derive(Debug, Clone, Copy)]
-pub struct Watched {
+pub struct Sample {
     /// The instant.
     pub instant: Instant,
     /// The works of the ledger; zeros if they are not carried.
@@ -89,7 +89,7 @@ pub struct Watched {
     pub before_sample: bool,
 }
 
-impl Watched {
+impl Sample {
     /// Whether all numbers of the instant are finite.
     #[must_use]
     pub fn is_finite(&self) -> bool {
@@ -110,7 +110,7 @@ pub struct Finished {
     /// The status in words; empty if the run reached its end.
     pub message: String,
     /// The last instant of the run.
-    pub last: Watched,
+    pub last: Sample,
     /// The energies at the start of the run, if the ledger was carried.
     pub initial_energies: Option<Energies>,
     /// The time at which each of [`VIOLATIONS`] was first seen, s; NaN if it was not.

@@ -14,8 +14,8 @@ use crate::stepping::contact_events::Change;
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::ending::arrival;
 use crate::stepping::intervals::{Intervals, of_changes};
-use crate::stepping::monitor::{Set, VIOLATIONS, Violation};
-use crate::stepping::queue::{Finished, RunQueue, Watched};
+use crate::stepping::monitor::{VIOLATIONS, Violation, ViolationSet};
+use crate::stepping::queue::{Finished, RunQueue, Sample};
 use crate::stepping::record::{Instant, Recording};
 use crate::stepping::status::Status;
 use crate::stepping::summary::COUNT;
@@ -122,7 +122,7 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    fn push(&mut self, watched: &Watched, ledger: impl FnOnce(&Watched) -> LedgerRow) {
+    fn push(&mut self, watched: &Sample, ledger: impl FnOnce(&Sample) -> LedgerRow) {
         self.run.recording.push(&watched.instant, || ledger(watched));
         self.run.recording.push_linearized(watched.linearized);
         self.run.recording.push_controller(&self.controller);
@@ -179,7 +179,7 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
     }
 
     #[inline(always)]
-    fn note(&mut self, t: f64, found: Set) {
+    fn note(&mut self, t: f64, found: ViolationSet) {
         self.intervals.note(t, found);
     }
 
@@ -199,7 +199,7 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
         self.controller.extend(state.row());
     }
 
-    fn record(&mut self, watched: &Watched, ledger: impl FnOnce(&Watched) -> LedgerRow) -> Result<(), Error> {
+    fn record(&mut self, watched: &Sample, ledger: impl FnOnce(&Sample) -> LedgerRow) -> Result<(), Error> {
         if let Some(error) = self.intervals.refusal() {
             return Err(error);
         }
@@ -208,7 +208,7 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
         Ok(())
     }
 
-    fn finish(&mut self, finished: Finished, ledger: impl FnOnce(&Watched) -> LedgerRow) {
+    fn finish(&mut self, finished: Finished, ledger: impl FnOnce(&Sample) -> LedgerRow) {
         let Finished {
             status,
             message,

@@ -31,6 +31,8 @@ pub enum Status {
     NoMode,
     /// A number overflowed.
     NotFinite,
+    /// The steps were beyond the stability limit of the method.
+    Unstable,
     /// The equations of an implicit step were not solved.
     NewtonFailed,
     /// No step was short enough for the allowed error.
@@ -64,7 +66,7 @@ impl Status {
 }
 
 /// The statuses by their public names.
-pub const STATUSES: [(&str, Status); 17] = [
+pub const STATUSES: [(&str, Status); 18] = [
     ("completed", Status::Completed),
     ("separated", Status::Separated),
     ("crushed", Status::Crushed),
@@ -82,4 +84,5 @@ pub const STATUSES: [(&str, Status); 17] = [
     ("step_too_small", Status::StepTooSmall),
     ("too_many_steps", Status::TooManySteps),
     ("interrupted", Status::Interrupted),
+    ("unstable", Status::Unstable),
 ];

@@ -23,8 +23,8 @@ use crate::model::start::{State, contact, driven};
 use crate::number::lanes::Lanes;
 use crate::number::real::Real;
 use crate::number::row::Row4;
-use crate::stepping::instant::finite;
-use crate::stepping::monitor::Set;
+use crate::stepping::instant::all_finite;
+use crate::stepping::monitor::ViolationSet;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::record::{Quantity, Selection};
 
@@ -66,14 +66,15 @@ fn a_step_allocates_nothing() {
             for (_, method) in METHODS {
                 let record: Selection = everything.into_iter().collect();
                 let of = |steps: Steps| {
-                    let options = Options { formulation, method, record, steps, ..Options::default() };
+                    let times = matches!(steps, Steps::Free { .. }).then(|| vec![DURATION]);
+                    let options = Options { formulation, method, record, steps, times, ..Options::default() };
                     allocations(&scene, &options)
                 };
                 let (few, some) = of(Steps::Fixed(1e-4));
                 let (many, more) = of(Steps::Fixed(5e-5));
                 assert!(2 * some == more && few == many, "{name} {method:?} {fingers:?}: {few} {many}");
-                if method.is_adaptive() {
-                    let free = |tolerance| of(Steps::Free { tolerance, times: Some(vec![DURATION]) });
+                if method.entry().adaptive.is_some() {
+                    let free = |tolerance| of(Steps::Free { tolerance });
                     let ((few, some), (many, more)) = (free(1e-4), free(1e-8));
                     assert!(some < more && few == many, "{name} {method:?} {fingers:?}: {few} {many}");
                 }
@@ -144,7 +145,7 @@ fn noisy(segments: f64) -> Result<Scene, Error> {
 /// A run that kept a list of its segments would take more memory if noise makes more segments.
 #[test]
 fn a_segment_allocates_nothing() {
-    let free = Steps::Free { tolerance: 1e-3, times: Some(vec![DURATION]) };
+    let free = Steps::Free { tolerance: 1e-3 };
     for (steps, record) in [(Steps::Fixed(DURATION), Selection::default()), (free, Selection::default())] {
         // The number of rows does not depend on the number of segments.
         let options = Options {
@@ -152,7 +153,8 @@ fn a_segment_allocates_nothing() {
             method: Method::Dop853,
             record,
             every: 1 << 40,
-            stop_on: Set::default(),
+            times: Some(vec![DURATION]),
+            stop_on: ViolationSet::default(),
             ..Options::default()
         };
         let alone = |segments: f64| {
@@ -203,7 +205,7 @@ fn every_number_of_an_instant_that_is_not_finite_is_found() {
     let at = |change: Change<'_>| {
         let mut now = Evaluation::<Row4>::nothing();
         change(&mut now);
-        finite(&now, Row4::constant(0.0))
+        all_finite(&now, Row4::constant(0.0))
     };
     assert_eq!(at(&|now| now.multipliers[2] = Row4::constant(3.0)), 0b1111);
     let huge = Row4::constant(1e200);
@@ -223,6 +225,6 @@ fn every_number_of_an_instant_that_is_not_finite_is_found() {
         for (k, change) in changes.into_iter().enumerate() {
             assert_eq!(at(change), 0b1011, "{bad} {k}");
         }
-        assert_eq!(finite(&Evaluation::<Row4>::nothing(), number), 0b1011, "{bad}");
+        assert_eq!(all_finite(&Evaluation::<Row4>::nothing(), number), 0b1011, "{bad}");
     }
 }

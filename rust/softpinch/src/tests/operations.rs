@@ -1,5 +1,5 @@
 //! The cost of a scene, in operations: those of one evaluation of its equations and of one step, on any
-//! processor. `make operations` writes them into a table of the Python package.
+//! processor. `make operations` writes them into a table of the benchmarks.
 //!
 //! The scenes of the table have angles below 45 degrees, whose sines need no reduction. No two of their
 //! numbers are equal by chance: equal operations on equal numbers count once, but the equations, which do not
@@ -29,11 +29,11 @@ use crate::model::piecewise::PiecewisePolynomial;
 use crate::model::start::contact;
 use crate::number::real::Real;
 use crate::number::simd::level::{Instructions, Level};
-use crate::stepping::instant::finite;
+use crate::stepping::instant::all_finite;
 use crate::stepping::monitor::Limits;
 
 /// The path of the table.
-const TABLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../python/softpinch/run/operations.py");
+const TABLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../benchmarks/operations.py");
 
 /// The equations and inputs of a scene, as far as its operations depend on them.
 #[derive(Clone, Copy)]
@@ -158,8 +158,8 @@ impl Case {
             } else {
                 Counted::zero()
             };
-            finite(&now, open);
-            Limits::<Counted>::new(&parameters).violated(&now);
+            all_finite(&now, open);
+            Limits::<Counted>::new(&parameters).violated(&now, None);
             let h = Counted::given(1e-4);
             let at = Step { tau, h, y: &y, rate: &now.rate, allowed: None };
             let mut next = y;

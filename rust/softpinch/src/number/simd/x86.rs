@@ -16,6 +16,7 @@ macro_rules! vector {
      $($operator:ident, $method:ident, $instruction:ident;)*) => {
         $(#[$doc])*
         #[derive(Debug, Clone, Copy)]
+        #[repr(transparent)]
         pub struct $name($register);
 
         $(impl $operator for $name {

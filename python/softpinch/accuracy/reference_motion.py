@@ -1,0 +1,168 @@
+"""The motion with which `advise` compares its trials: adaptive steps at a smaller tolerance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..run import scaled_error
+from ..run.error_estimate import ending_at
+from ..run.options import STOP_ON, Options
+from ..run.request import Request
+from ..run.run import Run, computed
+from ..scene.fields import ESTIMATED
+from ..scene.scene import Scene
+from ..scene.stabilization import Stabilization
+from ..support.arrays import Floats
+from ..support.choices import Formulation, Method
+from .precision import sampled_rows, switching
+from .runs import accurate_run, timed_run
+from .stability import Modes, along_run
+
+_RECORD = ("state", "multipliers")
+# The tolerances of the runs that stand for the exact motion, as shares of the required accuracy,
+# and their lower bounds. The error of "rosenbrock" is about its tolerance, and it needs many steps.
+_TIGHTER = {"dop853": (1e-3, 1e-13), "radau5": (1e-2, 1e-13), "rosenbrock": (1e-2, 1e-12)}
+# The scene is cut where the accurate run has taken this many steps: some tens of milliseconds.
+MOST_STEPS = 20_000
+# A second method confirms if it takes at most this many times as long as the first.
+_AFFORDABLE = 20.0
+# Differences below this share of the largest component with the same unit are round-off.
+_ROUND_OFF = 1e-12
+# Number of instants at which a trial is compared, besides those after switches.
+_ROWS = 64
+# Number of instants at which the motion is linearised.
+_INSTANTS = 40
+
+
+class ReferenceMotion:
+    """The exact motion of a scene, as far as the trials of `advise` need it.
+
+    Attributes:
+        full: The scene.
+        scene: The scene, cut where the accurate run took too many steps.
+        run: The run by a stiff method with adaptive steps, whose status a trial must have.
+        methods: The methods that give the exact motion, the quicker one first.
+        switches: The start, and the instants at which an input jumps or bends (k,), s.
+    """
+
+    def __init__(self, scene: Scene, tolerance: float, stabilization: Stabilization) -> None:
+        self.full = self.scene = scene
+        self.tolerance, self.stabilization = tolerance, stabilization
+        # "csm" here is a fallback: only for a start off the constraints.
+        self.run = accurate_run(scene, "csm", stabilization, record=_RECORD, max_steps=MOST_STEPS)
+        if self.run.status == "too_many_steps":
+            reached = float(self.run.t[-1]) - scene.start().time
+            self.scene = replace(scene, duration=reached)
+            self.run = accurate_run(self.scene, "csm", stabilization, record=_RECORD)
+        self.switches = switching(self.scene)
+        # Lower bounds of the scales keep round-off of large components from counting as error.
+        usual = scaled_error.usual(scene)
+        self.scales = {}
+        for name in ESTIMATED:
+            rows = getattr(self.run, name)
+            least = _ROUND_OFF / tolerance * scaled_error.common(name, rows, usual)
+            self.scales[name] = np.maximum(scaled_error.scales(name, rows, usual), least)
+        self._modes: dict[str, Modes] = {}
+        self.methods = self._methods()
+
+    @property
+    def share(self) -> float:
+        """The tried part of the scene, as a share of its duration."""
+        return self.scene.duration / self.full.duration
+
+    def options(self, method: str, formulation: str, **how: Any) -> Options:
+        """Options of a run that can be compared with the motion."""
+        return Options.checked(
+            method=method,
+            formulation=formulation,
+            stabilization=self.stabilization,
+            record=_RECORD,
+            stop_on=STOP_ON,
+            **how,
+        )
+
+    def request(self, options: Options) -> Request:
+        """A run of the scene."""
+        return Request(self.scene, options)
+
+    def _methods(self) -> tuple[str, ...]:
+        """The stiff method and the explicit one, if that is not too slow, by time."""
+        stiff, stiff_time = timed_run(self.request(self._tight("radau5")))
+        # An explicit step takes about half as long as an implicit one.
+        most = int(2 * _AFFORDABLE * stiff.stats["steps"]) + 200
+        explicit, explicit_time = timed_run(self.request(self._tight("dop853", max_steps=most)))
+        if explicit.status != stiff.status:
+            return ("radau5",)
+        return ("dop853", "radau5") if explicit_time < stiff_time else ("radau5", "dop853")
+
+    def _tight(self, method: str, **how: Any) -> Options:
+        share, least = _TIGHTER[method]
+        tolerance = max(share * self.tolerance, least)
+        return self.options(method, self.run.formulation, tolerance=tolerance, **how)
+
+    def exact(self, t: Floats, method: str) -> Run:
+        """The motion at increasing instants, by steps that end there."""
+        return computed(Request(ending_at(self.scene, t), self._tight(method, times=t)))
+
+    def errors(self, run: Run, rows: int = _ROWS) -> dict[str, float] | None:
+        """The largest error of each quantity along a run; None if it does not end as it should.
+
+        It is that of `rows` rows, besides those after switches.
+        """
+        if run.status != self.run.status:
+            return None
+        chosen = sampled_rows(run, self.switches, rows)
+        if not run.success:
+            # The instant of a violation depends on the steps.
+            chosen = chosen[run.t[chosen] < min(run.t[-1], self.run.t[-1])]
+        if len(chosen) < 2:
+            return None
+        t = run.t[chosen]
+        right = self.exact(t, self.methods[0])
+        n = len(right) - (not np.isin(right.t[-1], t))
+        if n < 2 or not np.array_equal(right.t[:n], t[:n]):
+            return None
+        found = {
+            name: float(self._scaled(name, run, right, chosen[:n], slice(n)).max())
+            for name in ESTIMATED
+        }
+        return found if all(map(math.isfinite, found.values())) else None
+
+    def confirm(self, run: Run) -> tuple[float, str]:
+        """The difference at the end from another method, and the method's name.
+
+        If a violation ends the run, the states one step earlier are compared.
+        """
+        others = [method for method in self.methods if method != run.method]
+        method = others[0] if others else "rosenbrock"
+        last = -1 if run.success else -2
+        if len(run) < 1 - last:
+            return math.inf, method
+        other = self.exact(run.t[last:][:1], method)
+        if other.t[0] != run.t[last]:
+            return math.inf, method
+        return max(float(self._scaled(name, run, other, last, 0)) for name in ESTIMATED), method
+
+    def _scaled(self, name: str, run: Run, right: Run, rows: Any, same: Any) -> Floats:
+        """The scaled error of a quantity in some rows of a run; `same` are those of the other."""
+        return scaled_error.by_row(
+            getattr(run, name)[rows], getattr(right, name)[same], self.scales[name]
+        )
+
+    @property
+    def limited(self) -> bool:
+        """Whether the stability limit is known, for which the torques at a state must be known."""
+        return self.scene.law != "sampled"
+
+    def stable(self, formulation: Formulation, method: Method) -> float:
+        """The longest stable step along the run, s; inf if it is not known."""
+        if not self.limited:
+            return math.inf
+        if formulation not in self._modes:
+            modes = along_run(self.run, formulation, self.stabilization, _INSTANTS)
+            self._modes[formulation] = modes
+        return float(np.nanmin(self._modes[formulation].stable_step(method), initial=np.inf))

@@ -1,0 +1,252 @@
+"""Runs of the core for the tools of accuracy, their CPU times, and bisection over their settings.
+
+All of these raise KeyboardInterrupt on Ctrl-C, because an interrupted run must not count as one
+that failed. The error of a run is defined in `run.scaled_error`.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from .. import _core
+from ..run.options import Options, some_names
+from ..run.request import Request
+from ..run.run import Run, computed
+from ..scene import usual
+from ..scene.contact import formulations_of, require_formulations, without_drift
+from ..scene.scene import Scene, State, inputs
+from ..scene.stabilization import Stabilization
+from ..support.arrays import Floats
+from ..support.choices import Formulation, Method
+from ..support.interrupt import CtrlC
+from ..support.record import Record
+
+# Tolerance of an accurate run, unless another one is asked for.
+ACCURATE = 1e-8
+# Time from which a call is slow, s, and the number of timed calls that is enough then.
+_SLOW, _SLOW_REPEATS = 0.3, 3
+
+
+def pairs_of(
+    scene: Scene,
+    formulations: Formulation | Sequence[Formulation] | None,
+    methods: Method | Sequence[Method],
+) -> list[tuple[Formulation, Method]]:
+    """Checks formulations and methods, and pairs them; None stands for all that a scene allows."""
+    kept = formulations_of(scene) if formulations is None else formulations
+    kept = some_names("formulations", kept, _core.FORMULATIONS)
+    require_formulations("formulations", kept, scene)
+    return list(product(kept, some_names("methods", methods, _core.METHODS)))
+
+
+def timed_run(request: Request) -> tuple[Run, float]:
+    """Computes a run, and measures its CPU time, s."""
+    begin = time.thread_time()
+    result = request.run_to_end()
+    spent = time.thread_time() - begin
+    return Run(request.scene, request.options, result), spent
+
+
+def accurate_run(
+    scene: Scene,
+    formulation: Formulation = "nullspace",
+    stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
+    tolerance: float = ACCURATE,
+    method: Method = "radau5",
+    **options: Any,
+) -> Run:
+    """Runs a scene by a stiff method with adaptive steps, which stands for the exact motion.
+
+    It uses "nullspace", or "projected" in unilateral contact, which have no drift; or "csm" if
+    `formulation` is that and the scene starts off the constraints, from where only "csm" can start.
+    """
+    usual.warn(scene)
+    can_start = scene.start().check or formulation != "csm"
+    checked = Options.checked(
+        tolerance=tolerance,
+        method=method,
+        formulation=without_drift(scene) if can_start else "csm",
+        stabilization=stabilization,
+        **{"record": ("state",), **options},
+    )
+    return computed(Request(scene, checked))
+
+
+def cpu_times(request: Request, repeats: int) -> list[float]:
+    """CPU times of runs that keep only their last state, after one run to warm up, s."""
+    only_end = request.with_(record=(), every=2**62)
+    return repeated(only_end.run_to_end, repeats, time.thread_time)
+
+
+def repeated(
+    work: Callable[[], object], repeats: int, clock: Callable[[], float] = time.process_time
+) -> list[float]:
+    """Times of repeated calls of a function, after one call to warm up, s.
+
+    Three calls are enough if it is slow. The default clock counts all threads of this process,
+    because other solvers may use several.
+    """
+    work()
+    times: list[float] = []
+    while len(times) < (min(repeats, _SLOW_REPEATS) if times and times[0] >= _SLOW else repeats):
+        begin = clock()
+        work()
+        times.append(clock() - begin)
+    return times
+
+
+def largest_that_holds(
+    holds: Callable[[float], bool],
+    first: float,
+    least: float,
+    most: float,
+    *,
+    factor: float,
+    accuracy: float,
+) -> float | None:
+    """The limit up to which a property holds, by bisection on a logarithmic scale.
+
+    Args:
+        holds: Whether the property holds for a value.
+        first: The first value to try.
+        least: The smallest value.
+        most: The largest value.
+        factor: From `first`, values change by this factor until the limit is between two of them.
+        accuracy: The relative accuracy of the limit.
+
+    Returns:
+        A value for which the property holds; None if it does not even hold for `least`.
+    """
+    good, bad = min(max(first, least), most), math.inf
+    while not holds(good):
+        if good <= least:
+            return None
+        good, bad = max(good / factor, least), good
+    while bad == math.inf:
+        if good >= most:
+            return good
+        following = min(good * factor, most)
+        if holds(following):
+            good = following
+        else:
+            bad = following
+    while bad > (1.0 + accuracy) * good:
+        middle = math.sqrt(good * bad)
+        if holds(middle):
+            good = middle
+        else:
+            bad = middle
+    return good
+
+
+def batches(
+    scenes: Sequence[Scene], options: Options
+) -> Iterator[tuple[_core.Batch, Sequence[int]]]:
+    """Groups scenes into batches of the core, with the indices of the scenes of each batch.
+
+    A batch gives the same bits as `simulate`, and uses SIMD lanes. The scenes may differ in
+    everything, and each keeps the seed and run number of its own noise; those with inputs of one
+    structure share a batch. The options must have equal steps.
+    """
+    groups: dict[Hashable, list[int]] = {}
+    for k, scene in enumerate(scenes):
+        groups.setdefault(_structure(scene), []).append(k)
+    for chosen in groups.values():
+        yield _batch([scenes[k] for k in chosen], options), chosen
+
+
+def run_batch(batch: _core.Batch, threads: int) -> list[tuple[str, Floats]]:
+    """The status and the final q and p (18,) of each run of a batch, in the scenes' order."""
+    with CtrlC() as ctrl_c:
+        ctrl_c.held = True
+        result = batch.run(threads, lambda _: ctrl_c.pending)
+        if ctrl_c.pending:
+            raise KeyboardInterrupt
+    order = np.argsort(result["run"])
+    status = np.array(_core.STATUSES)[result["status"]][order].tolist()
+    return list(zip(status, result["final_state"][order], strict=True))
+
+
+def _structure(scene: Scene) -> Hashable:
+    """A key of all that the runs of one batch must share, such as the inputs' structure."""
+    start = scene.start()
+    records = tuple(
+        (type(record), *((name, _kind(value)) for name, value in record._values().items()))
+        for record in (scene.schedule, *scene.disturbances)
+    )
+    arrays = (start.linearized, start.controller)
+    fixed = tuple(None if array is None else array.tobytes() for array in arrays)
+    sampled = scene.control if scene.law == "sampled" else None
+    unset = start.contact is None
+    return scene.law, sampled, scene.contact, unset, start.check, start.grid, fixed, records
+
+
+def _kind(value: Any) -> Hashable:
+    if isinstance(value, float | tuple | np.ndarray):
+        return np.shape(value)
+    return value  # type: ignore[no-any-return]
+
+
+def _differing(records: Sequence[Record]) -> dict[str, Floats]:
+    """Field name -> values (runs, ...), for the numeric fields in which the records differ."""
+    found = {}
+    for name in records[0]._values():
+        values = [getattr(record, name) for record in records]
+        if isinstance(values[0], float | tuple | np.ndarray):
+            stacked = np.array(values)
+            if (stacked != stacked[:1]).any():
+                found[name] = stacked
+    return found
+
+
+def _batch(scenes: Sequence[Scene], options: Options) -> _core.Batch:
+    """Converts scenes with one `_structure` to a batch of the core."""
+    first = scenes[0]
+    parameters = np.array([scene.parameters() for scene in scenes])
+    slots = np.flatnonzero((parameters != parameters[:1]).any(axis=0)).tolist()
+    disturbances = zip(*(scene.disturbances for scene in scenes), strict=True)
+    starts: list[State] = [scene.start() for scene in scenes]
+    # Without modes of contacts at the start, they follow from q and p.
+    contacts = [start.contact for start in starts if start.contact is not None]
+    return _core.Batch(
+        first.parameters(),
+        [(slot, np.ascontiguousarray(parameters[:, slot])) for slot in slots],
+        inputs(
+            first.schedule,
+            first.disturbances,
+            first.law,
+            first.control,
+            moves=_differing([scene.schedule for scene in scenes]),
+            loads=[_differing(one) for one in disturbances],
+        ),
+        runs=len(scenes),
+        start="state",
+        time=np.array([start.time for start in starts]),
+        q=np.array([start.q for start in starts]),
+        p=np.array([start.p for start in starts]),
+        integral=np.array([start.integral for start in starts]),
+        grid=starts[0].grid,
+        linearized=starts[0].linearized,
+        contacts=np.array(contacts) if contacts else None,
+        controller=starts[0].controller,
+        contact=first.contact,
+        check=starts[0].check,
+        duration=np.array([scene.duration for scene in scenes]),
+        dt=options.dt,
+        tolerance=None,
+        max_steps=_core.MAX_STEPS,
+        formulation=options.formulation,
+        method=options.method,
+        alpha=options.stabilization.alpha,
+        beta=options.stabilization.beta,
+        summaries=[],
+        after=0.0,
+        band=0.1,
+        stop_on=list(options.stop_on),
+    )

@@ -1,0 +1,355 @@
+"""Figures of one run over time: `motion`, `residuals`, `forces`, `contact`, and `run` with all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from textwrap import fill
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..run import measures as measures
+from ..run.contact import ContactMode
+from ..run.run import Run
+from ..scene.fields import QUANTITIES, label
+from ..support.checks import instance
+from ..support.errors import NotRecordedError
+from .style import BLACK, COLUMN, DEG, GREY, LETTERS, LINES, MM, PAGE, RED, TARGET, note, styled
+from .timeline import (
+    ANGLES,
+    POSE,
+    Column,
+    Curve,
+    Panel,
+    axis_name,
+    draw,
+    lines,
+    number_operations,
+    recorded,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FINGERS = ("finger 1 (right)", "finger 2 (left)")
+# The orders of magnitude of the residuals that the paper states for its Fig. 6, m and m/s.
+_ORDERS = (1e-8, 1e-8, 1e-6, 1e-6)
+_PAPER = {"color": BLACK, "linewidth": 0.7, "linestyle": (0, (4, 2)), "zorder": 1.0}
+# Residuals below this, m or m/s, are round-off; they are drawn here, as zero has no logarithm.
+_ROUND_OFF = 1e-16
+# The residual axis extends at least to this value, which is above the paper's orders of magnitude.
+_RESIDUAL_TOP = 5e-4
+# Time window of `forces` around the smallest pressing force, ms.
+_NEAR = (-2.5, 10.0)
+# The place on the friction axis that stands for infinity, and the axis limits.
+_INFINITE, _FRICTION_RANGE = 1e2, (1e-4, 3e2)
+# Changes of mode that follow each other within this time, s, belong together.
+_TOGETHER = 0.02
+# The shortest window around such changes, s, and the room before and after them, as its share.
+_WINDOW, _ROOM = 1e-3, (0.15, 0.35)
+
+
+@styled()
+def motion(run: Run) -> Figure:
+    """Finger angles with their targets, and the object's pose, over time (the paper's Fig. 5).
+
+    Args:
+        run: A run with "state" recorded.
+    """
+    instance("run", run, Run)
+    target = measures.target_angles(run)
+    drawn = []
+    for index, symbol, unit in ANGLES + POSE:
+        curves = [Curve(run.t, run.q[:, index] * unit.per_si, {"color": BLACK}, "simulated")]
+        if index >= 3 and target is not None:
+            curves.append(Curve(run.t, target[:, index - 3] * unit.per_si, TARGET, "target"))
+        drawn.append(Panel(axis_name(symbol, unit), curves))
+    figure, axes = draw([Column.of(run, drawn)], COLUMN, 6.2)
+    number_operations(axes[0, 0], run)
+    return figure
+
+
+@styled()
+def residuals(run: Run) -> Figure:
+    """The constraint residuals (9, 12) over time, on logarithmic axes (the paper's Fig. 6).
+
+    Values below 1e-16 are round-off and are drawn at 1e-16. Dashed lines are the orders of
+    magnitude that the paper states. In unilateral contact the residuals of constraints that do not
+    act are left out: C^H of a free tip, C^N of a tip that does not stick.
+
+    Args:
+        run: A run with "residuals" recorded.
+    """
+    instance("run", run, Run)
+    drawn = []
+    quantity = QUANTITIES["residuals"]
+    for k, (column, unit) in enumerate(zip(quantity.columns, quantity.units, strict=True)):
+        size = _residual(run, [k], LINES[k % 2]["color"])
+        paper = Curve(run.t, np.full(len(run), _ORDERS[k]), _PAPER)
+        name = f"$|{label(column).strip('$')}|$ [{unit}]"
+        drawn.append(Panel(name, [size, paper], decades=4))
+    figure, axes = draw([Column.of(run, drawn)], COLUMN, 5.2, legends="none")
+    first = axes[0, 0]
+    for each, order in zip(axes[:, 0], _ORDERS, strict=True):
+        if each is not first:
+            each.sharey(first)
+        text, transform = f"paper: $10^{{{round(np.log10(order))}}}$", each.get_yaxis_transform()
+        note(each, text, (0.995, order), transform, (0.0, 1.5), "right", fontsize=8.0)
+    first.set_ylim(_ROUND_OFF, max(_RESIDUAL_TOP, first.get_ylim()[1]))
+    number_operations(first, run)
+    return figure
+
+
+@styled()
+def forces(run: Run) -> Figure:
+    """Contact forces, required friction and energy ledger, which the paper does not show.
+
+    The left column has the whole run, the right column the time around the smallest pressing force.
+    While a tip would have to pull (lambda^H < 0), the right column is shaded, and the friction that
+    no-slip requires is infinite. In the left column, where these times are too short to be seen,
+    triangles mark them.
+
+    Args:
+        run: A run with "multipliers" and "energy" recorded.
+    """
+    instance("run", run, Run)
+    start = float(run.t[int(np.argmin(run.multipliers[:, :2].min(axis=1)))])
+    around = f"around the smallest force, $t$ = {start:g} s"
+    pressing, ledger = _pressing(run), _ledger(run)
+    closure = _closure(run)._replace(title="error of the ledger")
+    whole = Column.of(run, [pressing, _friction(run, "v", "none"), ledger, closure])
+    near = Column.of(run, [pressing, _friction(run, "", "-"), ledger, closure])
+    zoom = near.zoomed(start, *_NEAR, around)
+    figure, axes = draw([whole, zoom], PAGE, 6.2, "panels", sharey="row", width_ratios=(1.35, 1.0))
+    _mark_pulls(axes[0, 0], axes[:2, 1], run, start)
+    for each in axes[1]:
+        _scale_friction(each)
+    return figure
+
+
+def _mark_pulls(whole: Axes, zooms: Iterable[Axes], run: Run, start: float) -> None:
+    """Marks the intervals in which a tip pulls by triangles, and in ms since `start` by shades."""
+    for side in (0, 1):
+        pulls = np.reshape(measures.pulling_intervals(run, side), (-1, 2))
+        color = LINES[side]["color"]
+        whole.plot(
+            pulls[:, 0],
+            np.full(len(pulls), 0.95),
+            marker="v",
+            color=color,
+            linestyle="none",
+            transform=whole.get_xaxis_transform(),
+            zorder=3.0,
+        )
+        for begin, end in (1e3 * (pulls - start)).tolist():
+            if end >= _NEAR[0] and begin <= _NEAR[1]:
+                for each in zooms:
+                    each.axvspan(begin, end, facecolor=color, alpha=0.15, linewidth=0.0, zorder=0.4)
+
+
+def _friction(run: Run, marker: str, linestyle: str) -> Panel:
+    """|lambda^N| / lambda^H of both tips, with the friction of the scene."""
+    demand = measures.friction_demand(run)
+    curves, infinite = [], []
+    for k in (0, 1):
+        # Values above the place of infinity on the axis are drawn as infinite.
+        unbounded = ~(demand[:, k] < _INFINITE)
+        needed = np.where(unbounded | (demand[:, k] == 0.0), np.nan, demand[:, k])
+        label = rf"$|\lambda_{k + 1}^N| / \lambda_{k + 1}^H$"
+        curves.append(Curve(run.t, needed, LINES[k], label))
+        style = {"color": LINES[k]["color"], "linewidth": 2.0, "zorder": 3.0}
+        style |= {"marker": marker, "linestyle": linestyle}
+        infinite.append(Curve(run.t, np.where(unbounded, _INFINITE, np.nan), style))
+    if run.scene.friction is not None:
+        style = {"color": BLACK, "linewidth": 0.7}
+        for friction in np.unique(run.scene.friction):
+            curves.append(Curve(run.t, np.full(len(run), friction), style, r"$\mu$"))
+    name = r"$|\lambda^N| / \lambda^H$ [1]"
+    return Panel(name, curves + infinite, "friction that no-slip needs")
+
+
+def _scale_friction(axes: Axes) -> None:
+    """Makes the axis of friction logarithmic, with a place for infinity."""
+    axes.axhline(_INFINITE, color=GREY, linewidth=0.6, linestyle=":", zorder=0.8)
+    # Limits come before the scale, which would otherwise choose its own.
+    axes.set_ylim(*_FRICTION_RANGE)
+    axes.set_yscale("log", nonpositive="mask")
+    labels = {1e-4: "$10^{-4}$", 1e-2: "$10^{-2}$", 1e0: "$10^{0}$", _INFINITE: r"$\infty$"}
+    axes.set_yticks(list(labels), labels=list(labels.values()))
+    axes.set_yticks([], minor=True)
+
+
+@styled()
+def contact(run: Run) -> Figure:
+    """Gaps and slip of both tips, their pressing forces if recorded, and the modes as bands.
+
+    The left column has the whole run, the right column the time around the instant with the most
+    changes of mode. A run without a change has only the left column. C^H of (9) is the gap of a
+    free tip, C^N of (12) the velocity of slip: that of the object's face over a tip that touches.
+
+    Args:
+        run: A run with unilateral contact and "residuals" recorded, best at every step.
+
+    Raises:
+        ValueError: The run has bilateral contact.
+    """
+    instance("run", run, Run)
+    if run.scene.contact != "unilateral":
+        raise ValueError(
+            f"run.scene.contact = {run.scene.contact!r}: must be 'unilateral'; tips in bilateral "
+            "contact neither slip nor open"
+        )
+    drawn = [_gap(run), _slip(run)]
+    drawn += [_pressing(run)] if "multipliers" in run.record else []
+    drawn = [panel.named(FINGERS)._replace(title="") for panel in drawn]
+    # The curves of all panels are those of the fingers, so one legend names them.
+    columns = [Column.of(run, drawn)]
+    window = _busiest(run)
+    if window is not None:
+        columns.append(columns[0].zoomed(*window))
+    width, height = PAGE if window else COLUMN, 1.35 * len(drawn) + 0.5
+    return draw(columns, width, height, sharey="row")[0]
+
+
+def _busiest(run: Run) -> tuple[float, float, float] | None:
+    """The instant with the most changes of mode, s, and a window around it, ms from there.
+
+    The instant is the first of those changes. None if no mode changes, or if the run ended at its
+    start.
+    """
+    times = np.array([change.time for change in run.contact_changes])
+    if not times.size or run.t[-1] <= run.t[0]:
+        return None
+    groups = np.split(times, np.flatnonzero(np.diff(times) > _TOGETHER) + 1)
+    most = max(groups, key=len)
+    start, last = float(most[0]), float(most[-1] - most[0])
+    length = max(last, _WINDOW)
+    first, end = (run.t[[0, -1]] - start).tolist()
+    begin = max(-_ROOM[0] * length, first)
+    return start, 1e3 * begin, 1e3 * min(last + _ROOM[1] * length, end)
+
+
+@styled()
+def run(run: Run) -> Figure:
+    """An overview of everything that a run recorded; dotted lines are first violations.
+
+    Args:
+        run: A run with something recorded.
+    """
+    instance("run", run, Run)
+    drawn = list(_overview(run))
+    if not drawn:
+        raise NotRecordedError("no quantity to plot was recorded: pass record=('state',)")
+    # The violation that ended the run needs no line: the curves end there.
+    noted = {name: time for name, time in run.violations.items() if name != run.status}
+    count = min(2, len(drawn))
+    columns = [Column.of(run, drawn[k::count], LETTERS[k::count]) for k in range(count)]
+    height = 1.4 * len(columns[0].panels) + 0.7
+    figure, axes = draw(columns, PAGE if count > 1 else COLUMN, height, "panels")
+    for each in axes.flat:
+        for time in noted.values():
+            mark = each.axvline(time, color=RED, linewidth=0.7, linestyle=":", zorder=0.6)
+    first = ", ".join(f"{name} first at {time:.4g} s" for name, time in noted.items())
+    figure.legend(
+        [mark] if noted else [],
+        [fill(first, 60)] if noted else [],
+        title=f"{run.status} at {run.t[-1]:.4g} s",
+        title_fontsize=9.0,
+        loc="outside upper center",
+    )
+    return figure
+
+
+def _overview(run: Run) -> Iterator[Panel]:
+    """The panels of everything that was recorded."""
+    unilateral = run.scene.contact == "unilateral"
+    if "state" in run.record:
+        yield _fingers(run)
+        moved = recorded(run, "q", (0, 1), since_start=True)
+        yield Panel("displacement [mm]", moved, "object")
+        (tilt,) = recorded(run, "q", (2,))
+        yield Panel("angle [deg]", [tilt._replace(style={"color": BLACK})], "object")
+        yield Panel("$d_n$ [mm]", recorded(run, "q", (5, 6)), "compression")
+    if "multipliers" in run.record:
+        yield Panel("force [N]", recorded(run, "multipliers"), "forces", zero=True)
+    if "torque" in run.record:
+        yield Panel("torque [N m]", recorded(run, "torque"), "torques", zero=True)
+    if "residuals" in run.record:
+        sizes = [
+            _residual(run, [0, 1], LINES[0]["color"], "$|C^H|$ [m]"),
+            _residual(run, [2, 3], LINES[1]["color"], "$|C^N|$ [m/s]"),
+        ]
+        yield Panel("residual", sizes, "residuals", decades=6)
+    if "energy" in run.record:
+        yield _ledger(run)
+        yield _closure(run)._replace(title="its error")
+    if "residuals" in run.record and unilateral:
+        yield _gap(run)
+        yield _slip(run)
+    if "energy" in run.record and unilateral:
+        energy = run.energy
+        taken = [energy.friction_loss, energy.impact_loss, energy.relaxation_work]
+        curves = lines(run.t, np.stack(taken, axis=1), ["friction", "impacts", "relaxation"])
+        yield Panel("energy [J]", curves, "by contact")
+
+
+def _fingers(run: Run) -> Panel:
+    curves, target = recorded(run, "q", (3, 4)), measures.target_angles(run)
+    if target is not None:
+        style = {**TARGET, "color": BLACK, "linestyle": ":"}
+        for k, name in enumerate(("target", "")):
+            curves.append(Curve(run.t, target[:, k] * DEG.per_si, style, name))
+    return Panel("angle [deg]", curves, "fingers")
+
+
+def _pressing(run: Run) -> Panel:
+    forces = recorded(run, "multipliers", (0, 1))
+    return Panel(r"$\lambda^H$ [N]", forces, "pressing force", zero=True).named(FINGERS)
+
+
+def _residual(run: Run, columns: Sequence[int], color: str, label: str = "") -> Curve:
+    """The largest magnitude of some residuals; values below `_ROUND_OFF` are drawn there.
+
+    Residuals of constraints that do not act, such as that of a free tip, are left out.
+    """
+    sizes = np.where(measures.active_constraints(run), np.abs(run.residuals), np.nan)
+    # Unlike the maximum, fmax ignores nan.
+    size = np.fmax.reduce(sizes[:, list(columns)], axis=1)
+    return Curve(run.t, np.maximum(size, _ROUND_OFF), {"color": color, "linewidth": 0.6}, label)
+
+
+def _gap(run: Run) -> Panel:
+    """C^H of both tips: of a free tip its gap, else about zero."""
+    unit = MM.finer(float(np.abs(run.residuals[:, :2]).max()))
+    names = [label("C_1H"), label("C_2H")]
+    curves = lines(run.t, run.residuals[:, :2] * unit.per_si, names)
+    return Panel(f"gap [{unit.name}]", curves, "gaps")
+
+
+def _slip(run: Run) -> Panel:
+    """C^N of both tips, the velocity of slip; not of a tip that is free."""
+    touches = measures.contact_modes(run) != ContactMode.FREE
+    speed = np.where(touches, run.residuals[:, 2:], np.nan)
+    return Panel("slip [m/s]", lines(run.t, speed, [label("C_1N"), label("C_2N")]), "slip", True)
+
+
+def _ledger(run: Run) -> Panel:
+    """Stored energy, works and losses since the start."""
+    energy = run.energy
+    lost = energy.viscous_loss + (energy.friction_loss + energy.impact_loss)
+    curves = [
+        Curve(run.t, energy.total - sum(energy.start), LINES[3], "stored"),
+        Curve(run.t, energy.controller_work, LINES[0], "torques"),
+        Curve(run.t, lost, LINES[1], "lost"),
+    ]
+    # Many scenes have no disturbance; a line at zero would be useless.
+    if np.abs(energy.external_work).max() > 0.0:
+        curves.append(Curve(run.t, energy.external_work, LINES[2], "disturbances"))
+    return Panel("energy [J]", curves, "ledger")
+
+
+def _closure(run: Run) -> Panel:
+    size = np.abs(run.energy.closure)
+    curve = Curve(run.t, np.where(size > 0.0, size, np.nan), {"color": BLACK})
+    return Panel("|closure| [J]", [curve], decades=6)

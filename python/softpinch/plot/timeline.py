@@ -1,0 +1,350 @@
+"""Figures over time, described as data: columns of panels with curves, above bands of modes.
+
+A caller lists `Column`s of `Panel`s of `Curve`s; `draw` makes the axes and draws them. A run with
+unilateral contact has two bands below its column, which show the mode of each tip over time.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..run import measures as measures
+from ..run.contact import ContactMode
+from ..run.run import Run
+from ..scene.fields import COORDINATE_UNITS, COORDINATES, DISPLAY_UNITS, QUANTITIES, label
+from ..scene.outline import SKIN
+from ..support.arrays import Floats
+from ..support.record import SIDES
+from .style import (
+    BLACK,
+    BLUE,
+    GREY,
+    LETTERS,
+    LINES,
+    PALE,
+    Unit,
+    least_range,
+    legend,
+    legend_above,
+    note,
+    panels,
+    tag,
+    whole_decades,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def _coordinates(*names: str) -> tuple[tuple[int, str, Unit], ...]:
+    """Column of q, its symbol, and the unit to plot it in."""
+    columns = [COORDINATES.index(name) for name in names]
+    return tuple(
+        (k, label(name).strip("$"), Unit(*DISPLAY_UNITS[COORDINATE_UNITS[k]]))
+        for k, name in zip(columns, names, strict=True)
+    )
+
+
+POSE = _coordinates("x", "y", "theta")
+ANGLES = _coordinates("theta_1", "theta_2")
+COMPRESSIONS = _coordinates("d_n1", "d_n2")
+
+# Colours of the modes, which differ for every colour vision and, by their lightness, in grey.
+COLORS: Mapping[ContactMode, str] = {
+    ContactMode.STICK: SKIN,
+    ContactMode.SLIP: "#E69F00",
+    ContactMode.GRAZE: BLACK,
+    ContactMode.FREE: BLUE,
+}
+LABELS: Mapping[ContactMode, str] = {
+    ContactMode.STICK: "tip sticks",
+    ContactMode.SLIP: "slips",
+    ContactMode.GRAZE: "grazes",
+    ContactMode.FREE: "free",
+}
+# Modes that last too short to be seen are drawn as lines of this width, in points; where such lines
+# meet, the mode that is later in `COLORS` hides the others.
+_SHORTEST = 0.7
+# Height of one band, and of the legend with the room around it, inches.
+_BAND, LEGEND = 0.13, 0.3
+# Share of a panel's height that its axes fill; the rest is for labels and titles.
+_FILLED = 0.75
+
+
+class Curve(NamedTuple):
+    """Values (n,) over time (n,), with the style of their line and their entry in the legend."""
+
+    t: Floats
+    values: Floats
+    style: Mapping[str, Any]
+    label: str = ""
+
+
+def lines(t: Floats, values: Floats, labels: Sequence[str]) -> list[Curve]:
+    """A curve for each column of values (n, k), in the usual styles."""
+    return [Curve(t, values[:, k], LINES[k], label) for k, label in enumerate(labels)]
+
+
+def recorded(
+    run: Run, array: str, columns: Sequence[int] = (), since_start: bool = False
+) -> list[Curve]:
+    """Curves of some columns of an array of the run, all without `columns`, in units of figures."""
+    quantity, values = QUANTITIES[array], getattr(run, array)
+    chosen = list(columns or range(len(quantity.columns)))
+    names = [label(quantity.columns[k]) for k in chosen]
+    if since_start:
+        values = values - values[0]
+        names = [rf"$\Delta {name.strip('$')}$" for name in names]
+    units = [quantity.units[k] for k in chosen]
+    per_si = [DISPLAY_UNITS.get(unit, (unit, 1.0))[1] for unit in units]
+    return lines(run.t, values[:, chosen] * per_si, names)
+
+
+class Panel(NamedTuple):
+    """One panel of curves.
+
+    Attributes:
+        name: Name of the vertical axis, with its unit.
+        curves: The curves.
+        title: Title beside the panel's letter.
+        zero: Whether a thin line marks zero.
+        decades: Largest number of labelled decades of a logarithmic axis; 0 for a linear one.
+    """
+
+    name: str
+    curves: Sequence[Curve]
+    title: str = ""
+    zero: bool = False
+    decades: int = 0
+
+    def named(self, labels: Sequence[str]) -> Panel:
+        """The panel with other names of its curves."""
+        pairs = zip(self.curves, labels, strict=True)
+        return self._replace(curves=[curve._replace(label=name) for curve, name in pairs])
+
+    def zoomed(self, start: float, begin: float, end: float) -> Panel:
+        """The panel beside this one with the window from `begin` to `end`, ms after `start`, s."""
+        curves = []
+        for t, values, style, _ in self.curves:
+            since = 1e3 * (t - start)
+            # A little more than the window, so that lines reach its edges.
+            more = 0.2 * (end - begin)
+            rows = (since >= begin - more) & (since <= end + more)
+            curves.append(Curve(since[rows], values[rows], style))
+        return self._replace(name="", title="", curves=curves)
+
+
+class Column(NamedTuple):
+    """Panels with one time axis, and the bands below them.
+
+    Attributes:
+        panels: The panels, from top to bottom.
+        runs: Name -> run; the bands are those of the runs with unilateral contact.
+        limits: Limits of the time axis, in its unit; None chooses one.
+        time: Name of the time axis, with its unit.
+        letters: A letter for each panel; none for a zoom of the column beside it.
+        title: Title above the column.
+        since: The instant that is zero on the time axis, s; of all runs, or by name.
+        per: Units of the time axis in a second.
+        switches: Instants that thin lines mark, in the unit of the time axis.
+    """
+
+    panels: Sequence[Panel]
+    runs: Mapping[str, Run]
+    limits: tuple[float | None, float | None]
+    time: str = "time [s]"
+    letters: str = LETTERS
+    title: str = ""
+    since: Mapping[str, float] | float = 0.0
+    per: float = 1.0
+    switches: Iterable[float] = ()
+
+    @classmethod
+    def of(cls, run: Run, panels: Sequence[Panel], letters: str = LETTERS) -> Column:
+        """The column of a whole run, with the switches of its schedule."""
+        limits = (float(run.t[0]), float(run.t[-1])) if len(run) > 1 else (None, None)
+        inside = switches(run)
+        # Sampled schedules have so many switches that their lines would fill the panel.
+        few = inside if len(inside) <= 40 else []
+        return cls(panels, {"": run}, limits, letters=letters, switches=few)
+
+    def zoomed(self, start: float, begin: float, end: float, title: str = "") -> Column:
+        """The column beside this one with a window, in ms after `start`, s."""
+        return Column(
+            [panel.zoomed(start, begin, end) for panel in self.panels],
+            self.runs,
+            (begin, end),
+            f"time from {start:.6g} s [ms]",
+            "",
+            title,
+            start,
+            1e3,
+        )
+
+
+def draw(
+    columns: Sequence[Column],
+    width: float,
+    height: float,
+    legends: Literal["above", "panels", "none"] = "above",
+    **options: Any,
+) -> tuple[Figure, NDArray[Any]]:
+    """Draws columns side by side.
+
+    Args:
+        columns: The columns.
+        width: Width of the figure, inches.
+        height: Height of the panels, inches; the bands are added to it.
+        legends: One legend above the figure, one for each panel, or none.
+        options: Passed to `matplotlib.figure.Figure.subplots`.
+
+    Returns:
+        The figure, and the axes of its panels (rows, columns).
+    """
+    rows = max(len(column.panels) for column in columns)
+    most = max(len(unilateral(column.runs)) for column in columns)
+    if most:
+        bands = 2 * most * _BAND
+        options["height_ratios"] = [*[1.0] * rows, bands * rows / (_FILLED * height)]
+        height += bands + LEGEND
+    figure, axes = panels(rows + bool(most), len(columns), width, height, sharex="col", **options)
+    # From right to left: where panels share an axis, the whole run decides on its decades.
+    for column, across in reversed(list(zip(columns, axes.T, strict=True))):
+        shown = list(across[: len(column.panels)])
+        for panel, each in zip(column.panels, shown, strict=True):
+            _draw_panel(each, panel)
+        for each, letter, panel in zip(shown, column.letters, column.panels, strict=False):
+            tag(each, letter, panel.title)
+            if legends == "panels":
+                legend(each)
+        least_range(shown)
+        for each in across[len(shown) : rows]:
+            each.set_visible(False)
+        if column.title:
+            across[0].set_title(column.title, pad=3.0)
+        figure.align_ylabels(shown)
+        if most:
+            _draw_bands(across[-1], column, most)
+            if column is not columns[0] and [*column.runs] == [*columns[0].runs]:
+                across[-1].tick_params(labelleft=False)
+            shown.append(across[-1])
+        else:
+            shown[-1].tick_params(labelbottom=True)
+        for each, time in itertools.product(shown, column.switches):
+            each.axvline(float(time), color=PALE, linewidth=0.6, zorder=0.5)
+        shown[0].set_xlim(*column.limits)
+        shown[-1].set_xlabel(column.time)
+    if legends == "above":
+        legend_above(figure, list(axes[:rows].flat))
+    if most:
+        legend_of_modes(
+            figure, occurring(run for column in columns for run in column.runs.values())
+        )
+    return figure, axes[:rows]
+
+
+def _draw_panel(axes: Axes, panel: Panel) -> None:
+    for curve in panel.curves:
+        axes.plot(curve.t, curve.values, **curve.style, label=curve.label)
+    axes.set_ylabel(panel.name)
+    if panel.zero:
+        axes.axhline(0.0, color=GREY, linewidth=0.6, zorder=0.8)
+    if panel.decades:
+        whole_decades(axes, panel.decades)
+
+
+def switches(run: Run) -> list[float]:
+    """The instants inside the run at which the schedule switches, s."""
+    return [begin for begin, _ in measures.operations(run)[1:] if begin < run.t[-1]]
+
+
+def number_operations(axes: Axes, run: Run) -> None:
+    """Writes 1, 2, ... above the pieces of a schedule that has a few switches."""
+    inside = switches(run)
+    if not 1 <= len(inside) <= 12:
+        return
+    edges = np.array([run.t[0], *inside, run.t[-1]])
+    for k, middle in enumerate(0.5 * (edges[1:] + edges[:-1])):
+        place, transform = (float(middle), 1.0), axes.get_xaxis_transform()
+        note(axes, str(k + 1), place, transform, (0.0, 2.0), "center", fontsize=8.0, color="0.35")
+
+
+def axis_name(symbol: str, unit: Unit, change: bool = False) -> str:
+    """An axis label of symbol and unit; with a delta if the axis shows a change."""
+    sign = r"\Delta " if change else ""
+    return f"${sign}{symbol}$ [{unit.name}]"
+
+
+# Bands of modes.
+
+
+def unilateral(runs: Mapping[str, Run]) -> dict[str, Run]:
+    """The runs that have modes, by name."""
+    return {label: run for label, run in runs.items() if run.scene.contact == "unilateral"}
+
+
+def occurring(runs: Iterable[Run]) -> set[ContactMode]:
+    """The modes that occur in those of the runs that have modes."""
+    some = [run for run in runs if run.scene.contact == "unilateral"]
+    return {
+        mode for run in some for side in (0, 1) for *_, mode in measures.contact_spans(run, side)
+    }
+
+
+def _draw_bands(axes: Axes, column: Column, room: int) -> None:
+    """Draws two bands for each run with modes: the upper one for the right tip.
+
+    With one run the bands are labelled by their tips, else each pair by the name of its run.
+    `room` is the number of runs for which the axes have room.
+    """
+    named = unilateral(column.runs)
+    labels: dict[float, str] = {}
+    for k, (name, run) in enumerate(named.items()):
+        zero = column.since[name] if isinstance(column.since, Mapping) else column.since
+        # Pairs follow from top to bottom, with a space between them.
+        top = 2.4 * (len(named) - k)
+        for side in (0, 1):
+            low = top - 1.0 - side
+            for layer, (mode, color) in enumerate(COLORS.items()):
+                spans = [
+                    (column.per * (begin - zero), column.per * (end - begin))
+                    for begin, end, found in measures.contact_spans(run, side)
+                    if found is mode
+                ]
+                # Bands that stick are the ground, which others must not be narrowed by.
+                edge = 0.0 if mode is ContactMode.STICK else _SHORTEST
+                axes.broken_barh(
+                    spans, (low + 0.06, 0.88), color=color, linewidth=edge, zorder=1.0 + layer / 10
+                )
+            if len(named) == 1:
+                labels[low + 0.5] = SIDES[side]
+        if len(named) > 1:
+            labels[top - 1.0] = name
+    top = 2.4 * len(named)
+    axes.set_ylim(top + 0.4 - 2.4 * room, top)
+    axes.set_yticks(list(labels), labels=list(labels.values()))
+    axes.tick_params(axis="y", length=0.0)
+    axes.tick_params(axis="x", direction="out")
+
+
+def legend_of_modes(figure: Figure, modes: Collection[ContactMode], ax: Axes | None = None) -> None:
+    """Draws a legend of these modes, if any: inside a user's axes, else below the figure."""
+    from matplotlib.patches import Patch
+
+    handles = [
+        Patch(facecolor=COLORS[mode], edgecolor="0.15", linewidth=0.4, label=LABELS[mode])
+        for mode in COLORS
+        if mode in modes
+    ]
+    if ax is not None and handles:
+        ax.legend(handles=handles, loc="lower center", fontsize="small")
+    elif handles:
+        figure.legend(
+            handles=handles, loc="outside lower center", ncols=len(handles), handlelength=1.4
+        )

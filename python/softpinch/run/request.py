@@ -1,0 +1,122 @@
+"""`Request`: a scene and validated options, as the core takes them. Every run is computed here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+
+from .. import _core
+from ..scene.scene import Scene
+from ..support.arrays import Floats
+from .options import MOST_STEPS, Options
+
+
+@dataclass(frozen=True)
+class Request:
+    """A run that can be computed, again with other options, and with each step divided.
+
+    Attributes:
+        scene: The scene.
+        options: The arguments of `simulate`, validated.
+    """
+
+    scene: Scene
+    options: Options
+
+    def with_(self, scene: Scene | None = None, **options: Any) -> Self:
+        """Returns the request with another scene or other options, which are not validated."""
+        return replace(self, scene=scene or self.scene, options=replace(self.options, **options))
+
+    def simulation(self, refine: int = 1, summaries: Sequence[str] = ()) -> _core.Simulation:
+        """Makes the core's run, with each step divided into `refine` steps."""
+        scene, options, start = self.scene, self.options, self.scene.start()
+        return _core.Simulation(
+            scene.parameters(),
+            scene.inputs(),
+            time=start.time,
+            q=start.q,
+            p=start.p,
+            integral=np.array(start.integral),
+            grid=start.grid,
+            linearized=start.linearized,
+            contacts=start.contact,
+            controller=start.controller,
+            contact=scene.contact,
+            check=start.check,
+            duration=scene.duration,
+            times=options.times,
+            every=min(refine * options.every, MOST_STEPS),
+            refine=refine,
+            record=options.record,
+            summaries=summaries,
+            after=-np.inf if options.summaries_after is None else options.summaries_after,
+            **options.core(),
+        )
+
+    def compute(self) -> Mapping[str, Any]:
+        """Computes the core's result; after Ctrl-C its status is "interrupted"."""
+        return self.simulation().run()
+
+    def run_to_end(self, refine: int = 1) -> Mapping[str, Any]:
+        """Computes the core's result with each step divided; recorded instants do not vary."""
+        result = self.simulation(refine).run()
+        if result["status"] == "interrupted":
+            raise KeyboardInterrupt
+        return result
+
+    def rows_at(self, times: Floats, *more: str) -> Mapping[str, Any]:
+        """Computes the run's states, and `more` groups, at increasing instants before its end.
+
+        Violations of `stop_on` do not end it, so that only events that always do can cut the rows.
+        """
+        record = ("state", *more)
+        return self.with_(times=times, every=1, record=record, stop_on=()).run_to_end()
+
+    def linear_model(
+        self,
+        t: Floats,
+        q: Floats,
+        p: Floats,
+        integral: Floats,
+        *,
+        inputs: _core.Inputs | None = None,
+        whole: bool = False,
+        open_loop: bool = False,
+        frozen: bool = False,
+    ) -> _core._Linear:
+        """Linearises the motion with both tips sticking at n states: (n,), (n, 9), (n, 9), (n, 2).
+
+        Args:
+            t: Times, s.
+            q: Coordinates.
+            p: Rates.
+            integral: Integrals of the angle errors.
+            inputs: The inputs, instead of the scene's own.
+            whole: Whether to compute B, C and D too.
+            open_loop: Whether torques turn the fingers, instead of the scene's law.
+            frozen: Whether the inputs of the instant hold, as at an equilibrium.
+        """
+        # Contact is no part of parameters and inputs: the core takes both tips as sticking.
+        scene, options = self.scene, self.options
+        return _core.linearize(
+            scene.parameters(),
+            scene.inputs() if inputs is None else inputs,
+            t,
+            q,
+            p,
+            integral,
+            options.formulation,
+            options.stabilization.alpha,
+            options.stabilization.beta,
+            whole=whole,
+            open_loop=open_loop,
+            frozen=frozen,
+        )
+
+
+def rest_scene(scene: Scene, time: float) -> _core.RestScene:
+    """Makes the core's scene for equilibria and wrench limits under the inputs of one instant."""
+    return _core.RestScene(scene.parameters(), scene.inputs(), time)

@@ -1,0 +1,282 @@
+"""Computing a study's runs, on threads or an executor, for results in memory or in a folder."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..run.request import Request
+from ..run.stiffness import is_explicit, too_long
+from ..support import checks
+from ..support.arrays import Floats
+from ..support.errors import LostRunsWarning, StabilityWarning, warn
+from ..support.progress import Report, reporting
+from .engine import Accept, Outcome, RunBlock, how_many_threads, on_threads
+from .estimates import Discretisation, Estimate
+from .results import Results
+from .rows import HOLDS, Numbers, Rows, Spans, event_columns, happened
+from .sources import BLOCK
+from .spec import RECORDING, StudySpec
+
+if TYPE_CHECKING:
+    from .executor import Engine
+
+# Largest number of blocks per call of the core: enough to keep all threads busy, few enough for
+# frequent progress reports.
+MOST_BLOCKS = 32
+# Number of failed runs whose steps are looked at.
+_SUSPECTS = 8
+# Number of runs that `check_dt` computes again with smaller steps.
+_CHECKED = 256
+
+
+@dataclass(kw_only=True)
+class Job:
+    """A study to compute, and the means to compute it.
+
+    Attributes:
+        spec: The study.
+        draw: Function from the numbers of runs to their varied values: path -> (k, ...).
+        wanted: The runs to compute.
+        threads: As for `monte_carlo`, as are `executor` and `progress`.
+        executor: The executor that computes the runs; None computes them on threads.
+        progress: Whether and how to report progress.
+    """
+
+    spec: StudySpec
+    draw: Callable[[Numbers], dict[str, Floats]]
+    wanted: Spans
+    threads: int | None
+    executor: Engine | None
+    progress: bool | Report
+    _warned: bool = False
+    _may_be_unstable: bool = False
+
+    @classmethod
+    def checked(
+        cls,
+        spec: StudySpec,
+        *,
+        only: ArrayLike | None = None,
+        threads: int | None = None,
+        executor: Engine | None = None,
+        progress: bool | Report = True,
+    ) -> Self:
+        """Checks the arguments of `monte_carlo` that say which runs to compute and how."""
+        runs = spec.plan.runs
+        wanted = Spans.upto(runs) if only is None else Spans.of(_numbers(only, runs))
+        for run in spec.trajectories:
+            if not wanted.within(run, run + 1).count:
+                raise ValueError(f"trajectories: run {run} is not in only")
+        if threads is not None:
+            how_many_threads(threads)
+        if executor is not None:
+            from . import executor as executors
+
+            executors.check(executor)
+        return cls(
+            spec=spec,
+            draw=spec.plan.rows,
+            wanted=wanted,
+            threads=threads,
+            executor=executor,
+            progress=progress,
+        )
+
+    def check(self, missing: Spans) -> None:
+        """Refuses a study if any run breaks a rule, also with the smaller steps of `check_dt`."""
+        advice: list[str] = []
+        for numbers in missing.aligned_chunks(lambda: MOST_BLOCKS * BLOCK):
+            values = self.draw(numbers)
+            self.spec.varied.check(values, numbers)
+            batch = self.spec.batch(numbers, values)
+            advice.append(batch.warning or "")
+            self._may_be_unstable |= batch.may_be_unstable
+            if self.spec.check_dt:
+                try:
+                    self.spec.batch(numbers, values, self.spec.refined)
+                except ValueError as error:
+                    raise ValueError(f"check_dt: {error}") from None
+        for text in dict.fromkeys(filter(None, advice)):
+            warn(text, StabilityWarning)
+            self._warned = True
+
+    def compute(self, missing: Spans, accept: Accept, size: Callable[[], int]) -> Outcome:
+        """Computes runs; `accept` keeps their rows and returns whether they are enough."""
+        blocks = (RunBlock(numbers, self.draw(numbers)) for numbers in missing.aligned_chunks(size))
+        with reporting(self.progress, "simulating") as report:
+            outcome = self._engine(blocks, missing, report, accept)
+        for one in outcome.lost:
+            warn(f"lost {one}", LostRunsWarning)
+        return outcome
+
+    def _engine(
+        self, blocks: Iterable[RunBlock], asked: Spans, report: Report, accept: Accept
+    ) -> Outcome:
+        if self.executor is None:
+            threads = how_many_threads(self.threads)
+            return on_threads(self.spec, blocks, asked.count, threads, report, accept)
+        from .executor import on_executor
+
+        threads = 1 if self.threads is None else self.threads
+        in_order = bool(self.spec.stop_when)
+        return on_executor(
+            self.spec, blocks, asked, self.executor, threads, report, accept, in_order
+        )
+
+    def finish(self, results: Results) -> None:
+        """Does the work after the runs: repeats some with smaller steps, and adds trajectories."""
+        if results.runs and not results.interrupted and not self._warned:
+            self._warn_of_steps(results)
+        if self.spec.check_dt and results.runs and not results.interrupted:
+            self._check_dt(results)
+        for run in self.spec.trajectories:
+            if results.has(run) and run not in results.trajectories:
+                how = {name: getattr(self.spec.recording, name) for name in RECORDING}
+                replayed = results.replay(run, **how)
+                if replayed.status == "interrupted":
+                    results.interrupted = True
+                    break
+                results._add_trajectory(run, replayed)
+
+    def _warn_of_steps(self, results: Results) -> None:
+        """Looks at some of the runs that may have had too long steps, and warns once if so.
+
+        They are the unstable runs; else those that failed; else all, if a bound on their rates lets
+        steps of this length be too long.
+        """
+        options = self.spec.options
+        if options.dt is None or not is_explicit(options.method):
+            return
+        counts: Counter[str] = Counter()
+        found: dict[str, list[tuple[int, tuple[str, float]]]] = {}
+        for part in results._read_by_part(("run", "status", "end_time")):
+            kinds = np.where(part["status"] == "completed", "completed", "failed")
+            kinds[part["status"] == "unstable"] = "unstable"
+            for kind in np.unique(kinds).tolist():
+                rows = np.flatnonzero(kinds == kind)
+                counts[kind] += len(rows)
+                for row in rows[_spread(len(rows))]:
+                    ended = str(part["status"][row]), float(part["end_time"][row])
+                    found.setdefault(kind, []).append((int(part["run"][row]), ended))
+        kind = next((kind for kind in ("unstable", "failed", "completed") if counts[kind]), "")
+        if kind == "completed" and not self._may_be_unstable:
+            return
+        text = None
+        for k in _spread(len(found.get(kind, ()))).tolist():
+            run, ended = found[kind][k]
+            try:
+                text = too_long(Request(results.scene_of(run), options), *ended)
+            except KeyboardInterrupt:
+                results.interrupted = True
+                return
+            if text is not None:
+                break
+        what = f"run {run}"
+        if kind == "unstable":
+            text = text or "take a smaller dt; its message says which dt is surely stable"
+            what = f"{counts[kind]} of {counts.total()} runs are unstable, such as run {run}"
+        elif kind == "failed":
+            what = f"run {run}, one of {counts[kind]} that did not complete"
+        if text is not None:
+            warn(f"{what}: {text}", StabilityWarning)
+
+    def _check_dt(self, results: Results) -> None:
+        """Estimates the error of summaries and probabilities, from runs with smaller steps."""
+        coarse = results._rows_of(results._evenly_spaced(_CHECKED))
+        values = {path: coarse.columns[path] for path in self.spec.shapes}
+        block = RunBlock(coarse.run, values, self.spec.refined)
+        found = [self.spec.empty()]
+
+        def accept(rows: Rows) -> bool:
+            found.append(rows)
+            return False
+
+        outcome = self._engine([block], Spans.of(coarse.run), lambda *_: None, accept)
+        finer = Rows.joined(found)
+        for one in outcome.lost:
+            warn(f"check_dt: lost {one}", LostRunsWarning)
+        coarse = coarse.select(np.isin(coarse.run, finer.run))
+        events = ("completed", HOLDS)
+
+        def compared(name: str, columns: Mapping[str, NDArray[Any]]) -> Floats:
+            return happened(columns, name).astype(float) if name in events else columns[name]
+
+        results.discretisation = {
+            name: Discretisation.of(
+                compared(name, coarse.columns),
+                compared(name, finer.columns),
+                (
+                    compared(name, part)
+                    for part in results._read_by_part(
+                        event_columns(name) if name in events else (name,)
+                    )
+                ),
+            )
+            for name in (*self.spec.summaries, *events)
+        }
+        results.interrupted = outcome.interrupted
+
+
+def _spread(count: int) -> NDArray[np.intp]:
+    """Up to eight indices, evenly spread over `count` places."""
+    return np.unique(np.linspace(0, count - 1, min(_SUSPECTS, count)).astype(np.intp))
+
+
+def _numbers(only: ArrayLike, runs: int) -> Numbers:
+    given = checks.read("only", only)
+    if given.ndim != 1 or given.dtype.kind not in "iu" or len(given) == 0:
+        raise TypeError(f"only = {checks.shown(only)}: must be the numbers of runs, (k,)")
+    # Differences of unsigned numbers would wrap.
+    if (given[1:] <= given[:-1]).any() or given[0] < 0 or given[-1] >= runs:
+        raise ValueError(f"only: must be increasing and from 0 to runs - 1 = {runs - 1}")
+    return given.astype(np.uint64)
+
+
+class EarlyStopping:
+    """Decides after each block whether the probabilities are known well enough to stop."""
+
+    def __init__(self, narrow: Mapping[str, float], wanted: Spans) -> None:
+        """Takes the half widths, by event, and the runs that were asked for."""
+        self._narrow = narrow
+        self._wanted = wanted
+        # Block -> number of its computed runs, and of those in which each event happened.
+        self._tallies: defaultdict[int, Counter[str]] = defaultdict(Counter)
+        # The same numbers, summed over all blocks before `_next`.
+        self._total: Counter[str] = Counter()
+        self._next = 0
+
+    def enough(self, rows: Rows) -> bool:
+        """Whether the runs so far, with these rows, are enough."""
+        if not self._narrow or not len(rows):
+            return False
+        blocks = rows.run // BLOCK
+        for block in np.unique(blocks).tolist():
+            inside = blocks == block
+            tally = self._tallies[block]
+            tally["runs"] += int(inside.sum())
+            for name in self._narrow:
+                tally[name] += int(happened(rows.columns, name)[inside].sum())
+        # In the order of the blocks, so that the decision does not depend on who computes them.
+        last = max(self._tallies)
+        while self._next <= last:
+            first = self._next * BLOCK
+            tally = self._tallies[self._next]
+            if tally["runs"] < self._wanted.within(first, first + BLOCK).count:
+                return False
+            self._total += tally
+            self._next += 1
+            if self._total["runs"] and self._is_narrow():
+                return True
+        return False
+
+    def _is_narrow(self) -> bool:
+        return all(
+            Estimate.counted(self._total[name], self._total["runs"]).half_width <= width
+            for name, width in self._narrow.items()
+        )

@@ -1,0 +1,190 @@
+"""The columns of results as numbers, labels, tables for notebooks, DataFrames and Datasets."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import _core
+from ..scene import fields as units
+from ..scene.fields import DISPLAY_UNITS
+from ..support import checks
+from ..support.display import ShownTable
+from ..support.extras import require
+from .estimates import Estimate
+from .rows import Column, Schema
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
+
+    from .results import Results
+
+# Entries of the provenance that become separate attributes of a dataset.
+_ATTRIBUTES = (
+    "softpinch",
+    "numpy",
+    "method",
+    "formulation",
+    "dt",
+    "tolerance",
+    "runs",
+    "requested",
+)
+# The largest integer that every netCDF format supports.
+_LARGEST_INTEGER = 2**31 - 1
+
+
+def booleans(field: str, given: Any, runs: int) -> NDArray[np.bool_]:
+    """Checks an array of booleans from the user, one for each run; `field` is its argument."""
+    found = checks.read(field, given)
+    if found.dtype != bool or found.shape != (runs,):
+        raise ValueError(
+            f"{field}: must be a name or booleans ({runs},), not {found.dtype} {found.shape}"
+        )
+    return cast("NDArray[np.bool_]", found)
+
+
+def number(results: Results, name: str | NDArray[np.bool_], field: str = "name") -> Column:
+    """Returns one number for each run: the values of a column, or 1.0 and 0.0 for an event.
+
+    Args:
+        results: The results.
+        name: A numeric column ("peak_rotation", "final_state.theta", "grasped.mass"), a status or
+            violation ("completed", "pulling"), or booleans (runs,).
+        field: The argument's name, for error messages.
+    """
+    if not isinstance(name, str):
+        return Column(booleans(field, name, results.runs).astype(np.float64), "1")
+    if name in (*_core.STATUSES, *_core.VIOLATIONS):
+        return Column(results.happened(name).astype(np.float64), "1")
+    schema = results._spec.schema
+    entry, _ = schema.locate(name, field)
+    column = schema.entries[entry].split(results[entry])[name]
+    return Column(column.values.astype(np.float64), column.unit)
+
+
+def drawn_by_magnitude(results: Results, name: str) -> bool:
+    """Whether a number was drawn by a distribution of its logarithm."""
+    return any(
+        name == path or name.startswith(f"{path}.")
+        for paths, source in results._sampling["vary"].items()
+        if source["kind"] in ("log_uniform", "log_normal")
+        for path in paths.split(", ")
+    )
+
+
+def shown(column: Column) -> Column:
+    """Converts a column to the unit that figures use."""
+    unit, factor = DISPLAY_UNITS.get(column.unit, (column.unit, 1.0))
+    return Column(column.values * factor, unit)
+
+
+def status_counts(parts: Iterable[NDArray[np.str_]]) -> dict[str, int]:
+    """Status -> the number of runs with it, the most frequent first, then by name.
+
+    `parts` have the status of each run, for some runs at a time.
+    """
+    total: Counter[str] = Counter()
+    for part in parts:
+        _count(total, part)
+    return _by_frequency(total)
+
+
+def _count(total: Counter[str], statuses: NDArray[np.str_]) -> None:
+    found, counts = np.unique(statuses, return_counts=True)
+    total.update(dict(zip(found.tolist(), counts.tolist(), strict=True)))
+
+
+def _by_frequency(total: Counter[str]) -> dict[str, int]:
+    return dict(sorted(total.items(), key=lambda item: (-item[1], item[0])))
+
+
+def statuses(parts: Iterable[tuple[NDArray[np.str_], NDArray[np.bool_]]]) -> ShownTable:
+    """The shares of the statuses and of the runs that held, with Wilson's interval.
+
+    `parts` have the status of each run, and whether it held, for some runs at a time.
+    """
+    # Both columns in one pass, so that a study on disk is read once.
+    total, held = Counter[str](), 0
+    for status, holds in parts:
+        _count(total, status)
+        held += int(np.count_nonzero(holds))
+    rows = []
+    for name, count in [*_by_frequency(total).items(), ("holds", held)]:
+        share, low, high = Estimate.counted(count, total.total()).texts()
+        rows.append((name, count, share, f"{low} to {high}"))
+    return ShownTable(("status", "runs", "share", "95 % interval"), rows)
+
+
+def distributions(columns: Mapping[str, Column]) -> ShownTable:
+    """Mean, spread and range of the finite values of each column."""
+    rows = []
+    for name, (values, unit) in columns.items():
+        known = values[np.isfinite(values)]
+        if known.size:
+            spread = known.std(ddof=1) if known.size > 1 else np.nan
+            numbers = (known.mean(), spread, known.min(), np.median(known), known.max())
+        else:
+            numbers = (np.nan,) * 5
+        label = name if unit == "1" else f"{name} [{unit}]"
+        rows.append((label, *numbers, len(values) - known.size))
+    columns_shown = ("", "mean", "spread", "least", "median", "greatest", "not finite")
+    return ShownTable(columns_shown, rows)
+
+
+def to_pandas(
+    schema: Schema, entries: Mapping[str, NDArray[Any]], provenance: dict[str, Any]
+) -> DataFrame:
+    """Converts the entries of `Results.to_dict` to a DataFrame; see `Results.to_pandas`."""
+    pandas = require("pandas", extra="study", purpose="to_pandas")
+    found = schema.split(entries)
+    run = found.pop("run")
+    index = pandas.Index(run.values.astype(np.int64), name="run")
+    frame: DataFrame = pandas.DataFrame(
+        {name: column.values for name, column in found.items()}, index=index
+    )
+    frame.attrs["units"] = {name: column.unit for name, column in found.items()}
+    frame.attrs["provenance"] = provenance
+    return frame
+
+
+def to_xarray(
+    schema: Schema, entries: Mapping[str, NDArray[Any]], provenance: dict[str, Any]
+) -> Dataset:
+    """Converts the entries of `Results.to_dict` to a Dataset; see `Results.to_xarray`."""
+    xarray = require("xarray", extra="study", purpose="to_xarray")
+    variables: dict[str, Any] = {}
+    coordinates: dict[str, Any] = {}
+    for name, values in entries.items():
+        unit = schema.entries[name].unit
+        dims = ["run"]
+        for axis in schema.entries[name].axes:
+            own_index = f"{name}.index"
+            if own_index in dims:
+                own_index = f"{own_index}_{len(dims)}"
+            dims.append(axis or own_index)
+            if axis is not None:
+                coordinates[axis] = (axis, list(units.AXES[axis]), {"units": ""})
+        if not isinstance(unit, str):
+            own = f"{dims[-1]}_unit" if name in units.RESULTS else f"{name}_unit"
+            coordinates[own] = (dims[-1], list(unit), {"units": ""})
+            unit = f"see {own}"
+        if name == "run":
+            coordinates[name] = ("run", values.astype(np.int64), {"units": unit})
+        else:
+            variables[name] = (dims, values, {"units": unit})
+    seed = provenance["seed"]
+    attributes = {
+        **{name: provenance[name] for name in _ATTRIBUTES if provenance[name] is not None},
+        "seed": seed if seed <= _LARGEST_INTEGER else str(seed),
+        "interrupted": int(provenance["interrupted"]),
+        "provenance": json.dumps(provenance),
+    }
+    result: Dataset = xarray.Dataset(variables, coordinates, attributes)
+    return result

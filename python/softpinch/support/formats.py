@@ -1,5 +1,0 @@
-"""The file formats of figures."""
-
-from __future__ import annotations
-
-FORMATS = ("png", "pdf", "svg")

@@ -1,0 +1,38 @@
+//! A bound on the rates at which the scene's fast motions decay or oscillate. It tells before a run, from its
+//! parameters alone, whether the steps of an explicit method can be beyond the method's stability limit.
+
+use crate::model::control::Fingers;
+use crate::model::parameters::Parameters;
+
+/// A bound on |eigenvalue| of the motion without the stabilisation's own modes, 1/s.
+///
+/// M q'' + C q' + K q = 0 without any constraint has |s| <= (c + sqrt(c^2 + 4 k)) / 2, where c and k are the largest
+/// eigenvalues of M^-1 C and M^-1 K. A contact that sticks, slips or grazes constrains this motion, which makes
+/// neither c nor k larger; a free tip moves by itself. M and C are diagonal. K has K_P of (39) and the second
+/// derivatives of (5), which are largest at d_n = a and theta_p = 0 as long as the contact has not reached the rim of
+/// the hemisphere. Its largest eigenvalue is at most the sum of the diagonal of M^-1 K over the coordinates that one
+/// tip moves. The integral of (39) adds at most the cube root of K_I / I_i.
+#[must_use]
+pub fn fastest_rate(parameters: &Parameters, fingers: Fingers) -> f64 {
+    let Parameters { fingers: links, tips, grasped, control, .. } = parameters;
+    let (mut damping, mut stiffness, mut tilting, mut integral) = (0.0f64, 0.0f64, 0.0, 0.0f64);
+    for ((link, tip), gains) in links.iter().zip(tips).zip(control) {
+        let press = 2.0 * std::f64::consts::PI * tip.youngs_modulus * tip.radius;
+        let tilt = press * tip.radius * tip.radius / 3.0;
+        let mut alone = press / tip.normal_mass + press / tip.tangential_mass;
+        damping = damping.max(tip.normal_viscosity / tip.normal_mass);
+        damping = damping.max(tip.tangential_viscosity / tip.tangential_mass);
+        if fingers != Fingers::Driven {
+            alone += tilt / link.inertia;
+        }
+        if fingers == Fingers::Pid {
+            alone += gains.kp / link.inertia;
+            damping = damping.max(gains.kd / link.inertia);
+            integral = integral.max(gains.ki / link.inertia);
+        }
+        stiffness = stiffness.max(alone);
+        tilting += tilt / grasped.inertia;
+    }
+    let decay = 0.5 * damping;
+    decay + libm::hypot(decay, (stiffness + tilting).sqrt()) + libm::cbrt(integral)
+}

@@ -1,0 +1,199 @@
+//! Steps of one run outside of its loop, by a method of its own: those that locate the events of its contacts, and
+//! those that end inside a step, where a row was asked for. Taking them leaves the loop's method as it is.
+
+use crate::formulation::equations::{Evaluation, MAX_COMPONENTS, States};
+use crate::formulation::scene_equations::SceneEquations;
+use crate::formulation::system::System;
+use crate::method::dop853::Dop853;
+use crate::method::lone::{LoneMidpoint, LoneRadau5, LoneRosenbrock, implicit_midpoint, radau5, rosenbrock};
+use crate::method::rk4::Rk4;
+use crate::method::table::Method;
+use crate::method::traits::{Integrator, Runs, Stats, Step, Unsolved};
+use crate::model::contact_modes::Contacts;
+use crate::model::drive::SegmentDrive;
+use crate::model::scene::Scene;
+use crate::number::lanes::{LaneTask, Lanes, MOST};
+use crate::number::simd::level::Instructions;
+use crate::stepping::options::Options;
+
+/// The methods of a single run.
+enum MethodOfRun {
+    Rk4(Box<Rk4>),
+    Dop853(Box<Dop853>),
+    ImplicitMidpoint(Box<LoneMidpoint>),
+    Radau5(Box<LoneRadau5>),
+    Rosenbrock(Box<LoneRosenbrock>),
+}
+
+/// The start of the last step, with the derivative of its state.
+struct KnownStart {
+    tau: f64,
+    y: States<f64>,
+    contacts: Contacts<f64>,
+    rate: States<f64>,
+}
+
+/// The method of one run, with the start of its last step.
+pub(super) struct LoneMethod {
+    instructions: Instructions,
+    method: MethodOfRun,
+    start: Option<KnownStart>,
+    stats: Stats,
+}
+
+impl LoneMethod {
+    /// The state a step of length `h` after the state `y`, which is at the time `tau` of the segment. Steps from the
+    /// same start share its evaluation and its Jacobian; nothing else is kept from one step to the next.
+    pub(super) fn step(
+        &mut self,
+        system: &SceneEquations<f64>,
+        drive: &SegmentDrive,
+        (tau, y): (f64, &States<f64>),
+        h: f64,
+    ) -> Result<States<f64>, Unsolved> {
+        let Self { instructions, method, start, stats } = self;
+        macro_rules! step {
+            ($method:expr) => {
+                f64::call(
+                    *instructions,
+                    LoneStep { system, method: &mut **$method, start, stats, drive, tau, y, h },
+                )
+            };
+        }
+        match method {
+            MethodOfRun::Rk4(method) => step!(method),
+            MethodOfRun::Dop853(method) => step!(method),
+            MethodOfRun::ImplicitMidpoint(method) => step!(method),
+            MethodOfRun::Radau5(method) => step!(method),
+            MethodOfRun::Rosenbrock(method) => step!(method),
+        }
+    }
+
+    /// Forgets the start of the last step, because the inputs may be others.
+    pub(super) fn forget_start(&mut self) {
+        self.start = None;
+    }
+}
+
+/// A step of a single run.
+struct LoneStep<'a, I> {
+    system: &'a SceneEquations<f64>,
+    method: &'a mut I,
+    start: &'a mut Option<KnownStart>,
+    stats: &'a mut Stats,
+    drive: &'a SegmentDrive,
+    tau: f64,
+    y: &'a States<f64>,
+    h: f64,
+}
+
+impl<I: Integrator<f64, SceneEquations<f64>>> LaneTask<f64> for LoneStep<'_, I> {
+    type Output = Result<States<f64>, Unsolved>;
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let Self { system, method, start, stats, drive, tau, y, h } = self;
+        let contacts = drive.contacts;
+        let is_start = |last: &KnownStart| last.tau == tau && last.y == *y && last.contacts == contacts;
+        if start.as_ref().is_some_and(is_start) {
+            method.repeat();
+        } else {
+            method.restart();
+            *start = None;
+        }
+        let start = start.get_or_insert_with(|| {
+            stats.evaluations += 1;
+            KnownStart { tau, y: *y, contacts, rate: system.evaluate(drive, tau, y).rate }
+        });
+        let step = Step { tau, h, y, rate: &start.rate, allowed: None };
+        let mut next = [0.0; MAX_COMPONENTS];
+        method.step(system, drive, &step, &mut next, stats).map_err(Into::into)?;
+        system.correct(drive, tau + h, &mut next);
+        Ok(next)
+    }
+}
+
+/// The equations of one run and its method.
+pub(super) struct LoneSteps {
+    pub(super) system: SceneEquations<f64>,
+    pub(super) method: LoneMethod,
+}
+
+impl LoneSteps {
+    /// The equations and the method of a run with these parameters.
+    pub(super) fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Self {
+        let parameters = &[&scene.parameters; MOST];
+        let choice = options.choice(scene.inputs.fingers());
+        let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
+        let system = runs.system();
+        let method = match options.method {
+            Method::Rk4 => MethodOfRun::Rk4(Box::default()),
+            Method::Dop853 => MethodOfRun::Dop853(Box::default()),
+            Method::ImplicitMidpoint => {
+                MethodOfRun::ImplicitMidpoint(Box::new(implicit_midpoint(runs, &system)))
+            }
+            Method::Radau5 => MethodOfRun::Radau5(Box::new(radau5(runs, &system))),
+            Method::Rosenbrock => MethodOfRun::Rosenbrock(Box::new(rosenbrock(runs, &system))),
+        };
+        Self { system, method: LoneMethod { instructions, method, start: None, stats: Stats::default() } }
+    }
+
+    /// The state a step after the state `y`, see [`LoneMethod::step`].
+    pub(super) fn step(
+        &mut self,
+        drive: &SegmentDrive,
+        from: (f64, &States<f64>),
+        h: f64,
+    ) -> Result<States<f64>, Unsolved> {
+        self.method.step(&self.system, drive, from, h)
+    }
+
+    /// Evaluates a state.
+    pub(super) fn evaluate(&self, drive: &SegmentDrive, tau: f64, y: &States<f64>) -> Evaluation<f64> {
+        self.system.evaluate(drive, tau, y)
+    }
+
+    /// The work that was done since the last call.
+    pub(super) fn take_stats(&mut self) -> Stats {
+        std::mem::take(&mut self.method.stats)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::method::table::METHODS;
+    use crate::model::contact_modes::ContactModel;
+    use crate::model::inputs::Inputs;
+    use crate::model::motion::Motion;
+    use crate::model::parameters::{Friction, Parameters};
+    use crate::model::start::{State, contact};
+
+    /// Steps from the same start share its Jacobian, and have the bits of steps alone.
+    #[test]
+    fn a_repeated_step_has_the_bits_of_a_step_alone() {
+        let friction = Friction { right: 0.5, left: 0.5 };
+        let parameters = Parameters { friction, ..Parameters::default() };
+        let initial = State::at_rest(contact(&parameters).unwrap());
+        let (q, p, memory) = (initial.q, [0.01; 9], initial.memory);
+        let inputs = Inputs::constant_targets([0.12; 2]);
+        let scene = Scene { initial, parameters, inputs, check: false, duration: 1.0 };
+        let drive = scene.inputs.segment(0.0);
+        for (name, method) in METHODS {
+            for contact in [ContactModel::Bilateral, ContactModel::Unilateral] {
+                let options = Options { method, contact, ..Options::default() };
+                let steps = || LoneSteps::new(options.simd.require().unwrap(), &options, &scene);
+                let mut repeated = steps();
+                let mut y = repeated.system.begin(&Motion { q, p, memory });
+                for start in 1..=2 {
+                    for h in [1e-4, 3e-5, 7e-5, 3e-5] {
+                        let alone = steps().step(&drive, (0.0, &y), h).unwrap();
+                        assert_eq!(repeated.step(&drive, (0.0, &y), h).unwrap(), alone, "{name} {h}");
+                    }
+                    assert!(repeated.method.stats.jacobians <= start, "{name}");
+                    y[0] += 1e-6;
+                }
+            }
+        }
+    }
+}
