@@ -220,7 +220,7 @@ def test_csv_and_npz_have_all_cells(stiffness: StabilityMap, tmp_path: Path) -> 
 
 BAD = [
     (("youngs_modulos",), {}, ValueError, 'did you mean "youngs_modulus"'),
-    (("disturbances.0.force", [1.0]), {}, ValueError, "axis = .*must lead to one number"),
+    (("disturbances.0.force", [1.0]), {}, ValueError, "axis: .* must be one number, such as"),
     (("grasped.mass",), {}, ValueError, "values: must be given for axis = 'grasped.mass'"),
     ((3.0,), {}, TypeError, "axis = 3.0: must be a name"),
     ((lambda value: value, [1.0]), {}, TypeError, r"axis\(1\) = 1.0: must be a Scene"),

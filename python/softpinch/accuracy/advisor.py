@@ -98,10 +98,6 @@ def advise(
         budget: Time for the search, s; infinity tries everything. `Advice.untried` and the message
             have the pairs that it does not allow to try.
         progress: As for `monte_carlo`; it counts pairs.
-
-    Raises:
-        ValueError: An argument breaks its rule, or the scene's start does.
-        KeyboardInterrupt: Ctrl-C.
     """
     checks.instance("scene", scene, Scene)
     checks.instance("stabilization", stabilization, Stabilization)

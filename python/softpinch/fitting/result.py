@@ -118,10 +118,6 @@ class Fit(Result):
         An interval is symmetric about the estimate in u, so about the logarithm of a number that is
         searched in its logarithm, and ends at the bounds. It is the bounds for what the data do not
         determine. It is Student's if noise was estimated.
-
-        Raises:
-            ValueError: `level` is not between 0 and 1.
-            TypeError: `level` is not a number.
         """
         half = self._reach(checks.share("level", level)) * self.scaled_errors
         found = {}
@@ -140,11 +136,6 @@ class Fit(Result):
         Args:
             path: The path of the number.
             level: The level of the interval.
-
-        Raises:
-            ValueError: The path is not one of the fit, or `level` is not between 0 and 1.
-            TypeError: An argument has the wrong type.
-            KeyboardInterrupt: Ctrl-C.
         """
         index = list(self.values).index(checks.choice("path", path, self.values))
         return followed(self, index, checks.share("level", level), self._reach(level))
@@ -253,16 +244,7 @@ class Fit(Result):
         }
 
     def save(self, path: str | Path) -> Path:
-        """Writes `to_dict` as a `.json` file, or `table` as a `.csv` file.
-
-        Returns:
-            The path.
-
-        Raises:
-            ValueError: The suffix is another one.
-            TypeError: `path` is not a path.
-            OSError: The file cannot be written.
-        """
+        """Writes `to_dict` as a `.json` file, or `table` as a `.csv` file; returns the path."""
 
         def as_json(file: Path) -> None:
             text = json.dumps(self.to_dict(), indent=2, allow_nan=False, default=str)

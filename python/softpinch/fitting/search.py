@@ -123,9 +123,6 @@ def fit(
         ValueError: An argument breaks its rule, the run at the start fails, or there are not more
             measurements than parameters and noise is to be estimated. Or a scene has no derivatives
             (`simulate`, `sensitivities`), or the time of an input is fitted with `dt`.
-        TypeError: An argument has the wrong type.
-        ImportError: SciPy is not installed.
-        KeyboardInterrupt: Ctrl-C.
 
     Warns:
         StabilityWarning: `dt` is too long for the method at the start or at the minimum.

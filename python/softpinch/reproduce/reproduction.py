@@ -50,10 +50,6 @@ def reproduce(
 
     Returns:
         The runs, tables, findings and written files.
-
-    Raises:
-        OSError: A file cannot be written.
-        KeyboardInterrupt: Ctrl-C during a run.
     """
     out = checks.path("out", out, "the path of a folder")
     checks.choice("format", format, FORMATS)

@@ -342,6 +342,14 @@ WRITTEN = {
 }
 
 
+def pids_of(control: object) -> tuple[Pid, Pid]:
+    """Returns the PIDs of the right and the left finger of a scene that PIDs or a schedule move."""
+    right, left = control if isinstance(control, tuple) else (control, control)
+    assert isinstance(right, Pid)
+    assert isinstance(left, Pid)
+    return right, left
+
+
 def parse_control(data: Any, path: str) -> Any:
     """Parses `control` of a scene: one PID, one for each side, or a table with `kind`."""
     if isinstance(data, Mapping) and "kind" in data:
