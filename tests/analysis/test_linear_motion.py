@@ -167,7 +167,7 @@ def test_mirrored_scenes_have_mirrored_models(data: Any, law: str) -> None:
 
 
 def _reflection(*parts: tuple[str, ...]) -> tuple[list[int], Floats]:
-    """Where each quantity is in the mirror image, and its sign there."""
+    """The index of each quantity in the mirror image, and its sign there."""
     places: list[int] = []
     for names in parts:
         swapped = [name.translate(str.maketrans("12", "21")) for name in names]

@@ -24,7 +24,7 @@ def paper(**changes: Any) -> sp.Scene:
 
 
 def check(run: UnilateralReference) -> None:
-    """What holds along any run."""
+    """Asserts the conditions that hold along any run."""
     # Without forces nothing is exchanged, and round-off remains.
     assert abs(run.imbalance) <= 1e-9 * run.exchanged + 1e-15
     assert run.ledger["friction"] >= 0

@@ -123,7 +123,7 @@ def test_the_motion_and_the_torques_are_those_of_the_oracle(
 
 
 def test_stiff_control_of_heavy_fingers_comes_to_the_same() -> None:
-    """What moves the fingers plays no part if nothing holds it up."""
+    """The cause of the fingers' motion does not matter if nothing slows it."""
     scene = moving()
     hand = replace(
         scene.hand,

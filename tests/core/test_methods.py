@@ -301,7 +301,7 @@ def test_what_the_clock_does_not_resolve_is_said() -> None:
 def test_a_light_and_viscous_grasp_has_the_error_that_was_asked_for(
     method: str, formulation: str
 ) -> None:
-    """What is a small rate is not told by the mass: rates here are tiny all along."""
+    """The mass does not say which rates are small: here they are tiny all along."""
     scene = sp.Scene(
         hand=sp.Hand(tip=sp.Fingertip(normal_viscosity=1e6, tangential_viscosity=1e6)),
         grasped=sp.GraspedObject(mass=1e-3),
@@ -321,7 +321,7 @@ def test_a_light_and_viscous_grasp_has_the_error_that_was_asked_for(
 def test_a_longer_hold_costs_next_to_nothing(
     method: str, formulation: str, tolerance: float
 ) -> None:
-    """What is stiff has died out, and what an error is does not depend on how long a run is."""
+    """Stiff modes have died out, and the scale of errors does not depend on the duration."""
     how = {"tolerance": tolerance, "method": method, "formulation": formulation}
     short = sp.simulate(sp.Scene(duration=1.0), **how)
     long = sp.simulate(sp.Scene(duration=100.0), **how)

@@ -20,7 +20,7 @@ BEGIN, END = -2.0, 100.0
 
 
 def driven_at(scene: sp.Scene, times: list[float]) -> tuple[Floats, Floats]:
-    """What drives a scene just after each instant (n, 5): by `Inputs`, and by the core."""
+    """The inputs of a scene just after each instant (n, 5): by `Inputs`, and by the core."""
     inputs = Inputs(scene, BEGIN, END)
     ours, cores = [], []
     for t in times:

@@ -1,4 +1,4 @@
-"""Whole runs beside SciPy (DOP853, rtol 1e-12) on the oracle's null-space form, and that itself."""
+"""Runs beside SciPy (DOP853, rtol 1e-12) on the oracle's null-space form, and tests of that."""
 
 from dataclasses import replace
 from functools import cache

@@ -28,7 +28,7 @@ def sine_and_cosine(x: float) -> tuple[float, float]:
 
 
 def ulps(found: float, exact: mpmath.mpf) -> float:
-    """How far off, in units in the last place of the double nearest to what is exact."""
+    """The error in units in the last place of the double nearest to the exact number."""
     if exact == 0:
         return 0.0 if found == 0.0 else math.inf
     return float(abs(mpmath.mpf(found) - exact) / math.ulp(float(exact)))

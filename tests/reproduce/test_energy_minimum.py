@@ -1,4 +1,4 @@
-"""Where the energy around a rest has a minimum: beside SciPy, differences, and the core's terms."""
+"""Minima of the energy around a rest, beside SciPy, differences, and the core's terms."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What becomes of the paper's scenes if tips only push: words and tables follow from the runs."""
+"""The paper's scenes with tips that only push: words and tables follow from the runs."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -47,10 +47,10 @@ class Fit(Result):
         parameters: The p fitted numbers with their bounds and scaled coordinates.
         estimate: The coordinates u of the minimum (p,), see `Parameter`.
         scaled_errors: The standard errors of u (p,); inf of what is not determined.
-        correlations: Of the estimates (p, p), from -1 to 1, finite also for what is not determined.
-        singular_values: Of the Jacobian of the data, over their noise, by u (p,), the largest
-            first: how far a step of one in u along each of `directions` changes the data, in
-            standard deviations of the noise.
+        correlations: Correlations of the estimates (p, p), from -1 to 1; finite in any case.
+        singular_values: Singular values of the Jacobian of the data, over their noise, by u (p,),
+            the largest first: how far a step of one in u along each of `directions` changes the
+            data, in standard deviations of the noise.
         directions: The singular directions, one a row (p, p).
         undetermined: A sentence for each combination of parameters that the data do not determine.
         at_bound: The paths whose values are at a bound. Their errors are those of the linearised

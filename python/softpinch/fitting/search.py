@@ -102,7 +102,7 @@ def fit(
         multistart: The number of further starts, from a Latin hypercube over the bounds, or over a
             decade (twice the size of the start, if that is not searched in the logarithm) around
             the start where there is no bound. Starts whose runs fail are left out.
-        seed: Of the Latin hypercube.
+        seed: The seed of the Latin hypercube.
         dt: Longest step, s, as in `simulate`, which also explains the following arguments.
         method: The integration method.
         formulation: How the constraints are enforced.
