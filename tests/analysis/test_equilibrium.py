@@ -313,7 +313,7 @@ def test_a_contact_without_a_limit_of_friction_has_a_margin_without_end() -> Non
         assert pulling.friction_margin == pytest.approx(margin)
 
 
-def test_bilateral_contact_says_what_it_ignores() -> None:
+def test_a_bilateral_rest_names_the_slip_that_it_ignores() -> None:
     scene = sp.Scene(friction=0.3, grasped=sp.GraspedObject(mass=10.0))
     found = sp.equilibrium(scene)
     assert found.stable and found.violations == ("slipping",)

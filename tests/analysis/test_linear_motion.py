@@ -83,7 +83,7 @@ def test_driven_fingers_are_the_open_loop_with_the_fingers_eliminated() -> None:
     assert off(eliminated, whole(driven), weights) <= 1e-10
 
 
-def test_one_place_gives_one_open_loop_whatever_moves_the_fingers() -> None:
+def test_the_open_loop_does_not_depend_on_the_law() -> None:
     models = [open_and_closed(law)[0] for law in ("pid", "torque", "driven")]
     weights = sizes(UNEVEN, models[0].state_units + models[0].input_units)
     for model in models[1:]:

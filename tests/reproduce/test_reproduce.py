@@ -237,7 +237,7 @@ def test_the_verdict_on_every_claim(result: Reproduction) -> None:
     assert order.value == pytest.approx(16.0, rel=0.5)
 
 
-def test_at_a_coarse_step_the_residuals_claim_fails_and_is_said_to() -> None:
+def test_at_a_coarse_step_the_claim_about_residuals_fails() -> None:
     findings = {finding.claim: finding for finding in find(simulate_all(5e-4))}
     failed = [claim for claim, finding in findings.items() if finding.verdict == "does not hold"]
     assert failed == ["the holonomic residual C^H is at most of order 1e-8"]
@@ -245,7 +245,7 @@ def test_at_a_coarse_step_the_residuals_claim_fails_and_is_said_to() -> None:
 
 
 @pytest.mark.usefixtures("rough_figures")
-def test_beyond_what_the_step_allows_nothing_holds_and_nothing_raises(tmp_path: Path) -> None:
+def test_with_an_unstable_step_no_claim_holds_and_nothing_raises(tmp_path: Path) -> None:
     with pytest.warns(sp.StabilityWarning):
         result = reproduce(tmp_path, dt=5e-3)
     verdicts = {finding.verdict for finding in result.findings if finding.source}
