@@ -82,6 +82,19 @@ def test_the_paper_manipulation_settles_where_model_md_has_it() -> None:
     assert {k: round(least[k - 1]) for k in LEAST_FORCE} == LEAST_FORCE
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kappa", "degrees"),
+    [(0.0, (-11.195, 12.074, 15.255, 0.384)), (-1.0, (-14.433, 15.079, 18.647, 0.637))],
+)
+def test_the_signs_of_the_shear_turn_the_object_as_model_md_has_it(
+    kappa: float, degrees: tuple[float, ...]
+) -> None:
+    hand = sp.Hand(tip=sp.Fingertip(tilt_coupling=kappa))
+    run = reference(paper.manipulation(hand=hand), [2.0, 4.0, 7.0, 8.0])
+    np.testing.assert_allclose(np.rad2deg(run.q[:, 2]), degrees, rtol=0, atol=5.01e-4)
+
+
 def test_starts_are_upright_or_touching() -> None:
     scene = uneven()
     fingers, tips = (scene.hand.right, scene.hand.left), scene.hand.tips
