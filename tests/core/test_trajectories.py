@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -129,20 +128,3 @@ def test_a_mass_on_springs_keeps_its_energy() -> None:
         totals.append(kinetic[-1] + here.elastic_energy.value + here.gravity_energy.value + spring)
     assert max(kinetic) > 0.01
     assert np.ptp(totals) <= 1e-10 * max(kinetic)
-
-
-def test_the_error_is_scaled_by_each_components_own_size_along_the_run() -> None:
-    run = reference(sp.Scene(duration=0.1), np.linspace(0, 0.1, 5))
-    assert set(error(run, run)) == {"q", "p", "multipliers"}
-    assert max(error(run, run).values()) == 0
-    for component in (1, 3, 5):
-        off = run.q.copy()
-        off[2, component] += 1e-3 * abs(run.q[:, component]).max()
-        errors = error(SimpleNamespace(t=run.t, q=off), run)
-        assert errors == {"q": pytest.approx(1e-3, rel=1e-6)}
-    # x is round-off by symmetry: a share of the largest length.
-    off = run.q.copy()
-    off[2, 0] += 1e-3 * run.q[:, 1].max()
-    assert error(SimpleNamespace(t=run.t, q=off), run)["q"] == pytest.approx(1e-3, rel=1e-6)
-    with pytest.raises(ValueError, match="times differ"):
-        error(SimpleNamespace(t=run.t + 1e-9, q=run.q), run)

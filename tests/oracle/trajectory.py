@@ -21,14 +21,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from softpinch import Scene
 from softpinch.accuracy.segments import Inputs, System, integrate
+from softpinch.run.scaled_error import largest
 
 from .evaluate import evaluate, parameters
 from .lagrangian import FORCES, PARAMETERS, SHAPES, SIDES, compiled, model
 
 Floats: TypeAlias = NDArray[np.float64]
 
-# Of q and of p: metres and radians.
-_UNITS = ([0, 1, 5, 6, 7, 8], [2, 3, 4])
+# A run's error, by quantity; tests/accuracy/test_reference.py has its definition in numbers.
+error = largest
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,35 +94,6 @@ def reference(
     rows = [_row(motion.y[k], tuple(motion.u[k].tolist()), values) for k in picked]
     q, p, multipliers, integral = map(np.array, zip(*rows, strict=True))
     return Reference(instants, q, p, multipliers, integral, motion.evaluations)
-
-
-def error(result: Any, expected: Reference) -> dict[str, float]:
-    """A run's error: per name the largest |difference| over rows and components.
-
-    Each component is scaled by its largest size along the reference. One that is round-off by
-    symmetry, below 1e-9 of the largest with its unit, is scaled by that one.
-
-    Args:
-        result: Has t and q, p or multipliers; what is missing (AttributeError) is left out.
-        expected: At the same times.
-    """
-    if not np.array_equal(np.asarray(result.t), expected.t):
-        raise ValueError("error: the times differ")
-    errors = {}
-    for name in ("q", "p", "multipliers"):
-        try:
-            value = np.asarray(getattr(result, name), dtype=np.float64)
-        except AttributeError:
-            continue
-        right = getattr(expected, name)
-        scales = np.abs(right).max(axis=0)
-        for unit in _UNITS if name != "multipliers" else ([0, 1, 2, 3],):
-            largest = scales[unit].max()
-            scales[unit] = np.where(scales[unit] < 1e-9 * largest, largest, scales[unit])
-        # All at rest: an error of any size counts in full.
-        scales[scales == 0] = 1.0
-        errors[name] = float((np.abs(value - right) / scales).max())
-    return errors
 
 
 def _start(scene: Scene, numbers: dict[str, float], tolerance: float) -> tuple[Floats, float]:
