@@ -40,7 +40,7 @@ _MEDIAN = 0.6744897501960817
 _MOST_STARTS = 10_000
 # Costs within this share of the lowest one are the same minimum.
 _SAME = 1e-3
-# A distance from a bound, in spans, that means that the value is there.
+# A value closer to a bound than this, in spans, counts as at the bound.
 _AT_BOUND = 1e-5
 
 
