@@ -152,6 +152,10 @@ class Mean(NamedTuple):
         left_out = f", {self.left_out} left out" if self.left_out else ""
         return f"{self.value:.{digits}g} ± {self.error:.2g} ({self.runs} runs){left_out}"
 
+    def _repr_html_(self) -> str:
+        """The mean, its error and the scatter as a table, for notebooks."""
+        return ShownTable(self._fields, [self], "mean").html()
+
     def __float__(self) -> float:
         return self.value
 
