@@ -86,6 +86,7 @@ class Folder:
         self.spec = spec
         self.identity = identity
         self.parts: list[Part] = []
+        self._last: tuple[Part, Rows] | None = None
         self.refresh()
 
     def refresh(self) -> None:
@@ -146,14 +147,16 @@ class Folder:
         }
 
     def rows(self, part: Part) -> Rows:
-        """Reads all rows of a part."""
-        return Rows(columns=self.read(part, tuple(self.spec.empty().columns)))
+        """Reads all rows of a part. The last part is kept, because replays ask for it again."""
+        if self._last is None or self._last[0] is not part:
+            self._last = part, Rows(columns=self.read(part, tuple(self.spec.empty().columns)))
+        return self._last[1]
 
     def damaged(self) -> Iterator[str]:
         """Reads every part, and yields one line for each damaged part."""
         for part in self.parts:
             try:
-                self.rows(part)
+                self.read(part, tuple(self.spec.schema.entries))
             except StoreError as error:
                 yield str(error)
 

@@ -62,7 +62,7 @@ class Study(Results):
         outcome: Outcome = Outcome(),  # noqa: B008
     ) -> None:
         super().__init__(manifests.spec_of(folder.path, manifest))
-        self._folder = folder
+        self._folder, self._computed = folder, folder.done
         self.interrupted, self.lost, self._under_way = outcome
         self.path = folder.path
         self.requested: int = manifest["study"]["runs"]
@@ -163,11 +163,6 @@ class Study(Results):
         )
         return compute_in_folder(job, self.path, Study)
 
-    @property
-    def runs(self) -> int:
-        """The number of computed runs."""
-        return self._folder.done.count
-
     def _read_by_part(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
         for part in self._folder.parts:
             yield self._folder.read(part, names)
@@ -209,34 +204,8 @@ class Study(Results):
                 found.append(rows.select(np.searchsorted(rows.run, mine)))
         return Rows.joined(found).in_order()
 
-    def _evenly_spaced(self, most: int) -> Numbers:
-        edges = self._folder.done.edges
-        ends = np.cumsum(edges[:, 1] - edges[:, 0])
-        places = np.unique(np.linspace(0, self.runs - 1, min(most, self.runs)).astype(np.int64))
-        span = np.searchsorted(ends, places, side="right")
-        numbers: Numbers = (edges[span, 1] - (ends[span] - places)).astype(np.uint64)
-        return numbers
-
     def _add_trajectory(self, run: int, path: Run) -> None:
         self.trajectories.add(run, path)
-
-    def has(self, run: int) -> bool:
-        """Whether this run has been computed."""
-        run = checks.integer("run", run)
-        return 0 <= run < self.requested and bool(self._folder.done.within(run, run + 1).count)
-
-    def _varied_values(self, run: int) -> dict[str, Any]:
-        if not self.has(run):
-            raise IndexError(
-                f"run {checks.shown(run)} is not among the {self.runs} runs of {self.path}"
-            )
-        (part,) = (
-            each for each in self._folder.parts if Spans(each.edges).within(run, run + 1).count
-        )
-        # These columns alone: the others would take most of the time of many trajectories.
-        found = self._folder.read(part, ("run", *self._spec.shapes))
-        row = np.searchsorted(found["run"], run)
-        return {path: found[path][row] for path in self._spec.shapes}
 
     def failures(self) -> Failures:
         """The runs that did not complete, each replayable alone; read on access."""
@@ -287,10 +256,6 @@ def _reopened(
     return study
 
 
-# Field of a capsule -> key in the manifest's [[made_by]].
-_VERSIONS = {"version": "softpinch", "results_version": "results_version"}
-
-
 class Failures(Sequence[Capsule]):
     """The runs of a study that did not complete, in the order of their numbers."""
 
@@ -304,7 +269,6 @@ class Failures(Sequence[Capsule]):
         self._runs, self._parts = np.concatenate(runs), np.concatenate(parts)
         order = np.argsort(self._runs, kind="stable")
         self._runs, self._parts = self._runs[order], self._parts[order]
-        self._open: tuple[int, Ensemble] | None = None
 
     def __len__(self) -> int:
         return len(self._runs)
@@ -320,15 +284,12 @@ class Failures(Sequence[Capsule]):
             return [self[k] for k in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):
             raise IndexError(f"failure {index} of {len(self)}")
-        place = int(self._parts[index])
-        if self._open is None or self._open[0] != place:
-            folder = self._study._folder
-            self._open = place, self._study._ensemble(folder.rows(folder.parts[place]))
-        ensemble = self._open[1]
-        (capsule,) = ensemble._capsules(np.searchsorted(ensemble.run, self._runs[[index]]))
-        maker = self._study.made_by[-1]
-        versions = {name: maker[key] for name, key in _VERSIONS.items()}
-        return replace(capsule, **versions)
+        folder, maker = self._study._folder, self._study.made_by[-1]
+        rows = folder.rows(folder.parts[self._parts[index]])
+        (capsule,) = self._study._capsules(rows.select(rows.run == self._runs[index]))
+        return replace(
+            capsule, version=maker["softpinch"], results_version=maker["results_version"]
+        )
 
     def __repr__(self) -> str:
         return f"<{len(self)} failures of {self._study!r}>"

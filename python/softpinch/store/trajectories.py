@@ -45,11 +45,9 @@ class Trajectories(Mapping[int, Run]):
         return sum(1 for _ in self)
 
     def __contains__(self, run: object) -> bool:
-        if not isinstance(run, int | np.integer) or not 0 <= run < 2**62:
+        if not isinstance(run, int | np.integer):
             return False
-        number = int(run)
-        computed = self._folder.done.within(number, number + 1).count
-        return bool(computed) and self._file(number).exists()
+        return self._folder.done.has(int(run)) and self._file(int(run)).exists()
 
     def __getitem__(self, run: int) -> Run:
         """The trajectory of a run."""

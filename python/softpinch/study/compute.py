@@ -19,7 +19,7 @@ from ..support.progress import Report, reporting
 from .engine import Accept, Outcome, RunBlock, how_many_threads, on_threads
 from .estimates import Discretisation, Estimate
 from .results import Results
-from .rows import HOLDS, Numbers, Rows, Spans, event_columns, happened
+from .rows import HOLDS, Numbers, Rows, Spans, happened
 from .sources import BLOCK
 from .spec import RECORDING, StudySpec
 
@@ -71,7 +71,7 @@ class Job:
         runs = spec.plan.runs
         wanted = Spans.upto(runs) if only is None else Spans.of(_numbers(only, runs))
         for run in spec.trajectories:
-            if not wanted.within(run, run + 1).count:
+            if not wanted.has(run):
                 raise ValueError(f"trajectories: run {run} is not in only")
         if threads is not None:
             how_many_threads(threads)
@@ -188,7 +188,7 @@ class Job:
 
     def _check_dt(self, results: Results) -> None:
         """Estimates the error of summaries and probabilities, from runs with smaller steps."""
-        coarse = results._rows_of(results._evenly_spaced(_CHECKED))
+        coarse = results._rows_of(results._computed.evenly_spaced(_CHECKED))
         values = {path: coarse.columns[path] for path in self.spec.shapes}
         block = RunBlock(coarse.run, values, self.spec.refined)
         found = [self.spec.empty()]
@@ -207,16 +207,16 @@ class Job:
         def compared(name: str, columns: Mapping[str, NDArray[Any]]) -> Floats:
             return happened(columns, name).astype(float) if name in events else columns[name]
 
+        def sampling_error(name: str) -> Any:
+            if name in events:
+                return results.mean(results.happened(name)).error
+            entry = self.spec.schema.entries[name]
+            errors = [results.mean(column).error for column in entry.columns]
+            return np.reshape(errors, entry.shape)
+
         results.discretisation = {
             name: Discretisation.of(
-                compared(name, coarse.columns),
-                compared(name, finer.columns),
-                (
-                    compared(name, part)
-                    for part in results._read_by_part(
-                        event_columns(name) if name in events else (name,)
-                    )
-                ),
+                compared(name, coarse.columns), compared(name, finer.columns), sampling_error(name)
             )
             for name in (*self.spec.summaries, *events)
         }

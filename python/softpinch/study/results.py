@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,7 @@ from .engine import Lost, Outcome
 from .estimates import Discretisation, Estimate, Mean
 from .estimates import plain as number_or_array
 from .gradients import Gradients
-from .rows import HOLDS, Numbers, Rows, checked_event, event_columns, happened, is_friction
+from .rows import HOLDS, Numbers, Rows, Spans, checked_event, event_columns, happened, is_friction
 from .spec import StudySpec
 from .tables import booleans
 
@@ -66,6 +67,8 @@ class Results(Shown, ABC):
     interrupted: bool
     # The number of unfinished runs that Ctrl-C discards, in words.
     _under_way: str
+    # The runs that have a row.
+    _computed: Spans
     lost: tuple[Lost, ...]
     trajectories: Mapping[int, Run]
     discretisation: dict[str, Discretisation] | None
@@ -80,11 +83,6 @@ class Results(Shown, ABC):
         self.sampler: str = spec.plan.sampler
         self._names = tuple(spec.schema.entries)
 
-    @property
-    @abstractmethod
-    def runs(self) -> int:
-        """The number of rows."""
-
     @abstractmethod
     def _read(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         """Returns entries of `to_dict` by their names, each (runs, ...)."""
@@ -92,14 +90,6 @@ class Results(Shown, ABC):
     def _read_by_part(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
         """Yields entries of `to_dict` for some rows at a time, in any order of the rows."""
         yield self._read(names)
-
-    @abstractmethod
-    def _varied_values(self, run: int) -> dict[str, Any]:
-        """Returns the varied values of a run; IndexError if there is no such run."""
-
-    @abstractmethod
-    def _evenly_spaced(self, most: int) -> Numbers:
-        """Returns the numbers of at most `most` runs, evenly spaced among all runs."""
 
     @abstractmethod
     def _rows_of(self, runs: Numbers) -> Rows:
@@ -110,16 +100,44 @@ class Results(Shown, ABC):
         """Adds the trajectory `path` of a run to `trajectories`."""
 
     @abstractmethod
-    def has(self, run: int) -> bool:
-        """Whether there is a row of this run."""
-
-    @abstractmethod
     def chunks(self) -> Iterator[Ensemble]:
         """Yields all rows as ensembles; a study on disk gives one ensemble for each part."""
 
     @abstractmethod
     def failures(self) -> Sequence[Capsule]:
         """The runs that did not complete, as capsules, each of which can be replayed alone."""
+
+    @property
+    def runs(self) -> int:
+        """The number of rows."""
+        return self._computed.count
+
+    def has(self, run: int) -> bool:
+        """Whether there is a row of this run."""
+        return self._computed.has(checks.integer("run", run))
+
+    def _varied_values(self, run: int) -> dict[str, Any]:
+        if not self.has(run):
+            raise IndexError(f"run {checks.shown(run)} is not among the {self.runs} runs computed")
+        found = self._rows_of(np.array([run], np.uint64))
+        return {path: found.columns[path][0] for path in self._spec.shapes}
+
+    def _capsules(self, rows: Rows) -> list[Capsule]:
+        """Makes a capsule of each row."""
+        return [
+            Capsule(
+                run=int(rows.run[k]),
+                status=str(rows.columns["status"][k]),
+                time=float(rows.columns["end_time"][k]),
+                message=str(rows.columns["message"][k]),
+                parameters={
+                    path: number_or_array(rows.columns[path][k]) for path in self._spec.shapes
+                },
+                varied=self._spec.varied,
+                options=self._spec.options,
+            )
+            for k in range(len(rows))
+        ]
 
     def _column(self, name: str) -> NDArray[Any]:
         return self._read((name,))[name]
@@ -239,13 +257,14 @@ class Results(Shown, ABC):
     def _tables(self) -> Iterator[ShownTable]:
         if not self.runs:
             return
-        parts = self._read_by_part(("status", *event_columns(HOLDS)))
-        yield tables.statuses((part["status"], happened(part, HOLDS)) for part in parts)
+        shares = {name: Estimate.counted(n, self.runs) for name, n in self.counts().items()}
+        yield tables.probabilities({**shares, HOLDS: self.probability(HOLDS)})
         entries = self._spec.schema.entries
         columns = [entries[name].columns for name in (*self._spec.shapes, *self._spec.summaries)]
-        names = [name for some in columns if len(some) <= _SHOWN_COLUMNS for name in some]
-        if names and self.runs <= _SHOWN_RUNS:
-            yield tables.distributions({name: tables.number(self, name) for name in names})
+        few = [units for units in columns if len(units) <= _SHOWN_COLUMNS]
+        if few and self.runs <= _SHOWN_RUNS:
+            units = {name: unit for one in few for name, unit in one.items()}
+            yield tables.distributions(self, units)
 
     @property
     def interruption(self) -> str:
@@ -301,7 +320,10 @@ class Results(Shown, ABC):
 
     def counts(self) -> dict[str, int]:
         """Status -> the number of runs with this status, the most frequent status first."""
-        return tables.status_counts(part["status"] for part in self._read_by_part(("status",)))
+        total: Counter[str] = Counter()
+        for part in self._read_by_part(("status",)):
+            total.update(part["status"].tolist())
+        return dict(sorted(total.items(), key=lambda item: (-item[1], item[0])))
 
     @property
     def model(self) -> str:
@@ -464,13 +486,9 @@ class Ensemble(Results):
         self.interrupted, self.lost, self._under_way = outcome
         self.trajectories: dict[int, Run] = {}
         self.discretisation = None
+        self._computed = Spans.of(rows.run)
         columns = rows.entries()
         self._columns = {name: read_only(columns[name]) for name in self._names}
-
-    @property
-    def runs(self) -> int:
-        """The number of rows."""
-        return len(self._rows)
 
     @property
     def gradients(self) -> Gradients:
@@ -491,49 +509,12 @@ class Ensemble(Results):
         """Yields this ensemble."""
         yield self
 
-    def _evenly_spaced(self, most: int) -> Numbers:
-        rows = np.linspace(0, self.runs - 1, min(most, self.runs)).astype(int)
-        chosen: Numbers = self.run[np.unique(rows)]
-        return chosen
-
     def _add_trajectory(self, run: int, path: Run) -> None:
         self.trajectories[run] = path
 
-    def has(self, run: int) -> bool:
-        """Whether the ensemble has a row of this run."""
-        if not 0 <= checks.integer("run", run) < 2**64:
-            return False
-        row = int(np.searchsorted(self.run, np.uint64(run)))
-        return row < self.runs and bool(self.run[row] == run)
-
-    def _varied_values(self, run: int) -> dict[str, Any]:
-        if not self.has(run):
-            raise IndexError(
-                f"run {checks.shown(run)} is not among the {self.runs} runs of this ensemble"
-            )
-        row = int(np.searchsorted(self.run, np.uint64(run)))
-        return {path: self._columns[path][row] for path in self._spec.shapes}
-
     def failures(self) -> list[Capsule]:
         """The runs that did not complete, as capsules, each of which can be replayed alone."""
-        return self._capsules(np.flatnonzero(self.status != "completed"))
-
-    def _capsules(self, rows: NDArray[np.intp]) -> list[Capsule]:
-        varied, options = self._spec.varied, self._spec.options
-        return [
-            Capsule(
-                run=int(self.run[row]),
-                status=str(self.status[row]),
-                time=float(self.end_time[row]),
-                message=str(self.message[row]),
-                parameters={
-                    path: number_or_array(self._columns[path][row]) for path in self._spec.shapes
-                },
-                varied=varied,
-                options=options,
-            )
-            for row in rows.tolist()
-        ]
+        return self._capsules(self._rows.select(self.status != "completed"))
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
