@@ -106,7 +106,7 @@ BAD: dict[str, tuple[Change, str]] = {
     "path": (lambda d: d["capsule"]["parameters"].update({"grasped.mas": 1.0}),
              r"parameters\['grasped\.mas'\]: .*did you mean \"grasped.mass\""),
     "shape": (lambda d: d["capsule"]["parameters"].update({"disturbances.0.force": [1.0]}),
-              r"parameters\['disturbances\.0\.force'\] has shape \(1,\): must have shape \(2,\)"),
+              r"parameters\['disturbances\.0\.force'\] = \[1\.0\]: must equal the scene's val"),
     "another value than the scene's": (lambda d: d["scene"]["grasped"].update(mass=0.3),
                                        r"'grasped\.mass'\] = 0\..*: must equal .* value, 0\.3"),
     "scene": (lambda d: d["scene"].update(duration=0), r"Scene\.duration = 0\.0: .*\(in scene\)"),

@@ -24,7 +24,7 @@ VARY = '[vary]\n"schedule.angles" = {kind = "scipy", name = '
 STUDIES = {
     "runs": (f"[study]\nruns = {10**22}", "[study].runs = 10000000000000000000000: must be at"),
     "group": (VARY + '"special_ortho_group", kwds = {dim = 20_000}}',
-              '[vary]."schedule.angles": special_ortho_group.dim = 20000: must be at most 1024'),
+              "draws of special_ortho_group have shape (20000,), must have shape (1, 2)"),
     "kind": ("[vary]\ngravity = {kind = ['scipy']}", "Distribution.kind (in [vary].\"gravity\")"),
     "array elsewhere": ('[vary]\ngravity = {kind = "array", file = "/dev/zero", sha256 = "0"}',
                         "[vary].\"gravity\": file = '/dev/zero': must be in the folder"),

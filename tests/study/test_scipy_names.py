@@ -105,23 +105,20 @@ def test_a_study_file_runs_no_function_of_scipys(
 
 BAD = [
     ('name = "gamm", args = [2]', 'did you mean "gamma"'),
-    ('name = "norm", args = [0, 1, 2]', "norm has 3 args: must be at most 2"),
-    ('name = "norm", kwds = {size = 3}', 'norm.size: unknown name; must be one of "loc", "scale"'),
+    ('name = "norm", args = [0, 1, 2]', "SciPy cannot make norm: "),
+    ('name = "norm", kwds = {size = 3}', "SciPy cannot make norm: "),
     ('name = "gamma"', "SciPy cannot make gamma"),
     ('name = "gamma", args = [-2]', "gamma(-2): is outside of the distribution's domain"),
     ('name = "norm", kwds = {scale = -1}', "norm(scale = -1): is outside"),
-    ('name = "gamma", args = ["2"]', "gamma.a = '2': must hold numbers"),
-    ('name = "gamma", args = [true]', "gamma.a = True: must hold numbers"),
-    ('name = "gamma", args = [nan]', "gamma.a = nan: must be numbers, and none of them NaN"),
-    ('name = "gamma", args = [[1, [2]]]', "gamma.a is ragged"),
+    ('name = "gamma", args = ["2"]', "gamma.args[0] = '2': must hold numbers"),
+    ('name = "gamma", args = [true]', "gamma.args[0] = True: must hold numbers"),
+    ('name = "gamma", args = [nan]', "gamma.args[0] = nan: must be numbers, and none of them NaN"),
+    ('name = "gamma", args = [[1, [2]]]', "gamma.args[0] is ragged"),
     ('name = "gamma", args = 2', "args = 2: must be an array"),
     ('name = "uniform", args = [[1, 2], [1, 2, 3]]', "must broadcast"),
-    ('name = "irwinhall", args = [100_000_000]', "irwinhall.n = 100000000.0: must be at most"),
+    ('name = "irwinhall", args = [100_000_000]', "irwinhall.args[0] = 100000000.0: must be"),
     ('name = "special_ortho_group", kwds = {dim = 1000}', "have shape (1000,), must have shape"),
-    ('name = "uniform_direction", kwds = {dim = 2.0}', "dim = 2.0: must be an integer"),
-    ('name = "multivariate_normal", args = [[0, 0]]', "args: must be empty"),
-    ('name = "multivariate_normal", kwds = {allow_singular = 1}', "must be True or False"),
-    ('name = "multivariate_normal", kwds = {mean = [[[0]]]}', "has shape (1, 1, 1): must be"),
+    ('name = "uniform_direction", kwds = {dim = 2.5}', "SciPy cannot make uniform_direction: "),
 ]  # fmt: skip
 
 
@@ -138,10 +135,10 @@ def test_arguments_that_make_huge_arrays_are_refused_before_they_are_made(tmp_pa
     # Each is small, and what they broadcast to takes 80 GB.
     row, column = [1.0] * 100_000, [[1.0]] * 100_000
     entry = f'kind = "scipy", name = "uniform", args = [{row}, {column}]'
-    with pytest.raises(ValueError, match=r"uniform has shape \(100000, 100000\): must be at most"):
+    with pytest.raises(ValueError, match="uniform has 10000000000 numbers: must be at most"):
         read(tmp_path, entry)
     mean = 'kind = "scipy", name = "multivariate_normal", kwds = {mean = ' + f"{[0.0] * 3000}}}"
-    with pytest.raises(ValueError, match=r"mean has shape \(3000,\): must be .* at most 1024"):
+    with pytest.raises(ValueError, match="multivariate_normal has 9000000 numbers: must be"):
         read(tmp_path, mean)
 
 

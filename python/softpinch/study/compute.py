@@ -137,7 +137,7 @@ class Job:
             self._check_dt(results)
         for run in self.spec.trajectories:
             if results.has(run) and run not in results.trajectories:
-                how = {name: getattr(self.spec.recording, name) for name in RECORDING}
+                how = {name: getattr(self.spec.options, name) for name in RECORDING}
                 replayed = results.replay(run, **how)
                 if replayed.status == "interrupted":
                     results.interrupted = True

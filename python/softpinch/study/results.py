@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -437,7 +436,7 @@ class Results(Shown, ABC):
             "interrupted": self.interrupted,
             **{name: plain(value) for name, value in spec.options.numerics().items()},
             "summaries": list(spec.summaries),
-            "summaries_after": spec.after if math.isfinite(spec.after) else None,
+            "summaries_after": spec.options.summaries_after,
             "settling_band": spec.band,
         }
 

@@ -16,7 +16,6 @@ seed = 7
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -25,24 +24,22 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .. import paper
-from ..run.options import NUMERICS, Options, in_place
+from .._core import RECORDABLE
+from ..run.options import Options, in_place
 from ..scene.scene import Scene
-from ..scene.template import SceneTemplate
 from ..support import checks, toml
 from ..support.arrays import Floats
 from ..support.files import one_line
 from .distributions import Distribution
-from .sampling import MOST_RUNS, Plan, paths_of
+from .sampling import MOST_RUNS
 from .sources import Key, frozen_distribution
-from .spec import SETTINGS, SUMMARIES, StudySpec
+from .spec import RECORDING, RUN_OPTIONS, SETTINGS, SUMMARIES, StudySpec
 
 # The last three occur only in manifests, which are study files too.
 _TOP = ("scene", "paper", "study", "vary", "format", "sha256", "made_by")
 # The number of runs if neither the file nor an array determines it.
 _RUNS = 1000
 _SCENE = {f.name for f in fields(Scene)}
-# The first bytes of a NumPy file.
-_MAGIC = b"\x93NUMPY"
 
 
 def read(path: Path, **changes: Any) -> StudySpec:
@@ -80,7 +77,8 @@ class StudyFile(NamedTuple):
         settings = {"summaries": SUMMARIES, **self.settings, **in_place(**changes)}
         if not any(isinstance(value, np.ndarray) for value in self.vary.values()):
             settings.setdefault("runs", _RUNS)
-        how = {name: settings.pop(name) for name in NUMERICS if name in settings}
+        settings.setdefault("record", RECORDABLE)
+        how = {name: settings.pop(name) for name in (*RUN_OPTIONS, *RECORDING) if name in settings}
         return StudySpec.checked(self.scene, Options.from_dict(how), vary=self.vary, **settings)
 
 
@@ -159,10 +157,9 @@ def _vary(data: Any, scene: Scene, beside: Path) -> dict[Key, Any]:
     for name, value in data.items():
         paths = tuple(part.strip() for part in name.split(","))
         result[paths[0] if len(paths) == 1 else paths] = _entry(name, value, beside)
-    every = [path for paths in paths_of(result).values() for path in paths]
-    shapes = SceneTemplate(scene, every, seed=0).shapes
-    drawn = {key: value for key, value in result.items() if not isinstance(value, np.ndarray)}
-    Plan(drawn, 1, shapes=shapes)  # refuses draws of a wrong shape
+    arrays = any(isinstance(value, np.ndarray) for value in result.values())
+    # Refuse unknown paths and draws of a wrong shape, in an error that names the file.
+    StudySpec.checked(scene, Options.checked(), runs=None if arrays else 1, vary=result)
     return result
 
 
@@ -198,8 +195,7 @@ def _array(where: str, value: Mapping[str, Any], beside: Path) -> Floats:
     """Reads an array from its own file, as named in a manifest."""
     checks.refuse_unknown(where, value, ("kind", "shape", "file", "sha256"), "")
     for name in ("file", "sha256"):
-        if not isinstance(value.get(name), str):
-            raise ValueError(f"{where}: {name} is missing, or no text")
+        checks.instance(f"{where}: {name}", value.get(name), str, "text")
     path = beside / checks.path(f"{where}: file", value["file"], "the name of a file")
     shown = checks.shown(value["file"])
     # Studies write arrays only into their folder. A path elsewhere could be a device or a pipe, and
@@ -220,25 +216,16 @@ def checksum(array: Floats) -> str:
 def load_array(file: Path, sha256: str) -> Floats:
     """Opens the array in a NumPy file as a memory map, and verifies its checksum.
 
-    Raises:
-        ValueError: The file is missing, is not an array of floats, or has another checksum. The
-            message continues a sentence that begins with the file's name.
+    The message of a ValueError continues a sentence that begins with the file's name.
     """
-    if not file.is_file():
-        raise ValueError("is not a file" if os.path.lexists(file) else "is missing")
     try:
-        with file.open("rb") as stream:
-            # NumPy would try to load other files as archives or pickles.
-            if stream.read(len(_MAGIC)) != _MAGIC:
-                raise ValueError("it is not a NumPy file")
-        # Ignore warnings: the size of a damaged shape may overflow 64 bits.
-        with np.errstate(all="ignore"):
-            array: Floats = np.load(file, mmap_mode="r", allow_pickle=False)
+        # Unlike `numpy.load`, this opens neither archives nor pickles.
+        array: Floats = np.lib.format.open_memmap(file, mode="r")
+    except FileNotFoundError:
+        raise ValueError("is missing") from None
     # For damaged bytes NumPy raises errors of many types, OSError among them.
     except Exception as error:
         raise ValueError(f"is damaged: {one_line(error)}") from None
-    if array.dtype != np.float64 or not array.ndim:
-        raise ValueError("has been altered: its shape or type is not one that a study writes")
-    if checksum(array) != sha256:
+    if array.dtype != np.float64 or not array.ndim or checksum(array) != sha256:
         raise ValueError("has been altered: its checksum differs")
     return array
