@@ -153,36 +153,34 @@ class Job:
         options = self.spec.options
         if options.dt is None or not is_explicit(options.method):
             return
-        counts: Counter[str] = Counter()
-        found: dict[str, list[tuple[int, tuple[str, float]]]] = {}
-        for part in results._read_by_part(("run", "status", "end_time")):
-            kinds = np.where(part["status"] == "completed", "completed", "failed")
-            kinds[part["status"] == "unstable"] = "unstable"
-            for kind in np.unique(kinds).tolist():
-                rows = np.flatnonzero(kinds == kind)
-                counts[kind] += len(rows)
-                for row in rows[_spread(len(rows))]:
-                    ended = str(part["status"][row]), float(part["end_time"][row])
-                    found.setdefault(kind, []).append((int(part["run"][row]), ended))
-        kind = next((kind for kind in ("unstable", "failed", "completed") if counts[kind]), "")
-        if kind == "completed" and not self._may_be_unstable:
+        counts = results.counts()
+        unstable = counts.get("unstable", 0)
+        failed = results.runs - counts.get("completed", 0)
+        if not failed and not self._may_be_unstable:
             return
+        found = []
+        for part in results._read_by_part(("run", "status")):
+            ended = part["status"]
+            suspect = ended == "unstable" if unstable else (ended != "completed") | (not failed)
+            found.append(Spans.of(part["run"][suspect]).edges)
+        rows = results._rows_of(Spans.joined(found).evenly_spaced(_SUSPECTS))
         text = None
-        for k in _spread(len(found.get(kind, ()))).tolist():
-            run, ended = found[kind][k]
+        for run, status, end in zip(
+            *(rows.columns[name].tolist() for name in ("run", "status", "end_time")), strict=True
+        ):
             try:
-                text = too_long(Request(results.scene_of(run), options), *ended)
+                text = too_long(Request(results.scene_of(run), options), status, end)
             except KeyboardInterrupt:
                 results.interrupted = True
                 return
             if text is not None:
                 break
         what = f"run {run}"
-        if kind == "unstable":
+        if unstable:
             text = text or "take a smaller dt; its message says which dt is surely stable"
-            what = f"{counts[kind]} of {counts.total()} runs are unstable, such as run {run}"
-        elif kind == "failed":
-            what = f"run {run}, one of {counts[kind]} that did not complete"
+            what = f"{unstable} of {results.runs} runs are unstable, such as run {run}"
+        elif failed:
+            what = f"run {run}, one of {failed} that did not complete"
         if text is not None:
             warn(f"{what}: {text}", StabilityWarning)
 
@@ -221,11 +219,6 @@ class Job:
             for name in (*self.spec.summaries, *events)
         }
         results.interrupted = outcome.interrupted
-
-
-def _spread(count: int) -> NDArray[np.intp]:
-    """Up to eight indices, evenly spread over `count` places."""
-    return np.unique(np.linspace(0, count - 1, min(_SUSPECTS, count)).astype(np.intp))
 
 
 def _numbers(only: ArrayLike, runs: int) -> Numbers:
