@@ -50,7 +50,6 @@ class Trajectories(Mapping[int, Run]):
         return self._folder.done.has(int(run)) and self._file(int(run)).exists()
 
     def __getitem__(self, run: int) -> Run:
-        """The trajectory of a run."""
         if run not in self:
             raise KeyError(f"the trajectory of run {run} is not kept: pass trajectories=({run},)")
         options, result = self._read(int(run))

@@ -124,13 +124,7 @@ class Capsule(Shown):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Makes a capsule from the result of `to_dict`.
-
-        Raises:
-            ValueError: A name is unknown or missing, a value breaks its rule, or a parameter
-                differs from its value in the scene.
-            TypeError: A value is of the wrong kind.
-        """
+        """Makes a capsule from the result of `to_dict`; refuses parameters unlike the scene's."""
         _tables(data, _TABLES, _TABLES, "")
         facts, how = data["capsule"], data["simulate"]
         _tables(facts, (*_FACTS, "parameters"), _FACTS, "capsule")

@@ -45,7 +45,8 @@ _SHOWN_COLUMNS = 4
 class Results(Shown, ABC):
     """The results of many runs, with one row for each run, and statistics of them.
 
-    Arrays are read-only, and their rows are sorted by the numbers of the runs. For a study on disk,
+    Arrays are read-only, and their rows are sorted by the numbers of the runs. `results["name"]` is
+    an entry of `to_dict`: a summary, a varied path, or another one. For a study on disk,
     probabilities and counts need no more memory than one part of it. Means and quantiles read one
     column and need up to 40 bytes for each run, 4 GB for 10^8 runs.
 
@@ -196,7 +197,7 @@ class Results(Shown, ABC):
 
     @property
     def summaries(self) -> dict[str, Floats]:
-        """Name -> (runs, ...), the computed summaries; also available as `results["name"]`.
+        """Name -> (runs, ...), the computed summaries.
 
         Summaries use the states at the ends of steps. With `tolerance` they also use instants
         inside a step at which a tip seemed to separate and return. They are NaN if the run ended
@@ -227,11 +228,6 @@ class Results(Shown, ABC):
         return self._read(self._spec.summaries)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """An entry of `to_dict` by its name: a summary, a varied path, or another one, (runs, ...).
-
-        Raises:
-            KeyError: There is no such entry; the message says how to compute a missing summary.
-        """
         if name in self._names:
             return self._column(name)
         if name in ("final_state", *_core.SUMMARIES):
@@ -370,7 +366,6 @@ class Results(Shown, ABC):
 
         Returns:
             A float, or an array (len(q),); NaN if the column is finite in no run.
-
         """
         wanted = checks.array("q", np.atleast_1d(checks.numbers("q", q)), ("k",))
         if ((wanted < 0) | (wanted > 1)).any():
@@ -402,9 +397,6 @@ class Results(Shown, ABC):
 
         The arguments are those of `simulate`; instants of `times` outside the run's duration are
         left out.
-
-        Raises:
-            IndexError: There is no such run.
         """
         run = checks.integer("run", run, 0)
         values = self._varied_values(run)
@@ -412,11 +404,7 @@ class Results(Shown, ABC):
         return self._spec.replay(run, values, recorded, every, times)
 
     def scene_of(self, run: int) -> Scene:
-        """The scene of one run with its varied values, for `simulate`.
-
-        Raises:
-            IndexError: There is no such run.
-        """
+        """The scene of one run with its varied values, for `simulate`."""
         run = checks.integer("run", run, 0)
         return self._spec.varied.at(self._varied_values(run), run)
 

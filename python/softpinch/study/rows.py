@@ -265,11 +265,6 @@ class Schema:
         Args:
             name: The name of the column.
             field: The argument's name, for error messages.
-
-        Raises:
-            ValueError: The name is unknown, belongs to a summary that was not computed, to an entry
-                with several columns, or to an event, which has no number.
-            TypeError: The name is not a string.
         """
         checks.instance(field, name, str, "the name of a column")
         if name in (*_core.STATUSES, *_core.VIOLATIONS):

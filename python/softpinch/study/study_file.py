@@ -45,15 +45,8 @@ _SCENE = {f.name for f in fields(Scene)}
 def read(path: Path, **changes: Any) -> StudySpec:
     """Reads a study from a file. The path of a scene file is relative to the study file's folder.
 
-    Args:
-        path: The file.
-        changes: Settings that override those in the file (see `in_place`); None changes nothing.
-
-    Raises:
-        ValueError: The file is not TOML, a name is unknown or missing, a path of `[vary]` is not a
-            numeric field, or a value breaks its rule. The message has file, place and rule.
-        TypeError: A setting is of the wrong kind.
-        OSError: The study file or the scene file cannot be read.
+    `changes` override settings of the file (see `in_place`); None changes nothing. An error says
+    the file, the place and the rule.
     """
     path = checks.path("path", path)
     return parse(toml.read(path), path).spec(**changes)
@@ -73,7 +66,7 @@ class StudyFile(NamedTuple):
     settings: Mapping[str, Any]
 
     def spec(self, **changes: Any) -> StudySpec:
-        """Makes the study's description; `changes` and errors are those of `read`."""
+        """Makes the study's description, with the `changes` of `read`."""
         settings = {"summaries": SUMMARIES, **self.settings, **in_place(**changes)}
         if not any(isinstance(value, np.ndarray) for value in self.vary.values()):
             settings.setdefault("runs", _RUNS)
@@ -83,7 +76,7 @@ class StudyFile(NamedTuple):
 
 
 def parse(data: Mapping[str, Any], path: Path) -> StudyFile:
-    """Parses the content `data` of the file at `path`; errors are those of `read`."""
+    """Parses the content `data` of the file at `path`."""
     try:
         if "capsule" in data:
             raise ValueError("is a capsule, one run of a study: replay it with softpinch run")
