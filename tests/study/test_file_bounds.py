@@ -88,21 +88,6 @@ def test_the_shell_says_it_in_one_line_in_bounded_time_and_memory(folder: Path) 
     assert not (folder / "out").exists()
 
 
-@pytest.mark.parametrize("name", SCENES)
-def test_from_python_it_is_a_value_error_or_a_type_error(name: str, tmp_path: Path) -> None:
-    data, text = SCENES[name]
-    path = tmp_path / "scene.toml"
-    path.write_bytes(data if isinstance(data, bytes) else data.encode())
-    with pytest.raises((ValueError, TypeError)) as error:
-        sp.Scene.from_toml(path)
-    assert text in str(error.value) and "\n" not in str(error.value)
-    assert len(str(error.value)) < 1000
-    if isinstance(data, str):
-        with pytest.raises((ValueError, TypeError)) as error:
-            sp.Scene.from_toml(data)
-        assert text in str(error.value)
-
-
 def test_files_within_the_bounds_are_read(tmp_path: Path) -> None:
     path = tmp_path / "scene.toml"
     path.write_bytes(b"\xef\xbb\xbfduration = 2\r\n[grasped]\r\nmass = 1\r\n")

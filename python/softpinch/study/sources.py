@@ -101,18 +101,14 @@ class Source:
 
     def describe(self) -> dict[str, Any]:
         """Describes the source as plain data with a `kind`, for manifests and provenance."""
-        raise NotImplementedError
+        return dict(self.value)
 
 
 class Description(dict[str, Any]):
-    """The result of `Source.describe`; in `vary` it stands for a source that draws nothing."""
+    """The result of `Source.describe`; in `vary` it stands for a source that draws nothing.
 
-
-class _DescribedSource(Source):
-    """The description of a source, in results and on workers, which draw nothing."""
-
-    def describe(self) -> dict[str, Any]:
-        return dict(self.value)
+    Results and workers have it.
+    """
 
 
 class ArraySource(Source):
@@ -307,7 +303,7 @@ class _FunctionSource(Source):
 def source_of(key: Key, value: Any, shapes: Shapes) -> Source:
     """Makes the source for a value of `vary`."""
     if isinstance(value, Description):
-        return _DescribedSource(key, value, shapes)
+        return Source(key, value, shapes)
     if isinstance(value, Distribution):
         return _OwnDistribution(key, value, shapes)
     if hasattr(value, "rvs"):
