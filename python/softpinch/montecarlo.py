@@ -270,10 +270,9 @@ def compute(job: Job, store: str | Path | None) -> Ensemble | Study:
     usual.warn(job.spec.scene, schedule_replaced=replaced)
     if store is None:
         return _in_memory(job)
-    from .store.driver import compute_in_folder
-    from .store.study import Study
+    from .store.study import compute_in_folder
 
-    return compute_in_folder(job, store, Study)
+    return compute_in_folder(job, store)
 
 
 def _in_memory(job: Job) -> Ensemble:

@@ -12,7 +12,8 @@ from scipy import stats
 
 import softpinch as sp
 from softpinch import _core
-from softpinch.store import driver, manifest
+from softpinch.store import manifest
+from softpinch.store import study as stored
 from softpinch.study.sampling import BLOCK
 from stores import (
     PUSH,
@@ -204,14 +205,14 @@ def test_a_writer_whose_runs_have_other_bits_is_refused(
 ) -> None:
     real = manifest.made_by()
     monkeypatch.setattr(manifest, "made_by", lambda: {**real, "machine": "abacus"})
-    right = driver.compute
+    right = stored.compute
 
     def wrong(*given: Any) -> Any:
         rows = right(*given)
         state = rows.columns["final_state"]
         return replace(rows, columns={**rows.columns, "final_state": np.nextafter(state, 9.0)})
 
-    monkeypatch.setattr(driver, "compute", wrong)
+    monkeypatch.setattr(stored, "compute", wrong)
     before = files(study)
     # Asking once more is no way around it.
     for _ in range(2):

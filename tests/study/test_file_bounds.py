@@ -22,7 +22,7 @@ SCENES: dict[str, tuple[str | bytes, str]] = {
 }  # fmt: skip
 VARY = '[vary]\n"schedule.angles" = {kind = "scipy", name = '
 STUDIES = {
-    "runs": (f"[study]\nruns = {10**22}", "[study].runs = 10000000000000000000000: must be at"),
+    "runs": (f"[study]\nruns = {10**22}", "runs = 10000000000000000000000: must be at most"),
     "group": (VARY + '"special_ortho_group", kwds = {dim = 20_000}}',
               "draws of special_ortho_group have shape (20000,), must have shape (1, 2)"),
     "kind": ("[vary]\ngravity = {kind = ['scipy']}", "Distribution.kind (in [vary].\"gravity\")"),

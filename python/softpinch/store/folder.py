@@ -202,10 +202,10 @@ class Writer:
         path = folder.path / PARTS / f"{self._next:06}.parquet"
         try:
             files.write_with_digest(path, encode(rows, folder.spec, folder.identity))
-        except OSError as error:
+        except StoreError as error:
             raise StoreError(
-                f"{folder.path}: {error.strerror}: the last {len(rows)} runs cannot be written; "
-                f"the {folder.done.count} runs before them are stored, and resume continues there"
+                f"{error}: the last {len(rows)} runs are lost; the {folder.done.count} runs before "
+                "them are stored, and resume continues there"
             ) from None
         self._next += 1
         folder.add(Part.open(path, folder.identity))

@@ -105,12 +105,7 @@ class Trajectories(Mapping[int, Run]):
             "arrays": names,
             "result": result,
         }
-        file = self._file(run)
-        try:
-            file.parent.mkdir(exist_ok=True)
-            files.write_with_digest(file, files.encode(columns, facts))
-        except OSError as error:
-            raise StoreError(f"{file}: cannot be written: {error.strerror}") from None
+        files.write_with_digest(self._file(run), files.encode(columns, facts))
 
     def damaged(self) -> Iterator[str]:
         """Reads every file, and yields one line for each damaged file."""

@@ -31,7 +31,6 @@ from ..support import checks, toml
 from ..support.arrays import Floats
 from ..support.files import one_line
 from .distributions import Distribution
-from .sampling import MOST_RUNS
 from .sources import Key, frozen_distribution
 from .spec import RECORDING, RUN_OPTIONS, SETTINGS, SUMMARIES, StudySpec
 
@@ -67,10 +66,8 @@ class StudyFile(NamedTuple):
 
     def spec(self, **changes: Any) -> StudySpec:
         """Makes the study's description, with the `changes` of `read`."""
-        settings = {"summaries": SUMMARIES, **self.settings, **in_place(**changes)}
-        if not any(isinstance(value, np.ndarray) for value in self.vary.values()):
-            settings.setdefault("runs", _RUNS)
-        settings.setdefault("record", RECORDABLE)
+        default = {"summaries": SUMMARIES, "record": RECORDABLE}
+        settings = {**default, **self.settings, **in_place(**changes)}
         how = {name: settings.pop(name) for name in (*RUN_OPTIONS, *RECORDING) if name in settings}
         return StudySpec.checked(self.scene, Options.from_dict(how), vary=self.vary, **settings)
 
@@ -88,12 +85,14 @@ def parse(data: Mapping[str, Any], path: Path) -> StudyFile:
         checks.refuse_unknown("study file", data, _TOP, "")
         own = data.get("study", {})
         checks.refuse_unknown("[study]", own, SETTINGS, "")
-        if "runs" in own:
-            checks.integer("[study].runs", own["runs"], 1, MOST_RUNS)
-        if "seed" in own:
-            checks.integer("[study].seed", own["seed"], 0, 2**64 - 1)
-        scene = scene_of(data, path.parent)
-        return StudyFile(scene, _vary(data.get("vary", {}), scene, path.parent), own)
+        scene, vary = scene_of(data, path.parent), _vary(data.get("vary", {}), path.parent)
+        own = dict(own)
+        if not any(isinstance(value, np.ndarray) for value in vary.values()):
+            own.setdefault("runs", _RUNS)
+        # Refuse wrong paths, shapes and numbers of runs here, in an error that names the file.
+        draws = {name: own[name] for name in ("runs", "seed") if name in own}
+        StudySpec.checked(scene, Options.checked(), vary=vary, **draws)
+        return StudyFile(scene, vary, own)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from None
 
@@ -140,7 +139,7 @@ def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
     return result
 
 
-def _vary(data: Any, scene: Scene, beside: Path) -> dict[Key, Any]:
+def _vary(data: Any, beside: Path) -> dict[Key, Any]:
     """Parses the table `[vary]`: distributions, and arrays, which may be in separate files."""
     if not isinstance(data, Mapping):
         raise TypeError(
@@ -150,9 +149,6 @@ def _vary(data: Any, scene: Scene, beside: Path) -> dict[Key, Any]:
     for name, value in data.items():
         paths = tuple(part.strip() for part in name.split(","))
         result[paths[0] if len(paths) == 1 else paths] = _entry(name, value, beside)
-    arrays = any(isinstance(value, np.ndarray) for value in result.values())
-    # Refuse unknown paths and draws of a wrong shape, in an error that names the file.
-    StudySpec.checked(scene, Options.checked(), runs=None if arrays else 1, vary=result)
     return result
 
 
