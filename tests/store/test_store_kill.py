@@ -190,8 +190,8 @@ def test_a_full_disk_keeps_the_parts_before(size: int, before: int, tmp_path: Pa
         place = "digests/parts-" if size < 100 else "parts/"
         assert re.fullmatch(
             rf"{tmp_path}/{place}{before:06}\.parquet(\.sha256)?: cannot be written: "
-            rf"File too large: the last {BLOCK} runs are lost; the {before * BLOCK} runs before them are stored, "
-            "and resume continues there",
+            rf"File too large: the last {BLOCK} runs are lost; the {before * BLOCK} runs before "
+            "them are stored, and resume continues there",
             str(caught.value),
         )
         assert sp.Study.open(tmp_path).runs == before * BLOCK
