@@ -37,7 +37,7 @@ _CAPSULES = 10
 
 def sample(study: Results) -> Ensemble:
     """The runs for the figures: all, or of a large study `LARGEST` evenly spaced ones."""
-    numbers = study._evenly_spaced(LARGEST)
+    numbers = study._computed.evenly_spaced(LARGEST)
     return Ensemble(study._spec, study._rows_of(numbers), requested=len(numbers))
 
 

@@ -58,11 +58,6 @@ class Distribution(Record):
         Returns:
             Draws (n, *shape). u is limited to 1 - 2^-53 from above, and to 2^-54 from below if the
             distribution has no lower end, so that draws are finite.
-
-        Raises:
-            TypeError: `u` is not numeric.
-            ValueError: `u` has the wrong shape, or a number outside [0, 1].
-            ImportError: The distribution needs SciPy, which is not installed.
         """
         given = checks.array("u", u, (len(np.atleast_1d(checks.read("u", u))), self.dimensions))
         wrong = np.argwhere((given < 0.0) | (given > 1.0))
@@ -72,13 +67,7 @@ class Distribution(Record):
         return self._quantiles(np.minimum(given, MOST))
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
-        """Random draws (n, *shape); the first rows do not depend on `n`.
-
-        Raises:
-            TypeError: `rng` is not a generator, or `n` is not an integer.
-            ValueError: `n` is below 0, or above 2^40.
-            ImportError: The distribution needs SciPy, which is not installed.
-        """
+        """Random draws (n, *shape); the first rows do not depend on `n`."""
         checks.instance("rng", rng, np.random.Generator)
         return self._drawn(rng, checks.integer("n", n, 0, _MOST_DRAWS))
 
