@@ -5,7 +5,20 @@
 makes environments of them.
 """
 
-from .simulator import Observation, Simulator
-from .vector import Observations, VectorSimulator
+from typing import TYPE_CHECKING
+
+from ..support.extras import lazily
+
+if TYPE_CHECKING:
+    from .simulator import Observation, Simulator
+    from .vector import Observations, VectorSimulator
+else:
+    __getattr__ = lazily(
+        __name__,
+        {
+            "simulator": ("Observation", "Simulator"),
+            "vector": ("Observations", "VectorSimulator"),
+        },
+    )
 
 __all__ = ["Observation", "Observations", "Simulator", "VectorSimulator"]

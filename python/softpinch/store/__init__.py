@@ -5,6 +5,13 @@ reads and adds parts, `trajectories` stores recorded runs, `manifest` describes 
 computed, and `files` writes and reads files with their digests. docs/scale-out.md has the promises.
 """
 
-from .study import Study
+from typing import TYPE_CHECKING
+
+from ..support.extras import lazily
+
+if TYPE_CHECKING:
+    from .study import Study
+else:
+    __getattr__ = lazily(__name__, {"study": ("Study",)})
 
 __all__ = ["Study"]
