@@ -7,7 +7,6 @@ import re
 import warnings
 from collections.abc import Iterator
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ import pytest
 import callables
 import softpinch as sp
 from softpinch.study.sampling import Plan
-from softpinch.support.table import Table
 
 pytest.importorskip("matplotlib")
 
@@ -128,33 +126,6 @@ def test_the_walk_meets_what_there_is() -> None:
         *NAMES
     }
     assert set(sp.__all__) >= callables.RESULTS
-
-
-FULL = Path("/dev/full")
-
-
-@pytest.mark.skipif(not FULL.exists(), reason="the system has no disk that is always full")
-@pytest.mark.parametrize(
-    ("suffix", "save"),
-    [
-        (".csv", lambda path: callables.run().save(path)),
-        (".npz", lambda path: callables.run().save(path)),
-        (".csv", lambda path: callables.stability().save(path)),
-        (".npz", lambda path: callables.stability().save(path)),
-        (".csv", lambda path: callables.precision().save(path)),
-        (".csv", lambda path: Table(columns=("a",), rows=((1,),)).save(path)),
-        (".png", lambda path: sp.plot.save(sp.plot.motion(callables.run()), path)),
-        (".svg", lambda path: sp.plot.save(sp.plot.motion(callables.run()), path)),
-        (".pdf", lambda path: sp.plot.save(sp.plot.motion(callables.run()), path)),
-    ],
-)
-def test_a_full_disk_is_an_error_with_the_file_s_name(
-    suffix: str, save: Any, tmp_path: Path
-) -> None:
-    path = tmp_path / f"full{suffix}"
-    path.symlink_to(FULL)
-    with pytest.raises(OSError, match=rf"No space left on device.*full{re.escape(suffix)}"):
-        save(path)
 
 
 @pytest.mark.parametrize(

@@ -255,10 +255,7 @@ def path(name: str, value: object, what: str = "a path") -> Path:
 def instance(name: str, value: object, cls: type[object], kind: str = "") -> None:
     """Refuses a value that is not a `cls`. Errors call the type `kind`, by default "a <class>"."""
     if not isinstance(value, cls):
-        from . import suggest  # only an error needs it
-
-        rule = f"must be {kind or f'a {cls.__name__}'}{suggest.part(name, value, cls)}"
-        raise TypeError(f"{name} = {shown(value)}: {rule}")
+        raise TypeError(f"{name} = {shown(value)}: must be {kind or f'a {cls.__name__}'}")
 
 
 def choice(name: str, value: object, allowed: Iterable[Name]) -> Name:
