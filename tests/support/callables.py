@@ -13,23 +13,17 @@ from typing import Any
 import numpy as np
 
 import softpinch as sp
-from scene_calls import ANGLES, SCENE_CALLS, TIMES
 from softpinch import paper, plot, reference, reproduce, stress
+from softpinch.support.record import Record
 
 SCENE = sp.Scene(duration=0.002, friction=0.5)
 STEPPED = replace(SCENE, control=sp.Torque(), duration=1.0)
 STEP = 1e-3
+TIMES, ANGLES = [0.0, 0.1], [[0.1, 0.1], [0.2, 0.2]]
 # One pair, so that what compares pairs takes no time.
 PAIR: dict[str, Any] = {"formulations": "csm", "methods": "rk4"}
-# Made by the package and handed to users, who need not make them: their numbers are results.
-RESULTS = {
-    *("Advice", "Capsule", "Discretisation", "Effect", "Energies", "EnergyLedger", "Ensemble"),
-    *("ContactChange", "ContactMode", "Equilibrium", "EquilibriumMap", "ErrorEstimate", "Estimate"),
-    *("Evaluation", "Explanation", "Fit", "Forces", "Gradients", "LinearModel", "Lost", "Mean"),
-    *("Measurement", "Modes", "Observation", "Observations", "Results", "Run", "Sensitivity"),
-    *("SensitivityState", "StabilityMap", "StabilizationSweep", "StableStep", "Study", "Term"),
-    *("Grip", "WorkPrecision", "WrenchLimits"),
-}
+# Classes that users make, beside the records: others are results.
+MADE = {"Peer", "Simulator", "VectorSimulator"}
 # Without an object of their own: their methods are those of what is derived.
 BASES = {"Disturbance", "Distribution", "Results"}
 # Inner workings without underscore: what compiles, makes results, and is in every mapping.
@@ -190,7 +184,17 @@ def arguments() -> dict[str, dict[str, Any]]:
     q = SCENE.start().q
     rows = {"t": [0.0], "q": [q], "p": [[0.0] * 9], "integral": [[0.0, 0.0]]}
     own: dict[str, dict[str, Any]] = {
-        **SCENE_CALLS,
+        "GraspedObject.box": {"width": 0.05, "height": 0.05, "mass": 0.1},
+        "GraspedObject.cylinder": {"length": 0.05, "radius": 0.02, "mass": 0.1},
+        "Schedule": {"kind": "steps", "times": TIMES, "angles": ANGLES},
+        "Schedule.steps": {"times": TIMES, "angles": ANGLES},
+        "Schedule.ramps": {"times": TIMES, "angles": ANGLES},
+        "Schedule.minimum_jerk": {"times": TIMES, "angles": ANGLES, "move_time": 0.05},
+        "Schedule.in_degrees": {"kind": "steps", "times": TIMES, "angles": ANGLES},
+        "Schedule.sampled": {"times": TIMES, "angles": ANGLES},
+        "Schedule.target": {"t": [0.0, 0.1]},
+        "Scene.from_toml": {"source": "duration = 1.0"},
+        "Scene.with_": {"values": {"grasped.mass": 0.2}},
         "Choice": {"values": [1.0, 2.0], "weights": [1.0, 1.0]},
         "Impulse": {"time": 0.0},
         "LogNormal": {"median": 1.0, "sigma": 0.1},
@@ -349,7 +353,7 @@ MODULES: tuple[ModuleType, ...] = (paper, plot, reference, reproduce, stress)
 
 def _inside(name: str, cls: type) -> Iterator[str]:
     """The constructor of a class, and its methods that have no underscore."""
-    if name not in RESULTS:
+    if issubclass(cls, Record) or name in MADE:
         yield name
     for inside in dir(cls):
         member = inspect.getattr_static(cls, inside)
