@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import softpinch as sp
+from noises import held
 
 Floats = NDArray[np.float64]
 
@@ -24,26 +25,13 @@ def _swap(pair: Any) -> Any:
     return (pair[1], pair[0]) if isinstance(pair, tuple) else pair
 
 
-def as_samples(noise: sp.Noise, place: int, until: float) -> sp.Sampled:
-    """The force of held noise as samples, up to a time, or to its end."""
-    end = np.inf if noise.duration is None else noise.time + noise.duration
-    count = max(1, int(np.ceil((min(until, end) - noise.time) * noise.rate_hz)) + 1)
-    loads = noise.samples(count, place)
-    times = np.arange(count) / noise.rate_hz + noise.time
-    if end < until:
-        kept = times < end
-        times = np.append(times[kept], end)
-        loads = np.append(loads[kept], [[0.0, 0.0, 0.0]], axis=0)
-    return sp.Sampled(times=times, force=loads[:, :2], moment=loads[:, 2], hold="zero")
-
-
 def without_noise(scene: sp.Scene) -> sp.Scene:
     """The scene with held noise as samples, which need no generator of random numbers."""
     until = scene.start().time + scene.duration
     return replace(
         scene,
         disturbances=[
-            as_samples(d, place, until) if isinstance(d, sp.Noise) else d
+            held(d, place, until) if isinstance(d, sp.Noise) else d
             for place, d in enumerate(scene.disturbances)
         ],
     )
