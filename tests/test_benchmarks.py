@@ -68,14 +68,6 @@ def test_a_quick_look_measures_everything_and_writes_nothing(script: str) -> Non
     assert all(line.startswith("left out   ") for line in lines)
 
 
-@pytest.mark.parametrize("script", ["integrators.py", "reports.py"])
-def test_an_unknown_part_is_refused_with_the_names_of_all(script: str) -> None:
-    done = run(script, "everything")
-    assert done.returncode == 2
-    assert "'everything' is none of" in done.stderr
-    assert "Traceback" not in done.stderr
-
-
 def test_parts_that_documents_name_are_parts() -> None:
     texts = [path.read_text("utf-8") for path in [ROOT / "README.md", *ROOT.glob("docs/*.md")]]
     commands = re.findall(r"python benchmarks/(\w+\.py)((?: [a-z]\w*)+)", "\n".join(texts))
