@@ -3,7 +3,6 @@
 import inspect
 from collections.abc import Callable
 from dataclasses import fields, replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -39,22 +38,6 @@ def test_nothing_is_suggested_where_nothing_is_close() -> None:
         sp.Scene(zzz=1)  # type: ignore[call-arg]
     with pytest.raises(TypeError, match=r"unknown name; must be"):
         sp.Scene(**{"gravity" * 10_000: 1})  # type: ignore[arg-type]
-
-
-FILES = [
-    ("[object]\nmass = 1", 'did you mean "grasped"?'),
-    ("[hand.right]\nlenght = 1", 'Finger.lenght (in hand.right): unknown name'),
-    ("[hand.right]\nlenght = 1", 'did you mean "hand.right.length"?'),
-    ("[hand.tip.left]\nyoungs_modulos = 1", 'did you mean "hand.tip.left.youngs_modulus"?'),
-    ("[control.right]\nKp = 1", 'did you mean "control.right.kp"?'),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("text", "message"), FILES, ids=range(len(FILES)))
-def test_a_file_says_it(text: str, message: str, tmp_path: Path) -> None:
-    with pytest.raises(ValueError) as error:
-        sp.Scene.from_toml(text)
-    assert message in str(error.value), str(error.value)
 
 
 def every_record(cls: type[Record] = Record) -> list[type[Record]]:
