@@ -12,14 +12,42 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-# The public names are those in the `__all__` of these rooms. A room's package is small: most
-# import their modules when a name is asked for, so that `import softpinch` stays quick.
-from . import accuracy, analysis, fitting, paper, run, scene, simulator, store, study, support
+from . import paper, run, scene, support
 from ._core import __version__
 from .run import *
 from .scene import *
 from .support import *
 from .support.extras import lazily
+
+# Room -> its public names, and modules. They are imported when they are asked for: they need
+# extras, or a program that runs a scene does not need them, and `import softpinch` stays quick.
+_LAZY = {
+    "accuracy": (
+        *("Advice", "Measurement", "Modes", "Peer", "StabilityMap", "StabilizationSweep"),
+        *("StableStep", "WorkPrecision", "advise", "max_stable_dt", "modes", "stability_map"),
+        *("stabilization_sweep", "work_precision"),
+    ),
+    "analysis": (
+        *("Equilibrium", "EquilibriumMap", "Grip", "LinearModel", "WrenchLimits", "equilibrium"),
+        *("equilibrium_map", "grip", "linearize", "wrench_limits"),
+    ),
+    "fitting": ("Fit", "fit"),
+    "montecarlo": ("monte_carlo",),
+    "simulator": ("Observation", "Observations", "Simulator", "VectorSimulator"),
+    "store": ("Study",),
+    "study": (
+        *("Capsule", "Choice", "Discretisation", "Distribution", "Effect", "Ensemble", "Estimate"),
+        *("Gradients", "LogNormal", "LogUniform", "Lost", "Mean", "Normal", "Results"),
+        *("TruncatedNormal", "Uniform", "sensitivity"),
+    ),
+}
+
+__all__ = ["__version__", "paper", *run.__all__, *scene.__all__, *support.__all__]
+__all__ += [name for names in _LAZY.values() for name in names]
+__all__.sort()
+
+# Modules that users reach as attributes.
+_LAZY |= {name: (name,) for name in ("gym", "jax", "plot", "reference", "strategies", "stress")}
 
 if TYPE_CHECKING:
     from . import gym as gym
@@ -35,23 +63,7 @@ if TYPE_CHECKING:
     from .simulator import *
     from .store import *
     from .study import *
-
-_EAGER = (run, scene, support)
-# Module -> its names that are imported when they are asked for (tests/test_import.py).
-_LAZY = {
-    room.__name__.rpartition(".")[2]: tuple(room.__all__)
-    for room in (accuracy, analysis, fitting, simulator, store, study)
-}
-_LAZY["montecarlo"] = ("monte_carlo",)
-
-__all__ = ["__version__", "paper"]
-__all__ += [name for room in _EAGER for name in room.__all__]
-__all__ += [name for names in _LAZY.values() for name in names]
-__all__.sort()
-
-# Modules that users reach as attributes, and that need an extra or are seldom needed.
-_LAZY |= {name: (name,) for name in ("gym", "jax", "plot", "reference", "strategies", "stress")}
-if not TYPE_CHECKING:
+else:
     __getattr__ = lazily(__name__, _LAZY)
 
 

@@ -5,20 +5,7 @@
 makes environments of them.
 """
 
-from typing import TYPE_CHECKING
-
-from ..support.extras import lazily
-
-if TYPE_CHECKING:
-    from .simulator import Observation, Simulator
-    from .vector import Observations, VectorSimulator
-else:
-    __getattr__ = lazily(
-        __name__,
-        {
-            "simulator": ("Observation", "Simulator"),
-            "vector": ("Observations", "VectorSimulator"),
-        },
-    )
+from .simulator import Observation, Simulator
+from .vector import Observations, VectorSimulator
 
 __all__ = ["Observation", "Observations", "Simulator", "VectorSimulator"]

@@ -5,13 +5,6 @@ reads and adds parts, `trajectories` stores recorded runs, `manifest` describes 
 computed, and `files` writes and reads files with their digests. docs/scale-out.md has the promises.
 """
 
-from typing import TYPE_CHECKING
-
-from ..support.extras import lazily
-
-if TYPE_CHECKING:
-    from .study import Study
-else:
-    __getattr__ = lazily(__name__, {"study": ("Study",)})
+from .study import Study
 
 __all__ = ["Study"]
