@@ -4,6 +4,7 @@ import hashlib
 import re
 import shutil
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -333,3 +334,22 @@ def test_other_arrays_are_another_study_and_another_order_is_not(tmp_path: Path)
     assert "control" not in str(e.value)
     turned: dict[Any, Any] = {"control.kp": vary["control.kp"], "grasped.mass": mass.tolist()}
     assert tiny(tmp_path, None, vary=turned).complete
+
+
+READER = """
+import os, sys
+import softpinch as sp
+
+study = sp.Study.open(sys.argv[1])
+before = len(os.listdir("/proc/self/task"))
+study.verify()
+print(len(os.listdir("/proc/self/task")) - before)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="the system does not list threads")
+def test_reading_starts_no_threads_that_outlive_it(whole: Path) -> None:
+    # A process that ended while Arrow's threads held what was read could abort.
+    command = [sys.executable, "-c", READER, str(whole)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert int(done.stdout) == 0

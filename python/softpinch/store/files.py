@@ -166,6 +166,7 @@ def read(
         if sha256(data) != digest:
             raise ValueError(f"its SHA-256 differs from that in {DIGESTS}")
         file = parquet.ParquetFile(pa.BufferReader(data))
-        table = file.read(columns=None if names is None else list(names))
+        # Threads of Arrow may still hold `data` when the interpreter ends, which then aborts.
+        table = file.read(columns=None if names is None else list(names), use_threads=False)
         columns = {name: table.column(name).to_numpy() for name in table.column_names}
         return columns, _facts(file.metadata)
