@@ -137,8 +137,3 @@ def test_no_false_alarm_on_stress_scenes(name: str) -> None:
     dt = min(limit / 3.0, case.scene.duration)
     scene = replace(case.scene, duration=min(case.scene.duration, 2e5 * dt))
     assert sp.simulate(scene, dt=dt, record=()).status != "unstable"
-
-
-def test_no_false_alarm_on_the_manipulation_of_the_paper() -> None:
-    for dt in (1e-4, 5e-4):
-        assert sp.simulate(sp.paper.manipulation(), dt=dt, record=()).status == "completed"
