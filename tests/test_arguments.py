@@ -65,7 +65,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def faults(name: str, parameter: str) -> Iterator[str]:
     """Yields the faults of the answers to wrong values of one parameter."""
-    function, right = callables.called(name), callables.arguments().get(name, {})
+    function, right = callables.called(name), callables.arguments(name)
     for kind, value in (NEVER | ODD).items():
         if kind == "text" and parameter in ("path", "store", "out"):
             continue  # any text is a path
@@ -110,7 +110,7 @@ def test_every_wrong_argument_is_refused_by_its_name(name: str, parameter: str) 
 def test_the_right_arguments_are_taken(name: str) -> None:
     """Else the test above would find every value refused for another reason."""
     with suppress(Reached):
-        callables.called(name)(**callables.arguments().get(name, {}))
+        callables.called(name)(**callables.arguments(name))
 
 
 def test_the_walk_meets_what_there_is() -> None:
