@@ -19,7 +19,7 @@ pytest.importorskip("matplotlib")
 
 
 class Odd:
-    """Of no kind that anything takes."""
+    """An object that no argument accepts."""
 
 
 # What nothing takes, but the eigenvalue of a mode, which is complex.

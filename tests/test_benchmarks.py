@@ -30,7 +30,7 @@ def quick(script: str) -> subprocess.CompletedProcess[str]:
 
 
 def written() -> dict[Path, bytes]:
-    """What a measurement may write: the documents with their figures, and the results."""
+    """The files that a measurement may write: documents with figures, and results."""
     files = [ROOT / "README.md"]
     for folder in ("docs", "results", "benchmarks"):
         files += [path for path in (ROOT / folder).rglob("*") if path.suffix != ".pyc"]

@@ -1,4 +1,4 @@
-"""What docstrings, comments and documents cite is in the repository: files, sections, equations."""
+"""Files, sections and equations that docstrings, comments and documents cite exist."""
 
 import ast
 import contextlib
@@ -79,7 +79,7 @@ def files() -> Iterator[Path]:
 
 @cache
 def blocks() -> Pieces:
-    """What the documents show between fences."""
+    """The blocks between fences in the documents."""
     return [
         (path, block)
         for path in files()

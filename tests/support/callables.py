@@ -319,7 +319,7 @@ def function(name: str) -> Callable[..., Any]:
 
 
 def parameters(name: str) -> list[str]:
-    """What a callable takes by name, itself apart, and without what goes on to another one."""
+    """The named parameters of a callable, without `self`."""
     kinds = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
     found = inspect.signature(function(name)).parameters.values()
     return [each.name for each in found if each.kind not in kinds and each.name != "self"]

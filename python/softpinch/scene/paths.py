@@ -95,7 +95,7 @@ def resolve(scene: Scene, path: str) -> Any:
 
 
 def locate(scene: Scene, path: str) -> tuple[Any, str]:
-    """Returns whatever is at a path, also records and text, and its place for error messages."""
+    """Returns the value at a path, also a record or a text, and its place for error messages."""
     if not isinstance(path, str):
         raise TypeError(f'vary: {checks.shown(path)}: must be a path such as "grasped.mass"')
     shown = checks.shown(path)
@@ -133,7 +133,7 @@ def locate(scene: Scene, path: str) -> tuple[Any, str]:
 
 
 def _hint(scene: Scene, path: str) -> str:
-    """Returns '; did you mean "hand.tip.youngs_modulus"?' for "hand.tip.E" and what is misspelt."""
+    """Returns a suggestion for a path with a symbol, "hand.tip.E", or with a misspelt name."""
     meant = spelt_out(path)
     for other in meant:
         with suppress(ValueError):
