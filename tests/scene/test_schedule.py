@@ -18,7 +18,7 @@ instants = st.floats(-1.0, 4.0)
 
 
 def before(times: np.ndarray, t: float) -> int:
-    """Which knot came last, -1 for none."""
+    """Index of the last knot before `t`, -1 for none."""
     return int(np.searchsorted(times, t, side="right")) - 1
 
 
@@ -34,7 +34,7 @@ def angles_between(times: Floats, angles: Floats, t: float) -> Floats:
 
 
 def expected(schedule: sp.Schedule, t: float) -> np.ndarray:
-    """What a schedule asks for at `t`, straight from its description."""
+    """The target at `t`, straight from the description of the schedule."""
     times: Floats = schedule.times
     angles: Floats = schedule.angles
     k = before(times, t)

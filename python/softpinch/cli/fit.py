@@ -12,7 +12,7 @@ from ..fitting.problem import LOSSES
 from ..fitting.search import fit as fit_numbers
 from ..support import checks
 from ..support.extras import require
-from ..support.files import FORMATS, writing
+from ..support.files import FORMATS
 from .options import Dt, Format, Formulation, Method, Out, Tolerance
 from .shell import ENDED_EARLY, one_line_errors
 
@@ -76,8 +76,7 @@ def fit(
         files = [found.save(out / "fit.json"), found.save(out / "fit.csv")]
         files.append(plot.save(plot.fit(found), out / f"fit.{format}"))
         files.append(out / "scene.toml")
-        with writing(files[-1]):
-            files[-1].write_text(found.scene.to_toml(), encoding="utf-8")
+        files[-1].write_text(found.scene.to_toml(), encoding="utf-8")
         typer.echo(f"{out}: {', '.join(file.name for file in files)}")
     if not found.converged:
         raise typer.Exit(ENDED_EARLY)

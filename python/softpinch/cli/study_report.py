@@ -13,7 +13,7 @@ from ..plot.style import save
 from ..study.effects import sensitivity
 from ..study.results import Ensemble, Results
 from ..study.rows import HOLDS, possible_violations
-from ..support.files import FORMATS, writing
+from ..support.files import FORMATS
 from ..support.table import Table, save_npz
 
 _SUMMARY = (
@@ -120,8 +120,7 @@ def save_capsules(study: Results, out: Path) -> list[Path]:
     for capsule in study.failures()[:_CAPSULES]:
         files.append(out / "failures" / f"{capsule.run}.toml")
         files[-1].parent.mkdir(exist_ok=True)
-        with writing(files[-1]):
-            files[-1].write_text(capsule.to_toml(), encoding="utf-8")
+        files[-1].write_text(capsule.to_toml(), encoding="utf-8")
     return files
 
 

@@ -23,7 +23,6 @@ from ..scene import outline
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.extras import require
-from ..support.files import writing
 from ..support.progress import Report, reporting
 from .drawing import Frame, HandDrawing, Modes, Picture
 from .instants import instants
@@ -223,7 +222,6 @@ def animate(
     with (
         reporting(progress, "film", "frames") as report,
         styled(),
-        writing(path),
         # A film that fails leaves the file before, and no other.
         tempfile.TemporaryDirectory(prefix=".film", dir=path.parent) as folder,
     ):

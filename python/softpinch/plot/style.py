@@ -5,7 +5,6 @@ Matplotlib is an extra, so it is imported only inside functions.
 
 from __future__ import annotations
 
-import io
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,7 +18,6 @@ from ..scene.fields import DISPLAY_UNITS
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.extras import require
-from ..support.files import writing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -139,12 +137,8 @@ def save(figure: Figure, path: str | Path) -> Path:
         raise ValueError(f"path = {str(path)!r}: must end in .{', .'.join(known)}")
     # Without dates in their metadata, files of equal figures are equal.
     dates: Mapping[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-    # Write to memory first: on a full disk matplotlib's writers raise misleading errors.
-    drawn = io.BytesIO()
     with styled():
-        figure.savefig(drawn, format=kind, dpi=300, metadata=dates.get(kind))
-    with writing(path):
-        path.write_bytes(drawn.getvalue())
+        figure.savefig(path, format=kind, dpi=300, metadata=dates.get(kind))
     return path
 
 

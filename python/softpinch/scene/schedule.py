@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,10 +40,6 @@ class Schedule(Record):
             "minimum_jerk".
         hold: "zero" or "linear"; only for "sampled".
     """
-
-    _advice: ClassVar[str] = (
-        "; make one with Schedule.steps(times, angles), .ramps, .minimum_jerk or .sampled"
-    )
 
     kind: ScheduleKind
     times: NDArray[np.float64]
