@@ -66,10 +66,6 @@ class Trial(Result):
             return f"none found, at least {1e3 * self.time:.3g} ms ({pair})"
         return f"{pair} {self.setting}, {1e3 * self.time:.3g} ms"
 
-    def __str__(self) -> str:
-        what = self.note or f"{self.setting}: {1e3 * self.time:.3g} ms a run"
-        return f"{self.formulation} {self.method}, {what}"
-
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Advice(Result):
@@ -134,8 +130,7 @@ class Advice(Result):
                 the advice chooses.
 
         Raises:
-            ValueError: As `simulate`.
-            TypeError: As `simulate`, or an option is one that the advice chooses.
+            TypeError: An option is one that the advice chooses.
         """
         advised: dict[str, Any] = {
             "dt": self.dt,

@@ -18,10 +18,11 @@ from ..run.evaluate import evaluate
 from ..scene import fields as units
 from ..scene import outline
 from ..scene.contact import as_bilateral
-from ..scene.control import WRITTEN, Pid
+from ..scene.control import WRITTEN, Pid, pids_of
 from ..scene.disturbance import Impulse
 from ..scene.fields import label as label_of
-from ..scene.hand import Finger, Fingertip, Hand
+from ..scene.hand import Finger, Fingertip
+from ..scene.outline import finger_of
 from ..scene.scene import Scene, State
 from ..scene.schedule import Schedule
 from ..scene.stabilization import Stabilization
@@ -107,11 +108,7 @@ def _path(scene: Scene, path: str) -> Axis:
             f'"grasped.mass"{checks.hint(path, AXES)}'
         )
     varied = SceneTemplate(scene, [path], 0)
-    if varied.shapes[path]:
-        raise ValueError(
-            f"axis = {checks.shown(path)}: must lead to one number, not to an "
-            f"array of shape {varied.shapes[path]}"
-        )
+    varied.require_numbers("axis")
     unit = units.units(path, ())
     assert isinstance(unit, str)
     return Axis(
@@ -132,12 +129,12 @@ def _gains(scene: Scene, factor: float) -> Scene:
     def scaled(pid: Pid) -> Pid:
         return replace(pid, kp=factor * pid.kp, kd=factor * pid.kd, ki=factor * pid.ki)
 
-    control = scene.control
-    if scene.law == "pid" and isinstance(control, Pid):
-        return replace(scene, control=scaled(control))
-    if scene.law == "pid" and isinstance(control, tuple):
-        return replace(scene, control=(scaled(control[0]), scaled(control[1])))
-    raise ValueError(f'axis "gains": the scene has no PID gains, because of {WRITTEN[scene.law]}')
+    if scene.law != "pid":
+        raise ValueError(
+            f'axis "gains": the scene has no PID gains, because of {WRITTEN[scene.law]}'
+        )
+    right, left = pids_of(scene.control)
+    return replace(scene, control=(scaled(right), scaled(left)))
 
 
 def _stabilization(scene: Scene, value: float) -> Stabilization:
@@ -152,7 +149,7 @@ def _grasp_depth(scene: Scene, share: float) -> Scene:
 
 def _closed(scene: Scene, k: int, share: float) -> float:
     """The angle of finger `k` at which a centred object compresses its tip by a share (9), rad."""
-    finger, radius = _fingers(scene.hand)[k], scene.hand.tips[k].radius
+    finger, radius = finger_of(scene, k), scene.hand.tips[k].radius
     # C^H = 0 at theta = 0 and x = w requires L sin(theta_i) + d_f cos(theta_i) to equal `inwards`.
     inwards = finger.root_offset - radius + share * radius - 0.5 * scene.grasped.width
     angle = outline.angle_at(finger.length, finger.half_thickness, inwards)
@@ -195,7 +192,7 @@ def _held_at(scene: Scene, angles: list[float]) -> Scene:
     """
     time = _begin(scene)
     scene = replace(scene, schedule=Schedule.steps([time], [angles]))
-    heights = list(map(outline.upward, _fingers(scene.hand), angles))
+    heights = [outline.upward(finger_of(scene, k), angle) for k, angle in enumerate(angles)]
     start = State.consistent(
         scene, x=scene.grasped.com_offset, y=sum(heights) / 2, fingers=angles, time=time
     )
@@ -216,10 +213,6 @@ def _held_at(scene: Scene, angles: list[float]) -> Scene:
 def _begin(scene: Scene) -> float:
     """The instant at which the scene starts, s."""
     return scene.initial.time if isinstance(scene.initial, State) else 0.0
-
-
-def _fingers(hand: Hand) -> tuple[Finger, Finger]:
-    return hand.right, hand.left
 
 
 def _of_tips(*names: str) -> Callable[[Scene, float], Scene]:
