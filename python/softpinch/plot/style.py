@@ -332,20 +332,20 @@ def cell_edges(centres: Floats) -> Floats:
 def fill_cells(
     axes: Axes,
     kinds: NDArray[Any],
-    across: NDArray[Any],
-    up: Floats,
+    left: Floats,
+    bottom: Floats,
     faces: Mapping[str, tuple[str, str]],
 ) -> None:
     """Fills cells whose kinds (m, n) have a face, a colour and a hatch; equal neighbours as one.
 
-    `across` has the left and right edges of the columns (m, 2), `up` those of the rows (n + 1,).
+    `left` has the edges of the columns (m + 1,), `bottom` those of the rows (n + 1,).
     """
-    for column, sides in zip(kinds.tolist(), across, strict=True):
+    for column, sides in zip(kinds.tolist(), itertools.pairwise(left), strict=True):
         for kind, cells in itertools.groupby(range(len(column)), key=column.__getitem__):
             if kind in faces:
                 rows, (face, hatch) = list(cells), faces[kind]
                 axes.fill_between(
-                    sides, up[rows[0]], up[rows[-1] + 1], facecolor=face, edgecolor="0.3",
+                    sides, bottom[rows[0]], bottom[rows[-1] + 1], facecolor=face, edgecolor="0.3",
                     hatch=hatch, linewidth=0.0, zorder=0.9,
                 )  # fmt: skip
 
