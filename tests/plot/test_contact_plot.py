@@ -109,9 +109,9 @@ def test_bands_are_the_changes_of_the_run(run: sp.Run, overview: Figure) -> None
         np.testing.assert_allclose(found[colour(STICK)], sticks, rtol=1e-12)
         assert legend_below(figure) == ["tip sticks", "slips", "free"]
         assert axes.get_xlabel() == "time [s]" and axes.get_xlim() == (0.0, 1.2)
-    # The zoom of the forces has them too, in ms.
+    # The zoom of the forces has them too.
     zoomed = bands(strips(forces)[1])[colour(FREE)]
-    np.testing.assert_allclose([bar[:2] for bar in zoomed], [(0.0, 1e3 * (times[1] - 1.0))])
+    np.testing.assert_allclose([bar[:2] for bar in zoomed], [(1.0, times[1])])
 
 
 def test_bilateral_runs_have_no_bands() -> None:
@@ -160,16 +160,14 @@ def test_contact_draws_gaps_slip_and_forces(run: sp.Run) -> None:
     assert texts == ["finger 1 (right)", "finger 2 (left)"]
     gap, slip = (axes[row, 1].get_lines()[1] for row in (0, 1))
     first, closed, stuck = (change.time for change in run.contact_changes)
-    rows = np.searchsorted(run.t, first + 1e-3 * np.asarray(gap.get_xdata()) - 1e-9)
-    np.testing.assert_allclose(gap.get_ydata(), 1e3 * run.residuals[rows, 1], rtol=1e-12)
-    t, values = run.t[rows], np.asarray(slip.get_ydata())
+    np.testing.assert_allclose(gap.get_ydata(), 1e3 * run.residuals[:, 1], rtol=1e-12)
+    t, values = run.t, np.asarray(slip.get_ydata())
     free = (t > first) & (t <= closed)
     assert (np.isnan(values) == free).all()
     sliding = (t > closed) & (t < stuck)
     assert sliding.any() and (np.abs(values[sliding]) > 1e-2).all()
-    assert axes[3, 1].get_xlabel() == "time from 1 s [ms]"
     low, high = axes[3, 1].get_xlim()
-    assert low < 0.0 and 1e3 * (stuck - first) < high < 2e3 * (stuck - first)
+    assert low < first and stuck < high < 2.0 * stuck - first
 
 
 def test_the_overview_draws_what_contact_takes(run: sp.Run, overview: Figure) -> None:
@@ -201,8 +199,7 @@ def test_contact_of_a_run_without_a_change_is_one_column() -> None:
 def test_the_window_ends_with_the_run(cases: dict[str, sp.Run]) -> None:
     lost = cases["i"]
     assert lost.status == "lost"
-    end = strips(plot.contact(lost))[1].get_xlim()[1]
-    assert end == pytest.approx(1e3 * (lost.t[-1] - lost.contact_changes[0].time))
+    assert strips(plot.contact(lost))[1].get_xlim()[1] == lost.t[-1]
     assert "grazes" in legend_below(plot.contact(lost))
 
 
