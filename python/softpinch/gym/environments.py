@@ -130,7 +130,6 @@ class PinchEnv(gymnasium.Env[Observed, Actions]):
 
         Raises:
             ResetNeeded: There has been no reset, or the episode has ended.
-            ValueError: The shape is wrong, or a number is not finite.
         """
         if self._episodes.ended[0]:
             raise ResetNeeded("the episode has ended, or has not begun: call reset()")
@@ -251,10 +250,6 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
 
         Returns:
             Observations of all environments (n, entries), and infos of those that were reset.
-
-        Raises:
-            ValueError: The number of seeds is wrong, an option is unknown, or the mask is empty or
-                has a wrong shape.
         """
         n = self.num_envs
         mask = self._mask(_checked_options(options, ("reset_mask",)))
@@ -285,8 +280,6 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
 
         Raises:
             ResetNeeded: There has been no reset, or, with "Disabled", an episode has ended.
-            ValueError: The shape is wrong, or a number is not finite; the message names its
-                environment.
         """
         episodes, mode = self._episodes, self.autoreset_mode
         waiting = episodes.ended.copy()

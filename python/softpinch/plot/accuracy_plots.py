@@ -244,11 +244,8 @@ def stability_map(map: StabilityMap, ax: Axes | None = None) -> Figure:
 
     Args:
         map: The map.
-        ax: The axes to draw a single pair on, with the scale of colours beside it and the legend
-            below it; None makes a figure.
-
-    Raises:
-        ValueError: `ax` is given, and the map has several formulations or methods.
+        ax: The axes to draw the map of a single pair on, with the scale of colours beside it and
+            the legend below it; None makes a figure.
     """
     checks.instance("map", map, StabilityMap)
     rows = [name for name in _core.FORMULATIONS if name in {pair[0] for pair in map.pairs}]

@@ -362,10 +362,6 @@ def wrench_limits(
         force: Path of the force that differs between the runs (runs, 2).
         what: What counts as held: "holds", a status or a violation, or booleans (runs,).
         ax: The axes to draw on, with projection="polar"; None makes a figure.
-
-    Raises:
-        ValueError: No direction is without moment, the ensemble does not vary `force`, `ax` is
-            given with an ensemble, whose forces need a second panel, or `ax` is not polar.
     """
     checks.instance("limits", limits, WrenchLimits)
     # Forces whose moment is zero.

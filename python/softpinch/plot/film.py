@@ -80,10 +80,6 @@ def snapshots(
         titles: A title for each instant; by default the time.
         columns: Number of panels side by side.
         ax: The axes to draw a single instant on; None makes a figure.
-
-    Raises:
-        ValueError: The numbers of titles and instants differ, or `ax` is given with several
-            instants.
     """
     checks.instance("run", run, Run)
     shown = checks.array("times", times, ("k",)).tolist()
@@ -151,9 +147,6 @@ def snapshot(
         t: The instant, s; None takes the last one.
         ax: The axes to draw on; None makes a figure.
         forces: Whether to draw the forces.
-
-    Raises:
-        ValueError: `t` is outside the recorded instants.
     """
     checks.instance("run", run, Run)
     forces = checks.boolean("forces", forces)

@@ -185,9 +185,6 @@ def contact(run: Run) -> Figure:
 
     Args:
         run: A run with unilateral contact and "residuals" recorded, best at every step.
-
-    Raises:
-        ValueError: The run has bilateral contact.
     """
     instance("run", run, Run)
     if run.scene.contact != "unilateral":
