@@ -1,6 +1,5 @@
 """Figures of unilateral contact: bands and colours are the run's modes, lines its residuals."""
 
-import itertools
 from dataclasses import replace
 from typing import Any
 
@@ -76,20 +75,6 @@ def colour(mode: sp.ContactMode) -> str:
     return to_hex(timeline.COLORS[mode])
 
 
-def test_spans_and_rows_are_the_recorded_modes(run: sp.Run, cases: dict[str, sp.Run]) -> None:
-    for each in (run, *cases.values()):
-        for side in (0, 1):
-            spans = measures.contact_spans(each, side)
-            assert (spans[0][0], spans[-1][1]) == (0.0, each.t[-1])
-            for (_, end, before), (begin, _, after) in itertools.pairwise(spans):
-                assert end == begin and before is not after
-    rows = measures.contact_modes(run)
-    changed = np.flatnonzero((rows != run.contact).any(axis=1))
-    # At the switch itself the row has the state before it, and the contact after it.
-    assert run.t[changed].tolist() == [1.0]
-    assert (rows[changed[0]] == STICK).all() and run.contact[changed[0], 1] == FREE
-
-
 def test_bands_are_the_changes_of_the_run(run: sp.Run, overview: Figure) -> None:
     times = [change.time for change in run.contact_changes]
     assert [(c.finger, c.after) for c in run.contact_changes] == [
@@ -114,22 +99,26 @@ def test_bands_are_the_changes_of_the_run(run: sp.Run, overview: Figure) -> None
     np.testing.assert_allclose([bar[:2] for bar in zoomed], [(1.0, times[1])])
 
 
-def test_bilateral_runs_have_no_bands() -> None:
+def test_runs_without_modes_or_changes_have_fewer_axes() -> None:
     run = sp.simulate(paper.manipulation(duration=1.2), dt=1e-3, record=(*ALL, "contact"))
-    for figure in (plot.motion(run), plot.residuals(run), plot.run(run), plot.forces(run),
-                   plot.disturbances({"a": run}), plot.snapshots(run, [1.0])):  # fmt: skip
+    figures = [plot.run(run), plot.forces(run), plot.contact_models({"a": {"b": run}})]
+    for figure in (*figures, plot.snapshots(run, [1.0])):
         assert not strips(figure)
-        assert not any("sticks" in text.get_text()
-                       for legend in figure.legends for text in legend.get_texts())  # fmt: skip
+        legends = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+        assert not set(timeline.LABELS.values()) & set(legends)
     with pytest.raises(ValueError, match=r"run\.scene\.contact = 'bilateral': must be 'unilat"):
         plot.contact(run)
+    scene = sp.Scene(contact="unilateral", friction=1.0, duration=0.05)
+    figure = plot.contact(sp.simulate(scene, record=("residuals",)))
+    assert [axes.get_ylabel() for axes in figure.axes][1:] == ["slip [m/s]", ""]
+    assert legend_below(figure) == ["tip sticks"]
 
 
 def test_modes_differ_in_grey() -> None:
     lightness = sorted(np.dot(to_rgb(color), [0.2126, 0.7152, 0.0722])
                        for color in timeline.COLORS.values())  # fmt: skip
     assert np.diff(lightness).min() > 0.1
-    assert list(timeline.COLORS) and set(timeline.COLORS) == set(sp.ContactMode)
+    assert set(timeline.COLORS) == set(sp.ContactMode)
 
 
 def test_residuals_leave_out_constraints_that_do_not_act(run: sp.Run) -> None:
@@ -187,15 +176,6 @@ def test_the_overview_draws_what_contact_takes(run: sp.Run, overview: Figure) ->
     assert len([axes for axes in plot.run(bare).axes if axes.get_title("left")]) == 3
 
 
-def test_contact_of_a_run_without_a_change_is_one_column() -> None:
-    scene = sp.Scene(contact="unilateral", friction=1.0, duration=0.05)
-    figure = plot.contact(sp.simulate(scene, record=("residuals",)))
-    assert [axes.get_ylabel() for axes in figure.axes][1:] == ["slip [m/s]", ""]
-    assert legend_below(figure) == ["tip sticks"]
-    with pytest.raises(sp.NotRecordedError, match="record="):
-        plot.contact(sp.simulate(scene))
-
-
 def test_the_window_ends_with_the_run(cases: dict[str, sp.Run]) -> None:
     lost = cases["i"]
     assert lost.status == "lost"
@@ -239,16 +219,6 @@ def test_disturbances_and_models_have_bands_for_each_run(cases: dict[str, sp.Run
     assert figure.axes[5].get_ylabel() == r"$\Delta \theta_{\mathrm{obj}}$ [deg]"
     change = np.rad2deg(bilateral.q[:, 2] - bilateral.q[10000, 2])[10000:]
     assert np.abs(line.get_ydata()).max() == pytest.approx(np.abs(change).max(), rel=1e-12)
-
-
-def test_what_models_cannot_draw_is_said(run: sp.Run) -> None:
-    for bad in ({}, {"a": {}}):
-        with pytest.raises(ValueError, match="is empty: must have a"):
-            plot.contact_models(bad)
-    with pytest.raises(TypeError, match=r"columns\['a'\]\['b'\]"):
-        plot.contact_models({"a": {"b": 1}})  # type: ignore[dict-item]
-    only_bilateral = sp.simulate(sp.Scene(duration=0.05))
-    assert not strips(plot.contact_models({"a": {"b": only_bilateral}}))
 
 
 def test_a_run_that_ends_at_its_start_has_no_window_of_changes() -> None:

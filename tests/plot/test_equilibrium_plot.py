@@ -201,8 +201,6 @@ def test_directions_apart_are_not_joined_and_infinite_ones_are_counted() -> None
 
 
 def test_what_cannot_be_drawn_is_refused() -> None:
-    with pytest.raises(TypeError, match="map = 3: must be an EquilibriumMap"):
-        plot.equilibria(3)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="limits: must have a direction without moment"):
         plot.wrench_limits(sp.wrench_limits(held(), [[0.0, 0.0, 1.0]]))
     other = sp.monte_carlo(
@@ -210,5 +208,3 @@ def test_what_cannot_be_drawn_is_refused() -> None:
     )
     with pytest.raises(ValueError, match=r"force = .disturbances.0.force.0"):
         plot.wrench_limits(limits(), other)
-    with pytest.raises(TypeError, match="ensemble = 3: must be an Ensemble or a Study"):
-        plot.wrench_limits(limits(), 3)  # type: ignore[arg-type]

@@ -42,28 +42,6 @@ def test_forces_and_their_points_are_those_of_the_equations(run: sp.Run) -> None
         assert sum(moments) == pytest.approx(load[2], abs=1e-6)
 
 
-@pytest.mark.parametrize("law", ["pid", "driven", "sampled", "unilateral"])
-def test_forces_that_were_not_recorded_are_those_that_would_have_been(law: str) -> None:
-    gentle = sp.Schedule.minimum_jerk([0.0, 0.02], np.deg2rad([[0.0, 0.0], [6.0, 6.0]]), 0.02)
-    scene = {
-        "pid": sp.Scene(duration=0.05),
-        "driven": sp.Scene(duration=0.05, fingers="driven", schedule=gentle),
-        "sampled": sp.Scene(
-            duration=0.05,
-            control=sp.SampledController(
-                2e-3, [[0.0]], [[0.0, 0.0]], [[0.0], [0.0]], [[5.0, 0.0], [0.0, 5.0]],
-                measures=("angle_error",),
-            ),
-        ),
-        "unilateral": replace(PUSHED, duration=0.05),
-    }[law]  # fmt: skip
-    known = sp.simulate(scene, 1e-4, every=7, record=("state", "multipliers"))
-    bare = sp.simulate(scene, 1e-4, every=7)
-    times = np.linspace(0.0, known.t[-1], 23)
-    for a, b in zip(instants(known, times, True), instants(bare, times, True), strict=True):
-        np.testing.assert_allclose(a.contact, b.contact, rtol=1e-6, atol=1e-6)
-
-
 def test_modes_and_violations_of_each_instant(slipping: sp.Run) -> None:
     changes = slipping.contact_changes
     assert changes
