@@ -1,13 +1,12 @@
 """Snapshots: the motion, forces, modes and texts at an instant are those of the run."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import softpinch as sp
-from films import PUSHED, operation, pushed_run, texts
+from films import operation, pushed_run, texts
 from softpinch import plot
 from softpinch.plot.instants import instants
 from softpinch.plot.style import PURPLE

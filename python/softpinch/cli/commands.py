@@ -15,10 +15,10 @@ from .. import _core
 from ..reproduce import reproduce as reproduce_paper
 from ..run import measures
 from ..run.contact import ContactMode
-from ..run.options import in_place
+from ..run.options import Options, in_place
 from ..run.run import Run
 from ..run.simulate import simulate
-from ..scene.stabilization import Stabilization
+from ..scene.fields import COORDINATE_UNITS, DISPLAY_UNITS
 from ..study.capsule import Capsule
 from ..support.extras import require
 from ..support.files import FORMATS
@@ -40,14 +40,6 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-# Settings that apply unless an option or a capsule gives others.
-_DEFAULTS: dict[str, Any] = {
-    "dt": None,
-    "tolerance": None,
-    "method": "rk4",
-    "formulation": "csm",
-    "stabilization": Stabilization(),
-}
 _TABLES, _PICTURES = (".npz", ".csv"), tuple(f".{name}" for name in FORMATS)
 
 
@@ -168,8 +160,8 @@ def run(
         read = read_run(scene)
         capsule, described = (read, read.scene) if isinstance(read, Capsule) else (None, read)
         described = with_changes(described, set_)
-        how = _DEFAULTS if capsule is None else capsule.options.numerics()
-        how = how | in_place(
+        options = Options.checked() if capsule is None else capsule.options
+        how = options.numerics() | in_place(
             dt=dt,
             tolerance=tolerance,
             max_steps=max_steps,
@@ -265,14 +257,14 @@ def contact_lines(run: Run) -> list[str]:
 def summary(run: Run) -> list[str]:
     """Lines that describe a finished run: how it ended, its final state, and its errors."""
     last = run.state(-1)
-    x, y, theta, right, left, d_n1, d_n2, _, _ = last.q.tolist()
-    degrees = np.rad2deg([theta, right, left]) + 0.0
+    units = [DISPLAY_UNITS[unit] for unit in COORDINATE_UNITS]
+    shown = last.q * [per_si for _, per_si in units]
+    x, y, theta, right, left, d_n1, d_n2, _, _ = (f"{number:z.3f}" for number in shown)
+    length, angle = units[0][0], units[2][0]
     lines = [
         f"{run.status}: {run.message}",
-        f"at t = {last.time:.6g} s: x = {1e3 * x:z.3f} mm, y = {1e3 * y:z.3f} mm, "
-        f"theta = {degrees[0]:z.3f} deg",
-        f"fingers: {degrees[1]:z.3f} and {degrees[2]:z.3f} deg (right, left); "
-        f"d_n = {1e3 * d_n1:z.3f} and {1e3 * d_n2:z.3f} mm",
+        f"at t = {last.time:.6g} s: x = {x} {length}, y = {y} {length}, theta = {theta} {angle}",
+        f"fingers: {right} and {left} {angle} (right, left); d_n = {d_n1} and {d_n2} {length}",
     ]
     noted = ", ".join(f"{name} first at {time:.6g} s" for name, time in run.violations.items())
     lines.append(f"violations: {noted or 'none'}")

@@ -266,7 +266,7 @@ class Frames:
             length = min(_MM_PER_N * size, _LONGEST_PUSH)
             start = q[:2] * MM.per_si
             self._push.set_xy(outline.arrow(start, force[:2] / size, length, _HEADED))
-        push = f"push {size:.1f} N, {1e3 * force[2]:+.0f} N mm" if force.any() else "no push"
+        push = f"push {size:.1f} N, {force[2]:+.2f} N m" if force.any() else "no push"
         self._axes.set_title(f"{title}, {push}", fontsize=10)
         if self.has_window:
             self._figure.canvas.draw_idle()

@@ -268,8 +268,6 @@ def _offline(page: str) -> str:
 def _times(run: Run, fps: float, speed: float) -> Floats:
     """Times of the frames: equal steps from the first row, and the last row."""
     first, last, apart = float(run.t[0]), float(run.t[-1]), speed / fps
-    if not math.isfinite(apart):
-        raise ValueError(f"fps = {fps:g}: too few for speed = {speed:g}")
     if not (count := (last - first) / apart) < _MOST_FRAMES:
         raise ValueError(
             f"speed / fps = {apart:g} s: gives {count:.3g} frames, must be at most {_MOST_FRAMES}"
