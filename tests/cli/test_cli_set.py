@@ -73,7 +73,7 @@ def test_the_commands_of_accuracy_take_it_too(
 
     monkeypatch.setattr("softpinch.accuracy.advisor.advise", note)
     monkeypatch.setattr("softpinch.accuracy.precision.work_precision", note)
-    monkeypatch.setattr("softpinch.cli.stability.max_stable_dt", note)
+    monkeypatch.setattr("softpinch.cli.accuracy.max_stable_dt", note)
     for command in ("advise", "work-precision", "stability"):
         out = () if command == "advise" else ("--out", tmp_path)
         call(command, scene, "--set", "grasped.mass=0.2", *out)

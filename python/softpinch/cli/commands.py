@@ -22,12 +22,11 @@ from ..scene.fields import COORDINATE_UNITS, DISPLAY_UNITS
 from ..study.capsule import Capsule
 from ..support.extras import require
 from ..support.files import FORMATS
+from .accuracy import advise, stability, work_precision
 from .fit import fit
 from .montecarlo import montecarlo
 from .options import Alpha, Beta, Dt, Format, Formulation, Method, Out, Set, Tolerance, separated
-from .precision import advise, work_precision
 from .shell import ENDED_EARLY, INTERRUPTED, gains, one_line_errors, read_run, with_changes
-from .stability import stability
 
 app = typer.Typer(
     name="softpinch",
@@ -53,7 +52,7 @@ def _say_version(wanted: bool) -> None:
 def _common(
     version: Annotated[
         bool,
-        typer.Option("--version", callback=_say_version, is_eager=True, help="Say which version."),
+        typer.Option("--version", callback=_say_version, is_eager=True, help="Print the version."),
     ] = False,
 ) -> None:
     pass
@@ -115,28 +114,28 @@ def run(
     record: Annotated[
         str,
         typer.Option(
-            help=f"What to keep: names out of {', '.join(_core.RECORDABLE)}, with commas."
+            help=f"Quantities to record, out of {', '.join(_core.RECORDABLE)}, with commas."
         ),
     ] = ",".join(_core.RECORDABLE),
     every: Annotated[
         int | None,
         typer.Option(
-            help="Keep every so many steps, and the last: 10, or 1 with --tolerance, whose steps "
-            "are few."
+            help="Number of steps between recorded rows: 10, or 1 with --tolerance if left out. "
+            "The last step is always a row."
         ),
     ] = None,
     estimate_error: Annotated[
         bool,
         typer.Option(
             "--estimate-error",
-            help="Run it again in half and in a quarter of its steps, and say how wrong it is.",
+            help="Compute the run again with half and a quarter of its steps, and print its error.",
         ),
     ] = False,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE.npz|FILE.csv", help="Save what was kept.")
+        Path | None, typer.Option(metavar="FILE.npz|FILE.csv", help="Save the recorded rows.")
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE.png|pdf|svg", help="Draw what was kept.")
+        Path | None, typer.Option(metavar="FILE.png|pdf|svg", help="Draw the recorded rows.")
     ] = None,
 ) -> None:
     """Simulate a scene once, and print how it ended and how large its errors are.
