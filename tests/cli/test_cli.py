@@ -142,7 +142,7 @@ def test_a_missing_file_is_one_line(tmp_path: Path) -> None:
     assert call("run", path) == (2, "", f"error: {path}: No such file or directory\n")
 
 
-def test_what_typer_refuses_is_exit_code_2_too(scene: Path) -> None:
+def test_errors_found_by_typer_have_exit_code_2(scene: Path) -> None:
     assert call("run", scene, "--dt", "soon")[0] == 2
     assert call("run")[0] == 2
     assert call("walk")[0] == 2

@@ -45,7 +45,7 @@ def test_the_shell_runs_a_capsule_as_in_the_study(kind: str, file: Write) -> Non
     assert out.splitlines() == [*commands.summary(run), f"as in the study: {how}"]
 
 
-def test_what_only_shows_more_of_the_run_leaves_it_the_studys(file: Write, tmp_path: Path) -> None:
+def test_recording_does_not_change_the_run_of_a_capsule(file: Write, tmp_path: Path) -> None:
     capsule = ensembles.pushed().failures()[0]
     run = capsule.replay("state", every=3)
     code, out, err = call(
@@ -70,7 +70,7 @@ def test_what_only_shows_more_of_the_run_leaves_it_the_studys(file: Write, tmp_p
     ],
     ids=str,
 )
-def test_options_take_the_place_of_what_the_capsule_says(
+def test_options_replace_the_settings_of_a_capsule(
     kind: str, options: dict[str, Any], changed: dict[str, Any], file: Write
 ) -> None:
     capsule = study(kind).failures()[0]

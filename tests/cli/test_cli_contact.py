@@ -29,7 +29,7 @@ def scene(tmp_path: Path) -> Path:
     return path
 
 
-def test_run_says_which_contact_and_what_its_tips_did(scene: Path) -> None:
+def test_run_prints_contact_and_times_of_free_and_slipping_tips(scene: Path) -> None:
     code, out, err = call("run", scene, "--every", "1")
     assert (code, err) == (0, "")
     run = sp.simulate(SCENE, record=("state", "multipliers", "residuals", "energy", "contact"))

@@ -173,7 +173,7 @@ def test_bad_input_is_one_line_and_exit_code_2(
     assert not (tmp_path / "out").exists()
 
 
-def test_ctrl_c_keeps_what_is_done_and_is_exit_code_130(study: Path, tmp_path: Path) -> None:
+def test_ctrl_c_keeps_finished_runs_and_is_exit_code_130(study: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     command = [sys.executable, "-m", "softpinch", "montecarlo", str(study), "--out", str(out),
                "--runs", "2000000", "--dt", "1e-4", "--summaries", "peak_rotation",

@@ -46,7 +46,7 @@ def test_the_error_at_the_end_comes_with_the_one_along_the_run(tmp_path: Path) -
     assert "the motion has settled: 2 of 2 settings have an error along the run more" in text
 
 
-def test_advise_says_what_to_take(scene: Path) -> None:
+def test_advise_prints_formulation_and_method(scene: Path) -> None:
     code, text, err = call("advise", scene, "--tolerance", 1e-5)
     assert (code, err) == (0, "")
     assert text.startswith('take formulation="')

@@ -53,7 +53,7 @@ def test_run_changes_numbers_pairs_names_and_optional_values(scene: Path) -> Non
         (["grasped.mass=-1"], "error: --set: GraspedObject.mass = -1"),
     ],
 )  # fmt: skip
-def test_what_is_no_change_is_refused(scene: Path, changes: list[str], message: str) -> None:
+def test_bad_changes_are_refused_in_one_line(scene: Path, changes: list[str], message: str) -> None:
     code, out, err = call("run", scene, *(word for text in changes for word in ("--set", text)))
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert message in err

@@ -159,7 +159,7 @@ def test_contact_draws_gaps_slip_and_forces(run: sp.Run) -> None:
     assert low < first and stuck < high < 2.0 * stuck - first
 
 
-def test_the_overview_draws_what_contact_takes(run: sp.Run, overview: Figure) -> None:
+def test_the_overview_draws_the_losses_by_contact(run: sp.Run, overview: Figure) -> None:
     panels = {axes.get_title("left")[4:]: axes for axes in overview.axes}
     assert {"gaps", "slip", "by contact"} <= set(panels)
     lines = {line.get_label(): line for line in panels["by contact"].get_lines()}

@@ -200,7 +200,7 @@ def test_directions_apart_are_not_joined_and_infinite_ones_are_counted() -> None
     assert "1 directions without limit" in plot.wrench_limits(free).axes[0].get_title()
 
 
-def test_what_cannot_be_drawn_is_refused() -> None:
+def test_missing_directions_and_forces_are_refused() -> None:
     with pytest.raises(ValueError, match="limits: must have a direction without moment"):
         plot.wrench_limits(sp.wrench_limits(held(), [[0.0, 0.0, 1.0]]))
     other = sp.monte_carlo(

@@ -100,7 +100,7 @@ def test_a_notebook_shows_the_film_of_a_path(
     assert made._repr_html_() is None
 
 
-def test_without_ffmpeg_one_line_says_what_to_install(
+def test_without_ffmpeg_one_line_names_the_package_to_install(
     slipping: sp.Run,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -162,7 +162,7 @@ def test_wrong_files_runs_and_times(run: sp.Run, tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_what_is_drawn_does_not_depend_on_what_was_recorded() -> None:
+def test_a_snapshot_does_not_depend_on_the_recorded_quantities() -> None:
     scene = sp.Scene(duration=0.01)
     bare, full = sp.simulate(scene, record=("torque",), every=7), sp.simulate(scene)
     assert texts(plot.snapshot(bare, 0.0043)) == texts(plot.snapshot(full, 0.0043))

@@ -33,7 +33,7 @@ def test_the_slowest_modes_follow_the_neutral_directions(rest: sp.Equilibrium) -
     assert shown[2:] == [f"time constant {-1e3 / rate.real:.3g} ms" for rate in slow[:2]]
 
 
-def test_what_grows_says_so() -> None:
+def test_titles_name_growing_modes() -> None:
     torques = sp.Schedule.steps([0.0], [[1.2, 1.2]])
     found = sp.equilibrium(sp.Scene(control=sp.Torque(), schedule=torques))
     assert found.growth > 0.0

@@ -219,7 +219,7 @@ def test_run_draws_what_was_recorded(recorded: tuple[str, ...], panels: int) -> 
     assert len(list(visible(plot.run(run)))) == panels
 
 
-def test_what_was_not_recorded_or_has_no_title_is_said() -> None:
+def test_missing_recordings_and_titles_are_refused() -> None:
     run = sp.simulate(sp.Scene(duration=0.01), dt=1e-3, record=())
     for make in (plot.run, plot.motion, plot.residuals, plot.forces):
         with pytest.raises(sp.NotRecordedError, match="record="):

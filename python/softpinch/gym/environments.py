@@ -176,7 +176,7 @@ class PinchEnv(gymnasium.Env[Observed, Actions]):
 class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
     """Many pinches in the lanes of one simulator, each with the bits of a `PinchEnv` of its seed.
 
-    What is observed and paid is that of `PinchEnv`, with the environments as the first axis. The
+    Observations and rewards are those of `PinchEnv`, with the environments as the first axis. The
     info has arrays of n entries and masks of them, as Gymnasium's vector environments have. Each
     environment keeps 48 bytes for each period of its episode.
     """

@@ -98,7 +98,7 @@ def work_precision(result: WorkPrecision, peers: bool = False, where: str | None
         upper.set_title(title)
         lower.set_xlabel("CPU time [s]")
     axes[0, 0].set_ylabel(f"error {_LABELS[where]}")
-    axes[1, 0].set_ylabel("the same, tight")
+    axes[1, 0].set_ylabel("small errors")
     if not along:
         figure.suptitle("\n".join(wrap(result.settled(), 60)), fontsize=8.0)
     figure.legend(

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _LONGEST, _LEAST, _MOST = 0.45, 0.1, 0.25
 # Impacts are brief and large; forces above this multiple of the 90 % quantile do not set the scale.
 _TALL = 3.0
-# Room around what moves, and for the key of the arrows above it, as shares of the picture's width.
+# Room around the moving parts, and above it for the arrows' key, as shares of the picture's width.
 _MARGIN, _KEY = 0.04, 0.07
 # The limits of a film take this many evenly spaced instants, and the extremes of every coordinate.
 _SAMPLES = 200

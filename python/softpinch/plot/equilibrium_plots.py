@@ -32,6 +32,7 @@ from .style import (
     colorbar,
     constant_limits,
     fill_cells,
+    least_range,
     legend,
     panels,
     panels_or_given,
@@ -122,17 +123,15 @@ def _curves(map: EquilibriumMap) -> Figure:
         "friction needed [1]": [(friction[:, 0], _RIGHT, "right"), (friction[:, 1], _LEFT, "left")],
         "growth [1/s]": [(map.growth, _ONLY, "")],
     }
-    for k, (each, (what, curves)) in enumerate(zip(axes.flat, plans.items(), strict=True)):
+    for k, (each, (title, curves)) in enumerate(zip(axes.flat, plans.items(), strict=True)):
         for curve in curves:
             _curve(each, map, values, *curve)
-        each.set_ylabel(what)
-        drawn = np.concatenate([curve[0] for curve in curves])
-        if (limits := constant_limits(drawn, _ROUND_OFF)) is not None:
-            each.set_ylim(*limits)
+        each.set_ylabel(title)
         tag(each, "abcdef"[k])
         if len(curves) > 1:
             legend(each)
         _spans(each, map, values)
+    least_range(axes.flat, _ROUND_OFF)
     _friction(axes[2, 0], map, values)
     axes[2, 1].axhline(0.0, color=GREY, linewidth=0.6, zorder=0.8)
     for each in axes[-1]:
@@ -197,12 +196,12 @@ def _maps(map: EquilibriumMap) -> Figure:
     figure, axes = panels(2, 2, PAGE, 5.4, sharex=True, sharey=True)
     (x, across), (y, up) = _axis(map, 0), _axis(map, 1)
     left, bottom = cell_edges(x), cell_edges(y)
-    friction, what = _friction_shown(map)
+    friction, title = _friction_shown(map)
     plans = (
         (map.rotation * DEG.per_si, "rotation [deg]", True),
         (map.position[..., 1] * MM.per_si, "height $y$ [mm]", False),
         (_smallest(map) / MM.per_si, "smallest stiffness [N/mm]", False),
-        (friction, what, what == _MARGIN),
+        (friction, title, title == _MARGIN),
     )
     extra: list[Any] = []
     for k, (each, (values, name, signed)) in enumerate(zip(axes.flat, plans, strict=True)):
@@ -324,7 +323,7 @@ def _legend(figure: Figure, map: EquilibriumMap, handles: list[Any]) -> None:
 
 # Wrench limits.
 
-# Limit -> marker, distinct in grey too. What is not listed has the last one.
+# Limit -> marker, distinct in grey too; `_OTHER` is that of other limits.
 _MARKS: dict[str, dict[str, Any]] = {
     "slipping": {"marker": "o", "color": BLUE},
     "pulling": {"marker": "s", "color": RED},
@@ -350,7 +349,7 @@ def wrench_limits(
     what: str | NDArray[np.bool_] = "holds",
     ax: Axes | None = None,
 ) -> Figure:
-    """The largest forces that a grasp bears, by direction, and what gives way.
+    """The largest forces that a grasp bears, by direction, and the limit that each reaches.
 
     The figure has the directions without moment; both smallest moments without force are in the
     title. With an ensemble, a second panel of the same scale has its forces: dots where the grasp

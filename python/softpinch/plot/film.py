@@ -140,7 +140,7 @@ def snapshot(
     of impacts, have the longest arrow too. An object without `height`, whose faces have no end, is
     drawn 49 mm high.
 
-    The run is computed once more, with a row at the instant, whatever it recorded.
+    The run is computed once more, with a row at the instant.
 
     Args:
         run: The run.
@@ -178,7 +178,7 @@ def animate(
     status of a frame has all violations since the frame before.
 
     Args:
-        run: The run; its instants are computed once more, whatever it recorded.
+        run: The run; its instants are computed once more.
         path: The file, which ends in .gif, .html or .mp4. An .html file is a page with a player; it
             contains its frames and needs no other file. An .mp4 file needs the program ffmpeg, or
             the package imageio-ffmpeg. The frames of a .gif and an .html film are in memory until

@@ -279,7 +279,7 @@ def by_magnitude(axes: Axes, which: str, low: float, high: float) -> None:
         axis.set_minor_formatter(NullFormatter())
 
 
-def least_range(panels: Iterable[Axes]) -> None:
+def least_range(panels: Iterable[Axes], round_off: float = _ROUND_OFF) -> None:
     """Shows values that differ by round-off only as equal ones, on linear vertical axes.
 
     Matplotlib would magnify the difference until it fills the panel. Axes whose limits were set
@@ -290,11 +290,11 @@ def least_range(panels: Iterable[Axes]) -> None:
             continue
         shared = axes.get_shared_y_axes().get_siblings(axes)
         within = np.array([each.dataLim.intervaly for each in shared])
-        if (limits := constant_limits(within)) is not None:
+        if (limits := constant_limits(within, round_off)) is not None:
             axes.set_ylim(*limits)
 
 
-def constant_limits(values: Floats, round_off: float = _ROUND_OFF) -> tuple[float, float] | None:
+def constant_limits(values: Floats, round_off: float) -> tuple[float, float] | None:
     """Limits of an axis whose values differ by round-off only, else None."""
     known = values[np.isfinite(values)]
     size = max(1.0, float(np.abs(known).max(initial=0.0)))

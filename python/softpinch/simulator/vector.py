@@ -28,7 +28,7 @@ from .simulator import (
 )
 
 _NAMES = np.array(STATUSES)
-# The states of so many runs take 10 GB.
+# Largest number of runs; their states take 10 GB.
 _MOST = 10_000_000
 
 
