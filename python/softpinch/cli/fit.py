@@ -19,11 +19,11 @@ from .shell import ENDED_EARLY, one_line_errors
 
 def fit(
     study: Annotated[
-        Path, typer.Argument(help="What to fit, a TOML file: scene, bounds of numbers, settings.")
+        Path, typer.Argument(help="A TOML file: scene, bounds of the numbers, settings.")
     ],
     data: Annotated[
         Path,
-        typer.Argument(help="What was measured, a CSV file: t [s] and columns of observables."),
+        typer.Argument(help="The measurements, a CSV file: t [s] and columns of observables."),
     ],
     out: Out = Path("fit"),
     dt: Dt = None,
@@ -34,7 +34,7 @@ def fit(
         str | None,
         typer.Option(metavar="|".join(LOSSES), help="soft_l1 limits the influence of outliers."),
     ] = None,
-    multistart: Annotated[int | None, typer.Option(help="How many further starts.")] = None,
+    multistart: Annotated[int | None, typer.Option(help="Number of further starts.")] = None,
     profile: Annotated[
         bool,
         typer.Option("--profile", help="Also print intervals of the profile likelihood."),

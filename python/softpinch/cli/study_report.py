@@ -24,7 +24,7 @@ _SUMMARY = (
 _REACH = 1.959963984540054
 # Figures, and files with a row for each run, have at most this many runs.
 LARGEST = 100_000
-# What holding means, behind the numbers, by the kind of contact.
+# The meaning of holding, for each kind of contact.
 _HOLDS = {
     "bilateral": "to hold is to complete, without a tip that pulls or needs more friction",
     "unilateral": "to hold is to complete, with both tips touching the object at the end",
