@@ -14,6 +14,7 @@ mod specification;
 
 mod counted;
 mod operations;
+mod parts;
 
 use crate::driver::simulate::simulate;
 use crate::method::table::Method;
