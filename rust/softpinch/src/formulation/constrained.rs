@@ -10,7 +10,7 @@
 //! a form in which nothing cancels. Then a 3 x 3 system for the object remains. Driven fingers do not give way:
 //! for them N_i = [m_n 0; . m_t], and their accelerations are added to b.
 
-use crate::model::contact::{Contact, Direction};
+use crate::model::contact::Contact;
 use crate::model::control::Controller;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
@@ -94,7 +94,7 @@ impl<R: Real> Eliminated<R> {
         Self {
             inverse,
             free_acceleration: inverse * torque,
-            column: [along, across, contact.moment([h, k])],
+            column: [along, across, h.dot2(contact.a, k, contact.e)],
             ..Self::effective(i, contact, [normal, mixed, tangential])
         }
     }
@@ -113,7 +113,7 @@ impl<R: Real> Eliminated<R> {
         let turn = [normal.dot2(contact.a, mixed, contact.e), mixed.dot2(contact.a, tangential, contact.e)];
         let inertia = turn[0].dot2(contact.a, turn[1], contact.e);
         let (mut along, mut beside, mut across) = (normal, signed(i, mixed), tangential);
-        if let Direction::Turned { .. } = contact.direction {
+        if contact.direction.turned().is_some() {
             // The columns of N_i along the axes of the side become rows along the object's.
             let [normal, mixed] = contact.direction.out_of_side([along, beside]);
             let [other, tangential] = contact.direction.out_of_side([beside, across]);

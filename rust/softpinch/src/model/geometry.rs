@@ -3,7 +3,7 @@
 use nalgebra::SMatrix;
 
 use crate::model::contact::shape::Frame;
-use crate::model::contact::{Contact, Direction, Side};
+use crate::model::contact::{Contact, Side};
 use crate::number::real::Real;
 
 /// Index of each coordinate in q and p.
@@ -144,7 +144,8 @@ impl<R: Real> Geometry<R> {
     /// Whether the normals of both sides are the object's first axis.
     #[inline(always)]
     pub fn is_aligned(&self) -> bool {
-        self.contacts.iter().all(|contact| matches!(contact.direction, Direction::Aligned))
+        let [right, left] = &self.contacts;
+        right.direction.turned().is_none() && left.direction.turned().is_none()
     }
 
     /// theta_p of both tips.

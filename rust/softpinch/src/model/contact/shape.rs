@@ -1,12 +1,14 @@
 //! Shapes of the object's sides: the frame in which a contact is computed, and the ends of the side.
 //!
-//! A new shape is a file in `shape/` with the functions of [`TiltedFace`], an entry of [`Shape`] and one of
-//! [`SideShape`].
+//! A new shape is a file in `shape/` with the functions of `TiltedFace`, an entry of [`Shape`] and one of [`SideShape`].
+//! The tilted face is compiled for the tests only: they show by it that a side can be another one.
 
 mod parallel_face;
+#[cfg(test)]
 mod tilted_face;
 
 pub use parallel_face::ParallelFace;
+#[cfg(test)]
 pub use tilted_face::TiltedFace;
 
 use crate::error::Error;
@@ -21,6 +23,7 @@ pub enum SideShape {
     #[default]
     ParallelFace,
     /// A face that is tilted about its middle, which is W/2 + s_i w from the centre of gravity.
+    #[cfg(test)]
     TiltedFace {
         /// The angle by which the object is wider at its upper end, rad.
         tilt: f64,
@@ -33,6 +36,7 @@ impl SideShape {
     pub fn tilt(&self) -> f64 {
         match *self {
             Self::ParallelFace => 0.0,
+            #[cfg(test)]
             Self::TiltedFace { tilt } => tilt,
         }
     }
@@ -103,21 +107,31 @@ pub enum Direction<R> {
 }
 
 impl<R: Real> Direction<R> {
+    /// Cosine and sine of the angle; `None` if it is zero. Only the tests have kinds of sides that are turned, so that the
+    /// release module has no code for them.
+    #[inline(always)]
+    pub fn turned(&self) -> Option<[R; 2]> {
+        match *self {
+            Self::Turned { cos, sin } if cfg!(test) => Some([cos, sin]),
+            _ => None,
+        }
+    }
+
     /// The components of a vector along the axes of the side, from those along the object's axes.
     #[inline(always)]
     pub fn into_side(&self, [along, across]: [R; 2]) -> [R; 2] {
-        match *self {
-            Self::Aligned => [along, across],
-            Self::Turned { cos, sin } => [along.dot2(cos, across, sin), across.dot2(cos, -along, sin)],
+        match self.turned() {
+            None => [along, across],
+            Some([cos, sin]) => [along.dot2(cos, across, sin), across.dot2(cos, -along, sin)],
         }
     }
 
     /// The components of a vector along the object's axes, from those along the axes of the side.
     #[inline(always)]
     pub fn out_of_side(&self, [along, across]: [R; 2]) -> [R; 2] {
-        match *self {
-            Self::Aligned => [along, across],
-            Self::Turned { cos, sin } => [along.dot2(cos, -across, sin), across.dot2(cos, along, sin)],
+        match self.turned() {
+            None => [along, across],
+            Some([cos, sin]) => [along.dot2(cos, -across, sin), across.dot2(cos, along, sin)],
         }
     }
 }
@@ -128,6 +142,7 @@ pub enum Shape<R> {
     /// A face that is parallel to the other one.
     ParallelFace(ParallelFace<R>),
     /// A tilted face.
+    #[cfg(test)]
     TiltedFace(TiltedFace<R>),
 }
 
@@ -138,6 +153,7 @@ impl<R: Real> Shape<R> {
         let distance = source.number(|p| 0.5 * p.grasped.width + signed(i, p.grasped.com_offset));
         match source.kinds().shapes[i] {
             SideShape::ParallelFace => Self::ParallelFace(ParallelFace { distance }),
+            #[cfg(test)]
             SideShape::TiltedFace { .. } => {
                 Self::TiltedFace(TiltedFace::new(i, distance, source.number(|p| p.shapes[i].tilt())))
             }
@@ -146,9 +162,11 @@ impl<R: Real> Shape<R> {
 
     /// The frame of the side, and the direction of its normal in the object's frame.
     #[inline(always)]
+    #[cfg_attr(not(test), expect(unused_variables, reason = "a parallel face has the object's own frame"))]
     pub(super) fn frame(&self, i: usize, object: &Frame<R>) -> (Frame<R>, Direction<R>) {
         match self {
             Self::ParallelFace(_) => (*object, Direction::Aligned),
+            #[cfg(test)]
             Self::TiltedFace(face) => face.frame(i, object),
         }
     }
@@ -158,6 +176,7 @@ impl<R: Real> Shape<R> {
     pub(super) fn distance(&self) -> R {
         match self {
             Self::ParallelFace(face) => face.distance,
+            #[cfg(test)]
             Self::TiltedFace(face) => face.distance,
         }
     }
@@ -167,6 +186,7 @@ impl<R: Real> Shape<R> {
     pub(super) fn place(&self, a: R) -> R {
         match self {
             Self::ParallelFace(_) => a,
+            #[cfg(test)]
             Self::TiltedFace(face) => face.place(a),
         }
     }
@@ -176,6 +196,7 @@ impl<R: Real> Shape<R> {
     pub(super) fn tilt(&self, i: usize, base: R, q: &[R; 9]) -> R {
         match self {
             Self::ParallelFace(_) => base + signed(i, q[THETA]),
+            #[cfg(test)]
             Self::TiltedFace(face) => base + signed(i, q[THETA] + signed(i, face.tilt)),
         }
     }

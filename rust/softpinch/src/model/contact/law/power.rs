@@ -4,7 +4,9 @@
 //! parallel to the finger and linear, so that with Phi = c d_n^(n+1) / (n+1), the integral of F,
 //! P = Phi / cos^2 + kappa F d_t tan + F' d_t^2 / 2. For n = 2 and c = pi E this is (5).
 
-use super::ElasticGradient;
+use super::{ElasticGradient, TipLaw};
+use crate::error::Error;
+use crate::model::rule::Rule;
 use crate::model::source::Source;
 use crate::number::real::Real;
 
@@ -16,12 +18,28 @@ pub struct Power<R> {
     coupling: R,
 }
 
+/// The coefficient c of a power law; 0 of other laws, as the derivatives of parameters have it.
+fn coefficient(law: &TipLaw) -> f64 {
+    if let TipLaw::Power { coefficient, .. } = *law { coefficient } else { 0.0 }
+}
+
 /// The force of the upright tip, its integral and its first two derivatives.
 struct Curve<R> {
     integral: R,
     force: R,
     slope: R,
     bend: R,
+}
+
+/// Refuses a coefficient that is not positive, and an exponent below 2, with which the shear's stiffness has a pole at
+/// d_n = 0.
+pub(super) fn check(coefficient: f64, exponent: u32, side: &str) -> Result<(), Error> {
+    let field = |name: &str| format!("hand.tip.{side}.law.{name}");
+    Rule::Positive.check_named(|| field("coefficient"), coefficient)?;
+    if exponent >= 2 {
+        return Ok(());
+    }
+    Err(Error::Field { field: field("exponent"), value: f64::from(exponent), rule: "must be at least 2" })
 }
 
 /// The modulus E for which 2 pi E a, the stiffness of (5) at d_n = a, is that of F = c d_n^n.
@@ -37,7 +55,7 @@ impl<R: Real> Power<R> {
     #[inline(always)]
     pub(super) fn new(source: &impl Source<R>, i: usize, exponent: u32) -> Self {
         Self {
-            coefficient: source.number(|p| p.laws[i].coefficient()),
+            coefficient: source.number(|p| coefficient(&p.laws[i])),
             exponent,
             coupling: source.number(|p| p.tips[i].tilt_coupling),
         }
