@@ -126,6 +126,9 @@ def test_a_bad_study_is_one_line(
     [
         ("", "must have a line of names and lines of numbers"),
         ("theta\n0.1\n", 'has no column "t [s]"'),
+        ("time,theta\n0.1,2\n", 'has no column "t [s]"'),
+        ("t [s];theta [rad]\n0,01;2\n", "columns must be separated by commas"),
+        ("t [s]\ttheta [rad]\n0.01\t2\n", "columns must be separated by commas"),
         ("t [ms],theta\n1,2\n", 'column "t": unit = \'ms\': must be "s"'),
         ("t,theta [deg]\n0.01,2\n", 'column "theta": unit = \'deg\': must be "rad"'),
         ("t,theta,theta\n0.01,2,3\n", 'has the column "theta" more than once'),
