@@ -60,6 +60,7 @@ def test_a_slip_that_an_impact_stops_at_the_start_has_not_lasted() -> None:
     first = run.contact_changes[0]
     assert (first.time, first.before, first.after) == (0.0, SLIP, STICK)
     assert run.violations == {"opened": 0.0, "slipping": 0.01}
+    assert run.violation_intervals["slipping"][0, 0] == 0.01
     run.check()
 
 

@@ -70,6 +70,47 @@ def test_record_and_lanes_do_not_change_the_status() -> None:
     assert np.array_equal(study["final_state"][:, :9], [run.q[-1] for run in alone])
 
 
+def test_rows_of_a_study_are_unstable_like_lone_runs() -> None:
+    """Lanes that wait for others in a step once counted energies of trials as their own."""
+    tip = sp.Fingertip(
+        youngs_modulus=1.2e6,
+        normal_viscosity=250.0,
+        tilt_coupling=-1.0,
+        normal_mass=0.009,
+        tangential_mass=0.0045,
+    )
+    scene = sp.Scene(
+        contact="unilateral",
+        friction=0.2,
+        hand=sp.Hand(tip=tip),
+        initial="touching",
+        duration=0.1,
+        schedule=sp.Schedule.steps([0.0], np.deg2rad([[4.0, -1.0]])),
+    )
+    masses = np.geomspace(0.05, 0.2, 13)
+    study = sp.monte_carlo(scene, runs=13, dt=1e-3, method="dop853", vary={"grasped.mass": masses})
+    alone = [sp.simulate(study.scene_of(run), dt=1e-3, method="dop853") for run in range(13)]
+    assert "unstable" in {run.status for run in alone}
+    assert study["status"].tolist() == [run.status for run in alone]
+    assert study["end_time"].tolist() == [run.t[-1] for run in alone]
+
+
+def test_a_study_with_physical_failures_warns_of_its_completed_runs() -> None:
+    """A stiff method confirms how the pushed object is lost; the other runs complete."""
+    push = sp.Step(time=0.05, force=(0.0, 0.0))
+    scene = replace(CAPPED, duration=0.15, disturbances=[push])
+    forces = np.array([[0.0, 0.0], [0.0, 0.0], [0.0, -60.0]])
+    caught: list[sp.Ensemble] = []
+
+    def compute() -> None:
+        vary = {"disturbances.0.force": forces}
+        caught.append(sp.monte_carlo(scene, runs=3, dt=1.02 * LIMIT, vary=vary))
+
+    (text,) = _warnings(compute)
+    assert caught[0]["status"].tolist() == ["completed", "completed", "lost"]
+    assert text.startswith("run 0: ") and "the run completed" in text
+
+
 def test_a_study_says_how_many_of_its_runs_are_unstable() -> None:
     vary = {"disturbances.0.force": sp.Uniform((50.0, -9.0), (150.0, 9.0))}
     (text,) = _warnings(lambda: sp.monte_carlo(CAPPED, runs=32, seed=1, dt=2e-4, vary=vary))
@@ -85,6 +126,44 @@ def test_a_run_that_completes_beyond_the_predicted_limit_warns() -> None:
     assert "the run completed" in text
     assert not _warnings(lambda: sp.simulate(calm, dt=0.9 * LIMIT))
     assert not _warnings(lambda: sp.simulate(calm, dt=1e-3, method="radau5"))
+
+
+def test_a_step_too_long_for_a_short_slip_only_warns() -> None:
+    # Nine switches have most steps of the stiff run that looks for the limit; the slip has few.
+    tip = sp.Fingertip(tangential_mass=0.02, tangential_viscosity=300.0)
+    times, angles = 0.05 * np.arange(9), 8.0 + 0.5 * (np.arange(9) % 2)
+    scene = sp.Scene(
+        contact="unilateral",
+        friction=0.5,
+        hand=sp.Hand(tip=tip),
+        initial="touching",
+        duration=0.45,
+        schedule=sp.Schedule.steps(times, np.deg2rad(np.stack([angles, angles], axis=1))),
+        disturbances=[sp.Pulse(time=0.17, duration=0.001, force=(0.0, 150.0))],
+    )
+    # RK4 damps the shear of a slipping tip, m d'' + c d' = 0 but for its weak spring, up to this.
+    limit = 2.785 * 0.02 / 300.0
+    run = sp.simulate(scene, dt=0.9 * limit)
+    slips = [change.time for change in run.contact_changes]
+    assert run.status == "completed" and 0.17 < min(slips) < max(slips) < 0.172
+    (text,) = _warnings(lambda: sp.simulate(scene, dt=1.05 * limit))
+    assert "the run completed" in text and f"beyond {limit:.3g} s" in text
+    assert not _warnings(lambda: sp.simulate(scene, dt=0.9 * limit))
+
+
+@pytest.mark.parametrize("formulation", ["nullspace", "projected", "csm"])
+def test_round_off_at_a_start_without_energy_is_no_alarm(formulation: str) -> None:
+    """Without gravity a point contact starts with round-off in place of an energy."""
+    pushed = sp.Sine(frequency_hz=40.0, force=(3.0, 2.0))
+    for width in np.linspace(0.04, 0.05, 41):
+        grasped = sp.GraspedObject(width=float(width), com_offset=2e-3)
+        scene = sp.Scene(grasped=grasped, gravity=0.0, initial="touching", duration=0.02)
+        for loads in ([], [pushed]):
+            scene = replace(scene, disturbances=loads)
+            run = sp.simulate(scene, dt=1.2e-3, formulation=formulation)
+            assert run.status != "unstable", (width, run.message)
+            request = Request(scene, Options.checked(dt=1.2e-3, formulation=formulation))
+            assert request.compute()["may_be_unstable"]
 
 
 def test_a_simulator_ends_as_unstable() -> None:

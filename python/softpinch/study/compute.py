@@ -147,8 +147,8 @@ class Job:
     def _warn_of_steps(self, results: Results) -> None:
         """Looks at some of the runs that may have had too long steps, and warns once if so.
 
-        They are the unstable runs; else those that failed; else all, if a bound on their rates lets
-        steps of this length be too long.
+        They are the unstable runs; else those that failed, and those that completed if a bound on
+        their rates lets steps of this length be too long.
         """
         options = self.spec.options
         if options.dt is None or not is_explicit(options.method):
@@ -164,12 +164,18 @@ class Job:
                 for row in rows[_spread(len(rows))]:
                     ended = str(part["status"][row]), float(part["end_time"][row])
                     found.setdefault(kind, []).append((int(part["run"][row]), ended))
-        kind = next((kind for kind in ("unstable", "failed", "completed") if counts[kind]), "")
-        if kind == "completed" and not self._may_be_unstable:
-            return
-        text = None
-        for k in _spread(len(found.get(kind, ()))).tolist():
-            run, ended = found[kind][k]
+        suspect = ["failed", "completed"] if self._may_be_unstable else ["failed"]
+        if counts["unstable"]:
+            suspect = ["unstable"]
+        looked_at = [
+            (kind, *found[kind][k])
+            for kind in suspect
+            if kind in found
+            for k in _spread(len(found[kind])).tolist()
+        ]
+        text, kind, run = None, "", -1
+        for one in looked_at:
+            kind, run, ended = one
             try:
                 text = too_long(Request(results.scene_of(run), options), *ended)
             except KeyboardInterrupt:

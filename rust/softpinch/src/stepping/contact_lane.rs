@@ -193,10 +193,14 @@ impl LaneContact {
         let drive = &mut self.segment.drive;
         put(&self.run.contacts, &mut drive.contacts, 0);
         self.steps.method.forget_start();
-        let arrived =
-            if from.h > 0.0 { self.steps.step(drive, (from.tau, from.y), from.h)? } else { *from.y };
+        self.in_earlier = from.earlier;
         let run = self.run.clone();
-        let y = self.advance(from, &arrived).unwrap_or(arrived);
+        let y = if from.h > 0.0 {
+            let arrived = self.steps.step(drive, (from.tau, from.y), from.h)?;
+            self.advance(from, &arrived).unwrap_or(arrived)
+        } else {
+            *from.y
+        };
         let row = self.last(&ContactEnd { reason: Reason::NoMode, tau: from.tau + from.h, y });
         self.run = run;
         Ok(row)
