@@ -38,8 +38,8 @@ from hypothesis import strategies as st  # noqa: E402
 from hypothesis.strategies import DrawFn, SearchStrategy  # noqa: E402
 
 T = TypeVar("T")
-# Both finger angles in the paper's operation 1, rad.
-_HELD = math.radians(6.0)
+# Both finger angles in the paper's operation 1, degrees.
+_HELD = 6.0
 
 
 @st.composite
@@ -176,8 +176,10 @@ def schedules(
     """
     kind = draw(st.sampled_from(list(kinds)))
     times = draw(_times(duration, knots))
-    changes = [draw(st.tuples(*[_within(largest_change)] * 2)) for _ in times]
-    angles = _HELD + np.array(changes)
+    changes = [draw(st.tuples(*[_within(math.degrees(largest_change))] * 2)) for _ in times]
+    # Millionths of a degree: examples then show degrees of few digits.
+    millionths = np.trunc(1e6 * np.array(changes))
+    angles = np.deg2rad((_HELD + millionths / 1e6).round(6))
     if kind == "minimum_jerk":
         shortest = min(np.diff(times), default=duration)
         return Schedule.minimum_jerk(times, angles, shortest * draw(_between(0.125, 1.0)))

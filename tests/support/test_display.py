@@ -265,6 +265,6 @@ def test_a_notebook_reads_no_text_as_html(text: str, folded: bool) -> None:
 
 
 def test_a_record_in_a_table_has_six_digits() -> None:
-    schedule = sp.Schedule.steps([0.0], np.deg2rad([[6.0, 16.0]]))
-    assert "[[0.10472, 0.279253]]" in short(schedule)
+    schedule = sp.Schedule.steps([0.0], [[np.pi / 30.0, np.e / 10.0]])
+    assert "[[0.10472, 0.271828]]" in short(schedule)
     assert "0.3333" in repr(sp.Uniform(0.1, 1 / 3)) and "0.333333)" in short(sp.Uniform(0.1, 1 / 3))

@@ -131,21 +131,24 @@ class Record(ByValue):
     def __hash__(self) -> int:
         return hash((type(self), *map(_key, self._values().values())))
 
-    def _shown(self) -> Iterator[tuple[str, Any]]:
-        """The fields that differ from their defaults."""
+    def _call(self) -> tuple[str, dict[str, Any]]:
+        """A call that makes an equal record: a function, and the arguments that are no defaults."""
+        shown = {}
         for f in fields(self):
             value = getattr(self, f.name)
             default = f.default_factory() if f.default_factory is not MISSING else f.default
             if not same(value, default):
-                yield f.name, value
+                shown[f.name] = value
+        return type(self).__name__, shown
 
     def _tables(self) -> Iterator[ShownTable]:
         """All fields, defaults too."""
         yield ShownTable(("field", "value"), tuple(self._values().items()))
 
     def __repr__(self) -> str:
-        shown = ", ".join(f"{name}={_show(value)}" for name, value in self._shown())
-        return f"{type(self).__name__}({shown})"
+        function, arguments = self._call()
+        shown = ", ".join(f"{name}={_show(value)}" for name, value in arguments.items())
+        return f"{function}({shown})"
 
     def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
         """Prints the repr, for IPython and Hypothesis, which would print other attributes too."""
