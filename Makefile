@@ -99,6 +99,8 @@ lint-stubs: build
 # The examples that check something are among the library's tests; clippy compiles all. Code that is not
 # optimised keeps every copy of a state on the stack, which is larger than a test's thread has.
 test-rust operations: export RUST_MIN_STACK := 67108864
+# The same random examples for everyone; `make hunt` draws new ones.
+test-rust: export PROPTEST_RNG_SEED ?= 1
 .PHONY: test-rust
 test-rust: ## The core's own tests
 	cargo test --profile tested --locked --quiet --package softpinch --lib
@@ -120,6 +122,7 @@ TESTS ?= tests
 hunt: build ## Property tests with new random examples: TESTS (tests), from SEED (random) on, ROUNDS (1) seeds
 	@first=$(strip $(SEED)); for ((seed = first; seed < first + $(ROUNDS); seed++)); do \
 	  echo "make hunt SEED=$$seed TESTS='$(TESTS)'"; \
+	  if [ '$(TESTS)' = tests ]; then $(MAKE) test-rust PROPTEST_RNG_SEED=$$seed || exit; fi; \
 	  $(BIN)/python -m pytest --quiet -m 'hypothesis and not slow' --hypothesis-profile hunt \
 	    --hypothesis-seed $$seed --numprocesses logical --dist worksteal $(TESTS) || exit; \
 	done

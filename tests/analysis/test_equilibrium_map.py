@@ -273,3 +273,15 @@ def test_bad_types_are_refused() -> None:
         one.equilibrium(0, 0)
     with pytest.raises(TypeError, match="j = None: must be an integer"):
         cusp().equilibrium(0)
+
+
+def test_a_notebook_lists_the_axes_and_the_place_of_each_cell() -> None:
+    masses, offsets = np.linspace(0.1, 1.0, 6), np.linspace(-0.01, 0.01, 5)
+    html = sp.equilibrium_map(
+        sp.Scene(), {"grasped.mass": masses, "grasped.com_offset": offsets}
+    )._repr_html_()
+    assert "grasped.mass [kg]" in html and "grasped.com_offset [m]" in html
+    assert html.count("<details>") == 1
+    assert html.count("<tr>") == 1 + 30
+    # Whole equilibria with their scenes and states took 1.8 KB for each cell.
+    assert "State(" not in html and "Scene(" not in html

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import softpinch as sp
 from softpinch import _core
-from unilateral_scenes import RECORD, pushes, regripped, thrown
+from unilateral_scenes import RECORD, gripped, pushes, regripped, thrown
 
 FREE, STICK, SLIP, GRAZE = sp.ContactMode
 
@@ -45,6 +45,38 @@ def test_sound_runs_pass_with_the_usual_limits(
         make(), tolerance=1e-8, method="radau5", formulation=formulation, record=RECORD
     )
     assert adaptive.check() is adaptive
+
+
+def struck(**changes: Any) -> sp.Scene:
+    """The object moves sideways at the start: one tip opens, the impact stops the other's slip."""
+    scene = gripped(disturbances=[sp.Step(time=0.01, force=(0.0, -200.0))], **changes)
+    start = sp.State.consistent(scene, fingers=np.deg2rad([3.0, 3.0]))
+    rates = np.array([0.1, 0.02, *[0.0] * 7])
+    return replace(scene, initial=replace(start, p=rates))
+
+
+def test_a_slip_that_an_impact_stops_at_the_start_has_not_lasted() -> None:
+    run = sp.simulate(struck(), record=RECORD)
+    first = run.contact_changes[0]
+    assert (first.time, first.before, first.after) == (0.0, SLIP, STICK)
+    assert run.violations == {"opened": 0.0, "slipping": 0.01}
+    assert run.violation_intervals["slipping"][0, 0] == 0.01
+    run.check()
+
+
+def test_a_run_that_ends_as_it_starts_closes_its_ledger_to_round_off() -> None:
+    scene = gripped(grasped=sp.GraspedObject(height=0.01))
+    height = sp.State.consistent(scene).q[1]
+    beyond = sp.State.consistent(
+        scene,
+        y=height + 0.01,  # the tips are below the face
+        rotation=0.1,
+        fingers=np.deg2rad([3.0, 3.0]),
+        velocity=(0.1, -0.3, 1.0),
+    )
+    run = sp.simulate(replace(scene, initial=beyond), record=RECORD)
+    assert run.status == "lost" and run.t[-1] < 1e-12
+    run.check()
 
 
 @pytest.fixture(scope="module")

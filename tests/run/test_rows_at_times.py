@@ -1,12 +1,13 @@
 """Rows at instants that were asked for, between the ends of equal steps: `times=` with `dt`."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
 import softpinch as sp
-from unilateral_scenes import thrown
+from unilateral_scenes import regripped, thrown
 
 METHODS = ("rk4", "dop853", "implicit_midpoint", "radau5", "rosenbrock")
 # The order of one step is at least that of the method.
@@ -94,6 +95,17 @@ def test_rows_at_ends_of_steps_have_their_bits(method: str) -> None:
         rows = np.searchsorted(run.t, whole.t[kept])
         for name, wanted in whole.arrays().items():
             np.testing.assert_array_equal(run.arrays()[name][rows], wanted[kept], err_msg=name)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("make", [thrown, regripped])
+def test_a_row_just_after_a_step_has_the_state_at_its_end(
+    make: Callable[[], sp.Scene], method: str
+) -> None:
+    """A step of rosenbrock as short as that would be one of 1e-6 s."""
+    run = sp.simulate(make(), dt=2e-4, method=method)
+    later = run.at(np.nextafter(run.t[:-1], 1.0))
+    np.testing.assert_allclose(later[:, :9], run.q[:-1], rtol=0.0, atol=1e-12)
 
 
 def test_rows_have_all_that_belongs_to_their_instant() -> None:

@@ -143,3 +143,9 @@ def test_quantiles_of_nothing_and_of_zeros() -> None:
     assert bits(ensemble.quantile("disturbances.1.force.0", [0.0, 0.5, 1.0])) == bits([0.0] * 3)
     with pytest.raises(ValueError, match=r"q = 1\.5: must be from 0 to 1"):
         ensemble.quantile("disturbances.1.force.0", 1.5)
+
+
+def test_a_notebook_shows_a_mean_as_a_table_with_six_digits() -> None:
+    html = Mean.of(np.array([1.0, 2.0, 2.0]))._repr_html_()
+    assert "<th" in html and "spread" in html
+    assert ">1.66667<" in html

@@ -20,6 +20,7 @@ from ..scene.scene import Scene
 from ..scene.template import SceneTemplate
 from ..support import checks
 from ..support.arrays import Floats, read_only
+from ..support.display import ShownTable
 from ..support.progress import Report, reporting
 from ..support.result import Result
 from ..support.table import save_map
@@ -160,6 +161,16 @@ class EquilibriumMap(Result):
         for name in np.unique(self.status[self.status != "at_rest"]).tolist():
             parts += [f"{name.replace('_', ' ')} {int((self.status == name).sum())}"]
         return f"<EquilibriumMap {axes}: {', '.join(parts)}>"
+
+    def _tables(self) -> Iterator[ShownTable]:
+        """The place of the object in each cell; a map has too many cells for whole equilibria."""
+        columns = [f"{name} [{unit}]" for name, unit in zip(self.axes, self.units, strict=True)]
+        columns += ["status", "x [m]", "y [m]", "theta [rad]", "stable"]
+        rows = []
+        for k in np.ndindex(self.shape):
+            place = [values[i] for values, i in zip(self.values, k, strict=True)]
+            rows.append((*place, str(self.status[k]), *self.q[k][:3], self.stable[k]))
+        yield ShownTable(tuple(columns), rows, f"{len(rows)} cells", folded=True)
 
     def to_dict(self) -> dict[str, NDArray[Any]]:
         """Name -> array: the values of the axes by their names, `seams`, the arrays over cells."""

@@ -125,12 +125,15 @@ def read_data(path: Path, wanted: tuple[str, ...] | None) -> tuple[Floats, dict[
             rows = [(number, row) for number, row in enumerate(csv.reader(file), 1) if row]
         if len(rows) < 2:
             raise ValueError("must have a line of names and lines of numbers")
-        names = [_column(text, wanted is None) for text in rows[0][1]]
+        head = rows[0][1]
+        if len(head) == 1 and (";" in head[0] or "\t" in head[0]):
+            raise ValueError("columns must be separated by commas, and numbers have decimal points")
+        if all(text.partition("[")[0].strip() != _TIME for text in head):
+            raise ValueError('has no column "t [s]"')
+        names = [_column(text, wanted is None) for text in head]
         for name in names:
             if name and names.count(name) > 1:
                 raise ValueError(f'has the column "{name}" more than once')
-        if _TIME not in names:
-            raise ValueError('has no column "t [s]"')
         for number, row in rows[1:]:
             if len(row) != len(names):
                 raise ValueError(

@@ -309,8 +309,8 @@ class Run(Shown):
         Args:
             residual: Limit for C^H as a share of the fingertip's radius, and for C^N as a share of
                 the largest speed of the object or of a fingertip along the run.
-            closure: Limit for the ledger's error as a share of the largest energy exchanged.
-                `math.inf` disables a check.
+            closure: Limit for the ledger's error as a share of the largest energy exchanged; the
+                round-off of the energies is allowed, too. `math.inf` disables a check.
 
         Raises:
             AssertionError: An invariant is broken. The message has the invariant, time, row,

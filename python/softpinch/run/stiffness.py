@@ -35,11 +35,11 @@ _SWINGS = 0.01
 # Eigenvalue problems per call of NumPy: some tens of milliseconds.
 _MATRICES_PER_CALL = 256
 # The run of the stiff method that shows the motion: its tolerance, and its largest number of steps,
-# which take about a millisecond.
-_TOLERANCE, _MOST = 1e-3, 300
+# which take some milliseconds.
+_TOLERANCE, _MOST = 1e-3, 1000
 # At most this many rows of the failed run tell how long its steps were.
 _MOST_ROWS = 1_000_000
-# The motion is linearised at this many of its instants.
+# The motion is linearised at this many of its instants, and where compressions are extreme.
 _INSTANTS = 10
 # Indices in q of the coordinates that can move by themselves: d_n and d_t of both tips, theta_i.
 ALONE = (5, 6, 7, 8, 3, 4)
@@ -203,7 +203,7 @@ def _stable(request: Request, motion: Mapping[str, Any]) -> Floats:
     """
     scene, method = request.scene, request.options.method
     steps = np.full(len(motion["t"]), np.inf)
-    rows = np.unique(np.linspace(0, len(steps) - 1, _INSTANTS).round().astype(int))
+    rows = _telling(motion)
     sticks = (motion["contact"][rows] == ContactMode.STICK).all(axis=1)
     held = rows[sticks]
     if len(held):
@@ -221,6 +221,21 @@ def _stable(request: Request, motion: Mapping[str, Any]) -> Floats:
     alone = stable_steps(method, eigenvalues(own.reshape(-1, 2, 2)))
     steps[rows] = np.minimum(steps[rows], alone.reshape(len(rows), -1).min(axis=1))
     return steps
+
+
+def _telling(motion: Mapping[str, Any]) -> NDArray[np.intp]:
+    """Indices of the rows of the motion at which it is linearised.
+
+    A tip's surface is stiffest where it is most compressed, and its viscosity counts most where it
+    is least compressed. It is so in each mode, also in one that lasts for a moment only.
+    """
+    rows = set(np.linspace(0, len(motion["t"]) - 1, _INSTANTS).round().astype(int).tolist())
+    for tip in range(2):
+        compression, modes = motion["q"][:, 5 + tip], motion["contact"][:, tip]
+        for mode in np.unique(modes):
+            own = np.flatnonzero(modes == mode)
+            rows |= {int(own[f(compression[own])]) for f in (np.argmin, np.argmax)}
+    return np.array(sorted(rows))
 
 
 def unstable(request: Request, status: str, end: float) -> str | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from itertools import islice
@@ -13,6 +14,7 @@ import numpy as np
 # A terminal shows a title and at most so many lines below it.
 _LINES = 8
 _LINE = 100
+_LONG_NUMBER = re.compile(r"(?<![\w.])\d+\.\d{6,}(?:e[-+]?\d+)?")
 _STYLE = 'style="text-align:left;padding:0.1em 0.8em 0.1em 0;vertical-align:top"'
 
 
@@ -123,7 +125,9 @@ def short(value: Any) -> str:
         if len(kinds) == 1 and len(value) > 1 and is_dataclass(kind := kinds.pop()):
             return f"{len(value)} of {kind.__name__}"
         return _several([short(entry) for entry in value])
-    return _cut(" ".join(repr(value).split()), 200)
+    # A record's repr has all digits, so that it can be pasted; a table shows six of them.
+    text = _LONG_NUMBER.sub(lambda found: f"{float(found[0]):.6g}", repr(value))
+    return _cut(" ".join(text.split()), 200)
 
 
 def _several(entries: list[str]) -> str:

@@ -29,7 +29,8 @@ use crate::stepping::record::Instant;
 use crate::stepping::status::Status;
 use crate::stepping::summary::{RunEnd, Summaries, SummaryInstant};
 
-/// A closure error of the ledger below this share of the energy of gravity, whose zero is arbitrary, is round-off.
+/// A closure error of the ledger below this share of the energy of gravity, whose zero is arbitrary, is round-off. So is
+/// one below its square times E a^3 of the tips, even if the motion was given no energy at all.
 const ROUND_OFF: f64 = 1e-9;
 
 /// The run in a lane.
@@ -262,7 +263,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     /// `changed` start.
     #[inline(always)]
     fn begin(&mut self, system: &impl System<R>, changed: Bits, y: &mut States<R>) {
-        (self.limits, self.half_width) = R::call(self.instructions, Numbers(&self.parameters()));
+        let numbers = R::call(self.instructions, Numbers(&self.parameters()));
+        (self.limits, self.half_width) = (numbers.limits, numbers.half_width);
         let start = system.begin(&self.start);
         for (number, initial) in y.iter_mut().zip(start) {
             *number = R::select(changed, initial, *number);
@@ -273,7 +275,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             initial.kinetic = R::select(changed, kinetic, initial.kinetic);
             initial.elastic = R::select(changed, elastic, initial.elastic);
             initial.gravity = R::select(changed, gravity, initial.gravity);
-            self.supplied = R::select(changed, R::zero(), self.supplied);
+            self.supplied = R::select(changed, numbers.round_off, self.supplied);
         }
     }
 
@@ -294,8 +296,9 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             let energies = system.energies(&self.drive.contacts, &now.motion);
             let works = &y[size.states..size.all()];
             closure = energy::closure(&self.initial_energies, &energies, works);
-            if self.guarded & watched != 0 {
-                unstable = self.beyond_supply(&energies, works, closure);
+            let guarded = self.guarded & watched;
+            if guarded != 0 {
+                unstable = self.beyond_supply(&energies, works, closure, guarded);
             }
         }
         let finite = all_finite(now, closure);
@@ -335,20 +338,22 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         Seen { finite, ended: ended | unstable, unstable, found }
     }
 
-    /// The lanes whose energy ledger is open by more than the energy that their motion was ever given: at its start,
-    /// by torques, forces and impulses, and by gravity. Steps beyond the stability limit create energy from nothing;
-    /// steps within it leave the ledger open by a small share of what the motion exchanges.
+    /// Those of the `guarded` lanes whose energy ledger is open by more than the energy that their motion was ever
+    /// given: at its start, by torques, forces and impulses, and by gravity. Steps beyond the stability limit create
+    /// energy from nothing; steps within it leave the ledger open by a small share of what the motion exchanges.
+    ///
+    /// All other lanes keep what they were given: their energies and works may be those of a trial.
     #[inline(always)]
-    fn beyond_supply(&mut self, energies: &Energies<R>, works: &[R], closure: R) -> Bits {
+    fn beyond_supply(&mut self, energies: &Energies<R>, works: &[R], closure: R, guarded: Bits) -> Bits {
         let &[control, external, ..] = works else { return 0 };
         let initial = &self.initial_energies;
         let fallen = energies.gravity - initial.gravity;
         let known =
             (initial.kinetic.abs() + initial.elastic.abs()) + R::constant(ROUND_OFF) * initial.gravity.abs();
         let given = known + ((control.abs() + external.abs()) + fallen.abs());
-        self.supplied = self.supplied.max_in(given, R::ALL);
+        self.supplied = self.supplied.max_in(given, guarded);
         self.open = closure;
-        self.supplied.less(closure.abs()) & self.guarded
+        self.supplied.less(closure.abs()) & guarded
     }
 
     /// Notes the first time of a violation in the lanes of `first_seen`.
@@ -464,12 +469,31 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
 /// the code is called, not inlined.
 struct Numbers<'a>(&'a LaneParameters<'a>);
 
+/// Numbers that depend on the runs' parameters: see [`LaneBatch`].
+struct Gathered<R> {
+    limits: Limits<R>,
+    half_width: R,
+    /// An energy that is round-off for these tips.
+    round_off: R,
+}
+
 impl<R: Lanes> LaneTask<R> for Numbers<'_> {
-    type Output = (Limits<R>, R);
+    type Output = Gathered<R>;
 
     #[inline(always)]
-    fn run(self) -> (Limits<R>, R) {
-        (Limits::new(self.0), self.0.number(|p| 0.5 * p.grasped.width))
+    fn run(self) -> Gathered<R> {
+        let energy = |p: &Parameters| -> f64 {
+            p.tips
+                .iter()
+                .enumerate()
+                .map(|(i, tip)| (ROUND_OFF * tip.radius).powi(2) * (p.modulus(i) * tip.radius))
+                .sum()
+        };
+        Gathered {
+            limits: Limits::new(self.0),
+            half_width: self.0.number(|p| 0.5 * p.grasped.width),
+            round_off: self.0.number(energy),
+        }
     }
 }
 

@@ -3,13 +3,14 @@
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, States};
-use crate::formulation::mode_selection::{Contact, tilt};
+use crate::formulation::mode_selection::Contact;
 use crate::formulation::system::System;
 use crate::method::traits::{Stats, Unsolved};
+use crate::model::contact::Side;
 use crate::model::contact_modes::{ContactRow, Contacts, Mode, Slip};
 use crate::model::drive::SegmentDrive;
+use crate::model::geometry::Geometry;
 use crate::model::geometry::index::D_N;
-use crate::model::geometry::{Geometry, Side};
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;
@@ -192,10 +193,14 @@ impl LaneContact {
         let drive = &mut self.segment.drive;
         put(&self.run.contacts, &mut drive.contacts, 0);
         self.steps.method.forget_start();
-        let arrived =
-            if from.h > 0.0 { self.steps.step(drive, (from.tau, from.y), from.h)? } else { *from.y };
+        self.in_earlier = from.earlier;
         let run = self.run.clone();
-        let y = self.advance(from, &arrived).unwrap_or(arrived);
+        let y = if from.h > 0.0 {
+            let arrived = self.steps.step(drive, (from.tau, from.y), from.h)?;
+            self.advance(from, &arrived).unwrap_or(arrived)
+        } else {
+            *from.y
+        };
         let row = self.last(&ContactEnd { reason: Reason::NoMode, tau: from.tau + from.h, y });
         self.run = run;
         Ok(row)
@@ -333,7 +338,7 @@ fn contacts_at(parameters: &Parameters, State { q, p, .. }: &State) -> ([Contact
             Some(direction) => Mode::Slip(direction),
             None => Mode::Stick,
         };
-        Contact { mode, closed, slip, frozen_tilt: tilt(q, i), left: None }
+        Contact { mode, closed, slip, frozen_tilt: geometry.contacts[i].tilt, left: None }
     });
     (contacts, approaches)
 }

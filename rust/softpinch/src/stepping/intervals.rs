@@ -114,11 +114,14 @@ pub fn of_changes(
     shows: impl Fn(Mode) -> bool,
 ) -> Vec<[f64; 2]> {
     let mut modes = start;
+    // What changes at the very start, such as a slip that the first impact stops, has not lasted.
+    let mut lasts = [0, 1].map(|i| !changes.iter().any(|change| change.finger == i && change.time == from));
+    let shown = |modes: [Mode; 2], lasts: [bool; 2]| (0..2).any(|i| lasts[i] && shows(modes[i]));
     let mut intervals = Vec::new();
-    let mut since = modes.iter().any(|&mode| shows(mode)).then_some(from);
+    let mut since = shown(modes, lasts).then_some(from);
     for change in changes {
-        modes[change.finger] = change.after;
-        match (since, modes.iter().any(|&mode| shows(mode))) {
+        (modes[change.finger], lasts[change.finger]) = (change.after, true);
+        match (since, shown(modes, lasts)) {
             (None, true) => since = Some(change.time),
             (Some(begin), false) => {
                 intervals.push([begin, change.time]);
