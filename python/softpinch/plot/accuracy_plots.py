@@ -223,8 +223,6 @@ _KINDS: dict[str, tuple[str, str]] = {
     NO_REFERENCE: ("#FFFFFF", "xx"),
     NOT_RUN: ("#FFFFFF", ""),
 }
-
-
 # Ticks of the scales that matplotlib's own locators would crowd.
 _TICKS = {"logit": (0.01, 0.5, 0.99), "right_angle": (0.0, 80.0, 89.0)}
 _DOT: dict[str, Any] = {"marker": "o", "markersize": 2.2, "color": RED, "markeredgewidth": 0.0}
@@ -309,19 +307,18 @@ def stability_map(map: StabilityMap, ax: Axes | None = None) -> Figure:
 
 def _set_scales(axes: Axes, map: StabilityMap) -> None:
     """Sets the scales and ticks of the axes, which all panels share."""
-    from matplotlib.ticker import LogLocator, NullLocator, SymmetricalLogLocator
+    from matplotlib.ticker import NullLocator, SymmetricalLogLocator
 
     axes.set_yscale("log")
-    axes.yaxis.set_major_locator(LogLocator(numticks=4))
-    axes.yaxis.set_minor_locator(NullLocator())
+    _set_decades(axes.yaxis, map.dt, 4)
     if map.scale == "logit":
         axes.set_xscale("logit")
     elif map.scale == "right_angle":
         axes.set_xscale("function", functions=(_from_right_angle, _to_right_angle))
     elif map.scale == "log" and map.values[0] > 0.0:
         axes.set_xscale("log")
-        axes.xaxis.set_major_locator(LogLocator(numticks=3))
-    elif map.scale == "log" and len(map.values) > 1:
+        _set_decades(axes.xaxis, map.values, 3)
+    elif map.scale == "log" and map.values[0] == 0.0 and len(map.values) > 1:
         # Zero is about as far from the smallest other value as a tenth of that is.
         axes.set_xscale("symlog", linthresh=map.values[1])
         decades = SymmetricalLogLocator(base=10.0, linthresh=map.values[1])
@@ -330,9 +327,23 @@ def _set_scales(axes: Axes, map: StabilityMap) -> None:
     else:
         axes.locator_params(axis="x", nbins=3)
     if map.scale in _TICKS:
-        ticks = [tick for tick in _TICKS[map.scale] if map.values[0] <= tick <= map.values[-1]]
+        low, high = map.values[[0, -1]]
+        ticks = [tick for tick in _TICKS[map.scale] if low <= tick <= high] or [low, high]
         axes.set_xticks(ticks, labels=[f"{tick:g}" for tick in ticks])
-    axes.xaxis.set_minor_locator(NullLocator())
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_minor_locator(NullLocator())
+
+
+def _set_decades(axis: Axis, values: Floats, most: int) -> None:
+    """Puts ticks at powers of ten; without one among the cells, at the first and the last value."""
+    from matplotlib.ticker import FixedLocator, LogLocator, StrMethodFormatter
+
+    low, high = np.floor(np.log10(_edges(axis, values)[[0, -1]]))
+    if low < high:
+        axis.set_major_locator(LogLocator(numticks=most))
+    else:
+        axis.set_major_locator(FixedLocator([values[0], values[-1]]))
+        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
 
 
 def _from_right_angle(degrees: Floats) -> Floats:
