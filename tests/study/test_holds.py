@@ -60,23 +60,6 @@ def test_without_friction_only_a_pull_counts_and_each_run_has_its_own() -> None:
     assert own.model == "bilateral contact, varied friction"
 
 
-@pytest.mark.parametrize(
-    "how",
-    [
-        {"dt": 5e-4},
-        {"dt": None, "tolerance": 1e-5, "method": "dop853"},
-        {"dt": 1e-3, "method": "implicit_midpoint"},
-    ],
-    ids=str,
-)
-@pytest.mark.usefixtures("simd_level")
-def test_holds_of_a_row_equals_that_of_the_run_alone(how: dict[str, Any]) -> None:
-    many = study(24, **how)
-    assert 0 < many.holds.sum() < 24
-    for run in range(24):
-        require_alone(many, run)
-
-
 def test_holds_can_be_used_like_a_status_or_booleans() -> None:
     ensemble = some()
     held = ensemble.holds
