@@ -3,6 +3,7 @@
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, States};
+use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
 use crate::method::step_control::StepControl;
 use crate::method::traits::Unsolved;
@@ -370,13 +371,13 @@ pub(super) fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>)
 }
 
 /// Begins segments. This is rare, so the code is called, not inlined.
-pub(super) struct Enter<'b, 'a, R: Lanes, Q, S>(
+pub(super) struct Enter<'b, 'a, R: Lanes, Q>(
     pub(super) &'b mut AdaptiveLanes<'a, R, Q>,
-    pub(super) &'b S,
+    pub(super) &'b SceneEquations<R>,
     pub(super) &'b mut StepStart<R>,
 );
 
-impl<'a, R: Lanes, Q: RunQueue<'a>, S: System<R>> LaneTask<R> for Enter<'_, 'a, R, Q, S> {
+impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for Enter<'_, 'a, R, Q> {
     type Output = ();
 
     #[inline(always)]

@@ -3,15 +3,14 @@
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, States};
+use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
 use crate::method::traits::{Integrator, Unsolved};
-use crate::model::drive::SegmentDrive;
 use crate::model::motion::{Linearized, Motion, unpacked};
-use crate::model::scene::Scene;
-use crate::number::lanes::{Bits, LaneTask, Lanes, each};
+use crate::number::lanes::{Bits, Lanes, each};
 use crate::stepping::batch::{LaneBatch, Seen};
 use crate::stepping::ending::{self, End, interruption, overflow};
-use crate::stepping::grid::{Grid, Segment};
+use crate::stepping::grid::{GridOf, Segment};
 use crate::stepping::instant::{column, everywhere, watched};
 use crate::stepping::lane_controller::LaneController;
 use crate::stepping::phase::Phase;
@@ -19,20 +18,6 @@ use crate::stepping::place::Place;
 use crate::stepping::queue::{POLL, RunQueue, Sample};
 use crate::stepping::rows_inside::RowsInside;
 use crate::stepping::status::Status;
-
-/// Takes the Jacobian of a method at the point of the run that this one resumes.
-struct TakeJacobian<'a, R, S, I>(&'a S, &'a mut I, &'a SegmentDrive<R>, &'a Linearized);
-
-impl<R: Lanes, S: System<R>, I: Integrator<R, S>> LaneTask<R> for TakeJacobian<'_, R, S, I> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self(system, method, drive, point) = self;
-        let (tau, motion) = unpacked(point);
-        method.take_jacobian(drive, R::constant(tau), &system.begin(&everywhere(&motion)));
-    }
-}
 
 /// The last two instants of the runs in all lanes: the states and their evaluations.
 pub(super) struct Instants<'a, R> {
@@ -43,9 +28,9 @@ pub(super) struct Instants<'a, R> {
 }
 
 /// The lanes of the loop of equal steps.
-pub(super) struct EqualLanes<'a, R: Lanes, Q, G> {
+pub(super) struct EqualLanes<'g, 'a, R: Lanes, Q> {
     pub(super) batch: LaneBatch<'a, R, Place, Q>,
-    pub(super) grid: G,
+    pub(super) grid: &'g GridOf<'g>,
     /// Starts of the lanes' segments, steps taken since then, and lengths of the steps.
     pub(super) anchor: R,
     pub(super) taken: R,
@@ -70,10 +55,10 @@ pub(super) struct EqualLanes<'a, R: Lanes, Q, G> {
     pub(super) inside: RowsInside,
 }
 
-impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>> EqualLanes<'a, R, Q, G> {
+impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     /// Loads the next run, if there is one, into a lane. The run starts at the clock `from`.
     pub(super) fn load(&mut self, lane: usize, from: u64) -> Result<(), Error> {
-        let grid = &mut self.grid;
+        let grid = self.grid;
         if self.batch.load_lane(lane, |number, scene| Ok(Place::new(grid(number, scene)?, from)))? {
             self.enter(lane, from);
         } else {
@@ -193,7 +178,12 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
 
     /// The instant that was just watched, in one lane.
     #[inline(always)]
-    pub(super) fn now(&self, system: &impl System<R>, lane: usize, at: &Instants<'_, R>) -> Option<Sample> {
+    pub(super) fn now(
+        &self,
+        system: &SceneEquations<R>,
+        lane: usize,
+        at: &Instants<'_, R>,
+    ) -> Option<Sample> {
         let (t, grid) = self.batch.runs[lane].as_ref()?.place.now(self.clock);
         let contact = self.batch.contact_row(lane);
         let found = watched(system.size(), (lane, contact), at.now, at.y, t, grid);
@@ -203,7 +193,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
     /// The last watched instant of a lane: the current one if it is `finite`, else one before it.
     pub(super) fn last(
         &self,
-        system: &impl System<R>,
+        system: &SceneEquations<R>,
         lane: usize,
         finite: bool,
         at: &Instants<'_, R>,
@@ -238,7 +228,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
     }
 
     /// Ends the run in a lane at its last instant.
-    pub(super) fn retire(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Sample) {
+    pub(super) fn retire(&mut self, system: &SceneEquations<R>, lane: usize, end: End, last: &Sample) {
         self.count(lane);
         if self.has_rows_inside() && !self.record_inside(system, last.instant.t) {
             return;
@@ -253,7 +243,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
     #[inline(never)]
     pub(super) fn end_runs_and_apply_impulses(
         &mut self,
-        system: &impl System<R>,
+        system: &SceneEquations<R>,
         (seen, leaving, tau): (&Seen, Bits, R),
         at: &Instants<'_, R>,
         replacement: &mut States<R>,
@@ -310,7 +300,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
     #[cold]
     pub(super) fn fail(
         &mut self,
-        system: &impl System<R>,
+        system: &SceneEquations<R>,
         (failed, unsolved): (Bits, Unsolved),
         at: &Instants<'_, R>,
     ) -> Result<(), Error> {
@@ -329,14 +319,19 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
     /// At a breakpoint, a method that keeps a Jacobian forgets it, or takes the Jacobian of the run that this
     /// run resumes.
     #[cold]
-    pub(super) fn restart_jacobian<S: System<R>, I: Integrator<R, S>>(&mut self, system: &S, method: &mut I) {
+    pub(super) fn restart_jacobian<S: System<R>>(
+        &mut self,
+        system: &SceneEquations<R>,
+        method: &mut impl Integrator<R, S>,
+    ) {
         method.restart();
         self.in_use = None;
         let Some(run) = &self.batch.runs[0] else { return };
         let Some(point) = run.scene.initial.linearized.filter(|_| run.place.segment.first > 0) else {
             return;
         };
-        R::call(self.batch.instructions, TakeJacobian(system, method, &self.batch.drive, &point));
+        let (tau, motion) = unpacked(&point);
+        method.take_jacobian(&self.batch.drive, R::constant(tau), &system.begin(&everywhere(&motion)));
         (self.in_use, self.taken_at) = (Some(point), Some(point));
     }
 }

@@ -7,6 +7,7 @@
 
 use crate::error::Error;
 use crate::formulation::equations::States;
+use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
 use crate::model::scene::Scene;
 use crate::number::lanes::{Bits, Lanes, MOST, each};
@@ -15,7 +16,6 @@ use crate::stepping::contact_events::{ContactEnd, Event, Reason};
 use crate::stepping::contact_lane::{LaneContact, Moment};
 use crate::stepping::equal_lanes::{EqualLanes, Instants};
 use crate::stepping::event_stepper::MOST_EVENTS;
-use crate::stepping::grid::Grid;
 use crate::stepping::instant::{column, put};
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::{RunQueue, Sample};
@@ -33,7 +33,7 @@ fn strike(
     contact.strike(at, scene.inputs.impulses_at(t).map(|impulse| &impulse.impulse))
 }
 
-impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>> EqualLanes<'a, R, Q, G> {
+impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     /// Lets the events of the lanes in `due` happen, and chooses the modes anew in lanes at the start of a
     /// segment, unless these are `certain`. Lanes whose state or modes change are `held`: the instant is evaluated again,
     /// and watched then. Returns the lanes into which another run was loaded because an event ended theirs.
@@ -41,7 +41,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
     #[inline(never)]
     pub(super) fn meet_events(
         &mut self,
-        system: &impl System<R>,
+        system: &SceneEquations<R>,
         (due, certain, tau): (Bits, Bits, R),
         at: &Instants<'_, R>,
         replacement: &mut States<R>,
@@ -111,7 +111,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
     /// another run was loaded into it because the impulse ended its run.
     pub(super) fn strike(
         &mut self,
-        system: &impl System<R>,
+        system: &SceneEquations<R>,
         (lane, tau): (usize, f64),
         at: &Instants<'_, R>,
         replacement: &mut States<R>,
@@ -134,7 +134,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
     /// Ends the run in a lane at an event of its contacts, and loads the next one.
     fn end_at_event(
         &mut self,
-        system: &impl System<R>,
+        system: &SceneEquations<R>,
         lane: usize,
         end: &ContactEnd,
         before: Sample,

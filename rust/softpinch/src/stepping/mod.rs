@@ -29,6 +29,7 @@ pub mod intervals;
 pub mod lane_controller;
 mod lone_steps;
 mod loop_events;
+pub mod loop_system;
 pub mod monitor;
 pub mod options;
 pub mod phase;

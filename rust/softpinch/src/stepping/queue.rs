@@ -130,20 +130,3 @@ pub struct Finished {
 
 /// The parameters of the runs in all lanes.
 pub type LaneParameters<'a> = [&'a Parameters; MOST];
-
-/// Makes the equations and the method for the runs in all lanes.
-pub trait Builder<S, I> {
-    /// Makes the equations and the method for runs with these parameters.
-    fn build(&mut self, parameters: &LaneParameters<'_>) -> (S, I);
-
-    /// Renews the equations and the method in place, after some of the runs have changed.
-    fn renew(&mut self, parameters: &LaneParameters<'_>, system: &mut S, method: &mut I) {
-        (*system, *method) = self.build(parameters);
-    }
-}
-
-impl<S, I, F: FnMut(&LaneParameters<'_>) -> (S, I)> Builder<S, I> for F {
-    fn build(&mut self, parameters: &LaneParameters<'_>) -> (S, I) {
-        self(parameters)
-    }
-}

@@ -1,16 +1,15 @@
 //! Rows between the ends of equal steps. Each takes a step of the run's own method from the start of the step around
 //! it, so that a row is as accurate as the ends of steps, whatever the method. The run itself does not change.
 
-use crate::error::Error;
 use crate::formulation::equations::States;
+use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
 use crate::method::traits::Unsolved;
-use crate::model::scene::Scene;
 use crate::number::lanes::Lanes;
 use crate::stepping::contact_lane::Moment;
 use crate::stepping::ending::full;
 use crate::stepping::equal_lanes::EqualLanes;
-use crate::stepping::grid::{Grid, round_off};
+use crate::stepping::grid::round_off;
 use crate::stepping::instant::{column, watched};
 use crate::stepping::lone_steps::LoneSteps;
 use crate::stepping::queue::{RunQueue, Sample};
@@ -28,14 +27,14 @@ pub(super) struct RowsInside {
     rows: Vec<Sample>,
 }
 
-impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>> EqualLanes<'a, R, Q, G> {
+impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     /// Computes the instants that were asked for before the end of the step that the run in lane 0 takes from the time
     /// `tau` of its segment and the state `y`.
     #[cold]
     #[inline(never)]
     pub(super) fn look_inside(
         &mut self,
-        system: &impl System<R>,
+        system: &SceneEquations<R>,
         tau: R,
         y: &States<R>,
     ) -> Result<(), Unsolved> {
@@ -81,7 +80,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
     /// run goes on: it ends if there is no memory for a row.
     #[cold]
     #[inline(never)]
-    pub(super) fn record_inside(&mut self, system: &impl System<R>, until: f64) -> bool {
+    pub(super) fn record_inside(&mut self, system: &SceneEquations<R>, until: f64) -> bool {
         for row in std::mem::take(&mut self.inside.rows) {
             if row.instant.t >= until {
                 break;
