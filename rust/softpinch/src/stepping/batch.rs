@@ -26,8 +26,9 @@ use crate::stepping::loop_system::LoopSystem;
 use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet, explain};
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::phase::{Phase, Phases};
-use crate::stepping::queue::{Finished, LaneParameters, RunQueue, Sample};
+use crate::stepping::queue::{Finished, LaneParameters, RunQueue};
 use crate::stepping::record::Instant;
+use crate::stepping::sample::Sample;
 use crate::stepping::status::Status;
 use crate::stepping::summary::{RunEnd, Summaries, SummaryInstant};
 
@@ -352,6 +353,31 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         }
         unstable &= seen;
         Seen { finite, ended: ended | unstable, unstable, found }
+    }
+
+    /// The violations of unilateral contact at an instant, with those that events have shown before it.
+    #[inline(always)]
+    fn violated(&mut self, now: &Evaluation<R>, watched: Bits) -> [Bits; VIOLATIONS.len()] {
+        let mut found = self.limits.violated(now, Some(&self.drive.contacts));
+        for (found, occurred) in found.iter_mut().zip(&mut self.occurred) {
+            *found |= *occurred & watched;
+            *occurred &= !watched;
+        }
+        found
+    }
+
+    /// The sum of |v| over both contacts where they slip or graze.
+    #[inline(always)]
+    fn slip_speed(&self, residuals: &[R; 4]) -> R {
+        let mut sum = R::zero();
+        if self.unilateral {
+            let contacts = &self.drive.contacts;
+            for i in 0..2 {
+                let moves = contacts.slip(i) | contacts.graze[i];
+                sum = sum + R::select(moves, residuals[2 + i].abs(), R::zero());
+            }
+        }
+        sum
     }
 
     /// The lanes whose energy ledger is open by more than the energy that their motion was ever given: at its start,

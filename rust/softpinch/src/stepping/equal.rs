@@ -159,7 +159,12 @@ impl<'a, Q: RunQueue<'a>> EqualSteps<'_, 'a, Q> {
                         system.correct(drive, tau + lanes.h, after);
                         if R::WIDTH == 1
                             && lanes.batch.queue.next_time() < f64::INFINITY
-                            && let Err(unsolved) = lanes.look_inside(system.called(), tau, y)
+                            && let Err(unsolved) = lanes.inside.look_inside(
+                                &mut lanes.batch,
+                                lanes.clock,
+                                system.called(),
+                                (tau, y),
+                            )
                         {
                             lanes.fail(
                                 system.called(),

@@ -8,16 +8,16 @@ use crate::formulation::system::System;
 use crate::method::traits::{Integrator, Unsolved};
 use crate::model::motion::{Linearized, Motion, unpacked};
 use crate::number::lanes::{Bits, Lanes, each};
-use crate::stepping::batch::{LaneBatch, Seen};
-use crate::stepping::ending::{self, End, interruption, overflow};
+use crate::stepping::batch::LaneBatch;
+use crate::stepping::ending::{self, End, full};
 use crate::stepping::grid::{GridOf, Segment};
-use crate::stepping::instant::{column, everywhere, watched};
+use crate::stepping::instant::{everywhere, put, watched};
 use crate::stepping::lane_controller::LaneController;
 use crate::stepping::phase::Phase;
 use crate::stepping::place::Place;
-use crate::stepping::queue::{POLL, RunQueue, Sample};
+use crate::stepping::queue::RunQueue;
 use crate::stepping::rows_inside::RowsInside;
-use crate::stepping::status::Status;
+use crate::stepping::sample::Sample;
 
 /// The last two instants of the runs in all lanes: the states and their evaluations.
 pub(super) struct Instants<'a, R> {
@@ -236,63 +236,40 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         self.batch.retire_lane(system, lane, end, last);
     }
 
-    /// Here lanes leave the vector code: instead of a step, a run ends and the next one begins, or impulses
-    /// are applied. Returns the lanes that do not take the step, and those among them into which another run
-    /// was loaded. The states after impulses are in `replacement`.
+    /// Records the rows inside the last step, which the run has followed until the time `until`. Returns whether the
+    /// run goes on: it ends if there is no memory for a row.
     #[cold]
     #[inline(never)]
-    pub(super) fn end_runs_and_apply_impulses(
+    pub(super) fn record_inside(&mut self, system: &SceneEquations<R>, until: f64) -> bool {
+        for row in self.inside.take_until(until) {
+            if let Err(error) = self.batch.record(system, &row) {
+                self.retire(system, 0, full(row.instant.t, &error), &row);
+                return false;
+            }
+        }
+        true
+    }
+
+    /// Whether there are rows to record.
+    #[inline(always)]
+    pub(super) fn has_rows_inside(&self) -> bool {
+        R::WIDTH == 1 && !self.inside.is_empty()
+    }
+
+    /// Replaces the state of a lane, which is evaluated again. Until the run has been watched again, after so many
+    /// evaluations, its last watched instant is `before`.
+    pub(super) fn hold(
         &mut self,
-        system: &SceneEquations<R>,
-        (seen, leaving, tau): (&Seen, Bits, R),
-        at: &Instants<'_, R>,
+        lane: usize,
+        before: Sample,
+        (y, evaluations): (&States<f64>, u64),
         replacement: &mut States<R>,
-    ) -> Result<(Bits, Bits), Error> {
-        let mut leaving = leaving;
-        for lane in each(leaving) {
-            let finite = seen.finite >> lane & 1 != 0;
-            let Some(last) = self.last(system, lane, finite, at) else { continue };
-            let end = if finite {
-                self.count(lane);
-                let violation = self.batch.violation(lane, seen, &last.instant);
-                violation.unwrap_or((Status::Completed, String::new()))
-            } else {
-                overflow(last.instant.t)
-            };
-            self.retire(system, lane, end, &last);
-        }
-        if (self.clock + 1).is_multiple_of(POLL) && self.batch.queue.stops() {
-            for lane in each(self.batch.active()) {
-                let watched = self.watched_now() >> lane & 1 != 0;
-                let Some(last) = self.last(system, lane, watched, at) else { continue };
-                let Some(run) = &self.batch.runs[lane] else { continue };
-                let end = interruption(run.place.now(self.clock).0);
-                self.retire(system, lane, end, &last);
-                leaving |= 1 << lane;
-            }
-        }
-        for lane in each(leaving) {
-            self.load(lane, self.clock + 1)?;
-        }
-        let struck = self.batch.phases.at(Phase::Struck);
-        self.batch.phases.set(struck, Phase::Step);
-        let jumping = self.batch.phases.at(Phase::Impulse) & !(leaving | self.held);
-        for lane in each(jumping) {
-            if self.batch.unilateral {
-                leaving |= self.strike(system, (lane, tau.lane(lane)), at, replacement)?;
-                continue;
-            }
-            let Some(now) = self.now(system, lane, at) else { continue };
-            let Some(run) = &self.batch.runs[lane] else { continue };
-            let (mut y, anchor) = (*at.y, run.place.segment.anchor);
-            self.batch.apply_impulses(system, lane, (anchor, tau), &mut y);
-            // The instant after the impulses is evaluated but not watched again. The next step starts from
-            // it.
-            self.hold(lane, now, (&column(&y, lane), 2), replacement);
-        }
-        self.batch.phases.set(jumping & !leaving, Phase::Struck);
-        self.schedule();
-        Ok((leaving | jumping, leaving))
+    ) {
+        put(replacement, lane, y);
+        let Some(run) = &mut self.batch.runs[lane] else { return };
+        run.saved_instant = Some(before);
+        run.place.saved_until = self.clock + evaluations;
+        run.place.arrival += 1;
     }
 
     /// Ends the runs in the lanes of `failed`, where the equations of the step were not solved, and loads the
