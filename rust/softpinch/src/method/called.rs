@@ -5,7 +5,7 @@ use crate::formulation::equations::States;
 use crate::formulation::scene_equations::{SceneEquations, Tangent};
 use crate::formulation::system::System;
 use crate::method::dop853::Dop853;
-use crate::method::entry::{AdaptiveLaneMethod, AdaptiveMethod, LaneMethod};
+use crate::method::entry::{AdaptiveLaneMethod, AdaptiveMethod};
 use crate::method::implicit_midpoint::ImplicitMidpoint;
 use crate::method::linearize::{DIRECTIONS, DIRECTIONS_IN_LANES, Factors};
 use crate::method::newton::Newton;
@@ -223,26 +223,13 @@ pub fn adaptive_alone(
 }
 
 /// Makes a method in lanes. The zeros of its vectors need the instructions of the lanes.
-struct MakeInLanes<'a, R, T> {
-    method: T,
+struct MakeInLanes<'a, R> {
+    method: AdaptiveLaneMethod,
     runs: Runs<'a>,
     system: &'a SceneEquations<R>,
 }
 
-impl<R: Lanes> LaneTask<R> for MakeInLanes<'_, R, LaneMethod> {
-    type Output = AnyMethod<R>;
-
-    #[inline(always)]
-    fn run(self) -> AnyMethod<R> {
-        let Self { method, runs, system } = self;
-        match method {
-            LaneMethod::Rk4 => Box::new(Called::new(runs, Rk4::new())),
-            LaneMethod::Adaptive(method) => adaptive_in_lanes(method, runs, system),
-        }
-    }
-}
-
-impl<R: Lanes> LaneTask<R> for MakeInLanes<'_, R, AdaptiveLaneMethod> {
+impl<R: Lanes> LaneTask<R> for MakeInLanes<'_, R> {
     type Output = AnyAdaptiveMethod<R>;
 
     #[inline(always)]
@@ -260,12 +247,6 @@ impl<R: Lanes> LaneTask<R> for MakeInLanes<'_, R, AdaptiveLaneMethod> {
             }
         }
     }
-}
-
-/// A method whose steps are taken in lanes, before its first step.
-#[must_use]
-pub fn in_lanes<R: Lanes>(method: LaneMethod, runs: Runs<'_>, system: &SceneEquations<R>) -> AnyMethod<R> {
-    R::call(runs.instructions, MakeInLanes { method, runs, system })
 }
 
 /// A method whose lanes choose the length of their own steps, before its first step.
