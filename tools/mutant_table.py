@@ -275,7 +275,7 @@ MUTANTS = (
         "ensemble",
     ),
     Mutant(
-        "stepping/loop_events.rs",
+        "stepping/equal_lanes.rs",
         "run.place.arrival += 1;",
         "",
         "impulse",
@@ -433,7 +433,7 @@ MUTANTS = (
         "test_sampled",
     ),
     Mutant(
-        "stepping/adaptive_lanes.rs",
+        "stepping/adaptive_events.rs",
         "let now = system.evaluate(&self.batch.drive, self.progress.tau, &start.y);",
         "let now = start.now;",
         "test_sampled",

@@ -22,7 +22,7 @@ use rest::RestScene;
 use signals::Signals;
 use simulation::Simulation;
 use simulator::Simulator;
-use softpinch::driver::sensitivities::QUANTITIES;
+use softpinch::driver::direction::QUANTITIES;
 use softpinch::error::lookup;
 use softpinch::formulation::table::{FORMULATIONS, Formulation};
 use softpinch::method::table::METHODS;

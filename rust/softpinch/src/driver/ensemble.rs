@@ -4,7 +4,7 @@
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use crate::driver::lanes::in_lanes;
+use crate::driver::lanes::compute_in_lanes;
 use crate::driver::queue::{Row, Scenes, Shared, Worker};
 use crate::driver::sensitivities::Derivatives;
 use crate::driver::simulate::simulate;
@@ -68,7 +68,8 @@ pub(super) fn work(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
     let Some(first) = shared.peek()? else { return Ok(Vec::new()) };
     let options = shared.options;
     let mut worker = Worker { shared, rows: Vec::new() };
-    match in_lanes(&mut worker, &whole_run(options), options, options.choice(first.inputs.fingers()))? {
+    let choice = options.choice(first.inputs.fingers());
+    match compute_in_lanes(&mut worker, &whole_run(options), options, choice)? {
         Some(()) => Ok(worker.rows),
         None => one_by_one(shared),
     }

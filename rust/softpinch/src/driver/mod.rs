@@ -2,6 +2,7 @@
 
 mod derivative_sink;
 mod differentiated_run;
+pub mod direction;
 pub mod ensemble;
 mod environment;
 pub mod lanes;

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::driver::environment::{Environment, Outcome};
-use crate::driver::lanes::in_lanes;
+use crate::driver::lanes::compute_in_lanes;
 use crate::driver::queue::LaneRuns;
 use crate::driver::simulate::advance;
 use crate::error::Error;
@@ -109,7 +109,7 @@ impl<'a> Period<'a> {
         if let [first, _, ..] = chunk.environments {
             let choice = options.choice(first.scene.inputs.fingers());
             let grid = |number, scene: &Scene| self.grid(number, scene);
-            if in_lanes(&mut chunk, &grid, options, choice)?.is_some() {
+            if compute_in_lanes(&mut chunk, &grid, options, choice)?.is_some() {
                 return Ok(());
             }
         }

@@ -12,9 +12,10 @@ use crate::model::scene::Scene;
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::monitor::VIOLATIONS;
 use crate::stepping::options::Options;
-use crate::stepping::queue::{Finished, RunQueue, Sample};
+use crate::stepping::queue::{Finished, RunQueue};
 use crate::stepping::record::Instant;
 use crate::stepping::recorder::Run;
+use crate::stepping::sample::Sample;
 use crate::stepping::status::Status;
 use crate::stepping::summary::COUNT;
 

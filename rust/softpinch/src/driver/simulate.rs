@@ -4,13 +4,12 @@ use crate::error::Error;
 use crate::formulation::inlined::Inlined;
 use crate::formulation::mode_selection::Contact;
 use crate::formulation::scene_equations::{Choice, EquationKind, SceneEquations, with};
-use crate::formulation::system::System;
 use crate::formulation::table::Formulation;
 use crate::formulation::unilateral::Unilateral;
-use crate::method::lone::{dop853, implicit_midpoint, radau5, rosenbrock};
+use crate::method::called::{adaptive_alone, alone};
+use crate::method::entry::AdaptiveMethod;
 use crate::method::rk4::Rk4;
-use crate::method::table::{AdaptiveMethod, METHODS, Method};
-use crate::method::traits::{Adaptive, Integrator, Runs};
+use crate::method::table::{METHODS, Method};
 use crate::model::contact_modes::{ContactModel, Mode};
 use crate::model::control::Fingers;
 use crate::model::inputs::Sampled;
@@ -25,8 +24,8 @@ use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::equal::EqualSteps;
 use crate::stepping::grid::{Grid, Span};
 use crate::stepping::lane_controller::LaneController;
+use crate::stepping::loop_system::LoopSystem;
 use crate::stepping::options::{Options, Steps};
-use crate::stepping::queue::LaneParameters;
 use crate::stepping::record::{Layout, Recording, reserved};
 use crate::stepping::recorder::{Due, Recorder, Run};
 
@@ -297,101 +296,74 @@ struct Single<'a> {
 }
 
 /// Equal steps of RK4, with the equations inlined.
-struct Rk4EqualSteps<'a, S>(Single<'a>, &'a Grid, S);
+struct Rk4EqualSteps<'g, 'a, S>(EqualSteps<'g, 'a, Recorder<'a>>, S);
 
-impl<'a, S: System<f64> + Copy> LaneTask<f64> for Rk4EqualSteps<'a, S> {
+impl<'a, S: LoopSystem<f64>> LaneTask<f64> for Rk4EqualSteps<'_, 'a, S> {
     type Output = Result<Recorder<'a>, Error>;
 
     #[inline(always)]
     fn run(self) -> Self::Output {
-        let Self(Single { instructions, options, recorder: queue, .. }, grid, system) = self;
-        let grid = |_, _: &Scene| Ok(grid.clone());
-        let builder = |_: &LaneParameters<'_>| (system, Rk4::new());
-        EqualSteps { instructions, options, queue, grid, builder }.run()
+        let Self(steps, system) = self;
+        steps.run(|_| (system, Rk4::new()))
     }
 }
 
-/// Equal steps of a method that `M` makes.
-struct EqualStepsTask<'a, M>(Single<'a>, &'a Grid, M);
+/// Equal steps of any method.
+struct EqualStepsTask<'g, 'a>(EqualSteps<'g, 'a, Recorder<'a>>, Method);
 
-impl<'a, I: Integrator<f64, SceneEquations<f64>>, M: Fn(Runs<'_>, &SceneEquations<f64>) -> I> LaneTask<f64>
-    for EqualStepsTask<'a, M>
-{
+impl<'a> LaneTask<f64> for EqualStepsTask<'_, 'a> {
     type Output = Result<Recorder<'a>, Error>;
 
     #[inline(always)]
     fn run(self) -> Self::Output {
-        let Self(Single { instructions, options, choice, recorder: queue, .. }, grid, method) = self;
-        let grid = |_, _: &Scene| Ok(grid.clone());
-        let builder = run_builder((instructions, options, choice), method);
-        EqualSteps { instructions, options, queue, grid, builder }.run()
+        let Self(steps, method) = self;
+        steps.run(|runs| {
+            let system = runs.system();
+            let method = alone(method, runs, &system);
+            (system, method)
+        })
     }
 }
 
-/// Adaptive steps of a method that `M` makes.
-struct AdaptiveStepsTask<'a, M>(Single<'a>, f64, M);
+/// Adaptive steps of any method.
+struct AdaptiveStepsTask<'a>(AdaptiveSteps<'a, Recorder<'a>>, AdaptiveMethod);
 
-impl<'a, I: Adaptive<f64, SceneEquations<f64>>, M: Fn(Runs<'_>, &SceneEquations<f64>) -> I> LaneTask<f64>
-    for AdaptiveStepsTask<'a, M>
-{
+impl<'a> LaneTask<f64> for AdaptiveStepsTask<'a> {
     type Output = Result<Recorder<'a>, Error>;
 
     #[inline(always)]
     fn run(self) -> Self::Output {
-        let Self(Single { instructions, options, choice, recorder: queue, .. }, tolerance, method) = self;
-        let builder = run_builder((instructions, options, choice), method);
-        AdaptiveSteps { instructions, options, tolerance, queue, builder }.run()
-    }
-}
-
-/// Makes the equations and the method of one run.
-fn run_builder<I>(
-    (instructions, options, choice): (Instructions, &Options, Choice),
-    method: impl Fn(Runs<'_>, &SceneEquations<f64>) -> I,
-) -> impl FnMut(&LaneParameters<'_>) -> (SceneEquations<f64>, I) {
-    move |parameters| {
-        let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
-        let system = runs.system();
-        let method = method(runs, &system);
-        (system, method)
+        let Self(steps, method) = self;
+        steps.run(|runs, system| adaptive_alone(method, runs, system))
     }
 }
 
 impl<'a> Single<'a> {
     /// Runs the step loop for the method and the kind of steps.
-    fn run(self, plan: &'a Plan) -> Result<Recorder<'a>, Error> {
-        let Self { instructions, options, scene, choice, .. } = self;
-        match plan {
-            Plan::Fixed(grid) => match options.method {
-                Method::Rk4 => {
+    fn run(self, plan: &Plan) -> Result<Recorder<'a>, Error> {
+        let Self { instructions, options, scene, choice, recorder: queue } = self;
+        match *plan {
+            Plan::Fixed(ref grid) => {
+                let grid = &|_, _: &Scene| Ok(grid.clone());
+                let steps = EqualSteps { instructions, options, choice, queue, grid };
+                // Only what was measured to pay is inlined (docs/what-a-scene-pays.md).
+                if options.method == Method::Rk4
+                    && options.contact == ContactModel::Bilateral
+                    && !choice.ledger
+                {
                     let gains = &options.stabilization;
                     let called = &SceneEquations::new(instructions, choice, &scene.parameters, gains);
-                    with!(called.kind, equations => if choice.ledger {
-                        let system = Inlined::<_, true> { equations, called };
-                        f64::call(instructions, Rk4EqualSteps(self, grid, system))
-                    } else {
+                    return with!(called.kind, equations [false] => {
                         let system = Inlined::<_, false> { equations, called };
-                        f64::call(instructions, Rk4EqualSteps(self, grid, system))
-                    })
+                        f64::call(instructions, Rk4EqualSteps(steps, system))
+                    });
                 }
-                Method::Dop853 => f64::call(instructions, EqualStepsTask(self, grid, dop853)),
-                Method::ImplicitMidpoint => {
-                    f64::call(instructions, EqualStepsTask(self, grid, implicit_midpoint))
-                }
-                Method::Radau5 => f64::call(instructions, EqualStepsTask(self, grid, radau5)),
-                Method::Rosenbrock => f64::call(instructions, EqualStepsTask(self, grid, rosenbrock)),
-            },
-            Plan::Free { method, tolerance, .. } => match method {
-                AdaptiveMethod::Dop853 => {
-                    f64::call(instructions, AdaptiveStepsTask(self, *tolerance, dop853))
-                }
-                AdaptiveMethod::Radau5 => {
-                    f64::call(instructions, AdaptiveStepsTask(self, *tolerance, radau5))
-                }
-                AdaptiveMethod::Rosenbrock => {
-                    f64::call(instructions, AdaptiveStepsTask(self, *tolerance, rosenbrock))
-                }
-            },
+                f64::call(instructions, EqualStepsTask(steps, options.method))
+            }
+            Plan::Free { method, tolerance, .. } => {
+                let steps = AdaptiveSteps { instructions, options, choice, tolerance, queue };
+                f64::call(instructions, AdaptiveStepsTask(steps, method))
+            }
         }
     }
 }

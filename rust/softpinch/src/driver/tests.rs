@@ -7,8 +7,7 @@ use crate::driver::simulate::simulate;
 use crate::error::Error;
 use crate::formulation::scene_equations::Choice;
 use crate::formulation::table::{FORMULATIONS, Formulation};
-use crate::method::dop853::Dop853InLanes;
-use crate::method::rk4::Rk4InLanes;
+use crate::method::entry::{AdaptiveLaneMethod, LaneMethod};
 use crate::method::table::Method;
 use crate::model::contact_modes::ContactModel;
 use crate::model::control::{FINGERS, Fingers};
@@ -106,8 +105,8 @@ fn choice(shared: &Shared<'_>) -> Result<Choice, Error> {
 pub(crate) fn equal_steps(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
     let options = shared.options;
     let (mut worker, grid) = (Worker { shared, rows: Vec::new() }, whole_run(options));
-    EqualKernel::<Rk4InLanes>::new(&mut worker, &grid, options, choice(shared)?)
-        .run::<Row4>(Level::detect().require()?)?;
+    let (runs, choice, method) = (&mut worker, choice(shared)?, LaneMethod::Rk4);
+    EqualKernel { runs, grid: &grid, options, choice, method }.run::<Row4>(Level::detect().require()?)?;
     Ok(worker.rows)
 }
 
@@ -116,8 +115,8 @@ pub(crate) fn adaptive_steps(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
     let options = shared.options;
     let Steps::Free { tolerance, .. } = options.steps else { panic!("adaptive steps have a tolerance") };
     let mut worker = Worker { shared, rows: Vec::new() };
-    AdaptiveKernel::<Dop853InLanes>::new(&mut worker, options, choice(shared)?, tolerance)
-        .run::<Row4>(Level::detect().require()?)?;
+    let (runs, choice, method) = (&mut worker, choice(shared)?, AdaptiveLaneMethod::Dop853);
+    AdaptiveKernel { runs, options, choice, tolerance, method }.run::<Row4>(Level::detect().require()?)?;
     Ok(worker.rows)
 }
 

@@ -9,8 +9,8 @@ use std::convert::Infallible;
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{BLOCK, Size, StageState, System};
-use crate::method::table::{AdaptiveMethod, MethodEntry};
-use crate::method::traits::{Adaptive, AdaptiveInLanes, Integrator, Runs, Stats, Step, largest};
+use crate::method::entry::{AdaptiveLaneMethod, AdaptiveMethod, LaneMethod, MethodEntry};
+use crate::method::traits::{Adaptive, Integrator, Stats, Step, largest};
 use crate::model::drive::{Drive, SegmentDrive};
 use crate::number::lanes::{Bits, Lanes};
 use tableau::{A, A_EXTRA, ALL, B, C, C_EXTRA, DENSE, E3, E5, EXTRA, STAGES};
@@ -22,6 +22,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
     real_stability_limit: Some(REAL_STABILITY_LIMIT),
     keeps_jacobian: false,
     adaptive: Some(AdaptiveMethod::Dop853),
+    lanes: Some(LaneMethod::Adaptive(AdaptiveLaneMethod::Dop853)),
 };
 
 /// |R(z)| <= 1 on the real axis from minus this number to 0. R has degree 12 and follows from the tableau.
@@ -133,7 +134,10 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Dop853<R> {
 }
 
 impl<R: Lanes, S: System<R>> Adaptive<R, S> for Dop853<R> {
-    const ERROR_ORDER: f64 = 8.0;
+    #[inline(always)]
+    fn error_order(&self) -> f64 {
+        8.0
+    }
 
     #[inline(always)]
     fn error(&mut self, system: &S, _: &SegmentDrive<R>, step: &Step<'_, R>, _: Bits, _: &mut Stats) -> R {
@@ -191,18 +195,6 @@ impl<R: Lanes, S: System<R>> Adaptive<R, S> for Dop853<R> {
             at[n] = at[n] + step.y[n];
         }
         at
-    }
-}
-
-/// Selects DOP853 for lanes.
-pub struct Dop853InLanes;
-
-impl AdaptiveInLanes for Dop853InLanes {
-    type Method<R: Lanes> = Dop853<R>;
-
-    #[inline(always)]
-    fn new<R: Lanes>(_: Runs<'_>, _: Size) -> Dop853<R> {
-        Dop853::new()
     }
 }
 

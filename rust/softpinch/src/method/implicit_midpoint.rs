@@ -9,9 +9,9 @@
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::System;
+use crate::method::entry::MethodEntry;
 use crate::method::linearize::{Factors, Linearization};
 use crate::method::newton::{Iteration, Problem, Scheme};
-use crate::method::table::MethodEntry;
 use crate::method::traits::{Stats, Unsolved};
 
 /// The properties of the method.
@@ -21,6 +21,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
     real_stability_limit: None,
     keeps_jacobian: true,
     adaptive: None,
+    lanes: None,
 };
 
 /// The method.

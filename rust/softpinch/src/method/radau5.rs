@@ -7,9 +7,9 @@ use nalgebra::Complex;
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{Linear, Size, StageState, System};
+use crate::method::entry::{AdaptiveMethod, MethodEntry};
 use crate::method::linearize::{Factors, Linearization};
 use crate::method::newton::{Iteration, Newton, Problem, Scheme};
-use crate::method::table::{AdaptiveMethod, MethodEntry};
 use crate::method::traits::{Adaptive, Stats, Step, Unsolved, largest};
 use crate::model::drive::{Drive, SegmentDrive};
 
@@ -20,6 +20,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
     real_stability_limit: None,
     keeps_jacobian: true,
     adaptive: Some(AdaptiveMethod::Radau5),
+    lanes: None,
 };
 
 const SQRT6: f64 = 2.449_489_742_783_178;
@@ -246,9 +247,16 @@ impl<S: System<f64>> Scheme<S> for Radau5 {
 }
 
 impl<S: System<f64>, T: Linear<f64>> Adaptive<f64, S> for Newton<Radau5, Pair, T> {
-    const ERROR_ORDER: f64 = 4.0;
+    #[inline(always)]
+    fn error_order(&self) -> f64 {
+        4.0
+    }
+
     /// A step that would grow by less keeps its length, and with it its factors.
-    const MIN_GROWTH: f64 = 1.2;
+    #[inline(always)]
+    fn min_growth(&self) -> f64 {
+        1.2
+    }
 
     /// (REAL/h - J)^-1 (f_0 + sum of e_i z_i / h). After a rejected step this estimate is added to the state,
     /// and a second estimate is computed there, which damps the stiff part of the first.

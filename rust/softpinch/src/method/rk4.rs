@@ -12,9 +12,9 @@
 use std::convert::Infallible;
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::system::{Size, StageState, System};
-use crate::method::table::MethodEntry;
-use crate::method::traits::{InLanes, Integrator, Runs, Stats, Step};
+use crate::formulation::system::{StageState, System};
+use crate::method::entry::{LaneMethod, MethodEntry};
+use crate::method::traits::{Integrator, Stats, Step};
 use crate::model::drive::{Drive, SegmentDrive};
 use crate::number::lanes::Lanes;
 
@@ -25,6 +25,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
     real_stability_limit: Some(REAL_STABILITY_LIMIT),
     keeps_jacobian: false,
     adaptive: None,
+    lanes: Some(LaneMethod::Rk4),
 };
 
 /// |R(z)| = |1 + z + z^2/2 + z^3/6 + z^4/24| <= 1 on the real axis from -2.785... to 0 (Hairer and Wanner,
@@ -86,17 +87,5 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
             }
         }
         Ok(())
-    }
-}
-
-/// Selects RK4 for lanes.
-pub struct Rk4InLanes;
-
-impl InLanes for Rk4InLanes {
-    type Method<R: Lanes> = Rk4<R>;
-
-    #[inline(always)]
-    fn new<R: Lanes>(_: Runs<'_>, _: Size) -> Rk4<R> {
-        Rk4::new()
     }
 }

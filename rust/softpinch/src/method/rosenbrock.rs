@@ -11,14 +11,13 @@ use std::convert::Infallible;
 use std::marker::PhantomData;
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::scene_equations::Tangent;
 use crate::formulation::system::{Linear, Size, StageState, System};
-use crate::method::linearize::{DIRECTIONS_IN_LANES, Linearization};
-use crate::method::table::{AdaptiveMethod, MethodEntry};
-use crate::method::traits::{Adaptive, AdaptiveInLanes, Integrator, Runs, Stats, Step, largest};
+use crate::method::entry::{AdaptiveLaneMethod, AdaptiveMethod, LaneMethod, MethodEntry};
+use crate::method::linearize::Linearization;
+use crate::method::traits::{Adaptive, Integrator, Stats, Step, largest};
 use crate::model::drive::{Drive, SegmentDrive};
 use crate::number::lanes::{Bits, Lanes};
-use crate::number::linear::{Entry, LaneEntry};
+use crate::number::linear::Entry;
 
 /// The properties of the method.
 pub const ENTRY: MethodEntry = MethodEntry {
@@ -27,6 +26,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
     real_stability_limit: None,
     keeps_jacobian: false,
     adaptive: Some(AdaptiveMethod::Rosenbrock),
+    lanes: Some(LaneMethod::Adaptive(AdaptiveLaneMethod::Rosenbrock)),
 };
 
 pub(super) const STAGES: usize = 6;
@@ -68,7 +68,7 @@ const DENSE: [[f64; STAGES - 1]; 2] = [
 #[derive(Debug, Clone, Copy)]
 pub struct Rosenbrock<T, R = f64, E = f64> {
     /// The system in dual numbers.
-    tangent: T,
+    pub(super) tangent: T,
     linearization: Linearization<R>,
     /// Whether the next step has the start of the last one, and so its linearisation.
     repeats: bool,
@@ -171,7 +171,10 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
 }
 
 impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Adaptive<R, S> for Rosenbrock<T, R, E> {
-    const ERROR_ORDER: f64 = 4.0;
+    #[inline(always)]
+    fn error_order(&self) -> f64 {
+        4.0
+    }
 
     #[inline(always)]
     fn error(&mut self, system: &S, _: &SegmentDrive<R>, step: &Step<'_, R>, _: Bits, _: &mut Stats) -> R {
@@ -196,26 +199,6 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Adaptive<R, S> fo
             at[n] = (one - x).mul_add(step.y[n], x * (one - x).mul_add(inner[n], next[n]));
         }
         at
-    }
-}
-
-/// Selects Rodas4P2 for lanes.
-pub struct RosenbrockInLanes;
-
-/// The method in lanes.
-type LaneRosenbrock<R> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, LaneEntry<R>>;
-
-impl AdaptiveInLanes for RosenbrockInLanes {
-    type Method<R: Lanes> = LaneRosenbrock<R>;
-
-    #[inline(always)]
-    fn new<R: Lanes>(runs: Runs<'_>, size: Size) -> LaneRosenbrock<R> {
-        Rosenbrock::new(size, runs.tangent())
-    }
-
-    #[inline(always)]
-    fn renew<R: Lanes>(method: &mut LaneRosenbrock<R>, runs: Runs<'_>) {
-        method.tangent = runs.tangent();
     }
 }
 

@@ -1,5 +1,6 @@
-//! The table of the methods, and their properties.
+//! The table of the methods.
 
+use crate::method::entry::MethodEntry;
 use crate::method::{dop853, implicit_midpoint, radau5, rk4, rosenbrock};
 
 /// The methods.
@@ -15,32 +16,6 @@ pub enum Method {
     Radau5,
     /// Rodas4P2, linearly implicit, of order four.
     Rosenbrock,
-}
-
-/// The methods that can choose the length of their steps.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum AdaptiveMethod {
-    /// [`Method::Dop853`].
-    Dop853,
-    /// [`Method::Radau5`].
-    Radau5,
-    /// [`Method::Rosenbrock`].
-    Rosenbrock,
-}
-
-/// The properties of a method.
-pub struct MethodEntry {
-    /// Its public name.
-    pub name: &'static str,
-    /// Its order: the error falls with this power of the step if nothing is stiff.
-    pub order: u32,
-    /// The end of its stability region on the negative real axis, without its sign; `None` if the region has no end
-    /// there.
-    pub real_stability_limit: Option<f64>,
-    /// Whether its steps keep a Jacobian for the steps that follow.
-    pub keeps_jacobian: bool,
-    /// The method as one that chooses the length of its steps, if it estimates its error.
-    pub adaptive: Option<AdaptiveMethod>,
 }
 
 /// The methods by their public names.

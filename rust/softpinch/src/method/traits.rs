@@ -137,6 +137,12 @@ pub trait Integrator<R: Lanes, S: System<R>> {
         self.restart();
     }
 
+    /// Renews the data that depend on the parameters of the runs, after some runs have changed.
+    #[inline(always)]
+    fn renew(&mut self, runs: Runs<'_>) {
+        let _ = runs;
+    }
+
     /// Whether steps keep a Jacobian for the steps that follow.
     #[inline(always)]
     fn keeps_jacobian(&self) -> bool {
@@ -157,12 +163,63 @@ pub trait Integrator<R: Lanes, S: System<R>> {
     }
 }
 
+/// A method behind a pointer.
+impl<R: Lanes, S: System<R>, M: Integrator<R, S> + ?Sized> Integrator<R, S> for Box<M> {
+    type Failure = M::Failure;
+
+    #[inline(always)]
+    fn step(
+        &mut self,
+        system: &S,
+        drive: &SegmentDrive<R>,
+        step: &Step<'_, R>,
+        next: &mut States<R>,
+        stats: &mut Stats,
+    ) -> Result<(), M::Failure> {
+        (**self).step(system, drive, step, next, stats)
+    }
+
+    #[inline(always)]
+    fn restart(&mut self) {
+        (**self).restart();
+    }
+
+    #[inline(always)]
+    fn repeat(&mut self) {
+        (**self).repeat();
+    }
+
+    #[inline(always)]
+    fn renew(&mut self, runs: Runs<'_>) {
+        (**self).renew(runs);
+    }
+
+    #[inline(always)]
+    fn keeps_jacobian(&self) -> bool {
+        (**self).keeps_jacobian()
+    }
+
+    #[inline(always)]
+    fn jacobian_is_reusable(&self) -> bool {
+        (**self).jacobian_is_reusable()
+    }
+
+    #[inline(always)]
+    fn take_jacobian(&mut self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) {
+        (**self).take_jacobian(drive, tau, y);
+    }
+}
+
 /// A method that can choose the length of its steps.
 pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
     /// The error estimate grows with this power of the length of the step.
-    const ERROR_ORDER: f64;
+    fn error_order(&self) -> f64;
+
     /// Growth by a smaller factor than this does not change the length of the step.
-    const MIN_GROWTH: f64 = 1.0;
+    #[inline(always)]
+    fn min_growth(&self) -> f64 {
+        1.0
+    }
 
     /// The error of the step just taken, in units of the allowed error. `retried` is the set of lanes in
     /// which the attempt before was rejected.
@@ -223,49 +280,5 @@ impl Runs<'_> {
     pub fn tangent<R: Lanes, const W: usize>(&self) -> Tangent<R, W> {
         let Self { instructions, choice, parameters, gains } = *self;
         Tangent::new(instructions, choice, &Duals(parameters), gains)
-    }
-}
-
-/// Selects a method whose steps can be taken in lanes.
-pub trait InLanes {
-    /// The method.
-    type Method<R: Lanes>: Integrator<R, SceneEquations<R>>;
-
-    /// Makes the method before its first step, for states of this size.
-    fn new<R: Lanes>(runs: Runs<'_>, size: Size) -> Self::Method<R>;
-
-    /// Renews the data that depend on the parameters of the runs, after some runs have changed.
-    #[inline(always)]
-    fn renew<R: Lanes>(method: &mut Self::Method<R>, runs: Runs<'_>) {
-        let _ = (method, runs);
-    }
-}
-
-/// Selects a method whose lanes can choose the length of their own steps.
-pub trait AdaptiveInLanes {
-    /// The method.
-    type Method<R: Lanes>: Adaptive<R, SceneEquations<R>>;
-
-    /// See [`InLanes::new`].
-    fn new<R: Lanes>(runs: Runs<'_>, size: Size) -> Self::Method<R>;
-
-    /// See [`InLanes::renew`].
-    #[inline(always)]
-    fn renew<R: Lanes>(method: &mut Self::Method<R>, runs: Runs<'_>) {
-        let _ = (method, runs);
-    }
-}
-
-impl<I: AdaptiveInLanes> InLanes for I {
-    type Method<R: Lanes> = <I as AdaptiveInLanes>::Method<R>;
-
-    #[inline(always)]
-    fn new<R: Lanes>(runs: Runs<'_>, size: Size) -> <I as AdaptiveInLanes>::Method<R> {
-        <I as AdaptiveInLanes>::new(runs, size)
-    }
-
-    #[inline(always)]
-    fn renew<R: Lanes>(method: &mut <I as AdaptiveInLanes>::Method<R>, runs: Runs<'_>) {
-        <I as AdaptiveInLanes>::renew(method, runs);
     }
 }

@@ -15,6 +15,8 @@ pub type Bits = u8;
 pub trait Real:
     Copy
     + Debug
+    + Send
+    + Sync
     + 'static
     + Add<Output = Self>
     + Sub<Output = Self>

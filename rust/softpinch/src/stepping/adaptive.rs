@@ -4,51 +4,53 @@
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
+use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::System;
+use crate::method::called::AnyAdaptiveMethod;
 use crate::method::step_control::StepControl;
-use crate::method::traits::{Adaptive, Step, largest};
+use crate::method::traits::{Runs, Step, largest};
 use crate::number::lanes::{Bits, Lanes, each};
 use crate::number::simd::level::Instructions;
-use crate::stepping::adaptive_lanes::{AdaptiveLanes, Enter, Progress, StepStart, merged};
+use crate::stepping::adaptive_events::Enter;
+use crate::stepping::adaptive_lanes::{AdaptiveEvents, AdaptiveLanes, Progress, StepStart, merged};
 use crate::stepping::batch::LaneBatch;
 use crate::stepping::ending::{interruption, too_many, too_small};
 use crate::stepping::inside_step::LookInside;
 use crate::stepping::instant::watched;
-use crate::stepping::loop_events::AdaptiveEvents;
 use crate::stepping::options::Options;
 use crate::stepping::phase::Phase;
-use crate::stepping::queue::{Builder, POLL, RunQueue};
+use crate::stepping::queue::{POLL, RunQueue};
 use crate::stepping::sizes::{Sizes, is_unresolved, next_length};
 use crate::stepping::status::Status;
 
 /// The adaptive loop before it runs.
-pub struct AdaptiveSteps<'a, Q, E> {
+pub struct AdaptiveSteps<'a, Q> {
     /// Instructions to use.
     pub instructions: Instructions,
     /// The options of every run.
     pub options: &'a Options,
+    /// The equations of every run.
+    pub choice: Choice,
     /// Largest error of a step, as a share of each state's magnitude.
     pub tolerance: f64,
     /// The source and the destination of the runs.
     pub queue: Q,
-    /// Makes the equations and the method for the runs in all lanes.
-    pub builder: E,
 }
 
-impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
-    /// Computes all runs of the queue, and returns the queue.
+impl<'a, Q: RunQueue<'a>> AdaptiveSteps<'a, Q> {
+    /// Computes all runs of the queue, and returns the queue. `build` makes the method for the runs in all lanes.
     #[inline(always)]
     #[allow(clippy::too_many_lines)] // one step, from one attempt to the next
-    pub fn run<R: Lanes, S: System<R>, I: Adaptive<R, S>>(self) -> Result<Q, Error>
-    where
-        E: Builder<S, I>,
-    {
-        let Self { instructions, options, tolerance, queue, mut builder } = self;
+    pub fn run<R: Lanes>(
+        self,
+        build: impl FnOnce(Runs<'_>, &SceneEquations<R>) -> AnyAdaptiveMethod<R>,
+    ) -> Result<Q, Error> {
+        let Self { instructions, options, choice, tolerance, queue } = self;
         let zero = R::zero();
         let mut lanes = AdaptiveLanes {
-            batch: LaneBatch::new(instructions, queue, options),
+            batch: LaneBatch::new(instructions, queue, options, choice),
             progress: Progress::new(),
-            control: StepControl::new(I::ERROR_ORDER, I::MIN_GROWTH),
+            control: StepControl::new(1.0, 1.0),
             unsolved: None,
             saved: 0,
             left: 0,
@@ -59,7 +61,14 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
         for lane in 0..R::WIDTH {
             lanes.load(lane, &mut start)?;
         }
-        let (mut system, mut method) = lanes.batch.build(&mut builder, &mut start.y);
+        let both = |runs: Runs<'_>| {
+            let system = runs.system();
+            let method = build(runs, &system);
+            (system, method)
+        };
+        let (mut system, mut method) = lanes.batch.build(both, &mut start.y);
+        // Runs are loaded before the method can be made.
+        lanes.control = StepControl::new(method.error_order(), method.min_growth());
         lanes.size(&system, R::ALL, &mut start);
         let (mut next, mut end_state, mut corrected) = ([zero; MAX_COMPONENTS], Evaluation::nothing(), None);
         let mut attempts = 0u64;
@@ -76,7 +85,7 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
                     lanes.load(lane, &mut start)?;
                 }
                 if left != 0 && lanes.batch.active() != 0 {
-                    lanes.batch.renew(&mut builder, (&mut system, &mut method), left, &mut start.y);
+                    lanes.batch.renew((&mut system, &mut method), left, &mut start.y);
                     lanes.size(&system, left, &mut start);
                 }
                 if lanes.entering() != 0 {
@@ -119,7 +128,7 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
             let step = Step { tau, h, y: &start.y, rate: &start.now.rate, allowed };
             let (drive, stats) = (&lanes.batch.drive, &mut lanes.batch.stats);
             let attempted = method.step(&system, drive, &step, &mut next, stats);
-            lanes.unsolved = attempted.err().map(Into::into);
+            lanes.unsolved = attempted.err();
             if lanes.unsolved.is_some() {
                 lanes.batch.phases.set(approaching, Phase::Step);
                 lanes.progress.h = lanes.control.unsolved() * h;

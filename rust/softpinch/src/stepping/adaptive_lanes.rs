@@ -8,16 +8,16 @@ use crate::method::step_control::StepControl;
 use crate::method::traits::Unsolved;
 use crate::model::motion::Motion;
 use crate::model::scene::Scene;
-use crate::number::lanes::{Bits, LaneTask, Lanes, each};
+use crate::number::lanes::{Bits, Lanes, MOST, each};
 use crate::stepping::batch::{LaneBatch, Seen};
+use crate::stepping::contact_events::Event;
 use crate::stepping::ending::{Attempt, End, full, overflow};
 use crate::stepping::grid::Span;
 use crate::stepping::instant::watched;
-use crate::stepping::loop_events::AdaptiveEvents;
 use crate::stepping::phase::Phase;
-use crate::stepping::queue::{RunQueue, Sample};
+use crate::stepping::queue::RunQueue;
+use crate::stepping::sample::Sample;
 use crate::stepping::sizes::Sizes;
-use crate::stepping::status::Status;
 
 /// The places of the runs in time. In a lane without a run all numbers are zero.
 pub(super) struct Progress<R> {
@@ -80,6 +80,29 @@ impl<R: Lanes> Progress<R> {
         self.tau.set(lane, 0.0);
         self.errors.set(lane, -1.0);
         self.last = self.last & !(1 << lane) | Bits::from(last) << lane;
+    }
+}
+
+/// The events of the runs in all lanes of the adaptive loop.
+pub(super) struct AdaptiveEvents {
+    /// The event at which the next step ends or the last one has ended, and the length of the step in which it was found.
+    pub(super) events: [Option<(Event, f64)>; MOST],
+    /// Number of steps in a row that ended at an event.
+    pub(super) in_a_row: [usize; MOST],
+}
+
+impl AdaptiveEvents {
+    /// No events.
+    pub(super) fn new() -> Self {
+        Self { events: [None; MOST], in_a_row: [0; MOST] }
+    }
+
+    /// Ends the rows of events in these lanes.
+    #[inline(always)]
+    pub(super) fn settle(&mut self, lanes: Bits) {
+        for lane in each(lanes) {
+            self.in_a_row[lane] = 0;
+        }
     }
 }
 
@@ -233,118 +256,6 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         }
         goes_on
     }
-
-    /// Lets the discrete controllers measure, in those of the lanes in `begins` in which a sample is due at the end of
-    /// the segment.
-    #[inline(always)]
-    fn take_samples(&mut self, system: &impl System<R>, begins: Bits, start: &StepStart<R>) {
-        let mut due = 0;
-        for lane in each(begins) {
-            let Some(run) = &self.batch.runs[lane] else { continue };
-            let t = self.progress.to.lane(lane);
-            let samples = run.controller.as_ref().is_some_and(|controller| controller.is_due(t));
-            due |= Bits::from(samples) << lane;
-        }
-        if due == 0 {
-            return;
-        }
-        let now = system.evaluate(&self.batch.drive, self.progress.tau, &start.y);
-        self.batch.stats.evaluations += 1;
-        for lane in each(due) {
-            let Some(run) = &mut self.batch.runs[lane] else { continue };
-            let Some(controller) = &mut run.controller else { continue };
-            let how = (self.batch.instructions, self.batch.options);
-            let scene = (&*run.scene, run.contact.as_deref());
-            controller.sample(scene, how, self.progress.to.lane(lane), (&now, lane));
-        }
-    }
-
-    /// Begins a segment in the lanes of `entering`, or goes on in it after an event, and computes the length of
-    /// the first step.
-    #[inline(always)]
-    pub(super) fn enter(&mut self, system: &impl System<R>, start: &mut StepStart<R>) {
-        let size = system.size();
-        let entering = self.entering();
-        self.control.restart(entering);
-        self.unsolved = None;
-        let over = self.progress.to.at_most(self.progress.t);
-        let ends = over & self.progress.last;
-        let begins = entering & over & !self.progress.last;
-        if self.batch.unilateral {
-            self.meet_events(system, start);
-        }
-        self.take_samples(system, begins & self.entering(), start);
-        for lane in each(begins & self.entering()) {
-            let Some(run) = &mut self.batch.runs[lane] else { continue };
-            let from = self.progress.to.lane(lane);
-            let to = run.place.segment_end(&run.scene.inputs, from);
-            self.progress.enter(lane, (from, to), to == run.place.end);
-            let mut drive = run.scene.inputs.segment(from);
-            if let Some(controller) = &mut run.controller {
-                drive.hold(controller.torque(from));
-            }
-            self.batch.drive.set(lane, &drive);
-            if let Some(contact) = &mut run.contact {
-                contact.enter(from, drive);
-            }
-            run.segments += 1;
-        }
-        if self.batch.unilateral {
-            self.choose_modes(system, begins, start);
-        }
-        let (times, tau) = (self.progress.t, self.progress.tau);
-        let mut now = system.evaluate(&self.batch.drive, tau, &start.y);
-        self.batch.stats.evaluations += 1;
-        let seen = self.batch.watch(system, &now, &start.y, times, self.entering());
-        let (mut stays, mut jumped): (Bits, Bits) = (0, 0);
-        for lane in each(self.entering()) {
-            let bit = 1 << lane;
-            let t = times.lane(lane);
-            if seen.finite & bit == 0 {
-                self.stop(system, lane, start, None);
-                continue;
-            }
-            let contact = self.batch.contact_row(lane);
-            let instant = watched(size, (lane, contact), &now, &start.y, t, (t, 0));
-            let due = self.batch.queue.is_due(t, false);
-            if !self.goes_on(system, lane, due, &seen, &instant) {
-                continue;
-            }
-            if ends & bit != 0 {
-                self.retire(system, lane, (Status::Completed, String::new()), &instant);
-                continue;
-            }
-            let jumps = begins & bit != 0
-                && if self.batch.unilateral {
-                    let Some(jumps) = self.strike(system, lane, start) else { continue };
-                    jumps
-                } else {
-                    self.batch.apply_impulses(system, lane, (t, tau), &mut start.y)
-                };
-            self.saved &= !bit;
-            if jumps {
-                self.save(lane, Some(instant));
-            }
-            self.progress.watched.set(lane, t);
-            jumped |= Bits::from(jumps) << lane;
-            stays |= bit;
-        }
-        self.batch.phases.set(self.entering(), Phase::Step);
-        if stays == 0 {
-            return;
-        }
-        if jumped != 0 {
-            now = system.evaluate(&self.batch.drive, tau, &start.y);
-            self.batch.stats.evaluations += 1;
-        }
-        start.now = merged(stays, &now, &start.now);
-        start.sizes.note(size, &start.y, stays, stays);
-        self.batch.stats.evaluations += 1;
-        let (equations, states) = ((system, &self.batch.drive), (&start.y, &start.now.rate));
-        let rest = self.progress.length - tau;
-        let h = start.sizes.first_step(equations, &self.control, states, (stays, tau, rest));
-        self.progress.h = R::select(stays, h, self.progress.h);
-    }
 }
 
 /// The evaluation `a` in the lanes of `bits`, `b` in all other lanes.
@@ -367,21 +278,5 @@ pub(super) fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>)
         places: each(bits, &a.places, &b.places),
         torque: each(bits, &a.torque, &b.torque),
         share: each(bits, &a.share, &b.share),
-    }
-}
-
-/// Begins segments. This is rare, so the code is called, not inlined.
-pub(super) struct Enter<'b, 'a, R: Lanes, Q, S>(
-    pub(super) &'b mut AdaptiveLanes<'a, R, Q>,
-    pub(super) &'b S,
-    pub(super) &'b mut StepStart<R>,
-);
-
-impl<'a, R: Lanes, Q: RunQueue<'a>, S: System<R>> LaneTask<R> for Enter<'_, 'a, R, Q, S> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        self.0.enter(self.1, self.2);
     }
 }

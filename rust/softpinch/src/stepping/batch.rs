@@ -5,8 +5,9 @@ use std::borrow::Cow;
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, States};
+use crate::formulation::scene_equations::Choice;
 use crate::formulation::system::System;
-use crate::method::traits::Stats;
+use crate::method::traits::{Integrator, Runs, Stats};
 use crate::model::contact_modes::ContactModel;
 use crate::model::drive::{Drive, SegmentDrive};
 use crate::model::energy::{self, Energies, WORKS};
@@ -21,11 +22,13 @@ use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::ending::{End, after_violation, unstable};
 use crate::stepping::instant::{all_finite, column, ledger, put, put_motion};
 use crate::stepping::lane_controller::LaneController;
+use crate::stepping::loop_system::LoopSystem;
 use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet, explain};
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::phase::{Phase, Phases};
-use crate::stepping::queue::{Builder, Finished, LaneParameters, RunQueue, Sample};
+use crate::stepping::queue::{Finished, LaneParameters, RunQueue};
 use crate::stepping::record::Instant;
+use crate::stepping::sample::Sample;
 use crate::stepping::status::Status;
 use crate::stepping::summary::{RunEnd, Summaries, SummaryInstant};
 
@@ -74,8 +77,9 @@ pub struct Seen {
 pub struct LaneBatch<'a, R: Lanes, P, Q> {
     /// The source and the destination of the runs.
     pub queue: Q,
-    /// The options of every run.
+    /// The options of every run, and the equations of all of them.
     pub options: &'a Options,
+    choice: Choice,
     pub(super) instructions: Instructions,
     /// The run in each lane.
     pub runs: [Option<LaneRun<'a, P>>; MOST],
@@ -118,7 +122,7 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
 impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     /// A batch without any run.
     #[inline(always)]
-    pub fn new(instructions: Instructions, queue: Q, options: &'a Options) -> Self {
+    pub fn new(instructions: Instructions, queue: Q, options: &'a Options, choice: Choice) -> Self {
         let resting = Parameters::default();
         let lanes: LaneParameters<'_> = [&resting; MOST];
         let stops = |violation| if options.stop_on.contains(violation) { Bits::MAX } else { 0 };
@@ -126,6 +130,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         Self {
             queue,
             options,
+            choice,
             instructions,
             runs: [const { None }; MOST],
             phases: Phases::idle(),
@@ -239,23 +244,38 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
 
     /// Makes the equations and the method, and sets the states with which the runs start.
     #[inline(always)]
-    pub fn build<S: System<R>, I>(&mut self, builder: &mut impl Builder<S, I>, y: &mut States<R>) -> (S, I) {
-        let built = builder.build(&self.parameters());
+    pub fn build<S: LoopSystem<R>, I>(
+        &mut self,
+        build: impl FnOnce(Runs<'_>) -> (S, I),
+        y: &mut States<R>,
+    ) -> (S, I) {
+        let built = build(self.equations_of(&self.parameters()));
         self.begin(&built.0, R::ALL, y);
         built
+    }
+
+    /// The equations of runs with these parameters.
+    fn equations_of<'b>(&self, parameters: &'b LaneParameters<'b>) -> Runs<'b>
+    where
+        'a: 'b,
+    {
+        let Self { instructions, choice, options, .. } = *self;
+        Runs { instructions, choice, parameters, gains: &options.stabilization }
     }
 
     /// Renews the equations and the method in place, after the lanes of `changed` have got new runs, and sets
     /// the states with which these runs start.
     #[inline(always)]
-    pub fn renew<S: System<R>, I>(
+    pub fn renew<S: LoopSystem<R>>(
         &mut self,
-        builder: &mut impl Builder<S, I>,
-        (system, method): (&mut S, &mut I),
+        (system, method): (&mut S, &mut impl Integrator<R, S>),
         changed: Bits,
         y: &mut States<R>,
     ) {
-        builder.renew(&self.parameters(), system, method);
+        let parameters = self.parameters();
+        let runs = self.equations_of(&parameters);
+        system.renew(runs);
+        method.renew(runs);
         self.begin(system, changed, y);
     }
 
@@ -336,6 +356,31 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         }
         unstable &= seen;
         Seen { finite, ended: ended | unstable, unstable, found }
+    }
+
+    /// The violations of unilateral contact at an instant, with those that events have shown before it.
+    #[inline(always)]
+    fn violated(&mut self, now: &Evaluation<R>, watched: Bits) -> [Bits; VIOLATIONS.len()] {
+        let mut found = self.limits.violated(now, Some(&self.drive.contacts));
+        for (found, occurred) in found.iter_mut().zip(&mut self.occurred) {
+            *found |= *occurred & watched;
+            *occurred &= !watched;
+        }
+        found
+    }
+
+    /// The sum of |v| over both contacts where they slip or graze.
+    #[inline(always)]
+    fn slip_speed(&self, residuals: &[R; 4]) -> R {
+        let mut sum = R::zero();
+        if self.unilateral {
+            let contacts = &self.drive.contacts;
+            for i in 0..2 {
+                let moves = contacts.slip(i) | contacts.graze[i];
+                sum = sum + R::select(moves, residuals[2 + i].abs(), R::zero());
+            }
+        }
+        sum
     }
 
     /// Those of the `guarded` lanes whose energy ledger is open by more than the energy that their motion was ever

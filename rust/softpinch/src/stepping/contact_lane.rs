@@ -22,7 +22,7 @@ use crate::stepping::event_stepper::{EventStepper, SegmentState};
 use crate::stepping::instant::watched;
 use crate::stepping::lone_steps::LoneSteps;
 use crate::stepping::options::{Options, Steps};
-use crate::stepping::queue::Sample;
+use crate::stepping::sample::Sample;
 
 /// The inputs of a segment.
 struct Segment {
@@ -166,14 +166,14 @@ impl LaneContact {
         })
     }
 
-    /// Applies impulses to the object.
-    pub fn strike<'b>(
+    /// Applies the impulses at time `t` to the object.
+    pub fn strike(
         &mut self,
         at: &Moment<'_>,
-        mut impulses: impl Iterator<Item = &'b [f64; 3]>,
+        (scene, t): (&Scene, f64),
     ) -> Result<States<f64>, Box<ContactEnd>> {
         self.act(at, |stepper, place| {
-            impulses.try_for_each(|impulse| stepper.strike(place, impulse))?;
+            scene.inputs.impulses_at(t).try_for_each(|impulse| stepper.strike(place, &impulse.impulse))?;
             Ok(place.y)
         })
     }

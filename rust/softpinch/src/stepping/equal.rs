@@ -5,46 +5,48 @@ use std::mem::swap;
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
-use crate::formulation::system::System;
-use crate::method::traits::{Integrator, Step};
-use crate::model::scene::Scene;
+use crate::formulation::scene_equations::Choice;
+use crate::method::traits::{Integrator, Runs, Step};
 use crate::number::lanes::Lanes;
 use crate::number::simd::level::Instructions;
 use crate::stepping::batch::LaneBatch;
 use crate::stepping::ending::full;
 use crate::stepping::equal_lanes::{EqualLanes, Instants, pack};
-use crate::stepping::grid::Grid;
+use crate::stepping::grid::GridOf;
 use crate::stepping::instant::all_finite;
+use crate::stepping::loop_system::LoopSystem;
 use crate::stepping::options::Options;
 use crate::stepping::phase::Phase;
-use crate::stepping::queue::{Builder, POLL, RunQueue};
+use crate::stepping::queue::{POLL, RunQueue};
 use crate::stepping::rows_inside::RowsInside;
 
 /// The loop of equal steps before it runs.
-pub struct EqualSteps<'a, Q, G, E> {
+pub struct EqualSteps<'g, 'a, Q> {
     /// Instructions to use.
     pub instructions: Instructions,
     /// The options of every run.
     pub options: &'a Options,
+    /// The equations of every run.
+    pub choice: Choice,
     /// The source and the destination of the runs.
     pub queue: Q,
-    /// Finds the times of the steps of a run, from its number and its scene.
-    pub grid: G,
-    /// Makes the equations and the method for the runs in all lanes.
-    pub builder: E,
+    /// Finds the times of the steps of a run.
+    pub grid: &'g GridOf<'g>,
 }
 
-impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> EqualSteps<'a, Q, G, E> {
-    /// Computes all runs of the queue, and returns the queue.
+impl<'a, Q: RunQueue<'a>> EqualSteps<'_, 'a, Q> {
+    /// Computes all runs of the queue, and returns the queue. `build` makes the equations and the method for the runs in all
+    /// lanes.
     #[inline(always)]
-    pub fn run<R: Lanes, S: System<R>, I: Integrator<R, S>>(self) -> Result<Q, Error>
-    where
-        E: Builder<S, I>,
-    {
-        let Self { instructions, options, queue, grid, mut builder } = self;
+    #[allow(clippy::too_many_lines)] // one step, from one evaluation to the next
+    pub fn run<R: Lanes, S: LoopSystem<R>, I: Integrator<R, S>>(
+        self,
+        build: impl FnOnce(Runs<'_>) -> (S, I),
+    ) -> Result<Q, Error> {
+        let Self { instructions, options, choice, queue, grid } = self;
         let zero = R::zero();
         let mut lanes = EqualLanes {
-            batch: LaneBatch::new(instructions, queue, options),
+            batch: LaneBatch::new(instructions, queue, options, choice),
             grid,
             anchor: zero,
             taken: zero,
@@ -69,13 +71,15 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> Equ
         let (mut y, mut after) = (&mut first, &mut second);
         let (mut one, mut other) = (Evaluation::nothing(), Evaluation::nothing());
         let (mut now, mut before) = (&mut one, &mut other);
-        let (mut system, mut method) = lanes.batch.build(&mut builder, y);
+        let (mut system, mut method) = lanes.batch.build(build, y);
+        // Methods that keep a Jacobian have one lane.
+        let keeps_jacobian = R::WIDTH == 1 && method.keeps_jacobian();
         replacement.copy_from_slice(&y[..]);
         lanes.schedule();
 
         while lanes.batch.active() != 0 {
-            if std::mem::take(&mut lanes.entered) && method.keeps_jacobian() {
-                lanes.restart_jacobian(&system, &mut method);
+            if std::mem::take(&mut lanes.entered) && keeps_jacobian {
+                lanes.restart_jacobian(system.called(), &mut method);
             }
             let tau = lanes.taken * lanes.h;
             let t = lanes.times(tau);
@@ -90,8 +94,9 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> Equ
                 let due = if lanes.batch.unilateral { lanes.batch.due(now) & lanes.stepped } else { 0 };
                 if due | lanes.batch.phases.at(Phase::Start) != 0 {
                     let certain = lanes.batch.modes_certain(now);
-                    loaded = lanes.meet_events(&system, (due, certain, tau), &at, &mut replacement)?;
-                    if lanes.held != 0 && method.keeps_jacobian() {
+                    loaded =
+                        lanes.meet_events(system.called(), (due, certain, tau), &at, &mut replacement)?;
+                    if lanes.held != 0 && keeps_jacobian {
                         method.restart();
                         lanes.in_use = None;
                     }
@@ -105,19 +110,22 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> Equ
                 }
             }
             let watching = lanes.watched_now();
-            if lanes.has_rows_inside() && watching != 0 && !lanes.record_inside(&system, f64::INFINITY) {
+            if lanes.has_rows_inside()
+                && watching != 0
+                && !lanes.record_inside(system.called(), f64::INFINITY)
+            {
                 break;
             }
             let seen = lanes.batch.watch(&system, now, y, t, watching);
-            if method.keeps_jacobian() && watching & seen.finite != 0 {
+            if keeps_jacobian && watching & seen.finite != 0 {
                 lanes.in_use_last = lanes.in_use;
             }
             if watching & seen.finite & 1 != 0
                 && lanes.batch.queue.is_due(t.lane(0), false)
-                && let Some(row) = lanes.now(&system, 0, &at)
-                && let Err(error) = lanes.batch.record(&system, &row)
+                && let Some(row) = lanes.now(system.called(), 0, &at)
+                && let Err(error) = lanes.batch.record(system.called(), &row)
             {
-                lanes.retire(&system, 0, full(row.instant.t, &error), &row);
+                lanes.retire(system.called(), 0, full(row.instant.t, &error), &row);
                 // The run cannot go on, and there is no other one: a recorded run has a loop of its own.
                 break;
             }
@@ -129,7 +137,7 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> Equ
             let polls = (lanes.clock + 1).is_multiple_of(POLL);
             if leaving | impulses != 0 || polls {
                 let (skipped, reloaded) = lanes.end_runs_and_apply_impulses(
-                    &system,
+                    system.called(),
                     (&seen, leaving, tau),
                     &at,
                     &mut replacement,
@@ -142,7 +150,7 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> Equ
                 let jacobians = stats.jacobians;
                 match method.step(&system, drive, &step, after, stats) {
                     Ok(()) => {
-                        if method.keeps_jacobian() {
+                        if keeps_jacobian {
                             if stats.jacobians > jacobians {
                                 lanes.taken_at = Some(pack(tau, &now.motion));
                             }
@@ -151,16 +159,25 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> Equ
                         system.correct(drive, tau + lanes.h, after);
                         if R::WIDTH == 1
                             && lanes.batch.queue.next_time() < f64::INFINITY
-                            && let Err(unsolved) = lanes.look_inside(&system, tau, y)
+                            && let Err(unsolved) = lanes.inside.look_inside(
+                                &mut lanes.batch,
+                                lanes.clock,
+                                system.called(),
+                                (tau, y),
+                            )
                         {
-                            lanes.fail(&system, (1, unsolved), &Instants { now, y, before, y_before: y })?;
+                            lanes.fail(
+                                system.called(),
+                                (1, unsolved),
+                                &Instants { now, y, before, y_before: y },
+                            )?;
                             (skipping, loaded) = (skipping | 1, loaded | 1);
                         }
                     }
                     Err(failure) => {
                         let failed = R::ALL & !skipping;
                         let at = Instants { now, y, before, y_before: y };
-                        lanes.fail(&system, (failed, failure.into()), &at)?;
+                        lanes.fail(system.called(), (failed, failure.into()), &at)?;
                         (skipping, loaded) = (skipping | failed, loaded | failed);
                     }
                 }
@@ -169,7 +186,7 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> Equ
                 if lanes.batch.active() == 0 {
                     break;
                 }
-                lanes.batch.renew(&mut builder, (&mut system, &mut method), loaded, &mut replacement);
+                lanes.batch.renew((&mut system, &mut method), loaded, &mut replacement);
             }
             swap(&mut y, &mut after);
             if skipping != 0 {

@@ -3,36 +3,21 @@
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, States};
+use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
 use crate::method::traits::{Integrator, Unsolved};
-use crate::model::drive::SegmentDrive;
 use crate::model::motion::{Linearized, Motion, unpacked};
-use crate::model::scene::Scene;
-use crate::number::lanes::{Bits, LaneTask, Lanes, each};
-use crate::stepping::batch::{LaneBatch, Seen};
-use crate::stepping::ending::{self, End, interruption, overflow};
-use crate::stepping::grid::{Grid, Segment};
-use crate::stepping::instant::{column, everywhere, watched};
+use crate::number::lanes::{Bits, Lanes, each};
+use crate::stepping::batch::LaneBatch;
+use crate::stepping::ending::{self, End, full};
+use crate::stepping::grid::{GridOf, Segment};
+use crate::stepping::instant::{everywhere, put, watched};
 use crate::stepping::lane_controller::LaneController;
 use crate::stepping::phase::Phase;
 use crate::stepping::place::Place;
-use crate::stepping::queue::{POLL, RunQueue, Sample};
+use crate::stepping::queue::RunQueue;
 use crate::stepping::rows_inside::RowsInside;
-use crate::stepping::status::Status;
-
-/// Takes the Jacobian of a method at the point of the run that this one resumes.
-struct TakeJacobian<'a, R, S, I>(&'a S, &'a mut I, &'a SegmentDrive<R>, &'a Linearized);
-
-impl<R: Lanes, S: System<R>, I: Integrator<R, S>> LaneTask<R> for TakeJacobian<'_, R, S, I> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self(system, method, drive, point) = self;
-        let (tau, motion) = unpacked(point);
-        method.take_jacobian(drive, R::constant(tau), &system.begin(&everywhere(&motion)));
-    }
-}
+use crate::stepping::sample::Sample;
 
 /// The last two instants of the runs in all lanes: the states and their evaluations.
 pub(super) struct Instants<'a, R> {
@@ -43,9 +28,9 @@ pub(super) struct Instants<'a, R> {
 }
 
 /// The lanes of the loop of equal steps.
-pub(super) struct EqualLanes<'a, R: Lanes, Q, G> {
+pub(super) struct EqualLanes<'g, 'a, R: Lanes, Q> {
     pub(super) batch: LaneBatch<'a, R, Place, Q>,
-    pub(super) grid: G,
+    pub(super) grid: &'g GridOf<'g>,
     /// Starts of the lanes' segments, steps taken since then, and lengths of the steps.
     pub(super) anchor: R,
     pub(super) taken: R,
@@ -70,10 +55,10 @@ pub(super) struct EqualLanes<'a, R: Lanes, Q, G> {
     pub(super) inside: RowsInside,
 }
 
-impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>> EqualLanes<'a, R, Q, G> {
+impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     /// Loads the next run, if there is one, into a lane. The run starts at the clock `from`.
     pub(super) fn load(&mut self, lane: usize, from: u64) -> Result<(), Error> {
-        let grid = &mut self.grid;
+        let grid = self.grid;
         if self.batch.load_lane(lane, |number, scene| Ok(Place::new(grid(number, scene)?, from)))? {
             self.enter(lane, from);
         } else {
@@ -193,7 +178,12 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
 
     /// The instant that was just watched, in one lane.
     #[inline(always)]
-    pub(super) fn now(&self, system: &impl System<R>, lane: usize, at: &Instants<'_, R>) -> Option<Sample> {
+    pub(super) fn now(
+        &self,
+        system: &SceneEquations<R>,
+        lane: usize,
+        at: &Instants<'_, R>,
+    ) -> Option<Sample> {
         let (t, grid) = self.batch.runs[lane].as_ref()?.place.now(self.clock);
         let contact = self.batch.contact_row(lane);
         let found = watched(system.size(), (lane, contact), at.now, at.y, t, grid);
@@ -203,7 +193,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
     /// The last watched instant of a lane: the current one if it is `finite`, else one before it.
     pub(super) fn last(
         &self,
-        system: &impl System<R>,
+        system: &SceneEquations<R>,
         lane: usize,
         finite: bool,
         at: &Instants<'_, R>,
@@ -238,7 +228,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
     }
 
     /// Ends the run in a lane at its last instant.
-    pub(super) fn retire(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Sample) {
+    pub(super) fn retire(&mut self, system: &SceneEquations<R>, lane: usize, end: End, last: &Sample) {
         self.count(lane);
         if self.has_rows_inside() && !self.record_inside(system, last.instant.t) {
             return;
@@ -246,63 +236,40 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
         self.batch.retire_lane(system, lane, end, last);
     }
 
-    /// Here lanes leave the vector code: instead of a step, a run ends and the next one begins, or impulses
-    /// are applied. Returns the lanes that do not take the step, and those among them into which another run
-    /// was loaded. The states after impulses are in `replacement`.
+    /// Records the rows inside the last step, which the run has followed until the time `until`. Returns whether the
+    /// run goes on: it ends if there is no memory for a row.
     #[cold]
     #[inline(never)]
-    pub(super) fn end_runs_and_apply_impulses(
+    pub(super) fn record_inside(&mut self, system: &SceneEquations<R>, until: f64) -> bool {
+        for row in self.inside.take_until(until) {
+            if let Err(error) = self.batch.record(system, &row) {
+                self.retire(system, 0, full(row.instant.t, &error), &row);
+                return false;
+            }
+        }
+        true
+    }
+
+    /// Whether there are rows to record.
+    #[inline(always)]
+    pub(super) fn has_rows_inside(&self) -> bool {
+        R::WIDTH == 1 && !self.inside.is_empty()
+    }
+
+    /// Replaces the state of a lane, which is evaluated again. Until the run has been watched again, after so many
+    /// evaluations, its last watched instant is `before`.
+    pub(super) fn hold(
         &mut self,
-        system: &impl System<R>,
-        (seen, leaving, tau): (&Seen, Bits, R),
-        at: &Instants<'_, R>,
+        lane: usize,
+        before: Sample,
+        (y, evaluations): (&States<f64>, u64),
         replacement: &mut States<R>,
-    ) -> Result<(Bits, Bits), Error> {
-        let mut leaving = leaving;
-        for lane in each(leaving) {
-            let finite = seen.finite >> lane & 1 != 0;
-            let Some(last) = self.last(system, lane, finite, at) else { continue };
-            let end = if finite {
-                self.count(lane);
-                let violation = self.batch.violation(lane, seen, &last.instant);
-                violation.unwrap_or((Status::Completed, String::new()))
-            } else {
-                overflow(last.instant.t)
-            };
-            self.retire(system, lane, end, &last);
-        }
-        if (self.clock + 1).is_multiple_of(POLL) && self.batch.queue.stops() {
-            for lane in each(self.batch.active()) {
-                let watched = self.watched_now() >> lane & 1 != 0;
-                let Some(last) = self.last(system, lane, watched, at) else { continue };
-                let Some(run) = &self.batch.runs[lane] else { continue };
-                let end = interruption(run.place.now(self.clock).0);
-                self.retire(system, lane, end, &last);
-                leaving |= 1 << lane;
-            }
-        }
-        for lane in each(leaving) {
-            self.load(lane, self.clock + 1)?;
-        }
-        let struck = self.batch.phases.at(Phase::Struck);
-        self.batch.phases.set(struck, Phase::Step);
-        let jumping = self.batch.phases.at(Phase::Impulse) & !(leaving | self.held);
-        for lane in each(jumping) {
-            if self.batch.unilateral {
-                leaving |= self.strike(system, (lane, tau.lane(lane)), at, replacement)?;
-                continue;
-            }
-            let Some(now) = self.now(system, lane, at) else { continue };
-            let Some(run) = &self.batch.runs[lane] else { continue };
-            let (mut y, anchor) = (*at.y, run.place.segment.anchor);
-            self.batch.apply_impulses(system, lane, (anchor, tau), &mut y);
-            // The instant after the impulses is evaluated but not watched again. The next step starts from
-            // it.
-            self.hold(lane, now, (&column(&y, lane), 2), replacement);
-        }
-        self.batch.phases.set(jumping & !leaving, Phase::Struck);
-        self.schedule();
-        Ok((leaving | jumping, leaving))
+    ) {
+        put(replacement, lane, y);
+        let Some(run) = &mut self.batch.runs[lane] else { return };
+        run.saved_instant = Some(before);
+        run.place.saved_until = self.clock + evaluations;
+        run.place.arrival += 1;
     }
 
     /// Ends the runs in the lanes of `failed`, where the equations of the step were not solved, and loads the
@@ -310,7 +277,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
     #[cold]
     pub(super) fn fail(
         &mut self,
-        system: &impl System<R>,
+        system: &SceneEquations<R>,
         (failed, unsolved): (Bits, Unsolved),
         at: &Instants<'_, R>,
     ) -> Result<(), Error> {
@@ -329,14 +296,19 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
     /// At a breakpoint, a method that keeps a Jacobian forgets it, or takes the Jacobian of the run that this
     /// run resumes.
     #[cold]
-    pub(super) fn restart_jacobian<S: System<R>, I: Integrator<R, S>>(&mut self, system: &S, method: &mut I) {
+    pub(super) fn restart_jacobian<S: System<R>>(
+        &mut self,
+        system: &SceneEquations<R>,
+        method: &mut impl Integrator<R, S>,
+    ) {
         method.restart();
         self.in_use = None;
         let Some(run) = &self.batch.runs[0] else { return };
         let Some(point) = run.scene.initial.linearized.filter(|_| run.place.segment.first > 0) else {
             return;
         };
-        R::call(self.batch.instructions, TakeJacobian(system, method, &self.batch.drive, &point));
+        let (tau, motion) = unpacked(&point);
+        method.take_jacobian(&self.batch.drive, R::constant(tau), &system.begin(&everywhere(&motion)));
         (self.in_use, self.taken_at) = (Some(point), Some(point));
     }
 }

@@ -7,10 +7,14 @@
 use crate::error::Error;
 use crate::model::inputs::Inputs;
 use crate::model::rule::Rule;
+use crate::model::scene::Scene;
 use crate::model::start::State;
 
 /// Largest number of steps of one run. At a few million steps a second they take hours.
 pub(crate) const MOST_STEPS: f64 = 1e11;
+
+/// Finds the times of the steps of a run, from its number and its scene.
+pub type GridOf<'a> = dyn Fn(usize, &Scene) -> Result<Grid, Error> + 'a;
 
 /// A segment of a run: a stretch of time without a breakpoint inside.
 #[derive(Debug, Clone, Copy, PartialEq)]

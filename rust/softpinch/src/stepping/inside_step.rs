@@ -2,8 +2,10 @@
 //! come back. Dense output gives their states.
 
 use crate::formulation::equations::States;
+use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
-use crate::method::traits::{Adaptive, Step};
+use crate::method::called::AnyAdaptiveMethod;
+use crate::method::traits::Step;
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
@@ -56,10 +58,10 @@ fn motion<R: Lanes>(motion: &Motion<R>, lane: usize) -> Motion<f64> {
 
 /// In the lanes of `accepted`, looks at the instants inside the step that are to be recorded, and at those of
 /// `turning_times`. Returns the lanes whose runs go on. This is rare, so the code is called, not inlined.
-pub(super) struct LookInside<'b, 'a, R: Lanes, Q, S, I> {
+pub(super) struct LookInside<'b, 'a, R: Lanes, Q> {
     pub(super) lanes: &'b mut AdaptiveLanes<'a, R, Q>,
-    pub(super) system: &'b S,
-    pub(super) method: &'b mut I,
+    pub(super) system: &'b SceneEquations<R>,
+    pub(super) method: &'b mut AnyAdaptiveMethod<R>,
     pub(super) start: &'b StepStart<R>,
     pub(super) step: &'b Step<'b, R>,
     /// The states at the end of the method's step, before any correction.
@@ -70,9 +72,7 @@ pub(super) struct LookInside<'b, 'a, R: Lanes, Q, S, I> {
     pub(super) turning_times: [f64; MOST],
 }
 
-impl<'a, R: Lanes, Q: RunQueue<'a>, S: System<R>, I: Adaptive<R, S>> LaneTask<R>
-    for LookInside<'_, 'a, R, Q, S, I>
-{
+impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for LookInside<'_, 'a, R, Q> {
     type Output = Bits;
 
     #[inline(always)]

@@ -7,8 +7,8 @@ use crate::model::energy::{LedgerRow, WORKS};
 use crate::model::motion::Motion;
 use crate::number::lanes::{Bits, Lanes};
 use crate::number::real::Real;
-use crate::stepping::queue::Sample;
 use crate::stepping::record::Instant;
+use crate::stepping::sample::Sample;
 
 /// An instant of the run in a lane, as evaluated at the state `y`.
 #[inline(always)]

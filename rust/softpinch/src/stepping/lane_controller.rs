@@ -16,7 +16,7 @@ use crate::number::simd::level::Instructions;
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::instant::column;
 use crate::stepping::options::Options;
-use crate::stepping::queue::Sample;
+use crate::stepping::sample::Sample;
 
 /// The discrete controller of a run.
 pub struct LaneController {

@@ -4,26 +4,14 @@
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS, States};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
-use crate::method::dop853::Dop853;
-use crate::method::lone::{LoneMidpoint, LoneRadau5, LoneRosenbrock, implicit_midpoint, radau5, rosenbrock};
-use crate::method::rk4::Rk4;
-use crate::method::table::Method;
-use crate::method::traits::{Integrator, Runs, Stats, Step, Unsolved};
+use crate::method::called::{AnyMethod, alone};
+use crate::method::traits::{Runs, Stats, Step, Unsolved};
 use crate::model::contact_modes::Contacts;
 use crate::model::drive::SegmentDrive;
 use crate::model::scene::Scene;
-use crate::number::lanes::{LaneTask, Lanes, MOST};
+use crate::number::lanes::MOST;
 use crate::number::simd::level::Instructions;
 use crate::stepping::options::Options;
-
-/// The methods of a single run.
-enum MethodOfRun {
-    Rk4(Box<Rk4>),
-    Dop853(Box<Dop853>),
-    ImplicitMidpoint(Box<LoneMidpoint>),
-    Radau5(Box<LoneRadau5>),
-    Rosenbrock(Box<LoneRosenbrock>),
-}
 
 /// The start of the last step, with the derivative of its state.
 struct KnownStart {
@@ -35,8 +23,7 @@ struct KnownStart {
 
 /// The method of one run, with the start of its last step.
 pub(super) struct LoneMethod {
-    instructions: Instructions,
-    method: MethodOfRun,
+    method: AnyMethod,
     start: Option<KnownStart>,
     stats: Stats,
 }
@@ -51,48 +38,7 @@ impl LoneMethod {
         (tau, y): (f64, &States<f64>),
         h: f64,
     ) -> Result<States<f64>, Unsolved> {
-        let Self { instructions, method, start, stats } = self;
-        macro_rules! step {
-            ($method:expr) => {
-                f64::call(
-                    *instructions,
-                    LoneStep { system, method: &mut **$method, start, stats, drive, tau, y, h },
-                )
-            };
-        }
-        match method {
-            MethodOfRun::Rk4(method) => step!(method),
-            MethodOfRun::Dop853(method) => step!(method),
-            MethodOfRun::ImplicitMidpoint(method) => step!(method),
-            MethodOfRun::Radau5(method) => step!(method),
-            MethodOfRun::Rosenbrock(method) => step!(method),
-        }
-    }
-
-    /// Forgets the start of the last step, because the inputs may be others.
-    pub(super) fn forget_start(&mut self) {
-        self.start = None;
-    }
-}
-
-/// A step of a single run.
-struct LoneStep<'a, I> {
-    system: &'a SceneEquations<f64>,
-    method: &'a mut I,
-    start: &'a mut Option<KnownStart>,
-    stats: &'a mut Stats,
-    drive: &'a SegmentDrive,
-    tau: f64,
-    y: &'a States<f64>,
-    h: f64,
-}
-
-impl<I: Integrator<f64, SceneEquations<f64>>> LaneTask<f64> for LoneStep<'_, I> {
-    type Output = Result<States<f64>, Unsolved>;
-
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        let Self { system, method, start, stats, drive, tau, y, h } = self;
+        let Self { method, start, stats } = self;
         let contacts = drive.contacts;
         let is_start = |last: &KnownStart| last.tau == tau && last.y == *y && last.contacts == contacts;
         if start.as_ref().is_some_and(is_start) {
@@ -107,9 +53,14 @@ impl<I: Integrator<f64, SceneEquations<f64>>> LaneTask<f64> for LoneStep<'_, I> 
         });
         let step = Step { tau, h, y, rate: &start.rate, allowed: None };
         let mut next = [0.0; MAX_COMPONENTS];
-        method.step(system, drive, &step, &mut next, stats).map_err(Into::into)?;
+        method.step(system, drive, &step, &mut next, stats)?;
         system.correct(drive, tau + h, &mut next);
         Ok(next)
+    }
+
+    /// Forgets the start of the last step, because the inputs may be others.
+    pub(super) fn forget_start(&mut self) {
+        self.start = None;
     }
 }
 
@@ -126,16 +77,8 @@ impl LoneSteps {
         let choice = options.choice(scene.inputs.fingers());
         let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
         let system = runs.system();
-        let method = match options.method {
-            Method::Rk4 => MethodOfRun::Rk4(Box::default()),
-            Method::Dop853 => MethodOfRun::Dop853(Box::default()),
-            Method::ImplicitMidpoint => {
-                MethodOfRun::ImplicitMidpoint(Box::new(implicit_midpoint(runs, &system)))
-            }
-            Method::Radau5 => MethodOfRun::Radau5(Box::new(radau5(runs, &system))),
-            Method::Rosenbrock => MethodOfRun::Rosenbrock(Box::new(rosenbrock(runs, &system))),
-        };
-        Self { system, method: LoneMethod { instructions, method, start: None, stats: Stats::default() } }
+        let method = alone(options.method, runs, &system);
+        Self { system, method: LoneMethod { method, start: None, stats: Stats::default() } }
     }
 
     /// The state a step after the state `y`, see [`LoneMethod::step`].

@@ -4,12 +4,13 @@
 //!
 //! Events of unilateral contact: [`contact_events`] says what ends a mode, `event_stepper.rs` locates events on
 //! the method's own step, `contact_changes.rs` lets them happen. [`contact_lane`] does this for the run in a lane,
-//! `loop_events.rs` is its use in the two loops.
+//! `equal_events.rs` and `adaptive_events.rs` are its use in the two loops.
 
 // Loops over several arrays at once are clearer with an index.
 #![allow(clippy::needless_range_loop)]
 
 pub mod adaptive;
+mod adaptive_events;
 mod adaptive_lanes;
 pub mod batch;
 mod contact_batch;
@@ -20,6 +21,7 @@ pub mod contact_lane;
 mod contact_tests;
 pub mod ending;
 pub mod equal;
+mod equal_events;
 mod equal_lanes;
 pub mod event_stepper;
 pub mod grid;
@@ -28,7 +30,7 @@ pub mod instant;
 pub mod intervals;
 pub mod lane_controller;
 mod lone_steps;
-mod loop_events;
+pub mod loop_system;
 pub mod monitor;
 pub mod options;
 pub mod phase;
@@ -37,6 +39,7 @@ pub mod queue;
 pub mod record;
 pub mod recorder;
 mod rows_inside;
+pub mod sample;
 pub mod sizes;
 pub mod status;
 pub mod summary;

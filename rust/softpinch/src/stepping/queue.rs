@@ -7,15 +7,14 @@ use crate::error::Error;
 use crate::formulation::mode_selection::Contact;
 use crate::method::traits::Stats;
 use crate::model::controller_state::ControllerState;
-use crate::model::energy::{Energies, LedgerRow, WORKS};
-use crate::model::motion::Linearized;
+use crate::model::energy::{Energies, LedgerRow};
 use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;
 use crate::number::lanes::MOST;
 use crate::stepping::contact_events::Change;
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::monitor::{VIOLATIONS, ViolationSet};
-use crate::stepping::record::Instant;
+use crate::stepping::sample::Sample;
 use crate::stepping::status::Status;
 use crate::stepping::summary::COUNT;
 
@@ -76,31 +75,6 @@ pub trait RunQueue<'a> {
     }
 }
 
-/// An instant of a run that was watched and found to be finite.
-#[derive(Debug, Clone, Copy)]
-pub struct Sample {
-    /// The instant.
-    pub instant: Instant,
-    /// The works of the ledger; zeros if they are not carried.
-    pub works: [f64; WORKS],
-    /// The point of the Jacobian that the next step uses, for methods that keep one.
-    pub linearized: Option<Linearized>,
-    /// Whether it is the instant of a sample before the sample is taken.
-    pub before_sample: bool,
-}
-
-impl Sample {
-    /// Whether all numbers of the instant are finite.
-    #[must_use]
-    pub fn is_finite(&self) -> bool {
-        let Instant { q, p, memory, multipliers, residuals, torque, .. } = &self.instant;
-        [&q[..], p, memory, multipliers, residuals, torque, &self.works]
-            .into_iter()
-            .flatten()
-            .all(|number| number.is_finite())
-    }
-}
-
 /// A run that has ended.
 pub struct Finished {
     /// Number of the run.
@@ -115,7 +89,7 @@ pub struct Finished {
     pub initial_energies: Option<Energies>,
     /// The time at which each of [`VIOLATIONS`] was first seen, s; NaN if it was not.
     pub first_times: [f64; VIOLATIONS.len()],
-    /// Whether the grasp held, see [`Run::holds`](crate::stepping::recorder::Run::holds).
+    /// Whether the grasp held, see [`Run::holds`](super::recorder::Run::holds).
     pub holds: bool,
     /// The summaries, in the order of [`SUMMARIES`](crate::stepping::summary::SUMMARIES).
     pub summaries: [f64; COUNT],
@@ -130,20 +104,3 @@ pub struct Finished {
 
 /// The parameters of the runs in all lanes.
 pub type LaneParameters<'a> = [&'a Parameters; MOST];
-
-/// Makes the equations and the method for the runs in all lanes.
-pub trait Builder<S, I> {
-    /// Makes the equations and the method for runs with these parameters.
-    fn build(&mut self, parameters: &LaneParameters<'_>) -> (S, I);
-
-    /// Renews the equations and the method in place, after some of the runs have changed.
-    fn renew(&mut self, parameters: &LaneParameters<'_>, system: &mut S, method: &mut I) {
-        (*system, *method) = self.build(parameters);
-    }
-}
-
-impl<S, I, F: FnMut(&LaneParameters<'_>) -> (S, I)> Builder<S, I> for F {
-    fn build(&mut self, parameters: &LaneParameters<'_>) -> (S, I) {
-        self(parameters)
-    }
-}

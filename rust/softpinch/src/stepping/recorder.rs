@@ -15,8 +15,9 @@ use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::ending::arrival;
 use crate::stepping::intervals::{Intervals, of_changes};
 use crate::stepping::monitor::{VIOLATIONS, Violation, ViolationSet};
-use crate::stepping::queue::{Finished, RunQueue, Sample};
+use crate::stepping::queue::{Finished, RunQueue};
 use crate::stepping::record::{Instant, Recording};
+use crate::stepping::sample::Sample;
 use crate::stepping::status::Status;
 use crate::stepping::summary::COUNT;
 

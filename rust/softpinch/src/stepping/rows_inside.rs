@@ -1,20 +1,20 @@
 //! Rows between the ends of equal steps. Each takes a step of the run's own method from the start of the step around
 //! it, so that a row is as accurate as the ends of steps, whatever the method. The run itself does not change.
 
-use crate::error::Error;
 use crate::formulation::equations::States;
+use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
 use crate::method::traits::Unsolved;
-use crate::model::scene::Scene;
 use crate::number::lanes::Lanes;
+use crate::stepping::batch::LaneBatch;
 use crate::stepping::contact_lane::Moment;
-use crate::stepping::ending::full;
-use crate::stepping::equal_lanes::EqualLanes;
-use crate::stepping::grid::{Grid, round_off};
+use crate::stepping::grid::round_off;
 use crate::stepping::instant::{column, watched};
 use crate::stepping::lone_steps::LoneSteps;
-use crate::stepping::queue::{RunQueue, Sample};
+use crate::stepping::place::Place;
+use crate::stepping::queue::RunQueue;
 use crate::stepping::record::Instant;
+use crate::stepping::sample::Sample;
 
 /// A row closer to the start of its step than this share of the step has the state there.
 const SLIVER: f64 = 1.0 / (1u64 << 44) as f64;
@@ -28,29 +28,30 @@ pub(super) struct RowsInside {
     rows: Vec<Sample>,
 }
 
-impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>> EqualLanes<'a, R, Q, G> {
+impl RowsInside {
     /// Computes the instants that were asked for before the end of the step that the run in lane 0 takes from the time
     /// `tau` of its segment and the state `y`.
     #[cold]
     #[inline(never)]
-    pub(super) fn look_inside(
+    pub(super) fn look_inside<'a, R: Lanes, Q: RunQueue<'a>>(
         &mut self,
-        system: &impl System<R>,
-        tau: R,
-        y: &States<R>,
+        batch: &mut LaneBatch<'a, R, Place, Q>,
+        clock: u64,
+        system: &SceneEquations<R>,
+        (tau, y): (R, &States<R>),
     ) -> Result<(), Unsolved> {
         let (tau, y) = (tau.lane(0), column(y, 0));
-        let Some(run) = &mut self.batch.runs[0] else { return Ok(()) };
-        let (start, end) = (run.place.now(self.clock).0, run.place.now(self.clock + 1).0);
-        if let Some(steps) = &mut self.inside.steps {
+        let Some(run) = &mut batch.runs[0] else { return Ok(()) };
+        let (start, end) = (run.place.now(clock).0, run.place.now(clock + 1).0);
+        if let Some(steps) = &mut self.steps {
             steps.method.forget_start();
         }
         loop {
-            let time = self.batch.queue.next_time();
+            let time = batch.queue.next_time();
             if time >= end {
                 return Ok(());
             }
-            self.batch.queue.is_due(time, true);
+            batch.queue.is_due(time, true);
             // A step as short as round-off might not be solved.
             let shortest = round_off(start, end).max(SLIVER * (end - start));
             let length = if time - start <= shortest { 0.0 } else { time - start };
@@ -61,42 +62,30 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
                 if let Some(controller) = &run.controller {
                     drive.hold(controller.held());
                 }
-                let how = (self.batch.instructions, self.batch.options);
+                let how = (batch.instructions, batch.options);
                 let new = || Box::new(LoneSteps::new(how.0, how.1, &run.scene));
-                let steps = self.inside.steps.get_or_insert_with(new);
+                let steps = self.steps.get_or_insert_with(new);
                 let next = if length > 0.0 { steps.step(&drive, (tau, &y), length)? } else { y };
                 let now = steps.evaluate(&drive, tau + length, &next);
-                self.batch.stats.evaluations += 1 + steps.take_stats().evaluations;
+                batch.stats.evaluations += 1 + steps.take_stats().evaluations;
                 watched(system.size(), (0, None), &now, &next, time, (time, 0))
             };
             // After an overflow the run ends at this step.
             if row.is_finite() {
                 let instant = Instant { t: time, grid: (time, 0), ..row.instant };
-                self.inside.rows.push(Sample { instant, ..row });
+                self.rows.push(Sample { instant, ..row });
             }
         }
     }
 
-    /// Records the rows inside the last step, which the run has followed until the time `until`. Returns whether the
-    /// run goes on: it ends if there is no memory for a row.
-    #[cold]
-    #[inline(never)]
-    pub(super) fn record_inside(&mut self, system: &impl System<R>, until: f64) -> bool {
-        for row in std::mem::take(&mut self.inside.rows) {
-            if row.instant.t >= until {
-                break;
-            }
-            if let Err(error) = self.batch.record(system, &row) {
-                self.retire(system, 0, full(row.instant.t, &error), &row);
-                return false;
-            }
-        }
-        true
+    /// The rows inside the last step, which the run has followed until the time `until`. No rows are left.
+    pub(super) fn take_until(&mut self, until: f64) -> impl Iterator<Item = Sample> + use<> {
+        std::mem::take(&mut self.rows).into_iter().take_while(move |row| row.instant.t < until)
     }
 
-    /// Whether there are rows to record.
+    /// Whether there are no rows to record.
     #[inline(always)]
-    pub(super) fn has_rows_inside(&self) -> bool {
-        R::WIDTH == 1 && !self.inside.rows.is_empty()
+    pub(super) fn is_empty(&self) -> bool {
+        self.rows.is_empty()
     }
 }

@@ -14,9 +14,9 @@ mod rosenbrock;
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::run_dual::{RunDual, RunDualEquations, RunDualSystem};
 use crate::formulation::scene_equations::SceneEquations;
+use crate::method::called::{Called, implicit_midpoint, radau5, rosenbrock};
 use crate::method::dop853::Dop853;
 use crate::method::linearize::{Factors, Linearization};
-use crate::method::lone::{implicit_midpoint, radau5, rosenbrock};
 use crate::method::rk4::Rk4;
 use crate::method::table::Method;
 use crate::method::traits::{Integrator, Runs, Stats, Step, Unsolved};
@@ -42,7 +42,7 @@ pub trait Differentiable<R: Lanes>: Integrator<f64, SceneEquations<f64>> {
 /// A method that takes each step in plain numbers and differentiates it after that.
 struct Solved<M> {
     instructions: Instructions,
-    method: M,
+    method: Called<M>,
     system: SceneEquations<f64>,
     /// The inputs of the segment without their derivatives.
     drive: SegmentDrive,
@@ -71,7 +71,7 @@ pub fn run_dual_steps<R: Lanes>(runs: Runs<'_>, method: Method) -> Box<dyn RunDu
     #[inline(never)]
     fn solved<R: Lanes, M: Differentiable<R> + 'static>(
         runs: Runs<'_>,
-        method: impl Fn(Runs<'_>, &SceneEquations<f64>) -> M,
+        method: impl Fn(Runs<'_>, &SceneEquations<f64>) -> Called<M>,
     ) -> Box<dyn RunDualSteps<R>> {
         let system = runs.system();
         let (instructions, method) = (runs.instructions, method(runs, &system));
@@ -123,26 +123,6 @@ impl<R: Lanes, M: Integrator<RunDual<R>, RunDualSystem<R>>> RunDualSteps<R> for 
     }
 }
 
-/// A step in plain numbers.
-struct PlainStep<'a, M> {
-    method: &'a mut M,
-    system: &'a SceneEquations<f64>,
-    drive: &'a SegmentDrive,
-    step: &'a Step<'a>,
-    end: &'a mut States<f64>,
-    stats: &'a mut Stats,
-}
-
-impl<M: Integrator<f64, SceneEquations<f64>>> LaneTask<f64> for PlainStep<'_, M> {
-    type Output = Result<(), Unsolved>;
-
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        let Self { method, system, drive, step, end, stats } = self;
-        method.step(system, drive, step, end, stats).map_err(Into::into)
-    }
-}
-
 /// The derivative of a step.
 struct Differentiate<'a, R, M> {
     method: &'a M,
@@ -184,14 +164,10 @@ impl<R: Lanes, M: Differentiable<R>> RunDualSteps<R> for Solved<M> {
         let (y, rate) = (values(step.y), values(step.rate));
         let own = &Step { tau: step.tau.lane(0), h: step.h.lane(0), y: &y, rate: &rate, allowed: None };
         let mut end = [0.0; MAX_COMPONENTS];
-        let Self { instructions, method, system: plain, drive: inputs } = self;
-        let stats = &mut Stats::default();
-        f64::call(
-            *instructions,
-            PlainStep { method, system: plain, drive: inputs, step: own, end: &mut end, stats },
-        )?;
-        let method = &self.method;
-        R::call(self.instructions, Differentiate { method, equations, drive, step, end: &end, next });
+        let Self { instructions, method, system, drive: inputs } = self;
+        method.step(system, inputs, own, &mut end, &mut Stats::default())?;
+        let method = &method.method;
+        R::call(*instructions, Differentiate { method, equations, drive, step, end: &end, next });
         Ok(())
     }
 }

@@ -26,8 +26,8 @@ pub const LEVELS: [(&str, Level); 1] = [("native", Level::Native)];
 /// The environment variable that selects a level.
 pub const VARIABLE: &str = "SOFTPINCH_SIMD";
 
-/// Proof that the processor has the instructions that the crate's code is compiled for. Only
-/// [`Level::require`] makes one.
+/// Proof that the processor has some level, which is all that the code of a single run needs. Code on vectors has its
+/// proof in their type (`x86.rs`). Only [`Level::require`] makes one.
 #[derive(Debug, Clone, Copy)]
 pub struct Instructions(());
 

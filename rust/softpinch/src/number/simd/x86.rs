@@ -1,7 +1,9 @@
 //! The vectors of x86 as [`Lanes`].
 //!
-//! Safety: only the kernels of [`dispatch_lanes`](super::dispatch::dispatch_lanes) make values of these
-//! types, and `dispatch_lanes` runs them only on processors that have the instructions.
+//! Safety: these types have no name outside of the SIMD module, so that only code which
+//! [`dispatch`](super::dispatch) has made generic over them can make a value or call a task of them. It runs such code
+//! only after [`Level::require`](super::level::Level::require) has found the instructions of the very type. The type
+//! itself is the proof for vectors; [`Instructions`] is the proof for a single run, which needs any level.
 
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Neg, Sub};
@@ -17,7 +19,7 @@ macro_rules! vector {
         $(#[$doc])*
         #[derive(Debug, Clone, Copy)]
         #[repr(transparent)]
-        pub struct $name($register);
+        pub(in crate::number::simd) struct $name($register);
 
         $(impl $operator for $name {
             type Output = Self;

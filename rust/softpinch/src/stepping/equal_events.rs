@@ -1,0 +1,176 @@
+//! What takes lanes out of the vector code of the loop of equal steps: events of unilateral contact, impulses, and ends of
+//! runs.
+//!
+//! A lane in which an event is due repeats its last step alone, up to the event and on from there, while the other lanes
+//! take their next step. Its new state replaces the old one.
+
+use crate::error::Error;
+use crate::formulation::equations::States;
+use crate::formulation::scene_equations::SceneEquations;
+use crate::number::lanes::{Bits, Lanes, each};
+use crate::stepping::batch::Seen;
+use crate::stepping::contact_events::ContactEnd;
+use crate::stepping::contact_lane::Moment;
+use crate::stepping::ending::{interruption, overflow};
+use crate::stepping::equal_lanes::{EqualLanes, Instants};
+use crate::stepping::instant::column;
+use crate::stepping::phase::Phase;
+use crate::stepping::queue::{POLL, RunQueue};
+use crate::stepping::sample::Sample;
+use crate::stepping::status::Status;
+
+impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
+    /// Lets the events of the lanes in `due` happen, and chooses the modes anew in lanes at the start of a
+    /// segment, unless these are `certain`. Lanes whose state or modes change are `held`: the instant is evaluated again,
+    /// and watched then. Returns the lanes into which another run was loaded because an event ended theirs.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn meet_events(
+        &mut self,
+        system: &SceneEquations<R>,
+        (due, certain, tau): (Bits, Bits, R),
+        at: &Instants<'_, R>,
+        replacement: &mut States<R>,
+    ) -> Result<Bits, Error> {
+        let mut loaded = 0;
+        let starting = self.batch.phases.at(Phase::Start);
+        for lane in each(due | starting) {
+            let bit = 1 << lane;
+            let Some(before) = self.last(system, lane, false, at) else { continue };
+            let (arrived, h) = (column(at.y, lane), self.h.lane(lane));
+            let (starts, certain) = (starting & bit != 0, certain & bit != 0);
+            let Some(run) = &self.batch.runs[lane] else { continue };
+            if starts {
+                self.batch.phases.set(bit, run.place.phase_at_start(&run.scene));
+            }
+            let step = (self.stepped & bit != 0).then(|| run.place.last_step(self.clock));
+            let anchor = run.place.segment.anchor;
+            let found = self.batch.act(lane, |contact, _| {
+                let row = contact.row();
+                let chooses = starts && (!certain || contact.is_unset());
+                let mut y = arrived;
+                if let Some((segment, step)) = step {
+                    let (earlier, tau) = (segment.anchor != anchor, segment.tau(step - 1));
+                    let from = Moment { earlier, tau, h: segment.h, y: &column(at.y_before, lane) };
+                    y = contact.advance(&from, &arrived)?;
+                }
+                // The modes may also have changed in the step.
+                if chooses || starts && contact.row() != row {
+                    y = contact.begin(&Moment { earlier: false, tau: tau.lane(lane), h, y: &y })?;
+                }
+                Ok((y, y != arrived || contact.row() != row))
+            });
+            match found {
+                Some(Ok((y, true))) => {
+                    self.hold(lane, before, (&y, 1), replacement);
+                    self.held |= bit;
+                }
+                Some(Err(end)) => {
+                    self.end_at_event(system, lane, &end, before)?;
+                    loaded |= bit;
+                }
+                _ => {}
+            }
+        }
+        self.held |= loaded;
+        self.schedule();
+        Ok(loaded)
+    }
+
+    /// Applies the impulses that are due in a lane. Its state after them is in `replacement`. Returns the lane if
+    /// another run was loaded into it because the impulse ended its run.
+    pub(super) fn strike(
+        &mut self,
+        system: &SceneEquations<R>,
+        (lane, tau): (usize, f64),
+        at: &Instants<'_, R>,
+        replacement: &mut States<R>,
+    ) -> Result<Bits, Error> {
+        let Some(now) = self.now(system, lane, at) else { return Ok(0) };
+        let Some(run) = &self.batch.runs[lane] else { return Ok(0) };
+        let anchor = run.place.segment.anchor;
+        let moment = Moment { earlier: false, tau, h: self.h.lane(lane), y: &column(at.y, lane) };
+        match self.batch.act(lane, |contact, scene| contact.strike(&moment, (scene, anchor))) {
+            Some(Ok(y)) => self.hold(lane, now, (&y, 2), replacement),
+            Some(Err(end)) => {
+                self.end_at_event(system, lane, &end, now)?;
+                return Ok(1 << lane);
+            }
+            None => {}
+        }
+        Ok(0)
+    }
+
+    /// Ends the run in a lane at an event of its contacts, and loads the next one.
+    fn end_at_event(
+        &mut self,
+        system: &SceneEquations<R>,
+        lane: usize,
+        end: &ContactEnd,
+        before: Sample,
+    ) -> Result<(), Error> {
+        if let Some((end, last)) = self.batch.contact_end(lane, end, (before, self.h.lane(lane))) {
+            self.retire(system, lane, end, &last);
+        }
+        self.load(lane, self.clock + 1)
+    }
+
+    /// Here lanes leave the vector code: instead of a step, a run ends and the next one begins, or impulses
+    /// are applied. Returns the lanes that do not take the step, and those among them into which another run
+    /// was loaded. The states after impulses are in `replacement`.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn end_runs_and_apply_impulses(
+        &mut self,
+        system: &SceneEquations<R>,
+        (seen, leaving, tau): (&Seen, Bits, R),
+        at: &Instants<'_, R>,
+        replacement: &mut States<R>,
+    ) -> Result<(Bits, Bits), Error> {
+        let mut leaving = leaving;
+        for lane in each(leaving) {
+            let finite = seen.finite >> lane & 1 != 0;
+            let Some(last) = self.last(system, lane, finite, at) else { continue };
+            let end = if finite {
+                self.count(lane);
+                let violation = self.batch.violation(lane, seen, &last.instant);
+                violation.unwrap_or((Status::Completed, String::new()))
+            } else {
+                overflow(last.instant.t)
+            };
+            self.retire(system, lane, end, &last);
+        }
+        if (self.clock + 1).is_multiple_of(POLL) && self.batch.queue.stops() {
+            for lane in each(self.batch.active()) {
+                let watched = self.watched_now() >> lane & 1 != 0;
+                let Some(last) = self.last(system, lane, watched, at) else { continue };
+                let Some(run) = &self.batch.runs[lane] else { continue };
+                let end = interruption(run.place.now(self.clock).0);
+                self.retire(system, lane, end, &last);
+                leaving |= 1 << lane;
+            }
+        }
+        for lane in each(leaving) {
+            self.load(lane, self.clock + 1)?;
+        }
+        let struck = self.batch.phases.at(Phase::Struck);
+        self.batch.phases.set(struck, Phase::Step);
+        let jumping = self.batch.phases.at(Phase::Impulse) & !(leaving | self.held);
+        for lane in each(jumping) {
+            if self.batch.unilateral {
+                leaving |= self.strike(system, (lane, tau.lane(lane)), at, replacement)?;
+                continue;
+            }
+            let Some(now) = self.now(system, lane, at) else { continue };
+            let Some(run) = &self.batch.runs[lane] else { continue };
+            let (mut y, anchor) = (*at.y, run.place.segment.anchor);
+            self.batch.apply_impulses(system, lane, (anchor, tau), &mut y);
+            // The instant after the impulses is evaluated but not watched again. The next step starts from
+            // it.
+            self.hold(lane, now, (&column(&y, lane), 2), replacement);
+        }
+        self.batch.phases.set(jumping & !leaving, Phase::Struck);
+        self.schedule();
+        Ok((leaving | jumping, leaving))
+    }
+}
