@@ -54,3 +54,12 @@ def test_constructors_keep_their_signatures(cls: type[Record]) -> None:
 
     if named:
         assert suggest.hint(named[-1], cls) == f'; did you mean "{named[-1]}"?'
+
+
+def test_a_result_that_is_given_as_a_scene_is_told_to_pass_its_scene() -> None:
+    grip = sp.grip(sp.Scene(), force=5.0)
+    for call in (sp.simulate, sp.equilibrium, sp.explain):
+        with pytest.raises(TypeError, match=r"^scene = <Grip.*must be a Scene; pass its \.scene$"):
+            call(grip)
+    with pytest.raises(TypeError, match=r"must be a Hand; pass its \.hand$"):
+        sp.Scene(hand=sp.Scene())  # type: ignore[arg-type]

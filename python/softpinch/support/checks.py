@@ -11,6 +11,7 @@ import operator
 import os
 import reprlib
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
@@ -248,9 +249,17 @@ def path(name: str, value: object, what: str = "a path") -> Path:
 
 
 def instance(name: str, value: object, cls: type[object], kind: str = "") -> None:
-    """Refuses a value that is not a `cls`. Errors call the type `kind`, by default "a <class>"."""
-    if not isinstance(value, cls):
-        raise TypeError(f"{name} = {shown(value)}: must be {kind or f'a {cls.__name__}'}")
+    """Refuses a value that is not a `cls`. Errors call the type `kind`, by default "a <class>".
+
+    For a result that is given as `scene`, the error says to pass its scene.
+    """
+    if isinstance(value, cls):
+        return
+    part, hint = name.rpartition(".")[2], ""
+    with suppress(ValueError):  # a fit to several experiments has no single scene
+        if isinstance(getattr(value, part, None), cls):
+            hint = f"; pass its .{part}"
+    raise TypeError(f"{name} = {shown(value)}: must be {kind or f'a {cls.__name__}'}{hint}")
 
 
 def choice(name: str, value: object, allowed: Iterable[Name]) -> Name:
