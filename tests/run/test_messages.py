@@ -76,7 +76,7 @@ def _dropped() -> sp.Scene:
     ],
 )
 def test_a_lost_object_is_told_how(scene: sp.Scene, cause: str) -> None:
-    run = sp.simulate(scene)
+    run = sp.simulate(scene, record=("state", "residuals"))
     assert run.status == "lost"
     lost = rf"the object was lost at t = (\S+) s: {cause} \((.*)\); more friction"
     said = re.match(lost, run.message)
@@ -93,6 +93,10 @@ def test_a_lost_object_is_told_how(scene: sp.Scene, cause: str) -> None:
     else:
         expected = [*now, half]
     found = [float(number) for number in re.findall(r"(\S+) m\b", measured)]
+    if finger:
+        # C^N (12) is the velocity of the slip.
+        slipped = np.trapezoid(run.residuals[:, 2 + side], run.t)
+        assert found.pop(2) == pytest.approx(abs(slipped), rel=0.05, abs=1e-5)
     np.testing.assert_allclose(found, expected, rtol=1e-3)
 
 

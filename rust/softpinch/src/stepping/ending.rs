@@ -5,8 +5,10 @@ use crate::method::traits::Unsolved;
 use crate::model::contact::Side;
 use crate::model::contact_modes::Mode;
 use crate::model::geometry::Geometry;
+use crate::model::geometry::index::{D_N, D_T};
 use crate::model::parameters::SIDES;
 use crate::model::scene::Scene;
+use crate::number::real::signed;
 use crate::stepping::contact_events::{Loss, Reason};
 use crate::stepping::event_stepper::MOST_EVENTS;
 use crate::stepping::monitor::{STOP_ON, VIOLATIONS};
@@ -163,16 +165,25 @@ pub fn contact(scene: &Scene, last: &Instant, reason: Reason, [right, left]: [Mo
     }
 }
 
-/// Describes how the object was lost: which tip, and how far it is from the middle of its face.
+/// Describes how the object was lost: which tip, how far it is from the middle of its face, and how far the face has
+/// slipped over it.
 fn lost(scene: &Scene, last: &Instant, loss: Loss, modes: [Mode; 2]) -> String {
     let sides = Side::both(&scene.parameters);
-    let places = |q, p| Geometry::new(&sides, q, p).places().map(f64::abs);
-    let (now, start) = (places(&last.q, &last.p), places(&scene.initial.q, &scene.initial.p));
+    let initial = &scene.initial;
+    let [start, now] =
+        [(&initial.q, &initial.p), (&last.q, &last.p)].map(|(q, p)| Geometry::new(&sides, q, p).contacts);
     let half = 0.5 * scene.parameters.grasped.height;
     let of = |i: usize| {
+        // The integral of C^N (12), in which a - d_n in front of theta_p-dot is taken by the trapezoidal rule.
+        let along = |place: f64, q: &[f64; 9]| signed(i, place) + q[D_T + i];
+        let thickness = scene.parameters.tips[i].radius - 0.5 * (initial.q[D_N + i] + last.q[D_N + i]);
+        let slipped = along(now[i].place, &last.q) - along(start[i].place, &initial.q)
+            + thickness * (now[i].tilt - start[i].tilt);
         format!(
-            "{:.3e} m from the middle of the face, {:.3e} m at the start; half the height is {half:.3e} m",
-            now[i], start[i]
+            "{:.3e} m from the middle of the face, {:.3e} m at the start; the face slipped {:.3e} m over it; half the height is {half:.3e} m",
+            now[i].place.abs(),
+            start[i].place.abs(),
+            slipped.abs()
         )
     };
     match loss {
@@ -190,7 +201,8 @@ fn lost(scene: &Scene, last: &Instant, loss: Loss, modes: [Mode; 2]) -> String {
         Loss::Apart => format!(
             "both tips are free, and neither is beside its face any longer (the right one is {:.3e} m, the left one {:.3e} m from the \
              middle of the face; half the height is {half:.3e} m)",
-            now[0], now[1]
+            now[0].place.abs(),
+            now[1].place.abs()
         ),
     }
 }
