@@ -18,22 +18,10 @@ WINDOW = 4.03e-4 / 2.0 ** np.arange(4)
 WINDOWS = {"uneven": 0.27 * WINDOW[:3], "pulse": 0.5 * WINDOW[:3]}
 
 
-def smooth() -> sp.Scene:
-    """No switch at all: a grasp that sways about its target."""
-    start = sp.State.consistent(
-        sp.Scene(), fingers=np.deg2rad([6, 6]), velocity=(0.05, -0.02, 0.5), shear=(1e-4, -1e-4)
-    )
-    # Not longer: the object's sideways motion dies away, and the error is a share of it.
-    return replace(sp.Scene(), initial=start, duration=0.04)
-
-
 CASES = {
-    "smooth": smooth(),
-    **{
-        name: replace(s, duration=min(s.duration, 0.1))
-        for name, s in SCENES.items()
-        if "paper" not in name
-    },
+    name: replace(scene, duration=min(scene.duration, 0.1))
+    for name, scene in SCENES.items()
+    if "paper" not in name
 }
 
 
