@@ -114,7 +114,8 @@ def bound(error: np.ndarray, windows: int = 10) -> np.ndarray:
     return np.array([np.abs(part).max() for part in np.array_split(error, windows)])
 
 
-def check_no_drift(steps: int) -> None:
+@pytest.mark.parametrize("steps", [50_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
+def test_the_midpoint_rule_keeps_energy_and_rk4_loses_it(steps: int) -> None:
     dt = 2e-4
     midpoint, moving = excess("implicit_midpoint", steps, dt)
     assert moving > 1e-5
@@ -129,12 +130,3 @@ def check_no_drift(steps: int) -> None:
     rk4, _ = excess("rk4", steps, dt)
     lost = [part.mean() for part in np.array_split(rk4, 10)]
     assert np.all(np.diff(lost) < 0)
-
-
-def test_the_midpoint_rule_keeps_energy_and_rk4_loses_it() -> None:
-    check_no_drift(50_000)
-
-
-@pytest.mark.slow
-def test_the_midpoint_rule_keeps_energy_over_a_million_steps() -> None:
-    check_no_drift(1_000_000)

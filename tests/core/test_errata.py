@@ -123,7 +123,8 @@ def test_29_the_index_r_contradicts_12(reading: str) -> None:
 
 
 @FINGERS
-def test_18_without_control_and_viscosity_contradicts_43_to_45(i: int) -> None:
+def test_18_and_24_without_control_and_viscosity_contradict_43_to_45(i: int) -> None:
+    """The second row of (24) is (18) for d_n and d_t, too, and has no viscosity either."""
     f = finger(i)
     equations = (
         (3 + i, finger_equation(i), U[i]),
@@ -148,19 +149,6 @@ def test_18_without_external_force_contradicts_24() -> None:
         )
         assert not vanishes(euler_lagrange(j) - second_row)
         assert vanishes(euler_lagrange(j) - external[j] - second_row)
-
-
-@FINGERS
-def test_24_without_viscosity_contradicts_44_and_45(i: int) -> None:
-    """Second row of (24) for d_n and d_t, where u_IN and f_ext have nothing."""
-    f = finger(i)
-    for j, lam, equation, viscous in (
-        (5 + i, LAMBDA_H[i], normal_equation(i), f.c_n * f.dn_rate),
-        (7 + i, LAMBDA_N[i], tangential_equation(i), f.c_t * f.dt_rate),
-    ):
-        printed = M * SECOND[j] - lam + sp.diff(elastic() + weight(), SYSTEM.q[j])
-        assert not vanishes(printed - equation)
-        assert vanishes(printed + viscous - equation)
 
 
 def test_32_without_weight_contradicts_16() -> None:

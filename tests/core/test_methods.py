@@ -166,7 +166,7 @@ def test_an_iteration_that_fails_is_a_status_with_time_and_residual(
 
 
 @every_formulation
-@pytest.mark.parametrize("case", ["i", "ii", "iii", "iv"])
+@pytest.mark.parametrize("case", ["i", "iii"])
 def test_every_pair_gives_the_same_physics(case: str, formulation: str) -> None:
     scene = paper.disturbance(case)
     expected = sp.simulate(scene, formulation="nullspace")

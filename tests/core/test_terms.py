@@ -17,6 +17,7 @@ import softpinch as sp
 from oracle import PARAMETERS, Quantity
 from oracle.evaluate import Oracle
 from oracle.evaluate import evaluate as oracle
+from oracle.lagrangian import SHAPES
 from softpinch import _core
 
 TOLERANCE = 1e-11
@@ -128,23 +129,7 @@ def test_every_term_agrees_with_the_oracle(
 ) -> None:
     theirs, ours = beside(scene, *state, integral, stabilization)
     differences = theirs.differences(ours, forming_a=True)
-    assert set(differences) >= {
-        "mass_matrix",
-        "constraint_matrix",
-        "constraint_rate",
-        "residuals",
-        "residual_rates",
-        "elastic",
-        "gravity",
-        "viscous",
-        "control",
-        "external",
-        "multipliers",
-        "accelerations",
-        "kinetic_energy",
-        "elastic_energy",
-        "gravity_energy",
-    }
+    assert set(differences) >= {*SHAPES, "multipliers", "accelerations"}
     worst = max(differences, key=lambda name: differences[name])
     # The core takes the acceleration of a tip from those of the object and the finger, which cancel
     # where the tip is far heavier than they are.
