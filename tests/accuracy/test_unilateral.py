@@ -65,7 +65,7 @@ def test_tools_for_bilateral_contact_refuse_the_scene(message: str) -> None:
 def test_the_reference_agrees_with_an_independent_simulation() -> None:
     times = np.array([0.005, 0.0199, 0.02, 0.021, 0.0235, 0.03, 0.04])
     found = of_any_contact(SCENE, times)
-    exact = unilateral(SCENE, 0.5, 0.049, times)
+    exact = unilateral(SCENE, times)
     assert [tuple(change[1:4]) for change in exact.changes] == [
         ("left", "stick", "free"),
         ("left", "free", "slip-"),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import softpinch as sp
-from contact_scenes import EVERYTHING, FREE, SLIP, STICK, check
+from contact_scenes import EVERYTHING, SLIP, STICK, check
 
 G, E, A, HALF, MASS = 9.81, 0.30e6, 0.020, 0.0245, 0.1
 FORMULATIONS = ("csm", "projected")
@@ -144,85 +144,6 @@ def test_friction_on_one_side_only_turns_the_block() -> None:
         assert np.sign(run.p[-1, 2]) == sign
         assert not run.multipliers[:, 3 if sign > 0 else 2].any()
         check(run)
-
-
-def row_h(scene: sp.Scene, q: NDArray[Any], s: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """H_i on x, y, theta, theta_i, d_n, and the inverse masses, as docs/model.md has them."""
-    i = 0 if s < 0 else 1
-    finger, grasped = (scene.hand.right, scene.hand.left)[i], scene.grasped
-    theta, angle = q[2], q[3 + i]
-    tilt = angle + s * theta
-    length, d_f = finger.length, finger.half_thickness
-    ox = -s * finger.root_offset + s * (length * math.sin(angle) + d_f * math.cos(angle))
-    oy = length * math.cos(angle) - d_f * math.sin(angle)
-    c, si = math.cos(theta), math.sin(theta)
-    height = -(q[0] - ox) * si + (q[1] - oy) * c
-    row = [s * c, s * si, s * height, -length * math.cos(tilt) + d_f * math.sin(tilt), 1]
-    inverse = [1 / grasped.mass, 1 / grasped.mass, 1 / grasped.inertia, 0.0, 1 / MASS]
-    return np.array(row), np.array(inverse)
-
-
-@pytest.mark.parametrize("formulation", FORMULATIONS)
-def test_an_impact_on_a_driven_finger_takes_what_it_must_and_leaves_the_finger_its_speed(
-    formulation: str,
-) -> None:
-    """The approach g' is lost, with g'^2 / (2 S) of energy, S without the finger."""
-    move = sp.Schedule.minimum_jerk([0.0, 0.001], np.deg2rad([[0, 0], [4, 0]]), move_time=0.04)
-    q = np.array([0, 0.0762 + 0.003, 0.05, 0, 0, 0, 0, 0, 0], dtype=float)
-    scene = fixed_fingers(
-        gap=0.003,
-        fingers="driven",
-        friction=0.0,
-        gravity=0.0,
-        schedule=move,
-        initial=sp.State(q, np.array([0, 0.02, 0.4, 0, 0, 0, 0, 0, 0], dtype=float)),
-        duration=0.06,
-    )
-    hit = simulated(scene, formulation=formulation).contact_changes[0]
-    assert hit.before == FREE
-    side = ["right", "left"].index(hit.finger)
-    before, after = (
-        simulated(replace(scene, duration=hit.time + shift), formulation=formulation)
-        for shift in (-1e-9, 1e-9)
-    )
-    s = (-1, 1)[side]
-    row, inverse = row_h(scene, before.q[-1], s)
-    own = [0, 1, 2, 3 + side, 5 + side]
-    approach = row @ before.p[-1][own]
-    assert approach < -0.01
-    effective = (row**2 * inverse).sum()
-    loss = after.energy.impact_loss[-1]
-    assert loss == pytest.approx(approach**2 / 2 / effective, rel=1e-5)
-    jump = after.p[-1][own] - before.p[-1][own]
-    np.testing.assert_allclose(jump, -approach / effective * inverse * row, atol=2e-6)
-    assert abs(before.p[-1, 3 + side]) > 0.1
-    assert after.p[-1, 3 + side] == pytest.approx(before.p[-1, 3 + side], abs=1e-6)
-    check(after)
-
-
-@pytest.mark.parametrize("formulation", FORMULATIONS)
-def test_a_free_tip_relaxes_by_its_own_spring_and_damper(formulation: str) -> None:
-    depth, tilt = 0.006, 0.3
-    q = np.array([0, 0.0762, 0, tilt, -0.1, depth, 0, 0.002, 0])
-    # The tilt of the object changes later, which a free tip does not feel.
-    p = np.array([0, 0, 0.5, 0, 0, 0, 0, 0, 0])
-    scene = fixed_fingers(gap=0.03, duration=0.04, gravity=0.0, initial=sp.State(q, p))
-    run = simulated(scene, formulation=formulation, times=[0.0, 0.04])
-
-    def slope(_: float, y: NDArray[Any]) -> list[float]:
-        dn, dt, *rates = y
-        normal = dn**2 / math.cos(tilt) ** 2 + 2 * dn * dt * math.tan(tilt) + dt**2
-        tangential = dn**2 * math.tan(tilt) + 2 * dn * dt
-        return [
-            *rates,
-            (-100 * rates[0] - math.pi * E * normal) / MASS,
-            (-100 * rates[1] - math.pi * E * tangential) / MASS,
-        ]
-
-    alone = solve_ivp(slope, (0, 0.04), [depth, 0.002, 0, 0], "DOP853", rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(run.q[-1, [5, 7]], alone.y[:2, -1], atol=1e-12)
-    np.testing.assert_allclose(run.q[-1, 2], 0.02, atol=1e-14)
-    check(run)
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)

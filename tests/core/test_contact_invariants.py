@@ -20,13 +20,12 @@ from contact_scenes import (
     within,
 )
 from ensembles import require_alone
-from transforms import MIRROR_MULTIPLIERS, Units, mirrored, mirrored_coordinates, require_scaled
+from transforms import MIRROR_MULTIPLIERS, mirrored, mirrored_coordinates
 
 FIXED = [(method, {"dt": 5e-5}) for method in ("rk4", "dop853", "radau5", "rosenbrock")]
 ADAPTIVE = [(method, {"tolerance": 1e-10}) for method in ("dop853", "radau5", "rosenbrock")]
 # Seldom two contacts open each other in turn by ever smaller impacts, which is chattering.
 ENDS = ("completed", "lost", "crushed", "folded")
-exponents = st.integers(-8, 8)
 
 
 def simulated(scene: sp.Scene, **options: Any) -> sp.Run:
@@ -113,25 +112,6 @@ def test_the_mirror_image_runs_the_mirror_image(scene: sp.Scene) -> None:
         # Where a start that is moved by 1e-9 changes more than that, round-off may, too.
         moved = max(np.abs(near[name] - ours[name]).max(initial=0.0) for near in neighbours)
         np.testing.assert_allclose(theirs[name], ours[name], rtol=0, atol=least + 10 * moved)
-
-
-@settings(max_examples=40)
-@given(grasps(), exponents, exponents, exponents, st.sampled_from(["csm", "projected"]))
-def test_powers_of_two_of_length_mass_and_time_scale_a_run_to_the_bit(
-    scene: sp.Scene, length: int, mass: int, time: int, formulation: str
-) -> None:
-    units = Units(length, mass, time)
-    gains = sp.Stabilization()
-    scaled = sp.Stabilization(alpha=gains.alpha / units.time, beta=gains.beta / units.time)
-    run = simulated(scene, dt=1e-4, formulation=formulation)
-    other = simulated(
-        units.scene(scene), dt=1e-4 * units.time, stabilization=scaled, formulation=formulation
-    )
-    assert sequence(other) == sequence(run)
-    for ours, theirs in zip(run.contact_changes, other.contact_changes, strict=True):
-        assert theirs.time == ours.time * units.time
-    np.testing.assert_array_equal(other.contact, run.contact)
-    require_scaled(run, other, units)
 
 
 @pytest.mark.parametrize("method", ["rk4", "dop853", "radau5"])

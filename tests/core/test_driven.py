@@ -1,4 +1,4 @@
-"""Fingers that follow their schedule exactly: beside SymPy's equations, stiff control, themselves.
+"""Fingers that follow their schedule exactly: beside SymPy's equations, and themselves.
 
 The oracle's null-space form has five velocities; with two of them prescribed three are left, and
 what their rows lack is the torque. The schedule's polynomial is written here once more.
@@ -120,23 +120,6 @@ def test_the_motion_and_the_torques_are_those_of_the_oracle(
     np.testing.assert_allclose(run.q[:, 3:5], FROM + done[:, None] * (TO - FROM), atol=1e-15)
     np.testing.assert_allclose(run.p[:, 3:5], rate[:, None] * (TO - FROM), atol=1e-12)
     run.check()
-
-
-def test_stiff_control_of_heavy_fingers_comes_to_the_same() -> None:
-    """The cause of the fingers' motion does not matter if nothing slows it."""
-    scene = moving()
-    hand = replace(
-        scene.hand,
-        right=replace(scene.hand.right, inertia=1e3),
-        left=replace(scene.hand.left, inertia=1e3),
-    )
-    how: dict[str, Any] = {"method": "radau5", "formulation": "nullspace", "tolerance": 1e-9}
-    stiff = replace(scene, fingers="pid", hand=hand, control=sp.Pid(kp=1e11, kd=2e7, ki=0.0))
-    stiff = replace(stiff, initial=scene.start())
-    ours, theirs = sp.simulate(scene, **how), sp.simulate(stiff, **how)
-    assert ours.success
-    assert theirs.success
-    np.testing.assert_allclose(ours.q[-1], theirs.q[-1], atol=1e-6)
 
 
 def test_torque_of_pid_fingers_is_the_control_law() -> None:

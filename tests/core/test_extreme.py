@@ -108,6 +108,16 @@ def test_slipping_is_noted_where_a_scene_gives_friction() -> None:
     assert run.violations.get("slipping") == first
 
 
+def test_a_push_along_the_faces_takes_a_contact_off_the_shorter_face_first() -> None:
+    push = sp.Step(time=0.1, force=(0.0, 30.0))
+    found = []
+    for height in (2.0e-3, 2.4e-3, 1.0):
+        grasped = sp.GraspedObject(height=height)
+        run = sp.simulate(sp.Scene(grasped=grasped, disturbances=[push], duration=0.3))
+        found.append(run.violations.get("off_face", np.inf))
+    assert 0.0 < found[0] < found[1] < found[2] == np.inf
+
+
 def test_an_overflow_at_the_start_is_not_finite() -> None:
     heavy = sp.Scene(grasped=sp.GraspedObject(mass=1e-320), duration=0.01)
     run = sp.simulate(heavy)

@@ -71,6 +71,7 @@ TERMS: dict[str, tuple[sp.Scene, sp.Scene]] = {
         same_fingers(grasped=sp.GraspedObject(mass=0.1)),
     ),
     "friction": (bare(friction=0.1), bare()),
+    "height": (bare(grasped=replace(bare().grasped, height=1e-3)), bare()),
     "move of driven fingers": (
         moved(sp.Schedule.minimum_jerk([-1.0, 0.0], ANGLES.repeat(2, 0), DURATION), "driven"),
         moved(STILL, "driven"),
@@ -117,27 +118,10 @@ def test_present_and_zero_is_left_out_to_the_bit(name: str, way: str, formulatio
     assert absent.success
     assert ends(present) == ends(absent)
     assert present.multipliers.tobytes() == absent.multipliers.tobytes()
+    assert absent.violations.items() <= present.violations.items()
     # And nothing more is done for it, but that an impulse has a look at what it has left.
     more = {"evaluations": present.stats["evaluations"] - (name == "impulse")}
     assert {**present.stats, **more} == absent.stats
-
-
-@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
-@pytest.mark.parametrize("name", TERMS)
-def test_present_and_zero_is_left_out_to_the_bit_in_lanes(name: str, formulation: str) -> None:
-    mass = sp.Normal(0.1, 0.01)
-    vary: dict[str, Any] = {"grasped.inertia": sp.Uniform(3e-5, 5e-5)}
-    if name != "masses of the tips":
-        vary["grasped.mass"] = mass
-    how: dict[str, Any] = {"dt": 1e-4, "formulation": formulation, "progress": False}
-    many = [
-        sp.monte_carlo(scene, runs=9, seed=2, vary=vary, summaries=("final_state",), **how)
-        for scene in TERMS[name]
-    ]
-    present, absent = (ensemble["final_state"] for ensemble in many)
-    assert present.tobytes() == absent.tobytes()
-    alone = many[0].replay(8)
-    assert present[8].tobytes() == np.concatenate([alone.q[-1], alone.p[-1]]).tobytes()
 
 
 OPTIONS: dict[str, dict[str, Any]] = {

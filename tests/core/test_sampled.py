@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -203,18 +204,11 @@ def static(gain: float, measure: str, **settings: Any) -> sp.SampledController:
     return sp.SampledController(1e-3, D=pick, measures=(measure,), **settings)
 
 
-def at_samples(control: sp.SampledController) -> tuple[np.ndarray, sp.Run]:
-    """The right finger's torque after each sample, and the run."""
+def at_samples(control: sp.SampledController) -> tuple[np.ndarray, SimpleNamespace]:
+    """The right finger's torque after each sample, and t, q and p there."""
     run = sp.simulate(replace(SCENE, control=control), record=("state", "torque"))
     rows = np.searchsorted(run.t, breaks(control, run.t[-1])[0])
-    return run.torque[rows, 0], replace_rows(run, rows)
-
-
-def replace_rows(run: sp.Run, rows: np.ndarray) -> Any:
-    class At:
-        t, q, p = run.t[rows], run.q[rows], run.p[rows]
-
-    return At
+    return run.torque[rows, 0], SimpleNamespace(t=run.t[rows], q=run.q[rows], p=run.p[rows])
 
 
 @pytest.mark.parametrize(

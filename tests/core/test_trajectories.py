@@ -8,9 +8,7 @@ import pytest
 from hypothesis import example, given, settings
 
 import softpinch as sp
-from oracle import evaluate, parameters
 from oracle.trajectory import Reference, error, reference
-from paper_operations import LEAST_FORCE, SETTLED
 from scenes import SCENES, uneven
 from softpinch import _core, paper, strategies
 from transforms import without_noise
@@ -67,20 +65,6 @@ def test_any_scene_agrees_with_scipy(scene: sp.Scene) -> None:
 # The reference itself
 
 
-def test_the_paper_manipulation_settles_where_model_md_has_it() -> None:
-    starts = np.arange(8.0)
-    early = (starts[:, None] + np.linspace(0, 0.02, 101)).ravel()
-    times = np.union1d(early, [*starts + 1])
-    run = reference(paper.manipulation(), times)
-    settled = np.searchsorted(run.t, starts + 1)
-    found = run.q[settled][:, [0, 1, 2, 5, 6]] * [1e3, 1e3, np.rad2deg(1.0), 1e3, 1e3]
-    np.testing.assert_allclose(found, SETTLED, rtol=0, atol=5.01e-4)
-    # Just after the switch: what pulls, pulls at once.
-    normal = run.multipliers[:, :2].min(axis=1)
-    least = [normal[(run.t >= t) & (run.t < t + 1)].min() for t in starts]
-    assert {k: round(least[k - 1]) for k in LEAST_FORCE} == LEAST_FORCE
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kappa", "degrees"),
@@ -105,26 +89,3 @@ def test_starts_are_upright_or_touching() -> None:
     assert np.abs(start.q[5:]).max() < 1e-16 and not start.p.any()
     upright = sp.Scene(grasped=sp.GraspedObject(com_offset=0.002)).start()
     np.testing.assert_array_equal(upright.q[:5], [0.002, sp.Finger().length, 0.0, 0.0, 0.0])
-
-
-def test_a_mass_on_springs_keeps_its_energy() -> None:
-    """No viscosity, K_D = K_I = 0, K_P counted as a spring, a start near rest."""
-    tips = (replace(tip, normal_viscosity=0, tangential_viscosity=0) for tip in uneven().hand.tips)
-    scene = replace(
-        uneven(),
-        hand=replace(uneven().hand, tip=tuple(tips)),
-        control=sp.Pid(kp=100.0, kd=0.0, ki=0.0),
-        initial=None,
-        schedule=sp.Schedule.steps([0.0], np.deg2rad([[7, 6]])),
-        duration=0.1,
-    )
-    run = reference(scene, np.linspace(0, 0.1, 21))
-    values = parameters(scene)
-    totals, kinetic = [], []
-    for q, p in zip(run.q, run.p, strict=True):
-        here = evaluate(values, q, p)
-        spring = 50 * ((q[3:5] - scene.schedule.angles[0]) ** 2).sum()
-        kinetic.append(float(here.kinetic_energy.value))
-        totals.append(kinetic[-1] + here.elastic_energy.value + here.gravity_energy.value + spring)
-    assert max(kinetic) > 0.01
-    assert np.ptp(totals) <= 1e-10 * max(kinetic)

@@ -41,58 +41,34 @@ class DrivenInputs(Inputs):
         return lambda t: (*usual(t), *(float(each(t - origin)) for each in bent))
 
 
-def unilateral(
-    scene: Any,
-    friction: float | tuple[float, float],
-    height: float | None = None,
-    times: ArrayLike | None = None,
-    method: str = "DOP853",
-    rtol: float = 1e-11,
-) -> UnilateralReference:
+def unilateral(scene: Any, times: ArrayLike | None = None) -> UnilateralReference:
     """Simulates a scene with contact that pushes, slips, opens and closes.
 
     Args:
         scene: Its start may have gaps (free) and slip. `fingers` may be "driven", along a schedule
             without jumps and kinks.
-        friction: mu, or a pair (right, left).
-        height: Of the object's faces, m; None is endless.
         times: (n,), s, within the run; None is the start, every break and the end.
-        method: One of scipy.integrate's one-step classes.
-        rtol: Relative tolerance.
     """
     driven = scene.fingers == "driven"
-    pair = friction if isinstance(friction, tuple) else (friction, friction)
+    friction = scene.friction if isinstance(scene.friction, tuple) else (scene.friction,) * 2
     numbers = parameters(scene)
     if driven:
         numbers |= {name: 0.0 for name in numbers if name.startswith("control.")}
     length = max(numbers[f"hand.{side}.length"] for side, _ in SIDES)
-    system = ContactSystem(
-        Mechanics(numbers),
-        (float(pair[0]), float(pair[1])),
-        height,
-        method=method,
-        rtol=rtol,
-        length=length,
-        driven=driven,
-    )
+    mechanics, height = Mechanics(numbers), scene.grasped.height
+    system = ContactSystem(mechanics, friction, height, length=length, driven=driven)
     start, begin = start_state(scene)
     inputs = (DrivenInputs if driven else Inputs)(scene, begin, begin + float(scene.duration))
     instants, wanted = inputs.instants(times)
     walk = Walk(system, inputs, start)
     rows = walk.through(sorted(set(wanted)))
     kept = [rows[t] for t in wanted if t in rows]
-    book = {name: float(value) for name, value in walk.ledger.items()}
     return UnilateralReference(
         t=instants[[t in rows for t in wanted]],
         q=np.array([row.q for row in kept]),
         p=np.array([row.p for row in kept]),
-        multipliers=np.array([row.multipliers for row in kept]),
-        modes=[row.modes for row in kept],
-        integral=np.array([row.integral for row in kept]),
         changes=walk.changes,
-        ledger=book,
+        ledger={name: float(value) for name, value in walk.ledger.items()},
         status=walk.status,
         end=walk.last,
-        worst={name: float(value) for name, value in system.worst.items()},
-        exchanged=sum(abs(v) for name, v in book.items() if name not in ("start", "end")),
     )

@@ -31,6 +31,7 @@ _FLOOR = {"gap": 1e-13, "corner": 1e-13, "stopped": 1e-12}
 # An event that counts where it comes to zero from above, and only while the next one, or the one
 # before it, is negative: a tip meets the face beside it, or the end of the object from beyond.
 _PARTNER = {"gap": 1, "corner": -1}
+_RTOL = 1e-11
 # The longest step, s.
 _MAX_STEP = 2e-3
 # Events within this time are one, s.
@@ -78,7 +79,7 @@ class ContactSystem:
         friction: mu of both.
         inverse: Of the masses (9,), zero for driven fingers.
         half: Half the height of the faces, m; None where they are endless.
-        worst: See `UnilateralReference`.
+        driven: Whether the fingers are.
     """
 
     def __init__(
@@ -87,26 +88,21 @@ class ContactSystem:
         friction: tuple[float, float],
         height: float | None,
         *,
-        method: str,
-        rtol: float,
         length: float,
         driven: bool,
     ) -> None:
         """Computes nothing yet; `length` is the size of lengths, for the absolute tolerance."""
         self.mechanics, self.friction = mechanics, friction
         self.inverse = 1 / mechanics.masses
-        self._driven = driven
+        self.driven = driven
         if driven:
             self.inverse[3:5] = 0.0
-        self.worst = {"normal": math.inf, "cone": -math.inf, "gap": math.inf}
-        self.worst |= {"position": 0.0, "velocity": 0.0}
         self.half = None if height is None else height / 2
-        self._solver: Any = getattr(scipy.integrate, method)
         sizes = np.ones(STATES)
         lengths = [0, 1, 5, 6, 7, 8]
         sizes[lengths] = length
         sizes[[9 + k for k in lengths]] = length
-        self._options = {"rtol": rtol, "atol": 0.01 * rtol * sizes, "max_step": _MAX_STEP}
+        self._options = {"rtol": _RTOL, "atol": 0.01 * _RTOL * sizes, "max_step": _MAX_STEP}
 
     def at(
         self, y: Floats, asked: Sequence[float], contact: Contact
@@ -135,7 +131,7 @@ class ContactSystem:
         result[9:18] = found.p_rate
         result[18:20] = y[3] - asked[0], y[4] - asked[1]
         result[20:] = (*terms.powers, friction, graze)
-        if self._driven:
+        if self.driven:
             torques = self.mechanics.masses[3:5] * asked[5:] - found.force[3:5]
             result[20] = torques @ y[12:14]
         return result
@@ -192,7 +188,7 @@ class ContactSystem:
             return self.watch(y, driven(t), contact)
 
         def solver(t: float, y: Floats, bound: float, first: float | None) -> Any:
-            return self._solver(slope, t, y, bound, first_step=first, **self._options)
+            return scipy.integrate.DOP853(slope, t, y, bound, first_step=first, **self._options)
 
         run = solver(begin, y, end, min(first, end - begin) or None)
         taken, seen = [first], watched(begin, y)
@@ -206,26 +202,8 @@ class ContactSystem:
             located, seen = self._first(solver, watched, t_left, y_left, run, seen, looks)
             if located is not None:
                 return (*located, 0.0)
-            self._note(run.y, driven(run.t), contact)
         # The last step was cut short at the end, and says little about the next one.
         return end, run.y, [], max(taken[-2:])
-
-    def _note(self, y: Floats, asked: Sequence[float], contact: Contact) -> None:
-        """Updates `worst` at the end of a step."""
-        _, terms, found = self.at(y, asked, contact)
-        rates, worst = terms.phi @ y[9:18], self.worst
-        for i, mode in enumerate(contact.modes):
-            if mode == FREE:
-                if self.half is None or abs(terms.heights[i]) < self.half:
-                    worst["gap"] = min(worst["gap"], terms.gaps[i])
-                continue
-            normal, tangential = found.multipliers[i], found.multipliers[2 + i]
-            worst["normal"] = min(worst["normal"], normal)
-            worst["cone"] = max(worst["cone"], abs(tangential) - self.friction[i] * normal)
-            worst["position"] = max(worst["position"], abs(terms.gaps[i]))
-            worst["velocity"] = max(worst["velocity"], abs(rates[i]))
-            if mode == STICK:
-                worst["velocity"] = max(worst["velocity"], abs(rates[2 + i]))
 
     def _first(
         self,

@@ -72,7 +72,6 @@ class Row(NamedTuple):
     p: Floats
     multipliers: Floats
     modes: tuple[str, str]
-    integral: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,47 +82,26 @@ class UnilateralReference:
         t: Wanted instants that were reached (n,), s.
         q: (n, 9).
         p: (n, 9); at an impulse just before it.
-        multipliers: (n, 4), N; at a break just after it, but at the end just before.
-        modes: Of both fingers, n pairs; when as with the multipliers.
-        integral: (n, 2), rad s.
         changes: Every change of mode.
         ledger: J. Works of "torque", "external", "viscous" (negative) and "impulse"; losses
             "friction", "impact" and "stop" (positive); gains "graze" and "relaxation", of either
-            sign; "start" and "end", T + P + P_g.
+            sign.
         status: "completed", "crushed", "folded", "lost", "chattering", "no_mode", "not_finite".
         end: The last instant.
-        worst: Along the ends of all steps: "normal" (least lambda^H of a closed finger, N), "cone"
-            (most |lambda^N| - mu lambda^H, N), "gap" (least of a free finger, m), "position" and
-            "velocity" (largest residual of an active constraint, m and m/s).
-        exchanged: Sum of the absolute works and losses, J.
     """
 
     t: Floats
     q: Floats
     p: Floats
-    multipliers: Floats
-    modes: list[tuple[str, str]]
-    integral: Floats
     changes: list[Change]
     ledger: dict[str, float]
     status: str
     end: Row
-    worst: dict[str, float]
-    exchanged: float
 
     @property
     def holds(self) -> bool:
         """Whether the run is completed and no finger is free at its end."""
         return self.status == "completed" and FREE not in self.end.modes
-
-    @property
-    def imbalance(self) -> float:
-        """The part of the energy that the ledger does not account for, J."""
-        book = self.ledger
-        gains = ("torque", "external", "viscous", "impulse", "graze", "relaxation")
-        losses = ("friction", "impact", "stop")
-        accounted = sum(book[g] for g in gains) - sum(book[loss] for loss in losses)
-        return book["end"] - book["start"] - accounted
 
 
 @dataclass
@@ -157,7 +135,6 @@ class Walk:
         rows: dict[float, Row] = {}
         edges = self.inputs.edges
         self._driven = self.inputs.between(edges[0], edges[1])
-        energy = self._energy()
         self._classify_start()
         for left, right in pairwise(edges):
             self.left, self.tau = left, 0.0
@@ -183,15 +160,14 @@ class Walk:
         if self.status == "completed" and edges[-1] in wanted:
             rows[edges[-1]] = self.last
         self.ledger = dict(zip(QUADRATURES, self.y[20:].tolist(), strict=True)) | self._booked
-        self.ledger |= {"start": energy, "end": self._energy()}
         return rows
 
     def _row(self, y: Floats) -> Row:
         """Positions and velocities of `y`, and forces and modes as they are now."""
         found = self.system.at(self.y, self._driven(self.time), self.contact)[2]
         right, left = self.contact.modes
-        q, p, integral, _ = np.split(y.copy(), [9, 18, 20])
-        return Row(self.time, q, p, np.array(found.multipliers), (right, left), integral)
+        q, p, _ = np.split(y.copy(), [9, 18])
+        return Row(self.time, q, p, np.array(found.multipliers), (right, left))
 
     @property
     def time(self) -> float:
@@ -297,6 +273,9 @@ class Walk:
         closed = self.contact.closed
         done = impact(phi, before, closed, system.friction, system.inverse, impulse)
         mean = (before + done.p) / 2
+        if system.driven:
+            # What turns the fingers holds them against the impact.
+            self.y[20] -= float(done.impulses @ phi[:, 3:5] @ done.p[3:5])
         self._booked["impact"] -= float(done.impulses @ phi @ mean)
         if impulse is not None:
             self._booked["impulse"] += float(impulse @ mean)

