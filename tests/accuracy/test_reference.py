@@ -134,7 +134,7 @@ def test_own_error_is_honest(scene: sp.Scene, rtol: float) -> None:
         assert error > 1e-13
 
 
-def test_without_lsoda_two_tolerances_confirm_and_it_is_said(
+def test_without_lsoda_two_tolerances_confirm(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     integrate = reference.integrate

@@ -230,7 +230,7 @@ def test_a_method_for_stiff_scenes_has_no_predicted_limit() -> None:
     assert "radau5 is stable for every step" in found.message
 
 
-def test_too_few_steps_allowed_is_said() -> None:
+def test_too_small_a_limit_of_steps_is_in_the_message() -> None:
     found = sp.max_stable_dt(rest("paper"), "rk4", max_steps=20)
     assert found.measured is None and found.dt == found.predicted
     assert "not measured: even 20 steps are not enough" in found.message

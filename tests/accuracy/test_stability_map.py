@@ -174,7 +174,7 @@ def test_runs_of_too_many_steps_are_left_out_and_say_so() -> None:
     assert not found.agrees[..., too_many].any() and np.isinf(found.error[..., too_many]).all()
 
 
-def test_without_a_reference_nothing_agrees_and_it_is_said() -> None:
+def test_without_a_reference_nothing_agrees() -> None:
     found = small("object_mass", [0.1], max_steps=20)
     assert found.expected.tolist() == ["no_reference"] and np.isinf(found.floor).all()
     assert not found.agrees.any() and np.isinf(found.error).all() and not found.misleading().any()
@@ -220,7 +220,7 @@ def test_csv_and_npz_have_all_cells(stiffness: StabilityMap, tmp_path: Path) -> 
 
 BAD = [
     (("youngs_modulos",), {}, ValueError, 'did you mean "youngs_modulus"'),
-    (("disturbances.0.force", [1.0]), {}, ValueError, "axis = .*must lead to one number"),
+    (("disturbances.0.force", [1.0]), {}, ValueError, "axis: .* must be one number, such as"),
     (("grasped.mass",), {}, ValueError, "values: must be given for axis = 'grasped.mass'"),
     ((3.0,), {}, TypeError, "axis = 3.0: must be a name"),
     ((lambda value: value, [1.0]), {}, TypeError, r"axis\(1\) = 1.0: must be a Scene"),

@@ -65,7 +65,7 @@ def pushes(scene: sp.Scene) -> Floats:
 
 
 def held_still(scene: sp.Scene, found: sp.Equilibrium) -> float:
-    """How far a simulation of one second leaves the equilibrium; angles count as 1 rad to 1 m.
+    """The distance of a run of one second from the equilibrium; a radian counts as a metre.
 
     What the equilibrium lacks to the exact one grows at an unstable one: there the share of it is
     returned that does not come from this, and the simulation is shorter if it grows fast.
@@ -313,7 +313,7 @@ def test_a_contact_without_a_limit_of_friction_has_a_margin_without_end() -> Non
         assert pulling.friction_margin == pytest.approx(margin)
 
 
-def test_bilateral_contact_says_what_it_ignores() -> None:
+def test_a_bilateral_rest_names_the_slip_that_it_ignores() -> None:
     scene = sp.Scene(friction=0.3, grasped=sp.GraspedObject(mass=10.0))
     found = sp.equilibrium(scene)
     assert found.stable and found.violations == ("slipping",)

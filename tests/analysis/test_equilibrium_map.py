@@ -243,7 +243,7 @@ def test_progress_counts_up_to_all_steps_and_an_interrupt_passes() -> None:
         ({"grasped.mas": [1.0]}, {}, r"axes: .grasped.mas.*did you mean"),
         ({"grasped.mass": [2.0, 1.0]}, {}, r"mass.\]\[1\] = 1.0: must be greater than the value"),
         ({"grasped.mass": [-1.0, 1.0]}, {}, r"axes: grasped.mass = -1: .*mass = -1.0: must be"),
-        ({"schedule.angles": [1.0]}, {}, r"one number, not to an array of shape \(1, 2\)"),
+        ({"schedule.angles": [1.0]}, {}, r"axes: .* has shape \(1, 2\): must be one number"),
         ({"initial.q.0": [1.0]}, {}, "has no effect on where the scene rests"),
         ({"grip.top": [1.0]}, {}, 'axes: .grip.top.*or one of "grip"'),
         ({"grip": [0.0], "grip.left": [0.0]}, {}, "set the same number"),

@@ -83,7 +83,7 @@ def test_driven_fingers_are_the_open_loop_with_the_fingers_eliminated() -> None:
     assert off(eliminated, whole(driven), weights) <= 1e-10
 
 
-def test_one_place_gives_one_open_loop_whatever_moves_the_fingers() -> None:
+def test_the_open_loop_does_not_depend_on_the_law() -> None:
     models = [open_and_closed(law)[0] for law in ("pid", "torque", "driven")]
     weights = sizes(UNEVEN, models[0].state_units + models[0].input_units)
     for model in models[1:]:
@@ -167,7 +167,7 @@ def test_mirrored_scenes_have_mirrored_models(data: Any, law: str) -> None:
 
 
 def _reflection(*parts: tuple[str, ...]) -> tuple[list[int], Floats]:
-    """Where each quantity is in the mirror image, and its sign there."""
+    """The index of each quantity in the mirror image, and its sign there."""
     places: list[int] = []
     for names in parts:
         swapped = [name.translate(str.maketrans("12", "21")) for name in names]

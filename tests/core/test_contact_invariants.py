@@ -1,4 +1,4 @@
-"""What holds along random runs with unilateral contact, and their symmetries."""
+"""Invariants and symmetries of random runs with unilateral contact."""
 
 from dataclasses import replace
 from typing import Any

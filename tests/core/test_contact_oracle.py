@@ -3,22 +3,28 @@
 Closed forms are compared with the core, and the core with the oracle.
 """
 
-from types import SimpleNamespace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import softpinch as sp
-from bare_scenes import changed, paper, push, steps, uneven
 from oracle import UnilateralReference, reference, unilateral
+from scenes import uneven
 
 # Half the height of a face, m.
 HALF = 0.0245
+HELD = sp.Schedule.steps([0.0], np.deg2rad([[6, 6]]))
+PUSH = sp.Step(time=0.02, force=(130.0, 130.0), moment=5.0)
+
+
+def paper(**changes: Any) -> sp.Scene:
+    return sp.Scene(**{"schedule": HELD, "duration": 0.05, **changes})
 
 
 def check(run: UnilateralReference) -> None:
-    """What holds along any run."""
+    """Asserts the conditions that hold along any run."""
     # Without forces nothing is exchanged, and round-off remains.
     assert abs(run.imbalance) <= 1e-9 * run.exchanged + 1e-15
     assert run.ledger["friction"] >= 0
@@ -36,15 +42,11 @@ def check(run: UnilateralReference) -> None:
 
 def test_a_surface_that_comes_to_zero_stops_there() -> None:
     """Beside an object that both tips miss by 1 cm."""
-    scene = paper(duration=0.01)
-    heavy = changed(scene.hand.right, mass=0.0, inertia=1e12)
-    heavy.root_offset += 0.01
-    scene.hand = changed(scene.hand, right=heavy, left=heavy)
+    heavy = sp.Finger(mass=1e-9, inertia=1e12, root_offset=0.059)
     q, p = np.zeros(9), np.zeros(9)
-    q[1] = heavy.length
-    scene.initial = SimpleNamespace(q=q, p=p, integral=np.zeros(2), time=0.0)
-    q[6], p[6], q[8] = 1e-4, -2.0, 1e-5
-    run = unilateral(scene, 0.5, times=[0.0, 0.01])
+    q[1], q[6], q[8], p[6] = heavy.length, 1e-4, 1e-5, -2.0
+    hand, start = sp.Hand(right=heavy, left=heavy), sp.State(q, p)
+    run = unilateral(paper(hand=hand, initial=start, duration=0.01), 0.5, times=[0.0, 0.01])
     assert run.q[-1, [6, 8]].tolist() == run.p[-1, [6, 8]].tolist() == [0, 0]
     assert 0.1 < run.ledger["stop"] < 0.1 * 2.0**2 / 2
     check(run)
@@ -57,8 +59,8 @@ def test_a_surface_that_comes_to_zero_stops_there() -> None:
 def test_where_nothing_pulls_or_slips_it_is_the_bilateral_oracle(case: str) -> None:
     pulse = sp.Pulse(time=0.03, duration=0.01, force=(2.0, 1.0), moment=0.02)
     # An impulse would open the contact that it moves away from.
-    make = {"paper": paper, "uneven": uneven}[case]
-    scene = make(duration=0.08, disturbances=[pulse])
+    scene = {"paper": paper(), "uneven": replace(uneven(), schedule=HELD)}[case]
+    scene = replace(scene, duration=0.08, disturbances=[pulse])
     times = np.linspace(0, 0.08, 9)
     ours, theirs = unilateral(scene, 2.0, 2 * HALF, times), reference(scene, times)
     assert not ours.changes and ours.holds
@@ -73,19 +75,19 @@ def test_where_nothing_pulls_or_slips_it_is_the_bilateral_oracle(case: str) -> N
 @pytest.mark.parametrize(
     ("friction", "disturbance"),
     [
-        (0.5, push(time=0.02)),
+        (0.5, PUSH),
         (0.8, sp.Pulse(time=0.02, duration=0.01, moment=27.6)),
         (0.3, sp.Pulse(time=0.02, duration=0.01, force=(232.0, 0.0))),
         (0.4, sp.Impulse(time=0.02, impulse=(0.4, 0.3), angular_impulse=5e-4)),
-        (5.0, push(time=0.02)),
+        (5.0, PUSH),
     ],
     ids=["i", "turn", "x", "impulse", "much friction"],
 )
 def test_constraints_cones_gaps_and_the_ledger_hold_along_any_run(
     friction: float, disturbance: Any
 ) -> None:
-    for make in (paper, uneven):
-        scene = make(schedule=steps([(6, 6)]), disturbances=[disturbance], duration=0.05)
+    for scene in (paper(), replace(uneven(), schedule=HELD, duration=0.05)):
+        scene = replace(scene, disturbances=[disturbance])
         run = unilateral(scene, friction, 2 * HALF, np.linspace(0, 0.05, 26))
         assert run.status in ("completed", "lost") and run.changes
         assert run.status == "completed" or friction < 5
@@ -96,7 +98,7 @@ def test_constraints_cones_gaps_and_the_ledger_hold_along_any_run(
 
 def test_two_contacts_that_open_each_other_in_turn_settle_with_both_closed() -> None:
     """Each collision of the left tip opens the right one, with an eighth of the speed."""
-    run = unilateral(paper(disturbances=[push(time=0.02)], duration=0.05), 5.0, 2 * HALF)
+    run = unilateral(paper(disturbances=[PUSH]), 5.0, 2 * HALF)
     times = [c.time for c in run.changes if c[1:4] == ("right", "stick", "free")]
     apart = np.diff(times)
     np.testing.assert_allclose(apart[1:4] / apart[:3], 0.135, atol=0.05)
@@ -141,7 +143,7 @@ def test_driven_fingers_follow_their_schedule_whatever_the_contact_does() -> Non
 @pytest.mark.slow
 def test_method_and_tolerance_change_neither_events_nor_their_times() -> None:
     """The oracle's own error."""
-    scene = paper(disturbances=[push()], duration=1.03)
+    scene = paper(disturbances=[replace(PUSH, time=1.0)], duration=1.03)
     fine = unilateral(scene, 0.8, 2 * HALF, [1.02, 1.03], rtol=1e-12)
     for method, rtol in (("DOP853", 1e-10), ("RK45", 1e-10)):
         rough = unilateral(scene, 0.8, 2 * HALF, [1.02, 1.03], method=method, rtol=rtol)

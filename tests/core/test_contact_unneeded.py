@@ -1,4 +1,4 @@
-"""Where no tip pulls, slips or opens, unilateral contact is the paper's model, to the bit."""
+"""Unilateral contact is the paper's model, to the bit, if no tip pulls, slips or opens."""
 
 from dataclasses import replace
 from typing import Any

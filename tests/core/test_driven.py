@@ -123,7 +123,7 @@ def test_the_motion_and_the_torques_are_those_of_the_oracle(
 
 
 def test_stiff_control_of_heavy_fingers_comes_to_the_same() -> None:
-    """What moves the fingers plays no part if nothing holds it up."""
+    """The cause of the fingers' motion does not matter if nothing slows it."""
     scene = moving()
     hand = replace(
         scene.hand,
@@ -236,7 +236,9 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("changes", "message"), REFUSED, ids=range(len(REFUSED)))
-def test_what_cannot_be_followed_is_refused(changes: dict[str, Any], message: str) -> None:
+def test_schedules_and_starts_that_fingers_cannot_follow_are_refused(
+    changes: dict[str, Any], message: str
+) -> None:
     with pytest.raises(ValueError, match=message):
         sp.simulate(moving(**changes), formulation="nullspace")
 
@@ -246,12 +248,12 @@ def test_samples_that_hold_one_value_are_smooth() -> None:
     assert sp.simulate(moving(schedule=held)).success
 
 
-def test_a_jump_outside_of_the_run_is_no_matter() -> None:
+def test_a_jump_after_the_run_is_allowed() -> None:
     schedule = sp.Schedule.steps([0.0, 0.5], [FROM, TO])
     assert sp.simulate(moving(schedule=schedule)).success
 
 
-def test_runs_that_jump_are_named() -> None:
+def test_the_run_whose_schedule_kinks_is_named() -> None:
     scene = moving(schedule=sp.Schedule.ramps([0.0, 0.5, 0.6], [FROM, FROM, TO]), duration=0.1)
     times = np.full((3, 3), [0.0, 0.5, 0.6])
     times[1] = [0.0, 0.05, 0.2]
@@ -274,13 +276,13 @@ def test_the_step_that_is_stable_is_predicted(formulation: str) -> None:
     assert len(modes.states) == modes.rates.shape[1] == (8 if formulation == "nullspace" else 14)
 
 
-def test_the_reference_says_that_it_has_none() -> None:
+def test_the_reference_refuses_driven_fingers() -> None:
     with pytest.raises(ValueError, match=r'Scene.fingers="driven": the reference'):
         sp.reference.solve(moving())
 
 
 @pytest.mark.parametrize("formulation", _core.FORMULATIONS)
-def test_modes_that_meet_are_found(formulation: str) -> None:
+def test_equal_modes_are_found(formulation: str) -> None:
     """Two equal sides have pairs of equal modes, where a QR iteration may fail to converge."""
     move = sp.Schedule.minimum_jerk([0.0, 0.1], np.deg2rad([[6, 6], [8, 6]]), move_time=0.2)
     scene = sp.Scene(fingers="driven", schedule=move, duration=0.3)
@@ -294,7 +296,7 @@ def test_modes_that_meet_are_found(formulation: str) -> None:
         assert (np.abs(sums - traces) / sizes**power).max() < 1e-9
 
 
-def test_a_start_that_is_pressed_flat_is_the_starts_fault() -> None:
+def test_a_crushed_start_is_named_as_the_start() -> None:
     flat = sp.Scene(fingers="driven", schedule=sp.Schedule.steps([0.0], [[0.8, 0.8]]))
     run = sp.simulate(flat)
     assert run.status == "crushed"

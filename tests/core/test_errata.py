@@ -210,7 +210,7 @@ def test_43_the_sign_of_the_first_term_leaves_the_force_without_a_potential(i: i
 
 @FINGERS
 def test_after_29_b_is_minus_the_tangential_component(i: int) -> None:
-    """Of the vector from the finger's root to the tip's centre, along (-S, C)."""
+    """It is that of the vector from the finger's root to the tip's centre, along (-S, C)."""
     f = finger(i)
     root = sp.Matrix([-f.s * f.w_f, 0])
     arm = sp.Matrix([f.ox, f.oy]) - root

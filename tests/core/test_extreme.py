@@ -108,7 +108,7 @@ def test_slipping_is_noted_where_a_scene_gives_friction() -> None:
     assert run.violations.get("slipping") == first
 
 
-def test_a_start_that_is_not_finite_is_said() -> None:
+def test_an_overflow_at_the_start_is_not_finite() -> None:
     heavy = sp.Scene(grasped=sp.GraspedObject(mass=1e-320), duration=0.01)
     run = sp.simulate(heavy)
     assert run.status == "not_finite"

@@ -1,4 +1,4 @@
-"""What each formulation promises of the constraints, and that all give the same physics."""
+"""The constraints in each formulation, and that all formulations give the same physics."""
 
 from dataclasses import replace
 

@@ -153,7 +153,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
 )
 @pytest.mark.parametrize("name", OPTIONS)
 @pytest.mark.parametrize("method", _core.METHODS)
-def test_what_is_asked_for_changes_no_bit(
+def test_records_monitors_and_estimates_change_no_bit(
     name: str, method: str, formulation: str, fingers: str
 ) -> None:
     how: dict[str, Any] = {"dt": 5e-4, "method": method, "formulation": formulation}

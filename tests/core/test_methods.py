@@ -136,22 +136,6 @@ def test_work_is_counted(method: str, formulation: str) -> None:
     assert explicit["jacobians"] == explicit["factorisations"] == explicit["iterations"] == 0
 
 
-# Tolerance 1e-6 on the paper's disturbance (iii), 2 s of holds: evaluations that may not grow.
-MOST = {"dop853": 6500, "radau5": 4500, "rosenbrock": 2600}
-
-
-@adaptive
-def test_a_hold_needs_few_steps(method: str) -> None:
-    run = sp.simulate(
-        paper.disturbance("iii"), tolerance=1e-6, method=method, formulation="nullspace"
-    )
-    assert run.success
-    assert run.stats["evaluations"] <= MOST[method]
-    if method != "dop853":
-        # What is stiff has died out: the last steps are long.
-        assert np.diff(run.t).max() > 0.05
-
-
 LOST = replace(
     paper.disturbance("i"), disturbances=[sp.Step(time=1.0, force=(130.0, 130.0), moment=0.0)]
 )
@@ -232,9 +216,7 @@ def test_a_free_run_goes_on(method: str) -> None:
 
 @adaptive
 @every_formulation
-def test_the_ledger_counts_from_the_start_whatever_is_asked_for(
-    method: str, formulation: str
-) -> None:
+def test_the_ledger_counts_from_the_start_to_late_instants(method: str, formulation: str) -> None:
     run = sp.simulate(
         swaying(),
         tolerance=1e-8,
@@ -284,7 +266,7 @@ def test_an_instant_outside_by_round_off_is_the_end() -> None:
     np.testing.assert_array_equal(run.t, [end])
 
 
-def test_what_the_clock_does_not_resolve_is_said() -> None:
+def test_steps_below_the_resolution_of_the_clock_are_named() -> None:
     late = replace(sp.Scene().start(), time=1.7e9)
     scene = sp.Scene(
         initial=late, schedule=sp.Schedule.steps([1.7e9], np.deg2rad([[6, 6]])), duration=0.2
@@ -301,7 +283,7 @@ def test_what_the_clock_does_not_resolve_is_said() -> None:
 def test_a_light_and_viscous_grasp_has_the_error_that_was_asked_for(
     method: str, formulation: str
 ) -> None:
-    """What is a small rate is not told by the mass: rates here are tiny all along."""
+    """The mass does not say which rates are small: here they are tiny all along."""
     scene = sp.Scene(
         hand=sp.Hand(tip=sp.Fingertip(normal_viscosity=1e6, tangential_viscosity=1e6)),
         grasped=sp.GraspedObject(mass=1e-3),
@@ -321,7 +303,7 @@ def test_a_light_and_viscous_grasp_has_the_error_that_was_asked_for(
 def test_a_longer_hold_costs_next_to_nothing(
     method: str, formulation: str, tolerance: float
 ) -> None:
-    """What is stiff has died out, and what an error is does not depend on how long a run is."""
+    """Stiff modes have died out, and the scale of errors does not depend on the duration."""
     how = {"tolerance": tolerance, "method": method, "formulation": formulation}
     short = sp.simulate(sp.Scene(duration=1.0), **how)
     long = sp.simulate(sp.Scene(duration=100.0), **how)

@@ -12,7 +12,6 @@ import pytest
 from numpy.typing import NDArray
 
 import softpinch as sp
-from bare_scenes import paper, push, steps
 from oracle import reference
 from softpinch.accuracy.segments import Inputs
 
@@ -21,7 +20,7 @@ BEGIN, END = -2.0, 100.0
 
 
 def driven_at(scene: sp.Scene, times: list[float]) -> tuple[Floats, Floats]:
-    """What drives a scene just after each instant (n, 5): by `Inputs`, and by the core."""
+    """The inputs of a scene just after each instant (n, 5): by `Inputs`, and by the core."""
     inputs = Inputs(scene, BEGIN, END)
     ours, cores = [], []
     for t in times:
@@ -137,15 +136,17 @@ def test_every_jump_and_bend_of_an_input_is_an_edge() -> None:
 
 
 def test_at_the_right_end_of_a_piece_its_own_limit_holds() -> None:
-    inputs = Inputs(paper(schedule=steps([(0, 0), (90, 90)]), disturbances=[push()]), 0.0, 2.0)
+    schedule = sp.Schedule.steps([0.0, 1.0], [[0.0, 0.0], [1.5, 1.5]])
+    push = sp.Step(time=1.0, force=(130.0, 130.0), moment=5.0)
+    inputs = Inputs(sp.Scene(schedule=schedule, disturbances=[push]), 0.0, 2.0)
     assert inputs.between(0.0, 1.0)(1.0) == (0.0, 0.0, 0.0, 0.0, 0.0)
     assert inputs.between(1.0, 2.0)(1.0)[2:] == (130.0, 130.0, 5.0)
 
 
 def test_multipliers_at_a_switch_are_those_after_it_but_at_the_end_those_before() -> None:
-    scene = paper(schedule=steps([(6, 6), (20, -10)]), duration=1.0)
+    scene = replace(sp.paper.manipulation(), duration=1.0)
     before = reference(scene, [1.0])
-    scene.duration = 1.1
+    scene = replace(scene, duration=1.1)
     after = reference(scene, [1.0])
     np.testing.assert_allclose(before.q, after.q, atol=1e-14)
     assert abs(before.multipliers - after.multipliers).max() > 1.0

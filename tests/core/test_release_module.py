@@ -49,7 +49,7 @@ def instructions() -> Iterator[tuple[str, str]]:
 
 
 def addresses_of_fma() -> set[str]:
-    """Where `fma` begins, and where the module keeps a pointer to it; none if nothing calls it.
+    """The addresses of `fma` and of the module's pointer to it; none if nothing calls it.
 
     It jumps through a pointer of its own to what the processor has, which its first call stores.
     """

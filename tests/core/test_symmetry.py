@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import softpinch as sp
-from softpinch import _core, paper, strategies
+from softpinch import _core, strategies
 from transforms import MIRROR_MULTIPLIERS, Units, mirrored, mirrored_coordinates, require_scaled
 
 EVERYTHING = ("state", "multipliers", "residuals", "energy", "torque")
@@ -55,12 +55,3 @@ def test_powers_of_two_of_length_mass_and_time_scale_a_run_to_the_bit(
     other = sp.simulate(units.scene(scene), dt=dt * units.time, stabilization=scaled, **how)
     require_scaled(run, other, units)
     np.testing.assert_array_equal(other.torque, run.torque * units.of(2, 1, -2))
-
-
-def test_the_papers_manipulation_scales_to_the_bit_over_all_its_switches() -> None:
-    units = Units(3, -5, 2)
-    scene = paper.manipulation()
-    gains = sp.Stabilization(alpha=1000 / units.time, beta=1000 / units.time)
-    run = sp.simulate(scene, dt=3e-4, every=100)
-    other = sp.simulate(units.scene(scene), dt=3e-4 * units.time, stabilization=gains, every=100)
-    np.testing.assert_array_equal(other.q, run.q * units.coordinates)

@@ -162,7 +162,7 @@ def test_the_papers_hand_agrees_without_any_allowance(
     assert differences[worst] <= TOLERANCE, (worst, differences)
 
 
-def test_public_evaluate_has_what_the_core_says() -> None:
+def test_evaluate_returns_the_terms_of_the_core() -> None:
     scene = sp.Scene(disturbances=[sp.Step(time=0.0, force=(1.0, -2.0), moment=0.1)])
     state = sp.State.consistent(
         scene, rotation=0.1, fingers=(0.2, 0.15), shear=(1e-3, 2e-3), velocity=(0.1, 0.2, 1.0)

@@ -28,7 +28,7 @@ def sine_and_cosine(x: float) -> tuple[float, float]:
 
 
 def ulps(found: float, exact: mpmath.mpf) -> float:
-    """How far off, in units in the last place of the double nearest to what is exact."""
+    """The error in units in the last place of the double nearest to the exact number."""
     if exact == 0:
         return 0.0 if found == 0.0 else math.inf
     return float(abs(mpmath.mpf(found) - exact) / math.ulp(float(exact)))
@@ -87,7 +87,7 @@ def test_sine_and_cosine_are_within_a_unit_in_the_last_place(name: str) -> None:
     assert worst(ANGLES[name]) <= 1.0
 
 
-def test_it_is_measured_in_units_in_the_last_place() -> None:
+def test_errors_are_in_units_in_the_last_place() -> None:
     third = mpmath.mpf(1) / 3
     assert ulps(1 / 3, third) <= 0.5
     assert 0.5 < ulps(math.nextafter(1 / 3, 1.0), third) <= 1.5

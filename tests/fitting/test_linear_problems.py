@@ -72,7 +72,7 @@ def test_estimates_and_covariance_are_those_of_curve_fit(known: bool) -> None:
 
 @pytest.mark.parametrize("known", [True, False], ids=["known noise", "estimated noise"])
 def test_intervals_of_few_measurements_cover_the_truth_in_95_of_100(known: bool) -> None:
-    """Of five numbers and two parameters Student's interval is 1.6 times the normal one."""
+    """With five numbers and two parameters Student's interval is 1.6 times the normal one."""
     times, inside = np.array([0.01, 0.03, 0.05, 0.08, 0.1]), np.zeros(2)
     for seed in range(300):
         found = fit(draws(seed, times), times, noise=NOISE if known else None)
@@ -115,7 +115,7 @@ def test_a_robust_loss_has_scipys_minimum_and_hubers_errors() -> None:
 
 
 def test_the_factor_of_a_robust_loss_is_the_variance_of_its_location() -> None:
-    """Of a constant with normal noise, estimated by `soft_l1` from many samples."""
+    """A constant with normal noise is estimated by `soft_l1` from many samples."""
     draws = np.random.default_rng(0).normal(size=(4000, 50))
     centers = np.zeros(4000)
     for _ in range(30):

@@ -52,7 +52,7 @@ def test_a_robust_loss_survives_outliers(noise: float | None) -> None:
     assert max(spoilt) > 10.0
 
 
-def test_a_number_that_the_data_do_not_feel_is_said() -> None:
+def test_a_number_without_effect_on_the_data_is_not_determined() -> None:
     """A push after the last measurement, whose force is a parameter."""
     late = sp.Step(time=0.09, force=(1.0, 0.0))
     scene = replace(SCENE, disturbances=[*SCENE.disturbances, late])
@@ -78,7 +78,7 @@ def test_a_number_that_the_data_do_not_feel_is_said() -> None:
     assert "a change by 1 N" in unbounded.undetermined[0]
 
 
-def test_a_value_at_its_bound_is_said() -> None:
+def test_a_value_at_its_bound_is_named() -> None:
     fit = sp.fit(SCENE, TIMES, columns(motion(), "rotation"), {E: (1e5, 3e5)}, dt=DT, noise=1e-5)
     assert fit.at_bound == (E,) and f"{E} is at its bound" in fit.messages
     assert fit.values[E] == pytest.approx(3e5, rel=1e-5)

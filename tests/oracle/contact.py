@@ -8,7 +8,6 @@ event functions.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -49,26 +48,19 @@ def unilateral(
     times: ArrayLike | None = None,
     method: str = "DOP853",
     rtol: float = 1e-11,
-    max_step: float = 2e-3,
-    window: float = 1e-3,
-    most: int = 5_000_000,
 ) -> UnilateralReference:
     """Simulates a scene with contact that pushes, slips, opens and closes.
 
     Args:
-        scene: hand, grasped, control, schedule, disturbances, gravity, duration, initial. An
-            `initial` with q, p, integral and time may have gaps (free) and slip. `fingers` may be
-            "driven", along a schedule without jumps and kinks.
+        scene: Its start may have gaps (free) and slip. `fingers` may be "driven", along a schedule
+            without jumps and kinks.
         friction: mu, or a pair (right, left).
         height: Of the object's faces, m; None is endless.
         times: (n,), s, within the run; None is the start, every break and the end.
         method: One of scipy.integrate's one-step classes.
         rtol: Relative tolerance.
-        max_step: s.
-        window: More than 64 events within this time are chattering, s.
-        most: Evaluations of the equations of motion.
     """
-    driven = getattr(scene, "fingers", "pid") == "driven"
+    driven = scene.fingers == "driven"
     pair = friction if isinstance(friction, tuple) else (friction, friction)
     numbers = parameters(scene)
     if driven:
@@ -81,15 +73,12 @@ def unilateral(
         method=method,
         rtol=rtol,
         length=length,
-        max_step=max_step,
         driven=driven,
     )
-    if driven and scene.initial is None:
-        scene = replace(scene, initial=scene.start())
-    start, begin = start_state(scene, numbers)
+    start, begin = start_state(scene)
     inputs = (DrivenInputs if driven else Inputs)(scene, begin, begin + float(scene.duration))
     instants, wanted = inputs.instants(times)
-    walk = Walk(system, inputs, start, window, most)
+    walk = Walk(system, inputs, start)
     rows = walk.through(sorted(set(wanted)))
     kept = [rows[t] for t in wanted if t in rows]
     book = {name: float(value) for name, value in walk.ledger.items()}
@@ -99,7 +88,6 @@ def unilateral(
         p=np.array([row.p for row in kept]),
         multipliers=np.array([row.multipliers for row in kept]),
         modes=[row.modes for row in kept],
-        couples=np.array([row.couples for row in kept]),
         integral=np.array([row.integral for row in kept]),
         changes=walk.changes,
         ledger=book,
@@ -107,5 +95,4 @@ def unilateral(
         end=walk.last,
         worst={name: float(value) for name, value in system.worst.items()},
         exchanged=sum(abs(v) for name, v in book.items() if name not in ("start", "end")),
-        evaluations=system.evaluations,
     )

@@ -31,6 +31,8 @@ _FLOOR = {"gap": 1e-13, "corner": 1e-13, "stopped": 1e-12}
 # An event that counts where it comes to zero from above, and only while the next one, or the one
 # before it, is negative: a tip meets the face beside it, or the end of the object from beyond.
 _PARTNER = {"gap": 1, "corner": -1}
+# The longest step, s.
+_MAX_STEP = 2e-3
 # Events within this time are one, s.
 TOGETHER = 1e-12
 
@@ -76,7 +78,6 @@ class ContactSystem:
         friction: mu of both.
         inverse: Of the masses (9,), zero for driven fingers.
         half: Half the height of the faces, m; None where they are endless.
-        evaluations: Of the equations, so far.
         worst: See `UnilateralReference`.
     """
 
@@ -89,7 +90,6 @@ class ContactSystem:
         method: str,
         rtol: float,
         length: float,
-        max_step: float,
         driven: bool,
     ) -> None:
         """Computes nothing yet; `length` is the size of lengths, for the absolute tolerance."""
@@ -98,7 +98,6 @@ class ContactSystem:
         self._driven = driven
         if driven:
             self.inverse[3:5] = 0.0
-        self.evaluations = 0
         self.worst = {"normal": math.inf, "cone": -math.inf, "gap": math.inf}
         self.worst |= {"position": 0.0, "velocity": 0.0}
         self.half = None if height is None else height / 2
@@ -107,13 +106,12 @@ class ContactSystem:
         lengths = [0, 1, 5, 6, 7, 8]
         sizes[lengths] = length
         sizes[[9 + k for k in lengths]] = length
-        self._options = {"rtol": rtol, "atol": 0.01 * rtol * sizes, "max_step": max_step}
+        self._options = {"rtol": rtol, "atol": 0.01 * rtol * sizes, "max_step": _MAX_STEP}
 
     def at(
         self, y: Floats, asked: Sequence[float], contact: Contact
     ) -> tuple[list[float], Terms, Motion]:
         """The state as floats, its terms and its motion."""
-        self.evaluations += 1
         state: list[float] = y[:20].tolist()
         terms = self.mechanics.terms(state, asked[:5], contact.tilts(state))
         return state, terms, self.motion(terms, contact.modes, asked)

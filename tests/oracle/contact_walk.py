@@ -14,7 +14,6 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from softpinch.accuracy.segments import Driven, Inputs
 
@@ -42,14 +41,11 @@ _STILL = 1e-12
 # Two contacts that open each other in turn come to both being closed, by ever smaller collisions.
 # One that opens with less, in m/s, is back before its gap can be told from rounding: it stays.
 _SETTLED = 1e-6
-# More events than this within the window are chattering.
-_MOST_EVENTS = 64
+# More events than this within this time, s, are chattering.
+_MOST_EVENTS, _WINDOW = 64, 1e-3
 # A gap at the start below this is none, m.
 _TOUCHING = 1e-12
 _ENDS = {"crushed": "crushed", "folded": "folded", "lost": "lost", "corner": "lost"}
-
-
-CODES = {FREE: 0, STICK: 1, SLIP_UP: 2, SLIP_DOWN: 2, GRAZE: 3}
 
 
 class Change(NamedTuple):
@@ -60,15 +56,12 @@ class Change(NamedTuple):
         finger: "right" or "left".
         before: Mode: "stick", "slip+", "slip-", "graze" or "free".
         after: Mode.
-        cause: The finger's own event ("cone", "stopped", "unloaded", "empty", "full", "gap",
-            "stop"), "input", "impulse", or "other": an event of the other finger.
     """
 
     time: float
     finger: str
     before: str
     after: str
-    cause: str
 
 
 class Row(NamedTuple):
@@ -79,9 +72,7 @@ class Row(NamedTuple):
     p: Floats
     multipliers: Floats
     modes: tuple[str, str]
-    couples: Floats
     integral: Floats
-    frozen: tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +85,6 @@ class UnilateralReference:
         p: (n, 9); at an impulse just before it.
         multipliers: (n, 4), N; at a break just after it, but at the end just before.
         modes: Of both fingers, n pairs; when as with the multipliers.
-        couples: psi (n, 2): the share of each tip's couple that acts.
         integral: (n, 2), rad s.
         changes: Every change of mode.
         ledger: J. Works of "torque", "external", "viscous" (negative) and "impulse"; losses
@@ -106,7 +96,6 @@ class UnilateralReference:
             (most |lambda^N| - mu lambda^H, N), "gap" (least of a free finger, m), "position" and
             "velocity" (largest residual of an active constraint, m and m/s).
         exchanged: Sum of the absolute works and losses, J.
-        evaluations: Of the equations of motion.
     """
 
     t: Floats
@@ -114,7 +103,6 @@ class UnilateralReference:
     p: Floats
     multipliers: Floats
     modes: list[tuple[str, str]]
-    couples: Floats
     integral: Floats
     changes: list[Change]
     ledger: dict[str, float]
@@ -122,12 +110,6 @@ class UnilateralReference:
     end: Row
     worst: dict[str, float]
     exchanged: float
-    evaluations: int
-
-    @property
-    def codes(self) -> NDArray[np.int64]:
-        """Modes as in softpinch's ContactMode (n, 2): free 0, stick 1, slip 2, graze 3."""
-        return np.array([[CODES[mode] for mode in pair] for pair in self.modes], dtype=np.int64)
 
     @property
     def holds(self) -> bool:
@@ -156,8 +138,6 @@ class Walk:
     system: ContactSystem
     inputs: Inputs
     start: Floats
-    window: float
-    most: int
     changes: list[Change] = field(default_factory=list)
     status: str = ""
 
@@ -186,7 +166,7 @@ class Walk:
             if left in self.inputs.impulses:
                 self._kick(self.inputs.impulses[left])
             elif left > edges[0]:
-                self._choose("input")
+                self._choose()
             if left in wanted:
                 rows[left] = self._row(before)
             stops = wanted[bisect_right(wanted, left) : bisect_left(wanted, right)]
@@ -209,17 +189,9 @@ class Walk:
     def _row(self, y: Floats) -> Row:
         """Positions and velocities of `y`, and forces and modes as they are now."""
         found = self.system.at(self.y, self._driven(self.time), self.contact)[2]
-        modes, frozen = self.contact.modes, self.contact.frozen
-        return Row(
-            self.time,
-            y[:9].copy(),
-            y[9:18].copy(),
-            np.array(found.multipliers),
-            (modes[0], modes[1]),
-            np.array(found.couples),
-            y[18:20].copy(),
-            (frozen[0], frozen[1]),
-        )
+        right, left = self.contact.modes
+        q, p, integral, _ = np.split(y.copy(), [9, 18, 20])
+        return Row(self.time, q, p, np.array(found.multipliers), (right, left), integral)
 
     @property
     def time(self) -> float:
@@ -250,8 +222,6 @@ class Walk:
             except ArithmeticError:
                 self.status = "not_finite"
                 return
-            if self.system.evaluations > self.most:
-                raise RuntimeError(f"unilateral: too many evaluations at t = {self.time} s")
             if not events:
                 return
             self._handle(events)
@@ -261,7 +231,7 @@ class Walk:
     def _handle(self, events: Sequence[Event]) -> None:
         """Does what the events demand, and chooses the modes after them."""
         self._events.append(self.time)
-        while self._events[0] < self.time - self.window:
+        while self._events[0] < self.time - _WINDOW:
             self._events.popleft()
         if len(self._events) > _MOST_EVENTS:
             self.status = "chattering"
@@ -269,9 +239,8 @@ class Walk:
         modes, terms = self.contact.modes, self._terms()
         before = list(modes)
         left: list[set[str]] = [set(), set()]
-        hits, causes = [], {}
+        hits = []
         for kind, i, _ in events:
-            causes[i] = kind
             if kind in _ENDS:
                 self.status = _ENDS[kind]
                 return
@@ -291,10 +260,9 @@ class Walk:
                 approach = float(terms.phi[i] @ self.y[9:18])
                 if approach < 0 and abs(terms.gaps[i]) <= -approach * TOGETHER:
                     hits.append(i)
-                    causes[i] = "gap"
         if hits:
             self._collide(hits)
-        self._choose("other", before, left, causes)
+        self._choose(before, left)
 
     def _stop(self, i: int) -> None:
         """The surface comes to rest at d = 0; what was closed is free."""
@@ -352,7 +320,7 @@ class Walk:
         """An ideal impulse on the object."""
         before = list(self.contact.modes)
         self._strike(np.array([*impulse, *[0.0] * 6]))
-        self._choose("impulse", before)
+        self._choose(before)
 
     def _release(self, i: int) -> None:
         self.contact.frozen[i] = live_tilts(self.y.tolist())[i]
@@ -375,24 +343,20 @@ class Walk:
                 self.contact.modes[i] = STICK if abs(slip) <= _STILL else moving
         if any(self.contact.closed):
             self._strike(None)
-        self._choose("start")
+        self._choose()
         self.changes.clear()
 
     def _choose(
         self,
-        cause: str,
         before: Sequence[str] | None = None,
         left: Sequence[set[str]] = (set(), set()),
-        causes: dict[int, str] | None = None,
         again: bool = False,
     ) -> None:
         """Chooses the modes from here on, and puts what changed on its constraints.
 
         Args:
-            cause: Of the changes of fingers that are not in `causes`.
             before: Modes before the event; the contact's own may be classes of motion since.
             left: Modes that may not be chosen, by finger.
-            causes: The own events of fingers.
             again: Whether the law of impact has been tried already.
         """
         system, contact = self.system, self.contact
@@ -430,7 +394,7 @@ class Walk:
         if chosen is None and not again:
             # Painleve: a tangential impact without collision stops the slip.
             self._strike(None)
-            self._choose(cause, before, left, causes, again=True)
+            self._choose(before, left, again=True)
             return
         if chosen is None:
             self.status = "no_mode"
@@ -438,8 +402,7 @@ class Walk:
         for i, mode in enumerate(chosen):
             self._enter(i, mode, before[i], closed[i], terms)
             if mode != before[i]:
-                why = (causes or {}).get(i, cause)
-                self.changes.append(Change(self.time, SIDES[i][0], before[i], mode, why))
+                self.changes.append(Change(self.time, SIDES[i][0], before[i], mode))
 
     def _enter(self, i: int, mode: str, before: str, closed: bool, terms: Any) -> None:
         """Takes a mode, with its residuals put into d_n and the rates of d_n and d_t."""

@@ -74,7 +74,7 @@ def version() -> str:
 
 def _task(scene: Any, friction: tuple[float, float], steps: int) -> dict[str, Any]:
     numbers = parameters(scene)
-    start, begin = start_state(scene, numbers)
+    start, begin = start_state(scene)
     step = scene.duration / steps
     inputs = Inputs(scene, begin, begin + scene.duration)
     asked = []
@@ -119,7 +119,7 @@ def stepped(scene: Any, friction: tuple[float, float], steps: int) -> Stepped:
         raise RuntimeError(f"Siconos failed: {done.stderr[-2000:]}")
     # Siconos greets on standard output.
     result = json.loads(done.stdout[done.stdout.index("{") :])
-    begin = 0.0 if scene.initial is None or isinstance(scene.initial, str) else scene.initial.time
+    begin = scene.start().time
     changes = [(begin + t, ("right", "left")[i], mode) for t, i, mode in result["changes"]]
     total, terms = result["spent"]
     end = np.array(result["q"]), np.array(result["p"])

@@ -2,8 +2,7 @@
 
 The four compressions and shears follow the other five coordinates (docs/integrators.md, "How the
 constraints are kept", `nullspace`): no gain to choose, no drift. Fourteen states: x, y, theta,
-theta_1, theta_2, the two shears, the two integrals of (39), and the five rates. Parameters and
-start are read from a scene's plain attributes, so any object that has them will do. The integration
+theta_1, theta_2, the two shears, the two integrals of (39), and the five rates. The integration
 between the breaks of the inputs, and the inputs, are those of softpinch.accuracy.segments:
 tests/accuracy/test_segments.py compares the integration with an oscillator in closed form,
 tests/core/test_oracle_inputs.py compares the inputs with numbers computed by hand.
@@ -11,7 +10,6 @@ tests/core/test_oracle_inputs.py compares the inputs with numbers computed by ha
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -21,15 +19,17 @@ import numpy as np
 import sympy as sp
 from numpy.typing import ArrayLike, NDArray
 
+from softpinch import Scene
 from softpinch.accuracy.segments import Inputs, System, integrate
+from softpinch.run.scaled_error import largest
 
 from .evaluate import evaluate, parameters
 from .lagrangian import FORCES, PARAMETERS, SHAPES, SIDES, compiled, model
 
 Floats: TypeAlias = NDArray[np.float64]
 
-# Of q and of p: metres and radians.
-_UNITS = ([0, 1, 5, 6, 7, 8], [2, 3, 4])
+# A run's error, by quantity; tests/accuracy/test_reference.py has its definition in numbers.
+error = largest
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class Reference:
 
 
 def reference(
-    scene: Any,
+    scene: Scene,
     times: ArrayLike | None = None,
     method: str = "DOP853",
     rtol: float = 1e-12,
@@ -66,7 +66,7 @@ def reference(
     Nothing is monitored: the motion goes on where the model has stopped holding.
 
     Args:
-        scene: hand, grasped, control, schedule, disturbances, gravity, duration, initial.
+        scene: With bilateral contact and PIDs.
         times: (n,), s, within the run; None is the start, every break and the end.
         method: One of scipy.integrate's, an implicit one by finite differences.
         rtol: Relative tolerance; the absolute one is a share of it, of fixed sizes.
@@ -96,78 +96,21 @@ def reference(
     return Reference(instants, q, p, multipliers, integral, motion.evaluations)
 
 
-def error(result: Any, expected: Reference) -> dict[str, float]:
-    """A run's error: per name the largest |difference| over rows and components.
-
-    Each component is scaled by its largest size along the reference. One that is round-off by
-    symmetry, below 1e-9 of the largest with its unit, is scaled by that one.
-
-    Args:
-        result: Has t and q, p or multipliers; what is missing (AttributeError) is left out.
-        expected: At the same times.
-    """
-    if not np.array_equal(np.asarray(result.t), expected.t):
-        raise ValueError("error: the times differ")
-    errors = {}
-    for name in ("q", "p", "multipliers"):
-        try:
-            value = np.asarray(getattr(result, name), dtype=np.float64)
-        except AttributeError:
-            continue
-        right = getattr(expected, name)
-        scales = np.abs(right).max(axis=0)
-        for unit in _UNITS if name != "multipliers" else ([0, 1, 2, 3],):
-            largest = scales[unit].max()
-            scales[unit] = np.where(scales[unit] < 1e-9 * largest, largest, scales[unit])
-        # All at rest: an error of any size counts in full.
-        scales[scales == 0] = 1.0
-        errors[name] = float((np.abs(value - right) / scales).max())
-    return errors
-
-
-def _start(scene: Any, numbers: dict[str, float], tolerance: float) -> tuple[Floats, float]:
+def _start(scene: Scene, numbers: dict[str, float], tolerance: float) -> tuple[Floats, float]:
     """The fourteen states at the start, and its time."""
-    initial = getattr(scene, "initial", None)
-    if initial is not None and not isinstance(initial, str):
-        q, p = np.asarray(initial.q, dtype=np.float64), np.asarray(initial.p, dtype=np.float64)
-        off = evaluate(numbers, q, p)
-        zeros = {"residuals": np.zeros(4), "residual_rates": np.zeros(2)}
-        if max(off.differences(zeros).values()) > tolerance:
-            raise ValueError("initial: off the constraints, which this form cannot be")
-        integral = np.asarray(initial.integral, dtype=np.float64)
-        return np.concatenate([q[:5], q[7:], integral, p[:5]]), float(initial.time)
-    angles, heights = [], []
-    for side, _ in SIDES:
-        finger, tip = f"hand.{side}.", f"hand.tip.{side}.radius"
-        length, thickness = numbers[finger + "length"], numbers[finger + "half_thickness"]
-        # How far inward of its root the tip's centre stands when it just touches.
-        inward = numbers[finger + "root_offset"] - numbers[tip] - numbers["grasped.width"] / 2
-        angle = 0.0
-        if initial == "touching":
-            reach = math.hypot(length, thickness)
-            angle = math.asin(inward / reach) - math.atan2(thickness, length)
-        elif inward - thickness > 1e-9 * numbers[tip]:
-            raise ValueError(f"initial: the {side} fingertip does not reach the object")
-        angles.append(angle)
-        heights.append(length * math.cos(angle) - thickness * math.sin(angle))
-    state = np.zeros(14)
-    # The object's middle between the roots, its centre of gravity as high as the tips are.
-    state[:5] = numbers["grasped.com_offset"], sum(heights) / 2, 0.0, *angles
-    if initial != "touching":
-        state[1] = sum(numbers[f"hand.{side}.length"] for side, _ in SIDES) / 2
-    return state, 0.0
+    start = scene.start()
+    off = evaluate(numbers, start.q, start.p)
+    zeros = {"residuals": np.zeros(4), "residual_rates": np.zeros(2)}
+    if max(off.differences(zeros).values()) > tolerance:
+        raise ValueError("initial: off the constraints, which this form cannot be")
+    state = np.concatenate([start.q[:5], start.q[7:], start.integral, start.p[:5]])
+    return state, float(start.time)
 
 
-def start_state(scene: Any, numbers: dict[str, float]) -> tuple[Floats, float]:
+def start_state(scene: Scene) -> tuple[Floats, float]:
     """q, p and the integrals (20,) at the start, which may be off the constraints, and its time."""
-    initial = getattr(scene, "initial", None)
-    if initial is not None and not isinstance(initial, str):
-        parts = [np.asarray(part) for part in (initial.q, initial.p, initial.integral)]
-        return np.concatenate(parts, dtype=np.float64), float(initial.time)
-    state, begin = _start(scene, numbers, 0.0)
-    values = tuple(numbers[name] for name in PARAMETERS)
-    q, p, _, integral = _row(state, (0.0,) * 5, values)
-    return np.concatenate([q, p, integral]), begin
+    start = scene.start()
+    return np.concatenate([start.q, start.p, start.integral]), float(start.time)
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Where the energy around a rest has a minimum: beside SciPy, differences, and the core's terms."""
+"""Minima of the energy around a rest, beside SciPy, differences, and the core's terms."""
 
 from dataclasses import replace
 
@@ -212,7 +212,7 @@ def test_many_loops_let_the_object_down_to_another_rest_with_less_energy(
     assert 1e3 * (rest.q[1] - other.state.q[1]) == pytest.approx(0.49, abs=5e-3)
 
 
-def test_where_the_energy_has_no_minimum_it_is_said() -> None:
+def test_an_unstable_rest_is_no_minimum() -> None:
     held = next(each for each in random_hands.equilibria(50) if not each.stable)
     assert held.state is not None and not held.minimum
     rest = r.rest_at(held.scene, held.state.q, held.time)

@@ -1,4 +1,4 @@
-"""What becomes of the paper's scenes if tips only push: words and tables follow from the runs."""
+"""The paper's scenes with tips that only push: words and tables follow from the runs."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,7 +11,6 @@ import softpinch as sp
 from softpinch import paper
 from softpinch.reproduce import experiment, real_hand, simulate_all
 from softpinch.reproduce.experiment import FRICTIONS, Runs
-from softpinch.reproduce.finding import BEYOND
 from softpinch.reproduce.report import contact_table
 from softpinch.support.table import Table
 
@@ -44,39 +43,14 @@ def test_operations_end_in_the_table_where_they_end_in_the_runs(table: Table, ru
     assert opens[[1, 2, 3, 5, 6, 7]].min() > 0.15 and opens.max() < 4.0
 
 
-def test_the_table_says_which_disturbances_are_survived(table: Table, runs: Runs) -> None:
+def test_the_table_says_which_disturbances_are_survived(table: Table) -> None:
     assert columns(table, "survived")[8:].tolist() == [
         ["no", "no", "yes", "yes"],
         *[["yes"] * 4] * 3,
     ]
-    theta = columns(table, "theta [deg]")[8:]
-    assert np.isnan(theta[0, 1:3]).all()
-    np.testing.assert_allclose(theta[0, [0, 3]], [7.17, 14.4], atol=0.05)
-    np.testing.assert_allclose(theta[1:, 1], [0.0, 3.59, 0.98], atol=5e-3)
-    np.testing.assert_allclose(theta[1:, 2:], 0.0, atol=1e-3)
+    assert np.isnan(columns(table, "theta [deg]")[8, 1:3]).all()
     slips = columns(table, "slips for [ms]")[8:]
     assert (slips[1] == 0.0).all() and (slips[2:, 1:] == 0.0).all() and (slips[2:, 0] > 1.0).all()
-
-
-def test_words_say_what_is_survived(runs: Runs) -> None:
-    findings = real_hand.find(runs)
-    assert {finding.verdict for finding in findings} == {BEYOND}
-    first, second, *cases = findings
-    assert first.value == 11.0
-    assert first.evidence == (
-        "survived with every mu of 0.3, 0.5, 0.8, 1: operation 1, 2, 3, 4, 5, 6, 7, 8, (ii), "
-        "(iii), (iv); survived with mu = 0.8, 1 only, of 0.3, 0.5, 0.8, 1: (i)"
-    )
-    assert second.value == pytest.approx(75.692 - 59.615, abs=2e-3)
-    assert "in operations 2, 3, 4, 6, 7, 8;" in second.evidence
-    assert second.evidence.endswith(
-        "16.1 mm (mu = 0.3), 13.3 mm (mu = 0.5), 11.6 mm (mu = 0.8), 11.1 mm (mu = 1)"
-    )
-    assert [case.value for case in cases] == [2.0, 4.0, 4.0, 4.0]
-    assert cases[0].evidence.startswith("mu = 0.3: lost at 1.00")
-    assert "turned by 14.37 deg, in the paper's model by 7.17" in cases[0].evidence
-    assert cases[1].evidence == "mu = 0.3, 0.5, 0.8, 1: as in the paper's model"
-    assert cases[3].evidence.endswith("mu = 0.5, 0.8, 1: as in the paper's model")
 
 
 def simulated(scene: sp.Scene, mu: float = 0.5, **changes: Any) -> sp.Run:

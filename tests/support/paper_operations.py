@@ -1,10 +1,8 @@
-"""The paper's eight operations and where they settle, as docs/model.md has it.
+"""Where the paper's eight operations settle, as docs/model.md has it.
 
 tests/core/test_trajectories.py computes these numbers with the oracle.
 """
 
-# Targets of both fingers, degrees, one pair a second.
-OPERATIONS = [(6, 6), (20, -10), (-2, 13), (-10, 20), (-7, 17), (17, -7), (-15, 25), (5, 5)]
 # At the end of each operation: x, y in mm, theta in degrees, d_n1 and d_n2 in mm.
 SETTLED = [
     (0.000, 74.020, 0.000, 7.936, 7.936),

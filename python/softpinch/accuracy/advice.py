@@ -134,8 +134,7 @@ class Advice(Result):
                 the advice chooses.
 
         Raises:
-            ValueError: As `simulate`.
-            TypeError: As `simulate`, or an option is one that the advice chooses.
+            TypeError: An option is one that the advice chooses.
         """
         advised: dict[str, Any] = {
             "dt": self.dt,

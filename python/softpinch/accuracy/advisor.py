@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from ..run.options import MOST_STEPS, Options
+from ..run.options import MOST_STEPS
 from ..run.request import Request
 from ..run.run import computed
 from ..scene.fields import ESTIMATED
@@ -98,10 +98,6 @@ def advise(
         budget: Time for the search, s; infinity tries everything. `Advice.untried` and the message
             have the pairs that it does not allow to try.
         progress: As for `monte_carlo`; it counts pairs.
-
-    Raises:
-        ValueError: An argument breaks its rule, or the scene's start does.
-        KeyboardInterrupt: Ctrl-C.
     """
     checks.instance("scene", scene, Scene)
     checks.instance("stabilization", stabilization, Stabilization)
@@ -164,14 +160,14 @@ class _Search:
             return _LOOSEST
         return min(_STABLE * self.stable, self._duration)
 
-    def options(self, value: float, most: float = math.inf) -> Options:
-        """The options of a run with one setting; adaptive steps stop after about `most` s."""
+    def request(self, value: float, most: float = math.inf) -> Request:
+        """A run with one setting; adaptive steps stop after about `most` s."""
         how: dict[str, Any] = {self.kind: value}
         if self.kind == "dt":
             how["every"] = max(1, math.ceil(self._duration / value / _MOST_ROWS))
         elif most < math.inf:
             how["max_steps"] = int(min(100 + most / _SHORTEST, MOST_STEPS))
-        return self.motion.options(self.method, self.formulation, **how)
+        return self.motion.request(self.method, self.formulation, **how)
 
     def bounded_time(self) -> float:
         """The CPU time of a run with the longest stable step, s; 0 if it has few steps."""
@@ -241,7 +237,7 @@ class _Search:
 
     def clock(self, value: float) -> float:
         """CPU time of a run that keeps only its last state, s."""
-        request = self.motion.request(self.options(value))
+        request = self.request(value)
         once = timed_run(request.with_(record=()))[1]
         return once if once > _LONG else statistics.median(cpu_times(request, _REPEATS))
 
@@ -256,7 +252,7 @@ class _Search:
             raise _GivenUp(
                 f"dt = {value:.2g} s or less would take {1e3 * self.least_time:.2g} ms a run"
             )
-        run, spent = timed_run(self.motion.request(self.options(value, most)))
+        run, spent = timed_run(self.request(value, most))
         if run.status == "too_many_steps":
             self.least_time = spent
             raise _GivenUp(f"tolerance = {value:.2g} takes over {1e3 * spent:.2g} ms a run")
@@ -269,7 +265,7 @@ class _Search:
         """The expected CPU time of a run with equal steps, s."""
         if not self._step_time:
             short = replace(self.motion.scene, duration=min(_FEW * dt, self._duration))
-            run, spent = timed_run(Request(short, self.options(dt)))
+            run, spent = timed_run(self.request(dt).with_(short))
             # A run that fails soon says little.
             self._step_time = max(spent / max(run.stats["steps"], _FEW // 2), _SHORTEST)
         # A step ends at each switch of an input.
@@ -350,7 +346,7 @@ class _Advisor:
         equal, accuracy = search.kind == "dt", self.motion.tolerance
         value = first = trial.dt if equal else trial.step_tolerance
         for _ in range(_TIGHTENINGS):
-            run = computed(self.motion.request(search.options(value)))
+            run = computed(search.request(value))
             errors = self.motion.errors(run, _ROWS)
             if errors is None:
                 return None

@@ -156,9 +156,6 @@ class WorkPrecision(Result):
             error: The largest accepted error.
             where: "along" takes the largest error of q, p and lambda along the run, which peers
                 do not have; "end" takes the error of q and p at the end.
-
-        Raises:
-            ValueError: `where` is unknown, or `error` is not positive.
         """
         error = checks.number("error", error)
         if not error > 0:
@@ -201,12 +198,7 @@ class WorkPrecision(Result):
         return {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
 
     def save(self, path: str | Path) -> Path:
-        """Writes the rows as .csv, with units in the header.
-
-        Raises:
-            ValueError: The suffix is not .csv.
-            OSError: The file cannot be written.
-        """
+        """Writes the rows as .csv, with units in the header."""
         path = checks.path("path", path)
         columns = self.to_dict()
         header = [name + _COLUMN_UNITS.get(name, "") for name in columns]

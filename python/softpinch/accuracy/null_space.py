@@ -60,11 +60,7 @@ class Equations(NamedTuple):
 
 
 def parameters(scene: Scene) -> tuple[float, ...]:
-    """The scene's numbers in the order of `PARAMETERS` (35,), SI.
-
-    Raises:
-        TypeError: `scene` is not a Scene.
-    """
+    """The scene's numbers in the order of `PARAMETERS` (35,), SI."""
     checks.instance("scene", scene, Scene)
     numbers = dict(zip(_core.PARAMETERS, scene.parameters().tolist(), strict=True))
     return tuple(numbers[name] for name in PARAMETERS)
@@ -81,9 +77,6 @@ def right_hand_side(
         sin: The sine of one number of the states' type.
         cos: The cosine likewise.
         compiled: A decorator for each function, such as `numba.njit`.
-
-    Raises:
-        TypeError: An argument is not a function.
     """
     for name, function in (("sin", sin), ("cos", cos), ("compiled", compiled)):
         checks.function(name, function)

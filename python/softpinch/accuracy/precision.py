@@ -93,10 +93,8 @@ def work_precision(
         progress: As for `monte_carlo`.
 
     Raises:
-        ValueError: An argument breaks its rule, or the scene starts off the constraints.
+        ValueError: The scene starts off the constraints.
         RuntimeError: The reference cannot be computed, usually because the grasp is lost.
-        ImportError: SciPy is not installed.
-        KeyboardInterrupt: Ctrl-C.
     """
     checks.instance("scene", scene, Scene)
     checks.instance("stabilization", stabilization, Stabilization)
@@ -201,10 +199,8 @@ def stabilization_sweep(
             factors.
 
     Raises:
-        ValueError: An argument breaks its rule, or the scene starts off the constraints.
-        RuntimeError: The reference cannot be computed.
-        ImportError: SciPy is not installed.
-        KeyboardInterrupt: Ctrl-C.
+        ValueError: The scene starts off the constraints.
+        RuntimeError: The reference cannot be computed, usually because the grasp is lost.
     """
     checks.instance("scene", scene, Scene)
     dt = checks.positive("dt", dt)

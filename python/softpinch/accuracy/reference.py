@@ -127,7 +127,6 @@ def solve(
             scene has unilateral contact or driven fingers.
         RuntimeError: The motion diverges, often because the grasp is lost, or needs more than
             `most` evaluations; the message has the time.
-        ImportError: SciPy is not installed.
     """
     method = checks.choice("method", method, METHODS)
     rtol = max(checks.positive("rtol", rtol), _TIGHTEST)
@@ -163,10 +162,6 @@ def confirmed(
     Returns:
         The first solution with `own_error`, which includes the errors of both methods, mostly that
         of LSODA.
-
-    Raises:
-        ValueError: As `solve`.
-        RuntimeError: As `solve`.
     """
     rtol = max(checks.positive("rtol", rtol), _TIGHTEST)
     most = checks.integer("most", most, 1)

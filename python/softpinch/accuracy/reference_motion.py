@@ -74,9 +74,9 @@ class ReferenceMotion:
         """The tried part of the scene, as a share of its duration."""
         return self.scene.duration / self.full.duration
 
-    def options(self, method: str, formulation: str, **how: Any) -> Options:
-        """Options of a run that can be compared with the motion."""
-        return Options.checked(
+    def request(self, method: str, formulation: str, **how: Any) -> Request:
+        """A run of the scene that can be compared with the motion."""
+        options = Options.checked(
             method=method,
             formulation=formulation,
             stabilization=self.stabilization,
@@ -84,29 +84,26 @@ class ReferenceMotion:
             stop_on=STOP_ON,
             **how,
         )
-
-    def request(self, options: Options) -> Request:
-        """A run of the scene."""
         return Request(self.scene, options)
 
     def _methods(self) -> tuple[str, ...]:
         """The stiff method and the explicit one, if that is not too slow, by time."""
-        stiff, stiff_time = timed_run(self.request(self._tight("radau5")))
+        stiff, stiff_time = timed_run(self._tight("radau5"))
         # An explicit step takes about half as long as an implicit one.
         most = int(2 * _AFFORDABLE * stiff.stats["steps"]) + 200
-        explicit, explicit_time = timed_run(self.request(self._tight("dop853", max_steps=most)))
+        explicit, explicit_time = timed_run(self._tight("dop853", max_steps=most))
         if explicit.status != stiff.status:
             return ("radau5",)
         return ("dop853", "radau5") if explicit_time < stiff_time else ("radau5", "dop853")
 
-    def _tight(self, method: str, **how: Any) -> Options:
+    def _tight(self, method: str, **how: Any) -> Request:
         share, least = _TIGHTER[method]
         tolerance = max(share * self.tolerance, least)
-        return self.options(method, self.run.formulation, tolerance=tolerance, **how)
+        return self.request(method, self.run.formulation, tolerance=tolerance, **how)
 
     def exact(self, t: Floats, method: str) -> Run:
         """The motion at increasing instants, by steps that end there."""
-        return computed(Request(ending_at(self.scene, t), self._tight(method, times=t)))
+        return computed(self._tight(method, times=t).with_(ending_at(self.scene, t)))
 
     def errors(self, run: Run, rows: int = _ROWS) -> dict[str, float] | None:
         """The largest error of each quantity along a run; None if it does not end as it should.

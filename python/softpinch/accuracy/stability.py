@@ -81,9 +81,6 @@ class Modes(Result):
         It is the longest step for which every decaying mode decays in the numerical solution too.
         Modes that grow physically impose no limit, except slowly growing oscillations, which count
         as undamped. The step is zero where an entry of J overflowed.
-
-        Raises:
-            ValueError: The method is unknown.
         """
         method = checks.choice("method", method, _core.METHODS)
         return np.asarray(stable_steps(method, self.rates).min(axis=1))
@@ -118,9 +115,6 @@ class Modes(Result):
 
         Returns:
             A name out of `states`, without "rate of "; "an overflow" if an entry of J overflowed.
-
-        Raises:
-            ValueError: `k` is out of range, or `rate` is not finite although J is.
         """
         k = checks.integer("k", k, -len(self.t), len(self.t) - 1)
         if not np.isfinite(self.jacobian[k]).all():
@@ -170,10 +164,6 @@ def modes(
         formulation: The formulation whose states are used. "csm" adds modes with eigenvalues
             -alpha, twice for each C^H, and -beta for each C^N; "projected" has zeros instead.
         stabilization: The gains of (19) and (20), for "csm".
-
-    Raises:
-        ValueError: A shape is wrong, a number is not finite, `formulation` is unknown, or the scene
-            has unilateral contact.
     """
     checks.instance("scene", scene, Scene)
     checks.instance("stabilization", stabilization, Stabilization)
@@ -307,10 +297,6 @@ def max_stable_dt(
             `measured` is None. The accurate run takes at most this many steps, or 100 000 if that
             is more. If it does not reach the end of the motion, only the part that it reached is
             linearised and nothing is measured; the message says so.
-
-    Raises:
-        ValueError: An argument breaks its rule, or the scene's start does.
-        KeyboardInterrupt: Ctrl-C.
     """
     checks.instance("scene", scene, Scene)
     trial = Options.checked(

@@ -17,10 +17,11 @@ from numpy.typing import ArrayLike
 from ..run.evaluate import evaluate
 from ..scene import fields as units
 from ..scene.contact import as_bilateral
-from ..scene.control import WRITTEN, Pid
+from ..scene.control import WRITTEN, Pid, pids_of
 from ..scene.disturbance import Impulse
 from ..scene.fields import label as label_of
-from ..scene.hand import Finger, Fingertip, Hand
+from ..scene.hand import Finger, Fingertip
+from ..scene.outline import finger_of
 from ..scene.scene import Scene, State
 from ..scene.schedule import Schedule
 from ..scene.stabilization import Stabilization
@@ -106,11 +107,7 @@ def _path(scene: Scene, path: str) -> Axis:
             f'"grasped.mass"{checks.hint(path, AXES)}'
         )
     varied = SceneTemplate(scene, [path], 0)
-    if varied.shapes[path]:
-        raise ValueError(
-            f"axis = {checks.shown(path)}: must lead to one number, not to an "
-            f"array of shape {varied.shapes[path]}"
-        )
+    varied.require_numbers("axis")
     unit = units.units(path, ())
     assert isinstance(unit, str)
     return Axis(
@@ -131,12 +128,12 @@ def _gains(scene: Scene, factor: float) -> Scene:
     def scaled(pid: Pid) -> Pid:
         return replace(pid, kp=factor * pid.kp, kd=factor * pid.kd, ki=factor * pid.ki)
 
-    control = scene.control
-    if scene.law == "pid" and isinstance(control, Pid):
-        return replace(scene, control=scaled(control))
-    if scene.law == "pid" and isinstance(control, tuple):
-        return replace(scene, control=(scaled(control[0]), scaled(control[1])))
-    raise ValueError(f'axis "gains": the scene has no PID gains, because of {WRITTEN[scene.law]}')
+    if scene.law != "pid":
+        raise ValueError(
+            f'axis "gains": the scene has no PID gains, because of {WRITTEN[scene.law]}'
+        )
+    right, left = pids_of(scene.control)
+    return replace(scene, control=(scaled(right), scaled(left)))
 
 
 def _stabilization(scene: Scene, value: float) -> Stabilization:
@@ -151,7 +148,7 @@ def _grasp_depth(scene: Scene, share: float) -> Scene:
 
 def _closed(scene: Scene, k: int, share: float) -> float:
     """The angle of finger `k` at which a centred object compresses its tip by a share (9), rad."""
-    finger, radius = _fingers(scene.hand)[k], scene.hand.tips[k].radius
+    finger, radius = finger_of(scene, k), scene.hand.tips[k].radius
     # C^H = 0 at theta = 0 and x = w requires L sin(theta_i) + d_f cos(theta_i) to equal `inwards`.
     inwards = finger.root_offset - radius + share * radius - 0.5 * scene.grasped.width
     reach = math.hypot(finger.length, finger.half_thickness)
@@ -194,9 +191,10 @@ def _held_at(scene: Scene, angles: list[float]) -> Scene:
     """
     time = _begin(scene)
     scene = replace(scene, schedule=Schedule.steps([time], [angles]))
+    fingers = scene.hand.right, scene.hand.left
     heights = [
         finger.length * math.cos(angle) - finger.half_thickness * math.sin(angle)
-        for finger, angle in zip(_fingers(scene.hand), angles, strict=True)
+        for finger, angle in zip(fingers, angles, strict=True)
     ]
     start = State.consistent(
         scene, x=scene.grasped.com_offset, y=sum(heights) / 2, fingers=angles, time=time
@@ -218,10 +216,6 @@ def _held_at(scene: Scene, angles: list[float]) -> Scene:
 def _begin(scene: Scene) -> float:
     """The instant at which the scene starts, s."""
     return scene.initial.time if isinstance(scene.initial, State) else 0.0
-
-
-def _fingers(hand: Hand) -> tuple[Finger, Finger]:
-    return hand.right, hand.left
 
 
 def _of_tips(*names: str) -> Callable[[Scene, float], Scene]:

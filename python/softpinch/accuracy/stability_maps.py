@@ -24,7 +24,7 @@ from ..support.arrays import Floats, read_only
 from ..support.choices import Formulation, Method
 from ..support.progress import Report, reporting
 from ..support.result import Result
-from ..support.table import save_by_suffix, save_csv, save_npz
+from ..support.table import save_map
 from .runs import accurate_run, batches, run_batch
 from .stability import ENDS, LOST, along_run
 from .stability_axes import choose
@@ -170,21 +170,7 @@ class StabilityMap(Result):
 
         `.csv` has a row for each run and units in the header. `.npz` has the arrays of `to_dict()`,
         and `provenance()` as JSON text.
-
-        Raises:
-            ValueError: The suffix is neither .csv nor .npz.
-            OSError: The file cannot be written.
         """
-        path = checks.path("path", path)
-        return save_by_suffix(
-            path,
-            {
-                ".npz": lambda file: save_npz(file, self.to_dict(), self.provenance()),
-                ".csv": self._save_csv,
-            },
-        )
-
-    def _save_csv(self, path: Path) -> None:
         header = ["formulation", "method", f"{self.axis} [{self.unit}]", "dt [s]", "status",
                   "error [1]", "agrees", "expected", "floor [1]", "predicted [s]"]  # fmt: skip
         rows = (
@@ -193,7 +179,7 @@ class StabilityMap(Result):
              self.floor[v], self.predicted[k, v]]
             for k, v, d in np.ndindex(self.status.shape)
         )  # fmt: skip
-        save_csv(path, header, rows)
+        return save_map(path, header, rows, self.to_dict(), self.provenance())
 
 
 def _counted(names: Sequence[str]) -> str:
@@ -245,7 +231,6 @@ def stability_map(
     Raises:
         ValueError: An argument breaks its rule, or a value gives a scene that cannot start. Both
             are found before anything is simulated.
-        KeyboardInterrupt: Ctrl-C, within a second.
     """
     return MapPlan(scene, axis, values, dt, pairs, stabilization, max_steps, threads).run(progress)
 

@@ -23,7 +23,7 @@ from ..support.arrays import Floats, read_only
 from ..support.display import ShownTable
 from ..support.progress import Report, reporting
 from ..support.result import Result
-from ..support.table import save_by_suffix, save_csv, save_npz
+from ..support.table import save_map
 from .rest import Equilibrium, from_core, last_instant
 
 Bools = NDArray[np.bool_]
@@ -189,16 +189,6 @@ class EquilibriumMap(Result):
 
     def save(self, path: str | Path) -> Path:
         """Writes the map as .csv, with a row for each cell, or as .npz with `to_dict()`."""
-        path = checks.path("path", path)
-        return save_by_suffix(
-            path,
-            {
-                ".npz": lambda path: save_npz(path, self.to_dict(), self.provenance()),
-                ".csv": self._save_csv,
-            },
-        )
-
-    def _save_csv(self, path: Path) -> None:
         header = [f"{name} [{unit}]" for name, unit in zip(self.axes, self.units, strict=True)]
         for entry in _ENTRIES.values():
             header += [f"{n} [{u}]" if u else n for n, u in zip(*entry, strict=True)]
@@ -209,7 +199,8 @@ class EquilibriumMap(Result):
                 found += np.ravel(getattr(self, name)[index]).tolist()
             return found
 
-        save_csv(path, header, (row(index) for index in np.ndindex(self.shape)))
+        rows = (row(index) for index in np.ndindex(self.shape))
+        return save_map(path, header, rows, self.to_dict(), self.provenance())
 
 
 def equilibrium_map(
@@ -333,12 +324,7 @@ class _Plan:
         except (TypeError, ValueError) as error:
             text = str(error).removeprefix("vary: ")
             raise ValueError(f"axes: {text}; or one of {checks.quoted(FAMILY)}") from None
-        for path, shape in template.shapes.items():
-            if shape:
-                raise ValueError(
-                    f"axes: {checks.shown(path)}: must lead to one number, not to an array "
-                    f"of shape {shape}"
-                )
+        template.require_numbers("axes")
         return template
 
     def scene_at(self, cell: Cell) -> Scene:

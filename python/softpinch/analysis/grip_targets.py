@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..scene.control import WRITTEN, Pid
+from ..scene.control import WRITTEN, Pid, pids_of
 from ..scene.outline import closing_angle
 from ..scene.scene import Scene
 from ..scene.schedule import Schedule
@@ -129,19 +129,11 @@ def _require_targets(scene: Scene) -> None:
         raise ValueError(
             f"Scene.{WRITTEN[scene.law]}: grip finds target angles, which these fingers do not have"
         )
-    for side, pid in zip(SIDES, _pids(scene), strict=True):
+    for side, pid in zip(SIDES, pids_of(scene.control), strict=True):
         if scene.law == "pid" and pid.kp == 0.0 and pid.ki == 0.0:
             raise ValueError(
                 f"Scene.control.{side}: kp and ki are zero, so no target angle turns the finger"
             )
-
-
-def _pids(scene: Scene) -> tuple[Pid, Pid]:
-    control = scene.control
-    right, left = control if isinstance(control, tuple) else (control, control)
-    assert isinstance(right, Pid)
-    assert isinstance(left, Pid)
-    return right, left
 
 
 def _targets(scene: Scene, rest: Equilibrium) -> Floats:
@@ -149,7 +141,7 @@ def _targets(scene: Scene, rest: Equilibrium) -> Floats:
     assert rest.state is not None
     angles = np.array(rest.state.q[3:5])
     if scene.law == "pid":
-        for k, pid in enumerate(_pids(scene)):
+        for k, pid in enumerate(pids_of(scene.control)):
             if pid.ki == 0.0:
                 angles[k] += rest.torque[k] / pid.kp
     return angles

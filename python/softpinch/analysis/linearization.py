@@ -25,7 +25,6 @@ from .states import (
     INPUTS,
     OUTPUTS,
     Ports,
-    groups,
     input_ports,
     kept,
     linear_at,
@@ -197,8 +196,8 @@ def linearize(
     """
     checks.instance("scene", scene, Scene)
     scene = _sticking(scene, state)
-    chosen = groups("inputs", inputs, INPUTS)
-    wanted = output_ports(groups("outputs", outputs, OUTPUTS))
+    chosen = checks.names("inputs", inputs, INPUTS)
+    wanted = output_ports(checks.names("outputs", outputs, OUTPUTS))
     reduced = checks.boolean("reduced", reduced)
     open_loop = "torque" in chosen
     if open_loop and "targets" in chosen:

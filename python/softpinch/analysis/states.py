@@ -13,7 +13,6 @@ from ..run.options import Options
 from ..run.request import Request
 from ..scene.fields import COORDINATES, QUANTITIES, RATE_UNITS, RATES
 from ..scene.scene import Scene, State
-from ..support import checks
 from ..support.arrays import Floats
 
 INPUTS = ("targets", "torque", "force")
@@ -130,21 +129,6 @@ _OUTPUTS = {
     group: range(*ends)
     for group, ends in zip(OUTPUTS, pairwise((0, 3, 5, 7, 9, 13, 15, 20)), strict=True)
 }
-
-
-def groups(name: str, value: object, allowed: tuple[str, ...]) -> tuple[str, ...]:
-    """Checks names of groups, of which one may be given alone."""
-    given = (value,) if isinstance(value, str) else value
-    if not isinstance(given, tuple | list) or not given:
-        error = ValueError if isinstance(given, tuple | list) else TypeError
-        raise error(
-            f"{name} = {checks.shown(value)}: must be names out of {checks.quoted(allowed)}"
-        )
-    found = tuple(checks.choice(f"{name}[{k}]", one, allowed) for k, one in enumerate(given))
-    for one in found:
-        if found.count(one) > 1:
-            raise ValueError(f'{name}: "{one}" is there more than once')
-    return found
 
 
 @cache

@@ -75,7 +75,7 @@ def read(path: Path, **changes: Any) -> FitFile:
         scene = scene_of(data, path.parent)
         settings = {**own, **in_place(**changes)}
         names = settings.pop("measured", None)
-        measured = None if names is None else tuple(_list_of_names(names))
+        measured = None if names is None else checks.names("[fit].measured", names, NAMES)
         gains = {name: settings.pop(name) for name in _GAINS if name in settings}
         settings["stabilization"] = Stabilization(**gains)
         settings["vary"] = _bounds(data.get("vary", {}))
@@ -85,13 +85,6 @@ def read(path: Path, **changes: Any) -> FitFile:
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from None
     return FitFile(scene, measured, settings)
-
-
-def _list_of_names(names: object) -> list[str]:
-    given = [names] if isinstance(names, str) else checks.several(
-        "[fit].measured", names, "names of columns", at_most=len(NAMES)
-    )  # fmt: skip
-    return [checks.choice("[fit].measured", name, NAMES) for name in given]
 
 
 def _bounds(data: object) -> dict[str, Any]:

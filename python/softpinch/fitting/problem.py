@@ -108,6 +108,7 @@ def parameters(
                 "paths is not supported"
             )
     templates = [SceneTemplate(scene, vary, 0) for scene in scenes]
+    templates[0].require_numbers("vary")
     if start is not None and not isinstance(start, Mapping):
         raise TypeError(f"start = {checks.shown(start)}: must map paths of vary to numbers")
     for path in start or {}:
@@ -123,11 +124,6 @@ def _parameter(
     name = f'vary["{path}"]'
     if path == "duration":
         raise ValueError('vary: "duration": the measured times determine it')
-    if shape := template.shapes[path]:
-        raise ValueError(
-            f"vary: {path!r} has shape {shape}: must be one number, such as "
-            f"{'.'.join([path, *['0'] * len(shape)])!r}"
-        )
     value = _value(template, path)
     low, high = (-math.inf, math.inf) if bounds is None else _bounds(name, bounds)
     log = low > 0.0 and math.log(high) - math.log(low) >= math.log(_DECADES)

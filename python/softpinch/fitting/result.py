@@ -47,10 +47,10 @@ class Fit(Result):
         parameters: The p fitted numbers with their bounds and scaled coordinates.
         estimate: The coordinates u of the minimum (p,), see `Parameter`.
         scaled_errors: The standard errors of u (p,); inf of what is not determined.
-        correlations: Of the estimates (p, p), from -1 to 1, finite also for what is not determined.
-        singular_values: Of the Jacobian of the data, over their noise, by u (p,), the largest
-            first: how far a step of one in u along each of `directions` changes the data, in
-            standard deviations of the noise.
+        correlations: Correlations of the estimates (p, p), from -1 to 1; finite in any case.
+        singular_values: Singular values of the Jacobian of the data, over their noise, by u (p,),
+            the largest first: how far a step of one in u along each of `directions` changes the
+            data, in standard deviations of the noise.
         directions: The singular directions, one a row (p, p).
         undetermined: A sentence for each combination of parameters that the data do not determine.
         at_bound: The paths whose values are at a bound. Their errors are those of the linearised
@@ -118,10 +118,6 @@ class Fit(Result):
         An interval is symmetric about the estimate in u, so about the logarithm of a number that is
         searched in its logarithm, and ends at the bounds. It is the bounds for what the data do not
         determine. It is Student's if noise was estimated.
-
-        Raises:
-            ValueError: `level` is not between 0 and 1.
-            TypeError: `level` is not a number.
         """
         half = self._reach(checks.share("level", level)) * self.scaled_errors
         found = {}
@@ -140,11 +136,6 @@ class Fit(Result):
         Args:
             path: The path of the number.
             level: The level of the interval.
-
-        Raises:
-            ValueError: The path is not one of the fit, or `level` is not between 0 and 1.
-            TypeError: An argument has the wrong type.
-            KeyboardInterrupt: Ctrl-C.
         """
         index = list(self.values).index(checks.choice("path", path, self.values))
         return followed(self, index, checks.share("level", level), self._reach(level))
@@ -253,16 +244,7 @@ class Fit(Result):
         }
 
     def save(self, path: str | Path) -> Path:
-        """Writes `to_dict` as a `.json` file, or `table` as a `.csv` file.
-
-        Returns:
-            The path.
-
-        Raises:
-            ValueError: The suffix is another one.
-            TypeError: `path` is not a path.
-            OSError: The file cannot be written.
-        """
+        """Writes `to_dict` as a `.json` file, or `table` as a `.csv` file; returns the path."""
 
         def as_json(file: Path) -> None:
             text = json.dumps(self.to_dict(), indent=2, allow_nan=False, default=str)

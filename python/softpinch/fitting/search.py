@@ -102,7 +102,7 @@ def fit(
         multistart: The number of further starts, from a Latin hypercube over the bounds, or over a
             decade (twice the size of the start, if that is not searched in the logarithm) around
             the start where there is no bound. Starts whose runs fail are left out.
-        seed: Of the Latin hypercube.
+        seed: The seed of the Latin hypercube.
         dt: Longest step, s, as in `simulate`, which also explains the following arguments.
         method: The integration method.
         formulation: How the constraints are enforced.
@@ -123,9 +123,6 @@ def fit(
         ValueError: An argument breaks its rule, the run at the start fails, or there are not more
             measurements than parameters and noise is to be estimated. Or a scene has no derivatives
             (`simulate`, `sensitivities`), or the time of an input is fitted with `dt`.
-        TypeError: An argument has the wrong type.
-        ImportError: SciPy is not installed.
-        KeyboardInterrupt: Ctrl-C.
 
     Warns:
         StabilityWarning: `dt` is too long for the method at the start or at the minimum.

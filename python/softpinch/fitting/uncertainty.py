@@ -1,4 +1,4 @@
-"""How far the data of a fit determine its parameters, and the profile likelihood of one."""
+"""The uncertainty of fitted parameters, and the profile likelihood of one."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ class Uncertainty(NamedTuple):
     """Uncertainty of the coordinates u in the linearised problem.
 
     Attributes:
-        covariance: Of u (p, p); large but finite where the data determine nothing.
-        singular_values: Of the weighted Jacobian by u (p,), the largest first. They are the change
-            of the data, in standard deviations of the noise, along a step of one.
+        covariance: Covariance of u (p, p); large but finite where the data determine nothing.
+        singular_values: Singular values of the weighted Jacobian by u (p,), the largest first: the
+            change of the data, in standard deviations of the noise, along a step of one.
         directions: The singular directions, one a row (p, p).
         determined: Whether the interval of each parameter has less than its `room` (p,).
     """

@@ -5,14 +5,14 @@
     >>> result = reproduce(Path("results"))  # doctest: +SKIP
     >>> result.show()  # doctest: +SKIP
 
-`experiment` simulates all scenes, `verdict` compares the paper's claims with the runs, `report`
-makes tables, `figures` draws, and `reproduction` has `reproduce`, which does all of it. Figures
-need the extra `plot`, `show` needs `cli`.
+`experiment` simulates all scenes, `verdict` compares the paper's claims with the runs, `figures`
+draws, and `report` makes tables and has `reproduce`, which does all of it. Figures need the extra
+`plot`, `show` needs `cli`.
 """
 
 from ..support.files import FORMATS
 from .experiment import Progress, Runs, simulate_all
-from .reproduction import Reproduction, reproduce
+from .report import Reproduction, reproduce
 from .verdict import find
 
 __all__ = [

@@ -17,7 +17,7 @@ from ..run.run import Run
 from ..support.arrays import Floats
 from ..support.table import Table
 from .experiment import Runs
-from .finding import BANDS, FAILS, HOLDS, Finding, beyond
+from .finding import BANDS, FAILS, HOLDS, Finding, observation
 from .rests import (
     WAYS,
     Rest,
@@ -42,7 +42,7 @@ class EnergyCurves(NamedTuple):
     Attributes:
         rest: The rest (2,): angle, energy.
         rolled: While the object turns about its centre of gravity without slip (2, n).
-        family: Of other states of rest, which need slip (2, k).
+        family: The energy of other states of rest, which need slip (2, k).
         lowest: The one of these with the lowest energy (2,).
     """
 
@@ -96,13 +96,13 @@ def elastic_alone(found: Sequence[Rest]) -> Finding:
     claim = "elastic energy alone is not stationary at rest: its slope in y is the weight"
     measure = "how far the rest is below the minimum of elastic energy alone, mm"
     if not found:
-        return beyond(claim, measure, np.nan, _NOWHERE)
+        return observation(claim, measure, np.nan, _NOWHERE)
     there = [coordinates(rest.weightless) - rest.q for rest in found]
     rises = [1e3 * float(move[1]) for move in there]
     turns = [1e3 * float(np.rad2deg(abs(move[2]))) for move in there]
     less = [1e3 * (rest.found.elastic_energy - rest.weightless.elastic_energy) for rest in found]
     weights = [-rest.elastic_slope for rest in found]
-    return beyond(
+    return observation(
         claim,
         measure,
         max(rises),
@@ -119,12 +119,12 @@ def if_tips_slip(found: Sequence[Rest]) -> Finding:
     claim = "if tips may slip the rest is no minimum, nor the equilibrium with the lowest energy"
     measure = "largest energy that the rest has more than the lowest member of its family, mJ"
     if not found:
-        return beyond(claim, measure, np.nan, _NOWHERE)
+        return observation(claim, measure, np.nan, _NOWHERE)
     less = [1e3 * (rest.found.energy - rest.lowest.energy) for rest in found]
     worst = found[int(np.argmax(less))]
     angles = [np.rad2deg(coordinates(at)[2]) for at in (worst.found, worst.lowest)]
     largest = max(float(np.abs(rest.found.multipliers[2:]).max()) for rest in found)
-    return beyond(
+    return observation(
         claim,
         measure,
         max(less),
@@ -142,7 +142,7 @@ def upright_tips(found: Sequence[Rest]) -> Finding:
     claim = "the tips do not stand upright on the object, where the energy of one tip is least"
     measure = "largest |theta_p| at rest, deg"
     if not found:
-        return beyond(claim, measure, np.nan, _NOWHERE)
+        return observation(claim, measure, np.nan, _NOWHERE)
     tilts = [float(np.rad2deg(np.abs(rest.tilts).max())) for rest in found]
     turned = [
         (rest.number, np.rad2deg(0.5 * (rest.q[3] - rest.q[4])), np.rad2deg(rest.q[2]))
@@ -150,7 +150,7 @@ def upright_tips(found: Sequence[Rest]) -> Finding:
         if abs(rest.q[3] + rest.q[4]) < 0.9 * abs(rest.q[3] - rest.q[4])
     ]
     turns = "; ".join(f"{number}: {asks:.1f} and {has:.1f}" for number, asks, has in turned)
-    return beyond(
+    return observation(
         claim,
         measure,
         max(tilts),
@@ -166,7 +166,7 @@ def depends_on_the_way(found: Sequence[Rest], direct: Run) -> Finding:
     )
     measure = "energy of the last rest after all operations less that straight from the start, mJ"
     if not found:
-        return beyond(claim, measure, np.nan, _NOWHERE)
+        return observation(claim, measure, np.nan, _NOWHERE)
     value, comparison = np.nan, ""
     end = m.settled(direct)[-1]
     if np.isfinite(end).all():
@@ -182,7 +182,7 @@ def depends_on_the_way(found: Sequence[Rest], direct: Run) -> Finding:
     skew = [
         (rest.found.stiffness - rest.found.stiffness.T)[0, 2] / np.cos(rest.q[2]) for rest in found
     ]
-    return beyond(
+    return observation(
         claim,
         measure,
         value,

@@ -76,9 +76,6 @@ def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
     Args:
         dt: Longest step, s.
         progress: Called before each simulation.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C during a run.
     """
     dt = checks.positive("dt", dt)
     checks.function("progress", progress)

@@ -42,7 +42,7 @@ class Finding:
     evidence: str
 
 
-def beyond(claim: str, measure: str, value: float, evidence: str) -> Finding:
+def observation(claim: str, measure: str, value: float, evidence: str) -> Finding:
     """An observation beyond the paper."""
     return Finding(
         claim=claim,

@@ -14,7 +14,7 @@ from ..run import measures as m
 from ..run.contact import ContactMode
 from ..run.run import Run
 from .experiment import Runs
-from .finding import BANDS, Finding, beyond
+from .finding import BANDS, Finding, observation
 
 
 def spells(run: Run, mode: ContactMode, begin: float, end: float) -> list[float]:
@@ -60,7 +60,7 @@ def which_survive(real: Mapping[float, Run], cases: Mapping[str, Mapping[float, 
         of_some = named.setdefault(_frictions(row), [])
         # The word stands once before the numbers of several operations.
         of_some.append(name.removeprefix("operation ") if of_some else name)
-    return beyond(
+    return observation(
         "which of the paper's operations and disturbances a real hand would survive: its tips "
         "push and never pull, and stick only as far as friction allows",
         f"operations and disturbances, of {len(rows)}, that are survived with every mu tried",
@@ -101,7 +101,7 @@ def operations(paper: Run, real: Mapping[float, Run]) -> Finding:
         for mu, run in real.items()
     )
     slips = [1e3 * sum(spells(run, ContactMode.SLIP, *run.t[[0, -1]])) for run in real.values()]
-    return beyond(
+    return observation(
         "how far down the object works its way between the tips of a real hand in the operations",
         "how much lower than in the paper's model it ends, with the friction that is worst, mm",
         float(np.max(list(lower.values()))),
@@ -123,7 +123,7 @@ def disturbance(case: str, paper: Run, real: Mapping[float, Run]) -> Finding:
     outcomes: dict[str, list[float]] = {}
     for mu, run in real.items():
         outcomes.setdefault(_outcome(paper, run), []).append(mu)
-    return beyond(
+    return observation(
         f"what disturbance ({case}) does to a real hand",
         "frictions with which it is survived",
         float(sum(map(case_survived, real.values()))),

@@ -1,8 +1,9 @@
-"""Tables of a reproduction, for CSV files and for the screen (needs the extra `cli`)."""
+"""`reproduce`, and its tables for CSV files and for the screen (needs the extra `cli`)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -13,12 +14,15 @@ from ..paper import PARAMETER_NOTE
 from ..run import measures as m
 from ..run.contact import ContactMode
 from ..run.run import Run
+from ..support import checks
 from ..support.arrays import Floats
 from ..support.extras import require
+from ..support.files import FORMATS
 from ..support.table import Table
-from . import real_hand
-from .experiment import Runs
+from . import energy_minimum, real_hand
+from .experiment import Progress, Runs, quietly, simulate_all
 from .finding import BAND, BEYOND, FAILS, HOLDS, POSE, Finding
+from .verdict import find
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -267,3 +271,62 @@ def _print_verdicts(console: Console, findings: Sequence[Finding]) -> None:
             text.append(f" ({finding.source})" if finding.source else "")
             console.print(text)
             console.print(Padding(Text(finding.evidence), (0, 0, 0, 4), expand=False))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reproduction:
+    """The result of `reproduce`.
+
+    Attributes:
+        runs: All runs.
+        tables: Name of each CSV file, without suffix -> its table.
+        findings: Verdicts on the paper's claims, and findings beyond the paper.
+        files: The written files.
+    """
+
+    runs: Runs
+    tables: Mapping[str, Table]
+    findings: tuple[Finding, ...]
+    files: tuple[Path, ...]
+
+    def show(self) -> None:
+        """Prints tables and verdicts; needs the extra `cli`."""
+        show(self.runs, self.tables, self.findings, self.files)
+
+
+def reproduce(
+    out: str | Path, format: str = "png", dt: float = 1e-4, progress: Progress = quietly
+) -> Reproduction:
+    """Repeats the paper's simulations, and writes figures and tables.
+
+    Args:
+        out: The folder for the files, made if it is missing.
+        format: File format of the figures: "png", "pdf" or "svg".
+        dt: Longest step, s.
+        progress: Called with a description of the current work and the completed share (0 to 1).
+
+    Returns:
+        The runs, tables, findings and written files.
+    """
+    out = checks.path("out", out, "the path of a folder")
+    checks.choice("format", format, FORMATS)
+    dt = checks.positive("dt", dt)
+    checks.function("progress", progress)
+    require("matplotlib", extra="plot", purpose="figures")
+    out.mkdir(parents=True, exist_ok=True)
+    from .figures import draw
+
+    runs = simulate_all(dt, progress)
+    findings = find(runs)
+    tables = {
+        "operations": operations_table(runs.operations),
+        "disturbances": disturbances_table(runs.cases, runs.held),
+        "tilt_coupling": coupling_table(runs),
+        "energy_minimum": energy_minimum.table(runs.rests),
+        "contact": contact_table(runs),
+        "verdict": verdict_table(findings),
+    }
+    files = [table.save(out / f"{name}.csv") for name, table in tables.items()]
+    files += draw(runs, out, format, progress)
+    progress("done", 1.0)
+    return Reproduction(runs=runs, tables=tables, findings=findings, files=tuple(files))

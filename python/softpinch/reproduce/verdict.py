@@ -16,7 +16,7 @@ from ..run.run import Run
 from ..support import checks
 from . import energy_minimum, real_hand
 from .experiment import Runs
-from .finding import BAND, FAILS, HOLDS, POSE, Finding, beyond
+from .finding import BAND, FAILS, HOLDS, POSE, Finding, observation
 
 # Orders of magnitude that the paper states from its Fig. 6: |C^H| in m, |C^N| in m/s.
 HOLONOMIC, NONHOLONOMIC = 1e-8, 1e-6
@@ -171,7 +171,7 @@ def depends_on_the_way(run: Run, direct: Run) -> Finding:
     """The last operation ends in another pose than the same finger angles alone from the start."""
     came, went = m.settled(run)[-1], m.settled(direct)[-1]
     value = float(np.rad2deg(came[2] - went[2]))
-    return beyond(
+    return observation(
         "where the grasp settles depends on the way there",
         "theta at the end, after all operations less straight from the start, deg",
         value,
@@ -188,7 +188,7 @@ def pulls_at_switches(run: Run) -> Finding:
     pulling = [k + 1 for k, pull in enumerate(pulls) if pull > 0]
     least = float(run.multipliers[:, :2].min())
     shortest = 1e3 * min((pull for pull in pulls if pull > 0), default=0.0)
-    return beyond(
+    return observation(
         "at switches a tip would have to pull on the object",
         "operations with lambda^H < 0",
         float(len(pulling)),
@@ -201,7 +201,7 @@ def pulls_at_switches(run: Run) -> Finding:
 def only_as_printed(runs: Mapping[float, Run]) -> Finding:
     """The moments with which the grasp survives the step (40)."""
     ends = {moment: "held" if run.success else run.status for moment, run in runs.items()}
-    return beyond(
+    return observation(
         "whether the step (i) is survived depends on the moment that comes with its force",
         "moments survived",
         float(sum(run.success for run in runs.values())),
@@ -213,7 +213,7 @@ def only_as_printed(runs: Mapping[float, Run]) -> Finding:
 def reading_of_delta(run: Run) -> Finding:
     """The effect of (41), read as an ideal impulse."""
     ended = "the grasp holds" if run.success else f"{run.status} at {run.t[-1]:.4f} s"
-    return beyond(
+    return observation(
         "how long the delta(t) of (41, 42) lasts is not said; we take 10 ms",
         "whether (ii) read as N s is survived",
         float(run.success),
@@ -226,7 +226,7 @@ def sign_of_the_shear(plus: Run, minus: Run, pushed: Run) -> Finding:
     tilts = [np.rad2deg(m.settled(run)[:, 2]) for run in (plus, minus)]
     worst = int(np.argmax(np.nan_to_num(np.abs(tilts[0] - tilts[1]))))
     ended = "held" if pushed.success else f"lost ({pushed.status} at {pushed.t[-1]:.3f} s)"
-    return beyond(
+    return observation(
         "(1)-(5) and (10)-(12) disagree on the sign of d_t; kappa = -1 takes the springs' side",
         "largest change of a settled theta, deg",
         float(np.abs(tilts[0] - tilts[1])[worst]),
@@ -240,7 +240,7 @@ def residuals_follow_the_step(run: Run, coarse: Run) -> Finding:
     """The residuals' orders of magnitude follow the step, which `coarse` has twice as long."""
     fine, rough = (np.abs(r.residuals).max(axis=0).reshape(2, 2).max(axis=1) for r in (run, coarse))
     ratios = np.divide(rough, fine, out=np.full(2, np.nan), where=fine > 0.0)
-    return beyond(
+    return observation(
         "the residuals' orders say how long the step is, not how good the model",
         "largest |C^H| with twice the step over that with this one",
         float(ratios[0]),
@@ -257,7 +257,7 @@ def can_be_believed(run: Run) -> Finding:
         checked = "run.check() finds nothing"
     except AssertionError as error:
         checked = f"but run.check() finds: {error}. Take a smaller step"
-    return beyond(
+    return observation(
         "how wrong the numbers are",
         "largest |closure| of the energy ledger, J",
         value,
@@ -268,7 +268,7 @@ def can_be_believed(run: Run) -> Finding:
 
 def parameters_are_ours() -> Finding:
     """The caveat that the parameters are ours, as the paper's tables are lost."""
-    return beyond("the parameters are ours", "", np.nan, PARAMETER_NOTE)
+    return observation("the parameters are ours", "", np.nan, PARAMETER_NOTE)
 
 
 def find(runs: Runs) -> tuple[Finding, ...]:

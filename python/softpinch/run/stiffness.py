@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from .. import _core
 from ..scene.contact import without_drift
-from ..scene.control import Pid, SampledController
+from ..scene.control import SampledController, pids_of
 from ..scene.loop_matrix import MOST_UNDER_WAY, measured, spectral_radius
 from ..scene.scene import Scene, inputs
 from ..scene.schedule import Schedule
@@ -118,11 +118,8 @@ def surfaces(scene: Scene, q: Floats, contact: Modes) -> Floats:
         found[:, k, 1, 0] = -2.0 * np.pi * tip.youngs_modulus * q[:, 5 + k % 2] / mass
         found[:, k, 1, 1] = -getattr(tip, f"{kind}_viscosity") / mass
     if scene.law == "pid":
-        pids = scene.control if isinstance(scene.control, tuple) else (scene.control,) * 2
-        for k, (pid, finger) in enumerate(
-            zip(pids, (scene.hand.right, scene.hand.left), strict=True)
-        ):
-            assert isinstance(pid, Pid)
+        fingers = scene.hand.right, scene.hand.left
+        for k, (pid, finger) in enumerate(zip(pids_of(scene.control), fingers, strict=True)):
             found[:, 4 + k, 0, 1] = 1.0
             found[:, 4 + k, 1] = -pid.kp / finger.inertia, -pid.kd / finger.inertia
     return np.where(moves[:, :, None, None], found, 0.0)

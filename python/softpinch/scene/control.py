@@ -140,7 +140,9 @@ class SampledController(Law):
     def __post_init__(self) -> None:
         self._set("period", checks.positive("SampledController.period", self.period))
         self._set("delay", checks.non_negative("SampledController.delay", self.delay))
-        self._set("measures", _measures(self.measures))
+        self._set(
+            "measures", checks.names("SampledController.measures", self.measures, _core.MEASURES)
+        )
         m = sum(_core.MEASURES[name] for name in self.measures)
         n = _states(self.A)
         if n == 0 and any(value is not None and np.size(value) for value in (self.B, self.C)):
@@ -272,22 +274,6 @@ class SampledController(Law):
         return data
 
 
-def _measures(value: object) -> tuple[str, ...]:
-    place = "SampledController.measures"
-    given = (value,) if isinstance(value, str) else value
-    if not isinstance(given, tuple | list) or not given:
-        raise TypeError(
-            f"{place} = {checks.shown(value)}: must be names out of {checks.quoted(_core.MEASURES)}"
-        )
-    found = tuple(
-        checks.choice(f"{place}[{k}]", one, _core.MEASURES) for k, one in enumerate(given)
-    )
-    for name in found:
-        if found.count(name) > 1:
-            raise ValueError(f"{place}: {name!r} is there more than once")
-    return found
-
-
 def _states(value: object) -> int:
     """Returns the number of rows of A."""
     if value is None:
@@ -340,6 +326,14 @@ WRITTEN = {
     "sampled": "control=SampledController(...)",
     "driven": 'fingers="driven"',
 }
+
+
+def pids_of(control: object) -> tuple[Pid, Pid]:
+    """Returns the PIDs of the right and the left finger of a scene that PIDs or a schedule move."""
+    right, left = control if isinstance(control, tuple) else (control, control)
+    assert isinstance(right, Pid)
+    assert isinstance(left, Pid)
+    return right, left
 
 
 def parse_control(data: Any, path: str) -> Any:

@@ -39,6 +39,15 @@ class SceneTemplate:
         self.seed = seed
         self.shapes = shapes_of(scene, paths)
 
+    def require_numbers(self, name: str) -> None:
+        """Refuses a path to a pair or an array, in an error about the argument `name`."""
+        for path, shape in self.shapes.items():
+            if shape:
+                example = ".".join([path, *["0"] * len(shape)])
+                raise ValueError(
+                    f"{name}: {path!r} has shape {shape}: must be one number, such as {example!r}"
+                )
+
     def changed(self, values: Mapping[str, Any]) -> Scene:
         """Returns the scene with these values. Unlike `at`, it keeps the noise's seed and run."""
         scene: Scene = replaced(self.scene, tree_of_numbers(values))

@@ -273,6 +273,19 @@ def choice(name: str, value: object, allowed: Iterable[Name]) -> Name:
     return value
 
 
+def names(name: str, value: object, allowed: Iterable[str]) -> tuple[str, ...]:
+    """Returns one name or several out of the allowed ones, in their order and each once."""
+    given = (value,) if isinstance(value, str) else value
+    if not isinstance(given, tuple | list) or not given:
+        error = ValueError if isinstance(given, tuple | list) else TypeError
+        raise error(f"{name} = {shown(value)}: must be names out of {quoted(allowed)}")
+    found = tuple(choice(f"{name}[{k}]", one, allowed) for k, one in enumerate(given))
+    for one in found:
+        if found.count(one) > 1:
+            raise ValueError(f'{name}: "{one}" is there more than once')
+    return found
+
+
 def quoted(names: Iterable[str]) -> str:
     """Joins the names, each in quotes, with commas."""
     return ", ".join(f'"{name}"' for name in names)

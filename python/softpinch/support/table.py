@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from . import checks
 from .files import writing
 
 
@@ -47,6 +48,21 @@ def save_npz(path: Path, arrays: Mapping[str, NDArray[Any]], provenance: Mapping
     with writing(path), path.open("wb") as file:
         np.savez(file, **named)
     return path
+
+
+def save_map(
+    path: str | Path,
+    header: Sequence[str],
+    rows: Iterable[Sequence[Any]],
+    arrays: Mapping[str, NDArray[Any]],
+    provenance: Mapping[str, Any],
+) -> Path:
+    """Writes rows as .csv, or arrays with their provenance as .npz, by the suffix of the path."""
+    writers: dict[str, Callable[[Path], object]] = {
+        ".npz": lambda file: save_npz(file, arrays, provenance),
+        ".csv": lambda file: save_csv(file, header, rows),
+    }
+    return save_by_suffix(checks.path("path", path), writers)
 
 
 def save_by_suffix(path: Path, writers: Mapping[str, Callable[[Path], object]]) -> Path:
