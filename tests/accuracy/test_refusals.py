@@ -10,6 +10,7 @@ import softpinch as sp
 from softpinch import reference
 
 SCENE = sp.Scene(duration=0.05)
+PUSHED = sp.Scene(disturbances=[sp.Step(time=0.01, force=(1.0, 0.0))])
 REAL = sp.Scene(duration=0.05, contact="unilateral", friction=0.5)
 
 
@@ -20,6 +21,14 @@ def precision(scene: sp.Scene = SCENE, **how: Any) -> sp.WorkPrecision:
 def modes(scene: sp.Scene = SCENE, coordinates: int = 9) -> sp.Modes:
     state = SCENE.start()
     return sp.modes(scene, [0.0], [state.q[:coordinates]], [state.p], [state.integral])
+
+
+def computed(done: int, total: int) -> None:
+    raise AssertionError("a run was computed")
+
+
+def mapped(axis: Any, values: Any = None, scene: sp.Scene = SCENE, **how: Any) -> sp.StabilityMap:
+    return sp.stability_map(scene, axis, values, **{"progress": computed, "dt": [1e-4], **how})
 
 
 REFUSED: list[tuple[Callable[[], object], str]] = [
@@ -42,9 +51,25 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
         'formulation = "nullspace": must be one of "csm" or "projected" where contact =',
     ),
     (
-        lambda: sp.stability_map(REAL, "object_mass", pairs=[("nullspace", "rk4")]),
-        'pairs = "nullspace": must be one of "csm" or',
+        lambda: mapped("tilt", scene=REAL, pairs=[("nullspace", "rk4")]),
+        '= "nullspace": must be one',
     ),
+    (lambda: mapped("youngs_modulos"), 'did you mean "youngs_modulus"'),
+    (lambda: mapped("disturbances.0.force", [1.0], PUSHED), " must be one number, such as"),
+    (lambda: mapped("grasped.mass"), "values: must be given for axis = 'grasped.mass'"),
+    (lambda: mapped(3.0), "axis = 3.0: must be a name"),
+    (lambda: mapped(lambda value: value, [1.0]), "axis(1) = 1.0: must be a Scene"),
+    (lambda: mapped("object_mass", [1.0, 1.0]), "values[1] = 1.0: must be greater"),
+    (lambda: mapped("object_mass", [-1.0]), "object_mass = -1: GraspedObject.mass = -1.0"),
+    (lambda: mapped("grasp_depth", [0.5, 1.0]), "grasp_depth = 1: must be > 0 and < 1"),
+    (lambda: mapped("tilt", [0.0, 90.0]), "tilt = 90: must be >= 0 and < 90"),
+    (lambda: mapped("hand.right.root_offset", [0.06]), "hand.right.root_offset = 0.06: "),
+    (lambda: mapped("tilt", dt=[0.0, 1e-4]), "dt[0] = 0.0: must be finite and > 0"),
+    (lambda: mapped("tilt", pairs=[]), "pairs is empty"),
+    (lambda: mapped("tilt", pairs=[("csm", "rk5")]), "pairs[0][1] = 'rk5'"),
+    (lambda: mapped("tilt", pairs=[("csm", "rk4")] * 2), "be repeated"),
+    (lambda: mapped("tilt", max_steps=0), "max_steps = 0"),
+    (lambda: mapped("tilt", threads=0), "threads = 0"),
     (lambda: modes(coordinates=8), "q has shape"),
     (lambda: modes().stable_step("euler"), "method = 'euler'"),
     (lambda: modes(REAL), "modes linearises bilateral contact only; replace("),

@@ -78,17 +78,6 @@ def test_a_run_settles_with_this_force(name: str) -> None:
     np.testing.assert_allclose(run.q[-1, 5:7], found.compression, rtol=0.02)
 
 
-def test_a_run_of_uneven_fingers_stays_where_the_grip_rests() -> None:
-    found = sp.grip(UNEVEN, force=8.0)
-    start = found.equilibrium.state
-    assert start is not None
-    scene = replace(found.scene, initial=replace(start, time=0.0), duration=0.5)
-    run = sp.simulate(scene, 1e-3, record=("state", "multipliers"))
-    assert run.multipliers[-1, :2].mean() == pytest.approx(8.0, rel=1e-6)
-    assert run.q[-1, 5:7].mean() == pytest.approx(found.compression, rel=1e-6)
-    np.testing.assert_allclose(run.q[:, 3:5], found.targets * np.ones((len(run.t), 1)), atol=1e-9)
-
-
 def settled(scene: sp.Scene, force: float) -> float:
     """The mean force in which a run settles that closes the fingers until they touch."""
     found = sp.grip(scene, force=force)
