@@ -1,7 +1,7 @@
 """The layout of the folders is the architecture: rooms, and imports that only point up."""
 
 import ast
-from collections import Counter
+import importlib
 from collections.abc import Callable, Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -151,96 +151,15 @@ def test_the_package_has_no(fault: Fault) -> None:
     assert fault(package) == []
 
 
-SOUND = {
-    "__init__.py": "from .run import Run",
-    "__main__.py": "from . import Run",
-    "scene/__init__.py": "from .hand import Hand",
-    "scene/hand.py": "import math\nfrom .. import _core\nfrom .tip import Tip",
-    "scene/tip.py": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n"
-    "    from ..run.run import Run\n    from .hand import Hand",
-    "run/__init__.py": "from .run import Run",
-    "run/run.py": "from ..scene.hand import Hand\nfrom ..scene import tip",
-}
-BROKEN: list[tuple[Fault, str, str]] = [
-    (modules_without_a_room, "cellar.py", ""),
-    (imports_that_point_down, "scene/tip.py", "from ..run.run import Run"),
-    (imports_that_point_down, "scene/tip.py", "from .. import Run"),
-    (imports_that_point_down, "scene/tip.py", "from softpinch.run.run import Run"),
-    (imports_that_point_down, "scene/tip.py", "def late():\n    from ..run.run import Run"),
-    (modules_in_a_circle, "scene/tip.py", "from .hand import Hand"),
-    (modules_in_a_circle, "scene/tip.py", "def late():\n    from . import hand"),
-    (files_that_are_too_long, "scene/tip.py", "\n" * (LONGEST + 1)),
-    (modules_with_an_underscore, "scene/_tip.py", ""),
-]
-
-
-@pytest.mark.parametrize(("fault", "file", "text"), BROKEN)
-def test_what_is_broken_is_found(fault: Fault, file: str, text: str, tmp_path: Path) -> None:
-    for name, content in (SOUND | {file: text}).items():
-        path = tmp_path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(content, encoding="utf-8")
-    assert fault(Package.read(tmp_path)) != []
-    (tmp_path / file).write_text(SOUND.get(file, ""), encoding="utf-8")
-    if file not in SOUND:
-        (tmp_path / file).unlink()
-    assert [each(Package.read(tmp_path)) for each in FAULTS] == [[]] * len(FAULTS)
-
-
-class Names(NamedTuple):
-    """The names that a package gives, each with the module that it is from."""
-
-    eager: list[tuple[str, str]]
-    # What type checkers are told of what is imported when it is asked for, and what is.
-    told: list[tuple[str, str]]
-    lazy: list[tuple[str, str]]
-    listed: list[str]
-
-    @classmethod
-    def of(cls, path: Path) -> "Names":
-        tree = ast.parse(path.read_text("utf-8"))
-        told, lazy, listed = [], [], []
-        for node in tree.body:
-            if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
-                told = list(imported(node.body))
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Dict):
-                table = ast.literal_eval(node)
-                lazy += [(name, module) for module, names in table.items() for name in names]
-            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
-                listed = ast.literal_eval(node.value)
-        return cls(list(imported(tree.body)), told, lazy, listed)
-
-
-def imported(statements: list[ast.stmt]) -> Iterator[tuple[str, str]]:
-    for node in statements:
-        if isinstance(node, ast.ImportFrom) and node.level:
-            for alias in node.names:
-                yield alias.asname or alias.name, node.module or alias.name
-
-
-# Modules that users reach as attributes, and that a `*` does not bring.
-MODULES = {"gym", "jax", "plot", "reference", "strategies", "stress"}
-
-
+# The layer for JAX has tests in a process of their own.
 @pytest.mark.parametrize(
-    "path", sorted(PACKAGE.rglob("__init__.py")), ids=lambda path: path.parent.name
+    "room", [r for r in ROOMS if r not in ("", "jax") and (PACKAGE / r).is_dir()]
 )
-def test_each_public_name_stands_once_wherever_it_must(path: Path) -> None:
-    names = Names.of(path)
-    assert sorted(names.told) == sorted(names.lazy)
-    given = [name for name, _ in (*names.eager, *names.lazy)]
-    apart = MODULES if path.parent == PACKAGE else set()
-    helpers = {"lazily", "require"}
-    assert Counter(names.listed) == Counter(set(given) - apart - helpers)
-    assert len(given) == len(set(given))
-    assert names.listed
-
-
-def test_rooms_say_what_they_are_for() -> None:
-    for path in PACKAGE.rglob("__init__.py"):
-        words = ast.get_docstring(ast.parse(path.read_text("utf-8")))
-        assert words is not None and len(words) > 100, path
+def test_every_name_that_a_room_lists_is_there(room: str) -> None:
+    """Also those that are imported when they are asked for."""
+    module = importlib.import_module(f"softpinch.{room}")
+    assert len(set(module.__all__)) == len(module.__all__) > 0
+    assert [name for name in module.__all__ if not hasattr(module, name)] == []
 
 
 def test_tests_mirror_the_rooms() -> None:

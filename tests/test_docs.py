@@ -37,31 +37,10 @@ def test_the_readme_is_short() -> None:
     assert max(map(len, lines)) <= 250
 
 
-# Document -> the least number of blocks that it has.
-BLOCKS = {
-    "README.md": 5,
-    "docs/control.md": 3,
-    "docs/derivatives.md": 5,
-    "docs/equilibria.md": 5,
-    "docs/export.md": 6,
-    "docs/first-hour.md": 5,
-    "docs/fitting.md": 2,
-    "docs/friction-study.md": 1,
-    "docs/gym.md": 3,
-    "docs/index.md": 1,
-    "docs/install.md": 1,
-    "docs/jax.md": 2,
-    "docs/linear-models.md": 3,
-    "docs/own-controller.md": 3,
-    "docs/own-hand.md": 2,
-    "docs/scale-out.md": 7,
-    "docs/stiff-scene.md": 1,
-    "docs/unilateral.md": 3,
-    "docs/validation.md": 1,
-}
+WITH_CODE = [path for path in DOCUMENTS if "```python" in path.read_text("utf-8")]
 # Steps of a page and longer ones for the test, which need not compute the page's thousands of runs
 # with the page's accuracy.
-STEPS = {"README.md": ("dt=2e-4", "dt=5e-4"), "docs/scale-out.md": ("dt=2e-4", "dt=1e-3")}
+STEPS = {"README.md": ("dt=2e-4", "dt=5e-4"), "scale-out.md": ("dt=2e-4", "dt=1e-3")}
 
 
 # Runs scripts one after the other; what each prints goes into a file beside it.
@@ -85,17 +64,15 @@ def run_scripts(folder: Path, scripts: list[Path]) -> None:
         Path(f"{scripts[0]}.out").write_text(done.stdout, encoding="utf-8")
 
 
-# Each block in a process of its own, which the page does not promise, is slow.
-@pytest.mark.parametrize("alone", [False, pytest.param(True, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("document", BLOCKS)
+@pytest.mark.parametrize("document", WITH_CODE, ids=lambda path: path.name)
 def test_blocks_run_one_after_the_other_and_print_what_follows(
-    document: str, alone: bool, tmp_path: Path
+    document: Path, tmp_path: Path
 ) -> None:
     """A block of text right after one of Python is what this prints."""
-    text = (ROOT / document).read_text(encoding="utf-8")
+    text = document.read_text(encoding="utf-8")
     found = re.findall(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", text, re.DOTALL)
-    assert len(found) >= BLOCKS[document]
-    of_page, of_test = STEPS.get(document, ("", ""))
+    assert len(found) == text.count("```python")
+    of_page, of_test = STEPS.get(document.name, ("", ""))
     assert of_page in text
     groups: list[list[Path]] = [[]]
     expected: dict[Path, str] = {}
@@ -106,7 +83,7 @@ def test_blocks_run_one_after_the_other_and_print_what_follows(
         script = tmp_path / f"block{k}.py"
         script.write_text(block.replace(of_page, of_test), encoding="utf-8")
         expected[script] = printed
-        if alone or "__main__" in block:
+        if "__main__" in block:
             groups += [[script], []]
         else:
             groups[-1].append(script)

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-import callables
 import softpinch as sp
 from conftest import Hide
 from ensembles import calm, pushed
@@ -38,13 +37,6 @@ def run() -> sp.Run:
     return sp.simulate(SCENE, record=("state", "multipliers", "residuals", "energy"))
 
 
-@cache
-def measured() -> sp.WorkPrecision:
-    return sp.work_precision(SCENE, formulations=("csm",), methods=("rk4",), dt=[1e-3, 5e-4],
-                             tolerances=[1e-6], progress=False)  # fmt: skip
-
-
-@cache
 def fitted() -> sp.Fit:
     data = {"y": run().q[::20, 1] + 1e-5}
     return sp.fit(SCENE, run().t[::20], data, {"gravity": (0.0, 20.0)}, noise=1e-5)
@@ -61,13 +53,12 @@ OTHERS: list[tuple[str, str, Callable[[], object]]] = [
     ("gym", "gymnasium", lambda: importlib.import_module("softpinch.gym")),
     ("jax", "jax", lambda: importlib.import_module("softpinch.jax")),
     ("plot", "matplotlib", lambda: reproduce(Path("nowhere"))),
-    ("study", "scipy", lambda: fitted.__wrapped__()),
+    ("plot", "matplotlib", lambda: plot.motion(run())),
+    ("study", "scipy", fitted),
     ("study", "pandas", lambda: calm().to_pandas()),
-    ("study", "pandas", lambda: measured().to_pandas()),
     ("study", "xarray", lambda: calm().to_xarray()),
     ("study", "scipy", lambda: reference.solve(SCENE)),
     ("study", "scipy", lambda: linear().to_scipy()),
-    ("study", "scipy", lambda: sp.stabilization_sweep(SCENE, products=[0.1, 1.0])),
     ("study", "scipy", lambda: sp.work_precision(SCENE, progress=False)),
     ("study", "scipy", lambda: sp.monte_carlo(SCENE, 2, sampler="sobol", progress=False,
                                               vary={"grasped.mass": sp.Uniform(0.1, 0.2)})),
@@ -78,18 +69,6 @@ OTHERS: list[tuple[str, str, Callable[[], object]]] = [
 ]  # fmt: skip
 
 
-# A saved figure has been drawn; styles are those of the first figure drawn in them.
-@pytest.mark.parametrize("name", sorted({*plot.__all__} - {"save", "styled"}))
-def test_every_figure_names_the_extra_plot(
-    name: str, without: Hide, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    figure, given = callables.called(f"plot.{name}"), callables.arguments().get(f"plot.{name}", {})
-    without("matplotlib")
-    with pytest.raises(ImportError, match=one_line("plot", "figures")):
-        figure(**given)
-
-
 @pytest.mark.parametrize(("extra", "module", "use"), OTHERS)
 def test_what_needs_a_module_names_the_extra_that_brings_it(
     extra: str,
@@ -98,7 +77,6 @@ def test_what_needs_a_module_names_the_extra_that_brings_it(
     without: Hide,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    measured()
     for room in ("strategies", "gym", "jax"):
         monkeypatch.delitem(sys.modules, f"softpinch.{room}", raising=False)
     without(module)
@@ -111,21 +89,9 @@ def test_what_needs_a_module_names_the_extra_that_brings_it(
     ("extra", "module", "arguments"),
     [
         ("plot", "matplotlib", ["run", "{scene}", "--plot", "{out}/run.png"]),
-        ("plot", "matplotlib", ["reproduce", "--out", "{out}"]),
-        ("plot", "matplotlib", ["montecarlo", "{study}", "--out", "{out}"]),
-        (
-            "plot",
-            "matplotlib",
-            ["stability", "{scene}", "--axis", "youngs_modulus", "--out", "{out}"],
-        ),
-        ("plot", "matplotlib", ["fit", "{fit}", "{data}", "--out", "{out}"]),
         ("study", "scipy", ["fit", "{fit}", "{data}", "--out", "{out}"]),
         ("cli", "tomli_w", ["fit", "{fit}", "{data}", "--out", "{out}"]),
-        ("plot", "matplotlib", ["work-precision", "{scene}", "--out", "{out}"]),
-        ("study", "scipy", ["work-precision", "{scene}", "--out", "{out}"]),
-        ("study", "scipy", ["montecarlo", "{study}", "--sampler", "sobol", "--out", "{out}"]),
         ("study", "pyarrow", ["montecarlo", "{study}", "--out", "{out}"]),
-        ("study", "tomli_w", ["montecarlo", "{study}", "--out", "{out}"]),
         ("dask", "dask", ["montecarlo", "{study}", "--out", "{out}", "--dask", "tcp://x"]),
     ],
 )

@@ -1,5 +1,6 @@
 """`import softpinch` loads nothing but the standard library, NumPy and itself."""
 
+import importlib
 import subprocess
 import sys
 
@@ -42,13 +43,16 @@ def test_what_a_scene_does_not_need_waits_until_it_is_asked_for() -> None:
     modules = loaded("import softpinch")
     rooms = {module.split(".")[1] for module in modules if module.startswith("softpinch.")}
     assert rooms == {"_core", "paper", "run", "scene", "support"}
-    assert not modules & (SLOW | {"softpinch.run.explanation"})
+    assert not modules & SLOW
     assert "softpinch.study.results" in loaded("import softpinch; softpinch.monte_carlo")
 
 
 def test_dir_shows_public_names_only() -> None:
     assert set(dir(sp)) == {*sp.__all__, *MODULES}
+    assert len(set(sp.__all__)) == len(sp.__all__) > 80
     assert all(hasattr(sp, name) for name in dir(sp))
+    for room in ("accuracy", "analysis", "fitting", "simulator", "store", "study"):
+        assert set(sp._LAZY[room]) == set(importlib.import_module(f"softpinch.{room}").__all__)
 
 
 def test_every_public_name_needs_numpy_only() -> None:

@@ -1,4 +1,4 @@
-"""What docstrings, comments and documents cite is in the repository: files, sections, equations."""
+"""Files, sections and equations that docstrings, comments and documents cite exist."""
 
 import ast
 import contextlib
@@ -16,8 +16,6 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 FOLDERS = ("python", "rust", "tests", "benchmarks", "tools", "examples", "docs")
-# Equations and figures of the paper.
-EQUATIONS, FIGURES = range(1, 46), range(1, 8)
 
 
 def comments_of_python(text: str) -> Iterator[str]:
@@ -81,7 +79,7 @@ def files() -> Iterator[Path]:
 
 @cache
 def blocks() -> Pieces:
-    """What the documents show between fences."""
+    """The blocks between fences in the documents."""
     return [
         (path, block)
         for path in files()
@@ -160,23 +158,11 @@ def test_make_targets_that_are_cited_exist() -> None:
     assert {match[1] or match[2] for match in matches} - targets == set()
 
 
-def test_equations_and_figures_that_are_cited_are_those_of_the_paper() -> None:
-    """Numbers in brackets of their own, "(39)", "(44, 45)", "(19)-(24)"; years have four digits."""
-    number = r"[1-9]\d{0,2}"
-    equation = rf"(?<![\w\])])\(({number}(?:(?:, |-| to | and ){number})*)\)(?![\w(])"
-    cites = [
-        (told, [int(one) for one in re.findall(r"\d+", match[1])])
-        for _, match, told in cited(equation)
-    ]
-    assert len(cites) > 150
-    wrong = [told for told, numbers in cites if not set(numbers) <= set(EQUATIONS)]
-    for _, match, told in cited(r"\((\d+)\)-\((\d+)\)"):
-        if int(match[1]) >= int(match[2]):
-            wrong.append(told)
-    for _, match, told in cited(r"\bFig(?:\.|ures?) (\d+)(?: to (\d+))?"):
-        if not all(int(one) in FIGURES for one in match.groups() if one):
-            wrong.append(told)
-    assert wrong == []
+def test_figures_that_are_cited_are_those_of_the_paper() -> None:
+    cites = list(cited(r"\bFig(?:\.|ures?) (\d+)(?: to (\d+))?"))
+    assert len(cites) > 10
+    numbers = [(told, int(one)) for _, match, told in cites for one in match.groups() if one]
+    assert [told for told, number in numbers if number not in range(1, 8)] == []
 
 
 @pytest.mark.parametrize("name", ["shared/", "design.md", "contact.md", "paper.md"])

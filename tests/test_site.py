@@ -141,15 +141,6 @@ def test_every_page_is_in_a_table_of_contents() -> None:
     assert [name for name, times in Counter(listed).items() if times > 1] == []
 
 
-@pytest.mark.parametrize("name", PAGES)
-def test_a_page_begins_with_words_for_its_reader(name: str) -> None:
-    title, _, rest = PAGES[name].partition("\n\n")
-    assert re.fullmatch("# .+", title)
-    first = rest.split("\n\n")[0]
-    # A sentence, not a list, a table, a picture or a block.
-    assert re.match(r"[A-Z]|`(?!``)|softpinch ", first) and "." in first and len(first) >= 40
-
-
 def test_every_equation_that_is_cited_is_printed_once() -> None:
     tags = [int(tag) for tag in re.findall(r"\\tag\{(\d+)\}", "".join(PAGES.values()))]
     assert [number for number, times in Counter(tags).items() if times > 1] == []
@@ -159,7 +150,8 @@ def test_every_equation_that_is_cited_is_printed_once() -> None:
     for _, match, told in cited(equation):
         wanted = [int(one) for one in re.findall(r"\d+", match[1])]
         missing += [told for one in wanted if one not in tags]
-    assert missing == []
+    # The paper has 45 equations, and all that comments, documents and tests cite are printed.
+    assert missing == [] and set(tags) == set(range(1, 46))
 
 
 def test_files_of_the_page_on_formats_are_read(tmp_path: Path) -> None:

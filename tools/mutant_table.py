@@ -18,25 +18,25 @@ class Mutant:
 
 MUTANTS = (
     Mutant(
-        "model/energy.rs",
+        "model/contact/law/inoue_hirai.rs",
         "tilt: area * (R::constant(2.0 / 3.0)",
         "tilt: R::constant(1.01) * area * (R::constant(2.0 / 3.0)",
         "energy",
     ),
     Mutant(
-        "model/energy.rs",
+        "model/contact/law/inoue_hirai.rs",
         "normal: stiff_t.mul_add(",
         "normal: R::constant(1.01) * stiff_t.mul_add(",
         "energy",
     ),
     Mutant(
-        "model/energy.rs",
+        "model/contact/law/inoue_hirai.rs",
         "tangential: stiff_n * d_n",
         "tangential: R::constant(1.01) * stiff_n * d_n",
         "energy",
     ),
     Mutant(
-        "model/energy.rs",
+        "model/contact/law/inoue_hirai.rs",
         "normal: stiff_t.mul_add(",
         "normal: R::constant(1.000001) * stiff_t.mul_add(",
         "terms",
@@ -48,11 +48,11 @@ MUTANTS = (
         "(self.torque[0] - self.finger_gravity[0])",
         "terms",
     ),
-    Mutant("model/geometry.rs", "swept = (u + signed", "swept = (u - signed", "terms"),
+    Mutant("model/contact.rs", "swept = (u + signed", "swept = (u - signed", "terms"),
     Mutant(
-        "model/geometry.rs",
-        "(self.sx - (side.radius - d_n)) - side.face",
-        "(self.sx - (side.radius - d_n)) - side.face * R::constant(1.0000001)",
+        "model/contact.rs",
+        "(arm.sx - (self.radius - d_n)) - self.shape.distance()",
+        "(arm.sx - (self.radius - d_n)) - self.shape.distance() * R::constant(1.0000001)",
         "terms",
     ),
     Mutant(
@@ -74,8 +74,8 @@ MUTANTS = (
     Mutant("method/rk4.rs", "drive.at(tau + half)", "drive.at(tau)", "convergence"),
     Mutant(
         "formulation/constrained.rs",
-        "mixed: -(h * (k * inverse))",
-        "mixed: h * k * inverse",
+        "let mixed = -(h * (k * inverse));",
+        "let mixed = h * k * inverse;",
         "terms or trajectories",
     ),
     Mutant(

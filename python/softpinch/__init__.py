@@ -12,115 +12,42 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from . import paper
+from . import paper, run, scene, support
 from ._core import __version__
-from .run import (
-    ContactChange,
-    ContactMode,
-    Energies,
-    EnergyLedger,
-    ErrorEstimate,
-    Evaluation,
-    Forces,
-    Run,
-    Sensitivity,
-    SensitivityState,
-    evaluate,
-    simulate,
-)
-from .scene import (
-    Disturbance,
-    Finger,
-    Fingertip,
-    GraspedObject,
-    Hand,
-    Impulse,
-    Noise,
-    Pid,
-    Pulse,
-    Sampled,
-    SampledController,
-    Scene,
-    Schedule,
-    Sine,
-    Stabilization,
-    State,
-    Step,
-    Torque,
-)
-from .support import (
-    LostRunsWarning,
-    NotRecordedError,
-    StabilityWarning,
-    StoreError,
-    SuspiciousValueWarning,
-    VersionMismatchError,
-)
+from .run import *
+from .scene import *
+from .support import *
 from .support.extras import lazily
 
-# Room -> names, and modules. Imported when they are asked for: they need extras, or a program that
-# runs a scene does not need them, and `import softpinch` stays quick (tests/test_import.py). A
-# function has another name than its module, which importing puts into this one.
+# Room -> its public names, and modules. They are imported when they are asked for: they need
+# extras, or a program that runs a scene does not need them, and `import softpinch` stays quick.
 _LAZY = {
     "accuracy": (
-        "Advice",
-        "Measurement",
-        "Modes",
-        "Peer",
-        "StabilityMap",
-        "StabilizationSweep",
-        "StableStep",
-        "WorkPrecision",
-        "advise",
-        "max_stable_dt",
-        "modes",
-        "stability_map",
-        "stabilization_sweep",
-        "work_precision",
+        *("Advice", "Measurement", "Modes", "Peer", "StabilityMap", "StabilizationSweep"),
+        *("StableStep", "WorkPrecision", "advise", "max_stable_dt", "modes", "stability_map"),
+        *("stabilization_sweep", "work_precision"),
     ),
     "analysis": (
-        "Equilibrium",
-        "EquilibriumMap",
-        "Grip",
-        "LinearModel",
-        "WrenchLimits",
-        "equilibrium",
-        "equilibrium_map",
-        "grip",
-        "linearize",
-        "wrench_limits",
+        *("Equilibrium", "EquilibriumMap", "Grip", "LinearModel", "WrenchLimits", "equilibrium"),
+        *("equilibrium_map", "grip", "linearize", "wrench_limits"),
     ),
     "fitting": ("Fit", "fit"),
-    "gym": ("gym",),
-    "jax": ("jax",),
     "montecarlo": ("monte_carlo",),
-    "plot": ("plot",),
-    "reference": ("reference",),
-    "run": ("Explanation", "Term", "explain"),
     "simulator": ("Observation", "Observations", "Simulator", "VectorSimulator"),
     "store": ("Study",),
-    "strategies": ("strategies",),
-    "stress": ("stress",),
     "study": (
-        "Capsule",
-        "Choice",
-        "Discretisation",
-        "Distribution",
-        "Effect",
-        "Ensemble",
-        "Estimate",
-        "Gradients",
-        "LogNormal",
-        "LogUniform",
-        "Lost",
-        "Mean",
-        "Normal",
-        "Results",
-        "TruncatedNormal",
-        "Uniform",
-        "sensitivity",
+        *("Capsule", "Choice", "Discretisation", "Distribution", "Effect", "Ensemble", "Estimate"),
+        *("Gradients", "LogNormal", "LogUniform", "Lost", "Mean", "Normal", "Results"),
+        *("TruncatedNormal", "Uniform", "sensitivity"),
     ),
 }
+
+__all__ = ["__version__", "paper", *run.__all__, *scene.__all__, *support.__all__]
+__all__ += [name for names in _LAZY.values() for name in names]
+__all__.sort()
+
+# Modules that users reach as attributes.
+_LAZY |= {name: (name,) for name in ("gym", "jax", "plot", "reference", "strategies", "stress")}
 
 if TYPE_CHECKING:
     from . import gym as gym
@@ -129,153 +56,15 @@ if TYPE_CHECKING:
     from . import reference as reference
     from . import strategies as strategies
     from . import stress as stress
-    from .accuracy import (
-        Advice,
-        Measurement,
-        Modes,
-        Peer,
-        StabilityMap,
-        StabilizationSweep,
-        StableStep,
-        WorkPrecision,
-        advise,
-        max_stable_dt,
-        modes,
-        stability_map,
-        stabilization_sweep,
-        work_precision,
-    )
-    from .analysis import (
-        Equilibrium,
-        EquilibriumMap,
-        Grip,
-        LinearModel,
-        WrenchLimits,
-        equilibrium,
-        equilibrium_map,
-        grip,
-        linearize,
-        wrench_limits,
-    )
-    from .fitting import Fit, fit
-    from .montecarlo import monte_carlo
-    from .run import Explanation, Term, explain
-    from .simulator import Observation, Observations, Simulator, VectorSimulator
-    from .store import Study
-    from .study import (
-        Capsule,
-        Choice,
-        Discretisation,
-        Distribution,
-        Effect,
-        Ensemble,
-        Estimate,
-        Gradients,
-        LogNormal,
-        LogUniform,
-        Lost,
-        Mean,
-        Normal,
-        Results,
-        TruncatedNormal,
-        Uniform,
-        sensitivity,
-    )
+    from .accuracy import *
+    from .analysis import *
+    from .fitting import *
+    from .montecarlo import monte_carlo as monte_carlo
+    from .simulator import *
+    from .store import *
+    from .study import *
 else:
     __getattr__ = lazily(__name__, _LAZY)
-
-__all__ = [
-    "Advice",
-    "Capsule",
-    "Choice",
-    "ContactChange",
-    "ContactMode",
-    "Discretisation",
-    "Distribution",
-    "Disturbance",
-    "Effect",
-    "Energies",
-    "EnergyLedger",
-    "Ensemble",
-    "Equilibrium",
-    "EquilibriumMap",
-    "ErrorEstimate",
-    "Estimate",
-    "Evaluation",
-    "Explanation",
-    "Finger",
-    "Fingertip",
-    "Fit",
-    "Forces",
-    "Gradients",
-    "GraspedObject",
-    "Grip",
-    "Hand",
-    "Impulse",
-    "LinearModel",
-    "LogNormal",
-    "LogUniform",
-    "Lost",
-    "LostRunsWarning",
-    "Mean",
-    "Measurement",
-    "Modes",
-    "Noise",
-    "Normal",
-    "NotRecordedError",
-    "Observation",
-    "Observations",
-    "Peer",
-    "Pid",
-    "Pulse",
-    "Results",
-    "Run",
-    "Sampled",
-    "SampledController",
-    "Scene",
-    "Schedule",
-    "Sensitivity",
-    "SensitivityState",
-    "Simulator",
-    "Sine",
-    "StabilityMap",
-    "StabilityWarning",
-    "Stabilization",
-    "StabilizationSweep",
-    "StableStep",
-    "State",
-    "Step",
-    "StoreError",
-    "Study",
-    "SuspiciousValueWarning",
-    "Term",
-    "Torque",
-    "TruncatedNormal",
-    "Uniform",
-    "VectorSimulator",
-    "VersionMismatchError",
-    "WorkPrecision",
-    "WrenchLimits",
-    "__version__",
-    "advise",
-    "equilibrium",
-    "equilibrium_map",
-    "evaluate",
-    "explain",
-    "fit",
-    "grip",
-    "linearize",
-    "max_stable_dt",
-    "modes",
-    "monte_carlo",
-    "paper",
-    "sensitivity",
-    "simulate",
-    "stability_map",
-    "stabilization_sweep",
-    "work_precision",
-    "wrench_limits",
-]
 
 
 def __dir__() -> list[str]:

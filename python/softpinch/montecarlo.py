@@ -234,20 +234,20 @@ def monte_carlo(
             formulation=formulation,
             stabilization=stabilization,
             stop_on=stop_on,
+            summaries_after=summaries_after,
+            record=record,
+            every=every,
+            times=times,
         ),
         runs=runs,
         seed=seed,
         vary=vary,
         summaries=summaries,
-        summaries_after=summaries_after,
         settling_band=settling_band,
         sampler=sampler,
         stop_when=stop_when,
         check_dt=check_dt,
         trajectories=trajectories,
-        record=record,
-        every=every,
-        times=times,
     )
     differentiable, by = checked_gradients(
         scene, gradients, sensitivities, list(spec.shapes), store=store, executor=executor
@@ -270,10 +270,9 @@ def compute(job: Job, store: str | Path | None) -> Ensemble | Study:
     usual.warn(job.spec.scene, schedule_replaced=replaced)
     if store is None:
         return _in_memory(job)
-    from .store.driver import compute_in_folder
-    from .store.study import Study
+    from .store.study import compute_in_folder
 
-    return compute_in_folder(job, store, Study)
+    return compute_in_folder(job, store)
 
 
 def _in_memory(job: Job) -> Ensemble:

@@ -23,7 +23,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .scene import Finger, Fingertip, GraspedObject, Hand, Pid, usual
+from .scene import Finger, Fingertip, GraspedObject, Hand, Pid, outline, usual
 from .scene.disturbance import DISTURBANCES, Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
 from .scene.scene import Scene, State
 from .scene.schedule import HOLDS, KINDS, Schedule
@@ -38,8 +38,8 @@ from hypothesis import strategies as st  # noqa: E402
 from hypothesis.strategies import DrawFn, SearchStrategy  # noqa: E402
 
 T = TypeVar("T")
-# Both finger angles in the paper's operation 1, rad.
-_HELD = math.radians(6.0)
+# Both finger angles in the paper's operation 1, degrees.
+_HELD = 6.0
 
 
 @st.composite
@@ -176,8 +176,10 @@ def schedules(
     """
     kind = draw(st.sampled_from(list(kinds)))
     times = draw(_times(duration, knots))
-    changes = [draw(st.tuples(*[_within(largest_change)] * 2)) for _ in times]
-    angles = _HELD + np.array(changes)
+    changes = [draw(st.tuples(*[_within(math.degrees(largest_change))] * 2)) for _ in times]
+    # Millionths of a degree: examples then show degrees of few digits.
+    millionths = np.trunc(1e6 * np.array(changes))
+    angles = np.deg2rad((_HELD + millionths / 1e6).round(6))
     if kind == "minimum_jerk":
         shortest = min(np.diff(times), default=duration)
         return Schedule.minimum_jerk(times, angles, shortest * draw(_between(0.125, 1.0)))
@@ -244,7 +246,7 @@ def disturbances(
 
 def _fitted(finger: Finger, tip: Fingertip, grasped: GraspedObject, angle: float) -> Finger:
     """Moves the finger's root so that at this angle its tip just touches the upright object."""
-    across = finger.length * math.sin(angle) + finger.half_thickness * math.cos(angle)
+    across = outline.inward(finger, angle)
     return replace(finger, root_offset=across + tip.radius + 0.5 * grasped.width)
 
 
@@ -354,16 +356,16 @@ def consistent_states(
     x, y = here[0] + draw(_within(reach)), here[1] + draw(_within(reach))
     theta = draw(_within(rotation))
     angles = []
-    for sign, finger, tip in zip((-1.0, 1.0), (hand.right, hand.left), tips, strict=True):
+    for sign, finger, tip in zip(outline.SIGNS, (hand.right, hand.left), tips, strict=True):
         d_n = tip.radius * draw(_between(0.0, compression))
         # With (7, 8), (9) becomes L sin(theta_p) + d_f cos(theta_p) = span. Solve it for theta_i.
         along = sign * (x * math.cos(theta) + y * math.sin(theta))
         faces = tip.radius - d_n + 0.5 * grasped.width + sign * grasped.com_offset
         span = along + finger.root_offset * math.cos(theta) - faces
-        arm = math.hypot(finger.length, finger.half_thickness)
-        assume(abs(span) < 0.95 * arm)
-        lead = math.atan2(finger.half_thickness, finger.length)
-        angles.append(math.asin(span / arm) - lead - sign * theta)
+        assume(abs(span) < 0.95 * outline.arm(finger))
+        tilt = outline.angle_at(finger.length, finger.half_thickness, span)
+        assert tilt is not None
+        angles.append(tilt - sign * theta)
     return State.consistent(
         scene,
         x=x,

@@ -17,6 +17,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from .scene import outline
 from .scene.control import Pid
 from .scene.disturbance import Impulse
 from .scene.hand import Finger, Fingertip, GraspedObject, Hand
@@ -82,19 +83,17 @@ def _heavy(mass: float) -> GraspedObject:
 def _folded() -> Scene:
     """Fingers whose roots are so far apart that they compress the tips by 1 mm at 80 degrees."""
     tilt, tip, width, finger = math.radians(80.0), Fingertip(), GraspedObject().width, Finger()
-    reach = finger.length * math.sin(tilt) + finger.half_thickness * math.cos(tilt)
-    wide = replace(finger, root_offset=reach + tip.radius - 1e-3 + 0.5 * width)
+    wide = replace(
+        finger, root_offset=outline.inward(finger, tilt) + tip.radius - 1e-3 + 0.5 * width
+    )
     scene = Scene(
         hand=Hand(right=wide, left=wide, tip=tip),
         control=Pid(kp=0.0, kd=0.0, ki=0.0),
         schedule=Schedule.steps([0.0], [[tilt, tilt]]),
         duration=0.015,
     )
-    # Height of a fingertip's centre above the root (8), m.
-    height = wide.length * math.cos(tilt) - wide.half_thickness * math.sin(tilt)
-    start = State.consistent(
-        scene, fingers=(tilt, tilt), finger_rates=(40.0, 30.0), x=0.0, y=height
-    )
+    y = outline.upward(wide, tilt)
+    start = State.consistent(scene, fingers=(tilt, tilt), finger_rates=(40.0, 30.0), x=0.0, y=y)
     return replace(scene, initial=start)
 
 

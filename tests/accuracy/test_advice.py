@@ -86,7 +86,8 @@ ADAPTIVE = sp._core.ADAPTIVE_METHODS
 @pytest.mark.parametrize("name", stress.CASES)
 def test_advice_for_every_stress_scene_meets_the_tolerance(name: str) -> None:
     case = stress.CASES[name]
-    advice = sp.advise(case.scene, 1e-6, stabilization=case.stabilization, progress=False)
+    # The budget is in real time, and a machine with other work needs more.
+    advice = sp.advise(case.scene, 1e-6, stabilization=case.stabilization, budget=20.0)
     assert advice.met, advice.message
     run = advice.simulate(record=("state", "multipliers"))
     assert run.status == case.end
@@ -105,7 +106,7 @@ def test_advice_for_every_stress_scene_meets_the_tolerance(name: str) -> None:
     assert advice.time <= 1.5 * min(advice.equal.time, advice.adaptive.time)
     assert advice.tried == case.scene.duration
     for name in advice.untried:
-        assert re.search("(1 pair was|pairs were) not tried within 2 s", advice.message), name
+        assert re.search("(1 pair was|pairs were) not tried within 20 s", advice.message), name
 
 
 def work(scene: sp.Scene, gains: sp.Stabilization, **how: Any) -> float:
@@ -227,21 +228,22 @@ def test_a_start_off_the_constraints_is_for_csm() -> None:
 def test_a_sampled_controller_has_advice() -> None:
     """Its torques depend on the run, so that no eigenvalues limit the steps."""
     scene = sp.Scene(duration=0.1, control=sp.SampledController.pid(1e-3))
-    advice = sp.advise(scene, 1e-3, methods=("rk4", "radau5"), progress=False)
+    advice = sp.advise(scene, 1e-3, methods=("rk4", "radau5"), budget=math.inf)
     assert advice.met, advice.message
     equal = replace(advice, dt=advice.equal.dt, step_tolerance=None, method=advice.equal.method)
     run = equal.simulate()
-    assert run.success and run.dt <= 1e-3
+    assert run.success
     exact = sp.simulate(scene, tolerance=1e-12, method="rosenbrock", times=run.t)
     np.testing.assert_allclose(run.q, exact.q, rtol=0.0, atol=1e-3 * np.abs(exact.q).max())
-    alone = sp.advise(scene, 1e-3, methods="rk4", progress=False)
+    alone = sp.advise(scene, 1e-3, methods="rk4", budget=math.inf)
     assert math.isnan(alone.margin)
     assert "the longest stable dt is not known with a SampledController" in alone.message
 
 
 def test_a_tolerance_that_no_pair_meets_is_reported() -> None:
     case = stress.CASES["overdamped"]
-    advice = sp.advise(case.scene, 1e-10, methods="implicit_midpoint", formulations="nullspace")
+    pair: dict[str, Any] = {"methods": "implicit_midpoint", "formulations": "nullspace"}
+    advice = sp.advise(case.scene, 1e-10, budget=60.0, **pair)
     assert not advice.met
     assert "no pair meets 1e-10" in advice.message
     assert "ms a run" in advice.message

@@ -13,7 +13,7 @@ import pytest
 import softpinch as sp
 from oracle.trajectory import reference as oracle
 from softpinch import plot, reference, stress
-from softpinch.cli import precision
+from softpinch.cli import accuracy
 from softpinch.run import scaled_error
 from softpinch.run.request import Request
 
@@ -148,10 +148,10 @@ def test_an_order_above_the_methods_is_explained() -> None:
     found = settling()
     far = min(found.rows, key=lambda row: row.along)
     high = replace(found, rows=(replace(far, order=far.expected_order + 2.0),))
-    said = [line for line in precision.lines(high) if f" {far.value:.2e} " in line]
+    said = [line for line in accuracy.lines(high) if f" {far.value:.2e} " in line]
     words = f"above the method's {far.expected_order} after a step too long for it"
     assert said and all(words in line for line in said)
-    assert not any("above the method's" in line for line in precision.lines(high, "end"))
+    assert not any("above the method's" in line for line in accuracy.lines(high, "end"))
 
 
 def test_the_figure_shows_every_curve_and_where_the_error_is() -> None:

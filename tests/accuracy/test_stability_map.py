@@ -270,8 +270,8 @@ def test_the_figure_has_a_panel_for_each_pair_and_says_what_it_shows(
     assert failed <= names
     # The line is the prediction.
     lines = [line for line in panels[0].get_lines() if len(line.get_xdata()) == 3]
-    np.testing.assert_allclose(10.0 ** lines[-1].get_ydata(), stiffness.predicted[0])
-    np.testing.assert_allclose(10.0 ** lines[-1].get_xdata(), stiffness.values)
+    np.testing.assert_allclose(lines[-1].get_ydata(), stiffness.predicted[0])
+    np.testing.assert_allclose(lines[-1].get_xdata(), stiffness.values)
     assert sp.plot.save(figure, tmp_path / "map.png").stat().st_size > 10_000
 
 
@@ -295,7 +295,6 @@ def test_every_kind_of_axis_can_be_drawn(
     assert seen <= legend(figure)
     left, right = figure.axes[0].get_xlim()
     assert np.isfinite([left, right]).all() and left < right
-    if values[0] == 0.0 and axis == "viscosity":
-        labels = [label.get_text() for label in figure.axes[-2].get_xticklabels()]
-        assert labels[0] == "0"
+    if values[0] == 0.0:
+        assert 0.0 in figure.axes[-2].get_xticks()
     sp.plot.save(figure, tmp_path / "map.svg")

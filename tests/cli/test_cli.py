@@ -10,10 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
 
 import softpinch as sp
-from softpinch import paper, strategies
+from softpinch import paper
 
 pytest.importorskip("typer")
 pytest.importorskip("matplotlib")
@@ -53,22 +52,9 @@ def test_run_takes_a_tolerance_instead_of_a_step(scene: Path) -> None:
                       formulation="nullspace", record=("state", "multipliers", "residuals",
                       "energy"))  # fmt: skip
     assert out.splitlines() == commands.summary(run)
-    code, _, err = call("run", scene, "--tolerance", "1e-7", "--dt", "1e-3", *how)
-    assert code == 2
-    assert "give one of them" in err
-    code, _, err = call("run", scene, "--tolerance", "1e-7")
-    assert code == 2
-    assert "method = 'rk4' has no error estimate" in err
-
-
-def test_run_takes_a_limit_to_free_steps(scene: Path) -> None:
-    how = ("--tolerance", "1e-7", "--method", "dop853")
-    code, out, err = call("run", scene, *how, "--max-steps", "50")
-    assert (code, err) == (1, "")
+    code, out, _ = call("run", scene, "--tolerance", "1e-7", *how, "--max-steps", "50")
+    assert code == 1
     assert out.startswith("too_many_steps: 50 steps, rejected ones too, were not enough")
-    code, _, err = call("run", scene, "--max-steps", "50")
-    assert code == 2
-    assert "max_steps = 50: goes with tolerance" in err
 
 
 def test_run_estimates_its_error(scene: Path) -> None:
@@ -83,15 +69,6 @@ def test_run_estimates_its_error(scene: Path) -> None:
     code, out, err = call("run", scene, "--tolerance", "1e-7", "--method", "dop853",
                           "--estimate-error")  # fmt: skip
     assert (code, err) == (0, "") and "of its steps" in out
-    code, _, err = call("run", scene, "--estimate-error", "--record", "energy")
-    assert code == 2
-    assert "needs 'state' or 'multipliers' in record" in err
-
-
-def test_gains_that_a_formulation_does_not_have_are_refused(scene: Path) -> None:
-    code, _, err = call("run", scene, "--alpha", "500", "--formulation", "nullspace")
-    assert code == 2
-    assert "--alpha: formulation 'nullspace' has no gains" in err
 
 
 def test_run_saves_npz_csv_and_a_plot(scene: Path, tmp_path: Path) -> None:
@@ -128,56 +105,44 @@ def test_a_lost_grasp_is_exit_code_1(tmp_path: Path) -> None:
 
 BAD_SCENES = [
     ("durration = 1", "Scene.durration"),
-    ('duration = "1"', "Scene.duration = '1': must be a number"),
     ("duration = ", "scene.toml"),
     ("[hand.tip.left]\nradius = -1", "(in hand.tip.left)"),
-    ("[grasped]\nwidth = 0.04", "gap 4.5 mm"),
     ("[initial]\nq = [0,0,0,0,0,1e-3,0,0,0]", "C_1^H"),
+]
+BAD_OPTIONS = [
+    (("--formulation", "cms"), 'did you mean "csm"'),
+    (("--record", "state,energi"), 'did you mean "energy"'),
+    (("--alpha", "500", "--formulation", "nullspace"), "'nullspace' has no gains"),
+    (("--max-steps", "50"), "max_steps = 50: goes with tolerance"),
+    (("--tolerance", "1e-7"), "method = 'rk4' has no error estimate"),
+    (("--tolerance", "1e-7", "--dt", "1e-3", "--method", "radau5"), "give one of them"),
+    (("--estimate-error", "--record", "energy"), "needs 'state' or 'multipliers' in record"),
+    (("--out", "run.txt"), "--out = 'run.txt': must end in .npz, .csv"),
+    (("--plot", "nowhere/run.png"), "there is no directory 'nowhere'"),
 ]
 
 
-@pytest.mark.parametrize(("text", "named"), BAD_SCENES, ids=range(len(BAD_SCENES)))
-def test_a_bad_scene_is_one_line_that_names_the_field(
-    tmp_path: Path, text: str, named: str
+@pytest.mark.parametrize(
+    ("text", "options", "named"),
+    [*((text, (), named) for text, named in BAD_SCENES), *(("", *each) for each in BAD_OPTIONS)],
+)
+def test_bad_input_is_one_line_that_names_it(
+    tmp_path: Path, text: str, options: tuple[str, ...], named: str
 ) -> None:
     path = tmp_path / "scene.toml"
     path.write_text(text, encoding="utf-8")
-    code, out, err = call("run", path)
+    code, out, err = call("run", path, *options)
     assert (code, out) == (2, "")
     assert err.startswith("error: ") and err.count("\n") == 1
     assert named in err
 
 
-BAD_OPTIONS = [
-    (("--dt", "0"), "dt = 0.0"),
-    (("--formulation", "cms"), 'did you mean "csm"'),
-    (("--record", "state,energi"), 'did you mean "energy"'),
-    (("--out", "run.txt"), "--out = 'run.txt': must end in .npz, .csv"),
-    (("--plot", "run.gif"), "--plot = 'run.gif': must end in .png, .pdf, .svg"),
-    (("--out", "nowhere/run.csv"), "there is no directory 'nowhere'"),
-]
+def test_a_missing_file_is_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "no.toml"
+    assert call("run", path) == (2, "", f"error: {path}: No such file or directory\n")
 
 
-@pytest.mark.parametrize(("options", "named"), BAD_OPTIONS, ids=lambda o: o[0] if o else "")
-def test_a_bad_option_is_one_line_that_names_it(
-    scene: Path, options: tuple[str, ...], named: str
-) -> None:
-    code, out, err = call("run", scene, *options)
-    assert (code, out) == (2, "")
-    assert err.startswith("error: ") and err.count("\n") == 1
-    assert named in err
-
-
-def test_a_file_that_is_not_there_or_no_text(tmp_path: Path) -> None:
-    assert call("run", tmp_path / "no.toml") == (
-        2, "", f"error: {tmp_path / 'no.toml'}: No such file or directory\n"
-    )  # fmt: skip
-    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
-    code, _, err = call("run", tmp_path / "binary.toml")
-    assert code == 2 and "binary.toml" in err
-
-
-def test_what_typer_refuses_is_exit_code_2_too(scene: Path) -> None:
+def test_errors_found_by_typer_have_exit_code_2(scene: Path) -> None:
     assert call("run", scene, "--dt", "soon")[0] == 2
     assert call("run")[0] == 2
     assert call("walk")[0] == 2
@@ -205,17 +170,6 @@ def test_ctrl_c_is_exit_code_130(scene: Path, monkeypatch: pytest.MonkeyPatch) -
 
     monkeypatch.setattr(commands, "reproduce_paper", stopped)
     assert call("reproduce")[0] == 130
-
-
-@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(strategies.scenes(spread=2.0, duration=0.05))
-def test_any_scene_file_runs_to_an_exit_code(tmp_path: Path, scene: sp.Scene) -> None:
-    path = tmp_path / "any.toml"
-    path.write_text(scene.to_toml(), encoding="utf-8")
-    code, out, _ = call("run", path, "--dt", "5e-4")
-    run = sp.simulate(scene, dt=5e-4)
-    assert code == (0 if run.success else 1)
-    assert out.startswith(f"{run.status}: ")
 
 
 @pytest.mark.usefixtures("rough_figures")
@@ -271,17 +225,13 @@ def test_the_examples_scene_runs(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="has no /dev/full")
-@pytest.mark.parametrize("what", ["--help", "run"])
-@pytest.mark.parametrize("where", ["full", "pipe"])
-def test_output_that_goes_nowhere_is_no_bad_input(what: str, where: str, tmp_path: Path) -> None:
+def test_output_that_goes_nowhere_is_no_bad_input(tmp_path: Path) -> None:
     file = tmp_path / "scene.toml"
     file.write_text("duration = 0.01\n")
-    command = [sys.executable, "-m", "softpinch", what, *([str(file)] if what == "run" else [])]
-    if where == "full":
-        with open("/dev/full", "w") as out:
-            done = subprocess.run(command, stdout=out, stderr=subprocess.PIPE, text=True)
-        assert (done.returncode, done.stderr) == (1, "error: No space left on device\n")
-        return
+    command = [sys.executable, "-m", "softpinch", "run", str(file)]
+    with open("/dev/full", "w") as out:
+        done = subprocess.run(command, stdout=out, stderr=subprocess.PIPE, text=True)
+    assert (done.returncode, done.stderr) == (1, "error: No space left on device\n")
     read, write = os.pipe()
     os.close(read)
     done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True)

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 import softpinch as sp
+from cli_calls import call
 from softpinch import stress
-from softpinch.cli import app
+from unilateral_scenes import regripped
 
 
 @pytest.fixture
@@ -17,18 +17,13 @@ def scene(tmp_path: Path) -> Path:
     return path
 
 
-def invoke(*words: object) -> tuple[int, str]:
-    result = CliRunner().invoke(app, [str(word) for word in words])
-    return result.exit_code, result.output
-
-
 def test_work_precision_leaves_a_table_and_a_figure(scene: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    code, text = invoke(
+    code, text, err = call(
         *("work-precision", scene, "--out", out, "--methods", "rk4,dop853"),
         *("--formulations", "nullspace", "--dt", 1e-4, 1e-3, 3),
     )
-    assert code == 0, text
+    assert (code, err) == (0, "")
     assert "confirmed by" in text
     assert "error along the run below 1e-06, the quickest first" in text
     assert sorted(path.name for path in out.iterdir()) == [
@@ -40,20 +35,20 @@ def test_work_precision_leaves_a_table_and_a_figure(scene: Path, tmp_path: Path)
 def test_the_error_at_the_end_comes_with_the_one_along_the_run(tmp_path: Path) -> None:
     path = tmp_path / "scene.toml"
     path.write_text(sp.Scene(duration=0.6).to_toml(), encoding="utf-8")
-    code, text = invoke(
+    code, text, err = call(
         *("work-precision", path, "--out", tmp_path, "--methods", "rk4", "--where", "end"),
         *("--formulations", "nullspace", "--dt", 6e-4, 1.2e-3, 2),
     )
-    assert code == 0, text
+    assert (code, err) == (0, "")
     best = text[text.index("error at the end below 1e-06, the quickest first") :].splitlines()[1]
     assert "1.20e-03" in best
     assert float(best.rsplit(" ", 1)[1]) > 1e-2 and "error along the run" in best
     assert "the motion has settled: 2 of 2 settings have an error along the run more" in text
 
 
-def test_advise_says_what_to_take(scene: Path) -> None:
-    code, text = invoke("advise", scene, "--tolerance", 1e-5)
-    assert code == 0, text
+def test_advise_prints_formulation_and_method(scene: Path) -> None:
+    code, text, err = call("advise", scene, "--tolerance", 1e-5)
+    assert (code, err) == (0, "")
     assert text.startswith('take formulation="')
     assert "(whole scene)" in text
 
@@ -68,16 +63,30 @@ def test_advise_says_what_to_take(scene: Path) -> None:
     ],
 )
 def test_bad_input_is_one_line(scene: Path, words: tuple[str, ...], message: str) -> None:
-    code, text = invoke(words[0], scene, *words[1:])
-    assert code == 2
-    assert message in text
-    assert text.startswith("error: ")
+    code, text, err = call(words[0], scene, *words[1:])
+    assert (code, text) == (2, "")
+    assert message in err
+    assert err.startswith("error: ") and err.count("\n") == 1
 
 
 def test_a_lost_grasp_has_no_reference(tmp_path: Path) -> None:
     lost = tmp_path / "lost.toml"
     text = stress.CASES["thrown_out"].scene.to_toml().replace("duration = 0.1", "duration = 1.0")
     lost.write_text(text, encoding="utf-8")
-    code, text = invoke("work-precision", lost, "--methods", "rk4", "--out", tmp_path / "o")
+    code, text, err = call("work-precision", lost, "--methods", "rk4", "--out", tmp_path / "o")
     assert code == 1
-    assert "no reference" in text
+    assert "no reference" in err
+
+
+def test_nullspace_is_left_out_of_unilateral_contact(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(regripped(duration=0.025).to_toml(), encoding="utf-8")
+    options = ("--methods", "rk4", "--dt", "1e-4", "2e-4", "2", "--out", tmp_path)
+    code, said, err = call("work-precision", scene, *options)
+    assert (code, err) == (0, "")
+    table = (tmp_path / "work_precision.csv").read_text(encoding="utf-8")
+    assert "projected" in table and "nullspace" not in table
+    assert "the core's own runs" in said + table
+    code, said, err = call("work-precision", scene, "--formulations", "nullspace", *options)
+    assert (code, said) == (2, "")
+    assert 'formulations = "nullspace": must be one of' in err

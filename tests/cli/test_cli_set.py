@@ -47,16 +47,13 @@ def test_run_changes_numbers_pairs_names_and_optional_values(scene: Path) -> Non
     ("changes", "message"),
     [
         (["friction"], "error: --set 'friction': must be PATH=VALUE, such as grasped.mass=0.2"),
-        (["contact=bilateral"], "--set 'contact=bilateral': the value must be written as in TOML"),
         (["friction=0.3\nx=2"], r"--set 'friction=0.3\nx=2': the value must be written as in TOML"),
         (["friction=0.3", "friction=0.4"], "--set 'friction=0.4': friction is given twice"),
         (["fricton=0.3"], 'error: --set: \'fricton\': Scene has no field \'fricton\''),
-        (["friction=0.3", "friction.left=0.4"], "error: --set: "),
         (["grasped.mass=-1"], "error: --set: GraspedObject.mass = -1"),
-        (['grasped.mass="1"'], "error: --set: GraspedObject.mass = '1': must be a number"),
     ],
 )  # fmt: skip
-def test_what_is_no_change_is_refused(scene: Path, changes: list[str], message: str) -> None:
+def test_bad_changes_are_refused_in_one_line(scene: Path, changes: list[str], message: str) -> None:
     code, out, err = call("run", scene, *(word for text in changes for word in ("--set", text)))
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert message in err
@@ -76,7 +73,7 @@ def test_the_commands_of_accuracy_take_it_too(
 
     monkeypatch.setattr("softpinch.accuracy.advisor.advise", note)
     monkeypatch.setattr("softpinch.accuracy.precision.work_precision", note)
-    monkeypatch.setattr("softpinch.cli.stability.max_stable_dt", note)
+    monkeypatch.setattr("softpinch.cli.accuracy.max_stable_dt", note)
     for command in ("advise", "work-precision", "stability"):
         out = () if command == "advise" else ("--out", tmp_path)
         call(command, scene, "--set", "grasped.mass=0.2", *out)

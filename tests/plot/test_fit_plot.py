@@ -61,8 +61,3 @@ def test_the_first_twelve_columns_are_shown_and_counted() -> None:
     figure = plot.fit(fit)
     assert len(figure.axes) == 24
     assert figure.axes[1].get_title() == "residual / noise, 12 of 18 columns"
-
-
-def test_only_a_fit_is_drawn() -> None:
-    with pytest.raises(TypeError, match=r"^fit = 3: must be a Fit$"):
-        plot.fit(3)  # type: ignore[arg-type]

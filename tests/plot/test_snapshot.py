@@ -1,13 +1,12 @@
 """Snapshots: the motion, forces, modes and texts at an instant are those of the run."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import softpinch as sp
-from films import PUSHED, operation, pushed_run, texts
+from films import operation, pushed_run, texts
 from softpinch import plot
 from softpinch.plot.instants import instants
 from softpinch.plot.style import PURPLE
@@ -40,28 +39,6 @@ def test_forces_and_their_points_are_those_of_the_equations(run: sp.Run) -> None
         moments = [r[0] * f[1] - r[1] * f[0] for r, f in zip(arms, shown.contact, strict=True)]
         # The point is on the drawn tip, which fulfils (9) up to the drift of "csm".
         assert sum(moments) == pytest.approx(load[2], abs=1e-6)
-
-
-@pytest.mark.parametrize("law", ["pid", "driven", "sampled", "unilateral"])
-def test_forces_that_were_not_recorded_are_those_that_would_have_been(law: str) -> None:
-    gentle = sp.Schedule.minimum_jerk([0.0, 0.02], np.deg2rad([[0.0, 0.0], [6.0, 6.0]]), 0.02)
-    scene = {
-        "pid": sp.Scene(duration=0.05),
-        "driven": sp.Scene(duration=0.05, fingers="driven", schedule=gentle),
-        "sampled": sp.Scene(
-            duration=0.05,
-            control=sp.SampledController(
-                2e-3, [[0.0]], [[0.0, 0.0]], [[0.0], [0.0]], [[5.0, 0.0], [0.0, 5.0]],
-                measures=("angle_error",),
-            ),
-        ),
-        "unilateral": replace(PUSHED, duration=0.05),
-    }[law]  # fmt: skip
-    known = sp.simulate(scene, 1e-4, every=7, record=("state", "multipliers"))
-    bare = sp.simulate(scene, 1e-4, every=7)
-    times = np.linspace(0.0, known.t[-1], 23)
-    for a, b in zip(instants(known, times, True), instants(bare, times, True), strict=True):
-        np.testing.assert_allclose(a.contact, b.contact, rtol=1e-6, atol=1e-6)
 
 
 def test_modes_and_violations_of_each_instant(slipping: sp.Run) -> None:

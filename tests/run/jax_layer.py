@@ -77,7 +77,7 @@ BOTH = pytest.mark.parametrize("make", LAYERS.values(), ids=LAYERS)
 
 
 def loss(layer: Any) -> Any:
-    """Of scaled values, with curvature, of rates and coordinates of different sizes."""
+    """A curved function of scaled values: sums over coordinates and rates of different sizes."""
 
     def of(scaled: dict[str, Any]) -> Any:
         run = layer({path: SIZES[path] * value for path, value in scaled.items()})

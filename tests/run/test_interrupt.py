@@ -162,15 +162,3 @@ def test_ctrl_c_in_an_error_estimate_keeps_the_run(
     assert error.q is not None and error.q.shape == run.q.shape and np.isinf(error.q).all()
     assert error.largest == dict.fromkeys(("q", "p", "multipliers"), np.inf)
     assert not sp.simulate(scene, **how, estimate_error=True).error_estimate.interrupted
-
-
-def test_ctrl_c_in_an_error_estimate_stops_the_core_soon() -> None:
-    scene = sp.Scene(duration=2.0)
-    begun = time.monotonic()
-    whole = sp.simulate(scene, dt=1e-5, every=10_000)
-    timer = threading.Timer(1.5 * (time.monotonic() - begun), signal.raise_signal, (signal.SIGINT,))
-    timer.start()
-    run = sp.simulate(scene, dt=1e-5, every=10_000, estimate_error=True)
-    timer.join()
-    assert run.status == "completed" and run.error_estimate.interrupted
-    np.testing.assert_array_equal(run.q, whole.q)

@@ -94,13 +94,10 @@ def test_check_dt_allows_its_smaller_tolerance_more_steps(method: str) -> None:
     assert (completed.bias, completed.runs) == (0.0, 9)
     difference = free["peak_rotation"] - finer["peak_rotation"]
     assert checked.discretisation["peak_rotation"].bias == difference.mean()
-    # Ten times the most that fits the core's integers would not.
-    require_same(study(**how, max_steps=2**62, check_dt=True), free)
 
 
 BAD: list[tuple[dict[str, Any], type[Exception], str]] = [
     ({"max_steps": 0}, ValueError, "max_steps = 0: must be at least 1"),
-    ({"max_steps": 2**62 + 1}, ValueError, "must be at most 4611686018427387904"),
     ({"max_steps": 1e6}, TypeError, "max_steps = 1000000.0: must be an integer"),
     ({"max_steps": 9, "tolerance": None, "dt": 1e-3}, ValueError, "goes with tolerance"),
 ]

@@ -1,4 +1,4 @@
-"""What a run that failed says: what happened, in words for its own steps, and what to do."""
+"""Messages of failed runs: the cause, in words for the kind of steps, and a remedy."""
 
 import math
 import re

@@ -47,7 +47,7 @@ def test_recording_less_changes_nothing_in_what_is_recorded(
         assert less.stats["evaluations"] < full.stats["evaluations"]
 
 
-@pytest.mark.parametrize("every", [1, 2, 3, 10**30])
+@pytest.mark.parametrize("every", [1, 2, 3, 10**9])
 def test_the_last_instant_is_always_recorded_and_once(every: int) -> None:
     run = sp.simulate(some_scene(), dt=5e-4, every=every)
     assert run.t[0] == 0.0

@@ -1,6 +1,5 @@
 """Runs with unilateral contact that go on from a row of an earlier run: the same bits."""
 
-import pickle
 from dataclasses import replace
 from typing import Any
 
@@ -98,19 +97,3 @@ def test_a_slip_that_an_impact_of_the_other_tip_has_met_goes_on() -> None:
                 np.testing.assert_array_equal(np.sign(codes[slips]), np.sign(velocities))
                 require_same_rest(run, k, how)
     assert met > 5
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_states_keep_their_contacts_in_files(name: str) -> None:
-    how: dict[str, Any] = {"dt": 2e-4, "record": RECORD}
-    run = sp.simulate(SCENES[name], **how)
-    modes = {sp.ContactMode(mode) for mode in run.contact.ravel()}
-    assert {sp.ContactMode.FREE, sp.ContactMode.STICK, sp.ContactMode.SLIP} <= modes
-    for k in np.flatnonzero((run.contact == sp.ContactMode.FREE).any(axis=1))[:2].tolist():
-        state = run.state(k)
-        left = replace(run.scene, initial=state, duration=run.scene.duration - state.time)
-        read = sp.Scene.from_toml(left.to_toml())
-        assert read == left
-        np.testing.assert_array_equal(sp.simulate(read, **how).q, run.q[k:])
-        again = pickle.loads(pickle.dumps(run))
-        np.testing.assert_array_equal(again.state(k).contact, state.contact)

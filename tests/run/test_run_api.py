@@ -18,7 +18,7 @@ from softpinch import _core, paper
 from softpinch.run.ledger import LEDGER
 from softpinch.scene.fields import COLUMNS
 
-ALL = ("state", "multipliers", "residuals", "energy", "torque")
+ALL = ("state", "multipliers", "residuals", "energy", "torque", "contact")
 SHORT = sp.Scene(duration=0.05, schedule=sp.Schedule.steps([0.0], [[0.10, 0.07]]))
 
 
@@ -56,7 +56,7 @@ def test_everything_recorded_has_its_shape_and_cannot_be_written(run: sp.Run) ->
     assert (run.record, run.every) == (ALL, 10)
     assert run.stop_on == ("separated", "crushed", "folded")
     assert run.stats["steps"] == 500
-    recorded = {name for name in COLUMNS if not name.startswith(("error_", "contact"))}
+    recorded = {name for name in COLUMNS if not name.startswith("error_")}
     # Bilateral contact has no losses of its own, which are the last three columns.
     columns = (*LEDGER[:-3], "closure")
     assert set(run.arrays()) == recorded | {f"energy_{name}" for name in columns}
@@ -145,7 +145,7 @@ def test_csv_has_a_column_with_its_unit_for_each_number(run: sp.Run, tmp_path: P
     with run.save(str(tmp_path / "run.csv")).open(newline="", encoding="utf-8") as file:
         header, *rows = csv.reader(file)
     table = np.array(rows, dtype=float)
-    assert table.shape == (len(run), len(header)) == (51, 39)
+    assert table.shape == (len(run), len(header)) == (51, 41)
     assert all("[" in name for name in header)
     expected = {
         "t [s]": run.t,
@@ -156,6 +156,7 @@ def test_csv_has_a_column_with_its_unit_for_each_number(run: sp.Run, tmp_path: P
         "lambda_1N [N]": run.multipliers[:, 2],
         "C_2N [m/s]": run.residuals[:, 3],
         "torque_1 [N m]": run.torque[:, 0],
+        "contact_2 [1]": run.contact[:, 1],
         "energy_elastic [J]": run.energy.elastic,
         "energy_closure [J]": run.energy.closure,
     }

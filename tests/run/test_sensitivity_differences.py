@@ -29,7 +29,7 @@ QUICK = (Phase.explicit, Phase.reuse, Phase.generate)
 def off(
     scene: sp.Scene, path: str, index: tuple[int, ...], ladder: Any = LADDER, **how: Any
 ) -> float:
-    """How far the derivatives by one number are from differences."""
+    """The error of the derivatives by one number, by comparison with differences."""
     # Most driven fingers soon pull at the object: such runs are compared too.
     how["stop_on"] = ()
     run = sp.simulate(scene, sensitivities=path, **how)

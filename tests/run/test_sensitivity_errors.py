@@ -1,4 +1,4 @@
-"""What `sensitivities` refuses, and what it says."""
+"""Errors of `sensitivities`."""
 
 from dataclasses import dataclass, replace
 from typing import Any

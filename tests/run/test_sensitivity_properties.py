@@ -1,4 +1,4 @@
-"""What derivatives of runs obey exactly: symmetries, sums, and the same bits in other ways."""
+"""Exact properties of derivatives: symmetries, sums, and the same bits in other ways."""
 
 from dataclasses import replace
 from typing import Any

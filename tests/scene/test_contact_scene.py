@@ -209,8 +209,3 @@ def test_high_friction_of_heavy_tips_is_a_warning_in_unilateral_contact(
     assert not usual.suspicions(replace(scene, hand=sp.Hand(tip=LIGHT)))
     with pytest.warns(sp.SuspiciousValueWarning, match=message):
         sp.simulate(replace(scene, duration=1e-3), dt=1e-3)
-
-
-def test_an_unusual_coefficient_of_one_contact_is_named_by_its_side() -> None:
-    (text,) = usual.suspicions(sp.Scene(friction=(0.5, 50.0)))
-    assert text.startswith("friction.left = 50: usual is from 0 to 30; ")

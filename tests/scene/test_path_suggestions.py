@@ -1,4 +1,4 @@
-"""Paths that a scene does not have: wherever one is given, the error suggests the one meant."""
+"""Paths that a scene does not have: the error suggests the one that was meant."""
 
 import pickle
 import re
@@ -26,32 +26,46 @@ TAKERS: dict[str, Callable[[sp.Scene, str], Any]] = {
     ),
     "equilibrium_map": lambda scene, path: sp.equilibrium_map(scene, {path: [1.0]}, progress=False),
 }
-by_taker = pytest.mark.parametrize("taker", TAKERS)
-
-MEANT = [
-    (SCENE, "hand.tip.E", "hand.tip.youngs_modulus"),
-    (SCENE, "hand.tip.left.E", "hand.tip.left.youngs_modulus"),
-    (SCENE, "E", "hand.tip.youngs_modulus"),
-    (SCENE, "hand.tip.young_modulus", "hand.tip.youngs_modulus"),
-    (SCENE, "hand.right.M", "hand.right.mass"),
-    (SCENE, "mu", "friction"),
-    (SCENE, "control.E", "hand.tip.youngs_modulus"),
-    (PAIR, "hand.tip.left.E", "hand.tip.left.youngs_modulus"),
-    (PAIR, "hand.tip.E", "hand.tip.left.youngs_modulus"),
-    (PAIR, "E", "hand.tip.left.youngs_modulus"),
+TWO = sp.Scene(
+    hand=sp.Hand(tip=(sp.Fingertip(), sp.Fingertip())),
+    disturbances=[sp.Step(time=0.0)],
+    schedule=sp.Schedule.steps([0.0], [[0.1, 0.1]]),
+)
+SAID = [
+    (SCENE, "hand.tip.E", 'did you mean "hand.tip.youngs_modulus"?'),
+    (SCENE, "hand.tip.left.E", 'did you mean "hand.tip.left.youngs_modulus"?'),
+    (SCENE, "E", 'did you mean "hand.tip.youngs_modulus"?'),
+    (SCENE, "youngs_modulus", 'did you mean "hand.tip.youngs_modulus"?'),
+    (SCENE, "hand.youngs_modulos", 'did you mean "hand.tip.youngs_modulus"?'),
+    (SCENE, "hand.right.M", 'did you mean "hand.right.mass"?'),
+    (SCENE, "mu", 'did you mean "friction"?'),
+    (SCENE, "control.E", 'did you mean "hand.tip.youngs_modulus"?'),
+    (SCENE, "control.left.kpp", 'did you mean "control.kp"?'),
+    (SCENE, "disturbances.0.force", "Scene.disturbances is empty, so there is no '0'"),
+    (PAIR, "hand.tip.left.E", 'did you mean "hand.tip.left.youngs_modulus"?'),
+    (PAIR, "hand.tip.E", 'did you mean "hand.tip.left.youngs_modulus"?'),
+    (TWO, "force", 'did you mean "disturbances.0.force"?'),
+    (TWO, "hand.tip.radius", 'did you mean "hand.tip.left.radius"?'),
+    (TWO, "schedule.angles.1", "Schedule.angles has one entry, 0, not '1'"),
+    (TWO, "disturbances.0.force.2", "Step.force has 0 to 1, not '2'"),
 ]
 
 
-@by_taker
-@pytest.mark.parametrize(("scene", "path", "meant"), MEANT, ids=range(len(MEANT)))
-def test_the_path_that_was_meant_is_suggested(
-    taker: str, scene: sp.Scene, path: str, meant: str
-) -> None:
+@pytest.mark.parametrize(("scene", "path", "message"), SAID, ids=range(len(SAID)))
+def test_an_unknown_path_says_which_was_meant(scene: sp.Scene, path: str, message: str) -> None:
+    with pytest.raises(ValueError) as error:
+        scene.with_({path: 1.0})
+    assert str(error.value).startswith(f"with_: {path!r}: ") and message in str(error.value)
+
+
+@pytest.mark.parametrize("taker", TAKERS)
+def test_every_function_that_takes_paths_suggests_one(taker: str) -> None:
     with pytest.raises((ValueError, KeyError)) as error:
-        TAKERS[taker](scene, path)
+        TAKERS[taker](PAIR, "hand.tip.E")
     assert isinstance(error.value, KeyError) == (taker == "vary_paths")
-    assert path in str(error.value) and "\\" not in str(error.value)
-    assert f'; did you mean "{meant}"?' in str(error.value), str(error.value)
+    text = str(error.value)
+    assert "hand.tip.E" in text and "\\" not in text
+    assert '; did you mean "hand.tip.left.youngs_modulus"?' in text
 
 
 @given(st.text(max_size=30) | st.sampled_from(sorted(SYMBOLS)).map("hand.tip.left.{}".format))

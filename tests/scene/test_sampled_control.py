@@ -129,22 +129,3 @@ def test_studies_refuse_fields_that_cannot_vary() -> None:
             sp.monte_carlo(scene, 2, vary={path: sp.Uniform(0.0, 1.0)}, progress=False)
     with pytest.raises(ValueError, match=r"run \d+: .*delay"):
         sp.monte_carlo(scene, vary={"control.delay": [1e-3, -1e-3]}, progress=False)
-
-
-def test_figures_have_target_angles_only_where_the_schedule_has_angles() -> None:
-    plot = pytest.importorskip("softpinch.plot")
-    pytest.importorskip("matplotlib")
-    record = ("state", "multipliers", "residuals", "energy", "torque")
-    by_angle = sp.simulate(sp.Scene(control=PID, duration=0.01), record=record)
-    other = replace(STATIC, measures=("rotation", "rotation_rate", "target"))
-    run = sp.simulate(sp.Scene(control=other, duration=0.01), record=record)
-    lines = [sum(len(axes.lines) for axes in plot.motion(each).axes) for each in (by_angle, run)]
-    assert lines[0] > lines[1]
-    for each in (by_angle, run):
-        plot.run(each)
-        assert each.energy.closure.max() < 1e-6
-
-
-def test_a_delay_in_milliseconds_is_suspicious() -> None:
-    with pytest.warns(sp.SuspiciousValueWarning, match=r"control\.delay = 2"):
-        sp.simulate(sp.Scene(control=replace(PID, delay=2.0), duration=0.002))

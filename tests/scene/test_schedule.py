@@ -18,7 +18,7 @@ instants = st.floats(-1.0, 4.0)
 
 
 def before(times: np.ndarray, t: float) -> int:
-    """Which knot came last, -1 for none."""
+    """Index of the last knot before `t`, -1 for none."""
     return int(np.searchsorted(times, t, side="right")) - 1
 
 
@@ -34,7 +34,7 @@ def angles_between(times: Floats, angles: Floats, t: float) -> Floats:
 
 
 def expected(schedule: sp.Schedule, t: float) -> np.ndarray:
-    """What a schedule asks for at `t`, straight from its description."""
+    """The target at `t`, straight from the description of the schedule."""
     times: Floats = schedule.times
     angles: Floats = schedule.angles
     k = before(times, t)
@@ -214,3 +214,13 @@ def test_arrays_are_copies_that_cannot_be_written(schedule: sp.Schedule) -> None
     copy = sp.Schedule.steps(schedule.times, angles)
     angles[:] = 7.0
     assert (copy.angles == schedule.angles).all()
+
+
+def test_angles_of_whole_degrees_are_shown_in_degrees() -> None:
+    written = sp.Schedule.in_degrees("steps", [0.0, 0.5], [[6, 6], [15.25, -5]])
+    assert repr(written) == (
+        "Schedule.in_degrees(kind='steps', times=[0.0, 0.5], angles=[[6.0, 6.0], [15.25, -5.0]])"
+    )
+    for schedule in (written, sp.Schedule.steps([0.0], [[0.1, 0.2]]), sp.Scene().schedule):
+        shown = eval(repr(schedule), {"Schedule": sp.Schedule})
+        assert shown == schedule and np.array_equal(shown.angles, schedule.angles)

@@ -3,8 +3,6 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
-from operator import eq
 from typing import TypeVar
 
 import numpy as np
@@ -70,7 +68,6 @@ def falsified(strategy: st.SearchStrategy[T], holds: Callable[[T], bool]) -> tup
 
 
 PRINTED = [
-    *((strategy, partial(eq, simplest)) for strategy, simplest in SIMPLEST),
     (sps.fingers(), lambda finger: finger.length < 0.1),
     (sps.hands(), lambda hand: hand.left.mass == hand.right.mass),
     (sps.schedules(), lambda schedule: len(schedule.times) < 2 or schedule.angles[1, 0] < 0.11),
@@ -122,15 +119,6 @@ def test_every_kind_of_disturbance_comes_with_a_force(kind: str) -> None:
         return type(disturbance) is DISTURBANCES[kind] and bool(np.any(push))
 
     exists(sps.disturbances(), pushes)
-
-
-@given(sps.scenes(spread=2.0, duration=0.01), st.sampled_from([1e-3, 5e-4]))
-def test_scenes_can_be_simulated(scene: sp.Scene, dt: float) -> None:
-    run = sp.simulate(scene, dt=dt)
-    assert run.status in ("completed", "separated", "crushed", "folded", "not_finite", "unstable")
-    start = scene.start()
-    radii = scene.parameters()[[10, 17]]
-    assert (start.q[5:7] >= -1e-9 * radii).all()
 
 
 @given(sps.scenes(symmetric=True, duration=0.05, most_disturbances=0))

@@ -83,7 +83,9 @@ STEP = '[[disturbances]]\nkind = "step"\ntime = 0\n'
 BAD = [
     ("durration = 1", r'Scene\.durration: unknown name; .*did you mean "duration"'),
     ("duration = 0", r"Scene\.duration = 0\.0: must be finite and > 0$"),
-    ("[hand.right]\nlenght = 1", r'Finger\.lenght \(in hand\.right\).*"length"'),
+    ("[object]\nmass = 1", r'Scene\.object: unknown name; .*did you mean "grasped"'),
+    ("[hand.right]\nlenght = 1", r'Finger\.lenght \(in hand\.right\).*mean "hand\.right\.length"'),
+    ("[control.right]\nKp = 1", r'Pid\.Kp \(in control\.right\).*mean "control\.right\.kp"'),
     ("[hand.tip.left]\nradius = -1", r"Fingertip\.radius = -1\.0: .* \(in hand\.tip\.left\)"),
     ("[hand.tip]\nright = {}\nradius = 1", r"Fingertip\.right \(in hand\.tip\): unknown name"),
     ("hand = 3", r"Hand \(in hand\) = 3: must be a table"),

@@ -35,6 +35,7 @@ SLIPS = [
         r"^schedule\.angles\.0\.1 = -7 rad: usual is from -1\.57\d* to 1\.57\d* rad; .*deg2rad",
     ),
     (sp.Scene(friction=50.0), r"^friction = 50: usual is from 0 to 30; "),
+    (sp.Scene(friction=(0.5, 50.0)), r"^friction\.left = 50: usual is from 0 to 30; "),
     (sp.Scene(control=(sp.Pid(), sp.Pid(kp=1e7))), r"^control\.left\.kp = 1e\+07 N m/rad: "),
     (
         sp.Scene(hand=sp.Hand(tip=(sp.Fingertip(), sp.Fingertip(radius=20.0)))),

@@ -146,9 +146,7 @@ def test_simulators_are_not_copied(repeat: Any) -> None:
 
 
 BAD_SIMULATORS = [
-    ({"period": 0.0}, "period"),
     ({"period": 1e-20}, "period"),
-    ({"dt": 0.0}, "dt"),
     ({"method": "euler"}, "method"),
     ({"scene": replace(SCENE, control=sp.Pid(), fingers="driven")}, "driven"),
 ]
@@ -261,7 +259,7 @@ def test_a_reset_to_the_end_of_a_run_begins_another_one() -> None:
 
 
 @pytest.mark.parametrize("many", [False, True])
-def test_two_threads_in_one_simulator_are_told_to_make_two(many: bool) -> None:
+def test_two_threads_in_one_simulator_are_refused(many: bool) -> None:
     long = replace(SCENE, duration=2.0, disturbances=())
     sim: Any = sp.VectorSimulator(long, 64, 0.5, 5e-6) if many else sp.Simulator(long, 0.5, 2e-7)
     actions, which = (np.full((64, 2), 1.2), (0,)) if many else (np.full(2, 1.2), ())

@@ -165,13 +165,12 @@ def test_a_reset_takes_forces_away_and_brings_them_back() -> None:
     assert np.array_equal(np.array(first)[:, 1], np.array(again)[:, 1])
 
 
-@pytest.mark.parametrize("many", [False, True])
-def test_periods_that_fall_short_of_the_duration_by_round_off_are_all(many: bool) -> None:
+def test_periods_that_fall_short_of_the_duration_by_round_off_are_all() -> None:
     """5 * 0.011 is less than 0.055 in floating-point numbers."""
     task = gym.HoldAgainstPushes(duration=0.055, period=0.011, dt=5e-4, pushes=0)
     assert task.steps == 5
     assert task.steps * task.period < task.duration
-    episodes = Episodes.many(task, 2) if many else Episodes.alone(task)
+    episodes = Episodes(task, 2)
     episodes.start(np.ones(episodes.n, bool), [np.random.default_rng(0)] * episodes.n)
     for step in range(5):
         outcome = episodes.step(np.zeros((episodes.n, 2)))
@@ -190,7 +189,7 @@ class InPlace(FollowPath):
 def test_a_task_may_keep_the_array_of_its_torques() -> None:
     infos = []
     for kind in (FollowPath, InPlace):
-        episodes = Episodes.alone(kind(**SHORT))
+        episodes = Episodes(kind(**SHORT), 1)
         episodes.start(np.ones(1, bool), [np.random.default_rng(0)])
         infos.append([episodes.step([[a, -a]]).info["reward_smooth"] for a in (0.01, 0.0, 0.02)])
     assert infos[1] == infos[0]

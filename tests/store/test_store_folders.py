@@ -19,7 +19,6 @@ pytestmark = pytest.mark.usefixtures("small_parts")
     "error",
     [
         (lambda: tiny(5), TypeError, "store = 5: must be the path of a folder"),  # type: ignore[arg-type]
-        (lambda: tiny(b"study"), TypeError, "must be the path of a folder"),  # type: ignore[arg-type]
         (lambda: tiny(""), ValueError, "store is empty: must be the path of a folder"),  # type: ignore[arg-type]
         (lambda: sp.Study.open(5), TypeError, "PathLike"),  # type: ignore[arg-type]
         (lambda: sp.Study.open(""), ValueError, "path is empty: must be the path of a folder"),
@@ -56,27 +55,10 @@ def test_a_folder_that_cannot_be_written(study: Path) -> None:
             path.chmod(0o700)
 
 
-@pytest.mark.parametrize("taken", ["manifest.toml", "parts", "lock"])
-def test_something_else_in_the_place_of_a_file(taken: str, tmp_path: Path) -> None:
-    if taken == "parts":
-        (tmp_path / taken).write_text("")
-    else:
-        (tmp_path / taken / "x").mkdir(parents=True)
-    with pytest.raises(sp.StoreError, match=str(tmp_path)):
-        tiny(tmp_path, 5)
-
-
 BAD: dict[str, dict[str, Any]] = {
     "a value": {"vary": {"grasped.mass": [0.1, 0.1, -0.1]}, "runs": 3},
     "a value drawn late": {"vary": {"grasped.mass": lambda rng: rng.normal(0.1, 0.04)}},
-    "a path": {"vary": {"grasped.mas": sp.Normal(0.1, 0.01)}},
-    "a length": {"vary": {"grasped.mass": [0.1]}, "runs": 3},
-    "a method": {"method": "euler"},
-    "runs": {"runs": 0},
     "a function that raises": {"vary": {"grasped.mass": lambda rng: 1 / 0}},
-    "trajectories": {"trajectories": (TINY + 5,)},
-    "check_dt": {"check_dt": 1},
-    "executor": {"executor": 3},
     "threads": {"threads": 0},
     "smaller steps": {
         "dt": None, "tolerance": 5e-14, "method": "dop853", "formulation": "nullspace",

@@ -110,7 +110,7 @@ def test_an_ended_writer_keeps_its_rows_and_gives_the_lock_back(
 
 @pytest.mark.parametrize(
     "where",
-    ["driver.manifest.write", "driver.Writer", "driver._verify_same_bits", "driver._events"],
+    ["manifest.write", "study.Writer", "study._verify_same_bits", "study._events"],
 )
 def test_an_error_before_the_first_run_gives_the_lock_back(
     where: str, study: Path, monkeypatch: pytest.MonkeyPatch

@@ -14,9 +14,9 @@ SCRIPT = """
 import json, sys
 import stores
 from softpinch.study import compute
-from softpinch.store import driver, folder
+from softpinch.store import folder, study as stored
 
-folder.GATHER_SECONDS, driver.MOST_BLOCKS, compute.MOST_BLOCKS = 0.0, 2, 4
+folder.GATHER_SECONDS, stored.MOST_BLOCKS, compute.MOST_BLOCKS = 0.0, 2, 4
 
 def most():
     # Not getrusage: that begins with what the process had before it became this one.

@@ -16,7 +16,7 @@ import pytest
 
 import softpinch as sp
 from softpinch import _core
-from stores import RUNS, compute, in_memory, parts, require_same, tiny
+from stores import RUNS, compute, in_memory, parts, require_same
 
 
 def test_any_run_is_shown_again(in_parts: sp.Study) -> None:
@@ -104,12 +104,6 @@ def test_errors_equal_those_of_the_ensemble(in_parts: sp.Study, ask: Callable[[A
     with pytest.raises(theirs.type) as ours:
         ask(in_parts)
     assert str(ours.value) == str(theirs.value)
-
-
-def test_what_was_not_computed_says_how(tmp_path: Path) -> None:
-    study = tiny(tmp_path, 5)
-    with pytest.raises(ValueError, match=r"'peak_rotation' was not computed: pass summaries="):
-        study.mean("peak_rotation")
 
 
 def test_chunks_are_ensembles_of_all_rows(in_parts: sp.Study) -> None:

@@ -52,17 +52,6 @@ def test_a_folder_is_resumed_and_extended_to_the_bits_of_memory(tmp_path: Path) 
     assert again == capsule and again.agrees(again.replay())
 
 
-def test_another_contact_or_friction_is_another_study(tmp_path: Path) -> None:
-    study(2, store=tmp_path / "study")
-    for change, named in (
-        ({"contact": "bilateral"}, r"scene\.contact is 'unilateral' there, and 'bilateral' here"),
-        ({"friction": (0.5, 0.7)}, r"scene\.friction\.left is 0\.8 there, and 0\.7 here"),
-        ({"friction": 0.5}, r"scene\.friction is not given there, and 0\.5 here"),
-    ):
-        with pytest.raises(ValueError, match=named):
-            study(2, replace(PUSHED, **change), store=tmp_path / "study")
-
-
 def test_a_kept_trajectory_has_modes_changes_and_intervals(tmp_path: Path) -> None:
     kept = study(4, store=tmp_path / "study", trajectories=(0, 1, 2, 3))
     events = 0

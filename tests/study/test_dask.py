@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from executors import BLOCK, KINDS, RUNS, Call, require_same, study, until
+from executors import BLOCK, KINDS, Call, require_same, study, until
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
@@ -88,11 +88,6 @@ def test_a_block_that_fails_is_computed_again(client: Any, executor: Any) -> Non
     require_same(study(executor=spy))
     # An equal call would have been given the error of the first one.
     assert [call.attempt for call in spy.calls].count(2) == 2
-
-
-def test_a_store_filled_by_a_cluster_is_the_same_study(executor: Any, tmp_path: Path) -> None:
-    half = study("failures", runs=RUNS // 2, executor=executor, store=tmp_path / "study")
-    require_same(half.extend(RUNS, executor=executor, progress=False), "failures")
 
 
 def test_a_killed_worker_costs_nothing(client: Any, executor: Any, tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """A run in an ensemble is the run that it is alone, to the bit, whoever computes it beside it."""
 
-import os
 import pickle
 import threading
 import time
@@ -148,20 +147,9 @@ def test_every_simd_level_gives_the_same_bits(
         require_same(first, other)
 
 
-def test_more_runs_begin_with_the_same_ones() -> None:
-    few = sp.monte_carlo(scattered(), 20, seed=3, vary=VARY, dt=1e-3, progress=False)
-    more = sp.monte_carlo(scattered(), 1100, seed=3, vary=VARY, dt=1e-3, progress=False)
-    require_same(more, few, slice(20))
-    # Another path draws nothing from the first one's numbers.
-    both = {**VARY, "gravity": sp.Normal(9.8, 0.1)}
-    wider = sp.monte_carlo(scattered(), 20, seed=3, vary=both, dt=1e-3, progress=False)
-    assert same(few["grasped.mass"], wider["grasped.mass"])
-
-
 # Each ends a run in a way of its own.
 ENDS = {
     "separated": {"disturbances.0.force": (400.0, 0.0)},
-    "crushed": {"hand.tip.youngs_modulus": 1.0, "disturbances.0.force": (300.0, 0.0)},
     "not_finite": {"grasped.inertia": 1e-300, "grasped.mass": 1e-300},
 }
 
@@ -269,18 +257,6 @@ def test_a_grasp_settles_once_and_a_late_window_sees_nothing() -> None:
     assert all(np.isnan(values).all() for values in nothing.summaries.values())
 
 
-def test_kept_trajectories_and_replay_are_full_runs() -> None:
-    ensemble = sp.monte_carlo(
-        scattered(), 9, vary=VARY, dt=1e-3, trajectories=(2, 7), progress=False
-    )
-    assert sorted(ensemble.trajectories) == [2, 7]
-    kept, again = ensemble.trajectories[7], ensemble.replay(7, record="state", every=5)
-    assert kept.record == _core.RECORDABLE and len(again) < len(kept)
-    assert same(kept.q[-1], again.q[-1])
-    with pytest.raises(IndexError, match="run 9 is not among the 9 runs"):
-        ensemble.replay(9)
-
-
 def test_ensembles_travel() -> None:
     ensemble = study(check_dt=True, trajectories=(1,))
     copy = pickle.loads(pickle.dumps(ensemble))
@@ -313,18 +289,3 @@ def test_other_threads_of_python_go_on() -> None:
         counter.join()
     # Held throughout, the interpreter would let it tick a handful of times.
     assert ticks > 20 or spent < 0.05
-
-
-def test_ensembles_run_in_forked_and_spawned_processes() -> None:
-    import multiprocessing
-
-    for kind in ("fork", "spawn") if hasattr(os, "fork") else ("spawn",):
-        with multiprocessing.get_context(kind).Pool(1) as pool:
-            other = pool.apply(small)
-        assert same(other, small())
-
-
-def small() -> object:
-    masses = {"grasped.mass": np.linspace(0.08, 0.12, 20)}
-    scene = sp.Scene(duration=0.02)
-    return sp.monte_carlo(scene, vary=masses, dt=1e-3, threads=2, progress=False)["final_state"]

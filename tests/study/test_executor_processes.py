@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import softpinch as sp
-from executors import BLOCK, KINDS, RUNS, require_rows, require_same, study
+from executors import BLOCK, KINDS, require_rows, require_same, study
 from softpinch.support.errors import LostRunsWarning
 
 # Python 3.12 and later say that a fork of a process with threads may hang; ours must not.
@@ -42,15 +42,6 @@ def two(request: pytest.FixtureRequest, tmp_path_factory: Any) -> Iterator[Proce
 @pytest.mark.parametrize("kind", KINDS)
 def test_two_processes_give_the_bits_of_one_thread(two: ProcessPoolExecutor, kind: str) -> None:
     require_same(study(kind, executor=two), kind)
-
-
-def test_a_store_filled_by_processes_is_the_same_study(
-    two: ProcessPoolExecutor, tmp_path: Path
-) -> None:
-    half = study("failures", runs=RUNS // 2, executor=two, store=tmp_path / "study")
-    require_same(half, "failures", RUNS // 2)
-    require_same(half.extend(RUNS, executor=two, progress=False), "failures")
-    assert [run.replay().status for run in half.failures()[:2]] == ["separated"] * 2
 
 
 class Once:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from executors import BLOCK, KINDS, require_rows, require_same, study
+from executors import BLOCK, require_rows, require_same, study
 from softpinch.support.errors import LostRunsWarning
 
 loky = pytest.importorskip("loky")
@@ -23,11 +23,6 @@ def pool() -> Iterator[None]:
 
 def two_workers() -> Any:
     return loky.get_reusable_executor(max_workers=2)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_loky_gives_the_bits_of_one_thread(kind: str) -> None:
-    require_same(study(kind, executor=two_workers()), kind)
 
 
 def test_a_killed_worker_ends_a_study_and_the_same_call_goes_on(

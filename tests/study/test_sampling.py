@@ -18,17 +18,6 @@ from softpinch.study.sources import BLOCK
 
 
 @pytest.mark.parametrize("vary", [MANY, JOINT])
-def test_draws_have_the_shapes_of_the_fields(vary: dict[Any, Any]) -> None:
-    ours = plan(vary, 1500)
-    assert ours.dimensions == 0
-    for path, values in ours.draw(1).items():
-        assert values.shape == (BLOCK, *SHAPES[path]) and values.dtype == np.float64
-    for path, values in ours.draw_all().items():
-        assert values.shape == (1500, *SHAPES[path])
-    assert set(ours.shapes) == set(ours.draw_all())
-
-
-@pytest.mark.parametrize("vary", [MANY, JOINT])
 @pytest.mark.parametrize("runs", [1, 1023, 1024, 1025, 2048])
 def test_more_runs_change_no_run_that_was_there(vary: dict[Any, Any], runs: int) -> None:
     most = plan(vary, 2600, seed=5).draw_all()
@@ -87,12 +76,6 @@ def test_the_generator_is_the_documented_one() -> None:
         drawn = plan({paths: one}, 1, 10**30).draw(2)
         columns = [drawn[path].reshape(BLOCK, -1) for path in paths]
         np.testing.assert_array_equal(np.hstack(columns), expected)
-
-
-def test_an_empty_vary_draws_nothing() -> None:
-    for sampler in SAMPLERS:
-        ours = plan({}, 5, sampler=sampler)
-        assert ours.draw(0) == {} and ours.draw_all() == {} and ours.shapes == {}
 
 
 # The numbers follow what was asked
@@ -212,13 +195,6 @@ def test_rows_after_the_end_of_an_array_or_hypercube_are_nan() -> None:
         for path, values in ours.draw(1).items():
             assert values.shape == (BLOCK, *SHAPES[path])
             assert np.isfinite(values[:6]).all() and np.isnan(values[6:]).all()
-
-
-@pytest.mark.parametrize("sampler", ["random", "sobol"])
-def test_blocks_after_the_last_can_be_drawn(sampler: str) -> None:
-    ours = plan(PLACED, 10, 4, sampler)
-    longer = plan(PLACED, 3 * BLOCK, 4, sampler).draw_all()
-    assert_same(ours.draw(2), {path: values[2 * BLOCK :] for path, values in longer.items()})
 
 
 # Provenance

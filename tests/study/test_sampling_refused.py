@@ -46,8 +46,6 @@ def test_a_tuple_that_looks_like_bounds_is_suspicious() -> None:
     ("vary", "runs", "error", "message"),
     [
         ({}, None, ValueError, r"^runs is missing: must be given where vary has no array$"),
-        ({}, 0, ValueError, r"^runs = 0: must be at least 1$"),
-        ({}, 2.5, TypeError, r"^runs = 2.5: must be an integer$"),
         ({"mass": []}, None, ValueError, r'^vary\["mass"\] has no entries'),
         (
             {"mass": [1, 2]},
@@ -71,8 +69,6 @@ def test_a_tuple_that_looks_like_bounds_is_suspicious() -> None:
         ),
         ({"mass": 3.0}, 3, TypeError, r'^vary\["mass"\] = 3.0: must be an array with one entry'),
         ({"mass": "normal"}, 3, TypeError, r"must be an array .* a distribution or a function$"),
-        ({"mass": ["a", "b"]}, None, TypeError, r'^vary\["mass"\] = .*: must hold numbers$'),
-        ({"mass": [1, [2]]}, None, ValueError, r'^vary\["mass"\] is ragged: '),
         ([1], 3, TypeError, r"^vary = \[1\]: must be a mapping from paths"),
         ({3: [1]}, 1, TypeError, r"^vary: the key 3 must be a path or a tuple of paths$"),
         ({"mass": [1], ("width", "mass"): [1]}, 1, ValueError, r"the path 'mass' is given twice$"),
@@ -88,8 +84,6 @@ def test_runs_that_cannot_be_counted_are_refused(
 @pytest.mark.parametrize(
     ("vary", "options", "error", "message"),
     [
-        ({}, {"seed": -1}, ValueError, r"^seed = -1: must be at least 0$"),
-        ({}, {"sampler": "sobel"}, ValueError, r'^sampler = .sobel.: .*did you mean "sobol"'),
         (
             {"force": np.ones((3, 3))},
             {"runs": 3},
@@ -146,8 +140,6 @@ def after(count: int, value: Any) -> Callable[[np.random.Generator], Any]:
             r'^vary\["mass"\], run 5: the function gave shape \(2,\), must give shape \(\)$',
         ),
         ({"mass": after(3, "x")}, TypeError, r'^vary\["mass"\], run 3 = .x.: must hold numbers$'),
-        ({"force": lambda _: [1.0, None]}, TypeError, r"run 0 = \[1.0, None\]: must hold numbers$"),
-        ({"force": lambda _: 1.0}, ValueError, r"run 0: .* gave shape \(\), must give shape \(2,"),
         (
             {("mass", "width"): lambda _: (1.0,)},
             ValueError,
@@ -163,12 +155,6 @@ def after(count: int, value: Any) -> Callable[[np.random.Generator], Any]:
             {("mass", "width"): lambda _: {"mass": 1.0, "wdth": 1.0}},
             ValueError,
             r'values for "mass", "wdth"; must give one for each of "mass", "width"$',
-        ),
-        (
-            {"force": stats.multivariate_normal([0, 0, 0])},
-            ValueError,
-            r'^vary\["force"\]: draws of multivariate_normal have shape \(3,\), must have '
-            r"shape \(2,\)$",
         ),
     ],
 )

@@ -62,6 +62,18 @@ def test_within_is_what_lies_between(numbers: set[int], first: int, last: int) -
 def test_contains_says_which_are_in_the_set(numbers: set[int], asked: set[int]) -> None:
     found = spans(numbers).contains(np.array(sorted(asked), np.uint64))
     assert found.tolist() == [n in numbers for n in sorted(asked)]
+    assert all(spans(numbers).has(n) == (n in numbers) for n in (*asked, -1, 2**63, 10**30))
+
+
+@given(SETS, st.integers(1, 9))
+def test_evenly_spaced_runs_include_both_ends(numbers: set[int], most: int) -> None:
+    found = spans(numbers).evenly_spaced(most).tolist()
+    assert found == sorted(set(found) & numbers) and len(found) == min(most, len(numbers))
+    if 1 < most <= len(numbers):
+        assert {min(numbers), max(numbers)} <= set(found)
+        places = [sorted(numbers).index(n) for n in found]
+        gaps = np.diff(places)
+        assert gaps.max() - gaps.min() <= 1
 
 
 @given(SETS, st.lists(st.integers(0, 3), min_size=45, max_size=45), st.randoms())
@@ -107,8 +119,3 @@ def test_pieces_lose_nothing_where_their_size_changes(numbers: set[int], sizes: 
     assert [n for piece in pieces for n in piece] == sorted(numbers)
     for piece, length in zip(pieces, lengths, strict=True):
         assert len({n // length for n in piece}) == 1
-
-
-def test_repr_has_the_first_intervals() -> None:
-    assert repr(spans({0, 1, 2, 7})) == "<Spans of 4 runs: 0 to 2, 7 to 7>"
-    assert repr(spans(set(range(0, 40, 2)))).endswith("8 to 8, ...>")

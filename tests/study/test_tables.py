@@ -1,14 +1,11 @@
 """Ensembles as tables, DataFrames and Datasets: the same numbers, a unit for each, provenance."""
 
 import json
-from collections import Counter
 from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import softpinch as sp
 from ensembles import calm, pushed
@@ -16,7 +13,6 @@ from softpinch.scene import fields as units
 from softpinch.scene.disturbance import DISTURBANCES
 from softpinch.scene.fields import label
 from softpinch.study import tables
-from softpinch.study.tables import status_counts, statuses
 from softpinch.support.record import Record
 
 # Fields that are no numbers of a unit, or records themselves.
@@ -185,30 +181,6 @@ LABELS = {
 def test_a_path_is_named_by_its_field_and_its_place(name: str) -> None:
     assert label(name) == LABELS[name]
     assert label(name, "m/s^2") == LABELS[name] + " [m/s$^2$]"
-
-
-NAMES = st.sampled_from(["separated", "completed", "crushed", "lost"])
-PARTS = st.lists(st.lists(st.tuples(NAMES, st.booleans()), min_size=1, max_size=6), max_size=4)
-
-
-@given(PARTS)
-def test_the_table_has_the_counts_in_their_order(parts: list[list[tuple[str, bool]]]) -> None:
-    arrays = [
-        (np.array([name for name, _ in part]), np.array([held for _, held in part]))
-        for part in parts
-    ]
-    runs = [run for part in parts for run in part]
-    counts = status_counts(names for names, _ in arrays)
-    assert counts == Counter(name for name, _ in runs)
-    assert list(counts) == sorted(counts, key=lambda name: (-counts[name], name))
-    # A generator can be read once only, as the parts of a store are.
-    table = statuses(each for each in arrays) if runs else None
-    if table is not None:
-        *rows, held = [row[:3] for row in table.rows]
-        assert [row[:2] for row in rows] == list(counts.items())
-        shares = [float(row[2]) for row in (*rows, held)]
-        assert shares == pytest.approx([row[1] / len(runs) for row in (*rows, held)], rel=1e-4)
-        assert held[:2] == ("holds", sum(one for _, one in runs))
 
 
 def test_counts_of_an_ensemble_and_its_table_agree() -> None:

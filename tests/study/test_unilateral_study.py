@@ -3,7 +3,6 @@
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,6 @@ import softpinch as sp
 from ensembles import require_alone, require_same
 from softpinch import paper, strategies
 from softpinch.scene.fields import label
-from softpinch.study import study_file
 
 FORCE = "disturbances.0.force"
 VARY: dict[Any, Any] = {
@@ -213,33 +211,6 @@ def test_threads_and_executors_give_the_same_bits() -> None:
     require_same(study(runs, threads=4, **how), alone)
     with ThreadPoolExecutor(2) as pool:
         require_same(study(runs, executor=pool, **how), alone)
-
-
-def test_a_study_file_has_contact_friction_and_modes(tmp_path: Path) -> None:
-    pytest.importorskip("tomli_w")
-    text = """
-        paper = "ii"
-        scene = {contact = "unilateral", friction = [0.5, 0.8], duration = 1.01}
-        [study]
-        runs = 3
-        seed = 5
-        dt = 1e-3
-        stop_when = {opened = 0.01, slipping = 0.01}
-        [vary]
-        "friction.left" = {kind = "uniform", low = 0.1, high = 1.2}
-    """
-    path = tmp_path / "study.toml"
-    path.write_text(text, encoding="utf-8")
-    spec = study_file.read(path)
-    assert spec.scene.contact == "unilateral" and spec.scene.friction == (0.5, 0.8)
-    assert spec.stop_when == {"opened": 0.01, "slipping": 0.01}
-    assert spec.to_dict()["scene"]["friction"] == {"right": 0.5, "left": 0.8}
-    path.write_text(text.replace('contact = "unilateral", ', ""), encoding="utf-8")
-    with pytest.raises(ValueError, match=r'stop_when = "opened": needs Scene\.contact'):
-        study_file.read(path)
-    path.write_text(text.replace("friction.left", "friction.lefft"), encoding="utf-8")
-    with pytest.raises(ValueError, match=r'friction is a pair; it has "right", "left", not \'leff'):
-        study_file.read(path)
 
 
 def test_a_start_with_modes_is_shared_and_each_run_has_its_own_velocities() -> None:

@@ -13,23 +13,17 @@ from typing import Any
 import numpy as np
 
 import softpinch as sp
-from scene_calls import ANGLES, SCENE_CALLS, TIMES
 from softpinch import paper, plot, reference, reproduce, stress
+from softpinch.support.record import Record
 
 SCENE = sp.Scene(duration=0.002, friction=0.5)
 STEPPED = replace(SCENE, control=sp.Torque(), duration=1.0)
 STEP = 1e-3
+TIMES, ANGLES = [0.0, 0.1], [[0.1, 0.1], [0.2, 0.2]]
 # One pair, so that what compares pairs takes no time.
 PAIR: dict[str, Any] = {"formulations": "csm", "methods": "rk4"}
-# Made by the package and handed to users, who need not make them: their numbers are results.
-RESULTS = {
-    *("Advice", "Capsule", "Discretisation", "Effect", "Energies", "EnergyLedger", "Ensemble"),
-    *("ContactChange", "ContactMode", "Equilibrium", "EquilibriumMap", "ErrorEstimate", "Estimate"),
-    *("Evaluation", "Explanation", "Fit", "Forces", "Gradients", "LinearModel", "Lost", "Mean"),
-    *("Measurement", "Modes", "Observation", "Observations", "Results", "Run", "Sensitivity"),
-    *("SensitivityState", "StabilityMap", "StabilizationSweep", "StableStep", "Study", "Term"),
-    *("Grip", "WorkPrecision", "WrenchLimits"),
-}
+# Classes that users make, beside the records: others are results.
+MADE = {"Peer", "Simulator", "VectorSimulator"}
 # Without an object of their own: their methods are those of what is derived.
 BASES = {"Disturbance", "Distribution", "Results"}
 # Inner workings without underscore: what compiles, makes results, and is in every mapping.
@@ -185,163 +179,103 @@ DRAWS: dict[str, Any] = {
 
 
 @cache
-def arguments() -> dict[str, dict[str, Any]]:
-    """What each takes, every parameter that has no default among them, by "Class.method"."""
-    q = SCENE.start().q
-    rows = {"t": [0.0], "q": [q], "p": [[0.0] * 9], "integral": [[0.0, 0.0]]}
+def typical() -> dict[str, Any]:
+    """Name of a parameter -> a value that most callables take there."""
+    folder = Path(tempfile.mkdtemp())
+    return {
+        **{"scene": SCENE, "grasp": SCENE, "progress": False, "measure": False},
+        **{"times": TIMES, "angles": ANGLES, "kind": "steps", "source": "duration = 1.0"},
+        **{"mass": 0.1, "width": 0.05, "height": 0.05, "length": 0.05, "radius": 0.02},
+        **{"time": 0.0, "duration": 0.1, "frequency_hz": 1.0, "rate_hz": 10.0, "period": 1e-3},
+        **{"force": ANGLES, "force_std": 1.0, "moment_std": 0.0, "t": 0.0, "p": [0.0] * 9},
+        **{"q": SCENE.start().q, "integral": [[0.0, 0.0]], "state": sp.Simulator(STEPPED).state()},
+        **{"low": 1.0, "high": 2.0, "mean": 1.0, "std": 0.1, "median": 1.0, "sigma": 0.1},
+        **{"u": [[0.5]], "rng": np.random.default_rng(1), "n": 2, "count": 1, "values": [1.0, 2.0]},
+        **{"happened": [True, False], "what": "pulling", "name": "grasped.mass", "i": 0, "k": 0},
+        **{"run": run(), "runs": runs(), "run_plus": run(), "run_minus": run(), "fit": fitted()},
+        **{"ensemble": many(), "limits": wrenches(), "results": sweep(), "result": precision()},
+        **{"found": sp.equilibrium(SCENE), "figure": plot.motion(run()), "path": folder / "a.csv"},
+        **{"x": "grasped.mass", "y": "control.kp", "axis": "object_mass", "case": "ii"},
+        **{"axes": {"grasped.mass": [0.1]}, "vary": {"gravity": (0.0, 20.0)}, "out": folder},
+        **{"torque": [1.0, 1.0], "actions": [[1.0, 1.0]] * 2, "error": 0.1, "method": "rk4"},
+        **{"measured": {"y": [0.0762] * 2}, "rate": 1.0 + 0.0j},
+    }
+
+
+@cache
+def special() -> dict[str, dict[str, Any]]:
+    """Arguments that are not typical, and those without which a call takes seconds."""
+    pair = {"dt": [STEP], "pairs": [("csm", "rk4")]}
+    gains = {name: [[0.1, 0.0], [0.0, 0.1]] for name in "ABCD"}
     own: dict[str, dict[str, Any]] = {
-        **SCENE_CALLS,
-        "Choice": {"values": [1.0, 2.0], "weights": [1.0, 1.0]},
-        "Impulse": {"time": 0.0},
-        "LogNormal": {"median": 1.0, "sigma": 0.1},
-        "LogUniform": {"low": 1.0, "high": 2.0},
-        "Noise": {"force_std": 1.0, "moment_std": 0.0, "rate_hz": 10.0},
-        "Normal": {"mean": 1.0, "std": 0.1},
+        "Noise.samples": {"count": 3},
         "Peer": {field: getattr(peer(), field) for field in sp.Peer.__dataclass_fields__},
-        "Pulse": {"time": 0.0, "duration": 0.1},
-        "Sampled": {"times": TIMES, "force": ANGLES, "moment": [0.0, 0.1]},
-        "Sine": {"frequency_hz": 1.0},
-        "State": {"q": q},
-        "Step": {"time": 0.0},
-        "TruncatedNormal": {"mean": 1.0, "std": 0.1, "low": 0.5, "high": 1.5},
-        "Uniform": {"low": 1.0, "high": 2.0},
-        "State.consistent": {"scene": SCENE},
+        "SampledController": {**gains, "measures": ("angle_error",), "limits": (-1.0, 1.0)},
+        "Schedule.minimum_jerk": {"move_time": 0.05},
+        "Scene.with_": {"values": {"grasped.mass": 0.2}},
+        "Simulator": {"scene": STEPPED},
+        "TruncatedNormal": {"low": 0.5, "high": 1.5},
+        "VectorSimulator": {"scene": STEPPED},
         "Capsule.from_toml": {"source": capsule().to_toml()},
         "Capsule.from_dict": {"data": capsule().to_dict()},
-        "Capsule.agrees": {"run": run()},
-        "Noise.samples": {"count": 3},
-        "Estimate.of": {"happened": [True, False]},
-        "Estimate.counted": {"count": 1, "n": 2},
-        "Mean.of": {"values": [1.0, 2.0]},
-        "Run.at": {"times": [0.001]},
-        "Run.check": {"residual": math.inf, "closure": math.inf},
-        "Run.save": {"path": Path(tempfile.mkdtemp()) / "run.csv"},
-        "EquilibriumMap.equilibrium": {"i": 0, "j": 0},
-        "EquilibriumMap.save": {"path": Path(tempfile.mkdtemp()) / "map.csv"},
-        "StabilityMap.save": {"path": Path(tempfile.mkdtemp()) / "map.csv"},
-        "WorkPrecision.save": {"path": Path(tempfile.mkdtemp()) / "work.csv"},
-        "WorkPrecision.cheapest": {"error": 0.1},
-        "Modes.stable_step": {"method": "rk4"},
-        "Modes.leading": {"k": 0, "rate": 1.0 + 0.0j},
-        "Study.open": {"path": study().path},
-        "Study.extend": {"runs": 4, "progress": False},
-        "Study.resume": {"progress": False},
-        "SampledController": {
-            "period": 1e-3,
-            **{name: [[0.1, 0.0], [0.0, 0.1]] for name in "ABCD"},
-            "measures": ("angle_error",),
-            "limits": (-1.0, 1.0),
-        },
-        "SampledController.pid": {"period": 1e-3},
-        "SampledController.compile_runs": {"values": {}, "numbers": None, "seed": 0},
-        "Simulator": {"scene": STEPPED},
-        "Simulator.run": {"record": "state"},
-        "Simulator.set_state": {"state": sp.Simulator(STEPPED).state()},
-        "Simulator.step": {"torque": [1.0, 1.0]},
-        "VectorSimulator": {"scene": STEPPED, "n": 2},
-        "VectorSimulator.message": {"run": 0},
-        "VectorSimulator.scene": {"run": 0},
-        "VectorSimulator.set_state": {"state": sp.Simulator(STEPPED).state()},
-        "VectorSimulator.state": {"run": 0},
-        "VectorSimulator.step": {"actions": [[1.0, 1.0]] * 2},
-        "advise": {"scene": SCENE, "tolerance": 1e-3, **PAIR},
-        "equilibrium": {"scene": SCENE},
-        "grip": {"scene": SCENE, "force": 5.0},
-        "equilibrium_map": {"scene": SCENE, "axes": {"grasped.mass": [0.1]}, "progress": False},
-        "wrench_limits": {"grasp": SCENE, "directions": [[0.0, 1.0, 0.0]]},
-        "evaluate": {"scene": SCENE, "t": 0.0, "q": q, "p": [0.0] * 9},
-        "explain": {"scene": SCENE, "measure": False},
-        "linearize": {"scene": SCENE, "state": SCENE.start()},
-        "max_stable_dt": {"scene": SCENE, "measure": False},
-        "modes": {"scene": SCENE, **rows},
-        "monte_carlo": {
-            "scene": SCENE,
-            "runs": 3,
-            "vary": {"grasped.mass": [0.1, 0.2, 0.3]},
-            "dt": STEP,
-            "progress": False,
-        },
-        "sensitivity": {"ensemble": many()},
-        "simulate": {"scene": SCENE, "dt": STEP},
-        "stability_map": {
-            "scene": SCENE,
-            "axis": "object_mass",
-            "values": [0.1],
-            "dt": [STEP],
-            "pairs": [("csm", "rk4")],
-            "progress": False,
-        },
-        "stabilization_sweep": {"scene": SCENE, "dt": STEP, "products": [0.1]},
-        "work_precision": {
-            "scene": SCENE,
-            **PAIR,
-            "dt": [STEP],
-            "tolerances": (),
-            "longest": 0.1,
-            "progress": False,
-        },
-        "reference.solve": {"scene": SCENE, "times": [0.0, 0.001]},
-        "reference.confirmed": {"scene": SCENE, "times": [0.0, 0.001]},
-        "reference.parameters": {"scene": SCENE},
-        "reproduce.find": {"runs": runs()},
-        "reproduce.simulate_all": {"dt": STEP},
-        "paper.disturbance": {"case": "ii"},
-        "reproduce.reproduce": {"out": Path(tempfile.mkdtemp())},
-        "plot.save": {"figure": plot.motion(run()), "path": Path(tempfile.mkdtemp()) / "a.svg"},
-        "plot.animate": {"run": run(), "path": Path(tempfile.mkdtemp()) / "a.gif"},
-        "plot.snapshots": {"run": run(), "times": [0.0], "titles": ["start"]},
-        "plot.disturbances": {"runs": {"i": run()}, "undisturbed": {"i": run()}},
-        "plot.contact": {"run": unilateral_run()},
-        "plot.contact_models": {"columns": {"scene": {"bilateral": run()}}},
-        "plot.tilt_coupling": {"run_plus": run(), "run_minus": run()},
-        "plot.modes": {"found": sp.equilibrium(SCENE)},
-        "plot.compliance": {"found": sp.equilibrium(SCENE)},
-        "plot.histogram": {"ensemble": many(), "name": "peak_rotation"},
-        "plot.success_map": {"ensemble": many(), "x": "grasped.mass", "y": "control.kp"},
-        "plot.failure_times": {"ensemble": many()},
-        "plot.importance": {"ensemble": many()},
-        "plot.stabilization_sweep": {"results": sweep()},
-        "plot.work_precision": {"result": precision()},
-        "plot.stability_map": {"map": stability()},
-        "plot.equilibria": {"map": equilibria()},
-        "plot.fit": {"fit": fitted()},
-        "fit": {
-            "scene": SCENE,
-            "times": run().t[1:],
-            "measured": {"y": run().q[1:, 1]},
-            "vary": {"gravity": (0.0, 20.0)},
-            "dt": STEP,
-            "noise": 1e-5,
-        },
+        "EquilibriumMap.equilibrium": {"j": 0},
         "Fit.profile": {"path": "gravity"},
         "Fit.save": {"path": Path(tempfile.mkdtemp()) / "fit.json"},
-        "plot.wrench_limits": {"limits": wrenches(), "ensemble": pushed()},
+        "Run.at": {"times": [0.001]},
+        "Run.check": {"residual": math.inf, "closure": math.inf},
+        "Study.open": {"path": study().path},
+        "Study.extend": {"runs": 4},
+        "advise": {"tolerance": 1e-3, **PAIR},
+        "fit": {"times": run().t[1:], "dt": STEP, "noise": 1e-5},
+        "grip": {"force": 5.0},
+        "linearize": {"state": SCENE.start()},
+        "modes": {"t": [0.0], "q": [SCENE.start().q], "p": [[0.0] * 9]},
+        "monte_carlo": {"vary": {"grasped.mass": [0.1, 0.2]}, "dt": STEP},
+        "simulate": {"dt": STEP},
+        "stability_map": {"values": [0.1], **pair},
+        "stabilization_sweep": {"dt": STEP, "products": [0.1]},
+        "work_precision": {**PAIR, "dt": [STEP], "tolerances": (), "longest": 0.1},
+        "wrench_limits": {"directions": [[0.0, 1.0, 0.0]]},
+        "reference.solve": {"times": [0.0, 0.001]},
+        "reference.confirmed": {"times": [0.0, 0.001]},
+        "reproduce.simulate_all": {"dt": STEP, "progress": print},
+        "reproduce.reproduce": {"progress": print},
+        "plot.animate": {"path": Path(tempfile.mkdtemp()) / "a.gif"},
+        "plot.contact": {"run": unilateral_run()},
+        "plot.contact_models": {"columns": {"scene": {"bilateral": run()}}},
+        "plot.disturbances": {"runs": {"i": run()}, "undisturbed": {"i": run()}},
+        "plot.equilibria": {"map": equilibria()},
+        "plot.histogram": {"name": "peak_rotation"},
+        "plot.save": {"path": Path(tempfile.mkdtemp()) / "a.svg"},
+        "plot.snapshots": {"times": [0.0]},
+        "plot.stability_map": {"map": stability()},
+        "plot.wrench_limits": {"ensemble": pushed()},
     }
-    for name in ("motion", "residuals", "forces", "run", "snapshot"):
-        own[f"plot.{name}"] = {"run": run()}
     for name in ("Ensemble", "Study"):
-        own |= {
-            f"{name}.happened": {"what": "pulling"},
-            f"{name}.has": {"run": 0},
-            f"{name}.mean": {"name": "grasped.mass"},
-            f"{name}.quantile": {"name": "grasped.mass", "q": 0.5},
-            f"{name}.replay": {"run": 0},
-            f"{name}.scene_of": {"run": 0},
-        }
-    for name, record in DRAWS.items():
-        own[f"{name}.ppf"] = {"u": [[0.5]]}
-        own[f"{name}.sample"] = {"rng": np.random.default_rng(1), "n": 2}
-        own[f"{name}.from_dict"] = {"data": record.to_dict()}
-    own["Distribution.from_dict"] = own["Normal.from_dict"]
-    for record in (SCENE, sp.Hand(), sp.Finger(), sp.Fingertip(), sp.GraspedObject(), sp.Pid()):
-        own[f"{type(record).__name__}.from_dict"] = {"data": record.to_dict()}
+        own |= {f"{name}.{method}": {"run": 0} for method in ("has", "replay", "scene_of")}
+        own[f"{name}.quantile"] = {"q": 0.5}
+    own |= {f"VectorSimulator.{method}": {"run": 0} for method in ("message", "scene", "state")}
     law = sp.SampledController.pid(1e-3)
-    for record in (law, sp.Torque(), sp.Stabilization(), SCENE.start(), SCENE.schedule):
-        own[f"{type(record).__name__}.from_dict"] = {"data": record.to_dict()}
-    for kind in ("Impulse", "Noise", "Pulse", "Sampled", "Sine", "Step"):
-        own[f"{kind}.from_dict"] = {"data": getattr(sp, kind)(**own[kind]).to_dict()}
+    records = [SCENE, SCENE.hand, SCENE.hand.right, sp.Fingertip(), SCENE.grasped, sp.Pid(), law]
+    records += [sp.Torque(), sp.Stabilization(), SCENE.start(), SCENE.schedule, *DRAWS.values()]
+    records += [getattr(sp, kind)(**arguments(kind)) for kind in LOADS]
+    own |= {f"{type(one).__name__}.from_dict": {"data": one.to_dict()} for one in records}
     own["Disturbance.from_dict"] = own["Step.from_dict"]
+    own["Distribution.from_dict"] = own["Normal.from_dict"]
     return own
+
+
+LOADS = ("Impulse", "Noise", "Pulse", "Sampled", "Sine", "Step")
+# Without these, calls would print, or take half a second.
+ALWAYS = ("progress", "measure")
+
+
+def arguments(name: str) -> dict[str, Any]:
+    """The arguments with which a callable can be called: those it needs, and some others."""
+    own = special().get(name, {}) if name not in LOADS else {}
+    found = inspect.signature(function(name)).parameters
+    needed = [p for p, each in found.items() if each.default is each.empty or p in ALWAYS]
+    return {p: typical()[p] for p in needed if p in typical()} | own
 
 
 MODULES: tuple[ModuleType, ...] = (paper, plot, reference, reproduce, stress)
@@ -349,7 +283,7 @@ MODULES: tuple[ModuleType, ...] = (paper, plot, reference, reproduce, stress)
 
 def _inside(name: str, cls: type) -> Iterator[str]:
     """The constructor of a class, and its methods that have no underscore."""
-    if name not in RESULTS:
+    if issubclass(cls, Record) or name in MADE:
         yield name
     for inside in dir(cls):
         member = inspect.getattr_static(cls, inside)
@@ -378,13 +312,16 @@ def public() -> Iterator[str]:
                 yield f"{module.__name__.partition('.')[2]}.{name}"
 
 
-def parameters(name: str) -> list[str]:
-    """What a callable takes by name, itself apart, and without what goes on to another one."""
+def function(name: str) -> Callable[..., Any]:
+    """The callable of this name, a method without its object."""
     owner, _, inside = name.rpartition(".")
-    value = getattr(sp, owner, None) if owner else sp
-    function = getattr(value, inside)
+    return getattr(getattr(sp, owner) if owner else sp, inside)  # type: ignore[no-any-return]
+
+
+def parameters(name: str) -> list[str]:
+    """The named parameters of a callable, without `self`."""
     kinds = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
-    found = inspect.signature(function).parameters.values()
+    found = inspect.signature(function(name)).parameters.values()
     return [each.name for each in found if each.kind not in kinds and each.name != "self"]
 
 

@@ -131,7 +131,7 @@ UNHURRIED: dict[str, Any] = {
 
 
 def heights(run: sp.Run) -> NDArray[np.float64]:
-    """Where along the object's faces the tips' centres are (n, 2), m, from its middle."""
+    """Positions of the tips' centres along the object's faces (n, 2), m, from its middle."""
     hand, (x, y, theta) = run.scene.hand, run.q[:, :3].T
     columns = []
     for i, (finger, s) in enumerate([(hand.right, -1), (hand.left, 1)]):
@@ -144,7 +144,7 @@ def heights(run: sp.Run) -> NDArray[np.float64]:
 
 
 def check(run: sp.Run, closure: float = 1e-6) -> None:
-    """What holds along every run with unilateral contact that was recorded with EVERYTHING."""
+    """Checks invariants of a run with unilateral contact that was recorded with EVERYTHING."""
     grasped, hand = run.scene.grasped, run.scene.hand
     friction = np.broadcast_to(np.asarray(run.scene.friction, dtype=float), 2)
     normal, tangential = run.multipliers[:, :2], run.multipliers[:, 2:]

@@ -1,4 +1,4 @@
-"""How far derivatives are from others, in shares of the largest of the same unit."""
+"""Differences of derivatives, as shares of the largest one with the same unit."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -62,7 +62,7 @@ def require_same(first: sp.Ensemble, second: sp.Ensemble, rows: object = slice(N
 
 
 def require_alone(ensemble: sp.Ensemble, run: int) -> sp.Run:
-    """What the ensemble says of a run is what `simulate` says of its scene."""
+    """The row of a run in the ensemble equals the result of `simulate` for its scene."""
     alone = ensemble.replay(run)
     row = int(np.flatnonzero(ensemble.run == run)[0])
     last = np.concatenate([alone.q[-1], alone.p[-1]])

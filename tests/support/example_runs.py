@@ -11,7 +11,7 @@ STEPS = {"04_a_study_that_is_kept.py": ("dt=2e-4", "dt=1e-3")}
 
 
 def run_example(script: str, folder: Path, *options: str) -> str:
-    """What a script prints. It must neither fail nor warn, and save its picture."""
+    """The output of a script, which must neither fail nor warn, and save its picture."""
     picture = folder / "picture.png"
     file = EXAMPLES / script
     if script in STEPS:

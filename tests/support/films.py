@@ -28,13 +28,6 @@ def pushed_run() -> sp.Run:
     return sp.simulate(PUSHED, 1e-4, record=("state", "multipliers"))
 
 
-def draw(figure: Figure, layout: bool = False) -> None:
-    """Draws a figure without its pixels; without its layout in a third of the time."""
-    if not layout:
-        figure.set_layout_engine("none")
-    figure.draw_without_rendering()
-
-
 def legend_of(figure: Figure) -> list[str]:
     """The entries of all legends of a figure."""
     legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes)]

@@ -25,9 +25,9 @@ GIVEN: dict[str, Any] = {
 
 def main(store: str) -> None:
     """Says that it has begun, each new block, and how it ended."""
-    from softpinch.store import driver, folder
+    from softpinch.store import folder, study
 
-    folder.GATHER_SECONDS, driver.PACE_SECONDS = 0.0, 0.0
+    folder.GATHER_SECONDS, study.PACE_SECONDS = 0.0, 0.0
     print("here", flush=True)
     last = 0
 

@@ -12,7 +12,7 @@ def noise(**changes: object) -> sp.Noise:
 
 def held(one: sp.Noise, place: int, until: float) -> sp.Sampled:
     """The same forces as samples from a file."""
-    count = int(np.ceil((until - one.time) * one.rate_hz))
+    count = max(1, int(np.ceil((until - one.time) * one.rate_hz)))
     times = one.time + np.arange(count) / one.rate_hz
     loads = one.samples(count, place)
     if one.duration is not None:

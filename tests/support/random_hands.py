@@ -129,7 +129,7 @@ def equilibria(count: int, seed: int = SEED) -> Iterator[sp.Equilibrium]:
 
 
 def survey(count: int) -> str:
-    """What holds of `count` rests, and of as many equilibria, in words."""
+    """Facts about `count` rests, and about as many equilibria, in words."""
     drawn = list(settled(count))
     rests = [each for each in drawn if isinstance(each, Settled)]
     lost = Counter(each for each in drawn if isinstance(each, str))

@@ -141,7 +141,7 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 def parts(folder: Path) -> list[Path]:
-    """Of a study."""
+    """The part files of a study."""
     return sorted((folder / "parts").iterdir())
 
 

@@ -3,7 +3,6 @@
 import inspect
 from collections.abc import Callable
 from dataclasses import fields, replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -39,47 +38,6 @@ def test_nothing_is_suggested_where_nothing_is_close() -> None:
         sp.Scene(zzz=1)  # type: ignore[call-arg]
     with pytest.raises(TypeError, match=r"unknown name; must be"):
         sp.Scene(**{"gravity" * 10_000: 1})  # type: ignore[arg-type]
-
-
-TWO = sp.Scene(
-    hand=sp.Hand(tip=(sp.Fingertip(), sp.Fingertip())),
-    disturbances=[sp.Step(time=0.0)],
-    schedule=sp.Schedule.steps([0.0], [[0.1, 0.1]]),
-)
-PATHS = [
-    (sp.Scene(), "youngs_modulus", 'did you mean "hand.tip.youngs_modulus"?'),
-    (sp.Scene(), "hand.youngs_modulos", 'did you mean "hand.tip.youngs_modulus"?'),
-    (sp.Scene(), "object.mass", 'did you mean "grasped.mass"?'),
-    (sp.Scene(), "control.left.kpp", 'did you mean "control.kp"?'),
-    (sp.Scene(), "disturbances.0.force", "Scene.disturbances is empty, so there is no '0'"),
-    (TWO, "force", 'did you mean "disturbances.0.force"?'),
-    (TWO, "hand.tip.radius", 'did you mean "hand.tip.left.radius"?'),
-    (TWO, "schedule.angles.1", "Schedule.angles has one entry, 0, not '1'"),
-    (TWO, "disturbances.0.force.2", "Step.force has 0 to 1, not '2'"),
-]
-
-
-@pytest.mark.parametrize(("scene", "path", "message"), PATHS, ids=[path for _, path, _ in PATHS])
-def test_a_path_of_vary_says_it(scene: sp.Scene, path: str, message: str) -> None:
-    with pytest.raises(ValueError) as error:
-        sp.monte_carlo(scene, 2, vary={path: [1.0, 2.0]}, progress=False)
-    assert str(error.value).startswith(f"vary: {path!r}: ") and message in str(error.value)
-
-
-FILES = [
-    ("[object]\nmass = 1", 'did you mean "grasped"?'),
-    ("[hand.right]\nlenght = 1", 'Finger.lenght (in hand.right): unknown name'),
-    ("[hand.right]\nlenght = 1", 'did you mean "hand.right.length"?'),
-    ("[hand.tip.left]\nyoungs_modulos = 1", 'did you mean "hand.tip.left.youngs_modulus"?'),
-    ("[control.right]\nKp = 1", 'did you mean "control.right.kp"?'),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("text", "message"), FILES, ids=range(len(FILES)))
-def test_a_file_says_it(text: str, message: str, tmp_path: Path) -> None:
-    with pytest.raises(ValueError) as error:
-        sp.Scene.from_toml(text)
-    assert message in str(error.value), str(error.value)
 
 
 def every_record(cls: type[Record] = Record) -> list[type[Record]]:

@@ -11,9 +11,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from hypothesis.extra import numpy as arrays
 
 import callables
 import softpinch as sp
@@ -255,46 +254,9 @@ def test_what_a_simulator_sees_takes_ten_lines_at_most(n: int | None) -> None:
     assert Cells(sim._repr_html_())
 
 
-def test_derivatives_show_their_sizes() -> None:
-    run = callables.differentiated()
-    assert set(run.sensitivity) <= set(Cells(run.sensitivity._repr_html_()).cells)
-    some = sp.monte_carlo(
-        callables.SCENE,
-        vary={"grasped.mass": [0.1, 0.11]},
-        dt=1e-3,
-        summaries=("peak_rotation",),
-        gradients=("peak_rotation",),
-        progress=False,
-    )
-    assert {"peak_rotation", "grasped.mass"} <= set(Cells(some.gradients._repr_html_()).cells)
-
-
-ANYTHING = st.recursive(
-    st.one_of(
-        st.none(),
-        st.booleans(),
-        st.floats(),
-        st.complex_numbers(),
-        st.text(),
-        st.integers(),
-        arrays.arrays(st.sampled_from([np.float64, np.int32, np.bool_, np.complex128, object]),
-                      arrays.array_shapes(min_dims=0, max_dims=3, min_side=0), fill=st.just(0)),
-    ),
-    lambda each: st.lists(each) | st.dictionaries(st.text(), each),
-    max_leaves=20,
-)  # fmt: skip
-
-
-@settings(max_examples=20)
-@given(ANYTHING)
-def test_any_value_is_one_short_line(value: Any) -> None:
-    shown = short(value)
-    assert len(shown) <= 500 and len(shown.splitlines()) <= 1
-
-
-@given(st.text(), ANYTHING, st.booleans())
-def test_a_notebook_reads_no_text_as_html(text: str, value: Any, folded: bool) -> None:
-    table = ShownTable((text, "b"), [(value, text)], caption=text, folded=folded)
+@given(st.text(), st.booleans())
+def test_a_notebook_reads_no_text_as_html(text: str, folded: bool) -> None:
+    table = ShownTable((text, "b"), [([text] * 99, text)], caption=text, folded=folded)
     read = Cells(html_of("", [table])).cells
     assert len(read) == 4
     # A parser gives line ends and NUL as other characters.
@@ -303,6 +265,6 @@ def test_a_notebook_reads_no_text_as_html(text: str, value: Any, folded: bool) -
 
 
 def test_a_record_in_a_table_has_six_digits() -> None:
-    schedule = sp.Schedule.steps([0.0], np.deg2rad([[6.0, 16.0]]))
-    assert "[[0.10472, 0.279253]]" in short(schedule)
+    schedule = sp.Schedule.steps([0.0], [[np.pi / 30.0, np.e / 10.0]])
+    assert "[[0.10472, 0.271828]]" in short(schedule)
     assert "0.3333" in repr(sp.Uniform(0.1, 1 / 3)) and "0.333333)" in short(sp.Uniform(0.1, 1 / 3))

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import softpinch as sp
+from noises import held
 
 Floats = NDArray[np.float64]
 
@@ -24,26 +25,13 @@ def _swap(pair: Any) -> Any:
     return (pair[1], pair[0]) if isinstance(pair, tuple) else pair
 
 
-def as_samples(noise: sp.Noise, place: int, until: float) -> sp.Sampled:
-    """The force of held noise as samples, up to a time, or to its end."""
-    end = np.inf if noise.duration is None else noise.time + noise.duration
-    count = max(1, int(np.ceil((min(until, end) - noise.time) * noise.rate_hz)) + 1)
-    loads = noise.samples(count, place)
-    times = np.arange(count) / noise.rate_hz + noise.time
-    if end < until:
-        kept = times < end
-        times = np.append(times[kept], end)
-        loads = np.append(loads[kept], [[0.0, 0.0, 0.0]], axis=0)
-    return sp.Sampled(times=times, force=loads[:, :2], moment=loads[:, 2], hold="zero")
-
-
 def without_noise(scene: sp.Scene) -> sp.Scene:
     """The scene with held noise as samples, which need no generator of random numbers."""
     until = scene.start().time + scene.duration
     return replace(
         scene,
         disturbances=[
-            as_samples(d, place, until) if isinstance(d, sp.Noise) else d
+            held(d, place, until) if isinstance(d, sp.Noise) else d
             for place, d in enumerate(scene.disturbances)
         ],
     )
@@ -87,6 +75,13 @@ def mirrored(scene: sp.Scene) -> sp.Scene:
     )
 
 
+# Unit -> powers of length, mass and time.
+DIMENSIONS = {
+    **{"1": (0, 0, 0), "rad": (0, 0, 0), "m": (1, 0, 0), "kg": (0, 1, 0), "s": (0, 0, 1)},
+    **{"N": (1, 1, -2), "Pa": (-1, 1, -2), "Hz": (0, 0, -1)},
+}
+
+
 class Units:
     """Other units of length, mass and time, each a power of two, so that every product is exact."""
 
@@ -102,109 +97,31 @@ class Units:
         a = self.length
         return np.array([a, a, 1, 1, 1, a, a, a, a])
 
-    def _fields(self, record: Any, **dimensions: tuple[int, int, int]) -> Any:
-        values = {name: getattr(record, name) for name in dimensions}
-        return replace(
-            record,
-            **{
-                name: value * self.of(*dimensions[name])
-                for name, value in values.items()
-                if value is not None
-            },
-        )
-
-    def _finger(self, finger: sp.Finger) -> Any:
-        length = (1, 0, 0)
-        return self._fields(
-            finger,
-            length=length,
-            root_offset=length,
-            half_thickness=length,
-            mass=(0, 1, 0),
-            inertia=(2, 1, 0),
-        )
-
-    def _tip(self, tip: sp.Fingertip) -> Any:
-        drag = (0, 1, -1)
-        return self._fields(
-            tip,
-            radius=(1, 0, 0),
-            youngs_modulus=(-1, 1, -2),
-            normal_viscosity=drag,
-            tangential_viscosity=drag,
-            normal_mass=(0, 1, 0),
-            tangential_mass=(0, 1, 0),
-        )
-
-    def _each(self, value: Any, one: Any) -> Any:
-        return tuple(map(one, value)) if isinstance(value, tuple) else one(value)
-
-    def _disturbance(self, disturbance: Any) -> Any:
-        changes: dict[str, Any] = {}
-        for name, dimensions in {
-            "time": (0, 0, 1),
-            "times": (0, 0, 1),
-            "duration": (0, 0, 1),
-            "frequency_hz": (0, 0, -1),
-            "rate_hz": (0, 0, -1),
-            "force_std": (1, 1, -2),
-            "moment_std": (2, 1, -2),
-            "force": (1, 1, -2),
-            "moment": (2, 1, -2),
-            "impulse": (1, 1, -1),
-            "angular_impulse": (2, 1, -1),
-        }.items():
-            value = getattr(disturbance, name, None)
-            if value is not None:
-                scaled = np.asarray(value) * self.of(*dimensions)
-                changes[name] = (
-                    scaled
-                    if isinstance(value, np.ndarray)
-                    else (tuple(scaled) if isinstance(value, tuple) else float(scaled))
-                )
-        return replace(disturbance, **changes)
+    def factor(self, unit: str) -> float:
+        """The factor of a quantity with a unit of the package, such as "N s/m"."""
+        above, _, below = unit.partition("/")
+        result = 1.0
+        for part, sign in ((above, 1), (below, -1)):
+            for word in part.strip("()").split():
+                name, _, power = word.partition("^")
+                result *= self.of(*DIMENSIONS[name]) ** (sign * int(power or 1))
+        return result
 
     def scene(self, scene: sp.Scene) -> sp.Scene:
-        """The same scene in these units."""
-        hand = scene.hand
-        changes: dict[str, Any] = {"times": np.asarray(scene.schedule.times) * self.time}
-        if scene.schedule.move_time is not None:
-            changes["move_time"] = scene.schedule.move_time * self.time
-        gains = {"kp": (2, 1, -2), "kd": (2, 1, -1), "ki": (2, 1, -3)}
-        return replace(
-            scene,
-            hand=replace(
-                hand,
-                right=self._finger(hand.right),
-                left=self._finger(hand.left),
-                tip=self._each(hand.tip, self._tip),
-            ),
-            grasped=self._fields(
-                scene.grasped,
-                width=(1, 0, 0),
-                mass=(0, 1, 0),
-                inertia=(2, 1, 0),
-                com_offset=(1, 0, 0),
-                height=(1, 0, 0),
-            ),
-            control=self._each(scene.control, lambda pid: self._fields(pid, **gains)),
-            schedule=replace(scene.schedule, **changes),
-            disturbances=[self._disturbance(d) for d in scene.disturbances],
-            gravity=scene.gravity * self.of(1, 0, -2),
-            duration=scene.duration * self.time,
-            initial=self._initial(scene.initial),
-        )
-
-    def _initial(self, initial: Any) -> Any:
-        if not isinstance(initial, sp.State):
-            return initial
-        return replace(
-            initial,
-            q=np.asarray(initial.q) * self.coordinates,
-            p=np.asarray(initial.p) * self.coordinates / self.time,
-            integral=np.asarray(initial.integral) * self.time,
-            time=initial.time * self.time,
-        )
+        """The same scene in these units: each of its numbers is multiplied by its unit's factor."""
+        changes: dict[str, Any] = {}
+        chosen: set[tuple[str, ...]] = set()
+        for path, (value, unit) in scene.vary_paths().items():
+            own = path.split(".")
+            shared = [step for step in own if step not in ("right", "left")]
+            if any(tuple(one[:k]) in chosen for one in (own, shared) for k in range(1, 9)):
+                continue  # a part of a number that has changed already
+            chosen.add(tuple(own))
+            factors = [self.factor(one) for one in ([unit] if isinstance(unit, str) else unit)]
+            if value is not None:
+                scaled = np.asarray(value) * (factors if len(factors) > 1 else factors[0])
+                changes[path] = scaled if scaled.ndim else float(scaled)
+        return scene.with_(changes)
 
 
 def require_scaled(run: sp.Run, other: sp.Run, units: Units) -> None:

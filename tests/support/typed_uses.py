@@ -12,7 +12,7 @@ from softpinch.support.choices import Method
 
 
 def results_have_their_types(scene: sp.Scene) -> None:
-    """What a call returns, as an editor shows it."""
+    """The types of results, as an editor shows them."""
     ensemble = sp.monte_carlo(scene, 3)
     assert_type(ensemble, sp.Ensemble)
     assert_type(sp.monte_carlo(scene, 3, store="study"), sp.Study)

@@ -66,10 +66,6 @@ class Trial(Result):
             return f"none found, at least {1e3 * self.time:.3g} ms ({pair})"
         return f"{pair} {self.setting}, {1e3 * self.time:.3g} ms"
 
-    def __str__(self) -> str:
-        what = self.note or f"{self.setting}: {1e3 * self.time:.3g} ms a run"
-        return f"{self.formulation} {self.method}, {what}"
-
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Advice(Result):
@@ -98,7 +94,7 @@ class Advice(Result):
             within it.
         equal: The quickest pair with equal steps. If none was found, the pair that was given up
             with the least predicted time, which is a lower bound, in `time`; or None.
-        adaptive: The same with adaptive steps.
+        adaptive: The quickest pair with adaptive steps, or the one given up, likewise.
         tried: Length of the part of the scene, from its start, on which the pairs were tried, s.
         untried: The pairs that the budget did not allow to try, such as "csm rk4, dt".
         stabilization: The gains with which "csm" was tried.

@@ -191,7 +191,7 @@ class _Search:
 
         value = min(first, longest)
         if self.kind == "dt":
-            # Begin with the shortest step that is not too expensive, if the first one is.
+            # If the first step is too expensive, begin with the shortest that is not.
             value = min(max(value, 1.01 * value * self._expected(value) / most), longest)
         try:
             # Two steps by the method's order come close to the limit, and bisection finds it.

@@ -316,7 +316,7 @@ def sampled_rows(run: Run, switches: Floats, count: int = _ROWS) -> NDArray[np.i
     after = 2 ** np.arange(0, max(last, 1).bit_length() + 1) - 1
     near = (np.searchsorted(run.t, switches)[:, None] + after[None, :6]).ravel()
     rows = np.unique(np.concatenate([even, near[near <= last], [last]]))
-    # An event may come just before such a row or just after it. At a switch it comes at it.
+    # An event may come just before such a row or just after it; an event at a switch does not.
     events = np.setdiff1d([change.time for change in run.contact_changes], switches)
     return np.asarray(rows[~np.isin(run.t[rows], events) | (rows == last)])
 

@@ -46,7 +46,7 @@ _METRES = np.array([1, 1, 0, 0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 0], dtype=bool)
 # A state that is zero by symmetry has the round-off of other states. So the size of a state is at
 # least this share of the largest size of its kind (a radian counts as a finger's length). The share
 # for rates keeps tolerances above round-off, which implicit methods would take for stiffness.
-# Coordinates get less of that round-off: a step's length times that of the rates.
+# In one step, coordinates receive only the round-off of the rates times the step's length.
 _KINDS = ((slice(0, 7), 1e-3), (slice(7, 9), 1e-3), (slice(9, 14), 1.0))
 # The size of a state is at least this share of its typical size: the rates of a body at rest have
 # the round-off of the forces on it, and no tolerance below that can be met.

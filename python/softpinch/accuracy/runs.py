@@ -239,7 +239,6 @@ def _batch(scenes: Sequence[Scene], options: Options) -> _core.Batch:
         check=starts[0].check,
         duration=np.array([scene.duration for scene in scenes]),
         summaries=[],
-        after=0.0,
         band=0.1,
         **options.core(),
     )

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..run.evaluate import evaluate
 from ..scene import fields as units
+from ..scene import outline
 from ..scene.contact import as_bilateral
 from ..scene.control import WRITTEN, Pid, pids_of
 from ..scene.disturbance import Impulse
@@ -151,13 +152,13 @@ def _closed(scene: Scene, k: int, share: float) -> float:
     finger, radius = finger_of(scene, k), scene.hand.tips[k].radius
     # C^H = 0 at theta = 0 and x = w requires L sin(theta_i) + d_f cos(theta_i) to equal `inwards`.
     inwards = finger.root_offset - radius + share * radius - 0.5 * scene.grasped.width
-    reach = math.hypot(finger.length, finger.half_thickness)
-    if abs(inwards) >= reach:
+    angle = outline.angle_at(finger.length, finger.half_thickness, inwards)
+    if angle is None:
         raise ValueError(
             f"the {SIDES[k]} finger would have to reach {1e3 * inwards:.4g} mm inwards, "
-            f"and its length lets it reach {1e3 * reach:.4g} mm"
+            f"and its length lets it reach {1e3 * outline.arm(finger):.4g} mm"
         )
-    return math.asin(inwards / reach) - math.atan2(finger.half_thickness, finger.length)
+    return angle
 
 
 def _tilt(scene: Scene, degrees: float) -> Scene:
@@ -168,7 +169,7 @@ def _tilt(scene: Scene, degrees: float) -> Scene:
 
     def apart(finger: Finger, tip: Fingertip) -> Finger:
         # The condition of `_closed`, solved for the offset of the finger's root.
-        inwards = finger.length * math.sin(angle) + finger.half_thickness * math.cos(angle)
+        inwards = outline.inward(finger, angle)
         reach = inwards + 0.5 * scene.grasped.width + (1.0 - _TILTED_DEPTH) * tip.radius
         return replace(finger, root_offset=reach)
 
@@ -191,11 +192,7 @@ def _held_at(scene: Scene, angles: list[float]) -> Scene:
     """
     time = _begin(scene)
     scene = replace(scene, schedule=Schedule.steps([time], [angles]))
-    fingers = scene.hand.right, scene.hand.left
-    heights = [
-        finger.length * math.cos(angle) - finger.half_thickness * math.sin(angle)
-        for finger, angle in zip(fingers, angles, strict=True)
-    ]
+    heights = [outline.upward(finger_of(scene, k), angle) for k, angle in enumerate(angles)]
     start = State.consistent(
         scene, x=scene.grasped.com_offset, y=sum(heights) / 2, fingers=angles, time=time
     )

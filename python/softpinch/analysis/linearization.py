@@ -54,9 +54,9 @@ class LinearModel(Result):
 
     Attributes:
         A: (N, N), the derivatives of the states' rates with respect to the states.
-        B: (N, m), the same with respect to the inputs.
+        B: (N, m), the derivatives of the states' rates with respect to the inputs.
         C: (k, N), the derivatives of the outputs with respect to the states.
-        D: (k, m), the same with respect to the inputs.
+        D: (k, m), the derivatives of the outputs with respect to the inputs.
         states: Names of the states (N,); the rate of x is "rate of x".
         inputs: Names of the inputs (m,).
         outputs: Names of the outputs (k,).

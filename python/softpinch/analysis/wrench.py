@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..run.request import rest_scene
 from ..run.run import Run
 from ..scene.scene import Scene, State
-from ..support import checks, suggest
+from ..support import checks
 from ..support.arrays import Floats
 from ..support.display import ShownTable
 from ..support.result import Result
@@ -144,8 +144,7 @@ def wrench_limits(
         The limits. A scene without equilibrium bears nothing: see `WrenchLimits`.
     """
     if not isinstance(grasp, Scene | Equilibrium):
-        part = suggest.part("scene", grasp, Scene)
-        raise TypeError(f"grasp = {checks.shown(grasp)}: must be a Scene or an Equilibrium{part}")
+        raise TypeError(f"grasp = {checks.shown(grasp)}: must be a Scene or an Equilibrium")
     scene = grasp.scene if isinstance(grasp, Equilibrium) else grasp
     length = 0.5 * scene.grasped.width if length is None else checks.positive("length", length)
     rows = _default(length) if directions is None else _checked(directions)

@@ -15,19 +15,18 @@ from .. import _core
 from ..reproduce import reproduce as reproduce_paper
 from ..run import measures
 from ..run.contact import ContactMode
-from ..run.options import in_place
+from ..run.options import Options, in_place
 from ..run.run import Run
 from ..run.simulate import simulate
-from ..scene.stabilization import Stabilization
+from ..scene.fields import COORDINATE_UNITS, DISPLAY_UNITS
 from ..study.capsule import Capsule
 from ..support.extras import require
 from ..support.files import FORMATS
+from .accuracy import advise, stability, work_precision
 from .fit import fit
 from .montecarlo import montecarlo
 from .options import Alpha, Beta, Dt, Format, Formulation, Method, Out, Set, Tolerance, separated
-from .precision import advise, work_precision
 from .shell import ENDED_EARLY, INTERRUPTED, gains, one_line_errors, read_run, with_changes
-from .stability import stability
 
 app = typer.Typer(
     name="softpinch",
@@ -40,14 +39,6 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-# Settings that apply unless an option or a capsule gives others.
-_DEFAULTS: dict[str, Any] = {
-    "dt": None,
-    "tolerance": None,
-    "method": "rk4",
-    "formulation": "csm",
-    "stabilization": Stabilization(),
-}
 _TABLES, _PICTURES = (".npz", ".csv"), tuple(f".{name}" for name in FORMATS)
 
 
@@ -61,7 +52,7 @@ def _say_version(wanted: bool) -> None:
 def _common(
     version: Annotated[
         bool,
-        typer.Option("--version", callback=_say_version, is_eager=True, help="Say which version."),
+        typer.Option("--version", callback=_say_version, is_eager=True, help="Print the version."),
     ] = False,
 ) -> None:
     pass
@@ -123,28 +114,28 @@ def run(
     record: Annotated[
         str,
         typer.Option(
-            help=f"What to keep: names out of {', '.join(_core.RECORDABLE)}, with commas."
+            help=f"Quantities to record, out of {', '.join(_core.RECORDABLE)}, with commas."
         ),
     ] = ",".join(_core.RECORDABLE),
     every: Annotated[
         int | None,
         typer.Option(
-            help="Keep every so many steps, and the last: 10, or 1 with --tolerance, whose steps "
-            "are few."
+            help="Number of steps between recorded rows: 10, or 1 with --tolerance if left out. "
+            "The last step is always a row."
         ),
     ] = None,
     estimate_error: Annotated[
         bool,
         typer.Option(
             "--estimate-error",
-            help="Run it again in half and in a quarter of its steps, and say how wrong it is.",
+            help="Compute the run again with half and a quarter of its steps, and print its error.",
         ),
     ] = False,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE.npz|FILE.csv", help="Save what was kept.")
+        Path | None, typer.Option(metavar="FILE.npz|FILE.csv", help="Save the recorded rows.")
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE.png|pdf|svg", help="Draw what was kept.")
+        Path | None, typer.Option(metavar="FILE.png|pdf|svg", help="Draw the recorded rows.")
     ] = None,
 ) -> None:
     """Simulate a scene once, and print how it ended and how large its errors are.
@@ -168,8 +159,8 @@ def run(
         read = read_run(scene)
         capsule, described = (read, read.scene) if isinstance(read, Capsule) else (None, read)
         described = with_changes(described, set_)
-        how = _DEFAULTS if capsule is None else capsule.options.numerics()
-        how = how | in_place(
+        options = Options.checked() if capsule is None else capsule.options
+        how = options.numerics() | in_place(
             dt=dt,
             tolerance=tolerance,
             max_steps=max_steps,
@@ -265,14 +256,14 @@ def contact_lines(run: Run) -> list[str]:
 def summary(run: Run) -> list[str]:
     """Lines that describe a finished run: how it ended, its final state, and its errors."""
     last = run.state(-1)
-    x, y, theta, right, left, d_n1, d_n2, _, _ = last.q.tolist()
-    degrees = np.rad2deg([theta, right, left]) + 0.0
+    units = [DISPLAY_UNITS[unit] for unit in COORDINATE_UNITS]
+    shown = last.q * [per_si for _, per_si in units]
+    x, y, theta, right, left, d_n1, d_n2, _, _ = (f"{number:z.3f}" for number in shown)
+    length, angle = units[0][0], units[2][0]
     lines = [
         f"{run.status}: {run.message}",
-        f"at t = {last.time:.6g} s: x = {1e3 * x:z.3f} mm, y = {1e3 * y:z.3f} mm, "
-        f"theta = {degrees[0]:z.3f} deg",
-        f"fingers: {degrees[1]:z.3f} and {degrees[2]:z.3f} deg (right, left); "
-        f"d_n = {1e3 * d_n1:z.3f} and {1e3 * d_n2:z.3f} mm",
+        f"at t = {last.time:.6g} s: x = {x} {length}, y = {y} {length}, theta = {theta} {angle}",
+        f"fingers: {right} and {left} {angle} (right, left); d_n = {d_n1} and {d_n2} {length}",
     ]
     noted = ", ".join(f"{name} first at {time:.6g} s" for name, time in run.violations.items())
     lines.append(f"violations: {noted or 'none'}")

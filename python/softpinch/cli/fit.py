@@ -12,18 +12,18 @@ from ..fitting.problem import LOSSES
 from ..fitting.search import fit as fit_numbers
 from ..support import checks
 from ..support.extras import require
-from ..support.files import FORMATS, writing
+from ..support.files import FORMATS
 from .options import Dt, Format, Formulation, Method, Out, Tolerance
 from .shell import ENDED_EARLY, one_line_errors
 
 
 def fit(
     study: Annotated[
-        Path, typer.Argument(help="What to fit, a TOML file: scene, bounds of numbers, settings.")
+        Path, typer.Argument(help="A TOML file: scene, bounds of the numbers, settings.")
     ],
     data: Annotated[
         Path,
-        typer.Argument(help="What was measured, a CSV file: t [s] and columns of observables."),
+        typer.Argument(help="The measurements, a CSV file: t [s] and columns of observables."),
     ],
     out: Out = Path("fit"),
     dt: Dt = None,
@@ -34,7 +34,7 @@ def fit(
         str | None,
         typer.Option(metavar="|".join(LOSSES), help="soft_l1 limits the influence of outliers."),
     ] = None,
-    multistart: Annotated[int | None, typer.Option(help="How many further starts.")] = None,
+    multistart: Annotated[int | None, typer.Option(help="Number of further starts.")] = None,
     profile: Annotated[
         bool,
         typer.Option("--profile", help="Also print intervals of the profile likelihood."),
@@ -76,8 +76,7 @@ def fit(
         files = [found.save(out / "fit.json"), found.save(out / "fit.csv")]
         files.append(plot.save(plot.fit(found), out / f"fit.{format}"))
         files.append(out / "scene.toml")
-        with writing(files[-1]):
-            files[-1].write_text(found.scene.to_toml(), encoding="utf-8")
+        files[-1].write_text(found.scene.to_toml(), encoding="utf-8")
         typer.echo(f"{out}: {', '.join(file.name for file in files)}")
     if not found.converged:
         raise typer.Exit(ENDED_EARLY)

@@ -26,10 +26,10 @@ from .shell import ENDED_EARLY, INTERRUPTED, one_line_errors
 
 def montecarlo(
     study: Annotated[
-        Path, typer.Argument(help="The study, a TOML file: scene, what scatters in it, settings.")
+        Path, typer.Argument(help="The study, a TOML file: scene, random numbers in it, settings.")
     ],
-    runs: Annotated[int | None, typer.Option(help="How many runs.")] = None,
-    seed: Annotated[int | None, typer.Option(help="Of everything that is drawn.")] = None,
+    runs: Annotated[int | None, typer.Option(help="Number of runs.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of all draws.")] = None,
     out: Out = Path("study"),
     dt: Dt = None,
     tolerance: Tolerance = None,
@@ -39,15 +39,15 @@ def montecarlo(
     dask: Annotated[
         str | None,
         typer.Option(
-            metavar="ADDRESS", help="Of a Dask scheduler, whose workers compute the runs."
+            metavar="ADDRESS", help="Address of a Dask scheduler whose workers compute the runs."
         ),
     ] = None,
     sampler: Annotated[
-        str | None, typer.Option(metavar="|".join(SAMPLERS), help="How numbers are drawn.")
+        str | None, typer.Option(metavar="|".join(SAMPLERS), help="The sampler.")
     ] = None,
     summaries: Annotated[
         str | None,
-        typer.Option(help=f"What to compute: names out of {', '.join(SUMMARIES)}, with commas."),
+        typer.Option(help=f"Summaries to compute, out of {', '.join(SUMMARIES)}, with commas."),
     ] = None,
     check_dt: Annotated[
         bool | None,

@@ -27,15 +27,9 @@ Set = Annotated[
     ),
 ]
 Out = Annotated[Path, typer.Option(help="The directory for tables and figures, made if needed.")]
-Format = Annotated[
-    str, typer.Option(metavar="|".join(FORMATS), help="What the figures are saved as.")
-]
+Format = Annotated[str, typer.Option(metavar="|".join(FORMATS), help="Format of the figures.")]
 Dt = Annotated[
     float | None, typer.Option(help="The longest step, s; the default without --tolerance is 1e-4.")
-]
-Steps = Annotated[
-    tuple[float, float, int] | None,
-    typer.Option(metavar="LOW HIGH COUNT", help="The steps, by equal factors, s."),
 ]
 Tolerance = Annotated[
     float | None,
@@ -46,13 +40,13 @@ Tolerance = Annotated[
 ]
 Method = Annotated[
     str | None,
-    typer.Option(metavar="|".join(_core.METHODS), help="How time is stepped; the default is rk4."),
+    typer.Option(metavar="|".join(_core.METHODS), help="Integration method; the default is rk4."),
 ]
 Formulation = Annotated[
     str | None,
     typer.Option(
         metavar="|".join(_core.FORMULATIONS),
-        help="How the constraints are kept; the default is csm.",
+        help="How the constraints are enforced; the default is csm.",
     ),
 ]
 Alpha = Annotated[
@@ -69,7 +63,7 @@ Beta = Annotated[
         f"the default is {_USUAL.beta:g}."
     ),
 ]
-Threads = Annotated[int | None, typer.Option(help="As many as there are, if left out.")]
+Threads = Annotated[int | None, typer.Option(help="Largest number of threads; all if left out.")]
 
 
 def separated(text: str) -> tuple[str, ...]:

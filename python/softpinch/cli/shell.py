@@ -1,4 +1,4 @@
-"""Helpers that the commands share: exit codes, one-line errors, reading scenes, gains, steps."""
+"""Helpers that the commands share: exit codes, one-line errors, reading scenes, gains."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import typer
 
 from .. import _core
@@ -17,7 +16,6 @@ from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..study.capsule import Capsule
 from ..support import checks, toml
-from ..support.arrays import Floats
 from ..support.errors import StabilityWarning, SuspiciousValueWarning, VersionMismatchError
 
 ENDED_EARLY, BAD_INPUT, INTERRUPTED = 1, 2, 130
@@ -143,12 +141,3 @@ def _naming(path: Path) -> Iterator[None]:
     except (ValueError, TypeError) as error:
         text = str(error)
         raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
-
-
-def ladder(dt: tuple[float, float, int]) -> Floats:
-    """The steps of an option --dt LOW HIGH COUNT, spaced by equal factors (COUNT,), s."""
-    low, high = checks.positive("--dt LOW", dt[0]), checks.positive("--dt HIGH", dt[1])
-    count = checks.integer("--dt COUNT", dt[2], 2, 1000)
-    if not low < high:
-        raise ValueError(f"--dt HIGH = {high}: must be greater than LOW = {low}")
-    return np.geomspace(low, high, count)

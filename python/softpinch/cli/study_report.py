@@ -13,7 +13,7 @@ from ..plot.style import save
 from ..study.effects import sensitivity
 from ..study.results import Ensemble, Results
 from ..study.rows import HOLDS, possible_violations
-from ..support.files import FORMATS, writing
+from ..support.files import FORMATS
 from ..support.table import Table, save_npz
 
 _SUMMARY = (
@@ -24,7 +24,7 @@ _SUMMARY = (
 _REACH = 1.959963984540054
 # Figures, and files with a row for each run, have at most this many runs.
 LARGEST = 100_000
-# What holding means, behind the numbers, by the kind of contact.
+# The meaning of holding, for each kind of contact.
 _HOLDS = {
     "bilateral": "to hold is to complete, without a tip that pulls or needs more friction",
     "unilateral": "to hold is to complete, with both tips touching the object at the end",
@@ -37,7 +37,7 @@ _CAPSULES = 10
 
 def sample(study: Results) -> Ensemble:
     """The runs for the figures: all, or of a large study `LARGEST` evenly spaced ones."""
-    numbers = study._evenly_spaced(LARGEST)
+    numbers = study._computed.evenly_spaced(LARGEST)
     return Ensemble(study._spec, study._rows_of(numbers), requested=len(numbers))
 
 
@@ -120,8 +120,7 @@ def save_capsules(study: Results, out: Path) -> list[Path]:
     for capsule in study.failures()[:_CAPSULES]:
         files.append(out / "failures" / f"{capsule.run}.toml")
         files[-1].parent.mkdir(exist_ok=True)
-        with writing(files[-1]):
-            files[-1].write_text(capsule.to_toml(), encoding="utf-8")
+        files[-1].write_text(capsule.to_toml(), encoding="utf-8")
     return files
 
 

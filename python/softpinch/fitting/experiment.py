@@ -96,7 +96,7 @@ class Experiment(Result):
         data: What was measured (n, c), in SI units; NaN where nothing was.
         noise: The standard deviation of each column's noise (c,); NaN before it is estimated.
         estimated: Whether the noise is estimated from the residuals (c,).
-        fitted: The same of the fitted scene (n, c), without gaps; NaN before the fit.
+        fitted: The columns of the fitted motion (n, c), without gaps; NaN before the fit.
         violations: `Run.violations` of the fitted motion.
     """
 

@@ -16,7 +16,6 @@ from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.extras import require
-from ..support.files import writing
 from ..support.result import Result
 from ..support.table import Table, save_by_suffix
 from .experiment import Experiment
@@ -248,8 +247,7 @@ class Fit(Result):
 
         def as_json(file: Path) -> None:
             text = json.dumps(self.to_dict(), indent=2, allow_nan=False, default=str)
-            with writing(file):
-                file.write_text(text + "\n", encoding="utf-8")
+            file.write_text(text + "\n", encoding="utf-8")
 
         path = checks.path("path", path)
         return save_by_suffix(path, {".json": as_json, ".csv": self.table().save})

@@ -13,7 +13,7 @@ from ..run.options import Options
 from ..scene.directions import move_breakpoints, require_derivatives, shapes
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
-from ..support import checks, suggest
+from ..support import checks
 from ..support.arrays import Floats
 from ..support.choices import Formulation, Method, Violation
 from ..support.extras import require
@@ -40,7 +40,7 @@ _MEDIAN = 0.6744897501960817
 _MOST_STARTS = 10_000
 # Costs within this share of the lowest one are the same minimum.
 _SAME = 1e-3
-# A distance from a bound, in spans, that means that the value is there.
+# A value closer to a bound than this, in spans, counts as at the bound.
 _AT_BOUND = 1e-5
 
 
@@ -167,8 +167,7 @@ def fit(
 def _experiments(scene: Any, times: Any, measured: Any, noise: Any) -> list[Experiment]:
     if isinstance(scene, Scene):
         return [Experiment.checked(scene, times, measured, noise)]
-    rule = f"a Scene, or a sequence of scenes{suggest.part('scene', scene, Scene)}"
-    scenes = checks.several("scene", scene, rule, at_most=10_000)
+    scenes = checks.several("scene", scene, "a Scene, or a sequence of scenes", at_most=10_000)
     if not scenes:
         raise ValueError("scene = []: must have at least one")
     for k, each in enumerate(scenes):

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..plot.drawing import Frames
 from ..run.run import Run
-from ..simulator.episodes import LIMIT, Episodes, Outcome, SingleSimulatorAdapter, of_one
+from ..simulator.episodes import LIMIT, Episodes, Outcome, of_one
 from ..simulator.tasks import HoldAgainstPushes, Task
 from ..support import checks
 from ..support.choices import Recordable
@@ -91,7 +91,7 @@ class PinchEnv(gymnasium.Env[Observed, Actions]):
         self.render_mode = render_mode
         observed, acted = _spaces(self.task)
         self.observation_space, self.action_space = observed, acted  # type: ignore[assignment]
-        self._episodes = Episodes.alone(self.task)
+        self._episodes = Episodes(self.task, 1)
         self._frames: Frames | None = None
         if render_mode is not None:
             self._frames = Frames(self.task.scene, window=render_mode == "human")
@@ -130,7 +130,6 @@ class PinchEnv(gymnasium.Env[Observed, Actions]):
 
         Raises:
             ResetNeeded: There has been no reset, or the episode has ended.
-            ValueError: The shape is wrong, or a number is not finite.
         """
         if self._episodes.ended[0]:
             raise ResetNeeded("the episode has ended, or has not begun: call reset()")
@@ -152,9 +151,7 @@ class PinchEnv(gymnasium.Env[Observed, Actions]):
         Args:
             record: Groups of quantities to record, as for `sp.simulate`.
         """
-        simulator = self._episodes.simulator
-        assert isinstance(simulator, SingleSimulatorAdapter)
-        return simulator.simulator.run(record)
+        return self._episodes.run(0, record)
 
     def render(self) -> NDArray[np.uint8] | None:
         """Returns a frame (height, width, 3) with "rgb_array"; with "human" it only draws."""
@@ -177,9 +174,9 @@ class PinchEnv(gymnasium.Env[Observed, Actions]):
 class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
     """Many pinches in the lanes of one simulator, each with the bits of a `PinchEnv` of its seed.
 
-    What is observed and paid is that of `PinchEnv`, with the environments as the first axis. The
+    Observations and rewards are those of `PinchEnv`, with the environments as the first axis. The
     info has arrays of n entries and masks of them, as Gymnasium's vector environments have. Each
-    environment keeps 48 bytes for each period of its episode.
+    environment keeps 64 bytes for each period of its episode.
     """
 
     metadata = {  # noqa: RUF012
@@ -220,7 +217,7 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
         self.single_observation_space, self.single_action_space = _spaces(self.task)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._episodes = Episodes.many(self.task, self.num_envs, threads)
+        self._episodes = Episodes(self.task, self.num_envs, threads)
         seeded = [seeding.np_random() for _ in range(self.num_envs)]
         self._randoms, self._seeds = [each[0] for each in seeded], [each[1] for each in seeded]
         self._frames = Frames(self.task.scene) if render_mode == "rgb_array" else None
@@ -251,10 +248,6 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
 
         Returns:
             Observations of all environments (n, entries), and infos of those that were reset.
-
-        Raises:
-            ValueError: The number of seeds is wrong, an option is unknown, or the mask is empty or
-                has a wrong shape.
         """
         n = self.num_envs
         mask = self._mask(_checked_options(options, ("reset_mask",)))
@@ -285,8 +278,6 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
 
         Raises:
             ResetNeeded: There has been no reset, or, with "Disabled", an episode has ended.
-            ValueError: The shape is wrong, or a number is not finite; the message names its
-                environment.
         """
         episodes, mode = self._episodes, self.autoreset_mode
         waiting = episodes.ended.copy()

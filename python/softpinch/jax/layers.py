@@ -111,22 +111,14 @@ def simulate(
             rows must not depend on them.
         dt: Longest step, s, as for `sp.simulate`; 1e-4 if it is None. The error control of
             `tolerance` is not offered: its number of rows depends on the values.
-        method: The integration method, as for `sp.simulate`.
-        formulation: How the constraints are enforced, as for `sp.simulate`.
-        stabilization: The gains of (19) and (20), for "csm".
+        method, formulation, stabilization, every, stop_on: As for `sp.simulate`.
         record: Groups to return beside the state: "multipliers", "torque".
-        every: Number of steps between rows; the last instant is always a row.
-        stop_on: The violations that end a run, as for `sp.simulate`.
 
     Returns:
         A function of a dictionary, path -> value, that has all paths of `vary`. It raises
         ValueError or TypeError if a path or a shape is wrong, and RuntimeError if JAX's numbers
         have 32 bits. A value that breaks a rule of the scene is an error too; within `jit`, JAX
         makes its own exception of it, with the message. A run that fails has a status instead.
-
-    Raises:
-        ValueError: An argument breaks its rule, or a path does not exist.
-        RuntimeError: JAX's numbers have 32 bits: `jax_enable_x64` is not set.
     """
     record = names("record", record, _RECORDABLE)
     template, options = _prepared(
@@ -169,11 +161,7 @@ def final_state(
     Args:
         scene: The scene. If it has noise, a batch is one run after another, with equal noise.
         vary: Dotted paths of the numbers that are arguments.
-        dt: As for `simulate`, and so are the other arguments.
-        method: The integration method.
-        formulation: How the constraints are enforced.
-        stabilization: The gains of (19) and (20), for "csm".
-        stop_on: The violations that end a run.
+        dt, method, formulation, stabilization, stop_on: As for `sp.simulate`.
 
     Returns:
         A function of a dictionary, path -> value, as `simulate` has it. A run that ends early gives

@@ -10,17 +10,15 @@ wrong type raises a TypeError.
 reads a run at any time, and `style` has colours, fonts and panels.
 """
 
+from .accuracy_plots import stability_map, stabilization_sweep, work_precision
 from .comparison_plots import contact_models, disturbances, tilt_coupling
 from .ensemble_plot import failure_times, histogram, importance, success_map
-from .equilibrium_plot import equilibria
+from .equilibrium_plots import equilibria, wrench_limits
 from .film import animate, snapshot, snapshots
 from .fit_plot import fit
 from .mode_shapes import compliance, modes
-from .precision_plot import stabilization_sweep, work_precision
 from .run_plots import contact, forces, motion, residuals, run
-from .stability_plot import stability_map
 from .style import save, styled
-from .wrench_plot import wrench_limits
 
 __all__ = [
     "animate",

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _LONGEST, _LEAST, _MOST = 0.45, 0.1, 0.25
 # Impacts are brief and large; forces above this multiple of the 90 % quantile do not set the scale.
 _TALL = 3.0
-# Room around what moves, and for the key of the arrows above it, as shares of the picture's width.
+# Room around the moving parts, and above it for the arrows' key, as shares of the picture's width.
 _MARGIN, _KEY = 0.04, 0.07
 # The limits of a film take this many evenly spaced instants, and the extremes of every coordinate.
 _SAMPLES = 200
@@ -266,7 +266,7 @@ class Frames:
             length = min(_MM_PER_N * size, _LONGEST_PUSH)
             start = q[:2] * MM.per_si
             self._push.set_xy(outline.arrow(start, force[:2] / size, length, _HEADED))
-        push = f"push {size:.1f} N, {1e3 * force[2]:+.0f} N mm" if force.any() else "no push"
+        push = f"push {size:.1f} N, {force[2]:+.2f} N m" if force.any() else "no push"
         self._axes.set_title(f"{title}, {push}", fontsize=10)
         if self.has_window:
             self._figure.canvas.draw_idle()

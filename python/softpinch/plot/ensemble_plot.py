@@ -63,10 +63,6 @@ def histogram(
         name: A summary, a component of one ("final_state.theta"), a path or "failure_time".
         bins: Number of bins; None chooses it by the number of runs.
         ax: The axes to draw on; None makes a figure.
-
-    Raises:
-        ValueError: The summary was not computed, or the name is unknown or stands for several
-            numbers.
     """
     instance("ensemble", ensemble, Results, "an Ensemble or a Study")
     column = shown(number(ensemble, name))
@@ -201,10 +197,6 @@ def importance(
         name: A summary or a component of one, a status ("completed"), a violation, "holds", or
             whether something happened in each run, booleans (runs,).
         found: The result of `sensitivity` for this name, if it has been computed already.
-
-    Raises:
-        ValueError: The summary was not computed, the name is unknown or stands for several numbers,
-            or nothing was varied.
     """
     instance("ensemble", ensemble, Results, "an Ensemble or a Study")
     found = sensitivity(ensemble, name) if found is None else found
@@ -307,10 +299,6 @@ def success_map(
         bins: Number of bins along each axis; None chooses it by the number of runs.
         ax: The axes to draw on, beside which the scale of the colours is placed; None makes a
             figure.
-
-    Raises:
-        ValueError: A summary was not computed, a name is unknown or stands for several numbers, or
-            `what` is "slipping" and no run has a coefficient of friction.
     """
     instance("ensemble", ensemble, Results, "an Ensemble or a Study")
     across = shown(number(ensemble, x, "x"))

@@ -23,7 +23,6 @@ from ..scene import outline
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.extras import require
-from ..support.files import writing
 from ..support.progress import Report, reporting
 from .drawing import Frame, HandDrawing, Modes, Picture
 from .instants import instants
@@ -80,10 +79,6 @@ def snapshots(
         titles: A title for each instant; by default the time.
         columns: Number of panels side by side.
         ax: The axes to draw a single instant on; None makes a figure.
-
-    Raises:
-        ValueError: The numbers of titles and instants differ, or `ax` is given with several
-            instants.
     """
     checks.instance("run", run, Run)
     shown = checks.array("times", times, ("k",)).tolist()
@@ -144,16 +139,13 @@ def snapshot(
     of impacts, have the longest arrow too. An object without `height`, whose faces have no end, is
     drawn 49 mm high.
 
-    The run is computed once more, with a row at the instant, whatever it recorded.
+    The run is computed once more, with a row at the instant.
 
     Args:
         run: The run.
         t: The instant, s; None takes the last one.
         ax: The axes to draw on; None makes a figure.
         forces: Whether to draw the forces.
-
-    Raises:
-        ValueError: `t` is outside the recorded instants.
     """
     checks.instance("run", run, Run)
     forces = checks.boolean("forces", forces)
@@ -185,7 +177,7 @@ def animate(
     status of a frame has all violations since the frame before.
 
     Args:
-        run: The run; its instants are computed once more, whatever it recorded.
+        run: The run; its instants are computed once more.
         path: The file, which ends in .gif, .html or .mp4. An .html file is a page with a player; it
             contains its frames and needs no other file. An .mp4 file needs the program ffmpeg, or
             the package imageio-ffmpeg. The frames of a .gif and an .html film are in memory until
@@ -223,7 +215,6 @@ def animate(
     with (
         reporting(progress, "film", "frames") as report,
         styled(),
-        writing(path),
         # A film that fails leaves the file before, and no other.
         tempfile.TemporaryDirectory(prefix=".film", dir=path.parent) as folder,
     ):
@@ -275,8 +266,6 @@ def _offline(page: str) -> str:
 def _times(run: Run, fps: float, speed: float) -> Floats:
     """Times of the frames: equal steps from the first row, and the last row."""
     first, last, apart = float(run.t[0]), float(run.t[-1]), speed / fps
-    if not math.isfinite(apart):
-        raise ValueError(f"fps = {fps:g}: too few for speed = {speed:g}")
     if not (count := (last - first) / apart) < _MOST_FRAMES:
         raise ValueError(
             f"speed / fps = {apart:g} s: gives {count:.3g} frames, must be at most {_MOST_FRAMES}"

@@ -50,9 +50,6 @@ def modes(found: Equilibrium, most: int = 8) -> Figure:
     Args:
         found: The equilibrium.
         most: Largest number of shapes.
-
-    Raises:
-        ValueError: There is no equilibrium.
     """
     checks.instance("found", found, Equilibrium)
     most = checks.integer("most", most, 1)
@@ -155,9 +152,6 @@ def compliance(found: Equilibrium, frequency_hz: ArrayLike | None = None) -> Fig
     Args:
         found: The equilibrium.
         frequency_hz: The frequencies (n,), Hz; None takes 0.1 to 10 000 Hz.
-
-    Raises:
-        ValueError: There is no equilibrium, or a frequency is not positive.
     """
     checks.instance("found", found, Equilibrium)
     if found.state is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from textwrap import fill
 from typing import TYPE_CHECKING
@@ -40,8 +41,8 @@ _PAPER = {"color": BLACK, "linewidth": 0.7, "linestyle": (0, (4, 2)), "zorder": 
 _ROUND_OFF = 1e-16
 # The residual axis extends at least to this value, which is above the paper's orders of magnitude.
 _RESIDUAL_TOP = 5e-4
-# Time window of `forces` around the smallest pressing force, ms.
-_NEAR = (-2.5, 10.0)
+# Time of `forces` before and after the smallest pressing force, s.
+_BEFORE, _AFTER = 2.5e-3, 10e-3
 # The place on the friction axis that stands for infinity, and the axis limits.
 _INFINITE, _FRICTION_RANGE = 1e2, (1e-4, 3e2)
 # Changes of mode that follow each other within this time, s, belong together.
@@ -107,29 +108,26 @@ def forces(run: Run) -> Figure:
 
     The left column has the whole run, the right column the time around the smallest pressing force.
     While a tip would have to pull (lambda^H < 0), the right column is shaded, and the friction that
-    no-slip requires is infinite. In the left column, where these times are too short to be seen,
-    triangles mark them.
+    no-slip requires is infinite: triangles mark these times, which may be too short to be seen.
 
     Args:
         run: A run with "multipliers" and "energy" recorded.
     """
     instance("run", run, Run)
     start = float(run.t[int(np.argmin(run.multipliers[:, :2].min(axis=1)))])
-    around = f"around the smallest force, $t$ = {start:g} s"
     pressing, ledger = _pressing(run), _ledger(run)
     closure = _closure(run)._replace(title="error of the ledger")
-    whole = Column.of(run, [pressing, _friction(run, "v", "none"), ledger, closure])
-    near = Column.of(run, [pressing, _friction(run, "", "-"), ledger, closure])
-    zoom = near.zoomed(start, *_NEAR, around)
+    whole = Column.of(run, [pressing, _friction(run), ledger, closure])
+    zoom = whole.zoomed(start - _BEFORE, start + _AFTER, "around the smallest force")
     figure, axes = draw([whole, zoom], PAGE, 6.2, "panels", sharey="row", width_ratios=(1.35, 1.0))
-    _mark_pulls(axes[0, 0], axes[:2, 1], run, start)
+    _mark_pulls(axes[0, 0], axes[:2, 1], run)
     for each in axes[1]:
         _scale_friction(each)
     return figure
 
 
-def _mark_pulls(whole: Axes, zooms: Iterable[Axes], run: Run, start: float) -> None:
-    """Marks the intervals in which a tip pulls by triangles, and in ms since `start` by shades."""
+def _mark_pulls(whole: Axes, zooms: Iterable[Axes], run: Run) -> None:
+    """Marks the intervals in which a tip pulls, by triangles and in zooms by shades."""
     for side in (0, 1):
         pulls = np.reshape(measures.pulling_intervals(run, side), (-1, 2))
         color = LINES[side]["color"]
@@ -142,13 +140,11 @@ def _mark_pulls(whole: Axes, zooms: Iterable[Axes], run: Run, start: float) -> N
             transform=whole.get_xaxis_transform(),
             zorder=3.0,
         )
-        for begin, end in (1e3 * (pulls - start)).tolist():
-            if end >= _NEAR[0] and begin <= _NEAR[1]:
-                for each in zooms:
-                    each.axvspan(begin, end, facecolor=color, alpha=0.15, linewidth=0.0, zorder=0.4)
+        for each, (begin, end) in itertools.product(zooms, pulls.tolist()):
+            each.axvspan(begin, end, facecolor=color, alpha=0.15, linewidth=0.0, zorder=0.4)
 
 
-def _friction(run: Run, marker: str, linestyle: str) -> Panel:
+def _friction(run: Run) -> Panel:
     """|lambda^N| / lambda^H of both tips, with the friction of the scene."""
     demand = measures.friction_demand(run)
     curves, infinite = [], []
@@ -158,8 +154,7 @@ def _friction(run: Run, marker: str, linestyle: str) -> Panel:
         needed = np.where(unbounded | (demand[:, k] == 0.0), np.nan, demand[:, k])
         label = rf"$|\lambda_{k + 1}^N| / \lambda_{k + 1}^H$"
         curves.append(Curve(run.t, needed, LINES[k], label))
-        style = {"color": LINES[k]["color"], "linewidth": 2.0, "zorder": 3.0}
-        style |= {"marker": marker, "linestyle": linestyle}
+        style = {"color": LINES[k]["color"], "marker": "v", "linestyle": "none", "zorder": 3.0}
         infinite.append(Curve(run.t, np.where(unbounded, _INFINITE, np.nan), style))
     if run.scene.friction is not None:
         style = {"color": BLACK, "linewidth": 0.7}
@@ -190,9 +185,6 @@ def contact(run: Run) -> Figure:
 
     Args:
         run: A run with unilateral contact and "residuals" recorded, best at every step.
-
-    Raises:
-        ValueError: The run has bilateral contact.
     """
     instance("run", run, Run)
     if run.scene.contact != "unilateral":
@@ -212,22 +204,19 @@ def contact(run: Run) -> Figure:
     return draw(columns, width, height, sharey="row")[0]
 
 
-def _busiest(run: Run) -> tuple[float, float, float] | None:
-    """The instant with the most changes of mode, s, and a window around it, ms from there.
+def _busiest(run: Run) -> tuple[float, float] | None:
+    """A window around the instant with the most changes of mode, s.
 
-    The instant is the first of those changes. None if no mode changes, or if the run ended at its
-    start.
+    None if no mode changes, or if the run ended at its start.
     """
     times = np.array([change.time for change in run.contact_changes])
     if not times.size or run.t[-1] <= run.t[0]:
         return None
     groups = np.split(times, np.flatnonzero(np.diff(times) > _TOGETHER) + 1)
     most = max(groups, key=len)
-    start, last = float(most[0]), float(most[-1] - most[0])
-    length = max(last, _WINDOW)
-    first, end = (run.t[[0, -1]] - start).tolist()
-    begin = max(-_ROOM[0] * length, first)
-    return start, 1e3 * begin, 1e3 * min(last + _ROOM[1] * length, end)
+    length = max(most[-1] - most[0], _WINDOW)
+    begin, end = most[0] - _ROOM[0] * length, most[-1] + _ROOM[1] * length
+    return max(begin, run.t[0]), min(end, run.t[-1])
 
 
 @styled()

@@ -5,7 +5,6 @@ Matplotlib is an extra, so it is imported only inside functions.
 
 from __future__ import annotations
 
-import io
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,7 +18,6 @@ from ..scene.fields import DISPLAY_UNITS
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.extras import require
-from ..support.files import writing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -139,12 +137,8 @@ def save(figure: Figure, path: str | Path) -> Path:
         raise ValueError(f"path = {str(path)!r}: must end in .{', .'.join(known)}")
     # Without dates in their metadata, files of equal figures are equal.
     dates: Mapping[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-    # Write to memory first: on a full disk matplotlib's writers raise misleading errors.
-    drawn = io.BytesIO()
     with styled():
-        figure.savefig(drawn, format=kind, dpi=300, metadata=dates.get(kind))
-    with writing(path):
-        path.write_bytes(drawn.getvalue())
+        figure.savefig(path, format=kind, dpi=300, metadata=dates.get(kind))
     return path
 
 
@@ -279,7 +273,7 @@ def by_magnitude(axes: Axes, which: str, low: float, high: float) -> None:
         axis.set_minor_formatter(NullFormatter())
 
 
-def least_range(panels: Iterable[Axes]) -> None:
+def least_range(panels: Iterable[Axes], round_off: float = _ROUND_OFF) -> None:
     """Shows values that differ by round-off only as equal ones, on linear vertical axes.
 
     Matplotlib would magnify the difference until it fills the panel. Axes whose limits were set
@@ -290,11 +284,11 @@ def least_range(panels: Iterable[Axes]) -> None:
             continue
         shared = axes.get_shared_y_axes().get_siblings(axes)
         within = np.array([each.dataLim.intervaly for each in shared])
-        if (limits := constant_limits(within)) is not None:
+        if (limits := constant_limits(within, round_off)) is not None:
             axes.set_ylim(*limits)
 
 
-def constant_limits(values: Floats, round_off: float = _ROUND_OFF) -> tuple[float, float] | None:
+def constant_limits(values: Floats, round_off: float) -> tuple[float, float] | None:
     """Limits of an axis whose values differ by round-off only, else None."""
     known = values[np.isfinite(values)]
     size = max(1.0, float(np.abs(known).max(initial=0.0)))
@@ -332,20 +326,20 @@ def cell_edges(centres: Floats) -> Floats:
 def fill_cells(
     axes: Axes,
     kinds: NDArray[Any],
-    across: NDArray[Any],
-    up: Floats,
+    left: Floats,
+    bottom: Floats,
     faces: Mapping[str, tuple[str, str]],
 ) -> None:
     """Fills cells whose kinds (m, n) have a face, a colour and a hatch; equal neighbours as one.
 
-    `across` has the left and right edges of the columns (m, 2), `up` those of the rows (n + 1,).
+    `left` has the edges of the columns (m + 1,), `bottom` those of the rows (n + 1,).
     """
-    for column, sides in zip(kinds.tolist(), across, strict=True):
+    for column, sides in zip(kinds.tolist(), itertools.pairwise(left), strict=True):
         for kind, cells in itertools.groupby(range(len(column)), key=column.__getitem__):
             if kind in faces:
                 rows, (face, hatch) = list(cells), faces[kind]
                 axes.fill_between(
-                    sides, up[rows[0]], up[rows[-1] + 1], facecolor=face, edgecolor="0.3",
+                    sides, bottom[rows[0]], bottom[rows[-1] + 1], facecolor=face, edgecolor="0.3",
                     hatch=hatch, linewidth=0.0, zorder=0.9,
                 )  # fmt: skip
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
@@ -128,17 +129,6 @@ class Panel(NamedTuple):
         pairs = zip(self.curves, labels, strict=True)
         return self._replace(curves=[curve._replace(label=name) for curve, name in pairs])
 
-    def zoomed(self, start: float, begin: float, end: float) -> Panel:
-        """The panel beside this one with the window from `begin` to `end`, ms after `start`, s."""
-        curves = []
-        for t, values, style, _ in self.curves:
-            since = 1e3 * (t - start)
-            # A little more than the window, so that lines reach its edges.
-            more = 0.2 * (end - begin)
-            rows = (since >= begin - more) & (since <= end + more)
-            curves.append(Curve(since[rows], values[rows], style))
-        return self._replace(name="", title="", curves=curves)
-
 
 class Column(NamedTuple):
     """Panels with one time axis, and the bands below them.
@@ -146,13 +136,12 @@ class Column(NamedTuple):
     Attributes:
         panels: The panels, from top to bottom.
         runs: Name -> run; the bands are those of the runs with unilateral contact.
-        limits: Limits of the time axis, in its unit; None chooses one.
+        limits: Limits of the time axis; None chooses one.
         time: Name of the time axis, with its unit.
         letters: A letter for each panel; none for a zoom of the column beside it.
         title: Title above the column.
-        since: The instant that is zero on the time axis, s; of all runs, or by name.
-        per: Units of the time axis in a second.
-        switches: Instants that thin lines mark, in the unit of the time axis.
+        since: Name of a run -> the instant that is zero on the time axis, s; 0 of others.
+        switches: Instants that thin lines mark.
     """
 
     panels: Sequence[Panel]
@@ -161,8 +150,7 @@ class Column(NamedTuple):
     time: str = "time [s]"
     letters: str = LETTERS
     title: str = ""
-    since: Mapping[str, float] | float = 0.0
-    per: float = 1.0
+    since: Mapping[str, float] = MappingProxyType({})
     switches: Iterable[float] = ()
 
     @classmethod
@@ -174,18 +162,10 @@ class Column(NamedTuple):
         few = inside if len(inside) <= 40 else []
         return cls(panels, {"": run}, limits, letters=letters, switches=few)
 
-    def zoomed(self, start: float, begin: float, end: float, title: str = "") -> Column:
-        """The column beside this one with a window, in ms after `start`, s."""
-        return Column(
-            [panel.zoomed(start, begin, end) for panel in self.panels],
-            self.runs,
-            (begin, end),
-            f"time from {start:.6g} s [ms]",
-            "",
-            title,
-            start,
-            1e3,
-        )
+    def zoomed(self, begin: float, end: float, title: str = "") -> Column:
+        """The column beside this one, with the instants from `begin` to `end` only, s."""
+        panels = [panel.named([""] * len(panel.curves))._replace(name="") for panel in self.panels]
+        return Column(panels, self.runs, (begin, end), letters="", title=title)
 
 
 def draw(
@@ -214,8 +194,7 @@ def draw(
         options["height_ratios"] = [*[1.0] * rows, bands * rows / (_FILLED * height)]
         height += bands + LEGEND
     figure, axes = panels(rows + bool(most), len(columns), width, height, sharex="col", **options)
-    # From right to left: where panels share an axis, the whole run decides on its decades.
-    for column, across in reversed(list(zip(columns, axes.T, strict=True))):
+    for column, across in zip(columns, axes.T, strict=True):
         shown = list(across[: len(column.panels)])
         for panel, each in zip(column.panels, shown, strict=True):
             _draw_panel(each, panel)
@@ -306,14 +285,14 @@ def _draw_bands(axes: Axes, column: Column, room: int) -> None:
     named = unilateral(column.runs)
     labels: dict[float, str] = {}
     for k, (name, run) in enumerate(named.items()):
-        zero = column.since[name] if isinstance(column.since, Mapping) else column.since
+        zero = column.since.get(name, 0.0)
         # Pairs follow from top to bottom, with a space between them.
         top = 2.4 * (len(named) - k)
         for side in (0, 1):
             low = top - 1.0 - side
             for layer, (mode, color) in enumerate(COLORS.items()):
                 spans = [
-                    (column.per * (begin - zero), column.per * (end - begin))
+                    (begin - zero, end - begin)
                     for begin, end, found in measures.contact_spans(run, side)
                     if found is mode
                 ]

@@ -15,7 +15,7 @@ POSE = np.array([DISPLAY_UNITS[unit][1] for unit in COORDINATE_UNITS[:3]])
 # Half width of the band for "converges", as far as the paper's figures can be read: for the
 # object's settled pose, mm and degrees, and for the finger angles, degrees.
 BAND = 0.05
-# The same for x and y, m, and theta, rad.
+# Half width of the band for x and y, m, and theta, rad.
 BANDS = np.array([1e-3 * BAND, 1e-3 * BAND, np.deg2rad(BAND)])
 
 

@@ -26,7 +26,7 @@ _CUBE = np.array([way for way in np.ndindex(3, 3, 3) if way != (1, 1, 1)]) - 1.0
 WAYS = _CUBE / np.linalg.norm(_CUBE, axis=1, keepdims=True)
 # The step for differences of the energy, m.
 _STEP = 2e-6
-# Along it the tips hold the object in opposite directions, so that it turns.
+# Opposite changes of the grips of both tips, along which the object turns.
 TURNING = np.array([1.0, -1.0])
 _SECANTS = 30
 
@@ -85,7 +85,7 @@ class Rest:
         rise: The smallest rise of V at 1 mm from the rest on `WAYS`, J.
         turning: The second derivative of the elastic energy (and of V) by the object's rotation
             about its centre of gravity, without slip, N m/rad.
-        relaxed: The same while x and y follow from the balance of forces, N m/rad.
+        relaxed: This derivative while x and y follow from the balance of forces, N m/rad.
     """
 
     number: int

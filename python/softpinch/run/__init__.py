@@ -7,24 +7,14 @@ quantities derived from runs, and `sensitivity` the derivatives of runs. `explan
 scene compiles to. `request` calls the core.
 """
 
-from typing import TYPE_CHECKING
-
-from ..support.extras import lazily
 from .contact import ContactChange, ContactMode
 from .error_estimate import ErrorEstimate
 from .evaluate import Energies, Evaluation, Forces, evaluate
+from .explanation import Explanation, Term, explain
 from .ledger import EnergyLedger
 from .run import Run
 from .sensitivity import Sensitivity, SensitivityState
 from .simulate import simulate
-
-if TYPE_CHECKING:
-    from .explanation import Explanation, Term, explain
-else:
-    __getattr__ = lazily(
-        __name__,
-        {"explanation": ("Explanation", "Term", "explain")},
-    )
 
 __all__ = [
     "ContactChange",

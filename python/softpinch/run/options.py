@@ -72,9 +72,10 @@ class Options(Result):
 
     def core(self) -> dict[str, Any]:
         """Returns the arguments that `_core.Simulation` and `_core.Batch` share."""
-        how = self.numerics() | {"max_steps": self.max_steps}
+        how = self.numerics() | {"max_steps": self.max_steps, "stop_on": list(self.stop_on)}
         gains: Stabilization = how.pop("stabilization")
-        return how | {"alpha": gains.alpha, "beta": gains.beta, "stop_on": list(self.stop_on)}
+        after = -np.inf if self.summaries_after is None else self.summaries_after
+        return how | {"alpha": gains.alpha, "beta": gains.beta, "after": after}
 
     def to_dict(self) -> dict[str, Any]:
         """Converts `numerics` to plain data with the names in `NUMERICS`; omits None."""

@@ -52,7 +52,6 @@ class Request:
             refine=refine,
             record=options.record,
             summaries=summaries,
-            after=-np.inf if options.summaries_after is None else options.summaries_after,
             **options.core(),
         )
 

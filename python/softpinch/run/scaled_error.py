@@ -35,18 +35,16 @@ def usual(scene: Scene) -> dict[str, Floats]:
 
     They are the tip's radius a for lengths, 1 for angles, and E a^2 for multipliers. Rates have
     these lengths and angles times sqrt(E a / M), the frequency of an object of mass M on such a
-    tip. If the tips differ, a and E are the larger values. Overflow gives the largest float.
+    tip. If the tips differ, a and E are the larger values.
     """
     tips = scene.hand.tips
     radius = max(tip.radius for tip in tips)
     modulus = max(tip.youngs_modulus for tip in tips)
     places = np.full(9, radius)
     places[list(UNITS["q"][1])] = 1.0
-    with np.errstate(over="ignore"):
-        pace = np.sqrt(np.float64(modulus) * radius / scene.grasped.mass)
-        force = np.full(4, modulus * radius * radius)
-        found = {"q": places, "p": pace * places, "multipliers": force}
-    return {name: np.minimum(sizes, np.finfo(np.float64).max) for name, sizes in found.items()}
+    pace = np.sqrt(modulus * radius / scene.grasped.mass)
+    force = np.full(4, modulus * radius * radius)
+    return {"q": places, "p": pace * places, "multipliers": force}
 
 
 def scales(name: str, rows: Floats, usual: Mapping[str, Floats] | None = None) -> Floats:

@@ -1,14 +1,14 @@
 """The laws that turn the fingers of a scene: a PID (39), torques of the schedule, or a discrete
 linear controller, which the core computes.
 
-A new law needs its class, and its `kind` in `LAWS`.
+A new law needs its class, and a line in `LAWS`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..support import checks
 from ..support.arrays import Floats, read_only
-from ..support.record import SIDES, Record, without_kind
+from ..support.record import SIDES, Kinded, Record
 from .hand import one_or_pair, take_one_or_pair
 
 # Measures that a controller knows without a sensor.
@@ -43,18 +43,8 @@ class Pid(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Law(Record):
+class Law(Kinded):
     """Base class of the laws that a scene file tells from a PID by their `kind`."""
-
-    _kind: ClassVar[str]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Converts to a dictionary with the key `kind`."""
-        return {"kind": self._kind, **super().to_dict()}
-
-    @classmethod
-    def _parse(cls, data: Any, path: str) -> Self:
-        return super()._parse(without_kind("Scene.control", data, cls._kind, path), path)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -65,8 +55,6 @@ class Torque(Law):
     the schedule says: constant for `Schedule.steps`, linear for `Schedule.ramps`. No angle is fed
     back. Give a schedule too: the default one, 0.105 rad for a PID, would be 0.105 N m.
     """
-
-    _kind: ClassVar[str] = "torque"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -134,8 +122,6 @@ class SampledController(Law):
     resolution: NDArray[np.float64] | float = 0.0
     seed: int = 0
     run: int = 0
-
-    _kind: ClassVar[str] = "sampled"
 
     def __post_init__(self) -> None:
         self._set("period", checks.positive("SampledController.period", self.period))
@@ -318,7 +304,8 @@ def _limits(value: object) -> Floats | None:
 Control: TypeAlias = Pid | tuple[Pid, Pid] | Torque | SampledController
 
 # The entry `kind` of a scene file -> class. A PID has none.
-LAWS: dict[str, type[Law]] = {law._kind: law for law in (Torque, SampledController)}
+LAWS: dict[str, type[Law]] = {"torque": Torque, "sampled": SampledController}
+Law._kinds = LAWS
 # `Scene.law` -> what moves the fingers then, as it is written.
 WRITTEN = {
     "pid": "control=Pid(...)",
@@ -339,8 +326,7 @@ def pids_of(control: object) -> tuple[Pid, Pid]:
 def parse_control(data: Any, path: str) -> Any:
     """Parses `control` of a scene: one PID, one for each side, or a table with `kind`."""
     if isinstance(data, Mapping) and "kind" in data:
-        kind = checks.choice(f"Scene.control.kind{checks.at(path)}", data["kind"], LAWS)
-        return LAWS[kind]._parse(data, path)
+        return Law._parse(data, path)
     return one_or_pair(Pid)(data, path)
 
 

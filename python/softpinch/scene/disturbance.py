@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from .. import _core
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.choices import Hold
-from ..support.record import Record, bare, chosen, kind_of, runs_of
+from ..support.record import Kinded, bare, runs_of
 from .piecewise import Piecewise, held, linear, padded, require_finite
 from .schedule import HOLDS
 
@@ -112,7 +112,7 @@ def _load(force: Any, moment: Any) -> Floats:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Disturbance(Record):
+class Disturbance(Kinded):
     """Base class of the disturbances."""
 
     def compile(self) -> Compiled:
@@ -137,20 +137,6 @@ class Disturbance(Record):
             return many.compile()
         runs = [run.compile() for run in runs_of(self, values)]
         return stacked(runs, type(self).__name__)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Converts to a dictionary with the entry `kind`, which `from_dict` needs."""
-        return {
-            "kind": kind_of(self, DISTURBANCES, "disturbance.DISTURBANCES"),
-            **super().to_dict(),
-        }
-
-    @classmethod
-    def _parse(cls, data: Any, path: str) -> Self:
-        """Selects the class by `kind`, which is optional if `cls` is a derived class."""
-        found, rest = chosen(Disturbance, cls, DISTURBANCES, data, path)
-        result: Self = super(Disturbance, found)._parse(rest, path)
-        return result
 
     def _check(self) -> None:
         """Checks the numbers and pairs by the names of their fields."""
@@ -395,3 +381,4 @@ DISTURBANCES: dict[str, type[Disturbance]] = {
     "sampled": Sampled,
     "noise": Noise,
 }
+Disturbance._kinds = DISTURBANCES

@@ -7,7 +7,7 @@ does not (9): each finger adds L sin(theta_i) + d_f cos(theta_i) - (W_f - a - W/
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -248,15 +248,45 @@ def extent(scene: Scene, q: Floats) -> tuple[float, float, float, float]:
     return float(left), float(right), float(bottom), float(top)
 
 
+def inward(finger: Finger, angle: float) -> float:
+    """Distance of O_i (7) from the finger's root, towards the object, m."""
+    return finger.length * math.sin(angle) + finger.half_thickness * math.cos(angle)
+
+
+def upward(finger: Finger, angle: float) -> float:
+    """Height of O_i (8) above the finger's root, m."""
+    return finger.length * math.cos(angle) - finger.half_thickness * math.sin(angle)
+
+
+def arm(finger: Finger) -> float:
+    """Distance of O_i from the finger's root, m, which is the most that `inward` can be."""
+    return math.hypot(finger.length, finger.half_thickness)
+
+
+def angle_at(length: float, half_thickness: float, inward: float) -> float | None:
+    """Returns the angle of a finger at which O_i is so far inward, rad; None beyond its reach."""
+    share = inward / math.hypot(length, half_thickness)
+    if not abs(share) <= 1.0:
+        return None
+    return math.asin(share) - math.atan2(half_thickness, length)
+
+
+def inward_at_touch(scene: Scene) -> tuple[float, float]:
+    """Returns the `inward` of both fingers at which the tips touch an upright object, m."""
+    right, left = (
+        finger_of(scene, side).root_offset - tip_of(scene, side).radius - 0.5 * scene.grasped.width
+        for side in (0, 1)
+    )
+    return right, left
+
+
 def compression(scene: Scene, angles: tuple[float, float]) -> float:
     """Returns d_n1 + d_n2 of an upright object, m, at these angles of the fingers, rad.
 
     It is negative where the tips leave a gap.
     """
-    return sum(
-        length * math.sin(angle) + thickness * math.cos(angle) - gap
-        for angle, (length, thickness, gap) in zip(angles, _fingers(scene), strict=True)
-    )
+    touching = inward_at_touch(scene)
+    return sum(inward(finger_of(scene, k), angles[k]) - touching[k] for k in (0, 1))
 
 
 def closing_angle(scene: Scene, total: float) -> float | None:
@@ -264,16 +294,7 @@ def closing_angle(scene: Scene, total: float) -> float | None:
 
     A sum of zero gives the angle at which the tips touch the object. None: no angle does.
     """
-    lengths, thicknesses, gaps = (sum(values) for values in zip(*_fingers(scene), strict=True))
-    share = (total + gaps) / math.hypot(lengths, thicknesses)
-    if not abs(share) <= 1.0:
-        return None
-    return math.asin(share) - math.atan2(thicknesses, lengths)
-
-
-def _fingers(scene: Scene) -> Iterator[tuple[float, float, float]]:
-    """Yields length, half thickness, and the gap of a finger whose tip stands above its root, m."""
-    for side in (0, 1):
-        finger, tip = finger_of(scene, side), tip_of(scene, side)
-        gap = finger.root_offset - tip.radius - 0.5 * scene.grasped.width
-        yield finger.length, finger.half_thickness, gap
+    fingers = [finger_of(scene, side) for side in (0, 1)]
+    length = sum(finger.length for finger in fingers)
+    thickness = sum(finger.half_thickness for finger in fingers)
+    return angle_at(length, thickness, total + sum(inward_at_touch(scene)))

@@ -95,7 +95,7 @@ def resolve(scene: Scene, path: str) -> Any:
 
 
 def locate(scene: Scene, path: str) -> tuple[Any, str]:
-    """Returns whatever is at a path, also records and text, and its place for error messages."""
+    """Returns the value at a path, also a record or a text, and its place for error messages."""
     if not isinstance(path, str):
         raise TypeError(f'vary: {checks.shown(path)}: must be a path such as "grasped.mass"')
     shown = checks.shown(path)
@@ -133,7 +133,7 @@ def locate(scene: Scene, path: str) -> tuple[Any, str]:
 
 
 def _hint(scene: Scene, path: str) -> str:
-    """Returns '; did you mean "hand.tip.youngs_modulus"?' for "hand.tip.E" and what is misspelt."""
+    """Returns a suggestion for a path with a symbol, "hand.tip.E", or with a misspelt name."""
     meant = spelt_out(path)
     for other in meant:
         with suppress(ValueError):
@@ -217,25 +217,16 @@ def replaced(node: Any, tree: Any) -> Any:
 
 
 def refuse_overlaps(paths: Sequence[str]) -> None:
-    """Refuses two paths to the same number, in time linear in the number of paths."""
-
-    def plain(path: str) -> tuple[str, ...]:
-        return tuple(name for name in path.split(".") if name not in SIDES)
-
-    def side(path: str) -> set[str]:
-        return set(path.split(".")) & set(SIDES)
-
-    by_plain: dict[tuple[str, ...], list[str]] = {}
-    for path in paths:
-        by_plain.setdefault(plain(path), []).append(path)
-    for path in paths:
-        names = plain(path)
-        for k in range(1, len(names) + 1):
-            for other in by_plain.get(names[:k], ()):
-                apart = side(path) and side(other) and side(path) != side(other)
-                if other != path and not apart:
-                    first, second = sorted((other, path), key=paths.index)
-                    raise ValueError(f"vary: {first!r} and {second!r} set the same number")
+    """Refuses two paths to the same number: equal paths, or one into the other."""
+    steps = [path.split(".") for path in paths]
+    sides = [{*SIDES}.intersection(one) for one in steps]
+    names = [[step for step in one if step not in SIDES] for one in steps]
+    for k, later in enumerate(names):
+        for m, earlier in enumerate(names[:k]):
+            common = min(len(later), len(earlier))
+            apart = sides[m] and sides[k] and sides[m] != sides[k]
+            if earlier[:common] == later[:common] and not apart:
+                raise ValueError(f"vary: {paths[m]!r} and {paths[k]!r} set the same number")
 
 
 def changed(scene: Scene, values: object, named: Mapping[str, object]) -> Scene:

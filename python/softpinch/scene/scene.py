@@ -147,12 +147,6 @@ class State(Record):
         )
         return cls(q, p, integral=checks.pair("integral", integral), time=time)
 
-    @classmethod
-    def _parse(cls, data: Any, path: str) -> Self:
-        if isinstance(data, Mapping) and isinstance(data.get("grid"), list):
-            data = {**data, "grid": tuple(data["grid"])}
-        return super()._parse(data, path)
-
 
 def require_fit(scene: Scene, name: str, state: State) -> None:
     """Refuses a state with contacts or a controller that the scene does not have."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,10 +40,6 @@ class Schedule(Record):
             "minimum_jerk".
         hold: "zero" or "linear"; only for "sampled".
     """
-
-    _advice: ClassVar[str] = (
-        "; make one with Schedule.steps(times, angles), .ramps, .minimum_jerk or .sampled"
-    )
 
     kind: ScheduleKind
     times: NDArray[np.float64]
@@ -184,7 +180,7 @@ class Schedule(Record):
 
             >>> import softpinch as sp
             >>> sp.Schedule.in_degrees("steps", [0.0, 0.5], [[6, 6], [15, -5]])
-            Schedule(kind='steps', times=[0.0, 0.5], angles=...)
+            Schedule.in_degrees(kind='steps', times=[0.0, 0.5], angles=[[6.0, 6.0], [15.0, -5.0]])
             >>> moves = sp.Schedule.in_degrees("minimum_jerk", [0.0], [[6, 6]], move_time=0.2)
 
         Args:
@@ -200,6 +196,14 @@ class Schedule(Record):
             kind = "via_points"
         radians = np.deg2rad(checks.array("angles", angles, ("k", 2), _ROWS))
         return cls(kind=kind, times=times, angles=radians, move_time=move_time, hold=hold)  # type: ignore[arg-type]
+
+    def _call(self) -> tuple[str, dict[str, Any]]:
+        """A call in degrees, where it makes the same angles to the bit."""
+        function, arguments = super()._call()
+        degrees = np.rad2deg(self.angles).round(12)
+        if np.array_equal(np.deg2rad(degrees), self.angles):
+            return f"{function}.in_degrees", {**arguments, "angles": degrees}
+        return function, arguments
 
     @property
     def end(self) -> float:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +15,8 @@ from numpy.typing import NDArray
 
 from ..support import errors
 from ..support.errors import SuspiciousValueWarning
-from ..support.record import SIDES, Record
+from ..support.record import SIDES
+from ..support.suggest import places
 from .contact import coefficients
 from .control import SampledController
 from .fields import COORDINATE_RANGES, COORDINATE_UNITS, USUAL, without_places
@@ -54,7 +54,7 @@ def warn(scene: Scene, schedule_replaced: bool = False) -> None:
 
 def suspicions(scene: Scene) -> tuple[str, ...]:
     """Returns messages of `warn`: one for each unusual field, about an array's worst entry."""
-    texts = (*_below(scene, ""), *_heavy_tips(scene), *_growing_swings(scene))
+    texts = (*_unusual(scene), *_heavy_tips(scene), *_growing_swings(scene))
     if not any(text.startswith("schedule.") for text in texts):
         texts += tuple(_opening(scene))
     if not any(text.startswith("grasped.") for text in texts):
@@ -171,27 +171,22 @@ def _other_inertia(scene: Scene) -> Iterator[str]:
     )
 
 
-def _below(node: Any, path: str) -> Iterator[str]:
-    """Yields the messages about a value and, recursively, about everything inside it."""
-    if isinstance(node, Record):
-        for field in fields(node):
-            yield from _below(getattr(node, field.name), f"{path}.{field.name}".lstrip("."))
-    elif isinstance(node, tuple) and (
-        path == "friction" or any(isinstance(item, Record) for item in node)
-    ):
-        sided = path in ("hand.tip", "control", "friction")
-        for name, item in zip(SIDES if sided else map(str, range(len(node))), node, strict=True):
-            yield from _below(item, f"{path}.{name}")
-    elif path == "initial.q":
-        # One message for the whole state: about its first number outside the usual range.
-        for k, (usual, unit) in enumerate(zip(COORDINATE_RANGES, COORDINATE_UNITS, strict=True)):
-            if found := list(_outside(f"{path}.{k}", np.asarray(node[k]), *usual, unit)):
-                yield found[0]
-                break
-    elif isinstance(node, float | tuple | np.ndarray):
-        known = USUAL.get(without_places(path))
-        if known is not None and known.usual is not None:
-            yield from _outside(path, np.asarray(node), *known.usual, str(known.unit))
+def _unusual(scene: Scene) -> Iterator[str]:
+    """Yields a message about each field with a number outside its usual range."""
+    for path, value in places(scene):
+        if path == "initial.q":
+            # One message for the whole state: about its first number outside the usual range.
+            for k, (usual, unit) in enumerate(
+                zip(COORDINATE_RANGES, COORDINATE_UNITS, strict=True)
+            ):
+                if found := list(_outside(f"{path}.{k}", np.asarray(value[k]), *usual, unit)):
+                    yield found[0]
+                    break
+        elif isinstance(value, float | tuple | np.ndarray):
+            known = USUAL.get(without_places(path))
+            sides = path == "friction" and isinstance(value, tuple)
+            if known is not None and known.usual is not None and not sides:
+                yield from _outside(path, np.asarray(value), *known.usual, str(known.unit))
 
 
 def _outside(path: str, values: NDArray[Any], low: float, high: float, unit: str) -> Iterator[str]:

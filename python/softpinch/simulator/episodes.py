@@ -1,4 +1,4 @@
-"""`Episodes`: a task's random episodes on a simulator, many at once or one alone."""
+"""`Episodes`: a task's random episodes in n environments on one simulator."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..run.run import Run
 from ..support import checks
 from ..support.arrays import Floats
+from ..support.choices import Recordable
 from .simulator import Simulator, checked_actions
 from .tasks import Mask, Task, Transition
 from .vector import Observations, VectorSimulator
@@ -37,67 +39,27 @@ class Outcome(NamedTuple):
     info: dict[str, NDArray[Any]]
 
 
-class SingleSimulatorAdapter:
-    """One `Simulator` with the methods of a `VectorSimulator` of one run that episodes need."""
-
-    def __init__(self, simulator: Simulator) -> None:
-        self.simulator = simulator
-
-    @property
-    def observations(self) -> Observations:
-        """The last observation, with a first axis of length 1."""
-        t, q, p, multipliers, status = self.simulator.observation
-        return Observations(
-            np.array([t]), q[None], p[None], multipliers[None], np.array([status], _TEXT)
-        )
-
-    def step(self, actions: ArrayLike) -> Observations:
-        """Steps the run by one period, if it goes on."""
-        if self.simulator.observation.status == "running":
-            self.simulator.step(np.asarray(actions)[0])
-        return self.observations
-
-    def reset(self, *, mask: ArrayLike | None = None) -> Observations:
-        """Puts the run at its start."""
-        self.simulator.reset()
-        return self.observations
-
-    def set_force(self, force: ArrayLike, moment: ArrayLike, mask: ArrayLike | None) -> None:
-        """Sets the force on the object."""
-        self.simulator.set_force(np.asarray(force)[0], np.asarray(moment)[0])
-
-
 class Episodes:
     """Episodes of a task in n environments, with one simulator for all of them.
 
     `start` must come before `step`.
     """
 
-    def __init__(
-        self, task: Task, n: int, simulator: VectorSimulator | SingleSimulatorAdapter
-    ) -> None:
-        self.task, self.n, self.simulator = task, n, simulator
+    def __init__(self, task: Task, n: int, threads: int = 1) -> None:
+        self.task, self.n = task, n
+        self.simulator = VectorSimulator(task.scene, n, task.period, task.dt, threads=threads)
         self.measures = task.measures
         self._scales = np.array([measure.scale for measure in self.measures])
         self._step = np.zeros(n, np.int64)
         self._force = np.zeros((n, task.steps, 3))
         self._target = np.zeros((n, task.steps + 1, 3))
+        self._torques = np.zeros((n, task.steps, 2))
         self._acting = np.zeros((n, 3))
         self._torque = np.tile(task.grip_torque, (n, 1))
         self._ahead = round(min(task.lookahead, task.duration) / task.period)
         # An environment that has never started needs a reset, as does one that has ended.
         self.ended = np.ones(n, bool)
         self.started = np.zeros(n, bool)
-
-    @classmethod
-    def alone(cls, task: Task) -> Episodes:
-        """Makes a single environment."""
-        return cls(task, 1, SingleSimulatorAdapter(Simulator(task.scene, task.period, task.dt)))
-
-    @classmethod
-    def many(cls, task: Task, n: int, threads: int = 1) -> Episodes:
-        """Makes n environments."""
-        return cls(task, n, VectorSimulator(task.scene, n, task.period, task.dt, threads=threads))
 
     def start(self, mask: Mask, random: Sequence[np.random.Generator]) -> Outcome:
         """Starts new episodes, and returns the observations of all environments.
@@ -132,6 +94,7 @@ class Episodes:
         self._push()
         before = self._torque
         seen = self.simulator.step(torque)
+        self._torques[going, self._step[going]] = torque[going]
         self._step[going] += 1
         self._torque = torque
         outcome = self._outcome(seen, action, before, going)
@@ -145,6 +108,15 @@ class Episodes:
     def target(self, k: int) -> Floats:
         """Returns the wanted pose (3,) of environment k, m and rad."""
         return np.asarray(self._target[k, self._step[k]])
+
+    def run(self, k: int, record: Recordable | Sequence[Recordable]) -> Run:
+        """Computes the episode of environment k so far again, as a run with a recording."""
+        simulator = Simulator(self.simulator.scene(k), self.task.period, self.task.dt)
+        done = self._step[k]
+        for torque, force in zip(self._torques[k, :done], self._force[k, :done], strict=True):
+            simulator.set_force(force[:2], force[2])
+            simulator.step(torque)
+        return simulator.run(record)
 
     def _push(self) -> None:
         """Sets the forces of the coming period where they change."""

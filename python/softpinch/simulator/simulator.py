@@ -93,15 +93,7 @@ class Simulator(Shown):
         Args:
             scene: The scene; its duration is that of the run.
             period: Time for which the torques of one `step` are held, s.
-            dt: Longest step, s, as for `simulate`; 1e-4 if it is None.
-            method: The integration method, as for `simulate`.
-            formulation: How the constraints are enforced, as for `simulate`.
-            stabilization: The gains of (19) and (20), for "csm".
-            stop_on: The violations that end the run, as for `simulate`.
-
-        Raises:
-            ValueError: An argument breaks its rule, the scene's fingers are driven, or its start is
-                refused.
+            dt, method, formulation, stabilization, stop_on: As for `simulate`.
         """
         self._options = checked_options(scene, dt, method, formulation, stabilization, stop_on)
         self._scene = scene
@@ -185,11 +177,8 @@ class Simulator(Shown):
 
         The end of the run and the force of `set_force` stay. Periods begin at the instants at
         which they would have begun anyway, if the state's time is one of them. Then the next steps
-        have the same bits as at first. `run()` begins at this state.
-
-        Raises:
-            ValueError: The state is refused, or its time is not within the run; the simulator is as
-                before then.
+        have the same bits as at first. `run()` begins at this state. If the state is refused, the
+        simulator is as before.
         """
         self._core.set_state(0, parts_of(self._scene, "state", state))
         self._start = state

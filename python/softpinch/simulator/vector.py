@@ -28,7 +28,7 @@ from .simulator import (
 )
 
 _NAMES = np.array(STATUSES)
-# The states of so many runs take 10 GB.
+# Largest number of runs; their states take 10 GB.
 _MOST = 10_000_000
 
 
@@ -84,12 +84,8 @@ class VectorSimulator(Shown):
             scene: The scene that all runs share, apart from the varied values.
             n: Number of runs.
             period: Time for which the torques of one `step` are held, s.
-            dt: As for `Simulator`.
-            method: As for `Simulator`. "rk4", "dop853" and "rosenbrock" compute several runs in
-                each instruction.
-            formulation: As for `Simulator`.
-            stabilization: As for `Simulator`.
-            stop_on: The violations that end a run, as for `simulate`.
+            dt, method, formulation, stabilization, stop_on: As for `simulate`. The methods "rk4",
+                "dop853" and "rosenbrock" compute several runs in each instruction.
             vary: The varied paths, and the sources of their values, as for `monte_carlo`.
             seed: Seed of the draws and of noise, as for `monte_carlo`.
             threads: Largest number of threads of a step. To wake a second thread costs up to 0.1 ms
@@ -150,9 +146,7 @@ class VectorSimulator(Shown):
             out: Arrays to write to, of the shapes and types of `Observations`, contiguous and
                 without overlap; None writes to the simulator's own, which the next step overwrites.
 
-        Raises:
-            ValueError: A shape is wrong, or a number is not finite; the message names its run. All
-                runs are as before the step then, as they are after Ctrl-C.
+        After an error, which names its run, and after Ctrl-C all runs are as before the step.
         """
         given = actions
         if (
@@ -186,9 +180,7 @@ class VectorSimulator(Shown):
                 starts each as its scene does.
             mask: Which runs (n,), as booleans; None is all of them. The others stay as they are.
 
-        Raises:
-            ValueError: A shape is wrong, or a state is refused; the message has the number of its
-                run then, and the runs before it have their new states.
+        If a state is refused, the error names its run; the runs before it have their new states.
         """
         parts = (None,) * self.n if state is None else self._parts(state)
         self._place(self._core.reset, parts, mask)

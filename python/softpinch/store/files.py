@@ -114,8 +114,8 @@ def sha256(data: memoryview | bytes) -> str:
 def write_with_digest(path: Path, data: memoryview) -> None:
     """Writes a file, and before it its SHA-256."""
     line = f"{sha256(data)}  {path.parent.name}/{path.name}\n"
-    write_whole(_digest_file(path), line.encode())
-    write_whole(path, data)
+    write(_digest_file(path), line.encode())
+    write(path, data)
 
 
 def read_digest(path: Path) -> str:

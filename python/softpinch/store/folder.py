@@ -70,7 +70,7 @@ class Part(NamedTuple):
 
 
 class Folder:
-    """A study's folder for reading, with the parts found at the last `refresh`.
+    """A study's folder for reading, with the parts that it had when it was opened.
 
     Attributes:
         path: The folder, absolute.
@@ -86,20 +86,22 @@ class Folder:
         self.spec = spec
         self.identity = identity
         self.parts: list[Part] = []
-        self.refresh()
+        self.done = Spans.upto(0)
+        for name in self._part_names():
+            part = Part.open(self.path / PARTS / name, identity)
+            try:
+                self.add(part)
+            except ValueError as error:
+                raise StoreError(
+                    f"{part.path}: has runs that are in other parts too ({error}): delete it and "
+                    "resume the study, which computes missing runs again"
+                ) from None
+        self._last: tuple[Part, Rows] | None = None
 
-    def refresh(self) -> None:
-        """Looks for parts that have been added or deleted since."""
-        known = {part.path.name: part for part in self.parts}
-        folder = self.path / PARTS
-        self.parts = [
-            known.get(name) or Part.open(folder / name, self.identity)
-            for name in self._part_names()
-        ]
-        try:
-            self.done = Spans.joined([part.edges for part in self.parts])
-        except ValueError:
-            raise self._overlap() from None
+    def add(self, part: Part) -> None:
+        """Adds a part; a ValueError names a run that it shares with others."""
+        self.done = Spans.joined([self.done.edges, part.edges])
+        self.parts.append(part)
 
     def _part_names(self) -> list[str]:
         """File names of the parts, in the order of their numbers."""
@@ -119,19 +121,6 @@ class Folder:
         # Numbers from a million on have more than six digits, so lengths are compared first.
         return sorted(found, key=lambda name: (len(name), name))
 
-    def _overlap(self) -> StoreError:
-        """The error for the first part that shares runs with the parts before it."""
-        before = Spans.upto(0)
-        for part in self.parts:
-            try:
-                before = Spans.joined([before.edges, part.edges])
-            except ValueError as error:
-                return StoreError(
-                    f"{part.path}: has runs that are in other parts too ({error}): delete it and "
-                    "resume the study, which computes missing runs again"
-                )
-        raise AssertionError("the parts do not overlap")
-
     def read(self, part: Part, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         """Reads entries of `Results.to_dict`, each (runs, ...), or single columns of entries."""
         schema = self.spec.schema.entries
@@ -146,14 +135,16 @@ class Folder:
         }
 
     def rows(self, part: Part) -> Rows:
-        """Reads all rows of a part."""
-        return Rows(columns=self.read(part, tuple(self.spec.empty().columns)))
+        """Reads all rows of a part. The last part is kept, because replays ask for it again."""
+        if self._last is None or self._last[0] is not part:
+            self._last = part, Rows(columns=self.read(part, tuple(self.spec.empty().columns)))
+        return self._last[1]
 
     def damaged(self) -> Iterator[str]:
         """Reads every part, and yields one line for each damaged part."""
         for part in self.parts:
             try:
-                self.rows(part)
+                self.read(part, tuple(self.spec.schema.entries))
             except StoreError as error:
                 yield str(error)
 
@@ -181,14 +172,13 @@ class Writer:
     """Adds parts to a study's folder. It buffers rows until they are worth a part."""
 
     def __init__(self, folder: Folder, lock: BaseFileLock) -> None:
-        """Takes a folder and its lock, which this process must hold."""
+        """Takes a folder that was opened under its lock, which this process holds."""
         self._folder = folder
         self._lock = lock
         self._rows: list[Rows] = []
         self._count = 0
         self._since = time.monotonic()
         files.clean_up(folder.path)
-        folder.refresh()
         self._next = max((int(part.path.stem) for part in folder.parts), default=-1) + 1
 
     def add(self, rows: Rows) -> None:
@@ -212,15 +202,13 @@ class Writer:
         path = folder.path / PARTS / f"{self._next:06}.parquet"
         try:
             files.write_with_digest(path, encode(rows, folder.spec, folder.identity))
-        except OSError as error:
+        except StoreError as error:
             raise StoreError(
-                f"{folder.path}: {error.strerror}: the last {len(rows)} runs cannot be written; "
-                f"the {folder.done.count} runs before them are stored, and resume continues there"
+                f"{error}: the last {len(rows)} runs are lost; the {folder.done.count} runs before "
+                "them are stored, and resume continues there"
             ) from None
         self._next += 1
-        part = Part.open(path, folder.identity)
-        folder.parts.append(part)
-        folder.done = Spans.joined([folder.done.edges, part.edges])
+        folder.add(Part.open(path, folder.identity))
 
     def close(self) -> None:
         """Writes the buffered rows and releases the lock."""

@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from ..run.options import ALWAYS, NUMERICS, Options
+from ..run.options import ALWAYS, Options
 from ..scene.scene import Scene
 from ..study.sampling import MOST_RUNS, Plan
 from ..study.sources import Description
-from ..study.spec import RECORDING, SETTINGS, StudySpec
+from ..study.spec import RECORDING, RUN_OPTIONS, SETTINGS, StudySpec
 from ..study.study_file import checksum, load_array
 from ..support import checks, extras, toml
 from ..support.arrays import Floats
@@ -142,12 +142,11 @@ def spec_of(path: Path, data: Mapping[str, Any]) -> StudySpec:
                 raise ValueError(f"[study].{name} is missing")
         return StudySpec.checked(
             Scene.from_dict(data["scene"]),
-            Options.from_dict({name: own[name] for name in NUMERICS if name in own}),
+            Options.from_dict({name: own[name] for name in RUN_OPTIONS if name in own}),
             runs=own["runs"],
             seed=own["seed"],
             vary={tuple(key.split(", ")): Description(e) for key, e in data["vary"].items()},
             summaries=own["summaries"],
-            summaries_after=own.get("summaries_after"),
             settling_band=own["settling_band"],
             sampler=own["sampler"],
         )

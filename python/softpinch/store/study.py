@@ -1,35 +1,45 @@
-"""Studies kept in a folder: reading, resuming, extending and replaying them."""
+"""Studies kept in a folder: beginning, reading, resuming and extending them."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import _core
 from ..run.run import Run
 from ..study import study_file
 from ..study.capsule import Capsule
-from ..study.compute import Job
-from ..study.engine import Outcome
+from ..study.compute import MOST_BLOCKS, EarlyStopping, Job
+from ..study.engine import Outcome, RunBlock, compute
 from ..study.estimates import Discretisation
 from ..study.results import Ensemble, Results
-from ..study.rows import Numbers, Rows, Spans
+from ..study.rows import HOLDS, Numbers, Rows, Spans
+from ..study.sampling import Plan
+from ..study.sources import BLOCK
+from ..study.spec import RECORDING
 from ..support import checks
 from ..support.arrays import Floats, read_only
 from ..support.errors import LostRunsWarning, StoreError, warn
+from ..support.interrupt import CtrlC
 from ..support.progress import Report
 from . import manifest as manifests
-from .driver import compute_in_folder
 from .files import MANIFEST, arrow
-from .folder import Folder
+from .folder import Folder, Writer, locked, refuse_other_content
 from .trajectories import Trajectories
 
 if TYPE_CHECKING:
     from ..study.executor import Engine
+
+# The number of blocks per call of the core is doubled or halved until one call takes about this
+# long, s.
+PACE_SECONDS = 0.5
 
 
 class Study(Results):
@@ -62,7 +72,7 @@ class Study(Results):
         outcome: Outcome = Outcome(),  # noqa: B008
     ) -> None:
         super().__init__(manifests.spec_of(folder.path, manifest))
-        self._folder = folder
+        self._folder, self._computed = folder, folder.done
         self.interrupted, self.lost, self._under_way = outcome
         self.path = folder.path
         self.requested: int = manifest["study"]["runs"]
@@ -161,12 +171,7 @@ class Study(Results):
         job = Job.checked(
             file.spec(runs=runs), threads=threads, executor=executor, progress=progress
         )
-        return compute_in_folder(job, self.path, Study)
-
-    @property
-    def runs(self) -> int:
-        """The number of computed runs."""
-        return self._folder.done.count
+        return compute_in_folder(job, self.path)
 
     def _read_by_part(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
         for part in self._folder.parts:
@@ -179,13 +184,11 @@ class Study(Results):
         return np.concatenate([np.empty(0), *parts])
 
     def _read(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
-        parts = list(self._read_by_part(("run", *names)))
-        empty = {name: self._spec.schema.entries[name].empty() for name in ("run", *names)}
-        found = {name: np.concatenate([p[name] for p in [empty, *parts]]) for name in empty}
-        order = np.argsort(found["run"], kind="stable")
-        if (order[1:] < order[:-1]).any():
-            found = {name: values[order] for name, values in found.items()}
-        return {name: read_only(found[name]) for name in names}
+        entries = self._spec.schema.entries
+        parts = [{name: entries[name].empty() for name in ("run", *names)}]
+        parts += self._read_by_part(("run", *names))
+        rows = Rows.joined([Rows(columns=part) for part in parts]).in_order()
+        return {name: read_only(rows.columns[name]) for name in names}
 
     def chunks(self) -> Iterator[Ensemble]:
         """Yields the rows of one part after the other, each as an ensemble."""
@@ -209,34 +212,8 @@ class Study(Results):
                 found.append(rows.select(np.searchsorted(rows.run, mine)))
         return Rows.joined(found).in_order()
 
-    def _evenly_spaced(self, most: int) -> Numbers:
-        edges = self._folder.done.edges
-        ends = np.cumsum(edges[:, 1] - edges[:, 0])
-        places = np.unique(np.linspace(0, self.runs - 1, min(most, self.runs)).astype(np.int64))
-        span = np.searchsorted(ends, places, side="right")
-        numbers: Numbers = (edges[span, 1] - (ends[span] - places)).astype(np.uint64)
-        return numbers
-
     def _add_trajectory(self, run: int, path: Run) -> None:
         self.trajectories.add(run, path)
-
-    def has(self, run: int) -> bool:
-        """Whether this run has been computed."""
-        run = checks.integer("run", run)
-        return 0 <= run < self.requested and bool(self._folder.done.within(run, run + 1).count)
-
-    def _varied_values(self, run: int) -> dict[str, Any]:
-        if not self.has(run):
-            raise IndexError(
-                f"run {checks.shown(run)} is not among the {self.runs} runs of {self.path}"
-            )
-        (part,) = (
-            each for each in self._folder.parts if Spans(each.edges).within(run, run + 1).count
-        )
-        # These columns alone: the others would take most of the time of many trajectories.
-        found = self._folder.read(part, ("run", *self._spec.shapes))
-        row = np.searchsorted(found["run"], run)
-        return {path: found[path][row] for path in self._spec.shapes}
 
     def failures(self) -> Failures:
         """The runs that did not complete, each replayable alone; read on access."""
@@ -287,10 +264,6 @@ def _reopened(
     return study
 
 
-# Field of a capsule -> key in the manifest's [[made_by]].
-_VERSIONS = {"version": "softpinch", "results_version": "results_version"}
-
-
 class Failures(Sequence[Capsule]):
     """The runs of a study that did not complete, in the order of their numbers."""
 
@@ -304,7 +277,6 @@ class Failures(Sequence[Capsule]):
         self._runs, self._parts = np.concatenate(runs), np.concatenate(parts)
         order = np.argsort(self._runs, kind="stable")
         self._runs, self._parts = self._runs[order], self._parts[order]
-        self._open: tuple[int, Ensemble] | None = None
 
     def __len__(self) -> int:
         return len(self._runs)
@@ -320,15 +292,179 @@ class Failures(Sequence[Capsule]):
             return [self[k] for k in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):
             raise IndexError(f"failure {index} of {len(self)}")
-        place = int(self._parts[index])
-        if self._open is None or self._open[0] != place:
-            folder = self._study._folder
-            self._open = place, self._study._ensemble(folder.rows(folder.parts[place]))
-        ensemble = self._open[1]
-        (capsule,) = ensemble._capsules(np.searchsorted(ensemble.run, self._runs[[index]]))
-        maker = self._study.made_by[-1]
-        versions = {name: maker[key] for name, key in _VERSIONS.items()}
-        return replace(capsule, **versions)
+        folder, maker = self._study._folder, self._study.made_by[-1]
+        rows = folder.rows(folder.parts[self._parts[index]])
+        (capsule,) = self._study._capsules(rows.select(rows.run == self._runs[index]))
+        return replace(
+            capsule, version=maker["softpinch"], results_version=maker["results_version"]
+        )
 
     def __repr__(self) -> str:
         return f"<{len(self)} failures of {self._study!r}>"
+
+
+def compute_in_folder(job: Job, store: str | Path) -> Study:
+    """Begins a study in a folder or continues the one found there, and writes the missing runs."""
+    spec, plan = job.spec, job.spec.plan
+    path = checks.path("store", store, "the path of a folder")
+    arrow()
+    vary, given_arrays = manifests.with_files(plan)
+    given = manifests.describe(spec, vary)
+    there = _matching_manifest(path, given)
+    done = Spans.upto(0)
+    if there is None:
+        refuse_other_content(path)
+    else:
+        done = Folder(path, spec, manifests.identity(there)).done
+    missing = job.wanted.without(done)
+    if any(entry["kind"] == "function" for entry in given["vary"].values()):
+        _refuse_unrepeatable_draws(plan, missing)
+    job.check(missing)
+
+    lock = locked(path)
+    try:
+        # Another process may have begun the study before this process took the lock.
+        there = _matching_manifest(path, given)
+        if there is None:
+            refuse_other_content(path)
+        manifests.write_arrays(path, given_arrays)
+        if there is None:
+            manifests.write(path, given)
+        folder = Folder(path, spec, manifests.identity(there or given))
+        writer = Writer(folder, lock)
+        described = given
+        if there is not None:
+            # The manifest may name this process as a writer only after its bits are verified.
+            if folder.parts:
+                _verify_same_bits(job, folder, there, plan)
+            described = _continued(there, given)
+            if described != there:
+                manifests.write(path, described)
+    except BaseException:
+        lock.release()
+        raise
+    pace = _Pace()
+    stopping = EarlyStopping(spec.stop_when, job.wanted)
+
+    def accept(rows: Rows) -> bool:
+        writer.add(rows)
+        pace.note_arrival()
+        return stopping.enough(rows)
+
+    try:
+        enough = bool(spec.stop_when) and any(map(stopping.enough, _events(folder)))
+        alone = bool(spec.stop_when) or job.executor is not None
+        missing = Spans.upto(0) if enough else job.wanted.without(folder.done)
+        outcome = job.compute(missing, accept, lambda: BLOCK * (1 if alone else pace.blocks))
+        writer.flush()
+        study = Study(folder, described, outcome)
+        # This writes trajectories into the folder, so the lock is still needed.
+        job.finish(study)
+        return study
+    finally:
+        with CtrlC() as ctrl_c:
+            ctrl_c.held = True
+            writer.close()
+
+
+def _refuse_unrepeatable_draws(plan: Plan, missing: Spans) -> None:
+    """Refuses functions in `vary` whose draws do not repeat.
+
+    A study draws the numbers of a run again whenever it continues or replays that run.
+    """
+    for numbers in islice(missing.aligned_chunks(lambda: BLOCK), 1):
+        again = plan.rows(numbers)
+        for path, values in plan.rows(numbers).items():
+            if values.tobytes() != again[path].tobytes():
+                raise ValueError(
+                    f"vary: {path!r}: a second draw gave other numbers. A study in a folder draws "
+                    "again to resume, so its function may use only the generator that it is given"
+                )
+
+
+def _events(folder: Folder) -> Iterator[Rows]:
+    """Yields the columns that determine the events of computed runs (`EVENTS`), part by part."""
+    entries = ("run", "status", HOLDS, *(f"first_{name}" for name in _core.VIOLATIONS))
+    for part in folder.parts:
+        yield Rows(columns=folder.read(part, entries))
+
+
+def _matching_manifest(path: Path, given: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The manifest of a folder that holds the given study; None if there is no manifests."""
+    if not (path / MANIFEST).exists():
+        return None
+    there = manifests.read(path)
+    manifests.compare(path, there, given)
+    return there
+
+
+def _continued(there: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The manifest of a continued study, from the one in its folder and the given one.
+
+    Settings that decide the rows keep their old spelling: 1 equals 1.0, but the parts' footers have
+    a hash of the manifest's text.
+    """
+    ours = given["made_by"][0]
+    known = there["made_by"]
+    kept = {name: v for name, v in there["study"].items() if name not in manifests.FREE}
+    free = {name: v for name, v in given["study"].items() if name in manifests.FREE}
+    free["runs"] = max(there["study"]["runs"], given["study"]["runs"])
+    paths = {each for data in (there, given) for each in data["study"].get("trajectories", ())}
+    if paths:
+        free["trajectories"] = sorted(paths)
+    if "trajectories" not in given["study"]:
+        free |= {name: there["study"][name] for name in RECORDING if name in there["study"]}
+    return {
+        **there,
+        "study": {**kept, **free},
+        "made_by": known if ours in known else [*known, ours],
+    }
+
+
+def _verify_same_bits(job: Job, folder: Folder, there: Mapping[str, Any], plan: Plan) -> None:
+    """Verifies that this process draws and computes the bits that the folder already holds.
+
+    Draws one stored block again. If the software or the processor differs from every earlier
+    writer's, it also computes one stored run again.
+    """
+    rows = folder.rows(min(folder.parts, key=lambda part: int(part.edges[0, 0])))
+    # The folder may hold more runs than the caller asks for now.
+    some = rows.select((rows.run // BLOCK == rows.run[0] // BLOCK) & (rows.run < plan.runs))
+    drawn = plan.rows(some.run) if len(some) else {}
+    ours, theirs = manifests.made_by(), there["made_by"][-1]
+    changed = [f"{k} {theirs.get(k)} then, {v} now" for k, v in ours.items() if theirs.get(k) != v]
+    how = "; ".join(changed) or "the versions are the same: was a function of vary changed?"
+    for name, values in drawn.items():
+        if values.tobytes() != some.columns[name].tobytes():
+            raise StoreError(
+                f"{folder.path}: {name}: a new draw differs from the stored one ({how})"
+            )
+    if ours in there["made_by"]:
+        return
+    first = rows.select(np.array([0]))
+    block = RunBlock(first.run, {path: first.columns[path] for path in job.spec.shapes})
+    again = compute(job.spec, block, 1, lambda done: False)
+    for name, values in again.columns.items():
+        # NaN does not equal itself, so values that differ as lists are compared as bytes.
+        before = first.columns[name].astype(values.dtype)
+        if values.tolist() != before.tolist() and values.tobytes() != before.tobytes():
+            raise StoreError(
+                f"{folder.path}: {name} of run {first.run[0]}: computing it again gives another "
+                f"result than the stored one ({how})"
+            )
+
+
+class _Pace:
+    """Adapts the number of blocks per call, so that rows reach the disk often enough."""
+
+    def __init__(self) -> None:
+        self.blocks = 1
+        self._since = time.monotonic()
+
+    def note_arrival(self) -> None:
+        now = time.monotonic()
+        spent, self._since = now - self._since, now
+        if spent < PACE_SECONDS:
+            self.blocks = min(2 * self.blocks, MOST_BLOCKS)
+        elif spent > 2 * PACE_SECONDS:
+            self.blocks = max(1, self.blocks // 2)

@@ -45,14 +45,11 @@ class Trajectories(Mapping[int, Run]):
         return sum(1 for _ in self)
 
     def __contains__(self, run: object) -> bool:
-        if not isinstance(run, int | np.integer) or not 0 <= run < 2**62:
+        if not isinstance(run, int | np.integer):
             return False
-        number = int(run)
-        computed = self._folder.done.within(number, number + 1).count
-        return bool(computed) and self._file(number).exists()
+        return self._folder.done.has(int(run)) and self._file(int(run)).exists()
 
     def __getitem__(self, run: int) -> Run:
-        """The trajectory of a run."""
         if run not in self:
             raise KeyError(f"the trajectory of run {run} is not kept: pass trajectories=({run},)")
         options, result = self._read(int(run))
@@ -108,12 +105,7 @@ class Trajectories(Mapping[int, Run]):
             "arrays": names,
             "result": result,
         }
-        file = self._file(run)
-        try:
-            file.parent.mkdir(exist_ok=True)
-            files.write_with_digest(file, files.encode(columns, facts))
-        except OSError as error:
-            raise StoreError(f"{file}: cannot be written: {error.strerror}") from None
+        files.write_with_digest(self._file(run), files.encode(columns, facts))
 
     def damaged(self) -> Iterator[str]:
         """Reads every file, and yields one line for each damaged file."""

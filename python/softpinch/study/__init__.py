@@ -4,47 +4,21 @@ The draws of a run depend only on the seed and the run's number, so any process 
 again. Threads or the workers of an executor return rows in blocks. Nothing here writes to a folder.
 """
 
-from typing import TYPE_CHECKING
-
-from ..support.extras import lazily
-
-if TYPE_CHECKING:
-    from .capsule import Capsule
-    from .distributions import (
-        Choice,
-        Distribution,
-        LogNormal,
-        LogUniform,
-        Normal,
-        TruncatedNormal,
-        Uniform,
-    )
-    from .effects import Effect, sensitivity
-    from .engine import Lost
-    from .estimates import Discretisation, Estimate, Mean
-    from .gradients import Gradients
-    from .results import Ensemble, Results
-else:
-    __getattr__ = lazily(
-        __name__,
-        {
-            "capsule": ("Capsule",),
-            "distributions": (
-                "Choice",
-                "Distribution",
-                "LogNormal",
-                "LogUniform",
-                "Normal",
-                "TruncatedNormal",
-                "Uniform",
-            ),
-            "effects": ("Effect", "sensitivity"),
-            "engine": ("Lost",),
-            "estimates": ("Discretisation", "Estimate", "Mean"),
-            "gradients": ("Gradients",),
-            "results": ("Ensemble", "Results"),
-        },
-    )
+from .capsule import Capsule
+from .distributions import (
+    Choice,
+    Distribution,
+    LogNormal,
+    LogUniform,
+    Normal,
+    TruncatedNormal,
+    Uniform,
+)
+from .effects import Effect, sensitivity
+from .engine import Lost
+from .estimates import Discretisation, Estimate, Mean
+from .gradients import Gradients
+from .results import Ensemble, Results
 
 __all__ = [
     "Capsule",

@@ -30,6 +30,7 @@ from ..support.arrays import read_only
 from ..support.choices import Recordable
 from ..support.display import Shown, ShownTable, text_of
 from ..support.record import plain
+from .estimates import plain as number_or_array
 
 _TABLES = ("capsule", "simulate", "scene")
 _FACTS = ("run", "seed", "status", "time", "message", "softpinch", "results_version")
@@ -123,17 +124,13 @@ class Capsule(Shown):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Makes a capsule from the result of `to_dict`.
-
-        Raises:
-            ValueError: A name is unknown or missing, a value breaks its rule, or a parameter
-                differs from its value in the scene.
-            TypeError: A value is of the wrong kind.
-        """
+        """Makes a capsule from the result of `to_dict`; refuses parameters unlike the scene's."""
         _tables(data, _TABLES, _TABLES, "")
         facts, how = data["capsule"], data["simulate"]
         _tables(facts, (*_FACTS, "parameters"), _FACTS, "capsule")
         _tables(how, NUMERICS, ALWAYS, "simulate")
+        for name in ("message", "softpinch"):
+            checks.instance(f"Capsule.{name}", facts[name], str, "text")
         scene = Scene._parse(data["scene"], "scene")
         run = checks.integer("Capsule.run", facts["run"], 0, 2**64 - 1)
         seed = checks.integer("Capsule.seed", facts["seed"], 0, 2**64 - 1)
@@ -141,12 +138,12 @@ class Capsule(Shown):
             run=run,
             status=checks.choice("Capsule.status", facts["status"], _core.STATUSES),
             time=checks.finite("Capsule.time", facts["time"]),
-            message=_text("message", facts["message"]),
+            message=facts["message"],
             parameters=_parameters(facts.get("parameters", {}), scene),
             # This scene already has the varied values, so no path remains.
             varied=SceneTemplate(scene, (), seed),
             options=_options(how),
-            version=_text("softpinch", facts["softpinch"]),
+            version=facts["softpinch"],
             results_version=checks.integer("Capsule.results_version", facts["results_version"], 0),
         )
         if capsule.scene != scene:
@@ -206,14 +203,8 @@ def _tables(data: Any, known: Sequence[str], needed: Sequence[str], path: str) -
             raise ValueError(f"Capsule.{name}{checks.at(path)}: is missing")
 
 
-def _text(name: str, value: Any) -> str:
-    if not isinstance(value, str):
-        raise TypeError(f"Capsule.{name} = {checks.shown(value)}: must be text")
-    return value
-
-
 def _parameters(data: Any, scene: Scene) -> dict[str, Any]:
-    """Checks the varied values of the run, which must equal the values in its scene.
+    """The varied values of the run, which must equal the values in its scene.
 
     A user who edits a capsule's file could otherwise change a number in only one of the two places.
     """
@@ -228,11 +219,10 @@ def _parameters(data: Any, scene: Scene) -> dict[str, Any]:
             there = at_path(scene, path)
         except ValueError as error:
             raise ValueError(f"{where}: {str(error).removeprefix('vary: ')}") from None
-        shape = np.shape(there[0])
-        result[path] = checks.array(where, value, shape) if shape else checks.finite(where, value)
         for one in there:
-            if not np.array_equal(one, result[path]):
+            if plain(one) != plain(value):
                 raise ValueError(f"{where} = {value}: must equal the scene's value, {plain(one)}")
+        result[path] = number_or_array(there[0])
     return result
 
 

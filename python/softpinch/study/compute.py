@@ -19,7 +19,7 @@ from ..support.progress import Report, reporting
 from .engine import Accept, Outcome, RunBlock, how_many_threads, on_threads
 from .estimates import Discretisation, Estimate
 from .results import Results
-from .rows import HOLDS, Numbers, Rows, Spans, event_columns, happened
+from .rows import HOLDS, Numbers, Rows, Spans, happened
 from .sources import BLOCK
 from .spec import RECORDING, StudySpec
 
@@ -71,7 +71,7 @@ class Job:
         runs = spec.plan.runs
         wanted = Spans.upto(runs) if only is None else Spans.of(_numbers(only, runs))
         for run in spec.trajectories:
-            if not wanted.within(run, run + 1).count:
+            if not wanted.has(run):
                 raise ValueError(f"trajectories: run {run} is not in only")
         if threads is not None:
             how_many_threads(threads)
@@ -137,7 +137,7 @@ class Job:
             self._check_dt(results)
         for run in self.spec.trajectories:
             if results.has(run) and run not in results.trajectories:
-                how = {name: getattr(self.spec.recording, name) for name in RECORDING}
+                how = {name: getattr(self.spec.options, name) for name in RECORDING}
                 replayed = results.replay(run, **how)
                 if replayed.status == "interrupted":
                     results.interrupted = True
@@ -153,48 +153,52 @@ class Job:
         options = self.spec.options
         if options.dt is None or not is_explicit(options.method):
             return
-        counts: Counter[str] = Counter()
-        found: dict[str, list[tuple[int, tuple[str, float]]]] = {}
-        for part in results._read_by_part(("run", "status", "end_time")):
-            kinds = np.where(part["status"] == "completed", "completed", "failed")
-            kinds[part["status"] == "unstable"] = "unstable"
-            for kind in np.unique(kinds).tolist():
-                rows = np.flatnonzero(kinds == kind)
-                counts[kind] += len(rows)
-                for row in rows[_spread(len(rows))]:
-                    ended = str(part["status"][row]), float(part["end_time"][row])
-                    found.setdefault(kind, []).append((int(part["run"][row]), ended))
-        suspect = ["failed", "completed"] if self._may_be_unstable else ["failed"]
-        if counts["unstable"]:
-            suspect = ["unstable"]
-        looked_at = [
-            (kind, *found[kind][k])
-            for kind in suspect
-            if kind in found
-            for k in _spread(len(found[kind])).tolist()
-        ]
-        text, kind, run = None, "", -1
-        for one in looked_at:
-            kind, run, ended = one
+        counts = results.counts()
+        unstable, completed = counts.get("unstable", 0), counts.get("completed", 0)
+        failed = results.runs - completed
+        suspects: list[int] = []
+        if unstable:
+            suspects = self._some(results, lambda status: status == "unstable")
+        elif failed:
+            suspects = self._some(results, lambda status: status != "completed")
+        if completed and not unstable and self._may_be_unstable:
+            suspects += self._some(results, lambda status: status == "completed")
+        if not suspects:
+            return
+        rows = results._rows_of(np.array(sorted(suspects), dtype=np.uint64))
+        ends = (rows.columns[name].tolist() for name in ("status", "end_time"))
+        ended = dict(zip(rows.run.tolist(), zip(*ends, strict=True), strict=True))
+        text, run, status = None, -1, ""
+        for run in suspects:
+            status, end = ended[run]
             try:
-                text = too_long(Request(results.scene_of(run), options), *ended)
+                text = too_long(Request(results.scene_of(run), options), status, end)
             except KeyboardInterrupt:
                 results.interrupted = True
                 return
             if text is not None:
                 break
         what = f"run {run}"
-        if kind == "unstable":
+        if unstable:
             text = text or "take a smaller dt; its message says which dt is surely stable"
-            what = f"{counts[kind]} of {counts.total()} runs are unstable, such as run {run}"
-        elif kind == "failed":
-            what = f"run {run}, one of {counts[kind]} that did not complete"
+            what = f"{unstable} of {results.runs} runs are unstable, such as run {run}"
+        elif status != "completed":
+            what = f"run {run}, one of {failed} that did not complete"
         if text is not None:
             warn(f"{what}: {text}", StabilityWarning)
 
+    def _some(self, results: Results, with_status: Callable[[NDArray[Any]], Any]) -> list[int]:
+        """The numbers of up to eight runs with such a status, evenly spread."""
+        found = [
+            Spans.of(part["run"][with_status(part["status"])]).edges
+            for part in results._read_by_part(("run", "status"))
+        ]
+        spread: list[int] = Spans.joined(found).evenly_spaced(_SUSPECTS).tolist()
+        return spread
+
     def _check_dt(self, results: Results) -> None:
         """Estimates the error of summaries and probabilities, from runs with smaller steps."""
-        coarse = results._rows_of(results._evenly_spaced(_CHECKED))
+        coarse = results._rows_of(results._computed.evenly_spaced(_CHECKED))
         values = {path: coarse.columns[path] for path in self.spec.shapes}
         block = RunBlock(coarse.run, values, self.spec.refined)
         found = [self.spec.empty()]
@@ -213,25 +217,20 @@ class Job:
         def compared(name: str, columns: Mapping[str, NDArray[Any]]) -> Floats:
             return happened(columns, name).astype(float) if name in events else columns[name]
 
+        def sampling_error(name: str) -> Any:
+            if name in events:
+                return results.mean(results.happened(name)).error
+            entry = self.spec.schema.entries[name]
+            errors = [results.mean(column).error for column in entry.columns]
+            return np.reshape(errors, entry.shape)
+
         results.discretisation = {
             name: Discretisation.of(
-                compared(name, coarse.columns),
-                compared(name, finer.columns),
-                (
-                    compared(name, part)
-                    for part in results._read_by_part(
-                        event_columns(name) if name in events else (name,)
-                    )
-                ),
+                compared(name, coarse.columns), compared(name, finer.columns), sampling_error(name)
             )
             for name in (*self.spec.summaries, *events)
         }
         results.interrupted = outcome.interrupted
-
-
-def _spread(count: int) -> NDArray[np.intp]:
-    """Up to eight indices, evenly spread over `count` places."""
-    return np.unique(np.linspace(0, count - 1, min(_SUSPECTS, count)).astype(np.intp))
 
 
 def _numbers(only: ArrayLike, runs: int) -> Numbers:

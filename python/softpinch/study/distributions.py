@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.extras import require
-from ..support.record import Record, chosen, kind_of
+from ..support.record import Kinded
 
 # Limits of uniform numbers, so that quantiles are finite.
 LEAST = 2.0**-54
@@ -36,7 +36,7 @@ _MOST_NUMBERS = 2**22
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Distribution(Record):
+class Distribution(Kinded):
     """Base of the distributions. The parameters broadcast to a draw, of independent components."""
 
     @property
@@ -58,11 +58,6 @@ class Distribution(Record):
         Returns:
             Draws (n, *shape). u is limited to 1 - 2^-53 from above, and to 2^-54 from below if the
             distribution has no lower end, so that draws are finite.
-
-        Raises:
-            TypeError: `u` is not numeric.
-            ValueError: `u` has the wrong shape, or a number outside [0, 1].
-            ImportError: The distribution needs SciPy, which is not installed.
         """
         given = checks.array("u", u, (len(np.atleast_1d(checks.read("u", u))), self.dimensions))
         wrong = np.argwhere((given < 0.0) | (given > 1.0))
@@ -72,13 +67,7 @@ class Distribution(Record):
         return self._quantiles(np.minimum(given, MOST))
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
-        """Random draws (n, *shape); the first rows do not depend on `n`.
-
-        Raises:
-            TypeError: `rng` is not a generator, or `n` is not an integer.
-            ValueError: `n` is below 0, or above 2^40.
-            ImportError: The distribution needs SciPy, which is not installed.
-        """
+        """Random draws (n, *shape); the first rows do not depend on `n`."""
         checks.instance("rng", rng, np.random.Generator)
         return self._drawn(rng, checks.integer("n", n, 0, _MOST_DRAWS))
 
@@ -92,20 +81,6 @@ class Distribution(Record):
     def _component_quantiles(self, u: Floats) -> Floats:
         """Quantiles of uniform numbers u (n, *shape), for each component."""
         raise NotImplementedError
-
-    def to_dict(self) -> dict[str, Any]:
-        """Converts to a dictionary with the `kind` that `from_dict` needs."""
-        return {
-            "kind": kind_of(self, DISTRIBUTIONS, "distributions.DISTRIBUTIONS"),
-            **super().to_dict(),
-        }
-
-    @classmethod
-    def _parse(cls, data: Any, path: str) -> Self:
-        """Parses the class that `kind` names; a subclass parses itself without `kind`."""
-        found, rest = chosen(Distribution, cls, DISTRIBUTIONS, data, path)
-        result: Self = super(Distribution, found)._parse(rest, path)
-        return result
 
     def _checked(self, name: str, check: Callable[[str, object], float] = checks.finite) -> Floats:
         """Checks a field, stores it as a float or a read-only array, and returns it as an array."""
@@ -379,3 +354,4 @@ DISTRIBUTIONS: dict[str, type[Distribution]] = {
     "truncated_normal": TruncatedNormal,
     "choice": Choice,
 }
+Distribution._kinds = DISTRIBUTIONS

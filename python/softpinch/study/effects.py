@@ -91,7 +91,6 @@ def sensitivity(
 
     Raises:
         ValueError: The summary was not computed, the name is unknown, or nothing was varied.
-        TypeError: `ensemble` is neither an Ensemble nor a Study.
     """
     checks.instance("ensemble", ensemble, Results, "an Ensemble or a Study")
     varied = ensemble._spec.schema.split(ensemble.parameters)

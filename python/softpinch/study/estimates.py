@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Any, NamedTuple, Self
@@ -217,56 +216,23 @@ class Discretisation(Result):
     runs: int
 
     @classmethod
-    def of(cls, coarse: Floats, fine: Floats, every: Iterable[Floats]) -> Self:
-        """Compares the values of runs (k, ...) with those of smaller steps.
-
-        `every` has the values of all runs of the study, in parts.
-        """
+    def of(cls, coarse: Floats, fine: Floats, sampling_error: Any) -> Self:
+        """Compares the values of runs (k, ...) with those of smaller steps."""
         with np.errstate(invalid="ignore"):
             difference = coarse - fine
-        kept = _finite(difference)
+        kept = np.isfinite(difference).all(axis=tuple(range(1, difference.ndim)))
         difference = difference[kept]
+        runs = len(difference)
         nothing = np.full(coarse.shape[1:], np.nan)
         return cls(
-            bias=plain(difference.mean(axis=0) if len(difference) else nothing),
-            bias_error=plain(_standard_error([difference])),
-            worst=plain(np.abs(difference).max(axis=0) if len(difference) else nothing),
-            sampling_error=plain(_standard_error(every)),
-            runs=int(np.count_nonzero(kept)),
+            bias=plain(difference.mean(axis=0) if runs else nothing),
+            bias_error=plain(
+                np.sqrt(difference.var(axis=0, ddof=1) / runs) if runs > 1 else nothing
+            ),
+            worst=plain(np.abs(difference).max(axis=0) if runs else nothing),
+            sampling_error=plain(sampling_error),
+            runs=runs,
         )
-
-
-def _standard_error(parts: Iterable[Floats]) -> Floats:
-    """The standard error of the mean of values (runs, ...), given in parts.
-
-    Rows that are not finite are ignored. The sums of squares of two parts are combined by the
-    formula of Chan, Golub and LeVeque, 1979.
-    """
-    runs = 0
-    mean: Any = 0.0
-    squares: Any = 0.0
-    for part in parts:
-        values = part[_finite(part)]
-        if not len(values):
-            mean = mean + np.zeros(values.shape[1:])
-            continue
-        own = values.mean(axis=0)
-        apart = own - mean
-        total = runs + len(values)
-        squares = (
-            squares + ((values - own) ** 2).sum(axis=0) + apart**2 * (runs * len(values) / total)
-        )
-        mean = mean + apart * (len(values) / total)
-        runs = total
-    if runs < 2:
-        return np.full(np.shape(mean), np.nan)
-    error: Floats = np.sqrt(squares / (runs - 1) / runs)
-    return error
-
-
-def _finite(values: Floats) -> NDArray[np.bool_]:
-    """Whether all numbers of each row are finite (runs,); there may be no rows."""
-    return np.asarray(np.isfinite(values).all(axis=tuple(range(1, values.ndim))), dtype=bool)
 
 
 def plain(value: Any) -> Any:

@@ -53,11 +53,6 @@ class Gradients(Shown, Mapping[str, Mapping[str, Floats]]):
         self._whole = read_only(whole)
 
     def __getitem__(self, summary: str) -> dict[str, Floats]:
-        """Returns path -> the derivatives of a summary.
-
-        Raises:
-            KeyError: The summary was not asked for.
-        """
         if summary not in self._summaries:
             known = checks.quoted(self._summaries)
             raise KeyError(f"{summary!r}: there are gradients of {known}")
@@ -132,12 +127,7 @@ def differentiated(
     by: Mapping[str, tuple[int, ...]],
     threads: int,
 ) -> Gradients:
-    """Computes the gradients of all runs with these rows, which have their varied values.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C.
-        ValueError: A run's number has no derivative.
-    """
+    """Computes the gradients of all runs with these rows, which have their varied values."""
     wanted = [name for name in summaries if name != "final_state"]
     spec = replace(spec, summaries=tuple(wanted))
     paths, varied = list(by), list(spec.shapes)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +25,7 @@ from .engine import Lost, Outcome
 from .estimates import Discretisation, Estimate, Mean
 from .estimates import plain as number_or_array
 from .gradients import Gradients
-from .rows import HOLDS, Numbers, Rows, checked_event, event_columns, happened, is_friction
+from .rows import HOLDS, Numbers, Rows, Spans, checked_event, event_columns, happened, is_friction
 from .spec import StudySpec
 from .tables import booleans
 
@@ -45,7 +45,8 @@ _SHOWN_COLUMNS = 4
 class Results(Shown, ABC):
     """The results of many runs, with one row for each run, and statistics of them.
 
-    Arrays are read-only, and their rows are sorted by the numbers of the runs. For a study on disk,
+    Arrays are read-only, and their rows are sorted by the numbers of the runs. `results["name"]` is
+    an entry of `to_dict`: a summary, a varied path, or another one. For a study on disk,
     probabilities and counts need no more memory than one part of it. Means and quantiles read one
     column and need up to 40 bytes for each run, 4 GB for 10^8 runs.
 
@@ -66,6 +67,8 @@ class Results(Shown, ABC):
     interrupted: bool
     # The number of unfinished runs that Ctrl-C discards, in words.
     _under_way: str
+    # The runs that have a row.
+    _computed: Spans
     lost: tuple[Lost, ...]
     trajectories: Mapping[int, Run]
     discretisation: dict[str, Discretisation] | None
@@ -80,11 +83,6 @@ class Results(Shown, ABC):
         self.sampler: str = spec.plan.sampler
         self._names = tuple(spec.schema.entries)
 
-    @property
-    @abstractmethod
-    def runs(self) -> int:
-        """The number of rows."""
-
     @abstractmethod
     def _read(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         """Returns entries of `to_dict` by their names, each (runs, ...)."""
@@ -92,14 +90,6 @@ class Results(Shown, ABC):
     def _read_by_part(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
         """Yields entries of `to_dict` for some rows at a time, in any order of the rows."""
         yield self._read(names)
-
-    @abstractmethod
-    def _varied_values(self, run: int) -> dict[str, Any]:
-        """Returns the varied values of a run; IndexError if there is no such run."""
-
-    @abstractmethod
-    def _evenly_spaced(self, most: int) -> Numbers:
-        """Returns the numbers of at most `most` runs, evenly spaced among all runs."""
 
     @abstractmethod
     def _rows_of(self, runs: Numbers) -> Rows:
@@ -110,16 +100,44 @@ class Results(Shown, ABC):
         """Adds the trajectory `path` of a run to `trajectories`."""
 
     @abstractmethod
-    def has(self, run: int) -> bool:
-        """Whether there is a row of this run."""
-
-    @abstractmethod
     def chunks(self) -> Iterator[Ensemble]:
         """Yields all rows as ensembles; a study on disk gives one ensemble for each part."""
 
     @abstractmethod
     def failures(self) -> Sequence[Capsule]:
         """The runs that did not complete, as capsules, each of which can be replayed alone."""
+
+    @property
+    def runs(self) -> int:
+        """The number of rows."""
+        return self._computed.count
+
+    def has(self, run: int) -> bool:
+        """Whether there is a row of this run."""
+        return self._computed.has(checks.integer("run", run))
+
+    def _varied_values(self, run: int) -> dict[str, Any]:
+        if not self.has(run):
+            raise IndexError(f"run {checks.shown(run)} is not among the {self.runs} runs computed")
+        found = self._rows_of(np.array([run], np.uint64))
+        return {path: found.columns[path][0] for path in self._spec.shapes}
+
+    def _capsules(self, rows: Rows) -> list[Capsule]:
+        """Makes a capsule of each row."""
+        return [
+            Capsule(
+                run=int(rows.run[k]),
+                status=str(rows.columns["status"][k]),
+                time=float(rows.columns["end_time"][k]),
+                message=str(rows.columns["message"][k]),
+                parameters={
+                    path: number_or_array(rows.columns[path][k]) for path in self._spec.shapes
+                },
+                varied=self._spec.varied,
+                options=self._spec.options,
+            )
+            for k in range(len(rows))
+        ]
 
     def _column(self, name: str) -> NDArray[Any]:
         return self._read((name,))[name]
@@ -179,7 +197,7 @@ class Results(Shown, ABC):
 
     @property
     def summaries(self) -> dict[str, Floats]:
-        """Name -> (runs, ...), the computed summaries; also available as `results["name"]`.
+        """Name -> (runs, ...), the computed summaries.
 
         Summaries use the states at the ends of steps. With `tolerance` they also use instants
         inside a step at which a tip seemed to separate and return. They are NaN if the run ended
@@ -210,11 +228,6 @@ class Results(Shown, ABC):
         return self._read(self._spec.summaries)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """An entry of `to_dict` by its name: a summary, a varied path, or another one, (runs, ...).
-
-        Raises:
-            KeyError: There is no such entry; the message says how to compute a missing summary.
-        """
         if name in self._names:
             return self._column(name)
         if name in ("final_state", *_core.SUMMARIES):
@@ -239,13 +252,14 @@ class Results(Shown, ABC):
     def _tables(self) -> Iterator[ShownTable]:
         if not self.runs:
             return
-        parts = self._read_by_part(("status", *event_columns(HOLDS)))
-        yield tables.statuses((part["status"], happened(part, HOLDS)) for part in parts)
+        shares = {name: Estimate.counted(n, self.runs) for name, n in self.counts().items()}
+        yield tables.probabilities({**shares, HOLDS: self.probability(HOLDS)})
         entries = self._spec.schema.entries
         columns = [entries[name].columns for name in (*self._spec.shapes, *self._spec.summaries)]
-        names = [name for some in columns if len(some) <= _SHOWN_COLUMNS for name in some]
-        if names and self.runs <= _SHOWN_RUNS:
-            yield tables.distributions({name: tables.number(self, name) for name in names})
+        few = [units for units in columns if len(units) <= _SHOWN_COLUMNS]
+        if few and self.runs <= _SHOWN_RUNS:
+            units = {name: unit for one in few for name, unit in one.items()}
+            yield tables.distributions(self, units)
 
     @property
     def interruption(self) -> str:
@@ -301,7 +315,10 @@ class Results(Shown, ABC):
 
     def counts(self) -> dict[str, int]:
         """Status -> the number of runs with this status, the most frequent status first."""
-        return tables.status_counts(part["status"] for part in self._read_by_part(("status",)))
+        total: Counter[str] = Counter()
+        for part in self._read_by_part(("status",)):
+            total.update(part["status"].tolist())
+        return dict(sorted(total.items(), key=lambda item: (-item[1], item[0])))
 
     @property
     def model(self) -> str:
@@ -349,7 +366,6 @@ class Results(Shown, ABC):
 
         Returns:
             A float, or an array (len(q),); NaN if the column is finite in no run.
-
         """
         wanted = checks.array("q", np.atleast_1d(checks.numbers("q", q)), ("k",))
         if ((wanted < 0) | (wanted > 1)).any():
@@ -381,9 +397,6 @@ class Results(Shown, ABC):
 
         The arguments are those of `simulate`; instants of `times` outside the run's duration are
         left out.
-
-        Raises:
-            IndexError: There is no such run.
         """
         run = checks.integer("run", run, 0)
         values = self._varied_values(run)
@@ -391,11 +404,7 @@ class Results(Shown, ABC):
         return self._spec.replay(run, values, recorded, every, times)
 
     def scene_of(self, run: int) -> Scene:
-        """The scene of one run with its varied values, for `simulate`.
-
-        Raises:
-            IndexError: There is no such run.
-        """
+        """The scene of one run with its varied values, for `simulate`."""
         run = checks.integer("run", run, 0)
         return self._spec.varied.at(self._varied_values(run), run)
 
@@ -415,7 +424,7 @@ class Results(Shown, ABC):
             "interrupted": self.interrupted,
             **{name: plain(value) for name, value in spec.options.numerics().items()},
             "summaries": list(spec.summaries),
-            "summaries_after": spec.after if math.isfinite(spec.after) else None,
+            "summaries_after": spec.options.summaries_after,
             "settling_band": spec.band,
         }
 
@@ -464,13 +473,9 @@ class Ensemble(Results):
         self.interrupted, self.lost, self._under_way = outcome
         self.trajectories: dict[int, Run] = {}
         self.discretisation = None
+        self._computed = Spans.of(rows.run)
         columns = rows.entries()
         self._columns = {name: read_only(columns[name]) for name in self._names}
-
-    @property
-    def runs(self) -> int:
-        """The number of rows."""
-        return len(self._rows)
 
     @property
     def gradients(self) -> Gradients:
@@ -491,49 +496,12 @@ class Ensemble(Results):
         """Yields this ensemble."""
         yield self
 
-    def _evenly_spaced(self, most: int) -> Numbers:
-        rows = np.linspace(0, self.runs - 1, min(most, self.runs)).astype(int)
-        chosen: Numbers = self.run[np.unique(rows)]
-        return chosen
-
     def _add_trajectory(self, run: int, path: Run) -> None:
         self.trajectories[run] = path
 
-    def has(self, run: int) -> bool:
-        """Whether the ensemble has a row of this run."""
-        if not 0 <= checks.integer("run", run) < 2**64:
-            return False
-        row = int(np.searchsorted(self.run, np.uint64(run)))
-        return row < self.runs and bool(self.run[row] == run)
-
-    def _varied_values(self, run: int) -> dict[str, Any]:
-        if not self.has(run):
-            raise IndexError(
-                f"run {checks.shown(run)} is not among the {self.runs} runs of this ensemble"
-            )
-        row = int(np.searchsorted(self.run, np.uint64(run)))
-        return {path: self._columns[path][row] for path in self._spec.shapes}
-
     def failures(self) -> list[Capsule]:
         """The runs that did not complete, as capsules, each of which can be replayed alone."""
-        return self._capsules(np.flatnonzero(self.status != "completed"))
-
-    def _capsules(self, rows: NDArray[np.intp]) -> list[Capsule]:
-        varied, options = self._spec.varied, self._spec.options
-        return [
-            Capsule(
-                run=int(self.run[row]),
-                status=str(self.status[row]),
-                time=float(self.end_time[row]),
-                message=str(self.message[row]),
-                parameters={
-                    path: number_or_array(self._columns[path][row]) for path in self._spec.shapes
-                },
-                varied=varied,
-                options=options,
-            )
-            for row in rows.tolist()
-        ]
+        return self._capsules(self._rows.select(self.status != "completed"))
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)

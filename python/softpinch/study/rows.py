@@ -95,7 +95,7 @@ class Spans:
         """The runs of this set that are not in `other`."""
         cuts = np.unique(np.concatenate([self.edges.ravel(), other.edges.ravel()]))
         # Between two cuts, either all runs or no runs are in each set, so the first one decides.
-        kept = self._contains(cuts[:-1]) & ~other._contains(cuts[:-1])
+        kept = self.contains(cuts[:-1]) & ~other.contains(cuts[:-1])
         return self.joined([np.stack([cuts[:-1], cuts[1:]], axis=1)[kept]])
 
     def within(self, first: int, last: int) -> Self:
@@ -105,21 +105,31 @@ class Spans:
         edges = np.clip(self.edges[low:high], first, last)
         return type(self)(edges[edges[:, 0] < edges[:, 1]])
 
-    def contains(self, runs: Numbers) -> NDArray[np.bool_]:
+    def contains(self, runs: Numbers | NDArray[np.int64]) -> NDArray[np.bool_]:
         """Whether each of the given runs is in the set, (k,)."""
-        return self._contains(runs.astype(np.int64))
-
-    def _contains(self, given: NDArray[np.int64]) -> NDArray[np.bool_]:
         if not len(self.edges):
-            return np.zeros(len(given), bool)
+            return np.zeros(len(runs), bool)
+        given = runs.astype(np.int64)
         span = np.searchsorted(self.edges[:, 0], given, side="right") - 1
         among: NDArray[np.bool_] = (span >= 0) & (given < self.edges[span, 1])
         return among
+
+    def has(self, run: int) -> bool:
+        """Whether one run is in the set."""
+        return 0 <= run < 2**63 and bool(self.contains(np.array([run]))[0])
 
     def numbers(self) -> Numbers:
         """The numbers of all runs, increasing, (count,)."""
         parts = [np.arange(first, last, dtype=np.uint64) for first, last in self.edges]
         return np.concatenate([np.empty(0, np.uint64), *parts])
+
+    def evenly_spaced(self, most: int) -> Numbers:
+        """The numbers of at most `most` runs, evenly spaced among all, increasing."""
+        ends = np.cumsum(self.edges[:, 1] - self.edges[:, 0])
+        places = np.unique(np.linspace(0, self.count - 1, min(most, self.count)).astype(np.int64))
+        span = np.searchsorted(ends, places, side="right")
+        found: Numbers = (self.edges[span, 1] - (ends[span] - places)).astype(np.uint64)
+        return found
 
     def aligned_chunks(self, size: Callable[[], int]) -> Iterator[Numbers]:
         """Yields the numbers of all runs, increasing, in arrays that end at multiples of a size.
@@ -134,11 +144,6 @@ class Spans:
             yield self.within(at, stop).numbers()
             at = stop
             k = int(np.searchsorted(self.edges[:, 1], at, side="right"))
-
-    def __repr__(self) -> str:
-        shown = ", ".join(f"{first} to {last - 1}" for first, last in self.edges[:5])
-        more = ", ..." if len(self.edges) > 5 else ""
-        return f"<Spans of {self.count} runs: {shown}{more}>"
 
 
 class Column(NamedTuple):
@@ -260,11 +265,6 @@ class Schema:
         Args:
             name: The name of the column.
             field: The argument's name, for error messages.
-
-        Raises:
-            ValueError: The name is unknown, belongs to a summary that was not computed, to an entry
-                with several columns, or to an event, which has no number.
-            TypeError: The name is not a string.
         """
         checks.instance(field, name, str, "the name of a column")
         if name in (*_core.STATUSES, *_core.VIOLATIONS):

@@ -26,30 +26,19 @@ Key: TypeAlias = str | tuple[str, ...]
 
 BLOCK = 1024
 
-# The multivariate distributions that a file may name, and their parameters. Each of them keeps its
-# parameters when it is frozen and draws real arrays, so a manifest can hold it.
-MULTIVARIATE: dict[str, tuple[str, ...]] = {
-    "dirichlet": ("alpha",),
-    "invwishart": ("df", "scale"),
-    "matrix_normal": ("mean", "rowcov", "colcov"),
-    "multinomial": ("n", "p"),
-    "multivariate_hypergeom": ("m", "n"),
-    "multivariate_normal": ("mean", "cov", "allow_singular"),
-    "multivariate_t": ("loc", "shape", "df", "allow_singular"),
-    "ortho_group": ("dim",),
-    "special_ortho_group": ("dim",),
-    "uniform_direction": ("dim",),
-    "vonmises_fisher": ("mu", "kappa"),
-    "wishart": ("df", "scale"),
-}
-# The most numbers to which the parameters of a univariate distribution may broadcast.
+# The multivariate distributions that a file may name. Each of them keeps its parameters when it is
+# frozen and draws real arrays, so a manifest can hold it.
+MULTIVARIATE = (
+    *("dirichlet", "invwishart", "matrix_normal", "multinomial", "multivariate_hypergeom"),
+    *("multivariate_normal", "multivariate_t", "ortho_group", "special_ortho_group"),
+    *("uniform_direction", "vonmises_fisher", "wishart"),
+)
+# The most numbers to which the parameters of a file's distribution may broadcast, and the most
+# entries of a covariance.
 _MOST_NUMBERS = 2**20
-# The longest axis of a multivariate parameter: a covariance of this size takes 8 MB.
-_LONGEST = 1024
-# Drawing takes memory in proportion to these parameters, so a file may not make them huge.
-_COUNTS = {("irwinhall", "n"), ("nhypergeom", "M")}
+# Drawing takes memory in proportion to these first parameters, so a file may not make them huge.
+_COUNTS = ("irwinhall", "nhypergeom")
 _MOST_COUNT = 10_000
-
 
 Shapes: TypeAlias = Mapping[str, tuple[int, ...]]
 
@@ -112,18 +101,14 @@ class Source:
 
     def describe(self) -> dict[str, Any]:
         """Describes the source as plain data with a `kind`, for manifests and provenance."""
-        raise NotImplementedError
+        return dict(self.value)
 
 
 class Description(dict[str, Any]):
-    """The result of `Source.describe`; in `vary` it stands for a source that draws nothing."""
+    """The result of `Source.describe`; in `vary` it stands for a source that draws nothing.
 
-
-class _DescribedSource(Source):
-    """The description of a source, in results and on workers, which draw nothing."""
-
-    def describe(self) -> dict[str, Any]:
-        return dict(self.value)
+    Results and workers have it.
+    """
 
 
 class ArraySource(Source):
@@ -318,7 +303,7 @@ class _FunctionSource(Source):
 def source_of(key: Key, value: Any, shapes: Shapes) -> Source:
     """Makes the source for a value of `vary`."""
     if isinstance(value, Description):
-        return _DescribedSource(key, value, shapes)
+        return Source(key, value, shapes)
     if isinstance(value, Distribution):
         return _OwnDistribution(key, value, shapes)
     if hasattr(value, "rvs"):
@@ -363,17 +348,12 @@ def frozen_distribution(where: str, data: Mapping[str, Any]) -> Any:
     Args:
         where: The table's name, for error messages.
         data: The table: `name`, and optionally `args` and `kwds`.
-
-    Raises:
-        ValueError: The name is not that of a distribution, or an argument breaks its rule.
-        TypeError: An argument is of the wrong kind.
-        ImportError: SciPy is not installed.
     """
     checks.refuse_unknown(where, data, ("kind", "name", "args", "kwds"), "")
     stats = extras.require("scipy.stats", extra="study", purpose=f"{where} (SciPy)")
     name = data.get("name")
     distribution = _named(stats, name)
-    if not isinstance(name, str) or distribution is None:
+    if distribution is None:
         allowed = [each for each in vars(stats) if _named(stats, each) is not None]
         hint = checks.hint(name, allowed) if isinstance(name, str) else ""
         raise ValueError(
@@ -381,28 +361,15 @@ def frozen_distribution(where: str, data: Mapping[str, Any]) -> Any:
             f'as "gamma" or "multivariate_normal"{hint}'
         )
     args, kwds = data.get("args", []), data.get("kwds", {})
-    if not isinstance(args, list | tuple):
+    if not isinstance(args, list):
         raise TypeError(f"{where}: args = {checks.shown(args)}: must be an array of numbers")
     if not isinstance(kwds, Mapping):
         raise TypeError(f"{where}: kwds = {checks.shown(kwds)}: must be a table of numbers")
-    univariate = name not in MULTIVARIATE
-    place = f"{where}: {name}"
-    if univariate:
-        shapes = distribution.shapes.replace(",", " ").split() if distribution.shapes else []
-        names = [*shapes, "loc", *(["scale"] if hasattr(distribution, "pdf") else [])]
-        if len(args) > len(names):
-            raise ValueError(f"{place} has {len(args)} args: must be at most {len(names)}")
-        checks.refuse_unknown(place, kwds, names, "")
-        _check_univariate(place, name, {**dict(zip(names, args, strict=False)), **kwds})
-    elif args:
-        raise ValueError(f"{place}: args: must be empty; give its parameters by name, in kwds")
-    else:
-        checks.refuse_unknown(place, kwds, MULTIVARIATE[name], "")
-        _check_multivariate(place, kwds)
+    _check_parameters(f"{where}: {name}", str(name), args, kwds)
     try:
         made = distribution(*args, **kwds)
         # If parameters are outside of its domain, a univariate distribution's support is NaN.
-        valid = not (univariate and np.isnan(made.support()).any())
+        valid = name in MULTIVARIATE or not np.isnan(made.support()).any()
     except Exception as error:
         raise ValueError(f"{where}: SciPy cannot make {name}: {error}") from None
     if not valid:
@@ -411,39 +378,30 @@ def frozen_distribution(where: str, data: Mapping[str, Any]) -> Any:
     return made
 
 
-def _check_univariate(where: str, name: str, given: Mapping[str, Any]) -> None:
-    """Refuses arguments that are not numbers for the shape parameters, loc or scale."""
-    arrays = {each: _numbers(f"{where}.{each}", value) for each, value in given.items()}
-    try:
-        shape = np.broadcast_shapes(*(array.shape for array in arrays.values()))
-    except ValueError:
-        raise ValueError(f"{where}: the shapes of its arguments must broadcast") from None
-    if math.prod(shape) > _MOST_NUMBERS:
-        raise ValueError(f"{where} has shape {shape}: must be at most {_MOST_NUMBERS} numbers")
-    for each, array in arrays.items():
-        if (name, each) in _COUNTS and (array > _MOST_COUNT).any():
-            raise ValueError(f"{where}.{each} = {array.max()}: must be at most {_MOST_COUNT}")
+def _check_parameters(where: str, name: str, args: list[Any], kwds: Mapping[str, Any]) -> None:
+    """Refuses parameters other than numbers, and those that would need much memory.
 
-
-def _check_multivariate(where: str, given: Mapping[str, Any]) -> None:
-    """Refuses values other than numbers, vectors and small matrices."""
+    SciPy itself checks their names, shapes and domains.
+    """
+    given = {f"args[{k}]": value for k, value in enumerate(args)} | {**kwds}
+    if isinstance(given.get("allow_singular"), bool):
+        del given["allow_singular"]
+    shapes = []
     for each, value in given.items():
-        if each == "allow_singular":
-            checks.boolean(f"{where}.{each}", value)
-        elif each == "dim":
-            checks.integer(f"{where}.dim", value, 1, _LONGEST)
-        else:
-            array = _numbers(f"{where}.{each}", value)
-            if array.ndim > 2 or max(array.shape, default=0) > _LONGEST:
-                raise ValueError(
-                    f"{where}.{each} has shape {array.shape}: must be a number, a vector or a "
-                    f"matrix with at most {_LONGEST} entries a side"
-                )
-
-
-def _numbers(where: str, value: Any) -> Floats:
-    """Converts a value of a file to an array of numbers, which may be infinite but not NaN."""
-    array = checks.numbers(where, value)
-    if array.size == 0 or np.isnan(array).any():
-        raise ValueError(f"{where} = {checks.shown(value)}: must be numbers, and none of them NaN")
-    return array
+        array = checks.numbers(f"{where}.{each}", value)
+        if array.size == 0 or np.isnan(array).any():
+            shown = checks.shown(value)
+            raise ValueError(f"{where}.{each} = {shown}: must be numbers, and none of them NaN")
+        if name in _COUNTS and array.max() > _MOST_COUNT:
+            raise ValueError(f"{where}.{each} = {array.max()}: must be at most {_MOST_COUNT}")
+        shapes.append(array.shape)
+    if name in MULTIVARIATE:
+        # A mean alone makes a covariance with its length as side.
+        numbers = max((length for shape in shapes for length in shape), default=0) ** 2
+    else:
+        try:
+            numbers = math.prod(np.broadcast_shapes(*shapes))
+        except ValueError:
+            raise ValueError(f"{where}: the shapes of its parameters must broadcast") from None
+    if numbers > _MOST_NUMBERS:
+        raise ValueError(f"{where} has {numbers} numbers: must be at most {_MOST_NUMBERS}")

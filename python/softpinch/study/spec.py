@@ -11,7 +11,6 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Self
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
@@ -31,19 +30,11 @@ from .sources import Key
 SUMMARIES = ("final_state", *_core.SUMMARIES)
 # Which rows of trajectories are kept, and which quantities.
 RECORDING = ("record", "every", "times")
-# The names in the table `study` of `StudySpec.to_dict`.
+# The names in the table `study` of `StudySpec.to_dict`; of which these are arguments of `Options`.
+RUN_OPTIONS = (*NUMERICS, "summaries_after")
 SETTINGS = (
-    "runs",
-    "seed",
-    "sampler",
-    *NUMERICS,
-    "summaries",
-    "summaries_after",
-    "settling_band",
-    "stop_when",
-    "check_dt",
-    "trajectories",
-    *RECORDING,
+    *("runs", "seed", "sampler", *RUN_OPTIONS, *RECORDING, "summaries", "settling_band"),
+    *("stop_when", "check_dt", "trajectories"),
 )
 
 
@@ -56,26 +47,22 @@ class StudySpec:
     Attributes:
         scene: The scene that all runs share, apart from the varied values.
         plan: The draws of the varied values, with the number of runs, the seed and the sampler.
-        options: Numerical options of every run.
+        options: The options of every run; `RECORDING` is that of the trajectories.
         summaries: Names of the summaries to compute.
-        after: Instant from which summaries are computed, s; minus infinity is the start.
         band: Speed of the faces below which the object counts as settled, m/s.
         stop_when: Event -> half width of its interval below which no more runs are computed.
         check_dt: Whether some runs are computed again with smaller steps.
         trajectories: The runs whose trajectories are recorded.
-        recording: The options of these trajectories: `options`, and `RECORDING`.
     """
 
     scene: Scene
     plan: Plan
     options: Options
     summaries: tuple[str, ...]
-    after: float
     band: float
     stop_when: Mapping[str, float]
     check_dt: bool
     trajectories: tuple[int, ...]
-    recording: Options
 
     @classmethod
     def checked(
@@ -87,15 +74,11 @@ class StudySpec:
         seed: int = 0,
         vary: Mapping[Key, Any] | None = None,
         summaries: str | Sequence[str] = ("final_state",),
-        summaries_after: float | None = None,
         settling_band: float = 1e-3,
         sampler: str = "random",
         stop_when: Mapping[str, float] | None = None,
         check_dt: bool = False,
         trajectories: Sequence[int] = (),
-        record: Recordable | Sequence[Recordable] = _core.RECORDABLE,
-        every: int = 1,
-        times: ArrayLike | None = None,
     ) -> Self:
         """Checks the arguments of `monte_carlo` that describe a study; errors are those there."""
         checks.instance("scene", scene, Scene)
@@ -104,22 +87,18 @@ class StudySpec:
         seed = checks.integer("seed", seed, 0, 2**64 - 1)
         shapes = SceneTemplate(scene, paths, seed).shapes
         plan = Plan(vary, runs, seed, sampler, shapes=shapes)
-        after = summaries_after
         spec = cls(
             scene=scene,
             plan=plan,
             options=options,
             summaries=names("summaries", summaries, SUMMARIES),
-            after=-np.inf if after is None else checks.finite("summaries_after", after),
             band=checks.positive("settling_band", settling_band),
             stop_when=_stop_when(stop_when, sampler, scene, shapes),
             check_dt=checks.boolean("check_dt", check_dt),
             trajectories=_trajectories(trajectories, plan.runs),
-            recording=Options.checked(
-                **options.numerics(), record=record, every=every, times=times
-            ),
         )
-        if spec._recorded() and not spec.trajectories:
+        # A caller without trajectories leaves `record` empty.
+        if options.record and spec._recorded() and not spec.trajectories:
             given = " and ".join(spec._recorded())
             raise ValueError(f"{given}: for the runs in trajectories, and there are none")
         return spec
@@ -164,12 +143,12 @@ class StudySpec:
             "seed": self.plan.seed,
             **self.options.to_dict(),
             "summaries": list(self.summaries),
-            "summaries_after": self.after if np.isfinite(self.after) else None,
+            "summaries_after": self.options.summaries_after,
             "settling_band": self.band,
             "stop_when": dict(self.stop_when) or None,
             "check_dt": self.check_dt,
             "trajectories": sorted(self.trajectories) or None,
-            **self._recorded(),
+            **(self._recorded() if self.trajectories else {}),
         }
         return {
             "study": {name: value for name, value in settings.items() if value is not None},
@@ -179,7 +158,7 @@ class StudySpec:
 
     def _recorded(self) -> dict[str, Any]:
         """The settings in `RECORDING` that are not the default, as plain data."""
-        given = {name: plain(getattr(self.recording, name)) for name in RECORDING}
+        given = {name: plain(getattr(self.options, name)) for name in RECORDING}
         default = {"record": list(_core.RECORDABLE), "every": 1, "times": None}
         return {name: value for name, value in given.items() if value != default[name]}
 
@@ -206,7 +185,7 @@ class StudySpec:
             record=record,
             every=every,
             times=times,
-            summaries_after=self.after if np.isfinite(self.after) else None,
+            summaries_after=self.options.summaries_after,
         )
         return Run(scene, options, Request(scene, options).compute())
 
@@ -215,21 +194,19 @@ class StudySpec:
 
         The largest number of steps grows by this factor, which is enough for a smaller tolerance.
         """
-        o = self.options
+        options = self.options
+        finer = replace(
+            options,
+            dt=None if options.dt is None else options.dt / refine,
+            tolerance=None if options.tolerance is None else options.tolerance / refine,
+            max_steps=min(options.max_steps * refine, MOST_STEPS),
+        )
         return self.varied.batch(
             values,
             numbers,
-            dt=None if o.dt is None else o.dt / refine,
-            tolerance=None if o.tolerance is None else o.tolerance / refine,
-            method=o.method,
-            formulation=o.formulation,
-            alpha=o.stabilization.alpha,
-            beta=o.stabilization.beta,
             summaries=[name for name in self.summaries if name != "final_state"],
-            after=self.after,
             band=self.band,
-            stop_on=list(o.stop_on),
-            max_steps=min(o.max_steps * refine, MOST_STEPS),
+            **finer.core(),
         )
 
     def empty(self) -> Rows:

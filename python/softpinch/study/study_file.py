@@ -16,7 +16,6 @@ seed = 7
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -25,38 +24,28 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .. import paper
-from ..run.options import NUMERICS, Options, in_place
+from .._core import RECORDABLE
+from ..run.options import Options, in_place
 from ..scene.scene import Scene
-from ..scene.template import SceneTemplate
 from ..support import checks, toml
 from ..support.arrays import Floats
 from ..support.files import one_line
 from .distributions import Distribution
-from .sampling import MOST_RUNS, Plan, paths_of
 from .sources import Key, frozen_distribution
-from .spec import SETTINGS, SUMMARIES, StudySpec
+from .spec import RECORDING, RUN_OPTIONS, SETTINGS, SUMMARIES, StudySpec
 
 # The last three occur only in manifests, which are study files too.
 _TOP = ("scene", "paper", "study", "vary", "format", "sha256", "made_by")
 # The number of runs if neither the file nor an array determines it.
 _RUNS = 1000
 _SCENE = {f.name for f in fields(Scene)}
-# The first bytes of a NumPy file.
-_MAGIC = b"\x93NUMPY"
 
 
 def read(path: Path, **changes: Any) -> StudySpec:
     """Reads a study from a file. The path of a scene file is relative to the study file's folder.
 
-    Args:
-        path: The file.
-        changes: Settings that override those in the file (see `in_place`); None changes nothing.
-
-    Raises:
-        ValueError: The file is not TOML, a name is unknown or missing, a path of `[vary]` is not a
-            numeric field, or a value breaks its rule. The message has file, place and rule.
-        TypeError: A setting is of the wrong kind.
-        OSError: The study file or the scene file cannot be read.
+    `changes` override settings of the file (see `in_place`); None changes nothing. An error says
+    the file, the place and the rule.
     """
     path = checks.path("path", path)
     return parse(toml.read(path), path).spec(**changes)
@@ -76,16 +65,15 @@ class StudyFile(NamedTuple):
     settings: Mapping[str, Any]
 
     def spec(self, **changes: Any) -> StudySpec:
-        """Makes the study's description; `changes` and errors are those of `read`."""
-        settings = {"summaries": SUMMARIES, **self.settings, **in_place(**changes)}
-        if not any(isinstance(value, np.ndarray) for value in self.vary.values()):
-            settings.setdefault("runs", _RUNS)
-        how = {name: settings.pop(name) for name in NUMERICS if name in settings}
+        """Makes the study's description, with the `changes` of `read`."""
+        default = {"summaries": SUMMARIES, "record": RECORDABLE}
+        settings = {**default, **self.settings, **in_place(**changes)}
+        how = {name: settings.pop(name) for name in (*RUN_OPTIONS, *RECORDING) if name in settings}
         return StudySpec.checked(self.scene, Options.from_dict(how), vary=self.vary, **settings)
 
 
 def parse(data: Mapping[str, Any], path: Path) -> StudyFile:
-    """Parses the content `data` of the file at `path`; errors are those of `read`."""
+    """Parses the content `data` of the file at `path`."""
     try:
         if "capsule" in data:
             raise ValueError("is a capsule, one run of a study: replay it with softpinch run")
@@ -97,12 +85,14 @@ def parse(data: Mapping[str, Any], path: Path) -> StudyFile:
         checks.refuse_unknown("study file", data, _TOP, "")
         own = data.get("study", {})
         checks.refuse_unknown("[study]", own, SETTINGS, "")
-        if "runs" in own:
-            checks.integer("[study].runs", own["runs"], 1, MOST_RUNS)
-        if "seed" in own:
-            checks.integer("[study].seed", own["seed"], 0, 2**64 - 1)
-        scene = scene_of(data, path.parent)
-        return StudyFile(scene, _vary(data.get("vary", {}), scene, path.parent), own)
+        scene, vary = scene_of(data, path.parent), _vary(data.get("vary", {}), path.parent)
+        own = dict(own)
+        if not any(isinstance(value, np.ndarray) for value in vary.values()):
+            own.setdefault("runs", _RUNS)
+        # Refuse wrong paths, shapes and numbers of runs here, in an error that names the file.
+        draws = {name: own[name] for name in ("runs", "seed") if name in own}
+        StudySpec.checked(scene, Options.checked(), vary=vary, **draws)
+        return StudyFile(scene, vary, own)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from None
 
@@ -149,7 +139,7 @@ def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
     return result
 
 
-def _vary(data: Any, scene: Scene, beside: Path) -> dict[Key, Any]:
+def _vary(data: Any, beside: Path) -> dict[Key, Any]:
     """Parses the table `[vary]`: distributions, and arrays, which may be in separate files."""
     if not isinstance(data, Mapping):
         raise TypeError(
@@ -159,10 +149,6 @@ def _vary(data: Any, scene: Scene, beside: Path) -> dict[Key, Any]:
     for name, value in data.items():
         paths = tuple(part.strip() for part in name.split(","))
         result[paths[0] if len(paths) == 1 else paths] = _entry(name, value, beside)
-    every = [path for paths in paths_of(result).values() for path in paths]
-    shapes = SceneTemplate(scene, every, seed=0).shapes
-    drawn = {key: value for key, value in result.items() if not isinstance(value, np.ndarray)}
-    Plan(drawn, 1, shapes=shapes)  # refuses draws of a wrong shape
     return result
 
 
@@ -198,8 +184,7 @@ def _array(where: str, value: Mapping[str, Any], beside: Path) -> Floats:
     """Reads an array from its own file, as named in a manifest."""
     checks.refuse_unknown(where, value, ("kind", "shape", "file", "sha256"), "")
     for name in ("file", "sha256"):
-        if not isinstance(value.get(name), str):
-            raise ValueError(f"{where}: {name} is missing, or no text")
+        checks.instance(f"{where}: {name}", value.get(name), str, "text")
     path = beside / checks.path(f"{where}: file", value["file"], "the name of a file")
     shown = checks.shown(value["file"])
     # Studies write arrays only into their folder. A path elsewhere could be a device or a pipe, and
@@ -220,25 +205,16 @@ def checksum(array: Floats) -> str:
 def load_array(file: Path, sha256: str) -> Floats:
     """Opens the array in a NumPy file as a memory map, and verifies its checksum.
 
-    Raises:
-        ValueError: The file is missing, is not an array of floats, or has another checksum. The
-            message continues a sentence that begins with the file's name.
+    The message of a ValueError continues a sentence that begins with the file's name.
     """
-    if not file.is_file():
-        raise ValueError("is not a file" if os.path.lexists(file) else "is missing")
     try:
-        with file.open("rb") as stream:
-            # NumPy would try to load other files as archives or pickles.
-            if stream.read(len(_MAGIC)) != _MAGIC:
-                raise ValueError("it is not a NumPy file")
-        # Ignore warnings: the size of a damaged shape may overflow 64 bits.
-        with np.errstate(all="ignore"):
-            array: Floats = np.load(file, mmap_mode="r", allow_pickle=False)
+        # Unlike `numpy.load`, this opens neither archives nor pickles.
+        array: Floats = np.lib.format.open_memmap(file, mode="r")
+    except FileNotFoundError:
+        raise ValueError("is missing") from None
     # For damaged bytes NumPy raises errors of many types, OSError among them.
     except Exception as error:
         raise ValueError(f"is damaged: {one_line(error)}") from None
-    if array.dtype != np.float64 or not array.ndim:
-        raise ValueError("has been altered: its shape or type is not one that a study writes")
-    if checksum(array) != sha256:
+    if array.dtype != np.float64 or not array.ndim or checksum(array) != sha256:
         raise ValueError("has been altered: its checksum differs")
     return array

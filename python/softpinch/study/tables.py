@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -85,55 +84,23 @@ def shown(column: Column) -> Column:
     return Column(column.values * factor, unit)
 
 
-def status_counts(parts: Iterable[NDArray[np.str_]]) -> dict[str, int]:
-    """Status -> the number of runs with it, the most frequent first, then by name.
-
-    `parts` have the status of each run, for some runs at a time.
-    """
-    total: Counter[str] = Counter()
-    for part in parts:
-        _count(total, part)
-    return _by_frequency(total)
-
-
-def _count(total: Counter[str], statuses: NDArray[np.str_]) -> None:
-    found, counts = np.unique(statuses, return_counts=True)
-    total.update(dict(zip(found.tolist(), counts.tolist(), strict=True)))
-
-
-def _by_frequency(total: Counter[str]) -> dict[str, int]:
-    return dict(sorted(total.items(), key=lambda item: (-item[1], item[0])))
-
-
-def statuses(parts: Iterable[tuple[NDArray[np.str_], NDArray[np.bool_]]]) -> ShownTable:
-    """The shares of the statuses and of the runs that held, with Wilson's interval.
-
-    `parts` have the status of each run, and whether it held, for some runs at a time.
-    """
-    # Both columns in one pass, so that a study on disk is read once.
-    total, held = Counter[str](), 0
-    for status, holds in parts:
-        _count(total, status)
-        held += int(np.count_nonzero(holds))
+def probabilities(estimates: Mapping[str, Estimate]) -> ShownTable:
+    """Event -> its share of the runs, with Wilson's interval."""
     rows = []
-    for name, count in [*_by_frequency(total).items(), ("holds", held)]:
-        share, low, high = Estimate.counted(count, total.total()).texts()
-        rows.append((name, count, share, f"{low} to {high}"))
+    for name, estimate in estimates.items():
+        share, low, high = estimate.texts()
+        rows.append((name, estimate.happened, share, f"{low} to {high}"))
     return ShownTable(("status", "runs", "share", "95 % interval"), rows)
 
 
-def distributions(columns: Mapping[str, Column]) -> ShownTable:
-    """Mean, spread and range of the finite values of each column."""
+def distributions(results: Results, units: Mapping[str, str]) -> ShownTable:
+    """Mean, spread and range of the finite values of columns, name -> unit."""
     rows = []
-    for name, (values, unit) in columns.items():
-        known = values[np.isfinite(values)]
-        if known.size:
-            spread = known.std(ddof=1) if known.size > 1 else np.nan
-            numbers = (known.mean(), spread, known.min(), np.median(known), known.max())
-        else:
-            numbers = (np.nan,) * 5
+    for name, unit in units.items():
+        mean, median = results.mean(name), results.quantile(name, 0.5)
         label = name if unit == "1" else f"{name} [{unit}]"
-        rows.append((label, *numbers, len(values) - known.size))
+        numbers = (mean.value, mean.spread, mean.least, median, mean.greatest, mean.left_out)
+        rows.append((label, *numbers))
     columns_shown = ("", "mean", "spread", "least", "median", "greatest", "not finite")
     return ShownTable(columns_shown, rows)
 

@@ -1,30 +1,14 @@
-"""Writing files: atomically, or with errors that name the file; and the formats of figures."""
+"""Writing files atomically, names in a folder, and the formats of figures."""
 
 from __future__ import annotations
 
 import os
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
-
-if sys.platform == "darwin":
-    import fcntl
 
 FORMATS = ("png", "pdf", "svg")
 # The suffix of a file that is still being written.
 PARTIAL = ".partial"
-
-
-@contextmanager
-def writing(path: Path) -> Iterator[None]:
-    """Adds the file's name to system errors that lack it, such as a full disk during `write`."""
-    try:
-        yield
-    except OSError as error:
-        if error.filename is not None or error.errno is None:
-            raise
-        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def write_whole(path: Path, data: memoryview | bytes) -> None:
@@ -39,7 +23,7 @@ def write_whole(path: Path, data: memoryview | bytes) -> None:
         with partial.open("xb") as file:
             file.write(data)
             file.flush()
-            _flush(file.fileno())
+            os.fsync(file.fileno())
         os.replace(partial, path)
         flush_folder(path.parent)
     except OSError:
@@ -54,18 +38,9 @@ def flush_folder(folder: Path) -> None:
         return
     descriptor = os.open(folder, os.O_RDONLY)
     try:
-        _flush(descriptor)
+        os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-def _flush(descriptor: int) -> None:
-    """Flushes written data to the disk, and on macOS also the disk's own cache."""
-    if sys.platform == "darwin":
-        with suppress(OSError):  # not every file system supports it
-            fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)
-            return
-    os.fsync(descriptor)
 
 
 def visible(folder: Path) -> list[str]:

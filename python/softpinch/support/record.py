@@ -13,7 +13,7 @@ import numpy as np
 
 from .. import _core
 from .arrays import Floats
-from .checks import at, below, choice, number, quoted, refuse_unknown, shown
+from .checks import at, below, choice, number, quoted, refuse_unknown
 from .display import ShownTable
 from .result import ByValue, same
 
@@ -21,43 +21,25 @@ from .result import ByValue, same
 Parser: TypeAlias = Callable[[Any, str], Any]
 
 RecordType = TypeVar("RecordType", bound="Record")
-Kind = TypeVar("Kind", bound="Record")
 
 SIDES = ("right", "left")
 # A repr prints arrays up to this number of entries, and only the shape of larger ones.
 _SHOWN = 32
 
 
-def _required(cls: type[Record]) -> frozenset[str]:
-    """Returns the fields without a default."""
-    return frozenset(
-        f.name for f in fields(cls) if f.default is MISSING and f.default_factory is MISSING
-    )
-
-
-def _refuse_arguments(cls: type[Record], args: tuple[Any, ...], values: Mapping[str, Any]) -> None:
-    """Refuses unknown, missing and unnamed arguments, as Python does, and says which fields exist.
+def _refuse_unknown_arguments(cls: type[Record], values: Mapping[str, Any]) -> None:
+    """Refuses arguments that are no fields, and suggests the closest field.
 
     A class with a constructor of its own leaves this to Python.
     """
     import inspect  # only an error needs it
 
     names = list(inspect.signature(cls.__init__).parameters)[1:]
-    if not cls.__dataclass_fields__.keys() >= {*names}:
-        return
-    try:
-        refuse_unknown(cls.__name__, values, names, "", cls)
-    except ValueError as error:
-        raise TypeError(str(error)) from None
-    places: tuple[str, ...] = cls.__match_args__
-    if len(args) > len(places):
-        rule = f"must have a name, one of {quoted(names)}"
-        raise TypeError(f"{cls.__name__}: {shown(args[len(places)])}: {rule}{cls._advice}")
-    missing = _required(cls) - {*places[: len(args)], *values}
-    if missing:
-        verb = "is" if len(missing) == 1 else "are"
-        listed = ", ".join(f"{cls.__name__}.{name}" for name in names if name in missing)
-        raise TypeError(f"{listed}: {verb} missing{cls._advice}")
+    if cls.__dataclass_fields__.keys() >= {*names}:
+        try:
+            refuse_unknown(cls.__name__, values, names, "", cls)
+        except ValueError as error:
+            raise TypeError(str(error)) from None
 
 
 def plain(value: Any) -> Any:
@@ -107,9 +89,6 @@ def runs_of(
         record: The record that all runs share, apart from `values`.
         values: Fields that differ between runs -> (runs, ...).
         runs: Indices of the wanted runs; None yields all.
-
-    Raises:
-        ValueError: A run's value breaks a rule; the message names the run.
     """
     for run in range(len(next(iter(values.values())))) if runs is None else runs:
         try:
@@ -129,12 +108,10 @@ class Record(ByValue):
 
     # Field -> parser, for fields that hold more than numbers and text.
     _parsers: ClassVar[Mapping[str, Parser]] = {}
-    # Added to errors about the constructor's arguments, for a class that others make.
-    _advice: ClassVar[str] = ""
 
     def __new__(cls, *args: Any, **values: Any) -> Self:  # noqa: D102
-        if args or not _required(cls) <= values.keys() <= cls.__dataclass_fields__.keys():
-            _refuse_arguments(cls, args, values)
+        if not values.keys() <= cls.__dataclass_fields__.keys():
+            _refuse_unknown_arguments(cls, values)
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
@@ -154,33 +131,28 @@ class Record(ByValue):
     def __hash__(self) -> int:
         return hash((type(self), *map(_key, self._values().values())))
 
-    def _shown(self) -> Iterator[tuple[str, Any]]:
-        """The fields that differ from their defaults."""
+    def _call(self) -> tuple[str, dict[str, Any]]:
+        """A call that makes an equal record: a function, and the arguments that are no defaults."""
+        shown = {}
         for f in fields(self):
             value = getattr(self, f.name)
             default = f.default_factory() if f.default_factory is not MISSING else f.default
             if not same(value, default):
-                yield f.name, value
+                shown[f.name] = value
+        return type(self).__name__, shown
 
     def _tables(self) -> Iterator[ShownTable]:
         """All fields, defaults too."""
         yield ShownTable(("field", "value"), tuple(self._values().items()))
 
     def __repr__(self) -> str:
-        shown = ", ".join(f"{name}={_show(value)}" for name, value in self._shown())
-        return f"{type(self).__name__}({shown})"
+        function, arguments = self._call()
+        shown = ", ".join(f"{name}={_show(value)}" for name, value in arguments.items())
+        return f"{function}({shown})"
 
     def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
-        """Prints the repr over several lines, for IPython and Hypothesis."""
-        with printer.group(4, f"{type(self).__name__}(", ")"):
-            for k, (name, value) in enumerate(self._shown()):
-                printer.text("," if k else "")
-                printer.breakable(" " if k else "")
-                printer.text(f"{name}=")
-                if isinstance(value, np.ndarray):
-                    printer.text(_show(value))
-                else:
-                    printer.pretty(value)
+        """Prints the repr, for IPython and Hypothesis, which would print other attributes too."""
+        printer.text(repr(self))
 
     def to_dict(self) -> dict[str, Any]:
         """Converts to a dictionary of numbers, text, lists and dictionaries; omits None fields."""
@@ -190,11 +162,7 @@ class Record(ByValue):
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Makes a record from the output of `to_dict`. Omitted fields take their defaults.
 
-        Raises:
-            ValueError: A name is unknown (the message lists the allowed names and suggests the
-                closest), a required field is missing, or a value breaks its rule. The message has
-                the place in the data.
-            TypeError: A value has the wrong type for its field.
+        An error of an entry has its place in the data; for an unknown name it suggests the closest.
         """
         return cls._parse(data, "")
 
@@ -215,41 +183,31 @@ class Record(ByValue):
             raise type(error)(f"{error}{at(path)}") from None
 
 
-# Plain data in which an entry `kind` selects the record class, such as kind = "pulse".
-def kind_of(record: Record, kinds: Mapping[str, type[Record]], place: str) -> str:
-    """Returns the name of a record's class in the table `kinds`; errors call the table `place`."""
-    for kind, cls in kinds.items():
-        if type(record) is cls:
-            return kind
-    raise TypeError(f"{type(record).__name__} has no kind: add it to {place}")
+@dataclass(frozen=True, eq=False, repr=False)
+class Kinded(Record):
+    """Base class of records of several kinds, which an entry `kind` of plain data tells apart.
 
-
-def chosen(
-    base: type[Record], cls: type[Kind], kinds: Mapping[str, type[Record]], data: Any, path: str
-) -> tuple[type[Kind], Any]:
-    """Returns the class that the entry `kind` selects, and the data without that entry.
-
-    Args:
-        base: The common base class of all kinds.
-        cls: The class whose `from_dict` is called: `base`, or a derived class, for which `kind` is
-            optional.
-        kinds: Kind -> class.
-        data: Plain data.
-        path: The dotted path of the data, for error messages.
+    A direct subclass is the common base of its kinds; `_kinds` has their table, kind -> class.
     """
-    known = {kind: each for kind, each in kinds.items() if issubclass(each, cls)}
-    if not isinstance(data, Mapping) or ("kind" not in data and cls is not base):
-        return cls, data
-    where = f"{base.__name__}.kind{at(path)}"
-    if "kind" not in data:
-        raise ValueError(f"{where}: is missing; must be one of {quoted(known)}")
-    found = known[choice(where, data["kind"], known)]
-    return found, {name: value for name, value in data.items() if name != "kind"}
 
+    _kinds: ClassVar[Mapping[str, type[Kinded]]] = {}
 
-def without_kind(place: str, data: Any, kind: str, path: str) -> Any:
-    """Returns plain data of one kind without its optional entry `kind`."""
-    if not isinstance(data, Mapping) or "kind" not in data:
-        return data
-    choice(f"{place}.kind{at(path)}", data["kind"], (kind,))
-    return {name: value for name, value in data.items() if name != "kind"}
+    def to_dict(self) -> dict[str, Any]:
+        """Converts to a dictionary with the entry `kind`, which `from_dict` needs."""
+        for kind, cls in self._kinds.items():
+            if type(self) is cls:
+                return {"kind": kind, **super().to_dict()}
+        raise TypeError(f"{type(self).__name__} has no kind, so that no file can hold it")
+
+    @classmethod
+    def _parse(cls, data: Any, path: str) -> Self:
+        """Selects the class by `kind`, which is optional if `cls` is a kind itself."""
+        if not isinstance(data, Mapping) or ("kind" not in data and Kinded not in cls.__bases__):
+            return super()._parse(data, path)
+        known = {kind: each for kind, each in cls._kinds.items() if issubclass(each, cls)}
+        where = f"{cls.__name__}.kind{at(path)}"
+        if "kind" not in data:
+            raise ValueError(f"{where}: is missing; must be one of {quoted(known)}")
+        found = known[choice(where, data["kind"], known)]
+        rest = {name: value for name, value in data.items() if name != "kind"}
+        return super(Kinded, found)._parse(rest, path)

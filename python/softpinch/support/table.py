@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import checks
-from .files import writing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +34,7 @@ class Table:
 
 def save_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> Path:
     """Writes a header and rows as a CSV file with exact numbers."""
-    with writing(path), path.open("w", newline="", encoding="utf-8") as file:
+    with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(header)
         writer.writerows(rows)
@@ -45,7 +44,7 @@ def save_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -
 def save_npz(path: Path, arrays: Mapping[str, NDArray[Any]], provenance: Mapping[str, Any]) -> Path:
     """Writes an NPZ file of arrays, and of their provenance as JSON text."""
     named: dict[str, Any] = {"provenance": np.array(json.dumps(provenance)), **arrays}
-    with writing(path), path.open("wb") as file:
+    with path.open("wb") as file:
         np.savez(file, **named)
     return path
 

@@ -31,8 +31,12 @@
 //! |---|---|---|
 //! | [`number`] | real numbers, lanes of several runs, instructions, derivatives, sines, small solves | |
 //! | [`model::parameters`] | hand, tips, object, gains, and their rules | Tables I, II |
-//! | [`model::geometry`] | tip positions, residuals, constraint matrix and its rate | (6)-(12), (25)-(30) |
-//! | [`model::energy`] | elastic and gravity energy, gradients, ledger | (5), (16), (34), (35) |
+//! | [`model::contact::mechanism`] | the tip's centre and its tilt | (7), (8), (11) |
+//! | [`model::contact::shape`] | the object's sides | |
+//! | [`model::contact::law`] | elastic energy of a tip and its gradient | (5), (34), (35) |
+//! | [`model::contact`] | one contact: tilt, residuals, rows and their rates | (6), (9), (10), (12), (26)-(30) |
+//! | [`model::geometry`] | both contacts: the constraint matrix | (15), (17), (21), (25) |
+//! | [`model::energy`] | energies, ledger | (16) |
 //! | [`model::forces`] | applied forces, the mass matrix | (14), (31)-(33), (43)-(45) |
 //! | [`model::control`] | finger torques | (39) |
 //! | [`model::inputs`], [`model::drive`], [`model::noise`] | schedules, disturbances | (40)-(42) |

@@ -22,7 +22,7 @@ use crate::model::control::{Actuated, Fingers};
 use crate::model::drive::Input;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
-use crate::model::geometry::index::{D_N, D_T, FINGER, THETA};
+use crate::model::geometry::index::{D_N, D_T, FINGER};
 use crate::model::parameters::Parameters;
 use crate::number::dual::Dual;
 use crate::number::lanes::{LaneTask, Lanes};
@@ -112,7 +112,7 @@ impl<R: Real> Balance<R> {
         let (mut tilt, mut sigma) = ([zero; 2], [zero; 2]);
         for i in 0..2 {
             left_over[FINGER + i] = left_over[FINGER + i] - forces.torque[i];
-            tilt[i] = q[FINGER + i] + signed(i, q[THETA]);
+            tilt[i] = geometry.contacts[i].tilt;
             let thickness = plant.sides[i].radius() - q[D_N + i];
             sigma[i] = thickness.mul_add(tilt[i], signed(i, geometry.contacts[i].a)) + q[D_T + i];
         }
@@ -257,7 +257,7 @@ impl RestScene {
     pub fn scales(&self) -> (Unknowns, Unknowns) {
         let [right, left] = &self.parameters.tips;
         let length = right.radius.max(left.radius);
-        let force = right.youngs_modulus.max(left.youngs_modulus) * length * length;
+        let force = self.parameters.modulus(0).max(self.parameters.modulus(1)) * length * length;
         let moment = force * length;
         let [finger1, finger2] = self.held().map(|held| if held { 1.0 } else { moment });
         (
@@ -359,8 +359,15 @@ impl LaneTask<f64> for Evaluate<'_> {
             };
         }
         rows[5..].copy_from_slice(&member.rows(&found));
-        let (sin, cos) = (geometry.sin.value, geometry.cos.value);
-        let [right, left] = &geometry.contacts;
+        let values = |numbers: [Directions; 2]| numbers.map(|dual| dual.value);
+        let no_slip = |i: usize| {
+            let contact = &geometry.contacts[i];
+            let [along, across] = contact.push(i, [Directions::zero(), Directions::constant(1.0)]);
+            let [x, y] = values(geometry.outward(along, across));
+            let mut row = [-x, -y, -contact.e.value, 0.0, 0.0];
+            row[FINGER + i] = -contact.f.value;
+            row
+        };
         Rows {
             values: rows.map(|row| row.value),
             jacobian: slopes(&rows),
@@ -368,10 +375,7 @@ impl LaneTask<f64> for Evaluate<'_> {
             forces: slopes(&found.forces),
             sigma: slopes(&found.sigma),
             compressions: slopes(&[found.q[D_N], found.q[D_N + 1]]),
-            no_slip: [
-                [sin, -cos, -right.e.value, -right.f.value, 0.0],
-                [sin, -cos, -left.e.value, 0.0, -left.f.value],
-            ],
+            no_slip: [no_slip(0), no_slip(1)],
         }
     }
 }

@@ -52,7 +52,7 @@ fn angles(scene: &RestScene, share: f64) -> [f64; 2] {
         if held[i] {
             return target[i];
         }
-        let stiffness = std::f64::consts::PI * tips[i].youngs_modulus;
+        let stiffness = std::f64::consts::PI * scene.parameters.modulus(i);
         let width = grasped.width;
         if scene.fingers == Fingers::Torque {
             // pi E d_n^2 L is the torque of an upright tip.
@@ -70,7 +70,7 @@ fn between(scene: &RestScene, member: &Member, share: f64, turn: f64, [along, ac
     let angles = angles(scene, share);
     let gap = Gap::new(&scene.parameters, angles);
     // d_n^2 E is the force of an upright tip, which is equal on both sides.
-    let ratio = (right.youngs_modulus / left.youngs_modulus).sqrt();
+    let ratio = (scene.parameters.modulus(0) / scene.parameters.modulus(1)).sqrt();
     let [inner, outer] = [gap.overlap / (1.0 + ratio), gap.overlap * ratio / (1.0 + ratio)];
     // The right tip is compressed by `inner`, so the middle of the object is nearer to the tip that gives way less.
     let length = right.radius.max(left.radius);

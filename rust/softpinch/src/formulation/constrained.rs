@@ -10,12 +10,13 @@
 //! a form in which nothing cancels. Then a 3 x 3 system for the object remains. Driven fingers do not give way:
 //! for them N_i = [m_n 0; . m_t], and their accelerations are added to b.
 
+use crate::model::contact::Contact;
 use crate::model::control::Controller;
 use crate::model::forces::Plant;
+use crate::model::geometry::Geometry;
 use crate::model::geometry::index::{D_N, D_T, FINGER, THETA, X, Y};
-use crate::model::geometry::{Contact, Geometry};
 use crate::number::linear::solve3;
-use crate::number::real::Real;
+use crate::number::real::{Real, signed};
 
 /// The solution.
 #[derive(Debug, Clone, Copy)]
@@ -58,54 +59,84 @@ pub fn constrained<R: Real, K: Controller<R>>(
     Constrained { multipliers, acceleration }
 }
 
-/// An eliminated finger: the contact's share of the object's 3 x 3 system.
+/// An eliminated finger: the contact's share of the object's 3 x 3 system, along the object's own axes.
 struct Eliminated<R> {
-    /// 1 / (I_i + m_n B^2 + m_t F^2).
+    /// 1 / (I_i + m_n B^2 + m_t F^2), and the finger's acceleration while the object is at rest. Both are zero for a
+    /// driven finger.
     inverse: R,
-    /// The finger's column of the arrow matrix: along the face's normal (without s_i), across it, and about
-    /// the object.
+    free_acceleration: R,
+    /// The finger's column of the arrow matrix.
     column: [R; 3],
-    /// N_i.
-    normal: R,
+    /// G_i^T N_i G_i with G_i = [s_i 0 A_i; 0 1 E_i], for the object's two directions: both diagonal entries, and the
+    /// one beside them.
+    along: R,
     mixed: R,
-    tangential: R,
+    across: R,
+    /// Its column for the object's turn.
+    turn: [R; 2],
+    inertia: R,
 }
 
 impl<R: Real> Eliminated<R> {
+    /// The finger of contact `i` with the inertia I_i, under the generalised force `torque` that the multipliers leave
+    /// over.
     #[inline(always)]
-    fn new(contact: &Contact<R>, inertia: R, m_n: R, m_t: R) -> Self {
+    fn new(i: usize, contact: &Contact<R>, (inertia, torque): (R, R), [m_n, m_t]: [R; 2]) -> Self {
         let (h, k) = (m_n * contact.b, m_t * contact.f);
         let (normal_part, tangential_part) = (h.mul_add(contact.b, inertia), k.mul_add(contact.f, inertia));
         let inverse = R::constant(1.0) / k.mul_add(contact.f, normal_part);
+        // Each product contains a mass and a share of the total inertia: products of two masses would
+        // overflow or underflow if the masses are extreme.
+        let normal = m_n * (tangential_part * inverse);
+        let mixed = -(h * (k * inverse));
+        let tangential = m_t * (normal_part * inverse);
+        let [along, across] = contact.push(i, [h, k]);
         Self {
             inverse,
-            column: [h, k, h.dot2(contact.a, k, contact.e)],
-            // Each product contains a mass and a share of the total inertia: products of two masses would
-            // overflow or underflow if the masses are extreme.
-            normal: m_n * (tangential_part * inverse),
-            mixed: -(h * (k * inverse)),
-            tangential: m_t * (normal_part * inverse),
+            free_acceleration: inverse * torque,
+            column: [along, across, h.dot2(contact.a, k, contact.e)],
+            ..Self::effective(i, contact, [normal, mixed, tangential])
         }
     }
-}
 
-impl<R: Real> Eliminated<R> {
-    /// N_i times the object's column for its rotation (A_i, E_i).
+    /// A driven finger, which does not give way: N_i = [m_n 0; . m_t].
     #[inline(always)]
-    fn rotation_column(&self, contact: &Contact<R>) -> (R, R) {
-        (
-            self.normal.dot2(contact.a, self.mixed, contact.e),
-            self.mixed.dot2(contact.a, self.tangential, contact.e),
-        )
+    fn driven(i: usize, contact: &Contact<R>, [m_n, m_t]: [R; 2]) -> Self {
+        Self::effective(i, contact, [m_n, R::zero(), m_t])
     }
 
-    /// The acceleration of the finger for a given acceleration of the object, which has components along s_i
-    /// times the normal, across it, and about the object. `free_acceleration` is that of the finger while the
-    /// object is at rest.
+    /// The share of the effective mass N_i, whose entries are (H, H), (H, N) and (N, N).
     #[inline(always)]
-    fn finger(&self, free_acceleration: R, [along, across, turn]: [R; 3]) -> R {
+    fn effective(i: usize, contact: &Contact<R>, [normal, mixed, tangential]: [R; 3]) -> Self {
+        let zero = R::zero();
+        // N_i times the object's column for its turn, (A_i, E_i).
+        let turn = [normal.dot2(contact.a, mixed, contact.e), mixed.dot2(contact.a, tangential, contact.e)];
+        let inertia = turn[0].dot2(contact.a, turn[1], contact.e);
+        let (mut along, mut beside, mut across) = (normal, signed(i, mixed), tangential);
+        if contact.direction.turned().is_some() {
+            // The columns of N_i along the axes of the side become rows along the object's.
+            let [normal, mixed] = contact.direction.out_of_side([along, beside]);
+            let [other, tangential] = contact.direction.out_of_side([beside, across]);
+            [along, beside] = contact.direction.out_of_side([normal, other]);
+            [_, across] = contact.direction.out_of_side([mixed, tangential]);
+        }
+        Self {
+            inverse: zero,
+            free_acceleration: zero,
+            column: [zero; 3],
+            along,
+            mixed: beside,
+            across,
+            turn: contact.push(i, turn),
+            inertia,
+        }
+    }
+
+    /// The acceleration of the finger for an acceleration of the object along its axes and about it.
+    #[inline(always)]
+    fn finger(&self, [along, across, turn]: [R; 3]) -> R {
         let [h, k, c] = self.column;
-        self.inverse.neg_mul_add(h.mul_add(along, k.dot2(across, c, turn)), free_acceleration)
+        self.inverse.neg_mul_add(h.mul_add(along, k.dot2(across, c, turn)), self.free_acceleration)
     }
 }
 
@@ -121,18 +152,20 @@ fn pose_acceleration<R: Real, K: Controller<R>>(
     let [right, left] = &geometry.contacts;
     let masses = &plant.masses;
 
-    // f_5 - Phi_5^T (f_d + M_d b), in the object's frame.
+    // f_5 - Phi_5^T (f_d + M_d b), along the object's axes.
     let mut load = *b;
     for k in 0..4 {
         load[k] = masses[D_N + k].mul_add(b[k], f[D_N + k]);
     }
-    let [h1, h2, n1, n2] = load;
-    let along = f[X].dot2(geometry.cos, f[Y], geometry.sin) + (h1 - h2);
-    let across = f[Y].dot2(geometry.cos, -f[X], geometry.sin) - (n1 + n2);
-    let moment = f[THETA] - (right.a.dot2(h1, right.e, n1) + left.a.dot2(h2, left.e, n2));
+    let loads = [[load[0], load[2]], [load[1], load[3]]];
+    let pushes = [right.push(0, loads[0]), left.push(1, loads[1])];
+    let [along, across] = geometry.inward([f[X], f[Y]]);
+    let along = along + (-pushes[0][0] - pushes[1][0]);
+    let across = across - (pushes[0][1] + pushes[1][1]);
+    let moment = f[THETA] - (right.moment(loads[0]) + left.moment(loads[1]));
 
-    // The object's own 3 x 3 system, with G_i = [s_i 0 A_i; 0 1 E_i]: M + sum of G_i^T N_i G_i.
-    if !K::ANGLE_IS_STATE {
+    // The object's own 3 x 3 system: M + sum of G_i^T N_i G_i.
+    if !K::ANGLE_IS_STATE && geometry.is_aligned() {
         let (rh, rn) = (masses[D_N] * right.a, masses[D_T] * right.e);
         let (lh, ln) = (masses[D_N + 1] * left.a, masses[D_T + 1] * left.e);
         // Along the normal and across it the masses are constant, and only the rotation couples the two
@@ -146,26 +179,32 @@ fn pose_acceleration<R: Real, K: Controller<R>>(
         let [x, y] = geometry.outward(u, v);
         return [x, y, turn, R::zero(), R::zero()];
     }
-    let r = Eliminated::new(right, masses[FINGER], masses[D_N], masses[D_T]);
-    let l = Eliminated::new(left, masses[FINGER + 1], masses[D_N + 1], masses[D_T + 1]);
-    let torque1 = f[FINGER] - right.b.dot2(h1, right.f, n1);
-    let torque2 = f[FINGER + 1] - left.b.dot2(h2, left.f, n2);
-    let ((rh, rn), (lh, ln)) = (r.rotation_column(right), l.rotation_column(left));
+    let (surface1, surface2) = ([masses[D_N], masses[D_T]], [masses[D_N + 1], masses[D_T + 1]]);
+    let (r, l) = if K::ANGLE_IS_STATE {
+        let torque1 = f[FINGER] - right.torque(loads[0]);
+        let torque2 = f[FINGER + 1] - left.torque(loads[1]);
+        (
+            Eliminated::new(0, right, (masses[FINGER], torque1), surface1),
+            Eliminated::new(1, left, (masses[FINGER + 1], torque2), surface2),
+        )
+    } else {
+        (Eliminated::driven(0, right, surface1), Eliminated::driven(1, left, surface2))
+    };
     let matrix = [
-        masses[X] + (r.normal + l.normal),
-        l.mixed - r.mixed,
-        masses[Y] + (r.tangential + l.tangential),
-        lh - rh,
-        rn + ln,
-        masses[THETA] + (rh.dot2(right.a, rn, right.e) + lh.dot2(left.a, ln, left.e)),
+        masses[X] + (r.along + l.along),
+        l.mixed + r.mixed,
+        masses[Y] + (r.across + l.across),
+        l.turn[0] + r.turn[0],
+        r.turn[1] + l.turn[1],
+        masses[THETA] + (r.inertia + l.inertia),
     ];
-    let (free1, free2) = (r.inverse * torque1, l.inverse * torque2);
+    let (free1, free2) = (r.free_acceleration, l.free_acceleration);
     let load = [
-        r.column[0].dot2(free1, -l.column[0], free2) + along,
+        along - r.column[0].dot2(free1, l.column[0], free2),
         across - r.column[1].dot2(free1, l.column[1], free2),
         moment - r.column[2].dot2(free1, l.column[2], free2),
     ];
     let [u, v, turn] = solve3(&matrix, &load, plant.inverse_masses[X]);
     let [x, y] = geometry.outward(u, v);
-    [x, y, turn, r.finger(free1, [-u, v, turn]), l.finger(free2, [u, v, turn])]
+    [x, y, turn, r.finger([u, v, turn]), l.finger([u, v, turn])]
 }

@@ -4,10 +4,11 @@
 use crate::formulation::equations::{Equations, States, Terms};
 use crate::formulation::impact::{Impact, impact};
 use crate::formulation::unilateral::Unilateral;
+use crate::model::contact::Side;
 use crate::model::contact_modes::Contacts;
 use crate::model::control::{Actuated, Driven};
 use crate::model::drive::Input;
-use crate::model::geometry::{Geometry, Side};
+use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
 use crate::number::lanes::{LaneTask, Lanes};
 use crate::number::simd::level::Instructions;
@@ -119,6 +120,12 @@ impl ContactEquations<'_> {
     pub fn swept(&self, terms: &Terms<f64>) -> [f64; 4] {
         let (Self::Actuated(instructions, _) | Self::Driven(instructions, _)) = *self;
         f64::call(instructions, Swept(terms))
+    }
+
+    /// theta_p of both tips.
+    #[must_use]
+    pub fn tilts(&self, q: &[f64; 9]) -> [f64; 2] {
+        std::array::from_fn(|i| self.sides()[i].tilt(i, q))
     }
 
     /// The lengths of both sides.

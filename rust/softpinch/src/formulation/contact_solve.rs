@@ -159,6 +159,18 @@ fn own_block<R: Real>(
     let same = i == j;
     let along = if same { w[X] } else { -w[X] };
     let mut block = [[a.mul_add(other.a, along), a * other.e], [e * other.a, e.mul_add(other.e, w[X])]];
+    if !same && !geometry.is_aligned() {
+        let (one, zero) = (R::constant(1.0), R::zero());
+        for (r, unit) in [[one, zero], [zero, one]].into_iter().enumerate() {
+            let [along, across] = own.push(i, unit);
+            let ([h, k], [m, n]) = (other.push(j, [one, zero]), other.push(j, [zero, one]));
+            let turn = [a, e][r];
+            block[r] = [
+                turn.mul_add(other.a, w[X] * along.dot2(h, across, k)),
+                turn.mul_add(other.e, w[X] * along.dot2(m, across, n)),
+            ];
+        }
+    }
     let turned = signed(j, R::constant(1.0));
     let mut by_couple = [a * turned, e * turned];
     if same {

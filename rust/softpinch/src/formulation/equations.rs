@@ -35,9 +35,11 @@ pub struct Evaluation<R> {
     pub multipliers: [R; 4],
     /// (C_1^H, C_2^H, C_1^N, C_2^N).
     pub residuals: [R; 4],
+    /// theta_p of both tips, for the monitors.
+    pub tilt: [R; 2],
     /// sin theta_p of both tips, for the monitors.
     pub sin_tilt: [R; 2],
-    /// s_i G_i (11): where both contacts are along the faces, m, for the monitors.
+    /// The places of both contacts along their sides, up to their signs, m, for the monitors.
     pub places: [R; 2],
     /// Torques on the fingers, N m.
     pub torque: [R; 2],
@@ -55,6 +57,7 @@ impl<R: Real> Evaluation<R> {
             motion: Motion { q: [zero; 9], p: [zero; 9], memory: [zero; 2] },
             multipliers: [zero; 4],
             residuals: [zero; 4],
+            tilt: [zero; 2],
             sin_tilt: [zero; 2],
             places: [zero; 2],
             torque: [zero; 2],
@@ -168,6 +171,7 @@ pub trait Equations<R: Real>: Copy + Debug {
             motion,
             multipliers,
             residuals: terms.geometry.residuals(),
+            tilt: terms.geometry.tilt(),
             sin_tilt: terms.geometry.sin_tilt(),
             places: terms.geometry.places(),
             torque: terms.forces.torque,

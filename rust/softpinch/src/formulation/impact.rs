@@ -121,8 +121,8 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::model::contact::Side;
     use crate::model::control::{Actuated, Driven, Fingers};
-    use crate::model::geometry::Side;
     use crate::model::parameters::Parameters;
     use crate::model::start::contact;
 

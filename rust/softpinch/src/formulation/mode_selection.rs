@@ -11,10 +11,9 @@ use crate::formulation::contact_equations::ContactEquations;
 use crate::formulation::equations::Terms;
 use crate::model::contact_modes::{ContactRow, Contacts, Mode, Slip};
 use crate::model::drive::Input;
-use crate::model::geometry::index::{D_N, D_T, FINGER, THETA};
+use crate::model::geometry::index::{D_N, D_T};
 use crate::model::motion::Motion;
 use crate::model::rule::Rule;
-use crate::number::real::signed;
 
 /// A contact before its mode is chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -98,17 +97,12 @@ impl Contact {
 /// Conditions that fail by less than this share of their terms count as a border.
 const BORDER: f64 = 1e-9;
 
-/// theta_pi = theta_i + s_i theta (6).
+/// The contacts of one run in given modes at the present tilts. A contact that opens gets its present tilt as the frozen
+/// one.
 #[must_use]
-pub fn tilt(q: &[f64; 9], i: usize) -> f64 {
-    q[FINGER + i] + signed(i, q[THETA])
-}
-
-/// The contacts of one run in given modes. A contact that opens gets its present tilt as the frozen one.
-#[must_use]
-pub fn contacts_in(modes: [Mode; 2], now: &[Contact; 2], q: &[f64; 9]) -> Contacts<f64> {
+pub fn contacts_in(modes: [Mode; 2], now: &[Contact; 2], tilts: [f64; 2]) -> Contacts<f64> {
     let tilt = |i: usize| {
-        if now[i].mode == Mode::Free && !now[i].closed { now[i].frozen_tilt } else { tilt(q, i) }
+        if now[i].mode == Mode::Free && !now[i].closed { now[i].frozen_tilt } else { tilts[i] }
     };
     let mut contacts = Contacts::sticking();
     contacts.set(0, modes, [tilt(0), tilt(1)]);
@@ -168,8 +162,9 @@ fn first_admissible(
     }
     combinations.sort_by_key(|&(order, _)| order);
     let mut nearest: Option<(f64, [Mode; 2])> = None;
+    let tilts = equations.tilts(&motion.q);
     for (_, modes) in combinations {
-        let contacts = contacts_in(modes, now, &motion.q);
+        let contacts = contacts_in(modes, now, tilts);
         let terms = equations.terms(input, &contacts, motion);
         let margin = margin(equations, &terms, modes, now);
         if margin > BORDER {
@@ -239,6 +234,7 @@ mod tests {
     use crate::model::drive::{Drive, SegmentDrive};
     use crate::model::parameters::{Fingertip, Friction, Parameters, Stabilization};
     use crate::model::start::{consistent, contact};
+    use crate::number::real::signed;
     use crate::number::simd::level::Level;
 
     fn equations(friction: f64, tip_mass: f64) -> Unilateral<f64, Actuated<f64>> {
@@ -291,7 +287,7 @@ mod tests {
             let input = still(0.15);
             let modes = choose(called(&equations), &input, &motion, &[slips; 2], |_| None).unwrap().modes;
             assert_eq!(modes, [Mode::Slip(Slip::Down); 2]);
-            let contacts = contacts_in(modes, &[slips; 2], &motion.q);
+            let contacts = contacts_in(modes, &[slips; 2], called(&equations).tilts(&motion.q));
             let terms = called(&equations).terms(&input, &contacts, &motion);
             let [right, left, ..] = terms.response.multipliers;
             let object = Parameters::default().grasped;
@@ -311,7 +307,7 @@ mod tests {
         let input = still(0.15);
         let modes = choose(called(&equations), &input, &motion, &[free; 2], |_| None).unwrap().modes;
         assert_eq!(modes, [Mode::Free; 2]);
-        let contacts = contacts_in(modes, &[free; 2], &motion.q);
+        let contacts = contacts_in(modes, &[free; 2], called(&equations).tilts(&motion.q));
         let terms = called(&equations).terms(&input, &contacts, &motion);
         assert_eq!(terms.response.acceleration[..3], [0.0, -9.81, 0.0]);
         assert_eq!(terms.response.multipliers, [0.0; 4]);
@@ -340,7 +336,7 @@ mod tests {
             let modes = choose(called(&equations), &input, &motion, &now, |_| None);
             prop_assert!(modes.is_some());
             let modes = modes.unwrap().modes;
-            let contacts = contacts_in(modes, &now, &motion.q);
+            let contacts = contacts_in(modes, &now, called(&equations).tilts(&motion.q));
             let terms = called(&equations).terms(&input, &contacts, &motion);
             let response = &terms.response;
             let swept = terms.geometry.phi_times(&response.acceleration);

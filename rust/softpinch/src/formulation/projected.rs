@@ -33,9 +33,14 @@ fn newton_step<R: Real, K: Controller<R>>(plant: &Plant<R, K>, q: &[R; 9], free:
     let geometry = Geometry::new(&plant.sides, q, &[zero; 9]);
     let w = &plant.inverse_masses;
     let [r, l] = &geometry.contacts;
+    let mut facing = -w[X];
+    if !geometry.is_aligned() {
+        let (one, other) = (r.push(0, [R::constant(1.0), zero]), l.push(1, [R::constant(1.0), zero]));
+        facing = w[X] * one[0].dot2(other[0], one[1], other[1]);
+    }
     let mut matrix = [
         (r.b * r.b).mul_add(w[FINGER], (r.a * r.a).mul_add(w[THETA], w[X] + w[D_N])),
-        (r.a * l.a).mul_add(w[THETA], -w[X]),
+        (r.a * l.a).mul_add(w[THETA], facing),
         (l.b * l.b).mul_add(w[FINGER + 1], (l.a * l.a).mul_add(w[THETA], w[X] + w[D_N + 1])),
     ];
     let mut residuals = [r.holonomic, l.holonomic];

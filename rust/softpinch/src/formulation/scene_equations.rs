@@ -198,6 +198,7 @@ task! {
         now.motion = found.motion;
         now.multipliers = found.multipliers;
         now.residuals = found.residuals;
+        now.tilt = found.tilt;
         now.sin_tilt = found.sin_tilt;
         now.places = found.places;
         now.torque = found.torque;

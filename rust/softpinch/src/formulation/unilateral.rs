@@ -8,17 +8,18 @@ use crate::formulation::constrained::constrained;
 use crate::formulation::contact_solve::{Load, Response, response};
 use crate::formulation::csm::{Csm, unpack};
 use crate::formulation::equations::{Equations, States, Terms};
+use crate::model::contact::law::ElasticGradient;
 use crate::model::contact_modes::Contacts;
 use crate::model::control::{Controller, Fingers};
 use crate::model::drive::Input;
-use crate::model::energy::{ElasticGradient, Energies, WORKS};
+use crate::model::energy::{Energies, WORKS};
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
-use crate::model::geometry::index::{D_N, D_T, FINGER, THETA};
+use crate::model::geometry::index::{D_N, D_T};
 use crate::model::motion::Motion;
 use crate::model::parameters::Stabilization;
 use crate::model::source::Source;
-use crate::number::real::{Real, signed};
+use crate::number::real::Real;
 
 /// The equations of unilateral contact.
 #[derive(Debug, Clone, Copy)]
@@ -137,7 +138,7 @@ impl<R: Real, K: Controller<R>> Equations<R> for Unilateral<R, K> {
         let mut energies = plant.energies(q, p);
         if contacts.free[0] | contacts.free[1] != 0 {
             for i in 0..2 {
-                let (sin, cos) = (q[FINGER + i] + signed(i, q[THETA])).sin_cos();
+                let (sin, cos) = plant.sides[i].tilt(i, q).sin_cos();
                 let (frozen_sin, frozen_cos) = contacts.frozen_tilt[i].sin_cos();
                 let (d_n, d_t) = (q[D_N + i], q[D_T + i]);
                 let live = plant.tips[i].energy(sin, cos, d_n, d_t);
@@ -162,7 +163,7 @@ impl<R: Real, K: Controller<R>> Equations<R> for Unilateral<R, K> {
             held[2 + i] = R::select(slip, zero, held[2 + i]);
             let loss = -(response.multipliers[2 + i] * drift[2 + i]);
             friction = friction + R::select(slip, loss, zero);
-            let turn = p[FINGER + i] + signed(i, p[THETA]);
+            let turn = self.csm.plant.sides[i].tilt_rate(i, p);
             let gain = ((R::constant(1.0) - response.share[i]) * couple[i]) * turn;
             relaxation = relaxation + R::select(contacts.graze[i], gain, zero);
         }

@@ -221,10 +221,11 @@ mod tests {
     use crate::formulation::scene_equations::{Choice, SceneEquations, Tangent};
     use crate::formulation::system::{Linear, System};
     use crate::formulation::table::Formulation;
+    use crate::model::contact::Side;
     use crate::model::contact_modes::ContactModel;
     use crate::model::control::Fingers;
     use crate::model::drive::SegmentDrive;
-    use crate::model::geometry::{Geometry, Side};
+    use crate::model::geometry::Geometry;
     use crate::model::inputs::Inputs;
     use crate::model::motion::Motion;
     use crate::model::parameters::{PARAMETER_COUNT, Parameters, Stabilization};

@@ -1,75 +1,7 @@
-//! The energies (5) and (16), their gradients, and the energy ledger.
+//! The energies (5) and (16), and the energy ledger. The elastic energy of a tip is its law's (`contact/law.rs`).
 
-use crate::model::source::Source;
 use crate::number::lanes::Lanes;
 use crate::number::real::Real;
-
-/// The elastic and viscous constants of one tip.
-#[derive(Debug, Clone, Copy)]
-pub struct Tip<R> {
-    /// Stiffness pi E.
-    stiffness: R,
-    /// Coupling kappa of shear and tilt in (5).
-    coupling: R,
-    /// Normal viscosity c_n.
-    pub normal_viscosity: R,
-    /// Tangential viscosity c_t.
-    pub tangential_viscosity: R,
-}
-
-/// The gradient of one tip's elastic energy.
-#[derive(Debug, Clone, Copy)]
-pub struct ElasticGradient<R> {
-    /// dP/d theta_p, N m.
-    pub tilt: R,
-    /// dP/d d_n, N.
-    pub normal: R,
-    /// dP/d d_t, N.
-    pub tangential: R,
-}
-
-impl<R: Real> Tip<R> {
-    /// The constants of the tip of finger `i`.
-    #[inline(always)]
-    #[must_use]
-    pub fn new(source: &impl Source<R>, i: usize) -> Self {
-        Self {
-            stiffness: R::constant(std::f64::consts::PI) * source.number(|p| p.tips[i].youngs_modulus),
-            coupling: source.number(|p| p.tips[i].tilt_coupling),
-            normal_viscosity: source.number(|p| p.tips[i].normal_viscosity),
-            tangential_viscosity: source.number(|p| p.tips[i].tangential_viscosity),
-        }
-    }
-
-    /// The term of one tip in (5): pi E { d_n^3 / (3 cos^2) + kappa d_n^2 d_t tan + d_n d_t^2 }.
-    #[inline(always)]
-    pub fn energy(&self, sin_tilt: R, cos_tilt: R, d_n: R, d_t: R) -> R {
-        let secant = R::constant(1.0) / cos_tilt;
-        let tangent = sin_tilt * secant;
-        let compression = d_n * secant;
-        let cubic = compression * compression * d_n * R::constant(1.0 / 3.0);
-        let mixed = self.coupling * d_n * d_n * d_t * tangent;
-        self.stiffness * (cubic + (mixed + d_n * d_t * d_t))
-    }
-
-    /// The gradient of [`Tip::energy`] in theta_p, d_n and d_t.
-    #[inline(always)]
-    pub fn gradient(&self, sin_tilt: R, cos_tilt: R, d_n: R, d_t: R) -> ElasticGradient<R> {
-        let secant = R::constant(1.0) / cos_tilt;
-        let tangent = sin_tilt * secant;
-        // pi d_n^2 / cos^2 is the area that (3) integrates over. `area` is this area times E.
-        let compressed = d_n * secant;
-        let area = (self.stiffness * compressed) * compressed;
-        let slope = self.coupling * tangent;
-        let two = R::constant(2.0);
-        let (stiff_n, stiff_t) = (self.stiffness * d_n, self.stiffness * d_t);
-        ElasticGradient {
-            tilt: area * (R::constant(2.0 / 3.0) * d_n).dot2(tangent, self.coupling, d_t),
-            normal: stiff_t.mul_add((two * d_n).mul_add(slope, d_t), area),
-            tangential: stiff_n * d_n.dot2(slope, two, d_t),
-        }
-    }
-}
 
 /// The energies of a state, in joules.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,12 +1,14 @@
 //! The forces of (24), and the constants of a scene that all formulations share.
 
+use crate::model::contact::Side;
+use crate::model::contact::law::{ElasticGradient, Tip};
 use crate::model::control::{Controller, Fingers};
 use crate::model::drive::Input;
-use crate::model::energy::{BILATERAL_WORKS, ElasticGradient, Energies, Tip};
-use crate::model::geometry::index::{D_N, D_T, FINGER, THETA, Y};
-use crate::model::geometry::{Geometry, Side};
+use crate::model::energy::{BILATERAL_WORKS, Energies};
+use crate::model::geometry::Geometry;
+use crate::model::geometry::index::{D_N, D_T, FINGER, Y};
 use crate::model::source::Source;
-use crate::number::real::{Real, dot, signed};
+use crate::number::real::{Real, dot};
 
 /// The physics of a scene in the form that the kernel needs: lengths, stiffnesses, masses and controllers.
 #[derive(Debug, Clone, Copy)]
@@ -153,7 +155,7 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         let mut elastic = R::zero();
         let mut gravity = self.weight * q[Y];
         for i in 0..2 {
-            let (sin_tilt, cos_tilt) = (q[FINGER + i] + signed(i, q[THETA])).sin_cos();
+            let (sin_tilt, cos_tilt) = self.sides[i].tilt(i, q).sin_cos();
             elastic = elastic + self.tips[i].energy(sin_tilt, cos_tilt, q[D_N + i], q[D_T + i]);
             gravity = self.finger_weights[i].mul_add(q[FINGER + i].sin_cos().1, gravity);
         }
@@ -175,7 +177,7 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
     pub fn driving_work(&self, geometry: &Geometry<R>, constraint_impulse: &[R; 4], p: &[R; 9]) -> R {
         let [right, left] = &geometry.contacts;
         let [h1, h2, n1, n2] = *constraint_impulse;
-        -right.b.dot2(h1, right.f, n1).dot2(p[FINGER], left.b.dot2(h2, left.f, n2), p[FINGER + 1])
+        -right.torque([h1, n1]).dot2(p[FINGER], left.torque([h2, n2]), p[FINGER + 1])
     }
 
     /// The torques that driven fingers need: I_i theta_i-dotdot, less the share of the multipliers and of the
@@ -191,8 +193,8 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         let [right, left] = &geometry.contacts;
         let [h1, h2, n1, n2] = *multipliers;
         let others = [
-            (forces.finger_gravity[0] - forces.elastic[0].tilt) + right.b.dot2(h1, right.f, n1),
-            (forces.finger_gravity[1] - forces.elastic[1].tilt) + left.b.dot2(h2, left.f, n2),
+            (forces.finger_gravity[0] - forces.elastic[0].tilt) + right.torque([h1, n1]),
+            (forces.finger_gravity[1] - forces.elastic[1].tilt) + left.torque([h2, n2]),
         ];
         [
             self.masses[FINGER].mul_add(acceleration[0], -others[0]),
@@ -213,14 +215,9 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         memory: R,
         target: R,
     ) -> (R, R, R, R) {
-        let contact = &geometry.contacts[i];
-        let (sin_tilt, cos_tilt) = (contact.sin_tilt, contact.cos_tilt);
         let tip = &self.tips[i];
-        // theta_i = theta_pi - s_i theta, so sin theta_i follows from sines and cosines that are already
-        // known.
-        let sin_finger = sin_tilt.dot2(geometry.cos, signed(i, -cos_tilt), geometry.sin);
         (
-            self.finger_weights[i] * sin_finger,
+            self.finger_weights[i] * geometry.contacts[i].sin_finger,
             tip.normal_viscosity.mul_add(p[D_N + i], elastic.normal),
             tip.tangential_viscosity.mul_add(p[D_T + i], elastic.tangential),
             self.controllers[i].torque(q[FINGER + i], p[FINGER + i], memory, target),

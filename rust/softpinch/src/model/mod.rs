@@ -1,5 +1,6 @@
 //! The mechanics: parameters, inputs, geometry, energy, forces and initial states.
 
+pub mod contact;
 pub mod contact_modes;
 pub mod control;
 pub mod controller_state;

@@ -23,7 +23,8 @@ impl Motion<f64> {
     pub fn typical_magnitudes(parameters: &Parameters) -> Self {
         let [right, left] = &parameters.tips;
         let length = right.radius.max(left.radius);
-        let pace = (right.youngs_modulus.max(left.youngs_modulus) * length / parameters.grasped.mass).sqrt();
+        let pace =
+            (parameters.modulus(0).max(parameters.modulus(1)) * length / parameters.grasped.mass).sqrt();
         let mut q = [length; 9];
         q[THETA] = 1.0;
         q[FINGER..D_N].fill(1.0);
@@ -37,9 +38,9 @@ impl Motion<f64> {
     pub fn slow_magnitudes(parameters: &Parameters) -> Self {
         let usual = Self::typical_magnitudes(parameters);
         let mut pace = usual.p[THETA];
-        for tip in &parameters.tips {
+        for (i, tip) in parameters.tips.iter().enumerate() {
             let viscosity = tip.normal_viscosity.max(tip.tangential_viscosity);
-            pace = pace.min(tip.youngs_modulus * tip.radius / viscosity);
+            pace = pace.min(parameters.modulus(i) * tip.radius / viscosity);
         }
         Self { p: usual.q.map(|magnitude| magnitude * pace), ..usual }
     }

@@ -5,6 +5,8 @@
 use nalgebra::SMatrix;
 
 use crate::error::Error;
+use crate::model::contact::law::TipLaw;
+use crate::model::contact::shape::SideShape;
 use crate::model::rule::Rule;
 
 /// Names of the fingers in messages and paths.
@@ -149,6 +151,10 @@ pub struct Parameters {
     pub surroundings: Surroundings,
     /// Friction of both contacts.
     pub friction: Friction,
+    /// The shapes of the object's right and left side. The flat array has the paper's only.
+    pub shapes: [SideShape; 2],
+    /// The laws of the right and the left tip. The flat array has the paper's only.
+    pub laws: [TipLaw; 2],
 }
 
 /// Names and rules of a record's fields.
@@ -214,6 +220,8 @@ impl Parameters {
             control: [PidGains::from_fields(take(rest)), PidGains::from_fields(take(rest))],
             surroundings: Surroundings::from_fields(take(rest)),
             friction: Friction::from_fields(take(rest)),
+            shapes: Default::default(),
+            laws: Default::default(),
         }
     }
 
@@ -315,7 +323,18 @@ impl Parameters {
     /// Returns the same parameters if they keep every rule; parameters that are written field by field are
     /// not checked before. The error names the first number that breaks its rule.
     pub fn checked(self) -> Result<Self, Error> {
-        Self::from_array(&self.to_array())
+        let Self { shapes, laws, .. } = self;
+        for i in 0..2 {
+            shapes[i].check(SIDES[i])?;
+            laws[i].check(SIDES[i])?;
+        }
+        Ok(Self { shapes, laws, ..Self::from_array(&self.to_array())? })
+    }
+
+    /// The modulus of tip `i` by which its stiffness is judged, Pa.
+    #[must_use]
+    pub fn modulus(&self, i: usize) -> f64 {
+        self.laws[i].modulus(&self.tips[i])
     }
 }
 

@@ -16,8 +16,8 @@ use crate::model::parameters::Parameters;
 pub fn fastest_rate(parameters: &Parameters, fingers: Fingers) -> f64 {
     let Parameters { fingers: links, tips, grasped, control, .. } = parameters;
     let (mut damping, mut stiffness, mut tilting, mut integral) = (0.0f64, 0.0f64, 0.0, 0.0f64);
-    for ((link, tip), gains) in links.iter().zip(tips).zip(control) {
-        let press = 2.0 * std::f64::consts::PI * tip.youngs_modulus * tip.radius;
+    for (i, ((link, tip), gains)) in links.iter().zip(tips).zip(control).enumerate() {
+        let press = 2.0 * std::f64::consts::PI * parameters.modulus(i) * tip.radius;
         let tilt = press * tip.radius * tip.radius / 3.0;
         let mut alone = press / tip.normal_mass + press / tip.tangential_mass;
         damping = damping.max(tip.normal_viscosity / tip.normal_mass);

@@ -10,6 +10,9 @@ pub trait Source<R> {
     /// A number that is a linear function of the parameters, without a constant, so that its derivative is the
     /// same function of the parameters' derivatives.
     fn number(&self, of: impl Fn(&Parameters) -> f64) -> R;
+
+    /// Parameters that have the kinds of the parts, which are the same for all lanes.
+    fn kinds(&self) -> &Parameters;
 }
 
 impl<R: Real> Source<R> for Parameters {
@@ -17,12 +20,22 @@ impl<R: Real> Source<R> for Parameters {
     fn number(&self, of: impl Fn(&Parameters) -> f64) -> R {
         R::constant(of(self))
     }
+
+    #[inline(always)]
+    fn kinds(&self) -> &Parameters {
+        self
+    }
 }
 
 impl<R: Lanes> Source<R> for [&Parameters; MOST] {
     #[inline(always)]
     fn number(&self, of: impl Fn(&Parameters) -> f64) -> R {
         R::from_fn(|lane| of(self[lane]))
+    }
+
+    #[inline(always)]
+    fn kinds(&self) -> &Parameters {
+        self[0]
     }
 }
 
@@ -34,6 +47,11 @@ impl<R: Lanes, const W: usize> Source<Dual<R, W>> for Duals<'_> {
     #[inline(always)]
     fn number(&self, of: impl Fn(&Parameters) -> f64) -> Dual<R, W> {
         <Dual<R, W> as Lift<R>>::lift(self.0.number(of))
+    }
+
+    #[inline(always)]
+    fn kinds(&self) -> &Parameters {
+        self.0[0]
     }
 }
 
@@ -58,6 +76,11 @@ impl<R: Lanes, const W: usize> Source<Dual<R, W>> for VariedParameters<'_> {
         }
         Dual::varied(of(self.parameters), &slopes)
     }
+
+    #[inline(always)]
+    fn kinds(&self) -> &Parameters {
+        self.parameters
+    }
 }
 
 /// The numbers of another source as constants in one more direction.
@@ -67,5 +90,10 @@ impl<R: Lanes, S: Source<R>, const W: usize> Source<Dual<R, W>> for Constants<'_
     #[inline(always)]
     fn number(&self, of: impl Fn(&Parameters) -> f64) -> Dual<R, W> {
         <Dual<R, W> as Lift<R>>::lift(self.0.number(of))
+    }
+
+    #[inline(always)]
+    fn kinds(&self) -> &Parameters {
+        self.0.kinds()
     }
 }

@@ -2,10 +2,11 @@
 //! pose on the constraints.
 
 use crate::error::Error;
+use crate::model::contact::Side;
 use crate::model::contact_modes::{ContactModel, ContactRow};
 use crate::model::drive::{Drive, Input};
+use crate::model::geometry::Geometry;
 use crate::model::geometry::index::{D_N, D_T, FINGER, THETA, X, Y};
-use crate::model::geometry::{Geometry, Side};
 use crate::model::inputs::Inputs;
 use crate::model::motion::{Linearized, Motion};
 use crate::model::parameters::{Finger, Fingertip, Parameters, SIDES};

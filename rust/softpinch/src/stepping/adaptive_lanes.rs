@@ -362,6 +362,7 @@ pub(super) fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>)
         },
         multipliers: each(bits, &a.multipliers, &b.multipliers),
         residuals: each(bits, &a.residuals, &b.residuals),
+        tilt: each(bits, &a.tilt, &b.tilt),
         sin_tilt: each(bits, &a.sin_tilt, &b.sin_tilt),
         places: each(bits, &a.places, &b.places),
         torque: each(bits, &a.torque, &b.torque),

@@ -485,7 +485,8 @@ impl<R: Lanes> LaneTask<R> for Numbers<'_> {
         let energy = |p: &Parameters| -> f64 {
             p.tips
                 .iter()
-                .map(|tip| (ROUND_OFF * tip.radius).powi(2) * (tip.youngs_modulus * tip.radius))
+                .enumerate()
+                .map(|(i, tip)| (ROUND_OFF * tip.radius).powi(2) * (p.modulus(i) * tip.radius))
                 .sum()
         };
         Gathered {

@@ -1,6 +1,6 @@
 //! The changes of the contacts' modes: what happens at an event, and the choice of the next modes.
 
-use crate::formulation::mode_selection::{Chosen, choose, contacts_in, tilt};
+use crate::formulation::mode_selection::{Chosen, choose, contacts_in};
 use crate::formulation::system::System;
 use crate::model::contact_modes::{Mode, Slip};
 use crate::model::energy::work;
@@ -114,7 +114,7 @@ impl EventStepper<'_> {
                     (motion.q[k], motion.p[k]) = (0.0, 0.0);
                 }
                 let time = self.run.anchor + place.tau;
-                open(self.run, &motion, i, cause, time);
+                open(self.run, self.equations.tilts(&motion.q), i, cause, time);
             }
             Cause::Stop => {
                 self.run.contacts[i].slip = None;
@@ -169,7 +169,7 @@ impl EventStepper<'_> {
         }
         let before = self.energy(motion);
         let modes = self.run.contacts.map(|contact| if contact.closed { Mode::Stick } else { Mode::Free });
-        let contacts = contacts_in(modes, &self.run.contacts, &motion.q);
+        let contacts = contacts_in(modes, &self.run.contacts, self.equations.tilts(&motion.q));
         let terms = self.equations.terms(&self.input(place.tau), &contacts, motion);
         let rates = terms.geometry.constraint_velocity();
         let (swept, bias) = (self.equations.swept(&terms), terms.geometry.bias());
@@ -189,6 +189,7 @@ impl EventStepper<'_> {
     fn collide(&mut self, place: &mut SegmentState, motion: &mut Motion<f64>, impulse: &[f64; 3]) {
         let geometry = self.geometry(motion);
         let closed = self.run.contacts.map(|contact| contact.closed);
+        let tilts = self.equations.tilts(&motion.q);
         let found = self.equations.impact(&geometry, &motion.p, closed, *impulse);
         motion.p = found.p;
         self.book(place, work::IMPACT, found.loss);
@@ -198,7 +199,7 @@ impl EventStepper<'_> {
         for (i, mode) in found.modes.into_iter().enumerate() {
             let contact = &mut self.run.contacts[i];
             if contact.closed && !mode.is_closed() {
-                contact.frozen_tilt = tilt(&motion.q, i);
+                contact.frozen_tilt = tilts[i];
             }
             (contact.closed, contact.slip) = (mode.is_closed(), mode.slip());
         }
@@ -249,7 +250,7 @@ impl EventStepper<'_> {
             let (before, after) = (self.run.contacts[i].mode, modes[i]);
             // A tip that meets the face and leaves it at once is free before and after.
             if after == Mode::Free {
-                open(self.run, &motion, i, causes[i], time);
+                open(self.run, self.equations.tilts(&motion.q), i, causes[i], time);
             }
             if after == Mode::Free {
                 continue;
@@ -264,7 +265,7 @@ impl EventStepper<'_> {
                 contact.slip = after.slip();
             }
         }
-        self.drive.contacts = contacts_in(modes, &self.run.contacts, &motion.q);
+        self.drive.contacts = contacts_in(modes, &self.run.contacts, self.equations.tilts(&motion.q));
         Ok(())
     }
 
@@ -302,7 +303,7 @@ impl EventStepper<'_> {
         if self.system.size().works == 0 {
             return 0.0;
         }
-        self.system.energies(&self.run.held(&motion.q), motion).total()
+        self.system.energies(&self.run.held(self.equations.tilts(&motion.q)), motion).total()
     }
 }
 
@@ -316,7 +317,7 @@ fn slip_of(v: f64) -> Option<Slip> {
 }
 
 /// Makes a contact free at its present tilt.
-fn open(run: &mut ContactRun, motion: &Motion<f64>, i: usize, cause: Cause, time: f64) {
+fn open(run: &mut ContactRun, tilts: [f64; 2], i: usize, cause: Cause, time: f64) {
     let contact = &mut run.contacts[i];
     if contact.mode == Mode::Free && !contact.closed {
         return;
@@ -324,6 +325,6 @@ fn open(run: &mut ContactRun, motion: &Motion<f64>, i: usize, cause: Cause, time
     if contact.mode != Mode::Free {
         run.changes.push(Change { time, finger: i, before: contact.mode, after: Mode::Free, cause });
     }
-    contact.frozen_tilt = tilt(&motion.q, i);
+    contact.frozen_tilt = tilts[i];
     (contact.mode, contact.closed, contact.slip) = (Mode::Free, false, None);
 }

@@ -130,9 +130,9 @@ impl ContactRun {
     }
 
     /// The contacts as the energies of a motion need them: free where they are not closed.
-    pub(super) fn held(&self, q: &[f64; 9]) -> Contacts<f64> {
+    pub(super) fn held(&self, tilts: [f64; 2]) -> Contacts<f64> {
         let modes = self.contacts.map(|contact| if contact.closed { Mode::Stick } else { Mode::Free });
-        contacts_in(modes, &self.contacts, q)
+        contacts_in(modes, &self.contacts, tilts)
     }
 }
 

@@ -3,13 +3,14 @@
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, States};
-use crate::formulation::mode_selection::{Contact, tilt};
+use crate::formulation::mode_selection::Contact;
 use crate::formulation::system::System;
 use crate::method::traits::{Stats, Unsolved};
+use crate::model::contact::Side;
 use crate::model::contact_modes::{ContactRow, Contacts, Mode, Slip};
 use crate::model::drive::SegmentDrive;
+use crate::model::geometry::Geometry;
 use crate::model::geometry::index::D_N;
-use crate::model::geometry::{Geometry, Side};
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;
@@ -337,7 +338,7 @@ fn contacts_at(parameters: &Parameters, State { q, p, .. }: &State) -> ([Contact
             Some(direction) => Mode::Slip(direction),
             None => Mode::Stick,
         };
-        Contact { mode, closed, slip, frozen_tilt: tilt(q, i), left: None }
+        Contact { mode, closed, slip, frozen_tilt: geometry.contacts[i].tilt, left: None }
     });
     (contacts, approaches)
 }

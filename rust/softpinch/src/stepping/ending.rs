@@ -2,8 +2,9 @@
 
 use crate::error::{Error, seconds};
 use crate::method::traits::Unsolved;
+use crate::model::contact::Side;
 use crate::model::contact_modes::Mode;
-use crate::model::geometry::{Geometry, Side};
+use crate::model::geometry::Geometry;
 use crate::model::parameters::SIDES;
 use crate::model::scene::Scene;
 use crate::stepping::contact_events::{Loss, Reason};

@@ -9,7 +9,7 @@ use crate::model::parameters::Parameters;
 use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::stepping::adaptive_lanes::{AdaptiveLanes, StepStart};
 use crate::stepping::instant::{column, watched};
-use crate::stepping::monitor::{turning_points, violating_turning_point};
+use crate::stepping::monitor::violating_turning_point;
 use crate::stepping::queue::RunQueue;
 
 impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
@@ -23,7 +23,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         (accepted, h): (Bits, R),
     ) -> [f64; MOST] {
         let mut turning_times = [f64::INFINITY; MOST];
-        for lane in each(turning_points(before, after) & accepted) {
+        for lane in each(self.batch.limits.turning_points(before, after) & accepted) {
             let Some(run) = &self.batch.runs[lane] else { continue };
             let (taken, from, tau) =
                 (h.lane(lane), self.progress.from.lane(lane), self.progress.tau.lane(lane));

@@ -3,14 +3,14 @@
 
 use crate::error::seconds;
 use crate::formulation::equations::Evaluation;
+use crate::model::contact::Side;
 use crate::model::contact_modes::Contacts;
-use crate::model::geometry::index::{D_N, FINGER, THETA};
-use crate::model::geometry::{Geometry, Side};
+use crate::model::geometry::Geometry;
+use crate::model::geometry::index::D_N;
 use crate::model::motion::Motion;
 use crate::model::parameters::{Parameters, SIDES};
 use crate::model::source::Source;
 use crate::number::lanes::{Bits, Lanes};
-use crate::number::real::{Real, signed};
 use crate::stepping::contact_events::{Condition, ContactState, conditions};
 use crate::stepping::record::Instant;
 
@@ -108,18 +108,6 @@ const START: &str = ": this is the state in which the run starts";
 const RUNAWAY: &str = "; no motion leaps so far in a step: the steps are too long for this scene. max_stable_dt says how long dt may be, and a smaller \
      tolerance takes shorter steps";
 
-/// Lanes in which a compression or a tilt turns back between two instants.
-#[inline(always)]
-pub fn turning_points<R: Lanes>(before: &Motion<R>, after: &Motion<R>) -> Bits {
-    let mut found = 0;
-    for i in 0..2 {
-        let tilt = |p: &[R; 9]| p[FINGER + i] + signed(i, p[THETA]);
-        found |= (before.p[D_N + i] * after.p[D_N + i]).less(R::zero());
-        found |= (tilt(&before.p) * tilt(&after.p)).less(R::zero());
-    }
-    found
-}
-
 /// The point at which a value turns back between two instants.
 #[derive(Clone, Copy)]
 struct TurningPoint {
@@ -162,7 +150,7 @@ struct Tip<R> {
 /// The limits with which the model's quantities are compared.
 #[derive(Debug, Clone, Copy)]
 pub struct Limits<R> {
-    radius: [R; 2],
+    sides: [Side<R>; 2],
     /// The compression below which a tip has left the object.
     least: [R; 2],
     /// mu, and the lanes whose scene gives one.
@@ -181,7 +169,7 @@ impl<R: Lanes> Limits<R> {
         let half_height = source.number(|p| 0.5 * p.grasped.height);
         let infinity = R::constant(f64::INFINITY);
         Self {
-            radius: [source.number(|p| p.tips[0].radius), source.number(|p| p.tips[1].radius)],
+            sides: Side::both(source),
             least: [
                 source.number(|p| -SEPARATION * p.tips[0].radius),
                 source.number(|p| -SEPARATION * p.tips[1].radius),
@@ -193,15 +181,27 @@ impl<R: Lanes> Limits<R> {
         }
     }
 
+    /// Lanes in which a compression or a tilt turns back between two instants.
+    #[inline(always)]
+    pub fn turning_points(&self, before: &Motion<R>, after: &Motion<R>) -> Bits {
+        let mut found = 0;
+        for i in 0..2 {
+            found |= (before.p[D_N + i] * after.p[D_N + i]).less(R::zero());
+            let [first, last] = [self.sides[i].tilt_rate(i, &before.p), self.sides[i].tilt_rate(i, &after.p)];
+            found |= (first * last).less(R::zero());
+        }
+        found
+    }
+
     /// For each of [`VIOLATIONS`] the lanes in which it holds at an instant. In unilateral contact there are `contacts`.
     #[inline(always)]
     pub fn violated(&self, now: &Evaluation<R>, contacts: Option<&Contacts<R>>) -> [Bits; VIOLATIONS.len()] {
-        let Evaluation { motion: Motion { q, .. }, sin_tilt, places, multipliers, .. } = now;
+        let Evaluation { motion: Motion { q, .. }, tilt, sin_tilt, places, multipliers, .. } = now;
         let mut found = [0; VIOLATIONS.len()];
         for i in 0..2 {
             let tip = Tip {
                 d_n: q[D_N + i],
-                tilt: q[FINGER + i] + signed(i, q[THETA]),
+                tilt: tilt[i],
                 sin_tilt: sin_tilt[i],
                 place: places[i],
                 normal: multipliers[i],
@@ -225,7 +225,7 @@ impl<R: Lanes> Limits<R> {
         contacts: Option<&Contacts<R>>,
     ) -> [Bits; VIOLATIONS.len()] {
         let &Tip { d_n, tilt, sin_tilt, place, normal, tangential } = tip;
-        let (a, free) = (self.radius[i], contacts.map_or(0, |contacts| contacts.free[i]));
+        let (a, free) = (self.sides[i].radius(), contacts.map_or(0, |contacts| contacts.free[i]));
         let quarter = R::constant(std::f64::consts::FRAC_PI_2);
         let mut found = [0; VIOLATIONS.len()];
         let mut set = |violation: Violation, bits: Bits| found[violation as usize] = bits;
@@ -296,12 +296,13 @@ pub fn violating_turning_point(
     after: &Motion<f64>,
     h: f64,
 ) -> Option<f64> {
+    let sides = Side::both(parameters);
     for i in 0..2 {
         let a = parameters.tips[i].radius;
-        let tilt = |v: &[f64; 9]| v[FINGER + i] + signed(i, v[THETA]);
+        let tilt = |motion: &Motion<f64>| (sides[i].tilt(i, &motion.q), sides[i].tilt_rate(i, &motion.p));
         let compression =
             TurningPoint::of((before.q[D_N + i], before.p[D_N + i]), (after.q[D_N + i], after.p[D_N + i]), h);
-        let tilt = TurningPoint::of((tilt(&before.q), tilt(&before.p)), (tilt(&after.q), tilt(&after.p)), h);
+        let tilt = TurningPoint::of(tilt(before), tilt(after), h);
         let found = compression
             .filter(|point| point.value < -SEPARATION * a || point.value >= a)
             .or(tilt.filter(|point| point.value.abs() >= std::f64::consts::FRAC_PI_2));
@@ -318,21 +319,21 @@ pub fn violating_turning_point(
 pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, instant: &Instant) -> String {
     let Instant { q, p, multipliers, contact, .. } = instant;
     let t = seconds(instant.t);
-    let places = Geometry::new(&Side::both(parameters), q, p).places();
+    let geometry = Geometry::new(&Side::both(parameters), q, p);
     let limits = Limits::<f64>::new(parameters);
     let tips: [Tip<f64>; 2] = std::array::from_fn(|i| {
-        let tilt = q[FINGER + i] + signed(i, q[THETA]);
+        let contact = &geometry.contacts[i];
         Tip {
             d_n: q[D_N + i],
-            tilt,
-            sin_tilt: Real::sin_cos(tilt).0,
-            place: places[i],
+            tilt: contact.tilt,
+            sin_tilt: contact.sin_tilt,
+            place: contact.place,
             normal: multipliers[i],
             tangential: multipliers[2 + i],
         }
     });
     let i = usize::from(limits.violated_by(0, &tips[0], None)[violation as usize] == 0);
-    let (side, radius, friction) = (SIDES[i], limits.radius[i], limits.friction[i]);
+    let (side, radius, friction) = (SIDES[i], parameters.tips[i].radius, limits.friction[i]);
     let Tip { d_n, tilt, sin_tilt, place, normal, tangential } = &tips[i];
     let extreme = if begins { START } else { RUNAWAY };
     match violation {

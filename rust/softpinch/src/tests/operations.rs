@@ -91,6 +91,7 @@ fn parameters(friction: f64) -> Parameters {
         control: [PidGains::default(), PidGains { kp: 90.0, kd: 0.9, ki: 900.0 }],
         surroundings: Surroundings::default(),
         friction: Friction { right: friction, left: friction },
+        ..Parameters::default()
     };
     parameters.checked().expect("valid")
 }
