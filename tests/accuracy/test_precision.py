@@ -154,25 +154,22 @@ def test_an_order_above_the_methods_is_explained() -> None:
     assert not any("above the method's" in line for line in accuracy.lines(high, "end"))
 
 
-def test_figures_are_along_the_run_where_that_is_measured() -> None:
-    found = settling()
-    assert "along the run" in plot.work_precision(found).axes[0].get_ylabel()
-    assert plot.work_precision(found).get_suptitle() == ""
-    end = plot.work_precision(found, where="end")
+def test_the_figure_shows_every_curve_and_where_the_error_is() -> None:
+    found = measured()
+    figure, peers = plot.work_precision(found), plot.work_precision(found, peers=True)
+    # Peers have states at the end only.
+    assert "along the run" in figure.axes[0].get_ylabel()
+    assert "at the end" in peers.axes[0].get_ylabel()
+    for each, shown in ((figure, False), (peers, True)):
+        labels = {text.get_text() for text in each.legends[0].get_texts()}
+        assert {"rk4, equal steps", "dop853, free steps", "failed"} <= labels
+        assert ("SciPy" in labels) == shown
+    assert plot.work_precision(settling()).get_suptitle() == ""
+    end = plot.work_precision(settling(), where="end")
     assert "at the end" in end.axes[0].get_ylabel()
-    assert end.get_suptitle().replace("\n", " ") == found.settled()
+    assert end.get_suptitle().replace("\n", " ") == settling().settled()
     with pytest.raises(ValueError, match="where"):
         plot.work_precision(found, where="middle")
-
-
-@pytest.mark.parametrize("peers", [False, True])
-def test_the_figure_shows_every_curve(peers: bool) -> None:
-    figure = plot.work_precision(measured(), peers=peers)
-    labels = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert {"rk4, equal steps", "dop853, free steps", "failed"} <= labels
-    assert ("SciPy" in labels) == peers
-    place = "at the end" if peers else "along the run"
-    assert place in figure.axes[0].get_ylabel()
 
 
 def test_the_cheapest_meets_the_error_and_so_does_the_next_tighter() -> None:
@@ -240,21 +237,6 @@ def test_gains_that_hide_drift_can_spoil_the_motion(tmp_path: Path) -> None:
     assert math.isinf(found.holonomic[-1])
     figure = plot.stabilization_sweep([found, found])
     assert plot.save(figure, tmp_path / "gains.png").stat().st_size > 10_000
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"dt": [0.0]}, "dt = 0.0: must be > 0"),
-        ({"tolerances": [-1.0]}, "tolerances = -1.0: must be > 0"),
-        ({"longest": 0.0}, "longest = 0.0"),
-        ({"tolerances": [2.0]}, "tolerances = 2.0: must be from 1e-14 to below 1"),
-        ({"formulations": ()}, r"formulations = \(\): must have at least one"),
-    ],
-)
-def test_arguments_that_break_a_rule_are_refused(change: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        sp.work_precision(SCENE, progress=False, **change)
 
 
 def test_a_run_that_a_violation_ends_is_a_failure() -> None:

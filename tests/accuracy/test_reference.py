@@ -198,22 +198,8 @@ def test_a_motion_that_diverges_is_an_error_with_the_time() -> None:
             solver(lost)
     with pytest.raises(RuntimeError, match=r"reference: the motion runs away at t = 1\.0957436"):
         solve(lost, method="LSODA")
-
-
-@pytest.mark.parametrize(
-    ("changes", "error", "message"),
-    [
-        ({"times": [0.0, 0.11]}, ValueError, "times: must be from 0.0 to 0.1 s"),
-        ({"times": "x"}, TypeError, "times = 'x'"),
-        ({"rtol": 0.0}, ValueError, "rtol = 0.0: must be finite and > 0"),
-        ({"method": "Euler"}, ValueError, "method = 'Euler': must be one of \"DOP853\""),
-        ({"most": 100}, RuntimeError, r"takes more than 100 evaluations at t = 0\.0"),
-        ({"scene": None}, TypeError, "scene = None: must be a Scene"),
-    ],
-)
-def test_bad_arguments_are_refused(changes: dict[str, object], error: type, message: str) -> None:
-    with pytest.raises(error, match=message):
-        solve(**{"scene": sp.Scene(duration=0.1), **changes})  # type: ignore[arg-type]
+    with pytest.raises(RuntimeError, match=r"takes more than 100 evaluations at t = 0\.0"):
+        solve(SHORT, most=100)
 
 
 @pytest.mark.parametrize(("name", "equation"), [("q", r"off C\^H = 0"), ("p", "off Phi p = 0")])

@@ -173,19 +173,6 @@ def test_the_nullspaces_eigenvalues_are_those_of_its_own_coordinates() -> None:
     assert_same_rates(modes.rates[0], expected, 1e-4)
 
 
-def test_csm_has_modes_of_its_own_beside_the_motions() -> None:
-    scene = rest("uneven")
-    gains = sp.Stabilization(alpha=2.5e4, beta=4e4)
-    state = scene.start()
-    rows = ([0.0], [state.q], [state.p], [state.integral])
-    own = sp.modes(scene, *rows, formulation="csm", stabilization=gains).rates[0]
-    assert np.count_nonzero(np.abs(own + gains.alpha) < 0.01 * gains.alpha) == 4
-    assert np.count_nonzero(np.abs(own + gains.beta) < 0.01 * gains.beta) == 2
-    motion = sp.modes(scene, *rows).rates[0]
-    rest_of_them = own[np.abs(own) < 0.9 * gains.alpha]
-    assert_same_rates(rest_of_them, motion, 1e-3)
-
-
 def test_without_viscosity_the_edge_of_the_imaginary_axis_counts() -> None:
     # Where it comes to rest does not depend on what damps it.
     damped = settled(held((6.0, 6.0), control=sp.Pid(ki=0.0), gravity=0.0))
@@ -252,26 +239,6 @@ def test_ctrl_c_ends_a_search_and_is_no_failed_run() -> None:
     with pytest.raises(KeyboardInterrupt):
         sp.max_stable_dt(scene)
     timer.join()
-
-
-BAD = [
-    (lambda s: sp.max_stable_dt(s, "rk5"), ValueError, "method = 'rk5': .*did you mean \"rk4\""),
-    (lambda s: sp.max_stable_dt(s, formulation="cms"), ValueError, "formulation = 'cms'"),
-    (lambda s: sp.max_stable_dt(s, max_steps=0), ValueError, "max_steps = 0: must be at least 1"),
-    (lambda s: sp.max_stable_dt("scene"), TypeError, "scene = 'scene': must be a Scene"),
-    (lambda s: sp.modes(s, [0.0], [[0.0] * 8], [[0.0] * 9], [[0, 0]]), ValueError, r"q has shape"),
-    (
-        lambda s: sp.modes(s, [0.0], [s.start().q], [[0.0] * 9], [[0, 0]]).stable_step("euler"),
-        ValueError,
-        "method = 'euler'",
-    ),
-]
-
-
-@pytest.mark.parametrize(("call", "kind", "said"), BAD)
-def test_bad_arguments_are_refused(call: object, kind: type[Exception], said: str) -> None:
-    with pytest.raises(kind, match=said):
-        call(held(duration=0.05))
 
 
 @pytest.mark.parametrize("contact", ["bilateral", "unilateral"])

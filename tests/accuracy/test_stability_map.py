@@ -218,41 +218,6 @@ def test_csv_and_npz_have_all_cells(stiffness: StabilityMap, tmp_path: Path) -> 
         stiffness.save(tmp_path / "map.txt")
 
 
-BAD = [
-    (("youngs_modulos",), {}, ValueError, 'did you mean "youngs_modulus"'),
-    (("disturbances.0.force", [1.0]), {}, ValueError, "axis: .* must be one number, such as"),
-    (("grasped.mass",), {}, ValueError, "values: must be given for axis = 'grasped.mass'"),
-    ((3.0,), {}, TypeError, "axis = 3.0: must be a name"),
-    ((lambda value: value, [1.0]), {}, TypeError, r"axis\(1\) = 1.0: must be a Scene"),
-    (("object_mass", [1.0, 1.0]), {}, ValueError, r"values\[1\] = 1.0: must be greater"),
-    (("object_mass", [-1.0, 1.0]), {}, ValueError, "object_mass = -1: GraspedObject.mass = -1.0"),
-    (("grasp_depth", [0.5, 1.0]), {}, ValueError, "grasp_depth = 1: must be > 0 and < 1"),
-    (("tilt", [0.0, 90.0]), {}, ValueError, "tilt = 90: must be >= 0 and < 90"),
-    (("hand.right.root_offset", [0.06]), {}, ValueError, r"hand.right.root_offset = 0.06: .* mm"),
-    (("tilt",), {"dt": [0.0, 1e-4]}, ValueError, r"dt\[0\] = 0.0: must be finite and > 0"),
-    (("tilt",), {"pairs": []}, ValueError, "pairs is empty"),
-    (("tilt",), {"pairs": [("csm", "rk5")]}, ValueError, r"pairs\[0\]\[1\] = 'rk5'"),
-    (("tilt",), {"pairs": [("csm", "rk4")] * 2}, ValueError, r"pairs\[1\] = .* be repeated"),
-    (("tilt",), {"max_steps": 0}, ValueError, "max_steps = 0"),
-    (("tilt",), {"threads": 0}, ValueError, "threads = 0"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("arguments", "how", "kind", "said"), BAD)
-def test_bad_input_is_refused_before_anything_runs(
-    arguments: tuple[object, ...],
-    how: dict[str, object],
-    kind: type[Exception],
-    said: str,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("softpinch.accuracy.stability_maps._Reference", None)
-    monkeypatch.setattr("softpinch.accuracy.stability_maps.run_batch", None)
-    scene = replace(SCENE, disturbances=[sp.Step(time=0.01, force=(1.0, 0.0))])
-    with pytest.raises(kind, match=said):
-        small(*arguments, scene=scene, **how)
-
-
 def test_a_start_off_the_constraints_is_for_csm() -> None:
     q = np.array(sp.State.consistent(SCENE, fingers=(0.1, 0.1)).q)
     q[5] += 1e-4

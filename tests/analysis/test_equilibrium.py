@@ -102,22 +102,6 @@ def test_all_accelerations_vanish_in_the_oracle_and_a_run_stays(
     assert held_still(scene, found) < 1e-12
 
 
-@pytest.mark.parametrize("formulation", ["csm", "nullspace", "projected"])
-@pytest.mark.parametrize("time", [0.5, 1.5, 3.5, 6.5, None])
-def test_the_operations_of_the_paper_stay_for_a_second(
-    formulation: str, time: float | None
-) -> None:
-    scene = sp.paper.manipulation()
-    found = sp.equilibrium(scene, time)
-    assert found.state is not None and found.stable and found.minimum
-    assert found.time == (8.0 if time is None else time)
-    angles = scene.schedule.angles[-1 if time is None else int(time)]
-    assert np.array_equal(found.state.q[3:5], angles)
-    still = target(replace(scene, initial=found.state), angles)
-    run = sp.simulate(still, formulation=formulation, every=10)
-    assert np.abs(run.q - found.state.q).max() < 1e-12
-
-
 def test_zero_shears_have_no_equilibrium_in_the_paper() -> None:
     """The reason why `grip` and not `shear` tells the members apart.
 
@@ -319,23 +303,3 @@ def test_a_bilateral_rest_names_the_slip_that_it_ignores() -> None:
     assert found.stable and found.violations == ("slipping",)
     assert "a tip would slip" in found.message
     assert found.friction_margin == pytest.approx(0.3 - found.friction_needed.max())
-
-
-@pytest.mark.parametrize(
-    ("wrong", "error", "words"),
-    [
-        ({"scene": 1}, TypeError, "scene"),
-        ({"time": np.nan}, ValueError, "time"),
-        ({"shear": (0.0,)}, ValueError, "shear"),
-        ({"grip": (0.0, 0.0), "shear": (0.0, 0.0)}, ValueError, "one of them"),
-        ({"near": np.zeros(9)}, TypeError, "near"),
-        (
-            {"scene": sp.Scene(control=sp.SampledController.pid(1e-3))},
-            ValueError,
-            "SampledController",
-        ),
-    ],
-)
-def test_bad_input_is_refused(wrong: dict[str, object], error: type[Exception], words: str) -> None:
-    with pytest.raises(error, match=words):
-        sp.equilibrium(**({"scene": sp.Scene()} | wrong))  # type: ignore[arg-type]

@@ -53,19 +53,6 @@ def test_every_cell_is_at_rest_in_its_own_scene() -> None:
     assert (map.branch == 0).all() and map.stable.all() and not len(map.seams)
 
 
-def test_a_map_without_folds_is_what_single_searches_find() -> None:
-    masses = np.linspace(0.1, 3.0, 5)
-    map = sp.equilibrium_map(
-        held(), {"grasped.mass": masses, "grip": [-0.01, 0.01]}, progress=False
-    )
-    for i, mass in enumerate(masses):
-        for j, grip in enumerate((-0.01, 0.01)):
-            scene = held(grasped=replace(held().grasped, mass=mass))
-            alone = sp.equilibrium(scene, grip=(grip, grip))
-            assert alone.state is not None
-            np.testing.assert_allclose(map.q[i, j], alone.state.q, rtol=0.0, atol=1e-11)
-
-
 def test_the_continuation_does_not_jump_at_a_fold() -> None:
     """The lean at the right edge of each branch is kept as far as it exists, as hysteresis."""
     from_left, from_right = over_offsets(OFFSETS[0]), over_offsets(OFFSETS[-1])
@@ -159,10 +146,7 @@ def test_tips_that_would_slip_have_a_branch_but_no_equilibrium() -> None:
     np.testing.assert_array_equal(map.q[~slips], bilateral.q[~slips])
 
 
-def test_friction_and_time_as_asked() -> None:
-    map = sp.equilibrium_map(held(), {"friction": [0.1, 0.4]}, progress=False)
-    np.testing.assert_allclose(np.diff(map.friction_margin), 0.3)
-    np.testing.assert_allclose(map.q[0], map.q[1], rtol=0.0, atol=1e-15)
+def test_the_time_is_that_of_a_single_search() -> None:
     scene = sp.paper.manipulation()
     for time in (None, 1.5):
         map = sp.equilibrium_map(scene, {"grasped.mass": [0.1]}, time=time, progress=False)
@@ -234,45 +218,6 @@ def test_progress_counts_up_to_all_steps_and_an_interrupt_passes() -> None:
 
     with pytest.raises(KeyboardInterrupt):
         sp.equilibrium_map(leaning(4.0, -2e-3), folded, progress=interrupt)
-
-
-@pytest.mark.parametrize(
-    ("axes", "options", "message"),
-    [
-        ({}, {}, "axes has 0 entries: must have one or two"),
-        ({"grasped.mas": [1.0]}, {}, r"axes: .grasped.mas.*did you mean"),
-        ({"grasped.mass": [2.0, 1.0]}, {}, r"mass.\]\[1\] = 1.0: must be greater than the value"),
-        ({"grasped.mass": [-1.0, 1.0]}, {}, r"axes: grasped.mass = -1: .*mass = -1.0: must be"),
-        ({"schedule.angles": [1.0]}, {}, r"axes: .* has shape \(1, 2\): must be one number"),
-        ({"initial.q.0": [1.0]}, {}, "has no effect on where the scene rests"),
-        ({"grip.top": [1.0]}, {}, 'axes: .grip.top.*or one of "grip"'),
-        ({"grip": [0.0], "grip.left": [0.0]}, {}, "set the same number"),
-        ({"grip": [0.0], "shear.left": [0.0]}, {}, "grip and shear: give one of them"),
-        ({"grip": [0.0]}, {"grip": (0.0, 0.0)}, "the axes set it already"),
-        ({"grip.left": [0.0]}, {"grip": (0.0, 0.0, 0.0)}, r"grip has shape \(3,\)"),
-        ({"grip": np.arange(400.0), "friction": np.arange(400.0)}, {}, "160000 cells: at most"),
-    ],
-)  # fmt: skip
-def test_bad_values_are_refused_before_anything_is_computed(axes, options, message) -> None:  # type: ignore[no-untyped-def]
-    def computed(done: int, total: int) -> None:
-        pytest.fail("a cell was computed")
-
-    with pytest.raises(ValueError, match=message):
-        sp.equilibrium_map(held(), axes, progress=computed, **options)
-
-
-def test_bad_types_are_refused() -> None:
-    with pytest.raises(TypeError, match=r"axes = .*: must be a mapping of names to values"):
-        sp.equilibrium_map(held(), [("grip", [0.0])])  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="equilibrium_map needs the torques"):
-        sp.equilibrium_map(held(control=sp.SampledController.pid(1e-3)), {"grip": [0.0]})
-    one = sp.equilibrium_map(held(), {"grip": [0.0]}, progress=False)
-    with pytest.raises(ValueError, match="i = 1: must be at most 0"):
-        one.equilibrium(1)
-    with pytest.raises(ValueError, match="j = 0: the map has one axis"):
-        one.equilibrium(0, 0)
-    with pytest.raises(TypeError, match="j = None: must be an integer"):
-        cusp().equilibrium(0)
 
 
 def test_a_notebook_lists_the_axes_and_the_place_of_each_cell() -> None:

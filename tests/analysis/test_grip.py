@@ -78,17 +78,6 @@ def test_a_run_settles_with_this_force(name: str) -> None:
     np.testing.assert_allclose(run.q[-1, 5:7], found.compression, rtol=0.02)
 
 
-def test_a_run_of_uneven_fingers_stays_where_the_grip_rests() -> None:
-    found = sp.grip(UNEVEN, force=8.0)
-    start = found.equilibrium.state
-    assert start is not None
-    scene = replace(found.scene, initial=replace(start, time=0.0), duration=0.5)
-    run = sp.simulate(scene, 1e-3, record=("state", "multipliers"))
-    assert run.multipliers[-1, :2].mean() == pytest.approx(8.0, rel=1e-6)
-    assert run.q[-1, 5:7].mean() == pytest.approx(found.compression, rel=1e-6)
-    np.testing.assert_allclose(run.q[:, 3:5], found.targets * np.ones((len(run.t), 1)), atol=1e-9)
-
-
 def settled(scene: sp.Scene, force: float) -> float:
     """The mean force in which a run settles that closes the fingers until they touch."""
     found = sp.grip(scene, force=force)
@@ -132,38 +121,3 @@ def test_fingers_that_yield_have_the_grip_that_was_asked_for(
     assert held.compression == pytest.approx(compression, rel=1e-9)
     stiff = sp.grip(SCENE, compression=compression)
     np.testing.assert_allclose(held.equilibrium.state.q, stiff.equilibrium.state.q, atol=1e-12)
-
-
-def test_disturbances_and_the_scene_s_own_schedule_do_not_matter() -> None:
-    pushed = SCENE.with_(
-        {
-            "disturbances": [sp.Step(time=0.0, force=(1.0, 0.0))],
-            "schedule": sp.Schedule.steps([0.0], [[0.0, 0.0]]),
-        }
-    )
-    np.testing.assert_array_equal(sp.grip(pushed, 5.0).targets, sp.grip(SCENE, 5.0).targets)
-
-
-REFUSED: list[tuple[sp.Scene, dict[str, Any], str]] = [
-    (SCENE, {}, "force and compression: give one of them"),
-    (SCENE, {"force": 1.0, "compression": 1e-3}, "force and compression: give one of them"),
-    (SCENE, {"force": 0.0}, "force = 0.0: must be finite and > 0"),
-    (SCENE, {"compression": np.nan}, "compression = nan: must be finite"),
-    # Half the weight is carried by each tip, whose shear presses it on the object.
-    (SCENE, {"force": 0.3}, "so little force; the least is 0.49"),
-    (SCENE, {"force": 1e4}, "at 15.34 degrees it is 38"),
-    (SCENE, {"compression": 0.03}, "at 15.34 degrees it is 0.02 m"),
-    # A friction of 0.6 needs M g / (2 * 0.6) = 0.8175 N.
-    (SETTLED["sliding tips"], {"force": 0.8}, "the least is 0.8175 N.*a tip would slip"),
-    (SCENE.with_({"control": sp.Torque()}), {"force": 5.0}, "grip finds target angles"),
-    (SCENE.with_({"control": sp.Pid(kp=0.0, ki=0.0)}), {"force": 5.0}, "control.right: kp and ki"),
-    (SCENE.with_({"hand.right.root_offset": 1.0}), {"force": 5.0}, "no angle of the fingers"),
-]
-
-
-@pytest.mark.parametrize(("scene", "asked", "message"), REFUSED, ids=range(len(REFUSED)))
-def test_a_force_that_no_grip_has_is_refused_with_the_nearest_one(
-    scene: sp.Scene, asked: dict[str, Any], message: str
-) -> None:
-    with pytest.raises(ValueError, match=message):
-        sp.grip(scene, **asked)

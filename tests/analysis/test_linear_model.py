@@ -94,6 +94,8 @@ def test_neutral_combinations_do_not_change(law: str) -> None:
         np.testing.assert_allclose(changed[:, 2:4], -phi[2:, 3:5], rtol=1e-14)
         changed = np.delete(changed, [2, 3], axis=1)
     assert not changed.any()
+    # Where the object moves, slip can change them.
+    assert not len(sp.linearize(scene, replace(state, p=np.full(9, 1e-3))).neutral)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -106,27 +108,6 @@ def test_the_reduced_model_has_the_same_transfer_function(law: str) -> None:
         ours, theirs = response(reduced, omega), response(model, omega)
         scale = np.abs(theirs).max(axis=1, keepdims=True)
         assert np.max(np.abs(ours - theirs) / scale) <= 1e-8
-
-
-@pytest.mark.parametrize("law", LAWS)
-def test_the_reduced_model_has_all_eigenvalues_but_the_zeros(law: str) -> None:
-    model, reduced = every(law), every(law, reduced=True)
-    fastest = np.abs(model.poles).max()
-    full = model.poles[np.argsort(np.abs(model.poles))]
-    assert np.abs(full[:2]).max() <= 1e-11 * fastest < 1e-6 * np.abs(full[2])
-    left = list(full[2:])
-    for pole in reduced.poles:
-        near = int(np.argmin(np.abs(np.array(left) - pole)))
-        assert abs(left.pop(near) - pole) <= 1e-10 * fastest
-    assert not left
-
-
-def test_a_reduced_model_of_a_moving_state_is_refused() -> None:
-    scene, state = resting("pid")
-    moving = replace(state, p=np.full(9, 1e-3))
-    assert sp.linearize(scene, moving).neutral.shape == (0, 14)
-    with pytest.raises(ValueError, match=r"^reduced = True: the operating point moves \(state\.p "):
-        sp.linearize(scene, moving, reduced=True)
 
 
 @pytest.mark.parametrize("reduced", [False, True])

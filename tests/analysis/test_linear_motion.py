@@ -1,4 +1,4 @@
-"""Linear models beside the motion: loops that are closed around them, steps, symmetries, SymPy."""
+"""Linear models beside the motion: steps, open loops, other units."""
 
 from dataclasses import replace
 from typing import Any
@@ -13,83 +13,22 @@ import softpinch as sp
 from linear_reference import EVERY_OUTPUT, off, sizes, whole
 from resting import UNEVEN, resting
 from softpinch import strategies
-from transforms import Units, mirrored
+from transforms import Units
 
 Floats = np.ndarray
 ALL = ("targets", "force")
 exponents = st.integers(-8, 8)
 
 
-def open_and_closed(law: str, state: sp.State | None = None) -> tuple[sp.LinearModel, ...]:
-    scene, rest = resting(law)
-    state = rest if state is None else state
-    return (
-        sp.linearize(scene, state, ("torque", "force"), EVERY_OUTPUT),
-        sp.linearize(scene, state, ALL, EVERY_OUTPUT),
-    )
-
-
-def same_poles(ours: Floats, theirs: Floats) -> float:
-    """The largest distance of a pole from its partner, as a share of the fastest."""
-    left, worst = list(theirs), 0.0
-    for pole in ours:
-        near = int(np.argmin(np.abs(np.array(left) - pole)))
-        worst = max(worst, abs(left.pop(near) - pole))
-    return worst / float(np.abs(theirs).max())
-
-
-def moving() -> sp.State:
-    """A state of the uneven grasp that is far from rest."""
-    return sp.State.consistent(
-        UNEVEN, fingers=(0.12, 0.09), rotation=0.05, y=0.0735, shear=(4e-4, -3e-4),
-        velocity=(0.2, -0.1, 1.5), finger_rates=(-2.0, 1.2), integral=(2e-3, -1e-3),
-    )  # fmt: skip
-
-
-@pytest.mark.parametrize("state", [None, moving()], ids=["rest", "moving"])
-def test_a_pid_around_the_open_loop_is_the_closed_loop(state: sp.State | None) -> None:
-    plant, closed = open_and_closed("pid", state)
-    gains = [UNEVEN.control[k] for k in range(2)]  # type: ignore[index]
-    kp, kd, ki = (np.diag([getattr(pid, name) for pid in gains]) for name in ("kp", "kd", "ki"))
-    angle, rate = np.eye(12)[3:5], np.eye(12)[8:10]
-    feedback = np.hstack([-kp @ angle - kd @ rate, -ki])  # of the states and the integrals
-    a, b, c, d = plant.A, plant.B[:, :2], plant.C, plant.D[:, :2]
-    widened = np.hstack([c, np.zeros((20, 2))])
-    a = np.block([[a, np.zeros((12, 2))], [angle, np.zeros((2, 2))]])
-    a[:12] += b @ feedback
-    assert same_poles(np.linalg.eigvals(a), closed.poles) <= 1e-11
-    inputs = np.block([[b @ kp, plant.B[:, 2:]], [-np.eye(2), np.zeros((2, 3))]])
-    loop = np.block([[a, inputs], [widened + d @ feedback, np.hstack([d @ kp, plant.D[:, 2:]])]])
-    columns = sizes(UNEVEN, closed.state_units + closed.input_units)
-    assert off(loop, whole(closed), columns) <= 1e-11
-
-
-def test_driven_fingers_are_the_open_loop_with_the_fingers_eliminated() -> None:
-    """The torques follow from the wanted accelerations, which the open loop has as rows."""
-    plant, driven = open_and_closed("driven")
-    kept, angles, rates = [0, 1, 2, 5, 6, 7, 10, 11], [3, 4], [8, 9]
-    inverse = np.linalg.inv(plant.B[rates, :2])
-    full = whole(plant)
-    torque = np.hstack([-inverse @ plant.A[rates], np.zeros((2, 5))])
-    torque[:, 14:] = -inverse @ plant.B[rates, 2:]
-    by = full.copy()
-    by[:, 12:14] = 0.0
-    by += full[:, 12:14] @ torque
-    acceleration = full[:, 12:14] @ inverse
-    rows = [*kept, *range(12, 32)]
-    columns = [by[:, kept], by[:, angles], by[:, rates], acceleration, by[:, 14:]]
-    eliminated = np.hstack(columns)[rows]
-    weights = sizes(UNEVEN, driven.state_units + driven.input_units)
-    assert off(eliminated, whole(driven), weights) <= 1e-10
-
-
 def test_the_open_loop_does_not_depend_on_the_law() -> None:
-    models = [open_and_closed(law)[0] for law in ("pid", "torque", "driven")]
+    models = [
+        sp.linearize(*resting(law), ("torque", "force"), EVERY_OUTPUT)
+        for law in ("pid", "torque", "driven")
+    ]
     weights = sizes(UNEVEN, models[0].state_units + models[0].input_units)
     for model in models[1:]:
         assert off(whole(model), whole(models[0]), weights) <= 1e-9
         np.testing.assert_allclose(model.input_values, models[0].input_values, rtol=1e-9)
-    assert models[1] == open_and_closed("torque")[1]
 
 
 def test_a_sampled_controller_is_opened_at_its_torques_in_force() -> None:
@@ -107,11 +46,11 @@ def test_a_sampled_controller_is_opened_at_its_torques_in_force() -> None:
         assert replace(model, state=bare) == sp.linearize(fed, bare)
 
 
-def step_error(law: str, size: float, reduced: bool) -> float:
+def step_error(law: str, size: float) -> float:
     """Distance of the outputs' change from the linear one 20 ms after a step in every input."""
     scene, state = resting(law)
     wanted = ("force",) if law == "driven" else ALL
-    model = sp.linearize(scene, state, wanted, EVERY_OUTPUT, reduced=reduced)
+    model = sp.linearize(scene, state, wanted, EVERY_OUTPUT)
     amounts = {"rad": 1e-2, "N m": 5e-2, "N": 1.0}
     step = size * np.array([amounts[unit] for unit in model.input_units])
     step *= np.linspace(0.4, 1.0, len(step))
@@ -138,43 +77,10 @@ def step_error(law: str, size: float, reduced: bool) -> float:
 
 
 @pytest.mark.parametrize("law", ["pid", "torque", "driven"])
-@pytest.mark.parametrize("reduced", [False, True])
-def test_step_responses_differ_from_the_motion_by_the_square_of_the_step(
-    law: str, reduced: bool
-) -> None:
-    errors = [step_error(law, size, reduced) for size in (1.0, 0.5, 0.25)]
+def test_step_responses_differ_from_the_motion_by_the_square_of_the_step(law: str) -> None:
+    errors = [step_error(law, size) for size in (1.0, 0.5, 0.25)]
     orders = np.log2(errors[:-1]) - np.log2(errors[1:])
     assert (np.abs(orders - 2.0) < 0.25).all(), (errors, orders)
-
-
-@settings(max_examples=20)
-@given(data=st.data(), law=st.sampled_from(["pid", "driven"]))
-def test_mirrored_scenes_have_mirrored_models(data: Any, law: str) -> None:
-    scene = data.draw(strategies.scenes(duration=0.5, fingers=law))
-    if law == "driven":
-        drawn = {"shear": (1e-4, -3e-4), "velocity": (0.1, 0.2, 1.0), "rotation": 0.05}
-        angles = scene.schedule.target(0.2)
-        state = sp.State.consistent(scene, fingers=angles, time=0.2, **drawn)
-    else:
-        state = replace(data.draw(strategies.consistent_states(scene)), time=0.2)
-    image = mirrored(replace(scene, initial=state))
-    ours = sp.linearize(scene, state, ALL, EVERY_OUTPUT)
-    theirs = sp.linearize(image, image.start(), ALL, EVERY_OUTPUT)
-    rows, row_signs = _reflection(ours.states, ours.outputs)
-    columns, signs = _reflection(ours.states, ours.inputs)
-    reflected = whole(theirs)[np.ix_(rows, columns)] * row_signs[:, None] * signs
-    assert off(reflected, whole(ours), sizes(scene, ours.state_units + ours.input_units)) <= 1e-9
-
-
-def _reflection(*parts: tuple[str, ...]) -> tuple[list[int], Floats]:
-    """The index of each quantity in the mirror image, and its sign there."""
-    places: list[int] = []
-    for names in parts:
-        swapped = [name.translate(str.maketrans("12", "21")) for name in names]
-        places += [len(places) + names.index(name) for name in swapped]
-    plain = [name.removeprefix("rate of ") for names in parts for name in names]
-    signs = [-1.0 if name in ("x", "theta", "force_x", "moment") else 1.0 for name in plain]
-    return places, np.array(signs)
 
 
 @settings(max_examples=20)

@@ -1,4 +1,4 @@
-"""A, B, C and D beside derivatives that share no code with the core's."""
+"""A, B, C and D beside derivatives that share no code with the core's, and the operating point."""
 
 from dataclasses import replace
 from typing import Any
@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 import scenes as shared
 import softpinch as sp
-from linear_reference import EVERY_OUTPUT, derivatives, inputs_of, off, sizes, whole
+from linear_reference import EVERY_OUTPUT, inputs_of, linearized, off, sizes, whole
+from resting import resting
 from softpinch import strategies
 
 # Law of the scene, and whether torques feed the fingers in the model.
@@ -52,55 +53,24 @@ def test_matrices_are_the_derivatives_of_independent_equations(
     scene, state = data.draw(operating_points(law))
     own = "torque" if open_loop else law
     model = sp.linearize(scene, state, inputs_of(own, scene), EVERY_OUTPUT)
-    expected = derivatives(scene, own, model.state_values, model.input_values)
+    rates, outputs, expected = linearized(scene, own, model.state_values, model.input_values)
     columns = sizes(scene, model.state_units + model.input_units)
     assert off(whole(model), expected, columns) <= 1e-9
-
-
-@pytest.mark.parametrize(("law", "open_loop"), LAWS)
-@settings(max_examples=10)
-@given(data=st.data())
-def test_the_operating_point_is_the_scenes(law: str, open_loop: bool, data: Any) -> None:
-    scene, state = data.draw(operating_points(law))
-    own = "torque" if open_loop else law
-    model = sp.linearize(scene, state, inputs_of(own, scene), EVERY_OUTPUT)
-    terms = sp.evaluate(
-        scene, state.time, model.output_values[:9], _rates(model, scene), state.integral,
-        formulation="nullspace",
-    )  # fmt: skip
-    found = dict(zip(model.outputs, model.output_values, strict=True))
+    np.testing.assert_allclose(model.state_rates, rates, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(model.output_values, outputs, rtol=1e-9, atol=1e-9)
     inputs = dict(zip(model.inputs, model.input_values, strict=True))
-    rates = dict(zip(model.states, model.state_rates, strict=True))
-    torque = terms.forces.control[3:5]
-    acceleration = terms.accelerations
-    for k, name in enumerate(("x", "y", "theta", "theta_1", "theta_2")):
-        if f"rate of {name}" in rates:
-            limit = 1e-9 * (1.0 + abs(acceleration[k]))
-            assert abs(rates[f"rate of {name}"] - acceleration[k]) <= limit
-    for i in range(2):
-        multiplier = found[f"lambda_{i + 1}^H"]
-        assert abs(multiplier - terms.multipliers[i]) <= 1e-9 * (1.0 + abs(multiplier))
-        assert abs(found[f"torque_{i + 1}"] - torque[i]) <= 1e-9 * (1.0 + abs(torque[i]))
-        name, value = ("torque", torque) if own == "torque" else ("target", terms.target)
-        assert abs(inputs[f"{name}_{i + 1}"] - value[i]) <= 1e-9 * (1.0 + abs(value[i]))
+    # Driven fingers move at the rates of the schedule.
+    moving = np.array(outputs[-5:])
+    q, at_rest = model.output_values[:9], np.zeros(9)
+    phi = sp.evaluate(scene, state.time, q, at_rest).constraint_matrix[:, :5]
+    p = [*moving, *(-phi @ moving)]
+    terms = sp.evaluate(scene, state.time, q, p, state.integral, formulation="nullspace")
+    name, value = (
+        ("torque", terms.forces.control[3:5]) if own == "torque" else ("target", terms.target)
+    )
+    np.testing.assert_allclose([inputs[f"{name}_{i}"] for i in (1, 2)], value, rtol=1e-9, atol=1e-9)
     external = [inputs[name] for name in ("force_x", "force_y", "moment")]
     np.testing.assert_array_equal(external, terms.forces.external[:3])
-
-
-def _rates(model: sp.LinearModel, scene: sp.Scene) -> np.ndarray:
-    """The rates of the coordinates at the operating point, which satisfy Phi p = 0."""
-    values = model.output_values
-    rates = dict(zip(model.outputs, values, strict=True))
-    return sp.State.consistent(
-        scene,
-        x=values[0],
-        y=values[1],
-        rotation=values[2],
-        fingers=values[3:5],
-        shear=values[7:9],
-        velocity=[rates[f"rate of {name}"] for name in ("x", "y", "theta")],
-        finger_rates=[rates[f"rate of {name}"] for name in ("theta_1", "theta_2")],
-    ).p
 
 
 def test_driven_inputs_are_angle_rate_and_acceleration_of_the_schedule() -> None:
@@ -114,3 +84,46 @@ def test_driven_inputs_are_angle_rate_and_acceleration_of_the_schedule() -> None
     np.testing.assert_allclose(model.input_values[4:], acceleration, rtol=1e-3, atol=1e-3)
     np.testing.assert_array_equal(model.D, np.eye(6)[:2])
     np.testing.assert_array_equal(model.C, np.zeros((2, 8)))
+
+
+def test_without_a_state_it_is_the_equilibrium_under_frozen_inputs() -> None:
+    scene, state = resting("driven")
+    angles = state.q[3:5]
+    moving = sp.Schedule.minimum_jerk([0.0, 1.0], [angles - 0.1, angles], 0.5)
+    sine = sp.Sine(frequency_hz=3.0, force=(1.0, 2.0), moment=0.1, phase=1.0)
+    shaken = replace(scene, schedule=moving, disturbances=[sine], duration=2.0)
+    choice = (("targets", "force"), "multipliers")
+    model = sp.linearize(shaken, None, *choice)
+    assert model.state == sp.equilibrium(shaken).state and model.state.time == 2.0
+    assert model == sp.linearize(scene, model.state, *choice)
+    own = sp.linearize(shaken, model.state, *choice)
+    assert own.input_values[6:].all() and not model.input_values[6:].any()
+
+
+@pytest.mark.parametrize("law", ["pid", "torque", "driven"])
+def test_an_equilibrium_is_at_rest_and_has_the_same_eigenvalues(law: str) -> None:
+    scene, _ = resting(law)
+    model = sp.linearize(scene, reduced=True)
+    assert np.abs(model.state_rates).max() <= 1e-9 * np.abs(model.poles).max()
+    expected = np.sort_complex(sp.equilibrium(scene).eigenvalues[2:])
+    np.testing.assert_allclose(np.sort_complex(model.poles), expected, rtol=1e-6)
+
+
+def test_an_equal_scene_is_that_of_the_equilibrium() -> None:
+    scene = sp.Scene()
+    found = sp.equilibrium(scene)
+    assert sp.linearize(replace(scene), found) == sp.linearize(scene, found)
+    # A state may be linearised under any.
+    heavier = scene.with_({"grasped.mass": 0.2})
+    assert np.abs(sp.linearize(heavier, found.state).state_rates).max() > 1.0
+
+
+def test_an_equilibrium_with_unilateral_contact_has_the_model_of_sticking_tips() -> None:
+    real = replace(sp.Scene(), contact="unilateral", friction=0.5)
+    sticking = replace(real, contact="bilateral")
+    found = sp.equilibrium(real)
+    model = sp.linearize(real, found, ("targets", "force"))
+    assert model == sp.linearize(sticking, sp.equilibrium(sticking), ("targets", "force"))
+    # The contact is no other scene, in either direction.
+    assert model == sp.linearize(sticking, found, ("targets", "force"))
+    assert model == sp.linearize(real, sp.equilibrium(sticking), ("targets", "force"))

@@ -215,11 +215,6 @@ def test_the_default_directions_and_the_weakest_of_them() -> None:
     assert short.size[72] == pytest.approx(24.5 * limits.size[72])
 
 
-def test_a_grasp_that_is_harder_pressed_bears_more() -> None:
-    weakest = [sp.wrench_limits(held(a, friction=0.6)).weakest for a in (1.0, 3.0, 6.0, 9.0)]
-    assert (np.diff(weakest) > 0.0).all()
-
-
 def test_an_equilibrium_or_its_scene() -> None:
     scene = replace(sp.paper.manipulation(), friction=0.5)
     rest = sp.equilibrium(scene, 1.5, grip=(0.001, -0.002))
@@ -251,25 +246,3 @@ def test_a_direction_without_limit_is_infinite() -> None:
     assert limits.limit.tolist()[0] == "none"
     assert limits.wrench[0].tolist() == [0.0, math.inf, 0.0]
     assert limits.size[0] == math.inf and limits.weakest == limits.size[1] < math.inf
-
-
-@pytest.mark.parametrize(
-    ("arguments", "error", "message"),
-    [
-        ({"grasp": 3}, TypeError, "grasp = 3: must be a Scene or an Equilibrium"),
-        ({"directions": [[0.0, 1.0]]}, ValueError, r"directions has shape \(1, 2\)"),
-        ({"directions": [[0.0, 1.0, 0.0], [0.0] * 3]}, ValueError, r"\[1\] = .0, 0, 0.: must"),
-        ({"length": 0.0}, ValueError, "length = 0.0: must be finite and > 0"),
-        ({"grip": (0.0, 0.0), "shear": (0.0, 0.0)}, ValueError, "shear and grip"),
-    ],
-)  # fmt: skip
-def test_bad_arguments(arguments: dict[str, Any], error: type[Exception], message: str) -> None:
-    with pytest.raises(error, match=message):
-        sp.wrench_limits(**{"grasp": offset(), **arguments})
-
-
-def test_arguments_of_the_equilibrium_need_a_scene() -> None:
-    rest = sp.equilibrium(offset())
-    for name, value in {"time": 0.0, "grip": (0.0, 0.0), "near": rest.state}.items():
-        with pytest.raises(ValueError, match=f"{name} = .*the equilibrium has it already"):
-            sp.wrench_limits(rest, **{name: value})  # type: ignore[arg-type]

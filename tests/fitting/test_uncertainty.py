@@ -76,6 +76,8 @@ def test_a_number_without_effect_on_the_data_is_not_determined() -> None:
     unbounded = sp.fit(scene, times, data, {force: None}, dt=DT)
     assert unbounded.intervals[force] == (-np.inf, np.inf)
     assert "a change by 1 N" in unbounded.undetermined[0]
+    profile = sp.fit(scene, times, data, {force: (-5.0, 5.0)}, dt=DT, noise=2e-6).profile(force)
+    assert profile.closed == (False, False) and profile.interval == (-5.0, 5.0)
 
 
 def test_a_value_at_its_bound_is_named() -> None:
@@ -95,15 +97,3 @@ def test_a_profile_is_a_likelihood_ratio() -> None:
     for end in profile.interval:
         held = sp.fit(changed(SCENE, {E: end}), TIMES, data, {C: BOUNDS[C]}, dt=DT, noise=2e-4)
         assert held.chi_squared - fit.chi_squared == pytest.approx(3.841, abs=0.02)
-
-
-def test_a_profile_without_end_is_open() -> None:
-    late = sp.Step(time=0.09, force=(1.0, 0.0))
-    scene = replace(SCENE, disturbances=[late])
-    times = TIMES[TIMES < 0.085]
-    force = "disturbances.0.force.0"
-    data = columns(motion(scene), "y", times=times)
-    fit = sp.fit(scene, times, data, {force: (-5.0, 5.0)}, dt=DT, noise=1e-5)
-    profile = fit.profile(force)
-    assert profile.closed == (False, False)
-    assert profile.interval == (-5.0, 5.0)

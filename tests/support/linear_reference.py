@@ -77,14 +77,12 @@ def driven(scene: sp.Scene) -> Callable[[Any, Any], tuple[list[Any], list[Any]]]
     return evaluate
 
 
-def equations(scene: sp.Scene, law: str) -> Callable[[Any, Any], tuple[list[Any], list[Any]]]:
-    """The equations of the scene when `law` moves its fingers."""
-    return driven(scene) if law == "driven" else actuated(scene, law)
+def linearized(scene: sp.Scene, law: str, x: Floats, u: Floats) -> tuple[Any, Any, Floats]:
+    """Rates and outputs at these states and inputs, and their derivatives [[A, B], [C, D]].
 
-
-def derivatives(scene: sp.Scene, law: str, x: Floats, u: Floats) -> Floats:
-    """[[A, B], [C, D]] at these states and inputs."""
-    evaluate = equations(scene, law)
+    `law` moves the fingers, whatever the scene says.
+    """
+    evaluate = driven(scene) if law == "driven" else actuated(scene, law)
     point = np.concatenate([x, u]).astype(complex)
     columns = []
     for k in range(len(point)):
@@ -92,7 +90,7 @@ def derivatives(scene: sp.Scene, law: str, x: Floats, u: Floats) -> Floats:
         moved[k] += 1j * STEP
         rates, outputs = evaluate(moved[: len(x)].tolist(), moved[len(x) :].tolist())
         columns.append(np.imag([*rates, *outputs]) / STEP)
-    return np.transpose(columns)
+    return np.real(rates), np.real(outputs), np.transpose(columns)
 
 
 def whole(model: sp.LinearModel) -> Floats:
