@@ -1,6 +1,6 @@
 //! Mechanisms: what carries a tip, and where it puts the tip for a finger's coordinate.
 //!
-//! A new mechanism is a file in `mechanism/` with a function `arm` like [`OneLink::arm`], and an entry of [`Mechanism`].
+//! A new mechanism is a file in `mechanism/` with a function `arm` like `OneLink::arm`, and an entry of [`Mechanism`].
 
 mod one_link;
 
