@@ -14,10 +14,16 @@ from typing import Any, TypeAlias
 
 import pytest
 from hypothesis import HealthCheck, settings
+from hypothesis.internal.conjecture import providers
 
 from softpinch import _core
 
 HERE = Path(__file__).parent
+
+# Hypothesis also draws numbers that it reads in the modules that are loaded, which depend on the
+# tests that a worker happened to run before. No setting turns that off.
+if hasattr(providers, "_get_local_constants"):
+    providers._get_local_constants = lambda: providers._local_constants
 
 settings.register_profile(
     "house",
