@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import softpinch as sp
@@ -211,12 +211,24 @@ def test_parameters_over_twelve_decades_end_in_a_status_whatever_the_pair(
     assert time.process_time() - begin < 5.0
 
 
+# Huge tips on short fingers: the motion multiplies a difference of the mass by ten million.
+CHAOTIC = sp.Scene(
+    hand=sp.Hand(
+        right=sp.Finger(length=0.00762, root_offset=2.029, inertia=0.058),
+        left=sp.Finger(length=0.00762, root_offset=1.429, inertia=0.058),
+        tip=sp.Fingertip(radius=2.0, youngs_modulus=3e7, normal_viscosity=1.0),
+    ),
+    duration=0.05,
+)
+
+
 @settings(max_examples=200)
 @given(
     strategies.scenes(duration=0.05, spread=2.0),
     st.sampled_from(_core.FORMULATIONS),
     st.sampled_from(_core.ADAPTIVE_METHODS),
 )
+@example(scene=CHAOTIC, formulation="csm", method="dop853")
 def test_completed_runs_of_random_scenes_are_right(
     scene: sp.Scene, formulation: str, method: str
 ) -> None:
@@ -236,7 +248,7 @@ def test_completed_runs_of_random_scenes_are_right(
     scale = scaled_error.scales("q", exact.q, scaled_error.usual(scene))
     error = float(scaled_error.by_row(run.q[-1:], exact.q[-1:], scale)[0])
     if error >= 1e-3:
-        # Only chaos excuses it: a mass that differs in its eleventh digit ends elsewhere too.
-        mass = scene.grasped.mass * (1.0 + 1e-10)
+        # Only chaos excuses it: a mass that differs by the tolerance ends elsewhere too.
+        mass = scene.grasped.mass * (1.0 + 1e-7)
         nudged = sp.simulate(replace(scene, grasped=replace(scene.grasped, mass=mass)), **how)
         assert float(scaled_error.by_row(nudged.q[-1:], exact.q[-1:], scale)[0]) > 0.1 * error
