@@ -9,6 +9,7 @@ import shutil
 import signal
 import sys
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -61,6 +62,14 @@ def pytest_configure(config: pytest.Config) -> None:
             compileall.compile_dir(folder, quiet=2)
 
 
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Figures are saved coarsely, but in the tests of figures."""
+    if find_spec("matplotlib"):
+        import rough_figures
+
+        rough_figures.use("plot" not in item.path.parts)
+
+
 Hide: TypeAlias = Callable[[str], None]
 
 
@@ -98,22 +107,6 @@ def simd_level(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
 def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """A study's folder has a part for every piece that was computed."""
     monkeypatch.setattr("softpinch.store.folder.GATHER_SECONDS", 0.0)
-
-
-@pytest.fixture
-def rough_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Saved figures are drawn once and coarsely, and not laid out, which takes most of their time.
-
-    For tests of what is saved, and when; those of tests/plot are about what is drawn.
-    """
-    figure = pytest.importorskip("matplotlib.figure").Figure
-    save = figure.savefig
-
-    def savefig(self: Any, *arguments: Any, **options: Any) -> None:
-        self.set_layout_engine("none")
-        save(self, *arguments, **{**options, "dpi": 50})
-
-    monkeypatch.setattr(figure, "savefig", savefig)
 
 
 @pytest.fixture(scope="session")

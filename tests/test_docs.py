@@ -46,6 +46,8 @@ STEPS = {"README.md": ("dt=2e-4", "dt=5e-4"), "scale-out.md": ("dt=2e-4", "dt=1e
 # Runs scripts one after the other; what each prints goes into a file beside it.
 TOGETHER = """
 import contextlib, runpy, sys
+import rough_figures
+rough_figures.use(True)
 for script in sys.argv[1:]:
     with open(script + ".out", "w", encoding="utf-8") as out, contextlib.redirect_stdout(out):
         runpy.run_path(script, run_name="__main__")

@@ -275,7 +275,6 @@ def test_the_figure_has_a_panel_for_each_pair_and_says_what_it_shows(
     assert sp.plot.save(figure, tmp_path / "map.png").stat().st_size > 10_000
 
 
-@pytest.mark.usefixtures("rough_figures")
 @pytest.mark.parametrize(
     ("axis", "values", "how", "seen"),
     [

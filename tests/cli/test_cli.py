@@ -172,7 +172,6 @@ def test_ctrl_c_is_exit_code_130(scene: Path, monkeypatch: pytest.MonkeyPatch) -
     assert call("reproduce")[0] == 130
 
 
-@pytest.mark.usefixtures("rough_figures")
 def test_reproduce_leaves_its_files(tmp_path: Path) -> None:
     code, out, err = call("reproduce", "--out", tmp_path / "new", "--format", "pdf", "--dt", "5e-4")
     assert (code, err) == (0, "")

@@ -144,12 +144,13 @@ def test_at_the_right_end_of_a_piece_its_own_limit_holds() -> None:
 
 
 def test_multipliers_at_a_switch_are_those_after_it_but_at_the_end_those_before() -> None:
-    scene = replace(sp.paper.manipulation(), duration=1.0)
-    before = reference(scene, [1.0])
-    scene = replace(scene, duration=1.1)
-    after = reference(scene, [1.0])
+    steps = sp.Schedule.steps([0.0, 0.02], np.deg2rad([[4.0, 4.0], [10.0, -2.0]]))
+    scene = sp.Scene(schedule=steps, duration=0.02)
+    before = reference(scene, [0.02])
+    scene = replace(scene, duration=0.021)
+    after = reference(scene, [0.02])
     np.testing.assert_allclose(before.q, after.q, atol=1e-14)
     assert abs(before.multipliers - after.multipliers).max() > 1.0
     # One that misses the switch by a unit in the last place is still at it.
-    nearly = reference(scene, [np.nextafter(1.0, 0)])
+    nearly = reference(scene, [np.nextafter(0.02, 0)])
     np.testing.assert_array_equal(nearly.multipliers, after.multipliers)

@@ -244,7 +244,6 @@ def test_at_a_coarse_step_the_claim_about_residuals_fails() -> None:
     assert findings[failed[0]].value > 1e-8
 
 
-@pytest.mark.usefixtures("rough_figures")
 def test_with_an_unstable_step_no_claim_holds_and_nothing_raises(tmp_path: Path) -> None:
     with pytest.warns(sp.StabilityWarning):
         result = reproduce(tmp_path, dt=5e-3)

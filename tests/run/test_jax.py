@@ -4,6 +4,7 @@ JAX computes on threads, which do not survive a fork: tests of executors that fo
 ever in a process that has used it.
 """
 
+import os
 import re
 import subprocess
 import sys
@@ -21,6 +22,7 @@ def test_the_layer_for_jax() -> None:
     done = subprocess.run(
         [*command, Path(__file__).with_name("jax_layer.py")],
         cwd=TESTS.parent,
+        env={**os.environ, "XLA_FLAGS": "--xla_backend_optimization_level=0"},  # compiles faster
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

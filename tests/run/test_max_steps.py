@@ -112,7 +112,6 @@ def test_bad_values_are_refused(how: dict[str, Any], error: type[Exception], mes
         sp.monte_carlo(SCENE, 2, progress=False, **how)
 
 
-@pytest.mark.usefixtures("rough_figures")
 def test_a_study_file_has_it_and_a_step_takes_its_place(tmp_path: Path) -> None:
     pytest.importorskip("tomli_w")
     path = tmp_path / "study.toml"

@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import rough_figures
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 # An example's step and a longer one for tests, which need not compute its thousands of runs with
 # its accuracy.
@@ -20,7 +22,8 @@ def run_example(script: str, folder: Path, *options: str) -> str:
         assert of_example in text
         file = folder / script
         file.write_text(text.replace(of_example, of_test), encoding="utf-8")
-    command = [sys.executable, "-W", "error", str(file), str(picture), *options]
+    rough = rough_figures.__file__
+    command = [sys.executable, "-W", "error", rough, str(file), str(picture), *options]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, done.stderr
     assert picture.stat().st_size > 1000
