@@ -122,7 +122,7 @@ def attempt(path: Path, sent: signal.Signals, blocks: int, wait: float) -> str:
     return said.rstrip().rpartition("\n")[2]
 
 
-@pytest.mark.parametrize(("sent", "times"), [(signal.SIGKILL, 8), (signal.SIGINT, 4)])
+@pytest.mark.parametrize(("sent", "times"), [(signal.SIGKILL, 5), (signal.SIGINT, 3)])
 def test_a_study_that_is_ended_again_and_again_comes_to_the_same_table(
     sent: signal.Signals, times: int, tmp_path: Path
 ) -> None:
