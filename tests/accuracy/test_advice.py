@@ -232,7 +232,8 @@ def test_a_sampled_controller_has_advice() -> None:
     assert advice.met, advice.message
     equal = replace(advice, dt=advice.equal.dt, step_tolerance=None, method=advice.equal.method)
     run = equal.simulate()
-    assert run.success
+    # An advised dt may be longer than the period of 1e-3 s (radau5: 0.09 s); no step is.
+    assert run.success and np.diff(run.t).max() <= 1e-3 * (1.0 + 1e-9)
     exact = sp.simulate(scene, tolerance=1e-12, method="rosenbrock", times=run.t)
     np.testing.assert_allclose(run.q, exact.q, rtol=0.0, atol=1e-3 * np.abs(exact.q).max())
     alone = sp.advise(scene, 1e-3, methods="rk4", budget=math.inf)

@@ -253,24 +253,6 @@ def test_a_run_that_a_violation_ends_is_a_failure() -> None:
     assert found.rows[0].error == math.inf
 
 
-def test_a_scene_at_rest_has_a_reference() -> None:
-    scene = sp.Scene(duration=4.0)
-    settled = sp.simulate(scene, dt=2e-4, formulation="nullspace").state(-1)
-    resting = replace(scene, initial=replace(settled, grid=None), duration=0.2)
-    found = sp.work_precision(
-        resting, formulations="nullspace", methods="rk4", dt=[1e-3], tolerances=(), progress=False
-    )
-    assert found.rows[0].along < 1e-9
-
-
-def test_a_grasp_that_is_lost_has_no_reference() -> None:
-    lost = stress.CASES["thrown_out"].scene
-    with pytest.raises(RuntimeError, match="t = "):
-        sp.work_precision(
-            replace(lost, duration=1.0), methods="rk4", dt=[1e-4], tolerances=(), progress=False
-        )
-
-
 def test_ctrl_c_is_no_measurement(monkeypatch: pytest.MonkeyPatch) -> None:
     class Interrupted:
         def __init__(self, simulation: Any) -> None:

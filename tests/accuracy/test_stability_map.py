@@ -137,25 +137,18 @@ def test_blows_that_tear_the_object_out_are_right_to_end_early() -> None:
 
 def test_a_function_may_change_anything_between_values() -> None:
     def at(value: float) -> sp.Scene:
-        """Schedules with other numbers of switches, another duration, another push."""
+        """Other numbers of switches, another duration, another push, and driven fingers at 1."""
         times = np.arange(int(value)) * 0.005
         angles = np.deg2rad(np.column_stack([6.0 + times * 100, 5.0 + 0 * times]))
         push = [sp.Step(time=0.01, force=(value, 0.0))] if value > 1 else []
         return replace(
             SCENE, schedule=sp.Schedule.steps(times, angles), disturbances=push,
-            duration=0.01 * (1 + value),
+            duration=0.01 * (1 + value), fingers="pid" if value > 1 else "driven",
         )  # fmt: skip
 
     found = small(at, [1.0, 2.0, 3.0])
     assert (found.axis, found.unit) == ("at", "1")
     assert_cells_are_runs(found, at)
-
-
-def test_a_function_may_change_how_the_fingers_are_moved() -> None:
-    def at(value: float) -> sp.Scene:
-        return replace(SCENE, fingers="pid" if value < 1.5 else "driven")
-
-    assert_cells_are_runs(small(at, [1.0, 2.0], pairs=PAIRS[:2]), at)
 
 
 def test_a_path_changes_that_number_and_leaves_noise_its_seed() -> None:

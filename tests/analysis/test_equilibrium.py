@@ -1,20 +1,17 @@
 """Equilibria: all forces balance, a simulation stays, and the family is complete."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from scipy.optimize import root
 
 import oracle
 import softpinch as sp
-from resting import SIZES, UNKNOWNS, left_over
 from softpinch import strategies
 from softpinch.support.arrays import Floats
-from transforms import Units, mirrored, mirrored_coordinates
+from transforms import Units
 
 LAWS = ("pid", "pid without integral", "torque", "driven")
 # A run stays at an unstable equilibrium as long as deviations grow by less than exp of this.
@@ -169,26 +166,6 @@ def test_neutral_directions_are_the_tangent_of_the_family(data: st.DataObject, l
         assert np.abs((direction - best) * lengths).max() < allowed
 
 
-@given(data=st.data(), law=st.sampled_from(LAWS))
-@settings(max_examples=10, deadline=None)
-def test_the_mirror_image_is_the_equilibrium_of_the_mirrored_scene(
-    data: st.DataObject, law: str
-) -> None:
-    scene = data.draw(resting_scenes(law))
-    here, there = sp.equilibrium(scene), sp.equilibrium(mirrored(scene))
-    assert here.status == there.status
-    if here.state is None or there.state is None:
-        return
-    assume(here.stable and there.stable)
-    assert np.abs(mirrored_coordinates(there.state.q) - here.state.q).max() < 1e-11
-    turned = np.diag([-1.0, 1.0, -1.0])
-    scale = np.sqrt(np.abs(np.outer(np.diag(here.stiffness), np.diag(here.stiffness))))
-    change = np.abs(turned @ there.stiffness @ turned - here.stiffness) / scale
-    assert change.max() < 1e-9
-    assert there.grip[::-1] == pytest.approx(here.grip, abs=1e-12)
-    assert there.energy == pytest.approx(here.energy, rel=1e-12)
-
-
 @given(data=st.data(), exponents=st.tuples(*[st.integers(-3, 3)] * 3))
 @settings(max_examples=10, deadline=None)
 def test_other_units_give_the_same_bits(
@@ -204,19 +181,6 @@ def test_other_units_give_the_same_bits(
     assert np.array_equal(there.multipliers, here.multipliers * units.of(1, 1, -2))
     assert there.energy == here.energy * units.of(2, 1, -2)
     assert there.stable == here.stable and there.minimum == here.minimum
-
-
-@given(data=st.data())
-@settings(max_examples=10, deadline=None)
-def test_a_general_solver_finds_the_same_state(data: st.DataObject) -> None:
-    """SciPy on `sp.evaluate`, with the grip as two more equations, from a start nearby."""
-    scene = data.draw(resting_scenes("pid"))
-    found = sp.equilibrium(scene)
-    assume(found.state is not None and found.stable)
-    assert found.state is not None
-    start = found.state.q[UNKNOWNS] / SIZES
-    theirs = root(partial(left_over, scene, np.zeros(2)), start + 1e-3, tol=1e-13)
-    assert np.abs(theirs.x - start).max() < 1e-9
 
 
 def test_forces_hold_as_they_are_at_the_instant() -> None:

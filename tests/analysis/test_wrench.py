@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import softpinch as sp
 from resting import held
-from transforms import Units, mirrored
+from transforms import Units
 
 # Every violation that a limit can be.
 STOPS = ("pulling", "slipping", "off_face", "separated", "crushed", "folded")
@@ -155,15 +155,6 @@ def test_a_part_of_the_wrench_that_acts_already_is_missing_at_the_limit(
     assert part.magnitude[0] == pytest.approx(
         (1.0 - share) * whole.magnitude[0], abs=WAY * whole.magnitude[0]
     )
-
-
-def test_the_mirror_image_bears_the_mirrored_wrenches() -> None:
-    scene = replace(offset(), friction=(0.5, 0.7))
-    limits, image = sp.wrench_limits(scene), sp.wrench_limits(mirrored(scene))
-    angles = np.arange(72)
-    order = [*((36 - angles) % 72), 73, 72]
-    np.testing.assert_allclose(image.magnitude[order], limits.magnitude, rtol=1e-9)
-    np.testing.assert_array_equal(image.limit[order], limits.limit)
 
 
 def test_other_units_by_powers_of_two_give_the_same_bits() -> None:

@@ -1,6 +1,5 @@
 """`softpinch run` of a capsule: as in the study, or how it differs."""
 
-import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -102,17 +101,6 @@ def test_a_run_that_differs_from_the_study_is_said_with_both(file: Write) -> Non
         f"the study's bits are those of results version {_core.RESULTS_VERSION - 1}, th"
     )
     assert out.splitlines()[-1] == f"as in the study: run 0 {ended}"
-
-
-def test_a_bad_capsule_is_one_line(file: Write) -> None:
-    path = file(study("mass").failures()[0])
-    text = path.read_text(encoding="utf-8")
-    assert tomllib.loads(text)["capsule"]["status"] == "separated"
-    path.write_text(text.replace('"separated"\ntime', '"gone"\ntime'), encoding="utf-8")
-    code, out, err = call("run", path)
-    assert (code, out) == (2, "")
-    assert err.startswith(f"error: {path}: Capsule.status = 'gone': must be one of")
-    assert err.count("\n") == 1
 
 
 @pytest.mark.parametrize("text", ["[study]\nruns = 3", 'paper = "ii"', '[vary]\n"gravity" = [9.8]'])

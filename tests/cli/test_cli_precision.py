@@ -7,7 +7,6 @@ import pytest
 import softpinch as sp
 from cli_calls import call
 from softpinch import stress
-from unilateral_scenes import regripped
 
 
 @pytest.fixture
@@ -76,17 +75,3 @@ def test_a_lost_grasp_has_no_reference(tmp_path: Path) -> None:
     code, text, err = call("work-precision", lost, "--methods", "rk4", "--out", tmp_path / "o")
     assert code == 1
     assert "no reference" in err
-
-
-def test_nullspace_is_left_out_of_unilateral_contact(tmp_path: Path) -> None:
-    scene = tmp_path / "scene.toml"
-    scene.write_text(regripped(duration=0.025).to_toml(), encoding="utf-8")
-    options = ("--methods", "rk4", "--dt", "1e-4", "2e-4", "2", "--out", tmp_path)
-    code, said, err = call("work-precision", scene, *options)
-    assert (code, err) == (0, "")
-    table = (tmp_path / "work_precision.csv").read_text(encoding="utf-8")
-    assert "projected" in table and "nullspace" not in table
-    assert "the core's own runs" in said + table
-    code, said, err = call("work-precision", scene, "--formulations", "nullspace", *options)
-    assert (code, said) == (2, "")
-    assert 'formulations = "nullspace": must be one of' in err

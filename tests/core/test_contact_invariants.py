@@ -4,7 +4,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
@@ -19,7 +18,6 @@ from contact_scenes import (
     settled,
     within,
 )
-from ensembles import require_alone
 from transforms import MIRROR_MULTIPLIERS, mirrored, mirrored_coordinates
 
 FIXED = [(method, {"dt": 5e-5}) for method in ("rk4", "dop853", "radau5", "rosenbrock")]
@@ -112,38 +110,3 @@ def test_the_mirror_image_runs_the_mirror_image(scene: sp.Scene) -> None:
         # Where a start that is moved by 1e-9 changes more than that, round-off may, too.
         moved = max(np.abs(near[name] - ours[name]).max(initial=0.0) for near in neighbours)
         np.testing.assert_allclose(theirs[name], ours[name], rtol=0, atol=least + 10 * moved)
-
-
-@pytest.mark.parametrize("method", ["rk4", "dop853", "radau5"])
-@pytest.mark.parametrize("steps", [{"dt": 1e-4}, {"tolerance": 1e-8}], ids=str)
-def test_lanes_and_lone_runs_have_the_same_bits(method: str, steps: dict[str, float]) -> None:
-    """With events in most lanes, at instants of their own."""
-    if method == "rk4" and "tolerance" in steps:
-        pytest.skip("rk4 has no error estimate")
-    push = sp.Pulse(time=0.01, duration=0.006, force=(0.0, 0.0), moment=1.0)
-    scene = sp.Scene(
-        grasped=sp.GraspedObject(height=0.049),
-        disturbances=[push],
-        duration=0.04,
-        contact="unilateral",
-        friction=0.4,
-    )
-    ensemble = sp.monte_carlo(
-        scene,
-        60,
-        seed=3,
-        vary={
-            "disturbances.0.force": sp.Uniform((-150.0, -150.0), (150.0, 150.0)),
-            "friction": sp.Uniform(0.1, 1.0),
-            "hand.right.inertia": sp.Uniform(5e-4, 7e-4),
-            "grasped.com_offset": sp.Uniform(-0.004, 0.004),
-        },
-        method=method,
-        summaries=("final_state",),
-        progress=False,
-        **steps,
-    )
-    changed = 0
-    for run in range(60):
-        changed += bool(require_alone(ensemble, run).contact_changes)
-    assert changed > 40

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import softpinch as sp
-from softpinch import paper, strategies
+from softpinch import strategies
 from wild_scenes import started, wild_scene
 
 STATUSES = {"completed", "separated", "crushed", "folded", "unstable", "not_finite"}
@@ -80,42 +80,6 @@ def test_each_way_of_failing_has_its_status_and_says_which_tip_when() -> None:
     )
     assert noted.violations["separated"] == pulled.t[-1]
     assert noted.t[-1] > pulled.t[-1]
-
-
-def test_pulling_and_the_rim_are_noted_when_the_recorded_rows_first_show_them() -> None:
-    run = sp.simulate(paper.manipulation(duration=2.0), record=("state", "multipliers"))
-    pulls = (run.multipliers[:, :2] < 0).any(axis=1)
-    assert run.violations["pulling"] == run.t[pulls.argmax()] == 1.0
-    assert "rim" not in run.violations
-
-    # A tip tilted by 60 degrees may be compressed by 2.7 mm before its rim touches.
-    scene = sp.Scene(duration=0.01)
-    start = sp.State.consistent(scene, fingers=np.deg2rad([10.0, 10.0]), rotation=np.deg2rad(40.0))
-    run = sp.simulate(replace(scene, initial=start), stop_on=())
-    tilt = run.q[:, 3:5] + run.q[:, 2:3] * [-1.0, 1.0]
-    touches = (run.q[:, 5:7] > 0.02 * (1 - np.sin(np.abs(tilt)))).any(axis=1)
-    assert touches.any()
-    assert run.violations["rim"] == run.t[touches.argmax()]
-
-
-def test_slipping_is_noted_where_a_scene_gives_friction() -> None:
-    frictionless = sp.simulate(sp.Scene(friction=0.0, duration=0.2))
-    assert "slipping" in frictionless.violations
-    assert "slipping" not in sp.simulate(sp.Scene(duration=0.2)).violations
-    run = sp.simulate(sp.Scene(friction=0.3, duration=0.2), record=("multipliers",))
-    demand = np.abs(run.multipliers[:, 2:]) > 0.3 * run.multipliers[:, :2]
-    first = run.t[demand.any(axis=1).argmax()] if demand.any() else None
-    assert run.violations.get("slipping") == first
-
-
-def test_a_push_along_the_faces_takes_a_contact_off_the_shorter_face_first() -> None:
-    push = sp.Step(time=0.1, force=(0.0, 30.0))
-    found = []
-    for height in (2.0e-3, 2.4e-3, 1.0):
-        grasped = sp.GraspedObject(height=height)
-        run = sp.simulate(sp.Scene(grasped=grasped, disturbances=[push], duration=0.3))
-        found.append(run.violations.get("off_face", np.inf))
-    assert 0.0 < found[0] < found[1] < found[2] == np.inf
 
 
 def test_an_overflow_at_the_start_is_not_finite() -> None:

@@ -145,20 +145,6 @@ def test_records_monitors_and_estimates_change_no_bit(
     assert ends(sp.simulate(scene, **how, **OPTIONS[name])) == ends(sp.simulate(scene, **how))
 
 
-@pytest.mark.parametrize("fingers", ("pid", "driven"))
-@pytest.mark.parametrize("how", [{"dt": 2e-4}, {"tolerance": 1e-6, "method": "dop853"}], ids=str)
-def test_summaries_change_no_bit(how: dict[str, Any], fingers: str) -> None:
-    scene = bare(fingers=fingers)
-    vary = {"grasped.mass": sp.Normal(0.1, 0.01)}
-    finals = [
-        sp.monte_carlo(scene, runs=9, vary=vary, summaries=names, progress=False, **how)[
-            "final_state"
-        ]
-        for names in (("final_state",), ("final_state", *_core.SUMMARIES))
-    ]
-    assert finals[0].tobytes() == finals[1].tobytes()
-
-
 def test_steps_cost_what_the_method_says_and_no_more() -> None:
     """Counted work: evaluations a step, none for what is left out."""
     a_step = {"rk4": 4, "dop853": 12}

@@ -165,23 +165,6 @@ def test_an_iteration_that_fails_is_a_status_with_time_and_residual(
     assert np.isfinite(run.q).all()
 
 
-@every_formulation
-@pytest.mark.parametrize("case", ["i", "iii"])
-def test_every_pair_gives_the_same_physics(case: str, formulation: str) -> None:
-    scene = paper.disturbance(case)
-    expected = sp.simulate(scene, formulation="nullspace")
-    for method in _core.METHODS:
-        runs = [sp.simulate(scene, dt=1e-4, method=method, formulation=formulation)]
-        if method in _core.ADAPTIVE_METHODS:
-            runs.append(sp.simulate(scene, tolerance=1e-7, method=method, formulation=formulation))
-        for run in runs:
-            assert run.status == expected.status
-            assert set(run.violations) == set(expected.violations)
-            for name, time in run.violations.items():
-                assert time == pytest.approx(expected.violations[name], abs=2e-3)
-            np.testing.assert_allclose(run.q[-1], expected.q[-1], rtol=0, atol=1e-6)
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 import softpinch as sp
 from oracle.trajectory import Reference, error, reference
 from scenes import SCENES, uneven
-from softpinch import _core, paper, strategies
+from softpinch import paper, strategies
 from transforms import without_noise
 
 
@@ -18,19 +18,6 @@ from transforms import without_noise
 def expected(name: str, times: tuple[float, ...]) -> Reference:
     """One of the scenes, once for all formulations."""
     return reference(SCENES[name], times)
-
-
-@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
-@pytest.mark.parametrize("name", SCENES)
-def test_runs_agree_with_scipy(name: str, formulation: str) -> None:
-    scene = SCENES[name]
-    options = {"dt": 2e-5, "every": 500, "formulation": formulation}
-    run = sp.simulate(scene, record=("state", "multipliers"), **options)
-    assert run.success, run.message
-    errors = error(run, expected(name, tuple(run.t.tolist())))
-    assert errors["q"] < 2e-9, errors
-    assert errors["p"] < 2e-8, errors
-    assert errors["multipliers"] < 2e-8, errors
 
 
 @pytest.mark.slow

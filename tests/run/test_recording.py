@@ -47,14 +47,6 @@ def test_recording_less_changes_nothing_in_what_is_recorded(
         assert less.stats["evaluations"] < full.stats["evaluations"]
 
 
-@pytest.mark.parametrize("every", [1, 2, 3, 10**9])
-def test_the_last_instant_is_always_recorded_and_once(every: int) -> None:
-    run = sp.simulate(some_scene(), dt=5e-4, every=every)
-    assert run.t[0] == 0.0
-    assert run.t[-1] == 0.05
-    assert np.all(np.diff(run.t) > 0)
-
-
 @given(
     st.sampled_from(["pid", "driven"]).flatmap(
         lambda fingers: strategies.scenes(duration=0.03, fingers=fingers)
@@ -78,50 +70,6 @@ def test_a_run_goes_on_from_any_recorded_state_to_the_same_bits(
     if went_on.t[-1] == whole.t[-1]:  # whole.t[k] + rest may round to a neighbour
         np.testing.assert_array_equal(went_on.q, whole.q[k:])
         np.testing.assert_array_equal(went_on.p, whole.p[k:])
-
-
-PROGRAM = """
-import sys
-import softpinch as sp
-from softpinch import _core
-from scenes import some_scene
-sys.stdout.write(_core.simd_level() + "\\n")
-record = ("state", "multipliers", "residuals", "energy")
-for method in _core.METHODS:
-    for formulation in _core.FORMULATIONS:
-        steps = [{"dt": 1e-4}]
-        if method in _core.ADAPTIVE_METHODS:
-            steps += [{"tolerance": 1e-7}, {"tolerance": 1e-6, "times": [0.01, 0.031]}]
-        for options in steps:
-            run = sp.simulate(
-                some_scene(), method=method, formulation=formulation, record=record, **options
-            )
-            for values in (run.t, run.q, run.p, run.multipliers, run.residuals, run.energy.closure):
-                sys.stdout.write(values.tobytes().hex() + "\\n")
-"""
-
-
-def at_level(level: str) -> list[str]:
-    environment = {**os.environ, "SOFTPINCH_SIMD": level}
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM],
-        env=environment,
-        cwd=os.path.dirname(__file__),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if done.returncode:
-        assert "the best that this processor has" in done.stderr, done.stderr
-        pytest.skip(f"this processor has no {level}")
-    used, *bits = done.stdout.split()
-    assert used == level
-    return bits
-
-
-@pytest.mark.parametrize("level", _core.SIMD_LEVELS[1:])
-def test_every_level_of_instructions_gives_the_same_bits(level: str) -> None:
-    assert at_level(level) == at_level(_core.SIMD_LEVELS[0])
 
 
 def test_an_unknown_level_is_refused_by_name() -> None:

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import softpinch as sp
-from softpinch.analysis.states import OUTPUTS, output_ports
-from softpinch.run.stiffness import MEASURED, radius
+from softpinch.run.stiffness import radius
 
 # With this gain the damping takes a free finger's whole rate away within a period.
 DEADBEAT = sp.Finger().inertia / 1e-3
@@ -113,26 +112,6 @@ def test_the_radius_is_the_growth_of_the_distance_of_two_runs(name: str) -> None
     predicted = radius(scene, 0.0, state.q, state.p, torque)
     assert predicted > 1.01
     assert np.log(predicted) == pytest.approx(slope, rel=0.1)
-
-
-def test_measures_are_where_the_linear_model_has_them() -> None:
-    ports = output_ports(OUTPUTS)
-    names = dict(zip(ports.places, ports.names, strict=True))
-    found = {measure: [names[k] for k in places] for measure, places in MEASURED.items()}
-    angles = ["theta_1", "theta_2"]
-    assert found == {
-        "angle": angles,
-        "angle_error": angles,
-        "angle_rate": [f"rate of {name}" for name in angles],
-        "position": ["x", "y"],
-        "velocity": ["rate of x", "rate of y"],
-        "rotation": ["theta"],
-        "rotation_rate": ["rate of theta"],
-        "compression": ["d_n1", "d_n2"],
-        "shear": ["d_t1", "d_t2"],
-        "multipliers": ["lambda_1^H", "lambda_2^H", "lambda_1^N", "lambda_2^N"],
-    }
-    assert sp._core.MEASURES.keys() - found.keys() == {"target", "target_rate"}
 
 
 @pytest.mark.parametrize(

@@ -10,13 +10,12 @@ from hypothesis import strategies as st
 
 import derivative_paths as paths_of
 import softpinch as sp
-from derivative_differences import difference, of
-from derivative_scenes import LOADS, SHARED, entries, moving, shared, uneven
+from derivative_differences import of
+from derivative_scenes import LOADS, uneven
 from differences import changed
 from softpinch import _core, strategies
 from softpinch.run.ledger import LEDGER
 from softpinch.run.options import STOP_ON
-from transforms import MIRROR_MULTIPLIERS, MIRROR_ORDER, MIRROR_SIGN, Units, mirrored
 
 RECORD = ("state", "multipliers", "torque", "energy", "residuals")
 ALL = ("state", "integral", "multipliers", "torque")
@@ -45,95 +44,6 @@ def require_same_bits(ours: sp.Run, theirs: sp.Run, path: str, rows: Any = slice
         np.testing.assert_array_equal(of(ours, name, path), of(theirs, name, path)[rows], name)
     for name, column in ours.sensitivity.energy.items():
         np.testing.assert_array_equal(column[path], theirs.sensitivity.energy[name][path][rows])
-
-
-@pytest.mark.parametrize("method", _core.METHODS)
-def test_the_derivative_by_the_start_begins_with_the_identity(method: str) -> None:
-    paths = ("initial.q", "initial.p", "initial.integral")
-    found = simulated(moving(uneven()), method, "csm", paths).sensitivity
-    np.testing.assert_array_equal(found["initial.q"][0], np.eye(18)[:, :9])
-    np.testing.assert_array_equal(found["initial.p"][0], np.eye(18)[:, 9:])
-    np.testing.assert_array_equal(found.integral["initial.integral"][0], np.eye(2))
-    assert not found["initial.integral"][0].any()
-
-
-@few
-@given(scenes, methods, formulations, st.sampled_from(["length", "mass"]))
-def test_derivatives_obey_eulers_theorem(
-    scene: sp.Scene, method: str, formulation: str, unit: str
-) -> None:
-    """A unit of length or mass that is smaller changes all numbers and the motion with them."""
-    other = Units(**{"length": 0, "mass": 0, "time": 0} | {unit: 1}).scene(scene)
-    paths = paths_of.sided(scene) + paths_of.inputs(scene)
-    run = simulated(scene, method, formulation, paths)
-    assume(run.success)
-    terms = []
-    for path in paths:
-        numbers, scaled = paths_of.value(scene, path), paths_of.value(other, path)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            power = np.where(numbers == 0.0, 0.0, np.log2(scaled / numbers))
-        share = run.sensitivity[path] * (numbers * power)
-        terms.append(share.reshape(*share.shape[:2], -1).sum(axis=2))
-    whole = np.sum(terms, axis=0)
-    if unit == "length":
-        lengths = np.tile([1, 1, 0, 0, 0, 1, 1, 1, 1], 2)
-        whole = whole - np.hstack([run.q, run.p]) * lengths
-    assert np.isfinite(whole).all()
-    sizes = np.abs(terms).max(axis=(0, 1)) + 1e-3
-    assert (np.abs(whole) <= 1e-9 * sizes).all()
-
-
-@few
-@given(scenes, methods, formulations)
-def test_the_mirror_image_has_mirrored_derivatives(
-    scene: sp.Scene, method: str, formulation: str
-) -> None:
-    swap = {"right": "left", "left": "right"}
-    image_of = {
-        path: ".".join(swap.get(step, step) for step in path.split("."))
-        for path in paths_of.sided(scene)
-    }
-    run = simulated(scene, method, formulation, [*image_of, "schedule.angles"])
-    assume(run.success)
-    image = simulated(mirrored(scene), method, formulation, [*image_of.values(), "schedule.angles"])
-    order = [*MIRROR_ORDER, *(9 + k for k in MIRROR_ORDER)]
-    sign = np.tile(MIRROR_SIGN, 2)
-    pairs: list[tuple[str, str, tuple[int, ...]]] = [
-        (path, own, ()) for path, own in image_of.items()
-    ]
-    pairs += [
-        ("schedule.angles", "schedule.angles", at) for at in entries(scene, "schedule.angles")
-    ]
-    for path, own, at in pairs:
-        turned = (at[0], 1 - at[1]) if at else at
-        flip = -1.0 if path == "grasped.com_offset" else 1.0
-        # A derivative that is only round-off is small beside the motion and the number.
-        least = 1e-4 / paths_of.size(scene, path, at)
-        theirs = flip * of(image, "state", own, turned)[:, order] * sign
-        motion = np.hstack([run.q, run.p])
-        assert difference(theirs, of(run, "state", path, at), "state", least * motion) <= 1e-8, path
-        ours = of(run, "multipliers", path, at)
-        forces = flip * of(image, "multipliers", own, turned)[:, MIRROR_MULTIPLIERS]
-        off = difference(forces, ours, "multipliers", least * run.multipliers)
-        assert off <= 1e-8, path
-
-
-@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
-@pytest.mark.parametrize("method", _core.METHODS)
-def test_the_two_sides_add_up_to_the_derivative_by_what_they_share(
-    method: str, formulation: str
-) -> None:
-    scene = shared(initial="touching")
-    both = simulated(scene, method, formulation, SHARED)
-    for path in SHARED:
-        if path.startswith("grasped"):
-            continue
-        owner, _, name = path.rpartition(".")
-        sides = [f"{owner}.{side}.{name}" for side in ("right", "left")]
-        each = simulated(scene, method, formulation, sides)
-        for quantity in ALL:
-            together = sum(of(each, quantity, side) for side in sides)
-            assert difference(together, of(both, quantity, path), quantity) <= 1e-11, path
 
 
 @few

@@ -246,9 +246,20 @@ def test_completed_runs_of_random_scenes_are_right(
     exact = sp.simulate(scene, **how)
     assert exact.success, exact.message
     scale = scaled_error.scales("q", exact.q, scaled_error.usual(scene))
-    error = float(scaled_error.by_row(run.q[-1:], exact.q[-1:], scale)[0])
-    if error >= 1e-3:
-        # Only chaos excuses it: a mass that differs by the tolerance ends elsewhere too.
-        mass = scene.grasped.mass * (1.0 + 1e-7)
-        nudged = sp.simulate(replace(scene, grasped=replace(scene.grasped, mass=mass)), **how)
-        assert float(scaled_error.by_row(nudged.q[-1:], exact.q[-1:], scale)[0]) > 0.1 * error
+
+    def error(run: sp.Run) -> float:
+        assert run.success, run.message
+        return float(scaled_error.by_row(run.q[-1:], exact.q[-1:], scale)[0])
+
+    def change_by_mass(relative: float) -> float:
+        mass = scene.grasped.mass * (1.0 + relative)
+        heavier = replace(scene, grasped=replace(scene.grasped, mass=mass))
+        return error(sp.simulate(heavier, **how))
+
+    if error(run) >= 1e-3:
+        # Only a motion that multiplies small differences excuses it: a mass that differs by the
+        # tolerance moves the end as far. Of 1300 completed random scenes none needed this.
+        assert change_by_mass(1e-7) > 0.1 * error(run)
+        # A tighter tolerance finds the end, unless the mass's eleventh digit moves it as far.
+        tight = error(sp.simulate(scene, method=method, formulation=formulation, tolerance=1e-10))
+        assert tight < 1e-3 or change_by_mass(1e-10) > 0.1 * tight

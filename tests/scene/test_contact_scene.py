@@ -7,11 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import softpinch as sp
-from softpinch import strategies
 from softpinch.scene import fields, paths, usual
 from softpinch.scene.template import SceneTemplate
 
@@ -46,25 +43,6 @@ def test_two_coefficients_are_a_list_or_a_table_and_are_written_as_a_table(text:
     assert repr(scene) == "Scene(friction=(0.5, 0.8), contact='unilateral')"
     assert scene != replace(scene, friction=(0.8, 0.5)) != replace(scene, contact="bilateral")
     assert scene.parameters()[-2:].tolist() == [0.5, 0.8]
-
-
-@given(strategies.scenes(contact="unilateral", spread=2.0), st.data())
-def test_unilateral_scenes_and_states_with_modes_make_the_round_trip(
-    scene: sp.Scene, data: st.DataObject
-) -> None:
-    codes = st.sampled_from([0.0, 1.0, 2.0, -2.0, 3.0, 4.0, -4.0])
-    tilts = st.floats(-1.5, 1.5)
-    modes = np.array(data.draw(st.tuples(codes, codes, tilts, tilts)))
-    state = replace(data.draw(strategies.consistent_states(scene)), contact=modes)
-    started = replace(scene, initial=state)
-    for one in (scene, started):
-        assert sp.Scene.from_toml(one.to_toml()) == one
-        assert sp.Scene.from_dict(one.to_dict()) == one
-    for again in (sp.State.from_dict(state.to_dict()), pickle.loads(pickle.dumps(state))):
-        assert again == state and hash(again) == hash(state)
-        assert again.contact.tobytes() == modes.tobytes()
-        assert not again.contact.flags.writeable
-    assert state != replace(state, contact=None)
 
 
 REFUSED = [

@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 import softpinch as sp
+from ensembles import require_alone
 from noises import AWKWARD, held, noise
 from softpinch import _core
 
@@ -113,16 +114,12 @@ def test_the_fields_of_a_noise_vary_between_runs() -> None:
     }
     scene = replace(SCENE, disturbances=[noise()])
     ensemble = sp.monte_carlo(scene, vary=vary, dt=1e-3, progress=False)
-    for run in range(3):
-        alone = sp.simulate(ensemble.scene_of(run), dt=1e-3)
-        state = np.concatenate([alone.q[-1], alone.p[-1]])
-        assert ensemble["final_state"][run].tobytes() == state.tobytes()
     both = replace(SCENE, disturbances=[noise(force_std=1.0)])
     scattered = {"disturbances.0.force_std": [0.5, 2.0], "disturbances.0.rate_hz": [99.0, 250.0]}
     two = sp.monte_carlo(both, vary=scattered, dt=1e-3, progress=False)
-    for run in range(2):
-        alone = sp.simulate(two.scene_of(run), dt=1e-3)
-        np.testing.assert_array_equal(two["final_state"][run, :9], alone.q[-1])
+    for many in (ensemble, two):
+        for run in range(many.runs):
+            require_alone(many, run)
     quiet = sp.simulate(SCENE, dt=1e-3)
     # The same but for the steps that end where the samples of no force would.
     np.testing.assert_allclose(ensemble["final_state"][0, :9], quiet.q[-1], rtol=1e-4, atol=1e-7)

@@ -15,10 +15,14 @@ from softpinch import paper, strategies
 
 @st.composite
 def any_scenes(draw: st.DrawFn) -> sp.Scene:
-    """Also scenes that start at a state."""
-    scene = draw(strategies.scenes(spread=2.0))
+    """Of both kinds of contact, and also scenes that start at a state."""
+    contact = draw(st.sampled_from(["bilateral", "unilateral"]))
+    scene = draw(strategies.scenes(spread=2.0, contact=contact))
     if draw(st.booleans()):
         state = draw(strategies.consistent_states(scene))
+        if contact == "unilateral":
+            codes, tilts = st.sampled_from([0.0, 1.0, 2.0, -2.0, 3.0, 4.0, -4.0]), st.floats(-1, 1)
+            state = replace(state, contact=draw(st.tuples(codes, codes, tilts, tilts)))
         grid = draw(st.none() | st.tuples(st.floats(-1, 1), st.integers(0, 10**9)))
         scene = replace(scene, initial=replace(state, grid=grid, check=draw(st.booleans())))
     return scene

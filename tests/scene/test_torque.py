@@ -1,7 +1,6 @@
 """Torques as inputs: `control=Torque()`."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -52,12 +51,6 @@ def test_every_method_takes_torques(formulation: str, method: str) -> None:
     np.testing.assert_array_equal(run.torque[:-1], STEPS.angles[after])
 
 
-def test_the_order_is_four_across_switches() -> None:
-    exact = sp.simulate(SCENE, 1e-5, "dop853", "nullspace").q[-1]
-    errors = [np.abs(sp.simulate(SCENE, dt).q[-1] - exact).max() for dt in (4e-4, 2e-4, 1e-4)]
-    assert np.log2(errors[0] / errors[1]) > 3.7 and np.log2(errors[1] / errors[2]) > 3.7
-
-
 def test_the_ledger_has_the_work_of_the_torques() -> None:
     run = sp.simulate(SCENE, 2e-5, record=EVERYTHING)
     edges = np.searchsorted(run.t, [0.0, 0.02, 0.05, 0.08])
@@ -102,22 +95,6 @@ def test_torques_that_open_the_hand_free_the_tips_in_unilateral_contact() -> Non
     run = sp.simulate(scene, 1e-4, record=(*EVERYTHING, "contact"))
     assert run.success and not run.contact[-1].any() and not run.holds
     run.check()
-
-
-@settings(max_examples=25)
-@given(st.tuples(st.floats(0.8, 1.6), st.floats(0.8, 1.6)), st.floats(0.3, 3.0))
-def test_the_mirror_image_moves_as_the_mirror_image(torque: Any, push: float) -> None:
-    def ends(pair: Any, side: float) -> np.ndarray:
-        schedule = sp.Schedule.steps([0.0], [pair])
-        force = sp.Pulse(time=0.0, duration=0.01, force=(side * push, 0.0))
-        scene = sp.Scene(
-            control=sp.Torque(), schedule=schedule, disturbances=[force], duration=0.02
-        )
-        return sp.simulate(scene, 1e-4).q[-1]
-
-    there, back = ends(torque, 1.0), ends(torque[::-1], -1.0)
-    mirrored = back[[0, 1, 2, 4, 3, 6, 5, 8, 7]] * [-1, 1, -1, 1, 1, 1, 1, 1, 1]
-    np.testing.assert_allclose(there, mirrored, rtol=0.0, atol=1e-12)
 
 
 def test_the_linearisation_has_no_memories() -> None:

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import softpinch as sp
-from scenes import SCENES, jerked
+from scenes import jerked
 from softpinch import strategies
-from transforms import Units, mirrored
 
 NAMES = ("pulling_time", "peak_friction_ratio")
 
@@ -78,22 +77,3 @@ def test_a_point_contact_without_any_force_needs_no_friction() -> None:
     assert not sp.simulate(scene, dt=1e-3, record="multipliers").multipliers.any()
     still = summarised(scene, dt=1e-3)
     assert (still["pulling_time"][0], still["peak_friction_ratio"][0]) == (0.0, 0.0)
-
-
-@given(strategies.scenes(duration=0.02, force=60.0))
-def test_other_units_change_them_as_they_should(scene: sp.Scene) -> None:
-    here = summarised(scene, dt=1e-3)
-    units = Units(length=3, mass=-5, time=2)
-    gains = sp.Stabilization(alpha=1e3 / units.time, beta=1e3 / units.time)
-    scaled = summarised(units.scene(scene), dt=1e-3 * units.time, stabilization=gains)
-    assert scaled["pulling_time"][0] == here["pulling_time"][0] * units.time
-    assert scaled["peak_friction_ratio"][0] == here["peak_friction_ratio"][0]
-
-
-@pytest.mark.parametrize("name", ["step", "pulse", "sine", "impulse", "samples held"])
-def test_a_mirror_changes_nothing(name: str) -> None:
-    """From 30 ms on: at a start without compression, round-off decides whether a tip pulls."""
-    how: dict[str, Any] = {"dt": 5e-4, "summaries_after": 0.03}
-    here, image = summarised(SCENES[name], **how), summarised(mirrored(SCENES[name]), **how)
-    for summary in NAMES:
-        np.testing.assert_allclose(image[summary], here[summary], rtol=1e-6, err_msg=summary)

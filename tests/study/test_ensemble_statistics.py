@@ -64,62 +64,6 @@ def test_digits_tell_a_probability_and_its_interval_from_0_and_1(
     assert probabilities({"holds": ours}).rows == [("holds", count, value, f"{low} to {high}")]
 
 
-def test_intervals_cover_a_known_probability_as_often_as_they_say() -> None:
-    ensemble = coin(1024 * 40, seed=2)
-    assert set(ensemble.status) == {"completed", "separated"}
-    lost = ensemble.status == "separated"
-    np.testing.assert_array_equal(lost, ensemble["disturbances.0.impulse.0"] > 0)
-    assert ensemble.probability("separated", 0.999).low < 0.3
-    assert ensemble.probability("separated", 0.999).high > 0.3
-    for confidence in (0.8, 0.95):
-        parts = [Estimate.of(part, confidence) for part in lost.reshape(-1, 64)]
-        covered = np.mean([part.low <= 0.3 <= part.high for part in parts])
-        # The interval's own coverage at this n, and three standard errors of 640 of them.
-        counts = np.arange(65)
-        inside = [
-            low <= 0.3 <= high
-            for low, high in (Estimate.of(np.arange(64) < k, confidence)[1:3] for k in counts)
-        ]
-        exact = stats.binom.pmf(counts, 64, 0.3)[inside].sum()
-        assert abs(exact - confidence) < 0.04
-        assert abs(covered - exact) < 3 * math.sqrt(exact * (1 - exact) / 640)
-
-
-def test_sobol_converges_faster_than_random_on_a_smooth_summary() -> None:
-    low, high = np.array([0.08, 2.5e5]), np.array([0.12, 3.5e5])
-    nodes, weights = np.polynomial.legendre.leggauss(9)
-    points = (low + high) / 2 + np.outer(nodes, (high - low) / 2)
-    mass, modulus = (grid.ravel() for grid in np.meshgrid(*points.T, indexing="ij"))
-
-    def heights(vary: dict[str, object], **how: object) -> np.ndarray:
-        found = sp.monte_carlo(CALM, vary=vary, dt=1e-3, progress=False, **how)
-        assert found.probability().value == 1.0
-        return found["final_state"][:, 1]
-
-    paths = ("grasped.mass", "hand.tip.youngs_modulus")
-    exact = heights(dict(zip(paths, (mass, modulus), strict=True)))
-    reference = exact @ np.outer(weights, weights).ravel() / 4
-    drawn = dict(zip(paths, map(sp.Uniform, low, high), strict=True))
-
-    def errors(sampler: str, runs: int) -> float:
-        means = [
-            heights(drawn, runs=runs, seed=seed, sampler=sampler).mean() - reference
-            for seed in range(12)
-        ]
-        return math.sqrt(np.mean(np.square(means)))
-
-    random = [errors("random", runs) for runs in (32, 512)]
-    sobol = [errors("sobol", runs) for runs in (32, 512)]
-    # 1/sqrt(16) against nearly 1/16 or better.
-    assert 2 < random[0] / random[1] < 8
-    assert sobol[0] / sobol[1] > 10
-    assert sobol[1] < 0.05 * random[1]
-    spread = exact.std() / math.sqrt(512)
-    assert 0.5 < random[1] / spread < 2
-    hypercube = heights(drawn, runs=512, sampler="latin_hypercube").mean() - reference
-    assert abs(hypercube) < 0.3 * random[1]
-
-
 def test_a_part_of_a_latin_hypercube_is_refused() -> None:
     vary = {"grasped.mass": sp.Uniform(0.08, 0.12)}
     how = {"vary": vary, "dt": 1e-3, "progress": False, "stop_when": {"completed": 0.1}}

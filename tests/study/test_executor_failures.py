@@ -122,20 +122,6 @@ def test_an_executor_that_breaks_ends_the_study_with_what_there_is(
     assert lost.reason.startswith("the executor is broken: BrokenExecutor: ")
 
 
-@pytest.mark.parametrize("kind", ["failures", "stop_when"])
-def test_after_a_break_a_store_goes_on_as_the_warning_says(kind: str, tmp_path: Path) -> None:
-    with (
-        Shuffled(lambda waiting: 0, deadly={2}) as executor,
-        pytest.warns(
-            LostRunsWarning, match=r"BrokenExecutor: a worker died; to compute the rest, call"
-        ),
-    ):
-        some = study(kind, executor=executor, store=tmp_path / "study")
-    require_rows(some, np.arange(2 * BLOCK), "failures")
-    np.testing.assert_array_equal(some.missing, [[2 * BLOCK, RUNS]])
-    require_same(some.resume(executor=Inline(), progress=False), kind)
-
-
 def test_after_a_break_only_goes_on_in_memory_as_the_warning_says() -> None:
     with (
         Shuffled(lambda waiting: 0, deadly={2}) as executor,

@@ -6,13 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-import derivative_paths as paths_of
 import softpinch as sp
 from derivative_scenes import LOADS, entries, uneven
-from softpinch import _core, strategies
+from softpinch import _core
 
 SUMMARIES = (
     "final_state",
@@ -105,25 +102,6 @@ def test_gradients_with_adaptive_steps_are_those_of_the_rows_at_the_peak(method:
         SCENE, vary=VARY, gradients=SUMMARIES, sensitivities=PATHS, progress=False, **how
     )
     require_rows_of_runs(ensemble, PATHS, **how)
-
-
-@settings(max_examples=15)
-@given(strategies.scenes(duration=0.02), st.sampled_from(_core.METHODS))
-def test_gradients_of_random_scenes_are_those_of_the_rows_at_the_peak(
-    scene: sp.Scene, method: str
-) -> None:
-    paths = [*paths_of.sided(scene)[::3], *paths_of.inputs(scene)]
-    how: Any = {"dt": 5e-4, "method": method}
-    ensemble = sp.monte_carlo(
-        scene, 1, gradients=SUMMARIES, sensitivities=paths, progress=False, **how
-    )
-    scene = ensemble.scene_of(0)
-    run = sp.simulate(scene, record=RECORD, sensitivities=paths, **how)
-    for path in paths:
-        theirs = expected(run, path)
-        for summary in ("final_state", "min_compression"):
-            ours = ensemble.gradients[summary][path][0]
-            np.testing.assert_array_equal(ours, theirs[summary], f"{summary} by {path}")
 
 
 def test_paths_are_those_of_vary_if_left_out_and_threads_change_no_bit() -> None:

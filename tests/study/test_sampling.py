@@ -96,24 +96,6 @@ def test_paths_components_and_blocks_are_independent() -> None:
         assert stats.kstest(column, stats.norm.cdf).pvalue > P_VALUE
 
 
-@pytest.mark.parametrize("sampler", SAMPLERS)
-def test_draws_follow_their_distributions(sampler: str) -> None:
-    drawn = plan(PLACED, 20_000, 11, sampler).draw_all()
-    for path, cdf in {
-        "mass": stats.norm(0.1, 0.01).cdf,
-        "width": stats.weibull_min(2.0).cdf,
-        "angles": stats.loguniform(1.0, 10.0).cdf,
-    }.items():
-        columns = drawn[path].reshape(20_000, -1).T
-        for column in columns:
-            assert stats.kstest(column, cdf).pvalue > P_VALUE
-    for k, size in enumerate((80.0, 8.0)):
-        cdf = stats.uniform(-size, 2 * size).cdf
-        assert stats.kstest(drawn["force"][:, k], cdf).pvalue > P_VALUE
-    counts = [(drawn["dust"] == value).sum() for value in (1.0, 2.0, 5.0)]
-    assert sum(counts) == 20_000 and stats.chisquare(counts).pvalue > P_VALUE
-
-
 def test_a_multivariate_distribution_keeps_its_covariance() -> None:
     n = 20_000
     drawn = plan(JOINT, n).draw_all()

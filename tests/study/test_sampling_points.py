@@ -7,7 +7,6 @@ from scipy.stats import qmc
 
 from plans import assert_same, plan
 from softpinch.study.distributions import LogNormal, Normal, TruncatedNormal, Uniform
-from softpinch.study.sampling import SAMPLERS
 from softpinch.study.sources import BLOCK
 
 UNIT = {"width": Uniform(0, 1), "force": Uniform((0, 0), (1, 1)), "mass": Uniform(0, 1)}
@@ -24,17 +23,6 @@ def test_sobol_runs_are_scipys_points_one_by_one() -> None:
     # The middles of the cells whose corners are SciPy's points.
     np.testing.assert_array_equal(unit_points(4096, 9, "sobol"), theirs + 2.0**-31)
     assert plan(UNIT, 5, sampler="sobol").dimensions == 4
-
-
-def test_sobol_integrates_a_smooth_function_much_better_than_random() -> None:
-    def error(seed: int, sampler: str) -> float:
-        points = unit_points(4096, seed, sampler)
-        # The integral of each factor is 1.
-        return float(np.prod(1 + (np.exp(points) - np.e + 1) / 2, axis=1).mean() - 1)
-
-    errors = {s: np.std([error(seed, s) for seed in range(10)]) for s in SAMPLERS}
-    assert errors["sobol"] < errors["random"] / 30
-    assert errors["latin_hypercube"] < errors["random"] / 2
 
 
 @pytest.mark.parametrize("runs", [1, 7, 1000, 2500])

@@ -70,14 +70,6 @@ def test_shares_of_pure_noise_have_mean_zero_and_pass_the_level_one_time_in_twen
     assert 0.02 < passed / len(shares) < 0.09
 
 
-def test_a_probability_that_is_one_above_a_threshold() -> None:
-    x = draws(5000, "ab")
-    found = effects(x, (x["a"] > 0.0).astype(float))
-    # All but the bin with the threshold in it is right.
-    assert 0.9 < found["a"].share <= 1.0
-    assert found["b"].share < 0.01
-
-
 @given(
     n=st.integers(1, 60),
     seed=st.integers(0, 2**32),

@@ -7,15 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
 
 import softpinch as sp
 from ensembles import computed
-from softpinch import paper, strategies
-from softpinch.run.options import Options
-from softpinch.store import manifest
+from softpinch import paper
 from softpinch.study import study_file
-from softpinch.study.spec import SUMMARIES, StudySpec
 
 pytest.importorskip("tomli_w")
 EXAMPLE = Path(__file__).parents[2] / "examples" / "studies" / "disturbance_ii.toml"
@@ -160,17 +156,6 @@ def test_a_bad_file_is_one_message_with_file_place_and_rule(  # type: ignore[no-
         study_file.read(path)
     assert named in str(error.value), str(error.value)
     assert isinstance(error.value, OSError) or str(error.value).startswith(f"{path}: ")
-
-
-@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(scene=strategies.scenes(spread=2.0, duration=0.05))
-def test_any_scene_survives_the_file(tmp_path: Path, scene: sp.Scene) -> None:
-    path = tmp_path / "any.toml"
-    path.write_text(manifest.dumps({"scene": scene.to_dict()}), encoding="utf-8")
-    read = study_file.read(path)
-    assert read.scene == scene
-    given = StudySpec.checked(scene, Options.checked(), runs=1000, summaries=SUMMARIES)
-    assert read.to_dict() == given.to_dict()
 
 
 def of_an_array(write: Any, file: Path, numbers: Any = b"") -> Path:

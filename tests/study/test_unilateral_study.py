@@ -1,6 +1,5 @@
 """Studies with unilateral contact: lanes as lone runs, what can be asked, and what it means."""
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -11,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import softpinch as sp
-from ensembles import require_alone, require_same
+from ensembles import require_alone
 from softpinch import paper, strategies
 from softpinch.scene.fields import label
 
@@ -200,17 +199,6 @@ def test_an_event_ends_a_run_or_a_study() -> None:
                     disturbances=[sp.Step(time=1e-3)])  # fmt: skip
     enough = study(4000, quick, dt=1e-3, stop_when={"opened": 0.05, "holds": 0.05})
     assert enough.runs == 1024
-
-
-def test_threads_and_executors_give_the_same_bits() -> None:
-    quick = replace(PUSHED, duration=1.004)
-    runs = 1100  # two blocks
-    how: dict[str, Any] = {"scene": quick, "dt": 1e-3}
-    alone = study(runs, threads=1, **how)
-    assert 0 < alone.probability("opened").happened < runs
-    require_same(study(runs, threads=4, **how), alone)
-    with ThreadPoolExecutor(2) as pool:
-        require_same(study(runs, executor=pool, **how), alone)
 
 
 def test_a_start_with_modes_is_shared_and_each_run_has_its_own_velocities() -> None:

@@ -1,4 +1,6 @@
-"""A call of `monte_carlo` that is refused before anything is computed."""
+"""Calls that are refused; those of `monte_carlo` before anything is computed."""
+
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -28,3 +30,10 @@ def refused(
     """The call fails with this message, and has computed nothing."""
     with pytest.raises(error, match=message):
         sp.monte_carlo(scene, **{"dt": 1e-3, "progress": told, **how})
+
+
+def check_refusal(call: Callable[[], object], error: type[Exception], message: str) -> None:
+    """The call fails with one line that has this text."""
+    with pytest.raises(error) as caught:
+        call()
+    assert message in str(caught.value) and "\n" not in str(caught.value)
