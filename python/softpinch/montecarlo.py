@@ -252,7 +252,7 @@ def monte_carlo(
     differentiable, by = checked_gradients(
         scene, gradients, sensitivities, list(spec.shapes), store=store, executor=executor
     )
-    job = Job.checked(spec, only=only, threads=threads, executor=executor, progress=progress)
+    job = Job(spec, only=only, threads=threads, executor=executor, progress=progress)
     result = compute(job, store)
     if by and isinstance(result, Ensemble) and not result.interrupted:
         try:

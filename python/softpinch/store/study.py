@@ -91,16 +91,20 @@ class Study(Results):
             StoreError: The folder has no study, or the study is damaged.
 
         Warns:
-            LostRunsWarning: Runs are missing; the message says which ones.
+            LostRunsWarning: Runs, or files of trajectories, are missing; the message names them.
         """
         study = cls._opened(path)
+        missing = []
         # `stop_when` leaves out runs on purpose.
         if not study.complete and not study._stops_early:
-            spans = [f"{first} to {end - 1}" for first, end in study.missing[:3].tolist()]
-            others = " and others" if len(study.missing) > 3 else ""
+            spans = [f"{first} to {end - 1}" for first, end in study.missing[:4].tolist()]
+            missing.append(f"runs {_some(spans)} of {study.requested}")
+        if deleted := study.trajectories.missing():
+            missing.append(f"trajectories of runs {_some(list(map(str, deleted)))}")
+        for what in missing:
             warn(
-                f"{study.path}: runs {', '.join(spans)}{others} of {study.requested} are missing; "
-                "`resume()` computes them, unless another process is doing so",
+                f"{study.path}: {what} are missing; `resume()` computes them, unless another "
+                "process is doing so",
                 LostRunsWarning,
             )
         return study
@@ -168,9 +172,8 @@ class Study(Results):
             if any(entry["kind"] == "function" for entry in data["vary"].values()):
                 raise
             raise StoreError(str(error)) from None
-        job = Job.checked(
-            file.spec(runs=runs), threads=threads, executor=executor, progress=progress
-        )
+        spec = file.spec(runs=runs)
+        job = Job(spec, threads=threads, executor=executor, progress=progress)
         return compute_in_folder(job, self.path)
 
     def _read_by_part(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
@@ -255,6 +258,11 @@ class Study(Results):
         return f"<Study {str(self.path)!r}: {there} runs, in {parts} part{'s' * (parts != 1)}>"
 
 
+def _some(names: Sequence[str]) -> str:
+    """The first three names, and whether there are others."""
+    return ", ".join(names[:3]) + (" and others" if len(names) > 3 else "")
+
+
 def _reopened(
     path: Path, outcome: Outcome, discretisation: dict[str, Discretisation] | None
 ) -> Study:
@@ -269,14 +277,9 @@ class Failures(Sequence[Capsule]):
 
     def __init__(self, study: Study) -> None:
         self._study = study
-        runs, parts = [np.empty(0, np.uint64)], [np.empty(0, np.int64)]
-        for place, part in enumerate(study._folder.parts):
-            found = study._folder.read(part, ("run", "status"))
-            runs.append(found["run"][found["status"] != "completed"])
-            parts.append(np.full(len(runs[-1]), place))
-        self._runs, self._parts = np.concatenate(runs), np.concatenate(parts)
-        order = np.argsort(self._runs, kind="stable")
-        self._runs, self._parts = self._runs[order], self._parts[order]
+        parts = study._read_by_part(("run", "status"))
+        runs = [part["run"][part["status"] != "completed"] for part in parts]
+        self._runs = np.sort(np.concatenate([np.empty(0, np.uint64), *runs]))
 
     def __len__(self) -> int:
         return len(self._runs)
@@ -292,9 +295,8 @@ class Failures(Sequence[Capsule]):
             return [self[k] for k in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):
             raise IndexError(f"failure {index} of {len(self)}")
-        folder, maker = self._study._folder, self._study.made_by[-1]
-        rows = folder.rows(folder.parts[self._parts[index]])
-        (capsule,) = self._study._capsules(rows.select(rows.run == self._runs[index]))
+        maker = self._study.made_by[-1]
+        (capsule,) = self._study._capsules(self._study._rows_of(self._runs[[index]]))
         return replace(
             capsule, version=maker["softpinch"], results_version=maker["results_version"]
         )
