@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 # The number of blocks per call of the core is doubled or halved until one call takes about this
 # long, s.
 PACE_SECONDS = 0.5
+T = TypeVar("T")
 
 
 class Study(Results):
@@ -167,12 +168,12 @@ class Study(Results):
         for wrong in manifests.damaged_arrays(self.path, data):
             raise StoreError(wrong)
         try:
-            file = study_file.parse(data, self.path / MANIFEST)
+            parsed = study_file.parse(data, self.path / MANIFEST)
         except (TypeError, ValueError) as error:
             if any(entry["kind"] == "function" for entry in data["vary"].values()):
                 raise
             raise StoreError(str(error)) from None
-        spec = file.spec(runs=runs)
+        spec = study_file.spec_of(*parsed, runs=runs)
         job = Job(spec, threads=threads, executor=executor, progress=progress)
         return compute_in_folder(job, self.path)
 
@@ -236,9 +237,10 @@ class Study(Results):
             StoreError: A file is missing or damaged; the message has a line for each.
         """
         data = manifests.read(self.path)
+        entries = self._spec.schema.entries
         found = [
-            *self._folder.damaged(),
-            *self.trajectories.damaged(),
+            *_faults(self._folder.parts, lambda part: self._folder.read(part, tuple(entries))),
+            *_faults([*self.trajectories, *self.trajectories.missing()], self.trajectories.read),
             *manifests.damaged_arrays(self.path, data),
         ]
         if manifests.identity(data) != self._folder.identity:
@@ -256,6 +258,15 @@ class Study(Results):
         there = f"all {self.runs}" if self.complete else f"{self.runs} of {self.requested}"
         parts = len(self._folder.parts)
         return f"<Study {str(self.path)!r}: {there} runs, in {parts} part{'s' * (parts != 1)}>"
+
+
+def _faults(files: Iterable[T], read: Callable[[T], object]) -> Iterator[str]:
+    """Reads each file, and yields one line for each damaged or missing one."""
+    for file in files:
+        try:
+            read(file)
+        except StoreError as error:
+            yield str(error)
 
 
 def _some(names: Sequence[str]) -> str:
@@ -392,7 +403,7 @@ def _events(folder: Folder) -> Iterator[Rows]:
 
 
 def _matching_manifest(path: Path, given: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The manifest of a folder that holds the given study; None if there is no manifests."""
+    """The manifest of a folder that holds the given study; None if there is none."""
     if not (path / MANIFEST).exists():
         return None
     there = manifests.read(path)

@@ -17,7 +17,6 @@ from ..run.options import Options
 from ..run.run import Run, restored
 from ..scene.fields import COLUMNS
 from ..study.spec import RECORDING
-from ..support.errors import StoreError
 from ..support.record import plain
 from . import files
 from .files import DIGESTS, TRAJECTORIES
@@ -52,7 +51,7 @@ class Trajectories(Mapping[int, Run]):
             raise KeyError(f"{self._file(run)} is missing; `resume()` computes it again")
         if run not in self:
             raise KeyError(f"the trajectory of run {run} is not kept: pass trajectories=({run},)")
-        options, result = self._read(int(run))
+        options, result = self.read(int(run))
         return restored(self._scene_of(run), options, result)
 
     def missing(self) -> list[int]:
@@ -61,7 +60,7 @@ class Trajectories(Mapping[int, Run]):
         written = _runs(Path(file.stem.removeprefix(f"{TRAJECTORIES}-")) for file in digests)
         return [run for run in written if self._folder.done.has(run) and run not in self]
 
-    def _read(self, run: int) -> tuple[Options, dict[str, Any]]:
+    def read(self, run: int) -> tuple[Options, dict[str, Any]]:
         """Reads a file back into the options and the core's result."""
         file = self._file(run)
         columns, facts = files.read(file, files.read_digest(file))
@@ -112,14 +111,6 @@ class Trajectories(Mapping[int, Run]):
             "result": result,
         }
         files.write_with_digest(self._file(run), files.encode(columns, facts))
-
-    def damaged(self) -> Iterator[str]:
-        """Reads every file, and yields one line for each damaged or missing file."""
-        for run in (*self, *self.missing()):
-            try:
-                self._read(run)
-            except StoreError as error:
-                yield str(error)
 
 
 def _runs(files: Iterable[Path]) -> list[int]:

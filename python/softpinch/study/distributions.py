@@ -89,7 +89,6 @@ class Distribution(Kinded):
         return np.asarray(value)
 
     def _broadcast(self) -> None:
-        """Refuses parameters that do not broadcast."""
         shapes = {name: np.shape(value) for name, value in self._values().items()}
         shown = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
         try:

@@ -216,7 +216,6 @@ class StudySpec:
 
 
 def _trajectories(trajectories: Sequence[int], runs: int) -> tuple[int, ...]:
-    """Checks the numbers of the runs whose trajectories are recorded."""
     given = checks.several(
         "trajectories", trajectories, "the numbers of runs, such as (3, 17)", runs
     )
