@@ -252,7 +252,7 @@ def monte_carlo(
     differentiable, by = checked_gradients(
         scene, gradients, sensitivities, list(spec.shapes), store=store, executor=executor
     )
-    job = Job.checked(spec, only=only, threads=threads, executor=executor, progress=progress)
+    job = Job(spec, only=only, threads=threads, executor=executor, progress=progress)
     result = compute(job, store)
     if by and isinstance(result, Ensemble) and not result.interrupted:
         try:
@@ -266,18 +266,13 @@ def monte_carlo(
 
 def compute(job: Job, store: str | Path | None) -> Ensemble | Study:
     """Computes a study, in memory if `store` is None; errors and warnings as of `monte_carlo`."""
-    replaced = any(path.startswith("schedule.angles") for path in job.spec.shapes)
-    usual.warn(job.spec.scene, schedule_replaced=replaced)
-    if store is None:
-        return _in_memory(job)
-    from .store.study import compute_in_folder
-
-    return compute_in_folder(job, store)
-
-
-def _in_memory(job: Job) -> Ensemble:
-    """Computes all runs and keeps their rows in memory."""
     spec = job.spec
+    replaced = any(path.startswith("schedule.angles") for path in spec.shapes)
+    usual.warn(spec.scene, schedule_replaced=replaced)
+    if store is not None:
+        from .store.study import compute_in_folder
+
+        return compute_in_folder(job, store)
     _require_memory(job)
     values = spec.plan.draw_all()
     job.draw = lambda numbers: {path: value[numbers] for path, value in values.items()}

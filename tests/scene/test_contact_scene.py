@@ -147,6 +147,18 @@ def test_paths_set_the_friction_of_both_contacts_or_of_one(
         assert set(paths.at_path(template.changed(values), path)) == {values[path]}
 
 
+def test_two_paths_to_one_number_are_found_among_others() -> None:
+    one, other = "hand.tip.left.radius", "hand.tip.radius"
+    among = ["control.kp", one, "hand.tip.left.youngs_modulus", "hand.tip.right.radius"]
+    assert list(SceneTemplate(sp.Scene(), among, 0).shapes) == among
+    with pytest.raises(ValueError, match=f"'{one}' and '{other}' set the same number"):
+        SceneTemplate(sp.Scene(), [*among[:3], other, "gravity"], 0)
+    with pytest.raises(
+        ValueError, match=r"'schedule' and 'schedule\.angles\.0' set the same number"
+    ):
+        paths.refuse_overlaps(["schedule", "grasped.mass", "schedule.angles.0", "schedule.times"])
+
+
 def test_the_friction_of_both_and_of_one_are_the_same_number() -> None:
     with pytest.raises(ValueError, match=r"'friction' and 'friction\.left' set the same number"):
         SceneTemplate(UNEVEN, ["friction", "friction.left"], 0)

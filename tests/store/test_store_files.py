@@ -239,6 +239,13 @@ def test_a_damaged_trajectory_is_named_and_computed_again(study: Path) -> None:
     with pytest.raises(sp.StoreError, match=f"^{file}: is damaged: [^\n]*; {REMEDY}$"):
         opened.trajectories[5]
     file.unlink()
+    with pytest.warns(sp.LostRunsWarning, match="trajectories of runs 5 are missing; `resume"):
+        opened = sp.Study.open(study)
+    assert list(opened.trajectories) == [6]
+    with pytest.raises(KeyError, match=f"{file} is missing"):
+        opened.trajectories[5]
+    with pytest.raises(sp.StoreError, match=f"^{file}: is missing"):
+        opened.verify()
     np.testing.assert_array_equal(resume(study).trajectories[5].q, expected.q)
     assert file.read_bytes() == whole
     # Without its run's row it is not shown.

@@ -1,6 +1,7 @@
 """Rules of `monte_carlo`'s arguments; `test_arguments` asks every one for wrong types."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -8,7 +9,9 @@ import pytest
 import softpinch as sp
 from refusals import SCENE, refused
 from softpinch import _core
+from softpinch.study import compute
 from softpinch.study.spec import SUMMARIES
+from softpinch.support.progress import Report
 
 OTHERS: list[tuple[dict[str, object], type[Exception], str]] = [
     ({"summaries": "peak_rotatoin"}, ValueError, 'summaries = .*did you mean "peak_rotation"'),
@@ -70,3 +73,22 @@ def test_more_runs_than_memory_are_refused_before_anything_is_drawn() -> None:
     message = r"^runs = 1000000000000: must be at most \d+ in memory, .* pass store=, which keeps"
     with pytest.raises(ValueError, match=message):
         sp.monte_carlo(SCENE, 10**12, vary={"grasped.mass": drawn}, **how)
+
+
+def test_the_bar_also_shows_the_check_of_more_runs_than_one_call_computes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    counts: dict[str, list[tuple[int, int]]] = {}
+
+    @contextmanager
+    def bar(progress: object, what: str) -> Iterator[Report]:
+        yield lambda *count: counts.setdefault(what, []).append(count) if progress else None
+
+    monkeypatch.setattr(compute, "reporting", bar)
+    monkeypatch.setattr(compute, "MOST_BLOCKS", 1)
+    scene = sp.Scene(duration=1e-3)
+    for runs in (1025, 1024):
+        counts.clear()
+        sp.monte_carlo(scene, runs, dt=1e-3, summaries=())
+        assert counts.get("checking", []) == [(0, 1025), (1024, 1025)][: 2 * (runs > 1024)]
+        assert counts["simulating"][-1] == (runs, runs)

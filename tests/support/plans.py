@@ -22,7 +22,7 @@ SHAPES: dict[str, tuple[int, ...]] = {
 def plan(
     vary: Mapping[Any, Any], runs: int | None = 3000, seed: int = 0, sampler: str = "random"
 ) -> Plan:
-    return Plan(vary, runs, seed, sampler, shapes=SHAPES)
+    return Plan(vary, runs, seed, sampler, shapes=lambda paths: {p: SHAPES[p] for p in paths})
 
 
 def gamma(rng: np.random.Generator) -> float:

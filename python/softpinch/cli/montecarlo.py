@@ -86,7 +86,7 @@ def montecarlo(
         begun = Study._opened(out).runs if (out / MANIFEST).exists() else 0
         started = time.perf_counter()
         with _executor(dask) as executor:
-            result = compute(Job.checked(spec, threads=threads, executor=executor), out)
+            result = compute(Job(spec, threads=threads, executor=executor), out)
         seconds = time.perf_counter() - started
         if result.interrupted:
             typer.echo(f"{result.interruption}; run the same command again to continue", err=True)

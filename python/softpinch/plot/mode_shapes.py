@@ -97,7 +97,7 @@ def _shapes(found: Equilibrium) -> list[_Mode]:
 
 def _size(scene: Scene) -> Floats:
     """The factors that turn changes of q into displacements in radii of a tip (9,)."""
-    radius = max(outline.tip_of(scene, side).radius for side in (0, 1))
+    radius = max(tip.radius for tip in scene.hand.tips)
     arms = [outline.finger_of(scene, side).length for side in (0, 1)]
     return np.array([1.0, 1.0, 0.5 * scene.grasped.width, *arms, *[1.0] * 4]) / radius
 

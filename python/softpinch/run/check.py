@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .. import _core
 from ..scene.fields import QUANTITIES
-from ..scene.outline import contact_heights, tilts, tip_of
+from ..scene.outline import contact_heights, tilts
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.record import SIDES
@@ -97,7 +97,7 @@ def _check_residuals(run: Run, modes: Modes | None, tolerance: float) -> None:
     held = _held(run, modes)
     for k, name in enumerate(_RESIDUALS):
         if k < 2:
-            scale, unit, what = tip_of(run.scene, k).radius, "m", "the fingertip's radius"
+            scale, unit, what = run.scene.hand.tips[k].radius, "m", "the fingertip's radius"
         elif has_state:
             scale, unit, what = _speed(run), "m/s", "the largest speed"
         else:

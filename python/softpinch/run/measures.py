@@ -270,10 +270,8 @@ def response(run: Run, undisturbed: Run | None = None) -> tuple[Floats, Floats]:
     rows = since_onset(run)
     t, q = run.t[rows], run.q[rows]
     start = min(onset(run), float(t[0]))
-    if undisturbed is None:
-        return t - start, q - q[0]
-    twin = [np.interp(t, undisturbed.t, column) for column in undisturbed.q.T]
-    return t - start, q - np.stack(twin, axis=1)
+    still = q[0] if undisturbed is None else _between_rows(t, undisturbed.t, undisturbed.q)
+    return t - start, q - still
 
 
 def torque_response(run: Run, undisturbed: Run | None = None) -> Floats:
@@ -286,8 +284,12 @@ def torque_response(run: Run, undisturbed: Run | None = None) -> Floats:
     t, torque = run.t[rows], run.torque[rows]
     if undisturbed is None:
         return np.asarray(torque - run.torque[max(int(np.argmax(rows)) - 1, 0)])
-    twin = [np.interp(t, undisturbed.t, column) for column in undisturbed.torque.T]
-    return np.asarray(torque - np.stack(twin, axis=1))
+    return torque - _between_rows(t, undisturbed.t, undisturbed.torque)
+
+
+def _between_rows(t: Floats, times: Floats, rows: Floats) -> Floats:
+    """Interpolates recorded rows linearly, because figures must not compute a run once more."""
+    return np.stack([np.interp(t, times, column) for column in rows.T], axis=1)
 
 
 def drift_since(run: Run) -> Floats:

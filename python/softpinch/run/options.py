@@ -170,7 +170,6 @@ def steps(
 
 
 def _most_steps(tolerance: float | None, max_steps: int | None) -> int:
-    """Checks the number of steps that a run may attempt."""
     if max_steps is None:
         return _core.MAX_STEPS
     if tolerance is None:
@@ -197,7 +196,6 @@ def in_place(**settings: Any) -> dict[str, Any]:
 
 
 def _times(times: ArrayLike | None, every: int) -> Floats | None:
-    """Checks the instants to record."""
     if times is None:
         return None
     if every != 1:

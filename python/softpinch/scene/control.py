@@ -261,7 +261,6 @@ class SampledController(Law):
 
 
 def _states(value: object) -> int:
-    """Returns the number of rows of A."""
     if value is None:
         return 0
     given = checks.numbers("SampledController.A", value)

@@ -178,7 +178,6 @@ def _by_contact(record: str, letter: str, units: tuple[str, ...]) -> Quantity:
 
 
 def _by_finger(record: str, name: str, unit: str) -> Quantity:
-    """A quantity with a column for each finger."""
     columns = (f"{name}_1", f"{name}_2")
     return Quantity(record, columns, (unit, unit), columns)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..support.arrays import Floats
-from .hand import Finger, Fingertip
+from .hand import Finger
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -47,11 +47,6 @@ class FingerOutline(NamedTuple):
     centre: Floats
     tip: Floats
     fibres: tuple[Floats, ...]
-
-
-def tip_of(scene: Scene, side: int) -> Fingertip:
-    """The fingertip of finger 1 (side 0) or 2 (side 1)."""
-    return scene.hand.tips[side]
 
 
 def finger_of(scene: Scene, side: int) -> Finger:
@@ -113,7 +108,7 @@ def finger_axes(scene: Scene, q: Floats, side: int) -> tuple[Floats, Floats, Flo
 def finger_outline(scene: Scene, q: Floats, side: int) -> FingerOutline:
     """Finger 1 (side 0) or 2 (side 1), its tip compressed by d_n and sheared by d_t at the face."""
     sign, finger = SIGNS[side], finger_of(scene, side)
-    a = tip_of(scene, side).radius
+    a = scene.hand.tips[side].radius
     root, centre, up, inward = finger_axes(scene, q, side)
 
     # The finger is drawn up to the far end of the tip's base.
@@ -210,7 +205,7 @@ def contact_point(scene: Scene, q: Floats, side: int) -> Floats:
     """
     across, _ = object_axes(q[2])
     centre = finger_axes(scene, q, side)[1]
-    return np.asarray(centre + (tip_of(scene, side).radius - q[5 + side]) * SIGNS[side] * across)
+    return np.asarray(centre + (scene.hand.tips[side].radius - q[5 + side]) * SIGNS[side] * across)
 
 
 def contact_heights(scene: Scene, q: Floats) -> Floats:
@@ -274,7 +269,9 @@ def angle_at(length: float, half_thickness: float, inward: float) -> float | Non
 def inward_at_touch(scene: Scene) -> tuple[float, float]:
     """Returns the `inward` of both fingers at which the tips touch an upright object, m."""
     right, left = (
-        finger_of(scene, side).root_offset - tip_of(scene, side).radius - 0.5 * scene.grasped.width
+        finger_of(scene, side).root_offset
+        - scene.hand.tips[side].radius
+        - 0.5 * scene.grasped.width
         for side in (0, 1)
     )
     return right, left

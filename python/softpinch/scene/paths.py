@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -218,15 +219,17 @@ def replaced(node: Any, tree: Any) -> Any:
 
 def refuse_overlaps(paths: Sequence[str]) -> None:
     """Refuses two paths to the same number: equal paths, or one into the other."""
-    steps = [path.split(".") for path in paths]
-    sides = [{*SIDES}.intersection(one) for one in steps]
-    names = [[step for step in one if step not in SIDES] for one in steps]
-    for k, later in enumerate(names):
-        for m, earlier in enumerate(names[:k]):
-            common = min(len(later), len(earlier))
-            apart = sides[m] and sides[k] and sides[m] != sides[k]
-            if earlier[:common] == later[:common] and not apart:
-                raise ValueError(f"vary: {paths[m]!r} and {paths[k]!r} set the same number")
+    # The steps of each path on each side; a path that names no side leads to both.
+    steps = [
+        ([side, *(step for step in path.split(".") if step not in SIDES)], k)
+        for k, path in enumerate(paths)
+        for side in {*SIDES}.intersection(path.split(".")) or SIDES
+    ]
+    # In sorted order a path comes just before those that lead into it.
+    for (outer, k), (inner, m) in pairwise(sorted(steps)):
+        if inner[: len(outer)] == outer:
+            earlier, later = paths[min(k, m)], paths[max(k, m)]
+            raise ValueError(f"vary: {earlier!r} and {later!r} set the same number")
 
 
 def changed(scene: Scene, values: object, named: Mapping[str, object]) -> Scene:

@@ -83,6 +83,7 @@ def moves(times: Floats, angles: Floats, move_time: float | Floats) -> Piecewise
     have extra first axes, because the times determine the number of pieces.
     """
     lasting = np.broadcast_to(move_time, len(times) - 1)
+    each = lasting[:, None]
     breaks: list[float] = []
     front = angles.shape[:-2]
     # Derivatives of a schedule come from complex numbers (directions.py).
@@ -90,9 +91,9 @@ def moves(times: Floats, angles: Floats, move_time: float | Floats) -> Piecewise
     rows = [np.zeros((*front, 2, 6), kind)]
     rows[0][..., 0] = angles[..., 0, :]
     # Divide repeatedly, because the fifth power overflows or underflows for extreme durations.
-    powers = np.array([10.0, -15.0, 6.0]) / _each(lasting) / _each(lasting) / _each(lasting)
-    powers[:, 1:] /= _each(lasting)
-    powers[:, 2:] /= _each(lasting)
+    powers = np.array([10.0, -15.0, 6.0]) / each / each / each
+    powers[:, 1:] /= each
+    powers[:, 2:] /= each
     for k in range(1, len(times)):
         move = np.zeros((*front, 2, 6), kind)
         move[..., 0] = angles[..., k - 1, :]
@@ -109,10 +110,6 @@ def moves(times: Floats, angles: Floats, move_time: float | Floats) -> Piecewise
             breaks.append(end)
             rows.append(rest)
     return _joined(np.array(breaks), np.stack(rows, axis=-3))
-
-
-def _each(values: Floats) -> Floats:
-    return values[:, None]
 
 
 def through(times: Floats, angles: Floats) -> Piecewise:

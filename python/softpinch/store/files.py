@@ -121,12 +121,10 @@ def write_with_digest(path: Path, data: memoryview) -> None:
 def read_digest(path: Path) -> str:
     """Reads the SHA-256 that was written beside a file."""
     file = _digest_file(path)
-    try:
+    with reading(file):
+        if not file.exists():
+            raise StoreError(f"{path}: has no digest in {DIGESTS}; {_REMEDY}")
         return file.read_bytes()[:64].decode("ascii", "replace")
-    except FileNotFoundError:
-        raise StoreError(f"{path}: has no digest in {DIGESTS}; {_REMEDY}") from None
-    except OSError as error:
-        raise StoreError(f"{file}: cannot be read: {error.strerror}") from None
 
 
 def _digest_file(path: Path) -> Path:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -106,12 +106,8 @@ class Folder:
     def _part_names(self) -> list[str]:
         """File names of the parts, in the order of their numbers."""
         folder = self.path / PARTS
-        try:
-            found = visible(folder)
-        except FileNotFoundError:
-            return []
-        except OSError as error:
-            raise StoreError(f"{folder}: cannot be read: {error.strerror}") from None
+        with files.reading(folder):
+            found = visible(folder) if folder.exists() else []
         for name in found:
             if not _PART_NAME.fullmatch(name):
                 raise StoreError(
@@ -139,14 +135,6 @@ class Folder:
         if self._last is None or self._last[0] is not part:
             self._last = part, Rows(columns=self.read(part, tuple(self.spec.empty().columns)))
         return self._last[1]
-
-    def damaged(self) -> Iterator[str]:
-        """Reads every part, and yields one line for each damaged part."""
-        for part in self.parts:
-            try:
-                self.read(part, tuple(self.spec.schema.entries))
-            except StoreError as error:
-                yield str(error)
 
 
 def _values(entry: Entry, columns: Sequence[NDArray[Any]]) -> NDArray[Any]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 # The number of blocks per call of the core is doubled or halved until one call takes about this
 # long, s.
 PACE_SECONDS = 0.5
+T = TypeVar("T")
 
 
 class Study(Results):
@@ -91,16 +92,20 @@ class Study(Results):
             StoreError: The folder has no study, or the study is damaged.
 
         Warns:
-            LostRunsWarning: Runs are missing; the message says which ones.
+            LostRunsWarning: Runs, or files of trajectories, are missing; the message names them.
         """
         study = cls._opened(path)
+        missing = []
         # `stop_when` leaves out runs on purpose.
         if not study.complete and not study._stops_early:
-            spans = [f"{first} to {end - 1}" for first, end in study.missing[:3].tolist()]
-            others = " and others" if len(study.missing) > 3 else ""
+            spans = [f"{first} to {end - 1}" for first, end in study.missing[:4].tolist()]
+            missing.append(f"runs {_some(spans)} of {study.requested}")
+        if deleted := study.trajectories.missing():
+            missing.append(f"trajectories of runs {_some(list(map(str, deleted)))}")
+        for what in missing:
             warn(
-                f"{study.path}: runs {', '.join(spans)}{others} of {study.requested} are missing; "
-                "`resume()` computes them, unless another process is doing so",
+                f"{study.path}: {what} are missing; `resume()` computes them, unless another "
+                "process is doing so",
                 LostRunsWarning,
             )
         return study
@@ -163,14 +168,13 @@ class Study(Results):
         for wrong in manifests.damaged_arrays(self.path, data):
             raise StoreError(wrong)
         try:
-            file = study_file.parse(data, self.path / MANIFEST)
+            parsed = study_file.parse(data, self.path / MANIFEST)
         except (TypeError, ValueError) as error:
             if any(entry["kind"] == "function" for entry in data["vary"].values()):
                 raise
             raise StoreError(str(error)) from None
-        job = Job.checked(
-            file.spec(runs=runs), threads=threads, executor=executor, progress=progress
-        )
+        spec = study_file.spec_of(*parsed, runs=runs)
+        job = Job(spec, threads=threads, executor=executor, progress=progress)
         return compute_in_folder(job, self.path)
 
     def _read_by_part(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
@@ -233,9 +237,10 @@ class Study(Results):
             StoreError: A file is missing or damaged; the message has a line for each.
         """
         data = manifests.read(self.path)
+        entries = self._spec.schema.entries
         found = [
-            *self._folder.damaged(),
-            *self.trajectories.damaged(),
+            *_faults(self._folder.parts, lambda part: self._folder.read(part, tuple(entries))),
+            *_faults([*self.trajectories, *self.trajectories.missing()], self.trajectories.read),
             *manifests.damaged_arrays(self.path, data),
         ]
         if manifests.identity(data) != self._folder.identity:
@@ -255,6 +260,20 @@ class Study(Results):
         return f"<Study {str(self.path)!r}: {there} runs, in {parts} part{'s' * (parts != 1)}>"
 
 
+def _faults(files: Iterable[T], read: Callable[[T], object]) -> Iterator[str]:
+    """Reads each file, and yields one line for each damaged or missing one."""
+    for file in files:
+        try:
+            read(file)
+        except StoreError as error:
+            yield str(error)
+
+
+def _some(names: Sequence[str]) -> str:
+    """The first three names, and whether there are others."""
+    return ", ".join(names[:3]) + (" and others" if len(names) > 3 else "")
+
+
 def _reopened(
     path: Path, outcome: Outcome, discretisation: dict[str, Discretisation] | None
 ) -> Study:
@@ -269,14 +288,9 @@ class Failures(Sequence[Capsule]):
 
     def __init__(self, study: Study) -> None:
         self._study = study
-        runs, parts = [np.empty(0, np.uint64)], [np.empty(0, np.int64)]
-        for place, part in enumerate(study._folder.parts):
-            found = study._folder.read(part, ("run", "status"))
-            runs.append(found["run"][found["status"] != "completed"])
-            parts.append(np.full(len(runs[-1]), place))
-        self._runs, self._parts = np.concatenate(runs), np.concatenate(parts)
-        order = np.argsort(self._runs, kind="stable")
-        self._runs, self._parts = self._runs[order], self._parts[order]
+        parts = study._read_by_part(("run", "status"))
+        runs = [part["run"][part["status"] != "completed"] for part in parts]
+        self._runs = np.sort(np.concatenate([np.empty(0, np.uint64), *runs]))
 
     def __len__(self) -> int:
         return len(self._runs)
@@ -292,9 +306,8 @@ class Failures(Sequence[Capsule]):
             return [self[k] for k in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):
             raise IndexError(f"failure {index} of {len(self)}")
-        folder, maker = self._study._folder, self._study.made_by[-1]
-        rows = folder.rows(folder.parts[self._parts[index]])
-        (capsule,) = self._study._capsules(rows.select(rows.run == self._runs[index]))
+        maker = self._study.made_by[-1]
+        (capsule,) = self._study._capsules(self._study._rows_of(self._runs[[index]]))
         return replace(
             capsule, version=maker["softpinch"], results_version=maker["results_version"]
         )
@@ -390,7 +403,7 @@ def _events(folder: Folder) -> Iterator[Rows]:
 
 
 def _matching_manifest(path: Path, given: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The manifest of a folder that holds the given study; None if there is no manifests."""
+    """The manifest of a folder that holds the given study; None if there is none."""
     if not (path / MANIFEST).exists():
         return None
     there = manifests.read(path)

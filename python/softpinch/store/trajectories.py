@@ -5,7 +5,7 @@ Values that are not arrays, such as the status, are JSON in the file's metadata.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +17,9 @@ from ..run.options import Options
 from ..run.run import Run, restored
 from ..scene.fields import COLUMNS
 from ..study.spec import RECORDING
-from ..support.errors import StoreError
 from ..support.record import plain
 from . import files
-from .files import TRAJECTORIES
+from .files import DIGESTS, TRAJECTORIES
 from .folder import Folder
 
 
@@ -36,10 +35,8 @@ class Trajectories(Mapping[int, Run]):
         self._scene_of = scene_of
 
     def __iter__(self) -> Iterator[int]:
-        found = (self._folder.path / TRAJECTORIES).glob("*.parquet")
-        # Run numbers have at most 19 digits.
-        stems = [file.stem for file in found if file.stem.isdecimal() and len(file.stem) < 20]
-        return iter(sorted(run for run in map(int, stems) if run in self))
+        found = _runs((self._folder.path / TRAJECTORIES).glob("*.parquet"))
+        return iter([run for run in found if run in self])
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
@@ -50,12 +47,20 @@ class Trajectories(Mapping[int, Run]):
         return self._folder.done.has(int(run)) and self._file(int(run)).exists()
 
     def __getitem__(self, run: int) -> Run:
+        if run in self.missing():
+            raise KeyError(f"{self._file(run)} is missing; `resume()` computes it again")
         if run not in self:
             raise KeyError(f"the trajectory of run {run} is not kept: pass trajectories=({run},)")
-        options, result = self._read(int(run))
+        options, result = self.read(int(run))
         return restored(self._scene_of(run), options, result)
 
-    def _read(self, run: int) -> tuple[Options, dict[str, Any]]:
+    def missing(self) -> list[int]:
+        """The runs whose trajectories were written, and whose files are no longer there."""
+        digests = (self._folder.path / DIGESTS).glob(f"{TRAJECTORIES}-*.parquet.sha256")
+        written = _runs(Path(file.stem.removeprefix(f"{TRAJECTORIES}-")) for file in digests)
+        return [run for run in written if self._folder.done.has(run) and run not in self]
+
+    def read(self, run: int) -> tuple[Options, dict[str, Any]]:
         """Reads a file back into the options and the core's result."""
         file = self._file(run)
         columns, facts = files.read(file, files.read_digest(file))
@@ -107,13 +112,11 @@ class Trajectories(Mapping[int, Run]):
         }
         files.write_with_digest(self._file(run), files.encode(columns, facts))
 
-    def damaged(self) -> Iterator[str]:
-        """Reads every file, and yields one line for each damaged file."""
-        for run in self:
-            try:
-                self._read(run)
-            except StoreError as error:
-                yield str(error)
+
+def _runs(files: Iterable[Path]) -> list[int]:
+    """The sorted numbers of the runs whose trajectories have these files' names."""
+    # Run numbers have at most 19 digits.
+    return sorted(int(f.stem) for f in files if f.stem.isdecimal() and len(f.stem) < 20)
 
 
 def _columns(name: str, width: int) -> list[str]:

@@ -11,7 +11,7 @@ The shell command `softpinch run lost.toml` replays the run too.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -28,8 +28,9 @@ from ..scene.template import SceneTemplate
 from ..support import checks, toml
 from ..support.arrays import read_only
 from ..support.choices import Recordable
-from ..support.display import Shown, ShownTable, text_of
+from ..support.display import ShownTable, text_of
 from ..support.record import plain
+from ..support.result import ByValue
 from .estimates import plain as number_or_array
 
 _TABLES = ("capsule", "simulate", "scene")
@@ -37,7 +38,7 @@ _FACTS = ("run", "seed", "status", "time", "message", "softpinch", "results_vers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Capsule(Shown):
+class Capsule(ByValue):
     """A run of a study: its outcome, and the data to replay it alone. Its pickle is small.
 
     Capsules come from `Ensemble.failures`, `from_dict` and `from_toml`. Two capsules are equal if
@@ -185,14 +186,6 @@ class Capsule(Shown):
 
     def __hash__(self) -> int:
         return hash((self.run, self.seed, self.status, self.time))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # The fields only, without the cached scene, which can be made again.
-        return _rebuild, (type(self), {f.name: getattr(self, f.name) for f in fields(self)})
-
-
-def _rebuild(cls: type[Capsule], values: dict[str, Any]) -> Capsule:
-    return cls(**values)
 
 
 def _tables(data: Any, known: Sequence[str], needed: Sequence[str], path: str) -> None:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +18,7 @@ from ..support.progress import Report, reporting
 from .engine import Accept, Outcome, RunBlock, how_many_threads, on_threads
 from .estimates import Discretisation, Estimate
 from .results import Results
-from .rows import HOLDS, Numbers, Rows, Spans, happened
+from .rows import HOLDS, Edges, Numbers, Rows, Spans, happened
 from .sources import BLOCK
 from .spec import RECORDING, StudySpec
 
@@ -35,43 +34,31 @@ _SUSPECTS = 8
 _CHECKED = 256
 
 
-@dataclass(kw_only=True)
 class Job:
     """A study to compute, and the means to compute it.
 
     Attributes:
         spec: The study.
-        draw: Function from the numbers of runs to their varied values: path -> (k, ...).
         wanted: The runs to compute.
-        threads: As for `monte_carlo`, as are `executor` and `progress`.
+        draw: Function from the numbers of runs to their varied values: path -> (k, ...).
         executor: The executor that computes the runs; None computes them on threads.
-        progress: Whether and how to report progress.
     """
 
-    spec: StudySpec
-    draw: Callable[[Numbers], dict[str, Floats]]
-    wanted: Spans
-    threads: int | None
-    executor: Engine | None
-    progress: bool | Report
-    _warned: bool = False
-    _may_be_unstable: bool = False
-
-    @classmethod
-    def checked(
-        cls,
+    def __init__(
+        self,
         spec: StudySpec,
         *,
         only: ArrayLike | None = None,
         threads: int | None = None,
         executor: Engine | None = None,
         progress: bool | Report = True,
-    ) -> Self:
+    ) -> None:
         """Checks the arguments of `monte_carlo` that say which runs to compute and how."""
         runs = spec.plan.runs
-        wanted = Spans.upto(runs) if only is None else Spans.of(_numbers(only, runs))
+        self.spec = spec
+        self.wanted = Spans.upto(runs) if only is None else Spans.of(_numbers(only, runs))
         for run in spec.trajectories:
-            if not wanted.has(run):
+            if not self.wanted.has(run):
                 raise ValueError(f"trajectories: run {run} is not in only")
         if threads is not None:
             how_many_threads(threads)
@@ -79,37 +66,41 @@ class Job:
             from . import executor as executors
 
             executors.check(executor)
-        return cls(
-            spec=spec,
-            draw=spec.plan.rows,
-            wanted=wanted,
-            threads=threads,
-            executor=executor,
-            progress=progress,
-        )
+        self.draw: Callable[[Numbers], dict[str, Floats]] = spec.plan.rows
+        self.executor = executor
+        self._threads = threads
+        self._progress = progress
+        self._warned = False
+        self._may_be_unstable = False
 
     def check(self, missing: Spans) -> None:
         """Refuses a study if any run breaks a rule, also with the smaller steps of `check_dt`."""
-        advice: list[str] = []
-        for numbers in missing.aligned_chunks(lambda: MOST_BLOCKS * BLOCK):
-            values = self.draw(numbers)
-            self.spec.varied.check(values, numbers)
-            batch = self.spec.batch(numbers, values)
-            advice.append(batch.warning or "")
-            self._may_be_unstable |= batch.may_be_unstable
-            if self.spec.check_dt:
-                try:
-                    self.spec.batch(numbers, values, self.spec.refined)
-                except ValueError as error:
-                    raise ValueError(f"check_dt: {error}") from None
-        for text in dict.fromkeys(filter(None, advice)):
+        advice: set[str] = set()
+        done, total = 0, missing.count
+        # A user's function counts computed runs only.
+        bar = self._progress is True and total > MOST_BLOCKS * BLOCK
+        with reporting(bar, "checking") as report:
+            for numbers in missing.aligned_chunks(lambda: MOST_BLOCKS * BLOCK):
+                report(done, total)
+                values = self.draw(numbers)
+                self.spec.varied.check(values, numbers)
+                batch = self.spec.batch(numbers, values)
+                advice |= {batch.warning} if batch.warning else set()
+                self._may_be_unstable |= batch.may_be_unstable
+                if self.spec.check_dt:
+                    try:
+                        self.spec.batch(numbers, values, self.spec.refined)
+                    except ValueError as error:
+                        raise ValueError(f"check_dt: {error}") from None
+                done += len(numbers)
+        for text in sorted(advice):
             warn(text, StabilityWarning)
             self._warned = True
 
     def compute(self, missing: Spans, accept: Accept, size: Callable[[], int]) -> Outcome:
         """Computes runs; `accept` keeps their rows and returns whether they are enough."""
         blocks = (RunBlock(numbers, self.draw(numbers)) for numbers in missing.aligned_chunks(size))
-        with reporting(self.progress, "simulating") as report:
+        with reporting(self._progress, "simulating") as report:
             outcome = self._engine(blocks, missing, report, accept)
         for one in outcome.lost:
             warn(f"lost {one}", LostRunsWarning)
@@ -119,11 +110,11 @@ class Job:
         self, blocks: Iterable[RunBlock], asked: Spans, report: Report, accept: Accept
     ) -> Outcome:
         if self.executor is None:
-            threads = how_many_threads(self.threads)
+            threads = how_many_threads(self._threads)
             return on_threads(self.spec, blocks, asked.count, threads, report, accept)
         from .executor import on_executor
 
-        threads = 1 if self.threads is None else self.threads
+        threads = 1 if self._threads is None else self._threads
         in_order = bool(self.spec.stop_when)
         return on_executor(
             self.spec, blocks, asked, self.executor, threads, report, accept, in_order
@@ -153,16 +144,18 @@ class Job:
         options = self.spec.options
         if options.dt is None or not is_explicit(options.method):
             return
-        counts = results.counts()
-        unstable, completed = counts.get("unstable", 0), counts.get("completed", 0)
-        failed = results.runs - completed
-        suspects: list[int] = []
-        if unstable:
-            suspects = self._some(results, lambda status: status == "unstable")
-        elif failed:
-            suspects = self._some(results, lambda status: status != "completed")
-        if completed and not unstable and self._may_be_unstable:
-            suspects += self._some(results, lambda status: status == "completed")
+        spans: defaultdict[str, list[Edges]] = defaultdict(list)
+        for part in results._read_by_part(("run", "status")):
+            completes = part["status"] == "completed"
+            kinds = {"unstable": part["status"] == "unstable", "completed": completes}
+            for kind, rows in {**kinds, "failed": ~completes}.items():
+                spans[kind].append(Spans.of(part["run"][rows]).edges)
+        unstable, completed, failed = (
+            Spans.joined(spans[kind]) for kind in ("unstable", "completed", "failed")
+        )
+        suspects = (unstable if unstable.count else failed).evenly_spaced(_SUSPECTS).tolist()
+        if not unstable.count and self._may_be_unstable:
+            suspects += completed.evenly_spaced(_SUSPECTS).tolist()
         if not suspects:
             return
         rows = results._rows_of(np.array(sorted(suspects), dtype=np.uint64))
@@ -179,22 +172,13 @@ class Job:
             if text is not None:
                 break
         what = f"run {run}"
-        if unstable:
+        if unstable.count:
             text = text or "take a smaller dt; its message says which dt is surely stable"
-            what = f"{unstable} of {results.runs} runs are unstable, such as run {run}"
+            what = f"{unstable.count} of {results.runs} runs are unstable, such as run {run}"
         elif status != "completed":
-            what = f"run {run}, one of {failed} that did not complete"
+            what = f"run {run}, one of {failed.count} that did not complete"
         if text is not None:
             warn(f"{what}: {text}", StabilityWarning)
-
-    def _some(self, results: Results, with_status: Callable[[NDArray[Any]], Any]) -> list[int]:
-        """The numbers of up to eight runs with such a status, evenly spread."""
-        found = [
-            Spans.of(part["run"][with_status(part["status"])]).edges
-            for part in results._read_by_part(("run", "status"))
-        ]
-        spread: list[int] = Spans.joined(found).evenly_spaced(_SUSPECTS).tolist()
-        return spread
 
     def _check_dt(self, results: Results) -> None:
         """Estimates the error of summaries and probabilities, from runs with smaller steps."""

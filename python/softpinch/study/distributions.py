@@ -89,7 +89,6 @@ class Distribution(Kinded):
         return np.asarray(value)
 
     def _broadcast(self) -> None:
-        """Refuses parameters that do not broadcast."""
         shapes = {name: np.shape(value) for name, value in self._values().items()}
         shown = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
         try:
@@ -134,8 +133,7 @@ class Normal(Distribution):
 
     def _component_quantiles(self, u: Floats) -> Floats:
         z = _normal_quantiles(u, "Normal")
-        quantiles: Floats = np.asarray(self.mean) + np.asarray(self.std) * z
-        return quantiles
+        return np.asarray(np.asarray(self.mean) + np.asarray(self.std) * z)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -159,8 +157,7 @@ class Uniform(Distribution):
 
     def _component_quantiles(self, u: Floats) -> Floats:
         low, high = np.asarray(self.low), np.asarray(self.high)
-        quantiles: Floats = np.clip(low + (high - low) * u, low, high)
-        return quantiles
+        return np.asarray(np.clip(low + (high - low) * u, low, high))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -185,8 +182,7 @@ class LogUniform(Distribution):
         low, high = np.asarray(self.low), np.asarray(self.high)
         bottom, top = np.log(low), np.log(high)
         with np.errstate(over="ignore"):
-            quantiles: Floats = np.clip(np.exp(bottom + (top - bottom) * u), low, high)
-        return quantiles
+            return np.asarray(np.clip(np.exp(bottom + (top - bottom) * u), low, high))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -215,8 +211,7 @@ class LogNormal(Distribution):
 
     def _from_normal(self, z: Floats) -> Floats:
         # Add the logarithm, because exp(sigma z) may overflow although the product does not.
-        draws: Floats = np.exp(np.log(self.median) + np.asarray(self.sigma) * z)
-        return draws
+        return np.asarray(np.exp(np.log(self.median) + np.asarray(self.sigma) * z))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -274,8 +269,7 @@ class TruncatedNormal(Distribution):
         )
         # Rounding may raise the sum of both terms above 1.
         z = special.ndtri_exp(np.minimum(log_p, -LEAST))
-        quantiles: Floats = np.clip(mean + std * np.where(mirrored, -z, z), low, high)
-        return quantiles
+        return np.asarray(np.clip(mean + std * np.where(mirrored, -z, z), low, high))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -325,20 +319,17 @@ class Choice(Distribution):
         else:
             ends = np.cumsum(self.weights)
             index = np.searchsorted(ends / ends[-1], u[:, 0], side="right")
-        drawn: Floats = values[index]
-        return drawn
+        return np.asarray(values[index])
 
 
 def inside(u: Floats) -> Floats:
     """Clips uniform numbers to [2^-54, 1 - 2^-53], so that their quantiles are finite."""
-    clipped: Floats = np.clip(u, LEAST, MOST)
-    return clipped
+    return np.asarray(np.clip(u, LEAST, MOST))
 
 
 def _normal_quantiles(u: Floats, owner: str) -> Floats:
     """Standard normal quantiles, always finite."""
-    quantiles: Floats = _special(owner).ndtri(inside(u))
-    return quantiles
+    return np.asarray(_special(owner).ndtri(inside(u)))
 
 
 def _special(owner: str) -> ModuleType:

@@ -92,7 +92,6 @@ class Estimate(NamedTuple):
         )
 
     def _repr_html_(self) -> str:
-        """The share, the interval and the counts as a table, for notebooks."""
         return ShownTable(self._fields, [(*self.texts(), *self[3:])], "probability").html()
 
     def __float__(self) -> float:
@@ -152,7 +151,6 @@ class Mean(NamedTuple):
         return f"{self.value:.{digits}g} ± {self.error:.2g} ({self.runs} runs){left_out}"
 
     def _repr_html_(self) -> str:
-        """The mean, its error and the scatter as a table, for notebooks."""
         return ShownTable(self._fields, [self], "mean").html()
 
     def __float__(self) -> float:

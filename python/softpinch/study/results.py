@@ -123,7 +123,6 @@ class Results(Shown, ABC):
         return {path: found.columns[path][0] for path in self._spec.shapes}
 
     def _capsules(self, rows: Rows) -> list[Capsule]:
-        """Makes a capsule of each row."""
         return [
             Capsule(
                 run=int(rows.run[k]),

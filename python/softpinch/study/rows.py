@@ -111,8 +111,7 @@ class Spans:
             return np.zeros(len(runs), bool)
         given = runs.astype(np.int64)
         span = np.searchsorted(self.edges[:, 0], given, side="right") - 1
-        among: NDArray[np.bool_] = (span >= 0) & (given < self.edges[span, 1])
-        return among
+        return np.asarray((span >= 0) & (given < self.edges[span, 1]))
 
     def has(self, run: int) -> bool:
         """Whether one run is in the set."""
@@ -128,8 +127,7 @@ class Spans:
         ends = np.cumsum(self.edges[:, 1] - self.edges[:, 0])
         places = np.unique(np.linspace(0, self.count - 1, min(most, self.count)).astype(np.int64))
         span = np.searchsorted(ends, places, side="right")
-        found: Numbers = (self.edges[span, 1] - (ends[span] - places)).astype(np.uint64)
-        return found
+        return np.asarray(self.edges[span, 1] - (ends[span] - places), dtype=np.uint64)
 
     def aligned_chunks(self, size: Callable[[], int]) -> Iterator[Numbers]:
         """Yields the numbers of all runs, increasing, in arrays that end at multiples of a size.
@@ -424,5 +422,4 @@ def _missing(name: str, scene: Scene, varied: Iterable[str]) -> str:
 
 def finite(*values: Floats) -> NDArray[np.bool_]:
     """Whether all of the given values are finite in each run, (runs,)."""
-    kept: NDArray[np.bool_] = np.logical_and.reduce([np.isfinite(each) for each in values])
-    return kept
+    return np.asarray(np.logical_and.reduce([np.isfinite(each) for each in values]))

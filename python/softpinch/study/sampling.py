@@ -19,7 +19,7 @@ order of their names.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Self
 
 import numpy as np
@@ -30,7 +30,7 @@ from ..support.arrays import Floats
 from ..support.errors import SuspiciousValueWarning, warn
 from ..support.extras import require
 from .distributions import MOST
-from .sources import BLOCK, ArraySource, Description, Key, Source, source_of
+from .sources import BLOCK, ArraySource, Description, Key, Shapes, Source, source_of
 
 SAMPLERS = ("random", "sobol", "latin_hypercube")
 # SciPy's default. With more than 32 bits `fast_forward` fails (SciPy 1.17).
@@ -66,17 +66,19 @@ class Plan:
         seed: int = 0,
         sampler: str = "random",
         *,
-        shapes: Mapping[str, tuple[int, ...]],
+        shapes: Callable[[list[str]], Shapes],
     ) -> None:
         """Checks the arguments, those of `monte_carlo`, as far as possible without drawing.
 
-        `shapes` has the shape of the field at each path; () is a number.
+        `shapes` gives path -> shape of the field at each of some paths; () is a number.
         """
-        keys = paths_of(vary)
+        keys = _paths_of(vary)
         self.seed = checks.integer("seed", seed, 0)
         self.sampler = checks.choice("sampler", sampler, SAMPLERS)
-        self.shapes = {path: shapes[path] for paths in keys.values() for path in paths}
-        self.sources: dict[Key, Source] = {key: source_of(key, vary[key], shapes) for key in keys}
+        self.shapes = shapes([path for paths in keys.values() for path in paths])
+        self.sources: dict[Key, Source] = {
+            key: source_of(key, vary[key], self.shapes) for key in keys
+        }
         self.runs = _count_runs(self.sources.values(), runs, vary)
         self.dimensions = 0
         self._columns: dict[Key, slice] = {}
@@ -148,7 +150,7 @@ class Plan:
         if all(isinstance(source.value, Description) for source in sources):
             return self
         vary: dict[Key, Any] = {s.paths: Description(s.describe()) for s in sources}
-        return type(self)(vary, self.runs, self.seed, self.sampler, shapes=self.shapes)
+        return type(self)(vary, self.runs, self.seed, self.sampler, shapes=lambda _: self.shapes)
 
     def _generator(self, paths: tuple[str, ...], block: int) -> np.random.Generator:
         """Makes the generator of a block: Philox, with a key from seed, block and path names."""
@@ -188,7 +190,7 @@ class Plan:
         return points
 
 
-def paths_of(vary: Mapping[Key, Any]) -> dict[Key, tuple[str, ...]]:
+def _paths_of(vary: Mapping[Key, Any]) -> dict[Key, tuple[str, ...]]:
     """Returns the paths of each key; refuses keys that are not paths, and repeated paths."""
     if not isinstance(vary, Mapping):
         raise TypeError(

@@ -130,13 +130,11 @@ class ArraySource(Source):
 
     def draw(self, rng: np.random.Generator, block: int, calls: int) -> Floats:
         """The block's rows."""
-        rows: Floats = self.value[block * BLOCK : (block + 1) * BLOCK]
-        return rows
+        return np.asarray(self.value[block * BLOCK : (block + 1) * BLOCK])
 
     def from_points(self, points: Floats, block: int) -> Floats:
         """The block's rows."""
-        rows: Floats = self.value[block * BLOCK : (block + 1) * BLOCK]
-        return rows
+        return np.asarray(self.value[block * BLOCK : (block + 1) * BLOCK])
 
     def describe(self) -> dict[str, Any]:
         """The shape; a store adds a file."""

@@ -17,6 +17,7 @@ from .. import _core
 from ..run.options import MOST_STEPS, NUMERICS, Options, names
 from ..run.request import Request
 from ..run.run import Run
+from ..scene.paths import shapes_of
 from ..scene.scene import Scene
 from ..scene.template import SceneTemplate
 from ..support import checks
@@ -24,7 +25,7 @@ from ..support.arrays import Floats
 from ..support.choices import Recordable
 from ..support.record import plain
 from .rows import Numbers, Rows, Schema, checked_event
-from .sampling import Plan, paths_of
+from .sampling import Plan
 from .sources import Key
 
 SUMMARIES = ("final_state", *_core.SUMMARIES)
@@ -83,17 +84,15 @@ class StudySpec:
         """Checks the arguments of `monte_carlo` that describe a study; errors are those there."""
         checks.instance("scene", scene, Scene)
         vary = {} if vary is None else vary
-        paths = [path for several in paths_of(vary).values() for path in several]
         seed = checks.integer("seed", seed, 0, 2**64 - 1)
-        shapes = SceneTemplate(scene, paths, seed).shapes
-        plan = Plan(vary, runs, seed, sampler, shapes=shapes)
+        plan = Plan(vary, runs, seed, sampler, shapes=lambda paths: shapes_of(scene, paths))
         spec = cls(
             scene=scene,
             plan=plan,
             options=options,
             summaries=names("summaries", summaries, SUMMARIES),
             band=checks.positive("settling_band", settling_band),
-            stop_when=_stop_when(stop_when, sampler, scene, shapes),
+            stop_when=_stop_when(stop_when, sampler, scene, plan.shapes),
             check_dt=checks.boolean("check_dt", check_dt),
             trajectories=_trajectories(trajectories, plan.runs),
         )
@@ -217,7 +216,6 @@ class StudySpec:
 
 
 def _trajectories(trajectories: Sequence[int], runs: int) -> tuple[int, ...]:
-    """Checks the numbers of the runs whose trajectories are recorded."""
     given = checks.several(
         "trajectories", trajectories, "the numbers of runs, such as (3, 17)", runs
     )

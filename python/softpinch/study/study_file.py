@@ -19,7 +19,7 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -48,32 +48,21 @@ def read(path: Path, **changes: Any) -> StudySpec:
     the file, the place and the rule.
     """
     path = checks.path("path", path)
-    return parse(toml.read(path), path).spec(**changes)
+    return spec_of(*parse(toml.read(path), path), **changes)
 
 
-class StudyFile(NamedTuple):
-    """The content of a study file.
-
-    Attributes:
-        scene: The scene that all runs share, apart from the varied values.
-        vary: Path, or paths that are drawn together -> distribution, or an array (runs, ...).
-        settings: The table `[study]`, which `spec` checks.
-    """
-
-    scene: Scene
-    vary: Mapping[Key, Any]
-    settings: Mapping[str, Any]
-
-    def spec(self, **changes: Any) -> StudySpec:
-        """Makes the study's description, with the `changes` of `read`."""
-        default = {"summaries": SUMMARIES, "record": RECORDABLE}
-        settings = {**default, **self.settings, **in_place(**changes)}
-        how = {name: settings.pop(name) for name in (*RUN_OPTIONS, *RECORDING) if name in settings}
-        return StudySpec.checked(self.scene, Options.from_dict(how), vary=self.vary, **settings)
+def spec_of(
+    scene: Scene, vary: Mapping[Key, Any], settings: Mapping[str, Any], **changes: Any
+) -> StudySpec:
+    """Makes the study that `parse` has read, with the `changes` of `read`."""
+    default = {"summaries": SUMMARIES, "record": RECORDABLE}
+    settings = {**default, **settings, **in_place(**changes)}
+    how = {name: settings.pop(name) for name in (*RUN_OPTIONS, *RECORDING) if name in settings}
+    return StudySpec.checked(scene, Options.from_dict(how), vary=vary, **settings)
 
 
-def parse(data: Mapping[str, Any], path: Path) -> StudyFile:
-    """Parses the content `data` of the file at `path`."""
+def parse(data: Mapping[str, Any], path: Path) -> tuple[Scene, dict[Key, Any], dict[str, Any]]:
+    """Parses the content of the file at `path`: scene, table `vary` and table `study`."""
     try:
         if "capsule" in data:
             raise ValueError("is a capsule, one run of a study: replay it with softpinch run")
@@ -92,7 +81,7 @@ def parse(data: Mapping[str, Any], path: Path) -> StudyFile:
         # Refuse wrong paths, shapes and numbers of runs here, in an error that names the file.
         draws = {name: own[name] for name in ("runs", "seed") if name in own}
         StudySpec.checked(scene, Options.checked(), vary=vary, **draws)
-        return StudyFile(scene, vary, own)
+        return scene, vary, own
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from None
 

@@ -74,7 +74,6 @@ class Shown:
         return ""
 
     def _repr_html_(self) -> str:
-        """The same in HTML, for notebooks."""
         return html_of(f"{_text(repr(self))}{self._picture()}", self._tables())
 
 

@@ -142,7 +142,6 @@ class Record(ByValue):
         return type(self).__name__, shown
 
     def _tables(self) -> Iterator[ShownTable]:
-        """All fields, defaults too."""
         yield ShownTable(("field", "value"), tuple(self._values().items()))
 
     def __repr__(self) -> str:

@@ -45,7 +45,6 @@ class Result(ByValue):
         return text_of(type(self).__name__, self._facts())
 
     def _facts(self) -> dict[str, Any]:
-        """The names and values that are shown, the most important first."""
         return self._values()
 
     def _tables(self) -> Iterator[ShownTable]:
@@ -56,7 +55,6 @@ class Result(ByValue):
                 yield ShownTable(tuple(value[0]._values()), rows, name)
 
     def _repr_html_(self) -> str:
-        """The values as a table, for notebooks, and what else the class shows."""
         if type(self).__repr__ is not Result.__repr__:
             return super()._repr_html_()
         values = {name: value for name, value in self._facts().items() if not _missing(value)}
