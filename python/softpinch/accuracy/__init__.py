@@ -8,29 +8,12 @@ measures error against run time and the effect of alpha and beta, reported as `m
 (`null_space`, `segments`) with SciPy.
 """
 
-from typing import TYPE_CHECKING
-
-from ..support.extras import lazily
-
-if TYPE_CHECKING:
-    from .advice import Advice
-    from .advisor import advise
-    from .measurements import Measurement, Peer, StabilizationSweep, WorkPrecision
-    from .precision import stabilization_sweep, work_precision
-    from .stability import Modes, StableStep, max_stable_dt, modes
-    from .stability_maps import StabilityMap, stability_map
-else:
-    __getattr__ = lazily(
-        __name__,
-        {
-            "advice": ("Advice",),
-            "advisor": ("advise",),
-            "measurements": ("Measurement", "Peer", "StabilizationSweep", "WorkPrecision"),
-            "precision": ("stabilization_sweep", "work_precision"),
-            "stability": ("Modes", "StableStep", "max_stable_dt", "modes"),
-            "stability_maps": ("StabilityMap", "stability_map"),
-        },
-    )
+from .advice import Advice
+from .advisor import advise
+from .measurements import Measurement, Peer, StabilizationSweep, WorkPrecision
+from .precision import stabilization_sweep, work_precision
+from .stability import Modes, StableStep, max_stable_dt, modes
+from .stability_maps import StabilityMap, stability_map
 
 __all__ = [
     "Advice",

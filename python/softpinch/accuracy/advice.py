@@ -11,7 +11,6 @@ from ..run.run import Run
 from ..run.simulate import simulate
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
-from ..support import checks
 from ..support.choices import Formulation, Method
 from ..support.result import Result
 
@@ -132,20 +131,15 @@ class Advice(Result):
         Raises:
             TypeError: An option is one that the advice chooses.
         """
-        advised: dict[str, Any] = {
-            "dt": self.dt,
-            "tolerance": self.step_tolerance,
-            "method": self.method,
-            "formulation": self.formulation,
-            "stabilization": self.stabilization,
-        }
-        for name in advised:
-            if name in options:
-                raise TypeError(
-                    f"{name} = {checks.shown(options[name])}: must be left out, because the advice "
-                    f"chooses it; simulate(advice.scene, {name}=...) runs with another one"
-                )
-        return simulate(self.scene, **advised, **options)
+        return simulate(
+            self.scene,
+            dt=self.dt,
+            tolerance=self.step_tolerance,
+            method=self.method,
+            formulation=self.formulation,
+            stabilization=self.stabilization,
+            **options,
+        )
 
     def _facts(self) -> dict[str, Any]:
         """The setting before everything else, with dt and the tolerance in one entry."""

@@ -94,7 +94,7 @@ def advise(
         formulations: Formulations to try; None tries all that the scene allows, which are "csm" and
             "projected" in unilateral contact, and "csm" alone for a start off the constraints.
         methods: Methods to try.
-        stabilization: The gains of (19) and (20), for "csm".
+        stabilization: As for `simulate`.
         budget: Time for the search, s; infinity tries everything. `Advice.untried` and the message
             have the pairs that it does not allow to try.
         progress: As for `monte_carlo`; it counts pairs.
@@ -162,12 +162,16 @@ class _Search:
 
     def request(self, value: float, most: float = math.inf) -> Request:
         """A run with one setting; adaptive steps stop after about `most` s."""
-        how: dict[str, Any] = {self.kind: value}
+        how: dict[str, Any] = {
+            "formulation": self.formulation,
+            "method": self.method,
+            self.kind: value,
+        }
         if self.kind == "dt":
             how["every"] = max(1, math.ceil(self._duration / value / _MOST_ROWS))
         elif most < math.inf:
             how["max_steps"] = int(min(100 + most / _SHORTEST, MOST_STEPS))
-        return self.motion.request(self.method, self.formulation, **how)
+        return self.motion.request(**how)
 
     def bounded_time(self) -> float:
         """The CPU time of a run with the longest stable step, s; 0 if it has few steps."""
@@ -364,12 +368,12 @@ class _Advisor:
             margin = search.stable / value if self.motion.limited else math.nan
         apart, method = self.motion.confirm(run)
         sizes = ", ".join(f"{name} {size:.1e}" for name, size in errors.items())
-        steps, adaptive = (best.summary if best else "none" for best in self._best())
+        found = {kind: best.summary if best else "none" for kind, best in self.best.items()}
         parts = [
             f'take formulation="{trial.formulation}", method="{trial.method}", {trial.setting}: '
             f"error {sizes}; {1e3 * trial.time:.3g} ms a run",
-            f"the best equal steps: {steps}",
-            f"the best adaptive steps: {adaptive}",
+            f"the best equal steps: {found['dt']}",
+            f"the best adaptive steps: {found['tolerance']}",
             *([_room(margin)] if equal else []),
             f"a run by {method} ends otherwise"
             if math.isinf(apart)
@@ -407,10 +411,6 @@ class _Advisor:
             confirmed=math.inf,
         )
 
-    def _best(self) -> tuple[Trial | None, Trial | None]:
-        """The best equal and the best adaptive steps."""
-        return self.best["dt"], self.best["tolerance"]
-
     def _advice(self, parts: list[str], **found: Any) -> Advice:
         if self.motion.share < 1.0:
             parts.append(
@@ -422,12 +422,11 @@ class _Advisor:
             pairs = "1 pair was" if count == 1 else f"{count} pairs were"
             some = ", ".join(self.untried[:4]) + (", ..." if count > 4 else "")
             parts.append(f"{pairs} not tried within {self.budget:g} s ({some})")
-        equal, adaptive = self._best()
         return Advice(
             scene=self.motion.full,
             tolerance=self.motion.tolerance,
-            equal=equal,
-            adaptive=adaptive,
+            equal=self.best["dt"],
+            adaptive=self.best["tolerance"],
             tried=self.motion.scene.duration,
             untried=tuple(self.untried),
             stabilization=self.motion.stabilization,

@@ -103,12 +103,12 @@ def work_precision(
     steps = _default_steps(scene) if dt is None else ladder("dt", dt)
     allowed = _TOLERANCES if tolerances is None else ladder("tolerances", tolerances)
     switches = switching(scene)
-    curves = [
-        (_request(scene, formulation, stabilization, method), setting, values)
-        for formulation, method in pairs
-        for setting, values in (("dt", steps), ("tolerance", allowed))
-        if setting == "dt" or method in _core.ADAPTIVE_METHODS
-    ]
+    curves = []
+    for formulation, method in pairs:
+        how = {"formulation": formulation, "method": method, "stabilization": stabilization}
+        curves.append((_request(scene, **how), "dt", steps))
+        if method in _core.ADAPTIVE_METHODS:
+            curves.append((_request(scene, **how), "tolerance", allowed))
     others = checks.several("peers", peers, "Peers")
     for each in others:
         checks.instance("peers", each, Peer)
@@ -124,7 +124,8 @@ def work_precision(
                 skipped.append(_too_long(run.row))
                 rows.append(run.row)
             else:
-                row = _measured(run, exact, switches)
+                times = _summarized(cpu_times(run.request, _REPEATS))
+                row = replace(run.row, **times, **run.errors(exact, switches))
                 rows.append(_with_order(row, rows[-1]) if rows else row)
             report(len(rows), total)
         for peer in others:
@@ -141,22 +142,9 @@ def work_precision(
     )
 
 
-def _request(
-    scene: Scene,
-    formulation: str,
-    stabilization: Stabilization,
-    method: str,
-    dt: float | None = None,
-) -> Request:
+def _request(scene: Scene, **options: Any) -> Request:
     """A run with everything recorded that is measured."""
-    options = Options.checked(
-        dt=dt,
-        method=method,
-        formulation=formulation,
-        stabilization=stabilization,
-        record=_EVERYTHING,
-    )
-    return Request(scene, options)
+    return Request(scene, Options.checked(record=_EVERYTHING, **options))
 
 
 def ladder(name: str, values: ArrayLike) -> Floats:
@@ -211,7 +199,8 @@ def stabilization_sweep(
 
     def sampled(formulation: Formulation, gain: float) -> _Sampled:
         gains = Stabilization(alpha=gain, beta=gain)
-        return _sampled(_request(scene, formulation, gains, method, dt), switches)[0]
+        how = {"formulation": formulation, "method": method, "stabilization": gains}
+        return _sampled(_request(scene, dt=dt, **how), switches)[0]
 
     usual.warn(scene)
     plain = sampled(without_drift(scene), 0.0)
@@ -280,15 +269,15 @@ def _sampled(request: Request, switches: Floats) -> tuple[_Sampled, float]:
     residuals = held_residuals(run).max(axis=0)
     exchanged = run.energy.exchanged
     closure = float(np.abs(run.energy.closure).max())
-    names = ("evaluations", "factorisations", "steps")
-    counts: dict[str, Any] = {name: run.stats[name] for name in names}
     row = replace(
         _row(request),
         status=run.status,
         holonomic=float(residuals[:2].max()),
         nonholonomic=float(residuals[2:].max()),
         closure=closure / exchanged if exchanged > 0.0 else closure,
-        **counts,
+        evaluations=run.stats["evaluations"],
+        factorisations=run.stats["factorisations"],
+        steps=run.stats["steps"],
     )
     rows = sampled_rows(run, switches)
     return _Sampled(request, row, run.t[rows], {n: getattr(run, n)[rows] for n in ESTIMATED}), spent
@@ -360,12 +349,6 @@ def _curve(
         run, spent = _sampled(wanted, switches)
         yield run
         before = value
-
-
-def _measured(run: _Sampled, exact: Reference, switches: Floats) -> Measurement:
-    """The measurement of a run, with its errors and times."""
-    times = _summarized(cpu_times(run.request, _REPEATS))
-    return replace(run.row, **times, **run.errors(exact, switches))
 
 
 def _too_long(row: Measurement) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..run import scaled_error
 from ..run.error_estimate import ending_at
-from ..run.options import STOP_ON, Options
+from ..run.options import Options
 from ..run.request import Request
 from ..run.run import Run, computed
 from ..scene.fields import ESTIMATED
@@ -74,17 +74,10 @@ class ReferenceMotion:
         """The tried part of the scene, as a share of its duration."""
         return self.scene.duration / self.full.duration
 
-    def request(self, method: str, formulation: str, **how: Any) -> Request:
+    def request(self, **how: Any) -> Request:
         """A run of the scene that can be compared with the motion."""
-        options = Options.checked(
-            method=method,
-            formulation=formulation,
-            stabilization=self.stabilization,
-            record=_RECORD,
-            stop_on=STOP_ON,
-            **how,
-        )
-        return Request(self.scene, options)
+        how |= {"stabilization": self.stabilization, "record": _RECORD}
+        return Request(self.scene, Options.checked(**how))
 
     def _methods(self) -> tuple[str, ...]:
         """The stiff method and the explicit one, if that is not too slow, by time."""
@@ -98,8 +91,8 @@ class ReferenceMotion:
 
     def _tight(self, method: str, **how: Any) -> Request:
         share, least = _TIGHTER[method]
-        tolerance = max(share * self.tolerance, least)
-        return self.request(method, self.run.formulation, tolerance=tolerance, **how)
+        how["tolerance"] = max(share * self.tolerance, least)
+        return self.request(method=method, formulation=self.run.formulation, **how)
 
     def exact(self, t: Floats, method: str) -> Run:
         """The motion at increasing instants, by steps that end there."""

@@ -20,7 +20,7 @@ from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..study.engine import how_many_threads
 from ..support import checks
-from ..support.arrays import Floats, read_only
+from ..support.arrays import Floats
 from ..support.choices import Formulation, Method
 from ..support.progress import Report, reporting
 from ..support.result import Result
@@ -321,16 +321,17 @@ class MapPlan:
         checks.instance("scene", scene, Scene)
         checks.instance("stabilization", stabilization, Stabilization)
         self._scene, self._stabilization = scene, stabilization
-        self.axis, given = choose(scene, axis, values)
-        self._values = read_only(given)
-        self._dt = _steps(dt)
+        self.axis, self._values = choose(scene, axis, values)
+        self._dt = np.geomspace(1e-6, 1e-2, 13) if dt is None else checks.times("dt", dt)
+        checks.positive("dt[0]", self._dt[0])
         self._max_steps = checks.integer("max_steps", max_steps, 1, MOST_STEPS)
         self._threads = how_many_threads(threads)
         # The scene and the gains of "csm" at each value.
-        self._cases = [self.axis.apply(scene, stabilization, value) for value in given.tolist()]
+        each = self._values.tolist()
+        self._cases = [self.axis.apply(scene, stabilization, value) for value in each]
         self._pairs = _allowed(pairs, [scene for scene, _ in self._cases])
         self._formulations = tuple(dict.fromkeys(formulation for formulation, _ in self._pairs))
-        for value, (at, gains) in zip(given.tolist(), self._cases, strict=True):
+        for value, (at, gains) in zip(each, self._cases, strict=True):
             for formulation in self._formulations:
                 options = Options.checked(
                     dt=at.duration, formulation=formulation, stabilization=gains
@@ -403,14 +404,6 @@ class MapPlan:
             stabilization=self._stabilization,
             max_steps=self._max_steps,
         )
-
-
-def _steps(dt: ArrayLike | None) -> Floats:
-    if dt is None:
-        return read_only(np.geomspace(1e-6, 1e-2, 13))
-    steps = checks.times("dt", dt)
-    checks.positive("dt[0]", steps[0])
-    return steps
 
 
 def check_pairs(pairs: Sequence[tuple[str, str]] | None) -> tuple[Pair, ...]:

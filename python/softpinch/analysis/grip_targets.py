@@ -102,7 +102,7 @@ def grip(scene: Scene, force: float | None = None, compression: float | None = N
     driven = replace(still, fingers="driven", control=Pid())
     found = _Search(driven, name, unit, wanted).run()
     targets = _targets(scene, found)
-    schedule = _held(targets)
+    schedule = Schedule.steps([0.0], [targets])
     # Fingers without K_I yield, and the same targets may have another rest.
     rest = equilibrium(replace(still, schedule=schedule), 0.0, near=found.state)
     if rest.state is None:
@@ -145,10 +145,6 @@ def _targets(scene: Scene, rest: Equilibrium) -> Floats:
             if pid.ki == 0.0:
                 angles[k] += rest.torque[k] / pid.kp
     return angles
-
-
-def _held(targets: Floats) -> Schedule:
-    return Schedule.steps([0.0], targets[None])
 
 
 def _size(rest: Equilibrium, name: str) -> float:
@@ -238,7 +234,8 @@ class _Search:
 
     def _at(self, angle: float) -> tuple[float | None, Equilibrium]:
         """The equilibrium with both fingers at an angle, and its size, None where there is none."""
-        rest = equilibrium(replace(self.scene, schedule=_held(np.array([angle, angle]))), 0.0)
+        schedule = Schedule.steps([0.0], [[angle, angle]])
+        rest = equilibrium(replace(self.scene, schedule=schedule), 0.0)
         if rest.state is not None:
             return _size(rest, self.name), rest
         if rest.status not in _LOOSE + _TIGHT:

@@ -79,10 +79,8 @@ class WrenchLimits(Result):
         k = int(np.argmin(self.size))
         x, y, moment = self.wrench[k]
         names, counts = np.unique(self.limit, return_counts=True)
-        each = ", ".join(
-            f"{name.replace('_', ' ')} {count}"
-            for name, count in zip(names.tolist(), counts.tolist(), strict=True)
-        )
+        pairs = zip(names.tolist(), counts.tolist(), strict=True)
+        each = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in pairs)
         if not self.size.any():
             return f"<WrenchLimits: not even a small wrench is borne; {self.equilibrium.message}>"
         return (
@@ -133,10 +131,7 @@ def wrench_limits(
         directions: Forces in x and y and moments (n, 3), N and N m, of any size but zero. None
             takes 72 forces of 1 N without moment, from the direction x counter-clockwise, and the
             moments +1 N and -1 N times `length`.
-        time: As `shear`, `near` and `grip`, see `equilibrium`; only with a scene.
-        shear: See `equilibrium`.
-        near: See `equilibrium`.
-        grip: See `equilibrium`.
+        time, shear, near, grip: As for `equilibrium`; only with a scene.
         length: The length by which moments compare with forces in `weakest`, m; None takes half the
             object's width.
 

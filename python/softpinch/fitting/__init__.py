@@ -6,14 +6,7 @@ fitted numbers and makes weighted residuals of several experiments for SciPy. `u
 far the data determine the numbers. `fit_file` reads the files of `softpinch fit`.
 """
 
-from typing import TYPE_CHECKING
-
-from ..support.extras import lazily
-
-if TYPE_CHECKING:
-    from .result import Fit
-    from .search import fit
-else:
-    __getattr__ = lazily(__name__, {"result": ("Fit",), "search": ("fit",)})
+from .result import Fit
+from .search import fit
 
 __all__ = ["Fit", "fit"]

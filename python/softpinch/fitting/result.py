@@ -221,14 +221,14 @@ class Fit(Result):
 
         Infinite numbers are text, "inf" and "-inf", which JSON has not otherwise.
         """
+        names = [name.replace(" ", "_") for name in self.table().columns]
         return {
             "softpinch": _core.__version__,
             "results_version": _core.RESULTS_VERSION,
             "converged": self.converged,
             "messages": list(self.messages),
             "parameters": [
-                {name.replace(" ", "_"): _plain(value) for name, value in row}
-                for row in (zip(self.table().columns, r, strict=True) for r in self.table().rows)
+                dict(zip(names, map(_plain, row), strict=True)) for row in self.table().rows
             ],
             "correlations": self.correlations.tolist(),
             "noise": [
@@ -270,15 +270,13 @@ class Fit(Result):
         found = []
         for each in self.parameters:
             value, error = self.values[each.path], errors[each.path]
-            unit = "" if each.unit == "1" else f" {each.unit}"
+            unit = each.shown_unit
             low, high = ends[each.path]
             digits = _digits(value, error)
-            body = (
-                f"{value:.{digits}g} ± {error:.2g}{unit}, "
-                f"95 %: {low:.{digits}g} to {high:.{digits}g}"
-                if np.isfinite(error)
-                else f"not determined within {low:g} to {high:g}{unit}"
-            )
+            body = f"not determined within {low:g} to {high:g}{unit}"
+            if np.isfinite(error):
+                body = f"{value:.{digits}g} ± {error:.2g}{unit}, "
+                body += f"95 %: {low:.{digits}g} to {high:.{digits}g}"
             found.append(f"{each.path:{width}}  {body}")
         return found
 

@@ -103,15 +103,10 @@ def fit(
             decade (twice the size of the start, if that is not searched in the logarithm) around
             the start where there is no bound. Starts whose runs fail are left out.
         seed: The seed of the Latin hypercube.
-        dt: Longest step, s, as in `simulate`, which also explains the following arguments.
-        method: The integration method.
-        formulation: How the constraints are enforced.
-        stabilization: The gains of formulation "csm".
+        dt, method, formulation, stabilization, tolerance, max_steps: As for `simulate`.
         stop_on: The violations that end a run. A run that ends before the last measured instant has
             failed, and the search does not go there. By default none does, so that a search finds
             its way from a far start; `Fit.messages` tells of a fitted motion with violations.
-        tolerance: Instead of `dt`: the largest error of a step.
-        max_steps: With `tolerance`: the largest number of attempted steps.
         progress: True draws a bar, if stderr is a terminal and rich is installed. A function is
             called with the number of simulations so far, and the largest number that the search
             from all starts may need.
@@ -295,11 +290,9 @@ def _estimated(problem: Problem, u: Floats, loss: str) -> list[Floats]:
         own = each.noise.copy()
         for k in np.flatnonzero(each.estimated & each.known.any(axis=0)):
             rest = (motion.table - each.data)[each.known[:, k], k]
-            size = (
-                np.sqrt(np.mean(rest * rest))
-                if loss == "linear"
-                else np.median(np.abs(rest)) / _MEDIAN
-            )
+            size = np.sqrt(np.mean(rest * rest))
+            if loss != "linear":
+                size = np.median(np.abs(rest)) / _MEDIAN
             own[k] = max(size * np.sqrt(share), each.least_noise[k])
         noise.append(own)
     return noise
@@ -322,6 +315,7 @@ def _result(
     errors = np.where(known.determined, np.sqrt(np.diag(known.covariance)), np.inf)
     low, high = problem.bounds
     bound = (best.u - low < _AT_BOUND) | (high - best.u < _AT_BOUND)
+    paths = [each.path for each in problem.parameters]
     return Fit(
         converged=best.converged,
         parameters=problem.parameters,
@@ -331,9 +325,7 @@ def _result(
         singular_values=known.singular_values,
         directions=known.directions,
         undetermined=tuple(sentences(known, problem.parameters)),
-        at_bound=tuple(
-            each.path for each, there in zip(problem.parameters, bound, strict=True) if there
-        ),
+        at_bound=tuple(path for path, there in zip(paths, bound, strict=True) if there),
         experiments=experiments,
         options=options,
         loss=loss,

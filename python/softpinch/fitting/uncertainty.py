@@ -112,12 +112,8 @@ def sentences(found: Uncertainty, parameters: Sequence[Parameter]) -> Iterator[s
         names = [each.path for each, one in zip(parameters, part, strict=True) if one]
         noise = f"changes the data by {change:.2g} standard deviations of the noise in all"
         if len(names) == 1:
-            (index,) = np.flatnonzero(part)
-            change_of_one = _full_range(parameters[int(index)])
-            yield (
-                f"the data do not determine {names[0]}: {change_of_one} {noise}, by the slope at "
-                "the fit"
-            )
+            whole = _full_range(parameters[int(np.flatnonzero(part)[0])])
+            yield f"the data do not determine {names[0]}: {whole} {noise}, by the slope at the fit"
             continue
         joined = f"{', '.join(names[:-1])} and {names[-1]}"
         moves = _moves(parameters, np.where(part, direction, 0.0))
@@ -130,14 +126,10 @@ def sentences(found: Uncertainty, parameters: Sequence[Parameter]) -> Iterator[s
 
 def _full_range(parameter: Parameter) -> str:
     if np.isfinite(parameter.high - parameter.low) and parameter.low > -np.inf:
-        return f"its whole range, {parameter.low:g} to {parameter.high:g}{_unit(parameter)},"
+        return f"its whole range, {parameter.low:g} to {parameter.high:g}{parameter.shown_unit},"
     if parameter.log:
         return "a factor of ten"
-    return f"a change by {parameter.span:g}{_unit(parameter)}"
-
-
-def _unit(parameter: Parameter) -> str:
-    return "" if parameter.unit == "1" else f" {parameter.unit}"
+    return f"a change by {parameter.span:g}{parameter.shown_unit}"
 
 
 def _moved(parameters: Sequence[Parameter], direction: Floats) -> float:
@@ -160,7 +152,7 @@ def _moves(parameters: Sequence[Parameter], direction: Floats) -> str:
         if each.log:
             texts.append(f"{each.path} {100.0 * np.expm1(by * each.span):+.2g} %")
         else:
-            texts.append(f"{each.path} {by * each.span:+.2g}{_unit(each)}")
+            texts.append(f"{each.path} {by * each.span:+.2g}{each.shown_unit}")
     return " and ".join(texts)
 
 

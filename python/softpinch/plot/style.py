@@ -246,7 +246,7 @@ def legend(axes: Axes) -> None:
 
 
 def shared_legend(
-    figure: Figure, axes: Iterable[Axes], loc: str = "outside upper right", **options: Any
+    figure: Figure, axes: Iterable[Axes], loc: Any = "outside upper right", **options: Any
 ) -> None:
     """Draws one legend outside the panels, with every label of their axes once."""
     entries: dict[str, Any] = {}

@@ -33,7 +33,6 @@ from .rests import (
 _FLAT = 1e-4
 # How far the curves of the figure reach beyond the rests, rad, and their points.
 _MARGIN, _POINTS = np.deg2rad(4.0), 81
-_NOWHERE = "no operation has come to rest"
 
 
 class EnergyCurves(NamedTuple):
@@ -95,8 +94,6 @@ def elastic_alone(found: Sequence[Rest]) -> Finding:
     """The distance of the rests from the minimum of elastic energy alone."""
     claim = "elastic energy alone is not stationary at rest: its slope in y is the weight"
     measure = "how far the rest is below the minimum of elastic energy alone, mm"
-    if not found:
-        return observation(claim, measure, np.nan, _NOWHERE)
     there = [coordinates(rest.weightless) - rest.q for rest in found]
     rises = [1e3 * float(move[1]) for move in there]
     turns = [1e3 * float(np.rad2deg(abs(move[2]))) for move in there]
@@ -118,8 +115,6 @@ def if_tips_slip(found: Sequence[Rest]) -> Finding:
     """The energy that a grasp can lose if the tips may slip."""
     claim = "if tips may slip the rest is no minimum, nor the equilibrium with the lowest energy"
     measure = "largest energy that the rest has more than the lowest member of its family, mJ"
-    if not found:
-        return observation(claim, measure, np.nan, _NOWHERE)
     less = [1e3 * (rest.found.energy - rest.lowest.energy) for rest in found]
     worst = found[int(np.argmax(less))]
     angles = [np.rad2deg(coordinates(at)[2]) for at in (worst.found, worst.lowest)]
@@ -141,8 +136,6 @@ def upright_tips(found: Sequence[Rest]) -> Finding:
     """LMEE of one tip: at given compression (4) without shear is least at theta_p = 0."""
     claim = "the tips do not stand upright on the object, where the energy of one tip is least"
     measure = "largest |theta_p| at rest, deg"
-    if not found:
-        return observation(claim, measure, np.nan, _NOWHERE)
     tilts = [float(np.rad2deg(np.abs(rest.tilts).max())) for rest in found]
     turned = [
         (rest.number, np.rad2deg(0.5 * (rest.q[3] - rest.q[4])), np.rad2deg(rest.q[2]))
@@ -165,8 +158,6 @@ def depends_on_the_way(found: Sequence[Rest], direct: Run) -> Finding:
         "the energy at rest is no function of the pose: it is a minimum on each way without slip"
     )
     measure = "energy of the last rest after all operations less that straight from the start, mJ"
-    if not found:
-        return observation(claim, measure, np.nan, _NOWHERE)
     value, comparison = np.nan, ""
     end = m.settled(direct)[-1]
     if np.isfinite(end).all():
@@ -199,15 +190,21 @@ def _span(values: Sequence[float], style: str) -> str:
 
 
 def find(runs: Runs) -> tuple[Finding, ...]:
-    """The verdict on LMEE, and the definitions for which it does not hold."""
-    found = runs.rests
-    whole = [rest for rest in found if rest.found.state is not None]
+    """The verdict on LMEE, and the definitions for which it does not hold, at rests with all."""
+    verdict = without_slipping(runs.operations, runs.rests)
+    known = [
+        rest
+        for rest in runs.rests
+        if all(each.state is not None for each in (rest.found, rest.weightless, rest.lowest))
+    ]
+    if not known:
+        return (verdict,)
     return (
-        without_slipping(runs.operations, found),
-        elastic_alone([rest for rest in whole if rest.weightless.state is not None]),
-        if_tips_slip([rest for rest in whole if rest.lowest.state is not None]),
-        upright_tips(whole),
-        depends_on_the_way(whole, runs.direct),
+        verdict,
+        elastic_alone(known),
+        if_tips_slip(known),
+        upright_tips(known),
+        depends_on_the_way(known, runs.direct),
     )
 
 
@@ -236,7 +233,7 @@ def table(found: Sequence[Rest]) -> Table:
             1e3 * (rest.found.energy - rest.lowest.energy),
             *np.rad2deg(rest.tilts),
         ]
-        rows.append((rest.number, *(float(value) for value in row)))
+        rows.append((rest.number, *map(float, row)))
     columns = (
         *("operation", "theta [deg]", "P + P_g [mJ]", "P [mJ]", "operation ends within [um]"),
         *("largest slope [N]", "smallest second derivative [N/mm]", "smallest rise on 1 mm [mJ]"),
@@ -263,19 +260,15 @@ def curves(found: Sequence[Rest], titles: Sequence[str]) -> dict[str, EnergyCurv
         per_grip = float(rest.found.neutral[:, 2] @ [1.0, -1.0])
         low, high = sorted((q[2], coordinates(rest.lowest)[2]))
         angles = np.linspace(low - _MARGIN, high + _MARGIN, _POINTS)
-        family = [
-            each
-            for each in members(rest.found, (angles - q[2]) / per_grip)
-            if each.state is not None
-        ]
+        family = members(rest.found, (angles - q[2]) / per_grip)
+        places = [(coordinates(each)[2], each.energy) for each in family if each.state is not None]
+        # Energies are relative to the rest.
+        zero = np.array([0.0, rest.found.energy])
         drawn[titles[rest.number - 1]] = EnergyCurves(
             rest=np.array([q[2], 0.0]),
-            rolled=np.stack(
-                [rolled[:, 2], np.sum(energies(scene, rolled), axis=0) - rest.found.energy]
-            ),
-            family=np.array(
-                [[coordinates(each)[2], each.energy - rest.found.energy] for each in family]
-            ).T,
-            lowest=np.array([coordinates(rest.lowest)[2], rest.lowest.energy - rest.found.energy]),
+            rolled=np.stack([rolled[:, 2], np.sum(energies(scene, rolled), axis=0)])
+            - zero[:, None],
+            family=np.transpose(places) - zero[:, None],
+            lowest=np.array([coordinates(rest.lowest)[2], rest.lowest.energy]) - zero,
         )
     return drawn

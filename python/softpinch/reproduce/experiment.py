@@ -9,8 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from .. import paper
-from ..run.run import Run
-from ..run.simulate import simulate
+from ..run.options import Options
+from ..run.request import Request
+from ..run.run import Run, computed
+from ..run.simulate import warn_of_steps
 from ..scene.disturbance import Impulse, Pulse, Step
 from ..scene.hand import Fingertip, Hand
 from ..scene.scene import Scene
@@ -88,9 +90,9 @@ def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
     ) -> Run:
         nonlocal done
         progress(f"simulating {what}", share * done / count)
-        result = simulate(scene, dt=times * dt, record=record)  # type: ignore[arg-type]
-        if result.status == "interrupted":
-            raise KeyboardInterrupt
+        request = Request(scene, Options.checked(dt=times * dt, record=record))
+        result = computed(request)
+        warn_of_steps(request, result._result)
         done += 1
         return result
 

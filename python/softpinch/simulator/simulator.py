@@ -55,7 +55,25 @@ class Observation(NamedTuple):
         return text_of("Observation", self._asdict())
 
 
-class Simulator(Shown):
+class Stepped(Shown):
+    """The base of both simulators."""
+
+    _period: float
+
+    @property
+    def period(self) -> float:
+        """Time for which the torques of one step are held, s."""
+        return self._period
+
+    def __reduce__(self) -> NoReturn:
+        # A copy would share the state in the core, but not the record of the steps.
+        raise TypeError(
+            f"{type(self).__name__} cannot be copied or pickled: take its state() and give it to "
+            "set_state() or reset() of another one"
+        )
+
+
+class Simulator(Stepped):
     """One run that is stepped from outside, period by period, with torques that are held in each.
 
         sim = sp.Simulator(sp.Scene(control=sp.Torque()), period=1e-3, dt=1e-4)
@@ -108,11 +126,6 @@ class Simulator(Shown):
     def scene(self) -> Scene:
         """The scene."""
         return self._scene
-
-    @property
-    def period(self) -> float:
-        """Time for which the torques of one step are held, s."""
-        return self._period
 
     @property
     def observation(self) -> Observation:
@@ -205,8 +218,7 @@ class Simulator(Shown):
 
     def _scene_so_far(self) -> Scene:
         held = np.array(self._held).reshape(-1, _KEPT)
-        times = held[:, 0]
-        disturbances = self._scene.disturbances
+        times, disturbances = held[:, 0], self._scene.disturbances
         initial = self._scene.initial if self._start is None else self._start
         if isinstance(initial, State):
             # A period begins a segment of its own, wherever the state comes from.
@@ -227,9 +239,6 @@ class Simulator(Shown):
         self._held = array("d")
         self._seen = Observation(t, q, p, multipliers, STATUSES[code])
         return self._seen
-
-    def __reduce__(self) -> NoReturn:
-        refuse_copies(self)
 
     def __repr__(self) -> str:
         seen = self._seen
@@ -301,14 +310,6 @@ def parts_of(scene: Scene, name: str, state: State) -> tuple[Any, ...]:
         state.grid,
         state.contact,
         state.check,
-    )
-
-
-def refuse_copies(simulator: object) -> NoReturn:
-    """Refuses a copy: it would share the state in the core, but not the record of the steps."""
-    raise TypeError(
-        f"{type(simulator).__name__} cannot be copied or pickled: take its state() and give it to "
-        "set_state() or reset() of another one"
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,15 +17,8 @@ from ..study.sources import Key
 from ..study.spec import StudySpec
 from ..support import checks
 from ..support.choices import Formulation, Method, Violation
-from ..support.display import Shown, text_of
-from .simulator import (
-    STATUSES,
-    checked_actions,
-    checked_options,
-    parts_of,
-    refuse_copies,
-    state_of,
-)
+from ..support.display import text_of
+from .simulator import STATUSES, Stepped, checked_actions, checked_options, parts_of, state_of
 
 _NAMES = np.array(STATUSES)
 # Largest number of runs; their states take 10 GB.
@@ -53,7 +46,7 @@ class Observations(NamedTuple):
         return text_of("Observations", self._asdict())
 
 
-class VectorSimulator(Shown):
+class VectorSimulator(Stepped):
     """Many runs that are stepped from outside at once, each as a `Simulator` steps it, to the bit.
 
         sims = sp.VectorSimulator(sp.Scene(control=sp.Torque()), n=256, vary={...}, seed=3)
@@ -100,10 +93,9 @@ class VectorSimulator(Shown):
         spec = StudySpec.checked(self._scene, options, runs=n, seed=seed, vary=vary, summaries=())
         usual.warn(self._scene, schedule_replaced=True)
         numbers = np.arange(n, dtype=np.uint64)
-        self._values = spec.plan.rows(numbers)
-        self._spec = spec
-        self._spec.varied.check(self._values, numbers)
-        batch = self._spec.batch(numbers, self._values)
+        self._spec, self._values = spec, spec.plan.rows(numbers)
+        spec.varied.check(self._values, numbers)
+        batch = spec.batch(numbers, self._values)
         self._core = _core.Simulator.many(batch, self._period, threads)
         self._codes = np.zeros(n, np.uint8)
         t, q, p, multipliers = np.empty(n), np.empty((n, 9)), np.empty((n, 9)), np.empty((n, 4))
@@ -113,11 +105,6 @@ class VectorSimulator(Shown):
     def n(self) -> int:
         """Number of runs."""
         return len(self._codes)
-
-    @property
-    def period(self) -> float:
-        """Time for which the torques of one step are held, s."""
-        return self._period
 
     @property
     def observations(self) -> Observations:
@@ -149,11 +136,8 @@ class VectorSimulator(Shown):
         After an error, which names its run, and after Ctrl-C all runs are as before the step.
         """
         given = actions
-        if (
-            type(given) is not np.ndarray
-            or given.dtype != np.float64
-            or given.shape != (len(self._codes), 2)
-        ):
+        # The usual case skips the checks: the core refuses numbers that are not finite.
+        if not (type(given) is np.ndarray and (given.dtype, given.shape) == (float, (self.n, 2))):
             given = checked_actions(actions, self.n, "run")
         seen = self._seen if out is None else self._required(out)
         t, q, p, multipliers, status = seen
@@ -163,10 +147,6 @@ class VectorSimulator(Shown):
             # The core has refused a number that is not finite; this error also names the run.
             checked_actions(given, self.n, "run")
             raise
-        except TypeError:
-            if out is None:
-                raise
-            raise ValueError("out: its arrays must not overlap each other or the actions") from None
         _NAMES.take(self._codes, out=status, mode="clip")
         return seen
 
@@ -244,21 +224,18 @@ class VectorSimulator(Shown):
             except ValueError as error:
                 raise ValueError(f"run {run}: {error}") from None
 
-    def _required(self, out: object) -> Observations:
-        """Refuses arrays that do not fit."""
-        if not isinstance(out, Observations):
-            raise TypeError(f"out = {checks.shown(out)}: must be Observations")
+    def _required(self, out: Observations) -> Observations:
+        """Refuses arrays that do not fit; the core refuses those that overlap."""
+        checks.instance("out", out, Observations, "Observations")
         for name, given, own in zip(out._fields, out, self._seen, strict=True):
-            if not (
-                type(given) is np.ndarray
-                and (given.shape, given.dtype) == (own.shape, own.dtype)
-                # That is contiguous, aligned and writable.
-                and given.flags.carray
-            ):
-                raise ValueError(
-                    f"out.{name}: must be a contiguous, aligned, writable array of shape "
-                    f"{own.shape} and type {own.dtype}"
-                )
+            fits = type(given) is np.ndarray and (given.shape, given.dtype) == (
+                own.shape,
+                own.dtype,
+            )
+            # `carray` is contiguous, aligned and writable.
+            if not (fits and given.flags.carray):
+                rule = f"must be a contiguous array of shape {own.shape} and type {own.dtype}"
+                raise ValueError(f"out.{name}: {rule}")
         return out
 
     def _parts(self, state: State | Sequence[State]) -> Sequence[tuple[Any, ...]]:
@@ -268,9 +245,6 @@ class VectorSimulator(Shown):
         if not isinstance(state, list | tuple) or len(state) != self.n:
             raise TypeError(f"state: must be a State, or {self.n} of them, one for each run")
         return [parts_of(self._scene, f"state[{k}]", each) for k, each in enumerate(state)]
-
-    def __reduce__(self) -> NoReturn:
-        refuse_copies(self)
 
     def __repr__(self) -> str:
         goes_on = int((self.observations.status == STATUSES[0]).sum())
