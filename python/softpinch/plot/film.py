@@ -24,8 +24,7 @@ from ..support import checks
 from ..support.arrays import Floats
 from ..support.extras import require
 from ..support.progress import Report, reporting
-from .drawing import Frame, HandDrawing, Modes, Picture
-from .instants import instants
+from .drawing import Frame, HandDrawing, Modes, Picture, instants
 from .style import COLUMN, LETTERS, PAGE, new, one_panel, panels_or_given, styled, tag
 from .timeline import LEGEND, legend_of_modes, occurring
 

@@ -18,7 +18,7 @@ from ..scene.hand import Fingertip, Hand
 from ..scene.scene import Scene
 from ..scene.schedule import Schedule
 from ..support import checks
-from .rests import Rest, rests
+from .energy_minimum import Rest, rests
 
 # Called with a description of the current work, and the completed share of all work (0 to 1).
 Progress = Callable[[str, float], None]
