@@ -314,7 +314,7 @@ class _Search:
             how["max_steps"] = int(min(100 + most / _SHORTEST, MOST_STEPS))
         return self.motion.request(**how)
 
-    def bounded_time(self) -> float:
+    def least_run_time(self) -> float:
         """The CPU time of a run with the longest stable step, s; 0 if it has few steps."""
         if self.kind == "tolerance" or self._duration / self.longest <= _FEW:
             return 0.0
@@ -359,7 +359,7 @@ class _Search:
         good = [value for value, found in self._errors.items() if found <= _SAFE * accuracy]
         if not good:
             return self.trial(note=note)
-        return self.trial(max(good), self._errors[max(good)], self.clock(max(good)))
+        return self.trial(max(good), self._errors[max(good)], self.measured_time(max(good)))
 
     def trial(
         self,
@@ -380,7 +380,7 @@ class _Search:
             **known,
         )
 
-    def clock(self, value: float) -> float:
+    def measured_time(self, value: float) -> float:
         """CPU time of a run that keeps only its last state, s."""
         request = self.request(value)
         once = timed_run(request.with_(record=()))[1]
@@ -441,8 +441,8 @@ class _Advisor:
         # A run that is over at once has no step.
         steps = np.diff(self.motion.run.t) if len(self.motion.run) > 1 else [math.inf]
         first = {"tolerance": self.motion.tolerance, "dt": float(np.median(steps))}
-        for search in sorted(searches, key=_promise):
-            self._add(search, self._tried(search, first[search.kind]))
+        for search in sorted(searches, key=_search_order):
+            self._add(search, self._search_unless_hopeless(search, first[search.kind]))
             report(len(self.trials), len(searches))
         self.found.sort(key=lambda each: each[1].time)
         self.trials.sort(key=lambda trial: (not trial.whole, trial.time))
@@ -450,16 +450,16 @@ class _Advisor:
             advice = self._verified(search, trial)
             if advice is not None:
                 return advice
-        return self._unmet()
+        return self._advice_without_success()
 
-    def _tried(self, search: _Search, first: float) -> Trial:
+    def _search_unless_hopeless(self, search: _Search, first: float) -> Trial:
         """Searches the setting of one pair, unless it cannot be the best."""
         known = self.best[search.kind]
         best = known.time * self.motion.share if known and known.found else math.inf
         left = self.stop - time.perf_counter()
         least = 0.0
         if left > 0 or known is None:
-            least = search.least_time = search.bounded_time()
+            least = search.least_time = search.least_run_time()
         if least > _TOO_SLOW * best:
             return search.trial(
                 note=f"stable up to dt = {search.longest:.2g} s only: at least "
@@ -502,11 +502,11 @@ class _Advisor:
             value *= float(np.clip(change, 0.01, 0.9))
         else:
             return None
-        spent = trial.time * self.motion.share if value == first else search.clock(value)
+        spent = trial.time * self.motion.share if value == first else search.measured_time(value)
         trial = self.best[search.kind] = search.trial(value, largest, spent)
         margin = math.inf
         if equal:
-            margin = search.stable / value if self.motion.limited else math.nan
+            margin = search.stable / value if self.motion.limit_is_known else math.nan
         apart, method = self.motion.confirm(run)
         sizes = ", ".join(f"{name} {size:.1e}" for name, size in errors.items())
         found = {kind: best.summary if best else "none" for kind, best in self.best.items()}
@@ -515,7 +515,7 @@ class _Advisor:
             f"error {sizes}; {1e3 * trial.time:.3g} ms a run",
             f"the best equal steps: {found['dt']}",
             f"the best adaptive steps: {found['tolerance']}",
-            *([_room(margin)] if equal else []),
+            *([_stability_words(margin)] if equal else []),
             f"a run by {method} ends otherwise"
             if math.isinf(apart)
             else f"a run by {method} at a smaller tolerance ends {apart:.1e} from it",
@@ -533,7 +533,7 @@ class _Advisor:
             confirmed=apart,
         )
 
-    def _unmet(self) -> Advice:
+    def _advice_without_success(self) -> Advice:
         """The advice if no pair meets the tolerance: the settings of the stiff adaptive run."""
         accurate = self.motion.run
         return self._advice(
@@ -577,13 +577,13 @@ class _Advisor:
         )
 
 
-def _room(margin: float) -> str:
+def _stability_words(margin: float) -> str:
     if math.isnan(margin):
         return "the longest stable dt is not known with a SampledController"
     return "any dt is stable" if math.isinf(margin) else f"stable up to {margin:.3g} times that"
 
 
-def _promise(search: _Search) -> tuple[bool, int, int, str]:
+def _search_order(search: _Search) -> tuple[bool, int, int, str]:
     """Sort key: the formulation without drift first, and within a formulation adaptive steps."""
     other = search.formulation != search.motion.run.formulation
     kind = _KINDS.index(search.kind)

@@ -100,9 +100,9 @@ def work_precision(
     checks.instance("stabilization", stabilization, Stabilization)
     pairs = pairs_of(scene, formulations, methods)
     longest = checks.positive("longest", longest)
-    steps = _default_steps(scene) if dt is None else ladder("dt", dt)
-    allowed = _TOLERANCES if tolerances is None else ladder("tolerances", tolerances)
-    switches = switching(scene)
+    steps = _default_steps(scene) if dt is None else from_loose_to_tight("dt", dt)
+    allowed = _TOLERANCES if tolerances is None else from_loose_to_tight("tolerances", tolerances)
+    switches = switch_instants(scene)
     curves = []
     for formulation, method in pairs:
         how = {"formulation": formulation, "method": method, "stabilization": stabilization}
@@ -147,18 +147,18 @@ def _request(scene: Scene, **options: Any) -> Request:
     return Request(scene, Options.checked(record=_EVERYTHING, **options))
 
 
-def ladder(name: str, values: ArrayLike) -> Floats:
+def from_loose_to_tight(name: str, values: ArrayLike) -> Floats:
     """Checks the values of `dt` or `tolerances`, and sorts them from loose to tight, (k,)."""
     given = checks.numbers(name, values)
     if given.size == 0 and name == "tolerances":
         return given.reshape(0)
-    ladder = np.unique(checks.array(name, given, ("k",)))[::-1]
-    if not (ladder > 0).all():
-        raise ValueError(f"{name} = {ladder[-1]}: must be > 0")
-    if name == "tolerances" and not (ladder[0] < 1.0 and ladder[-1] >= 1e-14):
-        wrong = ladder[0] if ladder[0] >= 1.0 else ladder[-1]
+    found = np.unique(checks.array(name, given, ("k",)))[::-1]
+    if not (found > 0).all():
+        raise ValueError(f"{name} = {found[-1]}: must be > 0")
+    if name == "tolerances" and not (found[0] < 1.0 and found[-1] >= 1e-14):
+        wrong = found[0] if found[0] >= 1.0 else found[-1]
         raise ValueError(f"tolerances = {wrong}: must be from 1e-14 to below 1")
-    return ladder
+    return found
 
 
 def _default_steps(scene: Scene) -> Floats:
@@ -193,9 +193,10 @@ def stabilization_sweep(
     checks.instance("scene", scene, Scene)
     dt = checks.positive("dt", dt)
     method = checks.choice("method", method, _core.METHODS)
-    given = np.geomspace(1e-4, 10.0, 33) if products is None else ladder("products", products)[::-1]
-
-    switches = switching(scene)
+    given = np.geomspace(1e-4, 10.0, 33)
+    if products is not None:
+        given = from_loose_to_tight("products", products)[::-1]
+    switches = switch_instants(scene)
 
     def sampled(formulation: Formulation, gain: float) -> _Sampled:
         gains = Stabilization(alpha=gain, beta=gain)
@@ -316,7 +317,7 @@ def _reference(scene: Scene, runs: Sequence[_Sampled]) -> Reference:
     return of_any_contact(scene, np.union1d(instants, [end_of(scene)]))
 
 
-def switching(scene: Scene) -> Floats:
+def switch_instants(scene: Scene) -> Floats:
     """The start of a scene, and the instants at which an input jumps or bends (k,), s."""
     return np.array(Inputs(scene, float(scene.start().time), end_of(scene)).edges[:-1])
 

@@ -18,7 +18,7 @@ from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support.arrays import Floats
 from ..support.choices import Formulation, Method
-from .precision import sampled_rows, switching
+from .precision import sampled_rows, switch_instants
 from .runs import accurate_run, timed_run
 from .stability import Modes, along_run
 
@@ -58,7 +58,7 @@ class ReferenceMotion:
             reached = float(self.run.t[-1]) - scene.start().time
             self.scene = replace(scene, duration=reached)
             self.run = accurate_run(self.scene, "csm", stabilization, record=_RECORD)
-        self.switches = switching(self.scene)
+        self.switches = switch_instants(self.scene)
         # Lower bounds of the scales keep round-off of large components from counting as error.
         usual = scaled_error.usual(scene)
         self.scales = {}
@@ -144,13 +144,13 @@ class ReferenceMotion:
         )
 
     @property
-    def limited(self) -> bool:
-        """Whether the stability limit is known, for which the torques at a state must be known."""
+    def limit_is_known(self) -> bool:
+        """True if the stability limit is known, for which the torques at a state must be known."""
         return self.scene.law != "sampled"
 
     def stable(self, formulation: Formulation, method: Method) -> float:
         """The longest stable step along the run, s; inf if it is not known."""
-        if not self.limited:
+        if not self.limit_is_known:
             return math.inf
         if formulation not in self._modes:
             modes = along_run(self.run, formulation, self.stabilization, _INSTANTS)

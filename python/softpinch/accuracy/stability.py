@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from ..analysis.states import state_names
+from ..analysis.states import ONLY_BILATERAL, state_names
 from ..run import scaled_error
 from ..run.contact import ContactMode
 from ..run.options import MOST_STEPS, Options
@@ -160,12 +160,7 @@ def modes(
     """
     checks.instance("scene", scene, Scene)
     checks.instance("stabilization", stabilization, Stabilization)
-    require_bilateral(
-        scene,
-        "modes",
-        'linearises bilateral contact only; replace(scene, contact="bilateral") has the motion '
-        "while both tips stick",
-    )
+    require_bilateral(scene, "modes", ONLY_BILATERAL)
     formulation = checks.choice("formulation", formulation, _core.FORMULATIONS)
     instants = checks.array("t", t, ("n",))
     n = len(instants)
@@ -313,9 +308,9 @@ def max_stable_dt(
         measured, failure = search.longest(max_steps), search.failure
     t, mode = float(along.t[k]), along.leading(k, rate)
     message = _message(method, predicted, t, rate, mode, measured)
-    if measured is not None and not _alike(predicted, measured):
+    if measured is not None and not _agree(predicted, measured):
         share = float(np.mean(steps < measured))
-        message += f"; they part because {_reason(predicted, measured, share, failure)}"
+        message += f"; they part because {_reason_they_differ(predicted, measured, share, failure)}"
     elif failure and measured is None:
         message += f"; not measured: {failure}"
     alone = float((accurate.contact != ContactMode.STICK).any(axis=1).mean())
@@ -382,7 +377,7 @@ class StepSearch:
         return replace(scene, initial=displaced, duration=max(duration, scene.duration))
 
     def holds(self, dt: float) -> bool:
-        """Whether the run with this step follows the accurate run to its end; else sets `failure`.
+        """True if the run with this step follows the accurate run to its end; else sets `failure`.
 
         The core ends a run whose energy ledger shows that its steps are unstable.
         """
@@ -427,7 +422,7 @@ class StepSearch:
             first = failed / _FACTOR
 
 
-def _alike(predicted: float, measured: float) -> bool:
+def _agree(predicted: float, measured: float) -> bool:
     if math.isinf(predicted) or math.isinf(measured):
         return predicted == measured
     return 1.0 / _AGREE < predicted / measured < _AGREE
@@ -449,7 +444,7 @@ def _message(
     return f"{text}; measured {found}"
 
 
-def _reason(predicted: float, measured: float, share: float, failure: str) -> str:
+def _reason_they_differ(predicted: float, measured: float, share: float, failure: str) -> str:
     if math.isinf(predicted):
         return f"accuracy ends it, not stability: {failure}"
     if measured <= predicted:

@@ -86,14 +86,9 @@ class EquilibriumMap(Result):
         seams: Pairs of neighbouring cells (k, 2, axes) of one branch that do not continue each
             other: the branch reaches both, but around the end of a fold that lies between them.
         q: Coordinates at rest (m, n, 9), m and rad.
-        multipliers: lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N (m, n, 4), N.
-        friction_needed: |lambda^N| / lambda^H of both contacts (m, n, 2); inf where a tip pulls.
-        friction_margin: The smallest mu - |lambda^N| / lambda^H (m, n); inf without friction.
-        stiffness: The stiffness of the grasp (m, n, 3, 3), N/m, N and N m/rad.
-        stable: Whether the grasp is stable (m, n), as `Equilibrium.stable`.
-        minimum: Whether the energy has a minimum (m, n), as `Equilibrium.minimum`.
-        growth: Spectral abscissa without the two zeros (m, n), 1/s, as `Equilibrium.growth`.
-        energy: Elastic energy (5) plus energy of gravity (16) (m, n), J.
+        multipliers, friction_needed, friction_margin, stiffness: As in `Equilibrium`, (m, n, 4),
+            (m, n, 2), (m, n) and (m, n, 3, 3).
+        stable, minimum, growth, energy: As in `Equilibrium`, (m, n).
         scene: The scene that the axes vary.
         cells: The equilibria, row by row.
     """
@@ -382,7 +377,7 @@ class _Search:
                     member = self._member_at(cell)
                     self._found[cell] = self._rests[cell].equilibrium(self.kind, member, None)
                     if self._found[cell]["status"] == "at_rest":
-                        self._spread(cell, count, report)
+                        self._continue_branch(cell, count, report)
                         count += 1
                     report(len(self._found), self._steps())
             self._compare_neighbours(report)
@@ -391,13 +386,13 @@ class _Search:
             for cell, scene in self._scenes.items()
         ]
 
-    def _spread(self, first: Cell, number: int, report: Report) -> None:
+    def _continue_branch(self, first: Cell, number: int, report: Report) -> None:
         """Continues a new branch from its first cell to all cells without one that it reaches."""
         self.branch[first] = number
         queue = deque([first])
         while queue:
             cell = queue.popleft()
-            for other in self._beside(cell):
+            for other in self._neighbours(cell):
                 if self.branch[other] >= 0:
                     continue
                 found = self._continued(cell, other)
@@ -415,7 +410,7 @@ class _Search:
         """
         return 1 + sum(self.branch.size // size * (size - 1) for size in self.shape)
 
-    def _beside(self, cell: Cell) -> Iterator[Cell]:
+    def _neighbours(self, cell: Cell) -> Iterator[Cell]:
         for axis, size in enumerate(self.shape):
             for k in (cell[axis] - 1, cell[axis] + 1):
                 if 0 <= k < size:
@@ -430,7 +425,7 @@ class _Search:
     def _compare_neighbours(self, report: Report) -> None:
         pairs, done = [], len(self._found)
         for cell in np.ndindex(self.shape):
-            for other in self._beside(cell):
+            for other in self._neighbours(cell):
                 before = self._reached_from
                 known = before.get(cell) == other or before.get(other) == cell
                 apart = self.branch[cell] != self.branch[other]

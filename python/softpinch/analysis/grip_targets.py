@@ -187,11 +187,11 @@ class _Search:
             width = high - low
             if not low < angle < high:
                 break
-            size, rest = self._at(angle)
+            size, rest = self._rest_at(angle)
             if size is not None and abs(size - self.wanted) <= _CLOSE * self.wanted:
                 return rest
             above_wanted = rest.status in _TIGHT if size is None else size > self.wanted
-            self._take(above_wanted, angle, size, rest)
+            self._move_end(above_wanted, angle, size, rest)
         return self._nearest()
 
     def _loosen(self) -> None:
@@ -206,7 +206,7 @@ class _Search:
             first, second = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
             sizes = []
             for angle in (first, second):
-                size, rest = self._at(angle)
+                size, rest = self._rest_at(angle)
                 if size is None:
                     if rest.status in _TIGHT:
                         high = angle
@@ -214,7 +214,7 @@ class _Search:
                         low, self.rests[0] = angle, rest
                     break
                 if size <= self.wanted:
-                    self._take(False, angle, size, rest)
+                    self._move_end(False, angle, size, rest)
                     return
                 sizes.append(size)
                 if best is None or size < _size(best, self.name):
@@ -232,7 +232,7 @@ class _Search:
             words += f"; with fingers less closed there is {self.rests[0].message}"
         raise ValueError(words)
 
-    def _at(self, angle: float) -> tuple[float | None, Equilibrium]:
+    def _rest_at(self, angle: float) -> tuple[float | None, Equilibrium]:
         """The equilibrium with both fingers at an angle, and its size, None where there is none."""
         schedule = Schedule.steps([0.0], [[angle, angle]])
         rest = equilibrium(replace(self.scene, schedule=schedule), 0.0)
@@ -243,7 +243,7 @@ class _Search:
             raise ValueError(f"{self.asked}: at {math.degrees(angle):.4g} degrees {rest.message}")
         return None, rest
 
-    def _take(self, above: bool, angle: float, size: float | None, rest: Equilibrium) -> None:
+    def _move_end(self, above: bool, angle: float, size: float | None, rest: Equilibrium) -> None:
         self.ends[above], self.sizes[above], self.rests[above] = angle, size, rest
 
     def _nearest(self) -> Equilibrium:

@@ -23,6 +23,7 @@ from ..support.result import Result
 from .rest import Equilibrium, equilibrium
 from .states import (
     INPUTS,
+    ONLY_BILATERAL,
     OUTPUTS,
     Ports,
     input_ports,
@@ -231,12 +232,7 @@ def linearize(
 def _sticking(scene: Scene, state: object) -> Scene:
     """The scene while both tips stick. At an equilibrium of it they do, whatever the contact."""
     if not isinstance(state, Equilibrium):
-        require_bilateral(
-            scene,
-            "linearize",
-            'linearises bilateral contact only; replace(scene, contact="bilateral") has the motion '
-            "while both tips stick",
-        )
+        require_bilateral(scene, "linearize", ONLY_BILATERAL)
         return scene
     if scene != state.scene and as_bilateral(scene) != as_bilateral(state.scene):
         raise ValueError(

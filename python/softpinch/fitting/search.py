@@ -29,8 +29,7 @@ from .problem import (
     parameters,
     values,
 )
-from .result import LEVEL, Fit, reach
-from .uncertainty import correlations, sandwich, sentences, uncertainty
+from .result import LEVEL, Fit, correlations, reach, sandwich, sentences, uncertainty
 
 # Estimates of the noise of several columns are repeated until none changes by more than this
 # share, and at most this often.
@@ -150,10 +149,10 @@ def fit(
             count += 1
             report(min(count, most), most)
 
-        problem = _begun(Problem(experiments, found, options, loss, evaluated))
+        problem = _with_first_noise(Problem(experiments, found, options, loss, evaluated))
         robust = loss != "linear"
         best, starts, same = _best(problem, _starts(found, multistart, seed), robust)
-        problem, best = _settled(problem, best, loss)
+        problem, best = _with_estimated_noise(problem, best, loss)
         fitted = _result(problem, best, options, loss, starts, same)
         report(most, most)
     return fitted
@@ -203,7 +202,7 @@ def _require_derivatives(scenes: Sequence[Scene], paths: list[str], options: Opt
             )
 
 
-def _begun(problem: Problem) -> Problem:
+def _with_first_noise(problem: Problem) -> Problem:
     """Checks that the runs at the start succeed, with derivatives, and puts in a first noise.
 
     Where noise is to be estimated, that is the spread of the data, which makes columns of different
@@ -255,7 +254,7 @@ def _best(problem: Problem, starts: Sequence[Floats], robust: bool) -> tuple[Min
     return best, len(found), sum(each.cost <= limit for each in found)
 
 
-def _settled(problem: Problem, best: Minimum, loss: str) -> tuple[Problem, Minimum]:
+def _with_estimated_noise(problem: Problem, best: Minimum, loss: str) -> tuple[Problem, Minimum]:
     """Estimates noise and repeats the fit with it until the noise does not change any more."""
     unknown = sum(int(each.estimated.sum()) for each in problem.experiments)
     if not unknown:

@@ -238,7 +238,7 @@ class Picture:
         self._status = axes.set_title("g", loc="right", pad=3.0, fontsize="medium")
         width = frame.right - frame.left
         self._line = frame.top - 0.035 * width
-        self._load = axes.text(
+        self._load_text = axes.text(
             frame.right - 0.02 * width, self._line, "",
             ha="right", va="center", color=PURPLE, fontsize="small",
         )  # fmt: skip
@@ -280,13 +280,13 @@ class Picture:
         centre = q[:2] * MM.per_si
         self._external.set_xy(self._arrow(centre, shown.external[:2], frame.newton))
         self._impulse.set_xy(self._arrow(centre, shown.impulse[:2], frame.newton_second))
-        self._load.set_text(_load(shown.external, shown.impulse))
+        self._load_text.set_text(_load_text(shown.external, shown.impulse))
         self._time.set_text(f"t = {shown.time:.{self._digits}f} s")
         self._status.set_text(", ".join(map(words, shown.status)))
         self._status.set_color(GREEN if shown.status == ("completed",) else RED)
 
 
-def _load(load: Floats, push: Floats) -> str:
+def _load_text(load: Floats, push: Floats) -> str:
     """The loads of the object beside the tips' forces: disturbance, moments, size of an impulse."""
     texts = ["disturbance"] if load.any() else []
     texts += [f"{load[2]:+.3g} N m"] if load[2] else []

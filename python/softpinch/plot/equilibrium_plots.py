@@ -150,8 +150,8 @@ def _curve(
         own = (map.status == "at_rest") & (map.branch == branch)
         stable, unstable = own & map.stable, own & ~map.stable
         # The unstable part reaches to its neighbours, so that no gap remains between the parts.
-        joined = own & _near(unstable)
-        alone = own & ~_near(own, itself=False)
+        joined = own & _among_neighbours(unstable)
+        alone = own & ~_among_neighbours(own, itself=False)
         for cells, linestyle, face in ((stable, "-", "auto"), (joined, _UNSTABLE, "white")):
             if cells.any():
                 style = {**usual, **marks, "linestyle": linestyle}
@@ -163,8 +163,8 @@ def _curve(
                 name = ""
 
 
-def _near(cells: NDArray[np.bool_], itself: bool = True) -> NDArray[np.bool_]:
-    """Which cells (n,) are, or have a neighbour, among some cells (n,)."""
+def _among_neighbours(cells: NDArray[np.bool_], itself: bool = True) -> NDArray[np.bool_]:
+    """Marks the cells (n,) that are, or have a neighbour, among some cells (n,)."""
     return np.convolve(cells, [1, int(itself), 1])[1:-1] > 0
 
 

@@ -263,7 +263,7 @@ class EnergyCurves(NamedTuple):
 
 
 def is_minimum(rest: Rest) -> bool:
-    """Whether elastic energy and gravity have a minimum here on every way without slip.
+    """True if elastic energy and gravity have a minimum here on every way without slip.
 
     The operation must have ended here, too, within `BAND`.
     """

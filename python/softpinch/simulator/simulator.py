@@ -169,7 +169,7 @@ class Simulator(Stepped):
                 f"step: the run has ended with status {before.status!r} at t = {before.t:.6g} s; "
                 "reset() begins it again"
             )
-        right, left = _two(torque)
+        right, left = _torque_pair(torque)
         t, q, p, multipliers, code = self._core.step(right, left)
         self._held.extend((before.t, right, left, *self._force))
         self._seen = Observation(t, q, p, multipliers, STATUSES[code])
@@ -251,7 +251,7 @@ class Simulator(Stepped):
         return f"<Simulator {seen.status}: t = {seen.t:.6g} s, {steps}>"
 
 
-def _two(torque: ArrayLike) -> tuple[float, float]:
+def _torque_pair(torque: ArrayLike) -> tuple[float, float]:
     """Converts torques, the usual types of them without the cost of an array."""
     given: Any = torque.tolist() if type(torque) is np.ndarray and torque.dtype == float else torque
     if type(given) in (list, tuple) and len(given) == 2:
@@ -470,7 +470,7 @@ class VectorSimulator(Stepped):
         If a state is refused, the error names its run; the runs before it have their new states.
         """
         parts = (None,) * self.n if state is None else self._parts(state)
-        self._place(self._core.reset, parts, mask)
+        self._set_states(self._core.reset, parts, mask)
         return self.observations
 
     def set_force(
@@ -504,7 +504,7 @@ class VectorSimulator(Stepped):
 
         `state` and `mask` are those of `reset`; a state is needed here.
         """
-        self._place(self._core.set_state, self._parts(state), mask)
+        self._set_states(self._core.set_state, self._parts(state), mask)
         return self.observations
 
     def _run(self, run: int) -> int:
@@ -521,7 +521,7 @@ class VectorSimulator(Stepped):
             raise ValueError(f"mask = {checks.shown(mask)}: must be {self.n} booleans, (n,)")
         return np.flatnonzero(given).tolist()
 
-    def _place(
+    def _set_states(
         self, place: Callable[[int, Any], None], parts: Sequence[Any], mask: ArrayLike | None
     ) -> None:
         """Gives each run its state by `place`; an error has the number of its run."""
