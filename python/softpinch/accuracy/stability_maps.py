@@ -224,9 +224,8 @@ def stability_map(
             contact.
         stabilization: The gains of "csm".
         max_steps: Runs that would take more steps are not run and have status "not_run".
-        threads: Number of threads; None takes as many as the process may use.
-        progress: True draws a bar on a terminal; False draws none; or a function that is called
-            with the number of completed runs and the number of all runs.
+        threads: As for `monte_carlo`.
+        progress: As for `monte_carlo`.
 
     Raises:
         ValueError: An argument breaks its rule, or a value gives a scene that cannot start. Both

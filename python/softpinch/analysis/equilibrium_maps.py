@@ -226,9 +226,8 @@ def equilibrium_map(
         grip: Where the tips hold the object's faces (2,), m above its centre of gravity, unless an
             axis says it; None means the centre of gravity.
         shear: The shears (2,), m, instead of `grip`, unless an axis says them.
-        progress: True draws a bar on a terminal; False draws none; or a function that is called
-            with the number of finished steps and of all steps: the cells, and the pairs of
-            neighbours that are compared for `seams`.
+        progress: As for `monte_carlo`; it counts cells, and the pairs of neighbours that are
+            compared for `seams`.
 
     Raises:
         ValueError: A path does not lead to one number, or has no effect on where the scene rests;

@@ -106,9 +106,8 @@ def fit(
         stop_on: The violations that end a run. A run that ends before the last measured instant has
             failed, and the search does not go there. By default none does, so that a search finds
             its way from a far start; `Fit.messages` tells of a fitted motion with violations.
-        progress: True draws a bar, if stderr is a terminal and rich is installed. A function is
-            called with the number of simulations so far, and the largest number that the search
-            from all starts may need.
+        progress: As for `monte_carlo`; it counts simulations, of the most that the search from all
+            starts may need.
 
     Returns:
         The fit. If the search does not converge, its status says so.

@@ -140,8 +140,7 @@ class PinchEnv(gymnasium.Env[Observed, Actions]):
     ) -> Run:
         """Computes the episode so far again, with a recording, a ledger and all that a `Run` has.
 
-        Args:
-            record: Groups of quantities to record, as for `sp.simulate`.
+        `record` is that of `sp.simulate`.
         """
         return self._episodes.run(0, record)
 

@@ -185,8 +185,7 @@ def animate(
             hundredths of a second.
         speed: Simulated seconds per second of film, > 0.
         forces: Whether to draw the forces.
-        progress: True draws a bar if rich is installed and stderr is a terminal; or a function of
-            (frames done, frames in total).
+        progress: As for `monte_carlo`; it counts frames.
         dpi: Dots per inch: the film is 5.6 inches wide.
 
     Returns:

@@ -101,8 +101,8 @@ def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
     step = paper.disturbance("i")
     return Runs(
         operations=run(paper.manipulation(), "the eight operations"),
-        coarse=run(paper.manipulation(), "them with twice the step", times=2.0),
-        direct=run(Scene(schedule=last, duration=paper.OPERATION_TIME), "the last one alone"),
+        coarse=run(paper.manipulation(), "the operations with twice the step", times=2.0),
+        direct=run(Scene(schedule=last, duration=paper.OPERATION_TIME), "the last operation alone"),
         cases={case: run(paper.disturbance(case), f"({case})") for case in paper.CASES},
         held={
             case: run(paper.disturbance(case, disturbances=()), f"({case}) undisturbed", ["state"])

@@ -61,9 +61,50 @@ class Observation(NamedTuple):
 
 
 class Stepped(Shown):
-    """The base of both simulators."""
+    """The base of both simulators: a checked scene and the options of its equal steps."""
 
-    _period: float
+    _core: _core.Simulator
+
+    def __init__(
+        self,
+        scene: Scene,
+        period: float,
+        dt: float | None,
+        method: str,
+        formulation: str,
+        stabilization: Stabilization,
+        stop_on: str | Sequence[str],
+    ) -> None:
+        checks.instance("scene", scene, Scene)
+        if scene.law not in ("torque", "pid"):
+            raise ValueError(
+                f"Scene.{WRITTEN[scene.law]}: a simulator needs control=Torque(), whose torques it "
+                "sets, or a PID, whose target angles it sets"
+            )
+        self._scene = scene
+        self._options = Options.checked(
+            dt=dt,
+            method=method,
+            formulation=formulation,
+            stabilization=stabilization,
+            stop_on=stop_on,
+        )
+        self._period = checks.positive("period", period)
+        usual.warn(scene, schedule_replaced=True)
+
+    def _state(self, run: int) -> State:
+        """The public state of a run, from the core's."""
+        time, q, p, (right, left), grid, contact = self._core.state(run)
+        # The stabilisation lets states drift off the constraints.
+        check = self._options.formulation != "csm"
+        return State(q, p, (right, left), time, check=check, grid=grid, contact=contact)
+
+    def _parts(self, name: str, state: State) -> tuple[Any, ...]:
+        """Checks a state from which a run is to go on, and returns it as the core takes it."""
+        checks.instance(name, state, State)
+        require_fit(self._scene, name, state)
+        q, p = np.asarray(state.q), np.asarray(state.p)
+        return state.time, q, p, state.integral, state.grid, state.contact, state.check
 
     @property
     def period(self) -> float:
@@ -118,10 +159,7 @@ class Simulator(Stepped):
             period: Time for which the torques of one `step` are held, s.
             dt, method, formulation, stabilization, stop_on: As for `simulate`.
         """
-        self._options = checked_options(scene, dt, method, formulation, stabilization, stop_on)
-        self._scene = scene
-        self._period = checks.positive("period", period)
-        usual.warn(scene, schedule_replaced=True)
+        super().__init__(scene, period, dt, method, formulation, stabilization, stop_on)
         self._core = _core.Simulator.alone(Request(scene, self._options).simulation(), self._period)
         self._start: State | None = None
         self._force = (0.0, 0.0, 0.0)
@@ -151,7 +189,7 @@ class Simulator(Stepped):
             state: Start from this state, and last for the scene's duration from its time on; None
                 starts as the scene does. If it is refused, the simulator is as before.
         """
-        self._core.reset(0, None if state is None else parts_of(self._scene, "state", state))
+        self._core.reset(0, None if state is None else self._parts("state", state))
         self._start, self._force = state, (0.0, 0.0, 0.0)
         return self._begin()
 
@@ -188,7 +226,7 @@ class Simulator(Stepped):
 
     def state(self) -> State:
         """Returns the present state, from which `set_state` or another run goes on, to the bit."""
-        return state_of(self._core.state(0), self._options.formulation)
+        return self._state(0)
 
     def set_state(self, state: State) -> Observation:
         """Goes on from a state, at its time, for example to try another way from there.
@@ -198,7 +236,7 @@ class Simulator(Stepped):
         have the same bits as at first. `run()` begins at this state. If the state is refused, the
         simulator is as before.
         """
-        self._core.set_state(0, parts_of(self._scene, "state", state))
+        self._core.set_state(0, self._parts("state", state))
         self._start = state
         return self._begin()
 
@@ -268,54 +306,6 @@ def _duration(start: float, end: float) -> float:
         if start + near == end:
             return near
     return duration
-
-
-def checked_options(
-    scene: Scene,
-    dt: float | None,
-    method: str,
-    formulation: str,
-    stabilization: Stabilization,
-    stop_on: str | Sequence[str],
-) -> Options:
-    """Checks a scene that is stepped from outside, and the options of its equal steps."""
-    checks.instance("scene", scene, Scene)
-    if scene.law not in ("torque", "pid"):
-        raise ValueError(
-            f"Scene.{WRITTEN[scene.law]}: a simulator needs control=Torque(), whose torques it "
-            "sets, or a PID, whose target angles it sets"
-        )
-    return Options.checked(
-        dt=dt,
-        method=method,
-        formulation=formulation,
-        stabilization=stabilization,
-        stop_on=stop_on,
-    )
-
-
-def state_of(parts: tuple[Any, ...], formulation: str) -> State:
-    """Makes the public state from the core's."""
-    time, q, p, integral, grid, contact = parts
-    # The stabilisation lets states drift off the constraints.
-    check = formulation != "csm"
-    right, left = integral
-    return State(q, p, (right, left), time, check=check, grid=grid, contact=contact)
-
-
-def parts_of(scene: Scene, name: str, state: State) -> tuple[Any, ...]:
-    """Checks a state from which a scene is to go on, and returns it as the core takes it."""
-    checks.instance(name, state, State)
-    require_fit(scene, name, state)
-    return (
-        state.time,
-        np.asarray(state.q),
-        np.asarray(state.p),
-        state.integral,
-        state.grid,
-        state.contact,
-        state.check,
-    )
 
 
 def checked_actions(actions: ArrayLike, n: int, each: str) -> NDArray[np.float64]:
@@ -392,13 +382,10 @@ class VectorSimulator(Stepped):
                 at every step, so that it pays from about 2500 integration steps a call on, for
                 example 250 runs and 10 steps a period.
         """
-        options = checked_options(scene, dt, method, formulation, stabilization, stop_on)
-        self._scene = scene
-        self._period = checks.positive("period", period)
+        super().__init__(scene, period, dt, method, formulation, stabilization, stop_on)
         threads = checks.integer("threads", threads, 1, 4096)
         n = checks.integer("n", n, 1, _MOST)
-        spec = StudySpec.checked(self._scene, options, runs=n, seed=seed, vary=vary, summaries=())
-        usual.warn(self._scene, schedule_replaced=True)
+        spec = StudySpec.checked(scene, self._options, runs=n, seed=seed, vary=vary, summaries=())
         numbers = np.arange(n, dtype=np.uint64)
         self._spec, self._values = spec, spec.plan.rows(numbers)
         spec.varied.check(self._values, numbers)
@@ -469,19 +456,19 @@ class VectorSimulator(Stepped):
 
         If a state is refused, the error names its run; the runs before it have their new states.
         """
-        parts = (None,) * self.n if state is None else self._parts(state)
+        parts = (None,) * self.n if state is None else self._all_parts(state)
         self._set_states(self._core.reset, parts, mask)
         return self.observations
 
     def set_force(
         self, force: ArrayLike = (0.0, 0.0), moment: ArrayLike = 0.0, mask: ArrayLike | None = None
     ) -> None:
-        """Sets external forces on the objects, held from the next step on until they are set again.
+        """Sets external forces on the objects, as `Simulator.set_force` does.
 
         Args:
-            force: (F_x, F_y), N, of all runs (2,) or of each (n, 2), beside the disturbances.
-            moment: Moments, counter-clockwise, N m, of all runs or of each (n,).
-            mask: Which runs (n,), as booleans; None is all of them.
+            force: Of all runs (2,), or of each (n, 2).
+            moment: Of all runs, or of each (n,).
+            mask: As for `reset`.
         """
         n = self.n
         forces = checks.array("force", force, (n, 2) if np.ndim(force) == 2 else (2,))
@@ -494,17 +481,13 @@ class VectorSimulator(Stepped):
 
     def state(self, run: int) -> State:
         """Returns the present state of a run, from which `set_state` or another run goes on."""
-        parts = self._core.state(self._run(run))
-        return state_of(parts, self._spec.options.formulation)
+        return self._state(self._run(run))
 
     def set_state(
         self, state: State | Sequence[State], mask: ArrayLike | None = None
     ) -> Observations:
-        """Goes on from states, each at its time, as `Simulator.set_state` does.
-
-        `state` and `mask` are those of `reset`; a state is needed here.
-        """
-        self._set_states(self._core.set_state, self._parts(state), mask)
+        """Goes on from states, each at its time, as `Simulator.set_state` does; see `reset`."""
+        self._set_states(self._core.set_state, self._all_parts(state), mask)
         return self.observations
 
     def _run(self, run: int) -> int:
@@ -545,13 +528,13 @@ class VectorSimulator(Stepped):
                 raise ValueError(f"out.{name}: {rule}")
         return out
 
-    def _parts(self, state: State | Sequence[State]) -> Sequence[tuple[Any, ...]]:
+    def _all_parts(self, state: State | Sequence[State]) -> Sequence[tuple[Any, ...]]:
         """Converts a state for all runs, or one for each, as the core takes them (n,)."""
         if isinstance(state, State):
-            return (parts_of(self._scene, "state", state),) * self.n
+            return (self._parts("state", state),) * self.n
         if not isinstance(state, list | tuple) or len(state) != self.n:
             raise TypeError(f"state: must be a State, or {self.n} of them, one for each run")
-        return [parts_of(self._scene, f"state[{k}]", each) for k, each in enumerate(state)]
+        return [self._parts(f"state[{k}]", each) for k, each in enumerate(state)]
 
     def __repr__(self) -> str:
         goes_on = int((self.observations.status == STATUSES[0]).sum())
