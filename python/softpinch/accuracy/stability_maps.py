@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -287,20 +287,9 @@ class _Reference:
         return [float(along[f].stable_step(method).min()) for f, method in pairs]
 
 
-class _Job(NamedTuple):
-    """A batch of runs with one pair and one step.
-
-    Attributes:
-        batch: The core's batch; its parameters have been checked.
-        values: For each run of the batch, the indices of the values for which it stands.
-        pair: Index of the pair.
-        step: Index of the step.
-    """
-
-    batch: _core.Batch
-    values: list[list[int]]
-    pair: int
-    step: int
+# Runs with one pair and one step: the core's batch, for each run of it the indices of the values
+# for which it stands, and the indices of pair and step.
+_Job = tuple[_core.Batch, list[list[int]], int, int]
 
 
 class MapPlan:
@@ -358,12 +347,12 @@ class MapPlan:
                     )
                     values = list(scenes.values())
                     for batch, chosen in batches(list(scenes), options):
-                        yield _Job(batch, [values[n] for n in chosen], k, d)
+                        yield batch, [values[n] for n in chosen], k, d
 
     def run(self, progress: bool | Report = True) -> StabilityMap:
         """Computes the references and all runs."""
         cases, n = self._cases, len(self._cases)
-        total = n + sum(len(values) for job in self._jobs for values in job.values)
+        total = n + sum(len(own) for _, values, _, _ in self._jobs for own in values)
         # A start off the constraints was refused unless all pairs are of "csm".
         formulation: Formulation = "csm" if self._formulations == ("csm",) else "nullspace"
         known: dict[tuple[Scene, Stabilization], _Reference] = {}
@@ -376,13 +365,13 @@ class MapPlan:
                 report(done, total)
             references = [known[case] for case in cases]
             done = n
-            for job in self._jobs:
-                ends = run_batch(job.batch, min(self._threads, len(job.values)))
-                for (ended, state), values in zip(ends, job.values, strict=True):
-                    for v in values:
-                        status[job.pair, v, job.step] = ended
-                        error[job.pair, v, job.step] = references[v].error(ended, state)
-                done += sum(map(len, job.values))
+            for batch, values, k, d in self._jobs:
+                ends = run_batch(batch, min(self._threads, len(values)))
+                for (ended, state), own in zip(ends, values, strict=True):
+                    for v in own:
+                        status[k, v, d] = ended
+                        error[k, v, d] = references[v].error(ended, state)
+                done += sum(map(len, values))
                 report(done, total)
         expected = np.array([one.status for one in references], dtype=status.dtype)
         return StabilityMap(

@@ -181,10 +181,9 @@ class _Search:
             low, high = self.ends
             # The secant, or the middle where it is not known or the last step was slow.
             angle, (below, above) = 0.5 * (low + high), self.sizes
-            known = below is not None and above is not None and below < self.wanted
-            if known and high - low <= 0.5 * width:
-                angle = low + (high - low) * (self.wanted - below) / (above - below)
-            width = high - low
+            slow, width = high - low > 0.5 * width, high - low
+            if below is not None and above is not None and below < self.wanted and not slow:
+                angle = low + width * (self.wanted - below) / (above - below)
             if not low < angle < high:
                 break
             size, rest = self._rest_at(angle)

@@ -463,11 +463,10 @@ class VectorSimulator(Stepped):
     def set_force(
         self, force: ArrayLike = (0.0, 0.0), moment: ArrayLike = 0.0, mask: ArrayLike | None = None
     ) -> None:
-        """Sets external forces on the objects, as `Simulator.set_force` does.
+        """Sets external forces on the objects, held from the next step on until they are set again.
 
         Args:
-            force: Of all runs (2,), or of each (n, 2).
-            moment: Of all runs, or of each (n,).
+            force, moment: As for `Simulator.set_force`, of all runs, or of each (n, 2) and (n,).
             mask: As for `reset`.
         """
         n = self.n
@@ -486,7 +485,10 @@ class VectorSimulator(Stepped):
     def set_state(
         self, state: State | Sequence[State], mask: ArrayLike | None = None
     ) -> Observations:
-        """Goes on from states, each at its time, as `Simulator.set_state` does; see `reset`."""
+        """Goes on from states, each at its time, as `Simulator.set_state` does.
+
+        `state` and `mask` are those of `reset`.
+        """
         self._set_states(self._core.set_state, self._all_parts(state), mask)
         return self.observations
 
