@@ -114,6 +114,8 @@ class Modes(Result):
         k = checks.integer("k", k, -len(self.t), len(self.t) - 1)
         if not np.isfinite(self.jacobian[k]).all():
             return "an overflow"
+        if not isinstance(rate, int | float | complex | np.number) or isinstance(rate, bool):
+            raise TypeError(f"rate = {checks.shown(rate)}: must be an eigenvalue, a complex number")
         rate = complex(checks.finite("rate", rate.real), checks.finite("rate", rate.imag))
         values, vectors = np.linalg.eig(self.jacobian[k])
         vector = np.abs(vectors[:, np.argmin(np.abs(values - rate))])
