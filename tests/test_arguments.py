@@ -59,7 +59,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     def stop(*_: object, **__: object) -> None:
         raise Reached
 
-    monkeypatch.setattr("softpinch.reproduce.experiment.simulate", stop)
+    monkeypatch.setattr("softpinch.reproduce.experiment.computed", stop)
     monkeypatch.setattr("softpinch.reproduce.verdict.converges", stop)
 
 

@@ -143,20 +143,12 @@ def monte_carlo(
             `numpy.random.Generator` to the value of one run (a tuple of values for a tuple of
             paths). A path to a record that both fingers share varies both; with `right` or `left`
             in the path, only that finger.
-        dt: Longest step, s; 1e-4 if neither `dt` nor `tolerance` is given.
-        method: As for `simulate`.
-        formulation: As for `simulate`.
+        dt, method, formulation, tolerance, stabilization, stop_on: As for `simulate`.
         summaries: Quantities to compute for each run, at the ends of steps: "final_state",
             "peak_rotation", "min_compression", "peak_friction_angle", "peak_friction_ratio",
             "pulling_time", "settling_time", "max_residual", "energy_closure", "peak_torque",
-            "slip_distance", "free_time".
-            `Ensemble.summaries` explains them.
-        tolerance: Largest error of a step as for `simulate`; replaces `dt`, for methods with an
-            error estimate.
-        stabilization: The gains of (19) and (20), for "csm".
-        stop_on: As for `simulate`.
-        max_steps: With `tolerance`: largest number of attempted steps of a run, as for `simulate`;
-            the reruns of `check_dt` may take ten times as many.
+            "slip_distance", "free_time". `Ensemble.summaries` explains them.
+        max_steps: As for `simulate`; the reruns of `check_dt` may take ten times as many.
         summaries_after: Summaries ignore the time before this instant, s on the scene's clock, and
             so does "holds" in bilateral contact; None ignores nothing.
         settling_band: The object counts as settled while its faces move slower than this, m/s.
@@ -168,10 +160,8 @@ def monte_carlo(
         trajectories: Numbers of runs whose trajectories are kept, in `Ensemble.trajectories`. They
             are computed after the runs, one after the other. With `store` each is written to the
             folder at once, and memory use does not grow with their number.
-        record: Groups of quantities of the trajectories, as for `simulate`; all if left out.
-        every: Number of steps between rows of the trajectories, as for `simulate`.
-        times: Instants of the rows of the trajectories, as for `simulate`;
-            instants outside the duration of a run are left out.
+        record, every, times: Quantities and rows of the trajectories, as for `simulate`; all groups
+            if left out. Instants outside the duration of a run are left out.
         check_dt: Whether to compute up to 256 of the runs again with half the step (or a tenth of
             the tolerance); `Ensemble.discretisation` then has the error of each summary and
             of the probabilities of "completed" and "holds".

@@ -33,7 +33,7 @@ def fit(**other: Any) -> sp.Fit:
         ({"scene": [SCENE], "times": [TIMES] * 2}, "times has 2 entries: must have one for each"),
         ({"times": TIMES[::-1]}, "must be greater than the time before it, 0.1"),
         ({"times": TIMES + 0.1}, "times: must be from 0.0 to 0.1 s, the time of the scene"),
-        ({"measured": [1.0]}, "measured = [1.0]: must map names of observables"),
+        ({"measured": [1.0]}, "measured = [1.0]: must be a mapping of observables"),
         ({"measured": {}}, "measured = {}: must have at least one observable"),
         ({"measured": {"rotatoin": TIMES}}, 'did you mean "rotation"?'),
         ({"measured": {"y": TIMES[1:]}}, 'measured["y"] has shape (45,): must have shape (46,)'),

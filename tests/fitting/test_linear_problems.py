@@ -13,7 +13,7 @@ from scipy.stats import norm, t
 import softpinch as sp
 from measured_motions import DT, SCENE, TIMES
 from softpinch.fitting.experiment import Experiment, Motion
-from softpinch.fitting.uncertainty import correlations
+from softpinch.fitting.result import correlations
 
 X, Y = "disturbances.0.force.0", "disturbances.0.force.1"
 BOUNDS = {X: (-50.0, 50.0), Y: (-50.0, 50.0)}

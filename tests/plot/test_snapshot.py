@@ -8,7 +8,7 @@ import pytest
 import softpinch as sp
 from films import operation, pushed_run, texts
 from softpinch import plot
-from softpinch.plot.instants import instants
+from softpinch.plot.drawing import instants
 from softpinch.plot.style import PURPLE
 from softpinch.plot.timeline import COLORS
 from softpinch.scene import outline

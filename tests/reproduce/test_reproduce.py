@@ -305,8 +305,10 @@ def test_bad_input_is_named(tmp_path: Path) -> None:
 def test_an_interrupted_run_is_no_reproduction(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        "softpinch.reproduce.experiment.simulate", lambda *_, **__: made(status="interrupted")
-    )
+    class Interrupted:
+        def run(self) -> dict[str, str]:
+            return {"status": "interrupted"}
+
+    monkeypatch.setattr("softpinch.run.request.Request.simulation", lambda *_: Interrupted())
     with pytest.raises(KeyboardInterrupt):
         reproduce(tmp_path)

@@ -244,8 +244,8 @@ def test_wrong_arguments_are_refused_by_their_names(make: Any) -> None:
 def test_wrong_values_are_refused_by_their_paths(make: Any) -> None:
     layer, right = make(), values()
     for given, error, words in [
-        (3.0, TypeError, "values = 3.0: must be a dictionary"),
-        ({**right, "grasped.mass": 0.1}, ValueError, "'grasped.mass' does not vary"),
+        (3.0, TypeError, "values = 3.0: must be a table"),
+        ({**right, "grasped.mass": 0.1}, ValueError, "values.grasped.mass: unknown name"),
         ({PATHS[0]: 3e5}, ValueError, f"'{PATHS[1]}' is missing"),
         ({**right, PATHS[1]: 1.0}, ValueError, r"has shape \(\), must have \(2,\)"),
         ({**right, PATHS[0]: "x"}, TypeError, "= 'x': must be numbers"),

@@ -221,10 +221,10 @@ def test_a_step_needs_a_reset_and_a_reset_takes_seeds_and_a_mask() -> None:
     envs = PinchVectorEnv(N, short(), AutoresetMode.DISABLED)
     with pytest.raises(ValueError, match="seed has 2 entries"):
         envs.reset(seed=[1, 2])
-    for mask in ([True] * N, np.ones(3, bool), np.zeros(N, bool)):
-        with pytest.raises((ValueError, TypeError), match="reset_mask"):
+    for mask in ([1] * N, np.ones(3, bool), np.zeros(N, bool)):
+        with pytest.raises(ValueError, match="reset_mask"):
             envs.reset(options={"reset_mask": mask})
-    with pytest.raises(ValueError, match="there are no options"):
+    with pytest.raises(ValueError, match=r"options\.state: unknown name"):
         PinchEnv(short()).reset(options={"state": 1})
     before = envs.np_random_seed[4]
     # A reset of some leaves the others as they are, also those that have not begun.

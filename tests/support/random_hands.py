@@ -12,8 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import softpinch as sp
-from softpinch.reproduce.energy_minimum import is_minimum
-from softpinch.reproduce.rests import Rest, coordinates, family_slope, rest_at
+from softpinch.reproduce.energy_minimum import (
+    Rest,
+    coordinates,
+    family_slope,
+    is_minimum,
+    rest_at,
+)
 
 SEED = 19
 # Long enough for the slowest of these hands to settle, s.

@@ -13,7 +13,7 @@ import pytest
 
 import callables
 import softpinch as sp
-from softpinch.accuracy import advice, reference
+from softpinch.accuracy import advisor, reference
 from softpinch.run.options import Options
 from softpinch.support.result import Result
 
@@ -74,7 +74,7 @@ def results() -> dict[str, Any]:
 
 
 PUBLIC = [v for n in sp.__all__ if inspect.isclass(v := getattr(sp, n)) and issubclass(v, Result)]
-KINDS = [cls.__name__ for cls in (*PUBLIC, Options, advice.Trial, reference.Reference)]
+KINDS = [cls.__name__ for cls in (*PUBLIC, Options, advisor.Trial, reference.Reference)]
 
 
 def arrays(value: Any) -> Iterator[np.ndarray]:

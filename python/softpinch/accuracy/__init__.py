@@ -1,36 +1,18 @@
 """Choice of step and method: reference solutions, stability, and error against run time.
 
 `runs` makes and times runs for the others. `advisor` finds the cheapest settings that meet a
-tolerance, by comparison with a `reference_motion`, and reports them as `advice`. `precision`
-measures error against run time and the effect of alpha and beta, reported as `measurements`.
+tolerance, by comparison with a `reference_motion`. `precision` measures error against run time and
+the effect of alpha and beta, reported as `measurements`.
 `stability` linearises the motion and finds the longest stable step; `stability_maps` (with
 `stability_axes`) maps how runs end. `reference` solves an independent statement of the equations
 (`null_space`, `segments`) with SciPy.
 """
 
-from typing import TYPE_CHECKING
-
-from ..support.extras import lazily
-
-if TYPE_CHECKING:
-    from .advice import Advice
-    from .advisor import advise
-    from .measurements import Measurement, Peer, StabilizationSweep, WorkPrecision
-    from .precision import stabilization_sweep, work_precision
-    from .stability import Modes, StableStep, max_stable_dt, modes
-    from .stability_maps import StabilityMap, stability_map
-else:
-    __getattr__ = lazily(
-        __name__,
-        {
-            "advice": ("Advice",),
-            "advisor": ("advise",),
-            "measurements": ("Measurement", "Peer", "StabilizationSweep", "WorkPrecision"),
-            "precision": ("stabilization_sweep", "work_precision"),
-            "stability": ("Modes", "StableStep", "max_stable_dt", "modes"),
-            "stability_maps": ("StabilityMap", "stability_map"),
-        },
-    )
+from .advisor import Advice, advise
+from .measurements import Measurement, Peer, StabilizationSweep, WorkPrecision
+from .precision import stabilization_sweep, work_precision
+from .stability import Modes, StableStep, max_stable_dt, modes
+from .stability_maps import StabilityMap, stability_map
 
 __all__ = [
     "Advice",

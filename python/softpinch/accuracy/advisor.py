@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import statistics
 import time
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,14 +15,15 @@ import numpy as np
 from .. import _core
 from ..run.options import MOST_STEPS
 from ..run.request import Request
-from ..run.run import computed
+from ..run.run import Run, computed
+from ..run.simulate import simulate
 from ..scene.fields import ESTIMATED
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.choices import Formulation, Method
 from ..support.progress import Report, reporting
-from .advice import Advice, Trial
+from ..support.result import Result
 from .reference_motion import ReferenceMotion
 from .runs import cpu_times, largest_that_holds, pairs_of, timed_run
 
@@ -64,6 +65,145 @@ _PROMISING = {
 }
 
 
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Trial(Result):
+    """A pair of formulation and method that was tried, with equal or with adaptive steps.
+
+    Attributes:
+        formulation: How the constraints are kept.
+        method: How time is stepped.
+        dt: The longest step found whose error is small enough, s; nan if none was found, and with
+            adaptive steps.
+        step_tolerance: The largest tolerance of adaptive steps found whose error is small enough;
+            nan if none was found, and with equal steps.
+        error: Error with this setting, the largest of q, p and lambda; inf if none was found.
+        time: CPU time of a run over the whole scene, s; inf if no setting was found. If only the
+            scene's beginning was tried, the time is scaled up to the whole scene. In `Advice.equal`
+            and `Advice.adaptive` it is a lower bound if no setting was found.
+        whole: Whether the pair was tried on the whole scene, not only on its beginning.
+        note: Why the pair was given up, or not tried; empty if it was not given up.
+    """
+
+    formulation: Formulation
+    method: Method
+    dt: float = math.nan
+    step_tolerance: float = math.nan
+    error: float = math.inf
+    time: float = math.inf
+    whole: bool = False
+    note: str = ""
+
+    @property
+    def found(self) -> bool:
+        """Whether a setting was found whose error is small enough."""
+        return math.isfinite(self.error)
+
+    @property
+    def setting(self) -> str:
+        """The setting as an argument of `simulate`, such as "dt=0.0001"; "" if none was found."""
+        if not self.found:
+            return ""
+        if math.isnan(self.dt):
+            return f"tolerance={self.step_tolerance:.3g}"
+        return f"dt={self.dt:.3g}"
+
+    @property
+    def summary(self) -> str:
+        """Pair, setting and time, or the lower bound of the time if no setting was found."""
+        pair = f"{self.formulation} {self.method}"
+        if not self.found:
+            return f"none found, at least {1e3 * self.time:.3g} ms ({pair})"
+        return f"{pair} {self.setting}, {1e3 * self.time:.3g} ms"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Advice(Result):
+    """The cheapest formulation, method and step for a scene and an accuracy.
+
+    Attributes:
+        scene: The scene to simulate.
+        tolerance: The required accuracy.
+        met: Whether the advised settings meet the tolerance. If no pair met it in the trials, the
+            settings are those of the stiff adaptive run with which the trials were compared, and
+            the errors are inf.
+        formulation, method: The arguments of `simulate`.
+        dt: The longest of equal steps, s. None if adaptive steps are advised, which have no dt but
+            `step_tolerance`.
+        step_tolerance: The tolerance of adaptive steps, `tolerance` of `simulate`. None if equal
+            steps are advised, which have `dt`.
+        error: "q", "p", "multipliers" -> error, the largest along the run, each component divided
+            by its largest magnitude.
+        time: CPU time of a run that keeps only its last state, s.
+        margin: Factor by which dt may grow until the method becomes unstable; inf if it never does,
+            and with adaptive steps; NaN with equal steps and a `SampledController`.
+        confirmed: Difference at the end from a run by another method with adaptive steps at a
+            smaller tolerance, the largest of q, p and lambda. If a violation ends the run, the
+            states one step earlier are compared. The tolerance is met only if this difference is
+            within it.
+        equal: The quickest pair with equal steps. If none was found, the pair that was given up
+            with the least predicted time, which is a lower bound, in `time`; or None.
+        adaptive: The quickest pair with adaptive steps, or the one given up, likewise.
+        tried: Length of the part of the scene, from its start, on which the pairs were tried, s.
+        untried: The pairs that the budget did not allow to try, such as "csm rk4, dt".
+        stabilization: The gains with which "csm" was tried.
+        trials: Every pair: first those tried on the whole scene, then the others, each by time. A
+            method that has adaptive steps appears twice.
+        message: The advice in words.
+    """
+
+    scene: Scene
+    tolerance: float
+    met: bool
+    formulation: Formulation
+    method: Method
+    dt: float | None
+    step_tolerance: float | None
+    error: Mapping[str, float]
+    time: float
+    margin: float
+    confirmed: float
+    equal: Trial | None
+    adaptive: Trial | None
+    tried: float
+    untried: tuple[str, ...]
+    stabilization: Stabilization
+    trials: tuple[Trial, ...]
+    message: str
+
+    def simulate(self, **options: Any) -> Run:
+        """Simulates the scene as advised, with `dt` or with `step_tolerance`.
+
+        Args:
+            options: Further arguments of `simulate`, such as `record` and `every`; not those that
+                the advice chooses.
+
+        Raises:
+            TypeError: An option is one that the advice chooses.
+        """
+        return simulate(
+            self.scene,
+            dt=self.dt,
+            tolerance=self.step_tolerance,
+            method=self.method,
+            formulation=self.formulation,
+            stabilization=self.stabilization,
+            **options,
+        )
+
+    def _facts(self) -> dict[str, Any]:
+        """The setting before everything else, with dt and the tolerance in one entry."""
+        values = self._values()
+        dt, tolerance = values.pop("dt"), values.pop("step_tolerance")
+        steps = f"adaptive: dt = None, step_tolerance = {tolerance}"
+        if dt is not None:
+            steps = f"equal: dt = {dt:.5g}, step_tolerance = None"
+        first = ("formulation", "method", "tolerance", "met", "error", "time")
+        return {"steps": steps, **{name: values[name] for name in first}, **values}
+
+    def __str__(self) -> str:
+        return self.message
+
+
 def advise(
     scene: Scene,
     tolerance: float = 1e-6,
@@ -94,7 +234,7 @@ def advise(
         formulations: Formulations to try; None tries all that the scene allows, which are "csm" and
             "projected" in unilateral contact, and "csm" alone for a start off the constraints.
         methods: Methods to try.
-        stabilization: The gains of (19) and (20), for "csm".
+        stabilization: As for `simulate`.
         budget: Time for the search, s; infinity tries everything. `Advice.untried` and the message
             have the pairs that it does not allow to try.
         progress: As for `monte_carlo`; it counts pairs.
@@ -162,14 +302,18 @@ class _Search:
 
     def request(self, value: float, most: float = math.inf) -> Request:
         """A run with one setting; adaptive steps stop after about `most` s."""
-        how: dict[str, Any] = {self.kind: value}
+        how: dict[str, Any] = {
+            "formulation": self.formulation,
+            "method": self.method,
+            self.kind: value,
+        }
         if self.kind == "dt":
             how["every"] = max(1, math.ceil(self._duration / value / _MOST_ROWS))
         elif most < math.inf:
             how["max_steps"] = int(min(100 + most / _SHORTEST, MOST_STEPS))
-        return self.motion.request(self.method, self.formulation, **how)
+        return self.motion.request(**how)
 
-    def bounded_time(self) -> float:
+    def least_run_time(self) -> float:
         """The CPU time of a run with the longest stable step, s; 0 if it has few steps."""
         if self.kind == "tolerance" or self._duration / self.longest <= _FEW:
             return 0.0
@@ -214,7 +358,7 @@ class _Search:
         good = [value for value, found in self._errors.items() if found <= _SAFE * accuracy]
         if not good:
             return self.trial(note=note)
-        return self.trial(max(good), self._errors[max(good)], self.clock(max(good)))
+        return self.trial(max(good), self._errors[max(good)], self.measured_time(max(good)))
 
     def trial(
         self,
@@ -235,7 +379,7 @@ class _Search:
             **known,
         )
 
-    def clock(self, value: float) -> float:
+    def measured_time(self, value: float) -> float:
         """CPU time of a run that keeps only its last state, s."""
         request = self.request(value)
         once = timed_run(request.with_(record=()))[1]
@@ -296,8 +440,8 @@ class _Advisor:
         # A run that is over at once has no step.
         steps = np.diff(self.motion.run.t) if len(self.motion.run) > 1 else [math.inf]
         first = {"tolerance": self.motion.tolerance, "dt": float(np.median(steps))}
-        for search in sorted(searches, key=_promise):
-            self._add(search, self._tried(search, first[search.kind]))
+        for search in sorted(searches, key=_search_order):
+            self._add(search, self._search_unless_hopeless(search, first[search.kind]))
             report(len(self.trials), len(searches))
         self.found.sort(key=lambda each: each[1].time)
         self.trials.sort(key=lambda trial: (not trial.whole, trial.time))
@@ -305,16 +449,16 @@ class _Advisor:
             advice = self._verified(search, trial)
             if advice is not None:
                 return advice
-        return self._unmet()
+        return self._advice_without_success()
 
-    def _tried(self, search: _Search, first: float) -> Trial:
+    def _search_unless_hopeless(self, search: _Search, first: float) -> Trial:
         """Searches the setting of one pair, unless it cannot be the best."""
         known = self.best[search.kind]
         best = known.time * self.motion.share if known and known.found else math.inf
         left = self.stop - time.perf_counter()
         least = 0.0
         if left > 0 or known is None:
-            least = search.least_time = search.bounded_time()
+            least = search.least_time = search.least_run_time()
         if least > _TOO_SLOW * best:
             return search.trial(
                 note=f"stable up to dt = {search.longest:.2g} s only: at least "
@@ -357,20 +501,20 @@ class _Advisor:
             value *= float(np.clip(change, 0.01, 0.9))
         else:
             return None
-        spent = trial.time * self.motion.share if value == first else search.clock(value)
+        spent = trial.time * self.motion.share if value == first else search.measured_time(value)
         trial = self.best[search.kind] = search.trial(value, largest, spent)
         margin = math.inf
         if equal:
-            margin = search.stable / value if self.motion.limited else math.nan
+            margin = search.stable / value if self.motion.limit_is_known else math.nan
         apart, method = self.motion.confirm(run)
         sizes = ", ".join(f"{name} {size:.1e}" for name, size in errors.items())
-        steps, adaptive = (best.summary if best else "none" for best in self._best())
+        found = {kind: best.summary if best else "none" for kind, best in self.best.items()}
         parts = [
             f'take formulation="{trial.formulation}", method="{trial.method}", {trial.setting}: '
             f"error {sizes}; {1e3 * trial.time:.3g} ms a run",
-            f"the best equal steps: {steps}",
-            f"the best adaptive steps: {adaptive}",
-            *([_room(margin)] if equal else []),
+            f"the best equal steps: {found['dt']}",
+            f"the best adaptive steps: {found['tolerance']}",
+            *([_stability_words(margin)] if equal else []),
             f"a run by {method} ends otherwise"
             if math.isinf(apart)
             else f"a run by {method} at a smaller tolerance ends {apart:.1e} from it",
@@ -388,7 +532,7 @@ class _Advisor:
             confirmed=apart,
         )
 
-    def _unmet(self) -> Advice:
+    def _advice_without_success(self) -> Advice:
         """The advice if no pair meets the tolerance: the settings of the stiff adaptive run."""
         accurate = self.motion.run
         return self._advice(
@@ -407,10 +551,6 @@ class _Advisor:
             confirmed=math.inf,
         )
 
-    def _best(self) -> tuple[Trial | None, Trial | None]:
-        """The best equal and the best adaptive steps."""
-        return self.best["dt"], self.best["tolerance"]
-
     def _advice(self, parts: list[str], **found: Any) -> Advice:
         if self.motion.share < 1.0:
             parts.append(
@@ -422,12 +562,11 @@ class _Advisor:
             pairs = "1 pair was" if count == 1 else f"{count} pairs were"
             some = ", ".join(self.untried[:4]) + (", ..." if count > 4 else "")
             parts.append(f"{pairs} not tried within {self.budget:g} s ({some})")
-        equal, adaptive = self._best()
         return Advice(
             scene=self.motion.full,
             tolerance=self.motion.tolerance,
-            equal=equal,
-            adaptive=adaptive,
+            equal=self.best["dt"],
+            adaptive=self.best["tolerance"],
             tried=self.motion.scene.duration,
             untried=tuple(self.untried),
             stabilization=self.motion.stabilization,
@@ -437,13 +576,13 @@ class _Advisor:
         )
 
 
-def _room(margin: float) -> str:
+def _stability_words(margin: float) -> str:
     if math.isnan(margin):
         return "the longest stable dt is not known with a SampledController"
     return "any dt is stable" if math.isinf(margin) else f"stable up to {margin:.3g} times that"
 
 
-def _promise(search: _Search) -> tuple[bool, int, int, str]:
+def _search_order(search: _Search) -> tuple[bool, int, int, str]:
     """Sort key: the formulation without drift first, and within a formulation adaptive steps."""
     other = search.formulation != search.motion.run.formulation
     kind = _KINDS.index(search.kind)

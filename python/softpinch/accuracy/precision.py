@@ -100,15 +100,15 @@ def work_precision(
     checks.instance("stabilization", stabilization, Stabilization)
     pairs = pairs_of(scene, formulations, methods)
     longest = checks.positive("longest", longest)
-    steps = _default_steps(scene) if dt is None else ladder("dt", dt)
-    allowed = _TOLERANCES if tolerances is None else ladder("tolerances", tolerances)
-    switches = switching(scene)
-    curves = [
-        (_request(scene, formulation, stabilization, method), setting, values)
-        for formulation, method in pairs
-        for setting, values in (("dt", steps), ("tolerance", allowed))
-        if setting == "dt" or method in _core.ADAPTIVE_METHODS
-    ]
+    steps = _default_steps(scene) if dt is None else from_loose_to_tight("dt", dt)
+    allowed = _TOLERANCES if tolerances is None else from_loose_to_tight("tolerances", tolerances)
+    switches = switch_instants(scene)
+    curves = []
+    for formulation, method in pairs:
+        how = {"formulation": formulation, "method": method, "stabilization": stabilization}
+        curves.append((_request(scene, **how), "dt", steps))
+        if method in _core.ADAPTIVE_METHODS:
+            curves.append((_request(scene, **how), "tolerance", allowed))
     others = checks.several("peers", peers, "Peers")
     for each in others:
         checks.instance("peers", each, Peer)
@@ -124,7 +124,8 @@ def work_precision(
                 skipped.append(_too_long(run.row))
                 rows.append(run.row)
             else:
-                row = _measured(run, exact, switches)
+                times = _summarized(cpu_times(run.request, _REPEATS))
+                row = replace(run.row, **times, **run.errors(exact, switches))
                 rows.append(_with_order(row, rows[-1]) if rows else row)
             report(len(rows), total)
         for peer in others:
@@ -141,36 +142,23 @@ def work_precision(
     )
 
 
-def _request(
-    scene: Scene,
-    formulation: str,
-    stabilization: Stabilization,
-    method: str,
-    dt: float | None = None,
-) -> Request:
+def _request(scene: Scene, **options: Any) -> Request:
     """A run with everything recorded that is measured."""
-    options = Options.checked(
-        dt=dt,
-        method=method,
-        formulation=formulation,
-        stabilization=stabilization,
-        record=_EVERYTHING,
-    )
-    return Request(scene, options)
+    return Request(scene, Options.checked(record=_EVERYTHING, **options))
 
 
-def ladder(name: str, values: ArrayLike) -> Floats:
+def from_loose_to_tight(name: str, values: ArrayLike) -> Floats:
     """Checks the values of `dt` or `tolerances`, and sorts them from loose to tight, (k,)."""
     given = checks.numbers(name, values)
     if given.size == 0 and name == "tolerances":
         return given.reshape(0)
-    ladder = np.unique(checks.array(name, given, ("k",)))[::-1]
-    if not (ladder > 0).all():
-        raise ValueError(f"{name} = {ladder[-1]}: must be > 0")
-    if name == "tolerances" and not (ladder[0] < 1.0 and ladder[-1] >= 1e-14):
-        wrong = ladder[0] if ladder[0] >= 1.0 else ladder[-1]
+    found = np.unique(checks.array(name, given, ("k",)))[::-1]
+    if not (found > 0).all():
+        raise ValueError(f"{name} = {found[-1]}: must be > 0")
+    if name == "tolerances" and not (found[0] < 1.0 and found[-1] >= 1e-14):
+        wrong = found[0] if found[0] >= 1.0 else found[-1]
         raise ValueError(f"tolerances = {wrong}: must be from 1e-14 to below 1")
-    return ladder
+    return found
 
 
 def _default_steps(scene: Scene) -> Floats:
@@ -205,13 +193,15 @@ def stabilization_sweep(
     checks.instance("scene", scene, Scene)
     dt = checks.positive("dt", dt)
     method = checks.choice("method", method, _core.METHODS)
-    given = np.geomspace(1e-4, 10.0, 33) if products is None else ladder("products", products)[::-1]
-
-    switches = switching(scene)
+    given = np.geomspace(1e-4, 10.0, 33)
+    if products is not None:
+        given = from_loose_to_tight("products", products)[::-1]
+    switches = switch_instants(scene)
 
     def sampled(formulation: Formulation, gain: float) -> _Sampled:
         gains = Stabilization(alpha=gain, beta=gain)
-        return _sampled(_request(scene, formulation, gains, method, dt), switches)[0]
+        how = {"formulation": formulation, "method": method, "stabilization": gains}
+        return _sampled(_request(scene, dt=dt, **how), switches)[0]
 
     usual.warn(scene)
     plain = sampled(without_drift(scene), 0.0)
@@ -280,15 +270,15 @@ def _sampled(request: Request, switches: Floats) -> tuple[_Sampled, float]:
     residuals = held_residuals(run).max(axis=0)
     exchanged = run.energy.exchanged
     closure = float(np.abs(run.energy.closure).max())
-    names = ("evaluations", "factorisations", "steps")
-    counts: dict[str, Any] = {name: run.stats[name] for name in names}
     row = replace(
         _row(request),
         status=run.status,
         holonomic=float(residuals[:2].max()),
         nonholonomic=float(residuals[2:].max()),
         closure=closure / exchanged if exchanged > 0.0 else closure,
-        **counts,
+        evaluations=run.stats["evaluations"],
+        factorisations=run.stats["factorisations"],
+        steps=run.stats["steps"],
     )
     rows = sampled_rows(run, switches)
     return _Sampled(request, row, run.t[rows], {n: getattr(run, n)[rows] for n in ESTIMATED}), spent
@@ -327,7 +317,7 @@ def _reference(scene: Scene, runs: Sequence[_Sampled]) -> Reference:
     return of_any_contact(scene, np.union1d(instants, [end_of(scene)]))
 
 
-def switching(scene: Scene) -> Floats:
+def switch_instants(scene: Scene) -> Floats:
     """The start of a scene, and the instants at which an input jumps or bends (k,), s."""
     return np.array(Inputs(scene, float(scene.start().time), end_of(scene)).edges[:-1])
 
@@ -360,12 +350,6 @@ def _curve(
         run, spent = _sampled(wanted, switches)
         yield run
         before = value
-
-
-def _measured(run: _Sampled, exact: Reference, switches: Floats) -> Measurement:
-    """The measurement of a run, with its errors and times."""
-    times = _summarized(cpu_times(run.request, _REPEATS))
-    return replace(run.row, **times, **run.errors(exact, switches))
 
 
 def _too_long(row: Measurement) -> str:

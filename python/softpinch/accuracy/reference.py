@@ -152,12 +152,8 @@ def confirmed(
     `Reference.method` names both methods.
 
     Args:
-        scene: As `solve`.
-        times: As `solve`.
-        rtol: As `solve`.
+        scene, times, rtol, tolerance, rates: As for `solve`.
         most: The largest number of evaluations of the right-hand side, for each method.
-        tolerance: As `solve`.
-        rates: As `solve`.
 
     Returns:
         The first solution with `own_error`, which includes the errors of both methods, mostly that

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..run import scaled_error
 from ..run.error_estimate import ending_at
-from ..run.options import STOP_ON, Options
+from ..run.options import Options
 from ..run.request import Request
 from ..run.run import Run, computed
 from ..scene.fields import ESTIMATED
@@ -18,7 +18,7 @@ from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support.arrays import Floats
 from ..support.choices import Formulation, Method
-from .precision import sampled_rows, switching
+from .precision import sampled_rows, switch_instants
 from .runs import accurate_run, timed_run
 from .stability import Modes, along_run
 
@@ -58,7 +58,7 @@ class ReferenceMotion:
             reached = float(self.run.t[-1]) - scene.start().time
             self.scene = replace(scene, duration=reached)
             self.run = accurate_run(self.scene, "csm", stabilization, record=_RECORD)
-        self.switches = switching(self.scene)
+        self.switches = switch_instants(self.scene)
         # Lower bounds of the scales keep round-off of large components from counting as error.
         usual = scaled_error.usual(scene)
         self.scales = {}
@@ -74,17 +74,10 @@ class ReferenceMotion:
         """The tried part of the scene, as a share of its duration."""
         return self.scene.duration / self.full.duration
 
-    def request(self, method: str, formulation: str, **how: Any) -> Request:
+    def request(self, **how: Any) -> Request:
         """A run of the scene that can be compared with the motion."""
-        options = Options.checked(
-            method=method,
-            formulation=formulation,
-            stabilization=self.stabilization,
-            record=_RECORD,
-            stop_on=STOP_ON,
-            **how,
-        )
-        return Request(self.scene, options)
+        how |= {"stabilization": self.stabilization, "record": _RECORD}
+        return Request(self.scene, Options.checked(**how))
 
     def _methods(self) -> tuple[str, ...]:
         """The stiff method and the explicit one, if that is not too slow, by time."""
@@ -98,8 +91,8 @@ class ReferenceMotion:
 
     def _tight(self, method: str, **how: Any) -> Request:
         share, least = _TIGHTER[method]
-        tolerance = max(share * self.tolerance, least)
-        return self.request(method, self.run.formulation, tolerance=tolerance, **how)
+        how["tolerance"] = max(share * self.tolerance, least)
+        return self.request(method=method, formulation=self.run.formulation, **how)
 
     def exact(self, t: Floats, method: str) -> Run:
         """The motion at increasing instants, by steps that end there."""
@@ -151,13 +144,13 @@ class ReferenceMotion:
         )
 
     @property
-    def limited(self) -> bool:
-        """Whether the stability limit is known, for which the torques at a state must be known."""
+    def limit_is_known(self) -> bool:
+        """True if the stability limit is known, for which the torques at a state must be known."""
         return self.scene.law != "sampled"
 
     def stable(self, formulation: Formulation, method: Method) -> float:
         """The longest stable step along the run, s; inf if it is not known."""
-        if not self.limited:
+        if not self.limit_is_known:
             return math.inf
         if formulation not in self._modes:
             modes = along_run(self.run, formulation, self.stabilization, _INSTANTS)

@@ -9,12 +9,13 @@ import cmath
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from ..analysis.states import state_names
+from ..analysis.states import ONLY_BILATERAL, state_names
 from ..run import scaled_error
 from ..run.contact import ContactMode
 from ..run.options import MOST_STEPS, Options
@@ -93,16 +94,10 @@ class Modes(Result):
         largest = np.abs(self.rates[0]).max()
         rates = np.where(np.abs(self.rates[0]) <= _NEUTRAL * largest, 0.0, self.rates[0])
         # Of each conjugate pair, the eigenvalue with positive imaginary part.
-        order = sorted(rates[~(rates.imag < 0.0)].tolist(), key=lambda rate: -rate.real)
-        rows = [
-            (
-                self._name(rate),
-                rate.real,
-                rate.imag / (2.0 * math.pi),
-                -rate.real / abs(rate) if rate else "",
-            )
-            for rate in order
-        ]
+        rows: list[tuple[Any, ...]] = []
+        for rate in sorted(rates[~(rates.imag < 0.0)].tolist(), key=lambda rate: -rate.real):
+            damping = -rate.real / abs(rate) if rate else ""
+            rows.append((self._name(rate), rate.real, rate.imag / (2.0 * math.pi), damping))
         columns = ("largest share", "growth [1/s]", "frequency [Hz]", "damping ratio")
         yield ShownTable(columns, rows, f"The modes at t = {self.t[0]:.6g} s")
 
@@ -163,16 +158,11 @@ def modes(
         integral: PID integrals (n, 2), rad s.
         formulation: The formulation whose states are used. "csm" adds modes with eigenvalues
             -alpha, twice for each C^H, and -beta for each C^N; "projected" has zeros instead.
-        stabilization: The gains of (19) and (20), for "csm".
+        stabilization: As for `simulate`.
     """
     checks.instance("scene", scene, Scene)
     checks.instance("stabilization", stabilization, Stabilization)
-    require_bilateral(
-        scene,
-        "modes",
-        'linearises bilateral contact only; replace(scene, contact="bilateral") has the motion '
-        "while both tips stick",
-    )
+    require_bilateral(scene, "modes", ONLY_BILATERAL)
     formulation = checks.choice("formulation", formulation, _core.FORMULATIONS)
     instants = checks.array("t", t, ("n",))
     n = len(instants)
@@ -221,12 +211,8 @@ def along_run(
         block = slice(size + 2 * k, size + 2 * k + 2)
         jacobian[:, block, block] = own[:, k]
     alone = [name for k in ALONE for name in (COORDINATES[k], RATES[k])]
-    return replace(
-        found,
-        jacobian=jacobian,
-        rates=eigenvalues(jacobian),
-        states=(*found.states, *alone),
-    )
+    states = (*found.states, *alone)
+    return replace(found, jacobian=jacobian, rates=eigenvalues(jacobian), states=states)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -289,9 +275,7 @@ def max_stable_dt(
     Args:
         scene: The scene to simulate. A scene at rest with constant inputs is displaced by a
             billionth of its size and run for at least 4000 steps, so that instability shows.
-        method: How time is stepped, as for `simulate`.
-        formulation: How the constraints are kept, as for `simulate`.
-        stabilization: The gains of (19) and (20), for "csm".
+        method, formulation, stabilization: As for `simulate`.
         measure: Whether to measure the step, besides predicting it.
         max_steps: Largest number of steps of a run in the bisection; if more would be needed,
             `measured` is None. The accurate run takes at most this many steps, or 100 000 if that
@@ -311,7 +295,10 @@ def max_stable_dt(
     along = along_run(accurate, formulation, stabilization)
     steps = along.stable_step(method)
     k = int(np.argmin(steps))
-    predicted, rate = float(steps[k]), _limiting(along.rates[k], method)
+    # The eigenvalue that allows the shortest step; the largest if none limits the step.
+    rates, predicted = along.rates[k], float(steps[k])
+    limits = stable_steps(method, rates) if math.isfinite(predicted) else -np.abs(rates)
+    rate = complex(rates[np.argmin(limits)])
     measured, failure = None, ""
     if accurate.status not in ENDS:
         failure = (
@@ -323,9 +310,9 @@ def max_stable_dt(
         measured, failure = search.longest(max_steps), search.failure
     t, mode = float(along.t[k]), along.leading(k, rate)
     message = _message(method, predicted, t, rate, mode, measured)
-    if measured is not None and not _alike(predicted, measured):
+    if measured is not None and not _agree(predicted, measured):
         share = float(np.mean(steps < measured))
-        message += f"; they part because {_reason(predicted, measured, share, failure)}"
+        message += f"; they part because {_reason_they_differ(predicted, measured, share, failure)}"
     elif failure and measured is None:
         message += f"; not measured: {failure}"
     alone = float((accurate.contact != ContactMode.STICK).any(axis=1).mean())
@@ -349,6 +336,8 @@ def max_stable_dt(
 class StepSearch:
     """The search for the longest step with which a run follows the accurate run to its end.
 
+    It begins at the predicted step, s, or at some step if that is inf.
+
     Attributes:
         scene: The scene of the trials; at rest it is slightly displaced, because exact symmetry
             hides unstable modes.
@@ -356,10 +345,6 @@ class StepSearch:
     """
 
     def __init__(self, accurate: Run, trial: Options, predicted: float) -> None:
-        """Prepares the search, which begins at the predicted step, s, or at some step if it is inf.
-
-        The options of a trial have the method, the formulation and the gains.
-        """
         self.scales = scaled_error.scales("q", accurate.q, scaled_error.usual(accurate.scene))
         self.accurate, self.trial = accurate, trial
         self.scene = accurate.scene
@@ -394,7 +379,7 @@ class StepSearch:
         return replace(scene, initial=displaced, duration=max(duration, scene.duration))
 
     def holds(self, dt: float) -> bool:
-        """Whether the run with this step follows the accurate run to its end; else sets `failure`.
+        """True if the run with this step follows the accurate run to its end; else sets `failure`.
 
         The core ends a run whose energy ledger shows that its steps are unstable.
         """
@@ -439,15 +424,7 @@ class StepSearch:
             first = failed / _FACTOR
 
 
-def _limiting(rates: Complexes, method: str) -> complex:
-    """The eigenvalue that allows the shortest step; the largest if none limits the step."""
-    steps = stable_steps(method, rates)
-    if np.isinf(steps).all():
-        return complex(rates[np.argmax(np.abs(rates))])
-    return complex(rates[np.argmin(steps)])
-
-
-def _alike(predicted: float, measured: float) -> bool:
+def _agree(predicted: float, measured: float) -> bool:
     if math.isinf(predicted) or math.isinf(measured):
         return predicted == measured
     return 1.0 / _AGREE < predicted / measured < _AGREE
@@ -457,28 +434,26 @@ def _message(
     method: str, predicted: float, t: float, rate: complex, mode: str, measured: float | None
 ) -> str:
     swing = f" and {abs(rate.imag):.3g} rad/s" if abs(rate.imag) > 1e-3 * abs(rate) else ""
-    what = f"the mode of {mode} at {rate.real:.3g} 1/s{swing}, t = {t:.4g} s"
+    fastest = f"the mode of {mode} at {rate.real:.3g} 1/s{swing}, t = {t:.4g} s"
     if math.isnan(rate.real):
-        what = f"rates of the motion that overflow at t = {t:.4g} s"
+        fastest = f"rates of the motion that overflow at t = {t:.4g} s"
+    text = f"predicted {predicted:.3g} s, by {fastest}"
     if math.isinf(predicted):
-        text = f"{method} is stable for every step; fastest is {what}"
-    else:
-        text = f"predicted {predicted:.3g} s, by {what}"
+        text = f"{method} is stable for every step; fastest is {fastest}"
     if measured is None:
         return text
-    return f"{text}; measured " + (
-        "no limit: a single step does" if math.isinf(measured) else f"{measured:.3g} s"
-    )
+    found = "no limit: a single step does" if math.isinf(measured) else f"{measured:.3g} s"
+    return f"{text}; measured {found}"
 
 
-def _reason(predicted: float, measured: float, share: float, failure: str) -> str:
+def _reason_they_differ(predicted: float, measured: float, share: float, failure: str) -> str:
     if math.isinf(predicted):
-        return f"what ends it is accuracy, not stability: {failure}"
-    if measured > predicted:
-        if share < 1.0:
-            return (
-                f"the predicted step is too long for {100 * share:.0f} % of the instants only, and "
-                "what grows there decays again"
-            )
-        return "the run has too few steps for what grows to show"
-    return f"the motion fails before its linearisation about the right one does: {failure}"
+        return f"accuracy ends it, not stability: {failure}"
+    if measured <= predicted:
+        return f"the motion fails before its linearisation about the right one does: {failure}"
+    if share == 1.0:
+        return "the run has too few steps for the growth to show"
+    return (
+        f"the predicted step is too long for {100 * share:.0f} % of the instants only, and the "
+        "growth there decays again"
+    )

@@ -39,7 +39,7 @@ _TILTED_DEPTH = 0.05
 _BLOW = np.array([0.8, -0.6])
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Axis:
     """One axis of a stability map.
 
@@ -47,17 +47,17 @@ class Axis:
         name: The name, path or function name with which the axis is requested.
         label: Axis label in figures.
         unit: Unit of the values; "1" if they have none.
-        values: Default values (v,); empty if there are none.
         scale: Spacing in figures: "linear", "log", "logit" (for shares, stretched near 0 and 1) or
             "right_angle" (for degrees, stretched towards 90).
+        values: Default values (v,); empty if there are none.
         at: Function from a scene and a value to the scene with that value, or to gains of "csm".
     """
 
     name: str
     label: str
     unit: str
-    values: tuple[float, ...] = ()
-    scale: str = "linear"
+    scale: str
+    values: tuple[float, ...]
     at: Callable[[Scene, float], Scene | Stabilization]
 
     def apply(
@@ -88,7 +88,7 @@ def choose(
     elif callable(axis):
         function = axis
         name = getattr(function, "__name__", type(function).__name__)
-        found = Axis(name=name, label=name, unit="1", at=lambda _, value: function(value))
+        found = Axis(name, name, "1", "linear", (), lambda _, value: function(value))
     else:
         raise TypeError(
             f"axis = {checks.shown(axis)}: must be a name, a path or a function value -> Scene"
@@ -112,10 +112,7 @@ def _path(scene: Scene, path: str) -> Axis:
     unit = units.units(path, ())
     assert isinstance(unit, str)
     return Axis(
-        name=path,
-        label=label_of(path),
-        unit=unit,
-        at=lambda _, value: varied.changed({path: value}),
+        path, label_of(path), unit, "linear", (), lambda _, value: varied.changed({path: value})
     )
 
 
@@ -233,25 +230,17 @@ def _decades(low: float, high: float, count: int = 13) -> tuple[float, ...]:
 _DEPTHS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 0.6, 0.8, 0.9, 0.97, 0.99, 0.999)
 _TILTS = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 68.0, 75.0, 80.0, 84.0, 87.0, 89.0)
 _VISCOSITIES = (0.0, *_decades(1e-1, 1e5))
-
-
 _MODULUS = _of_tips("youngs_modulus")
 _VISCOSITY = _of_tips("normal_viscosity", "tangential_viscosity")
 
-# Name, label, unit, scale, default values, and the function for `Axis.at`.
 _TABLE = (
-    ("youngs_modulus", "modulus $E$", "Pa", "log", _decades(1e4, 1e10), _MODULUS),
-    ("object_mass", "mass $M$", "kg", "log", _decades(1e-4, 1e1), _object_mass),
-    ("viscosity", "viscosity $c_n, c_t$", "N s/m", "log", _VISCOSITIES, _VISCOSITY),
-    ("gains", "factor on the gains", "1", "log", _decades(1e-3, 1e3), _gains),
-    ("stabilization", r"$\alpha, \beta$", "1/s", "log", _decades(1e1, 1e7), _stabilization),
-    ("grasp_depth", "depth $d_n/a$", "1", "logit", _DEPTHS, _grasp_depth),
-    ("tilt", r"tilt $\theta_p$", "deg", "right_angle", _TILTS, _tilt),
-    ("impulse", "size of the blow", "N s", "log", _decades(1e-3, 1e1), _impulse),
+    Axis("youngs_modulus", "modulus $E$", "Pa", "log", _decades(1e4, 1e10), _MODULUS),
+    Axis("object_mass", "mass $M$", "kg", "log", _decades(1e-4, 1e1), _object_mass),
+    Axis("viscosity", "viscosity $c_n, c_t$", "N s/m", "log", _VISCOSITIES, _VISCOSITY),
+    Axis("gains", "factor on the gains", "1", "log", _decades(1e-3, 1e3), _gains),
+    Axis("stabilization", r"$\alpha, \beta$", "1/s", "log", _decades(1e1, 1e7), _stabilization),
+    Axis("grasp_depth", "depth $d_n/a$", "1", "logit", _DEPTHS, _grasp_depth),
+    Axis("tilt", r"tilt $\theta_p$", "deg", "right_angle", _TILTS, _tilt),
+    Axis("impulse", "size of the blow", "N s", "log", _decades(1e-3, 1e1), _impulse),
 )
-AXES: Mapping[str, Axis] = MappingProxyType(
-    {
-        name: Axis(name=name, label=label, unit=unit, values=values, scale=scale, at=at)
-        for name, label, unit, scale, values, at in _TABLE
-    }
-)
+AXES: Mapping[str, Axis] = MappingProxyType({axis.name: axis for axis in _TABLE})

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +20,7 @@ from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..study.engine import how_many_threads
 from ..support import checks
-from ..support.arrays import Floats, read_only
+from ..support.arrays import Floats
 from ..support.choices import Formulation, Method
 from ..support.progress import Report, reporting
 from ..support.result import Result
@@ -224,9 +224,8 @@ def stability_map(
             contact.
         stabilization: The gains of "csm".
         max_steps: Runs that would take more steps are not run and have status "not_run".
-        threads: Number of threads; None takes as many as the process may use.
-        progress: True draws a bar on a terminal; False draws none; or a function that is called
-            with the number of completed runs and the number of all runs.
+        threads: As for `monte_carlo`.
+        progress: As for `monte_carlo`.
 
     Raises:
         ValueError: An argument breaks its rule, or a value gives a scene that cannot start. Both
@@ -288,20 +287,9 @@ class _Reference:
         return [float(along[f].stable_step(method).min()) for f, method in pairs]
 
 
-class _Job(NamedTuple):
-    """A batch of runs with one pair and one step.
-
-    Attributes:
-        batch: The core's batch; its parameters have been checked.
-        values: For each run of the batch, the indices of the values for which it stands.
-        pair: Index of the pair.
-        step: Index of the step.
-    """
-
-    batch: _core.Batch
-    values: list[list[int]]
-    pair: int
-    step: int
+# Runs with one pair and one step: the core's batch, for each run of it the indices of the values
+# for which it stands, and the indices of pair and step.
+_Job = tuple[_core.Batch, list[list[int]], int, int]
 
 
 class MapPlan:
@@ -321,16 +309,17 @@ class MapPlan:
         checks.instance("scene", scene, Scene)
         checks.instance("stabilization", stabilization, Stabilization)
         self._scene, self._stabilization = scene, stabilization
-        self.axis, given = choose(scene, axis, values)
-        self._values = read_only(given)
-        self._dt = _steps(dt)
+        self.axis, self._values = choose(scene, axis, values)
+        self._dt = np.geomspace(1e-6, 1e-2, 13) if dt is None else checks.times("dt", dt)
+        checks.positive("dt[0]", self._dt[0])
         self._max_steps = checks.integer("max_steps", max_steps, 1, MOST_STEPS)
         self._threads = how_many_threads(threads)
         # The scene and the gains of "csm" at each value.
-        self._cases = [self.axis.apply(scene, stabilization, value) for value in given.tolist()]
+        each = self._values.tolist()
+        self._cases = [self.axis.apply(scene, stabilization, value) for value in each]
         self._pairs = _allowed(pairs, [scene for scene, _ in self._cases])
         self._formulations = tuple(dict.fromkeys(formulation for formulation, _ in self._pairs))
-        for value, (at, gains) in zip(given.tolist(), self._cases, strict=True):
+        for value, (at, gains) in zip(each, self._cases, strict=True):
             for formulation in self._formulations:
                 options = Options.checked(
                     dt=at.duration, formulation=formulation, stabilization=gains
@@ -358,12 +347,12 @@ class MapPlan:
                     )
                     values = list(scenes.values())
                     for batch, chosen in batches(list(scenes), options):
-                        yield _Job(batch, [values[n] for n in chosen], k, d)
+                        yield batch, [values[n] for n in chosen], k, d
 
     def run(self, progress: bool | Report = True) -> StabilityMap:
         """Computes the references and all runs."""
         cases, n = self._cases, len(self._cases)
-        total = n + sum(len(values) for job in self._jobs for values in job.values)
+        total = n + sum(len(own) for _, values, _, _ in self._jobs for own in values)
         # A start off the constraints was refused unless all pairs are of "csm".
         formulation: Formulation = "csm" if self._formulations == ("csm",) else "nullspace"
         known: dict[tuple[Scene, Stabilization], _Reference] = {}
@@ -376,13 +365,13 @@ class MapPlan:
                 report(done, total)
             references = [known[case] for case in cases]
             done = n
-            for job in self._jobs:
-                ends = run_batch(job.batch, min(self._threads, len(job.values)))
-                for (ended, state), values in zip(ends, job.values, strict=True):
-                    for v in values:
-                        status[job.pair, v, job.step] = ended
-                        error[job.pair, v, job.step] = references[v].error(ended, state)
-                done += sum(map(len, job.values))
+            for batch, values, k, d in self._jobs:
+                ends = run_batch(batch, min(self._threads, len(values)))
+                for (ended, state), own in zip(ends, values, strict=True):
+                    for v in own:
+                        status[k, v, d] = ended
+                        error[k, v, d] = references[v].error(ended, state)
+                done += sum(map(len, values))
                 report(done, total)
         expected = np.array([one.status for one in references], dtype=status.dtype)
         return StabilityMap(
@@ -403,14 +392,6 @@ class MapPlan:
             stabilization=self._stabilization,
             max_steps=self._max_steps,
         )
-
-
-def _steps(dt: ArrayLike | None) -> Floats:
-    if dt is None:
-        return read_only(np.geomspace(1e-6, 1e-2, 13))
-    steps = checks.times("dt", dt)
-    checks.positive("dt[0]", steps[0])
-    return steps
 
 
 def check_pairs(pairs: Sequence[tuple[str, str]] | None) -> tuple[Pair, ...]:

@@ -6,27 +6,11 @@ object can be pushed. `linearization` linearises the motion about a state; `stat
 states, inputs and outputs of linear models.
 """
 
-from typing import TYPE_CHECKING
-
-from ..support.extras import lazily
-
-if TYPE_CHECKING:
-    from .equilibrium_maps import EquilibriumMap, equilibrium_map
-    from .grip_targets import Grip, grip
-    from .linearization import LinearModel, linearize
-    from .rest import Equilibrium, equilibrium
-    from .wrench import WrenchLimits, wrench_limits
-else:
-    __getattr__ = lazily(
-        __name__,
-        {
-            "equilibrium_maps": ("EquilibriumMap", "equilibrium_map"),
-            "grip_targets": ("Grip", "grip"),
-            "linearization": ("LinearModel", "linearize"),
-            "rest": ("Equilibrium", "equilibrium"),
-            "wrench": ("WrenchLimits", "wrench_limits"),
-        },
-    )
+from .equilibrium_maps import EquilibriumMap, equilibrium_map
+from .grip_targets import Grip, grip
+from .linearization import LinearModel, linearize
+from .rest import Equilibrium, equilibrium
+from .wrench import WrenchLimits, wrench_limits
 
 __all__ = [
     "Equilibrium",

@@ -86,14 +86,9 @@ class EquilibriumMap(Result):
         seams: Pairs of neighbouring cells (k, 2, axes) of one branch that do not continue each
             other: the branch reaches both, but around the end of a fold that lies between them.
         q: Coordinates at rest (m, n, 9), m and rad.
-        multipliers: lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N (m, n, 4), N.
-        friction_needed: |lambda^N| / lambda^H of both contacts (m, n, 2); inf where a tip pulls.
-        friction_margin: The smallest mu - |lambda^N| / lambda^H (m, n); inf without friction.
-        stiffness: The stiffness of the grasp (m, n, 3, 3), N/m, N and N m/rad.
-        stable: Whether the grasp is stable (m, n), as `Equilibrium.stable`.
-        minimum: Whether the energy has a minimum (m, n), as `Equilibrium.minimum`.
-        growth: Spectral abscissa without the two zeros (m, n), 1/s, as `Equilibrium.growth`.
-        energy: Elastic energy (5) plus energy of gravity (16) (m, n), J.
+        multipliers, friction_needed, friction_margin, stiffness: As in `Equilibrium`, (m, n, 4),
+            (m, n, 2), (m, n) and (m, n, 3, 3).
+        stable, minimum, growth, energy: As in `Equilibrium`, (m, n).
         scene: The scene that the axes vary.
         cells: The equilibria, row by row.
     """
@@ -231,39 +226,42 @@ def equilibrium_map(
         grip: Where the tips hold the object's faces (2,), m above its centre of gravity, unless an
             axis says it; None means the centre of gravity.
         shear: The shears (2,), m, instead of `grip`, unless an axis says them.
-        progress: True draws a bar on a terminal; False draws none; or a function that is called
-            with the number of finished steps and of all steps: the cells, and the pairs of
-            neighbours that are compared for `seams`.
+        progress: As for `monte_carlo`; it counts cells, and the pairs of neighbours that are
+            compared for `seams`.
 
     Raises:
         ValueError: A path does not lead to one number, or has no effect on where the scene rests;
             values do not increase or break the rule of their field; or grip and shear are mixed.
             All are found before anything is computed.
     """
-    search = _Search(_Plan(scene, axes, time, grip, shear))
+    search = _Search(scene, axes, time, grip, shear)
     cells = search.run(progress)
-    shape = search.plan.shape
 
     def array(name: str) -> NDArray[Any]:
         found = np.array([getattr(cell, name) for cell in cells])
-        return found.reshape(shape + found.shape[1:])
+        return found.reshape(search.shape + found.shape[1:])
 
     q = np.array([np.full(9, np.nan) if cell.state is None else cell.state.q for cell in cells])
     return EquilibriumMap(
-        axes=search.plan.names,
-        units=search.plan.units,
-        values=search.plan.values,
+        axes=search.names,
+        units=search.units,
+        values=search.values,
         branch=search.branch,
         seams=search.seams,
-        q=q.reshape(*shape, 9),
+        q=q.reshape(*search.shape, 9),
         scene=scene,
         cells=tuple(cells),
         **{name: array(name) for name in _ENTRIES if name not in ("branch", "q")},
     )
 
 
-class _Plan:
-    """The checked arguments of `equilibrium_map`, and the scene and the member of each cell."""
+class _Search:
+    """Checks the arguments of `equilibrium_map`, and solves all cells.
+
+    Attributes:
+        branch: The branch of each cell, -1 without one.
+        seams: Pairs of neighbours of one branch that do not continue each other (k, 2, axes).
+    """
 
     def __init__(
         self,
@@ -279,8 +277,7 @@ class _Plan:
         if not 1 <= len(axes) <= 2:
             raise ValueError(f"axes has {len(axes)} entries: must have one or two")
         for name in axes:
-            if not isinstance(name, str):
-                raise TypeError(f"axes: {checks.shown(name)}: names must be text")
+            checks.instance("axes", name, str, "a mapping of texts to values")
         self.scene = scene
         self.time = None if time is None else checks.finite("time", time)
         self.names = tuple(axes)
@@ -293,6 +290,15 @@ class _Plan:
         self.kind, self._base = self._member(grip, shear)
         self._template = self._varied([name for name in axes if name not in FAMILY])
         self.units = tuple("m" if name in FAMILY else str(units(name, ())) for name in axes)
+        self.branch = np.full(self.shape, -1, dtype=np.int64)
+        self.seams: Integers = np.empty((0, 2, len(self.shape)), dtype=np.int64)
+        self._found: dict[Cell, Any] = {}
+        self._reached_from: dict[Cell, Cell] = {}
+        # All scenes are made first, so that bad values are refused before any search.
+        self._scenes = {cell: self._scene_at(cell) for cell in np.ndindex(self.shape)}
+        self._rests = {
+            cell: rest_scene(each, self._time(each)) for cell, each in self._scenes.items()
+        }
 
     def _member(self, grip: ArrayLike | None, shear: ArrayLike | None) -> tuple[str, Floats]:
         """The kind of the members, and the numbers that no axis sets."""
@@ -316,9 +322,7 @@ class _Plan:
         """The scene with the numbers at these paths left open."""
         for path in paths:
             if path.split(".")[0] in _WITHOUT_EFFECT:
-                raise ValueError(
-                    f"axes: {checks.shown(path)} has no effect on where the scene rests"
-                )
+                raise ValueError(f"axes: {path!r} has no effect on where the scene rests")
         try:
             template = SceneTemplate(self.scene, paths, 0)
         except (TypeError, ValueError) as error:
@@ -327,7 +331,7 @@ class _Plan:
         template.require_numbers("axes")
         return template
 
-    def scene_at(self, cell: Cell) -> Scene:
+    def _scene_at(self, cell: Cell) -> Scene:
         """The scene of a cell; an error names axis, value and rule."""
         numbers = {n: float(v[k]) for n, v, k in zip(self.names, self.values, cell, strict=True)}
         own = {name: number for name, number in numbers.items() if name not in FAMILY}
@@ -339,7 +343,7 @@ class _Plan:
             where = ", ".join(f"{name} = {number:.6g}" for name, number in own.items())
             raise ValueError(f"axes: {where}: {error}") from None
 
-    def member_at(self, cell: Cell) -> Floats:
+    def _member_at(self, cell: Cell) -> Floats:
         """The grips or shears of a cell (2,), m."""
         numbers = self._base.copy()
         for name, values, k in zip(self.names, self.values, cell, strict=True):
@@ -347,7 +351,7 @@ class _Plan:
                 numbers[list(FAMILY[name][1])] = values[k]
         return numbers
 
-    def by_distance(self) -> list[Cell]:
+    def _by_distance(self) -> list[Cell]:
         """All cells, those nearest to the scene's own values first, by shares of the axes."""
         away: NDArray[np.float64] = np.zeros(self.shape)
         for axis, (name, values) in enumerate(zip(self.names, self.values, strict=True)):
@@ -359,56 +363,35 @@ class _Plan:
         order = np.argsort(away, axis=None, kind="stable")
         return [tuple(int(k) for k in np.unravel_index(n, self.shape)) for n in order]
 
-
-class _Search:
-    """Solves the cells of a plan.
-
-    Attributes:
-        branch: The branch of each cell, -1 without one.
-        seams: Pairs of neighbours of one branch that do not continue each other (k, 2, axes).
-    """
-
-    def __init__(self, plan: _Plan) -> None:
-        self.plan = plan
-        self.branch = np.full(plan.shape, -1, dtype=np.int64)
-        self.seams: Integers = np.empty((0, 2, len(plan.shape)), dtype=np.int64)
-        self._found: dict[Cell, Any] = {}
-        self._reached_from: dict[Cell, Cell] = {}
-        # All scenes are made first, so that bad values are refused before any search.
-        self._scenes = {cell: plan.scene_at(cell) for cell in np.ndindex(plan.shape)}
-        self._rests = {
-            cell: rest_scene(scene, self._time(scene)) for cell, scene in self._scenes.items()
-        }
-
     def _time(self, scene: Scene) -> float:
-        return last_instant(scene) if self.plan.time is None else self.plan.time
+        return last_instant(scene) if self.time is None else self.time
 
     def run(self, progress: bool | Report) -> list[Equilibrium]:
         """Solves all cells, finds the seams, and returns the cells row by row."""
-        plan, count = self.plan, 0
+        count = 0
         with reporting(progress, "equilibria") as report:
             report(0, self._steps())
-            for cell in plan.by_distance():
+            for cell in self._by_distance():
                 if self.branch[cell] < 0:
-                    member = plan.member_at(cell)
-                    self._found[cell] = self._rests[cell].equilibrium(plan.kind, member, None)
+                    member = self._member_at(cell)
+                    self._found[cell] = self._rests[cell].equilibrium(self.kind, member, None)
                     if self._found[cell]["status"] == "at_rest":
-                        self._spread(cell, count, report)
+                        self._continue_branch(cell, count, report)
                         count += 1
                     report(len(self._found), self._steps())
             self._compare_neighbours(report)
         return [
-            from_core(scene, self._time(scene), self._found[cell], plan.kind, plan.member_at(cell))
+            from_core(scene, self._time(scene), self._found[cell], self.kind, self._member_at(cell))
             for cell, scene in self._scenes.items()
         ]
 
-    def _spread(self, first: Cell, number: int, report: Report) -> None:
+    def _continue_branch(self, first: Cell, number: int, report: Report) -> None:
         """Continues a new branch from its first cell to all cells without one that it reaches."""
         self.branch[first] = number
         queue = deque([first])
         while queue:
             cell = queue.popleft()
-            for other in self._beside(cell):
+            for other in self._neighbours(cell):
                 if self.branch[other] >= 0:
                     continue
                 found = self._continued(cell, other)
@@ -424,31 +407,26 @@ class _Search:
         A branch of n cells is a tree of n - 1 pairs that continue each other. If one branch has all
         cells, the other pairs are all to be compared; with more branches they are fewer.
         """
-        return 1 + sum(self.branch.size // size * (size - 1) for size in self.plan.shape)
+        return 1 + sum(self.branch.size // size * (size - 1) for size in self.shape)
 
-    def _beside(self, cell: Cell) -> Iterator[Cell]:
-        for axis, size in enumerate(self.plan.shape):
+    def _neighbours(self, cell: Cell) -> Iterator[Cell]:
+        for axis, size in enumerate(self.shape):
             for k in (cell[axis] - 1, cell[axis] + 1):
                 if 0 <= k < size:
                     yield (*cell[:axis], k, *cell[axis + 1 :])
 
     def _continued(self, cell: Cell, other: Cell) -> Any:
         """The equilibrium of another cell that continues the one of this cell."""
-        return self._rests[other].continued(
-            self.plan.kind,
-            self.plan.member_at(other),
-            self._rests[cell],
-            self.plan.member_at(cell),
-            self._found[cell]["q"],
-        )
+        to, begin = self._member_at(other), self._member_at(cell)
+        rest, q = self._rests[cell], self._found[cell]["q"]
+        return self._rests[other].continued(self.kind, to, rest, begin, q)
 
     def _compare_neighbours(self, report: Report) -> None:
         pairs, done = [], len(self._found)
-        for cell in np.ndindex(self.plan.shape):
-            for other in self._beside(cell):
-                known = (
-                    self._reached_from.get(cell) == other or self._reached_from.get(other) == cell
-                )
+        for cell in np.ndindex(self.shape):
+            for other in self._neighbours(cell):
+                before = self._reached_from
+                known = before.get(cell) == other or before.get(other) == cell
                 apart = self.branch[cell] != self.branch[other]
                 if other < cell or known or apart or self.branch[cell] < 0:
                     continue
@@ -456,7 +434,7 @@ class _Search:
                     pairs.append((cell, other))
                 done += 1
                 report(done, self._steps())
-        self.seams = np.array(pairs, dtype=np.int64).reshape(-1, 2, len(self.plan.shape))
+        self.seams = np.array(pairs, dtype=np.int64).reshape(-1, 2, len(self.shape))
         if done < self._steps():
             report(self._steps(), self._steps())
 

@@ -24,7 +24,8 @@ _TIGHT = ("crushed", "folded")
 _CLOSE = 1e-11
 _HELD = 1e-6
 _MOST_STEPS = 200
-_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+# The change of the angle that tells whether the force grows with it, rad.
+_STEP = 1e-7
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -102,7 +103,7 @@ def grip(scene: Scene, force: float | None = None, compression: float | None = N
     driven = replace(still, fingers="driven", control=Pid())
     found = _Search(driven, name, unit, wanted).run()
     targets = _targets(scene, found)
-    schedule = _held(targets)
+    schedule = Schedule.steps([0.0], [targets])
     # Fingers without K_I yield, and the same targets may have another rest.
     rest = equilibrium(replace(still, schedule=schedule), 0.0, near=found.state)
     if rest.state is None:
@@ -147,10 +148,6 @@ def _targets(scene: Scene, rest: Equilibrium) -> Floats:
     return angles
 
 
-def _held(targets: Floats) -> Schedule:
-    return Schedule.steps([0.0], targets[None])
-
-
 def _size(rest: Equilibrium, name: str) -> float:
     assert rest.state is not None
     pair = rest.multipliers[:2] if name == "force" else rest.state.q[5:7]
@@ -179,66 +176,36 @@ class _Search:
 
     def run(self) -> Equilibrium:
         """Returns the equilibrium with the wanted size, or says why there is none."""
-        if self.name == "force":
-            self._loosen()
         width = math.inf
         for _ in range(_MOST_STEPS):
             low, high = self.ends
             # The secant, or the middle where it is not known or the last step was slow.
             angle, (below, above) = 0.5 * (low + high), self.sizes
-            if below is not None and above is not None and high - low <= 0.5 * width:
-                angle = low + (high - low) * (self.wanted - below) / (above - below)
-            width = high - low
+            slow, width = high - low > 0.5 * width, high - low
+            if below is not None and above is not None and below < self.wanted and not slow:
+                angle = low + width * (self.wanted - below) / (above - below)
             if not low < angle < high:
                 break
-            size, rest = self._at(angle)
+            size, rest = self._rest_at(angle)
             if size is not None and abs(size - self.wanted) <= _CLOSE * self.wanted:
                 return rest
-            above_wanted = rest.status in _TIGHT if size is None else size > self.wanted
-            self._take(above_wanted, angle, size, rest)
+            if size is None:
+                too_tight = rest.status in _TIGHT
+            else:
+                too_tight = size > self.wanted and self._grows(angle, size)
+            self.ends[too_tight], self.sizes[too_tight] = angle, size
+            self.rests[too_tight] = rest
         return self._nearest()
 
-    def _loosen(self) -> None:
-        """Moves the lower end to a grip with at most the wanted force.
+    def _grows(self, angle: float, size: float) -> bool:
+        """True where the size grows with the angle, or the tips are crushed."""
+        after, rest = self._rest_at(angle + _STEP)
+        return rest.status in _TIGHT if after is None else after > size
 
-        The force has one minimum over the angle, which a golden section search approaches until
-        the force is low enough.
-        """
-        low, high = self.ends
-        best: Equilibrium | None = None
-        while high - low > _CLOSE:
-            first, second = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-            sizes = []
-            for angle in (first, second):
-                size, rest = self._at(angle)
-                if size is None:
-                    if rest.status in _TIGHT:
-                        high = angle
-                    else:
-                        low, self.rests[0] = angle, rest
-                    break
-                if size <= self.wanted:
-                    self._take(False, angle, size, rest)
-                    return
-                sizes.append(size)
-                if best is None or size < _size(best, self.name):
-                    best = rest
-            else:
-                if sizes[0] < sizes[1]:
-                    high = second
-                else:
-                    low = first
-        words = f"{self.asked}: no grip at rest has so little force"
-        if best is not None and best.state is not None:
-            degrees = math.degrees(best.state.q[3])
-            words += f"; the least is {_size(best, 'force'):.4g} N, at {degrees:.4g} degrees"
-        if self.rests[0] is not None:
-            words += f"; with fingers less closed there is {self.rests[0].message}"
-        raise ValueError(words)
-
-    def _at(self, angle: float) -> tuple[float | None, Equilibrium]:
+    def _rest_at(self, angle: float) -> tuple[float | None, Equilibrium]:
         """The equilibrium with both fingers at an angle, and its size, None where there is none."""
-        rest = equilibrium(replace(self.scene, schedule=_held(np.array([angle, angle]))), 0.0)
+        schedule = Schedule.steps([0.0], [[angle, angle]])
+        rest = equilibrium(replace(self.scene, schedule=schedule), 0.0)
         if rest.state is not None:
             return _size(rest, self.name), rest
         if rest.status not in _LOOSE + _TIGHT:
@@ -246,12 +213,13 @@ class _Search:
             raise ValueError(f"{self.asked}: at {math.degrees(angle):.4g} degrees {rest.message}")
         return None, rest
 
-    def _take(self, above: bool, angle: float, size: float | None, rest: Equilibrium) -> None:
-        self.ends[above], self.sizes[above], self.rests[above] = angle, size, rest
-
     def _nearest(self) -> Equilibrium:
         """Returns an end of the interval that is close enough, or says why there is none."""
         words = [f"{self.asked}: no grip at rest has it"]
+        below, above = self.sizes
+        if above is not None and (below is None or below > self.wanted):
+            words = [f"{self.asked}: no grip at rest has so little {self.name}; the least is"]
+            words[0] += f" {above:.4g} {self.unit}"
         for angle, size, rest in zip(self.ends, self.sizes, self.rests, strict=True):
             if rest is None:
                 continue

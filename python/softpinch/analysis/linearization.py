@@ -23,6 +23,7 @@ from ..support.result import Result
 from .rest import Equilibrium, equilibrium
 from .states import (
     INPUTS,
+    ONLY_BILATERAL,
     OUTPUTS,
     Ports,
     input_ports,
@@ -104,10 +105,8 @@ class LinearModel(Result):
     def to_control(self) -> Any:
         """Converts to a `control.StateSpace` with these names. Needs the extra `control`."""
         control = extras.require("control", extra="control", purpose="LinearModel.to_control")
-        names = {"states": self.states, "inputs": self.inputs, "outputs": self.outputs}
-        return control.StateSpace(
-            *self._matrices(), **{kind: list(own) for kind, own in names.items()}
-        )
+        names = {kind: list(getattr(self, kind)) for kind in ("states", "inputs", "outputs")}
+        return control.StateSpace(*self._matrices(), **names)
 
     def to_scipy(self) -> Any:
         """Converts to a `scipy.signal.StateSpace`, which has no names. Needs the extra `study`."""
@@ -211,7 +210,10 @@ def linearize(
         require_known_torque(scene.law, 'linearize without inputs "torque"')
     frozen = not isinstance(state, State)
     if not isinstance(state, State):
-        state = _at_rest(equilibrium(scene) if state is None else state)
+        rest = equilibrium(scene) if state is None else state
+        if rest.state is None:
+            raise ValueError(f"linearize: {rest.message}")
+        state = rest.state
     require_fit(scene, "state", state)
     law = "torque" if open_loop else scene.law
     found = linear_at(
@@ -230,12 +232,7 @@ def linearize(
 def _sticking(scene: Scene, state: object) -> Scene:
     """The scene while both tips stick. At an equilibrium of it they do, whatever the contact."""
     if not isinstance(state, Equilibrium):
-        require_bilateral(
-            scene,
-            "linearize",
-            'linearises bilateral contact only; replace(scene, contact="bilateral") has the motion '
-            "while both tips stick",
-        )
+        require_bilateral(scene, "linearize", ONLY_BILATERAL)
         return scene
     if scene != state.scene and as_bilateral(scene) != as_bilateral(state.scene):
         raise ValueError(
@@ -243,12 +240,6 @@ def _sticking(scene: Scene, state: object) -> Scene:
             "to linearise that state under this scene"
         )
     return scene if scene.contact == "bilateral" else as_bilateral(scene)
-
-
-def _at_rest(found: Equilibrium) -> State:
-    if found.state is None:
-        raise ValueError(f"linearize: {found.message}")
-    return found.state
 
 
 def _inputs(scene: Scene, state: State) -> _core.Inputs:
@@ -266,8 +257,7 @@ def _inputs(scene: Scene, state: State) -> _core.Inputs:
 
 def _require_sound(scene: Scene, state: State, found: _core._Linear) -> None:
     """Refuses a state that the equations do not have, and derivatives that overflowed."""
-    matrices = (found["A"], found["B"], found["C"], found["D"])
-    if not all(np.isfinite(matrix).all() for matrix in matrices):
+    if not all(np.isfinite(found[name]).all() for name in ("A", "B", "C", "D")):
         raise ValueError(
             f"state.q = {state.q.tolist()}: the motion has no finite derivatives there"
         )

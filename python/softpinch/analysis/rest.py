@@ -180,7 +180,7 @@ def equilibrium(
     require_known_torque(scene.law, "equilibrium")
     if shear is not None and grip is not None:
         raise ValueError("shear and grip: give one of them, each chooses the member of the family")
-    start, instant = _near(near)
+    start, instant = _search_start(near)
     if time is not None:
         instant = checks.finite("time", time)
     elif start is None:
@@ -199,7 +199,7 @@ def equilibrium(
     return from_core(scene, instant, found, kind, member)
 
 
-def _near(near: object) -> tuple[Floats | None, float]:
+def _search_start(near: object) -> tuple[Floats | None, float]:
     """The coordinates at which the search begins, and their instant."""
     if near is None:
         return None, 0.0
@@ -219,16 +219,18 @@ def from_core(scene: Scene, time: float, found: Any, kind: str, member: Floats) 
     """Makes an `Equilibrium` from the core's result of a search for a member of the family."""
     status = found["status"]
     if status != "at_rest":
-        return _without(scene, time, status, found["message"], kind, member)
+        return _no_equilibrium(scene, time, status, found["message"], kind, member)
     violations = tuple(found["violations"])
     if scene.contact == "unilateral":
         for name in _UNILATERAL:
             if name in violations:
                 words = f"with sticking tips {_WORDS[name]}"
-                return _without(scene, time, name, words, kind, member)
+                return _no_equilibrium(scene, time, name, words, kind, member)
     # The integral of a tiny K_I, or the rates of tiny masses, may overflow.
     if not np.isfinite(found["integral"]).all():
-        return _without(scene, time, "not_found", "the PID's integral overflows", kind, member)
+        return _no_equilibrium(
+            scene, time, "not_found", "the PID's integral overflows", kind, member
+        )
     state = State(found["q"], integral=tuple(found["integral"].tolist()), time=time)
     eigenvalues = _eigenvalues(scene, state)
     growing = eigenvalues[2:].real.max()
@@ -254,7 +256,7 @@ def from_core(scene: Scene, time: float, found: Any, kind: str, member: Floats) 
     )
 
 
-def _without(
+def _no_equilibrium(
     scene: Scene, time: float, status: str, reason: str, kind: str, member: Floats
 ) -> Equilibrium:
     """The reason why there is no equilibrium, which of a grip or shears is not that of others."""

@@ -18,6 +18,10 @@ from ..support.arrays import Floats
 INPUTS = ("targets", "torque", "force")
 OUTPUTS = ("pose", "fingers", "compressions", "shears", "multipliers", "torque", "rates")
 
+ONLY_BILATERAL = (
+    'linearises bilateral contact only; replace(scene, contact="bilateral") has the motion while '
+    "both tips stick"
+)
 # Coordinate or integral -> unit.
 _UNITS = {
     column: unit

@@ -79,10 +79,8 @@ class WrenchLimits(Result):
         k = int(np.argmin(self.size))
         x, y, moment = self.wrench[k]
         names, counts = np.unique(self.limit, return_counts=True)
-        each = ", ".join(
-            f"{name.replace('_', ' ')} {count}"
-            for name, count in zip(names.tolist(), counts.tolist(), strict=True)
-        )
+        pairs = zip(names.tolist(), counts.tolist(), strict=True)
+        each = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in pairs)
         if not self.size.any():
             return f"<WrenchLimits: not even a small wrench is borne; {self.equilibrium.message}>"
         return (
@@ -133,10 +131,7 @@ def wrench_limits(
         directions: Forces in x and y and moments (n, 3), N and N m, of any size but zero. None
             takes 72 forces of 1 N without moment, from the direction x counter-clockwise, and the
             moments +1 N and -1 N times `length`.
-        time: As `shear`, `near` and `grip`, see `equilibrium`; only with a scene.
-        shear: See `equilibrium`.
-        near: See `equilibrium`.
-        grip: See `equilibrium`.
+        time, shear, near, grip: As for `equilibrium`; only with a scene.
         length: The length by which moments compare with forces in `weakest`, m; None takes half the
             object's width.
 
@@ -147,7 +142,7 @@ def wrench_limits(
         raise TypeError(f"grasp = {checks.shown(grasp)}: must be a Scene or an Equilibrium")
     scene = grasp.scene if isinstance(grasp, Equilibrium) else grasp
     length = 0.5 * scene.grasped.width if length is None else checks.positive("length", length)
-    rows = _default(length) if directions is None else _checked(directions)
+    rows = _default_directions(length) if directions is None else _checked_directions(directions)
     if isinstance(grasp, Scene):
         rest = equilibrium(grasp, time, shear, near, grip=grip)
     else:
@@ -155,7 +150,7 @@ def wrench_limits(
             if value is not None:
                 raise ValueError(f"{name} = {checks.shown(value)}: the equilibrium has it already")
         rest = grasp
-    magnitude, limit, q = _found(rest, rows)
+    magnitude, limit, q = _limits(rest, rows)
     with np.errstate(invalid="ignore"):
         # Of a direction without limit, the components that are zero stay so.
         wrench = np.where(rows == 0.0, 0.0, magnitude[:, None] * rows)
@@ -170,7 +165,7 @@ def wrench_limits(
     )
 
 
-def _default(length: float) -> Floats:
+def _default_directions(length: float) -> Floats:
     """Forces of 1 N in all directions, and both moments of 1 N times `length`."""
     angles = np.arange(_FORCES // 4) * (2.0 * np.pi / _FORCES)
     x, y = np.cos(angles), np.sin(angles)
@@ -181,7 +176,7 @@ def _default(length: float) -> Floats:
     return np.vstack([np.column_stack([forces, np.zeros(_FORCES)]), moments])
 
 
-def _checked(directions: ArrayLike) -> Floats:
+def _checked_directions(directions: ArrayLike) -> Floats:
     """A user's directions (n, 3)."""
     rows = checks.array("directions", directions, ("n", 3))
     if len(rows) > _MOST:
@@ -192,7 +187,7 @@ def _checked(directions: ArrayLike) -> Floats:
     return rows
 
 
-def _found(rest: Equilibrium, rows: Floats) -> tuple[Floats, list[str], Floats]:
+def _limits(rest: Equilibrium, rows: Floats) -> tuple[Floats, list[str], Floats]:
     """Multiples (n,), names of the limits, and coordinates (n, 9)."""
     none: Any = np.zeros(len(rows))
     if rest.state is None:

@@ -14,7 +14,6 @@ from ..accuracy.measurements import WHERE, Measurement, WorkPrecision
 from ..accuracy.stability import max_stable_dt
 from ..accuracy.stability_axes import AXES
 from ..accuracy.stability_maps import PAIRS, MapPlan, Pair, StabilityMap, check_pairs
-from ..run.options import some_names
 from ..scene.contact import formulations_of, require_formulations
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
@@ -33,8 +32,10 @@ Steps = Annotated[
 ]
 
 
-def _ladder(dt: tuple[float, float, int]) -> Floats:
+def _ladder(dt: tuple[float, float, int] | None) -> Floats | None:
     """The steps of an option --dt LOW HIGH COUNT, spaced by equal factors (COUNT,), s."""
+    if dt is None:
+        return None
     low, high = checks.positive("--dt LOW", dt[0]), checks.positive("--dt HIGH", dt[1])
     count = checks.integer("--dt COUNT", dt[2], 2, 1000)
     if not low < high:
@@ -90,7 +91,9 @@ def stability(
         require_formulations("--pairs", [pair[0] for pair in given or ()], described)
         wanted = given or tuple(pair for pair in PAIRS if pair[0] in formulations_of(described))
         axes = list(dict.fromkeys(axis or ()))
-        at, steps = _values(values, axes), _steps(dt, axes)
+        at, steps = _values(values, axes), _ladder(dt)
+        if steps is not None and not axes:
+            raise ValueError("--dt needs --axis: it sets the steps of a stability map")
         # Check all maps before the first run.
         plans = [
             MapPlan(described, name, at, steps, wanted, stabilization, max_steps, threads)
@@ -135,25 +138,17 @@ def _values(text: str | None, axes: Sequence[str]) -> list[float] | None:
     return found
 
 
-def _steps(dt: tuple[float, float, int] | None, axes: Sequence[str]) -> Floats | None:
-    if dt is None:
-        return None
-    if not axes:
-        raise ValueError("--dt needs --axis: it sets the steps of a stability map")
-    return _ladder(dt)
-
-
 def _table(scene: Scene, pairs: Sequence[Pair], stabilization: Stabilization) -> Iterator[str]:
     """Yields the lines of the table of longest steps, one for each pair."""
-    wide = max(len(f"{formulation} + {method}") for formulation, method in pairs)
+    names = [f"{formulation} + {method}" for formulation, method in pairs]
+    wide = max(map(len, names))
     yield f"{'longest step [s]':{wide}}  predicted   measured"
     found = []
     with reporting(True, "longest steps") as report:
         for k, (formulation, method) in enumerate(pairs):
             report(k, len(pairs))
-            step = max_stable_dt(scene, method, formulation, stabilization=stabilization)
-            found.append((f"{formulation} + {method}", step))
-    for name, step in found:
+            found.append(max_stable_dt(scene, method, formulation, stabilization=stabilization))
+    for name, step in zip(names, found, strict=True):
         measured = "-" if step.measured is None else f"{step.measured:.4g}"
         yield f"{name:{wide}}  {step.predicted:9.4g}  {measured:>9}  {step.message}"
 
@@ -203,13 +198,10 @@ def work_precision(
     with one_line_errors():
         checks.choice("--format", format, FORMATS)
         checks.choice("--where", where, WHERE)
-        kept = None
-        if formulations is not None:
-            kept = some_names("formulations", separated(formulations), _core.FORMULATIONS)
-        stepped = some_names("methods", separated(methods), _core.METHODS)
+        kept = None if formulations is None else separated(formulations)
         stabilization = gains(*(kept or _core.FORMULATIONS), alpha=alpha, beta=beta)
         described = read_scene(scene, set_)
-        steps = None if dt is None else _ladder(dt)
+        steps = _ladder(dt)
         require("matplotlib", extra="plot", purpose="figures")
         require("scipy", extra="study", purpose="the reference")
         from .. import plot
@@ -219,8 +211,8 @@ def work_precision(
         try:
             found = precision.work_precision(
                 described,
-                formulations=kept,
-                methods=stepped,
+                formulations=kept,  # type: ignore[arg-type]
+                methods=separated(methods),  # type: ignore[arg-type]
                 dt=steps,
                 stabilization=stabilization,
                 longest=longest,
@@ -245,14 +237,12 @@ def lines(found: WorkPrecision, where: str = "along") -> Iterator[str]:
     for level in _LEVELS:
         yield f"error {place} below {level:.0e}, the quickest first:"
         best = found.cheapest(level, where)
-        yield from (f"  {_line(row, where)}" for row in best)
-        if not best:
-            yield "  none"
+        yield from (f"  {_line(row, where)}" for row in best) if best else ["  none"]
     if where == "end" and found.settled():
         yield found.settled()
-    failed = [row for row in found.rows if row.status not in ("completed", "not_run")]
-    for row in failed:
-        yield f"failed: {row.solver}, {row.setting} = {row.value:.3g}: {row.status}"
+    for row in found.rows:
+        if row.status not in ("completed", "not_run"):
+            yield f"failed: {row.solver}, {row.setting} = {row.value:.3g}: {row.status}"
     yield from (f"left out: {reason}" for reason in found.skipped)
 
 

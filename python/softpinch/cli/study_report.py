@@ -44,13 +44,13 @@ def sample(study: Results) -> Ensemble:
 def runs_table(ensemble: Results) -> Table:
     """A table with a row for each run and a column for each number, without rounding."""
     found = ensemble._spec.schema.split(ensemble.to_dict())
-    headers = tuple(
-        name if column.unit in ("", "1") else f"{name} [{column.unit}]"
-        for name, column in found.items()
-    )
+    units = {
+        name: f" [{column.unit}]" for name, column in found.items() if column.unit not in ("", "1")
+    }
+    numbers = (column.values.tolist() for column in found.values())
     return Table(
-        columns=headers,
-        rows=tuple(zip(*(column.values.tolist() for column in found.values()), strict=True)),
+        columns=tuple(f"{name}{units.get(name, '')}" for name in found),
+        rows=tuple(zip(*numbers, strict=True)),
     )
 
 
@@ -157,11 +157,6 @@ def _figures(ensemble: Results) -> Iterator[tuple[str, Any]]:
         yield f"importance_{name}", draw.importance(ensemble, name)
 
 
-def _as_if(ensemble: Results) -> str:
-    """A caveat about errors for samplers whose points are not independent; else empty."""
-    return "" if ensemble.sampler == "random" else "as if drawn independently"
-
-
 def lines(study: Results, seconds: float, earlier: int = 0) -> list[str]:
     """Lines that describe a finished study.
 
@@ -173,7 +168,8 @@ def lines(study: Results, seconds: float, earlier: int = 0) -> list[str]:
     counts = ", ".join(f"{count} {name}" for name, count in study.counts().items())
     new = study.runs - earlier
     before = f", {earlier} of them before," if earlier else ""
-    as_if = _as_if(study)
+    # Points of the other samplers are not independent.
+    as_if = "" if study.sampler == "random" else "as if drawn independently"
     behind = f", {as_if}" if as_if else ""
     result = [
         f"{study.runs} runs{before} in {seconds:.2f} s ({new / max(seconds, 1e-9):,.0f} "

@@ -1,19 +1,12 @@
 """Fitting numbers of a scene to measured motions, with errors, and with what cannot be known.
 
-`search` has the function `fit`, and `result` its return value. `experiment` names what can be
-measured and simulates a motion at the measured instants, with derivatives; `problem` scales the
-fitted numbers and makes weighted residuals of several experiments for SciPy. `uncertainty` says how
-far the data determine the numbers. `fit_file` reads the files of `softpinch fit`.
+`search` has the function `fit`, and `result` its return value, with the uncertainty of the numbers.
+`experiment` names what can be measured and simulates a motion at the measured instants, with
+derivatives; `problem` scales the fitted numbers and makes weighted residuals of several experiments
+for SciPy. `fit_file` reads the files of `softpinch fit`.
 """
 
-from typing import TYPE_CHECKING
-
-from ..support.extras import lazily
-
-if TYPE_CHECKING:
-    from .result import Fit
-    from .search import fit
-else:
-    __getattr__ = lazily(__name__, {"result": ("Fit",), "search": ("fit",)})
+from .result import Fit
+from .search import fit
 
 __all__ = ["Fit", "fit"]

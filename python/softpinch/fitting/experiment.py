@@ -120,11 +120,9 @@ class Experiment(Result):
         For error messages, `where` is the place in a list of experiments, such as "[0]".
         """
         instants = _instants(f"times{where}", times, scene)
-        if not isinstance(measured, Mapping):
-            raise TypeError(
-                f"measured{where} = {checks.shown(measured)}: must map names of observables, such "
-                'as "rotation", to arrays'
-            )
+        kind = 'a mapping of observables, such as "rotation", to arrays'
+        checks.instance(f"measured{where}", measured, Mapping, kind)
+        assert isinstance(measured, Mapping)
         if not measured:
             raise ValueError(f"measured{where} = {{}}: must have at least one observable")
         observables = {name: columns(name) for name in measured}
@@ -276,15 +274,11 @@ def _noise(where: str, noise: object, observables: Mapping[str, tuple[str, ...]]
     found = []
     for observable, own in observables.items():
         given = noise.get(observable)
-        label = f'{name}["{observable}"]'
-        each = (
-            np.array(math.nan)
-            if given is None
-            else np.asarray(checks.number_or_array(label, given, checks.positive))
-        )
+        label, each = f'{name}["{observable}"]', np.array(math.nan)
+        if given is not None:
+            each = np.asarray(checks.number_or_array(label, given, checks.positive))
         if each.ndim and each.shape != (len(own),):
-            raise ValueError(
-                f"{label} has shape {each.shape}: must be a number or {len(own)} numbers"
-            )
+            rule = f"must be a number or {len(own)} numbers"
+            raise ValueError(f"{label} has shape {each.shape}: {rule}")
         found.append(np.broadcast_to(each, len(own)))
     return np.concatenate(found)

@@ -89,8 +89,8 @@ def read(path: Path, **changes: Any) -> FitFile:
 
 def _bounds(data: object) -> dict[str, Any]:
     if not isinstance(data, Mapping) or not data:
-        raise ValueError("[vary]: must have a path in quotes and its bounds, such as "
-                         '"hand.tip.youngs_modulus" = [1e5, 1e6]')  # fmt: skip
+        example = '"hand.tip.youngs_modulus" = [1e5, 1e6]'
+        raise ValueError(f"[vary]: must have a path in quotes and its bounds, such as {example}")
     found = {}
     for path, value in data.items():
         if isinstance(value, Mapping):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -78,6 +79,11 @@ class Parameter(Result):
         return math.log(value / self.start) / self.span if value > 0.0 else -math.inf
 
     @property
+    def shown_unit(self) -> str:
+        """Its unit after a space; empty for "1"."""
+        return "" if self.unit == "1" else f" {self.unit}"
+
+    @property
     def room(self) -> float:
         """The width of an interval of u from which on the number counts as not determined."""
         low, high = self.bounds
@@ -124,7 +130,9 @@ def _parameter(
     name = f'vary["{path}"]'
     if path == "duration":
         raise ValueError('vary: "duration": the measured times determine it')
-    value = _value(template, path)
+    # The scene's own value, which for a mass of a tip that is None is the mass of the object.
+    slots, scene = template.slots.get(path), template.scene
+    value = float(scene.parameters()[slots[0]] if slots else resolve(scene, path))
     low, high = (-math.inf, math.inf) if bounds is None else _bounds(name, bounds)
     log = low > 0.0 and math.log(high) - math.log(low) >= math.log(_DECADES)
     if bounds is None and value > 0.0 and _refuses(template, {path: -value}):
@@ -146,20 +154,11 @@ def _parameter(
     return Parameter(path=path, unit=unit, low=low, high=high, start=value, log=log, span=span)
 
 
-def _value(template: SceneTemplate, path: str) -> float:
-    """The scene's own value, which for a mass of a tip that is None is the mass of the object."""
-    slots = template.slots.get(path)
-    return float(template.scene.parameters()[slots[0]] if slots else resolve(template.scene, path))
-
-
 def _bounds(name: str, given: object) -> tuple[float, float]:
     ends = checks.several(name, given, "bounds (low, high), or None", at_most=1000)
     if len(ends) != 2:
         raise ValueError(f"{name} = {checks.shown(given)}: must be bounds (low, high), or None")
-    low, high = (
-        checks.not_nan(f"{name}: {end}", each)
-        for end, each in zip(("low", "high"), ends, strict=True)
-    )
+    low, high = checks.not_nan(f"{name}: low", ends[0]), checks.not_nan(f"{name}: high", ends[1])
     if not low < high:
         raise ValueError(f"{name}: high = {high:g}: must be above low = {low:g}")
     return low, high
@@ -229,11 +228,8 @@ class Problem:
 
     def weighted(self, noise: Sequence[Floats]) -> Problem:
         """Returns this problem with other noise, (c,) for each experiment."""
-        experiments = [
-            replace(each, noise=own) for each, own in zip(self.experiments, noise, strict=True)
-        ]
-        other = Problem(experiments, self.parameters, self._options, self._loss, self._report)
-        other.evaluations = self.evaluations
+        other, pairs = copy(self), zip(self.experiments, noise, strict=True)
+        other.experiments = tuple(replace(each, noise=own) for each, own in pairs)
         return other
 
     def motions(self, u: Floats, derivatives: bool = False, warns: bool = False) -> list[Motion]:
@@ -251,12 +247,10 @@ class Problem:
 
     def residuals(self, motions: Sequence[Motion]) -> Floats:
         """Returns the weighted residuals of all measurements (N,)."""
-        return np.concatenate(
-            [
-                ((motion.table - each.data) / each.noise)[each.known]
-                for each, motion in zip(self.experiments, motions, strict=True)
-            ]
-        )
+        rows = []
+        for each, motion in zip(self.experiments, motions, strict=True):
+            rows.append(((motion.table - each.data) / each.noise)[each.known])
+        return np.concatenate(rows)
 
     def jacobian(self, motions: Sequence[Motion]) -> Floats:
         """Returns the derivatives of the weighted residuals by u (N, p)."""

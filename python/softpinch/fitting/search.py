@@ -29,8 +29,7 @@ from .problem import (
     parameters,
     values,
 )
-from .result import LEVEL, Fit, reach
-from .uncertainty import correlations, sandwich, sentences, uncertainty
+from .result import LEVEL, Fit, correlations, reach, sandwich, sentences, uncertainty
 
 # Estimates of the noise of several columns are repeated until none changes by more than this
 # share, and at most this often.
@@ -103,18 +102,12 @@ def fit(
             decade (twice the size of the start, if that is not searched in the logarithm) around
             the start where there is no bound. Starts whose runs fail are left out.
         seed: The seed of the Latin hypercube.
-        dt: Longest step, s, as in `simulate`, which also explains the following arguments.
-        method: The integration method.
-        formulation: How the constraints are enforced.
-        stabilization: The gains of formulation "csm".
+        dt, method, formulation, stabilization, tolerance, max_steps: As for `simulate`.
         stop_on: The violations that end a run. A run that ends before the last measured instant has
             failed, and the search does not go there. By default none does, so that a search finds
             its way from a far start; `Fit.messages` tells of a fitted motion with violations.
-        tolerance: Instead of `dt`: the largest error of a step.
-        max_steps: With `tolerance`: the largest number of attempted steps.
-        progress: True draws a bar, if stderr is a terminal and rich is installed. A function is
-            called with the number of simulations so far, and the largest number that the search
-            from all starts may need.
+        progress: As for `monte_carlo`; it counts simulations, of the most that the search from all
+            starts may need.
 
     Returns:
         The fit. If the search does not converge, its status says so.
@@ -155,10 +148,10 @@ def fit(
             count += 1
             report(min(count, most), most)
 
-        problem = _begun(Problem(experiments, found, options, loss, evaluated))
+        problem = _with_first_noise(Problem(experiments, found, options, loss, evaluated))
         robust = loss != "linear"
         best, starts, same = _best(problem, _starts(found, multistart, seed), robust)
-        problem, best = _settled(problem, best, loss)
+        problem, best = _with_estimated_noise(problem, best, loss)
         fitted = _result(problem, best, options, loss, starts, same)
         report(most, most)
     return fitted
@@ -208,7 +201,7 @@ def _require_derivatives(scenes: Sequence[Scene], paths: list[str], options: Opt
             )
 
 
-def _begun(problem: Problem) -> Problem:
+def _with_first_noise(problem: Problem) -> Problem:
     """Checks that the runs at the start succeed, with derivatives, and puts in a first noise.
 
     Where noise is to be estimated, that is the spread of the data, which makes columns of different
@@ -260,7 +253,7 @@ def _best(problem: Problem, starts: Sequence[Floats], robust: bool) -> tuple[Min
     return best, len(found), sum(each.cost <= limit for each in found)
 
 
-def _settled(problem: Problem, best: Minimum, loss: str) -> tuple[Problem, Minimum]:
+def _with_estimated_noise(problem: Problem, best: Minimum, loss: str) -> tuple[Problem, Minimum]:
     """Estimates noise and repeats the fit with it until the noise does not change any more."""
     unknown = sum(int(each.estimated.sum()) for each in problem.experiments)
     if not unknown:
@@ -295,11 +288,9 @@ def _estimated(problem: Problem, u: Floats, loss: str) -> list[Floats]:
         own = each.noise.copy()
         for k in np.flatnonzero(each.estimated & each.known.any(axis=0)):
             rest = (motion.table - each.data)[each.known[:, k], k]
-            size = (
-                np.sqrt(np.mean(rest * rest))
-                if loss == "linear"
-                else np.median(np.abs(rest)) / _MEDIAN
-            )
+            size = np.sqrt(np.mean(rest * rest))
+            if loss != "linear":
+                size = np.median(np.abs(rest)) / _MEDIAN
             own[k] = max(size * np.sqrt(share), each.least_noise[k])
         noise.append(own)
     return noise
@@ -322,6 +313,7 @@ def _result(
     errors = np.where(known.determined, np.sqrt(np.diag(known.covariance)), np.inf)
     low, high = problem.bounds
     bound = (best.u - low < _AT_BOUND) | (high - best.u < _AT_BOUND)
+    paths = [each.path for each in problem.parameters]
     return Fit(
         converged=best.converged,
         parameters=problem.parameters,
@@ -331,9 +323,7 @@ def _result(
         singular_values=known.singular_values,
         directions=known.directions,
         undetermined=tuple(sentences(known, problem.parameters)),
-        at_bound=tuple(
-            each.path for each, there in zip(problem.parameters, bound, strict=True) if there
-        ),
+        at_bound=tuple(path for path, there in zip(paths, bound, strict=True) if there),
         experiments=experiments,
         options=options,
         loss=loss,

@@ -29,35 +29,27 @@ Flags: TypeAlias = NDArray[np.bool_]
 _FPS = 50
 
 
-def _checked_task(task: object) -> Task:
+def _checked_task(task: Task | None) -> Task:
     """Returns the task, or the default one for None."""
     task = HoldAgainstPushes() if task is None else task
     checks.instance("task", task, Task, "a Task, such as HoldAgainstPushes()")
-    assert isinstance(task, Task)
     return task
 
 
 def _spaces(task: Task) -> tuple[Box, Box]:
-    """Makes the spaces of observations and actions of one environment."""
+    """The spaces of observations and actions of one environment."""
     entries = len(task.measures)
     return Box(-LIMIT, LIMIT, (entries,), np.float64), Box(-1.0, 1.0, (2,), np.float32)
 
 
 def _checked_options(options: object, known: tuple[str, ...] = ()) -> dict[str, Any]:
     """Returns the options of a reset, and refuses unknown ones."""
-    if options is None:
-        return {}
-    if not isinstance(options, Mapping):
-        raise TypeError(f"options = {checks.shown(options)}: must be a dictionary or None")
-    for name in options:
-        if name not in known:
-            rule = f"must be one of {checks.quoted(known)}" if known else "there are no options"
-            raise ValueError(f"options[{checks.shown(name)}]: unknown name; {rule}")
-    return dict(options)
+    found = {} if options is None else options
+    checks.refuse_unknown("options", found, known, "")
+    return found  # type: ignore[return-value]
 
 
 def _draw(frames: Frames, episodes: Episodes, k: int) -> None:
-    """Draws environment k as it is now."""
     seen = episodes.simulator.observations
     title = f"t = {seen.t[k]:.3f} s"
     frames.draw(seen.q[k], episodes.target(k), episodes.force(k), title)
@@ -148,8 +140,7 @@ class PinchEnv(gymnasium.Env[Observed, Actions]):
     ) -> Run:
         """Computes the episode so far again, with a recording, a ledger and all that a `Run` has.
 
-        Args:
-            record: Groups of quantities to record, as for `sp.simulate`.
+        `record` is that of `sp.simulate`.
         """
         return self._episodes.run(0, record)
 
@@ -333,15 +324,11 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
     def _mask(self, options: Mapping[str, Any]) -> Flags:
         if "reset_mask" not in options:
             return np.ones(self.num_envs, bool)
-        mask = options["reset_mask"]
-        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
-            raise TypeError(
-                f"options['reset_mask'] = {checks.shown(mask)}: must be an array of booleans"
-            )
-        if mask.shape != (self.num_envs,) or not mask.any():
+        mask = checks.read("options['reset_mask']", options["reset_mask"])
+        if mask.dtype != np.bool_ or mask.shape != (self.num_envs,) or not mask.any():
             raise ValueError(
-                f"options['reset_mask'] = {checks.shown(mask)}: must have shape "
-                f"({self.num_envs},) and at least one True"
+                f"options['reset_mask'] = {checks.shown(mask)}: must be {self.num_envs} booleans, "
+                "and at least one True"
             )
         return mask.copy()
 

@@ -150,14 +150,9 @@ def _reshaped(runs: dict[str, Any], batch: tuple[int, ...]) -> dict[str, Any]:
     return {name: value.reshape(batch + value.shape[1:]) for name, value in runs.items()}
 
 
-def _checked(values: object, shapes: Shapes) -> list[jax.Array]:
+def _checked(values: Mapping[str, Any], shapes: Shapes) -> list[jax.Array]:
     """Checks names and shapes, which JAX knows while it traces, and makes arrays of 64 bits."""
-    if not isinstance(values, Mapping):
-        raise TypeError(f"values = {checks.shown(values)}: must be a dictionary, path -> value")
-    for path in values:
-        if path not in shapes:
-            rule = f"the layer has {checks.quoted(list(shapes))}"
-            raise ValueError(f"values: {checks.shown(path)} does not vary; {rule}")
+    checks.refuse_unknown("values", values, shapes, "")
     arrays = []
     for path, shape in shapes.items():
         if path not in values:

@@ -6,8 +6,8 @@ axes to draw on. All need the extra `plot`, and raise an ImportError that names 
 wrong type raises a TypeError.
 
 `timeline` draws curves over time above bands of contact modes, from a description; `run_plots` and
-`comparison_plots` describe their figures in it. `drawing` draws hand, object and forces, `instants`
-reads a run at any time, and `style` has colours, fonts and panels.
+`comparison_plots` describe their figures in it. `drawing` draws hand, object and forces at any time
+of a run, and `style` has colours, fonts and panels.
 """
 
 from .accuracy_plots import stability_map, stabilization_sweep, work_precision

@@ -27,10 +27,12 @@ from .style import (
     RED,
     cell_edges,
     cell_patch,
+    color_cells,
     colorbar,
     fill_cells,
     panels,
     panels_or_given,
+    shared_legend,
     styled,
 )
 
@@ -91,23 +93,17 @@ def work_precision(result: WorkPrecision, peers: bool = False, where: str | None
     floor = max(size for name, size in result.floor.items() if along or name != "multipliers")
     width, height = (COLUMN * 1.35, 6.2) if peers else (PAGE, 5.2)
     figure, axes = panels(2, len(columns), width, height, sharex=True, sharey="row")
-    entries: dict[str, Any] = {}
     for (upper, lower), (title, part) in zip(axes.T, columns.items(), strict=True):
-        _work_precision_panel(upper, part, (_MEET, _LOOSEST), floor, entries, along)
-        _work_precision_panel(lower, part, (_TIGHTEST, _MEET), floor, entries, along)
+        _work_precision_panel(upper, part, (_MEET, _LOOSEST), floor, along)
+        _work_precision_panel(lower, part, (_TIGHTEST, _MEET), floor, along)
         upper.set_title(title)
         lower.set_xlabel("CPU time [s]")
     axes[0, 0].set_ylabel(f"error {_LABELS[where]}")
     axes[1, 0].set_ylabel("small errors")
     if not along:
         figure.suptitle("\n".join(wrap(result.settled(), 60)), fontsize=8.0)
-    figure.legend(
-        list(entries.values()),
-        list(entries),
-        loc="outside lower center",
-        ncols=2 if peers else 4,
-        fontsize=7.5,
-    )
+    columns_of_it = 2 if peers else 4
+    shared_legend(figure, axes.flat, "outside lower center", ncols=columns_of_it, fontsize=7.5)
     return figure
 
 
@@ -116,7 +112,6 @@ def _work_precision_panel(
     curves: Curves,
     limits: tuple[float, float],
     floor: float,
-    entries: dict[str, Any],
     along: bool,
 ) -> None:
     axes.set_xscale("log")
@@ -134,7 +129,7 @@ def _work_precision_panel(
         free = setting == "tolerance"
         sizes = [row.along if along else row.error for row in rows]
         good = [(row, size) for row, size in zip(rows, sizes, strict=True) if size < math.inf]
-        (handle,) = axes.plot(
+        axes.plot(
             [row.time for row, _ in good],
             [max(size, _TIGHTEST) for _, size in good],
             color=color,
@@ -144,15 +139,14 @@ def _work_precision_panel(
             markeredgewidth=0.7,
             linestyle="--" if free else "-" if method else ":",
             linewidth=0.9,
+            label=name,
         )
-        entries.setdefault(name, handle)
         failed = [row.time for row in rows if row.error == math.inf and math.isfinite(row.time)]
         if failed and limits[1] == _LOOSEST:
-            (crosses,) = axes.plot(
+            axes.plot(
                 failed, [0.97] * len(failed), linestyle="none", marker="x", color=color,
-                markersize=4.0, transform=axes.get_xaxis_transform(), clip_on=False,
+                markersize=4.0, transform=axes.get_xaxis_transform(), clip_on=False, label="failed",
             )  # fmt: skip
-            entries.setdefault("failed", crosses)
     if floor > 0.0:
         axes.axhspan(limits[0], max(floor, limits[0]), color="0.9", zorder=0, linewidth=0)
     axes.grid(True, which="major", color="0.9", linewidth=0.4)
@@ -205,8 +199,6 @@ def stabilization_sweep(results: StabilizationSweep | Sequence[StabilizationSwee
 
 # Colour range of errors, as powers of ten: from round-off to a coordinate's whole magnitude.
 _BEST, _WORST = -12, 0
-# A perceptually uniform colour map, for every colour vision and in grey.
-_COLORS = "cividis"
 # Face colour and hatch of each kind of cell without an error, distinct in grey too.
 _ENDED = "ends early, as it should"
 _MISSED = "completes, should not"
@@ -253,9 +245,6 @@ def stability_map(map: StabilityMap, ax: Axes | None = None) -> Figure:
     height = 1.25 * len(rows) + 1.25
     grid_of = panels_or_given(ax, len(rows), len(columns), width, height, sharex=True, sharey=True)
     with grid_of as (figure, axes):
-        from matplotlib.cm import ScalarMappable
-        from matplotlib.colors import Normalize
-
         if ax is None:
             # The panels share their scales, so they need little space between them.
             spaces = {"w_pad": 0.02, "h_pad": 0.02, "wspace": 0.02, "hspace": 0.02}
@@ -276,13 +265,11 @@ def stability_map(map: StabilityMap, ax: Axes | None = None) -> Figure:
                           transform=each.transAxes)  # fmt: skip
                 continue
             k = map.pairs.index((row, column))
-            _errors(each, map.error[k], left, bottom)
+            mesh = color_cells(each, (left, bottom), _powers(map.error[k]), _BEST, _WORST)
             fill_cells(each, kinds[k], left, bottom, _KINDS)
             v, d = np.nonzero(map.misleading()[k] & (map.expected == "completed")[:, None])
             each.plot(map.values[v], map.dt[d], linestyle="", **_DOT)
             _boundary(each, map.values, map.predicted[k], left)
-        axes[0, 0].set_xlim(left[0], left[-1])
-        axes[0, 0].set_ylim(bottom[0], bottom[-1])
         across, up = f"{map.label} [{map.unit}]", "step $dt$ [s]"
         if axes.size > 1:
             figure.supxlabel(across, fontsize=9.0)
@@ -290,9 +277,8 @@ def stability_map(map: StabilityMap, ax: Axes | None = None) -> Figure:
         else:
             axes[0, 0].set_xlabel(across)
             axes[0, 0].set_ylabel(up)
-        colors = ScalarMappable(Normalize(_BEST, _WORST), _COLORS)
         options = {"pad": 0.01, "aspect": 40, "extend": "both", "fraction": 0.04}
-        bar = colorbar(figure, colors, axes, "error at the end [1]", **options)
+        bar = colorbar(figure, mesh, axes, "error at the end [1]", **options)
         ticks = range(_BEST, _WORST + 1, 3)
         bar.set_ticks(list(ticks), labels=[f"$10^{{{k}}}$" for k in ticks])
         entries = {"handles": list(_legend(kinds, map)), "handlelength": 1.8, "columnspacing": 1.4}
@@ -373,11 +359,10 @@ def _kinds(map: StabilityMap) -> np.ndarray:
     return kinds
 
 
-def _errors(axes: Axes, error: Floats, left: Floats, bottom: Floats) -> None:
-    """Draws the colours of one pair's errors (v, d)."""
+def _powers(error: Floats) -> Floats:
+    """Errors as powers of ten; infinite ones are masked."""
     with np.errstate(divide="ignore"):
-        powers = np.ma.masked_invalid(np.where(error == 0.0, _BEST, np.log10(error)))
-    axes.pcolormesh(left, bottom, powers.T, cmap=_COLORS, vmin=_BEST, vmax=_WORST, rasterized=True)
+        return np.ma.masked_invalid(np.where(error == 0.0, _BEST, np.log10(error)))
 
 
 def _boundary(axes: Axes, values: Floats, predicted: Floats, left: Floats) -> None:

@@ -25,9 +25,11 @@ from .style import (
     LINES,
     RED,
     by_magnitude,
+    color_cells,
     colorbar,
     one_panel,
     panels,
+    shared_legend,
     styled,
     tag,
 )
@@ -225,7 +227,7 @@ def importance(
     for each, letter in ((share, "a"), (sign, "b")):
         each.tick_params(axis="y", length=0.0)
         tag(each, letter)
-    figure.legend(*share.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    shared_legend(figure, [share], "outside lower center")
     return figure
 
 
@@ -262,9 +264,8 @@ def _legend(figure: Figure, axes: Axes, ax: Axes | None) -> None:
     if ax is not None:
         axes.legend(fontsize="small")
         return
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside upper left", ncols=2, columnspacing=1.0, handlelength=1.8
+    shared_legend(
+        figure, [axes], "outside upper left", ncols=2, columnspacing=1.0, handlelength=1.8
     )
 
 
@@ -320,7 +321,7 @@ def success_map(
             each.set_title(ensemble.model, fontsize=8.0, pad=3.0)
             _write_message(each, "no run has finite values")
             return figure
-        all_runs, some, (left, bottom), middles = _counts(u, v, happened, bins, magnitude)
+        all_runs, some, edges, middles = _counts(u, v, happened, bins, magnitude)
         share = np.ma.masked_invalid(
             np.divide(some, all_runs, out=np.full(some.shape, np.nan), where=all_runs > 0)
         )
@@ -328,15 +329,11 @@ def success_map(
         low, high = np.floor(10 * share.min()) / 10, np.ceil(10 * share.max()) / 10
         if high - low < 0.1:
             low, high = max(0.0, low - 0.1), min(1.0, high + 0.1)
-        mesh = each.pcolormesh(
-            left, bottom, share.T, cmap="cividis", vmin=low, vmax=high, rasterized=True
-        )
         each.set_facecolor("white")
-        for which, logarithmic, edges in zip("xy", magnitude, (left, bottom), strict=True):
+        for which, logarithmic, ends in zip("xy", magnitude, edges, strict=True):
             if logarithmic:
-                by_magnitude(each, which, edges[0], edges[-1])
-        each.set_xlim(left[0], left[-1])
-        each.set_ylim(bottom[0], bottom[-1])
+                by_magnitude(each, which, ends[0], ends[-1])
+        mesh = color_cells(each, edges, share, low, high)
         reach = _reach(some, all_runs)
         lines = _lines(each, middles, reach)
         vague = (all_runs > 0) & (reach > _WIDE)

@@ -23,12 +23,14 @@ from .style import (
     DEG,
     GREEN,
     GREY,
+    HEAT,
     MM,
     PAGE,
     PURPLE,
     RED,
     cell_edges,
     cell_patch,
+    color_cells,
     colorbar,
     constant_limits,
     fill_cells,
@@ -45,9 +47,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
 
-# Colour maps for every colour vision: a perceptually uniform one, legible in grey too, and for
-# values with a sign one whose middle, white, is zero.
-_COLORS, _SIGNED = "cividis", "PRGn"
+# The colour map of values with a sign, for every colour vision; its middle, white, is zero.
+_SIGNED = "PRGn"
 _UNSTABLE = (0, (3.0, 1.6))
 # Face colour and hatch of cells without equilibrium, distinct in grey too.
 _FACES: dict[str, tuple[str, str]] = {
@@ -61,8 +62,6 @@ _FACES: dict[str, tuple[str, str]] = {
     "off_face": ("#CFCFCF", "ooo"),
     "not_found": ("#B4B4B4", "xx"),
 }
-# The name of a panel whose values have a sign.
-_MARGIN = "margin of friction [1]"
 # Smaller differences, in the units of the panels or as a share of the values, are round-off.
 _ROUND_OFF = 1e-7
 Line = dict[str, Any]
@@ -151,8 +150,8 @@ def _curve(
         own = (map.status == "at_rest") & (map.branch == branch)
         stable, unstable = own & map.stable, own & ~map.stable
         # The unstable part reaches to its neighbours, so that no gap remains between the parts.
-        joined = own & _near(unstable)
-        alone = own & ~_near(own, itself=False)
+        joined = own & _among_neighbours(unstable)
+        alone = own & ~_among_neighbours(own, itself=False)
         for cells, linestyle, face in ((stable, "-", "auto"), (joined, _UNSTABLE, "white")):
             if cells.any():
                 style = {**usual, **marks, "linestyle": linestyle}
@@ -164,8 +163,8 @@ def _curve(
                 name = ""
 
 
-def _near(cells: NDArray[np.bool_], itself: bool = True) -> NDArray[np.bool_]:
-    """Which cells (n,) are, or have a neighbour, among some cells (n,)."""
+def _among_neighbours(cells: NDArray[np.bool_], itself: bool = True) -> NDArray[np.bool_]:
+    """Marks the cells (n,) that are, or have a neighbour, among some cells (n,)."""
     return np.convolve(cells, [1, int(itself), 1])[1:-1] > 0
 
 
@@ -196,12 +195,15 @@ def _maps(map: EquilibriumMap) -> Figure:
     figure, axes = panels(2, 2, PAGE, 5.4, sharex=True, sharey=True)
     (x, across), (y, up) = _axis(map, 0), _axis(map, 1)
     left, bottom = cell_edges(x), cell_edges(y)
-    friction, title = _friction_shown(map)
+    friction, title = map.friction_margin, "margin of friction [1]"
+    signed = bool(np.isfinite(friction).any())
+    if not signed:
+        friction, title = map.friction_needed.max(axis=-1), "friction needed [1]"
     plans = (
         (map.rotation * DEG.per_si, "rotation [deg]", True),
         (map.position[..., 1] * MM.per_si, "height $y$ [mm]", False),
         (_smallest(map) / MM.per_si, "smallest stiffness [N/mm]", False),
-        (friction, title, title == _MARGIN),
+        (friction, title, signed),
     )
     extra: list[Any] = []
     for k, (each, (values, name, signed)) in enumerate(zip(axes.flat, plans, strict=True)):
@@ -214,10 +216,8 @@ def _maps(map: EquilibriumMap) -> Figure:
             if signed:
                 high = max(abs(low), abs(high))
                 low = -high
-            colors = _SIGNED if signed else _COLORS
-            mesh = each.pcolormesh(
-                left, bottom, drawn.T, cmap=colors, vmin=low, vmax=high, rasterized=True
-            )
+            colors = _SIGNED if signed else HEAT
+            mesh = color_cells(each, (left, bottom), drawn, low, high, colors)
             colorbar(figure, mesh, each, name)
         else:
             each.set_title(name)
@@ -244,13 +244,6 @@ def _smallest(map: EquilibriumMap) -> Floats:
     known = np.isfinite(symmetric).all(axis=(-2, -1))
     found[known] = np.linalg.eigvalsh(symmetric[known])[:, 0]
     return found
-
-
-def _friction_shown(map: EquilibriumMap) -> tuple[Floats, str]:
-    """Values and name of the panel of friction."""
-    if np.isfinite(map.friction_margin).any():
-        return map.friction_margin, _MARGIN
-    return map.friction_needed.max(axis=-1), "friction needed [1]"
 
 
 def _boundaries(axes: Axes, map: EquilibriumMap, left: Floats, bottom: Floats) -> list[Any]:

@@ -24,8 +24,7 @@ from ..support import checks
 from ..support.arrays import Floats
 from ..support.extras import require
 from ..support.progress import Report, reporting
-from .drawing import Frame, HandDrawing, Modes, Picture
-from .instants import instants
+from .drawing import Frame, HandDrawing, Modes, Picture, instants
 from .style import COLUMN, LETTERS, PAGE, new, one_panel, panels_or_given, styled, tag
 from .timeline import LEGEND, legend_of_modes, occurring
 
@@ -186,8 +185,7 @@ def animate(
             hundredths of a second.
         speed: Simulated seconds per second of film, > 0.
         forces: Whether to draw the forces.
-        progress: True draws a bar if rich is installed and stderr is a terminal; or a function of
-            (frames done, frames in total).
+        progress: As for `monte_carlo`; it counts frames.
         dpi: Dots per inch: the film is 5.6 inches wide.
 
     Returns:

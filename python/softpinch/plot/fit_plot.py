@@ -14,7 +14,7 @@ from ..study.rows import Column
 from ..study.tables import shown
 from ..support import checks
 from ..support.arrays import Floats
-from .style import BLACK, GREY, LETTERS, PAGE, RED, panels, styled, tag
+from .style import BLACK, GREY, LETTERS, PAGE, RED, panels, shared_legend, styled, tag
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -75,8 +75,7 @@ def fit(fit: Fit) -> Figure:
     axes[0, 1].set_title(f"residual / noise{some}")
     for each in axes[-1]:
         each.set_xlabel("$t$ [s]")
-    handles, names = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside upper left", ncols=2)
+    shared_legend(figure, axes[0], "outside upper left")
     return figure
 
 

@@ -21,6 +21,7 @@ from ..support.extras import require
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
     from matplotlib.colorbar import Colorbar
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
@@ -43,6 +44,8 @@ LINES: tuple[dict[str, Any], ...] = (
     {"color": BLACK, "linestyle": (0, (1.2, 1.2))},
     {"color": PURPLE, "linestyle": (0, (7, 1.2, 1.2, 1.2, 1.2, 1.2))},
 )
+# A perceptually uniform colour map, for every colour vision and in grey.
+HEAT = "cividis"
 TARGET: dict[str, Any] = {"color": RED, "linestyle": (0, (3, 1.5)), "linewidth": 0.8}
 
 # A linear axis whose values differ by less than this, in its unit or relative to the largest, shows
@@ -242,15 +245,16 @@ def legend(axes: Axes) -> None:
     )
 
 
-def legend_above(figure: Figure, axes: Sequence[Axes]) -> None:
-    """Draws one legend above the whole figure, with every label of its axes once."""
+def shared_legend(
+    figure: Figure, axes: Iterable[Axes], loc: Any = "outside upper right", **options: Any
+) -> None:
+    """Draws one legend outside the panels, with every label of their axes once."""
     entries: dict[str, Any] = {}
     for each in axes:
         for handle, label in zip(*each.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
-    figure.legend(
-        list(entries.values()), list(entries), loc="outside upper right", ncols=len(entries)
-    )
+    options = {"ncols": len(entries), **options}
+    figure.legend(list(entries.values()), list(entries), loc=loc, **options)
 
 
 def colorbar(figure: Figure, mesh: Any, axes: Any, label: str, **options: Any) -> Colorbar:
@@ -314,6 +318,15 @@ def whole_decades(axes: Axes, labels: int = 6) -> None:
     axes.yaxis.set_major_locator(LogLocator(numticks=labels))
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.yaxis.set_minor_locator(NullLocator())
+
+
+def color_cells(
+    axes: Axes, edges: Sequence[Floats], values: Floats, low: float, high: float, colors: str = HEAT
+) -> QuadMesh:
+    """Draws cells (m, n) between edges (m + 1,) and (n + 1,) in the colours of their values."""
+    axes.set_xlim(*edges[0][[0, -1]])
+    axes.set_ylim(*edges[1][[0, -1]])
+    return axes.pcolormesh(*edges, values.T, cmap=colors, vmin=low, vmax=high, rasterized=True)
 
 
 def cell_edges(centres: Floats) -> Floats:

@@ -31,9 +31,9 @@ from .style import (
     Unit,
     least_range,
     legend,
-    legend_above,
     note,
     panels,
+    shared_legend,
     tag,
     whole_decades,
 )
@@ -220,7 +220,7 @@ def draw(
         shown[0].set_xlim(*column.limits)
         shown[-1].set_xlabel(column.time)
     if legends == "above":
-        legend_above(figure, list(axes[:rows].flat))
+        shared_legend(figure, axes[:rows].flat)
     if most:
         legend_of_modes(
             figure, occurring(run for column in columns for run in column.runs.values())

@@ -9,14 +9,16 @@ from functools import cached_property
 import numpy as np
 
 from .. import paper
-from ..run.run import Run
-from ..run.simulate import simulate
+from ..run.options import Options
+from ..run.request import Request
+from ..run.run import Run, computed
+from ..run.simulate import warn_of_steps
 from ..scene.disturbance import Impulse, Pulse, Step
 from ..scene.hand import Fingertip, Hand
 from ..scene.scene import Scene
 from ..scene.schedule import Schedule
 from ..support import checks
-from .rests import Rest, rests
+from .energy_minimum import Rest, rests
 
 # Called with a description of the current work, and the completed share of all work (0 to 1).
 Progress = Callable[[str, float], None]
@@ -88,9 +90,9 @@ def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
     ) -> Run:
         nonlocal done
         progress(f"simulating {what}", share * done / count)
-        result = simulate(scene, dt=times * dt, record=record)  # type: ignore[arg-type]
-        if result.status == "interrupted":
-            raise KeyboardInterrupt
+        request = Request(scene, Options.checked(dt=times * dt, record=record))
+        result = computed(request)
+        warn_of_steps(request, result._result)
         done += 1
         return result
 
@@ -99,8 +101,8 @@ def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
     step = paper.disturbance("i")
     return Runs(
         operations=run(paper.manipulation(), "the eight operations"),
-        coarse=run(paper.manipulation(), "them with twice the step", times=2.0),
-        direct=run(Scene(schedule=last, duration=paper.OPERATION_TIME), "the last one alone"),
+        coarse=run(paper.manipulation(), "the operations with twice the step", times=2.0),
+        direct=run(Scene(schedule=last, duration=paper.OPERATION_TIME), "the last operation alone"),
         cases={case: run(paper.disturbance(case), f"({case})") for case in paper.CASES},
         held={
             case: run(paper.disturbance(case, disturbances=()), f"({case}) undisturbed", ["state"])

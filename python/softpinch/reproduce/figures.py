@@ -17,8 +17,8 @@ from ..plot.style import (
     PAGE,
     PALE,
     least_range,
-    legend_above,
     panels,
+    shared_legend,
     styled,
     tag,
 )
@@ -107,7 +107,7 @@ def energy_minima(curves: Mapping[str, EnergyCurves]) -> Figure:
             if k % _COLUMNS == 0:
                 each.set_ylabel(r"$P + P_g$ [mJ]")
         least_range(axes.flat[: len(curves)])
-        legend_above(figure, list(axes.flat))
+        shared_legend(figure, axes.flat)
         if curves:
             figure.text(0.012, 0.985, r"targets $(\theta_1, \theta_2)$:", va="top")
         return figure

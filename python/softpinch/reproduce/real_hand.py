@@ -29,7 +29,7 @@ def spells(run: Run, mode: ContactMode, begin: float, end: float) -> list[float]
 
 
 def survived(run: Run) -> list[bool]:
-    """Whether, at the end of each operation, both tips touch the object and it is at rest.
+    """True for each operation at whose end both tips touch the object and it is at rest.
 
     At rest means that its pose has stayed within `BAND` over the last quarter of the operation.
     """
@@ -41,7 +41,7 @@ def survived(run: Run) -> list[bool]:
 
 
 def case_survived(run: Run) -> bool:
-    """Whether a disturbed grasp holds, and its object comes to rest."""
+    """True if a disturbed grasp holds, and its object comes to rest."""
     return run.holds and bool((m.drift_since(run) <= BANDS).all())
 
 

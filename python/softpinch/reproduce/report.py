@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
+_POSE = ("x [mm]", "y [mm]", "theta [deg]")
 _NOWHERE = np.full(3, np.nan)
 _YES = {True: "yes", False: "no"}
 
@@ -50,16 +51,12 @@ def operations_table(run: Run) -> Table:
             ]
         )
         rows.append((k + 1, *row.tolist()))
-    columns: tuple[str, ...] = (
-        "operation",
-        "theta_1^d [deg]",
-        "theta_2^d [deg]",
-        "x [mm]",
-        "y [mm]",
+    columns = (
+        *("operation", "theta_1^d [deg]", "theta_2^d [deg]", *_POSE),
+        *("d_n1 [mm]", "d_n2 [mm]", "settled after [s]"),
+        *("peak |C^H| [m]", "peak |C^N| [m/s]", "settled |C^H| [m]", "settled |C^N| [m/s]"),
+        *("least lambda^H [N]", "pulls for [ms]"),
     )
-    columns += ("theta [deg]", "d_n1 [mm]", "d_n2 [mm]", "settled after [s]")
-    columns += ("peak |C^H| [m]", "peak |C^N| [m/s]", "settled |C^H| [m]", "settled |C^N| [m/s]")
-    columns += ("least lambda^H [N]", "pulls for [ms]")
     return Table(columns=columns, rows=tuple(rows))
 
 
@@ -81,16 +78,12 @@ def disturbances_table(runs: Mapping[str, Run], held: Mapping[str, Run]) -> Tabl
         )
         right, left = (run.scene.schedule.target(run.t[-1]) * POSE[2]).round(9).tolist()
         rows.append((case, right, left, run.status, *row.tolist()))
-    columns: tuple[str, ...] = (
-        "case",
-        "theta_1^d [deg]",
-        "theta_2^d [deg]",
-        "status",
-        "peak of x [mm]",
+    columns = (
+        *("case", "theta_1^d [deg]", "theta_2^d [deg]", "status"),
+        *(f"{kind} of {name}" for kind in ("peak", "change") for name in _POSE),
+        *("d_n1 [mm]", "d_n2 [mm]", "least lambda^H [N]", "pulls for [ms]"),
+        *("peak |C^H| [m]", "peak |C^N| [m/s]", "closure [J]"),
     )
-    columns += ("peak of y [mm]", "peak of theta [deg]", "change of x [mm]", "change of y [mm]")
-    columns += ("change of theta [deg]", "d_n1 [mm]", "d_n2 [mm]", "least lambda^H [N]")
-    columns += ("pulls for [ms]", "peak |C^H| [m]", "peak |C^N| [m/s]", "closure [J]")
     return Table(columns=columns, rows=tuple(rows))
 
 
@@ -106,9 +99,8 @@ def coupling_table(runs: Runs) -> Table:
         minus = runs.other_cases[case]
         poses = [(run.q[-1, :3] * POSE).tolist() for run in (plus, minus)]
         rows.append((f"case ({case})", *poses[0], *poses[1], plus.status, minus.status))
-    pose = ("x [mm]", "y [mm]", "theta [deg]")
     signs = ("kappa = +1", "kappa = -1")
-    columns = ("what", *(f"{name}, {sign}" for sign in signs for name in pose))
+    columns = ("what", *(f"{name}, {sign}" for sign in signs for name in _POSE))
     return Table(columns=(*columns, *(f"status, {sign}" for sign in signs)), rows=tuple(rows))
 
 
@@ -131,9 +123,9 @@ def contact_table(runs: Runs) -> Table:
         does = _joined([_longest(run, m.onset(run), np.inf) for run in cases.values()])
         survived = (_YES[real_hand.case_survived(run)] for run in cases.values())
         rows.append((f"case ({case})", *poses, *survived, *does))
-    pose, tips = ("x [mm]", "y [mm]", "theta [deg]"), ("opens for [ms]", "slips for [ms]")
-    columns = ["what", *(f"{axis}, {name}" for axis in pose for name in names)]
-    columns += [f"{does}, {name}" for does in ("survived", *tips) for name in names[1:]]
+    of_tips = ("survived", "opens for [ms]", "slips for [ms]")
+    columns = ["what", *(f"{axis}, {name}" for axis in _POSE for name in names)]
+    columns += [f"{does}, {name}" for does in of_tips for name in names[1:]]
     return Table(columns=tuple(columns), rows=tuple(rows))
 
 
@@ -158,16 +150,14 @@ def verdict_table(findings: Sequence[Finding]) -> Table:
 
 # Tables on the screen: a title -> the table, and the format of each of its columns that is shown.
 # "z" prints a rounded -0.000 as 0.000. Each fits a terminal of 80 columns.
-_POSES = dict.fromkeys((3, 4, 5, 6, 7), "z.3f")
-_SIZES = dict.fromkeys((9, 10, 11, 12), ".0e")
 _SCREENS: dict[str, tuple[str, dict[int, str]]] = {
     "Where each operation settles": (
         "operations",
-        {0: "d", 1: "g", 2: "g", **_POSES, 8: ".2f"},
+        {0: "d", 1: "g", 2: "g", **dict.fromkeys(range(3, 8), "z.3f"), 8: ".2f"},
     ),
     "What it leaves of the constraints, and how the tips press": (
         "operations",
-        {0: "d", **_SIZES, 13: ".1f", 14: ".2g"},
+        {0: "d", **dict.fromkeys(range(9, 13), ".0e"), 13: ".1f", 14: ".2g"},
     ),
     "What the disturbances do: the peak, and what stays": (
         "disturbances",
@@ -175,21 +165,12 @@ _SCREENS: dict[str, tuple[str, dict[int, str]]] = {
     ),
     "How the tips press under them, and what is left of constraints and ledger": (
         "disturbances",
-        {
-            0: "",
-            1: "g",
-            10: "z.3f",
-            11: "z.3f",
-            12: ".1f",
-            13: ".2g",
-            14: ".0e",
-            15: ".0e",
-            16: ".0e",
-        },
+        {0: "", 1: "g", 10: "z.3f", 11: "z.3f", 12: ".1f", 13: ".2g"}
+        | dict.fromkeys((14, 15, 16), ".0e"),
     ),
     "kappa = +1, as printed, beside -1, as springs and kinematics give: where it ends": (
         "tilt_coupling",
-        {0: "", 3: "z.3f", 6: "z.3f", 2: "z.3f", 5: "z.3f", 7: "", 8: ""},
+        {0: "", **dict.fromkeys((3, 6, 2, 5), "z.3f"), 7: "", 8: ""},
     ),
     "Energy at rest: a minimum without slip, not among all states of rest": (
         "energy_minimum",
@@ -209,31 +190,6 @@ _SCREENS: dict[str, tuple[str, dict[int, str]]] = {
 # Columns of a terminal that a header may take.
 _HEADER = 8
 _COLORS = {HOLDS: "green", FAILS: "bold red"}
-
-
-def show(
-    runs: Runs,
-    tables: Mapping[str, Table],
-    findings: Sequence[Finding],
-    files: Sequence[Path],
-) -> None:
-    """Prints tables, statuses and violations of the runs, verdicts, and the files' folder."""
-    require("rich", extra="cli", purpose="printing tables")
-    from rich.console import Console
-    from rich.text import Text
-
-    console = Console(highlight=False, markup=False)
-    console.print(Text(PARAMETER_NOTE, style="italic"))
-    for title, (name, formats) in _SCREENS.items():
-        _print_table(console, title, tables[name], formats)
-    named = {"the operations": runs.operations}
-    named |= {f"({case})": run for case, run in runs.cases.items()}
-    for what, run in named.items():
-        first = ", ".join(f"{name} first at {time:.6g} s" for name, time in run.violations.items())
-        console.print(f"{what}: {run.status}; noted: {first or 'nothing'}", soft_wrap=True)
-    _print_verdicts(console, findings)
-    folders = sorted({str(file.parent) for file in files})
-    console.print(f"\n{len(files)} files in {', '.join(folders)}", soft_wrap=True)
 
 
 def _print_table(console: Console, title: str, table: Table, formats: Mapping[int, str]) -> None:
@@ -291,7 +247,23 @@ class Reproduction:
 
     def show(self) -> None:
         """Prints tables and verdicts; needs the extra `cli`."""
-        show(self.runs, self.tables, self.findings, self.files)
+        require("rich", extra="cli", purpose="printing tables")
+        from rich.console import Console
+        from rich.text import Text
+
+        console = Console(highlight=False, markup=False)
+        console.print(Text(PARAMETER_NOTE, style="italic"))
+        for title, (name, formats) in _SCREENS.items():
+            _print_table(console, title, self.tables[name], formats)
+        named = {"the operations": self.runs.operations}
+        named |= {f"({case})": run for case, run in self.runs.cases.items()}
+        for what, run in named.items():
+            noted = [f"{name} first at {time:.6g} s" for name, time in run.violations.items()]
+            text = f"{what}: {run.status}; noted: {', '.join(noted) or 'nothing'}"
+            console.print(text, soft_wrap=True)
+        _print_verdicts(console, self.findings)
+        folders = sorted({str(file.parent) for file in self.files})
+        console.print(f"\n{len(self.files)} files in {', '.join(folders)}", soft_wrap=True)
 
 
 def reproduce(

@@ -117,7 +117,8 @@ def survives(case: str, run: Run) -> Finding:
     if run.success:
         value = float((m.drift_since(run) * POSE).max())
         finger = float(np.rad2deg(m.finger_errors(run)[-1].max()))
-    pull, least = _pull(run)
+    pull = m.longest_pull(run, m.onset(run), np.inf)
+    least = float(run.multipliers[m.since_onset(run), :2].min())
     caveat = f"; a tip has to pull, {least:.1f} N, for {1e3 * pull:.1f} ms" if pull > 0 else ""
     tilt = float(np.rad2deg(np.abs(m.response(run)[1][:, 2]).max()))
     return Finding(
@@ -134,13 +135,6 @@ def survives(case: str, run: Run) -> Finding:
             else f"{run.status}: {run.message}"
         ),
     )
-
-
-def _pull(run: Run) -> tuple[float, float]:
-    """The longest pull of a tip, s, and the smallest lambda^H, N, since the onset."""
-    after = m.since_onset(run)
-    longest = m.longest_pull(run, m.onset(run), np.inf)
-    return longest, float(run.multipliers[after, :2].min())
 
 
 def light_swings_more(light: tuple[Run, Run], strong: tuple[Run, Run]) -> Finding:

@@ -5,7 +5,6 @@
 makes environments of them.
 """
 
-from .simulator import Observation, Simulator
-from .vector import Observations, VectorSimulator
+from .simulator import Observation, Observations, Simulator, VectorSimulator
 
 __all__ = ["Observation", "Observations", "Simulator", "VectorSimulator"]

@@ -12,9 +12,8 @@ from ..run.run import Run
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.choices import Recordable
-from .simulator import Simulator, checked_actions
+from .simulator import Observations, Simulator, VectorSimulator, checked_actions
 from .tasks import Mask, Task, Transition
-from .vector import Observations, VectorSimulator
 
 # Observed values are clipped to this size, after scaling: a lost object may be anywhere.
 LIMIT = 10.0

@@ -1,10 +1,10 @@
-"""`Simulator`: one run that is stepped from outside. `VectorSimulator` uses its checks too."""
+"""`Simulator` and `VectorSimulator`: one run, and many at once, that are stepped from outside."""
 
 from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, NoReturn
 
@@ -22,6 +22,8 @@ from ..scene.disturbance import Sampled
 from ..scene.scene import Scene, State, require_fit
 from ..scene.schedule import Schedule
 from ..scene.stabilization import Stabilization
+from ..study.sources import Key
+from ..study.spec import StudySpec
 from ..support import checks
 from ..support.choices import Formulation, Method, Recordable, Violation
 from ..support.display import Shown, text_of
@@ -30,6 +32,9 @@ from ..support.display import Shown, text_of
 STATUSES = ("running", *_core.STATUSES)
 # Numbers that are kept of each period: its start, torques, force and moment.
 _KEPT = 6
+_NAMES = np.array(STATUSES)
+# Largest number of runs; their states take 10 GB.
+_MOST = 10_000_000
 
 
 class Observation(NamedTuple):
@@ -55,7 +60,66 @@ class Observation(NamedTuple):
         return text_of("Observation", self._asdict())
 
 
-class Simulator(Shown):
+class Stepped(Shown):
+    """The base of both simulators: a checked scene and the options of its equal steps."""
+
+    _core: _core.Simulator
+
+    def __init__(
+        self,
+        scene: Scene,
+        period: float,
+        dt: float | None,
+        method: str,
+        formulation: str,
+        stabilization: Stabilization,
+        stop_on: str | Sequence[str],
+    ) -> None:
+        checks.instance("scene", scene, Scene)
+        if scene.law not in ("torque", "pid"):
+            raise ValueError(
+                f"Scene.{WRITTEN[scene.law]}: a simulator needs control=Torque(), whose torques it "
+                "sets, or a PID, whose target angles it sets"
+            )
+        self._scene = scene
+        self._options = Options.checked(
+            dt=dt,
+            method=method,
+            formulation=formulation,
+            stabilization=stabilization,
+            stop_on=stop_on,
+        )
+        self._period = checks.positive("period", period)
+        usual.warn(scene, schedule_replaced=True)
+
+    def _state(self, run: int) -> State:
+        """The public state of a run, from the core's."""
+        time, q, p, (right, left), grid, contact = self._core.state(run)
+        # The stabilisation lets states drift off the constraints.
+        check = self._options.formulation != "csm"
+        return State(q, p, (right, left), time, check=check, grid=grid, contact=contact)
+
+    def _parts(self, name: str, state: State) -> tuple[Any, ...]:
+        """Checks a state from which a run is to go on, and returns it as the core takes it."""
+        checks.instance(name, state, State)
+        require_fit(self._scene, name, state)
+        q, p = np.asarray(state.q), np.asarray(state.p)
+        return state.time, q, p, state.integral, state.grid, state.contact, state.check
+
+    @property
+    def period(self) -> float:
+        """Time for which the torques of one step are held, s."""
+        return self._period
+
+    def __reduce__(self) -> NoReturn:
+        # A copy would share the state in the core, but not the record of the steps.
+        raise TypeError(
+            f"{type(self).__name__} cannot be copied or pickled: take its state() and give it to "
+            "set_state() or reset() of another one"
+        )
+
+
+class Simulator(Stepped):
     """One run that is stepped from outside, period by period, with torques that are held in each.
 
         sim = sp.Simulator(sp.Scene(control=sp.Torque()), period=1e-3, dt=1e-4)
@@ -95,10 +159,7 @@ class Simulator(Shown):
             period: Time for which the torques of one `step` are held, s.
             dt, method, formulation, stabilization, stop_on: As for `simulate`.
         """
-        self._options = checked_options(scene, dt, method, formulation, stabilization, stop_on)
-        self._scene = scene
-        self._period = checks.positive("period", period)
-        usual.warn(scene, schedule_replaced=True)
+        super().__init__(scene, period, dt, method, formulation, stabilization, stop_on)
         self._core = _core.Simulator.alone(Request(scene, self._options).simulation(), self._period)
         self._start: State | None = None
         self._force = (0.0, 0.0, 0.0)
@@ -108,11 +169,6 @@ class Simulator(Shown):
     def scene(self) -> Scene:
         """The scene."""
         return self._scene
-
-    @property
-    def period(self) -> float:
-        """Time for which the torques of one step are held, s."""
-        return self._period
 
     @property
     def observation(self) -> Observation:
@@ -133,7 +189,7 @@ class Simulator(Shown):
             state: Start from this state, and last for the scene's duration from its time on; None
                 starts as the scene does. If it is refused, the simulator is as before.
         """
-        self._core.reset(0, None if state is None else parts_of(self._scene, "state", state))
+        self._core.reset(0, None if state is None else self._parts("state", state))
         self._start, self._force = state, (0.0, 0.0, 0.0)
         return self._begin()
 
@@ -151,7 +207,7 @@ class Simulator(Shown):
                 f"step: the run has ended with status {before.status!r} at t = {before.t:.6g} s; "
                 "reset() begins it again"
             )
-        right, left = _two(torque)
+        right, left = _torque_pair(torque)
         t, q, p, multipliers, code = self._core.step(right, left)
         self._held.extend((before.t, right, left, *self._force))
         self._seen = Observation(t, q, p, multipliers, STATUSES[code])
@@ -170,7 +226,7 @@ class Simulator(Shown):
 
     def state(self) -> State:
         """Returns the present state, from which `set_state` or another run goes on, to the bit."""
-        return state_of(self._core.state(0), self._options.formulation)
+        return self._state(0)
 
     def set_state(self, state: State) -> Observation:
         """Goes on from a state, at its time, for example to try another way from there.
@@ -180,7 +236,7 @@ class Simulator(Shown):
         have the same bits as at first. `run()` begins at this state. If the state is refused, the
         simulator is as before.
         """
-        self._core.set_state(0, parts_of(self._scene, "state", state))
+        self._core.set_state(0, self._parts("state", state))
         self._start = state
         return self._begin()
 
@@ -205,8 +261,7 @@ class Simulator(Shown):
 
     def _scene_so_far(self) -> Scene:
         held = np.array(self._held).reshape(-1, _KEPT)
-        times = held[:, 0]
-        disturbances = self._scene.disturbances
+        times, disturbances = held[:, 0], self._scene.disturbances
         initial = self._scene.initial if self._start is None else self._start
         if isinstance(initial, State):
             # A period begins a segment of its own, wherever the state comes from.
@@ -228,16 +283,13 @@ class Simulator(Shown):
         self._seen = Observation(t, q, p, multipliers, STATUSES[code])
         return self._seen
 
-    def __reduce__(self) -> NoReturn:
-        refuse_copies(self)
-
     def __repr__(self) -> str:
         seen = self._seen
         steps = f"{len(self._held) // _KEPT} periods of {self._period} s"
         return f"<Simulator {seen.status}: t = {seen.t:.6g} s, {steps}>"
 
 
-def _two(torque: ArrayLike) -> tuple[float, float]:
+def _torque_pair(torque: ArrayLike) -> tuple[float, float]:
     """Converts torques, the usual types of them without the cost of an array."""
     given: Any = torque.tolist() if type(torque) is np.ndarray and torque.dtype == float else torque
     if type(given) in (list, tuple) and len(given) == 2:
@@ -256,62 +308,6 @@ def _duration(start: float, end: float) -> float:
     return duration
 
 
-def checked_options(
-    scene: Scene,
-    dt: float | None,
-    method: str,
-    formulation: str,
-    stabilization: Stabilization,
-    stop_on: str | Sequence[str],
-) -> Options:
-    """Checks a scene that is stepped from outside, and the options of its equal steps."""
-    checks.instance("scene", scene, Scene)
-    if scene.law not in ("torque", "pid"):
-        raise ValueError(
-            f"Scene.{WRITTEN[scene.law]}: a simulator needs control=Torque(), whose torques it "
-            "sets, or a PID, whose target angles it sets"
-        )
-    return Options.checked(
-        dt=dt,
-        method=method,
-        formulation=formulation,
-        stabilization=stabilization,
-        stop_on=stop_on,
-    )
-
-
-def state_of(parts: tuple[Any, ...], formulation: str) -> State:
-    """Makes the public state from the core's."""
-    time, q, p, integral, grid, contact = parts
-    # The stabilisation lets states drift off the constraints.
-    check = formulation != "csm"
-    right, left = integral
-    return State(q, p, (right, left), time, check=check, grid=grid, contact=contact)
-
-
-def parts_of(scene: Scene, name: str, state: State) -> tuple[Any, ...]:
-    """Checks a state from which a scene is to go on, and returns it as the core takes it."""
-    checks.instance(name, state, State)
-    require_fit(scene, name, state)
-    return (
-        state.time,
-        np.asarray(state.q),
-        np.asarray(state.p),
-        state.integral,
-        state.grid,
-        state.contact,
-        state.check,
-    )
-
-
-def refuse_copies(simulator: object) -> NoReturn:
-    """Refuses a copy: it would share the state in the core, but not the record of the steps."""
-    raise TypeError(
-        f"{type(simulator).__name__} cannot be copied or pickled: take its state() and give it to "
-        "set_state() or reset() of another one"
-    )
-
-
 def checked_actions(actions: ArrayLike, n: int, each: str) -> NDArray[np.float64]:
     """Converts actions (n, 2) to a contiguous array; errors call one of the n an `each`."""
     given = checks.numbers("actions", actions)
@@ -324,3 +320,224 @@ def checked_actions(actions: ArrayLike, n: int, each: str) -> NDArray[np.float64
             f"actions[{k}, {finger}] = {given[k, finger]}: must be finite ({each} {k})"
         )
     return np.ascontiguousarray(given, dtype=np.float64)
+
+
+class Observations(NamedTuple):
+    """Observations of all runs at the ends of their periods; `Observation` has the details.
+
+    Attributes:
+        t: Times (n,), s.
+        q: Coordinates (n, 9), m and rad.
+        p: Rates of the coordinates (n, 9), m/s and rad/s.
+        multipliers: Multipliers (n, 4), N.
+        status: Statuses (n,), as text.
+    """
+
+    t: NDArray[np.float64]
+    q: NDArray[np.float64]
+    p: NDArray[np.float64]
+    multipliers: NDArray[np.float64]
+    status: NDArray[np.str_]
+
+    def __repr__(self) -> str:
+        return text_of("Observations", self._asdict())
+
+
+class VectorSimulator(Stepped):
+    """Many runs that are stepped from outside at once, each as a `Simulator` steps it, to the bit.
+
+        sims = sp.VectorSimulator(sp.Scene(control=sp.Torque()), n=256, vary={...}, seed=3)
+        t, q, p, multipliers, status = sims.step(actions)
+
+    Run k has the scene of run k of `monte_carlo(scene, runs=n, vary=..., seed=...)`, its noise
+    included. A run that has ended keeps its last state, and takes no actions until `reset`.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        n: int,
+        period: float = 1e-3,
+        dt: float | None = None,
+        method: Method = "rk4",
+        formulation: Formulation = "csm",
+        stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
+        stop_on: Violation | Sequence[Violation] = STOP_ON,
+        *,
+        vary: Mapping[Key, Any] | None = None,
+        seed: int = 0,
+        threads: int = 1,
+    ) -> None:
+        """Puts all runs at their starts.
+
+        Args:
+            scene: The scene that all runs share, apart from the varied values.
+            n: Number of runs.
+            period: Time for which the torques of one `step` are held, s.
+            dt, method, formulation, stabilization, stop_on: As for `simulate`. The methods "rk4",
+                "dop853" and "rosenbrock" compute several runs in each instruction.
+            vary: The varied paths, and the sources of their values, as for `monte_carlo`.
+            seed: Seed of the draws and of noise, as for `monte_carlo`.
+            threads: Largest number of threads of a step. To wake a second thread costs up to 0.1 ms
+                at every step, so that it pays from about 2500 integration steps a call on, for
+                example 250 runs and 10 steps a period.
+        """
+        super().__init__(scene, period, dt, method, formulation, stabilization, stop_on)
+        threads = checks.integer("threads", threads, 1, 4096)
+        n = checks.integer("n", n, 1, _MOST)
+        spec = StudySpec.checked(scene, self._options, runs=n, seed=seed, vary=vary, summaries=())
+        numbers = np.arange(n, dtype=np.uint64)
+        self._spec, self._values = spec, spec.plan.rows(numbers)
+        spec.varied.check(self._values, numbers)
+        batch = spec.batch(numbers, self._values)
+        self._core = _core.Simulator.many(batch, self._period, threads)
+        self._codes = np.zeros(n, np.uint8)
+        t, q, p, multipliers = np.empty(n), np.empty((n, 9)), np.empty((n, 9)), np.empty((n, 4))
+        self._seen = Observations(t, q, p, multipliers, np.empty(n, _NAMES.dtype))
+
+    @property
+    def n(self) -> int:
+        """Number of runs."""
+        return len(self._codes)
+
+    @property
+    def observations(self) -> Observations:
+        """The present observations, in the simulator's own arrays."""
+        t, q, p, multipliers, status = self._seen
+        self._core.observe((t, q, p, multipliers, self._codes))
+        _NAMES.take(self._codes, out=status, mode="clip")
+        return self._seen
+
+    def scene(self, run: int) -> Scene:
+        """Returns the scene of a run, with its own values."""
+        run = self._run(run)
+        own = {path: value[run] for path, value in self._values.items()}
+        return self._spec.varied.at(own, run)
+
+    def message(self, run: int) -> str:
+        """Returns the status of a run in words; empty if it goes on or has reached its end."""
+        return self._core.message(self._run(run))
+
+    def step(self, actions: ArrayLike, out: Observations | None = None) -> Observations:
+        """Steps all runs that have not ended by one period.
+
+        Args:
+            actions: Torques on the right and the left finger of each run (n, 2), N m; or the target
+                angles of the fingers of a PID, rad. Those of a run that has ended are ignored.
+            out: Arrays to write to, of the shapes and types of `Observations`, contiguous and
+                without overlap; None writes to the simulator's own, which the next step overwrites.
+
+        After an error, which names its run, and after Ctrl-C all runs are as before the step.
+        """
+        given = actions
+        # The usual case skips the checks: the core refuses numbers that are not finite.
+        if not (type(given) is np.ndarray and (given.dtype, given.shape) == (float, (self.n, 2))):
+            given = checked_actions(actions, self.n, "run")
+        seen = self._seen if out is None else self._required(out)
+        t, q, p, multipliers, status = seen
+        try:
+            self._core.step_all(given, (t, q, p, multipliers, self._codes))
+        except ValueError:
+            # The core has refused a number that is not finite; this error also names the run.
+            checked_actions(given, self.n, "run")
+            raise
+        _NAMES.take(self._codes, out=status, mode="clip")
+        return seen
+
+    def reset(
+        self, state: State | Sequence[State] | None = None, mask: ArrayLike | None = None
+    ) -> Observations:
+        """Puts runs at their starts, and takes away their forces of `set_force`.
+
+        Args:
+            state: The state from which all of them start, or one for each of the n runs; None
+                starts each as its scene does.
+            mask: Which runs (n,), as booleans; None is all of them. The others stay as they are.
+
+        If a state is refused, the error names its run; the runs before it have their new states.
+        """
+        parts = (None,) * self.n if state is None else self._all_parts(state)
+        self._set_states(self._core.reset, parts, mask)
+        return self.observations
+
+    def set_force(
+        self, force: ArrayLike = (0.0, 0.0), moment: ArrayLike = 0.0, mask: ArrayLike | None = None
+    ) -> None:
+        """Sets external forces on the objects, held from the next step on until they are set again.
+
+        Args:
+            force, moment: As for `Simulator.set_force`, of all runs, or of each (n, 2) and (n,).
+            mask: As for `reset`.
+        """
+        n = self.n
+        forces = checks.array("force", force, (n, 2) if np.ndim(force) == 2 else (2,))
+        moments = checks.array("moment", moment, (n,) if np.ndim(moment) else ())
+        # Lists: to take each row out of an array costs more than the core's part does.
+        x, y = np.broadcast_to(forces, (n, 2)).T.tolist()
+        given = list(zip(x, y, np.broadcast_to(moments, (n,)).tolist(), strict=True))
+        for run in self._masked(mask):
+            self._core.set_force(run, given[run])
+
+    def state(self, run: int) -> State:
+        """Returns the present state of a run, from which `set_state` or another run goes on."""
+        return self._state(self._run(run))
+
+    def set_state(
+        self, state: State | Sequence[State], mask: ArrayLike | None = None
+    ) -> Observations:
+        """Goes on from states, each at its time, as `Simulator.set_state` does.
+
+        `state` and `mask` are those of `reset`.
+        """
+        self._set_states(self._core.set_state, self._all_parts(state), mask)
+        return self.observations
+
+    def _run(self, run: int) -> int:
+        run = checks.integer("run", run)
+        if not 0 <= run < self.n:
+            raise IndexError(f"run = {checks.shown(run)}: must be from 0 to {self.n - 1}")
+        return run
+
+    def _masked(self, mask: ArrayLike | None) -> list[int]:
+        if mask is None:
+            return list(range(self.n))
+        given = checks.read("mask", mask)
+        if given.dtype != np.bool_ or given.shape != (self.n,):
+            raise ValueError(f"mask = {checks.shown(mask)}: must be {self.n} booleans, (n,)")
+        return np.flatnonzero(given).tolist()
+
+    def _set_states(
+        self, place: Callable[[int, Any], None], parts: Sequence[Any], mask: ArrayLike | None
+    ) -> None:
+        """Gives each run its state by `place`; an error has the number of its run."""
+        for run in self._masked(mask):
+            try:
+                place(run, parts[run])
+            except ValueError as error:
+                raise ValueError(f"run {run}: {error}") from None
+
+    def _required(self, out: Observations) -> Observations:
+        """Refuses arrays that do not fit; the core refuses those that overlap."""
+        checks.instance("out", out, Observations, "Observations")
+        for name, given, own in zip(out._fields, out, self._seen, strict=True):
+            fits = type(given) is np.ndarray and (given.shape, given.dtype) == (
+                own.shape,
+                own.dtype,
+            )
+            # `carray` is contiguous, aligned and writable.
+            if not (fits and given.flags.carray):
+                rule = f"must be a contiguous array of shape {own.shape} and type {own.dtype}"
+                raise ValueError(f"out.{name}: {rule}")
+        return out
+
+    def _all_parts(self, state: State | Sequence[State]) -> Sequence[tuple[Any, ...]]:
+        """Converts a state for all runs, or one for each, as the core takes them (n,)."""
+        if isinstance(state, State):
+            return (self._parts("state", state),) * self.n
+        if not isinstance(state, list | tuple) or len(state) != self.n:
+            raise TypeError(f"state: must be a State, or {self.n} of them, one for each run")
+        return [self._parts(f"state[{k}]", each) for k, each in enumerate(state)]
+
+    def __repr__(self) -> str:
+        goes_on = int((self.observations.status == STATUSES[0]).sum())
+        return f"<VectorSimulator of {self.n} runs, {goes_on} running, {self._period} s a period>"

@@ -24,7 +24,7 @@ from ..scene.scene import Scene
 from ..scene.schedule import Schedule
 from ..support import checks
 from ..support.arrays import Floats
-from .vector import Observations
+from .simulator import Observations
 
 Mask = NDArray[np.bool_]
 
