@@ -244,15 +244,6 @@ def test_at_a_coarse_step_the_claim_about_residuals_fails() -> None:
     assert findings[failed[0]].value > 1e-8
 
 
-def test_with_an_unstable_step_no_claim_holds_and_nothing_raises(tmp_path: Path) -> None:
-    with pytest.warns(sp.StabilityWarning):
-        result = reproduce(tmp_path, dt=5e-3)
-    verdicts = {finding.verdict for finding in result.findings if finding.source}
-    assert verdicts == {"does not hold"}
-    assert len(list(tmp_path.iterdir())) == len(result.files)
-    assert "Take a smaller step" in " ".join(finding.evidence for finding in result.findings)
-
-
 def test_the_files_are_there_and_hold_the_tables(result: Reproduction) -> None:
     names = {file.name for file in result.files}
     figures = ("4", "5", "6", "7", "_forces", "_tilt_coupling", "_energy_minimum",
