@@ -10,7 +10,6 @@ import scenes
 import softpinch as sp
 from softpinch import paper
 from softpinch.reproduce import energy_minimum as e
-from softpinch.reproduce import rests as r
 
 pytest.importorskip("scipy")
 from hypothesis import given, settings
@@ -24,24 +23,24 @@ TURNED = replace(
 )
 
 
-def rest_of(scene: sp.Scene) -> r.Rest:
+def rest_of(scene: sp.Scene) -> e.Rest:
     run = random_hands.settle(scene)
     assert run.success
-    return r.rest_at(scene, run.q[-1], float(run.t[-1]))
+    return e.rest_at(scene, run.q[-1], float(run.t[-1]))
 
 
 @pytest.fixture(scope="module")
-def uneven() -> r.Rest:
+def uneven() -> e.Rest:
     return rest_of(UNEVEN)
 
 
 @pytest.fixture(scope="module")
-def turned() -> r.Rest:
+def turned() -> e.Rest:
     return rest_of(TURNED)
 
 
 @pytest.fixture(scope="module", params=[UNEVEN, TURNED], ids=["uneven", "turned"])
-def rest(request: pytest.FixtureRequest, uneven: r.Rest, turned: r.Rest) -> r.Rest:
+def rest(request: pytest.FixtureRequest, uneven: e.Rest, turned: e.Rest) -> e.Rest:
     return uneven if request.param is UNEVEN else turned
 
 
@@ -56,14 +55,14 @@ def energy(scene: sp.Scene, q: np.ndarray) -> float:
     return found.elastic + found.gravity
 
 
-def softest(rest: r.Rest) -> float:
+def softest(rest: e.Rest) -> float:
     """The least second derivative of the energy that the stiffness gives on the ways, N/m."""
     unit = np.array([1.0, 1.0, 1.0 / max(tip.radius for tip in rest.found.scene.hand.tips)])
-    ways = r.WAYS * unit
+    ways = e.WAYS * unit
     return float(np.einsum("ni,ij,nj->n", ways, rest.found.stiffness, ways).min())
 
 
-def lowest_energy(rest: r.Rest) -> float:
+def lowest_energy(rest: e.Rest) -> float:
     """The least energy of the members with opposite changes of the grips, by SciPy, J."""
 
     def of_member(change: float) -> float:
@@ -90,17 +89,17 @@ def led(scene: sp.Scene, q: np.ndarray, velocity, end: float) -> np.ndarray:  # 
     return np.asarray(found.y[:, -1])
 
 
-def test_ways_without_slip_are_those_that_scipy_integrates(rest: r.Rest) -> None:
+def test_ways_without_slip_are_those_that_scipy_integrates(rest: e.Rest) -> None:
     scene, rng = rest.found.scene, np.random.default_rng(2)
     for way in rng.normal(size=(3, 3)) * [1.0, 1.0, 60.0]:
-        (ours,) = r.without_slip(scene, rest.q, way, [2e-3])
+        (ours,) = e.without_slip(scene, rest.q, way, [2e-3])
         theirs = led(scene, rest.q, lambda _, way=way: way, 2e-3)
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-14)
         residuals = sp.evaluate(scene, 0.0, ours, np.zeros(9)).residuals
         np.testing.assert_allclose(residuals[:2], 0.0, atol=1e-16)
 
 
-def test_the_rest_is_a_minimum_on_straight_and_on_curved_ways(rest: r.Rest) -> None:
+def test_the_rest_is_a_minimum_on_straight_and_on_curved_ways(rest: e.Rest) -> None:
     scene = rest.found.scene
     symmetric = 0.5 * (rest.found.stiffness + rest.found.stiffness.T)
     assert e.is_minimum(rest) and rest.found.minimum and rest.found.stable
@@ -114,23 +113,23 @@ def test_the_rest_is_a_minimum_on_straight_and_on_curved_ways(rest: r.Rest) -> N
     assert total / step**2 == pytest.approx(first @ symmetric @ first, rel=1e-4)
 
 
-def test_without_gravity_elastic_energy_alone_has_a_minimum_there(rest: r.Rest) -> None:
+def test_without_gravity_elastic_energy_alone_has_a_minimum_there(rest: e.Rest) -> None:
     scene = replace(rest.found.scene, gravity=0.0)
-    slope, curvature, rise = r.around(scene, r.coordinates(rest.weightless))
+    slope, curvature, rise = e.around(scene, e.coordinates(rest.weightless))
     assert slope < 1e-4 and curvature > 0.0 and rise > 0.0
     # With gravity its slope in y is what carries the object.
     weight = rest.found.scene.grasped.mass * rest.found.scene.gravity
     assert rest.elastic_slope == pytest.approx(-weight, rel=1e-11)
-    places = r.without_slip(scene, rest.q, (0.0, 1.0, 0.0), [-1e-6, 1e-6])
-    before, after = r.energies(scene, places)[0]
+    places = e.without_slip(scene, rest.q, (0.0, 1.0, 0.0), [-1e-6, 1e-6])
+    before, after = e.energies(scene, places)[0]
     assert (after - before) / 2e-6 == pytest.approx(-weight, rel=1e-6)
     # The weight moves the object by what the stiffness gives way, all but for its second order.
     moved = np.linalg.solve(rest.found.stiffness, [0.0, weight, 0.0])
-    difference = r.coordinates(rest.weightless)[:3] - rest.q[:3]
+    difference = e.coordinates(rest.weightless)[:3] - rest.q[:3]
     np.testing.assert_allclose(difference, moved, rtol=0.02, atol=0.01 * np.abs(moved[1]))
 
 
-def test_slip_lowers_the_energy_and_by_how_much(rest: r.Rest) -> None:
+def test_slip_lowers_the_energy_and_by_how_much(rest: e.Rest) -> None:
     scene = rest.found.scene
     freed = 0.0
     for i in (0, 1):
@@ -148,7 +147,7 @@ def test_slip_lowers_the_energy_and_by_how_much(rest: r.Rest) -> None:
     assert rest.freed == pytest.approx(freed, rel=1e-6)
 
 
-def test_the_slope_along_the_family_and_its_lowest_member(rest: r.Rest) -> None:
+def test_the_slope_along_the_family_and_its_lowest_member(rest: e.Rest) -> None:
     step = 1e-5
     scene, grip = rest.found.scene, rest.found.grip
     for side in (0, 1):
@@ -158,23 +157,23 @@ def test_the_slope_along_the_family_and_its_lowest_member(rest: r.Rest) -> None:
             for way in (1.0, -1.0)
         )
         slope = (above.energy - below.energy) / (2.0 * step)
-        assert r.family_slope(rest.found)[side] == pytest.approx(slope, rel=1e-6)
+        assert e.family_slope(rest.found)[side] == pytest.approx(slope, rel=1e-6)
     # No minimum as the object slides down; a minimum among the others, elsewhere.
-    assert r.family_slope(rest.found).sum() < -0.9 * scene.grasped.mass * scene.gravity
+    assert e.family_slope(rest.found).sum() < -0.9 * scene.grasped.mass * scene.gravity
     assert rest.lowest.energy < rest.found.energy
-    around = [each.energy for each in r.members(rest.lowest, [-1e-4, 0.0, 1e-4])]
+    around = [each.energy for each in e.members(rest.lowest, [-1e-4, 0.0, 1e-4])]
     assert around[0] > around[1] < around[2]
 
 
 def test_many_loops_let_the_object_down_to_another_rest_with_less_energy(
     operations: sp.Run,
 ) -> None:
-    rest = r.rests(operations)[6]
+    rest = e.rests(operations)[6]
     scene, q, loops = rest.found.scene, rest.q, 30
     sides = {0: 1e-3, 2: np.deg2rad(1.0)}
     for _ in range(loops):
         for k, way in ((0, 1.0), (2, 1.0), (0, -1.0), (2, -1.0)):
-            (q,) = r.without_slip(scene, q, way * sides[k] * np.eye(3)[k], [1.0])
+            (q,) = e.without_slip(scene, q, way * sides[k] * np.eye(3)[k], [1.0])
     np.testing.assert_allclose(q[:7], rest.q[:7], rtol=0, atol=1e-13)
     other = sp.equilibrium(scene, near=sp.State(q, time=rest.found.time))
     assert other.state is not None and other.minimum
@@ -189,30 +188,30 @@ def test_many_loops_let_the_object_down_to_another_rest_with_less_energy(
 def test_an_unstable_rest_is_no_minimum() -> None:
     held = next(each for each in random_hands.equilibria(50) if not each.stable)
     assert held.state is not None and not held.minimum
-    rest = r.rest_at(held.scene, held.state.q, held.time)
+    rest = e.rest_at(held.scene, held.state.q, held.time)
     np.testing.assert_allclose(rest.q, held.state.q, rtol=0, atol=1e-10)
     assert not e.is_minimum(rest)
     assert rest.slope < 1e-4 and rest.curvature < 0.0
     # Beside a rest there is a slope, and an operation that did not end at one counts for nothing.
     firm = sp.equilibrium(TURNED)
     assert firm.state is not None
-    (beside,) = r.without_slip(TURNED, firm.state.q, (1.0, 0.0, 0.0), [1e-4])
-    assert r.around(TURNED, beside)[0] > 1.0
-    assert e.is_minimum(r.rest_at(TURNED, firm.state.q, 0.0))
-    assert not e.is_minimum(r.rest_at(TURNED, beside, 0.0))
+    (beside,) = e.without_slip(TURNED, firm.state.q, (1.0, 0.0, 0.0), [1e-4])
+    assert e.around(TURNED, beside)[0] > 1.0
+    assert e.is_minimum(e.rest_at(TURNED, firm.state.q, 0.0))
+    assert not e.is_minimum(e.rest_at(TURNED, beside, 0.0))
 
 
 def test_the_eight_operations(operations: sp.Run) -> None:
-    found = r.rests(operations)
+    found = e.rests(operations)
     assert [rest.number for rest in found] == list(range(1, 9))
     verdict = e.without_slipping(operations, found)
     assert verdict.verdict == "holds"
     assert verdict.value == pytest.approx(min(map(softest, found)), rel=1e-5)
     short = sp.simulate(paper.manipulation(duration=4.5), dt=2e-4, record=("state",))
-    assert len(r.rests(short)) == 5
+    assert len(e.rests(short)) == 5
     assert e.without_slipping(operations, found[:5]).verdict == "does not hold"
     # The mirrored angles of operations 2 and 4 have mirrored lowest members, whatever the way.
-    lowest = [np.rad2deg(r.coordinates(rest.lowest)[2]) for rest in found]
+    lowest = [np.rad2deg(e.coordinates(rest.lowest)[2]) for rest in found]
     assert lowest[1] == pytest.approx(-lowest[3], abs=0.01)
     np.testing.assert_allclose([lowest[0], lowest[7]], 0.0, atol=1e-6)
     np.testing.assert_allclose(found[7].q[2], operations.q[-1, 2], rtol=0, atol=np.deg2rad(5e-3))
@@ -230,10 +229,10 @@ def of_random_hands(count: int, seed: int = random_hands.SEED) -> None:
         assert (np.abs(rest.q - each.run.q[-1]) <= each.bound).all()
         assert e.is_minimum(rest) and rest.found.minimum
         assert np.abs(rest.found.multipliers[2:]).max() > 0.0
-        assert r.family_slope(rest.found).sum() < 0.0
+        assert e.family_slope(rest.found).sum() < 0.0
         if rest.lowest.state is not None:
             assert rest.lowest.energy < rest.found.energy
-            assert abs(r.TURNING @ r.family_slope(rest.lowest)) < 1e-6
+            assert abs(e.TURNING @ e.family_slope(rest.lowest)) < 1e-6
     for held in random_hands.equilibria(count, seed):
         assert held.stable == held.minimum
 
