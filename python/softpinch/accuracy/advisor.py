@@ -126,7 +126,8 @@ class Advice(Result):
         met: Whether the advised settings meet the tolerance. If no pair met it in the trials, the
             settings are those of the stiff adaptive run with which the trials were compared, and
             the errors are inf.
-        formulation, method: The arguments of `simulate`.
+        formulation: How the constraints are kept.
+        method: How time is stepped.
         dt: The longest of equal steps, s. None if adaptive steps are advised, which have no dt but
             `step_tolerance`.
         step_tolerance: The tolerance of adaptive steps, `tolerance` of `simulate`. None if equal

@@ -86,9 +86,14 @@ class EquilibriumMap(Result):
         seams: Pairs of neighbouring cells (k, 2, axes) of one branch that do not continue each
             other: the branch reaches both, but around the end of a fold that lies between them.
         q: Coordinates at rest (m, n, 9), m and rad.
-        multipliers, friction_needed, friction_margin, stiffness: As in `Equilibrium`, (m, n, 4),
-            (m, n, 2), (m, n) and (m, n, 3, 3).
-        stable, minimum, growth, energy: As in `Equilibrium`, (m, n).
+        multipliers: lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N (m, n, 4), N.
+        friction_needed: |lambda^N| / lambda^H of both contacts (m, n, 2); inf where a tip pulls.
+        friction_margin: The smallest mu - |lambda^N| / lambda^H (m, n); inf without friction.
+        stiffness: The stiffness of the grasp (m, n, 3, 3), N/m, N and N m/rad.
+        stable: Whether the grasp is stable (m, n), as `Equilibrium.stable`.
+        minimum: Whether the energy has a minimum (m, n), as `Equilibrium.minimum`.
+        growth: Spectral abscissa without the two zeros (m, n), 1/s, as `Equilibrium.growth`.
+        energy: Elastic energy (5) plus energy of gravity (16) (m, n), J.
         scene: The scene that the axes vary.
         cells: The equilibria, row by row.
     """
