@@ -303,3 +303,37 @@ def test_no_false_alarm_on_stress_scenes(name: str) -> None:
     dt = min(limit / 3.0, case.scene.duration)
     scene = replace(case.scene, duration=min(case.scene.duration, 2e5 * dt))
     assert sp.simulate(scene, dt=dt, record=()).status != "unstable"
+
+
+def slippery(viscosity: float) -> sp.Scene:
+    """A grasp that slips down between tips of 10 g."""
+    tip = sp.Fingertip(tangential_viscosity=viscosity, tangential_mass=0.01)
+    return sp.Scene(hand=sp.Hand(tip=tip), contact="unilateral", friction=0.01, duration=0.03)
+
+
+def test_a_slipping_tip_limits_the_step() -> None:
+    """Its shear decays at c / m = 1e5 1/s, which RK4 damps up to 2.785 / 1e5 s."""
+    scene = slippery(1e3)
+    how: dict[str, Any] = {"formulation": "projected"}
+    exact = sp.simulate(scene, method="radau5", tolerance=1e-6, **how)
+    below, above = (sp.simulate(scene, dt=dt, **how) for dt in (2.6e-5, 2.9e-5))
+    shear = exact.q[-1, 7:]
+    np.testing.assert_allclose(below.q[-1, 7:], shear, rtol=1e-3)
+    assert (np.abs(above.q[-1, 7:] / shear - 1.0) > 0.1).all()
+    (text,) = said(lambda: sp.simulate(slippery(1e2), dt=5.57e-3, **how).success and pytest.fail())
+    assert "is beyond 0.000279 s" in text
+
+
+def test_a_step_within_the_limit_is_right() -> None:
+    exact = sp.simulate(CAPPED, tolerance=1e-9, method="radau5", formulation="projected")
+    run = sp.simulate(CAPPED, dt=0.9 * LIMIT)
+    assert run.status == exact.status == "completed" and run.holds
+    assert abs(run.q[-1, 2] - exact.q[-1, 2]) < 1e-5
+
+
+def test_gains_of_the_stabilisation_beyond_the_limit_are_unstable() -> None:
+    # 2.785 / dt is 27 850.
+    stiff = sp.Stabilization(alpha=28_500.0, beta=28_500.0)
+    scene = sp.paper.disturbance("ii", duration=1.5)
+    run = sp.simulate(scene, dt=1e-4, stabilization=stiff)
+    assert run.status != "completed"
