@@ -4,7 +4,6 @@ import json
 import os
 import re
 import resource
-import secrets
 import signal
 import subprocess
 import sys
@@ -126,9 +125,7 @@ def attempt(path: Path, sent: signal.Signals, blocks: int, wait: float) -> str:
 def test_a_study_that_is_ended_again_and_again_comes_to_the_same_table(
     sent: signal.Signals, times: int, tmp_path: Path
 ) -> None:
-    seed = secrets.randbits(32)
-    print(f"the instants of seed {seed}")
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(4)
     expected = sp.monte_carlo(SCENE, progress=False, **GIVEN)
     kept = []
     for number in range(times):
