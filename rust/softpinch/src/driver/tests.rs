@@ -1,11 +1,10 @@
 //! Runs of an ensemble have the bits that they have alone.
 
-use crate::driver::ensemble::{ensemble, whole_run, work};
-use crate::driver::lanes::{AdaptiveKernel, EqualKernel};
-use crate::driver::queue::{Row, Shared, Worker};
+use crate::driver::ensemble::{ensemble, in_lanes, work};
+use crate::driver::lanes::StepLoop;
+use crate::driver::queue::{Row, Shared};
 use crate::driver::simulate::simulate;
 use crate::error::Error;
-use crate::formulation::scene_equations::Choice;
 use crate::formulation::table::{FORMULATIONS, Formulation};
 use crate::method::entry::{AdaptiveLaneMethod, LaneMethod};
 use crate::method::table::Method;
@@ -95,29 +94,20 @@ fn lanes_without_a_run_never_need_the_slow_sine() {
     }
 }
 
-/// The equations of all runs.
-fn choice(shared: &Shared<'_>) -> Result<Choice, Error> {
-    let fingers = shared.peek()?.map(|scene| scene.inputs.fingers());
-    Ok(shared.options.choice(fingers.unwrap_or_default()))
-}
-
 /// The rows of runs in four portable lanes: equal steps of RK4.
 pub(crate) fn equal_steps(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
-    let options = shared.options;
-    let (mut worker, grid) = (Worker { shared, rows: Vec::new() }, whole_run(options));
-    let (runs, choice, method) = (&mut worker, choice(shared)?, LaneMethod::Rk4);
-    EqualKernel { runs, grid: &grid, options, choice, method }.run::<Row4>(Level::detect().require()?)?;
-    Ok(worker.rows)
+    portable(shared, LaneMethod::Rk4)
 }
 
 /// The same in adaptive steps of DOP853.
 pub(crate) fn adaptive_steps(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
-    let options = shared.options;
-    let Steps::Free { tolerance, .. } = options.steps else { panic!("adaptive steps have a tolerance") };
-    let mut worker = Worker { shared, rows: Vec::new() };
-    let (runs, choice, method) = (&mut worker, choice(shared)?, AdaptiveLaneMethod::Dop853);
-    AdaptiveKernel { runs, options, choice, tolerance, method }.run::<Row4>(Level::detect().require()?)?;
-    Ok(worker.rows)
+    portable(shared, LaneMethod::Adaptive(AdaptiveLaneMethod::Dop853))
+}
+
+fn portable(shared: &Shared<'_>, method: LaneMethod) -> Result<Vec<Row>, Error> {
+    let instructions = Level::detect().require()?;
+    let rows = in_lanes(shared, |runs| StepLoop { runs, method }.run::<Row4>(instructions))?;
+    Ok(rows.expect("the method has lanes"))
 }
 
 /// Compares the rows of four lanes, which runs leave and enter, with the rows of single runs: every number,

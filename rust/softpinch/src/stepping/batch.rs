@@ -26,7 +26,7 @@ use crate::stepping::loop_system::LoopSystem;
 use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet, explain};
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::phase::{Phase, Phases};
-use crate::stepping::queue::{Finished, LaneParameters, RunQueue};
+use crate::stepping::queue::{Finished, LaneParameters, RunQueue, Taken};
 use crate::stepping::record::Instant;
 use crate::stepping::sample::Sample;
 use crate::stepping::status::Status;
@@ -35,6 +35,18 @@ use crate::stepping::summary::{RunEnd, Summaries, SummaryInstant};
 /// A closure error of the ledger below this share of the energy of gravity, whose zero is arbitrary, is round-off. So is
 /// one below its square times E a^3 of the tips, even if the motion was given no energy at all.
 const ROUND_OFF: f64 = 1e-9;
+
+/// What a step loop needs before it runs.
+pub struct LoopSetup<'a, Q> {
+    /// Instructions to use.
+    pub instructions: Instructions,
+    /// The options of every run.
+    pub options: &'a Options,
+    /// The equations of every run.
+    pub choice: Choice,
+    /// The source and the destination of the runs.
+    pub queue: Q,
+}
 
 /// The run in a lane.
 pub struct LaneRun<'a, P> {
@@ -122,7 +134,8 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
 impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     /// A batch without any run.
     #[inline(always)]
-    pub fn new(instructions: Instructions, queue: Q, options: &'a Options, choice: Choice) -> Self {
+    pub fn new(setup: LoopSetup<'a, Q>) -> Self {
+        let LoopSetup { instructions, options, choice, queue } = setup;
         let resting = Parameters::default();
         let lanes: LaneParameters<'_> = [&resting; MOST];
         let stops = |violation| if options.stop_on.contains(violation) { Bits::MAX } else { 0 };
@@ -166,7 +179,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let bit = 1 << lane;
         self.phases.set(bit, Phase::Idle);
         self.runs[lane] = None;
-        let Some((number, scene)) = self.queue.take()? else {
+        let Some(Taken { number, scene, contact: kept }) = self.queue.take()? else {
             if R::WIDTH > 1 {
                 self.drive.set(lane, &SegmentDrive::still());
                 let still = Motion { q: contact(&self.resting)?, p: [0.0; 9], memory: [0.0; 2] };
@@ -201,7 +214,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let first_times = [f64::NAN; VIOLATIONS.len()];
         let contact = if self.unilateral {
             let after = self.options.summaries.after;
-            let contact = match self.queue.take_contact() {
+            let contact = match kept {
                 Some(mut kept) => {
                     kept.restart(self.options, &scene, after)?;
                     kept

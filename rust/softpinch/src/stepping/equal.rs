@@ -5,48 +5,46 @@ use std::mem::swap;
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
-use crate::formulation::scene_equations::Choice;
 use crate::method::traits::{Integrator, Runs, Step};
-use crate::number::lanes::Lanes;
-use crate::number::simd::level::Instructions;
-use crate::stepping::batch::LaneBatch;
+use crate::number::lanes::{LaneTask, Lanes};
+use crate::stepping::batch::{LaneBatch, LoopSetup};
 use crate::stepping::ending::full;
 use crate::stepping::equal_lanes::{EqualLanes, Instants, pack};
 use crate::stepping::grid::GridOf;
 use crate::stepping::instant::all_finite;
 use crate::stepping::loop_system::LoopSystem;
-use crate::stepping::options::Options;
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::{POLL, RunQueue};
 use crate::stepping::rows_inside::RowsInside;
 
 /// The loop of equal steps before it runs.
-pub struct EqualSteps<'g, 'a, Q> {
-    /// Instructions to use.
-    pub instructions: Instructions,
-    /// The options of every run.
-    pub options: &'a Options,
-    /// The equations of every run.
-    pub choice: Choice,
-    /// The source and the destination of the runs.
-    pub queue: Q,
+pub struct EqualSteps<'g, 'a, Q, B> {
+    /// What it needs before it runs.
+    pub setup: LoopSetup<'a, Q>,
     /// Finds the times of the steps of a run.
     pub grid: &'g GridOf<'g>,
+    /// Makes the equations and the method for the runs in all lanes.
+    pub build: B,
 }
 
-impl<'a, Q: RunQueue<'a>> EqualSteps<'_, 'a, Q> {
-    /// Computes all runs of the queue, and returns the queue. `build` makes the equations and the method for the runs in all
-    /// lanes.
+/// Computes all runs of the queue, and returns the queue.
+impl<'a, R, S, I, Q, B> LaneTask<R> for EqualSteps<'_, 'a, Q, B>
+where
+    R: Lanes,
+    S: LoopSystem<R>,
+    I: Integrator<R, S>,
+    Q: RunQueue<'a>,
+    B: FnOnce(Runs<'_>) -> (S, I),
+{
+    type Output = Result<Q, Error>;
+
     #[inline(always)]
     #[allow(clippy::too_many_lines)] // one step, from one evaluation to the next
-    pub fn run<R: Lanes, S: LoopSystem<R>, I: Integrator<R, S>>(
-        self,
-        build: impl FnOnce(Runs<'_>) -> (S, I),
-    ) -> Result<Q, Error> {
-        let Self { instructions, options, choice, queue, grid } = self;
+    fn run(self) -> Result<Q, Error> {
+        let Self { setup, grid, build } = self;
         let zero = R::zero();
         let mut lanes = EqualLanes {
-            batch: LaneBatch::new(instructions, queue, options, choice),
+            batch: LaneBatch::new(setup),
             grid,
             anchor: zero,
             taken: zero,

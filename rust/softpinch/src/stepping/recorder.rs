@@ -15,7 +15,7 @@ use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::ending::arrival;
 use crate::stepping::intervals::{Intervals, of_changes};
 use crate::stepping::monitor::{VIOLATIONS, Violation, ViolationSet};
-use crate::stepping::queue::{Finished, RunQueue};
+use crate::stepping::queue::{Finished, RunQueue, Taken};
 use crate::stepping::record::{Instant, Recording};
 use crate::stepping::sample::Sample;
 use crate::stepping::status::Status;
@@ -132,12 +132,10 @@ impl<'a> Recorder<'a> {
 }
 
 impl<'a> RunQueue<'a> for Recorder<'a> {
-    fn take(&mut self) -> Result<Option<(usize, Cow<'a, Scene>)>, Error> {
-        Ok(self.scene.take().map(|scene| (0, Cow::Borrowed(scene))))
-    }
-
-    fn take_contact(&mut self) -> Option<Box<LaneContact>> {
-        self.contact.take()
+    fn take(&mut self) -> Result<Option<Taken<'a>>, Error> {
+        let Self { scene, contact, .. } = self;
+        let taken = |scene| Taken { number: 0, scene: Cow::Borrowed(scene), contact: contact.take() };
+        Ok(scene.take().map(taken))
     }
 
     fn stops(&mut self) -> bool {
