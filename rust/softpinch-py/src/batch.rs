@@ -27,7 +27,7 @@ use softpinch::stepping::ending::arrival;
 use softpinch::stepping::monitor::VIOLATIONS;
 use softpinch::stepping::options::{Options, Steps};
 use softpinch::stepping::record::Selection;
-use softpinch::stepping::status::{STATUSES, Status};
+use softpinch::stepping::status::Status;
 use softpinch::stepping::summary::{SUMMARIES, Wanted};
 
 /// The initial states of the runs.
@@ -281,8 +281,7 @@ fn table<'py>(py: Python<'py>, all: &[Row]) -> PyResult<Bound<'py, PyDict>> {
     let out = PyDict::new(py);
     let numbers = |of: &dyn Fn(&Row) -> f64| PyArray1::from_iter(py, all.iter().map(of));
     out.set_item("run", PyArray1::from_iter(py, all.iter().map(|row| row.run as u64)))?;
-    let place = |status| STATUSES.iter().position(|(_, known)| *known == status).unwrap_or_default();
-    out.set_item("status", PyArray1::from_iter(py, all.iter().map(|row| place(row.status) as u64)))?;
+    out.set_item("status", PyArray1::from_iter(py, all.iter().map(|row| row.status as u64)))?;
     // Runs that reach the same end share one message.
     let mut ends: HashMap<u64, u64> = HashMap::new();
     let mut messages: Vec<String> = Vec::new();

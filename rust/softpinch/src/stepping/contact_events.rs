@@ -7,49 +7,33 @@ use crate::method::traits::Unsolved;
 use crate::model::contact_modes::{Contacts, Mode};
 use crate::model::geometry::index::{D_N, D_T, X, Y};
 use crate::model::motion::Motion;
+use crate::names::named;
 use crate::number::lanes::{Bits, Lanes};
 
-/// What ends a mode.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Cause {
-    /// The start of the run, a breakpoint of an input, or an impulse: the modes were chosen anew.
-    Input,
-    /// A sticking contact reached the border of the friction cone.
-    Cone,
-    /// A slip stopped.
-    Stop,
-    /// lambda^H of a slipping contact reached zero.
-    Release,
-    /// The part psi of a grazing contact reached zero or one.
-    Share,
-    /// A free tip met the face.
-    Impact,
-    /// The surface of a tip was no longer compressed.
-    Relaxed,
-    /// An event of the other contact.
-    Other,
-    /// The object is lost: a closed contact left its face, a free tip met the end of the face, or neither tip is
-    /// beside its face.
-    Lost,
-}
-
-/// The causes of a change of mode by their public names.
-pub const CAUSES: [(&str, Cause); 8] = [
-    ("input", Cause::Input),
-    ("cone", Cause::Cone),
-    ("stop", Cause::Stop),
-    ("release", Cause::Release),
-    ("share", Cause::Share),
-    ("impact", Cause::Impact),
-    ("relaxed", Cause::Relaxed),
-    ("other", Cause::Other),
-];
-
-impl Cause {
-    /// The public name of the cause.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        CAUSES.iter().find(|(_, cause)| *cause == self).map_or("", |&(name, _)| name)
+named! {
+    /// What ends a mode.
+    Cause;
+    /// The causes by their public names. No change of a mode has the last one, which ends the run.
+    CAUSES = {
+        /// The start of the run, a breakpoint of an input, or an impulse: the modes were chosen anew.
+        Input = "input",
+        /// A sticking contact reached the border of the friction cone.
+        Cone = "cone",
+        /// A slip stopped.
+        Stop = "stop",
+        /// lambda^H of a slipping contact reached zero.
+        Release = "release",
+        /// The part psi of a grazing contact reached zero or one.
+        Share = "share",
+        /// A free tip met the face.
+        Impact = "impact",
+        /// The surface of a tip was no longer compressed.
+        Relaxed = "relaxed",
+        /// An event of the other contact.
+        Other = "other",
+        /// The object is lost: a closed contact left its face, a free tip met the end of the face, or neither tip is
+        /// beside its face.
+        Lost = "lost",
     }
 }
 

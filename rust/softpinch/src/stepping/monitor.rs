@@ -10,43 +10,34 @@ use crate::model::geometry::index::D_N;
 use crate::model::motion::Motion;
 use crate::model::parameters::{Parameters, SIDES};
 use crate::model::source::Source;
+use crate::names::named;
 use crate::number::lanes::{Bits, Lanes};
 use crate::stepping::contact_events::{Condition, ContactState, conditions};
 use crate::stepping::record::Instant;
 
-/// A way in which the model stops holding.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u8)]
-pub enum Violation {
-    /// d_n < -1e-9 a: the tip has left the object.
-    Separated,
-    /// d_n >= a: the tip is pressed flat.
-    Crushed,
-    /// |theta_p| >= 90 degrees: the tip's energy (5) has a pole there.
-    Folded,
-    /// lambda^H < 0: the bilateral constraint pulls.
-    Pulling,
-    /// |lambda^N| > mu lambda^H, where a scene gives mu. In unilateral contact: the tip slips.
-    Slipping,
-    /// d_n > a (1 - sin |theta_p|): the contact reaches the hemisphere's rim, and (4) no longer equals (3).
-    Rim,
-    /// |G_i| > height / 2, where the object has a height: the contact lies beyond the end of the face.
-    OffFace,
-    /// The tip is free, in unilateral contact.
-    Opened,
+named! {
+    /// A way in which the model stops holding.
+    Violation;
+    /// The violations by their public names.
+    VIOLATIONS = {
+        /// d_n < -1e-9 a: the tip has left the object.
+        Separated = "separated",
+        /// d_n >= a: the tip is pressed flat.
+        Crushed = "crushed",
+        /// |theta_p| >= 90 degrees: the tip's energy (5) has a pole there.
+        Folded = "folded",
+        /// lambda^H < 0: the bilateral constraint pulls.
+        Pulling = "pulling",
+        /// |lambda^N| > mu lambda^H, where a scene gives mu. In unilateral contact: the tip slips.
+        Slipping = "slipping",
+        /// d_n > a (1 - sin |theta_p|): the contact reaches the hemisphere's rim, and (4) no longer equals (3).
+        Rim = "rim",
+        /// |G_i| > height / 2, where the object has a height: the contact lies beyond the end of the face.
+        OffFace = "off_face",
+        /// The tip is free, in unilateral contact.
+        Opened = "opened",
+    }
 }
-
-/// The violations by their public names.
-pub const VIOLATIONS: [(&str, Violation); 8] = [
-    ("separated", Violation::Separated),
-    ("crushed", Violation::Crushed),
-    ("folded", Violation::Folded),
-    ("pulling", Violation::Pulling),
-    ("slipping", Violation::Slipping),
-    ("rim", Violation::Rim),
-    ("off_face", Violation::OffFace),
-    ("opened", Violation::Opened),
-];
 
 /// The violations that end a run unless it is told otherwise: after them the equations mean nothing. A run can
 /// be told to end on any violation.

@@ -5,16 +5,7 @@ use crate::model::contact_modes::ContactRow;
 use crate::model::energy::{BILATERAL_WORKS, LedgerRow, WORKS};
 use crate::model::motion::Linearized;
 use crate::model::start::State;
-
-/// The quantities that can be recorded, by their public names.
-pub const RECORDABLE: [(&str, Quantity); 6] = [
-    ("state", Quantity::State),
-    ("multipliers", Quantity::Multipliers),
-    ("residuals", Quantity::Residuals),
-    ("energy", Quantity::Energy),
-    ("torque", Quantity::Torque),
-    ("contact", Quantity::Contact),
-];
+use crate::names::named;
 
 /// The contacts of bilateral contact.
 const STICKING: ContactRow = [1.0, 1.0, 0.0, 0.0];
@@ -37,21 +28,24 @@ pub fn reserved<T>(what: &'static str, entries: usize) -> Result<Vec<T>, Error> 
     Ok(room)
 }
 
-/// A quantity that a run can record.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Quantity {
-    /// q, p and the controllers' memories.
-    State,
-    /// lambda.
-    Multipliers,
-    /// C^H and C^N.
-    Residuals,
-    /// The energy ledger.
-    Energy,
-    /// The torques on the fingers.
-    Torque,
-    /// The modes of the contacts.
-    Contact,
+named! {
+    /// A quantity that a run can record.
+    Quantity;
+    /// The quantities that can be recorded, by their public names.
+    RECORDABLE = {
+        /// q, p and the controllers' memories.
+        State = "state",
+        /// lambda.
+        Multipliers = "multipliers",
+        /// C^H and C^N.
+        Residuals = "residuals",
+        /// The energy ledger.
+        Energy = "energy",
+        /// The torques on the fingers.
+        Torque = "torque",
+        /// The modes of the contacts.
+        Contact = "contact",
+    }
 }
 
 /// What the rows of a run have because of its method and its contacts.
