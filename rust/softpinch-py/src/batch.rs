@@ -7,28 +7,25 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::convert::{Names, columns, entries, fixed, raise, rows};
+use crate::convert::{columns, entries, fixed, raise, rows};
 use crate::inputs::Inputs;
+use crate::options::GivenOptions;
 use crate::signals::{Failure, Signals};
 use softpinch::driver::ensemble::ensemble;
 use softpinch::driver::queue::Row;
 use softpinch::driver::simulate::{check as check_scene, stability_warning};
-use softpinch::error::{Error, lookup};
-use softpinch::formulation::table::FORMULATIONS;
-use softpinch::method::table::METHODS;
-use softpinch::model::contact_modes::{CONTACT_MODELS, ContactRow};
+use softpinch::error::Error;
+use softpinch::model::contact_modes::ContactRow;
 use softpinch::model::control::Fingers;
 use softpinch::model::motion::Linearized;
-use softpinch::model::parameters::{PARAMETER_COUNT, Parameters, Stabilization, parameter_table};
+use softpinch::model::parameters::{PARAMETER_COUNT, Parameters, parameter_table};
 use softpinch::model::scene::Scene;
 use softpinch::model::start::{State, apart, contact, driven, touching};
-use softpinch::number::simd::level::Level;
 use softpinch::stepping::ending::arrival;
 use softpinch::stepping::monitor::VIOLATIONS;
-use softpinch::stepping::options::{Options, Steps};
-use softpinch::stepping::record::Selection;
+use softpinch::stepping::options::Options;
 use softpinch::stepping::status::Status;
-use softpinch::stepping::summary::{SUMMARIES, Wanted};
+use softpinch::stepping::summary::SUMMARIES;
 
 /// The initial states of the runs.
 #[allow(clippy::large_enum_variant)] // there is one in a batch
@@ -113,8 +110,7 @@ impl Batch {
 #[pymethods]
 impl Batch {
     #[new]
-    #[pyo3(signature = (parameters, columns, inputs, *, runs, start, time, q, p, integral, grid, linearized, contacts, controller, contact, check, duration, dt, tolerance, max_steps, method,
-                        formulation, alpha, beta, summaries, after, band, stop_on))]
+    #[pyo3(signature = (parameters, columns, inputs, *, runs, start, time, q, p, integral, grid, linearized, contacts, controller, contact, check, duration, summaries, band, options))]
     #[allow(clippy::too_many_arguments)] // Python passes every field by itself
     fn new(
         py: Python<'_>,
@@ -134,17 +130,9 @@ impl Batch {
         contact: &str,
         check: bool,
         duration: PyReadonlyArray1<'_, f64>,
-        dt: Option<f64>,
-        tolerance: Option<f64>,
-        max_steps: u64,
-        method: &str,
-        formulation: &str,
-        alpha: f64,
-        beta: f64,
         summaries: Vec<String>,
-        after: f64,
         band: f64,
-        stop_on: Vec<String>,
+        options: GivenOptions,
     ) -> PyResult<Self> {
         let length = |name: &str, length: usize| {
             if length == 1 || length == runs {
@@ -193,28 +181,7 @@ impl Batch {
         };
         let duration = entries("duration", &duration)?;
         length("duration", duration.len())?;
-        let steps = match (dt, tolerance) {
-            (Some(dt), None) => Steps::Fixed(dt),
-            (None, Some(tolerance)) => Steps::Free { tolerance },
-            _ => return Err(PyValueError::new_err("give dt or tolerance")),
-        };
-        let summaries: Vec<_> = Names(&summaries).select("summaries", &SUMMARIES)?;
-        let options = Options {
-            steps,
-            every: u64::MAX,
-            times: None,
-            method: lookup("method", method, &METHODS).map_err(raise)?,
-            formulation: lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?,
-            contact: lookup("contact", contact, &CONTACT_MODELS).map_err(raise)?,
-            stabilization: Stabilization { alpha, beta },
-            record: Selection::default(),
-            stop_on: Names(&stop_on).select("stop_on", &VIOLATIONS)?,
-            summaries: Wanted::new(summaries, after, band),
-            max_steps,
-            refine: 1,
-            guard: false,
-            simd: Level::from_environment().map_err(raise)?,
-        };
+        let options = options.checked(contact, &summaries, band)?;
         let parameters = fixed("parameters", &parameters)?;
         let mut batch =
             Self { parameters, columns, inputs, start, check, duration, runs, options, warning: None };

@@ -196,11 +196,28 @@ impl<R: Lanes> LaneTask<R> for Begin<'_, '_, R> {
 
     #[inline(always)]
     fn run(self) -> Self::Output {
-        self.0.begin(self.1)
+        let Self(walk, drive) = self;
+        let initial = &walk.scene.initial;
+        let mut motion = constant::<R>(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
+        if let Some(start) = walk.start {
+            let derived = start.varied(&walk.source, &drive.at(RunDual::zero()), &initial.q);
+            for n in 0..9 {
+                (motion.q[n].slope, motion.p[n].slope) = (derived.q[n].slope, derived.p[n].slope);
+            }
+        }
+        for n in 0..9 {
+            motion.q[n] = motion.q[n] + walk.varied(0.0, |one| one.initial.q[n]);
+            motion.p[n] = motion.p[n] + walk.varied(0.0, |one| one.initial.p[n]);
+        }
+        for i in 0..2 {
+            motion.memory[i] = motion.memory[i] + walk.varied(0.0, |one| one.initial.memory[i]);
+        }
+        motion
     }
 }
 
-/// Applies what happens at a breakpoint.
+/// Applies what happens at a breakpoint: the shifts of inputs whose jump moves, then the impulses. Returns whether
+/// anything does.
 struct Pass<'a, 'w, R>(&'a Walk<'w, R>, f64, &'a SegmentDrive<RunDual<R>>, &'a mut States<RunDual<R>>);
 
 impl<R: Lanes> LaneTask<R> for Pass<'_, '_, R> {
@@ -209,7 +226,28 @@ impl<R: Lanes> LaneTask<R> for Pass<'_, '_, R> {
     #[inline(always)]
     fn run(self) -> bool {
         let Self(walk, time, drive, y) = self;
-        walk.pass(time, drive, y)
+        let input = drive.at(RunDual::zero());
+        let mut passes = walk.directions.iter().any(|one| one.shifts.iter().any(|shift| shift.time == time));
+        if passes {
+            walk.shift(time, &input, y);
+        }
+        let inputs = &walk.scene.inputs;
+        for (place, impulse) in inputs.impulses_at(time).enumerate() {
+            passes = true;
+            let slope = |one: &Direction, c: usize| {
+                one.inputs.impulses_at(time).nth(place).map_or(0.0, |slope| slope.impulse[c])
+            };
+            let component = |c: usize| walk.varied(impulse.impulse[c], |one| slope(one, c));
+            let number = inputs.impulses_before(time) + place;
+            // An impulse that comes later by dt acts on the state that the rates before it reach in dt, and the
+            // rates after it act for dt less.
+            let by = walk.varied(0.0, |one| one.impulse_times.get(number).copied().unwrap_or(0.0));
+            walk.carry(&input, y, by);
+            // The angles of driven fingers are those of the instant to which the impulse moves.
+            walk.equations.system.jump(&drive.at(by), y, &std::array::from_fn(component));
+            walk.carry(&input, y, -by);
+        }
+        passes
     }
 }
 
@@ -238,27 +276,6 @@ impl<R: Lanes> Walk<'_, R> {
         RunDual::varied(value, &self.directions.iter().map(of).collect::<Vec<_>>())
     }
 
-    /// The start of the run.
-    #[inline(always)]
-    fn begin(&self, drive: &SegmentDrive<RunDual<R>>) -> Motion<RunDual<R>> {
-        let initial = &self.scene.initial;
-        let mut motion = constant::<R>(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
-        if let Some(start) = self.start {
-            let derived = start.varied(&self.source, &drive.at(RunDual::zero()), &initial.q);
-            for n in 0..9 {
-                (motion.q[n].slope, motion.p[n].slope) = (derived.q[n].slope, derived.p[n].slope);
-            }
-        }
-        for n in 0..9 {
-            motion.q[n] = motion.q[n] + self.varied(0.0, |one| one.initial.q[n]);
-            motion.p[n] = motion.p[n] + self.varied(0.0, |one| one.initial.p[n]);
-        }
-        for i in 0..2 {
-            motion.memory[i] = motion.memory[i] + self.varied(0.0, |one| one.initial.memory[i]);
-        }
-        motion
-    }
-
     /// Evaluates a state at time `tau` of the segment, and gives it to the sink if that wants it.
     #[inline(always)]
     fn visit(
@@ -277,34 +294,6 @@ impl<R: Lanes> Walk<'_, R> {
             let at = StageState { from: y, by: RunDual::zero(), along: y };
             self.equations.system.rates(&drive.at(tau), &drive.contacts, at, rate);
         }
-    }
-
-    /// Applies what happens at a breakpoint: the shifts of inputs whose jump moves, then the impulses. Returns whether
-    /// anything does.
-    #[inline(always)]
-    fn pass(&self, time: f64, drive: &SegmentDrive<RunDual<R>>, y: &mut States<RunDual<R>>) -> bool {
-        let input = drive.at(RunDual::zero());
-        let mut passes = self.directions.iter().any(|one| one.shifts.iter().any(|shift| shift.time == time));
-        if passes {
-            self.shift(time, &input, y);
-        }
-        let inputs = &self.scene.inputs;
-        for (place, impulse) in inputs.impulses_at(time).enumerate() {
-            passes = true;
-            let slope = |one: &Direction, c: usize| {
-                one.inputs.impulses_at(time).nth(place).map_or(0.0, |slope| slope.impulse[c])
-            };
-            let component = |c: usize| self.varied(impulse.impulse[c], |one| slope(one, c));
-            let number = inputs.impulses_before(time) + place;
-            // An impulse that comes later by dt acts on the state that the rates before it reach in dt, and the
-            // rates after it act for dt less.
-            let by = self.varied(0.0, |one| one.impulse_times.get(number).copied().unwrap_or(0.0));
-            self.carry(&input, y, by);
-            // The angles of driven fingers are those of the instant to which the impulse moves.
-            self.equations.system.jump(&drive.at(by), y, &std::array::from_fn(component));
-            self.carry(&input, y, -by);
-        }
-        passes
     }
 
     /// Adds the effect of the shifts at a breakpoint. The rates are affine in the inputs, so that the difference of

@@ -7,12 +7,10 @@
 use crate::formulation::equations::States;
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
-use crate::model::scene::Scene;
 use crate::number::lanes::{Bits, LaneTask, Lanes, each};
 use crate::stepping::adaptive_lanes::{AdaptiveLanes, StepStart, merged};
-use crate::stepping::contact_events::{ContactEnd, Reason};
+use crate::stepping::contact_events::{ContactEnd, MOST_EVENTS, Reason};
 use crate::stepping::contact_lane::{LaneContact, Moment};
-use crate::stepping::event_stepper::MOST_EVENTS;
 use crate::stepping::instant::{column, put, watched};
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::RunQueue;
@@ -67,7 +65,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
             let tau = self.progress.tau.lane(lane);
             self.events.in_a_row[lane] += 1;
             let chatters = self.events.in_a_row[lane] > MOST_EVENTS;
-            self.act(system, lane, start, (tau, h), |contact, _, at| {
+            self.act(system, lane, start, (tau, h), |contact, at| {
                 if chatters {
                     return Err(Box::new(ContactEnd { reason: Reason::Chattering, tau, y: *at.y }));
                 }
@@ -83,50 +81,27 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
             let length = self.progress.length.lane(lane);
             let last = self.progress.h.lane(lane);
             let h = if last > 0.0 { last.min(length) } else { FIRST * length };
-            self.act(system, lane, start, (0.0, h), |contact, _, at| contact.begin(at));
+            self.act(system, lane, start, (0.0, h), |contact, at| contact.begin(at));
         }
-    }
-
-    /// Applies the impulses at the start of a segment. Returns whether there were any; `None` if one of them ends
-    /// the run.
-    #[cold]
-    pub(super) fn strike(
-        &mut self,
-        system: &impl System<R>,
-        lane: usize,
-        start: &mut StepStart<R>,
-    ) -> Option<bool> {
-        let anchor = self.progress.from.lane(lane);
-        if self.batch.runs[lane].as_ref()?.scene.inputs.impulses_at(anchor).next().is_none() {
-            return Some(false);
-        }
-        let h = FIRST * self.progress.length.lane(lane);
-        let strike =
-            |contact: &mut LaneContact, scene: &Scene, at: &Moment<'_>| contact.strike(at, (scene, anchor));
-        self.act(system, lane, start, (0.0, h), strike).then_some(true)
     }
 
     /// Lets `work` act on the contacts of a lane at the time `tau`, in a step of length `h`, and goes on from the state
-    /// after it, or ends the run there. Returns whether it goes on.
+    /// after it, or ends the run there.
     fn act(
         &mut self,
         system: &impl System<R>,
         lane: usize,
         start: &mut StepStart<R>,
         (tau, h): (f64, f64),
-        work: impl FnOnce(&mut LaneContact, &Scene, &Moment<'_>) -> Result<States<f64>, Box<ContactEnd>>,
-    ) -> bool {
+        work: impl FnOnce(&mut LaneContact, &Moment<'_>) -> Result<States<f64>, Box<ContactEnd>>,
+    ) {
         let y = column(&start.y, lane);
         let at = Moment { earlier: false, tau, h, y: &y };
-        match self.batch.act(lane, |contact, scene| work(contact, scene, &at)) {
+        match self.batch.act(lane, |contact, _| work(contact, &at)) {
             Some(Ok(y)) => put(&mut start.y, lane, &y),
-            Some(Err(end)) => {
-                self.end_at_event(system, lane, start, (&end, h));
-                return false;
-            }
+            Some(Err(end)) => self.end_at_event(system, lane, start, (&end, h)),
             None => {}
         }
-        true
     }
 
     /// Ends the run in a lane at an event of its contacts.
@@ -160,11 +135,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         let now = system.evaluate(&self.batch.drive, self.progress.tau, &start.y);
         self.batch.stats.evaluations += 1;
         for lane in each(due) {
-            let Some(run) = &mut self.batch.runs[lane] else { continue };
-            let Some(controller) = &mut run.controller else { continue };
-            let how = (self.batch.instructions, self.batch.options);
-            let scene = (&*run.scene, run.contact.as_deref());
-            controller.sample(scene, how, self.progress.to.lane(lane), (&now, lane));
+            self.batch.take_sample(lane, self.progress.to.lane(lane), &now);
         }
     }
 
@@ -184,19 +155,11 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         }
         self.take_samples(system, begins & self.entering(), start);
         for lane in each(begins & self.entering()) {
-            let Some(run) = &mut self.batch.runs[lane] else { continue };
+            let Some(run) = &self.batch.runs[lane] else { continue };
             let from = self.progress.to.lane(lane);
             let to = run.place.segment_end(&run.scene.inputs, from);
             self.progress.enter(lane, (from, to), to == run.place.end);
-            let mut drive = run.scene.inputs.segment(from);
-            if let Some(controller) = &mut run.controller {
-                drive.hold(controller.torque(from));
-            }
-            self.batch.drive.set(lane, &drive);
-            if let Some(contact) = &mut run.contact {
-                contact.enter(from, drive);
-            }
-            run.segments += 1;
+            self.batch.enter_segment(lane, from, from);
         }
         if self.batch.unilateral {
             self.choose_modes(system, begins, start);
@@ -223,13 +186,17 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
                 self.retire(system, lane, (Status::Completed, String::new()), &instant);
                 continue;
             }
-            let jumps = begins & bit != 0
-                && if self.batch.unilateral {
-                    let Some(jumps) = self.strike(system, lane, start) else { continue };
-                    jumps
-                } else {
-                    self.batch.apply_impulses(system, lane, (t, tau), &mut start.y)
-                };
+            let mut jumps = false;
+            if begins & bit != 0 {
+                let h = FIRST * self.progress.length.lane(lane);
+                match self.batch.strike(system, lane, (t, tau, h), &mut start.y) {
+                    Ok(struck) => jumps = struck,
+                    Err(end) => {
+                        self.end_at_event(system, lane, start, (&end, h));
+                        continue;
+                    }
+                }
+            }
             self.saved &= !bit;
             if jumps {
                 self.save(lane, Some(instant));

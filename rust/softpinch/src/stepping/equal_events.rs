@@ -77,30 +77,6 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         Ok(loaded)
     }
 
-    /// Applies the impulses that are due in a lane. Its state after them is in `replacement`. Returns the lane if
-    /// another run was loaded into it because the impulse ended its run.
-    pub(super) fn strike(
-        &mut self,
-        system: &SceneEquations<R>,
-        (lane, tau): (usize, f64),
-        at: &Instants<'_, R>,
-        replacement: &mut States<R>,
-    ) -> Result<Bits, Error> {
-        let Some(now) = self.now(system, lane, at) else { return Ok(0) };
-        let Some(run) = &self.batch.runs[lane] else { return Ok(0) };
-        let anchor = run.place.segment.anchor;
-        let moment = Moment { earlier: false, tau, h: self.h.lane(lane), y: &column(at.y, lane) };
-        match self.batch.act(lane, |contact, scene| contact.strike(&moment, (scene, anchor))) {
-            Some(Ok(y)) => self.hold(lane, now, (&y, 2), replacement),
-            Some(Err(end)) => {
-                self.end_at_event(system, lane, &end, now)?;
-                return Ok(1 << lane);
-            }
-            None => {}
-        }
-        Ok(0)
-    }
-
     /// Ends the run in a lane at an event of its contacts, and loads the next one.
     fn end_at_event(
         &mut self,
@@ -157,17 +133,18 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         self.batch.phases.set(struck, Phase::Step);
         let jumping = self.batch.phases.at(Phase::Impulse) & !(leaving | self.held);
         for lane in each(jumping) {
-            if self.batch.unilateral {
-                leaving |= self.strike(system, (lane, tau.lane(lane)), at, replacement)?;
-                continue;
-            }
             let Some(now) = self.now(system, lane, at) else { continue };
             let Some(run) = &self.batch.runs[lane] else { continue };
             let (mut y, anchor) = (*at.y, run.place.segment.anchor);
-            self.batch.apply_impulses(system, lane, (anchor, tau), &mut y);
-            // The instant after the impulses is evaluated but not watched again. The next step starts from
-            // it.
-            self.hold(lane, now, (&column(&y, lane), 2), replacement);
+            match self.batch.strike(system, lane, (anchor, tau, self.h.lane(lane)), &mut y) {
+                // The instant after the impulses is evaluated but not watched again. The next step starts from
+                // it.
+                Ok(_) => self.hold(lane, now, (&column(&y, lane), 2), replacement),
+                Err(end) => {
+                    self.end_at_event(system, lane, &end, now)?;
+                    leaving |= 1 << lane;
+                }
+            }
         }
         self.batch.phases.set(jumping & !leaving, Phase::Struck);
         self.schedule();

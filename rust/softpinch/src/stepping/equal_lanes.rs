@@ -9,6 +9,7 @@ use crate::method::traits::{Integrator, Unsolved};
 use crate::model::motion::{Linearized, Motion, unpacked};
 use crate::number::lanes::{Bits, Lanes, each};
 use crate::stepping::batch::LaneBatch;
+use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::ending::{self, End, full};
 use crate::stepping::grid::{GridOf, Segment};
 use crate::stepping::instant::{everywhere, put, watched};
@@ -74,33 +75,25 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         let Some(run) = &mut self.batch.runs[lane] else { return };
         let Segment { anchor, start, h, first, count, .. } = run.place.segment;
         run.place.arrival = from + (count - first);
-        let mut drive = run.scene.inputs.segment(anchor);
-        let mut samples = false;
-        if let Some(controller) = &mut run.controller {
-            samples = controller.is_due(start);
-            drive.hold(if samples { controller.held() } else { controller.torque(start) });
-        }
-        self.batch.drive.set(lane, &drive);
         self.anchor.set(lane, anchor);
         self.h.set(lane, h);
         #[allow(clippy::cast_precision_loss)] // at most 1e11
         self.taken.set(lane, first as f64);
         self.at_start |= 1 << lane;
         self.entered = true;
-        if samples {
+        if run.controller.as_ref().is_some_and(|controller| controller.is_due(start)) {
             // The run starts with a sample. Its segment begins after that.
             self.batch.phases.set(1 << lane, Phase::Sample);
+            self.batch.enter_sample(lane, anchor);
             return;
         }
-        run.segments += 1;
-        let mut phase = run.place.phase_at_start(&run.scene);
-        if let Some(contact) = &mut run.contact {
-            contact.enter(anchor, drive);
-            if first == 0 || contact.is_unset() {
-                phase = Phase::Start;
-            }
-        }
+        let chooses = |contact: &LaneContact| first == 0 || contact.is_unset();
+        let phase = match run.contact.as_deref() {
+            Some(contact) if chooses(contact) => Phase::Start,
+            _ => run.place.phase_at_start(&run.scene),
+        };
         self.batch.phases.set(1 << lane, phase);
+        self.batch.enter_segment(lane, anchor, start);
     }
 
     /// Lets the discrete controllers of the lanes in `sampling` measure the instant that was just evaluated, and
@@ -116,11 +109,9 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
             {
                 run.place.go_on(next);
             }
-            let Some(controller) = &mut run.controller else { continue };
-            let how = (self.batch.instructions, self.batch.options);
-            let scene = (&*run.scene, run.contact.as_deref());
-            controller.sample(scene, how, run.place.segment.start, (now, lane));
             run.place.sampled = Some(self.clock);
+            let start = run.place.segment.start;
+            self.batch.take_sample(lane, start, now);
             self.enter(lane, self.clock + 1);
         }
         self.schedule();

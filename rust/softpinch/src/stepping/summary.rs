@@ -401,3 +401,136 @@ impl<R: Lanes> Summaries<R> {
         self.memory[summary as usize]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::number::row::Row4;
+
+    /// An instant of one run, and whether the loop watches it.
+    type Watched = (SummaryInstant<f64>, bool);
+
+    fn instants() -> impl Strategy<Value = Vec<Watched>> {
+        let numbers = proptest::array::uniform32(-2.0..2.0f64);
+        proptest::collection::vec((0.01..0.5f64, numbers, any::<bool>()), 0..12).prop_map(|rows| {
+            let mut t = 0.0;
+            let instant = |(dt, x, seen): (f64, [f64; 32], bool)| {
+                t += dt;
+                let instant = SummaryInstant {
+                    t,
+                    q: std::array::from_fn(|n| x[n]),
+                    p: std::array::from_fn(|n| 1e-3 * x[9 + n]),
+                    multipliers: std::array::from_fn(|n| x[18 + n]),
+                    residuals: std::array::from_fn(|n| x[22 + n]),
+                    slip_speed: x[26].abs(),
+                    closure: x[27],
+                    half_width: x[28].abs(),
+                    torque: [x[29], x[30]],
+                };
+                (instant, seen)
+            };
+            rows.into_iter().map(instant).collect()
+        })
+    }
+
+    /// The summaries of a list of instants, each by its definition.
+    fn by_definition(seen: &[SummaryInstant<f64>], end: &RunEnd) -> [f64; COUNT] {
+        let mut values = [f64::NAN; COUNT];
+        let Some(last) = seen.last() else { return values };
+        let largest = |of: &dyn Fn(&SummaryInstant<f64>) -> f64| seen.iter().map(of).fold(NOTHING, f64::max);
+        let tips =
+            |now: &SummaryInstant<f64>| [0, 1].map(|i| (now.multipliers[i], now.multipliers[2 + i].abs()));
+        let worst = |of: fn((f64, f64)) -> f64| {
+            largest(&move |now| tips(now).map(of).into_iter().fold(NOTHING, f64::max))
+        };
+        let integral = |of: &dyn Fn(&SummaryInstant<f64>) -> f64| {
+            seen.windows(2)
+                .map(|pair| 0.5 * (of(&pair[0]) + of(&pair[1])) * (pair[1].t - pair[0].t))
+                .sum::<f64>()
+        };
+        let pulls = |now: &SummaryInstant<f64>| f64::from(tips(now).iter().any(|&(normal, _)| normal < 0.0));
+        let speed = |now: &SummaryInstant<f64>| {
+            let (u, v, turn) = (now.p[X], now.p[Y], now.half_width * now.p[THETA]);
+            (u * u + v * v + turn * turn).sqrt()
+        };
+        let moving = seen.iter().rev().find(|now| speed(now) > 1e-3).map(|now| now.t);
+        for (kind, value) in [
+            (Summary::PeakRotation, largest(&|now| now.q[THETA].abs())),
+            (Summary::MinCompression, -largest(&|now| -now.q[D_N].min(now.q[D_N + 1]))),
+            (Summary::PeakFrictionAngle, worst(|(normal, tangential)| tangential.atan2(normal))),
+            (
+                Summary::PeakFrictionRatio,
+                worst(|(normal, tangential)| if normal < 0.0 { f64::INFINITY } else { tangential / normal }),
+            ),
+            (Summary::PullingTime, integral(&pulls)),
+            (
+                Summary::SettlingTime,
+                match moving {
+                    _ if !end.completed || moving == Some(last.t) => f64::INFINITY,
+                    None => 0.0,
+                    Some(t) => t - end.from,
+                },
+            ),
+            (
+                Summary::MaxResidual,
+                largest(&|now| now.residuals.into_iter().map(f64::abs).fold(0.0, f64::max)),
+            ),
+            (Summary::EnergyClosure, largest(&|now| now.closure.abs())),
+            (Summary::PeakTorque, largest(&|now| now.torque[0].abs().max(now.torque[1].abs()))),
+            (Summary::SlipDistance, integral(&|now| now.slip_speed)),
+            (Summary::FreeTime, end.free_time),
+        ] {
+            values[kind as usize] = value;
+        }
+        values
+    }
+
+    proptest! {
+        /// Lanes that see different instants at different times, or none, do not touch each other.
+        #[test]
+        fn summaries_of_each_lane_are_those_of_its_list(
+            runs in proptest::collection::vec(instants(), 4),
+            after in 0.0..2.0f64,
+            completed in any::<bool>(),
+        ) {
+            let wanted = Wanted::new(SUMMARIES.map(|(_, summary)| summary), after, 1e-3);
+            let mut summaries = Summaries::<Row4>::new(&wanted);
+            for k in 0..12 {
+                // A lane whose list has ended repeats its last instant, which is not watched.
+                let own = |lane: usize| runs[lane].get(k).or(runs[lane].last());
+                let number = |of: &dyn Fn(&SummaryInstant<f64>) -> f64| {
+                    Row4::from_fn(|lane| own(lane).map_or(0.0, |(instant, _)| of(instant)))
+                };
+                let instant = SummaryInstant {
+                    t: number(&|now| now.t),
+                    q: std::array::from_fn(|n| number(&|now| now.q[n])),
+                    p: std::array::from_fn(|n| number(&|now| now.p[n])),
+                    multipliers: std::array::from_fn(|n| number(&|now| now.multipliers[n])),
+                    residuals: std::array::from_fn(|n| number(&|now| now.residuals[n])),
+                    slip_speed: number(&|now| now.slip_speed),
+                    closure: number(&|now| now.closure),
+                    half_width: number(&|now| now.half_width),
+                    torque: std::array::from_fn(|n| number(&|now| now.torque[n])),
+                };
+                let seen = |lane: usize| runs[lane].get(k).is_some_and(|&(_, seen)| seen);
+                let seen = (0..4).fold(0, |bits, lane| bits | Bits::from(seen(lane)) << lane);
+                summaries.watch(&instant, seen);
+            }
+            let end = RunEnd { from: after, completed, free_time: 0.25 };
+            for (lane, run) in runs.iter().enumerate() {
+                let counts = |&&(instant, seen): &&Watched| seen && instant.t >= after;
+                let list: Vec<_> = run.iter().filter(counts).map(|&(instant, _)| instant).collect();
+                let expected = by_definition(&list, &end);
+                for ((name, _), (found, expected)) in
+                    SUMMARIES.into_iter().zip(summaries.values(lane, &end).into_iter().zip(expected))
+                {
+                    let close = (found - expected).abs() <= 1e-12 * expected.abs().max(1.0);
+                    let agree = close || found == expected || found.is_nan() && expected.is_nan();
+                    prop_assert!(agree, "{} {} {}", name, found, expected);
+                }
+            }
+        }
+    }
+}
