@@ -5,13 +5,12 @@ use std::mem::swap;
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
-use crate::method::traits::{Integrator, Runs, Step};
+use crate::method::traits::{Integrator, Runs};
 use crate::number::lanes::{LaneTask, Lanes};
 use crate::stepping::batch::{LaneBatch, LoopSetup};
 use crate::stepping::ending::full;
-use crate::stepping::equal_lanes::{EqualLanes, Instants, pack};
+use crate::stepping::equal_lanes::{EqualLanes, Instants};
 use crate::stepping::grid::GridOf;
-use crate::stepping::instant::all_finite;
 use crate::stepping::loop_system::LoopSystem;
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::{POLL, RunQueue};
@@ -88,23 +87,10 @@ where
             // Lanes that do not take the step, and those among them into which another run was loaded.
             let (mut skipping, mut loaded) = (0, 0);
             if lanes.batch.holds {
-                lanes.held = 0;
-                let due = if lanes.batch.unilateral { lanes.batch.due(now) & lanes.stepped } else { 0 };
-                if due | lanes.batch.phases.at(Phase::Start) != 0 {
-                    let certain = lanes.batch.modes_certain(now);
-                    loaded =
-                        lanes.meet_events(system.called(), (due, certain, tau), &at, &mut replacement)?;
-                    if lanes.held != 0 && keeps_jacobian {
-                        method.restart();
-                        lanes.in_use = None;
-                    }
-                }
-                let sampling = lanes.batch.phases.at(Phase::Sample) & !lanes.held;
-                if sampling != 0 {
-                    // A lane that is not finite is watched, and ends.
-                    let sampling = sampling & all_finite(now, zero);
-                    lanes.take_samples(sampling, now);
-                    system.each(|n| replacement[n] = R::select(sampling, y[n], replacement[n]));
+                loaded = lanes.hold_lanes(system.called(), tau, &at, &mut replacement)?;
+                if lanes.held != 0 && keeps_jacobian {
+                    method.restart();
+                    lanes.in_use = None;
                 }
             }
             let watching = lanes.watched_now();
@@ -142,43 +128,14 @@ where
                 )?;
                 (skipping, loaded) = (skipping | skipped, loaded | reloaded);
             }
-            if skipping != R::ALL {
-                let step = Step { tau, h: lanes.h, y, rate: &now.rate, allowed: None };
-                let (drive, stats) = (&lanes.batch.drive, &mut lanes.batch.stats);
-                let jacobians = stats.jacobians;
-                match method.step(&system, drive, &step, after, stats) {
-                    Ok(()) => {
-                        if keeps_jacobian {
-                            if stats.jacobians > jacobians {
-                                lanes.taken_at = Some(pack(tau, &now.motion));
-                            }
-                            lanes.in_use = lanes.taken_at.filter(|_| method.jacobian_is_reusable());
-                        }
-                        system.correct(drive, tau + lanes.h, after);
-                        if R::WIDTH == 1
-                            && lanes.batch.queue.next_time() < f64::INFINITY
-                            && let Err(unsolved) = lanes.inside.look_inside(
-                                &mut lanes.batch,
-                                lanes.clock,
-                                system.called(),
-                                (tau, y),
-                            )
-                        {
-                            lanes.fail(
-                                system.called(),
-                                (1, unsolved),
-                                &Instants { now, y, before, y_before: y },
-                            )?;
-                            (skipping, loaded) = (skipping | 1, loaded | 1);
-                        }
-                    }
-                    Err(failure) => {
-                        let failed = R::ALL & !skipping;
-                        let at = Instants { now, y, before, y_before: y };
-                        lanes.fail(system.called(), (failed, failure.into()), &at)?;
-                        (skipping, loaded) = (skipping | failed, loaded | failed);
-                    }
-                }
+            if skipping != R::ALL
+                && let Err(unsolved) =
+                    lanes.step((&system, &mut method, keeps_jacobian), (tau, now, y), after)
+            {
+                let failed = R::ALL & !skipping;
+                let at = Instants { now, y, before, y_before: y };
+                lanes.fail(system.called(), (failed, unsolved), &at)?;
+                (skipping, loaded) = (skipping | failed, loaded | failed);
             }
             if loaded != 0 {
                 if lanes.batch.active() == 0 {

@@ -7,25 +7,53 @@
 use crate::error::Error;
 use crate::formulation::equations::States;
 use crate::formulation::scene_equations::SceneEquations;
+use crate::formulation::system::System;
 use crate::number::lanes::{Bits, Lanes, each};
 use crate::stepping::batch::Seen;
 use crate::stepping::contact_events::ContactEnd;
 use crate::stepping::contact_lane::Moment;
 use crate::stepping::ending::{interruption, overflow};
 use crate::stepping::equal_lanes::{EqualLanes, Instants};
-use crate::stepping::instant::column;
+use crate::stepping::instant::{all_finite, column};
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::{POLL, RunQueue};
 use crate::stepping::sample::Sample;
 use crate::stepping::status::Status;
 
 impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
+    /// Lets events happen and controllers measure, which `held` lanes do instead of a step. Returns the lanes into which
+    /// another run was loaded because an event ended theirs.
+    #[inline(always)]
+    pub(super) fn hold_lanes(
+        &mut self,
+        system: &SceneEquations<R>,
+        tau: R,
+        at: &Instants<'_, R>,
+        replacement: &mut States<R>,
+    ) -> Result<Bits, Error> {
+        let mut loaded = 0;
+        self.held = 0;
+        let due = if self.batch.unilateral { self.batch.due(at.now) & self.stepped } else { 0 };
+        if due | self.batch.phases.at(Phase::Start) != 0 {
+            let certain = self.batch.modes_certain(at.now);
+            loaded = self.meet_events(system, (due, certain, tau), at, replacement)?;
+        }
+        let sampling = self.batch.phases.at(Phase::Sample) & !self.held;
+        if sampling != 0 {
+            // A lane that is not finite is watched, and ends.
+            let sampling = sampling & all_finite(at.now, R::zero());
+            self.take_samples(sampling, at.now);
+            system.each(|n| replacement[n] = R::select(sampling, at.y[n], replacement[n]));
+        }
+        Ok(loaded)
+    }
+
     /// Lets the events of the lanes in `due` happen, and chooses the modes anew in lanes at the start of a
     /// segment, unless these are `certain`. Lanes whose state or modes change are `held`: the instant is evaluated again,
     /// and watched then. Returns the lanes into which another run was loaded because an event ended theirs.
     #[cold]
     #[inline(never)]
-    pub(super) fn meet_events(
+    fn meet_events(
         &mut self,
         system: &SceneEquations<R>,
         (due, certain, tau): (Bits, Bits, R),

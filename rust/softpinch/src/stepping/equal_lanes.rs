@@ -5,7 +5,7 @@ use crate::error::Error;
 use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
-use crate::method::traits::{Integrator, Unsolved};
+use crate::method::traits::{Integrator, Step, Unsolved};
 use crate::model::motion::{Linearized, Motion, unpacked};
 use crate::number::lanes::{Bits, Lanes, each};
 use crate::stepping::batch::LaneBatch;
@@ -14,6 +14,7 @@ use crate::stepping::ending::{self, End, full};
 use crate::stepping::grid::{GridOf, Segment};
 use crate::stepping::instant::{everywhere, put, watched};
 use crate::stepping::lane_controller::LaneController;
+use crate::stepping::loop_system::LoopSystem;
 use crate::stepping::phase::Phase;
 use crate::stepping::place::Place;
 use crate::stepping::queue::RunQueue;
@@ -284,6 +285,32 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         Ok(())
     }
 
+    /// Takes a step from the state `y`, evaluated as `now`, and computes the rows inside it. The error says that its
+    /// equations were not solved.
+    #[inline(always)]
+    pub(super) fn step<S: LoopSystem<R>>(
+        &mut self,
+        (system, method, keeps_jacobian): (&S, &mut impl Integrator<R, S>, bool),
+        (tau, now, y): (R, &Evaluation<R>, &States<R>),
+        after: &mut States<R>,
+    ) -> Result<(), Unsolved> {
+        let step = Step { tau, h: self.h, y, rate: &now.rate, allowed: None };
+        let (drive, stats) = (&self.batch.drive, &mut self.batch.stats);
+        let jacobians = stats.jacobians;
+        method.step(system, drive, &step, after, stats).map_err(Into::into)?;
+        if keeps_jacobian {
+            if stats.jacobians > jacobians {
+                self.taken_at = Some(pack(tau, &now.motion));
+            }
+            self.in_use = self.taken_at.filter(|_| method.jacobian_is_reusable());
+        }
+        system.correct(drive, tau + self.h, after);
+        if R::WIDTH == 1 && self.batch.queue.next_time() < f64::INFINITY {
+            self.inside.look_inside(&mut self.batch, self.clock, system.called(), (tau, y))?;
+        }
+        Ok(())
+    }
+
     /// At a breakpoint, a method that keeps a Jacobian forgets it, or takes the Jacobian of the run that this
     /// run resumes.
     #[cold]
@@ -304,7 +331,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     }
 }
 
-pub(super) fn pack<R: Lanes>(tau: R, motion: &Motion<R>) -> Linearized {
+fn pack<R: Lanes>(tau: R, motion: &Motion<R>) -> Linearized {
     let mut point = [tau.lane(0); 21];
     for n in 0..9 {
         (point[1 + n], point[10 + n]) = (motion.q[n].lane(0), motion.p[n].lane(0));
