@@ -5,9 +5,9 @@ use std::collections::HashMap;
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{IntoPyDict, PyDict};
 
-use crate::convert::{columns, entries, fixed, raise, rows};
+use crate::convert::{columns, dictionary, entries, fixed, raise, rows};
 use crate::inputs::Inputs;
 use crate::options::GivenOptions;
 use crate::signals::{Failure, Signals};
@@ -245,10 +245,8 @@ impl Batch {
 
 /// Rows as a dictionary of arrays.
 fn table<'py>(py: Python<'py>, all: &[Row]) -> PyResult<Bound<'py, PyDict>> {
-    let out = PyDict::new(py);
     let numbers = |of: &dyn Fn(&Row) -> f64| PyArray1::from_iter(py, all.iter().map(of));
-    out.set_item("run", PyArray1::from_iter(py, all.iter().map(|row| row.run as u64)))?;
-    out.set_item("status", PyArray1::from_iter(py, all.iter().map(|row| row.status as u64)))?;
+    let counts = |of: &dyn Fn(&Row) -> u64| PyArray1::from_iter(py, all.iter().map(of));
     // Runs that reach the same end share one message.
     let mut ends: HashMap<u64, u64> = HashMap::new();
     let mut messages: Vec<String> = Vec::new();
@@ -267,23 +265,22 @@ fn table<'py>(py: Python<'py>, all: &[Row]) -> PyResult<Bound<'py, PyDict>> {
         place
     };
     let said: Vec<u64> = all.iter().map(&mut say).collect();
-    out.set_item("message", PyArray1::from_vec(py, said))?;
-    out.set_item("messages", messages)?;
-    out.set_item("t", numbers(&|row| row.t))?;
-    out.set_item("steps", PyArray1::from_iter(py, all.iter().map(|row| row.steps)))?;
     let state =
         |row: &Row| -> [f64; 18] { std::array::from_fn(|k| if k < 9 { row.q[k] } else { row.p[k - 9] }) };
-    out.set_item("final_state", rows(py, all.iter().map(state).collect())?)?;
-    out.set_item("holds", PyArray1::from_iter(py, all.iter().map(|row| row.holds)))?;
-    let violations = PyDict::new(py);
-    for (k, (name, _)) in VIOLATIONS.into_iter().enumerate() {
-        violations.set_item(name, numbers(&|row| row.violations[k]))?;
-    }
-    out.set_item("violations", violations)?;
-    let summaries = PyDict::new(py);
-    for (k, (name, _)) in SUMMARIES.into_iter().enumerate() {
-        summaries.set_item(name, numbers(&|row| row.summaries[k]))?;
-    }
-    out.set_item("summaries", summaries)?;
-    Ok(out)
+    let violations =
+        VIOLATIONS.iter().enumerate().map(|(k, (name, _))| (name, numbers(&|row| row.violations[k])));
+    let summaries =
+        SUMMARIES.iter().enumerate().map(|(k, (name, _))| (name, numbers(&|row| row.summaries[k])));
+    Ok(dictionary!(py, {
+        "run": counts(&|row| row.run as u64),
+        "status": counts(&|row| row.status as u64),
+        "message": PyArray1::from_vec(py, said),
+        "messages": messages,
+        "t": numbers(&|row| row.t),
+        "steps": counts(&|row| row.steps),
+        "final_state": rows(py, all.iter().map(state).collect())?,
+        "holds": PyArray1::from_iter(py, all.iter().map(|row| row.holds)),
+        "violations": violations.into_py_dict(py)?,
+        "summaries": summaries.into_py_dict(py)?,
+    }))
 }

@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use crate::driver::simulate::require_sound;
+use crate::driver::simulate::require_valid;
 use crate::error::Error;
 use crate::model::control::Fingers;
 use crate::model::scene::Scene;
@@ -104,7 +104,7 @@ impl<'a> Shared<'a> {
         }
         let refused = |error| Error::Run { run, error: Box::new(error) };
         let scene = (self.scenes)(run)?;
-        require_sound(&scene, self.options).map_err(refused)?;
+        require_valid(&scene, self.options).map_err(refused)?;
         // All lanes of a loop have the same equations, so all runs must have the same kind of fingers.
         let fingers = scene.inputs.fingers();
         if *self.fingers.get_or_init(|| fingers) == fingers {

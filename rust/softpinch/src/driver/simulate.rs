@@ -127,7 +127,7 @@ pub fn outline(scene: &Scene, options: &Options) -> Result<Outline, Error> {
 
 /// Refuses a scene or options with which no run can begin. The times of the run are checked elsewhere. Single
 /// runs and runs of an ensemble are checked here.
-pub(crate) fn require_sound(scene: &Scene, options: &Options) -> Result<(), Error> {
+pub(crate) fn require_valid(scene: &Scene, options: &Options) -> Result<(), Error> {
     options.simd.require()?;
     if options.every == 0 {
         return Err(Error::Field { field: "every".to_owned(), value: 0.0, rule: "must be at least 1" });
@@ -232,7 +232,7 @@ impl Plan {
 /// Checks a run. Returns its times, the instants to record if these were asked for, and the number of rows of its
 /// recording, which is zero if free steps make it unknown beforehand.
 fn prepare(scene: &Scene, options: &Options) -> Result<(Plan, Option<Vec<f64>>, u64), Error> {
-    require_sound(scene, options)?;
+    require_valid(scene, options)?;
     let Scene { inputs, initial, duration, .. } = scene;
     let span = Span::new(inputs, initial, *duration)?;
     let (plan, rows) = match options.steps {

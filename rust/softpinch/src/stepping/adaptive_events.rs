@@ -138,92 +138,10 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
             self.batch.take_sample(lane, self.progress.to.lane(lane), &now);
         }
     }
-
-    /// Begins a segment in the lanes of `entering`, or goes on in it after an event, and computes the length of
-    /// the first step.
-    #[inline(always)]
-    pub(super) fn enter(&mut self, system: &impl System<R>, start: &mut StepStart<R>) {
-        let size = system.size();
-        let entering = self.entering();
-        self.control.restart(entering);
-        self.unsolved = None;
-        let over = self.progress.to.at_most(self.progress.t);
-        let ends = over & self.progress.last;
-        let begins = entering & over & !self.progress.last;
-        if self.batch.unilateral {
-            self.meet_events(system, start);
-        }
-        self.take_samples(system, begins & self.entering(), start);
-        for lane in each(begins & self.entering()) {
-            let Some(run) = &self.batch.runs[lane] else { continue };
-            let from = self.progress.to.lane(lane);
-            let to = run.place.segment_end(&run.scene.inputs, from);
-            self.progress.enter(lane, (from, to), to == run.place.end);
-            self.batch.enter_segment(lane, from, from);
-        }
-        if self.batch.unilateral {
-            self.choose_modes(system, begins, start);
-        }
-        let (times, tau) = (self.progress.t, self.progress.tau);
-        let mut now = system.evaluate(&self.batch.drive, tau, &start.y);
-        self.batch.stats.evaluations += 1;
-        let seen = self.batch.watch(system, &now, &start.y, times, self.entering());
-        let (mut stays, mut jumped): (Bits, Bits) = (0, 0);
-        for lane in each(self.entering()) {
-            let bit = 1 << lane;
-            let t = times.lane(lane);
-            if seen.finite & bit == 0 {
-                self.stop(system, lane, start, None);
-                continue;
-            }
-            let contact = self.batch.contact_row(lane);
-            let instant = watched(size, (lane, contact), &now, &start.y, t, (t, 0));
-            let due = self.batch.queue.is_due(t, false);
-            if !self.goes_on(system, lane, due, &seen, &instant) {
-                continue;
-            }
-            if ends & bit != 0 {
-                self.retire(system, lane, (Status::Completed, String::new()), &instant);
-                continue;
-            }
-            let mut jumps = false;
-            if begins & bit != 0 {
-                let h = FIRST * self.progress.length.lane(lane);
-                match self.batch.strike(system, lane, (t, tau, h), &mut start.y) {
-                    Ok(struck) => jumps = struck,
-                    Err(end) => {
-                        self.end_at_event(system, lane, start, (&end, h));
-                        continue;
-                    }
-                }
-            }
-            self.saved &= !bit;
-            if jumps {
-                self.save(lane, Some(instant));
-            }
-            self.progress.watched.set(lane, t);
-            jumped |= Bits::from(jumps) << lane;
-            stays |= bit;
-        }
-        self.batch.phases.set(self.entering(), Phase::Step);
-        if stays == 0 {
-            return;
-        }
-        if jumped != 0 {
-            now = system.evaluate(&self.batch.drive, tau, &start.y);
-            self.batch.stats.evaluations += 1;
-        }
-        start.now = merged(stays, &now, &start.now);
-        start.sizes.note(size, &start.y, stays, stays);
-        self.batch.stats.evaluations += 1;
-        let (equations, states) = ((system, &self.batch.drive), (&start.y, &start.now.rate));
-        let rest = self.progress.length - tau;
-        let h = start.sizes.first_step(equations, &self.control, states, (stays, tau, rest));
-        self.progress.h = R::select(stays, h, self.progress.h);
-    }
 }
 
-/// Begins segments. This is rare, so the code is called, not inlined.
+/// Begins a segment in the lanes that enter one, or goes on in it after an event, and computes the length of the first
+/// step. This is rare, so the code is called, not inlined.
 pub(super) struct Enter<'b, 'a, R: Lanes, Q>(
     pub(super) &'b mut AdaptiveLanes<'a, R, Q>,
     pub(super) &'b SceneEquations<R>,
@@ -235,6 +153,83 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for Enter<'_, 'a, R, Q> {
 
     #[inline(always)]
     fn run(self) {
-        self.0.enter(self.1, self.2);
+        let Self(lanes, system, start) = self;
+        let size = system.size();
+        let entering = lanes.entering();
+        lanes.control.restart(entering);
+        lanes.unsolved = None;
+        let over = lanes.progress.to.at_most(lanes.progress.t);
+        let ends = over & lanes.progress.last;
+        let begins = entering & over & !lanes.progress.last;
+        if lanes.batch.unilateral {
+            lanes.meet_events(system, start);
+        }
+        lanes.take_samples(system, begins & lanes.entering(), start);
+        for lane in each(begins & lanes.entering()) {
+            let Some(run) = &lanes.batch.runs[lane] else { continue };
+            let from = lanes.progress.to.lane(lane);
+            let to = run.place.segment_end(&run.scene.inputs, from);
+            lanes.progress.enter(lane, (from, to), to == run.place.end);
+            lanes.batch.enter_segment(lane, from, from);
+        }
+        if lanes.batch.unilateral {
+            lanes.choose_modes(system, begins, start);
+        }
+        let (times, tau) = (lanes.progress.t, lanes.progress.tau);
+        let mut now = system.evaluate(&lanes.batch.drive, tau, &start.y);
+        lanes.batch.stats.evaluations += 1;
+        let seen = lanes.batch.watch(system, &now, &start.y, times, lanes.entering());
+        let (mut stays, mut jumped): (Bits, Bits) = (0, 0);
+        for lane in each(lanes.entering()) {
+            let bit = 1 << lane;
+            let t = times.lane(lane);
+            if seen.finite & bit == 0 {
+                lanes.stop(system, lane, start, None);
+                continue;
+            }
+            let contact = lanes.batch.contact_row(lane);
+            let instant = watched(size, (lane, contact), &now, &start.y, t, (t, 0));
+            let due = lanes.batch.queue.is_due(t, false);
+            if !lanes.goes_on(system, lane, due, &seen, &instant) {
+                continue;
+            }
+            if ends & bit != 0 {
+                lanes.retire(system, lane, (Status::Completed, String::new()), &instant);
+                continue;
+            }
+            let mut jumps = false;
+            if begins & bit != 0 {
+                let h = FIRST * lanes.progress.length.lane(lane);
+                match lanes.batch.strike(system, lane, (t, tau, h), &mut start.y) {
+                    Ok(struck) => jumps = struck,
+                    Err(end) => {
+                        lanes.end_at_event(system, lane, start, (&end, h));
+                        continue;
+                    }
+                }
+            }
+            lanes.saved &= !bit;
+            if jumps {
+                lanes.save(lane, Some(instant));
+            }
+            lanes.progress.watched.set(lane, t);
+            jumped |= Bits::from(jumps) << lane;
+            stays |= bit;
+        }
+        lanes.batch.phases.set(lanes.entering(), Phase::Step);
+        if stays == 0 {
+            return;
+        }
+        if jumped != 0 {
+            now = system.evaluate(&lanes.batch.drive, tau, &start.y);
+            lanes.batch.stats.evaluations += 1;
+        }
+        start.now = merged(stays, &now, &start.now);
+        start.sizes.note(size, &start.y, stays, stays);
+        lanes.batch.stats.evaluations += 1;
+        let (equations, states) = ((system, &lanes.batch.drive), (&start.y, &start.now.rate));
+        let rest = lanes.progress.length - tau;
+        let h = start.sizes.first_step(equations, &lanes.control, states, (stays, tau, rest));
+        lanes.progress.h = R::select(stays, h, lanes.progress.h);
     }
 }

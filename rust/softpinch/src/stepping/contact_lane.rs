@@ -120,7 +120,7 @@ impl LaneContact {
         let Segment { drive, .. } = if self.in_earlier { &self.earlier } else { &self.segment };
         let mut contacts = drive.contacts;
         self.run.put_into(&mut contacts, 0);
-        self.steps.evaluate(&drive.with_contacts(contacts), tau, y)
+        self.steps.system.evaluate(&drive.with_contacts(contacts), tau, y)
     }
 
     /// Begins a segment with these inputs, which starts at `anchor`.
