@@ -127,7 +127,10 @@ MUTANTS = (
         "number/trigonometry.rs", "const SMALL: f64 = 0.785;", "const SMALL: f64 = 0.786;", CARGO
     ),
     Mutant(
-        "stepping/monitor.rs", "normal.less(R::zero())", "normal.less(R::constant(-1e9))", "extreme"
+        "stepping/monitor.rs",
+        "violation(Violation::Pulling, bilateral, along, false);",
+        "violation(Violation::Pulling, bilateral, along + R::constant(1e9), false);",
+        "extreme",
     ),
     Mutant(
         "stepping/record.rs",
@@ -384,7 +387,7 @@ MUTANTS = (
         "contact_agreement",
     ),
     Mutant(
-        "stepping/event_stepper.rs",
+        "stepping/event_search.rs",
         "length < least",
         "length > least",
         "contact_agreement",

@@ -212,17 +212,9 @@ class Batch:
         contact: str,
         check: bool,
         duration: _Floats,
-        dt: float | None,
-        tolerance: float | None,
-        max_steps: int,
-        method: str,
-        formulation: str,
-        alpha: float,
-        beta: float,
         summaries: list[str],
-        after: float,
         band: float,
-        stop_on: list[str],
+        options: dict[str, Any],
     ) -> Batch: ...
     def run(self, threads: int, watch: Callable[[int], bool]) -> _Rows: ...
 
@@ -244,20 +236,12 @@ class Simulation:
         contact: str,
         check: bool,
         duration: float,
-        dt: float | None,
-        tolerance: float | None,
         times: _Floats | None,
         every: int,
-        max_steps: int,
         refine: int,
-        method: str,
-        formulation: str,
-        alpha: float,
-        beta: float,
         record: Sequence[str],
         summaries: Sequence[str],
-        after: float,
-        stop_on: Sequence[str],
+        options: dict[str, Any],
     ) -> Simulation: ...
     def run(self) -> _Run: ...
     def outline(self) -> _Outline: ...

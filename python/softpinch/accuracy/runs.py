@@ -240,5 +240,5 @@ def _batch(scenes: Sequence[Scene], options: Options) -> _core.Batch:
         duration=np.array([scene.duration for scene in scenes]),
         summaries=[],
         band=0.1,
-        **options.core(),
+        options=options.core(),
     )

@@ -71,7 +71,7 @@ class Options(Result):
         }
 
     def core(self) -> dict[str, Any]:
-        """Returns the arguments that `_core.Simulation` and `_core.Batch` share."""
+        """Returns the options that `_core.Simulation` and `_core.Batch` share."""
         how = self.numerics() | {"max_steps": self.max_steps, "stop_on": list(self.stop_on)}
         gains: Stabilization = how.pop("stabilization")
         after = -np.inf if self.summaries_after is None else self.summaries_after

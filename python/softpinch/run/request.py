@@ -52,7 +52,7 @@ class Request:
             refine=refine,
             record=options.record,
             summaries=summaries,
-            **options.core(),
+            options=options.core(),
         )
 
     def compute(self) -> Mapping[str, Any]:

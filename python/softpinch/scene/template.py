@@ -98,7 +98,7 @@ class SceneTemplate:
         Args:
             values: Path -> (runs, ...).
             numbers: The run numbers (runs,), for noise and error messages.
-            how: Further arguments of `_core.Batch`: those of `Options.core`, and of the summaries.
+            how: Further arguments of `_core.Batch`: the options, and those of the summaries.
         """
         try:
             return self._batch(values, numbers, **how)

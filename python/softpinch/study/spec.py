@@ -205,7 +205,7 @@ class StudySpec:
             numbers,
             summaries=[name for name in self.summaries if name != "final_state"],
             band=self.band,
-            **finer.core(),
+            options=finer.core(),
         )
 
     def empty(self) -> Rows:

@@ -5,30 +5,27 @@ use std::collections::HashMap;
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{IntoPyDict, PyDict};
 
-use crate::convert::{Names, columns, entries, fixed, raise, rows};
+use crate::convert::{columns, dictionary, entries, fixed, raise, rows};
 use crate::inputs::Inputs;
+use crate::options::GivenOptions;
 use crate::signals::{Failure, Signals};
 use softpinch::driver::ensemble::ensemble;
 use softpinch::driver::queue::Row;
 use softpinch::driver::simulate::{check as check_scene, stability_warning};
-use softpinch::error::{Error, lookup};
-use softpinch::formulation::table::FORMULATIONS;
-use softpinch::method::table::METHODS;
-use softpinch::model::contact_modes::{CONTACT_MODELS, ContactRow};
+use softpinch::error::Error;
+use softpinch::model::contact_modes::ContactRow;
 use softpinch::model::control::Fingers;
 use softpinch::model::motion::Linearized;
-use softpinch::model::parameters::{PARAMETER_COUNT, Parameters, Stabilization, parameter_table};
+use softpinch::model::parameters::{PARAMETER_COUNT, Parameters, parameter_table};
 use softpinch::model::scene::Scene;
 use softpinch::model::start::{State, apart, contact, driven, touching};
-use softpinch::number::simd::level::Level;
 use softpinch::stepping::ending::arrival;
 use softpinch::stepping::monitor::VIOLATIONS;
-use softpinch::stepping::options::{Options, Steps};
-use softpinch::stepping::record::Selection;
-use softpinch::stepping::status::{STATUSES, Status};
-use softpinch::stepping::summary::{SUMMARIES, Wanted};
+use softpinch::stepping::options::Options;
+use softpinch::stepping::status::Status;
+use softpinch::stepping::summary::SUMMARIES;
 
 /// The initial states of the runs.
 #[allow(clippy::large_enum_variant)] // there is one in a batch
@@ -113,8 +110,7 @@ impl Batch {
 #[pymethods]
 impl Batch {
     #[new]
-    #[pyo3(signature = (parameters, columns, inputs, *, runs, start, time, q, p, integral, grid, linearized, contacts, controller, contact, check, duration, dt, tolerance, max_steps, method,
-                        formulation, alpha, beta, summaries, after, band, stop_on))]
+    #[pyo3(signature = (parameters, columns, inputs, *, runs, start, time, q, p, integral, grid, linearized, contacts, controller, contact, check, duration, summaries, band, options))]
     #[allow(clippy::too_many_arguments)] // Python passes every field by itself
     fn new(
         py: Python<'_>,
@@ -134,17 +130,9 @@ impl Batch {
         contact: &str,
         check: bool,
         duration: PyReadonlyArray1<'_, f64>,
-        dt: Option<f64>,
-        tolerance: Option<f64>,
-        max_steps: u64,
-        method: &str,
-        formulation: &str,
-        alpha: f64,
-        beta: f64,
         summaries: Vec<String>,
-        after: f64,
         band: f64,
-        stop_on: Vec<String>,
+        options: GivenOptions,
     ) -> PyResult<Self> {
         let length = |name: &str, length: usize| {
             if length == 1 || length == runs {
@@ -193,28 +181,7 @@ impl Batch {
         };
         let duration = entries("duration", &duration)?;
         length("duration", duration.len())?;
-        let steps = match (dt, tolerance) {
-            (Some(dt), None) => Steps::Fixed(dt),
-            (None, Some(tolerance)) => Steps::Free { tolerance },
-            _ => return Err(PyValueError::new_err("give dt or tolerance")),
-        };
-        let summaries: Vec<_> = Names(&summaries).select("summaries", &SUMMARIES)?;
-        let options = Options {
-            steps,
-            every: u64::MAX,
-            times: None,
-            method: lookup("method", method, &METHODS).map_err(raise)?,
-            formulation: lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?,
-            contact: lookup("contact", contact, &CONTACT_MODELS).map_err(raise)?,
-            stabilization: Stabilization { alpha, beta },
-            record: Selection::default(),
-            stop_on: Names(&stop_on).select("stop_on", &VIOLATIONS)?,
-            summaries: Wanted::new(summaries, after, band),
-            max_steps,
-            refine: 1,
-            guard: false,
-            simd: Level::from_environment().map_err(raise)?,
-        };
+        let options = options.checked(contact, &summaries, band)?;
         let parameters = fixed("parameters", &parameters)?;
         let mut batch =
             Self { parameters, columns, inputs, start, check, duration, runs, options, warning: None };
@@ -278,11 +245,8 @@ impl Batch {
 
 /// Rows as a dictionary of arrays.
 fn table<'py>(py: Python<'py>, all: &[Row]) -> PyResult<Bound<'py, PyDict>> {
-    let out = PyDict::new(py);
     let numbers = |of: &dyn Fn(&Row) -> f64| PyArray1::from_iter(py, all.iter().map(of));
-    out.set_item("run", PyArray1::from_iter(py, all.iter().map(|row| row.run as u64)))?;
-    let place = |status| STATUSES.iter().position(|(_, known)| *known == status).unwrap_or_default();
-    out.set_item("status", PyArray1::from_iter(py, all.iter().map(|row| place(row.status) as u64)))?;
+    let counts = |of: &dyn Fn(&Row) -> u64| PyArray1::from_iter(py, all.iter().map(of));
     // Runs that reach the same end share one message.
     let mut ends: HashMap<u64, u64> = HashMap::new();
     let mut messages: Vec<String> = Vec::new();
@@ -301,23 +265,22 @@ fn table<'py>(py: Python<'py>, all: &[Row]) -> PyResult<Bound<'py, PyDict>> {
         place
     };
     let said: Vec<u64> = all.iter().map(&mut say).collect();
-    out.set_item("message", PyArray1::from_vec(py, said))?;
-    out.set_item("messages", messages)?;
-    out.set_item("t", numbers(&|row| row.t))?;
-    out.set_item("steps", PyArray1::from_iter(py, all.iter().map(|row| row.steps)))?;
     let state =
         |row: &Row| -> [f64; 18] { std::array::from_fn(|k| if k < 9 { row.q[k] } else { row.p[k - 9] }) };
-    out.set_item("final_state", rows(py, all.iter().map(state).collect())?)?;
-    out.set_item("holds", PyArray1::from_iter(py, all.iter().map(|row| row.holds)))?;
-    let violations = PyDict::new(py);
-    for (k, (name, _)) in VIOLATIONS.into_iter().enumerate() {
-        violations.set_item(name, numbers(&|row| row.violations[k]))?;
-    }
-    out.set_item("violations", violations)?;
-    let summaries = PyDict::new(py);
-    for (k, (name, _)) in SUMMARIES.into_iter().enumerate() {
-        summaries.set_item(name, numbers(&|row| row.summaries[k]))?;
-    }
-    out.set_item("summaries", summaries)?;
-    Ok(out)
+    let violations =
+        VIOLATIONS.iter().enumerate().map(|(k, (name, _))| (name, numbers(&|row| row.violations[k])));
+    let summaries =
+        SUMMARIES.iter().enumerate().map(|(k, (name, _))| (name, numbers(&|row| row.summaries[k])));
+    Ok(dictionary!(py, {
+        "run": counts(&|row| row.run as u64),
+        "status": counts(&|row| row.status as u64),
+        "message": PyArray1::from_vec(py, said),
+        "messages": messages,
+        "t": numbers(&|row| row.t),
+        "steps": counts(&|row| row.steps),
+        "final_state": rows(py, all.iter().map(state).collect())?,
+        "holds": PyArray1::from_iter(py, all.iter().map(|row| row.holds)),
+        "violations": violations.into_py_dict(py)?,
+        "summaries": summaries.into_py_dict(py)?,
+    }))
 }

@@ -4,6 +4,7 @@ mod batch;
 mod convert;
 mod inputs;
 mod linear;
+mod options;
 mod rest;
 mod sensitivity;
 mod signals;
@@ -13,7 +14,7 @@ mod simulator;
 use numpy::{Complex64, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::{PyImportError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyTuple};
+use pyo3::types::{IntoPyDict, PyDict, PyTuple};
 
 use batch::Batch;
 use convert::{columns, entries, fixed, matrix, raise, room, rows};
@@ -276,11 +277,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(simd_level, module)?)?;
     let rules = PyDict::new(py);
     for (record, fields) in records() {
-        let texts = PyDict::new(py);
-        for (field, rule) in fields {
-            texts.set_item(field, rule.text())?;
-        }
-        rules.set_item(record, texts)?;
+        let texts = fields.into_iter().map(|(field, rule)| (field, rule.text()));
+        rules.set_item(record, texts.into_py_dict(py)?)?;
     }
     module.add("RULES", rules)?;
     module.add("PARAMETERS", PyTuple::new(py, parameter_table().into_iter().map(|(path, _)| path))?)?;
@@ -290,39 +288,22 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("ADAPTIVE_METHODS", PyTuple::new(py, adaptive.collect::<Vec<_>>())?)?;
     module.add("FORMULATIONS", PyTuple::new(py, FORMULATIONS.map(|(name, _)| name))?)?;
     module.add("FINGERS", PyTuple::new(py, FINGERS.map(|(name, _)| name))?)?;
-    let measures = PyDict::new(py);
-    for (name, measure) in MEASURES {
-        measures.set_item(name, measure.width())?;
-    }
-    module.add("MEASURES", measures)?;
+    module.add("MEASURES", MEASURES.map(|(name, measure)| (name, measure.width())).into_py_dict(py)?)?;
     module.add("CONTACT_MODELS", PyTuple::new(py, CONTACT_MODELS.map(|(name, _)| name))?)?;
-    let modes = PyDict::new(py);
-    for (name, code) in CONTACT_MODES {
-        modes.set_item(name, code)?;
-    }
-    module.add("CONTACT_MODES", modes)?;
+    module.add("CONTACT_MODES", CONTACT_MODES.into_py_dict(py)?)?;
     module.add("RECORDABLE", PyTuple::new(py, RECORDABLE.map(|(name, _)| name))?)?;
     module.add("SIMD_LEVELS", PyTuple::new(py, LEVELS.map(|(name, _)| name))?)?;
     module.add("STATUSES", PyTuple::new(py, STATUSES.map(|(name, _)| name))?)?;
-    let summaries = PyDict::new(py);
-    for ((name, _), unit) in SUMMARIES.into_iter().zip(UNITS) {
-        summaries.set_item(name, unit)?;
-    }
-    module.add("SUMMARIES", summaries)?;
-    let slopes = PyDict::new(py);
-    for (name, components) in QUANTITIES {
-        slopes.set_item(name, components)?;
-    }
-    module.add("SENSITIVITIES", slopes)?;
+    module.add(
+        "SUMMARIES",
+        SUMMARIES.into_iter().zip(UNITS).map(|((name, _), unit)| (name, unit)).into_py_dict(py)?,
+    )?;
+    module.add("SENSITIVITIES", QUANTITIES.into_py_dict(py)?)?;
     let differentiable = SUMMARIES.into_iter().filter(|(_, summary)| summary.is_differentiable());
     module.add("GRADIENTS", PyTuple::new(py, differentiable.map(|(name, _)| name).collect::<Vec<_>>())?)?;
     module.add("VIOLATIONS", PyTuple::new(py, VIOLATIONS.map(|(name, _)| name))?)?;
     module.add("MAX_STEPS", MAX_STEPS)?;
-    let orders = PyDict::new(py);
-    for (name, method) in METHODS {
-        orders.set_item(name, method.entry().order)?;
-    }
-    module.add("ORDERS", orders)?;
+    module.add("ORDERS", METHODS.map(|(name, method)| (name, method.entry().order)).into_py_dict(py)?)?;
     module.add("RESULTS_VERSION", softpinch::RESULTS_VERSION)?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     Ok(())

@@ -1,26 +1,18 @@
 //! One run across the border to Python.
 
 use numpy::PyReadonlyArray1;
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::convert::{self, Names, entries, fixed, raise};
 use crate::inputs::Inputs;
+use crate::options::GivenOptions;
 use crate::signals::Failure;
 use softpinch::driver::simulate::{Outline, outline, simulate};
-use softpinch::error::lookup;
-use softpinch::formulation::table::FORMULATIONS;
-use softpinch::method::table::METHODS;
-use softpinch::model::contact_modes::CONTACT_MODELS;
-use softpinch::model::parameters::Stabilization;
 use softpinch::model::scene::Scene;
 use softpinch::model::start::State;
-use softpinch::number::simd::level::Level;
-use softpinch::stepping::monitor::VIOLATIONS;
-use softpinch::stepping::options::{Options, Steps};
+use softpinch::stepping::options::Options;
 use softpinch::stepping::record::RECORDABLE;
-use softpinch::stepping::summary::{SUMMARIES, Wanted};
 
 /// The description of one run.
 #[pyclass(frozen, module = "softpinch._core")]
@@ -39,8 +31,7 @@ impl Simulation {
 #[pymethods]
 impl Simulation {
     #[new]
-    #[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, linearized, contacts, controller, contact, check, duration, dt, tolerance, times, every, max_steps,
-                        refine, method, formulation, alpha, beta, record, summaries, after, stop_on))]
+    #[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, linearized, contacts, controller, contact, check, duration, times, every, refine, record, summaries, options))]
     #[allow(clippy::too_many_arguments)] // Python passes every field by itself
     fn new(
         parameters: PyReadonlyArray1<'_, f64>,
@@ -56,20 +47,12 @@ impl Simulation {
         contact: &str,
         check: bool,
         duration: f64,
-        dt: Option<f64>,
-        tolerance: Option<f64>,
         times: Option<PyReadonlyArray1<'_, f64>>,
         every: u64,
-        max_steps: u64,
         refine: u32,
-        method: &str,
-        formulation: &str,
-        alpha: f64,
-        beta: f64,
         record: Vec<String>,
         summaries: Vec<String>,
-        after: f64,
-        stop_on: Vec<String>,
+        options: GivenOptions,
     ) -> PyResult<Self> {
         let controller = controller.map(|row| entries("initial.controller", &row)).transpose()?;
         let origin = controller.as_ref().and_then(|row| row.first().copied()).unwrap_or(time);
@@ -90,31 +73,9 @@ impl Simulation {
             duration,
         };
         let times = times.map(|times| entries("times, in numbers,", &times)).transpose()?;
-        let steps = match (dt, tolerance) {
-            (Some(dt), None) => Steps::Fixed(dt),
-            (None, Some(tolerance)) => Steps::Free { tolerance },
-            _ => return Err(PyValueError::new_err("give dt or tolerance")),
-        };
-        let options = Options {
-            steps,
-            every,
-            times,
-            method: lookup("method", method, &METHODS).map_err(raise)?,
-            formulation: lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?,
-            contact: lookup("contact", contact, &CONTACT_MODELS).map_err(raise)?,
-            stabilization: Stabilization { alpha, beta },
-            record: Names(&record).select("record", &RECORDABLE)?,
-            stop_on: Names(&stop_on).select("stop_on", &VIOLATIONS)?,
-            summaries: Wanted::new(
-                Names(&summaries).select::<_, Vec<_>>("summaries", &SUMMARIES)?,
-                after,
-                0.0,
-            ),
-            max_steps,
-            refine,
-            guard: false,
-            simd: Level::from_environment().map_err(raise)?,
-        };
+        let record = Names(&record).select("record", &RECORDABLE)?;
+        let base = options.checked(contact, &summaries, 0.0)?;
+        let options = Options { every, times, refine, record, ..base };
         Ok(Self { scene, options })
     }
 

@@ -13,7 +13,7 @@ use crate::simulation::Simulation;
 use softpinch::driver::simulator::{Observed, Simulator as Core};
 use softpinch::error::Error;
 use softpinch::model::start::State;
-use softpinch::stepping::status::{STATUSES, Status};
+use softpinch::stepping::status::Status;
 
 /// Time, coordinates, velocities, multipliers and the code of the status.
 type Observation<'py> =
@@ -59,8 +59,7 @@ struct Runs {
 }
 
 fn code(status: Option<Status>) -> u8 {
-    let place = status.and_then(|status| STATUSES.iter().position(|(_, known)| *known == status));
-    place.map_or(0, |place| u8::try_from(place + 1).unwrap_or(u8::MAX))
+    status.map_or(0, |status| status as u8 + 1)
 }
 
 fn given((time, q, p, memory, grid, contact, check): &GivenState<'_>) -> PyResult<(State, bool)> {

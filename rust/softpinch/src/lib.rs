@@ -59,6 +59,7 @@ pub mod error;
 pub mod formulation;
 pub mod method;
 pub mod model;
+mod names;
 pub mod number;
 pub mod prelude;
 pub mod stepping;

@@ -28,7 +28,7 @@ use crate::stepping::options::{Options, Steps};
 use crate::stepping::queue::POLL;
 
 /// The steps that a run takes.
-enum Course<'a> {
+enum StepSource<'a> {
     Equal(Grid),
     /// The ends of free steps, and the number of those that are behind.
     Free {
@@ -39,13 +39,13 @@ enum Course<'a> {
 }
 
 /// A step: its start since the segment's, its length, and the time at its end.
-struct Stride {
+struct StepTimes {
     tau: f64,
     h: f64,
     end: f64,
 }
 
-impl Course<'_> {
+impl StepSource<'_> {
     /// A segment of free steps.
     fn free(span: &Span, inputs: &Inputs, from: f64) -> Segment {
         let end = span.segment_end(inputs, from);
@@ -71,18 +71,18 @@ impl Course<'_> {
     }
 
     /// The step of a segment after `taken` steps of it.
-    fn next(&mut self, segment: &Segment, taken: u64) -> Option<Stride> {
+    fn next(&mut self, segment: &Segment, taken: u64) -> Option<StepTimes> {
         match self {
             Self::Equal(_) => {
                 let step = segment.first + taken;
                 let (tau, h, end) = (segment.tau(step), segment.h, segment.time(step + 1));
-                (step < segment.count).then_some(Stride { tau, h, end })
+                (step < segment.count).then_some(StepTimes { tau, h, end })
             }
             Self::Free { ends, behind, .. } => {
                 let end = *ends.get(*behind).filter(|&&end| end <= segment.end)?;
                 let from = if taken == 0 { segment.anchor } else { ends[*behind - 1] };
                 *behind += 1;
-                Some(Stride { tau: from - segment.anchor, h: end - from, end })
+                Some(StepTimes { tau: from - segment.anchor, h: end - from, end })
             }
         }
     }
@@ -97,7 +97,7 @@ impl Course<'_> {
 }
 
 /// A run with its derivatives.
-pub(super) struct Walk<'a, R> {
+pub(super) struct DifferentiatedRun<'a, R> {
     pub(super) instructions: Instructions,
     pub(super) scene: &'a Scene,
     pub(super) options: &'a Options,
@@ -111,26 +111,26 @@ pub(super) struct Walk<'a, R> {
     pub(super) interrupted: &'a dyn Fn() -> bool,
 }
 
-/// Walks with a method until its sink needs no more.
-pub(super) struct WalkTask<'w, 's, R>(
-    pub(super) &'w Walk<'w, R>,
+/// Follows a run with a method until its sink needs no more.
+pub(super) struct FollowRun<'w, 's, R>(
+    pub(super) &'w DifferentiatedRun<'w, R>,
     pub(super) &'w mut dyn RunDualSteps<R>,
     pub(super) &'w mut Sink<'s, R>,
 );
 
-impl<R: Lanes> LaneTask<R> for WalkTask<'_, '_, R> {
+impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
     type Output = Result<(), Error>;
 
     #[inline(always)]
     fn run(self) -> Self::Output {
-        let Self(walk, method, sink) = self;
-        let mut course = walk.course()?;
-        let Walk { scene, equations, .. } = walk;
+        let Self(run, method, sink) = self;
+        let mut step_source = run.step_source()?;
+        let DifferentiatedRun { scene, equations, .. } = run;
         let system = &equations.system;
         let inputs = &scene.inputs;
-        let mut segment = course.first(inputs);
-        let mut drive = walk.drive(segment.anchor);
-        let mut y = system.begin(&R::call(walk.instructions, Begin(walk, &drive)));
+        let mut segment = step_source.first(inputs);
+        let mut drive = run.drive(segment.anchor);
+        let mut y = system.begin(&R::call(run.instructions, Begin(run, &drive)));
         let mut next = [RunDual::zero(); MAX_COMPONENTS];
         let mut rate = next;
         let mut steps = 0u64;
@@ -141,13 +141,13 @@ impl<R: Lanes> LaneTask<R> for WalkTask<'_, '_, R> {
             });
             method.begin(inputs.segment(segment.anchor), linearized);
             let tau = RunDual::constant(segment.tau(segment.first));
-            walk.visit(segment.start, &drive, (tau, &y), &mut rate, sink);
+            run.visit(segment.start, &drive, (tau, &y), &mut rate, sink);
             // A run that is resumed inside a segment has already had what happens at the start of the segment.
-            if segment.first == 0 && R::call(walk.instructions, Pass(walk, segment.start, &drive, &mut y)) {
-                rate = walk.rates(&drive.at(tau), &y);
+            if segment.first == 0 && R::call(run.instructions, Pass(run, segment.start, &drive, &mut y)) {
+                rate = run.rates(&drive.at(tau), &y);
             }
             let mut taken = 0;
-            while let Some(Stride { tau, h, end }) = course.next(&segment, taken) {
+            while let Some(StepTimes { tau, h, end }) = step_source.next(&segment, taken) {
                 if sink.is_full() {
                     return Ok(());
                 }
@@ -159,7 +159,7 @@ impl<R: Lanes> LaneTask<R> for WalkTask<'_, '_, R> {
                     let attempt = method.step(equations, &drive, &step, &mut next);
                     attempt.map_err(|failure| unsolved(row, failure))?;
                     system.correct(&drive, tau + h, &mut next);
-                    walk.visit(row, &drive, (tau + h, &next), &mut { rate }, sink);
+                    run.visit(row, &drive, (tau + h, &next), &mut { rate }, sink);
                 }
                 let h = RunDual::constant(h);
                 let step = Step { tau, h, y: &y, rate: &rate, allowed: None };
@@ -169,60 +169,103 @@ impl<R: Lanes> LaneTask<R> for WalkTask<'_, '_, R> {
                 swap(&mut y, &mut next);
                 taken += 1;
                 steps += 1;
-                if steps.is_multiple_of(POLL) && (walk.interrupted)() {
+                if steps.is_multiple_of(POLL) && (run.interrupted)() {
                     return Ok(());
                 }
                 if end < segment.end {
-                    let tau = RunDual::constant(course.tau(&segment, taken, end));
-                    walk.visit(end, &drive, (tau, &y), &mut rate, sink);
+                    let tau = RunDual::constant(step_source.tau(&segment, taken, end));
+                    run.visit(end, &drive, (tau, &y), &mut rate, sink);
                 }
             }
-            let Some(later) = course.after(inputs, &segment).filter(|_| !sink.is_full()) else {
-                let tau = RunDual::constant(course.tau(&segment, taken, segment.end));
-                walk.visit(segment.end, &drive, (tau, &y), &mut rate, sink);
+            let Some(later) = step_source.after(inputs, &segment).filter(|_| !sink.is_full()) else {
+                let tau = RunDual::constant(step_source.tau(&segment, taken, segment.end));
+                run.visit(segment.end, &drive, (tau, &y), &mut rate, sink);
                 return Ok(());
             };
             segment = later;
-            drive = walk.drive(segment.anchor);
+            drive = run.drive(segment.anchor);
         }
     }
 }
 
 /// Finds the start of a run.
-struct Begin<'a, 'w, R>(&'a Walk<'w, R>, &'a SegmentDrive<RunDual<R>>);
+struct Begin<'a, 'w, R>(&'a DifferentiatedRun<'w, R>, &'a SegmentDrive<RunDual<R>>);
 
 impl<R: Lanes> LaneTask<R> for Begin<'_, '_, R> {
     type Output = Motion<RunDual<R>>;
 
     #[inline(always)]
     fn run(self) -> Self::Output {
-        self.0.begin(self.1)
+        let Self(run, drive) = self;
+        let initial = &run.scene.initial;
+        let mut motion = constant::<R>(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
+        if let Some(start) = run.start {
+            let derived = start.varied(&run.source, &drive.at(RunDual::zero()), &initial.q);
+            for n in 0..9 {
+                (motion.q[n].slope, motion.p[n].slope) = (derived.q[n].slope, derived.p[n].slope);
+            }
+        }
+        for n in 0..9 {
+            motion.q[n] = motion.q[n] + run.varied(0.0, |one| one.initial.q[n]);
+            motion.p[n] = motion.p[n] + run.varied(0.0, |one| one.initial.p[n]);
+        }
+        for i in 0..2 {
+            motion.memory[i] = motion.memory[i] + run.varied(0.0, |one| one.initial.memory[i]);
+        }
+        motion
     }
 }
 
-/// Applies what happens at a breakpoint.
-struct Pass<'a, 'w, R>(&'a Walk<'w, R>, f64, &'a SegmentDrive<RunDual<R>>, &'a mut States<RunDual<R>>);
+/// Applies what happens at a breakpoint: the shifts of inputs whose jump moves, then the impulses. Returns whether
+/// anything does.
+struct Pass<'a, 'w, R>(
+    &'a DifferentiatedRun<'w, R>,
+    f64,
+    &'a SegmentDrive<RunDual<R>>,
+    &'a mut States<RunDual<R>>,
+);
 
 impl<R: Lanes> LaneTask<R> for Pass<'_, '_, R> {
     type Output = bool;
 
     #[inline(always)]
     fn run(self) -> bool {
-        let Self(walk, time, drive, y) = self;
-        walk.pass(time, drive, y)
+        let Self(run, time, drive, y) = self;
+        let input = drive.at(RunDual::zero());
+        let mut passes = run.directions.iter().any(|one| one.shifts.iter().any(|shift| shift.time == time));
+        if passes {
+            run.shift(time, &input, y);
+        }
+        let inputs = &run.scene.inputs;
+        for (place, impulse) in inputs.impulses_at(time).enumerate() {
+            passes = true;
+            let slope = |one: &Direction, c: usize| {
+                one.inputs.impulses_at(time).nth(place).map_or(0.0, |slope| slope.impulse[c])
+            };
+            let component = |c: usize| run.varied(impulse.impulse[c], |one| slope(one, c));
+            let number = inputs.impulses_before(time) + place;
+            // An impulse that comes later by dt acts on the state that the rates before it reach in dt, and the
+            // rates after it act for dt less.
+            let by = run.varied(0.0, |one| one.impulse_times.get(number).copied().unwrap_or(0.0));
+            run.carry(&input, y, by);
+            // The angles of driven fingers are those of the instant to which the impulse moves.
+            run.equations.system.jump(&drive.at(by), y, &std::array::from_fn(component));
+            run.carry(&input, y, -by);
+        }
+        passes
     }
 }
 
-impl<R: Lanes> Walk<'_, R> {
+impl<R: Lanes> DifferentiatedRun<'_, R> {
     /// The steps that the run takes.
-    fn course(&self) -> Result<Course<'_>, Error> {
+    fn step_source(&self) -> Result<StepSource<'_>, Error> {
         let Scene { inputs, initial, duration, .. } = self.scene;
         Ok(match self.options.steps {
             Steps::Fixed(dt) => {
-                Course::Equal(Grid::new(inputs, initial, *duration, dt, self.options.refine)?)
+                StepSource::Equal(Grid::new(inputs, initial, *duration, dt, self.options.refine)?)
             }
             Steps::Free { .. } => {
-                Course::Free { span: Span::new(inputs, initial, *duration)?, ends: self.ends, behind: 1 }
+                StepSource::Free { span: Span::new(inputs, initial, *duration)?, ends: self.ends, behind: 1 }
             }
         })
     }
@@ -236,27 +279,6 @@ impl<R: Lanes> Walk<'_, R> {
     /// A number with its derivative in each direction.
     fn varied(&self, value: f64, of: impl Fn(&Direction) -> f64) -> RunDual<R> {
         RunDual::varied(value, &self.directions.iter().map(of).collect::<Vec<_>>())
-    }
-
-    /// The start of the run.
-    #[inline(always)]
-    fn begin(&self, drive: &SegmentDrive<RunDual<R>>) -> Motion<RunDual<R>> {
-        let initial = &self.scene.initial;
-        let mut motion = constant::<R>(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
-        if let Some(start) = self.start {
-            let derived = start.varied(&self.source, &drive.at(RunDual::zero()), &initial.q);
-            for n in 0..9 {
-                (motion.q[n].slope, motion.p[n].slope) = (derived.q[n].slope, derived.p[n].slope);
-            }
-        }
-        for n in 0..9 {
-            motion.q[n] = motion.q[n] + self.varied(0.0, |one| one.initial.q[n]);
-            motion.p[n] = motion.p[n] + self.varied(0.0, |one| one.initial.p[n]);
-        }
-        for i in 0..2 {
-            motion.memory[i] = motion.memory[i] + self.varied(0.0, |one| one.initial.memory[i]);
-        }
-        motion
     }
 
     /// Evaluates a state at time `tau` of the segment, and gives it to the sink if that wants it.
@@ -277,34 +299,6 @@ impl<R: Lanes> Walk<'_, R> {
             let at = StageState { from: y, by: RunDual::zero(), along: y };
             self.equations.system.rates(&drive.at(tau), &drive.contacts, at, rate);
         }
-    }
-
-    /// Applies what happens at a breakpoint: the shifts of inputs whose jump moves, then the impulses. Returns whether
-    /// anything does.
-    #[inline(always)]
-    fn pass(&self, time: f64, drive: &SegmentDrive<RunDual<R>>, y: &mut States<RunDual<R>>) -> bool {
-        let input = drive.at(RunDual::zero());
-        let mut passes = self.directions.iter().any(|one| one.shifts.iter().any(|shift| shift.time == time));
-        if passes {
-            self.shift(time, &input, y);
-        }
-        let inputs = &self.scene.inputs;
-        for (place, impulse) in inputs.impulses_at(time).enumerate() {
-            passes = true;
-            let slope = |one: &Direction, c: usize| {
-                one.inputs.impulses_at(time).nth(place).map_or(0.0, |slope| slope.impulse[c])
-            };
-            let component = |c: usize| self.varied(impulse.impulse[c], |one| slope(one, c));
-            let number = inputs.impulses_before(time) + place;
-            // An impulse that comes later by dt acts on the state that the rates before it reach in dt, and the
-            // rates after it act for dt less.
-            let by = self.varied(0.0, |one| one.impulse_times.get(number).copied().unwrap_or(0.0));
-            self.carry(&input, y, by);
-            // The angles of driven fingers are those of the instant to which the impulse moves.
-            self.equations.system.jump(&drive.at(by), y, &std::array::from_fn(component));
-            self.carry(&input, y, -by);
-        }
-        passes
     }
 
     /// Adds the effect of the shifts at a breakpoint. The rates are affine in the inputs, so that the difference of

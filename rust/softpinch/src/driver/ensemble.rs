@@ -2,17 +2,19 @@
 //!
 //! Every run gives the bits that it gives alone, whatever thread computes it and whatever runs are beside it.
 
+use std::borrow::Cow;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use crate::driver::lanes::compute_in_lanes;
-use crate::driver::queue::{Row, Scenes, Shared, Worker};
+use crate::driver::lanes::{LaneQueue, RunsInLanes};
+use crate::driver::queue::{Row, Scenes, Shared};
 use crate::driver::sensitivities::Derivatives;
 use crate::driver::simulate::simulate;
-use crate::driver::threads::share;
+use crate::driver::threads::share_watched;
 use crate::error::Error;
 use crate::model::scene::Scene;
 use crate::stepping::grid::Grid;
 use crate::stepping::options::{Options, Steps};
+use crate::stepping::queue::{Finished, Taken};
 use crate::stepping::record::reserved;
 use crate::stepping::status::Status;
 
@@ -28,7 +30,8 @@ pub fn ensemble(
 ) -> Result<Vec<Row>, Error> {
     let shared = &Shared::new(scenes, runs, options);
     let mut rows = reserved("the rows of an ensemble, in numbers,", runs)?;
-    let found = share(threads.min(runs.max(1)), &shared.stop, || work(shared), &mut || watch(shared.done()))?;
+    let found =
+        share_watched(threads.min(runs.max(1)), &shared.stop, || work(shared), &mut || watch(shared.done()))?;
     rows.extend(found.into_iter().flatten());
     rows.sort_unstable_by_key(|row| row.run);
     Ok(rows)
@@ -58,21 +61,40 @@ pub fn derivatives(
         Ok(found)
     };
     let mut found: Vec<_> =
-        share(threads.clamp(1, runs.max(1)), &stop, work, watch)?.into_iter().flatten().collect();
+        share_watched(threads.clamp(1, runs.max(1)), &stop, work, watch)?.into_iter().flatten().collect();
     found.sort_unstable_by_key(|(run, _)| *run);
     Ok((found.len() == runs).then(|| found.into_iter().map(|(_, own)| own).collect()))
 }
 
 /// The work of one thread.
 pub(super) fn work(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
-    let Some(first) = shared.peek()? else { return Ok(Vec::new()) };
+    let compute = |runs: RunsInLanes<'_, '_>| runs.compute();
+    in_lanes(shared, compute)?.map_or_else(|| one_by_one(shared), Ok)
+}
+
+/// Lets `compute` take runs into lanes, and returns the rows of those that it finishes.
+pub(super) fn in_lanes(
+    shared: &Shared<'_>,
+    compute: impl FnOnce(RunsInLanes<'_, '_>) -> Result<Option<()>, Error>,
+) -> Result<Option<Vec<Row>>, Error> {
+    let mut rows = Vec::new();
+    let Some(first) = shared.peek()? else { return Ok(Some(rows)) };
     let options = shared.options;
-    let mut worker = Worker { shared, rows: Vec::new() };
+    let mut take = || {
+        let taken = shared.take()?;
+        Ok(taken.map(|(number, scene)| Taken { number, scene: Cow::Owned(scene), contact: None }))
+    };
+    let mut finish = |finished: Finished| {
+        // A run that was interrupted has no row.
+        if finished.status != Status::Interrupted {
+            rows.push(Row::of_lane(finished));
+            shared.finished();
+        }
+    };
+    let queue = LaneQueue { take: &mut take, stops: &|| shared.stops(), finish: &mut finish };
     let choice = options.choice(first.inputs.fingers());
-    match compute_in_lanes(&mut worker, &whole_run(options), options, choice)? {
-        Some(()) => Ok(worker.rows),
-        None => one_by_one(shared),
-    }
+    let computed = compute(RunsInLanes { queue, grid: &whole_run(options), options, choice })?;
+    Ok(computed.map(|()| rows))
 }
 
 /// The times of the steps of a run from its start to its end, in equal steps.

@@ -1,6 +1,6 @@
 //! One run of a simulator: where it begins, where it is, and the ends of its periods.
 
-use crate::driver::simulate::require_sound;
+use crate::driver::simulate::require_valid;
 use crate::error::{Error, require_at_most};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
@@ -118,7 +118,7 @@ impl Environment {
         if let Some(grid) = &mut scene.initial.grid {
             *grid = (state.time, 0);
         }
-        let found = require_sound(scene, options).and_then(|()| multipliers(scene, options, dt));
+        let found = require_valid(scene, options).and_then(|()| multipliers(scene, options, dt));
         let multipliers = found.inspect_err(|_| scene.initial = before)?;
         let State { time: t, q, p, .. } = *state;
         self.span = span;

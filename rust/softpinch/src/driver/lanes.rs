@@ -1,120 +1,99 @@
 //! The step loops of many runs in lanes, compiled for each SIMD level.
 
-use crate::driver::queue::{LaneQueue, LaneRuns};
 use crate::error::Error;
 use crate::formulation::scene_equations::Choice;
 use crate::method::called::{AnyMethod, adaptive_in_lanes};
-use crate::method::entry::{AdaptiveLaneMethod, LaneMethod};
+use crate::method::entry::LaneMethod;
 use crate::method::rk4::Rk4;
-use crate::number::lanes::{LaneTask, Lanes};
+use crate::method::traits::Runs;
+use crate::model::energy::LedgerRow;
+use crate::number::lanes::Lanes;
 use crate::number::simd::dispatch::{LaneKernel, dispatch_lanes};
 use crate::number::simd::level::Instructions;
 use crate::stepping::adaptive::AdaptiveSteps;
+use crate::stepping::batch::LoopSetup;
 use crate::stepping::equal::EqualSteps;
 use crate::stepping::grid::GridOf;
 use crate::stepping::options::{Options, Steps};
+use crate::stepping::queue::{Finished, RunQueue, Taken};
+use crate::stepping::sample::Sample;
 
-/// The runs of one thread in equal steps, compiled for each SIMD level.
-pub struct EqualKernel<'q, 'a> {
-    /// The source and the destination of the runs.
-    pub runs: &'q mut dyn LaneRuns<'a>,
-    /// Finds the times of their steps.
-    pub grid: &'q GridOf<'q>,
-    /// The options of all runs.
-    pub options: &'a Options,
-    /// The equations of all runs.
-    pub choice: Choice,
-    /// The method that takes the steps.
-    pub method: LaneMethod,
+/// The source and the destination of runs in lanes, whose step loops are compiled once for all of them.
+pub(super) struct LaneQueue<'q, 'a> {
+    /// Gives the next run, if there is one.
+    pub(super) take: &'q mut dyn FnMut() -> Result<Option<Taken<'a>>, Error>,
+    /// Says whether the loop should stop its runs.
+    pub(super) stops: &'q dyn Fn() -> bool,
+    /// Takes a run that has ended.
+    pub(super) finish: &'q mut dyn FnMut(Finished),
 }
 
-impl LaneKernel for EqualKernel<'_, '_> {
-    type Output = Result<(), Error>;
+impl<'a> RunQueue<'a> for LaneQueue<'_, 'a> {
+    fn take(&mut self) -> Result<Option<Taken<'a>>, Error> {
+        (self.take)()
+    }
+
+    fn stops(&mut self) -> bool {
+        (self.stops)()
+    }
+
+    fn finish(&mut self, finished: Finished, _: impl FnOnce(&Sample) -> LedgerRow) {
+        (self.finish)(finished);
+    }
+}
+
+/// The runs of one thread in lanes.
+pub(super) struct RunsInLanes<'q, 'a> {
+    pub(super) queue: LaneQueue<'q, 'a>,
+    /// Finds the times of equal steps.
+    pub(super) grid: &'q GridOf<'q>,
+    /// The options and the equations of all runs.
+    pub(super) options: &'a Options,
+    pub(super) choice: Choice,
+}
+
+impl RunsInLanes<'_, '_> {
+    /// Computes the runs. Returns `None` if the steps of the method have no lanes, which its entry says.
+    pub(super) fn compute(self) -> Result<Option<()>, Error> {
+        let Some(method) = self.options.method.entry().lanes else { return Ok(None) };
+        dispatch_lanes(self.options.simd, StepLoop { runs: self, method })?
+    }
+}
+
+/// The step loop of runs in lanes, compiled for each SIMD level.
+pub(super) struct StepLoop<'q, 'a> {
+    pub(super) runs: RunsInLanes<'q, 'a>,
+    /// The method that takes the steps.
+    pub(super) method: LaneMethod,
+}
+
+impl LaneKernel for StepLoop<'_, '_> {
+    type Output = Result<Option<()>, Error>;
 
     #[inline(always)]
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
-        let Self { runs, grid, options, choice, method } = self;
-        let steps = EqualSteps { instructions, options, choice, queue: LaneQueue(runs), grid };
-        match method {
-            LaneMethod::Rk4 => R::call(instructions, Rk4EqualSteps(steps)),
-            LaneMethod::Adaptive(method) => R::call(instructions, CalledEqualSteps(steps, method)),
-        }
+        let Self { runs: RunsInLanes { queue, grid, options, choice }, method } = self;
+        let setup = LoopSetup { instructions, options, choice, queue };
+        let computed = match (options.steps, method) {
+            // A step of RK4 is so short that a call would take 3 % of it.
+            (Steps::Fixed(_), LaneMethod::Rk4) => {
+                let build = |runs: Runs<'_>| (runs.system::<R>(), Rk4::new());
+                R::call(instructions, EqualSteps { setup, grid, build })
+            }
+            (Steps::Fixed(_), LaneMethod::Adaptive(method)) => {
+                let build = |runs: Runs<'_>| {
+                    let system = runs.system();
+                    let method: AnyMethod<R> = adaptive_in_lanes(method, runs, &system);
+                    (system, method)
+                };
+                R::call(instructions, EqualSteps { setup, grid, build })
+            }
+            (Steps::Free { tolerance }, LaneMethod::Adaptive(method)) => {
+                let build = |runs: Runs<'_>, system: &_| adaptive_in_lanes::<R>(method, runs, system);
+                R::call(instructions, AdaptiveSteps { setup, tolerance, build })
+            }
+            (Steps::Free { .. }, LaneMethod::Rk4) => return Ok(None),
+        };
+        computed.map(|_| Some(()))
     }
-}
-
-/// Equal steps of RK4, whose step is so short that a call would take 3 % of it.
-struct Rk4EqualSteps<'g, 'q, 'a>(EqualSteps<'g, 'a, LaneQueue<'q, 'a>>);
-
-impl<R: Lanes> LaneTask<R> for Rk4EqualSteps<'_, '_, '_> {
-    type Output = Result<(), Error>;
-
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        self.0.run(|runs| (runs.system::<R>(), Rk4::new())).map(|_| ())
-    }
-}
-
-/// Equal steps of any other method.
-struct CalledEqualSteps<'g, 'q, 'a>(EqualSteps<'g, 'a, LaneQueue<'q, 'a>>, AdaptiveLaneMethod);
-
-impl<R: Lanes> LaneTask<R> for CalledEqualSteps<'_, '_, '_> {
-    type Output = Result<(), Error>;
-
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        let Self(steps, method) = self;
-        let done = steps.run(|runs| {
-            let system = runs.system();
-            let method: AnyMethod<R> = adaptive_in_lanes(method, runs, &system);
-            (system, method)
-        });
-        done.map(|_| ())
-    }
-}
-
-/// The runs of one thread in adaptive steps, compiled for each SIMD level.
-pub struct AdaptiveKernel<'q, 'a> {
-    /// The source and the destination of the runs.
-    pub runs: &'q mut dyn LaneRuns<'a>,
-    /// The options of all runs.
-    pub options: &'a Options,
-    /// The equations of all runs.
-    pub choice: Choice,
-    /// The error that is allowed in a step, as a share of each state's magnitude.
-    pub tolerance: f64,
-    /// The method that takes the steps.
-    pub method: AdaptiveLaneMethod,
-}
-
-impl LaneKernel for AdaptiveKernel<'_, '_> {
-    type Output = Result<(), Error>;
-
-    #[inline(always)]
-    fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
-        let Self { runs, options, choice, tolerance, method } = self;
-        let steps = AdaptiveSteps { instructions, options, choice, tolerance, queue: LaneQueue(runs) };
-        steps.run::<R>(|runs, system| adaptive_in_lanes(method, runs, system)).map(|_| ())
-    }
-}
-
-/// Computes runs in lanes, with the options of all of them. Returns `None` if the steps of the method have no
-/// lanes, which its entry says. `grid` is for equal steps.
-pub(super) fn compute_in_lanes<'a>(
-    runs: &mut dyn LaneRuns<'a>,
-    grid: &GridOf<'_>,
-    options: &'a Options,
-    choice: Choice,
-) -> Result<Option<()>, Error> {
-    let level = options.simd;
-    let Some(method) = options.method.entry().lanes else { return Ok(None) };
-    match (options.steps, method) {
-        (Steps::Fixed(_), method) => {
-            dispatch_lanes(level, EqualKernel { runs, grid, options, choice, method })?
-        }
-        (Steps::Free { tolerance }, LaneMethod::Adaptive(method)) => {
-            dispatch_lanes(level, AdaptiveKernel { runs, options, choice, tolerance, method })?
-        }
-        (Steps::Free { .. }, LaneMethod::Rk4) => return Ok(None),
-    }
-    .map(Some)
 }

@@ -2,178 +2,110 @@
 //! on several.
 
 use std::borrow::Cow;
-use std::sync::OnceLock;
+use std::cell::RefCell;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use rayon::{ThreadPool, ThreadPoolBuilder};
+use rayon::ThreadPool;
 
 use crate::driver::environment::{Environment, Outcome};
-use crate::driver::lanes::compute_in_lanes;
-use crate::driver::queue::LaneRuns;
+use crate::driver::lanes::{LaneQueue, RunsInLanes};
 use crate::driver::simulate::advance;
+use crate::driver::threads::share;
 use crate::error::Error;
 use crate::model::scene::Scene;
 use crate::number::lanes::MOST;
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::grid::{Grid, Span};
 use crate::stepping::options::Options;
-use crate::stepping::queue::Finished;
+use crate::stepping::queue::{Finished, Taken};
 
-/// Some of the runs during a period.
-struct Part<'a> {
-    /// Number of the first run, and the runs from there on.
-    first: usize,
-    environments: &'a [Environment],
-    outcomes: &'a mut [Option<Outcome>],
-    contacts: &'a mut [Option<Box<LaneContact>>],
+/// A run during a period.
+#[derive(Default)]
+pub(super) struct PeriodRun {
+    /// The end of the period, s.
+    pub(super) end: f64,
+    /// The result, once there is one.
+    pub(super) outcome: Option<Outcome>,
+    /// In unilateral contact, its contacts, whose equations do not change.
+    pub(super) contact: Option<Box<LaneContact>>,
 }
 
-impl<'a> Part<'a> {
-    /// The runs for one thread, which computes them until `stops` says so.
-    fn until<'b>(self, stops: &'b dyn Fn() -> bool) -> Chunk<'b>
-    where
-        'a: 'b,
-    {
-        let Self { first, environments, outcomes, contacts } = self;
-        Chunk { first, environments, outcomes, contacts, next: 0, stops }
-    }
-}
+/// Some of the runs of a simulator, for one thread.
+type Part<'a> = (&'a [Environment], &'a mut [PeriodRun]);
 
-/// Some of the runs during a period, for one thread.
-struct Chunk<'a> {
-    /// Number of the first run, and the runs from there on.
-    first: usize,
-    environments: &'a [Environment],
-    outcomes: &'a mut [Option<Outcome>],
-    contacts: &'a mut [Option<Box<LaneContact>>],
-    next: usize,
-    stops: &'a dyn Fn() -> bool,
-}
-
-impl<'a> Chunk<'a> {
-    /// The next run that has not ended.
-    fn next(&mut self) -> Option<(usize, &'a Scene)> {
-        let environments = self.environments;
-        let goes_on = |environment: &Environment| environment.observed.status.is_none();
-        let place = self.next + environments[self.next..].iter().position(goes_on)?;
-        self.next = place + 1;
-        Some((self.first + place, &environments[place].scene))
-    }
-
-    fn note(&mut self, number: usize, outcome: Outcome) {
-        self.outcomes[number - self.first] = Some(outcome);
-    }
-}
-
-impl<'a> LaneRuns<'a> for Chunk<'a> {
-    fn take(&mut self) -> Result<Option<(usize, Cow<'a, Scene>)>, Error> {
-        Ok(self.next().map(|(number, scene)| (number, Cow::Borrowed(scene))))
-    }
-
-    fn take_contact(&mut self) -> Option<Box<LaneContact>> {
-        self.contacts[self.next - 1].take()
-    }
-
-    fn stops(&mut self) -> bool {
-        (self.stops)()
-    }
-
-    fn finish(&mut self, Finished { number, status, message, last, contact, .. }: Finished) {
-        self.contacts[number - self.first] = contact;
-        self.note(number, Outcome { status, message, instant: last.instant });
-    }
-}
-
-/// The steps that all runs take.
-#[derive(Clone, Copy)]
-pub(super) struct Period<'a> {
-    pub(super) options: &'a Options,
-    pub(super) dt: f64,
-    /// The ends of the period, s.
-    pub(super) ends: &'a [f64],
-}
-
-impl<'a> Period<'a> {
-    fn grid(&self, number: usize, Scene { inputs, initial, .. }: &Scene) -> Result<Grid, Error> {
-        let span = Span { start: initial.time, end: self.ends[number] };
-        Grid::over(inputs, initial, span, self.dt, self.options.refine)
-    }
-
-    /// Computes the period of the runs in a chunk. A single run, and a method whose steps have no lanes, take
-    /// the code of lone runs.
-    fn compute<'b>(self, mut chunk: Chunk<'b>) -> Result<(), Error>
-    where
-        'a: 'b,
-    {
-        let Self { options, .. } = self;
-        if let [first, _, ..] = chunk.environments {
-            let choice = options.choice(first.scene.inputs.fingers());
-            let grid = |number, scene: &Scene| self.grid(number, scene);
-            if compute_in_lanes(&mut chunk, &grid, options, choice)?.is_some() {
-                return Ok(());
-            }
+/// Computes the period of some runs in steps of at most `dt`. A single run, and a method whose steps have no lanes, take
+/// the code of lone runs.
+fn compute_part(
+    (options, dt): (&Options, f64),
+    (environments, runs): Part<'_>,
+    stops: &dyn Fn() -> bool,
+) -> Result<(), Error> {
+    // The grid, the source and the destination of a loop use them by turns.
+    let runs = RefCell::new(runs);
+    let grid = |number: usize, Scene { inputs, initial, .. }: &Scene| {
+        let span = Span { start: initial.time, end: runs.borrow()[number].end };
+        Grid::over(inputs, initial, span, dt, options.refine)
+    };
+    let mut under_way =
+        (0..).zip(environments).filter(|(_, environment)| environment.observed.status.is_none());
+    if let [first, _, ..] = environments {
+        let mut take = || {
+            let next = under_way.next();
+            Ok(next.map(|(number, environment)| Taken {
+                number,
+                scene: Cow::Borrowed(&environment.scene),
+                contact: runs.borrow_mut()[number].contact.take(),
+            }))
+        };
+        let mut finish = |Finished { number, status, message, last, contact, .. }: Finished| {
+            let run = &mut runs.borrow_mut()[number];
+            run.contact = contact;
+            run.outcome = Some(Outcome { status, message, instant: last.instant });
+        };
+        let queue = LaneQueue { take: &mut take, stops, finish: &mut finish };
+        let choice = options.choice(first.scene.inputs.fingers());
+        if (RunsInLanes { queue, grid: &grid, options, choice }).compute()?.is_some() {
+            return Ok(());
         }
-        while let Some((number, scene)) = chunk.next() {
-            let place = number - chunk.first;
-            let grid = self.grid(number, scene)?;
-            let kept = (scene, chunk.contacts[place].take());
-            let (run, contact) = advance(kept, options, grid, chunk.stops)?;
-            chunk.contacts[place] = contact;
-            chunk.note(number, Outcome { status: run.status, message: run.message, instant: run.last });
-        }
-        Ok(())
     }
+    for (number, Environment { scene, .. }) in under_way {
+        let kept = runs.borrow_mut()[number].contact.take();
+        let (found, contact) = advance((scene, kept), options, grid(number, scene)?, stops)?;
+        let run = &mut runs.borrow_mut()[number];
+        run.contact = contact;
+        run.outcome = Some(Outcome { status: found.status, message: found.message, instant: found.last });
+    }
+    Ok(())
 }
 
-/// Computes the period of all runs. The caller's thread does a part of the work.
+/// Computes the period of all runs. The caller's thread does a part of the work beside those of the pool.
 pub(super) fn compute(
-    task: Period<'_>,
+    how: (&Options, f64),
     environments: &[Environment],
-    (outcomes, contacts): (&mut [Option<Outcome>], &mut [Option<Box<LaneContact>>]),
+    runs: &mut [PeriodRun],
     pool: Option<&ThreadPool>,
     interrupted: &dyn Fn() -> bool,
 ) -> Result<(), Error> {
-    let threads = pool.map_or(1, |pool| pool.current_num_threads() + 1);
+    let Some(pool) = pool else { return compute_part(how, (environments, runs), interrupted) };
     // Whole vectors of lanes, as far as there are enough runs.
-    let size = environments.len().div_ceil(threads).next_multiple_of(MOST);
-    let all = environments.chunks(size).zip(outcomes.chunks_mut(size)).zip(contacts.chunks_mut(size));
-    let mut parts = all.enumerate().map(|(k, ((environments, outcomes), contacts))| Part {
-        first: k * size,
-        environments,
-        outcomes,
-        contacts,
-    });
+    let size = environments.len().div_ceil(pool.current_num_threads() + 1).next_multiple_of(MOST);
+    let mut parts = environments.chunks(size).zip(runs.chunks_mut(size));
     let Some(own) = parts.next() else { return Ok(()) };
-    let Some(pool) = pool else {
-        return task.compute(own.until(interrupted));
+    let stop = AtomicBool::new(false);
+    let stopped = || stop.load(Ordering::Relaxed);
+    let stops = || {
+        stop.fetch_or(interrupted(), Ordering::Relaxed);
+        stopped()
     };
-    let (stop, failed) = (AtomicBool::new(false), OnceLock::new());
-    let found = pool.in_place_scope(|scope| {
-        for part in parts {
-            let (stop, failed) = (&stop, &failed);
-            scope.spawn(move |_| {
-                let stops = || stop.load(Ordering::Relaxed);
-                if let Err(error) = task.compute(part.until(&stops)) {
-                    // One error is enough.
-                    let _ = failed.set(error);
-                }
-            });
-        }
-        let stops = || {
-            let stops = interrupted();
-            stop.fetch_or(stops, Ordering::Relaxed);
-            stops
-        };
-        task.compute(own.until(&stops))
-    });
-    failed.into_inner().map_or(found, Err)
-}
-
-/// Threads that wait for work beside the caller's; `None` if there are none.
-pub(super) fn pool(threads: usize) -> Result<Option<ThreadPool>, Error> {
-    if threads < 2 {
-        return Ok(None);
-    }
-    let pool = ThreadPoolBuilder::new().num_threads(threads - 1).build();
-    pool.map(Some).map_err(|error| Error::Threads { threads, reason: error.to_string() })
+    share(
+        pool,
+        parts,
+        &stop,
+        |part| compute_part(how, part, &stopped),
+        |results| {
+            let found = compute_part(how, own, &stops);
+            stop.fetch_or(found.is_err(), Ordering::Relaxed);
+            results.iter().chain([found]).collect()
+        },
+    )
 }

@@ -1,21 +1,17 @@
 //! The runs of an ensemble, which threads take one after the other, and their rows.
 
-use std::borrow::Cow;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use crate::driver::simulate::require_sound;
+use crate::driver::simulate::require_valid;
 use crate::error::Error;
 use crate::model::control::Fingers;
-use crate::model::energy::LedgerRow;
 use crate::model::scene::Scene;
-use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::monitor::VIOLATIONS;
 use crate::stepping::options::Options;
-use crate::stepping::queue::{Finished, RunQueue};
+use crate::stepping::queue::Finished;
 use crate::stepping::record::Instant;
 use crate::stepping::recorder::Run;
-use crate::stepping::sample::Sample;
 use crate::stepping::status::Status;
 use crate::stepping::summary::COUNT;
 
@@ -45,6 +41,14 @@ pub struct Row {
 }
 
 impl Row {
+    /// The row of a run that has ended in lanes.
+    pub(super) fn of_lane(finished: Finished) -> Self {
+        let Finished { number, status, message, last, first_times, holds, summaries, stats, .. } = finished;
+        let Instant { t, q, p, .. } = last.instant;
+        let (violations, steps) = (first_times, stats.steps);
+        Self { run: number, status, message, t, q, p, violations, holds, steps, summaries }
+    }
+
     /// The row of a run that was simulated alone.
     pub(super) fn of(number: usize, run: Run) -> Self {
         let mut violations = [f64::NAN; VIOLATIONS.len()];
@@ -100,7 +104,7 @@ impl<'a> Shared<'a> {
         }
         let refused = |error| Error::Run { run, error: Box::new(error) };
         let scene = (self.scenes)(run)?;
-        require_sound(&scene, self.options).map_err(refused)?;
+        require_valid(&scene, self.options).map_err(refused)?;
         // All lanes of a loop have the same equations, so all runs must have the same kind of fingers.
         let fingers = scene.inputs.fingers();
         if *self.fingers.get_or_init(|| fingers) == fingers {
@@ -116,7 +120,6 @@ impl<'a> Shared<'a> {
     }
 
     /// Whether the caller wants to stop.
-    #[inline(always)]
     pub fn stops(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }
@@ -130,71 +133,5 @@ impl<'a> Shared<'a> {
     /// Counts one more finished run.
     pub fn finished(&self) {
         self.done.fetch_add(1, Ordering::Relaxed);
-    }
-}
-
-/// The source and the destination of runs in lanes, whose step loops are compiled once for all of them.
-pub trait LaneRuns<'a> {
-    /// The next run and its number, or `None` if there is none.
-    fn take(&mut self) -> Result<Option<(usize, Cow<'a, Scene>)>, Error>;
-
-    /// The contacts of an earlier run with the same parameters as the one that was just taken, if they were kept.
-    fn take_contact(&mut self) -> Option<Box<LaneContact>> {
-        None
-    }
-
-    /// Whether the loop should stop its runs.
-    fn stops(&mut self) -> bool;
-
-    /// Takes a run that has ended.
-    fn finish(&mut self, finished: Finished);
-}
-
-/// Runs in lanes as the queue of a step loop.
-pub(super) struct LaneQueue<'q, 'a>(pub(super) &'q mut dyn LaneRuns<'a>);
-
-impl<'a> RunQueue<'a> for LaneQueue<'_, 'a> {
-    fn take(&mut self) -> Result<Option<(usize, Cow<'a, Scene>)>, Error> {
-        self.0.take()
-    }
-
-    fn take_contact(&mut self) -> Option<Box<LaneContact>> {
-        self.0.take_contact()
-    }
-
-    fn stops(&mut self) -> bool {
-        self.0.stops()
-    }
-
-    fn finish(&mut self, finished: Finished, _: impl FnOnce(&Sample) -> LedgerRow) {
-        self.0.finish(finished);
-    }
-}
-
-/// The runs of one thread: it takes run after run and collects their rows.
-pub(super) struct Worker<'a> {
-    pub(super) shared: &'a Shared<'a>,
-    pub(super) rows: Vec<Row>,
-}
-
-impl<'a> LaneRuns<'a> for Worker<'a> {
-    fn take(&mut self) -> Result<Option<(usize, Cow<'a, Scene>)>, Error> {
-        Ok(self.shared.take()?.map(|(run, scene)| (run, Cow::Owned(scene))))
-    }
-
-    fn stops(&mut self) -> bool {
-        self.shared.stops()
-    }
-
-    fn finish(&mut self, finished: Finished) {
-        let Finished { number, status, message, last, first_times, holds, summaries, stats, .. } = finished;
-        // A run that was interrupted has no row.
-        if status == Status::Interrupted {
-            return;
-        }
-        let Instant { t, q, p, .. } = last.instant;
-        let (violations, steps) = (first_times, stats.steps);
-        self.rows.push(Row { run: number, status, message, t, q, p, violations, holds, steps, summaries });
-        self.shared.finished();
     }
 }

@@ -3,7 +3,7 @@
 //! its steps held.
 
 use crate::driver::derivative_sink::{Ends, Rows, Sink};
-use crate::driver::differentiated_run::{Walk, WalkTask};
+use crate::driver::differentiated_run::{DifferentiatedRun, FollowRun};
 use crate::driver::direction::{COMPONENTS, Direction};
 use crate::driver::simulate::simulate;
 use crate::error::Error;
@@ -130,7 +130,7 @@ impl LaneKernel for All<'_> {
             let source = VariedParameters { parameters: &scene.parameters, slopes };
             let twice = options.method == Method::Rosenbrock;
             let equations = RunDualEquations::<R>::new(instructions, choice, &source, gains, twice);
-            let walk = Walk {
+            let run = DifferentiatedRun {
                 instructions,
                 scene,
                 options,
@@ -148,7 +148,7 @@ impl LaneKernel for All<'_> {
                 Wanted::Ends { until, .. } => Sink::Ends(Ends::new(&options.summaries, *until)),
             };
             let mut method = run_dual_steps(runs, options.method);
-            match R::call(instructions, WalkTask(&walk, &mut *method, &mut sink)) {
+            match R::call(instructions, FollowRun(&run, &mut *method, &mut sink)) {
                 Ok(()) if sink.is_full() => {}
                 Ok(()) => return Ok(None),
                 Err(failure @ Error::NoDerivative { .. }) => {

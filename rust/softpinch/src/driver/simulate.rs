@@ -3,13 +3,14 @@
 use crate::error::Error;
 use crate::formulation::inlined::Inlined;
 use crate::formulation::mode_selection::Contact;
-use crate::formulation::scene_equations::{Choice, EquationKind, SceneEquations, with};
+use crate::formulation::scene_equations::{EquationKind, SceneEquations, with};
 use crate::formulation::table::Formulation;
 use crate::formulation::unilateral::Unilateral;
 use crate::method::called::{adaptive_alone, alone};
 use crate::method::entry::AdaptiveMethod;
 use crate::method::rk4::Rk4;
 use crate::method::table::{METHODS, Method};
+use crate::method::traits::Runs;
 use crate::model::contact_modes::{ContactModel, Mode};
 use crate::model::control::Fingers;
 use crate::model::inputs::Sampled;
@@ -17,14 +18,13 @@ use crate::model::parameters::Stabilization;
 use crate::model::rule::Rule;
 use crate::model::scene::Scene;
 use crate::model::start::{require_consistent, require_held, require_scheduled};
-use crate::number::lanes::{LaneTask, Lanes};
-use crate::number::simd::level::Instructions;
+use crate::number::lanes::Lanes;
 use crate::stepping::adaptive::AdaptiveSteps;
+use crate::stepping::batch::LoopSetup;
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::equal::EqualSteps;
 use crate::stepping::grid::{Grid, Span};
 use crate::stepping::lane_controller::LaneController;
-use crate::stepping::loop_system::LoopSystem;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::record::{Layout, Recording, reserved};
 use crate::stepping::recorder::{Due, Recorder, Run};
@@ -73,14 +73,8 @@ pub fn simulate(
         Some(times) => Due::Times(times),
         None => Due::Steps { every: options.every, left: 0 },
     };
-    let single = Single {
-        instructions: options.simd.require()?,
-        options,
-        scene,
-        choice: options.choice(scene.inputs.fingers()),
-        recorder: Recorder::new(scene, recording, due, interrupted),
-    };
-    Ok((single.run(&plan)?.run, warning))
+    let recorder = Recorder::new(scene, recording, due, interrupted);
+    Ok((run(scene, options, &plan, recorder)?.run, warning))
 }
 
 /// Computes a run over the times of a grid, without its recording and without a check. In unilateral contact the
@@ -93,14 +87,7 @@ pub(super) fn advance(
 ) -> Result<(Run, Option<Box<LaneContact>>), Error> {
     let mut recorder = Recorder::new(scene, Recording::default(), Due::Never, interrupted);
     recorder.contact = contact;
-    let single = Single {
-        instructions: options.simd.require()?,
-        options,
-        scene,
-        choice: options.choice(scene.inputs.fingers()),
-        recorder,
-    };
-    let Recorder { run, contact, .. } = single.run(&Plan::Fixed(grid))?;
+    let Recorder { run, contact, .. } = run(scene, options, &Plan::Fixed(grid), recorder)?;
     Ok((run, contact))
 }
 
@@ -140,7 +127,7 @@ pub fn outline(scene: &Scene, options: &Options) -> Result<Outline, Error> {
 
 /// Refuses a scene or options with which no run can begin. The times of the run are checked elsewhere. Single
 /// runs and runs of an ensemble are checked here.
-pub(crate) fn require_sound(scene: &Scene, options: &Options) -> Result<(), Error> {
+pub(crate) fn require_valid(scene: &Scene, options: &Options) -> Result<(), Error> {
     options.simd.require()?;
     if options.every == 0 {
         return Err(Error::Field { field: "every".to_owned(), value: 0.0, rule: "must be at least 1" });
@@ -245,7 +232,7 @@ impl Plan {
 /// Checks a run. Returns its times, the instants to record if these were asked for, and the number of rows of its
 /// recording, which is zero if free steps make it unknown beforehand.
 fn prepare(scene: &Scene, options: &Options) -> Result<(Plan, Option<Vec<f64>>, u64), Error> {
-    require_sound(scene, options)?;
+    require_valid(scene, options)?;
     let Scene { inputs, initial, duration, .. } = scene;
     let span = Span::new(inputs, initial, *duration)?;
     let (plan, rows) = match options.steps {
@@ -286,84 +273,39 @@ fn instants(times: &[f64], Span { start, end }: Span) -> Result<Vec<f64>, Error>
     Ok(instants)
 }
 
-/// One run, with the data for its step loop.
-struct Single<'a> {
-    instructions: Instructions,
+/// Runs the step loop for the method and the kind of steps.
+fn run<'a>(
+    scene: &Scene,
     options: &'a Options,
-    scene: &'a Scene,
-    choice: Choice,
-    recorder: Recorder<'a>,
-}
-
-/// Equal steps of RK4, with the equations inlined.
-struct Rk4EqualSteps<'g, 'a, S>(EqualSteps<'g, 'a, Recorder<'a>>, S);
-
-impl<'a, S: LoopSystem<f64>> LaneTask<f64> for Rk4EqualSteps<'_, 'a, S> {
-    type Output = Result<Recorder<'a>, Error>;
-
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        let Self(steps, system) = self;
-        steps.run(|_| (system, Rk4::new()))
-    }
-}
-
-/// Equal steps of any method.
-struct EqualStepsTask<'g, 'a>(EqualSteps<'g, 'a, Recorder<'a>>, Method);
-
-impl<'a> LaneTask<f64> for EqualStepsTask<'_, 'a> {
-    type Output = Result<Recorder<'a>, Error>;
-
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        let Self(steps, method) = self;
-        steps.run(|runs| {
-            let system = runs.system();
-            let method = alone(method, runs, &system);
-            (system, method)
-        })
-    }
-}
-
-/// Adaptive steps of any method.
-struct AdaptiveStepsTask<'a>(AdaptiveSteps<'a, Recorder<'a>>, AdaptiveMethod);
-
-impl<'a> LaneTask<f64> for AdaptiveStepsTask<'a> {
-    type Output = Result<Recorder<'a>, Error>;
-
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        let Self(steps, method) = self;
-        steps.run(|runs, system| adaptive_alone(method, runs, system))
-    }
-}
-
-impl<'a> Single<'a> {
-    /// Runs the step loop for the method and the kind of steps.
-    fn run(self, plan: &Plan) -> Result<Recorder<'a>, Error> {
-        let Self { instructions, options, scene, choice, recorder: queue } = self;
-        match *plan {
-            Plan::Fixed(ref grid) => {
-                let grid = &|_, _: &Scene| Ok(grid.clone());
-                let steps = EqualSteps { instructions, options, choice, queue, grid };
-                // Only what was measured to pay is inlined (docs/what-a-scene-pays.md).
-                if options.method == Method::Rk4
-                    && options.contact == ContactModel::Bilateral
-                    && !choice.ledger
-                {
-                    let gains = &options.stabilization;
-                    let called = &SceneEquations::new(instructions, choice, &scene.parameters, gains);
-                    return with!(called.kind, equations [false] => {
-                        let system = Inlined::<_, false> { equations, called };
-                        f64::call(instructions, Rk4EqualSteps(steps, system))
-                    });
-                }
-                f64::call(instructions, EqualStepsTask(steps, options.method))
+    plan: &Plan,
+    queue: Recorder<'a>,
+) -> Result<Recorder<'a>, Error> {
+    let instructions = options.simd.require()?;
+    let choice = options.choice(scene.inputs.fingers());
+    let setup = LoopSetup { instructions, options, choice, queue };
+    match *plan {
+        Plan::Fixed(ref grid) => {
+            let grid = &|_, _: &Scene| Ok(grid.clone());
+            // Only what was measured to pay is inlined (docs/what-a-scene-pays.md).
+            if options.method == Method::Rk4 && options.contact == ContactModel::Bilateral && !choice.ledger {
+                let gains = &options.stabilization;
+                let called = &SceneEquations::new(instructions, choice, &scene.parameters, gains);
+                return with!(called.kind, equations [false] => {
+                    let system = Inlined::<_, false> { equations, called };
+                    let build = |_: Runs<'_>| (system, Rk4::new());
+                    f64::call(instructions, EqualSteps { setup, grid, build })
+                });
             }
-            Plan::Free { method, tolerance, .. } => {
-                let steps = AdaptiveSteps { instructions, options, choice, tolerance, queue };
-                f64::call(instructions, AdaptiveStepsTask(steps, method))
-            }
+            let build = |runs: Runs<'_>| {
+                let system = runs.system();
+                let method = alone(options.method, runs, &system);
+                (system, method)
+            };
+            f64::call(instructions, EqualSteps { setup, grid, build })
+        }
+        Plan::Free { method, tolerance, .. } => {
+            let build = |runs: Runs<'_>, system: &_| adaptive_alone(method, runs, system);
+            f64::call(instructions, AdaptiveSteps { setup, tolerance, build })
         }
     }
 }

@@ -9,14 +9,14 @@ use rayon::ThreadPool;
 
 pub use crate::driver::environment::Observed;
 use crate::driver::environment::{Environment, Outcome};
-use crate::driver::period::{Period, compute, pool};
+use crate::driver::period::{PeriodRun, compute};
+use crate::driver::threads::waiting;
 use crate::error::Error;
 use crate::model::inputs::Held;
 use crate::model::rule::Rule;
 use crate::model::scene::Scene;
 use crate::model::start::State;
 use crate::number::lanes::MOST;
-use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::grid::Span;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::status::Status;
@@ -27,11 +27,9 @@ pub struct Simulator {
     dt: f64,
     period: f64,
     environments: Vec<Environment>,
-    /// The ends of the period that is computed now, s, and its results.
-    ends: Vec<f64>,
-    outcomes: Vec<Option<Outcome>>,
-    /// In unilateral contact, the contacts of each run, whose equations do not change.
-    contacts: Vec<Option<Box<LaneContact>>>,
+    /// The runs in the period that is computed now.
+    runs: Vec<PeriodRun>,
+    /// Threads beside the caller's, if there are any.
     pool: Option<ThreadPool>,
 }
 
@@ -61,11 +59,11 @@ impl Simulator {
             environment.begin((&start, check), options, (dt, period)).map_err(refused)?;
             environments.push(environment);
         }
-        let (ends, outcomes) = (vec![0.0; environments.len()], vec![None; environments.len()]);
+        let runs = environments.iter().map(|_| PeriodRun::default()).collect();
         // More threads than vectors of lanes have nothing to do.
-        let pool = pool(threads.min(environments.len().div_ceil(MOST)))?;
-        let contacts = environments.iter().map(|_| None).collect();
-        Ok(Self { options: options.clone(), dt, period, environments, ends, outcomes, contacts, pool })
+        let threads = threads.min(environments.len().div_ceil(MOST));
+        let pool = (threads > 1).then(|| waiting(threads - 1)).transpose()?;
+        Ok(Self { options: options.clone(), dt, period, environments, runs, pool })
     }
 
     /// Number of runs.
@@ -139,7 +137,7 @@ impl Simulator {
     /// angles in rad. Returns `false` if `interrupted` has stopped it; then nothing has
     /// changed. It is called every few milliseconds.
     pub fn step(&mut self, targets: &[[f64; 2]], interrupted: &dyn Fn() -> bool) -> Result<bool, Error> {
-        let Self { options, dt, period, environments, ends, outcomes, contacts, pool } = self;
+        let Self { options, dt, period, environments, runs, pool } = self;
         if targets.len() != environments.len() {
             return Err(Error::Shape {
                 field: "actions".to_owned(),
@@ -150,24 +148,22 @@ impl Simulator {
         for (k, value) in targets.as_flattened().iter().enumerate() {
             Rule::Finite.check_named(|| format!("actions[{}, {}]", k / 2, k % 2), *value)?;
         }
-        let running = environments.iter_mut().zip(&mut *ends).zip(targets);
-        for ((environment, end), &target) in running.filter(|((run, _), _)| run.observed.status.is_none()) {
-            *end = environment.next(*period);
-            let force = environment.force;
-            environment.scene.inputs.hold(Some(Held { target, force }));
+        for ((environment, run), &target) in environments.iter_mut().zip(&mut *runs).zip(targets) {
+            run.outcome = None;
+            if environment.observed.status.is_none() {
+                run.end = environment.next(*period);
+                let force = environment.force;
+                environment.scene.inputs.hold(Some(Held { target, force }));
+            }
         }
-        outcomes.fill(None);
-        let task = Period { options, dt: *dt, ends };
-        compute(task, environments, (outcomes, contacts), pool.as_ref(), interrupted)?;
-        let stopped = |outcome: &Option<Outcome>| {
-            outcome.as_ref().is_some_and(|outcome| outcome.status == Status::Interrupted)
-        };
-        if outcomes.iter().any(stopped) {
+        compute((options, *dt), environments, runs, pool.as_ref(), interrupted)?;
+        let stopped = |outcome: &Outcome| outcome.status == Status::Interrupted;
+        if runs.iter().any(|run| run.outcome.as_ref().is_some_and(stopped)) {
             return Ok(false);
         }
-        for ((environment, end), outcome) in environments.iter_mut().zip(&*ends).zip(outcomes) {
-            if let Some(outcome) = outcome.take() {
-                environment.take(outcome, *end);
+        for (environment, run) in environments.iter_mut().zip(runs) {
+            if let Some(outcome) = run.outcome.take() {
+                environment.take(outcome, run.end);
             }
         }
         Ok(true)

@@ -1,14 +1,15 @@
-//! Runs of an ensemble have the bits that they have alone.
+//! Runs of an ensemble have the bits that they have alone, and resumed runs those of the whole run.
 
-use crate::driver::ensemble::{ensemble, whole_run, work};
-use crate::driver::lanes::{AdaptiveKernel, EqualKernel};
-use crate::driver::queue::{Row, Shared, Worker};
+use proptest::prelude::*;
+
+use crate::driver::ensemble::{ensemble, in_lanes, work};
+use crate::driver::lanes::StepLoop;
+use crate::driver::queue::{Row, Shared};
 use crate::driver::simulate::simulate;
 use crate::error::Error;
-use crate::formulation::scene_equations::Choice;
 use crate::formulation::table::{FORMULATIONS, Formulation};
 use crate::method::entry::{AdaptiveLaneMethod, LaneMethod};
-use crate::method::table::Method;
+use crate::method::table::{METHODS, Method};
 use crate::model::contact_modes::ContactModel;
 use crate::model::control::{FINGERS, Fingers};
 use crate::model::inputs::{Impulse, Inputs, Sinusoid};
@@ -23,6 +24,7 @@ use crate::number::simd::level::Level;
 use crate::number::trigonometry::LIBM_LANES;
 use crate::stepping::monitor::Violation;
 use crate::stepping::options::{Options, Steps};
+use crate::stepping::record::Selection;
 use crate::stepping::status::Status;
 use crate::stepping::summary::{SUMMARIES, Wanted};
 
@@ -95,29 +97,20 @@ fn lanes_without_a_run_never_need_the_slow_sine() {
     }
 }
 
-/// The equations of all runs.
-fn choice(shared: &Shared<'_>) -> Result<Choice, Error> {
-    let fingers = shared.peek()?.map(|scene| scene.inputs.fingers());
-    Ok(shared.options.choice(fingers.unwrap_or_default()))
-}
-
 /// The rows of runs in four portable lanes: equal steps of RK4.
 pub(crate) fn equal_steps(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
-    let options = shared.options;
-    let (mut worker, grid) = (Worker { shared, rows: Vec::new() }, whole_run(options));
-    let (runs, choice, method) = (&mut worker, choice(shared)?, LaneMethod::Rk4);
-    EqualKernel { runs, grid: &grid, options, choice, method }.run::<Row4>(Level::detect().require()?)?;
-    Ok(worker.rows)
+    portable(shared, LaneMethod::Rk4)
 }
 
 /// The same in adaptive steps of DOP853.
 pub(crate) fn adaptive_steps(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
-    let options = shared.options;
-    let Steps::Free { tolerance, .. } = options.steps else { panic!("adaptive steps have a tolerance") };
-    let mut worker = Worker { shared, rows: Vec::new() };
-    let (runs, choice, method) = (&mut worker, choice(shared)?, AdaptiveLaneMethod::Dop853);
-    AdaptiveKernel { runs, options, choice, tolerance, method }.run::<Row4>(Level::detect().require()?)?;
-    Ok(worker.rows)
+    portable(shared, LaneMethod::Adaptive(AdaptiveLaneMethod::Dop853))
+}
+
+fn portable(shared: &Shared<'_>, method: LaneMethod) -> Result<Vec<Row>, Error> {
+    let instructions = Level::detect().require()?;
+    let rows = in_lanes(shared, |runs| StepLoop { runs, method }.run::<Row4>(instructions))?;
+    Ok(rows.expect("the method has lanes"))
 }
 
 /// Compares the rows of four lanes, which runs leave and enter, with the rows of single runs: every number,
@@ -235,5 +228,55 @@ fn an_ensemble_refuses_a_start_that_a_lone_run_refuses() {
             assert_eq!(many(&options), Err(expected), "{method:?} {steps:?}");
         }
         assert_eq!(many(&of(Formulation::Csm)).map(|rows| rows.len()), Ok(11), "{method:?} {steps:?}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    /// Whatever the method, the formulation and the contacts do: across events, impulses and breakpoints too.
+    #[test]
+    fn a_run_resumed_at_any_row_gives_the_bits_of_the_whole_run(
+        number in 0..11usize,
+        method in proptest::sample::select(&METHODS[..]),
+        formulation in proptest::sample::select(&FORMULATIONS[..]),
+        unilateral in any::<bool>(),
+        place in 0.0..1.0f64,
+    ) {
+        let unilateral = unilateral && formulation.1 != Formulation::Nullspace;
+        let contact = if unilateral { ContactModel::Unilateral } else { ContactModel::Bilateral };
+        let options = Options {
+            method: method.1,
+            formulation: formulation.1,
+            contact,
+            steps: Steps::Fixed(2e-4),
+            record: Selection { state: true, multipliers: true, ..Selection::default() },
+            ..Options::default()
+        };
+        let scene = if unilateral { slipping(number) } else { scene(number) }.expect("valid");
+        let run = |scene: &Scene| simulate(scene, &options, &|| false).expect("valid").0;
+        let whole = run(&scene);
+        let rows = &whole.recording;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a small number
+        let k = (place * (rows.t.len() - 1) as f64) as usize;
+        let duration = scene.duration - rows.t[k];
+        prop_assume!(rows.t[k] + duration == scene.duration);
+        let initial = State {
+            time: rows.t[k],
+            q: rows.q[k],
+            p: rows.p[k],
+            memory: rows.memory[k],
+            grid: Some((rows.grid_anchor[k], rows.grid_step[k])),
+            linearized: rows.linearized.get(k).filter(|point| !point[0].is_nan()).copied(),
+            contact: rows.contact.get(k).copied(),
+            controller: None,
+        };
+        // The stabilisation leaves residuals, which a start that is checked may not have.
+        let rest = Scene { initial, check: false, duration, ..scene };
+        let resumed = run(&rest);
+        prop_assert_eq!(&resumed.status, &whole.status);
+        prop_assert_eq!(&resumed.recording.q[..], &rows.q[k..]);
+        prop_assert_eq!(&resumed.recording.p[..], &rows.p[k..]);
+        prop_assert_eq!(&resumed.recording.multipliers[1..], &rows.multipliers[k + 1..]);
     }
 }

@@ -1,8 +1,10 @@
-//! Threads that share one work while the caller watches.
+//! The threads of ensembles, sensitivities and stepped runs.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
+
+use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::error::Error;
 
@@ -20,37 +22,51 @@ impl Drop for StopOnPanic<'_> {
     }
 }
 
-/// Does `work` on each of `threads` threads, and returns their results in any order. The work takes what is left to do
-/// from a common source until there is nothing, or until `stop` is set: by an error or a panic of another thread, or
+/// Threads that wait for work. Steps of runs from outside need them, because their periods take microseconds.
+pub(super) fn waiting(threads: usize) -> Result<ThreadPool, Error> {
+    let pool = ThreadPoolBuilder::new().num_threads(threads).build();
+    pool.map_err(|error| Error::Threads { threads, reason: error.to_string() })
+}
+
+/// Does `work` for each of `parts` on a thread of the pool, and meanwhile `own` on the caller's thread, which gets the
+/// results in any order. An error or a panic sets `stop`, at which work is expected to end.
+pub(super) fn share<P: Send, T: Send, O>(
+    pool: &ThreadPool,
+    parts: impl Iterator<Item = P>,
+    stop: &AtomicBool,
+    work: impl Fn(P) -> Result<T, Error> + Sync,
+    own: impl FnOnce(&Receiver<Result<T, Error>>) -> O,
+) -> O {
+    let work = &work;
+    let (sender, results) = channel();
+    pool.in_place_scope(|scope| {
+        for part in parts {
+            let sender = sender.clone();
+            scope.spawn(move |_| {
+                let _guard = StopOnPanic(stop);
+                let worked = work(part);
+                if worked.is_err() {
+                    stop.store(true, Ordering::Relaxed);
+                }
+                // If the receiver is gone, nobody needs the results.
+                let _ = sender.send(worked);
+            });
+        }
+        drop(sender);
+        own(&results)
+    })
+}
+
+/// Does `work` on each of `threads` new threads, and returns their results in any order. The work takes what is left to
+/// do from a common source until there is nothing, or until `stop` is set: by an error or a panic of another thread, or
 /// because `watch`, which is called from time to time on the caller's own thread, says so.
-///
-/// Stepped runs do not come here: their periods take microseconds, so that their threads wait for work (`period.rs`).
-pub(super) fn share<T: Send>(
+pub(super) fn share_watched<T: Send>(
     threads: usize,
     stop: &AtomicBool,
     work: impl Fn() -> Result<T, Error> + Sync,
     watch: &mut dyn FnMut() -> bool,
 ) -> Result<Vec<T>, Error> {
-    let work = &work;
-    let (sender, results) = channel();
-    std::thread::scope(|scope| {
-        for _ in 0..threads {
-            let sender = sender.clone();
-            let thread = std::thread::Builder::new().spawn_scoped(scope, move || {
-                let _guard = StopOnPanic(stop);
-                let worked = work();
-                if worked.is_err() {
-                    stop.store(true, Ordering::Relaxed);
-                }
-                // The receiver waits for all threads. If it is gone, nobody needs the results.
-                let _ = sender.send(worked);
-            });
-            if let Err(error) = thread {
-                stop.store(true, Ordering::Relaxed);
-                return Err(Error::Threads { threads, reason: error.to_string() });
-            }
-        }
-        drop(sender);
+    let mut watched = |results: &Receiver<Result<T, Error>>| {
         let mut all = Vec::with_capacity(threads);
         loop {
             match results.recv_timeout(WATCH) {
@@ -63,7 +79,12 @@ pub(super) fn share<T: Send>(
                 }
             }
         }
-    })
+    };
+    // The threads have ended when this returns.
+    let shared = ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build_scoped(|thread| thread.run(), |pool| share(pool, 0..threads, stop, |_| work(), &mut watched));
+    shared.unwrap_or_else(|error| Err(Error::Threads { threads, reason: error.to_string() }))
 }
 
 #[cfg(test)]
@@ -80,7 +101,7 @@ mod tests {
             }
             Ok(())
         };
-        let shared = std::panic::AssertUnwindSafe(|| share(2, &stop, work, &mut || false));
+        let shared = std::panic::AssertUnwindSafe(|| share_watched(2, &stop, work, &mut || false));
         assert!(std::panic::catch_unwind(shared).is_err());
     }
 
@@ -93,7 +114,7 @@ mod tests {
             }
             Ok(1)
         };
-        assert_eq!(share(3, &stop, until_stopped, &mut || true), Ok(vec![1; 3]));
+        assert_eq!(share_watched(3, &stop, until_stopped, &mut || true), Ok(vec![1; 3]));
         let (stop, first) = (AtomicBool::new(false), AtomicBool::new(true));
         let refused = Error::Field { field: "dt".to_owned(), value: 0.0, rule: "must be positive" };
         let work = || {
@@ -105,6 +126,6 @@ mod tests {
             }
             Ok(1)
         };
-        assert_eq!(share(2, &stop, work, &mut || false), Err(refused.clone()));
+        assert_eq!(share_watched(2, &stop, work, &mut || false), Err(refused.clone()));
     }
 }

@@ -4,51 +4,50 @@
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
-use crate::formulation::scene_equations::{Choice, SceneEquations};
+use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
 use crate::method::called::AnyAdaptiveMethod;
 use crate::method::step_control::StepControl;
 use crate::method::traits::{Runs, Step, largest};
-use crate::number::lanes::{Bits, Lanes, each};
-use crate::number::simd::level::Instructions;
+use crate::number::lanes::{Bits, LaneTask, Lanes, each};
 use crate::stepping::adaptive_events::Enter;
 use crate::stepping::adaptive_lanes::{AdaptiveEvents, AdaptiveLanes, Progress, StepStart, merged};
-use crate::stepping::batch::LaneBatch;
+use crate::stepping::batch::{LaneBatch, LoopSetup};
 use crate::stepping::ending::{interruption, too_many, too_small};
 use crate::stepping::inside_step::LookInside;
 use crate::stepping::instant::watched;
-use crate::stepping::options::Options;
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::{POLL, RunQueue};
 use crate::stepping::sizes::{Sizes, is_unresolved, next_length};
 use crate::stepping::status::Status;
 
 /// The adaptive loop before it runs.
-pub struct AdaptiveSteps<'a, Q> {
-    /// Instructions to use.
-    pub instructions: Instructions,
-    /// The options of every run.
-    pub options: &'a Options,
-    /// The equations of every run.
-    pub choice: Choice,
+pub struct AdaptiveSteps<'a, Q, B> {
+    /// What it needs before it runs.
+    pub setup: LoopSetup<'a, Q>,
     /// Largest error of a step, as a share of each state's magnitude.
     pub tolerance: f64,
-    /// The source and the destination of the runs.
-    pub queue: Q,
+    /// Makes the method for the runs in all lanes.
+    pub build: B,
 }
 
-impl<'a, Q: RunQueue<'a>> AdaptiveSteps<'a, Q> {
-    /// Computes all runs of the queue, and returns the queue. `build` makes the method for the runs in all lanes.
+/// Computes all runs of the queue, and returns the queue.
+impl<'a, R, Q, B> LaneTask<R> for AdaptiveSteps<'a, Q, B>
+where
+    R: Lanes,
+    Q: RunQueue<'a>,
+    B: FnOnce(Runs<'_>, &SceneEquations<R>) -> AnyAdaptiveMethod<R>,
+{
+    type Output = Result<Q, Error>;
+
     #[inline(always)]
     #[allow(clippy::too_many_lines)] // one step, from one attempt to the next
-    pub fn run<R: Lanes>(
-        self,
-        build: impl FnOnce(Runs<'_>, &SceneEquations<R>) -> AnyAdaptiveMethod<R>,
-    ) -> Result<Q, Error> {
-        let Self { instructions, options, choice, tolerance, queue } = self;
+    fn run(self) -> Result<Q, Error> {
+        let Self { setup, tolerance, build } = self;
+        let LoopSetup { instructions, options, .. } = setup;
         let zero = R::zero();
         let mut lanes = AdaptiveLanes {
-            batch: LaneBatch::new(instructions, queue, options, choice),
+            batch: LaneBatch::new(setup),
             progress: Progress::new(),
             control: StepControl::new(1.0, 1.0),
             unsolved: None,

@@ -7,12 +7,10 @@
 use crate::formulation::equations::States;
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
-use crate::model::scene::Scene;
 use crate::number::lanes::{Bits, LaneTask, Lanes, each};
 use crate::stepping::adaptive_lanes::{AdaptiveLanes, StepStart, merged};
-use crate::stepping::contact_events::{ContactEnd, Reason};
+use crate::stepping::contact_events::{ContactEnd, MOST_EVENTS, Reason};
 use crate::stepping::contact_lane::{LaneContact, Moment};
-use crate::stepping::event_stepper::MOST_EVENTS;
 use crate::stepping::instant::{column, put, watched};
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::RunQueue;
@@ -67,7 +65,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
             let tau = self.progress.tau.lane(lane);
             self.events.in_a_row[lane] += 1;
             let chatters = self.events.in_a_row[lane] > MOST_EVENTS;
-            self.act(system, lane, start, (tau, h), |contact, _, at| {
+            self.act(system, lane, start, (tau, h), |contact, at| {
                 if chatters {
                     return Err(Box::new(ContactEnd { reason: Reason::Chattering, tau, y: *at.y }));
                 }
@@ -83,50 +81,27 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
             let length = self.progress.length.lane(lane);
             let last = self.progress.h.lane(lane);
             let h = if last > 0.0 { last.min(length) } else { FIRST * length };
-            self.act(system, lane, start, (0.0, h), |contact, _, at| contact.begin(at));
+            self.act(system, lane, start, (0.0, h), |contact, at| contact.begin(at));
         }
-    }
-
-    /// Applies the impulses at the start of a segment. Returns whether there were any; `None` if one of them ends
-    /// the run.
-    #[cold]
-    pub(super) fn strike(
-        &mut self,
-        system: &impl System<R>,
-        lane: usize,
-        start: &mut StepStart<R>,
-    ) -> Option<bool> {
-        let anchor = self.progress.from.lane(lane);
-        if self.batch.runs[lane].as_ref()?.scene.inputs.impulses_at(anchor).next().is_none() {
-            return Some(false);
-        }
-        let h = FIRST * self.progress.length.lane(lane);
-        let strike =
-            |contact: &mut LaneContact, scene: &Scene, at: &Moment<'_>| contact.strike(at, (scene, anchor));
-        self.act(system, lane, start, (0.0, h), strike).then_some(true)
     }
 
     /// Lets `work` act on the contacts of a lane at the time `tau`, in a step of length `h`, and goes on from the state
-    /// after it, or ends the run there. Returns whether it goes on.
+    /// after it, or ends the run there.
     fn act(
         &mut self,
         system: &impl System<R>,
         lane: usize,
         start: &mut StepStart<R>,
         (tau, h): (f64, f64),
-        work: impl FnOnce(&mut LaneContact, &Scene, &Moment<'_>) -> Result<States<f64>, Box<ContactEnd>>,
-    ) -> bool {
+        work: impl FnOnce(&mut LaneContact, &Moment<'_>) -> Result<States<f64>, Box<ContactEnd>>,
+    ) {
         let y = column(&start.y, lane);
         let at = Moment { earlier: false, tau, h, y: &y };
-        match self.batch.act(lane, |contact, scene| work(contact, scene, &at)) {
+        match self.batch.act(lane, |contact, _| work(contact, &at)) {
             Some(Ok(y)) => put(&mut start.y, lane, &y),
-            Some(Err(end)) => {
-                self.end_at_event(system, lane, start, (&end, h));
-                return false;
-            }
+            Some(Err(end)) => self.end_at_event(system, lane, start, (&end, h)),
             None => {}
         }
-        true
     }
 
     /// Ends the run in a lane at an event of its contacts.
@@ -160,103 +135,13 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         let now = system.evaluate(&self.batch.drive, self.progress.tau, &start.y);
         self.batch.stats.evaluations += 1;
         for lane in each(due) {
-            let Some(run) = &mut self.batch.runs[lane] else { continue };
-            let Some(controller) = &mut run.controller else { continue };
-            let how = (self.batch.instructions, self.batch.options);
-            let scene = (&*run.scene, run.contact.as_deref());
-            controller.sample(scene, how, self.progress.to.lane(lane), (&now, lane));
+            self.batch.take_sample(lane, self.progress.to.lane(lane), &now);
         }
-    }
-
-    /// Begins a segment in the lanes of `entering`, or goes on in it after an event, and computes the length of
-    /// the first step.
-    #[inline(always)]
-    pub(super) fn enter(&mut self, system: &impl System<R>, start: &mut StepStart<R>) {
-        let size = system.size();
-        let entering = self.entering();
-        self.control.restart(entering);
-        self.unsolved = None;
-        let over = self.progress.to.at_most(self.progress.t);
-        let ends = over & self.progress.last;
-        let begins = entering & over & !self.progress.last;
-        if self.batch.unilateral {
-            self.meet_events(system, start);
-        }
-        self.take_samples(system, begins & self.entering(), start);
-        for lane in each(begins & self.entering()) {
-            let Some(run) = &mut self.batch.runs[lane] else { continue };
-            let from = self.progress.to.lane(lane);
-            let to = run.place.segment_end(&run.scene.inputs, from);
-            self.progress.enter(lane, (from, to), to == run.place.end);
-            let mut drive = run.scene.inputs.segment(from);
-            if let Some(controller) = &mut run.controller {
-                drive.hold(controller.torque(from));
-            }
-            self.batch.drive.set(lane, &drive);
-            if let Some(contact) = &mut run.contact {
-                contact.enter(from, drive);
-            }
-            run.segments += 1;
-        }
-        if self.batch.unilateral {
-            self.choose_modes(system, begins, start);
-        }
-        let (times, tau) = (self.progress.t, self.progress.tau);
-        let mut now = system.evaluate(&self.batch.drive, tau, &start.y);
-        self.batch.stats.evaluations += 1;
-        let seen = self.batch.watch(system, &now, &start.y, times, self.entering());
-        let (mut stays, mut jumped): (Bits, Bits) = (0, 0);
-        for lane in each(self.entering()) {
-            let bit = 1 << lane;
-            let t = times.lane(lane);
-            if seen.finite & bit == 0 {
-                self.stop(system, lane, start, None);
-                continue;
-            }
-            let contact = self.batch.contact_row(lane);
-            let instant = watched(size, (lane, contact), &now, &start.y, t, (t, 0));
-            let due = self.batch.queue.is_due(t, false);
-            if !self.goes_on(system, lane, due, &seen, &instant) {
-                continue;
-            }
-            if ends & bit != 0 {
-                self.retire(system, lane, (Status::Completed, String::new()), &instant);
-                continue;
-            }
-            let jumps = begins & bit != 0
-                && if self.batch.unilateral {
-                    let Some(jumps) = self.strike(system, lane, start) else { continue };
-                    jumps
-                } else {
-                    self.batch.apply_impulses(system, lane, (t, tau), &mut start.y)
-                };
-            self.saved &= !bit;
-            if jumps {
-                self.save(lane, Some(instant));
-            }
-            self.progress.watched.set(lane, t);
-            jumped |= Bits::from(jumps) << lane;
-            stays |= bit;
-        }
-        self.batch.phases.set(self.entering(), Phase::Step);
-        if stays == 0 {
-            return;
-        }
-        if jumped != 0 {
-            now = system.evaluate(&self.batch.drive, tau, &start.y);
-            self.batch.stats.evaluations += 1;
-        }
-        start.now = merged(stays, &now, &start.now);
-        start.sizes.note(size, &start.y, stays, stays);
-        self.batch.stats.evaluations += 1;
-        let (equations, states) = ((system, &self.batch.drive), (&start.y, &start.now.rate));
-        let rest = self.progress.length - tau;
-        let h = start.sizes.first_step(equations, &self.control, states, (stays, tau, rest));
-        self.progress.h = R::select(stays, h, self.progress.h);
     }
 }
 
-/// Begins segments. This is rare, so the code is called, not inlined.
+/// Begins a segment in the lanes that enter one, or goes on in it after an event, and computes the length of the first
+/// step. This is rare, so the code is called, not inlined.
 pub(super) struct Enter<'b, 'a, R: Lanes, Q>(
     pub(super) &'b mut AdaptiveLanes<'a, R, Q>,
     pub(super) &'b SceneEquations<R>,
@@ -268,6 +153,83 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for Enter<'_, 'a, R, Q> {
 
     #[inline(always)]
     fn run(self) {
-        self.0.enter(self.1, self.2);
+        let Self(lanes, system, start) = self;
+        let size = system.size();
+        let entering = lanes.entering();
+        lanes.control.restart(entering);
+        lanes.unsolved = None;
+        let over = lanes.progress.to.at_most(lanes.progress.t);
+        let ends = over & lanes.progress.last;
+        let begins = entering & over & !lanes.progress.last;
+        if lanes.batch.unilateral {
+            lanes.meet_events(system, start);
+        }
+        lanes.take_samples(system, begins & lanes.entering(), start);
+        for lane in each(begins & lanes.entering()) {
+            let Some(run) = &lanes.batch.runs[lane] else { continue };
+            let from = lanes.progress.to.lane(lane);
+            let to = run.place.segment_end(&run.scene.inputs, from);
+            lanes.progress.enter(lane, (from, to), to == run.place.end);
+            lanes.batch.enter_segment(lane, from, from);
+        }
+        if lanes.batch.unilateral {
+            lanes.choose_modes(system, begins, start);
+        }
+        let (times, tau) = (lanes.progress.t, lanes.progress.tau);
+        let mut now = system.evaluate(&lanes.batch.drive, tau, &start.y);
+        lanes.batch.stats.evaluations += 1;
+        let seen = lanes.batch.watch(system, &now, &start.y, times, lanes.entering());
+        let (mut stays, mut jumped): (Bits, Bits) = (0, 0);
+        for lane in each(lanes.entering()) {
+            let bit = 1 << lane;
+            let t = times.lane(lane);
+            if seen.finite & bit == 0 {
+                lanes.stop(system, lane, start, None);
+                continue;
+            }
+            let contact = lanes.batch.contact_row(lane);
+            let instant = watched(size, (lane, contact), &now, &start.y, t, (t, 0));
+            let due = lanes.batch.queue.is_due(t, false);
+            if !lanes.goes_on(system, lane, due, &seen, &instant) {
+                continue;
+            }
+            if ends & bit != 0 {
+                lanes.retire(system, lane, (Status::Completed, String::new()), &instant);
+                continue;
+            }
+            let mut jumps = false;
+            if begins & bit != 0 {
+                let h = FIRST * lanes.progress.length.lane(lane);
+                match lanes.batch.strike(system, lane, (t, tau, h), &mut start.y) {
+                    Ok(struck) => jumps = struck,
+                    Err(end) => {
+                        lanes.end_at_event(system, lane, start, (&end, h));
+                        continue;
+                    }
+                }
+            }
+            lanes.saved &= !bit;
+            if jumps {
+                lanes.save(lane, Some(instant));
+            }
+            lanes.progress.watched.set(lane, t);
+            jumped |= Bits::from(jumps) << lane;
+            stays |= bit;
+        }
+        lanes.batch.phases.set(lanes.entering(), Phase::Step);
+        if stays == 0 {
+            return;
+        }
+        if jumped != 0 {
+            now = system.evaluate(&lanes.batch.drive, tau, &start.y);
+            lanes.batch.stats.evaluations += 1;
+        }
+        start.now = merged(stays, &now, &start.now);
+        start.sizes.note(size, &start.y, stays, stays);
+        lanes.batch.stats.evaluations += 1;
+        let (equations, states) = ((system, &lanes.batch.drive), (&start.y, &start.now.rate));
+        let rest = lanes.progress.length - tau;
+        let h = start.sizes.first_step(equations, &lanes.control, states, (stays, tau, rest));
+        lanes.progress.h = R::select(stays, h, lanes.progress.h);
     }
 }

@@ -140,12 +140,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         self.progress.begin(lane, from);
         self.events.settle(1 << lane);
         // A controller that measures at the start of the run needs the inputs before that.
-        if let Some(run) = &mut self.batch.runs[lane]
-            && let Some(controller) = &mut run.controller
-        {
-            let mut drive = run.scene.inputs.segment(from);
-            drive.hold(controller.held());
-            self.batch.drive.set(lane, &drive);
+        if self.batch.runs[lane].as_ref().is_some_and(|run| run.controller.is_some()) {
+            self.batch.enter_sample(lane, from);
         }
         if loaded {
             self.saved |= 1 << lane;

@@ -18,7 +18,8 @@ use crate::model::source::Source;
 use crate::model::start::contact;
 use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::number::simd::level::Instructions;
-use crate::stepping::contact_lane::LaneContact;
+use crate::stepping::contact_events::ContactEnd;
+use crate::stepping::contact_lane::{LaneContact, Moment};
 use crate::stepping::ending::{End, after_violation, unstable};
 use crate::stepping::instant::{all_finite, column, ledger, put, put_motion};
 use crate::stepping::lane_controller::LaneController;
@@ -26,7 +27,7 @@ use crate::stepping::loop_system::LoopSystem;
 use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet, explain};
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::phase::{Phase, Phases};
-use crate::stepping::queue::{Finished, LaneParameters, RunQueue};
+use crate::stepping::queue::{Finished, LaneParameters, RunQueue, Taken};
 use crate::stepping::record::Instant;
 use crate::stepping::sample::Sample;
 use crate::stepping::status::Status;
@@ -35,6 +36,18 @@ use crate::stepping::summary::{RunEnd, Summaries, SummaryInstant};
 /// A closure error of the ledger below this share of the energy of gravity, whose zero is arbitrary, is round-off. So is
 /// one below its square times E a^3 of the tips, even if the motion was given no energy at all.
 const ROUND_OFF: f64 = 1e-9;
+
+/// What a step loop needs before it runs.
+pub struct LoopSetup<'a, Q> {
+    /// Instructions to use.
+    pub instructions: Instructions,
+    /// The options of every run.
+    pub options: &'a Options,
+    /// The equations of every run.
+    pub choice: Choice,
+    /// The source and the destination of the runs.
+    pub queue: Q,
+}
 
 /// The run in a lane.
 pub struct LaneRun<'a, P> {
@@ -122,7 +135,8 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
 impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     /// A batch without any run.
     #[inline(always)]
-    pub fn new(instructions: Instructions, queue: Q, options: &'a Options, choice: Choice) -> Self {
+    pub fn new(setup: LoopSetup<'a, Q>) -> Self {
+        let LoopSetup { instructions, options, choice, queue } = setup;
         let resting = Parameters::default();
         let lanes: LaneParameters<'_> = [&resting; MOST];
         let stops = |violation| if options.stop_on.contains(violation) { Bits::MAX } else { 0 };
@@ -166,7 +180,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let bit = 1 << lane;
         self.phases.set(bit, Phase::Idle);
         self.runs[lane] = None;
-        let Some((number, scene)) = self.queue.take()? else {
+        let Some(Taken { number, scene, contact: kept }) = self.queue.take()? else {
             if R::WIDTH > 1 {
                 self.drive.set(lane, &SegmentDrive::still());
                 let still = Motion { q: contact(&self.resting)?, p: [0.0; 9], memory: [0.0; 2] };
@@ -201,7 +215,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let first_times = [f64::NAN; VIOLATIONS.len()];
         let contact = if self.unilateral {
             let after = self.options.summaries.after;
-            let contact = match self.queue.take_contact() {
+            let contact = match kept {
                 Some(mut kept) => {
                     kept.restart(self.options, &scene, after)?;
                     kept
@@ -228,6 +242,38 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             place,
         });
         Ok(true)
+    }
+
+    /// Begins the segment of a lane that starts at `anchor` and goes on at the time `t`.
+    pub(super) fn enter_segment(&mut self, lane: usize, anchor: f64, t: f64) {
+        let Some(run) = &mut self.runs[lane] else { return };
+        let mut drive = run.scene.inputs.segment(anchor);
+        if let Some(controller) = &mut run.controller {
+            drive.hold(controller.torque(t));
+        }
+        self.drive.set(lane, &drive);
+        if let Some(contact) = &mut run.contact {
+            contact.enter(anchor, drive);
+        }
+        run.segments += 1;
+    }
+
+    /// Sets the inputs of a lane before a sample of its discrete controller, which measures under the torques so far.
+    pub(super) fn enter_sample(&mut self, lane: usize, anchor: f64) {
+        let Some(run) = &self.runs[lane] else { return };
+        let mut drive = run.scene.inputs.segment(anchor);
+        if let Some(controller) = &run.controller {
+            drive.hold(controller.held());
+        }
+        self.drive.set(lane, &drive);
+    }
+
+    /// Lets the discrete controller of a lane measure the instant `t`, which was just evaluated.
+    pub(super) fn take_sample(&mut self, lane: usize, t: f64, now: &Evaluation<R>) {
+        let Some(run) = &mut self.runs[lane] else { return };
+        let Some(controller) = &mut run.controller else { return };
+        let scene = (&*run.scene, run.contact.as_deref());
+        controller.sample(scene, (self.instructions, self.options), t, (now, lane));
     }
 
     /// The lanes that have runs.
@@ -433,24 +479,32 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         Some((Status::of(violation), explain(&run.scene.parameters, violation, begins, &instant)))
     }
 
-    /// Applies the impulses at time `t` to the run in a lane, `tau` after the start of its segment. Returns
-    /// whether there were any.
-    pub fn apply_impulses(
-        &self,
+    /// Applies the impulses at time `t` to the state of a lane, `tau` after the start of its segment and before a step of
+    /// length `h`. Returns whether there were any. In unilateral contact they may end the run.
+    pub(super) fn strike(
+        &mut self,
         system: &impl System<R>,
         lane: usize,
-        (t, tau): (f64, R),
+        (t, tau, h): (f64, R, f64),
         y: &mut States<R>,
-    ) -> bool {
-        let Some(run) = &self.runs[lane] else { return false };
-        let mut applied = false;
+    ) -> Result<bool, Box<ContactEnd>> {
+        let Some(run) = &self.runs[lane] else { return Ok(false) };
+        if run.scene.inputs.impulses_at(t).next().is_none() {
+            return Ok(false);
+        }
+        if self.unilateral {
+            let at = Moment { earlier: false, tau: tau.lane(lane), h, y: &column(y, lane) };
+            if let Some(struck) = self.act(lane, |contact, scene| contact.strike(&at, (scene, t))) {
+                put(y, lane, &struck?);
+            }
+            return Ok(true);
+        }
         for impulse in run.scene.inputs.impulses_at(t) {
             let mut jumped = *y;
             R::call(self.instructions, Jump(system, (&self.drive, tau), &mut jumped, impulse.impulse));
             put(y, lane, &column(&jumped, lane));
-            applied = true;
         }
-        applied
+        Ok(true)
     }
 
     /// Gathers the motions that `of` gives for the parameters of each lane's run.

@@ -1,7 +1,6 @@
 //! The changes of the contacts' modes: what happens at an event, and the choice of the next modes.
 
 use crate::formulation::mode_selection::{Chosen, choose, contacts_in};
-use crate::formulation::system::System;
 use crate::model::contact_modes::{Mode, Slip};
 use crate::model::energy::work;
 use crate::model::geometry::index::{D_N, D_T};
@@ -37,7 +36,8 @@ impl EventStepper<'_> {
         let sides = self.equations.sides();
         for i in 0..2 {
             let geometry = self.geometry(&motion);
-            let (gap, beside) = (geometry.residuals()[i], geometry.places()[i].abs() <= self.half_height);
+            let (gap, beside) =
+                (geometry.residuals()[i], geometry.places()[i].abs() <= self.limits.half_height);
             if self.run.contacts[i].closed || (beside && gap < -OVERLAP * sides[i].radius()) {
                 motion.q[D_N + i] -= gap;
             }
@@ -140,7 +140,7 @@ impl EventStepper<'_> {
     ) -> Result<(), Box<ContactEnd>> {
         let geometry = self.geometry(motion);
         let gap = geometry.residuals()[i];
-        if geometry.places()[i].abs() - self.half_height > gap {
+        if geometry.places()[i].abs() - self.limits.half_height > gap {
             // The tip is already behind the face and now comes beside it: it meets the face's end.
             return Err(place.end(Reason::Lost(Loss::MetEnd(i))));
         }
@@ -279,31 +279,6 @@ impl EventStepper<'_> {
             self.drive.contacts = before;
             terms
         })
-    }
-
-    fn motion(&self, place: &SegmentState) -> Motion<f64> {
-        self.equations.motion(&self.input(place.tau), &place.y)
-    }
-
-    /// Writes a motion into a state, whose works stay.
-    fn store(&self, place: &mut SegmentState, motion: &Motion<f64>) {
-        let states = self.system.size().states;
-        place.y[..states].copy_from_slice(&self.equations.begin(motion)[..states]);
-    }
-
-    /// Adds to a work of the ledger, if it is carried.
-    fn book(&self, place: &mut SegmentState, which: usize, amount: f64) {
-        if self.system.size().works > 0 {
-            place.y[self.system.size().states + which] += amount;
-        }
-    }
-
-    /// The energy of a motion, if the ledger is carried.
-    fn energy(&self, motion: &Motion<f64>) -> f64 {
-        if self.system.size().works == 0 {
-            return 0.0;
-        }
-        self.system.energies(&self.run.held(self.equations.tilts(&motion.q)), motion).total()
     }
 }
 

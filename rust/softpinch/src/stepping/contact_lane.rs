@@ -21,6 +21,7 @@ use crate::stepping::contact_events::{Change, ContactEnd, ContactRun, Event, Rea
 use crate::stepping::event_stepper::{EventStepper, SegmentState};
 use crate::stepping::instant::watched;
 use crate::stepping::lone_steps::LoneSteps;
+use crate::stepping::monitor::Limits;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::sample::Sample;
 
@@ -36,7 +37,7 @@ pub struct LaneContact {
     instructions: Instructions,
     run: ContactRun,
     steps: LoneSteps,
-    half_height: f64,
+    limits: Limits<f64>,
     /// The segment of the run, the segment before it, and whether the last event was in that one.
     segment: Segment,
     earlier: Segment,
@@ -77,7 +78,7 @@ impl LaneContact {
             instructions,
             run: ContactRun::new(contacts),
             steps: LoneSteps::new(instructions, options, scene),
-            half_height: 0.5 * scene.parameters.grasped.height,
+            limits: Limits::new(&scene.parameters),
             segment: Segment { anchor: 0.0, drive: SegmentDrive::still() },
             earlier: Segment { anchor: 0.0, drive: SegmentDrive::still() },
             in_earlier: false,
@@ -118,8 +119,8 @@ impl LaneContact {
     fn evaluate(&self, tau: f64, y: &States<f64>) -> Evaluation<f64> {
         let Segment { drive, .. } = if self.in_earlier { &self.earlier } else { &self.segment };
         let mut contacts = drive.contacts;
-        put(&self.run.contacts, &mut contacts, 0);
-        self.steps.evaluate(&drive.with_contacts(contacts), tau, y)
+        self.run.put_into(&mut contacts, 0);
+        self.steps.system.evaluate(&drive.with_contacts(contacts), tau, y)
     }
 
     /// Begins a segment with these inputs, which starts at `anchor`.
@@ -133,18 +134,26 @@ impl LaneContact {
         at: &Moment<'_>,
         work: impl FnOnce(&mut EventStepper<'_>, &mut SegmentState) -> Result<T, Box<ContactEnd>>,
     ) -> Result<T, Box<ContactEnd>> {
-        let Self { instructions, run, steps: LoneSteps { system, method }, half_height, .. } = self;
+        let Self { instructions, run, steps: LoneSteps { system, method }, limits, .. } = self;
         self.in_earlier = at.earlier;
         let Segment { anchor, drive } = if at.earlier { &mut self.earlier } else { &mut self.segment };
         run.anchor = *anchor;
-        put(&run.contacts, &mut drive.contacts, 0);
+        run.put_into(&mut drive.contacts, 0);
         method.forget_start();
         let mut place = SegmentState { tau: at.tau, y: *at.y };
         let Some(equations) = system.contact() else { return Err(place.end(Reason::NoMode)) };
-        let (instructions, half_height, h) = (*instructions, *half_height, at.h);
-        let mut stepper =
-            EventStepper { instructions, system, equations, method, half_height, run, drive, h };
+        let (instructions, h) = (*instructions, at.h);
+        let mut stepper = EventStepper { instructions, system, equations, method, limits, run, drive, h };
         work(&mut stepper, &mut place)
+    }
+
+    /// Calls `work` with the stepper at a moment, and returns the state after it.
+    fn change(
+        &mut self,
+        at: &Moment<'_>,
+        work: impl FnOnce(&mut EventStepper<'_>, &mut SegmentState) -> Result<(), Box<ContactEnd>>,
+    ) -> Result<States<f64>, Box<ContactEnd>> {
+        self.act(at, |stepper, place| work(stepper, place).map(|()| place.y))
     }
 
     /// Chooses the modes at the start of the run or at a breakpoint. Returns the state from which the run goes
@@ -152,17 +161,14 @@ impl LaneContact {
     pub fn begin(&mut self, at: &Moment<'_>) -> Result<States<f64>, Box<ContactEnd>> {
         let (unset, fresh) = (self.unset.take(), std::mem::take(&mut self.fresh));
         let corrects = self.steps.system.corrects();
-        self.act(at, |stepper, place| {
-            match unset {
-                Some(approaches) => stepper.start(place, approaches)?,
-                None => {
-                    if fresh && corrects {
-                        stepper.put_on_constraints(place);
-                    }
-                    stepper.begin(place)?;
+        self.change(at, |stepper, place| match unset {
+            Some(approaches) => stepper.start(place, approaches),
+            None => {
+                if fresh && corrects {
+                    stepper.put_on_constraints(place);
                 }
+                stepper.begin(place)
             }
-            Ok(place.y)
         })
     }
 
@@ -172,9 +178,8 @@ impl LaneContact {
         at: &Moment<'_>,
         (scene, t): (&Scene, f64),
     ) -> Result<States<f64>, Box<ContactEnd>> {
-        self.act(at, |stepper, place| {
-            scene.inputs.impulses_at(t).try_for_each(|impulse| stepper.strike(place, &impulse.impulse))?;
-            Ok(place.y)
+        self.change(at, |stepper, place| {
+            scene.inputs.impulses_at(t).try_for_each(|impulse| stepper.strike(place, &impulse.impulse))
         })
     }
 
@@ -191,7 +196,7 @@ impl LaneContact {
     /// not change. An event that ends the run is left to the run's own step, which may not see it.
     pub fn inside(&mut self, from: &Moment<'_>) -> Result<Sample, Unsolved> {
         let drive = &mut self.segment.drive;
-        put(&self.run.contacts, &mut drive.contacts, 0);
+        self.run.put_into(&mut drive.contacts, 0);
         self.steps.method.forget_start();
         self.in_earlier = from.earlier;
         let run = self.run.clone();
@@ -217,10 +222,7 @@ impl LaneContact {
 
     /// The state after an event.
     pub fn happen(&mut self, at: &Moment<'_>, event: Event) -> Result<States<f64>, Box<ContactEnd>> {
-        self.act(at, |stepper, place| {
-            stepper.happen(place, event)?;
-            Ok(place.y)
-        })
+        self.change(at, |stepper, place| stepper.happen(place, event))
     }
 
     /// The instant at which an event ends the run.
@@ -256,7 +258,7 @@ impl LaneContact {
 
     /// Writes the contacts into those of a lane.
     pub fn put_into<R: Lanes>(&self, contacts: &mut Contacts<R>, lane: usize) {
-        put(&self.run.contacts, contacts, lane);
+        self.run.put_into(contacts, lane);
     }
 
     /// Takes the changes of the modes since the last call, and the work that was done.
@@ -291,12 +293,6 @@ impl LaneContact {
             self.counted = t;
         }
     }
-}
-
-/// Writes the contacts of a run into those of a lane.
-fn put<R: Lanes>(own: &[Contact; 2], contacts: &mut Contacts<R>, lane: usize) {
-    let [right, left] = own;
-    contacts.set(lane, [right.mode, left.mode], [right.frozen_tilt, left.frozen_tilt]);
 }
 
 /// Whether a run may start from a state that another formulation has left. A run in equal steps that goes on from

@@ -5,48 +5,45 @@ use std::mem::swap;
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
-use crate::formulation::scene_equations::Choice;
-use crate::method::traits::{Integrator, Runs, Step};
-use crate::number::lanes::Lanes;
-use crate::number::simd::level::Instructions;
-use crate::stepping::batch::LaneBatch;
+use crate::method::traits::{Integrator, Runs};
+use crate::number::lanes::{LaneTask, Lanes};
+use crate::stepping::batch::{LaneBatch, LoopSetup};
 use crate::stepping::ending::full;
-use crate::stepping::equal_lanes::{EqualLanes, Instants, pack};
+use crate::stepping::equal_lanes::{EqualLanes, Instants};
 use crate::stepping::grid::GridOf;
-use crate::stepping::instant::all_finite;
 use crate::stepping::loop_system::LoopSystem;
-use crate::stepping::options::Options;
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::{POLL, RunQueue};
 use crate::stepping::rows_inside::RowsInside;
 
 /// The loop of equal steps before it runs.
-pub struct EqualSteps<'g, 'a, Q> {
-    /// Instructions to use.
-    pub instructions: Instructions,
-    /// The options of every run.
-    pub options: &'a Options,
-    /// The equations of every run.
-    pub choice: Choice,
-    /// The source and the destination of the runs.
-    pub queue: Q,
+pub struct EqualSteps<'g, 'a, Q, B> {
+    /// What it needs before it runs.
+    pub setup: LoopSetup<'a, Q>,
     /// Finds the times of the steps of a run.
     pub grid: &'g GridOf<'g>,
+    /// Makes the equations and the method for the runs in all lanes.
+    pub build: B,
 }
 
-impl<'a, Q: RunQueue<'a>> EqualSteps<'_, 'a, Q> {
-    /// Computes all runs of the queue, and returns the queue. `build` makes the equations and the method for the runs in all
-    /// lanes.
+/// Computes all runs of the queue, and returns the queue.
+impl<'a, R, S, I, Q, B> LaneTask<R> for EqualSteps<'_, 'a, Q, B>
+where
+    R: Lanes,
+    S: LoopSystem<R>,
+    I: Integrator<R, S>,
+    Q: RunQueue<'a>,
+    B: FnOnce(Runs<'_>) -> (S, I),
+{
+    type Output = Result<Q, Error>;
+
     #[inline(always)]
     #[allow(clippy::too_many_lines)] // one step, from one evaluation to the next
-    pub fn run<R: Lanes, S: LoopSystem<R>, I: Integrator<R, S>>(
-        self,
-        build: impl FnOnce(Runs<'_>) -> (S, I),
-    ) -> Result<Q, Error> {
-        let Self { instructions, options, choice, queue, grid } = self;
+    fn run(self) -> Result<Q, Error> {
+        let Self { setup, grid, build } = self;
         let zero = R::zero();
         let mut lanes = EqualLanes {
-            batch: LaneBatch::new(instructions, queue, options, choice),
+            batch: LaneBatch::new(setup),
             grid,
             anchor: zero,
             taken: zero,
@@ -90,23 +87,10 @@ impl<'a, Q: RunQueue<'a>> EqualSteps<'_, 'a, Q> {
             // Lanes that do not take the step, and those among them into which another run was loaded.
             let (mut skipping, mut loaded) = (0, 0);
             if lanes.batch.holds {
-                lanes.held = 0;
-                let due = if lanes.batch.unilateral { lanes.batch.due(now) & lanes.stepped } else { 0 };
-                if due | lanes.batch.phases.at(Phase::Start) != 0 {
-                    let certain = lanes.batch.modes_certain(now);
-                    loaded =
-                        lanes.meet_events(system.called(), (due, certain, tau), &at, &mut replacement)?;
-                    if lanes.held != 0 && keeps_jacobian {
-                        method.restart();
-                        lanes.in_use = None;
-                    }
-                }
-                let sampling = lanes.batch.phases.at(Phase::Sample) & !lanes.held;
-                if sampling != 0 {
-                    // A lane that is not finite is watched, and ends.
-                    let sampling = sampling & all_finite(now, zero);
-                    lanes.take_samples(sampling, now);
-                    system.each(|n| replacement[n] = R::select(sampling, y[n], replacement[n]));
+                loaded = lanes.hold_lanes(system.called(), tau, &at, &mut replacement)?;
+                if lanes.held != 0 && keeps_jacobian {
+                    method.restart();
+                    lanes.in_use = None;
                 }
             }
             let watching = lanes.watched_now();
@@ -144,43 +128,14 @@ impl<'a, Q: RunQueue<'a>> EqualSteps<'_, 'a, Q> {
                 )?;
                 (skipping, loaded) = (skipping | skipped, loaded | reloaded);
             }
-            if skipping != R::ALL {
-                let step = Step { tau, h: lanes.h, y, rate: &now.rate, allowed: None };
-                let (drive, stats) = (&lanes.batch.drive, &mut lanes.batch.stats);
-                let jacobians = stats.jacobians;
-                match method.step(&system, drive, &step, after, stats) {
-                    Ok(()) => {
-                        if keeps_jacobian {
-                            if stats.jacobians > jacobians {
-                                lanes.taken_at = Some(pack(tau, &now.motion));
-                            }
-                            lanes.in_use = lanes.taken_at.filter(|_| method.jacobian_is_reusable());
-                        }
-                        system.correct(drive, tau + lanes.h, after);
-                        if R::WIDTH == 1
-                            && lanes.batch.queue.next_time() < f64::INFINITY
-                            && let Err(unsolved) = lanes.inside.look_inside(
-                                &mut lanes.batch,
-                                lanes.clock,
-                                system.called(),
-                                (tau, y),
-                            )
-                        {
-                            lanes.fail(
-                                system.called(),
-                                (1, unsolved),
-                                &Instants { now, y, before, y_before: y },
-                            )?;
-                            (skipping, loaded) = (skipping | 1, loaded | 1);
-                        }
-                    }
-                    Err(failure) => {
-                        let failed = R::ALL & !skipping;
-                        let at = Instants { now, y, before, y_before: y };
-                        lanes.fail(system.called(), (failed, failure.into()), &at)?;
-                        (skipping, loaded) = (skipping | failed, loaded | failed);
-                    }
-                }
+            if skipping != R::ALL
+                && let Err(unsolved) =
+                    lanes.step((&system, &mut method, keeps_jacobian), (tau, now, y), after)
+            {
+                let failed = R::ALL & !skipping;
+                let at = Instants { now, y, before, y_before: y };
+                lanes.fail(system.called(), (failed, unsolved), &at)?;
+                (skipping, loaded) = (skipping | failed, loaded | failed);
             }
             if loaded != 0 {
                 if lanes.batch.active() == 0 {

@@ -7,25 +7,53 @@
 use crate::error::Error;
 use crate::formulation::equations::States;
 use crate::formulation::scene_equations::SceneEquations;
+use crate::formulation::system::System;
 use crate::number::lanes::{Bits, Lanes, each};
 use crate::stepping::batch::Seen;
 use crate::stepping::contact_events::ContactEnd;
 use crate::stepping::contact_lane::Moment;
 use crate::stepping::ending::{interruption, overflow};
 use crate::stepping::equal_lanes::{EqualLanes, Instants};
-use crate::stepping::instant::column;
+use crate::stepping::instant::{all_finite, column};
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::{POLL, RunQueue};
 use crate::stepping::sample::Sample;
 use crate::stepping::status::Status;
 
 impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
+    /// Lets events happen and controllers measure, which `held` lanes do instead of a step. Returns the lanes into which
+    /// another run was loaded because an event ended theirs.
+    #[inline(always)]
+    pub(super) fn hold_lanes(
+        &mut self,
+        system: &SceneEquations<R>,
+        tau: R,
+        at: &Instants<'_, R>,
+        replacement: &mut States<R>,
+    ) -> Result<Bits, Error> {
+        let mut loaded = 0;
+        self.held = 0;
+        let due = if self.batch.unilateral { self.batch.due(at.now) & self.stepped } else { 0 };
+        if due | self.batch.phases.at(Phase::Start) != 0 {
+            let certain = self.batch.modes_certain(at.now);
+            loaded = self.meet_events(system, (due, certain, tau), at, replacement)?;
+        }
+        let sampling = self.batch.phases.at(Phase::Sample) & !self.held;
+        if sampling != 0 {
+            // A lane that is not finite is watched, and ends.
+            let sampling = sampling & all_finite(at.now, R::zero());
+            self.take_samples(sampling, at.now);
+            system.each(|n| replacement[n] = R::select(sampling, at.y[n], replacement[n]));
+        }
+        Ok(loaded)
+    }
+
     /// Lets the events of the lanes in `due` happen, and chooses the modes anew in lanes at the start of a
     /// segment, unless these are `certain`. Lanes whose state or modes change are `held`: the instant is evaluated again,
     /// and watched then. Returns the lanes into which another run was loaded because an event ended theirs.
     #[cold]
     #[inline(never)]
-    pub(super) fn meet_events(
+    fn meet_events(
         &mut self,
         system: &SceneEquations<R>,
         (due, certain, tau): (Bits, Bits, R),
@@ -75,30 +103,6 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         self.held |= loaded;
         self.schedule();
         Ok(loaded)
-    }
-
-    /// Applies the impulses that are due in a lane. Its state after them is in `replacement`. Returns the lane if
-    /// another run was loaded into it because the impulse ended its run.
-    pub(super) fn strike(
-        &mut self,
-        system: &SceneEquations<R>,
-        (lane, tau): (usize, f64),
-        at: &Instants<'_, R>,
-        replacement: &mut States<R>,
-    ) -> Result<Bits, Error> {
-        let Some(now) = self.now(system, lane, at) else { return Ok(0) };
-        let Some(run) = &self.batch.runs[lane] else { return Ok(0) };
-        let anchor = run.place.segment.anchor;
-        let moment = Moment { earlier: false, tau, h: self.h.lane(lane), y: &column(at.y, lane) };
-        match self.batch.act(lane, |contact, scene| contact.strike(&moment, (scene, anchor))) {
-            Some(Ok(y)) => self.hold(lane, now, (&y, 2), replacement),
-            Some(Err(end)) => {
-                self.end_at_event(system, lane, &end, now)?;
-                return Ok(1 << lane);
-            }
-            None => {}
-        }
-        Ok(0)
     }
 
     /// Ends the run in a lane at an event of its contacts, and loads the next one.
@@ -157,17 +161,18 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         self.batch.phases.set(struck, Phase::Step);
         let jumping = self.batch.phases.at(Phase::Impulse) & !(leaving | self.held);
         for lane in each(jumping) {
-            if self.batch.unilateral {
-                leaving |= self.strike(system, (lane, tau.lane(lane)), at, replacement)?;
-                continue;
-            }
             let Some(now) = self.now(system, lane, at) else { continue };
             let Some(run) = &self.batch.runs[lane] else { continue };
             let (mut y, anchor) = (*at.y, run.place.segment.anchor);
-            self.batch.apply_impulses(system, lane, (anchor, tau), &mut y);
-            // The instant after the impulses is evaluated but not watched again. The next step starts from
-            // it.
-            self.hold(lane, now, (&column(&y, lane), 2), replacement);
+            match self.batch.strike(system, lane, (anchor, tau, self.h.lane(lane)), &mut y) {
+                // The instant after the impulses is evaluated but not watched again. The next step starts from
+                // it.
+                Ok(_) => self.hold(lane, now, (&column(&y, lane), 2), replacement),
+                Err(end) => {
+                    self.end_at_event(system, lane, &end, now)?;
+                    leaving |= 1 << lane;
+                }
+            }
         }
         self.batch.phases.set(jumping & !leaving, Phase::Struck);
         self.schedule();

@@ -5,14 +5,16 @@ use crate::error::Error;
 use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
-use crate::method::traits::{Integrator, Unsolved};
+use crate::method::traits::{Integrator, Step, Unsolved};
 use crate::model::motion::{Linearized, Motion, unpacked};
 use crate::number::lanes::{Bits, Lanes, each};
 use crate::stepping::batch::LaneBatch;
+use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::ending::{self, End, full};
 use crate::stepping::grid::{GridOf, Segment};
 use crate::stepping::instant::{everywhere, put, watched};
 use crate::stepping::lane_controller::LaneController;
+use crate::stepping::loop_system::LoopSystem;
 use crate::stepping::phase::Phase;
 use crate::stepping::place::Place;
 use crate::stepping::queue::RunQueue;
@@ -74,33 +76,25 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         let Some(run) = &mut self.batch.runs[lane] else { return };
         let Segment { anchor, start, h, first, count, .. } = run.place.segment;
         run.place.arrival = from + (count - first);
-        let mut drive = run.scene.inputs.segment(anchor);
-        let mut samples = false;
-        if let Some(controller) = &mut run.controller {
-            samples = controller.is_due(start);
-            drive.hold(if samples { controller.held() } else { controller.torque(start) });
-        }
-        self.batch.drive.set(lane, &drive);
         self.anchor.set(lane, anchor);
         self.h.set(lane, h);
         #[allow(clippy::cast_precision_loss)] // at most 1e11
         self.taken.set(lane, first as f64);
         self.at_start |= 1 << lane;
         self.entered = true;
-        if samples {
+        if run.controller.as_ref().is_some_and(|controller| controller.is_due(start)) {
             // The run starts with a sample. Its segment begins after that.
             self.batch.phases.set(1 << lane, Phase::Sample);
+            self.batch.enter_sample(lane, anchor);
             return;
         }
-        run.segments += 1;
-        let mut phase = run.place.phase_at_start(&run.scene);
-        if let Some(contact) = &mut run.contact {
-            contact.enter(anchor, drive);
-            if first == 0 || contact.is_unset() {
-                phase = Phase::Start;
-            }
-        }
+        let chooses = |contact: &LaneContact| first == 0 || contact.is_unset();
+        let phase = match run.contact.as_deref() {
+            Some(contact) if chooses(contact) => Phase::Start,
+            _ => run.place.phase_at_start(&run.scene),
+        };
         self.batch.phases.set(1 << lane, phase);
+        self.batch.enter_segment(lane, anchor, start);
     }
 
     /// Lets the discrete controllers of the lanes in `sampling` measure the instant that was just evaluated, and
@@ -116,11 +110,9 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
             {
                 run.place.go_on(next);
             }
-            let Some(controller) = &mut run.controller else { continue };
-            let how = (self.batch.instructions, self.batch.options);
-            let scene = (&*run.scene, run.contact.as_deref());
-            controller.sample(scene, how, run.place.segment.start, (now, lane));
             run.place.sampled = Some(self.clock);
+            let start = run.place.segment.start;
+            self.batch.take_sample(lane, start, now);
             self.enter(lane, self.clock + 1);
         }
         self.schedule();
@@ -293,6 +285,32 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         Ok(())
     }
 
+    /// Takes a step from the state `y`, evaluated as `now`, and computes the rows inside it. The error says that its
+    /// equations were not solved.
+    #[inline(always)]
+    pub(super) fn step<S: LoopSystem<R>>(
+        &mut self,
+        (system, method, keeps_jacobian): (&S, &mut impl Integrator<R, S>, bool),
+        (tau, now, y): (R, &Evaluation<R>, &States<R>),
+        after: &mut States<R>,
+    ) -> Result<(), Unsolved> {
+        let step = Step { tau, h: self.h, y, rate: &now.rate, allowed: None };
+        let (drive, stats) = (&self.batch.drive, &mut self.batch.stats);
+        let jacobians = stats.jacobians;
+        method.step(system, drive, &step, after, stats).map_err(Into::into)?;
+        if keeps_jacobian {
+            if stats.jacobians > jacobians {
+                self.taken_at = Some(pack(tau, &now.motion));
+            }
+            self.in_use = self.taken_at.filter(|_| method.jacobian_is_reusable());
+        }
+        system.correct(drive, tau + self.h, after);
+        if R::WIDTH == 1 && self.batch.queue.next_time() < f64::INFINITY {
+            self.inside.look_inside(&mut self.batch, self.clock, system.called(), (tau, y))?;
+        }
+        Ok(())
+    }
+
     /// At a breakpoint, a method that keeps a Jacobian forgets it, or takes the Jacobian of the run that this
     /// run resumes.
     #[cold]
@@ -313,7 +331,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     }
 }
 
-pub(super) fn pack<R: Lanes>(tau: R, motion: &Motion<R>) -> Linearized {
+fn pack<R: Lanes>(tau: R, motion: &Motion<R>) -> Linearized {
     let mut point = [tau.lane(0); 21];
     for n in 0..9 {
         (point[1 + n], point[10 + n]) = (motion.q[n].lane(0), motion.p[n].lane(0));

@@ -4,30 +4,16 @@
 use crate::formulation::contact_equations::ContactEquations;
 use crate::formulation::equations::{States, Terms};
 use crate::formulation::scene_equations::SceneEquations;
+use crate::formulation::system::System;
 use crate::model::contact::Side;
 use crate::model::drive::{Drive, Input, SegmentDrive};
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
 use crate::number::lanes::{LaneTask, Lanes};
 use crate::number::simd::level::Instructions;
-use crate::stepping::contact_events::{
-    Condition, ContactEnd, ContactRun, ContactState, Event, Reason, conditions,
-};
+use crate::stepping::contact_events::{ContactEnd, ContactRun, Reason};
 use crate::stepping::lone_steps::LoneMethod;
-
-/// Largest number of events within one step of the run.
-pub const MOST_EVENTS: usize = 64;
-/// Largest number of repeated steps that locate one event. Most take about ten.
-const MOST_TRIALS: usize = 60;
-/// Where a condition is zero when its mode begins, such as the gap, it is looked at after this share of the step;
-/// if it fails there, after this share of that time, and so on, at most so many times.
-const EARLY: f64 = 1.0 / 1024.0;
-const EARLIEST: i32 = 4;
-/// A rest of a step below this share of it is taken without a look at its events: round-off could make them up.
-/// The next step finds them.
-const SLIVER: f64 = 1.0 / (1u64 << 40) as f64;
-/// An event is located to this share of the step.
-const RESOLUTION: f64 = 1.0 / (1u64 << 50) as f64;
+use crate::stepping::monitor::Limits;
 
 /// A state within a segment.
 #[derive(Debug, Clone, Copy)]
@@ -44,7 +30,7 @@ impl SegmentState {
     }
 }
 
-/// Takes the steps of one run between its events.
+/// One run within a step.
 pub(super) struct EventStepper<'a> {
     /// The instructions of the code that computes, which is called. The search itself only compares numbers.
     pub(super) instructions: Instructions,
@@ -53,8 +39,8 @@ pub(super) struct EventStepper<'a> {
     pub(super) equations: ContactEquations<'a>,
     /// Takes the steps.
     pub(super) method: &'a mut LoneMethod,
-    /// Half the height of the faces.
-    pub(super) half_height: f64,
+    /// The limits of the scene.
+    pub(super) limits: &'a Limits<f64>,
     /// The contacts.
     pub(super) run: &'a mut ContactRun,
     /// The inputs of the segment, with the modes of the contacts.
@@ -88,34 +74,6 @@ impl LaneTask<f64> for GeometryOf<'_> {
 }
 
 impl EventStepper<'_> {
-    /// The state at the end of a step, after all events in it. `arrived` is the state without any. The modes of the
-    /// drive are those at the end.
-    pub(super) fn advance(
-        &mut self,
-        from: SegmentState,
-        arrived: &States<f64>,
-    ) -> Result<States<f64>, Box<ContactEnd>> {
-        let (mut place, mut rest, mut arrived) = (from, self.h, *arrived);
-        let end = place.tau + self.h;
-        for _ in 0..=MOST_EVENTS {
-            let Some((length, event)) = self.earliest(&place, (rest, &arrived))? else {
-                return Ok(arrived);
-            };
-            let y = self.step_from(&place, length)?;
-            place = SegmentState { tau: if length < rest { place.tau + length } else { end }, y };
-            self.happen(&mut place, event)?;
-            rest = end - place.tau;
-            if rest <= 0.0 {
-                return Ok(place.y);
-            }
-            arrived = self.step_from(&place, rest)?;
-            if rest <= SLIVER * self.h {
-                return Ok(arrived);
-            }
-        }
-        Err(place.end(Reason::Chattering))
-    }
-
     pub(super) fn step_from(&mut self, from: &SegmentState, h: f64) -> Result<States<f64>, Box<ContactEnd>> {
         let step = self.method.step(self.system, self.drive, (from.tau, &from.y), h);
         step.map_err(|unsolved| from.end(Reason::Unsolved(unsolved)))
@@ -138,136 +96,29 @@ impl EventStepper<'_> {
         (self.equations.terms(&input, &self.drive.contacts, &motion), motion)
     }
 
-    /// The earliest event in a step of length `h` that ends at `arrived`, and the length of the step that leads
-    /// to it; `None` if no event is due at the end.
-    ///
-    /// At the event that is found, another one may be due that is over at the end of the step: lambda^H of a slipping
-    /// tip turns negative, and then positive again once the tip's surface is stretched. So the shorter step is looked at in its
-    /// turn.
-    pub(super) fn earliest(
-        &mut self,
-        from: &SegmentState,
-        (h, arrived): (f64, &States<f64>),
-    ) -> Result<Option<(f64, Event)>, Box<ContactEnd>> {
-        let mut y = *arrived;
-        let mut located: Vec<(f64, Event)> = Vec::new();
-        let mut earliest: Option<(f64, Event)> = None;
-        for _ in 0..MOST_EVENTS {
-            let end = earliest.map_or(h, |(length, _)| length);
-            let (terms, motion) = self.terms_at(from.tau + end, &y);
-            if terms.response.acceleration.iter().any(|a| !a.is_finite()) {
-                return Err(from.end(Reason::NotFinite));
-            }
-            for (event, at_end) in self.values(&terms, &motion).filter(|&(_, value)| value < 0.0) {
-                if located.iter().any(|&(length, known)| known == event && length <= end) {
-                    continue;
-                }
-                let length = self.locate(from, (end, h), (event, at_end))?;
-                located.push((length, event));
-                if earliest.is_none_or(|(least, _)| length < least) {
-                    earliest = Some((length, event));
-                }
-            }
-            match earliest {
-                Some((length, _)) if length < end => y = self.step_from(from, length)?,
-                _ => break,
-            }
-        }
-        Ok(earliest)
+    /// The motion of a state.
+    pub(super) fn motion(&self, place: &SegmentState) -> Motion<f64> {
+        self.equations.motion(&self.input(place.tau), &place.y)
     }
 
-    /// The length of the step at whose end an event is just due, by the Illinois method (Dowell and Jarratt, "A
-    /// modified regula falsi method for computing the root of an equation", 1971). It is due in the step of length
-    /// `end`; the resolution is a share of `h`, because an implicit step may be too short to be solved.
-    fn locate(
-        &mut self,
-        from: &SegmentState,
-        (end, h): (f64, f64),
-        (event, at_end): (Event, f64),
-    ) -> Result<f64, Box<ContactEnd>> {
-        let shortest = EARLY.powi(EARLIEST) * h;
-        let (mut low, mut at_low) = (0.0, self.value(from.tau, &from.y, event));
-        let (mut high, mut at_high) = (end, at_end);
-        for _ in 0..EARLIEST {
-            if at_low > 0.0 || EARLY * high < shortest {
-                break;
-            }
-            low = EARLY * high;
-            at_low = self.value_after(from, low, event)?;
-            if at_low <= 0.0 {
-                (high, at_high) = (low, at_low);
-            }
-        }
-        if at_low <= 0.0 {
-            return Ok(high);
-        }
-        let mut last = None;
-        for _ in 0..MOST_TRIALS {
-            if high - low <= RESOLUTION * h {
-                break;
-            }
-            let secant = low + (high - low) * (at_low / (at_low - at_high));
-            // A secant that leaves the bracket by round-off would repeat one of its ends.
-            let length = if secant > low && secant < high { secant } else { 0.5 * (low + high) };
-            if length <= low || length >= high {
-                break;
-            }
-            let value = self.value_after(from, length, event)?;
-            let below = value > 0.0;
-            if below {
-                (low, at_low) = (length, value);
-            } else {
-                (high, at_high) = (length, value);
-                if value == 0.0 {
-                    break;
-                }
-            }
-            // An end that stays twice counts half, so that the secant moves to its other side.
-            if last == Some(below) {
-                if below {
-                    at_high *= 0.5;
-                } else {
-                    at_low *= 0.5;
-                }
-            }
-            last = Some(below);
-        }
-        Ok(high)
+    /// Writes a motion into a state, whose works stay.
+    pub(super) fn store(&self, place: &mut SegmentState, motion: &Motion<f64>) {
+        let states = self.system.size().states;
+        place.y[..states].copy_from_slice(&self.equations.begin(motion)[..states]);
     }
 
-    fn value_after(
-        &mut self,
-        from: &SegmentState,
-        length: f64,
-        event: Event,
-    ) -> Result<f64, Box<ContactEnd>> {
-        let y = self.step_from(from, length)?;
-        Ok(self.value(from.tau + length, &y, event))
+    /// Adds to a work of the ledger, if it is carried.
+    pub(super) fn book(&self, place: &mut SegmentState, which: usize, amount: f64) {
+        if self.system.size().works > 0 {
+            place.y[self.system.size().states + which] += amount;
+        }
     }
 
-    /// The value of an event at a state: negative where the event is due.
-    fn value(&self, tau: f64, y: &States<f64>, event: Event) -> f64 {
-        let (terms, motion) = self.terms_at(tau, y);
-        self.values(&terms, &motion).find(|&(other, _)| other == event).map_or(1.0, |(_, value)| value)
-    }
-
-    /// The values of the events that the contacts can have in their modes.
-    fn values(&self, terms: &Terms<f64>, motion: &Motion<f64>) -> impl Iterator<Item = (Event, f64)> + use<> {
-        let state = ContactState {
-            motion,
-            multipliers: &terms.response.multipliers,
-            residuals: terms.geometry.residuals(),
-            share: terms.response.share,
-            places: terms.geometry.places(),
-            friction: terms.friction,
-            half_height: self.half_height,
-        };
-        [0, 1]
-            .map(|finger| (finger, conditions(&state, &self.drive.contacts, finger, true)))
-            .into_iter()
-            .flat_map(|(finger, conditions)| {
-                let asked = conditions.into_iter().filter(|condition| condition.asked & 1 != 0);
-                asked.map(move |Condition { cause, value, .. }| (Event { finger, cause }, value))
-            })
+    /// The energy of a motion, if the ledger is carried.
+    pub(super) fn energy(&self, motion: &Motion<f64>) -> f64 {
+        if self.system.size().works == 0 {
+            return 0.0;
+        }
+        self.system.energies(&self.run.held(self.equations.tilts(&motion.q)), motion).total()
     }
 }

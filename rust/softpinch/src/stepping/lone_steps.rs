@@ -1,7 +1,7 @@
 //! Steps of one run outside of its loop, by a method of its own: those that locate the events of its contacts, and
 //! those that end inside a step, where a row was asked for. Taking them leaves the loop's method as it is.
 
-use crate::formulation::equations::{Evaluation, MAX_COMPONENTS, States};
+use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
 use crate::method::called::{AnyMethod, alone};
@@ -89,11 +89,6 @@ impl LoneSteps {
         h: f64,
     ) -> Result<States<f64>, Unsolved> {
         self.method.step(&self.system, drive, from, h)
-    }
-
-    /// Evaluates a state.
-    pub(super) fn evaluate(&self, drive: &SegmentDrive, tau: f64, y: &States<f64>) -> Evaluation<f64> {
-        self.system.evaluate(drive, tau, y)
     }
 
     /// The work that was done since the last call.

@@ -2,7 +2,7 @@
 //! steps as long as the error allows. A single run is one lane, and a [`recorder`] records it. [`batch`] has
 //! the work of both loops on the runs in their lanes.
 //!
-//! Events of unilateral contact: [`contact_events`] says what ends a mode, `event_stepper.rs` locates events on
+//! Events of unilateral contact: [`monitor`] has the conditions that end a mode, `event_search.rs` locates events on
 //! the method's own step, `contact_changes.rs` lets them happen. [`contact_lane`] does this for the run in a lane,
 //! `equal_events.rs` and `adaptive_events.rs` are its use in the two loops.
 
@@ -23,6 +23,7 @@ pub mod ending;
 pub mod equal;
 mod equal_events;
 mod equal_lanes;
+mod event_search;
 pub mod event_stepper;
 pub mod grid;
 mod inside_step;

@@ -3,50 +3,41 @@
 
 use crate::error::seconds;
 use crate::formulation::equations::Evaluation;
-use crate::model::contact::Side;
+use crate::model::contact::{Contact, Side};
 use crate::model::contact_modes::Contacts;
 use crate::model::geometry::Geometry;
-use crate::model::geometry::index::D_N;
+use crate::model::geometry::index::{D_N, D_T, X, Y};
 use crate::model::motion::Motion;
 use crate::model::parameters::{Parameters, SIDES};
 use crate::model::source::Source;
+use crate::names::named;
 use crate::number::lanes::{Bits, Lanes};
-use crate::stepping::contact_events::{Condition, ContactState, conditions};
+use crate::stepping::contact_events::Cause;
 use crate::stepping::record::Instant;
 
-/// A way in which the model stops holding.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u8)]
-pub enum Violation {
-    /// d_n < -1e-9 a: the tip has left the object.
-    Separated,
-    /// d_n >= a: the tip is pressed flat.
-    Crushed,
-    /// |theta_p| >= 90 degrees: the tip's energy (5) has a pole there.
-    Folded,
-    /// lambda^H < 0: the bilateral constraint pulls.
-    Pulling,
-    /// |lambda^N| > mu lambda^H, where a scene gives mu. In unilateral contact: the tip slips.
-    Slipping,
-    /// d_n > a (1 - sin |theta_p|): the contact reaches the hemisphere's rim, and (4) no longer equals (3).
-    Rim,
-    /// |G_i| > height / 2, where the object has a height: the contact lies beyond the end of the face.
-    OffFace,
-    /// The tip is free, in unilateral contact.
-    Opened,
+named! {
+    /// A way in which the model stops holding.
+    Violation;
+    /// The violations by their public names.
+    VIOLATIONS = {
+        /// d_n < -1e-9 a: the tip has left the object.
+        Separated = "separated",
+        /// d_n >= a: the tip is pressed flat.
+        Crushed = "crushed",
+        /// |theta_p| >= 90 degrees: the tip's energy (5) has a pole there.
+        Folded = "folded",
+        /// lambda^H < 0: the bilateral constraint pulls.
+        Pulling = "pulling",
+        /// |lambda^N| > mu lambda^H, where a scene gives mu. In unilateral contact: the tip slips.
+        Slipping = "slipping",
+        /// d_n > a (1 - sin |theta_p|): the contact reaches the hemisphere's rim, and (4) no longer equals (3).
+        Rim = "rim",
+        /// |G_i| > height / 2, where the object has a height: the contact lies beyond the end of the face.
+        OffFace = "off_face",
+        /// The tip is free, in unilateral contact.
+        Opened = "opened",
+    }
 }
-
-/// The violations by their public names.
-pub const VIOLATIONS: [(&str, Violation); 8] = [
-    ("separated", Violation::Separated),
-    ("crushed", Violation::Crushed),
-    ("folded", Violation::Folded),
-    ("pulling", Violation::Pulling),
-    ("slipping", Violation::Slipping),
-    ("rim", Violation::Rim),
-    ("off_face", Violation::OffFace),
-    ("opened", Violation::Opened),
-];
 
 /// The violations that end a run unless it is told otherwise: after them the equations mean nothing. A run can
 /// be told to end on any violation.
@@ -134,18 +125,72 @@ impl TurningPoint {
     }
 }
 
-/// The numbers of one tip that violations depend on.
-struct Tip<R> {
-    d_n: R,
-    /// theta_p, and its sine.
-    tilt: R,
-    sin_tilt: R,
-    /// The place of the contact along the face.
-    place: R,
-    /// lambda^H and lambda^N.
-    normal: R,
-    tangential: R,
+/// Both contacts of the runs in all lanes at one instant.
+pub(super) struct ContactState<'a, R> {
+    pub(super) motion: &'a Motion<R>,
+    pub(super) multipliers: &'a [R; 4],
+    pub(super) residuals: [R; 4],
+    /// The parts psi of grazing contacts.
+    pub(super) share: [R; 2],
+    /// The places of the contacts along their faces.
+    pub(super) places: [R; 2],
+    /// theta_p of both tips, and its sine.
+    pub(super) tilt: [R; 2],
+    pub(super) sin_tilt: [R; 2],
 }
+
+impl<'a, R: Lanes> ContactState<'a, R> {
+    #[inline(always)]
+    fn of(now: &'a Evaluation<R>) -> Self {
+        let &Evaluation { ref motion, ref multipliers, residuals, share, places, tilt, sin_tilt, .. } = now;
+        Self { motion, multipliers, residuals, share, places, tilt, sin_tilt }
+    }
+
+    /// The contacts of a motion with this geometry. Grazing contacts have the parts `share`.
+    pub(super) fn at(
+        motion: &'a Motion<R>,
+        multipliers: &'a [R; 4],
+        geometry: &Geometry<R>,
+        share: [R; 2],
+    ) -> Self {
+        let (tilt, sin_tilt) = (geometry.tilt(), geometry.sin_tilt());
+        let (residuals, places) = (geometry.residuals(), geometry.places());
+        Self { motion, multipliers, residuals, share, places, tilt, sin_tilt }
+    }
+}
+
+/// What the failure of a condition means.
+#[derive(Clone, Copy)]
+pub(super) enum Failure {
+    /// The mode of the contact ends.
+    Event(Cause),
+    /// The model stops holding.
+    Violation(Violation),
+}
+
+/// A condition of one contact.
+pub(super) struct Condition<R> {
+    pub(super) failure: Failure,
+    /// The lanes that have this condition.
+    pub(super) lanes: Bits,
+    /// The condition fails where its value is negative.
+    pub(super) value: R,
+    /// Whether it fails where its value is zero, too.
+    strict: bool,
+}
+
+impl<R: Lanes> Condition<R> {
+    /// The lanes in which it fails.
+    #[inline(always)]
+    fn fails(&self) -> Bits {
+        let zero = R::zero();
+        self.lanes & if self.strict { self.value.at_most(zero) } else { self.value.less(zero) }
+    }
+}
+
+/// A gap, a slip velocity or a share that is zero when its mode begins may fail by this share of its terms, by
+/// round-off.
+const ROUND_OFF: f64 = 16.0 * f64::EPSILON;
 
 /// The limits with which the model's quantities are compared.
 #[derive(Debug, Clone, Copy)]
@@ -156,9 +201,8 @@ pub struct Limits<R> {
     /// mu, and the lanes whose scene gives one.
     friction: [R; 2],
     limited: Bits,
-    /// Half the height of the faces, and the lanes whose object gives one.
-    half_height: R,
-    bounded: Bits,
+    /// Half the height of the faces; infinite if the object gives none.
+    pub(super) half_height: R,
 }
 
 impl<R: Lanes> Limits<R> {
@@ -166,7 +210,6 @@ impl<R: Lanes> Limits<R> {
     #[inline(always)]
     pub fn new(source: &impl Source<R>) -> Self {
         let friction = [source.number(|p| p.friction.right), source.number(|p| p.friction.left)];
-        let half_height = source.number(|p| 0.5 * p.grasped.height);
         let infinity = R::constant(f64::INFINITY);
         Self {
             sides: Side::both(source),
@@ -176,8 +219,7 @@ impl<R: Lanes> Limits<R> {
             ],
             friction,
             limited: friction[0].less(infinity) | friction[1].less(infinity),
-            half_height,
-            bounded: half_height.less(infinity),
+            half_height: source.number(|p| 0.5 * p.grasped.height),
         }
     }
 
@@ -193,56 +235,82 @@ impl<R: Lanes> Limits<R> {
         found
     }
 
-    /// For each of [`VIOLATIONS`] the lanes in which it holds at an instant. In unilateral contact there are `contacts`.
+    /// The table of all conditions of contact `i`: gives each of them to `take`, those that events end in the order of
+    /// their causes. With `tolerant`, those that are zero when a mode begins hold in spite of round-off. In unilateral
+    /// contact there are `contacts`: tips neither pull nor press an object that they do not touch.
     #[inline(always)]
-    pub fn violated(&self, now: &Evaluation<R>, contacts: Option<&Contacts<R>>) -> [Bits; VIOLATIONS.len()] {
-        let Evaluation { motion: Motion { q, .. }, tilt, sin_tilt, places, multipliers, .. } = now;
-        let mut found = [0; VIOLATIONS.len()];
-        for i in 0..2 {
-            let tip = Tip {
-                d_n: q[D_N + i],
-                tilt: tilt[i],
-                sin_tilt: sin_tilt[i],
-                place: places[i],
-                normal: multipliers[i],
-                tangential: multipliers[2 + i],
-            };
-            let own = self.violated_by(i, &tip, contacts);
-            for k in 0..VIOLATIONS.len() {
-                found[k] |= own[k];
+    pub(super) fn conditions(
+        &self,
+        at: &ContactState<'_, R>,
+        contacts: Option<&Contacts<R>>,
+        i: usize,
+        tolerant: bool,
+        mut take: impl FnMut(Condition<R>),
+    ) {
+        let Motion { q, p, .. } = at.motion;
+        let (d_n, radius) = (q[D_N + i], self.sides[i].radius());
+        let (along, across, v) = (at.multipliers[i], at.multipliers[2 + i], at.residuals[2 + i]);
+        let cone = self.friction[i] * along - across.abs();
+        let places = at.places.map(R::abs);
+        let mut nearest = places[i];
+        let (mut touching, mut bilateral) = (Bits::MAX, Bits::MAX);
+        if let Some(contacts) = contacts {
+            let (free, graze, slip) = (contacts.free[i], contacts.graze[i], contacts.slip(i));
+            (touching, bilateral) = (!free, 0);
+            let both_free = contacts.free[0] & contacts.free[1];
+            nearest = R::select(both_free, places[0].min_in(places[1], R::ALL), nearest);
+            let mut forward = R::select(contacts.down[i], -v, v);
+            let mut part = at.share[i].min_in(R::constant(1.0) - at.share[i], R::ALL);
+            let mut gap = at.residuals[i];
+            if tolerant {
+                let round_off = |sizes: [R; 3]| {
+                    let [a, b, c] = sizes.map(R::abs);
+                    R::constant(ROUND_OFF) * (a + b + c)
+                };
+                forward = forward + round_off([p[X], p[Y], p[D_T + i]]);
+                part = part + R::constant(ROUND_OFF);
+                gap = gap + round_off([q[X], q[Y], d_n]);
             }
+            let mut event = |cause, lanes, value| {
+                take(Condition { failure: Failure::Event(cause), lanes, value, strict: false });
+            };
+            event(Cause::Cone, !(slip | graze | free), cone);
+            event(Cause::Stop, slip, forward);
+            event(Cause::Release, slip, along);
+            event(Cause::Share, graze, part);
+            event(Cause::Impact, free, gap.max_in(places[i] - self.half_height, R::ALL));
+            // A surface of a free tip that has come to rest stays at rest.
+            event(Cause::Relaxed, !(free & d_n.is_zero()), d_n);
+            event(Cause::Lost, !free | both_free, self.half_height - nearest);
         }
-        found
+        let mut violation = |violation, lanes, value, strict| {
+            take(Condition { failure: Failure::Violation(violation), lanes, value, strict });
+        };
+        let quarter = R::constant(std::f64::consts::FRAC_PI_2);
+        let rim = radius * (R::constant(1.0) - at.sin_tilt[i].abs());
+        violation(Violation::Slipping, bilateral & self.limited, cone, false);
+        violation(Violation::Pulling, bilateral, along, false);
+        violation(Violation::Separated, bilateral, d_n - self.least[i], false);
+        violation(Violation::OffFace, touching, self.half_height - places[i], false);
+        violation(Violation::Crushed, touching, radius - d_n, true);
+        violation(Violation::Folded, touching, quarter - at.tilt[i].abs(), true);
+        violation(Violation::Rim, touching, rim - d_n, false);
     }
 
-    /// The conditions of all violations, for tip `i`. In unilateral contact tips neither pull nor press an object that
-    /// they do not touch.
+    /// For each of [`VIOLATIONS`] the lanes in which it holds at an instant. In unilateral contact there are `contacts`,
+    /// whose modes show two of them.
     #[inline(always)]
-    fn violated_by(
-        &self,
-        i: usize,
-        tip: &Tip<R>,
-        contacts: Option<&Contacts<R>>,
-    ) -> [Bits; VIOLATIONS.len()] {
-        let &Tip { d_n, tilt, sin_tilt, place, normal, tangential } = tip;
-        let (a, free) = (self.sides[i].radius(), contacts.map_or(0, |contacts| contacts.free[i]));
-        let quarter = R::constant(std::f64::consts::FRAC_PI_2);
+    pub fn violated(&self, now: &Evaluation<R>, contacts: Option<&Contacts<R>>) -> [Bits; VIOLATIONS.len()] {
         let mut found = [0; VIOLATIONS.len()];
-        let mut set = |violation: Violation, bits: Bits| found[violation as usize] = bits;
-        set(Violation::Crushed, a.at_most(d_n) & !free);
-        set(Violation::Folded, quarter.at_most(tilt.abs()) & !free);
-        set(Violation::Rim, (a * (R::constant(1.0) - sin_tilt.abs())).less(d_n) & !free);
-        if self.bounded != 0 {
-            set(Violation::OffFace, self.half_height.less(place.abs()) & self.bounded & !free);
-        }
-        if let Some(contacts) = contacts {
-            set(Violation::Slipping, contacts.slip(i));
-            set(Violation::Opened, free);
-        } else {
-            set(Violation::Separated, d_n.less(self.least[i]));
-            set(Violation::Pulling, normal.less(R::zero()));
-            if self.limited != 0 {
-                set(Violation::Slipping, (self.friction[i] * normal).less(tangential.abs()) & self.limited);
+        for i in 0..2 {
+            self.conditions(&ContactState::of(now), contacts, i, false, |condition| {
+                if let Failure::Violation(violation) = condition.failure {
+                    found[violation as usize] |= condition.fails();
+                }
+            });
+            if let Some(contacts) = contacts {
+                found[Violation::Slipping as usize] |= contacts.slip(i);
+                found[Violation::Opened as usize] |= contacts.free[i];
             }
         }
         found
@@ -265,21 +333,13 @@ impl<R: Lanes> Limits<R> {
     /// The lanes in which an event of unilateral contact may be due.
     #[inline(always)]
     pub fn due(&self, now: &Evaluation<R>, contacts: &Contacts<R>) -> Bits {
-        let Evaluation { motion, places, multipliers, residuals, share, .. } = now;
-        let state = ContactState {
-            motion,
-            multipliers,
-            residuals: *residuals,
-            share: *share,
-            places: *places,
-            friction: self.friction,
-            half_height: self.half_height,
-        };
         let mut found = 0;
         for i in 0..2 {
-            for Condition { asked, value, .. } in conditions(&state, contacts, i, false) {
-                found |= value.less(R::zero()) & asked;
-            }
+            self.conditions(&ContactState::of(now), Some(contacts), i, false, |condition| {
+                if let Failure::Event(_) = condition.failure {
+                    found |= condition.fails();
+                }
+            });
         }
         found
     }
@@ -321,24 +381,22 @@ pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, inst
     let t = seconds(instant.t);
     let geometry = Geometry::new(&Side::both(parameters), q, p);
     let limits = Limits::<f64>::new(parameters);
-    let tips: [Tip<f64>; 2] = std::array::from_fn(|i| {
-        let contact = &geometry.contacts[i];
-        Tip {
-            d_n: q[D_N + i],
-            tilt: contact.tilt,
-            sin_tilt: contact.sin_tilt,
-            place: contact.place,
-            normal: multipliers[i],
-            tangential: multipliers[2 + i],
+    let motion = Motion { q: *q, p: *p, memory: [0.0; 2] };
+    let state = ContactState::at(&motion, multipliers, &geometry, [0.0; 2]);
+    let mut i = 1;
+    limits.conditions(&state, None, 0, false, |condition| {
+        if matches!(condition.failure, Failure::Violation(own) if own == violation) && condition.fails() != 0
+        {
+            i = 0;
         }
     });
-    let i = usize::from(limits.violated_by(0, &tips[0], None)[violation as usize] == 0);
     let (side, radius, friction) = (SIDES[i], parameters.tips[i].radius, limits.friction[i]);
-    let Tip { d_n, tilt, sin_tilt, place, normal, tangential } = &tips[i];
+    let Contact { tilt, sin_tilt, place, .. } = &geometry.contacts[i];
+    let (d_n, normal, tangential) = (q[D_N + i], multipliers[i], multipliers[2 + i]);
     let extreme = if begins { START } else { RUNAWAY };
     match violation {
         Violation::Separated => {
-            let advice = if *d_n < -2.0 * radius {
+            let advice = if d_n < -2.0 * radius {
                 extreme
             } else {
                 "; angles that close the fingers further, a firmer grasp or a smaller disturbance would keep it, or shorter steps where \
@@ -347,7 +405,7 @@ pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, inst
             format!("the {side} fingertip left the object at t = {t} (d_n = {d_n:.3e} m){advice}")
         }
         Violation::Crushed => {
-            let advice = if *d_n > 2.0 * radius {
+            let advice = if d_n > 2.0 * radius {
                 extreme
             } else {
                 "; a stiffer or larger tip, angles that close the fingers less or a smaller disturbance would keep it whole, or shorter \

@@ -21,15 +21,20 @@ use crate::stepping::summary::COUNT;
 /// Number of steps or attempts after which a loop asks whether to stop. They take a few milliseconds.
 pub const POLL: u64 = 1 << 12;
 
+/// A run before it begins.
+pub struct Taken<'a> {
+    /// Number of the run.
+    pub number: usize,
+    /// The scene that is simulated.
+    pub scene: Cow<'a, Scene>,
+    /// The contacts of an earlier run with the same parameters, if they were kept.
+    pub contact: Option<Box<LaneContact>>,
+}
+
 /// The source and the destination of the runs of a step loop. Only loops of one lane record runs.
 pub trait RunQueue<'a> {
-    /// The next run and its number, or `None` if there is none.
-    fn take(&mut self) -> Result<Option<(usize, Cow<'a, Scene>)>, Error>;
-
-    /// The contacts of an earlier run with the same parameters as the one that was just taken, if they were kept.
-    fn take_contact(&mut self) -> Option<Box<LaneContact>> {
-        None
-    }
+    /// The next run, or `None` if there is none.
+    fn take(&mut self) -> Result<Option<Taken<'a>>, Error>;
 
     /// Whether the loop should stop its runs.
     fn stops(&mut self) -> bool;

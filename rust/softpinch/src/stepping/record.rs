@@ -5,16 +5,7 @@ use crate::model::contact_modes::ContactRow;
 use crate::model::energy::{BILATERAL_WORKS, LedgerRow, WORKS};
 use crate::model::motion::Linearized;
 use crate::model::start::State;
-
-/// The quantities that can be recorded, by their public names.
-pub const RECORDABLE: [(&str, Quantity); 6] = [
-    ("state", Quantity::State),
-    ("multipliers", Quantity::Multipliers),
-    ("residuals", Quantity::Residuals),
-    ("energy", Quantity::Energy),
-    ("torque", Quantity::Torque),
-    ("contact", Quantity::Contact),
-];
+use crate::names::named;
 
 /// The contacts of bilateral contact.
 const STICKING: ContactRow = [1.0, 1.0, 0.0, 0.0];
@@ -37,21 +28,24 @@ pub fn reserved<T>(what: &'static str, entries: usize) -> Result<Vec<T>, Error> 
     Ok(room)
 }
 
-/// A quantity that a run can record.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Quantity {
-    /// q, p and the controllers' memories.
-    State,
-    /// lambda.
-    Multipliers,
-    /// C^H and C^N.
-    Residuals,
-    /// The energy ledger.
-    Energy,
-    /// The torques on the fingers.
-    Torque,
-    /// The modes of the contacts.
-    Contact,
+named! {
+    /// A quantity that a run can record.
+    Quantity;
+    /// The quantities that can be recorded, by their public names.
+    RECORDABLE = {
+        /// q, p and the controllers' memories.
+        State = "state",
+        /// lambda.
+        Multipliers = "multipliers",
+        /// C^H and C^N.
+        Residuals = "residuals",
+        /// The energy ledger.
+        Energy = "energy",
+        /// The torques on the fingers.
+        Torque = "torque",
+        /// The modes of the contacts.
+        Contact = "contact",
+    }
 }
 
 /// What the rows of a run have because of its method and its contacts.
@@ -250,39 +244,26 @@ impl Recording {
             return Err(too_large());
         }
         let more = usize::try_from(rows).map_err(|_| too_large())?.saturating_sub(self.t.len());
-        let mut reserved = self.t.try_reserve_exact(more);
-        if selection.state {
-            reserved = reserved
-                .and_then(|()| self.q.try_reserve_exact(more))
-                .and_then(|()| self.p.try_reserve_exact(more))
-                .and_then(|()| self.memory.try_reserve_exact(more))
-                .and_then(|()| self.grid_anchor.try_reserve_exact(more))
-                .and_then(|()| self.grid_step.try_reserve_exact(more));
-        }
-        if selection.state && layout.keeps_jacobian {
-            reserved = reserved.and_then(|()| self.linearized.try_reserve_exact(more));
-        }
-        if selection.state {
-            let numbers = more.saturating_mul(layout.controller);
-            reserved = reserved.and_then(|()| self.controller.try_reserve_exact(numbers));
-        }
-        if selection.multipliers {
-            reserved = reserved.and_then(|()| self.multipliers.try_reserve_exact(more));
-        }
-        if selection.residuals {
-            reserved = reserved.and_then(|()| self.residuals.try_reserve_exact(more));
-        }
-        if selection.energy {
-            reserved =
-                reserved.and_then(|()| self.energy.try_reserve_exact(more.saturating_mul(layout.energies())));
-        }
-        if selection.torque {
-            reserved = reserved.and_then(|()| self.torque.try_reserve_exact(more));
-        }
-        if selection.has_contacts(layout) {
-            reserved = reserved.and_then(|()| self.contact.try_reserve_exact(more));
-        }
-        reserved.map_err(|_| too_large())
+        let for_state = if selection.state { more } else { 0 };
+        let points = if layout.keeps_jacobian { for_state } else { 0 };
+        let energies = if selection.energy { more.saturating_mul(layout.energies()) } else { 0 };
+        let contacts = if selection.has_contacts(layout) { more } else { 0 };
+        let rooms = [
+            self.t.try_reserve_exact(more),
+            self.q.try_reserve_exact(for_state),
+            self.p.try_reserve_exact(for_state),
+            self.memory.try_reserve_exact(for_state),
+            self.grid_anchor.try_reserve_exact(for_state),
+            self.grid_step.try_reserve_exact(for_state),
+            self.linearized.try_reserve_exact(points),
+            self.controller.try_reserve_exact(for_state.saturating_mul(layout.controller)),
+            self.multipliers.try_reserve_exact(if selection.multipliers { more } else { 0 }),
+            self.residuals.try_reserve_exact(if selection.residuals { more } else { 0 }),
+            self.energy.try_reserve_exact(energies),
+            self.torque.try_reserve_exact(if selection.torque { more } else { 0 }),
+            self.contact.try_reserve_exact(contacts),
+        ];
+        if rooms.iter().any(Result::is_err) { Err(too_large()) } else { Ok(()) }
     }
 
     /// Adds a row. `ledger` is called only if energy is recorded.

@@ -15,7 +15,7 @@ use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::ending::arrival;
 use crate::stepping::intervals::{Intervals, of_changes};
 use crate::stepping::monitor::{VIOLATIONS, Violation, ViolationSet};
-use crate::stepping::queue::{Finished, RunQueue};
+use crate::stepping::queue::{Finished, RunQueue, Taken};
 use crate::stepping::record::{Instant, Recording};
 use crate::stepping::sample::Sample;
 use crate::stepping::status::Status;
@@ -132,12 +132,10 @@ impl<'a> Recorder<'a> {
 }
 
 impl<'a> RunQueue<'a> for Recorder<'a> {
-    fn take(&mut self) -> Result<Option<(usize, Cow<'a, Scene>)>, Error> {
-        Ok(self.scene.take().map(|scene| (0, Cow::Borrowed(scene))))
-    }
-
-    fn take_contact(&mut self) -> Option<Box<LaneContact>> {
-        self.contact.take()
+    fn take(&mut self) -> Result<Option<Taken<'a>>, Error> {
+        let Self { scene, contact, .. } = self;
+        let taken = |scene| Taken { number: 0, scene: Cow::Borrowed(scene), contact: contact.take() };
+        Ok(scene.take().map(taken))
     }
 
     fn stops(&mut self) -> bool {
@@ -252,5 +250,100 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
         run.violation_intervals =
             found().map(|k| (VIOLATIONS[k].0, std::mem::take(&mut intervals[k]))).collect();
         (run.holds, run.summaries, run.stats, run.controller) = (holds, summaries, stats, controller);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::model::energy::WORKS;
+    use crate::model::inputs::Inputs;
+    use crate::model::parameters::Parameters;
+    use crate::model::start::{State, contact};
+    use crate::stepping::record::{Layout, Selection};
+
+    fn scene() -> Scene {
+        let parameters = Parameters::default();
+        let initial = State::at_rest(contact(&parameters).expect("a scene"));
+        Scene { parameters, inputs: Inputs::constant_targets([0.0; 2]), initial, check: true, duration: 1.0 }
+    }
+
+    fn sample(scene: &Scene, t: f64) -> Sample {
+        let instant = Instant { t, q: [t; 9], ..Instant::start(&scene.initial) };
+        Sample { instant, works: [0.0; WORKS], linearized: None, before_sample: false }
+    }
+
+    fn unused(_: &Sample) -> LedgerRow {
+        unreachable!("no energy is recorded")
+    }
+
+    /// Watches the instants as a step loop does, and ends the run at the last of them.
+    fn recorded(due: Due<'_>, instants: &[(f64, bool)]) -> Run {
+        let scene = scene();
+        let selection = Selection { state: true, ..Selection::default() };
+        let recording = Recording::with_capacity(selection, Layout::default(), 0).expect("there is room");
+        let mut recorder = Recorder::new(&scene, recording, due, &|| false);
+        for &(t, inside) in instants {
+            if recorder.is_due(t, inside) {
+                recorder.record(&sample(&scene, t), unused).expect("there is room");
+            }
+        }
+        let finished = Finished {
+            number: 0,
+            status: Status::Completed,
+            message: String::new(),
+            last: sample(&scene, instants.last().map_or(0.0, |&(t, _)| t)),
+            initial_energies: None,
+            first_times: [f64::NAN; VIOLATIONS.len()],
+            holds: true,
+            summaries: [0.0; COUNT],
+            stats: Stats::default(),
+            controller: None,
+            contact: None,
+        };
+        recorder.finish(finished, unused);
+        recorder.run
+    }
+
+    /// The instants of a run, some of which are inside steps. The first and the last are the ends of steps.
+    fn instants() -> impl Strategy<Value = Vec<(f64, bool)>> {
+        proptest::collection::vec((0.01..1.0f64, any::<bool>()), 1..40).prop_map(|steps| {
+            let mut t = 0.0;
+            let mut instants = vec![(t, false)];
+            for (dt, inside) in steps {
+                t += dt;
+                instants.push((t, inside));
+            }
+            instants.push((t + 1.0, false));
+            instants
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn every_so_many_steps_have_a_row_and_so_has_the_end(all in instants(), every in 1..9usize) {
+            let run = recorded(Due::Steps { every: every as u64, left: 0 }, &all);
+            let ends: Vec<f64> = all.iter().filter(|(_, inside)| !inside).map(|&(t, _)| t).collect();
+            let mut rows: Vec<f64> = ends.iter().copied().step_by(every).collect();
+            if rows.last() != ends.last() {
+                rows.extend(ends.last());
+            }
+            prop_assert_eq!(&run.recording.q, &rows.iter().map(|&t| [t; 9]).collect::<Vec<_>>());
+            prop_assert_eq!(run.recording.t, rows);
+        }
+
+        #[test]
+        fn asked_instants_have_rows_and_so_has_the_end(all in instants(), pick in any::<u64>()) {
+            let bit = |k: usize| pick >> (k % 64) & 1 != 0;
+            let times: Vec<f64> =
+                all.iter().enumerate().filter(|&(k, _)| bit(k)).map(|(_, &(t, _))| t).collect();
+            let run = recorded(Due::Times(&times), &all);
+            let end = all[all.len() - 1].0;
+            let rows: Vec<f64> = times.iter().copied().filter(|&t| t != end).chain([end]).collect();
+            prop_assert_eq!(run.recording.t, rows);
+            prop_assert_eq!(run.last.t, end);
+        }
     }
 }

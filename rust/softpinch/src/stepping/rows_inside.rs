@@ -66,7 +66,7 @@ impl RowsInside {
                 let new = || Box::new(LoneSteps::new(how.0, how.1, &run.scene));
                 let steps = self.steps.get_or_insert_with(new);
                 let next = if length > 0.0 { steps.step(&drive, (tau, &y), length)? } else { y };
-                let now = steps.evaluate(&drive, tau + length, &next);
+                let now = steps.system.evaluate(&drive, tau + length, &next);
                 batch.stats.evaluations += 1 + steps.take_stats().evaluations;
                 watched(system.size(), (0, None), &now, &next, time, (time, 0))
             };

@@ -47,16 +47,22 @@ pub struct RunEnd {
 /// A number that is computed from the instants of a run, one after the other.
 trait Fold {
     /// The memory before the first instant. While its first number is unchanged, no instant has been seen.
-    const START: [f64; 3];
+    const START: [f64; 3] = [NOTHING; 3];
+    /// Whether the value has a derivative that means anything. A sum of times, or of errors, does not follow the motion
+    /// smoothly.
+    const SMOOTH: bool = true;
     /// Takes an instant of the lanes in `seen`.
     fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, band: R, seen: Bits);
-    /// The value at the end of a run of which an instant was seen.
-    fn value(memory: [f64; 3], end: &RunEnd) -> f64;
-    /// The derivative of the value, from the memory and its derivatives; `None` if the summary has no derivative that
-    /// means anything.
-    fn slope(memory: [f64; 3], slopes: [f64; 3]) -> Option<f64> {
+    /// The value at the end of a run of which an instant was seen: the first number of the memory, unless a summary says
+    /// otherwise.
+    fn value(memory: [f64; 3], end: &RunEnd) -> f64 {
+        let _ = end;
+        memory[0]
+    }
+    /// The derivative of the value, from the memory and its derivatives.
+    fn slope(memory: [f64; 3], slopes: [f64; 3]) -> f64 {
         let _ = memory;
-        Some(slopes[0])
+        slopes[0]
     }
 }
 
@@ -113,14 +119,16 @@ macro_rules! summaries {
             #[must_use]
             pub fn slope(self, memory: [f64; 3], slopes: [f64; 3]) -> Option<f64> {
                 match self {
-                    $(Self::$kind => $kind::slope(memory, slopes),)*
+                    $(Self::$kind => $kind::SMOOTH.then(|| $kind::slope(memory, slopes)),)*
                 }
             }
 
             /// Whether the summary has a derivative.
             #[must_use]
             pub fn is_differentiable(self) -> bool {
-                self.slope([1.0; 3], [0.0; 3]).is_some()
+                match self {
+                    $(Self::$kind => $kind::SMOOTH,)*
+                }
             }
         }
 
@@ -156,15 +164,9 @@ summaries! {
 const NOTHING: f64 = f64::NEG_INFINITY;
 
 impl Fold for PeakRotation {
-    const START: [f64; 3] = [NOTHING; 3];
-
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
         memory[0] = memory[0].max_in(instant.q[THETA].abs(), seen);
-    }
-
-    fn value(memory: [f64; 3], _: &RunEnd) -> f64 {
-        memory[0]
     }
 }
 
@@ -175,17 +177,11 @@ impl Fold for MinCompression {
     fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
         memory[0] = memory[0].min_in(instant.q[D_N], seen).min_in(instant.q[D_N + 1], seen);
     }
-
-    fn value(memory: [f64; 3], _: &RunEnd) -> f64 {
-        memory[0]
-    }
 }
 
 /// The memory has the force with the largest angle. Angles are compared by 1 - x / (|x| + y), which grows
 /// with the angle of (x, y) from 0 to 2 over the upper half plane.
 impl Fold for PeakFrictionAngle {
-    const START: [f64; 3] = [NOTHING; 3];
-
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
         for i in 0..2 {
@@ -204,14 +200,12 @@ impl Fold for PeakFrictionAngle {
         libm::atan2(y, x)
     }
 
-    fn slope([_, x, y]: [f64; 3], [_, dx, dy]: [f64; 3]) -> Option<f64> {
-        Some((x * dy - y * dx) / (x * x + y * y))
+    fn slope([_, x, y]: [f64; 3], [_, dx, dy]: [f64; 3]) -> f64 {
+        (x * dy - y * dx) / (x * x + y * y)
     }
 }
 
 impl Fold for PeakFrictionRatio {
-    const START: [f64; 3] = [NOTHING; 3];
-
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
         for i in 0..2 {
@@ -222,44 +216,41 @@ impl Fold for PeakFrictionRatio {
             memory[0] = memory[0].max_in(ratio, seen);
         }
     }
-
-    fn value(memory: [f64; 3], _: &RunEnd) -> f64 {
-        memory[0]
-    }
 }
 
-/// The memory has the time so far, the last instant, and half of one if a tip pulled there. The time between
-/// two instants counts by half for each of them at which a tip pulls.
+/// The memory of an integral before the first instant.
+const NO_INTEGRAL: [f64; 3] = [NOTHING, 0.0, 0.0];
+
+/// Integrates a rate by the trapezoidal rule. The memory has the integral so far, the last instant, and half of the rate
+/// there.
+#[inline(always)]
+fn integrate<R: Lanes>(memory: &mut Memory<R>, t: R, half: R, seen: Bits) {
+    let [so_far, last, before] = *memory;
+    let zero = R::zero();
+    let sum = (t - last).mul_add(before + half, so_far);
+    let begins = so_far.less(zero);
+    memory[0] = R::select(seen, R::select(begins, zero, sum), so_far);
+    memory[1] = R::select(seen, t, last);
+    memory[2] = R::select(seen, half, before);
+}
+
+/// The time between two instants counts by half for each of them at which a tip pulls.
 impl Fold for PullingTime {
-    const START: [f64; 3] = [NOTHING, 0.0, 0.0];
+    const START: [f64; 3] = NO_INTEGRAL;
+    const SMOOTH: bool = false;
 
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
-        let [so_far, last, before] = *memory;
         let zero = R::zero();
         let pulls = instant.multipliers[0].less(zero) | instant.multipliers[1].less(zero);
-        let now = R::select(pulls, R::constant(0.5), zero);
-        let sum = (instant.t - last).mul_add(before + now, so_far);
-        let begins = so_far.less(zero);
-        memory[0] = R::select(seen, R::select(begins, zero, sum), so_far);
-        memory[1] = R::select(seen, instant.t, last);
-        memory[2] = R::select(seen, now, before);
-    }
-
-    fn value([time, ..]: [f64; 3], _: &RunEnd) -> f64 {
-        time
-    }
-
-    /// A sum of times, or of errors, does not follow the motion smoothly.
-    fn slope(_: [f64; 3], _: [f64; 3]) -> Option<f64> {
-        None
+        integrate(memory, instant.t, R::select(pulls, R::constant(0.5), zero), seen);
     }
 }
 
 /// The memory has the last instant, and the last instant with motion faster than the band. The speed is the
 /// root mean square over the middles of both faces.
 impl Fold for SettlingTime {
-    const START: [f64; 3] = [NOTHING; 3];
+    const SMOOTH: bool = false;
 
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, band: R, seen: Bits) {
@@ -277,15 +268,10 @@ impl Fold for SettlingTime {
             _ => fast - end.from,
         }
     }
-
-    /// A sum of times, or of errors, does not follow the motion smoothly.
-    fn slope(_: [f64; 3], _: [f64; 3]) -> Option<f64> {
-        None
-    }
 }
 
 impl Fold for MaxResidual {
-    const START: [f64; 3] = [NOTHING; 3];
+    const SMOOTH: bool = false;
 
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
@@ -293,79 +279,40 @@ impl Fold for MaxResidual {
             memory[0] = memory[0].max_in(residual.abs(), seen);
         }
     }
-
-    fn value(memory: [f64; 3], _: &RunEnd) -> f64 {
-        memory[0]
-    }
-
-    /// A sum of times, or of errors, does not follow the motion smoothly.
-    fn slope(_: [f64; 3], _: [f64; 3]) -> Option<f64> {
-        None
-    }
 }
 
 impl Fold for EnergyClosure {
-    const START: [f64; 3] = [NOTHING; 3];
+    const SMOOTH: bool = false;
 
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
         memory[0] = memory[0].max_in(instant.closure.abs(), seen);
     }
-
-    fn value(memory: [f64; 3], _: &RunEnd) -> f64 {
-        memory[0]
-    }
-
-    /// A sum of times, or of errors, does not follow the motion smoothly.
-    fn slope(_: [f64; 3], _: [f64; 3]) -> Option<f64> {
-        None
-    }
 }
 
 impl Fold for PeakTorque {
-    const START: [f64; 3] = [NOTHING; 3];
-
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
         for torque in instant.torque {
             memory[0] = memory[0].max_in(torque.abs(), seen);
         }
     }
-
-    fn value(memory: [f64; 3], _: &RunEnd) -> f64 {
-        memory[0]
-    }
 }
 
-/// The memory has the distance so far, the last instant, and half of the speed there.
 impl Fold for SlipDistance {
-    const START: [f64; 3] = [NOTHING, 0.0, 0.0];
+    const START: [f64; 3] = NO_INTEGRAL;
+    const SMOOTH: bool = false;
 
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
-        let [so_far, last, before] = *memory;
-        let now = R::constant(0.5) * instant.slip_speed;
-        let sum = (instant.t - last).mul_add(before + now, so_far);
-        let begins = so_far.less(R::zero());
-        memory[0] = R::select(seen, R::select(begins, R::zero(), sum), so_far);
-        memory[1] = R::select(seen, instant.t, last);
-        memory[2] = R::select(seen, now, before);
-    }
-
-    fn value([distance, ..]: [f64; 3], _: &RunEnd) -> f64 {
-        distance
-    }
-
-    /// A sum of times, or of errors, does not follow the motion smoothly.
-    fn slope(_: [f64; 3], _: [f64; 3]) -> Option<f64> {
-        None
+        integrate(memory, instant.t, R::constant(0.5) * instant.slip_speed, seen);
     }
 }
 
 /// The events know the time to the round-off of their own times. The memory only says that an instant was
 /// seen.
 impl Fold for FreeTime {
-    const START: [f64; 3] = [NOTHING; 3];
+    const SMOOTH: bool = false;
 
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, _: &SummaryInstant<R>, _: R, seen: Bits) {
@@ -374,11 +321,6 @@ impl Fold for FreeTime {
 
     fn value(_: [f64; 3], end: &RunEnd) -> f64 {
         end.free_time
-    }
-
-    /// A sum of times, or of errors, does not follow the motion smoothly.
-    fn slope(_: [f64; 3], _: [f64; 3]) -> Option<f64> {
-        None
     }
 }
 
@@ -457,5 +399,138 @@ impl<R: Lanes> Summaries<R> {
     #[inline(always)]
     pub fn memory(&self, summary: Summary) -> [R; 3] {
         self.memory[summary as usize]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::number::row::Row4;
+
+    /// An instant of one run, and whether the loop watches it.
+    type Watched = (SummaryInstant<f64>, bool);
+
+    fn instants() -> impl Strategy<Value = Vec<Watched>> {
+        let numbers = proptest::array::uniform32(-2.0..2.0f64);
+        proptest::collection::vec((0.01..0.5f64, numbers, any::<bool>()), 0..12).prop_map(|rows| {
+            let mut t = 0.0;
+            let instant = |(dt, x, seen): (f64, [f64; 32], bool)| {
+                t += dt;
+                let instant = SummaryInstant {
+                    t,
+                    q: std::array::from_fn(|n| x[n]),
+                    p: std::array::from_fn(|n| 1e-3 * x[9 + n]),
+                    multipliers: std::array::from_fn(|n| x[18 + n]),
+                    residuals: std::array::from_fn(|n| x[22 + n]),
+                    slip_speed: x[26].abs(),
+                    closure: x[27],
+                    half_width: x[28].abs(),
+                    torque: [x[29], x[30]],
+                };
+                (instant, seen)
+            };
+            rows.into_iter().map(instant).collect()
+        })
+    }
+
+    /// The summaries of a list of instants, each by its definition.
+    fn by_definition(seen: &[SummaryInstant<f64>], end: &RunEnd) -> [f64; COUNT] {
+        let mut values = [f64::NAN; COUNT];
+        let Some(last) = seen.last() else { return values };
+        let largest = |of: &dyn Fn(&SummaryInstant<f64>) -> f64| seen.iter().map(of).fold(NOTHING, f64::max);
+        let tips =
+            |now: &SummaryInstant<f64>| [0, 1].map(|i| (now.multipliers[i], now.multipliers[2 + i].abs()));
+        let worst = |of: fn((f64, f64)) -> f64| {
+            largest(&move |now| tips(now).map(of).into_iter().fold(NOTHING, f64::max))
+        };
+        let integral = |of: &dyn Fn(&SummaryInstant<f64>) -> f64| {
+            seen.windows(2)
+                .map(|pair| 0.5 * (of(&pair[0]) + of(&pair[1])) * (pair[1].t - pair[0].t))
+                .sum::<f64>()
+        };
+        let pulls = |now: &SummaryInstant<f64>| f64::from(tips(now).iter().any(|&(normal, _)| normal < 0.0));
+        let speed = |now: &SummaryInstant<f64>| {
+            let (u, v, turn) = (now.p[X], now.p[Y], now.half_width * now.p[THETA]);
+            (u * u + v * v + turn * turn).sqrt()
+        };
+        let moving = seen.iter().rev().find(|now| speed(now) > 1e-3).map(|now| now.t);
+        for (kind, value) in [
+            (Summary::PeakRotation, largest(&|now| now.q[THETA].abs())),
+            (Summary::MinCompression, -largest(&|now| -now.q[D_N].min(now.q[D_N + 1]))),
+            (Summary::PeakFrictionAngle, worst(|(normal, tangential)| tangential.atan2(normal))),
+            (
+                Summary::PeakFrictionRatio,
+                worst(|(normal, tangential)| if normal < 0.0 { f64::INFINITY } else { tangential / normal }),
+            ),
+            (Summary::PullingTime, integral(&pulls)),
+            (
+                Summary::SettlingTime,
+                match moving {
+                    _ if !end.completed || moving == Some(last.t) => f64::INFINITY,
+                    None => 0.0,
+                    Some(t) => t - end.from,
+                },
+            ),
+            (
+                Summary::MaxResidual,
+                largest(&|now| now.residuals.into_iter().map(f64::abs).fold(0.0, f64::max)),
+            ),
+            (Summary::EnergyClosure, largest(&|now| now.closure.abs())),
+            (Summary::PeakTorque, largest(&|now| now.torque[0].abs().max(now.torque[1].abs()))),
+            (Summary::SlipDistance, integral(&|now| now.slip_speed)),
+            (Summary::FreeTime, end.free_time),
+        ] {
+            values[kind as usize] = value;
+        }
+        values
+    }
+
+    proptest! {
+        /// Lanes that see different instants at different times, or none, do not touch each other.
+        #[test]
+        fn summaries_of_each_lane_are_those_of_its_list(
+            runs in proptest::collection::vec(instants(), 4),
+            after in 0.0..2.0f64,
+            completed in any::<bool>(),
+        ) {
+            let wanted = Wanted::new(SUMMARIES.map(|(_, summary)| summary), after, 1e-3);
+            let mut summaries = Summaries::<Row4>::new(&wanted);
+            for k in 0..12 {
+                // A lane whose list has ended repeats its last instant, which is not watched.
+                let own = |lane: usize| runs[lane].get(k).or(runs[lane].last());
+                let number = |of: &dyn Fn(&SummaryInstant<f64>) -> f64| {
+                    Row4::from_fn(|lane| own(lane).map_or(0.0, |(instant, _)| of(instant)))
+                };
+                let instant = SummaryInstant {
+                    t: number(&|now| now.t),
+                    q: std::array::from_fn(|n| number(&|now| now.q[n])),
+                    p: std::array::from_fn(|n| number(&|now| now.p[n])),
+                    multipliers: std::array::from_fn(|n| number(&|now| now.multipliers[n])),
+                    residuals: std::array::from_fn(|n| number(&|now| now.residuals[n])),
+                    slip_speed: number(&|now| now.slip_speed),
+                    closure: number(&|now| now.closure),
+                    half_width: number(&|now| now.half_width),
+                    torque: std::array::from_fn(|n| number(&|now| now.torque[n])),
+                };
+                let seen = |lane: usize| runs[lane].get(k).is_some_and(|&(_, seen)| seen);
+                let seen = (0..4).fold(0, |bits, lane| bits | Bits::from(seen(lane)) << lane);
+                summaries.watch(&instant, seen);
+            }
+            let end = RunEnd { from: after, completed, free_time: 0.25 };
+            for (lane, run) in runs.iter().enumerate() {
+                let counts = |&&(instant, seen): &&Watched| seen && instant.t >= after;
+                let list: Vec<_> = run.iter().filter(counts).map(|&(instant, _)| instant).collect();
+                let expected = by_definition(&list, &end);
+                for ((name, _), (found, expected)) in
+                    SUMMARIES.into_iter().zip(summaries.values(lane, &end).into_iter().zip(expected))
+                {
+                    let close = (found - expected).abs() <= 1e-12 * expected.abs().max(1.0);
+                    let agree = close || found == expected || found.is_nan() && expected.is_nan();
+                    prop_assert!(agree, "{} {} {}", name, found, expected);
+                }
+            }
+        }
     }
 }
