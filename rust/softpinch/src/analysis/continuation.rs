@@ -116,7 +116,6 @@ fn tangent(mut matrix: Matrix, along: &Vector) -> Option<Vector> {
 
 impl Point {
     /// The start of a search at share zero.
-    #[must_use]
     pub fn start(change: &impl Change, rest: &Rest) -> Option<Self> {
         let System { rest, balances, matrix, .. } = system(change, &rest.z, 0.0);
         if !balances {

@@ -230,7 +230,6 @@ fn search(scene: &RestScene, member: &Member) -> Result<Rest, Reason> {
 
 impl Equilibrium {
     /// Everything about a state in which the forces balance.
-    #[must_use]
     pub fn new(scene: &RestScene, rest: &Rest) -> Self {
         let balance = &rest.rows.balance;
         let (torque, memory) = (scene.torque(balance), scene.memory(balance));
@@ -284,7 +283,6 @@ mod tests {
     const ANGLE: f64 = 0.105;
 
     fn scene(parameters: &Parameters, target: [f64; 2], force: [f64; 3]) -> RestScene {
-        use crate::model::drive::Drive;
         let inputs = Inputs::constant(target, force, Fingers::Pid);
         let input = inputs.segment(0.0).at(0.0);
         RestScene::new(Level::detect(), parameters, Fingers::Pid, input).unwrap()

@@ -9,7 +9,7 @@ use crate::formulation::equations::{self, Equations};
 use crate::model::contact::Side;
 use crate::model::contact_modes::Contacts;
 use crate::model::control::{Actuated, Controller, Driven, Fingers};
-use crate::model::drive::{Drive, Input};
+use crate::model::drive::Input;
 use crate::model::energy::Energies;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
@@ -136,7 +136,6 @@ fn terms<K: Controller<f64>>(
 }
 
 /// (C_1^H, C_2^H, C_1^N, C_2^N) at one state.
-#[must_use]
 pub fn residuals(parameters: &Parameters, q: &[f64; 9], p: &[f64; 9]) -> [f64; 4] {
     Geometry::new(&Side::both(parameters), q, p).residuals()
 }

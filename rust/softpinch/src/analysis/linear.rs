@@ -13,7 +13,7 @@ use crate::formulation::table::Formulation;
 use crate::method::linearize::DIRECTIONS;
 use crate::model::contact_modes::ContactModel;
 use crate::model::control::Fingers;
-use crate::model::drive::{Drive, Input, SegmentDrive};
+use crate::model::drive::{Input, SegmentDrive};
 use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
 use crate::model::parameters::{Parameters, Stabilization};
@@ -136,7 +136,6 @@ pub fn jacobian(
 /// The largest real part of the eigenvalues of the motion about a state at rest, without the two zeros of the family
 /// of equilibria and without memories that drive nothing; and the largest size of an eigenvalue. `None` if the
 /// eigenvalues are not found, because a number overflowed.
-#[must_use]
 pub fn growth(
     level: Level,
     parameters: &Parameters,
@@ -187,7 +186,7 @@ pub fn linearize(
     let problem = Problem::new(parameters, inputs, setting, t, motion)?;
     let system = problem.equations(parameters);
     let (states, y) = (problem.states(&system), system.begin(&problem.motion));
-    let input = Drive::<f64>::at(&problem.drive, 0.0);
+    let input = problem.drive.at(0.0_f64);
     let driven = problem.choice.fingers == Fingers::Driven;
     let values = list(&input, driven);
     let tangent = problem.tangent(parameters);

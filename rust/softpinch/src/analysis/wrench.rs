@@ -35,7 +35,6 @@ pub enum Limit {
 
 impl Limit {
     /// The public name of the limit.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Violation(violation) => Status::of(violation).name(),
@@ -85,7 +84,6 @@ fn limit(scene: &RestScene, rest: &Rest) -> Option<Limit> {
 
 /// The largest multiple of a wrench (F_x, F_y, moment) that the equilibrium bears, its limit, and the coordinates
 /// there. A wrench of zero is borne without limit.
-#[must_use]
 pub fn largest_multiple(scene: &RestScene, rest: &Rest, wrench: [f64; 3]) -> (f64, Limit, [f64; 9]) {
     let q = rest.rows.balance.q;
     let (_, scale) = scene.scales();

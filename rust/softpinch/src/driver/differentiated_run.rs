@@ -14,7 +14,7 @@ use crate::formulation::system::{StageState, System};
 use crate::method::run_dual::{RunDualSteps, values};
 use crate::method::traits::{Step, Unsolved};
 use crate::model::contact_modes::Contacts;
-use crate::model::drive::{Drive, Input, SegmentDrive};
+use crate::model::drive::{Input, SegmentDrive};
 use crate::model::inputs::Inputs;
 use crate::model::motion::{Motion, unpacked};
 use crate::model::scene::Scene;

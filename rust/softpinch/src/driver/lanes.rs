@@ -50,7 +50,7 @@ impl<R: Lanes> LaneTask<R> for Rk4EqualSteps<'_, '_, '_> {
 
     #[inline(always)]
     fn run(self) -> Self::Output {
-        self.0.run(|runs| (runs.system::<R>(), Rk4::new())).map(|_| ())
+        self.0.run(|runs| (runs.system::<R>(), Rk4::default())).map(|_| ())
     }
 }
 

@@ -304,7 +304,7 @@ impl<'a, S: LoopSystem<f64>> LaneTask<f64> for Rk4EqualSteps<'_, 'a, S> {
     #[inline(always)]
     fn run(self) -> Self::Output {
         let Self(steps, system) = self;
-        steps.run(|_| (system, Rk4::new()))
+        steps.run(|_| (system, Rk4::default()))
     }
 }
 

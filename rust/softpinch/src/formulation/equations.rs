@@ -159,8 +159,7 @@ pub trait Equations<R: Real>: Copy + Debug {
         let (motion, geometry) = self.motion(input, y);
         let terms = self.terms(input, contacts, &motion, geometry);
         let Response { multipliers, share, acceleration, .. } = terms.response;
-        let memory =
-            if Self::Fingers::MEMORY { self.plant().memory_rates(&motion.q, input) } else { [R::zero(); 2] };
+        let memory = self.plant().memory_rates(&motion.q, input);
         let mut rate = self.begin(&Motion { q: motion.p, p: acceleration, memory });
         if ledger {
             let powers = self.powers(&terms, contacts, &motion.p);

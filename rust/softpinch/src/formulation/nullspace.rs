@@ -59,7 +59,7 @@ impl<R: Real, K: Controller<R>> Equations<R> for Nullspace<R, K> {
         y[..degrees].copy_from_slice(&q[..degrees]);
         y[degrees..2 * degrees].copy_from_slice(&p[..degrees]);
         y[2 * degrees..2 * degrees + 2].copy_from_slice(&q[D_T..]);
-        if K::MEMORY {
+        if K::ANGLE_IS_STATE {
             y[12..14].copy_from_slice(memory);
         }
         y

@@ -5,7 +5,7 @@ use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::{Jacobian, StageState, System};
 use crate::model::contact_modes::Contacts;
-use crate::model::drive::{Drive, Input, SegmentDrive};
+use crate::model::drive::{Input, SegmentDrive};
 use crate::model::parameters::Stabilization;
 use crate::model::source::{Constants, DIRECTIONS, VariedParameters};
 use crate::number::dual::Dual;
@@ -36,7 +36,6 @@ pub struct RunDualEquations<R> {
 
 impl<R: Lanes> RunDualEquations<R> {
     /// Builds the equations of a scene. `second` says whether second derivatives are wanted.
-    #[must_use]
     pub fn new(
         instructions: Instructions,
         choice: Choice,
@@ -54,7 +53,6 @@ impl<R: Lanes> RunDualEquations<R> {
     }
 
     /// The Jacobian of the rates by the states, under the inputs of an instant.
-    #[must_use]
     #[inline(always)]
     pub fn jacobian(&self, input: &Input<RunDual<R>>, y: &States<f64>) -> Jacobian {
         let size = self.system.size();
@@ -86,7 +84,6 @@ impl<R: Lanes> RunDualEquations<R> {
 
     /// The derivative of the rates at the state `y` and time `tau` along the direction `along` of the states and
     /// `by` of time. Zeros if second derivatives were not wanted.
-    #[must_use]
     #[inline(always)]
     pub fn along(
         &self,

@@ -16,7 +16,7 @@ use crate::formulation::table::Formulation;
 use crate::formulation::unilateral::Unilateral;
 use crate::model::contact_modes::{ContactModel, Contacts};
 use crate::model::control::{Actuated, Driven, Fingers};
-use crate::model::drive::{Drive, Input, SegmentDrive};
+use crate::model::drive::{Input, SegmentDrive};
 use crate::model::energy::Energies;
 use crate::model::forces::Plant;
 use crate::model::motion::Motion;
@@ -336,7 +336,6 @@ impl<R: Lanes, const W: usize> Tangent<R, W> {
     /// of state and inputs are the caller's, so this differentiates every result by whatever is wanted. `None`
     /// for formulations other than `nullspace`: only its minimal coordinates are linearised with inputs and
     /// outputs, and this code is not compiled for the other formulations.
-    #[must_use]
     pub fn evaluate_seeded(
         &self,
         input: &Input<Dual<R, W>>,

@@ -185,7 +185,7 @@ pub fn implicit_midpoint(
 
 /// Radau5 of a single run, before its first step.
 pub fn radau5(runs: Runs<'_>, system: &SceneEquations<f64>) -> ByNewton<Radau5, Pair> {
-    by_newton(runs, system, Radau5::new())
+    by_newton(runs, system, Radau5::default())
 }
 
 /// The Rosenbrock method of a single run, before its first step.
@@ -197,11 +197,10 @@ pub fn rosenbrock(
 }
 
 /// A method of a single run, before its first step.
-#[must_use]
 pub fn alone(method: Method, runs: Runs<'_>, system: &SceneEquations<f64>) -> AnyMethod {
     match method {
-        Method::Rk4 => Box::new(Called::new(runs, Rk4::new())),
-        Method::Dop853 => Box::new(Called::new(runs, Dop853::new())),
+        Method::Rk4 => Box::new(Called::new(runs, Rk4::default())),
+        Method::Dop853 => Box::new(Called::new(runs, Dop853::default())),
         Method::ImplicitMidpoint => Box::new(implicit_midpoint(runs, system)),
         Method::Radau5 => Box::new(radau5(runs, system)),
         Method::Rosenbrock => Box::new(rosenbrock(runs, system)),
@@ -209,14 +208,13 @@ pub fn alone(method: Method, runs: Runs<'_>, system: &SceneEquations<f64>) -> An
 }
 
 /// A method of a single run that chooses the length of its steps, before its first step.
-#[must_use]
 pub fn adaptive_alone(
     method: AdaptiveMethod,
     runs: Runs<'_>,
     system: &SceneEquations<f64>,
 ) -> AnyAdaptiveMethod {
     match method {
-        AdaptiveMethod::Dop853 => Box::new(Called::new(runs, Dop853::new())),
+        AdaptiveMethod::Dop853 => Box::new(Called::new(runs, Dop853::default())),
         AdaptiveMethod::Radau5 => Box::new(radau5(runs, system)),
         AdaptiveMethod::Rosenbrock => Box::new(rosenbrock(runs, system)),
     }
@@ -236,7 +234,7 @@ impl<R: Lanes> LaneTask<R> for MakeInLanes<'_, R> {
     fn run(self) -> AnyAdaptiveMethod<R> {
         let Self { method, runs, system } = self;
         match method {
-            AdaptiveLaneMethod::Dop853 => Box::new(Called::new(runs, Dop853::new())),
+            AdaptiveLaneMethod::Dop853 => Box::new(Called::new(runs, Dop853::default())),
             AdaptiveLaneMethod::Rosenbrock => {
                 type InLanes<R> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, LaneEntry<R>>;
                 Box::new(Called {
@@ -250,7 +248,6 @@ impl<R: Lanes> LaneTask<R> for MakeInLanes<'_, R> {
 }
 
 /// A method whose lanes choose the length of their own steps, before its first step.
-#[must_use]
 pub fn adaptive_in_lanes<R: Lanes>(
     method: AdaptiveLaneMethod,
     runs: Runs<'_>,

@@ -11,7 +11,7 @@ use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{BLOCK, Size, StageState, System};
 use crate::method::entry::{AdaptiveLaneMethod, AdaptiveMethod, LaneMethod, MethodEntry};
 use crate::method::traits::{Adaptive, Integrator, Stats, Step, largest};
-use crate::model::drive::{Drive, SegmentDrive};
+use crate::model::drive::SegmentDrive;
 use crate::number::lanes::{Bits, Lanes};
 use tableau::{A, A_EXTRA, ALL, B, C, C_EXTRA, DENSE, E3, E5, EXTRA, STAGES};
 
@@ -39,17 +39,6 @@ pub struct Dop853<R = f64> {
 }
 
 impl<R: Lanes> Dop853<R> {
-    /// The method before its first step.
-    #[must_use]
-    #[inline(always)]
-    pub fn new() -> Self {
-        Self {
-            slopes: [[R::zero(); MAX_COMPONENTS]; ALL],
-            along: [R::zero(); MAX_COMPONENTS],
-            terms: [[R::zero(); MAX_COMPONENTS]; 7],
-        }
-    }
-
     /// The error estimate h e5^2 / sqrt(e5^2 + (e3 / 10)^2) of a step of length `h`, from the estimates of
     /// orders five and three.
     #[inline(always)]
@@ -66,9 +55,15 @@ impl<R: Lanes> Dop853<R> {
     }
 }
 
+/// The method before its first step.
 impl<R: Lanes> Default for Dop853<R> {
+    #[inline(always)]
     fn default() -> Self {
-        Self::new()
+        Self {
+            slopes: [[R::zero(); MAX_COMPONENTS]; ALL],
+            along: [R::zero(); MAX_COMPONENTS],
+            terms: [[R::zero(); MAX_COMPONENTS]; 7],
+        }
     }
 }
 

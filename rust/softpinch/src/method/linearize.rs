@@ -130,7 +130,6 @@ where
 
 impl<R: Lanes> Linearization<R> {
     /// A linearisation before any Jacobian is taken.
-    #[must_use]
     #[inline(always)]
     pub fn new(size: Size) -> Self {
         let zero = [[R::zero(); MOST_ROWS]; MOST_ROWS];
@@ -138,7 +137,6 @@ impl<R: Lanes> Linearization<R> {
     }
 
     /// The linearisation with this Jacobian.
-    #[must_use]
     #[inline(always)]
     pub fn of(size: Size, jacobian: Jacobian<R>) -> Self {
         let mut found = Self { jacobian, ..Self::new(size) };
@@ -147,7 +145,6 @@ impl<R: Lanes> Linearization<R> {
     }
 
     /// The Jacobian.
-    #[must_use]
     #[inline(always)]
     pub fn jacobian(&self) -> &Jacobian<R> {
         &self.jacobian

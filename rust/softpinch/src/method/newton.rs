@@ -5,7 +5,7 @@ use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{Linear, Size, StageState, System};
 use crate::method::linearize::Linearization;
 use crate::method::traits::{Integrator, Stats, Step, Unsolved, largest};
-use crate::model::drive::{Drive, SegmentDrive};
+use crate::model::drive::SegmentDrive;
 
 /// The largest number of iterations in a step of free length, where a shorter step costs less than many
 /// iterations, and in a step of fixed length.
@@ -35,7 +35,6 @@ pub struct Iteration {
 
 impl Iteration {
     /// The iteration of a step.
-    #[must_use]
     #[inline(always)]
     pub fn new(step: &Step<'_>) -> Self {
         let (tolerance, stalled, unit, most) = match step.allowed {
@@ -103,7 +102,6 @@ impl<S: System<f64>, F> Problem<'_, S, F> {
     }
 
     /// The largest of the corrections, each in the unit of its state; NaN if any is NaN.
-    #[must_use]
     #[inline(always)]
     pub fn size(&self, correction: &States<f64>) -> f64 {
         largest(self.system.size(), correction, &self.weights)
@@ -111,7 +109,6 @@ impl<S: System<f64>, F> Problem<'_, S, F> {
 
     /// Whether the rates at the start of the step predict its change. They do not if a stiff part is still
     /// decaying.
-    #[must_use]
     #[inline(always)]
     pub fn is_smooth(&self) -> bool {
         const SMALL: f64 = 0.1;

@@ -11,7 +11,7 @@ use crate::method::entry::{AdaptiveMethod, MethodEntry};
 use crate::method::linearize::{Factors, Linearization};
 use crate::method::newton::{Iteration, Newton, Problem, Scheme};
 use crate::method::traits::{Adaptive, Stats, Step, Unsolved, largest};
-use crate::model::drive::{Drive, SegmentDrive};
+use crate::model::drive::SegmentDrive;
 
 /// The properties of the method.
 pub const ENTRY: MethodEntry = MethodEntry {
@@ -75,23 +75,17 @@ pub struct Radau5 {
 }
 
 impl Radau5 {
-    /// The method before its first step.
-    #[must_use]
-    #[inline(always)]
-    pub fn new() -> Self {
-        Self { stages: [[0.0; MAX_COMPONENTS]; 3], length: None }
-    }
-
     /// Each stage's difference from the state at the start of the last step.
     pub(super) fn stages(&self) -> &[States<f64>; 3] {
         &self.stages
     }
 }
 
+/// The method before its first step.
 impl Default for Radau5 {
     #[inline(always)]
     fn default() -> Self {
-        Self::new()
+        Self { stages: [[0.0; MAX_COMPONENTS]; 3], length: None }
     }
 }
 

@@ -15,7 +15,7 @@ use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{StageState, System};
 use crate::method::entry::{LaneMethod, MethodEntry};
 use crate::method::traits::{Integrator, Stats, Step};
-use crate::model::drive::{Drive, SegmentDrive};
+use crate::model::drive::SegmentDrive;
 use crate::number::lanes::Lanes;
 
 /// The properties of the method.
@@ -41,18 +41,11 @@ pub struct Rk4<R = f64> {
     slopes: [States<R>; 3],
 }
 
-impl<R: Lanes> Rk4<R> {
-    /// The method before its first step.
-    #[must_use]
-    #[inline(always)]
-    pub fn new() -> Self {
-        Self { slopes: [[R::zero(); MAX_COMPONENTS]; 3] }
-    }
-}
-
+/// The method before its first step.
 impl<R: Lanes> Default for Rk4<R> {
+    #[inline(always)]
     fn default() -> Self {
-        Self::new()
+        Self { slopes: [[R::zero(); MAX_COMPONENTS]; 3] }
     }
 }
 

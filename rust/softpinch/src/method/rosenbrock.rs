@@ -15,7 +15,7 @@ use crate::formulation::system::{Linear, Size, StageState, System};
 use crate::method::entry::{AdaptiveLaneMethod, AdaptiveMethod, LaneMethod, MethodEntry};
 use crate::method::linearize::Linearization;
 use crate::method::traits::{Adaptive, Integrator, Stats, Step, largest};
-use crate::model::drive::{Drive, SegmentDrive};
+use crate::model::drive::SegmentDrive;
 use crate::number::lanes::{Bits, Lanes};
 use crate::number::linear::Entry;
 

@@ -15,7 +15,6 @@ const ROUND_OFF: f64 = 1e-10;
 
 impl Method {
     /// R(z): the factor by which a step of length h multiplies a mode of eigenvalue z / h.
-    #[must_use]
     pub fn stability_function(self, z: Complex<f64>) -> Complex<f64> {
         let one = Complex::new(1.0, 0.0);
         match self {
@@ -41,7 +40,6 @@ impl Method {
     /// eigenvalue first leaves the region |R| <= 1. The step is infinite for a method that is stable in the
     /// whole left half-plane. It is infinite for an eigenvalue in the right half-plane too, because a mode
     /// that grows by itself limits no step.
-    #[must_use]
     pub fn longest_stable_step(self, rate: Complex<f64>) -> f64 {
         let size = rate.norm();
         if self.entry().real_stability_limit.is_none() || size == 0.0 || rate.re > 0.0 {

@@ -29,7 +29,6 @@ pub const METHODS: [(&str, Method); 5] = [
 
 impl Method {
     /// The properties of the method.
-    #[must_use]
     pub const fn entry(self) -> &'static MethodEntry {
         match self {
             Self::Rk4 => &rk4::ENTRY,
@@ -41,7 +40,6 @@ impl Method {
     }
 
     /// The public name of the method.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         self.entry().name
     }

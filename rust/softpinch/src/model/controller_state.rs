@@ -21,7 +21,6 @@ pub struct ControllerState {
 
 impl ControllerState {
     /// The state of a controller whose first sample is taken at `origin`.
-    #[must_use]
     pub fn new(controller: &SampledController, origin: f64) -> Self {
         Self {
             origin,
@@ -88,7 +87,6 @@ impl ControllerState {
     }
 
     /// The numbers that the next sample may change.
-    #[must_use]
     pub fn keep(&self) -> Kept {
         let mut kept = Kept { taken: 0, acted: 0, torque: [0.0; 2], xi: self.xi.clone(), output: [0.0; 2] };
         self.keep_into(&mut kept);
@@ -103,7 +101,6 @@ impl ControllerState {
     }
 
     /// The state before one sample at most.
-    #[must_use]
     pub fn before(&self, kept: &Kept) -> Self {
         let Kept { taken, acted, torque, ref xi, output } = *kept;
         let mut before = Self { taken, acted, torque, xi: xi.clone(), ..self.clone() };
@@ -112,26 +109,22 @@ impl ControllerState {
     }
 
     /// The torques in force, N m.
-    #[must_use]
     pub fn torque(&self) -> [f64; 2] {
         self.torque
     }
 
     /// Whether the instant `t` is between the last sample and the next one.
-    #[must_use]
     pub fn holds_at(&self, controller: &SampledController, t: f64) -> bool {
         let after = self.taken == 0 || controller.sampled(self.origin, self.taken - 1) <= t;
         after && t <= controller.sampled(self.origin, self.taken)
     }
 
     /// Whether a sample is to be taken at the instant `t`.
-    #[must_use]
     pub fn is_due(&self, controller: &SampledController, t: f64) -> bool {
         controller.sampled(self.origin, self.taken) <= t
     }
 
     /// Whether torques under way act from `t` or earlier.
-    #[must_use]
     pub fn acts(&self, controller: &SampledController, t: f64) -> bool {
         self.acted < self.taken && controller.applied(self.origin, self.acted) <= t
     }
@@ -205,7 +198,6 @@ pub struct Scratch {
 
 impl Scratch {
     /// Room for a controller's samples.
-    #[must_use]
     pub fn new(controller: &SampledController) -> Self {
         let room = Vec::with_capacity;
         Self { measured: room(controller.inputs()), next: room(controller.states()) }

@@ -4,7 +4,7 @@
 use crate::error::Error;
 use crate::model::contact::Side;
 use crate::model::contact_modes::{ContactModel, ContactRow};
-use crate::model::drive::{Drive, Input};
+use crate::model::drive::Input;
 use crate::model::geometry::Geometry;
 use crate::model::geometry::index::{D_N, D_T, FINGER, THETA, X, Y};
 use crate::model::inputs::Inputs;
@@ -46,7 +46,6 @@ pub struct State {
 
 impl State {
     /// A state at rest at time zero.
-    #[must_use]
     pub fn at_rest(q: [f64; 9]) -> Self {
         Self {
             time: 0.0,
@@ -106,7 +105,6 @@ pub const STARTS: [(&str, Start); 3] =
 impl Start {
     /// The derivatives of a start in the directions of the parameters and of the inputs at its instant. `q` has its
     /// coordinates.
-    #[must_use]
     #[inline(always)]
     pub fn varied<R: Real>(self, source: &impl Source<R>, input: &Input<R>, q: &[f64; 9]) -> Motion<R> {
         let zero = R::zero();
@@ -172,7 +170,6 @@ fn require_reach(parameters: &Parameters, q: &[f64; 9], driven: bool) -> Result<
 
 /// The angle at which a tip is compressed by `compression` on an upright object in the middle, as far as the finger
 /// reaches.
-#[must_use]
 pub fn angle_at(finger: &Finger, tip: &Fingertip, width: f64, compression: f64) -> Option<f64> {
     let (distance, reach) = span(finger, tip, width);
     let distance = distance + compression;
@@ -248,7 +245,6 @@ pub fn require_scheduled(parameters: &Parameters, inputs: &Inputs, initial: &Sta
 
 /// The state on the constraints with this pose (x, y, theta, theta_1, theta_2), shear and velocity of the
 /// pose: d_n follows from C^H = 0 (9), and the rates of d_n and d_t follow from Phi p = 0 (25).
-#[must_use]
 pub fn consistent(
     parameters: &Parameters,
     pose: &[f64; 5],
@@ -289,7 +285,6 @@ pub fn require_held(
 }
 
 /// For each finger the largest C^H, rate of C^H and C^N that count as round-off.
-#[must_use]
 pub fn allowed_residuals(
     parameters: &Parameters,
     geometry: &Geometry<f64>,

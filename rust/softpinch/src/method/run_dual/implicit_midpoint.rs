@@ -8,7 +8,7 @@ use crate::method::linearize::{Factors, Linearization};
 use crate::method::newton::Newton;
 use crate::method::run_dual::{Differentiable, add_scaled, constants, solve_slopes, values};
 use crate::method::traits::Step;
-use crate::model::drive::{Drive, SegmentDrive};
+use crate::model::drive::SegmentDrive;
 use crate::number::lanes::Lanes;
 use crate::number::linear::LaneEntry;
 use crate::number::real::Real;

@@ -65,7 +65,6 @@ pub trait RunDualSteps<R: Lanes> {
 }
 
 /// The method of a run with derivatives, before its first step.
-#[must_use]
 pub fn run_dual_steps<R: Lanes>(runs: Runs<'_>, method: Method) -> Box<dyn RunDualSteps<R>> {
     // Called, so that a stack frame has one method at most: methods that keep a Jacobian are large.
     #[inline(never)]
@@ -78,8 +77,8 @@ pub fn run_dual_steps<R: Lanes>(runs: Runs<'_>, method: Method) -> Box<dyn RunDu
         Box::new(Solved { instructions, method, system, drive: SegmentDrive::still() })
     }
     match method {
-        Method::Rk4 => Box::new(Explicit(runs.instructions, Rk4::new())),
-        Method::Dop853 => Box::new(Explicit(runs.instructions, Dop853::new())),
+        Method::Rk4 => Box::new(Explicit(runs.instructions, Rk4::default())),
+        Method::Dop853 => Box::new(Explicit(runs.instructions, Dop853::default())),
         Method::ImplicitMidpoint => solved(runs, implicit_midpoint),
         Method::Radau5 => solved(runs, radau5),
         Method::Rosenbrock => solved(runs, rosenbrock),
@@ -174,7 +173,6 @@ impl<R: Lanes, M: Differentiable<R>> RunDualSteps<R> for Solved<M> {
 
 /// The values of numbers with derivatives.
 #[inline(always)]
-#[must_use]
 pub fn values<R: Lanes>(numbers: &States<RunDual<R>>) -> States<f64> {
     let mut values = [0.0; MAX_COMPONENTS];
     for n in 0..MAX_COMPONENTS {

@@ -11,7 +11,7 @@ use crate::method::newton::Newton;
 use crate::method::radau5::{A, C, Pair, Radau5};
 use crate::method::run_dual::{Differentiable, add_scaled, constants, values};
 use crate::method::traits::Step;
-use crate::model::drive::{Drive, SegmentDrive};
+use crate::model::drive::SegmentDrive;
 use crate::model::source::DIRECTIONS;
 use crate::number::lanes::Lanes;
 use crate::number::real::Real;

@@ -7,7 +7,7 @@ use crate::method::linearize::Linearization;
 use crate::method::rosenbrock::{A, BY_TIME, C, COUPLING, GAMMA, Rosenbrock, STAGES};
 use crate::method::run_dual::{Differentiable, add_scaled, constants, solve_slopes};
 use crate::method::traits::Step;
-use crate::model::drive::{Drive, SegmentDrive};
+use crate::model::drive::SegmentDrive;
 use crate::number::lanes::Lanes;
 use crate::number::linear::LaneEntry;
 use crate::number::real::Real;
