@@ -28,15 +28,15 @@ pub type AnyAdaptiveMethod<R = f64> =
 
 /// A method whose computations are called, each compiled with the instructions of the lanes.
 pub struct Called<M> {
-    instructions: Instructions,
+    pub(super) instructions: Instructions,
     /// The method.
-    pub method: M,
+    pub(super) method: M,
     /// Renews what depends on the parameters of the runs.
     renew: fn(&mut M, Runs<'_>),
 }
 
 impl<M> Called<M> {
-    fn new(runs: Runs<'_>, method: M) -> Self {
+    pub(super) fn new(runs: Runs<'_>, method: M) -> Self {
         Self { instructions: runs.instructions, method, renew: |_, _| {} }
     }
 }

@@ -147,7 +147,7 @@ pub struct Newton<M, F, T> {
     size: Size,
     magnitudes: States<f64>,
     /// The system in dual numbers.
-    tangent: T,
+    pub(super) tangent: T,
     /// The method.
     pub scheme: M,
     linearization: Linearization,
