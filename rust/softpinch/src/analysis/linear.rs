@@ -6,7 +6,6 @@ use nalgebra::{DMatrix, DVector, Schur};
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
-use crate::formulation::nullspace::{DEGREES, DRIVEN_DEGREES};
 use crate::formulation::scene_equations::{Choice, SceneEquations, Tangent};
 use crate::formulation::system::{Linear, System};
 use crate::formulation::table::Formulation;
@@ -145,7 +144,7 @@ pub fn growth(
     let (formulation, gains) = (Formulation::Nullspace, Stabilization { alpha: 0.0, beta: 0.0 });
     let setting = Setting { formulation, gains, level, open_loop: false, frozen: false };
     let mut a = jacobian(parameters, inputs, &setting, 0.0, motion).ok()?;
-    let degrees = if inputs.fingers() == Fingers::Driven { DRIVEN_DEGREES } else { DEGREES };
+    let degrees = if inputs.fingers() == Fingers::Driven { 3 } else { 5 };
     let shears = 2 * degrees;
     // No motion changes d_t + Phi_N pose, and the rows of d_t are -Phi_N.
     for row in 0..a.nrows() {
