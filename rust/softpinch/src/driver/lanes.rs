@@ -3,9 +3,10 @@
 use crate::driver::queue::{LaneQueue, LaneRuns};
 use crate::error::Error;
 use crate::formulation::scene_equations::Choice;
-use crate::method::called::{AnyMethod, adaptive_in_lanes};
+use crate::method::called::AnyMethod;
 use crate::method::entry::{AdaptiveLaneMethod, LaneMethod};
 use crate::method::rk4::Rk4;
+use crate::method::table::adaptive_in_lanes;
 use crate::number::lanes::{LaneTask, Lanes};
 use crate::number::simd::dispatch::{LaneKernel, dispatch_lanes};
 use crate::number::simd::level::Instructions;

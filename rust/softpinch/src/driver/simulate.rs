@@ -6,8 +6,7 @@ use crate::formulation::mode_selection::Contact;
 use crate::formulation::scene_equations::{Choice, EquationKind, SceneEquations, with};
 use crate::formulation::table::Formulation;
 use crate::formulation::unilateral::Unilateral;
-use crate::method::called::{adaptive_alone, alone};
-use crate::method::entry::AdaptiveMethod;
+use crate::method::entry::MakeAdaptiveMethod;
 use crate::method::rk4::Rk4;
 use crate::method::table::{METHODS, Method};
 use crate::model::contact_modes::{ContactModel, Mode};
@@ -203,7 +202,7 @@ fn require_unilateral(scene: &Scene, options: &Options) -> Result<(), Error> {
 }
 
 /// The method as one that chooses the length of its steps. The error lists the methods that do.
-fn adaptive(method: Method) -> Result<AdaptiveMethod, Error> {
+fn adaptive(method: Method) -> Result<MakeAdaptiveMethod, Error> {
     method.entry().adaptive.ok_or_else(|| Error::Unknown {
         field: "method",
         name: method.name().to_owned(),
@@ -220,7 +219,7 @@ fn adaptive(method: Method) -> Result<AdaptiveMethod, Error> {
 /// The times of a run, after their check.
 enum Plan {
     Fixed(Grid),
-    Free { method: AdaptiveMethod, span: Span, tolerance: f64 },
+    Free { method: MakeAdaptiveMethod, span: Span, tolerance: f64 },
 }
 
 impl Plan {
@@ -319,14 +318,14 @@ impl<'a> LaneTask<f64> for EqualStepsTask<'_, 'a> {
         let Self(steps, method) = self;
         steps.run(|runs| {
             let system = runs.system();
-            let method = alone(method, runs, &system);
+            let method = (method.entry().alone)(runs, &system);
             (system, method)
         })
     }
 }
 
 /// Adaptive steps of any method.
-struct AdaptiveStepsTask<'a>(AdaptiveSteps<'a, Recorder<'a>>, AdaptiveMethod);
+struct AdaptiveStepsTask<'a>(AdaptiveSteps<'a, Recorder<'a>>, MakeAdaptiveMethod);
 
 impl<'a> LaneTask<f64> for AdaptiveStepsTask<'a> {
     type Output = Result<Recorder<'a>, Error>;
@@ -334,7 +333,7 @@ impl<'a> LaneTask<f64> for AdaptiveStepsTask<'a> {
     #[inline(always)]
     fn run(self) -> Self::Output {
         let Self(steps, method) = self;
-        steps.run(|runs, system| adaptive_alone(method, runs, system))
+        steps.run(method)
     }
 }
 

@@ -2,10 +2,13 @@
 //! factors are used.
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
+use crate::formulation::scene_equations::{SceneEquations, Tangent};
 use crate::formulation::system::{Linear, Size, StageState, System};
-use crate::method::linearize::Linearization;
-use crate::method::traits::{Integrator, Stats, Step, Unsolved, largest};
+use crate::method::called::Called;
+use crate::method::linearize::{DIRECTIONS, Linearization};
+use crate::method::traits::{Integrator, Runs, Stats, Step, Unsolved, largest};
 use crate::model::drive::SegmentDrive;
+use crate::model::motion::Motion;
 
 /// The largest number of iterations in a step of free length, where a shorter step costs less than many
 /// iterations, and in a step of fixed length.
@@ -142,7 +145,7 @@ pub trait Scheme<S: System<f64>> {
 
 /// A scheme with the Jacobian and the factors that it keeps while they are of use.
 #[derive(Debug, Clone, Copy)]
-pub struct Newton<M, F, T> {
+pub struct Newton<M, F, T = Tangent<f64, DIRECTIONS>> {
     /// The numbers of components of a state, and their typical magnitudes.
     size: Size,
     magnitudes: States<f64>,
@@ -181,6 +184,16 @@ impl<M, F: Copy, T> Newton<M, F, T> {
         self.size.each(|n| weights[n] = 1.0 / step.y[n].abs().max(self.magnitudes[n]));
         weights
     }
+}
+
+/// A scheme for a single run, before its first step.
+pub(super) fn newton<M, F: Copy>(
+    runs: Runs<'_>,
+    system: &SceneEquations<f64>,
+    scheme: M,
+) -> Called<Newton<M, F>> {
+    let magnitudes = system.begin(&Motion::typical_magnitudes(runs.parameters[0]));
+    Called::new(runs, Newton::new(system.size(), runs.tangent(), magnitudes, scheme))
 }
 
 impl<M, F, T, S> Integrator<f64, S> for Newton<M, F, T>

@@ -11,8 +11,11 @@
 
 use std::convert::Infallible;
 
+use nalgebra::Complex;
+
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{StageState, System};
+use crate::method::called::Called;
 use crate::method::entry::{LaneMethod, MethodEntry};
 use crate::method::traits::{Integrator, Stats, Step};
 use crate::model::drive::SegmentDrive;
@@ -23,7 +26,12 @@ pub const ENTRY: MethodEntry = MethodEntry {
     name: "rk4",
     order: 4,
     real_stability_limit: Some(REAL_STABILITY_LIMIT),
+    stability_function: |z| {
+        let one = Complex::new(1.0, 0.0);
+        one + z * (one + z / 2.0 * (one + z / 3.0 * (one + z / 4.0)))
+    },
     keeps_jacobian: false,
+    alone: |runs, _| Box::new(Called::new(runs, Rk4::default())),
     adaptive: None,
     lanes: Some(LaneMethod::Rk4),
 };

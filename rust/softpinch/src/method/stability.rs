@@ -1,9 +1,7 @@
-//! The stability functions of the methods, and the longest step with which the mode of an eigenvalue does not
-//! grow.
+//! The longest step of a method with which the mode of an eigenvalue does not grow.
 
 use nalgebra::Complex;
 
-use crate::method::dop853;
 use crate::method::table::Method;
 
 /// The steps in |z| by which the edge of a stability region is searched along a ray.
@@ -16,24 +14,7 @@ const ROUND_OFF: f64 = 1e-10;
 impl Method {
     /// R(z): the factor by which a step of length h multiplies a mode of eigenvalue z / h.
     pub fn stability_function(self, z: Complex<f64>) -> Complex<f64> {
-        let one = Complex::new(1.0, 0.0);
-        match self {
-            Self::Rk4 => one + z * (one + z / 2.0 * (one + z / 3.0 * (one + z / 4.0))),
-            Self::Dop853 => dop853::stability_function(z),
-            Self::ImplicitMidpoint => (one + z / 2.0) / (one - z / 2.0),
-            // Hairer and Wanner IV.5, (5.18): the Pade approximation (2, 3).
-            Self::Radau5 => {
-                (one + z * 0.4 + z * z / 20.0) / (one - z * 0.6 + z * z * 0.15 - z * z * z / 60.0)
-            }
-            // Hairer and Wanner IV.7: a polynomial over (1 - gamma z)^6, of degree five because of
-            // L-stability. Order four determines its first five coefficients, which are those of
-            // e^z (1 - z/4)^6. The last one comes from the tableau.
-            Self::Rosenbrock => {
-                const TOP: [f64; 6] = [1.0, -1.0 / 2.0, -1.0 / 16.0, 1.0 / 24.0, 5.0 / 768.0, -7.0 / 3072.0];
-                let top = TOP.iter().rev().fold(Complex::new(0.0, 0.0), |sum, c| sum * z + c);
-                top / (one - z / 4.0).powi(6)
-            }
-        }
+        (self.entry().stability_function)(z)
     }
 
     /// The longest step with which a mode of this eigenvalue does not grow: there the ray through the
