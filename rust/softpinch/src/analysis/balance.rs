@@ -23,6 +23,7 @@ use crate::model::drive::Input;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
 use crate::model::geometry::index::{D_N, D_T, FINGER};
+use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::number::dual::Dual;
 use crate::number::lanes::{LaneTask, Lanes};
@@ -101,7 +102,8 @@ impl<R: Real> Balance<R> {
         let [x, y, theta, right, left, shear1, shear2] = *z;
         let pose = [x, y, theta, right, left];
         let (geometry, q, p) = Geometry::constrained(&plant.sides, &pose, &[shear1, shear2], &[zero; 5]);
-        let forces = plant.forces(&geometry, &q, &p, &[zero; 2], input);
+        let motion = Motion { q, p, memory: [zero; 2] };
+        let forces = plant.forces(plant.elastic(&geometry, &q), &geometry, &motion, input);
         // At rest the multipliers balance the resistances of the deformations.
         let multipliers = forces.resistance;
         let (applied, carried) = (forces.total(), geometry.phi_transposed_times(&multipliers));

@@ -167,8 +167,8 @@ pub trait Equations<R: Real>: Copy + Debug {
         geometry: Geometry<R>,
     ) -> Terms<R> {
         let plant = self.plant();
-        let Motion { q, p, memory } = motion;
-        let mut forces = plant.forces(&geometry, q, p, memory, input);
+        let elastic = plant.elastic(&geometry, &motion.q);
+        let mut forces = plant.forces(elastic, &geometry, motion, input);
         let finger_acceleration = &input.target_acceleration;
         let found =
             constrained(&geometry, plant, &forces.total(), &self.bias(&geometry), finger_acceleration);

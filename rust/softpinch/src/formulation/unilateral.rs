@@ -90,12 +90,11 @@ impl<R: Real, K: Controller<R>> Equations<R> for Unilateral<R, K> {
         geometry: Geometry<R>,
     ) -> Terms<R> {
         let plant = &self.csm.plant;
-        let Motion { q, p, memory } = motion;
-        let elastic = plant.elastic(&geometry, q);
+        let elastic = plant.elastic(&geometry, &motion.q);
         let couple = [elastic[0].tilt, elastic[1].tilt];
         let special = contacts.special();
-        let elastic = if special == 0 { elastic } else { self.released(contacts, elastic, q) };
-        let mut forces = plant.forces_with(elastic, &geometry, q, p, memory, input);
+        let elastic = if special == 0 { elastic } else { self.released(contacts, elastic, &motion.q) };
+        let mut forces = plant.forces(elastic, &geometry, motion, input);
         let (force, bias) = (forces.total(), self.bias(&geometry));
         let finger_acceleration = input.target_acceleration;
         let mut found = Response::from(constrained(&geometry, plant, &force, &bias, &finger_acceleration));

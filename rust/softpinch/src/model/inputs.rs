@@ -107,16 +107,7 @@ impl Inputs {
             noise.check(k)?;
         }
         impulses.sort_by(|a, b| a.time.total_cmp(&b.time));
-        Ok(Self {
-            schedule,
-            forces,
-            sines,
-            impulses,
-            noises,
-            fingers: Fingers::Pid,
-            held: None,
-            sampled: None,
-        })
+        Ok(Self { schedule, forces, sines, impulses, noises, ..Self::constant_targets([0.0; 2]) })
     }
 
     /// PID fingers that hold their targets, without disturbances.
