@@ -13,7 +13,7 @@ use crate::number::lanes::Lanes;
 use crate::number::real::Real;
 use crate::number::simd::level::Instructions;
 
-/// A number of a run, the same in every lane, with its derivatives in [`DIRECTIONS`]
+/// A number of a run, the same in every lane, with its derivatives in [`DIRECTIONS`](crate::model::source::DIRECTIONS)
 /// directions, for vectors of four lanes.
 pub type RunDual<R> = Dual<R, 2>;
 
