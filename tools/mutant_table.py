@@ -522,8 +522,8 @@ MUTANTS = (
     ),
     Mutant(
         "analysis/wrench.rs",
-        "change.member = Member::From(change.scene.origin(&rest.z));",
-        "",
+        "|rest: &Rest| member.set(Member::From(scene.origin(&rest.z)))",
+        "|_: &Rest| ()",
         "test_wrench",
     ),
     Mutant(

@@ -14,7 +14,6 @@ use softpinch::analysis::reason::Reason;
 use softpinch::analysis::rest::Rest;
 use softpinch::analysis::wrench::largest_multiple;
 use softpinch::error::lookup;
-use softpinch::model::drive::Drive;
 use softpinch::model::rule::Rule;
 use softpinch::number::simd::level::Level;
 use softpinch::stepping::monitor::VIOLATIONS;

@@ -9,7 +9,6 @@ use nalgebra::{Rotation2, SMatrix, SVector, Vector2};
 use softpinch::driver::simulate::simulate;
 use softpinch::method::table::Method;
 use softpinch::model::contact::Side;
-use softpinch::model::drive::Drive;
 use softpinch::model::geometry::Geometry;
 use softpinch::model::inputs::Inputs;
 use softpinch::model::parameters::{Parameters, Stabilization};

@@ -13,6 +13,7 @@ mod example;
 mod specification;
 
 mod counted;
+mod derivatives;
 mod operations;
 mod parts;
 

@@ -23,6 +23,7 @@ use crate::model::drive::Input;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
 use crate::model::geometry::index::{D_N, D_T, FINGER};
+use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::number::dual::Dual;
 use crate::number::lanes::{LaneTask, Lanes};
@@ -101,7 +102,8 @@ impl<R: Real> Balance<R> {
         let [x, y, theta, right, left, shear1, shear2] = *z;
         let pose = [x, y, theta, right, left];
         let (geometry, q, p) = Geometry::constrained(&plant.sides, &pose, &[shear1, shear2], &[zero; 5]);
-        let forces = plant.forces(&geometry, &q, &p, &[zero; 2], input);
+        let motion = Motion { q, p, memory: [zero; 2] };
+        let forces = plant.forces(plant.elastic(&geometry, &q), &geometry, &motion, input);
         // At rest the multipliers balance the resistances of the deformations.
         let multipliers = forces.resistance;
         let (applied, carried) = (forces.total(), geometry.phi_transposed_times(&multipliers));
@@ -194,20 +196,17 @@ impl RestScene {
     }
 
     /// The same scene with other parameters.
-    #[must_use]
     pub fn with(&self, parameters: Parameters) -> Self {
         let (plant, dual) = (Plant::new(&parameters, self.fingers), Plant::new(&parameters, self.fingers));
         Self { parameters, plant, dual, ..self.clone() }
     }
 
     /// The same scene under other inputs.
-    #[must_use]
     pub fn under(&self, input: Input<f64>) -> Self {
         Self { input, ..self.clone() }
     }
 
     /// Whether each finger rests at its target, whatever torque that takes.
-    #[must_use]
     pub fn held(&self) -> [bool; 2] {
         std::array::from_fn(|i| match self.fingers {
             Fingers::Driven => true,
@@ -217,14 +216,12 @@ impl RestScene {
     }
 
     /// The torques that hold the fingers, N m.
-    #[must_use]
     pub fn torque(&self, balance: &Balance<f64>) -> [f64; 2] {
         let held = self.held();
         std::array::from_fn(|i| if held[i] { -balance.forces[FINGER + i] } else { balance.torque[i] })
     }
 
     /// The memories of the controllers with these torques, rad s.
-    #[must_use]
     pub fn memory(&self, balance: &Balance<f64>) -> [f64; 2] {
         let torque = self.torque(balance);
         std::array::from_fn(|i| {
@@ -234,26 +231,22 @@ impl RestScene {
     }
 
     /// The stiffness that a finger's law has, N m/rad.
-    #[must_use]
     pub fn torque_slope(&self, finger: usize) -> f64 {
         if self.fingers == Fingers::Pid { self.parameters.control[finger].kp } else { 0.0 }
     }
 
     /// The balance of these unknowns, without derivatives.
-    #[must_use]
     pub fn balance(&self, z: &Unknowns) -> Balance<f64> {
         f64::call(self.instructions, Values { scene: self, z })
     }
 
     /// The origin of the no-slip constraint at these unknowns.
-    #[must_use]
     pub fn origin(&self, z: &Unknowns) -> Origin {
         let Balance { q, tilt, sigma, .. } = self.balance(z);
         Origin { sigma, tilt, compression: [q[D_N], q[D_N + 1]] }
     }
 
     /// The sizes of unknowns and rows that count as one.
-    #[must_use]
     pub fn scales(&self) -> (Unknowns, Unknowns) {
         let [right, left] = &self.parameters.tips;
         let length = right.radius.max(left.radius);
@@ -267,7 +260,6 @@ impl RestScene {
     }
 
     /// The sizes of the terms whose sums the rows are.
-    #[must_use]
     pub fn terms(&self, balance: &Balance<f64>) -> Unknowns {
         let Parameters { fingers, tips, grasped, surroundings, control, .. } = &self.parameters;
         let [fx, fy, moment] = self.input.force.map(f64::abs);
@@ -301,7 +293,6 @@ impl RestScene {
     }
 
     /// The rows of a member and their derivatives.
-    #[must_use]
     pub fn rows(&self, member: &Member, z: &Unknowns) -> Rows {
         f64::call(self.instructions, Evaluate { scene: self, member, z })
     }

@@ -44,12 +44,6 @@ const CLOSE: f64 = 1e-4;
 /// Most halvings of a step in the search for the instant of an event.
 const BISECTIONS: usize = 60;
 
-/// A scene that changes.
-pub trait Change {
-    /// The scene and the member at a share of the change.
-    fn at(&self, share: f64) -> (RestScene, Member);
-}
-
 /// A point of the curve.
 #[derive(Debug, Clone, Copy)]
 pub struct Point {
@@ -87,12 +81,12 @@ struct System {
     error: f64,
 }
 
-fn system(change: &impl Change, z: &Unknowns, share: f64) -> System {
-    let (scene, member) = change.at(share);
+fn system(change: &impl Fn(f64) -> (RestScene, Member), z: &Unknowns, share: f64) -> System {
+    let (scene, member) = change(share);
     let (unit, scale) = scene.scales();
     let rest = Rest { z: *z, rows: scene.rows(&member, z) };
     let beside = |share: f64| {
-        let (scene, member) = change.at(share);
+        let (scene, member) = change(share);
         scene.rows(&member, z).values
     };
     let (after, before) = (beside(share + DIFFERENCE), beside(share - DIFFERENCE));
@@ -116,8 +110,7 @@ fn tangent(mut matrix: Matrix, along: &Vector) -> Option<Vector> {
 
 impl Point {
     /// The start of a search at share zero.
-    #[must_use]
-    pub fn start(change: &impl Change, rest: &Rest) -> Option<Self> {
+    pub fn start(change: &impl Fn(f64) -> (RestScene, Member), rest: &Rest) -> Option<Self> {
         let System { rest, balances, matrix, .. } = system(change, &rest.z, 0.0);
         if !balances {
             return None;
@@ -130,9 +123,9 @@ impl Point {
 
     /// The point of the curve at a distance along the tangent. `None` if Newton's method does not return to the
     /// curve, or the step is too long.
-    fn step(&self, change: &impl Change, length: f64) -> Option<Self> {
+    fn step(&self, change: &impl Fn(f64) -> (RestScene, Member), length: f64) -> Option<Self> {
         let found = self.corrected(change, length)?;
-        let scene = change.at(self.share).0;
+        let scene = change(self.share).0;
         let (unit, _) = scene.scales();
         let away = Vector::from_fn(|k, _| {
             let moved = if k < UNKNOWNS {
@@ -152,8 +145,8 @@ impl Point {
     }
 
     /// The point to which Newton's method leads from the one at a distance along the tangent.
-    fn corrected(&self, change: &impl Change, length: f64) -> Option<Self> {
-        let (unit, _) = change.at(self.share).0.scales();
+    fn corrected(&self, change: &impl Fn(f64) -> (RestScene, Member), length: f64) -> Option<Self> {
+        let (unit, _) = change(self.share).0.scales();
         let predicted = |k: usize| self.rest.z[k] + length * self.tangent[k] * unit[k];
         let (mut z, mut share) =
             (std::array::from_fn(predicted), self.share + length * self.tangent[UNKNOWNS]);
@@ -187,14 +180,15 @@ impl Point {
     }
 }
 
-/// Follows a curve from share zero. `event` returns the event that a point shows; `after_step` may change the change
-/// after each step, with its end. `None` if the start does not balance, or the curve has no direction there.
-pub fn follow<C: Change, E>(
-    mut change: C,
+/// Follows a curve from share zero. `change` has the scene and the member at each share of the change. `event` returns
+/// the event that a point shows; `after_step` is told the end of each step, after which `change` may be another one.
+/// `None` if the start does not balance, or the curve has no direction there.
+pub fn follow<E>(
+    change: impl Fn(f64) -> (RestScene, Member),
     start: &Rest,
     whole: f64,
     event: impl Fn(&RestScene, &Rest) -> Option<E>,
-    mut after_step: impl FnMut(&mut C, &Rest),
+    after_step: impl Fn(&Rest),
 ) -> Option<End<E>> {
     let mut now = Point::start(&change, start)?;
     let mut length = FIRST;
@@ -206,7 +200,7 @@ pub fn follow<C: Change, E>(
             }
             continue;
         };
-        let shows = |point: &Point| event(&change.at(point.share).0, &point.rest);
+        let shows = |point: &Point| event(&change(point.share).0, &point.rest);
         let turned = |point: &Point| point.tangent[UNKNOWNS] <= 0.0;
         let ends = |point: &Point| turned(point) || shows(point).is_some();
         // An event may take eigenvalues, so it is asked for once.
@@ -248,14 +242,14 @@ pub fn follow<C: Change, E>(
             if let Some(found) = shows(&last) {
                 return Some(End::Event(found, last));
             }
-            let (scene, member) = change.at(whole);
+            let (scene, member) = change(whole);
             return Some(match Rest::solve(&scene, &member, &last.rest.z) {
                 Some(rest) => End::Reached(rest),
                 None => End::Lost(last),
             });
         }
         now = next;
-        after_step(&mut change, &now.rest);
+        after_step(&now.rest);
         length = (1.5 * length).min(LONGEST);
     }
     Some(End::Lost(now))

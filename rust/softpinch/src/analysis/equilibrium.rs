@@ -9,7 +9,7 @@
 use nalgebra::SMatrix;
 
 use crate::analysis::balance::{Member, RestScene, Unknowns};
-use crate::analysis::continuation::{Change, End, follow};
+use crate::analysis::continuation::{End, follow};
 use crate::analysis::reason::{Reason, Way};
 use crate::analysis::rest::{Matrix7, Rest, Vector7};
 use crate::analysis::starts::{Gap, natural, others};
@@ -79,31 +79,27 @@ pub(super) fn violations(scene: &RestScene, rest: &Rest) -> ViolationSet {
     ViolationSet::of(&found, 0)
 }
 
-/// One scene that becomes another, with its member of the family.
-struct Between<'a> {
-    from: (&'a RestScene, &'a Member),
-    to: (&'a RestScene, &'a Member),
-}
-
-impl Change for Between<'_> {
-    fn at(&self, share: f64) -> (RestScene, Member) {
-        let ((from, first), (to, last)) = (self.from, self.to);
-        let between = |a: f64, b: f64| if a.is_finite() && b.is_finite() { a + share * (b - a) } else { b };
-        let pair = |a: &[f64; 2], b: &[f64; 2]| std::array::from_fn(|i| between(a[i], b[i]));
-        let (start, end) = (from.parameters.to_array(), to.parameters.to_array());
-        let parameters = Parameters::unchecked(&std::array::from_fn(|k| between(start[k], end[k])));
-        let input = Input {
-            target: pair(&from.input.target, &to.input.target),
-            force: std::array::from_fn(|i| between(from.input.force[i], to.input.force[i])),
-            ..to.input
-        };
-        let member = match (first, last) {
-            (Member::Grip(a), Member::Grip(b)) => Member::Grip(pair(a, b)),
-            (Member::Shear(a), Member::Shear(b)) => Member::Shear(pair(a, b)),
-            _ => *last,
-        };
-        (to.with(parameters).under(input), member)
-    }
+/// A scene between two others, and the member of its family, after a share of the way.
+fn between(
+    (from, first): (&RestScene, &Member),
+    (to, last): (&RestScene, &Member),
+    share: f64,
+) -> (RestScene, Member) {
+    let between = |a: f64, b: f64| if a.is_finite() && b.is_finite() { a + share * (b - a) } else { b };
+    let pair = |a: &[f64; 2], b: &[f64; 2]| std::array::from_fn(|i| between(a[i], b[i]));
+    let (start, end) = (from.parameters.to_array(), to.parameters.to_array());
+    let parameters = Parameters::unchecked(&std::array::from_fn(|k| between(start[k], end[k])));
+    let input = Input {
+        target: pair(&from.input.target, &to.input.target),
+        force: std::array::from_fn(|i| between(from.input.force[i], to.input.force[i])),
+        ..to.input
+    };
+    let member = match (first, last) {
+        (Member::Grip(a), Member::Grip(b)) => Member::Grip(pair(a, b)),
+        (Member::Shear(a), Member::Shear(b)) => Member::Shear(pair(a, b)),
+        _ => *last,
+    };
+    (to.with(parameters).under(input), member)
 }
 
 /// Follows the equilibrium of one scene, near the unknowns `start`, to that of another scene whose fingers move in the
@@ -124,7 +120,7 @@ fn changed(
     to: (&RestScene, &Member),
     way: Way,
 ) -> Result<Rest, Reason> {
-    match follow(Between { from, to }, start, 1.0, leaves, |_, _| ()) {
+    match follow(|share| between(from, to, share), start, 1.0, leaves, |_| ()) {
         Some(End::Reached(rest)) => Ok(rest),
         Some(End::Event(violation, at)) => Err(Reason::Ends(way, at.share, Some(violation))),
         Some(End::Fold(at)) => Err(Reason::Ends(way, at.share, None)),
@@ -230,7 +226,6 @@ fn search(scene: &RestScene, member: &Member) -> Result<Rest, Reason> {
 
 impl Equilibrium {
     /// Everything about a state in which the forces balance.
-    #[must_use]
     pub fn new(scene: &RestScene, rest: &Rest) -> Self {
         let balance = &rest.rows.balance;
         let (torque, memory) = (scene.torque(balance), scene.memory(balance));
@@ -284,7 +279,6 @@ mod tests {
     const ANGLE: f64 = 0.105;
 
     fn scene(parameters: &Parameters, target: [f64; 2], force: [f64; 3]) -> RestScene {
-        use crate::model::drive::Drive;
         let inputs = Inputs::constant(target, force, Fingers::Pid);
         let input = inputs.segment(0.0).at(0.0);
         RestScene::new(Level::detect(), parameters, Fingers::Pid, input).unwrap()
@@ -327,9 +321,9 @@ mod tests {
         }
         // A search cannot begin away from the curve.
         assert!(continued((&scene, &grip), &z, (&scene, &grip)).is_ok());
-        let change = Between { from: (&scene, &grip), to: (&scene, &grip) };
+        let change = |share| between((&scene, &grip), (&scene, &grip), share);
         let away = Rest { z, rows: scene.rows(&grip, &z) };
-        assert!(follow(change, &away, 1.0, leaves, |_, _| ()).is_none());
+        assert!(follow(change, &away, 1.0, leaves, |_| ()).is_none());
     }
 
     #[test]

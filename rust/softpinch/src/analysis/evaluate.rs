@@ -9,7 +9,7 @@ use crate::formulation::equations::{self, Equations};
 use crate::model::contact::Side;
 use crate::model::contact_modes::Contacts;
 use crate::model::control::{Actuated, Controller, Driven, Fingers};
-use crate::model::drive::{Drive, Input};
+use crate::model::drive::Input;
 use crate::model::energy::Energies;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
@@ -94,8 +94,6 @@ fn terms<K: Controller<f64>>(
         csm.terms(input, &Contacts::sticking(), &motion, geometry);
     let Response { multipliers, acceleration: accelerations, .. } = response;
     let [right, left] = forces.elastic;
-    let ([drag_n1, drag_n2, drag_t1, drag_t2], torque) = (plant.drags(p), forces.torque);
-    let [fx, fy, moment] = forces.external;
     let velocity = geometry.constraint_velocity();
     Terms {
         mass_matrix: parameters.mass_matrix(),
@@ -103,31 +101,15 @@ fn terms<K: Controller<f64>>(
         constraint_rate: Vector4::from(geometry.bias()),
         residuals: Vector4::from(geometry.residuals()),
         residual_rates: [velocity[0], velocity[1]],
-        elastic: Vector9::from([
-            0.0,
-            0.0,
-            right.tilt - left.tilt,
-            -right.tilt,
-            -left.tilt,
-            -right.normal,
-            -left.normal,
-            -right.tangential,
-            -left.tangential,
-        ]),
-        gravity: Vector9::from([
-            0.0,
-            -forces.weight,
-            0.0,
-            forces.finger_gravity[0],
-            forces.finger_gravity[1],
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-        ]),
-        viscous: Vector9::from([0.0, 0.0, 0.0, 0.0, 0.0, -drag_n1, -drag_n2, -drag_t1, -drag_t2]),
-        control: Vector9::from([0.0, 0.0, 0.0, torque[0], torque[1], 0.0, 0.0, 0.0, 0.0]),
-        external: Vector9::from([fx, fy, moment, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        elastic: vector(
+            [0.0, 0.0, right.tilt - left.tilt],
+            [-right.tilt, -left.tilt],
+            [-right.normal, -left.normal, -right.tangential, -left.tangential],
+        ),
+        gravity: vector([0.0, -forces.weight, 0.0], forces.finger_gravity, [0.0; 4]),
+        viscous: vector([0.0; 3], [0.0; 2], plant.drags(p).map(|drag| -drag)),
+        control: vector([0.0; 3], forces.torque, [0.0; 4]),
+        external: vector(forces.external, [0.0; 2], [0.0; 4]),
         multipliers: Vector4::from(multipliers),
         accelerations: Vector9::from(accelerations),
         energies: plant.energies(q, p),
@@ -135,8 +117,12 @@ fn terms<K: Controller<f64>>(
     }
 }
 
+/// A vector over q, from its parts for the object, the fingers, and d_n1, d_n2, d_t1 and d_t2.
+fn vector(object: [f64; 3], fingers: [f64; 2], tips: [f64; 4]) -> Vector9 {
+    Vector9::from_iterator(object.into_iter().chain(fingers).chain(tips))
+}
+
 /// (C_1^H, C_2^H, C_1^N, C_2^N) at one state.
-#[must_use]
 pub fn residuals(parameters: &Parameters, q: &[f64; 9], p: &[f64; 9]) -> [f64; 4] {
     Geometry::new(&Side::both(parameters), q, p).residuals()
 }

@@ -6,14 +6,13 @@ use nalgebra::{DMatrix, DVector, Schur};
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
-use crate::formulation::nullspace::{DEGREES, DRIVEN_DEGREES};
 use crate::formulation::scene_equations::{Choice, SceneEquations, Tangent};
 use crate::formulation::system::{Linear, System};
 use crate::formulation::table::Formulation;
 use crate::method::linearize::DIRECTIONS;
 use crate::model::contact_modes::ContactModel;
 use crate::model::control::Fingers;
-use crate::model::drive::{Drive, Input, SegmentDrive};
+use crate::model::drive::{Input, SegmentDrive};
 use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
 use crate::model::parameters::{Parameters, Stabilization};
@@ -136,7 +135,6 @@ pub fn jacobian(
 /// The largest real part of the eigenvalues of the motion about a state at rest, without the two zeros of the family
 /// of equilibria and without memories that drive nothing; and the largest size of an eigenvalue. `None` if the
 /// eigenvalues are not found, because a number overflowed.
-#[must_use]
 pub fn growth(
     level: Level,
     parameters: &Parameters,
@@ -146,7 +144,7 @@ pub fn growth(
     let (formulation, gains) = (Formulation::Nullspace, Stabilization { alpha: 0.0, beta: 0.0 });
     let setting = Setting { formulation, gains, level, open_loop: false, frozen: false };
     let mut a = jacobian(parameters, inputs, &setting, 0.0, motion).ok()?;
-    let degrees = if inputs.fingers() == Fingers::Driven { DRIVEN_DEGREES } else { DEGREES };
+    let degrees = if inputs.fingers() == Fingers::Driven { 3 } else { 5 };
     let shears = 2 * degrees;
     // No motion changes d_t + Phi_N pose, and the rows of d_t are -Phi_N.
     for row in 0..a.nrows() {
@@ -187,7 +185,7 @@ pub fn linearize(
     let problem = Problem::new(parameters, inputs, setting, t, motion)?;
     let system = problem.equations(parameters);
     let (states, y) = (problem.states(&system), system.begin(&problem.motion));
-    let input = Drive::<f64>::at(&problem.drive, 0.0);
+    let input = problem.drive.at(0.0_f64);
     let driven = problem.choice.fingers == Fingers::Driven;
     let values = list(&input, driven);
     let tangent = problem.tangent(parameters);

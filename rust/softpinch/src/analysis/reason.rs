@@ -36,7 +36,6 @@ pub enum Way {
 
 impl Reason {
     /// The public name of the reason.
-    #[must_use]
     pub fn name(&self) -> &'static str {
         match *self {
             Self::Apart(_) => "apart",

@@ -30,7 +30,6 @@ pub struct Rest {
 
 impl Rest {
     /// Solves the balance from a start. `None` if Newton's method does not converge.
-    #[must_use]
     pub fn solve(scene: &RestScene, member: &Member, start: &Unknowns) -> Option<Self> {
         let (unit, scale) = scene.scales();
         let size = |rows: &Rows| largest(&rows.values, &scale);
@@ -72,14 +71,12 @@ impl Rest {
     }
 
     /// Whether the rows are zero but for round-off.
-    #[must_use]
     pub fn balances(&self, scene: &RestScene) -> bool {
         let terms = scene.terms(&self.rows.balance);
         self.rows.values.iter().zip(terms).all(|(row, term)| row.abs() <= ROUND_OFF * term)
     }
 
     /// Whether both tips are compressed, by less than their radius, and tilted by less than a right angle.
-    #[must_use]
     pub fn is_grasp(&self, scene: &RestScene) -> bool {
         let balance = &self.rows.balance;
         (0..2).all(|i| {
@@ -92,7 +89,6 @@ impl Rest {
 
     /// The stiffness of the grasp: minus the derivatives of the five forces by the pose, while the shears follow
     /// from the no-slip constraint. The torques of the fingers are constant.
-    #[must_use]
     pub fn stiffness(&self) -> SMatrix<f64, 5, 5> {
         let Rows { forces, no_slip, .. } = &self.rows;
         SMatrix::from_fn(|r, c| {
@@ -118,14 +114,12 @@ impl Rest {
 
     /// Whether the energy has a minimum here along every displacement that the no-slip constraint admits: the symmetric
     /// part of the stiffness is positive definite.
-    #[must_use]
     pub fn is_minimum(&self, scene: &RestScene) -> bool {
         let stiffness = self.free_stiffness(scene);
         (&stiffness + stiffness.transpose()).cholesky().is_some()
     }
 
     /// The determinant of the stiffness: where it changes its sign, slow displacements begin to grow.
-    #[must_use]
     pub fn slow_determinant(&self, scene: &RestScene) -> f64 {
         self.free_stiffness(scene).determinant()
     }

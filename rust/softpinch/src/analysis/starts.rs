@@ -25,7 +25,6 @@ pub struct Gap {
 
 impl Gap {
     /// The gap between tips at these angles.
-    #[must_use]
     pub fn new(parameters: &Parameters, angles: [f64; 2]) -> Self {
         let centre = |i: usize| {
             let (finger, sign) = (&parameters.fingers[i], if i == 0 { -1.0 } else { 1.0 });
@@ -88,7 +87,6 @@ fn between(scene: &RestScene, member: &Member, share: f64, turn: f64, [along, ac
 }
 
 /// The start that comes first, with the object in the middle between the tips.
-#[must_use]
 pub fn natural(scene: &RestScene, member: &Member) -> Unknowns {
     between(scene, member, SHARES[0], 0.0, [0.0; 2])
 }

@@ -1,8 +1,10 @@
 //! The largest wrench that a grasp bears: a force and a moment on the object grow slowly, and the equilibrium moves along
 //! the no-slip constraint until a contact gives way.
 
+use std::cell::Cell;
+
 use crate::analysis::balance::{Member, RestScene};
-use crate::analysis::continuation::{Change, End, Point, follow};
+use crate::analysis::continuation::{End, Point, follow};
 use crate::analysis::equilibrium::{leaves, violations};
 use crate::analysis::linear::growth;
 use crate::analysis::rest::Rest;
@@ -35,7 +37,6 @@ pub enum Limit {
 
 impl Limit {
     /// The public name of the limit.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Violation(violation) => Status::of(violation).name(),
@@ -43,22 +44,6 @@ impl Limit {
             Self::None => "none",
             Self::Lost => "lost",
         }
-    }
-}
-
-/// A wrench that grows, as a change of the scene.
-struct Growing<'a> {
-    scene: &'a RestScene,
-    /// The wrench at the share 1.
-    wrench: [f64; 3],
-    member: Member,
-}
-
-impl Change for Growing<'_> {
-    fn at(&self, share: f64) -> (RestScene, Member) {
-        let Input { force, .. } = self.scene.input;
-        let force = std::array::from_fn(|k| force[k] + share * self.wrench[k]);
-        (self.scene.under(Input { force, ..self.scene.input }), self.member)
     }
 }
 
@@ -85,7 +70,6 @@ fn limit(scene: &RestScene, rest: &Rest) -> Option<Limit> {
 
 /// The largest multiple of a wrench (F_x, F_y, moment) that the equilibrium bears, its limit, and the coordinates
 /// there. A wrench of zero is borne without limit.
-#[must_use]
 pub fn largest_multiple(scene: &RestScene, rest: &Rest, wrench: [f64; 3]) -> (f64, Limit, [f64; 9]) {
     let q = rest.rows.balance.q;
     let (_, scale) = scene.scales();
@@ -96,14 +80,14 @@ pub fn largest_multiple(scene: &RestScene, rest: &Rest, wrench: [f64; 3]) -> (f6
     if let Some(limit) = limit(scene, rest) {
         return (0.0, limit, q);
     }
-    let change = Growing {
-        scene,
-        wrench: wrench.map(|component| component / size),
-        member: Member::From(scene.origin(&rest.z)),
+    let force = scene.input.force;
+    let member = Cell::new(Member::From(scene.origin(&rest.z)));
+    // The wrench whose largest component is one, in the scales of the rows, times the share.
+    let change = |share: f64| {
+        let force = std::array::from_fn(|k| force[k] + share * (wrench[k] / size));
+        (scene.under(Input { force, ..scene.input }), member.get())
     };
-    let after_step = |change: &mut Growing<'_>, rest: &Rest| {
-        change.member = Member::From(change.scene.origin(&rest.z));
-    };
+    let after_step = |rest: &Rest| member.set(Member::From(scene.origin(&rest.z)));
     let ended = |at: &Point, limit: Limit| (at.share / size, limit, at.rest.rows.balance.q);
     match follow(change, rest, UNLIMITED, limit, after_step) {
         Some(End::Event(limit, at)) => ended(&at, limit),

@@ -11,10 +11,10 @@ use crate::error::Error;
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::run_dual::{RunDual, RunDualEquations};
 use crate::formulation::system::{StageState, System};
-use crate::method::run_dual::{RunDualSteps, values};
+use crate::method::run_dual::{RunDualMethod, values};
 use crate::method::traits::{Step, Unsolved};
 use crate::model::contact_modes::Contacts;
-use crate::model::drive::{Drive, Input, SegmentDrive};
+use crate::model::drive::{Input, SegmentDrive};
 use crate::model::inputs::Inputs;
 use crate::model::motion::{Motion, unpacked};
 use crate::model::scene::Scene;
@@ -112,9 +112,9 @@ pub(super) struct DifferentiatedRun<'a, R> {
 }
 
 /// Follows a run with a method until its sink needs no more.
-pub(super) struct FollowRun<'w, 's, R>(
+pub(super) struct FollowRun<'w, 's, R: Lanes>(
     pub(super) &'w DifferentiatedRun<'w, R>,
-    pub(super) &'w mut dyn RunDualSteps<R>,
+    pub(super) &'w mut RunDualMethod<R>,
     pub(super) &'w mut Sink<'s, R>,
 );
 

@@ -2,9 +2,10 @@
 
 use crate::error::Error;
 use crate::formulation::scene_equations::Choice;
-use crate::method::called::{AnyMethod, adaptive_in_lanes};
+use crate::method::called::AnyMethod;
 use crate::method::entry::LaneMethod;
 use crate::method::rk4::Rk4;
+use crate::method::table::adaptive_in_lanes;
 use crate::method::traits::Runs;
 use crate::model::energy::LedgerRow;
 use crate::number::lanes::Lanes;
@@ -77,7 +78,7 @@ impl LaneKernel for StepLoop<'_, '_> {
         let computed = match (options.steps, method) {
             // A step of RK4 is so short that a call would take 3 % of it.
             (Steps::Fixed(_), LaneMethod::Rk4) => {
-                let build = |runs: Runs<'_>| (runs.system::<R>(), Rk4::new());
+                let build = |runs: Runs<'_>| (runs.system::<R>(), Rk4::default());
                 R::call(instructions, EqualSteps { setup, grid, build })
             }
             (Steps::Fixed(_), LaneMethod::Adaptive(method)) => {

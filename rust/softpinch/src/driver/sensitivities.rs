@@ -8,7 +8,7 @@ use crate::driver::direction::{COMPONENTS, Direction};
 use crate::driver::simulate::simulate;
 use crate::error::Error;
 use crate::formulation::run_dual::RunDualEquations;
-use crate::method::run_dual::run_dual_steps;
+use crate::method::run_dual::RunDualMethod;
 use crate::method::table::Method;
 use crate::method::traits::Runs;
 use crate::model::contact_modes::ContactModel;
@@ -147,8 +147,8 @@ impl LaneKernel for All<'_> {
                 }
                 Wanted::Ends { until, .. } => Sink::Ends(Ends::new(&options.summaries, *until)),
             };
-            let mut method = run_dual_steps(runs, options.method);
-            match R::call(instructions, FollowRun(&run, &mut *method, &mut sink)) {
+            let mut method = RunDualMethod::new(runs, options.method);
+            match R::call(instructions, FollowRun(&run, &mut method, &mut sink)) {
                 Ok(()) if sink.is_full() => {}
                 Ok(()) => return Ok(None),
                 Err(failure @ Error::NoDerivative { .. }) => {

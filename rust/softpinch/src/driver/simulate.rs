@@ -6,8 +6,7 @@ use crate::formulation::mode_selection::Contact;
 use crate::formulation::scene_equations::{EquationKind, SceneEquations, with};
 use crate::formulation::table::Formulation;
 use crate::formulation::unilateral::Unilateral;
-use crate::method::called::{adaptive_alone, alone};
-use crate::method::entry::AdaptiveMethod;
+use crate::method::entry::MakeAdaptiveMethod;
 use crate::method::rk4::Rk4;
 use crate::method::table::{METHODS, Method};
 use crate::method::traits::Runs;
@@ -190,7 +189,7 @@ fn require_unilateral(scene: &Scene, options: &Options) -> Result<(), Error> {
 }
 
 /// The method as one that chooses the length of its steps. The error lists the methods that do.
-fn adaptive(method: Method) -> Result<AdaptiveMethod, Error> {
+fn adaptive(method: Method) -> Result<MakeAdaptiveMethod, Error> {
     method.entry().adaptive.ok_or_else(|| Error::Unknown {
         field: "method",
         name: method.name().to_owned(),
@@ -207,7 +206,7 @@ fn adaptive(method: Method) -> Result<AdaptiveMethod, Error> {
 /// The times of a run, after their check.
 enum Plan {
     Fixed(Grid),
-    Free { method: AdaptiveMethod, span: Span, tolerance: f64 },
+    Free { method: MakeAdaptiveMethod, span: Span, tolerance: f64 },
 }
 
 impl Plan {
@@ -292,20 +291,19 @@ fn run<'a>(
                 let called = &SceneEquations::new(instructions, choice, &scene.parameters, gains);
                 return with!(called.kind, equations [false] => {
                     let system = Inlined::<_, false> { equations, called };
-                    let build = |_: Runs<'_>| (system, Rk4::new());
+                    let build = |_: Runs<'_>| (system, Rk4::default());
                     f64::call(instructions, EqualSteps { setup, grid, build })
                 });
             }
             let build = |runs: Runs<'_>| {
                 let system = runs.system();
-                let method = alone(options.method, runs, &system);
+                let method = (options.method.entry().alone)(runs, &system);
                 (system, method)
             };
             f64::call(instructions, EqualSteps { setup, grid, build })
         }
         Plan::Free { method, tolerance, .. } => {
-            let build = |runs: Runs<'_>, system: &_| adaptive_alone(method, runs, system);
-            f64::call(instructions, AdaptiveSteps { setup, tolerance, build })
+            f64::call(instructions, AdaptiveSteps { setup, tolerance, build: method })
         }
     }
 }

@@ -81,7 +81,6 @@ impl LaneTask<f64> for Swept<'_> {
 
 impl ContactEquations<'_> {
     /// All terms at one state, in the modes of the contacts.
-    #[must_use]
     pub fn terms(&self, input: &Input<f64>, contacts: &Contacts<f64>, motion: &Motion<f64>) -> Terms<f64> {
         with!(self, (instructions, equations) => {
             f64::call(instructions, TermsAt(equations, input, contacts, motion))
@@ -89,7 +88,6 @@ impl ContactEquations<'_> {
     }
 
     /// The velocities `p` after an impact of the contacts that are `closed`, with an impulse on the object.
-    #[must_use]
     pub fn impact(
         &self,
         geometry: &Geometry<f64>,
@@ -104,44 +102,37 @@ impl ContactEquations<'_> {
     }
 
     /// The state of a motion, with works of zero.
-    #[must_use]
     pub fn begin(&self, motion: &Motion<f64>) -> States<f64> {
         with!(self, (_, equations) => equations.begin(motion))
     }
 
     /// The motion of a state.
-    #[must_use]
     pub fn motion(&self, input: &Input<f64>, y: &States<f64>) -> Motion<f64> {
         with!(self, (_, equations) => equations.unpack(input, y))
     }
 
     /// The rates of the constraints' velocities that the accelerations make: Phi times the accelerations.
-    #[must_use]
     pub fn swept(&self, terms: &Terms<f64>) -> [f64; 4] {
         let (Self::Actuated(instructions, _) | Self::Driven(instructions, _)) = *self;
         f64::call(instructions, Swept(terms))
     }
 
     /// theta_p of both tips.
-    #[must_use]
     pub fn tilts(&self, q: &[f64; 9]) -> [f64; 2] {
         std::array::from_fn(|i| self.sides()[i].tilt(i, q))
     }
 
     /// The lengths of both sides.
-    #[must_use]
     pub fn sides(&self) -> &[Side<f64>; 2] {
         with!(self, (_, equations) => &equations.plant().sides)
     }
 
     /// The diagonal of the mass matrix (14).
-    #[must_use]
     pub fn masses(&self) -> &[f64; 9] {
         with!(self, (_, equations) => &equations.plant().masses)
     }
 
     /// mu of both contacts.
-    #[must_use]
     pub fn friction(&self) -> [f64; 2] {
         with!(self, (_, equations) => equations.friction())
     }

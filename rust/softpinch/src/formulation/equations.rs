@@ -11,6 +11,7 @@ use crate::model::drive::Input;
 use crate::model::energy::{BILATERAL_WORKS, Energies, WORKS, work};
 use crate::model::forces::{Forces, Plant};
 use crate::model::geometry::Geometry;
+use crate::model::geometry::index::{D_N, D_T, FINGER};
 use crate::model::motion::Motion;
 use crate::number::real::{Real, dot};
 
@@ -88,10 +89,17 @@ pub struct Terms<R> {
 pub trait Equations<R: Real>: Copy + Debug {
     /// The law of the fingers.
     type Fingers: Controller<R>;
-    /// Number of states of the motion.
-    const STATES: usize;
-    /// Number of coordinates among these states. The coordinates come first, and their rates follow.
-    const DEGREES: usize;
+    /// The coordinates that are states, as places in q. Driven fingers are not among them, because the schedule
+    /// prescribes them.
+    const COORDINATES: &'static [usize];
+    /// Whether the shears are states beside the coordinates and their rates.
+    const SHEARS: bool = false;
+    /// Number of coordinates among the states. The coordinates come first, and their rates follow.
+    const DEGREES: usize = Self::COORDINATES.len();
+    /// Number of states of the motion: coordinates, rates, and after these shears and the controllers' memories.
+    const STATES: usize = 2 * Self::DEGREES
+        + if Self::SHEARS { 2 } else { 0 }
+        + if Self::Fingers::ANGLE_IS_STATE { 2 } else { 0 };
     /// Number of works of the ledger.
     const WORKS: usize = BILATERAL_WORKS;
     /// Whether contacts can slip and open.
@@ -103,10 +111,48 @@ pub trait Equations<R: Real>: Copy + Debug {
     fn plant(&self) -> &Plant<R, Self::Fingers>;
 
     /// The state of a motion, with works of zero. It turns the rates of a motion into the state's derivative, too.
-    fn begin(&self, motion: &Motion<R>) -> States<R>;
+    #[inline(always)]
+    fn begin(&self, motion: &Motion<R>) -> States<R> {
+        let Motion { q, p, memory } = motion;
+        let mut y = [R::zero(); MAX_COMPONENTS];
+        for n in 0..Self::DEGREES {
+            y[n] = q[Self::COORDINATES[n]];
+            y[Self::DEGREES + n] = p[Self::COORDINATES[n]];
+        }
+        if Self::SHEARS {
+            y[2 * Self::DEGREES..2 * Self::DEGREES + 2].copy_from_slice(&q[D_T..]);
+        }
+        if Self::Fingers::ANGLE_IS_STATE {
+            y[Self::STATES - 2..Self::STATES].copy_from_slice(memory);
+        }
+        y
+    }
 
-    /// The motion of a state, and its geometry.
-    fn motion(&self, input: &Input<R>, y: &States<R>) -> (Motion<R>, Geometry<R>);
+    /// The motion of a state. Driven fingers are taken from the input, and coordinates that are no states are zero.
+    #[inline(always)]
+    fn unpack(&self, input: &Input<R>, y: &States<R>) -> Motion<R> {
+        let (mut q, mut p, mut memory) = ([R::zero(); 9], [R::zero(); 9], [R::zero(); 2]);
+        for n in 0..Self::DEGREES {
+            q[Self::COORDINATES[n]] = y[n];
+            p[Self::COORDINATES[n]] = y[Self::DEGREES + n];
+        }
+        if Self::SHEARS {
+            q[D_T..].copy_from_slice(&y[2 * Self::DEGREES..2 * Self::DEGREES + 2]);
+        }
+        if Self::Fingers::ANGLE_IS_STATE {
+            memory.copy_from_slice(&y[Self::STATES - 2..Self::STATES]);
+        } else {
+            q[FINGER..D_N].copy_from_slice(&input.target);
+            p[FINGER..D_N].copy_from_slice(&input.target_rate);
+        }
+        Motion { q, p, memory }
+    }
+
+    /// The geometry of a motion. A formulation whose states are on the constraints sets what these determine.
+    #[inline(always)]
+    fn geometry(&self, motion: &mut Motion<R>) -> Geometry<R> {
+        Geometry::new(&self.plant().sides, &motion.q, &motion.p)
+    }
 
     /// The bias b of the constraints on the accelerations, Phi a = -b.
     fn bias(&self, geometry: &Geometry<R>) -> [R; 4];
@@ -121,8 +167,8 @@ pub trait Equations<R: Real>: Copy + Debug {
         geometry: Geometry<R>,
     ) -> Terms<R> {
         let plant = self.plant();
-        let Motion { q, p, memory } = motion;
-        let mut forces = plant.forces(&geometry, q, p, memory, input);
+        let elastic = plant.elastic(&geometry, &motion.q);
+        let mut forces = plant.forces(elastic, &geometry, motion, input);
         let finger_acceleration = &input.target_acceleration;
         let found =
             constrained(&geometry, plant, &forces.total(), &self.bias(&geometry), finger_acceleration);
@@ -156,11 +202,11 @@ pub trait Equations<R: Real>: Copy + Debug {
         y: &States<R>,
         ledger: bool,
     ) -> Evaluation<R> {
-        let (motion, geometry) = self.motion(input, y);
+        let mut motion = self.unpack(input, y);
+        let geometry = self.geometry(&mut motion);
         let terms = self.terms(input, contacts, &motion, geometry);
         let Response { multipliers, share, acceleration, .. } = terms.response;
-        let memory =
-            if Self::Fingers::MEMORY { self.plant().memory_rates(&motion.q, input) } else { [R::zero(); 2] };
+        let memory = self.plant().memory_rates(&motion.q, input);
         let mut rate = self.begin(&Motion { q: motion.p, p: acceleration, memory });
         if ledger {
             let powers = self.powers(&terms, contacts, &motion.p);
@@ -184,8 +230,9 @@ pub trait Equations<R: Real>: Copy + Debug {
     /// impulses Lambda are added to the ledger as J (p before + p after) / 2, which is exact.
     #[inline(always)]
     fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3], ledger: bool) {
-        let (Motion { p, .. }, geometry) = self.motion(input, y);
-        let (plant, zero) = (self.plant(), R::zero());
+        let mut motion = self.unpack(input, y);
+        let geometry = self.geometry(&mut motion);
+        let (plant, p, zero) = (self.plant(), motion.p, R::zero());
         let mut force = [zero; 9];
         force[..3].copy_from_slice(impulse);
         let Constrained { multipliers: constraint_impulse, acceleration: change } =

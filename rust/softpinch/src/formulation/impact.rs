@@ -37,7 +37,6 @@ pub struct Impact {
 const CHOICES: [Mode; 4] = [Mode::Stick, Mode::Slip(Slip::Up), Mode::Slip(Slip::Down), Mode::Free];
 
 /// The velocities after an impact of the contacts that are `closed`, with the impulse J on the object.
-#[must_use]
 pub fn impact<K: Controller<f64>>(
     geometry: &Geometry<f64>,
     plant: &Plant<f64, K>,

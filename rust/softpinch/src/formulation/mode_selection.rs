@@ -33,7 +33,6 @@ pub struct Contact {
 
 impl Contact {
     /// A contact that touches the object without slipping.
-    #[must_use]
     pub fn touching() -> Self {
         Self { mode: Mode::Stick, closed: true, slip: None, frozen_tilt: 0.0, left: None }
     }
@@ -65,7 +64,6 @@ impl Contact {
     }
 
     /// The row of both contacts.
-    #[must_use]
     pub fn row([right, left]: &[Self; 2]) -> ContactRow {
         [right.signed_code(), left.signed_code(), right.frozen_tilt, left.frozen_tilt]
     }
@@ -99,7 +97,6 @@ const BORDER: f64 = 1e-9;
 
 /// The contacts of one run in given modes at the present tilts. A contact that opens gets its present tilt as the frozen
 /// one.
-#[must_use]
 pub fn contacts_in(modes: [Mode; 2], now: &[Contact; 2], tilts: [f64; 2]) -> Contacts<f64> {
     let tilt = |i: usize| {
         if now[i].mode == Mode::Free && !now[i].closed { now[i].frozen_tilt } else { tilts[i] }
@@ -231,7 +228,7 @@ mod tests {
     use crate::formulation::equations::Equations;
     use crate::formulation::unilateral::Unilateral;
     use crate::model::control::{Actuated, Fingers};
-    use crate::model::drive::{Drive, SegmentDrive};
+    use crate::model::drive::SegmentDrive;
     use crate::model::parameters::{Fingertip, Friction, Parameters, Stabilization};
     use crate::model::start::{consistent, contact};
     use crate::number::real::signed;

@@ -8,7 +8,6 @@
 
 use crate::formulation::constrained::constrained;
 use crate::formulation::contact_solve::{Load, response};
-use crate::formulation::csm::{pack, unpack};
 use crate::formulation::equations::{Equations, States};
 use crate::model::contact_modes::Contacts;
 use crate::model::control::Controller;
@@ -82,7 +81,7 @@ pub fn correct<R: Real, E: Equations<R>>(
     ledger: bool,
 ) {
     let plant = equations.plant();
-    let Motion { q: left_q, p: left_p, memory } = unpack::<R, E::Fingers>(input, y);
+    let Motion { q: left_q, p: left_p, memory } = equations.unpack(input, y);
     let q = corrected_position(plant, &left_q, if E::UNILATERAL { contacts.free } else { [0; 2] });
     let geometry = Geometry::new(&plant.sides, &q, &left_p);
     let (zero, finger_acceleration) = (R::zero(), [R::zero(); 2]);
@@ -103,7 +102,7 @@ pub fn correct<R: Real, E: Equations<R>>(
     }
     let p = sum(&left_p, &change);
     let works = *y;
-    *y = pack::<R, E::Fingers>(&q, &p, &memory);
+    *y = equations.begin(&Motion { q, p, memory });
     if ledger {
         let range = E::STATES..E::STATES + E::WORKS;
         y[range.clone()].copy_from_slice(&works[range]);

@@ -3,17 +3,17 @@
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::scene_equations::{Choice, SceneEquations};
-use crate::formulation::system::{Jacobian, StageState, System};
+use crate::formulation::system::{StageState, System};
 use crate::model::contact_modes::Contacts;
-use crate::model::drive::{Drive, Input, SegmentDrive};
+use crate::model::drive::SegmentDrive;
 use crate::model::parameters::Stabilization;
-use crate::model::source::{Constants, DIRECTIONS, VariedParameters};
+use crate::model::source::{Constants, VariedParameters};
 use crate::number::dual::Dual;
-use crate::number::lanes::{Lanes, Lift};
+use crate::number::lanes::Lanes;
 use crate::number::real::Real;
 use crate::number::simd::level::Instructions;
 
-/// A number of a run, the same in every lane, with its derivatives in [`DIRECTIONS`]
+/// A number of a run, the same in every lane, with its derivatives in [`DIRECTIONS`](crate::model::source::DIRECTIONS)
 /// directions, for vectors of four lanes.
 pub type RunDual<R> = Dual<R, 2>;
 
@@ -21,22 +21,19 @@ pub type RunDual<R> = Dual<R, 2>;
 type SecondDual<R> = Dual<RunDual<R>, 1>;
 
 /// The equations of one run in numbers with derivatives, as methods use them.
-pub type RunDualSystem<R> = SceneEquations<RunDual<R>, false>;
+pub type RunDualSystem<R> = SceneEquations<RunDual<R>>;
 
 /// The equations of one run, with all derivatives that methods need.
 #[derive(Debug, Clone, Copy)]
 pub struct RunDualEquations<R> {
     /// The equations.
     pub system: RunDualSystem<R>,
-    /// The same equations without derivatives by parameters.
-    without_parameters: RunDualSystem<R>,
     /// The same equations for second derivatives, if they are wanted.
-    second: Option<SceneEquations<SecondDual<R>, false>>,
+    second: Option<SceneEquations<SecondDual<R>>>,
 }
 
 impl<R: Lanes> RunDualEquations<R> {
     /// Builds the equations of a scene. `second` says whether second derivatives are wanted.
-    #[must_use]
     pub fn new(
         instructions: Instructions,
         choice: Choice,
@@ -44,49 +41,14 @@ impl<R: Lanes> RunDualEquations<R> {
         gains: &Stabilization,
         second: bool,
     ) -> Self {
-        let constants = Constants(source.parameters);
         Self {
-            system: SceneEquations::bilateral(instructions, choice, source, gains),
-            without_parameters: SceneEquations::bilateral(instructions, choice, &constants, gains),
-            second: second
-                .then(|| SceneEquations::bilateral(instructions, choice, &Constants(source), gains)),
+            system: SceneEquations::new(instructions, choice, source, gains),
+            second: second.then(|| SceneEquations::new(instructions, choice, &Constants(source), gains)),
         }
-    }
-
-    /// The Jacobian of the rates by the states, under the inputs of an instant.
-    #[must_use]
-    #[inline(always)]
-    pub fn jacobian(&self, input: &Input<RunDual<R>>, y: &States<f64>) -> Jacobian {
-        let size = self.system.size();
-        let constant = |number: RunDual<R>| RunDual::lift(number.value);
-        let input = &Input {
-            target: input.target.map(constant),
-            target_rate: input.target_rate.map(constant),
-            target_acceleration: input.target_acceleration.map(constant),
-            force: input.force.map(constant),
-        };
-        let mut jacobian = Jacobian::zero();
-        let mut rate = [RunDual::zero(); MAX_COMPONENTS];
-        for first in (0..size.states).step_by(DIRECTIONS) {
-            let mut state = y.map(RunDual::<R>::constant);
-            for n in first..size.states.min(first + DIRECTIONS) {
-                let (vector, lane) = ((n - first) / R::WIDTH, (n - first) % R::WIDTH);
-                state[n].slope[vector].set(lane, 1.0);
-            }
-            let at = StageState { from: &state, by: RunDual::zero(), along: &state };
-            self.without_parameters.rates(input, &Contacts::sticking(), at, &mut rate);
-            for row in 0..size.all() {
-                for n in first..size.states.min(first + DIRECTIONS) {
-                    jacobian.rows[row][n] = rate[row].direction(n - first);
-                }
-            }
-        }
-        jacobian
     }
 
     /// The derivative of the rates at the state `y` and time `tau` along the direction `along` of the states and
     /// `by` of time. Zeros if second derivatives were not wanted.
-    #[must_use]
     #[inline(always)]
     pub fn along(
         &self,

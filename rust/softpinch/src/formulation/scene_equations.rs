@@ -16,7 +16,7 @@ use crate::formulation::table::Formulation;
 use crate::formulation::unilateral::Unilateral;
 use crate::model::contact_modes::{ContactModel, Contacts};
 use crate::model::control::{Actuated, Driven, Fingers};
-use crate::model::drive::{Drive, Input, SegmentDrive};
+use crate::model::drive::{Input, SegmentDrive};
 use crate::model::energy::Energies;
 use crate::model::forces::Plant;
 use crate::model::motion::Motion;
@@ -102,12 +102,11 @@ pub struct Choice {
     pub ledger: bool,
 }
 
-/// The equations of a scene, or of one scene for each lane, after the choice. `UNILATERAL` says whether unilateral
-/// contact is compiled.
+/// The equations of a scene, or of one scene for each lane, after the choice.
 #[derive(Debug, Clone, Copy)]
-pub struct SceneEquations<R, const UNILATERAL: bool = true> {
-    pub(super) instructions: Instructions,
-    pub(super) ledger: bool,
+pub struct SceneEquations<R> {
+    instructions: Instructions,
+    ledger: bool,
     projected: bool,
     pub(crate) kind: EquationKind<R>,
 }
@@ -142,21 +141,6 @@ impl<R: Lanes> SceneEquations<R> {
             projected: choice.formulation == Formulation::Projected,
             kind: R::call(instructions, Build(choice, source, gains)),
         }
-    }
-}
-
-impl<R: Lanes> SceneEquations<R, false> {
-    /// Builds the equations of bilateral contact.
-    pub fn bilateral(
-        instructions: Instructions,
-        choice: Choice,
-        source: &impl Source<R>,
-        gains: &Stabilization,
-    ) -> Self {
-        let choice = Choice { contact: ContactModel::Bilateral, ..choice };
-        let SceneEquations { instructions, ledger, projected, kind } =
-            SceneEquations::<R>::new(instructions, choice, source, gains);
-        Self { instructions, ledger, projected, kind }
     }
 }
 
@@ -233,20 +217,21 @@ task! {
     }
 }
 
-impl<R: Lanes, const UNILATERAL: bool> System<R> for SceneEquations<R, UNILATERAL> {
+/// Runs in numbers with derivatives are bilateral, so no code of unilateral contact is compiled for them.
+impl<R: Lanes> System<R> for SceneEquations<R> {
     #[inline(always)]
     fn size(&self) -> Size {
-        with!(self.kind, equations [UNILATERAL] => size_of(equations, self.ledger))
+        with!(self.kind, equations [!R::HAS_DERIVATIVES] => size_of(equations, self.ledger))
     }
 
     fn begin(&self, motion: &Motion<R>) -> States<R> {
-        with!(self.kind, equations [UNILATERAL] => equations.begin(motion))
+        with!(self.kind, equations [!R::HAS_DERIVATIVES] => equations.begin(motion))
     }
 
     #[inline(always)]
     fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>) {
         let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [UNILATERAL] => {
+        with!(self.kind, equations [!R::HAS_DERIVATIVES] => {
             R::call(instructions, Evaluate { equations, drive, tau, y, now, ledger });
         });
     }
@@ -254,20 +239,20 @@ impl<R: Lanes, const UNILATERAL: bool> System<R> for SceneEquations<R, UNILATERA
     #[inline(always)]
     fn rates(&self, input: &Input<R>, contacts: &Contacts<R>, at: StageState<'_, R>, rate: &mut States<R>) {
         let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [UNILATERAL] => {
+        with!(self.kind, equations [!R::HAS_DERIVATIVES] => {
             R::call(instructions, Rates { equations, input, contacts, at, rate, ledger });
         });
     }
 
     fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]) {
         let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [UNILATERAL] => {
+        with!(self.kind, equations [!R::HAS_DERIVATIVES] => {
             R::call(instructions, Jump { equations, input, y, impulse, ledger });
         });
     }
 
     fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        with!(self.kind, equations [UNILATERAL] => R::call(self.instructions, Energy { equations, contacts, motion }))
+        with!(self.kind, equations [!R::HAS_DERIVATIVES] => R::call(self.instructions, Energy { equations, contacts, motion }))
     }
 
     #[inline(always)]
@@ -281,7 +266,7 @@ impl<R: Lanes, const UNILATERAL: bool> System<R> for SceneEquations<R, UNILATERA
             return;
         }
         let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [UNILATERAL] => {
+        with!(self.kind, equations [!R::HAS_DERIVATIVES] => {
             R::call(instructions, Correct { equations, drive, tau, y, ledger });
         });
     }
@@ -336,7 +321,6 @@ impl<R: Lanes, const W: usize> Tangent<R, W> {
     /// of state and inputs are the caller's, so this differentiates every result by whatever is wanted. `None`
     /// for formulations other than `nullspace`: only its minimal coordinates are linearised with inputs and
     /// outputs, and this code is not compiled for the other formulations.
-    #[must_use]
     pub fn evaluate_seeded(
         &self,
         input: &Input<Dual<R, W>>,

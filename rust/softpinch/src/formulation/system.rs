@@ -26,14 +26,12 @@ pub const BLOCK: usize = 4;
 impl Size {
     /// Number of components in all.
     #[inline(always)]
-    #[must_use]
     pub fn all(self) -> usize {
         self.states + self.works
     }
 
     /// Number of blocks that the components fill.
     #[inline(always)]
-    #[must_use]
     pub fn blocks(self) -> usize {
         self.all().div_ceil(BLOCK).min(MAX_COMPONENTS / BLOCK)
     }
@@ -142,7 +140,6 @@ pub struct Jacobian<R = f64> {
 
 impl<R: Lanes> Jacobian<R> {
     /// A Jacobian of zeros, to be overwritten.
-    #[must_use]
     #[inline(always)]
     pub fn zero() -> Self {
         Self { rows: [[R::zero(); MAX_COMPONENTS]; MAX_COMPONENTS] }
@@ -151,7 +148,6 @@ impl<R: Lanes> Jacobian<R> {
 
 impl Jacobian<f64> {
     /// The same Jacobian in every lane.
-    #[must_use]
     #[inline(always)]
     pub fn everywhere<R: Lanes>(&self) -> Jacobian<R> {
         Jacobian { rows: self.rows.map(|row| row.map(R::constant)) }

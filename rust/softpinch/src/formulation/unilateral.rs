@@ -6,8 +6,8 @@
 
 use crate::formulation::constrained::constrained;
 use crate::formulation::contact_solve::{Load, Response, response};
-use crate::formulation::csm::{Csm, unpack};
-use crate::formulation::equations::{Equations, States, Terms};
+use crate::formulation::csm::Csm;
+use crate::formulation::equations::{Equations, Terms};
 use crate::model::contact::law::ElasticGradient;
 use crate::model::contact_modes::Contacts;
 use crate::model::control::{Controller, Fingers};
@@ -34,11 +34,6 @@ impl<R: Real, K: Controller<R>> Unilateral<R, K> {
     pub fn new(source: &impl Source<R>, fingers: Fingers, stabilization: &Stabilization) -> Self {
         let friction = [source.number(|p| p.friction.right), source.number(|p| p.friction.left)];
         Self { csm: Csm::new(Plant::new(source, fingers), stabilization), friction }
-    }
-
-    /// The motion of a state.
-    pub fn unpack(&self, input: &Input<R>, y: &States<R>) -> Motion<R> {
-        unpack::<R, K>(input, y)
     }
 
     /// mu of both contacts.
@@ -71,24 +66,13 @@ impl<R: Real, K: Controller<R>> Unilateral<R, K> {
 
 impl<R: Real, K: Controller<R>> Equations<R> for Unilateral<R, K> {
     type Fingers = K;
-    const STATES: usize = <Csm<R, K> as Equations<R>>::STATES;
-    const DEGREES: usize = <Csm<R, K> as Equations<R>>::DEGREES;
+    const COORDINATES: &'static [usize] = <Csm<R, K> as Equations<R>>::COORDINATES;
     const WORKS: usize = WORKS;
     const UNILATERAL: bool = true;
 
     #[inline(always)]
     fn plant(&self) -> &Plant<R, K> {
         &self.csm.plant
-    }
-
-    #[inline(always)]
-    fn begin(&self, motion: &Motion<R>) -> States<R> {
-        self.csm.begin(motion)
-    }
-
-    #[inline(always)]
-    fn motion(&self, input: &Input<R>, y: &States<R>) -> (Motion<R>, Geometry<R>) {
-        self.csm.motion(input, y)
     }
 
     #[inline(always)]
@@ -106,12 +90,11 @@ impl<R: Real, K: Controller<R>> Equations<R> for Unilateral<R, K> {
         geometry: Geometry<R>,
     ) -> Terms<R> {
         let plant = &self.csm.plant;
-        let Motion { q, p, memory } = motion;
-        let elastic = plant.elastic(&geometry, q);
+        let elastic = plant.elastic(&geometry, &motion.q);
         let couple = [elastic[0].tilt, elastic[1].tilt];
         let special = contacts.special();
-        let elastic = if special == 0 { elastic } else { self.released(contacts, elastic, q) };
-        let mut forces = plant.forces_with(elastic, &geometry, q, p, memory, input);
+        let elastic = if special == 0 { elastic } else { self.released(contacts, elastic, &motion.q) };
+        let mut forces = plant.forces(elastic, &geometry, motion, input);
         let (force, bias) = (forces.total(), self.bias(&geometry));
         let finger_acceleration = input.target_acceleration;
         let mut found = Response::from(constrained(&geometry, plant, &force, &bias, &finger_acceleration));

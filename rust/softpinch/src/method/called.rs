@@ -2,22 +2,10 @@
 //! and so is each step of a method, whatever calls it: a loop, the search for an event, or a run with derivatives.
 
 use crate::formulation::equations::States;
-use crate::formulation::scene_equations::{SceneEquations, Tangent};
-use crate::formulation::system::System;
-use crate::method::dop853::Dop853;
-use crate::method::entry::{AdaptiveLaneMethod, AdaptiveMethod};
-use crate::method::implicit_midpoint::ImplicitMidpoint;
-use crate::method::linearize::{DIRECTIONS, DIRECTIONS_IN_LANES, Factors};
-use crate::method::newton::Newton;
-use crate::method::radau5::{Pair, Radau5};
-use crate::method::rk4::Rk4;
-use crate::method::rosenbrock::Rosenbrock;
-use crate::method::table::Method;
+use crate::formulation::scene_equations::SceneEquations;
 use crate::method::traits::{Adaptive, Integrator, Runs, Stats, Step, Unsolved};
 use crate::model::drive::SegmentDrive;
-use crate::model::motion::Motion;
 use crate::number::lanes::{Bits, LaneTask, Lanes};
-use crate::number::linear::LaneEntry;
 use crate::number::simd::level::Instructions;
 
 /// Any method for the runs in all lanes.
@@ -28,16 +16,21 @@ pub type AnyAdaptiveMethod<R = f64> =
 
 /// A method whose computations are called, each compiled with the instructions of the lanes.
 pub struct Called<M> {
-    instructions: Instructions,
+    pub(super) instructions: Instructions,
     /// The method.
-    pub method: M,
+    pub(super) method: M,
     /// Renews what depends on the parameters of the runs.
     renew: fn(&mut M, Runs<'_>),
 }
 
 impl<M> Called<M> {
-    fn new(runs: Runs<'_>, method: M) -> Self {
+    pub(super) fn new(runs: Runs<'_>, method: M) -> Self {
         Self { instructions: runs.instructions, method, renew: |_, _| {} }
+    }
+
+    /// A method that depends on the parameters of the runs.
+    pub(super) fn renewed_by(runs: Runs<'_>, method: M, renew: fn(&mut M, Runs<'_>)) -> Self {
+        Self { renew, ..Self::new(runs, method) }
     }
 }
 
@@ -165,96 +158,4 @@ impl<R: Lanes, M: Adaptive<R, SceneEquations<R>>> Adaptive<R, SceneEquations<R>>
     fn interpolate(&self, step: &Step<'_, R>, next: &States<R>, x: R) -> States<R> {
         R::call(self.instructions, Interpolate { method: &self.method, step, next, x })
     }
-}
-
-/// A method of a single run whose equations Newton's iteration solves.
-type ByNewton<M, F> = Called<Newton<M, F, Tangent<f64, DIRECTIONS>>>;
-
-fn by_newton<M, F: Copy>(runs: Runs<'_>, system: &SceneEquations<f64>, scheme: M) -> ByNewton<M, F> {
-    let magnitudes = system.begin(&Motion::typical_magnitudes(runs.parameters[0]));
-    Called::new(runs, Newton::new(system.size(), runs.tangent(), magnitudes, scheme))
-}
-
-/// The implicit midpoint rule of a single run, before its first step.
-pub fn implicit_midpoint(
-    runs: Runs<'_>,
-    system: &SceneEquations<f64>,
-) -> ByNewton<ImplicitMidpoint, Factors<f64>> {
-    by_newton(runs, system, ImplicitMidpoint)
-}
-
-/// Radau5 of a single run, before its first step.
-pub fn radau5(runs: Runs<'_>, system: &SceneEquations<f64>) -> ByNewton<Radau5, Pair> {
-    by_newton(runs, system, Radau5::new())
-}
-
-/// The Rosenbrock method of a single run, before its first step.
-pub fn rosenbrock(
-    runs: Runs<'_>,
-    system: &SceneEquations<f64>,
-) -> Called<Rosenbrock<Tangent<f64, DIRECTIONS>>> {
-    Called::new(runs, Rosenbrock::new(system.size(), runs.tangent()))
-}
-
-/// A method of a single run, before its first step.
-#[must_use]
-pub fn alone(method: Method, runs: Runs<'_>, system: &SceneEquations<f64>) -> AnyMethod {
-    match method {
-        Method::Rk4 => Box::new(Called::new(runs, Rk4::new())),
-        Method::Dop853 => Box::new(Called::new(runs, Dop853::new())),
-        Method::ImplicitMidpoint => Box::new(implicit_midpoint(runs, system)),
-        Method::Radau5 => Box::new(radau5(runs, system)),
-        Method::Rosenbrock => Box::new(rosenbrock(runs, system)),
-    }
-}
-
-/// A method of a single run that chooses the length of its steps, before its first step.
-#[must_use]
-pub fn adaptive_alone(
-    method: AdaptiveMethod,
-    runs: Runs<'_>,
-    system: &SceneEquations<f64>,
-) -> AnyAdaptiveMethod {
-    match method {
-        AdaptiveMethod::Dop853 => Box::new(Called::new(runs, Dop853::new())),
-        AdaptiveMethod::Radau5 => Box::new(radau5(runs, system)),
-        AdaptiveMethod::Rosenbrock => Box::new(rosenbrock(runs, system)),
-    }
-}
-
-/// Makes a method in lanes. The zeros of its vectors need the instructions of the lanes.
-struct MakeInLanes<'a, R> {
-    method: AdaptiveLaneMethod,
-    runs: Runs<'a>,
-    system: &'a SceneEquations<R>,
-}
-
-impl<R: Lanes> LaneTask<R> for MakeInLanes<'_, R> {
-    type Output = AnyAdaptiveMethod<R>;
-
-    #[inline(always)]
-    fn run(self) -> AnyAdaptiveMethod<R> {
-        let Self { method, runs, system } = self;
-        match method {
-            AdaptiveLaneMethod::Dop853 => Box::new(Called::new(runs, Dop853::new())),
-            AdaptiveLaneMethod::Rosenbrock => {
-                type InLanes<R> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, LaneEntry<R>>;
-                Box::new(Called {
-                    instructions: runs.instructions,
-                    method: InLanes::<R>::new(system.size(), runs.tangent()),
-                    renew: |method, runs| method.tangent = runs.tangent(),
-                })
-            }
-        }
-    }
-}
-
-/// A method whose lanes choose the length of their own steps, before its first step.
-#[must_use]
-pub fn adaptive_in_lanes<R: Lanes>(
-    method: AdaptiveLaneMethod,
-    runs: Runs<'_>,
-    system: &SceneEquations<R>,
-) -> AnyAdaptiveMethod<R> {
-    R::call(runs.instructions, MakeInLanes { method, runs, system })
 }

@@ -7,11 +7,14 @@ mod tableau;
 
 use std::convert::Infallible;
 
+use nalgebra::Complex;
+
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{BLOCK, Size, StageState, System};
-use crate::method::entry::{AdaptiveLaneMethod, AdaptiveMethod, LaneMethod, MethodEntry};
+use crate::method::called::Called;
+use crate::method::entry::{AdaptiveLaneMethod, LaneMethod, MethodEntry};
 use crate::method::traits::{Adaptive, Integrator, Stats, Step, largest};
-use crate::model::drive::{Drive, SegmentDrive};
+use crate::model::drive::SegmentDrive;
 use crate::number::lanes::{Bits, Lanes};
 use tableau::{A, A_EXTRA, ALL, B, C, C_EXTRA, DENSE, E3, E5, EXTRA, STAGES};
 
@@ -20,8 +23,10 @@ pub const ENTRY: MethodEntry = MethodEntry {
     name: "dop853",
     order: 8,
     real_stability_limit: Some(REAL_STABILITY_LIMIT),
+    stability_function,
     keeps_jacobian: false,
-    adaptive: Some(AdaptiveMethod::Dop853),
+    alone: |runs, _| Box::new(Called::new(runs, Dop853::default())),
+    adaptive: Some(|runs, _| Box::new(Called::new(runs, Dop853::default()))),
     lanes: Some(LaneMethod::Adaptive(AdaptiveLaneMethod::Dop853)),
 };
 
@@ -39,17 +44,6 @@ pub struct Dop853<R = f64> {
 }
 
 impl<R: Lanes> Dop853<R> {
-    /// The method before its first step.
-    #[must_use]
-    #[inline(always)]
-    pub fn new() -> Self {
-        Self {
-            slopes: [[R::zero(); MAX_COMPONENTS]; ALL],
-            along: [R::zero(); MAX_COMPONENTS],
-            terms: [[R::zero(); MAX_COMPONENTS]; 7],
-        }
-    }
-
     /// The error estimate h e5^2 / sqrt(e5^2 + (e3 / 10)^2) of a step of length `h`, from the estimates of
     /// orders five and three.
     #[inline(always)]
@@ -66,9 +60,15 @@ impl<R: Lanes> Dop853<R> {
     }
 }
 
+/// The method before its first step.
 impl<R: Lanes> Default for Dop853<R> {
+    #[inline(always)]
     fn default() -> Self {
-        Self::new()
+        Self {
+            slopes: [[R::zero(); MAX_COMPONENTS]; ALL],
+            along: [R::zero(); MAX_COMPONENTS],
+            terms: [[R::zero(); MAX_COMPONENTS]; 7],
+        }
     }
 }
 
@@ -199,15 +199,15 @@ impl<R: Lanes, S: System<R>> Adaptive<R, S> for Dop853<R> {
 }
 
 /// R(z) from the tableau: 1 + z b^T (I - z A)^-1 1, by forward substitution.
-pub(super) fn stability_function(z: nalgebra::Complex<f64>) -> nalgebra::Complex<f64> {
-    let mut stages = [nalgebra::Complex::new(1.0, 0.0); STAGES];
+fn stability_function(z: Complex<f64>) -> Complex<f64> {
+    let mut stages = [Complex::new(1.0, 0.0); STAGES];
     for k in 1..STAGES {
         for j in 0..k {
             let earlier = stages[j];
             stages[k] += z * earlier * A[k][j];
         }
     }
-    stages.iter().zip(B).fold(nalgebra::Complex::new(1.0, 0.0), |sum, (stage, b)| sum + z * stage * b)
+    stages.iter().zip(B).fold(Complex::new(1.0, 0.0), |sum, (stage, b)| sum + z * stage * b)
 }
 
 #[cfg(test)]

@@ -7,22 +7,39 @@
 //!     | 1
 //! ```
 
+use nalgebra::Complex;
+
 use crate::formulation::equations::{MAX_COMPONENTS, States};
+use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
+use crate::method::called::Called;
 use crate::method::entry::MethodEntry;
 use crate::method::linearize::{Factors, Linearization};
-use crate::method::newton::{Iteration, Problem, Scheme};
-use crate::method::traits::{Stats, Unsolved};
+use crate::method::newton::{Iteration, Newton, Problem, Scheme, newton};
+use crate::method::traits::{Runs, Stats, Unsolved};
 
 /// The properties of the method.
 pub const ENTRY: MethodEntry = MethodEntry {
     name: "implicit_midpoint",
     order: 2,
     real_stability_limit: None,
+    stability_function: |z| {
+        let one = Complex::new(1.0, 0.0);
+        (one + z / 2.0) / (one - z / 2.0)
+    },
     keeps_jacobian: true,
+    alone: |runs, system| Box::new(implicit_midpoint(runs, system)),
     adaptive: None,
     lanes: None,
 };
+
+/// The method of a single run, before its first step.
+pub(super) fn implicit_midpoint(
+    runs: Runs<'_>,
+    system: &SceneEquations<f64>,
+) -> Called<Newton<ImplicitMidpoint, Factors<f64>>> {
+    newton(runs, system, ImplicitMidpoint)
+}
 
 /// The method.
 #[derive(Debug, Clone, Copy)]

@@ -130,7 +130,6 @@ where
 
 impl<R: Lanes> Linearization<R> {
     /// A linearisation before any Jacobian is taken.
-    #[must_use]
     #[inline(always)]
     pub fn new(size: Size) -> Self {
         let zero = [[R::zero(); MOST_ROWS]; MOST_ROWS];
@@ -138,7 +137,6 @@ impl<R: Lanes> Linearization<R> {
     }
 
     /// The linearisation with this Jacobian.
-    #[must_use]
     #[inline(always)]
     pub fn of(size: Size, jacobian: Jacobian<R>) -> Self {
         let mut found = Self { jacobian, ..Self::new(size) };
@@ -147,7 +145,6 @@ impl<R: Lanes> Linearization<R> {
     }
 
     /// The Jacobian.
-    #[must_use]
     #[inline(always)]
     pub fn jacobian(&self) -> &Jacobian<R> {
         &self.jacobian
@@ -217,7 +214,6 @@ mod tests {
     use nalgebra::{Complex, DMatrix, DVector, SMatrix, Vector3};
 
     use super::*;
-    use crate::formulation::csm;
     use crate::formulation::scene_equations::{Choice, SceneEquations, Tangent};
     use crate::formulation::system::{Linear, System};
     use crate::formulation::table::Formulation;
@@ -379,6 +375,7 @@ mod tests {
     fn entries_agree_with_closed_forms() {
         let (system, tangent) = equations(Formulation::Csm, Fingers::Pid, false);
         let motion = motion();
+        let states = system.size().states;
         let jacobian = tangent.jacobian(&drive(), TAU, &system.begin(&motion));
         let phi = Geometry::new(&Side::both(&parameters()), &motion.q, &motion.p).constraint_matrix();
         let weights = SMatrix::<f64, 9, 9>::from_diagonal(&parameters().masses().map(|m| 1.0 / m).into());
@@ -392,7 +389,7 @@ mod tests {
             }
             // The memory integrates the error of the angle, and the angle integrates its rate.
             assert_eq!(jacobian.rows[18 + i][3 + i], 1.0);
-            assert_eq!(jacobian.rows[18 + i][csm::STATES], -TARGET_RATE[i]);
+            assert_eq!(jacobian.rows[18 + i][states], -TARGET_RATE[i]);
             assert_eq!(jacobian.rows[3 + i][12 + i], 1.0);
         }
         let force_rate = 30.0 * (30.0 * TAU + 0.3).cos();
@@ -400,7 +397,7 @@ mod tests {
             let targets: f64 = (0..2).map(|i| KP[i] * TARGET_RATE[i] * accelerance[(k, 3 + i)]).sum();
             let force = accelerance.fixed_view::<1, 3>(k, 0) * Vector3::new(5.0, -2.0, 0.03) * force_rate;
             let expected = targets + force.x;
-            let entry = jacobian.rows[9 + k][csm::STATES];
+            let entry = jacobian.rows[9 + k][states];
             assert!((entry - expected).abs() <= 1e-10 * expected.abs().max(1.0), "{k} {entry} {expected}");
         }
     }

@@ -2,10 +2,13 @@
 //! factors are used.
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
+use crate::formulation::scene_equations::{SceneEquations, Tangent};
 use crate::formulation::system::{Linear, Size, StageState, System};
-use crate::method::linearize::Linearization;
-use crate::method::traits::{Integrator, Stats, Step, Unsolved, largest};
-use crate::model::drive::{Drive, SegmentDrive};
+use crate::method::called::Called;
+use crate::method::linearize::{DIRECTIONS, Linearization};
+use crate::method::traits::{Integrator, Runs, Stats, Step, Unsolved, largest};
+use crate::model::drive::SegmentDrive;
+use crate::model::motion::Motion;
 
 /// The largest number of iterations in a step of free length, where a shorter step costs less than many
 /// iterations, and in a step of fixed length.
@@ -35,7 +38,6 @@ pub struct Iteration {
 
 impl Iteration {
     /// The iteration of a step.
-    #[must_use]
     #[inline(always)]
     pub fn new(step: &Step<'_>) -> Self {
         let (tolerance, stalled, unit, most) = match step.allowed {
@@ -103,7 +105,6 @@ impl<S: System<f64>, F> Problem<'_, S, F> {
     }
 
     /// The largest of the corrections, each in the unit of its state; NaN if any is NaN.
-    #[must_use]
     #[inline(always)]
     pub fn size(&self, correction: &States<f64>) -> f64 {
         largest(self.system.size(), correction, &self.weights)
@@ -111,7 +112,6 @@ impl<S: System<f64>, F> Problem<'_, S, F> {
 
     /// Whether the rates at the start of the step predict its change. They do not if a stiff part is still
     /// decaying.
-    #[must_use]
     #[inline(always)]
     pub fn is_smooth(&self) -> bool {
         const SMALL: f64 = 0.1;
@@ -145,12 +145,12 @@ pub trait Scheme<S: System<f64>> {
 
 /// A scheme with the Jacobian and the factors that it keeps while they are of use.
 #[derive(Debug, Clone, Copy)]
-pub struct Newton<M, F, T> {
+pub struct Newton<M, F, T = Tangent<f64, DIRECTIONS>> {
     /// The numbers of components of a state, and their typical magnitudes.
     size: Size,
     magnitudes: States<f64>,
     /// The system in dual numbers.
-    tangent: T,
+    pub(super) tangent: T,
     /// The method.
     pub scheme: M,
     linearization: Linearization,
@@ -184,6 +184,16 @@ impl<M, F: Copy, T> Newton<M, F, T> {
         self.size.each(|n| weights[n] = 1.0 / step.y[n].abs().max(self.magnitudes[n]));
         weights
     }
+}
+
+/// A scheme for a single run, before its first step.
+pub(super) fn newton<M, F: Copy>(
+    runs: Runs<'_>,
+    system: &SceneEquations<f64>,
+    scheme: M,
+) -> Called<Newton<M, F>> {
+    let magnitudes = system.begin(&Motion::typical_magnitudes(runs.parameters[0]));
+    Called::new(runs, Newton::new(system.size(), runs.tangent(), magnitudes, scheme))
 }
 
 impl<M, F, T, S> Integrator<f64, S> for Newton<M, F, T>

@@ -6,22 +6,35 @@
 use nalgebra::Complex;
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
+use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::{Linear, Size, StageState, System};
-use crate::method::entry::{AdaptiveMethod, MethodEntry};
+use crate::method::called::Called;
+use crate::method::entry::MethodEntry;
 use crate::method::linearize::{Factors, Linearization};
-use crate::method::newton::{Iteration, Newton, Problem, Scheme};
-use crate::method::traits::{Adaptive, Stats, Step, Unsolved, largest};
-use crate::model::drive::{Drive, SegmentDrive};
+use crate::method::newton::{Iteration, Newton, Problem, Scheme, newton};
+use crate::method::traits::{Adaptive, Runs, Stats, Step, Unsolved, largest};
+use crate::model::drive::SegmentDrive;
 
 /// The properties of the method.
 pub const ENTRY: MethodEntry = MethodEntry {
     name: "radau5",
     order: 5,
     real_stability_limit: None,
+    // Hairer and Wanner IV.5, (5.18): the Pade approximation (2, 3).
+    stability_function: |z| {
+        let one = Complex::new(1.0, 0.0);
+        (one + z * 0.4 + z * z / 20.0) / (one - z * 0.6 + z * z * 0.15 - z * z * z / 60.0)
+    },
     keeps_jacobian: true,
-    adaptive: Some(AdaptiveMethod::Radau5),
+    alone: |runs, system| Box::new(radau5(runs, system)),
+    adaptive: Some(|runs, system| Box::new(radau5(runs, system))),
     lanes: None,
 };
+
+/// The method of a single run, before its first step.
+pub(super) fn radau5(runs: Runs<'_>, system: &SceneEquations<f64>) -> Called<Newton<Radau5, Pair>> {
+    newton(runs, system, Radau5::default())
+}
 
 const SQRT6: f64 = 2.449_489_742_783_178;
 
@@ -75,23 +88,17 @@ pub struct Radau5 {
 }
 
 impl Radau5 {
-    /// The method before its first step.
-    #[must_use]
-    #[inline(always)]
-    pub fn new() -> Self {
-        Self { stages: [[0.0; MAX_COMPONENTS]; 3], length: None }
-    }
-
     /// Each stage's difference from the state at the start of the last step.
     pub(super) fn stages(&self) -> &[States<f64>; 3] {
         &self.stages
     }
 }
 
+/// The method before its first step.
 impl Default for Radau5 {
     #[inline(always)]
     fn default() -> Self {
-        Self::new()
+        Self { stages: [[0.0; MAX_COMPONENTS]; 3], length: None }
     }
 }
 

@@ -11,11 +11,14 @@
 
 use std::convert::Infallible;
 
+use nalgebra::Complex;
+
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{StageState, System};
+use crate::method::called::Called;
 use crate::method::entry::{LaneMethod, MethodEntry};
 use crate::method::traits::{Integrator, Stats, Step};
-use crate::model::drive::{Drive, SegmentDrive};
+use crate::model::drive::SegmentDrive;
 use crate::number::lanes::Lanes;
 
 /// The properties of the method.
@@ -23,7 +26,12 @@ pub const ENTRY: MethodEntry = MethodEntry {
     name: "rk4",
     order: 4,
     real_stability_limit: Some(REAL_STABILITY_LIMIT),
+    stability_function: |z| {
+        let one = Complex::new(1.0, 0.0);
+        one + z * (one + z / 2.0 * (one + z / 3.0 * (one + z / 4.0)))
+    },
     keeps_jacobian: false,
+    alone: |runs, _| Box::new(Called::new(runs, Rk4::default())),
     adaptive: None,
     lanes: Some(LaneMethod::Rk4),
 };
@@ -41,18 +49,11 @@ pub struct Rk4<R = f64> {
     slopes: [States<R>; 3],
 }
 
-impl<R: Lanes> Rk4<R> {
-    /// The method before its first step.
-    #[must_use]
-    #[inline(always)]
-    pub fn new() -> Self {
-        Self { slopes: [[R::zero(); MAX_COMPONENTS]; 3] }
-    }
-}
-
+/// The method before its first step.
 impl<R: Lanes> Default for Rk4<R> {
+    #[inline(always)]
     fn default() -> Self {
-        Self::new()
+        Self { slopes: [[R::zero(); MAX_COMPONENTS]; 3] }
     }
 }
 

@@ -10,12 +10,16 @@
 use std::convert::Infallible;
 use std::marker::PhantomData;
 
+use nalgebra::Complex;
+
 use crate::formulation::equations::{MAX_COMPONENTS, States};
+use crate::formulation::scene_equations::{SceneEquations, Tangent};
 use crate::formulation::system::{Linear, Size, StageState, System};
-use crate::method::entry::{AdaptiveLaneMethod, AdaptiveMethod, LaneMethod, MethodEntry};
-use crate::method::linearize::Linearization;
-use crate::method::traits::{Adaptive, Integrator, Stats, Step, largest};
-use crate::model::drive::{Drive, SegmentDrive};
+use crate::method::called::Called;
+use crate::method::entry::{AdaptiveLaneMethod, LaneMethod, MethodEntry};
+use crate::method::linearize::{DIRECTIONS, Linearization};
+use crate::method::traits::{Adaptive, Integrator, Runs, Stats, Step, largest};
+use crate::model::drive::SegmentDrive;
 use crate::number::lanes::{Bits, Lanes};
 use crate::number::linear::Entry;
 
@@ -24,10 +28,26 @@ pub const ENTRY: MethodEntry = MethodEntry {
     name: "rosenbrock",
     order: 4,
     real_stability_limit: None,
+    // Hairer and Wanner IV.7: a polynomial over (1 - gamma z)^6, of degree five because of L-stability. Order four
+    // determines its first five coefficients, which are those of e^z (1 - z/4)^6. The last one comes from the tableau.
+    stability_function: |z| {
+        const TOP: [f64; 6] = [1.0, -1.0 / 2.0, -1.0 / 16.0, 1.0 / 24.0, 5.0 / 768.0, -7.0 / 3072.0];
+        let top = TOP.iter().rev().fold(Complex::new(0.0, 0.0), |sum, c| sum * z + c);
+        top / (Complex::new(1.0, 0.0) - z / 4.0).powi(6)
+    },
     keeps_jacobian: false,
-    adaptive: Some(AdaptiveMethod::Rosenbrock),
+    alone: |runs, system| Box::new(rosenbrock(runs, system)),
+    adaptive: Some(|runs, system| Box::new(rosenbrock(runs, system))),
     lanes: Some(LaneMethod::Adaptive(AdaptiveLaneMethod::Rosenbrock)),
 };
+
+/// The method of a single run, before its first step.
+pub(super) fn rosenbrock(
+    runs: Runs<'_>,
+    system: &SceneEquations<f64>,
+) -> Called<Rosenbrock<Tangent<f64, DIRECTIONS>>> {
+    Called::new(runs, Rosenbrock::new(system.size(), runs.tangent()))
+}
 
 pub(super) const STAGES: usize = 6;
 pub(super) const GAMMA: f64 = 0.25;

@@ -83,7 +83,6 @@ pub struct StepControl<R = f64> {
 
 impl<R: Lanes> StepControl<R> {
     /// The control for a method whose error grows with the power `order` of the length.
-    #[must_use]
     #[inline(always)]
     pub fn new(order: f64, min_growth: f64) -> Self {
         Self { order, min_growth, previous: R::constant(BEFORE), rejected: 0, starting: R::ALL }
@@ -98,7 +97,6 @@ impl<R: Lanes> StepControl<R> {
     }
 
     /// Lanes in which this attempt follows a rejected one.
-    #[must_use]
     #[inline(always)]
     pub fn retries(&self) -> Bits {
         self.rejected
@@ -144,7 +142,6 @@ impl<R: Lanes> StepControl<R> {
     /// `curvature` (1/s^2) how fast their rates change, both as shares of the magnitudes. With T, the shorter
     /// of the times 1 / rate and 1 / sqrt(curvature), the error of a step h is taken as (h / T)^order; for
     /// the first step this is a hundredth of the tolerance.
-    #[must_use]
     #[inline(always)]
     pub fn first(&self, tolerance: f64, rate: f64, curvature: f64) -> f64 {
         libm::pow(0.01 * tolerance, 1.0 / self.order) / rate.max(curvature.sqrt())

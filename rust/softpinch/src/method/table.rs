@@ -1,7 +1,16 @@
-//! The table of the methods.
+//! The table of the methods, and those of them that can be made for lanes.
 
-use crate::method::entry::MethodEntry;
+use crate::formulation::scene_equations::{SceneEquations, Tangent};
+use crate::formulation::system::System;
+use crate::method::called::{AnyAdaptiveMethod, Called};
+use crate::method::dop853::Dop853;
+use crate::method::entry::{AdaptiveLaneMethod, MethodEntry};
+use crate::method::linearize::DIRECTIONS_IN_LANES;
+use crate::method::rosenbrock::Rosenbrock;
+use crate::method::traits::Runs;
 use crate::method::{dop853, implicit_midpoint, radau5, rk4, rosenbrock};
+use crate::number::lanes::{LaneTask, Lanes};
+use crate::number::linear::LaneEntry;
 
 /// The methods.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,7 +38,6 @@ pub const METHODS: [(&str, Method); 5] = [
 
 impl Method {
     /// The properties of the method.
-    #[must_use]
     pub const fn entry(self) -> &'static MethodEntry {
         match self {
             Self::Rk4 => &rk4::ENTRY,
@@ -41,8 +49,40 @@ impl Method {
     }
 
     /// The public name of the method.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         self.entry().name
     }
+}
+
+/// Makes a method in lanes. The zeros of its vectors need the instructions of the lanes.
+struct MakeInLanes<'a, R> {
+    method: AdaptiveLaneMethod,
+    runs: Runs<'a>,
+    system: &'a SceneEquations<R>,
+}
+
+impl<R: Lanes> LaneTask<R> for MakeInLanes<'_, R> {
+    type Output = AnyAdaptiveMethod<R>;
+
+    #[inline(always)]
+    fn run(self) -> AnyAdaptiveMethod<R> {
+        let Self { method, runs, system } = self;
+        match method {
+            AdaptiveLaneMethod::Dop853 => Box::new(Called::new(runs, Dop853::default())),
+            AdaptiveLaneMethod::Rosenbrock => {
+                type InLanes<R> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, LaneEntry<R>>;
+                let method = InLanes::<R>::new(system.size(), runs.tangent());
+                Box::new(Called::renewed_by(runs, method, |method, runs| method.tangent = runs.tangent()))
+            }
+        }
+    }
+}
+
+/// A method whose lanes choose the length of their own steps, before its first step.
+pub fn adaptive_in_lanes<R: Lanes>(
+    method: AdaptiveLaneMethod,
+    runs: Runs<'_>,
+    system: &SceneEquations<R>,
+) -> AnyAdaptiveMethod<R> {
+    R::call(runs.instructions, MakeInLanes { method, runs, system })
 }

@@ -14,7 +14,7 @@ use crate::method::rosenbrock::Rosenbrock;
 use crate::method::table::{METHODS, Method};
 use crate::method::traits::{Adaptive, Allowed, Integrator, Stats, Step, Unsolved};
 use crate::model::contact_modes::Contacts;
-use crate::model::drive::{Drive, Input, SegmentDrive};
+use crate::model::drive::{Input, SegmentDrive};
 use crate::model::energy::Energies;
 use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
@@ -117,7 +117,7 @@ fn midpoint(equation: Equation) -> impl Integrator<f64, Equation> {
 }
 
 fn radau5(equation: Equation) -> impl Adaptive<f64, Equation> {
-    Newton::<_, Pair, _>::new(size(equation), equation, magnitudes(), Radau5::new())
+    Newton::<_, Pair, _>::new(size(equation), equation, magnitudes(), Radau5::default())
 }
 
 fn rosenbrock(equation: Equation) -> impl Adaptive<f64, Equation> {
@@ -125,7 +125,7 @@ fn rosenbrock(equation: Equation) -> impl Adaptive<f64, Equation> {
 }
 
 fn dop853() -> impl Adaptive<f64, Equation> {
-    Dop853::<f64>::new()
+    Dop853::<f64>::default()
 }
 
 fn rate(equation: &Equation, tau: f64, y: &States<f64>) -> States<f64> {
@@ -160,7 +160,7 @@ impl<I: Integrator<f64, Equation>> Stepped for I {
 macro_rules! for_each_method {
     ($equation:expr, $check:expr) => {{
         let (equation, check) = ($equation, $check);
-        check(Method::Rk4, &mut Rk4::<f64>::new() as &mut dyn Stepped);
+        check(Method::Rk4, &mut Rk4::<f64>::default() as &mut dyn Stepped);
         check(Method::Dop853, &mut dop853());
         check(Method::ImplicitMidpoint, &mut midpoint(equation));
         check(Method::Radau5, &mut radau5(equation));

@@ -10,7 +10,7 @@ use crate::formulation::scene_equations::{Choice, SceneEquations, Tangent};
 use crate::formulation::system::{Size, System};
 use crate::model::drive::SegmentDrive;
 use crate::model::parameters::{Parameters, Stabilization};
-use crate::model::source::Duals;
+use crate::model::source::Constants;
 use crate::number::lanes::{Bits, Lanes, MOST};
 use crate::number::simd::level::Instructions;
 
@@ -32,7 +32,6 @@ impl From<Infallible> for Unsolved {
 
 /// The largest of the states' `values`, each times its weight; NaN if any is NaN.
 #[inline(always)]
-#[must_use]
 pub fn largest<R: Lanes>(size: Size, values: &States<R>, weights: &States<R>) -> R {
     let mut largest = R::zero();
     for (value, &weight) in values.iter().zip(weights).take(size.states) {
@@ -64,7 +63,6 @@ pub struct Stats {
 
 impl Stats {
     /// The counts by their public names.
-    #[must_use]
     pub fn named(&self) -> [(&'static str, u64); 7] {
         [
             ("steps", self.steps),
@@ -104,7 +102,6 @@ pub struct Step<'a, R = f64> {
 
 impl<R: Lanes> Step<'_, R> {
     /// One over the allowed error of each state; zero if the length is not free.
-    #[must_use]
     #[inline(always)]
     pub fn weights(&self) -> States<R> {
         self.allowed.map_or([R::zero(); MAX_COMPONENTS], |allowed| allowed.weights)
@@ -269,16 +266,14 @@ pub struct Runs<'a> {
 
 impl Runs<'_> {
     /// Builds the equations.
-    #[must_use]
     pub fn system<R: Lanes>(&self) -> SceneEquations<R> {
         let Self { instructions, choice, parameters, gains } = *self;
         SceneEquations::new(instructions, choice, parameters, gains)
     }
 
     /// Builds the same equations in dual numbers with `W` directions.
-    #[must_use]
     pub fn tangent<R: Lanes, const W: usize>(&self) -> Tangent<R, W> {
         let Self { instructions, choice, parameters, gains } = *self;
-        Tangent::new(instructions, choice, &Duals(parameters), gains)
+        Tangent::new(instructions, choice, &Constants(parameters), gains)
     }
 }

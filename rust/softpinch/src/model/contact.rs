@@ -47,7 +47,6 @@ impl<R: Real> Side<R> {
     }
 
     /// Both sides of a scene.
-    #[must_use]
     #[inline(always)]
     pub fn both(source: &impl Source<R>) -> [Self; 2] {
         [Self::new(source, 0), Self::new(source, 1)]

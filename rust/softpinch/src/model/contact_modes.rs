@@ -31,7 +31,6 @@ pub const CONTACT_MODELS: [(&str, ContactModel); 2] =
 
 impl ContactModel {
     /// The public name of the model.
-    #[must_use]
     pub fn name(self) -> &'static str {
         CONTACT_MODELS.iter().find(|(_, model)| *model == self).map_or("", |&(name, _)| name)
     }
@@ -62,7 +61,6 @@ pub enum Slip {
 
 impl Slip {
     /// sigma: 1 upwards, -1 downwards.
-    #[must_use]
     pub fn sign(self) -> f64 {
         match self {
             Self::Up => 1.0,
@@ -73,13 +71,11 @@ impl Slip {
 
 impl Mode {
     /// Whether the tip touches the object.
-    #[must_use]
     pub fn is_closed(self) -> bool {
         self != Self::Free
     }
 
     /// The direction in which the face slips; `None` if it does not slip.
-    #[must_use]
     pub fn slip(self) -> Option<Slip> {
         if let Self::Slip(direction) = self { Some(direction) } else { None }
     }
@@ -102,7 +98,6 @@ pub const CONTACT_MODES: [(&str, u8); 4] = [("FREE", 0), ("STICK", 1), ("SLIP", 
 
 impl Mode {
     /// The code of the mode in results.
-    #[must_use]
     pub fn code(self) -> u8 {
         match self {
             Self::Free => 0,
@@ -113,7 +108,6 @@ impl Mode {
     }
 
     /// The mode in words.
-    #[must_use]
     pub fn word(self) -> &'static str {
         match self {
             Self::Free => "is free",
@@ -162,14 +156,12 @@ impl<R> Contacts<R> {
 
 impl<R: Lanes> Contacts<R> {
     /// Contacts that stick in every lane.
-    #[must_use]
     #[inline(always)]
     pub fn sticking() -> Self {
         Self { up: [0; 2], down: [0; 2], graze: [0; 2], free: [0; 2], frozen_tilt: [R::zero(); 2] }
     }
 
     /// The same contacts for numbers that consist of lanes.
-    #[must_use]
     #[inline(always)]
     pub fn lifted<T: Lift<R>>(&self) -> Contacts<T> {
         let Self { up, down, graze, free, frozen_tilt: [right, left] } = *self;

@@ -23,7 +23,6 @@ pub const FINGERS: [(&str, Fingers); 3] =
 
 impl Fingers {
     /// The public name of this kind of fingers.
-    #[must_use]
     pub fn name(self) -> &'static str {
         FINGERS.iter().find(|(_, fingers)| *fingers == self).map_or("", |&(name, _)| name)
     }
@@ -31,11 +30,9 @@ impl Fingers {
 
 /// The law that moves one finger.
 pub trait Controller<R: Real>: Copy + Debug {
-    /// Whether the finger's angle is an unknown that a torque acts on. Otherwise the schedule prescribes the
-    /// angle.
+    /// Whether the finger's angle is an unknown that a torque acts on, and the law has a memory, which is integrated
+    /// beside the motion. Otherwise the schedule prescribes the angle.
     const ANGLE_IS_STATE: bool;
-    /// Whether the law has a state of its own, which is integrated beside the motion.
-    const MEMORY: bool;
 
     /// The law of one finger of a scene.
     fn of(source: &impl Source<R>, finger: usize, fingers: Fingers) -> Self;
@@ -64,7 +61,6 @@ pub struct Actuated<R> {
 
 impl<R: Real> Controller<R> for Actuated<R> {
     const ANGLE_IS_STATE: bool = true;
-    const MEMORY: bool = true;
 
     #[inline(always)]
     fn of(source: &impl Source<R>, finger: usize, fingers: Fingers) -> Self {
@@ -99,7 +95,6 @@ pub struct Driven;
 
 impl<R: Real> Controller<R> for Driven {
     const ANGLE_IS_STATE: bool = false;
-    const MEMORY: bool = false;
 
     #[inline(always)]
     fn of(_: &impl Source<R>, _: usize, _: Fingers) -> Self {

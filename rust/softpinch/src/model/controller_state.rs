@@ -21,7 +21,6 @@ pub struct ControllerState {
 
 impl ControllerState {
     /// The state of a controller whose first sample is taken at `origin`.
-    #[must_use]
     pub fn new(controller: &SampledController, origin: f64) -> Self {
         Self {
             origin,
@@ -88,7 +87,6 @@ impl ControllerState {
     }
 
     /// The numbers that the next sample may change.
-    #[must_use]
     pub fn keep(&self) -> Kept {
         let mut kept = Kept { taken: 0, acted: 0, torque: [0.0; 2], xi: self.xi.clone(), output: [0.0; 2] };
         self.keep_into(&mut kept);
@@ -103,7 +101,6 @@ impl ControllerState {
     }
 
     /// The state before one sample at most.
-    #[must_use]
     pub fn before(&self, kept: &Kept) -> Self {
         let Kept { taken, acted, torque, ref xi, output } = *kept;
         let mut before = Self { taken, acted, torque, xi: xi.clone(), ..self.clone() };
@@ -112,26 +109,22 @@ impl ControllerState {
     }
 
     /// The torques in force, N m.
-    #[must_use]
     pub fn torque(&self) -> [f64; 2] {
         self.torque
     }
 
     /// Whether the instant `t` is between the last sample and the next one.
-    #[must_use]
     pub fn holds_at(&self, controller: &SampledController, t: f64) -> bool {
         let after = self.taken == 0 || controller.sampled(self.origin, self.taken - 1) <= t;
         after && t <= controller.sampled(self.origin, self.taken)
     }
 
     /// Whether a sample is to be taken at the instant `t`.
-    #[must_use]
     pub fn is_due(&self, controller: &SampledController, t: f64) -> bool {
         controller.sampled(self.origin, self.taken) <= t
     }
 
     /// Whether torques under way act from `t` or earlier.
-    #[must_use]
     pub fn acts(&self, controller: &SampledController, t: f64) -> bool {
         self.acted < self.taken && controller.applied(self.origin, self.acted) <= t
     }
@@ -205,7 +198,6 @@ pub struct Scratch {
 
 impl Scratch {
     /// Room for a controller's samples.
-    #[must_use]
     pub fn new(controller: &SampledController) -> Self {
         let room = Vec::with_capacity;
         Self { measured: room(controller.inputs()), next: room(controller.states()) }
@@ -217,4 +209,122 @@ fn place(number: u64, length: usize) -> usize {
     #[allow(clippy::cast_possible_truncation)] // less than the length
     let place = (number % length as u64) as usize;
     place
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{DMatrix, DVector};
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::model::measures::Measure;
+    use crate::model::motion::Motion;
+    use crate::model::sampled::tests::spring;
+
+    const PERIOD: f64 = 0.01;
+    /// Numbers of states and of measured numbers.
+    const SIZES: [usize; 2] = [3, 4];
+    const LIMITS: [[f64; 2]; 2] = [[-0.5, 0.7], [-0.3, f64::INFINITY]];
+
+    /// A controller of the angles and their rates, from the entries of A, B, C and D.
+    fn controller(entries: &[f64], delay: f64) -> SampledController {
+        let [n, m] = SIZES;
+        let mut rest = entries.iter().copied();
+        let mut take = |count: usize| rest.by_ref().take(count).collect::<Vec<_>>();
+        SampledController {
+            a: take(n * n),
+            b: take(n * m),
+            c: take(2 * n),
+            d: take(2 * m),
+            measures: vec![Measure::Angle, Measure::AngleRate],
+            limits: LIMITS,
+            initial_torque: [0.1, -0.1],
+            initial_state: vec![0.5, -0.25, 0.125],
+            ..spring(PERIOD, delay)
+        }
+    }
+
+    fn entries() -> impl Strategy<Value = Vec<f64>> {
+        let [n, m] = SIZES;
+        prop::collection::vec(-0.6..0.6_f64, (n + 2) * (n + m))
+    }
+
+    /// Takes the sample that is due at the instant `t`, with these measured angles and rates.
+    fn sample(state: &mut ControllerState, controller: &SampledController, y: [f64; 4]) {
+        let mut motion = Motion { q: [0.0; 9], p: [0.0; 9], memory: [0.0; 2] };
+        motion.q[3..5].copy_from_slice(&y[..2]);
+        motion.p[3..5].copy_from_slice(&y[2..]);
+        let seen = Measured { motion: &motion, multipliers: &[0.0; 4], target: [[0.0; 2]; 2] };
+        state.sample(controller, &seen, &mut Scratch::new(controller));
+    }
+
+    proptest! {
+        /// u_k = C xi_k + D y_k within the limits, xi_(k+1) = A xi_k + B y_k, and u_k is in force from the instant of its
+        /// sample plus the delay until the next one is.
+        #[test]
+        fn torques_are_those_of_the_matrices_and_act_after_the_delay(
+            entries in entries(),
+            delay in prop_oneof![Just(0.0), Just(2.0 * PERIOD), 0.0..3.5 * PERIOD],
+            measured in prop::collection::vec(prop::array::uniform4(-1.0..1.0_f64), 12),
+        ) {
+            let [n, m] = SIZES;
+            let controller = controller(&entries, delay);
+            let matrix = |rows, columns, of: &[f64]| DMatrix::from_row_slice(rows, columns, of);
+            let (a, b) = (matrix(n, n, &controller.a), matrix(n, m, &controller.b));
+            let (c, d) = (matrix(2, n, &controller.c), matrix(2, m, &controller.d));
+            let mut xi = DVector::from_column_slice(&controller.initial_state);
+            let mut outputs = Vec::new();
+            let mut state = ControllerState::new(&controller, 0.0);
+            for (k, y) in measured.into_iter().enumerate() {
+                let t = k as f64 * PERIOD;
+                prop_assert!(state.is_due(&controller, t) && !state.is_due(&controller, t - 0.5 * PERIOD));
+                sample(&mut state, &controller, y);
+                let y = DVector::from_column_slice(&y);
+                let u = &c * &xi + &d * &y;
+                outputs.push([0, 1].map(|i| u[i].clamp(LIMITS[i][0], LIMITS[i][1])));
+                xi = &a * &xi + &b * &y;
+                // Three instants of the period, at which no torque begins to act by a hair.
+                for share in [0.04, 0.53, 0.97] {
+                    let now = t + share * PERIOD;
+                    let begun = (0..outputs.len()).rev().find(|&k| k as f64 * PERIOD + delay <= now);
+                    prop_assume!((0..=k).all(|k| (k as f64 * PERIOD + delay - now).abs() > 1e-9));
+                    state.act(&controller, now);
+                    let expected = begun.map_or(controller.initial_torque, |k| outputs[k]);
+                    for (torque, expected) in state.torque().into_iter().zip(expected) {
+                        prop_assert!((torque - expected).abs() < 1e-13, "{now}: {torque} {expected}");
+                    }
+                }
+            }
+        }
+
+        /// A controller that goes on from its row takes the samples of one that was never interrupted, and what a sample
+        /// has changed can be taken back.
+        #[test]
+        fn a_state_goes_on_from_its_row_and_a_sample_is_taken_back(
+            entries in entries(),
+            delay in 0.0..3.5 * PERIOD,
+            measured in prop::collection::vec(prop::array::uniform4(-1.0..1.0_f64), 9),
+            resumed_at in 0..8_usize,
+        ) {
+            let controller = controller(&entries, delay);
+            let mut whole = ControllerState::new(&controller, 0.3);
+            let mut resumed = whole.clone();
+            for (k, y) in measured.into_iter().enumerate() {
+                if k == resumed_at {
+                    let row: Vec<f64> = whole.row().collect();
+                    prop_assert_eq!(row.len(), controller.width());
+                    resumed = ControllerState::from_row(&controller, &row).unwrap();
+                    prop_assert_eq!(&resumed, &whole);
+                }
+                let (before, kept) = (whole.clone(), whole.keep());
+                for state in [&mut whole, &mut resumed] {
+                    sample(state, &controller, y);
+                    state.act(&controller, 0.3 + k as f64 * PERIOD);
+                }
+                prop_assert!(whole != before);
+                prop_assert_eq!(whole.before(&kept), before);
+                prop_assert!(k < resumed_at || resumed == whole);
+            }
+        }
+    }
 }

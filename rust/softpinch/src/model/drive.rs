@@ -26,12 +26,6 @@ pub struct Input<R> {
     pub force: [R; 3],
 }
 
-/// The inputs as a function of the time since the segment's start.
-pub trait Drive<R> {
-    /// The inputs at time `tau`.
-    fn at(&self, tau: R) -> Input<R>;
-}
-
 /// amplitude * sin(omega tau + phase), in the lanes of `active`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Wave<R> {
@@ -65,7 +59,6 @@ impl SegmentDrive {
 
 impl<R: Lanes, const W: usize> SegmentDrive<Dual<R, W>> {
     /// The inputs `value` of a segment, with their derivatives `slopes`; there are none in further directions. Every sinusoid has a derivative at the same place of `slopes`.
-    #[must_use]
     pub fn varied(value: &SegmentDrive, slopes: &[SegmentDrive]) -> Self {
         let degree = slopes.iter().fold(value.degree, |most, slope| most.max(slope.degree));
         let joined = |number: f64, slope: &dyn Fn(&SegmentDrive) -> f64| {
@@ -94,7 +87,6 @@ impl<R: Lanes, const W: usize> SegmentDrive<Dual<R, W>> {
 
 impl<R: Lanes> SegmentDrive<R> {
     /// Inputs that are zero in every lane.
-    #[must_use]
     pub fn still() -> Self {
         Self {
             channels: [[R::zero(); COEFFICIENTS]; CHANNELS],
@@ -106,7 +98,6 @@ impl<R: Lanes> SegmentDrive<R> {
     }
 
     /// The same inputs with contacts in other modes.
-    #[must_use]
     pub fn with_contacts(&self, contacts: Contacts<R>) -> Self {
         Self { contacts, ..self.clone() }
     }
@@ -138,11 +129,10 @@ impl<R: Lanes> SegmentDrive<R> {
             self.waves.pop();
         }
     }
-}
 
-impl<R: Lanes, T: Lift<R>> Drive<T> for SegmentDrive<R> {
+    /// The inputs at time `tau` since the segment's start.
     #[inline(always)]
-    fn at(&self, tau: T) -> Input<T> {
+    pub fn at<T: Lift<R>>(&self, tau: T) -> Input<T> {
         let mut value = [T::zero(); CHANNELS];
         for (v, channel) in value.iter_mut().zip(&self.channels) {
             *v = T::lift(channel[0]);

@@ -24,7 +24,6 @@ impl<R: Real> Energies<R> {
 
 impl<R: Lanes> Energies<R> {
     /// The energies in one lane.
-    #[must_use]
     pub fn lane(&self, lane: usize) -> Energies {
         let Self { kinetic, elastic, gravity } = *self;
         Energies { kinetic: kinetic.lane(lane), elastic: elastic.lane(lane), gravity: gravity.lane(lane) }
@@ -81,7 +80,6 @@ pub struct LedgerRow {
 impl LedgerRow {
     /// The row's columns in the order in which they are recorded.
     #[inline(always)]
-    #[must_use]
     pub fn columns(&self) -> [f64; 3 + WORKS] {
         let Energies { kinetic, elastic, gravity } = self.energies;
         let mut columns = [kinetic, elastic, gravity, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];

@@ -7,6 +7,7 @@ use crate::model::drive::Input;
 use crate::model::energy::{BILATERAL_WORKS, Energies};
 use crate::model::geometry::Geometry;
 use crate::model::geometry::index::{D_N, D_T, FINGER, Y};
+use crate::model::motion::Motion;
 use crate::model::source::Source;
 use crate::number::real::{Real, dot};
 
@@ -86,19 +87,6 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         }
     }
 
-    /// The forces at (q, p), with the memories of the controllers and the inputs of the instant.
-    #[inline(always)]
-    pub fn forces(
-        &self,
-        geometry: &Geometry<R>,
-        q: &[R; 9],
-        p: &[R; 9],
-        memory: &[R; 2],
-        input: &Input<R>,
-    ) -> Forces<R> {
-        self.forces_with(self.elastic(geometry, q), geometry, q, p, memory, input)
-    }
-
     /// The gradients of (5).
     #[inline(always)]
     pub fn elastic(&self, geometry: &Geometry<R>, q: &[R; 9]) -> [ElasticGradient<R>; 2] {
@@ -110,27 +98,26 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         ]
     }
 
-    /// The forces at (q, p) for given gradients of (5).
+    /// The forces of a motion for these gradients of (5), with the inputs of the instant.
     #[inline(always)]
-    pub fn forces_with(
+    pub fn forces(
         &self,
         elastic: [ElasticGradient<R>; 2],
         geometry: &Geometry<R>,
-        q: &[R; 9],
-        p: &[R; 9],
-        memory: &[R; 2],
+        motion: &Motion<R>,
         input: &Input<R>,
     ) -> Forces<R> {
-        let right = self.side_forces(0, &elastic[0], geometry, q, p, memory[0], input.target[0]);
-        let left = self.side_forces(1, &elastic[1], geometry, q, p, memory[1], input.target[1]);
-        Forces {
-            elastic,
-            finger_gravity: [right.0, left.0],
-            weight: self.weight,
-            resistance: [right.1, left.1, right.2, left.2],
-            torque: [right.3, left.3],
-            external: input.force,
+        let Motion { q, p, memory } = motion;
+        let zero = R::zero();
+        let (mut finger_gravity, mut resistance, mut torque) = ([zero; 2], [zero; 4], [zero; 2]);
+        for i in 0..2 {
+            let tip = &self.tips[i];
+            finger_gravity[i] = self.finger_weights[i] * geometry.contacts[i].sin_finger;
+            resistance[i] = tip.normal_viscosity.mul_add(p[D_N + i], elastic[i].normal);
+            resistance[2 + i] = tip.tangential_viscosity.mul_add(p[D_T + i], elastic[i].tangential);
+            torque[i] = self.controllers[i].torque(q[FINGER + i], p[FINGER + i], memory[i], input.target[i]);
         }
+        Forces { elastic, finger_gravity, weight: self.weight, resistance, torque, external: input.force }
     }
 
     /// The viscous forces (44), (45) on (d_n1, d_n2, d_t1, d_t2), with reversed signs.
@@ -200,28 +187,6 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
             self.masses[FINGER].mul_add(acceleration[0], -others[0]),
             self.masses[FINGER + 1].mul_add(acceleration[1], -others[1]),
         ]
-    }
-
-    /// Gravity's torque on a finger, the resistances of d_n and d_t, and the controller's torque.
-    #[inline(always)]
-    #[allow(clippy::too_many_arguments)] // one call for each side
-    fn side_forces(
-        &self,
-        i: usize,
-        elastic: &ElasticGradient<R>,
-        geometry: &Geometry<R>,
-        q: &[R; 9],
-        p: &[R; 9],
-        memory: R,
-        target: R,
-    ) -> (R, R, R, R) {
-        let tip = &self.tips[i];
-        (
-            self.finger_weights[i] * geometry.contacts[i].sin_finger,
-            tip.normal_viscosity.mul_add(p[D_N + i], elastic.normal),
-            tip.tangential_viscosity.mul_add(p[D_T + i], elastic.tangential),
-            self.controllers[i].torque(q[FINGER + i], p[FINGER + i], memory, target),
-        )
     }
 }
 

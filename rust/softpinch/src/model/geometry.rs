@@ -169,7 +169,6 @@ impl<R: Real> Geometry<R> {
 
 impl Geometry<f64> {
     /// Phi (25): a row for each constraint in the order (H_1, H_2, N_1, N_2), a column for each coordinate of q.
-    #[must_use]
     pub fn constraint_matrix(&self) -> SMatrix<f64, 4, 9> {
         let mut rows = [[0.0; 9]; 4];
         for (i, contact) in self.contacts.iter().enumerate() {

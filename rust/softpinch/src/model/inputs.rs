@@ -107,20 +107,10 @@ impl Inputs {
             noise.check(k)?;
         }
         impulses.sort_by(|a, b| a.time.total_cmp(&b.time));
-        Ok(Self {
-            schedule,
-            forces,
-            sines,
-            impulses,
-            noises,
-            fingers: Fingers::Pid,
-            held: None,
-            sampled: None,
-        })
+        Ok(Self { schedule, forces, sines, impulses, noises, ..Self::constant_targets([0.0; 2]) })
     }
 
     /// PID fingers that hold their targets, without disturbances.
-    #[must_use]
     pub fn constant_targets(target: [f64; 2]) -> Self {
         Self {
             schedule: PiecewisePolynomial::constant(target).into(),
@@ -146,13 +136,11 @@ impl Inputs {
     }
 
     /// The same inputs, for fingers that move in the given way.
-    #[must_use]
     pub fn with_fingers(self, fingers: Fingers) -> Self {
         Self { fingers, ..self }
     }
 
     /// How the fingers move.
-    #[must_use]
     pub fn fingers(&self) -> Fingers {
         self.fingers
     }
@@ -163,26 +151,22 @@ impl Inputs {
     }
 
     /// The same inputs, with the torques of a discrete controller whose targets are the schedule.
-    #[must_use]
     pub fn with_controller(self, controller: Arc<SampledController>, origin: f64) -> Self {
         Self { fingers: Fingers::Torque, sampled: Some(Sampled { controller, origin }), ..self }
     }
 
     /// The discrete controller of the fingers, if there is one.
-    #[must_use]
     pub fn sampled(&self) -> Option<&Sampled> {
         self.sampled.as_ref()
     }
 
     /// The schedule's values at time `t`, and their rates.
-    #[must_use]
     pub fn target(&self, t: f64) -> [[f64; 2]; 2] {
         self.schedule.value_and_rate(t)
     }
 
     /// The same inputs with the values of time `t` at all times, for a balance of forces. Sinusoids and noises,
     /// whose mean is zero, and impulses are left out.
-    #[must_use]
     pub fn frozen(&self, t: f64) -> Self {
         let (target, mut force) = match self.held {
             Some(Held { target, force }) => (target, force),
@@ -197,7 +181,6 @@ impl Inputs {
     }
 
     /// Targets, and forces on the object, that never change.
-    #[must_use]
     pub fn constant(target: [f64; 2], force: [f64; 3], fingers: Fingers) -> Self {
         let forces = vec![PiecewisePolynomial::constant(force).into()];
         Self { forces, ..Self::constant_targets(target).with_fingers(fingers) }
@@ -218,7 +201,6 @@ impl Inputs {
 
     /// The first instant after `t` at which an input may jump or kink, or infinity if there is none. With it
     /// a run finds its segments one by one and needs no list of them.
-    #[must_use]
     pub fn next_breakpoint(&self, t: f64) -> f64 {
         let waves = self.sines.iter().flat_map(|sine| [sine.start, sine.end]).filter(|&time| time > t);
         let impulse = self.impulses.partition_point(|impulse| impulse.time <= t);
@@ -241,14 +223,12 @@ impl Inputs {
     }
 
     /// The number of impulses before `time`.
-    #[must_use]
     pub fn impulses_before(&self, time: f64) -> usize {
         self.impulses.partition_point(|impulse| impulse.time < time)
     }
 
     /// The inputs from `anchor` until the next breakpoint. The torques of a discrete controller, which depend on the
     /// run, are zero here ([`SegmentDrive::hold`]).
-    #[must_use]
     pub fn segment(&self, anchor: f64) -> SegmentDrive {
         let mut channels = [[0.0; COEFFICIENTS]; CHANNELS];
         if let Some(Held { target, .. }) = self.held {
@@ -298,7 +278,6 @@ impl Inputs {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::drive::Drive;
 
     #[test]
     fn segments_follow_breaks_and_leave_out_inputs_that_have_ended() {

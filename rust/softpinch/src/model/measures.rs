@@ -56,7 +56,6 @@ pub const MEASURES: [(&str, Measure); 12] = [
 
 impl Measure {
     /// Number of numbers.
-    #[must_use]
     pub fn width(self) -> usize {
         match self {
             Self::Rotation | Self::RotationRate => 1,

@@ -19,7 +19,6 @@ impl Motion<f64> {
     /// angles one, and for rates these magnitudes times sqrt(E a / M), the rate at which such a tip moves the
     /// object. A PID integral without a gain drives nothing, so its error does not matter and its magnitude
     /// is infinite.
-    #[must_use]
     pub fn typical_magnitudes(parameters: &Parameters) -> Self {
         let [right, left] = &parameters.tips;
         let length = right.radius.max(left.radius);
@@ -34,7 +33,6 @@ impl Motion<f64> {
 
     /// [`Motion::typical_magnitudes`] with smaller rates if viscosity slows the scene down: E a / c is the
     /// rate at which a tip gives way.
-    #[must_use]
     pub fn slow_magnitudes(parameters: &Parameters) -> Self {
         let usual = Self::typical_magnitudes(parameters);
         let mut pace = usual.p[THETA];
@@ -51,7 +49,6 @@ impl Motion<f64> {
 pub type Linearized = [f64; 21];
 
 /// The time and the motion of such a point.
-#[must_use]
 pub fn unpacked(point: &Linearized) -> (f64, Motion<f64>) {
     let motion = Motion {
         q: std::array::from_fn(|k| point[1 + k]),

@@ -57,7 +57,6 @@ fn normal(a: u64, b: u64) -> (f64, f64) {
 }
 
 /// Four independent standard normal numbers of a counter and a key.
-#[must_use]
 pub fn normals(counter: [u64; 4], key: [u64; 2]) -> [f64; 4] {
     let [a, b, c, d] = philox(counter, key);
     let ((x, y), (z, w)) = (normal(a, b), normal(c, d));
@@ -81,7 +80,6 @@ impl Noise {
     }
 
     /// The force and moment of a sample.
-    #[must_use]
     pub fn sample(&self, number: u64) -> [f64; 3] {
         let [x, y, moment, _] = normals([number, self.stream, 0, 0], self.key);
         [self.std[0] * x, self.std[1] * y, self.std[2] * moment]
@@ -104,13 +102,11 @@ impl Noise {
     }
 
     /// The force and moment that the noise adds from `t` until the next sample.
-    #[must_use]
     pub fn at(&self, t: f64) -> [f64; 3] {
         if self.start <= t && t < self.end { self.sample(self.number(t)) } else { [0.0; 3] }
     }
 
     /// The approximate number of samples that begin between two instants.
-    #[must_use]
     pub fn count(&self, from: f64, until: f64) -> f64 {
         ((until.min(self.end) - from.max(self.start)) * self.rate).max(0.0)
     }
@@ -118,7 +114,6 @@ impl Noise {
     /// The first instant after `t` at which the noise jumps, or infinity if there is none. The cost does not
     /// depend on the number of samples, even if many of them begin at the same instant because their times
     /// round to the same double.
-    #[must_use]
     pub fn next_break(&self, t: f64) -> f64 {
         if t < self.start {
             return self.time(0);

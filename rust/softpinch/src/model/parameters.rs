@@ -26,14 +26,12 @@ macro_rules! record {
             pub const FIELDS: [(&'static str, Rule); $count] = [$((stringify!($field), Rule::$rule),)*];
 
             /// Builds the record from the values of its fields, in order.
-            #[must_use]
             pub fn from_fields(values: [f64; $count]) -> Self {
                 let [$($field),*] = values;
                 Self { $($field),* }
             }
 
             /// The values of the fields, in order.
-            #[must_use]
             pub fn fields(&self) -> [f64; $count] {
                 [$(self.$field),*]
             }
@@ -175,7 +173,6 @@ const RECORDS: [(&str, Fields); 9] = [
 ];
 
 /// The path of every parameter with its rule, in the order of [`Parameters::from_array`].
-#[must_use]
 pub fn parameter_table() -> Vec<(String, Rule)> {
     let named = |(prefix, fields): (&'static str, Fields)| {
         fields.iter().map(move |(name, rule)| (format!("{prefix}{name}"), *rule))
@@ -226,7 +223,6 @@ impl Parameters {
     }
 
     /// The diagonal of the mass matrix (14) in the order of q.
-    #[must_use]
     pub fn masses(&self) -> [f64; 9] {
         let [right, left] = &self.tips;
         let object = &self.grasped;
@@ -244,7 +240,6 @@ impl Parameters {
     }
 
     /// The mass matrix (14).
-    #[must_use]
     pub fn mass_matrix(&self) -> SMatrix<f64, 9, 9> {
         SMatrix::from_diagonal(&self.masses().into())
     }
@@ -303,7 +298,6 @@ impl Default for Friction {
 
 impl Parameters {
     /// The flat array that [`Parameters::from_array`] takes.
-    #[must_use]
     pub fn to_array(&self) -> [f64; PARAMETER_COUNT] {
         let ([right, left], tips, control) = (&self.fingers, &self.tips, &self.control);
         let records: [&[f64]; 9] = [
@@ -332,7 +326,6 @@ impl Parameters {
     }
 
     /// The modulus of tip `i` by which its stiffness is judged, Pa.
-    #[must_use]
     pub fn modulus(&self, i: usize) -> f64 {
         self.laws[i].modulus(&self.tips[i])
     }

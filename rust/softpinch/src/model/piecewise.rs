@@ -43,7 +43,6 @@ impl<const C: usize> PiecewisePolynomial<C> {
     }
 
     /// Values that are constant at all times.
-    #[must_use]
     pub fn constant(values: [f64; C]) -> Self {
         let row = values.map(|value| {
             let mut coefficients = [0.0; COEFFICIENTS];

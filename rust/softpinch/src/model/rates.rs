@@ -12,7 +12,6 @@ use crate::model::parameters::Parameters;
 /// derivatives of (5), which are largest at d_n = a and theta_p = 0 as long as the contact has not reached the rim of
 /// the hemisphere. Its largest eigenvalue is at most the sum of the diagonal of M^-1 K over the coordinates that one
 /// tip moves. The integral of (39) adds at most the cube root of K_I / I_i.
-#[must_use]
 pub fn fastest_rate(parameters: &Parameters, fingers: Fingers) -> f64 {
     let Parameters { fingers: links, tips, grasped, control, .. } = parameters;
     let (mut damping, mut stiffness, mut tilting, mut integral) = (0.0f64, 0.0f64, 0.0, 0.0f64);

@@ -21,7 +21,6 @@ pub enum Rule {
 
 impl Rule {
     /// The rule in words.
-    #[must_use]
     pub const fn text(self) -> &'static str {
         match self {
             Self::Positive => "must be finite and > 0",
@@ -34,7 +33,6 @@ impl Rule {
     }
 
     /// Whether `value` keeps the rule.
-    #[must_use]
     pub fn holds(self, value: f64) -> bool {
         match self {
             Self::Positive => value.is_finite() && value > 0.0,

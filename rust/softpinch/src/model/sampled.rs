@@ -49,13 +49,11 @@ pub struct SampledController {
 
 impl SampledController {
     /// Number of states.
-    #[must_use]
     pub fn states(&self) -> usize {
         self.c.len() / 2
     }
 
     /// Number of measured numbers.
-    #[must_use]
     pub fn inputs(&self) -> usize {
         self.measures.iter().map(|measure| measure.width()).sum()
     }
@@ -148,7 +146,6 @@ impl SampledController {
     }
 
     /// The first instant after `t` at which a sample is taken or acts.
-    #[must_use]
     pub fn next_break(&self, origin: f64, t: f64) -> f64 {
         let sample = self.first_after(origin, 0.0, t);
         match self.whole_periods() {
@@ -179,7 +176,6 @@ impl SampledController {
     }
 
     /// The length of [`ControllerState::row`](crate::model::controller_state::ControllerState::row).
-    #[must_use]
     pub fn width(&self) -> usize {
         5 + self.states() + 2 * self.under_way()
     }

@@ -39,22 +39,6 @@ impl<R: Lanes> Source<R> for [&Parameters; MOST] {
     }
 }
 
-/// The parameters of one run for each lane, as dual numbers with zero derivatives.
-#[derive(Debug, Clone, Copy)]
-pub struct Duals<'a>(pub &'a [&'a Parameters; MOST]);
-
-impl<R: Lanes, const W: usize> Source<Dual<R, W>> for Duals<'_> {
-    #[inline(always)]
-    fn number(&self, of: impl Fn(&Parameters) -> f64) -> Dual<R, W> {
-        <Dual<R, W> as Lift<R>>::lift(self.0.number(of))
-    }
-
-    #[inline(always)]
-    fn kinds(&self) -> &Parameters {
-        self.0[0]
-    }
-}
-
 /// Number of directions in which a run is differentiated at once.
 pub const DIRECTIONS: usize = 8;
 

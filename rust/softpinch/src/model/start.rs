@@ -4,7 +4,7 @@
 use crate::error::Error;
 use crate::model::contact::Side;
 use crate::model::contact_modes::{ContactModel, ContactRow};
-use crate::model::drive::{Drive, Input};
+use crate::model::drive::Input;
 use crate::model::geometry::Geometry;
 use crate::model::geometry::index::{D_N, D_T, FINGER, THETA, X, Y};
 use crate::model::inputs::Inputs;
@@ -46,7 +46,6 @@ pub struct State {
 
 impl State {
     /// A state at rest at time zero.
-    #[must_use]
     pub fn at_rest(q: [f64; 9]) -> Self {
         Self {
             time: 0.0,
@@ -106,7 +105,6 @@ pub const STARTS: [(&str, Start); 3] =
 impl Start {
     /// The derivatives of a start in the directions of the parameters and of the inputs at its instant. `q` has its
     /// coordinates.
-    #[must_use]
     #[inline(always)]
     pub fn varied<R: Real>(self, source: &impl Source<R>, input: &Input<R>, q: &[f64; 9]) -> Motion<R> {
         let zero = R::zero();
@@ -172,7 +170,6 @@ fn require_reach(parameters: &Parameters, q: &[f64; 9], driven: bool) -> Result<
 
 /// The angle at which a tip is compressed by `compression` on an upright object in the middle, as far as the finger
 /// reaches.
-#[must_use]
 pub fn angle_at(finger: &Finger, tip: &Fingertip, width: f64, compression: f64) -> Option<f64> {
     let (distance, reach) = span(finger, tip, width);
     let distance = distance + compression;
@@ -248,7 +245,6 @@ pub fn require_scheduled(parameters: &Parameters, inputs: &Inputs, initial: &Sta
 
 /// The state on the constraints with this pose (x, y, theta, theta_1, theta_2), shear and velocity of the
 /// pose: d_n follows from C^H = 0 (9), and the rates of d_n and d_t follow from Phi p = 0 (25).
-#[must_use]
 pub fn consistent(
     parameters: &Parameters,
     pose: &[f64; 5],
@@ -289,7 +285,6 @@ pub fn require_held(
 }
 
 /// For each finger the largest C^H, rate of C^H and C^N that count as round-off.
-#[must_use]
 pub fn allowed_residuals(
     parameters: &Parameters,
     geometry: &Geometry<f64>,
@@ -324,5 +319,127 @@ fn within(constraint: &'static str, value: f64, unit: &'static str, allowed: f64
         Ok(())
     } else {
         Err(Error::Inconsistent { constraint, value, unit, allowed })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::model::control::Fingers;
+    use crate::model::parameters::PARAMETER_COUNT;
+    use crate::model::source::{DIRECTIONS, VariedParameters};
+    use crate::number::dual::Dual;
+
+    /// A hand without any symmetry, and an object that is wider than the space between the tips. Each number is changed by
+    /// its own share.
+    fn uneven(shares: &[f64]) -> Parameters {
+        let mut values = Parameters::default();
+        values.grasped.width = 0.062;
+        values.grasped.com_offset = 0.003;
+        values.fingers[1].length = 0.07;
+        let mut values = values.to_array();
+        for (value, share) in values.iter_mut().zip(shares) {
+            *value *= 1.0 + 0.05 * share;
+        }
+        Parameters::from_array(&values).unwrap()
+    }
+
+    fn shares() -> impl Strategy<Value = Vec<f64>> {
+        prop::collection::vec(-1.0..1.0_f64, PARAMETER_COUNT)
+    }
+
+    proptest! {
+        /// A consistent state has its pose, its shears and its velocity, and no residual; a state that is moved off the
+        /// constraints is refused.
+        #[test]
+        fn a_consistent_state_is_on_the_constraints_and_one_beside_it_is_refused(
+            shares in shares(),
+            pose in prop::array::uniform5(-1.0..1.0_f64),
+            shear in prop::array::uniform2(-1e-3..1e-3_f64),
+            velocity in prop::array::uniform5(-1.0..1.0_f64),
+            moved in 0..4_usize,
+        ) {
+            let parameters = uneven(&shares);
+            let pose = [0.01 * pose[0], 0.07 + 0.01 * pose[1], 0.3 * pose[2], 0.3 * pose[3], 0.3 * pose[4]];
+            let (mut q, mut p) = consistent(&parameters, &pose, &shear, &velocity);
+            prop_assert_eq!((&q[..5], &q[D_T..], &p[..5]), (&pose[..], &shear[..], &velocity[..]));
+            let geometry = Geometry::new(&Side::both(&parameters), &q, &p);
+            for number in geometry.residuals().into_iter().chain(geometry.constraint_velocity()) {
+                prop_assert!(number.abs() < 1e-15, "{number}");
+            }
+            prop_assert!(require_consistent(&parameters, &q, &p).is_ok());
+            // Both compressions, then both rates of the shears.
+            if moved < 2 { q[D_N + moved] += 1e-6 } else { p[D_T + moved - 2] += 1e-3 }
+            prop_assert!(require_consistent(&parameters, &q, &p).is_err());
+        }
+
+        /// Fingers that just touch have no compression, and by `angle_at` they have any other one. Pressed fingers are
+        /// straight, and where the object is too narrow for them the error says at which angle they touch.
+        #[test]
+        fn fingers_touch_where_their_geometry_says(shares in shares(), compression in 0.0..0.01_f64) {
+            let mut parameters = uneven(&shares);
+            let touched = touching(&parameters).unwrap();
+            let pressed = contact(&parameters).unwrap();
+            prop_assert_eq!(&pressed[FINGER..D_N], &[0.0; 2]);
+            let mut turned = touched;
+            for i in 0..2 {
+                prop_assert!(touched[D_N + i].abs() < 1e-15 && pressed[D_N + i] > 0.0);
+                let (finger, tip) = (&parameters.fingers[i], &parameters.tips[i]);
+                turned[FINGER + i] = angle_at(finger, tip, parameters.grasped.width, compression).unwrap();
+            }
+            for gap in Geometry::new(&Side::both(&parameters), &turned, &[0.0; 9]).residuals().into_iter().take(2) {
+                prop_assert!((gap + compression).abs() < 1e-15);
+            }
+            parameters.grasped.width = 0.04;
+            let touches = touching(&parameters).unwrap()[FINGER].to_degrees();
+            let Err(Error::Gap { touches: found, .. }) = contact(&parameters) else { panic!("they reach it") };
+            prop_assert!((found - touches).abs() < 1e-12 && apart(&parameters).unwrap()[D_N..D_T] == [0.0; 2]);
+        }
+
+        /// The derivatives of every start are those of central differences.
+        #[test]
+        fn derivatives_of_a_start_agree_with_differences(
+            shares in shares(),
+            direction in shares(),
+            target in prop::array::uniform2(0.0..0.2_f64),
+            target_direction in prop::array::uniform2(-1.0..1.0_f64),
+        ) {
+            const STEP: f64 = 1e-5;
+            let parameters = uneven(&shares);
+            let values = parameters.to_array();
+            let slope: [f64; PARAMETER_COUNT] =
+                std::array::from_fn(|k| if values[k].is_finite() { values[k] * direction[k] } else { 0.0 });
+            let slopes = [(); DIRECTIONS].map(|()| Parameters::unchecked(&slope));
+            let source = VariedParameters { parameters: &parameters, slopes };
+            let beside = |by: f64| {
+                let parameters = Parameters::unchecked(&std::array::from_fn(|k| values[k] + by * slope[k]));
+                (parameters, [0, 1].map(|i| target[i] + by * target_direction[i]))
+            };
+            let starts = |by: f64| {
+                let (parameters, target) = beside(by);
+                let inputs = Inputs::constant(target, [0.0; 3], Fingers::Driven);
+                let driven = driven(&parameters, &inputs, 0.0, ContactModel::Bilateral).unwrap();
+                [contact(&parameters).unwrap(), touching(&parameters).unwrap(), driven.q]
+            };
+            let (before, now, after) = (starts(-STEP), starts(0.0), starts(STEP));
+            let zero = Dual::<f64, 1>::zero();
+            let input = Input {
+                target: [0, 1].map(|i| Dual { value: target[i], slope: [target_direction[i]] }),
+                target_rate: [zero; 2],
+                target_acceleration: [zero; 2],
+                force: [zero; 3],
+            };
+            for (n, (name, start)) in STARTS.into_iter().enumerate() {
+                let found = start.varied(&source, &input, &now[n]);
+                for k in 0..9 {
+                    let expected = (after[n][k] - before[n][k]) / (2.0 * STEP);
+                    let Dual { value, slope: [slope] } = found.q[k];
+                    prop_assert!((value - now[n][k]).abs() < 1e-15, "{name} {k}: {value}");
+                    prop_assert!((slope - expected).abs() < 1e-9, "{name} {k}: {slope} {expected}");
+                }
+            }
+        }
     }
 }

@@ -40,29 +40,22 @@ impl<R: Real, const W: usize> Dual<R, W> {
     }
 }
 
-impl<R: Real, const W: usize> Add for Dual<R, W> {
-    type Output = Self;
-    #[inline(always)]
-    fn add(mut self, other: Self) -> Self {
-        self.value = self.value + other.value;
-        for k in 0..W {
-            self.slope[k] = self.slope[k] + other.slope[k];
+macro_rules! term_by_term {
+    ($($operator:ident, $name:ident;)*) => {$(
+        impl<R: Real, const W: usize> $operator for Dual<R, W> {
+            type Output = Self;
+            #[inline(always)]
+            fn $name(mut self, other: Self) -> Self {
+                self.value = self.value.$name(other.value);
+                for k in 0..W {
+                    self.slope[k] = self.slope[k].$name(other.slope[k]);
+                }
+                self
+            }
         }
-        self
-    }
+    )*};
 }
-
-impl<R: Real, const W: usize> Sub for Dual<R, W> {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(mut self, other: Self) -> Self {
-        self.value = self.value - other.value;
-        for k in 0..W {
-            self.slope[k] = self.slope[k] - other.slope[k];
-        }
-        self
-    }
-}
+term_by_term! { Add, add; Sub, sub; }
 
 impl<R: Real, const W: usize> Mul for Dual<R, W> {
     type Output = Self;
@@ -149,6 +142,7 @@ impl<R: Lanes, K: LaneTask<Dual<R, W>>, const W: usize> LaneTask<R> for Wrapped<
 /// their values.
 impl<R: Lanes, const W: usize> Lanes for Dual<R, W> {
     const WIDTH: usize = R::WIDTH;
+    const HAS_DERIVATIVES: bool = true;
 
     #[inline(always)]
     fn call<K: LaneTask<Self>>(instructions: Instructions, task: K) -> K::Output {

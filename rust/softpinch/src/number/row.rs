@@ -11,16 +11,27 @@ use crate::number::trigonometry;
 #[repr(align(32))]
 pub struct Row4([f64; 4]);
 
+impl Row4 {
+    /// The row whose numbers are this function of two rows' numbers, lane by lane.
+    #[inline(always)]
+    fn with(self, other: Self, f: impl Fn(f64, f64) -> f64) -> Self {
+        Self(std::array::from_fn(|k| f(self.0[k], other.0[k])))
+    }
+
+    /// The lanes in which two rows' numbers are so.
+    #[inline(always)]
+    fn where_both(self, other: Self, holds: impl Fn(&f64, &f64) -> bool) -> Bits {
+        (0..4).fold(0, |bits, k| bits | Bits::from(holds(&self.0[k], &other.0[k])) << k)
+    }
+}
+
 macro_rules! row_operator {
     ($($operator:ident, $name:ident;)*) => {$(
         impl $operator for Row4 {
             type Output = Self;
             #[inline(always)]
-            fn $name(mut self, other: Self) -> Self {
-                for k in 0..4 {
-                    self.0[k] = self.0[k].$name(other.0[k]);
-                }
-                self
+            fn $name(self, other: Self) -> Self {
+                self.with(other, f64::$name)
             }
         }
     )*};
@@ -30,11 +41,8 @@ row_operator! { Add, add; Sub, sub; Mul, mul; Div, div; }
 impl Neg for Row4 {
     type Output = Self;
     #[inline(always)]
-    fn neg(mut self) -> Self {
-        for k in 0..4 {
-            self.0[k] = -self.0[k];
-        }
-        self
+    fn neg(self) -> Self {
+        Self(self.0.map(f64::neg))
     }
 }
 
@@ -45,11 +53,8 @@ impl Real for Row4 {
     }
 
     #[inline(always)]
-    fn mul_add(mut self, a: Self, b: Self) -> Self {
-        for k in 0..4 {
-            self.0[k] = self.0[k].mul_add(a.0[k], b.0[k]);
-        }
-        self
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        Self(std::array::from_fn(|k| self.0[k].mul_add(a.0[k], b.0[k])))
     }
 
     #[inline(always)]
@@ -58,11 +63,8 @@ impl Real for Row4 {
     }
 
     #[inline(always)]
-    fn select(bits: Bits, a: Self, mut b: Self) -> Self {
-        for k in 0..4 {
-            b.0[k] = if bits >> k & 1 != 0 { a.0[k] } else { b.0[k] };
-        }
-        b
+    fn select(bits: Bits, a: Self, b: Self) -> Self {
+        Self(std::array::from_fn(|k| if bits >> k & 1 != 0 { a.0[k] } else { b.0[k] }))
     }
 }
 
@@ -86,36 +88,22 @@ impl Lanes for Row4 {
 
     #[inline(always)]
     fn less(self, other: Self) -> Bits {
-        let mut bits = 0;
-        for k in 0..4 {
-            bits |= Bits::from(self.0[k] < other.0[k]) << k;
-        }
-        bits
+        self.where_both(other, f64::lt)
     }
 
     #[inline(always)]
     fn at_most(self, other: Self) -> Bits {
-        let mut bits = 0;
-        for k in 0..4 {
-            bits |= Bits::from(self.0[k] <= other.0[k]) << k;
-        }
-        bits
+        self.where_both(other, f64::le)
     }
 
     #[inline(always)]
-    fn abs(mut self) -> Self {
-        for k in 0..4 {
-            self.0[k] = self.0[k].abs();
-        }
-        self
+    fn abs(self) -> Self {
+        Self(self.0.map(f64::abs))
     }
 
     #[inline(always)]
-    fn sqrt(mut self) -> Self {
-        for k in 0..4 {
-            self.0[k] = self.0[k].sqrt();
-        }
-        self
+    fn sqrt(self) -> Self {
+        Self(self.0.map(f64::sqrt))
     }
 
     #[inline(always)]

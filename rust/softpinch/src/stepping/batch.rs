@@ -9,7 +9,7 @@ use crate::formulation::scene_equations::Choice;
 use crate::formulation::system::System;
 use crate::method::traits::{Integrator, Runs, Stats};
 use crate::model::contact_modes::ContactModel;
-use crate::model::drive::{Drive, SegmentDrive};
+use crate::model::drive::SegmentDrive;
 use crate::model::energy::{self, Energies, WORKS};
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;

@@ -6,7 +6,7 @@ use crate::formulation::equations::{States, Terms};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
 use crate::model::contact::Side;
-use crate::model::drive::{Drive, Input, SegmentDrive};
+use crate::model::drive::{Input, SegmentDrive};
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
 use crate::number::lanes::{LaneTask, Lanes};

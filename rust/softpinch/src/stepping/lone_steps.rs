@@ -4,7 +4,7 @@
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
-use crate::method::called::{AnyMethod, alone};
+use crate::method::called::AnyMethod;
 use crate::method::traits::{Runs, Stats, Step, Unsolved};
 use crate::model::contact_modes::Contacts;
 use crate::model::drive::SegmentDrive;
@@ -77,7 +77,7 @@ impl LoneSteps {
         let choice = options.choice(scene.inputs.fingers());
         let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
         let system = runs.system();
-        let method = alone(options.method, runs, &system);
+        let method = (options.method.entry().alone)(runs, &system);
         Self { system, method: LoneMethod { method, start: None, stats: Stats::default() } }
     }
 

@@ -5,7 +5,7 @@ use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{Size, StageState, System};
 use crate::method::step_control::StepControl;
 use crate::method::traits::{Allowed, largest};
-use crate::model::drive::{Drive, SegmentDrive};
+use crate::model::drive::SegmentDrive;
 use crate::number::lanes::{Bits, Lanes, each};
 
 /// A state's magnitude counts as no less than this share of its typical one, and a rate's as no less than

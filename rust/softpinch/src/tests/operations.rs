@@ -174,7 +174,7 @@ impl Case {
         Cost {
             size: self.start().system.size(),
             evaluation: self.evaluation(),
-            steps: [self.step(Rk4::new()), self.step(Dop853::new())],
+            steps: [self.step(Rk4::default()), self.step(Dop853::default())],
         }
     }
 }

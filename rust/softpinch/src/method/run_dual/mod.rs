@@ -12,169 +12,154 @@ mod radau5;
 mod rosenbrock;
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::run_dual::{RunDual, RunDualEquations, RunDualSystem};
+use crate::formulation::run_dual::{RunDual, RunDualEquations};
 use crate::formulation::scene_equations::SceneEquations;
-use crate::method::called::{Called, implicit_midpoint, radau5, rosenbrock};
+use crate::formulation::system::{Jacobian, Linear, StageState, System};
+use crate::method::called::{AnyMethod, Called};
 use crate::method::dop853::Dop853;
+use crate::method::implicit_midpoint::implicit_midpoint;
 use crate::method::linearize::{Factors, Linearization};
+use crate::method::radau5::radau5;
 use crate::method::rk4::Rk4;
+use crate::method::rosenbrock::rosenbrock;
 use crate::method::table::Method;
 use crate::method::traits::{Integrator, Runs, Stats, Step, Unsolved};
 use crate::model::drive::SegmentDrive;
 use crate::number::lanes::{LaneTask, Lanes, Lift};
 use crate::number::linear::{Entry, LaneEntry};
 use crate::number::real::Real;
-use crate::number::simd::level::Instructions;
+
+/// A step that was taken in plain numbers, to be differentiated.
+pub struct SolvedStep<'a, R: Lanes> {
+    equations: &'a RunDualEquations<R>,
+    /// The inputs of the segment, with and without their derivatives.
+    drive: &'a SegmentDrive<RunDual<R>>,
+    plain_drive: &'a SegmentDrive,
+    /// The start of the step, with its derivatives.
+    step: &'a Step<'a, RunDual<R>>,
+    /// The state at the end of the step.
+    end: &'a States<f64>,
+}
+
+impl<R: Lanes> SolvedStep<'_, R> {
+    /// The rates at the share `c` of the step, where the state differs from the one at its start by `z`, which has no
+    /// derivatives; and the Jacobian there, which `tangent` computes. `z` is zero beyond the states of the motion.
+    #[inline(always)]
+    fn stage(&self, tangent: &impl Linear<f64>, c: f64, z: &States<f64>) -> (States<RunDual<R>>, Jacobian) {
+        let Self { equations, drive, plain_drive, step, .. } = self;
+        let tau = step.tau + RunDual::constant(c * step.h.lane(0));
+        let at = StageState { from: step.y, by: RunDual::constant(1.0), along: &constants(z) };
+        let mut rates = [RunDual::zero(); MAX_COMPONENTS];
+        equations.system.rates(&drive.at(tau), &drive.contacts, at, &mut rates);
+        let mut y = values(step.y);
+        for n in 0..equations.system.size().states {
+            y[n] += z[n];
+        }
+        (rates, tangent.jacobian(plain_drive, tau.lane(0), &y))
+    }
+}
 
 /// A method whose last step can be differentiated.
 pub trait Differentiable<R: Lanes>: Integrator<f64, SceneEquations<f64>> {
-    /// Writes the state `end` of the step just taken, with its derivatives, into `next`.
-    fn differentiate(
-        &self,
-        equations: &RunDualEquations<R>,
-        drive: &SegmentDrive<RunDual<R>>,
-        step: &Step<'_, RunDual<R>>,
-        end: &States<f64>,
-        next: &mut States<RunDual<R>>,
-    );
-}
-
-/// A method that takes each step in plain numbers and differentiates it after that.
-struct Solved<M> {
-    instructions: Instructions,
-    method: Called<M>,
-    system: SceneEquations<f64>,
-    /// The inputs of the segment without their derivatives.
-    drive: SegmentDrive,
-}
-
-/// A method as a run with derivatives uses it. Its steps are called, so that the code of the run exists once for all
-/// methods.
-pub trait RunDualSteps<R: Lanes> {
-    /// Begins a segment with the inputs `drive`. `linearized` is the point of the Jacobian that a resumed run uses.
-    fn begin(&mut self, drive: SegmentDrive, linearized: Option<(f64, States<f64>)>);
-
-    /// Takes a step ([`Integrator::step`]).
-    fn step(
-        &mut self,
-        equations: &RunDualEquations<R>,
-        drive: &SegmentDrive<RunDual<R>>,
-        step: &Step<'_, RunDual<R>>,
-        next: &mut States<RunDual<R>>,
-    ) -> Result<(), Unsolved>;
-}
-
-/// The method of a run with derivatives, before its first step.
-#[must_use]
-pub fn run_dual_steps<R: Lanes>(runs: Runs<'_>, method: Method) -> Box<dyn RunDualSteps<R>> {
-    // Called, so that a stack frame has one method at most: methods that keep a Jacobian are large.
-    #[inline(never)]
-    fn solved<R: Lanes, M: Differentiable<R> + 'static>(
-        runs: Runs<'_>,
-        method: impl Fn(Runs<'_>, &SceneEquations<f64>) -> Called<M>,
-    ) -> Box<dyn RunDualSteps<R>> {
-        let system = runs.system();
-        let (instructions, method) = (runs.instructions, method(runs, &system));
-        Box::new(Solved { instructions, method, system, drive: SegmentDrive::still() })
-    }
-    match method {
-        Method::Rk4 => Box::new(Explicit(runs.instructions, Rk4::new())),
-        Method::Dop853 => Box::new(Explicit(runs.instructions, Dop853::new())),
-        Method::ImplicitMidpoint => solved(runs, implicit_midpoint),
-        Method::Radau5 => solved(runs, radau5),
-        Method::Rosenbrock => solved(runs, rosenbrock),
-    }
-}
-
-/// An explicit method, which keeps nothing between steps.
-struct Explicit<M>(Instructions, M);
-
-/// A step of an explicit method.
-struct ExplicitStep<'a, R, M> {
-    method: &'a mut M,
-    system: &'a RunDualSystem<R>,
-    drive: &'a SegmentDrive<RunDual<R>>,
-    step: &'a Step<'a, RunDual<R>>,
-    next: &'a mut States<RunDual<R>>,
-}
-
-impl<R: Lanes, M: Integrator<RunDual<R>, RunDualSystem<R>>> LaneTask<R> for ExplicitStep<'_, R, M> {
-    type Output = Result<(), Unsolved>;
-
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        let Self { method, system, drive, step, next } = self;
-        method.step(system, drive, step, next, &mut Stats::default()).map_err(Into::into)
-    }
-}
-
-impl<R: Lanes, M: Integrator<RunDual<R>, RunDualSystem<R>>> RunDualSteps<R> for Explicit<M> {
-    fn begin(&mut self, _: SegmentDrive, _: Option<(f64, States<f64>)>) {}
-
-    fn step(
-        &mut self,
-        equations: &RunDualEquations<R>,
-        drive: &SegmentDrive<RunDual<R>>,
-        step: &Step<'_, RunDual<R>>,
-        next: &mut States<RunDual<R>>,
-    ) -> Result<(), Unsolved> {
-        let system = &equations.system;
-        R::call(self.0, ExplicitStep { method: &mut self.1, system, drive, step, next })
-    }
+    /// The state at the end of the step just taken, with its derivatives. Its values are not used.
+    fn differentiate(&self, solved: &SolvedStep<'_, R>) -> States<RunDual<R>>;
 }
 
 /// The derivative of a step.
-struct Differentiate<'a, R, M> {
-    method: &'a M,
-    equations: &'a RunDualEquations<R>,
-    drive: &'a SegmentDrive<RunDual<R>>,
-    step: &'a Step<'a, RunDual<R>>,
-    end: &'a States<f64>,
-    next: &'a mut States<RunDual<R>>,
-}
+struct Differentiate<'a, R: Lanes, M>(&'a M, &'a SolvedStep<'a, R>);
 
 impl<R: Lanes, M: Differentiable<R>> LaneTask<R> for Differentiate<'_, R, M> {
-    type Output = ();
+    type Output = States<RunDual<R>>;
 
     #[inline(always)]
-    fn run(self) {
-        let Self { method, equations, drive, step, end, next } = self;
-        method.differentiate(equations, drive, step, end, next);
+    fn run(self) -> Self::Output {
+        self.0.differentiate(self.1)
     }
 }
 
-impl<R: Lanes, M: Differentiable<R>> RunDualSteps<R> for Solved<M> {
-    fn begin(&mut self, drive: SegmentDrive, linearized: Option<(f64, States<f64>)>) {
-        self.method.restart();
-        if let Some((tau, y)) = linearized
-            && self.method.keeps_jacobian()
-        {
-            self.method.take_jacobian(&drive, tau, &y);
+impl<R: Lanes, M: Differentiable<R>> Differentiable<R> for Called<M> {
+    fn differentiate(&self, solved: &SolvedStep<'_, R>) -> States<RunDual<R>> {
+        R::call(self.instructions, Differentiate(&self.method, solved))
+    }
+}
+
+/// A method as a run with derivatives uses it.
+pub enum RunDualMethod<R: Lanes> {
+    /// An explicit method takes its steps in dual numbers.
+    Explicit(AnyMethod<RunDual<R>>),
+    /// A method that solves equations takes its steps in plain numbers.
+    Solved(Box<Solved<R>>),
+}
+
+/// A method that takes each step in plain numbers and differentiates it after that.
+pub struct Solved<R> {
+    method: Box<dyn Differentiable<R, Failure = Unsolved>>,
+    system: SceneEquations<f64>,
+    /// The inputs of the segment.
+    drive: SegmentDrive,
+}
+
+impl<R: Lanes> RunDualMethod<R> {
+    /// The method before its first step.
+    pub fn new(runs: Runs<'_>, method: Method) -> Self {
+        // Called, so that a stack frame has one method at most: methods that keep a Jacobian are large.
+        #[inline(never)]
+        fn solved<R: Lanes, M: Differentiable<R> + 'static>(
+            runs: Runs<'_>,
+            method: impl Fn(Runs<'_>, &SceneEquations<f64>) -> Called<M>,
+        ) -> RunDualMethod<R> {
+            let system = runs.system();
+            let method = Box::new(method(runs, &system));
+            RunDualMethod::Solved(Box::new(Solved { method, system, drive: SegmentDrive::still() }))
         }
-        self.drive = drive;
+        match method {
+            Method::Rk4 => Self::Explicit(Box::new(Called::new(runs, Rk4::default()))),
+            Method::Dop853 => Self::Explicit(Box::new(Called::new(runs, Dop853::default()))),
+            Method::ImplicitMidpoint => solved(runs, implicit_midpoint),
+            Method::Radau5 => solved(runs, radau5),
+            Method::Rosenbrock => solved(runs, rosenbrock),
+        }
     }
 
-    fn step(
+    /// Begins a segment with the inputs `drive`. `linearized` is the point of the Jacobian that a resumed run uses.
+    pub fn begin(&mut self, drive: SegmentDrive, linearized: Option<(f64, States<f64>)>) {
+        let Self::Solved(solved) = self else { return };
+        solved.method.restart();
+        if let Some((tau, y)) = linearized
+            && solved.method.keeps_jacobian()
+        {
+            solved.method.take_jacobian(&drive, tau, &y);
+        }
+        solved.drive = drive;
+    }
+
+    /// Takes a step ([`Integrator::step`]).
+    pub fn step(
         &mut self,
         equations: &RunDualEquations<R>,
         drive: &SegmentDrive<RunDual<R>>,
         step: &Step<'_, RunDual<R>>,
         next: &mut States<RunDual<R>>,
     ) -> Result<(), Unsolved> {
+        let stats = &mut Stats::default();
+        let Solved { method, system, drive: plain_drive } = match self {
+            Self::Explicit(method) => return method.step(&equations.system, drive, step, next, stats),
+            Self::Solved(solved) => &mut **solved,
+        };
         let (y, rate) = (values(step.y), values(step.rate));
-        let own = &Step { tau: step.tau.lane(0), h: step.h.lane(0), y: &y, rate: &rate, allowed: None };
+        let plain = Step { tau: step.tau.lane(0), h: step.h.lane(0), y: &y, rate: &rate, allowed: None };
         let mut end = [0.0; MAX_COMPONENTS];
-        let Self { instructions, method, system, drive: inputs } = self;
-        method.step(system, inputs, own, &mut end, &mut Stats::default())?;
-        let method = &method.method;
-        R::call(*instructions, Differentiate { method, equations, drive, step, end: &end, next });
+        method.step(system, plain_drive, &plain, &mut end, stats)?;
+        *next = method.differentiate(&SolvedStep { equations, drive, plain_drive, step, end: &end });
+        for (number, value) in next.iter_mut().zip(end) {
+            number.value = R::constant(value);
+        }
         Ok(())
     }
 }
 
 /// The values of numbers with derivatives.
 #[inline(always)]
-#[must_use]
 pub fn values<R: Lanes>(numbers: &States<RunDual<R>>) -> States<f64> {
     let mut values = [0.0; MAX_COMPONENTS];
     for n in 0..MAX_COMPONENTS {

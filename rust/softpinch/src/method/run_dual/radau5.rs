@@ -5,13 +5,11 @@ use std::ops::Range;
 use nalgebra::DMatrix;
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::run_dual::{RunDual, RunDualEquations};
-use crate::formulation::system::{Jacobian, Linear, StageState, System};
+use crate::formulation::run_dual::RunDual;
+use crate::formulation::system::{Jacobian, Linear, System};
 use crate::method::newton::Newton;
 use crate::method::radau5::{A, C, Pair, Radau5};
-use crate::method::run_dual::{Differentiable, add_scaled, constants, values};
-use crate::method::traits::Step;
-use crate::model::drive::{Drive, SegmentDrive};
+use crate::method::run_dual::{Differentiable, SolvedStep, add_scaled};
 use crate::model::source::DIRECTIONS;
 use crate::number::lanes::Lanes;
 use crate::number::real::Real;
@@ -27,34 +25,19 @@ impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Newton<Radau5, Pair, T> {
     /// and v only. So only the derivatives of the rates of v are unknowns of the linear system; those of x and
     /// r follow from them.
     #[inline(always)]
-    fn differentiate(
-        &self,
-        equations: &RunDualEquations<R>,
-        drive: &SegmentDrive<RunDual<R>>,
-        step: &Step<'_, RunDual<R>>,
-        end: &States<f64>,
-        next: &mut States<RunDual<R>>,
-    ) {
-        let system = &equations.system;
-        let size = system.size();
+    fn differentiate(&self, solved: &SolvedStep<'_, R>) -> States<RunDual<R>> {
+        let SolvedStep { equations, step, .. } = solved;
+        let size = equations.system.size();
         let (h, d, states) = (step.h.lane(0), size.degrees, size.states);
-        let y = values(step.y);
         let mut jacobians = [Jacobian::zero(); 3];
         let mut slopes = [[RunDual::zero(); MAX_COMPONENTS]; 3];
         for i in 0..3 {
             let mut z = self.scheme.stages()[i];
             z[states..].fill(0.0);
-            let mut there = y;
-            for n in 0..states {
-                there[n] += z[n];
-            }
-            let input = drive.at(step.tau + RunDual::constant(C[i] * h));
-            let at = StageState { from: step.y, by: RunDual::constant(1.0), along: &constants(&z) };
-            system.rates(&input, &drive.contacts, at, &mut slopes[i]);
+            (slopes[i], jacobians[i]) = solved.stage(&self.tangent, C[i], &z);
             for slope in &mut slopes[i] {
                 slope.value = R::zero();
             }
-            jacobians[i] = equations.jacobian(&input, &there);
         }
         let lu = velocity_system(&jacobians, h, d, states).lu();
 
@@ -89,10 +72,11 @@ impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Newton<Radau5, Pair, T> {
         let changes = weighted(h, &slopes);
         multiply(&jacobians, (states..size.all(), 0..states), &changes, &mut slopes);
         let [_, _, change] = weighted(h, &slopes);
-        *next = constants(end);
+        let mut next = *step.y;
         for n in 0..size.all() {
-            next[n] = RunDual { value: next[n].value, ..(step.y[n] + change[n]) };
+            next[n] = step.y[n] + change[n];
         }
+        next
     }
 }
 

@@ -1,13 +1,12 @@
 //! The derivative of a step of the Rosenbrock method.
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::run_dual::{RunDual, RunDualEquations};
+use crate::formulation::run_dual::RunDual;
 use crate::formulation::system::{Linear, StageState, System};
 use crate::method::linearize::Linearization;
 use crate::method::rosenbrock::{A, BY_TIME, C, COUPLING, GAMMA, Rosenbrock, STAGES};
-use crate::method::run_dual::{Differentiable, add_scaled, constants, solve_slopes};
+use crate::method::run_dual::{Differentiable, SolvedStep, add_scaled, solve_slopes};
 use crate::method::traits::Step;
-use crate::model::drive::{Drive, SegmentDrive};
 use crate::number::lanes::Lanes;
 use crate::number::linear::LaneEntry;
 use crate::number::real::Real;
@@ -28,17 +27,10 @@ impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Rosenbrock<T> {
     /// of d_i h df/dt. Both are the derivative of J u_i + d_i h df/dt for constant u_i, which is the derivative of
     /// the rates along u_i in the state and d_i h in time.
     #[inline(always)]
-    fn differentiate(
-        &self,
-        equations: &RunDualEquations<R>,
-        drive: &SegmentDrive<RunDual<R>>,
-        step: &Step<'_, RunDual<R>>,
-        end: &States<f64>,
-        next: &mut States<RunDual<R>>,
-    ) {
+    fn differentiate(&self, solved: &SolvedStep<'_, R>) -> States<RunDual<R>> {
+        let &SolvedStep { equations, drive, step: &Step { tau, h, y, rate, .. }, .. } = solved;
         let system = &equations.system;
         let size = system.size();
-        let &Step { tau, h, y, rate, .. } = step;
         let h = h.lane(0);
         let linearization = Linearization::of(size, self.linearization().jacobian().everywhere());
         let factors = linearization.factor(LaneEntry(R::constant(1.0 / (GAMMA * h))));
@@ -63,9 +55,9 @@ impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Rosenbrock<T> {
                 stages[i][n] = RunDual { value: R::constant(own[n]), ..slopes[n] };
             }
         }
-        *next = constants(end);
         for n in 0..size.all() {
-            next[n] = RunDual { value: next[n].value, ..(at[n] + stages[STAGES - 1][n]) };
+            at[n] = at[n] + stages[STAGES - 1][n];
         }
+        at
     }
 }

@@ -44,7 +44,6 @@ impl TipLaw {
     }
 
     /// The modulus E with which (5) is as stiff at full compression as this law, Pa.
-    #[must_use]
     pub fn modulus(&self, tip: &Fingertip) -> f64 {
         match *self {
             Self::InoueHirai => tip.youngs_modulus,
@@ -99,7 +98,6 @@ pub struct Tip<R> {
 impl<R: Real> Tip<R> {
     /// The constants of the tip of finger `i`.
     #[inline(always)]
-    #[must_use]
     pub fn new(source: &impl Source<R>, i: usize) -> Self {
         Self {
             law: Law::new(source, i),

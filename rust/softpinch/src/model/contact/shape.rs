@@ -32,7 +32,6 @@ pub enum SideShape {
 
 impl SideShape {
     /// The tilt of the side, rad.
-    #[must_use]
     pub fn tilt(&self) -> f64 {
         match *self {
             Self::ParallelFace => 0.0,

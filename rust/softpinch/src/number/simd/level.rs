@@ -34,7 +34,6 @@ pub struct Instructions(());
 impl Level {
     /// The best level that this processor has. On a processor without any level it is the lowest one, which
     /// [`Level::require`] refuses.
-    #[must_use]
     pub fn detect() -> Self {
         let best = LEVELS.iter().rev().find(|(_, level)| level.is_available());
         best.map_or(LEVELS[0].1, |&(_, level)| level)
@@ -60,13 +59,11 @@ impl Level {
     }
 
     /// The public name of the level.
-    #[must_use]
     pub fn name(self) -> &'static str {
         LEVELS.iter().find(|(_, level)| *level == self).map_or("", |&(name, _)| name)
     }
 
     /// Whether this processor has the instructions of the level.
-    #[must_use]
     pub fn is_available(self) -> bool {
         match self {
             #[cfg(target_arch = "x86_64")]

@@ -121,41 +121,41 @@ impl Neg for Ymm {
     }
 }
 
-#[inline(never)]
-#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx2,fma")]
-fn call_zmm<K: LaneTask<Zmm>>(task: K) -> K::Output {
-    task.run()
-}
+/// The functions of [`Lanes`] that are alike for all vectors: the call of a task, and the numbers of single lanes.
+macro_rules! one_by_one {
+    ($width:literal, $features:literal) => {
+        const WIDTH: usize = $width;
 
-#[inline(never)]
-#[target_feature(enable = "avx2,fma")]
-fn call_ymm<K: LaneTask<Ymm>>(task: K) -> K::Output {
-    task.run()
+        #[inline(always)]
+        fn call<K: LaneTask<Self>>(_: Instructions, task: K) -> K::Output {
+            #[inline(never)]
+            #[target_feature(enable = $features)]
+            fn call<R, K: LaneTask<R>>(task: K) -> K::Output {
+                task.run()
+            }
+            // SAFETY: see the module's documentation.
+            unsafe { call(task) }
+        }
+
+        #[inline(always)]
+        fn from_fn(f: impl FnMut(usize) -> f64) -> Self {
+            Self::of(std::array::from_fn(f))
+        }
+
+        #[inline(always)]
+        fn lane(self, lane: usize) -> f64 {
+            self.numbers()[lane]
+        }
+
+        #[inline(always)]
+        fn set(&mut self, lane: usize, value: f64) {
+            self.numbers_mut()[lane] = value;
+        }
+    };
 }
 
 impl Lanes for Zmm {
-    const WIDTH: usize = 8;
-
-    #[inline(always)]
-    fn call<K: LaneTask<Self>>(_: Instructions, task: K) -> K::Output {
-        // SAFETY: see the module's documentation.
-        unsafe { call_zmm(task) }
-    }
-
-    #[inline(always)]
-    fn from_fn(f: impl FnMut(usize) -> f64) -> Self {
-        Self::of(std::array::from_fn(f))
-    }
-
-    #[inline(always)]
-    fn lane(self, lane: usize) -> f64 {
-        self.numbers()[lane]
-    }
-
-    #[inline(always)]
-    fn set(&mut self, lane: usize, value: f64) {
-        self.numbers_mut()[lane] = value;
-    }
+    one_by_one!(8, "avx512f,avx512dq,avx512vl,avx2,fma");
 
     #[inline(always)]
     fn less(self, other: Self) -> Bits {
@@ -227,28 +227,7 @@ impl Ymm {
 }
 
 impl Lanes for Ymm {
-    const WIDTH: usize = 4;
-
-    #[inline(always)]
-    fn call<K: LaneTask<Self>>(_: Instructions, task: K) -> K::Output {
-        // SAFETY: see the module's documentation.
-        unsafe { call_ymm(task) }
-    }
-
-    #[inline(always)]
-    fn from_fn(f: impl FnMut(usize) -> f64) -> Self {
-        Self::of(std::array::from_fn(f))
-    }
-
-    #[inline(always)]
-    fn lane(self, lane: usize) -> f64 {
-        self.numbers()[lane]
-    }
-
-    #[inline(always)]
-    fn set(&mut self, lane: usize, value: f64) {
-        self.numbers_mut()[lane] = value;
-    }
+    one_by_one!(4, "avx2,fma");
 
     #[inline(always)]
     fn less(self, other: Self) -> Bits {
