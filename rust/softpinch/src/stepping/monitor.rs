@@ -173,9 +173,10 @@ pub(super) struct Condition<R> {
     pub(super) failure: Failure,
     /// The lanes that have this condition.
     pub(super) lanes: Bits,
-    /// The condition fails where its value is negative.
+    /// The condition fails where its value is less than `least`, which is zero for events.
     pub(super) value: R,
-    /// Whether it fails where its value is zero, too.
+    least: R,
+    /// Whether it fails where both are equal, too.
     strict: bool,
 }
 
@@ -183,8 +184,8 @@ impl<R: Lanes> Condition<R> {
     /// The lanes in which it fails.
     #[inline(always)]
     fn fails(&self) -> Bits {
-        let zero = R::zero();
-        self.lanes & if self.strict { self.value.at_most(zero) } else { self.value.less(zero) }
+        let Self { value, least, .. } = *self;
+        self.lanes & if self.strict { value.at_most(least) } else { value.less(least) }
     }
 }
 
@@ -250,7 +251,6 @@ impl<R: Lanes> Limits<R> {
         let Motion { q, p, .. } = at.motion;
         let (d_n, radius) = (q[D_N + i], self.sides[i].radius());
         let (along, across, v) = (at.multipliers[i], at.multipliers[2 + i], at.residuals[2 + i]);
-        let cone = self.friction[i] * along - across.abs();
         let places = at.places.map(R::abs);
         let mut nearest = places[i];
         let (mut touching, mut bilateral) = (Bits::MAX, Bits::MAX);
@@ -272,9 +272,15 @@ impl<R: Lanes> Limits<R> {
                 gap = gap + round_off([q[X], q[Y], d_n]);
             }
             let mut event = |cause, lanes, value| {
-                take(Condition { failure: Failure::Event(cause), lanes, value, strict: false });
+                take(Condition {
+                    failure: Failure::Event(cause),
+                    lanes,
+                    value,
+                    least: R::zero(),
+                    strict: false,
+                });
             };
-            event(Cause::Cone, !(slip | graze | free), cone);
+            event(Cause::Cone, !(slip | graze | free), self.friction[i] * along - across.abs());
             event(Cause::Stop, slip, forward);
             event(Cause::Release, slip, along);
             event(Cause::Share, graze, part);
@@ -283,18 +289,21 @@ impl<R: Lanes> Limits<R> {
             event(Cause::Relaxed, !(free & d_n.is_zero()), d_n);
             event(Cause::Lost, !free | both_free, self.half_height - nearest);
         }
-        let mut violation = |violation, lanes, value, strict| {
-            take(Condition { failure: Failure::Violation(violation), lanes, value, strict });
+        let mut violation = |violation, lanes, value, least, strict| {
+            take(Condition { failure: Failure::Violation(violation), lanes, value, least, strict });
         };
         let quarter = R::constant(std::f64::consts::FRAC_PI_2);
         let rim = radius * (R::constant(1.0) - at.sin_tilt[i].abs());
-        violation(Violation::Slipping, bilateral & self.limited, cone, false);
-        violation(Violation::Pulling, bilateral, along, false);
-        violation(Violation::Separated, bilateral, d_n - self.least[i], false);
-        violation(Violation::OffFace, touching, self.half_height - places[i], false);
-        violation(Violation::Crushed, touching, radius - d_n, true);
-        violation(Violation::Folded, touching, quarter - at.tilt[i].abs(), true);
-        violation(Violation::Rim, touching, rim - d_n, false);
+        let limited = bilateral & self.limited;
+        if limited != 0 {
+            violation(Violation::Slipping, limited, self.friction[i] * along, across.abs(), false);
+        }
+        violation(Violation::Pulling, bilateral, along, R::zero(), false);
+        violation(Violation::Separated, bilateral, d_n, self.least[i], false);
+        violation(Violation::OffFace, touching, self.half_height, places[i], false);
+        violation(Violation::Crushed, touching, radius, d_n, true);
+        violation(Violation::Folded, touching, quarter, at.tilt[i].abs(), true);
+        violation(Violation::Rim, touching, rim, d_n, false);
     }
 
     /// For each of [`VIOLATIONS`] the lanes in which it holds at an instant. In unilateral contact there are `contacts`,
