@@ -128,8 +128,8 @@ MUTANTS = (
     ),
     Mutant(
         "stepping/monitor.rs",
-        "violation(Violation::Pulling, bilateral, along, false);",
-        "violation(Violation::Pulling, bilateral, along + R::constant(1e9), false);",
+        "violation(Violation::Pulling, bilateral, along, R::zero(), false);",
+        "violation(Violation::Pulling, bilateral, along + R::constant(1e9), R::zero(), false);",
         "extreme",
     ),
     Mutant(
