@@ -26,6 +26,12 @@ LATE = 0.11
 DURATION = 0.15
 
 
+@pytest.fixture(autouse=True)
+def _budget_in_cpu_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Other work on the machine takes nothing from the budget of `advise`."""
+    monkeypatch.setattr("softpinch.accuracy.advisor.perf_counter", time.process_time)
+
+
 def eventful(scene: sp.Scene, angle: float, push: float) -> sp.Scene:
     """With a switch and a pulse after any pilot, which is 20 ms long here."""
     held = np.asarray(scene.schedule.angles)[-1]
@@ -86,8 +92,7 @@ ADAPTIVE = sp._core.ADAPTIVE_METHODS
 @pytest.mark.parametrize("name", stress.CASES)
 def test_advice_for_every_stress_scene_meets_the_tolerance(name: str) -> None:
     case = stress.CASES[name]
-    # The budget is in real time, and a machine with other work needs more.
-    advice = sp.advise(case.scene, 1e-6, stabilization=case.stabilization, budget=20.0)
+    advice = sp.advise(case.scene, 1e-6, stabilization=case.stabilization, budget=4.0)
     assert advice.met, advice.message
     run = advice.simulate(record=("state", "multipliers"))
     assert run.status == case.end
@@ -106,7 +111,7 @@ def test_advice_for_every_stress_scene_meets_the_tolerance(name: str) -> None:
     assert advice.time <= 1.5 * min(advice.equal.time, advice.adaptive.time)
     assert advice.tried == case.scene.duration
     for name in advice.untried:
-        assert re.search("(1 pair was|pairs were) not tried within 20 s", advice.message), name
+        assert re.search("(1 pair was|pairs were) not tried within 4 s", advice.message), name
 
 
 def work(scene: sp.Scene, gains: sp.Stabilization, **how: Any) -> float:
@@ -176,7 +181,7 @@ def test_the_advice_takes_no_more_than_twice_as_long_as_the_cheapest(
 
 def test_pairs_beyond_the_budget_are_listed() -> None:
     scene = stress.CASES["overdamped"].scene
-    for budget in (0.2, 0.6, 2.0, 6.0, 20.0):  # a machine with other work needs more
+    for budget in (0.2, 0.6, 2.0, 4.0):  # a slow machine needs more
         seen: list[tuple[int, int]] = []
         short = sp.advise(scene, 1e-6, budget=budget, progress=lambda *n, s=seen: s.append(n))
         if short.met:
@@ -228,7 +233,7 @@ def test_a_start_off_the_constraints_is_for_csm() -> None:
 def test_a_sampled_controller_has_advice() -> None:
     """Its torques depend on the run, so that no eigenvalues limit the steps."""
     scene = sp.Scene(duration=0.1, control=sp.SampledController.pid(1e-3))
-    advice = sp.advise(scene, 1e-3, methods=("rk4", "radau5"), budget=math.inf)
+    advice = sp.advise(scene, 1e-3, methods=("rk4", "radau5"), budget=4.0)
     assert advice.met, advice.message
     equal = replace(advice, dt=advice.equal.dt, step_tolerance=None, method=advice.equal.method)
     run = equal.simulate()
@@ -236,7 +241,7 @@ def test_a_sampled_controller_has_advice() -> None:
     assert run.success and np.diff(run.t).max() <= 1e-3 * (1.0 + 1e-9)
     exact = sp.simulate(scene, tolerance=1e-12, method="rosenbrock", times=run.t)
     np.testing.assert_allclose(run.q, exact.q, rtol=0.0, atol=1e-3 * np.abs(exact.q).max())
-    alone = sp.advise(scene, 1e-3, methods="rk4", budget=math.inf)
+    alone = sp.advise(scene, 1e-3, methods="rk4", budget=4.0)
     assert math.isnan(alone.margin)
     assert "the longest stable dt is not known with a SampledController" in alone.message
 
@@ -244,7 +249,7 @@ def test_a_sampled_controller_has_advice() -> None:
 def test_a_tolerance_that_no_pair_meets_is_reported() -> None:
     case = stress.CASES["overdamped"]
     pair: dict[str, Any] = {"methods": "implicit_midpoint", "formulations": "nullspace"}
-    advice = sp.advise(case.scene, 1e-10, budget=60.0, **pair)
+    advice = sp.advise(case.scene, 1e-10, budget=4.0, **pair)
     assert not advice.met
     assert "no pair meets 1e-10" in advice.message
     assert "ms a run" in advice.message

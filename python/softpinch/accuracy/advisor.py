@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import statistics
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -257,7 +257,7 @@ def advise(
             f"formulations = {formulations}: a start off the constraints (check=False) is for "
             "'csm' only"
         )
-    stop = time.perf_counter() + _SEARCH * budget
+    stop = perf_counter() + _SEARCH * budget
     motion = ReferenceMotion(scene, tolerance, stabilization)
     with reporting(progress, "trying pairs") as report:
         return _Advisor(motion, budget, stop).advise(pairs, report)
@@ -324,7 +324,7 @@ class _Search:
         """Finds the loosest setting that is accurate enough; `Trial.note` says why there is none.
 
         A run that takes longer than `most`, s, is given up, and so is the search at the deadline,
-        by `time.perf_counter`.
+        by `perf_counter`.
         """
         accuracy, longest = self.motion.tolerance, self.longest
         least = _TIGHTEST if self.kind == "tolerance" else 0.0
@@ -388,7 +388,7 @@ class _Search:
 
     def _error(self, value: float, most: float, deadline: float) -> float:
         """The largest error of a run; raises `_GivenUp` if it would take too long."""
-        if time.perf_counter() > deadline:
+        if perf_counter() > deadline:
             raise _GivenUp("the budget ended before a setting was good enough")
         if len(self._errors) == _MOST_TRIALS:
             raise _GivenUp("no setting was good enough")
@@ -420,7 +420,7 @@ class _Search:
 class _Advisor:
     """The search over all pairs of one scene.
 
-    No new pair is tried after the instant `stop`, by `time.perf_counter`, s.
+    No new pair is tried after the instant `stop`, by `perf_counter`, s.
     """
 
     def __init__(self, motion: ReferenceMotion, budget: float, stop: float) -> None:
@@ -456,7 +456,7 @@ class _Advisor:
         """Searches the setting of one pair, unless it cannot be the best."""
         known = self.best[search.kind]
         best = known.time * self.motion.share if known and known.found else math.inf
-        left = self.stop - time.perf_counter()
+        left = self.stop - perf_counter()
         least = 0.0
         if left > 0 or known is None:
             least = search.least_time = search.least_run_time()
