@@ -261,18 +261,8 @@ proptest! {
         let k = (place * (rows.t.len() - 1) as f64) as usize;
         let duration = scene.duration - rows.t[k];
         prop_assume!(rows.t[k] + duration == scene.duration);
-        let initial = State {
-            time: rows.t[k],
-            q: rows.q[k],
-            p: rows.p[k],
-            memory: rows.memory[k],
-            grid: Some((rows.grid_anchor[k], rows.grid_step[k])),
-            linearized: rows.linearized.get(k).filter(|point| !point[0].is_nan()).copied(),
-            contact: rows.contact.get(k).copied(),
-            controller: None,
-        };
         // The stabilisation leaves residuals, which a start that is checked may not have.
-        let rest = Scene { initial, check: false, duration, ..scene };
+        let rest = Scene { initial: rows.state_at(k), check: false, duration, ..scene };
         let resumed = run(&rest);
         prop_assert_eq!(&resumed.status, &whole.status);
         prop_assert_eq!(&resumed.recording.q[..], &rows.q[k..]);

@@ -211,18 +211,8 @@ fn a_resumed_run_gives_the_same_bits() {
         let rows = &whole.recording;
         assert!(rows.contact.iter().any(|row| row[0] == 0.0 || row[1] == 0.0));
         for k in (0..rows.t.len() - 1).step_by(7) {
-            let point = rows.linearized.get(k).filter(|point| !point[0].is_nan());
-            let initial = State {
-                time: rows.t[k],
-                q: rows.q[k],
-                p: rows.p[k],
-                memory: rows.memory[k],
-                grid: Some((rows.grid_anchor[k], rows.grid_step[k])),
-                linearized: point.copied(),
-                contact: Some(rows.contact[k]),
-                controller: None,
-            };
             // The stabilisation leaves residuals, which a start that is checked may not have.
+            let initial = rows.state_at(k);
             let rest = Scene { initial, check: false, duration: 0.04 - rows.t[k], ..scene.clone() };
             let found = run(&rest, &options);
             assert_eq!(
