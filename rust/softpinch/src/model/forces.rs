@@ -107,17 +107,36 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         motion: &Motion<R>,
         input: &Input<R>,
     ) -> Forces<R> {
-        let Motion { q, p, memory } = motion;
-        let zero = R::zero();
-        let (mut finger_gravity, mut resistance, mut torque) = ([zero; 2], [zero; 4], [zero; 2]);
-        for i in 0..2 {
-            let tip = &self.tips[i];
-            finger_gravity[i] = self.finger_weights[i] * geometry.contacts[i].sin_finger;
-            resistance[i] = tip.normal_viscosity.mul_add(p[D_N + i], elastic[i].normal);
-            resistance[2 + i] = tip.tangential_viscosity.mul_add(p[D_T + i], elastic[i].tangential);
-            torque[i] = self.controllers[i].torque(q[FINGER + i], p[FINGER + i], memory[i], input.target[i]);
+        let right = self.side_forces(0, &elastic[0], geometry, motion, input);
+        let left = self.side_forces(1, &elastic[1], geometry, motion, input);
+        Forces {
+            elastic,
+            finger_gravity: [right.0, left.0],
+            weight: self.weight,
+            resistance: [right.1, left.1, right.2, left.2],
+            torque: [right.3, left.3],
+            external: input.force,
         }
-        Forces { elastic, finger_gravity, weight: self.weight, resistance, torque, external: input.force }
+    }
+
+    /// Gravity's torque on a finger, the resistances of d_n and d_t, and the controller's torque. In a loop over both sides
+    /// the Jacobian in lanes would take 14 % more instructions.
+    #[inline(always)]
+    fn side_forces(
+        &self,
+        i: usize,
+        elastic: &ElasticGradient<R>,
+        geometry: &Geometry<R>,
+        Motion { q, p, memory }: &Motion<R>,
+        input: &Input<R>,
+    ) -> (R, R, R, R) {
+        let tip = &self.tips[i];
+        (
+            self.finger_weights[i] * geometry.contacts[i].sin_finger,
+            tip.normal_viscosity.mul_add(p[D_N + i], elastic.normal),
+            tip.tangential_viscosity.mul_add(p[D_T + i], elastic.tangential),
+            self.controllers[i].torque(q[FINGER + i], p[FINGER + i], memory[i], input.target[i]),
+        )
     }
 
     /// The viscous forces (44), (45) on (d_n1, d_n2, d_t1, d_t2), with reversed signs.
