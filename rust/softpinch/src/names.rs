@@ -17,7 +17,6 @@ macro_rules! named {
 
         impl $kind {
             /// The public name.
-            #[must_use]
             pub fn name(self) -> &'static str {
                 $table[self as usize].0
             }

@@ -125,7 +125,6 @@ impl<'a> Shared<'a> {
     }
 
     /// Number of finished runs.
-    #[must_use]
     pub fn done(&self) -> usize {
         self.done.load(Ordering::Relaxed)
     }

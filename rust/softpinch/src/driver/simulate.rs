@@ -29,7 +29,6 @@ use crate::stepping::record::{Layout, Recording, reserved};
 use crate::stepping::recorder::{Due, Recorder, Run};
 
 /// Advice for steps that are too long for the gains of the stabilisation; `None` if they are not.
-#[must_use]
 pub fn stability_warning(options: &Options, longest: f64) -> Option<String> {
     if options.formulation != Formulation::Csm {
         return None;
@@ -291,7 +290,7 @@ fn run<'a>(
                 let called = &SceneEquations::new(instructions, choice, &scene.parameters, gains);
                 return with!(called.kind, equations [false] => {
                     let system = Inlined::<_, false> { equations, called };
-                    let build = |_: Runs<'_>| (system, Rk4::default());
+                    let build = |_: Runs<'_>| (system, Box::<Rk4>::default());
                     f64::call(instructions, EqualSteps { setup, grid, build })
                 });
             }

@@ -67,25 +67,21 @@ impl Simulator {
     }
 
     /// Number of runs.
-    #[must_use]
     pub fn runs(&self) -> usize {
         self.environments.len()
     }
 
     /// What was last seen of a run.
-    #[must_use]
     pub fn observed(&self, run: usize) -> &Observed {
         &self.environments[run].observed
     }
 
     /// The present state of a run, from which another one can go on.
-    #[must_use]
     pub fn state(&self, run: usize) -> &State {
         &self.environments[run].scene.initial
     }
 
     /// The end of the last period of a run, s, at which a violation may have kept the run from arriving.
-    #[must_use]
     pub fn end(&self, run: usize) -> f64 {
         self.environments[run].until
     }

@@ -160,53 +160,6 @@ pub trait Integrator<R: Lanes, S: System<R>> {
     }
 }
 
-/// A method behind a pointer.
-impl<R: Lanes, S: System<R>, M: Integrator<R, S> + ?Sized> Integrator<R, S> for Box<M> {
-    type Failure = M::Failure;
-
-    #[inline(always)]
-    fn step(
-        &mut self,
-        system: &S,
-        drive: &SegmentDrive<R>,
-        step: &Step<'_, R>,
-        next: &mut States<R>,
-        stats: &mut Stats,
-    ) -> Result<(), M::Failure> {
-        (**self).step(system, drive, step, next, stats)
-    }
-
-    #[inline(always)]
-    fn restart(&mut self) {
-        (**self).restart();
-    }
-
-    #[inline(always)]
-    fn repeat(&mut self) {
-        (**self).repeat();
-    }
-
-    #[inline(always)]
-    fn renew(&mut self, runs: Runs<'_>) {
-        (**self).renew(runs);
-    }
-
-    #[inline(always)]
-    fn keeps_jacobian(&self) -> bool {
-        (**self).keeps_jacobian()
-    }
-
-    #[inline(always)]
-    fn jacobian_is_reusable(&self) -> bool {
-        (**self).jacobian_is_reusable()
-    }
-
-    #[inline(always)]
-    fn take_jacobian(&mut self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) {
-        (**self).take_jacobian(drive, tau, y);
-    }
-}
-
 /// A method that can choose the length of its steps.
 pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
     /// The error estimate grows with this power of the length of the step.

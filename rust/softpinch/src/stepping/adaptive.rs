@@ -84,7 +84,7 @@ where
                     lanes.load(lane, &mut start)?;
                 }
                 if left != 0 && lanes.batch.active() != 0 {
-                    lanes.batch.renew((&mut system, &mut method), left, &mut start.y);
+                    lanes.batch.renew((&mut system, &mut *method), left, &mut start.y);
                     lanes.size(&system, left, &mut start);
                 }
                 if lanes.entering() != 0 {

@@ -314,7 +314,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     #[inline(always)]
     pub fn renew<S: LoopSystem<R>>(
         &mut self,
-        (system, method): (&mut S, &mut impl Integrator<R, S>),
+        (system, method): (&mut S, &mut (impl Integrator<R, S> + ?Sized)),
         changed: Bits,
         y: &mut States<R>,
     ) {

@@ -102,13 +102,11 @@ pub struct ContactRun {
 
 impl ContactRun {
     /// The contacts at the start of a run.
-    #[must_use]
     pub fn new(contacts: [Contact; 2]) -> Self {
         Self { contacts, anchor: 0.0, changes: Vec::new() }
     }
 
     /// The modes of both contacts.
-    #[must_use]
     pub fn modes(&self) -> [Mode; 2] {
         self.contacts.map(|contact| contact.mode)
     }

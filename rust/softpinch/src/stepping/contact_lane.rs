@@ -233,25 +233,21 @@ impl LaneContact {
     }
 
     /// Whether the modes are to be chosen from the state at which the run starts.
-    #[must_use]
     pub fn is_unset(&self) -> bool {
         self.unset.is_some()
     }
 
     /// Both contacts.
-    #[must_use]
     pub fn contacts(&self) -> &[Contact; 2] {
         &self.run.contacts
     }
 
     /// The contacts in the form of results.
-    #[must_use]
     pub fn row(&self) -> ContactRow {
         Contact::row(&self.run.contacts)
     }
 
     /// Whether neither tip is free.
-    #[must_use]
     pub fn is_closed(&self) -> bool {
         self.run.contacts.iter().all(|contact| contact.closed)
     }

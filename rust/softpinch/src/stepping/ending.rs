@@ -29,7 +29,6 @@ pub enum Attempt {
 }
 
 /// The message of a run that reached its end.
-#[must_use]
 pub fn arrival(t: f64) -> String {
     format!("reached the end at t = {}", seconds(t))
 }

@@ -31,9 +31,9 @@ impl<'a, R, S, I, Q, B> LaneTask<R> for EqualSteps<'_, 'a, Q, B>
 where
     R: Lanes,
     S: LoopSystem<R>,
-    I: Integrator<R, S>,
+    I: Integrator<R, S> + ?Sized,
     Q: RunQueue<'a>,
-    B: FnOnce(Runs<'_>) -> (S, I),
+    B: FnOnce(Runs<'_>) -> (S, Box<I>),
 {
     type Output = Result<Q, Error>;
 
@@ -76,7 +76,7 @@ where
 
         while lanes.batch.active() != 0 {
             if std::mem::take(&mut lanes.entered) && keeps_jacobian {
-                lanes.restart_jacobian(system.called(), &mut method);
+                lanes.restart_jacobian(system.called(), &mut *method);
             }
             let tau = lanes.taken * lanes.h;
             let t = lanes.times(tau);
@@ -130,7 +130,7 @@ where
             }
             if skipping != R::ALL
                 && let Err(unsolved) =
-                    lanes.step((&system, &mut method, keeps_jacobian), (tau, now, y), after)
+                    lanes.step((&system, &mut *method, keeps_jacobian), (tau, now, y), after)
             {
                 let failed = R::ALL & !skipping;
                 let at = Instants { now, y, before, y_before: y };
@@ -141,7 +141,7 @@ where
                 if lanes.batch.active() == 0 {
                     break;
                 }
-                lanes.batch.renew((&mut system, &mut method), loaded, &mut replacement);
+                lanes.batch.renew((&mut system, &mut *method), loaded, &mut replacement);
             }
             swap(&mut y, &mut after);
             if skipping != 0 {

@@ -290,7 +290,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     #[inline(always)]
     pub(super) fn step<S: LoopSystem<R>>(
         &mut self,
-        (system, method, keeps_jacobian): (&S, &mut impl Integrator<R, S>, bool),
+        (system, method, keeps_jacobian): (&S, &mut (impl Integrator<R, S> + ?Sized), bool),
         (tau, now, y): (R, &Evaluation<R>, &States<R>),
         after: &mut States<R>,
     ) -> Result<(), Unsolved> {
@@ -317,7 +317,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     pub(super) fn restart_jacobian<S: System<R>>(
         &mut self,
         system: &SceneEquations<R>,
-        method: &mut impl Integrator<R, S>,
+        method: &mut (impl Integrator<R, S> + ?Sized),
     ) {
         method.restart();
         self.in_use = None;

@@ -66,7 +66,6 @@ impl Segment {
 
     /// The time since the anchor after `step` steps.
     #[inline(always)]
-    #[must_use]
     pub fn tau(&self, step: u64) -> f64 {
         #[allow(clippy::cast_precision_loss)] // at most 1e11
         let steps = step as f64;
@@ -75,7 +74,6 @@ impl Segment {
 
     /// The time after `step` steps.
     #[inline(always)]
-    #[must_use]
     pub fn time(&self, step: u64) -> f64 {
         if step == self.first {
             self.start
@@ -87,7 +85,6 @@ impl Segment {
     }
 
     /// Number of steps that this run takes in the segment.
-    #[must_use]
     pub fn steps(&self) -> u64 {
         self.count - self.first
     }
@@ -147,13 +144,11 @@ impl Span {
     }
 
     /// The end of the segment that begins at `from`.
-    #[must_use]
     pub fn segment_end(&self, inputs: &Inputs, from: f64) -> f64 {
         inputs.next_breakpoint(from).min(self.end)
     }
 
     /// Number of segments.
-    #[must_use]
     pub fn segment_count(&self, inputs: &Inputs) -> u64 {
         let (mut from, mut count) = (self.start, 0);
         while from < self.end {
@@ -221,13 +216,11 @@ impl Grid {
     }
 
     /// Whether a segment is the last one.
-    #[must_use]
     pub fn is_last(&self, segment: &Segment) -> bool {
         segment.end >= self.span.end
     }
 
     /// The segment after this one; `None` after the last.
-    #[must_use]
     pub fn after(&self, inputs: &Inputs, segment: &Segment) -> Option<Segment> {
         self.cut_after(inputs, segment).map(|coarse| coarse.refined(self.refine))
     }

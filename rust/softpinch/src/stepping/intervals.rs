@@ -25,7 +25,6 @@ pub struct Intervals {
 
 impl Intervals {
     /// No intervals, before the first instant.
-    #[must_use]
     pub fn new() -> Self {
         let intervals = [const { Vec::new() }; VIOLATIONS.len()];
         Self {
@@ -75,7 +74,6 @@ impl Intervals {
 
     /// Whether there is no memory for an interval, so that the run has to end.
     #[inline(always)]
-    #[must_use]
     pub fn is_refused(&self) -> bool {
         self.refusal.is_some()
     }
@@ -87,7 +85,6 @@ impl Intervals {
     }
 
     /// The intervals at the end of the run, which ends those that last.
-    #[must_use]
     pub fn finish(&mut self) -> [Vec<[f64; 2]>; VIOLATIONS.len()] {
         let mut all = std::mem::take(&mut self.intervals);
         for intervals in &mut all {
@@ -105,7 +102,6 @@ impl Default for Intervals {
 
 /// The intervals of a run that ends at `end`, during which the mode of a contact was one of those that `shows`
 /// names. The modes are first those of `start`, and then the `changes` follow.
-#[must_use]
 pub fn of_changes(
     start: [Mode; 2],
     changes: &[Change],

@@ -57,27 +57,23 @@ pub struct ViolationSet(u8);
 impl ViolationSet {
     /// Whether `violation` is in the set.
     #[inline(always)]
-    #[must_use]
     pub fn contains(self, violation: Violation) -> bool {
         self.0 & (1 << violation as u8) != 0
     }
 
     /// The violations that are in both sets.
     #[inline(always)]
-    #[must_use]
     pub fn intersection(self, other: Self) -> Self {
         Self(self.0 & other.0)
     }
 
     /// The violations in `found` that hold in one lane.
-    #[must_use]
     pub fn of(found: &[Bits; VIOLATIONS.len()], lane: usize) -> Self {
         let set = found.iter().enumerate().fold(0, |set, (k, bits)| set | (bits >> lane & 1) << k);
         Self(set)
     }
 
     /// The first violation of the set in the order of [`VIOLATIONS`].
-    #[must_use]
     pub fn first(self) -> Option<Violation> {
         VIOLATIONS.iter().map(|&(_, violation)| violation).find(|&violation| self.contains(violation))
     }
@@ -357,7 +353,6 @@ impl<R: Lanes> Limits<R> {
 /// The point at which a tip seems to leave the object, to be pressed flat or to fold, and then to come back
 /// between two states. It is a share of the step of length `h` between them. It is found on the cubic through
 /// values and rates at both ends, because a step may be long.
-#[must_use]
 #[inline(always)]
 pub fn violating_turning_point(
     parameters: &Parameters,
@@ -384,7 +379,6 @@ pub fn violating_turning_point(
 
 /// Explains, with numbers, why a run ends on `violation` at an instant. `begins` is true at the first instant
 /// of the run.
-#[must_use]
 pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, instant: &Instant) -> String {
     let Instant { q, p, multipliers, contact, .. } = instant;
     let t = seconds(instant.t);

@@ -92,14 +92,12 @@ impl Options {
 
     /// Whether the steps of a run may be beyond the stability limit of its method, by a bound on the rates of the
     /// motion. Methods with error control, and those that are stable for every step, need no such bound.
-    #[must_use]
     pub fn may_be_unstable(&self, scene: &Scene) -> bool {
         let Steps::Fixed(dt) = self.steps else { return false };
         self.surely_stable_step(scene) < dt.min(scene.duration) / f64::from(self.refine)
     }
 
     /// The longest step that is stable by the bound on the rates, s; infinite if every step is stable.
-    #[must_use]
     pub fn surely_stable_step(&self, scene: &Scene) -> f64 {
         let Some(limit) = self.method.entry().real_stability_limit else { return f64::INFINITY };
         let rate = fastest_rate(&scene.parameters, scene.inputs.fingers());

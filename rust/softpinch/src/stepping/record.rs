@@ -61,7 +61,6 @@ pub struct Layout {
 
 impl Layout {
     /// Number of columns of the energy ledger.
-    #[must_use]
     pub fn energies(self) -> usize {
         3 + if self.unilateral { WORKS } else { BILATERAL_WORKS }
     }
@@ -86,7 +85,6 @@ pub struct Selection {
 
 impl Selection {
     /// Number of values in a row, including its time.
-    #[must_use]
     pub fn width(&self, layout: Layout) -> u64 {
         1 + 22 * u64::from(self.state)
             + 21 * u64::from(self.state && layout.keeps_jacobian)
@@ -146,7 +144,6 @@ pub struct Instant {
 
 impl Instant {
     /// The start of a run, before anything is computed.
-    #[must_use]
     pub fn start(state: &State) -> Self {
         Self {
             t: state.time,

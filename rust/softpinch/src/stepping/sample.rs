@@ -13,13 +13,12 @@ pub struct Sample {
     pub works: [f64; WORKS],
     /// The point of the Jacobian that the next step uses, for methods that keep one.
     pub linearized: Option<Linearized>,
-    /// Whether it is the instant of a sample before the sample is taken.
+    /// True if the controller has not yet sampled at this instant.
     pub before_sample: bool,
 }
 
 impl Sample {
     /// Whether all numbers of the instant are finite.
-    #[must_use]
     pub fn is_finite(&self) -> bool {
         let Instant { q, p, memory, multipliers, residuals, torque, .. } = &self.instant;
         [&q[..], p, memory, multipliers, residuals, torque, &self.works]

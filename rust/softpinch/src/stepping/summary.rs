@@ -116,7 +116,6 @@ macro_rules! summaries {
         impl Summary {
             /// The derivative of the summary, from its memory and the derivatives of that; `None` if it has none that
             /// means anything.
-            #[must_use]
             pub fn slope(self, memory: [f64; 3], slopes: [f64; 3]) -> Option<f64> {
                 match self {
                     $(Self::$kind => $kind::SMOOTH.then(|| $kind::slope(memory, slopes)),)*
@@ -124,7 +123,6 @@ macro_rules! summaries {
             }
 
             /// Whether the summary has a derivative.
-            #[must_use]
             pub fn is_differentiable(self) -> bool {
                 match self {
                     $(Self::$kind => $kind::SMOOTH,)*
@@ -336,7 +334,6 @@ pub struct Wanted {
 
 impl Wanted {
     /// The given summaries, with their settings.
-    #[must_use]
     pub fn new(summaries: impl IntoIterator<Item = Summary>, after: f64, band: f64) -> Self {
         let set = summaries.into_iter().fold(0, |set, summary| set | 1 << summary as u32);
         Self { set, after, band }
@@ -344,14 +341,12 @@ impl Wanted {
 
     /// Whether a summary is computed.
     #[inline(always)]
-    #[must_use]
     pub fn contains(&self, summary: Summary) -> bool {
         self.set & (1 << summary as u32) != 0
     }
 
     /// Whether no summary is computed.
     #[inline(always)]
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.set == 0
     }
@@ -375,7 +370,6 @@ pub struct Summaries<R> {
 
 impl<R: Lanes> Summaries<R> {
     /// Summaries before the first instant.
-    #[must_use]
     pub fn new(wanted: &Wanted) -> Self {
         let mut summaries = Self {
             wanted: *wanted,

@@ -64,13 +64,11 @@ pub struct Count {
 
 impl Count {
     /// Floating-point operations; a fused multiply-add counts as two.
-    #[must_use]
     pub fn flops(&self) -> u64 {
         self.operations.iter().zip(OPERATIONS).map(|(count, (_, flops, _))| count * flops).sum()
     }
 
     /// The cycles that the longest chain takes.
-    #[must_use]
     pub fn latency(&self) -> u64 {
         self.chain.iter().zip(OPERATIONS).map(|(count, (_, _, cycles))| count * cycles).sum()
     }
@@ -167,7 +165,6 @@ pub struct Counted {
 
 impl Counted {
     /// A number that is not known beforehand.
-    #[must_use]
     pub fn given(value: f64) -> Self {
         let place = RECORD.with_borrow_mut(|record| {
             record.places.push(None);
@@ -177,7 +174,6 @@ impl Counted {
     }
 
     /// The number itself.
-    #[must_use]
     pub fn value(self) -> f64 {
         self.value
     }
