@@ -19,7 +19,9 @@ use pyo3::types::{IntoPyDict, PyDict, PyTuple};
 use batch::Batch;
 use convert::{columns, entries, fixed, matrix, raise, room, rows};
 use inputs::Inputs;
+use linear::linearize;
 use rest::RestScene;
+use sensitivity::{Directions, gradients, sensitivities};
 use signals::Signals;
 use simulation::Simulation;
 use simulator::Simulator;
@@ -248,7 +250,22 @@ fn simd_level() -> PyResult<&'static str> {
 }
 
 #[pymodule]
-fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
+mod _core {
+    #[pymodule_export]
+    use super::{
+        Batch, Directions, Inputs, RestScene, Simulation, Simulator, consistent, evaluate, gradients,
+        linearize, noise, residuals, sensitivities, simd_level, stable_step, start_driven, start_state,
+        validate,
+    };
+
+    #[pymodule_init]
+    fn init(module: &pyo3::Bound<'_, pyo3::types::PyModule>) -> pyo3::PyResult<()> {
+        super::fill(module)
+    }
+}
+
+/// Checks the processor, and adds the constants of the core.
+fn fill(module: &Bound<'_, PyModule>) -> PyResult<()> {
     let py = module.py();
     Level::detect().require().map_err(|error| PyImportError::new_err(error.to_string()))?;
     // The numpy crate looks up NumPy's functions and its own record of borrows when an array is first made
@@ -257,24 +274,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     // through.
     py.import("numpy")?;
     PyArray1::<f64>::zeros(py, 0, false).try_readonly()?;
-    module.add_class::<Inputs>()?;
-    module.add_class::<RestScene>()?;
-    module.add_class::<Batch>()?;
-    module.add_class::<Simulation>()?;
-    module.add_class::<Simulator>()?;
-    module.add_function(wrap_pyfunction!(validate, module)?)?;
-    module.add_function(wrap_pyfunction!(start_state, module)?)?;
-    module.add_function(wrap_pyfunction!(start_driven, module)?)?;
-    module.add_function(wrap_pyfunction!(consistent, module)?)?;
-    module.add_function(wrap_pyfunction!(residuals, module)?)?;
-    module.add_function(wrap_pyfunction!(evaluate, module)?)?;
-    module.add_function(wrap_pyfunction!(linear::linearize, module)?)?;
-    module.add_function(wrap_pyfunction!(sensitivity::sensitivities, module)?)?;
-    module.add_function(wrap_pyfunction!(sensitivity::gradients, module)?)?;
-    module.add_class::<sensitivity::Directions>()?;
-    module.add_function(wrap_pyfunction!(stable_step, module)?)?;
-    module.add_function(wrap_pyfunction!(noise, module)?)?;
-    module.add_function(wrap_pyfunction!(simd_level, module)?)?;
     let rules = PyDict::new(py);
     for (record, fields) in records() {
         let texts = fields.into_iter().map(|(field, rule)| (field, rule.text()));

@@ -1,8 +1,7 @@
 //! Linearisations of the motion.
 
-use numpy::{Ix2, Ix3, PyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
-use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -16,31 +15,25 @@ use softpinch::model::motion::Motion;
 use softpinch::model::parameters::Stabilization;
 use softpinch::number::simd::level::Level;
 
-/// The same array of several instants, row by row.
-#[derive(Default)]
+/// The arrays of a linear model, and the numbers of their axes.
+const ARRAYS: [(&str, usize); 8] =
+    [("A", 2), ("B", 2), ("C", 2), ("D", 2), ("state", 1), ("rate", 1), ("input", 1), ("output", 1)];
+
+/// The same array of several instants, one after the other.
 struct Stack {
-    rows: usize,
-    columns: usize,
+    shape: Vec<usize>,
     numbers: Vec<f64>,
 }
 
 impl Stack {
-    /// Adds a matrix, whose rows are the columns of `transposed`. The first one reserves the memory of all.
-    fn push(&mut self, transposed: (usize, usize), numbers: &[f64], instants: usize) -> PyResult<()> {
+    /// Adds an array of an instant. The first one reserves the memory of all.
+    fn push(&mut self, (shape, numbers): (Vec<usize>, Vec<f64>), instants: usize) -> PyResult<()> {
         if self.numbers.capacity() == 0 {
-            (self.columns, self.rows) = transposed;
+            self.shape = shape;
             self.numbers = room("the linear models, in numbers,", instants.saturating_mul(numbers.len()))?;
         }
         self.numbers.extend(numbers);
         Ok(())
-    }
-
-    fn matrices(self, py: Python<'_>, instants: usize) -> PyResult<Bound<'_, PyArray<f64, Ix3>>> {
-        PyArray1::from_vec(py, self.numbers).reshape([instants, self.rows, self.columns])
-    }
-
-    fn vectors(self, py: Python<'_>, instants: usize) -> PyResult<Bound<'_, PyArray<f64, Ix2>>> {
-        PyArray1::from_vec(py, self.numbers).reshape([instants, self.columns])
     }
 }
 
@@ -82,49 +75,37 @@ pub fn linearize<'py>(
         )));
     }
     let n = t.len();
-    let [mut a, mut b, mut c, mut d, mut state, mut rate, mut input, mut output] =
-        std::array::from_fn::<Stack, 8, _>(|_| Stack::default());
+    let mut stacks = ARRAYS.map(|(_, axes)| Stack { shape: vec![0; axes], numbers: Vec::new() });
     py.detach(|| {
         let mut signals = Signals::new();
         for (k, &t) in t.iter().enumerate() {
             signals.check()?;
             let motion = Motion { q: q[k], p: p[k], memory: memory[k] };
-            if !whole {
-                let jacobian =
-                    linear::jacobian(&parameters, &inputs, &setting, t, &motion).map_err(raise)?.transpose();
-                a.push(jacobian.shape(), jacobian.as_slice(), n)?;
-                continue;
-            }
-            let LinearModel {
-                a: own_a,
-                b: own_b,
-                c: own_c,
-                d: own_d,
-                state: x,
-                rate: v,
-                input: u,
-                output: y,
-            } = linear::linearize(&parameters, &inputs, &setting, t, &motion).map_err(raise)?;
-            for (stack, matrix) in [(&mut a, own_a), (&mut b, own_b), (&mut c, own_c), (&mut d, own_d)] {
-                let matrix = matrix.transpose();
-                stack.push(matrix.shape(), matrix.as_slice(), n)?;
-            }
-            for (stack, vector) in [(&mut state, x), (&mut rate, v), (&mut input, u), (&mut output, y)] {
-                stack.push(vector.shape(), vector.as_slice(), n)?;
+            let (matrices, vectors) = if whole {
+                let LinearModel { a, b, c, d, state, rate, input, output } =
+                    linear::linearize(&parameters, &inputs, &setting, t, &motion).map_err(raise)?;
+                (vec![a, b, c, d], vec![state, rate, input, output])
+            } else {
+                let a = linear::jacobian(&parameters, &inputs, &setting, t, &motion).map_err(raise)?;
+                (vec![a], Vec::new())
+            };
+            // Row by row.
+            let matrices = matrices
+                .iter()
+                .map(|matrix| (vec![matrix.nrows(), matrix.ncols()], matrix.transpose().as_slice().to_vec()));
+            let vectors = vectors.iter().map(|vector| (vec![vector.len()], vector.as_slice().to_vec()));
+            for (stack, array) in stacks.iter_mut().zip(matrices.chain(vectors)) {
+                stack.push(array, n)?;
             }
         }
         PyResult::Ok(())
     })?;
     let out = PyDict::new(py);
-    out.set_item(intern!(py, "A"), a.matrices(py, n)?)?;
-    if whole {
-        out.set_item(intern!(py, "B"), b.matrices(py, n)?)?;
-        out.set_item(intern!(py, "C"), c.matrices(py, n)?)?;
-        out.set_item(intern!(py, "D"), d.matrices(py, n)?)?;
-        out.set_item(intern!(py, "state"), state.vectors(py, n)?)?;
-        out.set_item(intern!(py, "rate"), rate.vectors(py, n)?)?;
-        out.set_item(intern!(py, "input"), input.vectors(py, n)?)?;
-        out.set_item(intern!(py, "output"), output.vectors(py, n)?)?;
+    for ((name, _), Stack { shape, numbers }) in
+        ARRAYS.into_iter().zip(stacks).take(if whole { 8 } else { 1 })
+    {
+        let shape: Vec<usize> = [n].into_iter().chain(shape).collect();
+        out.set_item(name, PyArray1::from_vec(py, numbers).reshape(shape)?)?;
     }
     Ok(out)
 }

@@ -155,15 +155,15 @@ impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
                 // A row may be inside a step: a step that ends there has its derivatives.
                 while let Some(row) = sink.next_before(end) {
                     let h = RunDual::constant((row - segment.anchor) - tau.lane(0));
-                    let step = Step { tau, h, y: &y, rate: &rate, allowed: None };
-                    let attempt = method.step(equations, &drive, &step, &mut next);
+                    let step = Step { system, drive: &drive, tau, h, y: &y, rate: &rate, allowed: None };
+                    let attempt = method.step(equations, &step, &mut next);
                     attempt.map_err(|failure| unsolved(row, failure))?;
                     system.correct(&drive, tau + h, &mut next);
                     run.visit(row, &drive, (tau + h, &next), &mut { rate }, sink);
                 }
                 let h = RunDual::constant(h);
-                let step = Step { tau, h, y: &y, rate: &rate, allowed: None };
-                let attempt = method.step(equations, &drive, &step, &mut next);
+                let step = Step { system, drive: &drive, tau, h, y: &y, rate: &rate, allowed: None };
+                let attempt = method.step(equations, &step, &mut next);
                 attempt.map_err(|failure| unsolved(end, failure))?;
                 system.correct(&drive, tau + h, &mut next);
                 swap(&mut y, &mut next);

@@ -54,42 +54,33 @@ macro_rules! task {
     };
 }
 task! {
-    TakeStep<Integrator>(&'a mut M, system: &'a SceneEquations<R>, drive: &'a SegmentDrive<R>, step: &'a Step<'a, R>,
-        next: &'a mut States<R>, stats: &'a mut Stats) -> Result<(), Unsolved>,
-    method => method.step(system, drive, step, next, stats).map_err(Into::into)
+    TakeStep<Integrator>(&'a mut M, step: &'a Step<'a, R>, next: &'a mut States<R>, stats: &'a mut Stats)
+        -> Result<(), Unsolved>,
+    method => method.step(step, next, stats).map_err(Into::into)
 }
 task! {
     TakeJacobian<Integrator>(&'a mut M, drive: &'a SegmentDrive<R>, tau: R, y: &'a States<R>) -> (),
     method => method.take_jacobian(drive, tau, y)
 }
 task! {
-    EstimateError<Adaptive>(&'a mut M, system: &'a SceneEquations<R>, drive: &'a SegmentDrive<R>, step: &'a Step<'a, R>,
-        retried: Bits, stats: &'a mut Stats) -> R,
-    method => method.error(system, drive, step, retried, stats)
+    EstimateError<Adaptive>(&'a mut M, step: &'a Step<'a, R>, retried: Bits, stats: &'a mut Stats) -> R,
+    method => method.error(step, retried, stats)
 }
 task! {
-    Prepare<Adaptive>(&'a mut M, system: &'a SceneEquations<R>, drive: &'a SegmentDrive<R>, step: &'a Step<'a, R>,
-        next: &'a States<R>, stats: &'a mut Stats) -> (),
-    method => method.prepare(system, drive, step, next, stats)
+    Prepare<Adaptive>(&'a mut M, step: &'a Step<'a, R>, next: &'a States<R>, stats: &'a mut Stats) -> (),
+    method => method.prepare(step, next, stats)
 }
 task! {
-    Interpolate<Adaptive>(&'a M, step: &'a Step<'a, R>, next: &'a States<R>, x: R) -> States<R>,
-    method => method.interpolate(step, next, x)
+    Interpolate<Adaptive>(&'a M, y: &'a States<R>, next: &'a States<R>, x: R) -> States<R>,
+    method => method.interpolate(y, next, x)
 }
 
 impl<R: Lanes, M: Integrator<R, SceneEquations<R>>> Integrator<R, SceneEquations<R>> for Called<M> {
     type Failure = Unsolved;
 
-    fn step(
-        &mut self,
-        system: &SceneEquations<R>,
-        drive: &SegmentDrive<R>,
-        step: &Step<'_, R>,
-        next: &mut States<R>,
-        stats: &mut Stats,
-    ) -> Result<(), Unsolved> {
+    fn step(&mut self, step: &Step<'_, R>, next: &mut States<R>, stats: &mut Stats) -> Result<(), Unsolved> {
         let Self { instructions, method, .. } = self;
-        R::call(*instructions, TakeStep { method, system, drive, step, next, stats })
+        R::call(*instructions, TakeStep { method, step, next, stats })
     }
 
     fn restart(&mut self) {
@@ -127,35 +118,21 @@ impl<R: Lanes, M: Adaptive<R, SceneEquations<R>>> Adaptive<R, SceneEquations<R>>
         self.method.min_growth()
     }
 
-    fn error(
-        &mut self,
-        system: &SceneEquations<R>,
-        drive: &SegmentDrive<R>,
-        step: &Step<'_, R>,
-        retried: Bits,
-        stats: &mut Stats,
-    ) -> R {
+    fn error(&mut self, step: &Step<'_, R>, retried: Bits, stats: &mut Stats) -> R {
         let Self { instructions, method, .. } = self;
-        R::call(*instructions, EstimateError { method, system, drive, step, retried, stats })
+        R::call(*instructions, EstimateError { method, step, retried, stats })
     }
 
     fn accepted(&mut self, h: R) {
         self.method.accepted(h);
     }
 
-    fn prepare(
-        &mut self,
-        system: &SceneEquations<R>,
-        drive: &SegmentDrive<R>,
-        step: &Step<'_, R>,
-        next: &States<R>,
-        stats: &mut Stats,
-    ) {
+    fn prepare(&mut self, step: &Step<'_, R>, next: &States<R>, stats: &mut Stats) {
         let Self { instructions, method, .. } = self;
-        R::call(*instructions, Prepare { method, system, drive, step, next, stats });
+        R::call(*instructions, Prepare { method, step, next, stats });
     }
 
-    fn interpolate(&self, step: &Step<'_, R>, next: &States<R>, x: R) -> States<R> {
-        R::call(self.instructions, Interpolate { method: &self.method, step, next, x })
+    fn interpolate(&self, y: &States<R>, next: &States<R>, x: R) -> States<R> {
+        R::call(self.instructions, Interpolate { method: &self.method, y, next, x })
     }
 }

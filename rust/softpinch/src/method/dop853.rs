@@ -14,7 +14,6 @@ use crate::formulation::system::{BLOCK, Size, StageState, System};
 use crate::method::called::Called;
 use crate::method::entry::{AdaptiveLaneMethod, LaneMethod, MethodEntry};
 use crate::method::traits::{Adaptive, Integrator, Stats, Step, largest};
-use crate::model::drive::SegmentDrive;
 use crate::number::lanes::{Bits, Lanes};
 use tableau::{A, A_EXTRA, ALL, B, C, C_EXTRA, DENSE, E3, E5, EXTRA, STAGES};
 
@@ -108,13 +107,11 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Dop853<R> {
     #[inline(always)]
     fn step(
         &mut self,
-        system: &S,
-        drive: &SegmentDrive<R>,
-        step: &Step<'_, R>,
+        step: &Step<'_, R, S>,
         next: &mut States<R>,
         stats: &mut Stats,
     ) -> Result<(), Infallible> {
-        let &Step { tau, h, y, rate, .. } = step;
+        let &Step { system, drive, tau, h, y, rate, .. } = step;
         let Self { slopes, along, .. } = self;
         let size = system.size();
         stats.evaluations += STAGES as u64 - 1;
@@ -140,20 +137,13 @@ impl<R: Lanes, S: System<R>> Adaptive<R, S> for Dop853<R> {
     }
 
     #[inline(always)]
-    fn error(&mut self, system: &S, _: &SegmentDrive<R>, step: &Step<'_, R>, _: Bits, _: &mut Stats) -> R {
-        self.estimate(system.size(), step.h, &step.weights())
+    fn error(&mut self, step: &Step<'_, R, S>, _: Bits, _: &mut Stats) -> R {
+        self.estimate(step.system.size(), step.h, &step.weights())
     }
 
     #[inline(always)]
-    fn prepare(
-        &mut self,
-        system: &S,
-        drive: &SegmentDrive<R>,
-        step: &Step<'_, R>,
-        next: &States<R>,
-        stats: &mut Stats,
-    ) {
-        let &Step { tau, h, y, .. } = step;
+    fn prepare(&mut self, step: &Step<'_, R, S>, next: &States<R>, stats: &mut Stats) {
+        let &Step { system, drive, tau, h, y, .. } = step;
         let size = system.size();
         stats.evaluations += 1 + EXTRA as u64;
         let Self { slopes, along, terms } = self;
@@ -183,7 +173,7 @@ impl<R: Lanes, S: System<R>> Adaptive<R, S> for Dop853<R> {
     }
 
     #[inline(always)]
-    fn interpolate(&self, step: &Step<'_, R>, _: &States<R>, x: R) -> States<R> {
+    fn interpolate(&self, y: &States<R>, _: &States<R>, x: R) -> States<R> {
         let mut at = [R::zero(); MAX_COMPONENTS];
         for (k, term) in self.terms.iter().enumerate().rev() {
             let factor = if k % 2 == 0 { x } else { R::constant(1.0) - x };
@@ -192,7 +182,7 @@ impl<R: Lanes, S: System<R>> Adaptive<R, S> for Dop853<R> {
             }
         }
         for n in 0..MAX_COMPONENTS {
-            at[n] = at[n] + step.y[n];
+            at[n] = at[n] + y[n];
         }
         at
     }

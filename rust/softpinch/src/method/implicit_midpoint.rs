@@ -63,14 +63,14 @@ impl<S: System<f64>> Scheme<S> for ImplicitMidpoint {
     ) -> Result<(States<f64>, f64), Unsolved> {
         let step = problem.step;
         let g = 2.0 / step.h;
-        let size = problem.system.size();
+        let size = step.system.size();
         let mut z = [0.0; MAX_COMPONENTS];
         if problem.is_smooth() {
             for n in 0..size.states {
                 z[n] = 0.5 * step.h * step.rate[n];
             }
         }
-        let mut iteration = Iteration::new(step);
+        let mut iteration = Iteration::new(step.allowed);
         loop {
             stats.iterations += 1;
             let mut residual = problem.rates(0.5, &z, stats);

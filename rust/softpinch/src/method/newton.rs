@@ -6,7 +6,7 @@ use crate::formulation::scene_equations::{SceneEquations, Tangent};
 use crate::formulation::system::{Linear, Size, StageState, System};
 use crate::method::called::Called;
 use crate::method::linearize::{DIRECTIONS, Linearization};
-use crate::method::traits::{Integrator, Runs, Stats, Step, Unsolved, largest};
+use crate::method::traits::{Allowed, Integrator, Runs, Stats, Step, Unsolved, largest};
 use crate::model::drive::SegmentDrive;
 use crate::model::motion::Motion;
 
@@ -37,10 +37,10 @@ pub struct Iteration {
 }
 
 impl Iteration {
-    /// The iteration of a step.
+    /// The iteration of a step whose error is `allowed`, if its length is free.
     #[inline(always)]
-    pub fn new(step: &Step<'_>) -> Self {
-        let (tolerance, stalled, unit, most) = match step.allowed {
+    pub fn new(allowed: Option<&Allowed>) -> Self {
+        let (tolerance, stalled, unit, most) = match allowed {
             None => (FIXED, STALLED, 1.0, MOST_FIXED),
             Some(allowed) => {
                 // In units of the allowed error: a small share of it, but not less than round-off.
@@ -79,11 +79,8 @@ impl Iteration {
 /// The equations of a step in the form that an iteration needs.
 #[derive(Debug, Clone, Copy)]
 pub struct Problem<'a, S, F> {
-    /// The system.
-    pub system: &'a S,
-    drive: &'a SegmentDrive,
     /// The start and the length of the step.
-    pub step: &'a Step<'a>,
+    pub step: &'a Step<'a, f64, S>,
     /// One over the unit in which the correction of each state is measured.
     weights: States<f64>,
     /// The linearisation in use.
@@ -98,16 +95,16 @@ impl<S: System<f64>, F> Problem<'_, S, F> {
     pub fn rates(&self, c: f64, z: &States<f64>, stats: &mut Stats) -> States<f64> {
         stats.evaluations += 1;
         let mut rate = [0.0; MAX_COMPONENTS];
-        let at = StageState { from: self.step.y, by: 1.0, along: z };
-        let input = self.drive.at(c.mul_add(self.step.h, self.step.tau));
-        self.system.rates(&input, &self.drive.contacts, at, &mut rate);
+        let &Step { system, drive, tau, h, y, .. } = self.step;
+        let at = StageState { from: y, by: 1.0, along: z };
+        system.rates(&drive.at(c.mul_add(h, tau)), &drive.contacts, at, &mut rate);
         rate
     }
 
     /// The largest of the corrections, each in the unit of its state; NaN if any is NaN.
     #[inline(always)]
     pub fn size(&self, correction: &States<f64>) -> f64 {
-        largest(self.system.size(), correction, &self.weights)
+        largest(self.step.system.size(), correction, &self.weights)
     }
 
     /// Whether the rates at the start of the step predict its change. They do not if a stiff part is still
@@ -176,7 +173,7 @@ impl<M, F: Copy, T> Newton<M, F, T> {
     }
 
     #[inline(always)]
-    fn weights(&self, step: &Step<'_>) -> States<f64> {
+    fn weights<S>(&self, step: &Step<'_, f64, S>) -> States<f64> {
         if let Some(allowed) = step.allowed {
             return allowed.weights;
         }
@@ -208,9 +205,7 @@ where
     #[inline(always)]
     fn step(
         &mut self,
-        system: &S,
-        drive: &SegmentDrive,
-        step: &Step<'_>,
+        step: &Step<'_, f64, S>,
         next: &mut States<f64>,
         stats: &mut Stats,
     ) -> Result<(), Unsolved> {
@@ -219,7 +214,7 @@ where
             let renewed = !self.reusable;
             if renewed {
                 stats.jacobians += 1;
-                Integrator::<f64, S>::take_jacobian(self, drive, step.tau, step.y);
+                Integrator::<f64, S>::take_jacobian(self, step.drive, step.tau, step.y);
             }
             let linearization = &self.linearization;
             let factors = match self.factors {
@@ -230,7 +225,7 @@ where
                 }
             };
             self.factors = Some((step.h, factors));
-            let problem = Problem { system, drive, step, weights, linearization, factors: &factors };
+            let problem = Problem { step, weights, linearization, factors: &factors };
             match self.scheme.solve(&problem, stats) {
                 Ok((end, rate)) => {
                     self.reusable = rate <= REUSE_RATE;

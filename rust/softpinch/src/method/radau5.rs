@@ -13,7 +13,7 @@ use crate::method::entry::MethodEntry;
 use crate::method::linearize::{Factors, Linearization};
 use crate::method::newton::{Iteration, Newton, Problem, Scheme, newton};
 use crate::method::traits::{Adaptive, Runs, Stats, Step, Unsolved, largest};
-use crate::model::drive::SegmentDrive;
+use crate::number::lanes::Bits;
 
 /// The properties of the method.
 pub const ENTRY: MethodEntry = MethodEntry {
@@ -157,7 +157,7 @@ impl Radau5 {
     #[inline(always)]
     fn guess<S: System<f64>, F>(&self, problem: &Problem<'_, S, F>) -> [States<f64>; 3] {
         let step = problem.step;
-        let size = problem.system.size();
+        let size = step.system.size();
         let mut z = [[0.0; MAX_COMPONENTS]; 3];
         match self.length {
             Some(length) => {
@@ -195,11 +195,11 @@ impl<S: System<f64>> Scheme<S> for Radau5 {
         stats: &mut Stats,
     ) -> Result<(States<f64>, f64), Unsolved> {
         let step = problem.step;
-        let size = problem.system.size();
+        let size = step.system.size();
         let (real, complex) = (REAL / step.h, COMPLEX / step.h);
         let mut z = self.guess(problem);
         let mut w = transform(size, &T_INVERSE, &z);
-        let mut iteration = Iteration::new(step);
+        let mut iteration = Iteration::new(step.allowed);
         loop {
             stats.iterations += 1;
             let f = transform(size, &T_INVERSE, &slopes(problem, &z, stats));
@@ -268,14 +268,8 @@ impl<S: System<f64>, T: Linear<f64>> Adaptive<f64, S> for Newton<Radau5, Pair, T
     /// (REAL/h - J)^-1 (f_0 + sum of e_i z_i / h). After a rejected step this estimate is added to the state,
     /// and a second estimate is computed there, which damps the stiff part of the first.
     #[inline(always)]
-    fn error(
-        &mut self,
-        system: &S,
-        drive: &SegmentDrive,
-        step: &Step<'_>,
-        retried: crate::number::lanes::Bits,
-        stats: &mut Stats,
-    ) -> f64 {
+    fn error(&mut self, step: &Step<'_, f64, S>, retried: Bits, stats: &mut Stats) -> f64 {
+        let &Step { system, drive, .. } = step;
         let Some((linearization, factors)) = self.last() else { return f64::NAN };
         let weights = step.weights();
         let size = system.size();
@@ -306,10 +300,10 @@ impl<S: System<f64>, T: Linear<f64>> Adaptive<f64, S> for Newton<Radau5, Pair, T
     }
 
     #[inline(always)]
-    fn interpolate(&self, step: &Step<'_>, _: &States<f64>, x: f64) -> States<f64> {
+    fn interpolate(&self, y: &States<f64>, _: &States<f64>, x: f64) -> States<f64> {
         let mut at = polynomial(&self.scheme.stages, x);
         for n in 0..MAX_COMPONENTS {
-            at[n] += step.y[n];
+            at[n] += y[n];
         }
         at
     }

@@ -18,7 +18,6 @@ use crate::formulation::system::{StageState, System};
 use crate::method::called::Called;
 use crate::method::entry::{LaneMethod, MethodEntry};
 use crate::method::traits::{Integrator, Stats, Step};
-use crate::model::drive::SegmentDrive;
 use crate::number::lanes::Lanes;
 
 /// The properties of the method.
@@ -63,14 +62,12 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
     #[inline(always)]
     fn step(
         &mut self,
-        system: &S,
-        drive: &SegmentDrive<R>,
-        step: &Step<'_, R>,
+        step: &Step<'_, R, S>,
         next: &mut States<R>,
         stats: &mut Stats,
     ) -> Result<(), Infallible> {
         stats.evaluations += EVALUATIONS;
-        let &Step { tau, h, y, rate: k1, .. } = step;
+        let &Step { system, drive, tau, h, y, rate: k1, .. } = step;
         let [k2, k3, k4] = &mut self.slopes;
         let half = R::constant(0.5) * h;
         let middle = drive.at(tau + half);

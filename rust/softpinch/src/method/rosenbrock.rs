@@ -19,7 +19,6 @@ use crate::method::called::Called;
 use crate::method::entry::{AdaptiveLaneMethod, LaneMethod, MethodEntry};
 use crate::method::linearize::{DIRECTIONS, Linearization};
 use crate::method::traits::{Adaptive, Integrator, Runs, Stats, Step, largest};
-use crate::model::drive::SegmentDrive;
 use crate::number::lanes::{Bits, Lanes};
 use crate::number::linear::Entry;
 
@@ -138,13 +137,11 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
     #[inline(always)]
     fn step(
         &mut self,
-        system: &S,
-        drive: &SegmentDrive<R>,
-        step: &Step<'_, R>,
+        step: &Step<'_, R, S>,
         next: &mut States<R>,
         stats: &mut Stats,
     ) -> Result<(), Infallible> {
-        let &Step { tau, h, y, rate, .. } = step;
+        let &Step { system, drive, tau, h, y, rate, .. } = step;
         let size = system.size();
         // A lane without a run has a step of length zero. A division by it would give NaN, which would slow
         // all lanes down. A long step would slow them down too, because angles are huge at its end.
@@ -197,12 +194,12 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Adaptive<R, S> fo
     }
 
     #[inline(always)]
-    fn error(&mut self, system: &S, _: &SegmentDrive<R>, step: &Step<'_, R>, _: Bits, _: &mut Stats) -> R {
-        largest(system.size(), &self.stages[STAGES - 1], &step.weights())
+    fn error(&mut self, step: &Step<'_, R, S>, _: Bits, _: &mut Stats) -> R {
+        largest(step.system.size(), &self.stages[STAGES - 1], &step.weights())
     }
 
     #[inline(always)]
-    fn interpolate(&self, step: &Step<'_, R>, next: &States<R>, x: R) -> States<R> {
+    fn interpolate(&self, y: &States<R>, next: &States<R>, x: R) -> States<R> {
         let [low, high] = DENSE;
         let one = R::constant(1.0);
         let mut inner = [R::zero(); MAX_COMPONENTS];
@@ -214,9 +211,9 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Adaptive<R, S> fo
                 }
             }
         }
-        let mut at = *step.y;
+        let mut at = *y;
         for n in 0..MAX_COMPONENTS {
-            at[n] = (one - x).mul_add(step.y[n], x * (one - x).mul_add(inner[n], next[n]));
+            at[n] = (one - x).mul_add(y[n], x * (one - x).mul_add(inner[n], next[n]));
         }
         at
     }

@@ -85,9 +85,13 @@ pub struct Allowed<R = f64> {
     pub weights: States<R>,
 }
 
-/// The start and the length of a step.
+/// The start and the length of a step, and the equations that it solves.
 #[derive(Debug, Clone, Copy)]
-pub struct Step<'a, R = f64> {
+pub struct Step<'a, R = f64, S = SceneEquations<R>> {
+    /// The equations.
+    pub system: &'a S,
+    /// The inputs of the segment.
+    pub drive: &'a SegmentDrive<R>,
     /// Time since the segment's start.
     pub tau: R,
     /// Length of the step.
@@ -100,7 +104,7 @@ pub struct Step<'a, R = f64> {
     pub allowed: Option<&'a Allowed<R>>,
 }
 
-impl<R: Lanes> Step<'_, R> {
+impl<R: Lanes, S> Step<'_, R, S> {
     /// One over the allowed error of each state; zero if the length is not free.
     #[inline(always)]
     pub fn weights(&self) -> States<R> {
@@ -117,9 +121,7 @@ pub trait Integrator<R: Lanes, S: System<R>> {
     /// one at the start of the step.
     fn step(
         &mut self,
-        system: &S,
-        drive: &SegmentDrive<R>,
-        step: &Step<'_, R>,
+        step: &Step<'_, R, S>,
         next: &mut States<R>,
         stats: &mut Stats,
     ) -> Result<(), Self::Failure>;
@@ -173,14 +175,7 @@ pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
 
     /// The error of the step just taken, in units of the allowed error. `retried` is the set of lanes in
     /// which the attempt before was rejected.
-    fn error(
-        &mut self,
-        system: &S,
-        drive: &SegmentDrive<R>,
-        step: &Step<'_, R>,
-        retried: Bits,
-        stats: &mut Stats,
-    ) -> R;
+    fn error(&mut self, step: &Step<'_, R, S>, retried: Bits, stats: &mut Stats) -> R;
 
     /// Notes that the step just taken, of length `h`, is accepted.
     #[inline(always)]
@@ -189,19 +184,12 @@ pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
     }
 
     /// Computes the data that dense output needs besides the step itself.
-    fn prepare(
-        &mut self,
-        system: &S,
-        drive: &SegmentDrive<R>,
-        step: &Step<'_, R>,
-        next: &States<R>,
-        stats: &mut Stats,
-    ) {
-        let _ = (system, drive, step, next, stats);
+    fn prepare(&mut self, step: &Step<'_, R, S>, next: &States<R>, stats: &mut Stats) {
+        let _ = (step, next, stats);
     }
 
-    /// The state at the share `x` of the step just taken, which ended at `next`.
-    fn interpolate(&self, step: &Step<'_, R>, next: &States<R>, x: R) -> States<R>;
+    /// The state at the share `x` of the step just taken, from `y` to `next`.
+    fn interpolate(&self, y: &States<R>, next: &States<R>, x: R) -> States<R>;
 }
 
 /// The equations of the runs in all lanes, for which a method is made.

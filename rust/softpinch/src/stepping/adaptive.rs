@@ -124,9 +124,9 @@ where
 
             let active = lanes.batch.active();
             let allowed = Some(&start.sizes.allowed);
-            let step = Step { tau, h, y: &start.y, rate: &start.now.rate, allowed };
             let (drive, stats) = (&lanes.batch.drive, &mut lanes.batch.stats);
-            let attempted = method.step(&system, drive, &step, &mut next, stats);
+            let step = Step { system: &system, drive, tau, h, y: &start.y, rate: &start.now.rate, allowed };
+            let attempted = method.step(&step, &mut next, stats);
             lanes.unsolved = attempted.err();
             if lanes.unsolved.is_some() {
                 lanes.batch.phases.set(approaching, Phase::Step);
@@ -134,7 +134,7 @@ where
                 stats.rejected += 1;
                 continue;
             }
-            let mut errors = method.error(&system, drive, &step, lanes.control.retries(), stats);
+            let mut errors = method.error(&step, lanes.control.retries(), stats);
             // The correction that puts a step back on the constraints is an error of the step, too.
             let mut arrived = &next;
             if system.corrects() {
@@ -182,7 +182,7 @@ where
             let asked = R::constant(lanes.batch.queue.next_time()).less(ends);
             if each(accepted).any(|lane| asked >> lane & 1 != 0 || turning_times[lane].is_finite()) {
                 let (lanes, system, method) = (&mut lanes, &system, &mut method);
-                let (start, step, next) = (&start, &step, &next);
+                let (start, step, next) = (&start, (tau, h), &next);
                 let look =
                     LookInside { lanes, system, method, start, step, next, accepted, ends, turning_times };
                 accepted = R::call(instructions, look);

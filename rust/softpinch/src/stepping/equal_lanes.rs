@@ -294,10 +294,10 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         (tau, now, y): (R, &Evaluation<R>, &States<R>),
         after: &mut States<R>,
     ) -> Result<(), Unsolved> {
-        let step = Step { tau, h: self.h, y, rate: &now.rate, allowed: None };
         let (drive, stats) = (&self.batch.drive, &mut self.batch.stats);
+        let step = Step { system, drive, tau, h: self.h, y, rate: &now.rate, allowed: None };
         let jacobians = stats.jacobians;
-        method.step(system, drive, &step, after, stats).map_err(Into::into)?;
+        method.step(&step, after, stats).map_err(Into::into)?;
         if keeps_jacobian {
             if stats.jacobians > jacobians {
                 self.taken_at = Some(pack(tau, &now.motion));

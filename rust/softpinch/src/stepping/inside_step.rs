@@ -63,7 +63,8 @@ pub(super) struct LookInside<'b, 'a, R: Lanes, Q> {
     pub(super) system: &'b SceneEquations<R>,
     pub(super) method: &'b mut AnyAdaptiveMethod<R>,
     pub(super) start: &'b StepStart<R>,
-    pub(super) step: &'b Step<'b, R>,
+    /// The time of the step's start since that of the segment, and the length of the step.
+    pub(super) step: (R, R),
     /// The states at the end of the method's step, before any correction.
     pub(super) next: &'b States<R>,
     pub(super) accepted: Bits,
@@ -79,12 +80,15 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for LookInside<'_, 'a, R, Q> {
     fn run(self) -> Bits {
         let Self { lanes, system, method, start, step, next, mut accepted, ends, mut turning_times } = self;
         let size = system.size();
-        method.prepare(system, &lanes.batch.drive, step, next, &mut lanes.batch.stats);
+        let ((tau, h), y, drive) = (step, &start.y, &lanes.batch.drive);
+        let allowed = Some(&start.sizes.allowed);
+        let step = Step { system, drive, tau, h, y, rate: &start.now.rate, allowed };
+        method.prepare(&step, next, &mut lanes.batch.stats);
         loop {
             let mut inside: Bits = 0;
             let (from, mut time, mut share) = (lanes.progress.from, lanes.progress.from, R::zero());
             for lane in each(accepted) {
-                let (tau, taken, from) = (step.tau.lane(lane), step.h.lane(lane), from.lane(lane));
+                let (tau, taken, from) = (tau.lane(lane), h.lane(lane), from.lane(lane));
                 let asked = lanes.batch.queue.next_time();
                 let asked = if asked < ends.lane(lane) { asked } else { f64::INFINITY };
                 let at = turning_times[lane].min(asked);
@@ -98,7 +102,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for LookInside<'_, 'a, R, Q> {
                 return accepted;
             }
             let since = time - from;
-            let mut between = method.interpolate(step, next, share);
+            let mut between = method.interpolate(y, next, share);
             system.correct(&lanes.batch.drive, since, &mut between);
             let then = system.evaluate(&lanes.batch.drive, since, &between);
             lanes.batch.stats.evaluations += 1;

@@ -94,12 +94,6 @@ impl Intervals {
     }
 }
 
-impl Default for Intervals {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// The intervals of a run that ends at `end`, during which the mode of a contact was one of those that `shows`
 /// names. The modes are first those of `start`, and then the `changes` follow.
 pub fn of_changes(

@@ -51,9 +51,9 @@ impl LoneMethod {
             stats.evaluations += 1;
             KnownStart { tau, y: *y, contacts, rate: system.evaluate(drive, tau, y).rate }
         });
-        let step = Step { tau, h, y, rate: &start.rate, allowed: None };
+        let step = Step { system, drive, tau, h, y, rate: &start.rate, allowed: None };
         let mut next = [0.0; MAX_COMPONENTS];
-        method.step(system, drive, &step, &mut next, stats)?;
+        method.step(&step, &mut next, stats)?;
         system.correct(drive, tau + h, &mut next);
         Ok(next)
     }

@@ -162,9 +162,9 @@ impl Case {
             all_finite(&now, open);
             Limits::<Counted>::new(&parameters).violated(&now, None);
             let h = Counted::given(1e-4);
-            let at = Step { tau, h, y: &y, rate: &now.rate, allowed: None };
+            let at = Step { system: &system, drive: &drive, tau, h, y: &y, rate: &now.rate, allowed: None };
             let mut next = y;
-            let Ok(()) = method.step(&system, &drive, &at, &mut next, &mut Stats::default());
+            let Ok(()) = method.step(&at, &mut next, &mut Stats::default());
             system.correct(&drive, tau + h, &mut next);
             next[..size.all()].to_vec()
         })

@@ -32,8 +32,7 @@ use crate::number::real::Real;
 /// A step that was taken in plain numbers, to be differentiated.
 pub struct SolvedStep<'a, R: Lanes> {
     equations: &'a RunDualEquations<R>,
-    /// The inputs of the segment, with and without their derivatives.
-    drive: &'a SegmentDrive<RunDual<R>>,
+    /// The inputs of the segment, without their derivatives.
     plain_drive: &'a SegmentDrive,
     /// The start of the step, with its derivatives.
     step: &'a Step<'a, RunDual<R>>,
@@ -46,7 +45,8 @@ impl<R: Lanes> SolvedStep<'_, R> {
     /// derivatives; and the Jacobian there, which `tangent` computes. `z` is zero beyond the states of the motion.
     #[inline(always)]
     fn stage(&self, tangent: &impl Linear<f64>, c: f64, z: &States<f64>) -> (States<RunDual<R>>, Jacobian) {
-        let Self { equations, drive, plain_drive, step, .. } = self;
+        let Self { equations, plain_drive, step, .. } = self;
+        let drive = step.drive;
         let tau = step.tau + RunDual::constant(c * step.h.lane(0));
         let at = StageState { from: step.y, by: RunDual::constant(1.0), along: &constants(z) };
         let mut rates = [RunDual::zero(); MAX_COMPONENTS];
@@ -137,20 +137,20 @@ impl<R: Lanes> RunDualMethod<R> {
     pub fn step(
         &mut self,
         equations: &RunDualEquations<R>,
-        drive: &SegmentDrive<RunDual<R>>,
         step: &Step<'_, RunDual<R>>,
         next: &mut States<RunDual<R>>,
     ) -> Result<(), Unsolved> {
         let stats = &mut Stats::default();
         let Solved { method, system, drive: plain_drive } = match self {
-            Self::Explicit(method) => return method.step(&equations.system, drive, step, next, stats),
+            Self::Explicit(method) => return method.step(step, next, stats),
             Self::Solved(solved) => &mut **solved,
         };
         let (y, rate) = (values(step.y), values(step.rate));
-        let plain = Step { tau: step.tau.lane(0), h: step.h.lane(0), y: &y, rate: &rate, allowed: None };
+        let (tau, h) = (step.tau.lane(0), step.h.lane(0));
+        let plain = Step { system, drive: plain_drive, tau, h, y: &y, rate: &rate, allowed: None };
         let mut end = [0.0; MAX_COMPONENTS];
-        method.step(system, plain_drive, &plain, &mut end, stats)?;
-        *next = method.differentiate(&SolvedStep { equations, drive, plain_drive, step, end: &end });
+        method.step(&plain, &mut end, stats)?;
+        *next = method.differentiate(&SolvedStep { equations, plain_drive, step, end: &end });
         for (number, value) in next.iter_mut().zip(end) {
             number.value = R::constant(value);
         }

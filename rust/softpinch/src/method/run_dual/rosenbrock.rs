@@ -28,8 +28,7 @@ impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Rosenbrock<T> {
     /// the rates along u_i in the state and d_i h in time.
     #[inline(always)]
     fn differentiate(&self, solved: &SolvedStep<'_, R>) -> States<RunDual<R>> {
-        let &SolvedStep { equations, drive, step: &Step { tau, h, y, rate, .. }, .. } = solved;
-        let system = &equations.system;
+        let &SolvedStep { equations, step: &Step { system, drive, tau, h, y, rate, .. }, .. } = solved;
         let size = system.size();
         let h = h.lane(0);
         let linearization = Linearization::of(size, self.linearization().jacobian().everywhere());
