@@ -404,31 +404,6 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         Seen { finite, ended: ended | unstable, unstable, found }
     }
 
-    /// The violations of unilateral contact at an instant, with those that events have shown before it.
-    #[inline(always)]
-    fn violated(&mut self, now: &Evaluation<R>, watched: Bits) -> [Bits; VIOLATIONS.len()] {
-        let mut found = self.limits.violated(now, Some(&self.drive.contacts));
-        for (found, occurred) in found.iter_mut().zip(&mut self.occurred) {
-            *found |= *occurred & watched;
-            *occurred &= !watched;
-        }
-        found
-    }
-
-    /// The sum of |v| over both contacts where they slip or graze.
-    #[inline(always)]
-    fn slip_speed(&self, residuals: &[R; 4]) -> R {
-        let mut sum = R::zero();
-        if self.unilateral {
-            let contacts = &self.drive.contacts;
-            for i in 0..2 {
-                let moves = contacts.slip(i) | contacts.graze[i];
-                sum = sum + R::select(moves, residuals[2 + i].abs(), R::zero());
-            }
-        }
-        sum
-    }
-
     /// Those of the `guarded` lanes whose energy ledger is open by more than the energy that their motion was ever
     /// given: at its start, by torques, forces and impulses, and by gravity. Steps beyond the stability limit create
     /// energy from nothing; steps within it leave the ledger open by a small share of what the motion exchanges.

@@ -8,7 +8,7 @@ use crate::stepping::batch::LaneBatch;
 use crate::stepping::contact_events::{ContactEnd, Reason};
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::ending::{self, End};
-use crate::stepping::monitor::Violation;
+use crate::stepping::monitor::{VIOLATIONS, Violation};
 use crate::stepping::queue::RunQueue;
 use crate::stepping::sample::Sample;
 
@@ -17,6 +17,31 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     #[inline(always)]
     pub fn due(&self, now: &Evaluation<R>) -> Bits {
         self.limits.due(now, &self.drive.contacts) & self.active()
+    }
+
+    /// The violations of unilateral contact at an instant, with those that events have shown before it.
+    #[inline(always)]
+    pub(super) fn violated(&mut self, now: &Evaluation<R>, watched: Bits) -> [Bits; VIOLATIONS.len()] {
+        let mut found = self.limits.violated(now, Some(&self.drive.contacts));
+        for (found, occurred) in found.iter_mut().zip(&mut self.occurred) {
+            *found |= *occurred & watched;
+            *occurred &= !watched;
+        }
+        found
+    }
+
+    /// The sum of |v| over both contacts where they slip or graze.
+    #[inline(always)]
+    pub(super) fn slip_speed(&self, residuals: &[R; 4]) -> R {
+        let mut sum = R::zero();
+        if self.unilateral {
+            let contacts = &self.drive.contacts;
+            for i in 0..2 {
+                let moves = contacts.slip(i) | contacts.graze[i];
+                sum = sum + R::select(moves, residuals[2 + i].abs(), R::zero());
+            }
+        }
+        sum
     }
 
     /// The lanes whose modes are certainly those that would be chosen now.
