@@ -132,32 +132,6 @@ def test_a_scene_that_cannot_start_has_no_drawing() -> None:
     assert "<svg" not in shown and "grasped.width" in Cells(shown).cells
 
 
-def test_a_scene_is_drawn_with_its_disturbances() -> None:
-    push = sp.Pulse(time=1.0, duration=0.1, force=(30.0, 40.0))
-    turn = sp.Sine(frequency_hz=5.0, moment=-0.25)
-    blow = sp.Impulse(time=1.0, impulse=(0.0, -0.3), angular_impulse=0.02)
-    data = sp.Sampled(times=[0.0, 1.0, 2.0], force=[[0, 0], [0, -100], [0, 0]], moment=[0, 0, 5])
-    bare = sp.Scene()._picture()
-    assert "<path" not in bare
-    for disturbances, arrows, arcs, lines in (
-        ([push], 1, 0, ["force 50 N"]),
-        ([turn], 0, 1, ["moment 0.25 N m"]),
-        ([blow], 1, 1, ["impulse 0.3 N s", "angular impulse 0.02 N m s"]),
-        ([data], 1, 1, ["force 100 N", "moment 5 N m"]),
-        ([push, turn, data, sp.Noise(force_std=1.0, moment_std=0.0, rate_hz=9.0)], 2, 2,
-         ["force 100 N", "moment 5 N m"]),
-    ):  # fmt: skip
-        shown = sp.Scene(disturbances=disturbances)._picture()
-        # The head of an arc is a path too, and its line has an edge.
-        assert shown.count("<path") == arrows + 3 * arcs
-        assert [text for text in re.findall(r">largest ([^<]+)<", shown)] == lines
-    # The arrow's tip is in the direction of the force, from the centre of gravity.
-    (way,) = re.findall(r'<path d="M([^Z]+)Z', sp.Scene(disturbances=[push])._picture())
-    points = np.array([point.split(",") for point in way.split()], dtype=float)
-    x, y = points[3] - 1e3 * np.asarray(sp.Scene().start().q[:2])
-    assert x > 0.0 and y / x == pytest.approx(4.0 / 3.0, rel=1e-2)
-
-
 def test_what_matters_is_a_table() -> None:
     found = sp.sensitivity(callables.many(), "peak_rotation")
     head, *rows = repr(found).splitlines()

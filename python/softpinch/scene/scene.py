@@ -377,7 +377,7 @@ class Scene(Record):
         except ValueError:
             return ""  # a run says why it cannot start
         text = f"start, t = {start.time:.6g} s"
-        return drawings(self, [np.asarray(start.q)], [text], self.disturbances)
+        return drawings(self, [np.asarray(start.q)], [text])
 
     def _tables(self) -> Iterator[ShownTable]:
         """Everything that can be varied, with units."""
