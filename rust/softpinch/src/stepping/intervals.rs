@@ -23,9 +23,9 @@ pub struct Intervals {
     refusal: Option<Error>,
 }
 
-impl Intervals {
-    /// No intervals, before the first instant.
-    pub fn new() -> Self {
+/// No intervals, before the first instant.
+impl Default for Intervals {
+    fn default() -> Self {
         let intervals = [const { Vec::new() }; VIOLATIONS.len()];
         Self {
             found: ViolationSet::default(),
@@ -35,7 +35,9 @@ impl Intervals {
             refusal: None,
         }
     }
+}
 
+impl Intervals {
     /// Notes the violations at the instant `t`.
     #[inline(always)]
     pub fn note(&mut self, t: f64, found: ViolationSet) {
@@ -157,7 +159,7 @@ mod tests {
 
     #[test]
     fn intervals_have_the_first_and_the_last_instant_that_show_a_violation() {
-        let mut intervals = Intervals::new();
+        let mut intervals = Intervals::default();
         for (t, found) in [
             (0.0, vec![]),
             (1.0, vec![Pulling]),
@@ -178,7 +180,7 @@ mod tests {
 
     #[test]
     fn a_violation_that_comes_and_goes_too_often_is_refused_and_the_rest_is_kept() {
-        let mut intervals = Intervals { limit: 3, ..Intervals::new() };
+        let mut intervals = Intervals { limit: 3, ..Intervals::default() };
         let mut t = 0.0;
         while !intervals.is_refused() {
             intervals.note(t, [Pulling].into_iter().collect());

@@ -115,7 +115,7 @@ impl<'a> Recorder<'a> {
             due,
             interrupted,
             last_row: f64::NAN,
-            intervals: Intervals::new(),
+            intervals: Intervals::default(),
             contact: None,
             controller: Vec::new(),
             start: None,
