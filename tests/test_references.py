@@ -194,7 +194,7 @@ def test_every_equation_has_the_functions_that_compute_it() -> None:
         for file, names in re.findall(r"\]\(\.\./([^)]+)\)((?:,? `[\w:]+`)+)", listed):
             source = (ROOT / file).read_text("utf-8")
             for owner, name in re.findall(r"`(?:(\w+)::)?(\w+)`", names):
-                assert re.search(rf"\b(?:fn|def|mod) {name}\b", source), (file, name)
+                assert re.search(rf"\b(?:fn|def|mod|const) {name}\b", source), (file, name)
                 assert not owner or re.search(rf"\nimpl.*\b{owner}\b", source), (file, owner)
 
 

@@ -412,7 +412,7 @@ MUTANTS = (
         "test_sampled",
     ),
     Mutant(
-        "model/measures.rs",
+        "model/controller_state.rs",
         "y[k] = (y[k] / controller.resolution[k]).round()",
         "y[k] = (y[k] / controller.resolution[k]).floor()",
         "test_sampled",

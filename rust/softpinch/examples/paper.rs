@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use softpinch::driver::simulate::simulate;
 use softpinch::error::Error;
-use softpinch::model::geometry::index::{D_N, THETA, X, Y};
+use softpinch::model::index::{D_N, THETA, X, Y};
 use softpinch::model::inputs::Inputs;
 use softpinch::model::parameters::Parameters;
 use softpinch::model::piecewise::PiecewisePolynomial;

@@ -35,7 +35,8 @@
 //! | [`model::contact::shape`] | the object's sides | |
 //! | [`model::contact::law`] | elastic energy of a tip and its gradient | (5), (34), (35) |
 //! | [`model::contact`] | one contact: tilt, residuals, rows and their rates | (6), (9), (10), (12), (26)-(30) |
-//! | [`model::geometry`] | both contacts: the constraint matrix | (15), (17), (21), (25) |
+//! | [`model::index`] | the order of the coordinates | (15) |
+//! | [`model::geometry`] | both contacts: the constraint matrix | (17), (21), (25) |
 //! | [`model::energy`] | energies, ledger | (16) |
 //! | [`model::forces`] | applied forces, the mass matrix | (14), (31)-(33), (43)-(45) |
 //! | [`model::control`] | finger torques | (39) |

@@ -21,7 +21,7 @@ use crate::driver::simulate::simulate;
 use crate::method::table::Method;
 use crate::model::contact::Side;
 use crate::model::geometry::Geometry;
-use crate::model::geometry::index::{D_N, THETA, X, Y};
+use crate::model::index::{D_N, THETA, X, Y};
 use crate::model::inputs::Inputs;
 use crate::model::parameters::{Finger, Fingertip, GraspedObject, Parameters, PidGains};
 use crate::model::piecewise::PiecewisePolynomial;

@@ -22,7 +22,7 @@ use crate::model::control::{Actuated, Fingers};
 use crate::model::drive::Input;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
-use crate::model::geometry::index::{D_N, D_T, FINGER};
+use crate::model::index::{D_N, D_T, FINGER};
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::number::dual::Dual;

@@ -13,7 +13,7 @@ use nalgebra::{SMatrix, SVector};
 
 use crate::analysis::balance::{Member, RestScene, UNKNOWNS, Unknowns};
 use crate::analysis::rest::{Rest, largest};
-use crate::model::geometry::index::D_N;
+use crate::model::index::D_N;
 
 /// Unknowns and share.
 const SIZE: usize = UNKNOWNS + 1;

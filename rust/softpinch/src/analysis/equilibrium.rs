@@ -18,7 +18,7 @@ use crate::model::control::Fingers;
 use crate::model::drive::Input;
 use crate::model::energy::Energies;
 use crate::model::geometry::Geometry;
-use crate::model::geometry::index::{D_N, FINGER};
+use crate::model::index::{D_N, FINGER};
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet};
@@ -271,7 +271,7 @@ fn neutral(scene: &RestScene, rest: &Rest) -> [[f64; 9]; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::geometry::index::{D_T, THETA, X};
+    use crate::model::index::{D_T, THETA, X};
     use crate::model::inputs::Inputs;
     use crate::model::motion::Motion;
     use crate::number::simd::level::Level;

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, SMatrix, SVector};
 
 use crate::analysis::balance::{Member, RestScene, Rows, UNKNOWNS, Unknowns};
-use crate::model::geometry::index::{D_N, FINGER};
+use crate::model::index::{D_N, FINGER};
 
 /// Most iterations from one start.
 const ITERATIONS: usize = 60;

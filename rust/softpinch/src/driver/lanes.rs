@@ -78,7 +78,8 @@ impl LaneKernel for StepLoop<'_, '_> {
         let computed = match (options.steps, method) {
             // A step of RK4 is so short that a call would take 3 % of it.
             (Steps::Fixed(_), LaneMethod::Rk4) => {
-                let build = |runs: Runs<'_>| (runs.system::<R>(), Box::<Rk4<R>>::default());
+                let method = &mut Rk4::default();
+                let build = move |runs: Runs<'_>| (runs.system::<R>(), method);
                 R::call(instructions, EqualSteps { setup, grid, build })
             }
             (Steps::Fixed(_), LaneMethod::Adaptive(method)) => {

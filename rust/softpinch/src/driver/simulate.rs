@@ -288,9 +288,10 @@ fn run<'a>(
             if options.method == Method::Rk4 && options.contact == ContactModel::Bilateral && !choice.ledger {
                 let gains = &options.stabilization;
                 let called = &SceneEquations::new(instructions, choice, &scene.parameters, gains);
+                let method = &mut Rk4::default();
                 return with!(called.kind, equations [false] => {
                     let system = Inlined::<_, false> { equations, called };
-                    let build = |_: Runs<'_>| (system, Box::<Rk4>::default());
+                    let build = |_: Runs<'_>| (system, method);
                     f64::call(instructions, EqualSteps { setup, grid, build })
                 });
             }

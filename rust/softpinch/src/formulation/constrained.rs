@@ -14,7 +14,7 @@ use crate::model::contact::Contact;
 use crate::model::control::Controller;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
-use crate::model::geometry::index::{D_N, D_T, FINGER, THETA, X, Y};
+use crate::model::index::{D_N, D_T, FINGER, THETA, X, Y};
 use crate::number::linear::solve3;
 use crate::number::real::{Real, signed};
 

@@ -18,7 +18,7 @@ use crate::model::contact_modes::Contacts;
 use crate::model::control::Controller;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
-use crate::model::geometry::index::{D_N, D_T, FINGER, THETA, X};
+use crate::model::index::{D_N, D_T, FINGER, THETA, X};
 use crate::number::real::{Real, signed};
 
 /// Forces, couples and friction at one state.

@@ -11,7 +11,7 @@ use crate::model::drive::Input;
 use crate::model::energy::{BILATERAL_WORKS, Energies, WORKS, work};
 use crate::model::forces::{Forces, Plant};
 use crate::model::geometry::Geometry;
-use crate::model::geometry::index::{D_N, D_T, FINGER};
+use crate::model::index::{D_N, D_T, FINGER};
 use crate::model::motion::Motion;
 use crate::number::real::{Real, dot};
 

@@ -11,7 +11,7 @@ use crate::formulation::contact_equations::ContactEquations;
 use crate::formulation::equations::Terms;
 use crate::model::contact_modes::{ContactRow, Contacts, Mode, Slip};
 use crate::model::drive::Input;
-use crate::model::geometry::index::{D_N, D_T};
+use crate::model::index::{D_N, D_T};
 use crate::model::motion::Motion;
 use crate::model::rule::Rule;
 

@@ -15,7 +15,7 @@ use crate::model::drive::Input;
 use crate::model::energy::work;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
-use crate::model::geometry::index::{D_N, FINGER, THETA, X};
+use crate::model::index::{D_N, FINGER, THETA, X};
 use crate::model::motion::Motion;
 use crate::number::linear::solve2;
 use crate::number::real::{Bits, Real};

@@ -15,7 +15,7 @@ use crate::model::drive::Input;
 use crate::model::energy::{Energies, WORKS};
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
-use crate::model::geometry::index::{D_N, D_T};
+use crate::model::index::{D_N, D_T};
 use crate::model::motion::Motion;
 use crate::model::parameters::Stabilization;
 use crate::model::source::Source;

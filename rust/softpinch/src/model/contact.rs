@@ -21,7 +21,7 @@ pub mod shape;
 
 use crate::model::contact::mechanism::{Arm, Mechanism};
 use crate::model::contact::shape::{Frame, Shape};
-use crate::model::geometry::index::{D_N, D_T, FINGER};
+use crate::model::index::{D_N, D_T, FINGER};
 use crate::model::source::Source;
 use crate::number::real::{Real, signed};
 

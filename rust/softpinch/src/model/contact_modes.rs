@@ -13,26 +13,20 @@
 //! Between events the modes are constant, so they stand beside the inputs of a segment
 //! ([`SegmentDrive`](crate::model::drive::SegmentDrive)). In the bilateral model both tips stick for ever.
 
+use crate::names::named;
 use crate::number::lanes::{Bits, Lanes, Lift};
 
-/// What the contacts can do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum ContactModel {
-    /// The tips never slip, and they pull where they have to: the paper's model.
-    #[default]
-    Bilateral,
-    /// The tips push and never pull, and stick as far as friction allows.
-    Unilateral,
-}
-
-/// The models of contact by their public names.
-pub const CONTACT_MODELS: [(&str, ContactModel); 2] =
-    [("bilateral", ContactModel::Bilateral), ("unilateral", ContactModel::Unilateral)];
-
-impl ContactModel {
-    /// The public name of the model.
-    pub fn name(self) -> &'static str {
-        CONTACT_MODELS.iter().find(|(_, model)| *model == self).map_or("", |&(name, _)| name)
+named! {
+    /// What the contacts can do.
+    #[derive(Default)]
+    ContactModel;
+    /// The models of contact by their public names.
+    CONTACT_MODELS = {
+        /// The tips never slip, and they pull where they have to: the paper's model.
+        #[default]
+        Bilateral = "bilateral",
+        /// The tips push and never pull, and stick as far as friction allows.
+        Unilateral = "unilateral",
     }
 }
 

@@ -3,28 +3,22 @@
 use std::fmt::Debug;
 
 use crate::model::source::Source;
+use crate::names::named;
 use crate::number::real::Real;
 
-/// How the fingers of a scene move.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Fingers {
-    /// A PID torque (39) turns the fingers towards the angles of the schedule.
-    #[default]
-    Pid,
-    /// The schedule is the torque on the fingers.
-    Torque,
-    /// The fingers follow the schedule exactly, whatever torque that takes.
-    Driven,
-}
-
-/// The kinds of fingers by their public names.
-pub const FINGERS: [(&str, Fingers); 3] =
-    [("pid", Fingers::Pid), ("torque", Fingers::Torque), ("driven", Fingers::Driven)];
-
-impl Fingers {
-    /// The public name of this kind of fingers.
-    pub fn name(self) -> &'static str {
-        FINGERS.iter().find(|(_, fingers)| *fingers == self).map_or("", |&(name, _)| name)
+named! {
+    /// How the fingers of a scene move.
+    #[derive(Default)]
+    Fingers;
+    /// The kinds of fingers by their public names.
+    FINGERS = {
+        /// A PID torque (39) turns the fingers towards the angles of the schedule.
+        #[default]
+        Pid = "pid",
+        /// The schedule is the torque on the fingers.
+        Torque = "torque",
+        /// The fingers follow the schedule exactly, whatever torque that takes.
+        Driven = "driven",
     }
 }
 

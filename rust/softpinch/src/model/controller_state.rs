@@ -1,8 +1,15 @@
-//! The state of a discrete controller: taking samples, and putting their torques in force.
+//! The state of a discrete controller: measuring with noise and finite resolution, taking samples, and putting their torques
+//! in force.
 
 use crate::error::Error;
-use crate::model::measures::{Measured, measure};
+use crate::model::index::{D_N, D_T, FINGER, THETA, X};
+use crate::model::measures::Measure;
+use crate::model::motion::Motion;
+use crate::model::noise::normals;
 use crate::model::sampled::SampledController;
+
+/// The stream of the measurements' noise. Those of the disturbances' noises count from 0.
+const STREAM: u64 = u64::MAX;
 
 /// The state of a controller: its clock, the torques in force, those under way, and xi.
 #[derive(Debug, Clone, PartialEq)]
@@ -211,6 +218,58 @@ fn place(number: u64, length: usize) -> usize {
     place
 }
 
+/// The measured system at the instant of a sample.
+#[derive(Debug, Clone, Copy)]
+pub struct Measured<'a> {
+    /// The motion.
+    pub motion: &'a Motion<f64>,
+    /// The multipliers.
+    pub multipliers: &'a [f64; 4],
+    /// The target angles, rad, and their rates, rad/s.
+    pub target: [[f64; 2]; 2],
+}
+
+/// Measures y: each number with noise, and rounded to its resolution.
+fn measure(controller: &SampledController, number: u64, seen: &Measured<'_>, y: &mut Vec<f64>) {
+    let Measured { motion: Motion { q, p, .. }, multipliers, target: [target, target_rate] } = seen;
+    y.clear();
+    for measure in &controller.measures {
+        match measure {
+            Measure::Angle | Measure::AngleError => y.extend(&q[FINGER..FINGER + 2]),
+            Measure::AngleRate => y.extend(&p[FINGER..FINGER + 2]),
+            Measure::Target => y.extend(target),
+            Measure::TargetRate => y.extend(target_rate),
+            Measure::Position => y.extend(&q[X..X + 2]),
+            Measure::Rotation => y.push(q[THETA]),
+            Measure::Velocity => y.extend(&p[X..X + 2]),
+            Measure::RotationRate => y.push(p[THETA]),
+            Measure::Compression => y.extend(&q[D_N..D_N + 2]),
+            Measure::Shear => y.extend(&q[D_T..D_T + 2]),
+            Measure::Multipliers => y.extend(multipliers.iter()),
+        }
+    }
+    let mut first = 0;
+    for measure in &controller.measures {
+        for k in first..first + measure.width() {
+            if measure.is_known() {
+                continue;
+            }
+            if controller.noise[k] > 0.0 {
+                let random = normals([number, STREAM, (k / 4) as u64, 0], controller.key)[k % 4];
+                y[k] += controller.noise[k] * random;
+            }
+            if controller.resolution[k] > 0.0 {
+                y[k] = (y[k] / controller.resolution[k]).round() * controller.resolution[k];
+            }
+            if *measure == Measure::AngleError {
+                // An encoder measures the angle.
+                y[k] -= target[k - first];
+            }
+        }
+        first += measure.width();
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use nalgebra::{DMatrix, DVector};
@@ -218,7 +277,6 @@ mod tests {
 
     use super::*;
     use crate::model::measures::Measure;
-    use crate::model::motion::Motion;
     use crate::model::sampled::tests::spring;
 
     const PERIOD: f64 = 0.01;

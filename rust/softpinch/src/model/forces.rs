@@ -6,7 +6,7 @@ use crate::model::control::{Controller, Fingers};
 use crate::model::drive::Input;
 use crate::model::energy::{BILATERAL_WORKS, Energies};
 use crate::model::geometry::Geometry;
-use crate::model::geometry::index::{D_N, D_T, FINGER, Y};
+use crate::model::index::{D_N, D_T, FINGER, Y};
 use crate::model::motion::Motion;
 use crate::model::source::Source;
 use crate::number::real::{Real, dot};

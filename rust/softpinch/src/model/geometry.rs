@@ -4,24 +4,8 @@ use nalgebra::SMatrix;
 
 use crate::model::contact::shape::Frame;
 use crate::model::contact::{Contact, Side};
+use crate::model::index::{D_N, D_T, FINGER, THETA, X, Y};
 use crate::number::real::Real;
-
-/// Index of each coordinate in q and p.
-pub mod index {
-    /// x of the centre of gravity.
-    pub const X: usize = 0;
-    /// y of the centre of gravity.
-    pub const Y: usize = 1;
-    /// Orientation of the object.
-    pub const THETA: usize = 2;
-    /// Angle of the right finger; the angle of the left finger is next.
-    pub const FINGER: usize = 3;
-    /// Compression of the right tip; the compression of the left tip is next.
-    pub const D_N: usize = 5;
-    /// Shear of the right tip; the shear of the left tip is next.
-    pub const D_T: usize = 7;
-}
-use index::{D_N, D_T, FINGER, THETA, X, Y};
 
 /// The whole geometry at one state.
 #[derive(Debug, Clone, Copy)]

@@ -8,6 +8,7 @@ pub mod drive;
 pub mod energy;
 pub mod forces;
 pub mod geometry;
+pub mod index;
 pub mod inputs;
 pub mod measures;
 pub mod motion;

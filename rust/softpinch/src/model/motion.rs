@@ -1,6 +1,6 @@
 //! A state of the motion, and the typical magnitude of each of its components.
 
-use crate::model::geometry::index::{D_N, FINGER, THETA};
+use crate::model::index::{D_N, FINGER, THETA};
 use crate::model::parameters::Parameters;
 
 /// A state in the nine coordinates. Every formulation is recorded in this form.

@@ -6,11 +6,12 @@ use crate::model::contact::Side;
 use crate::model::contact_modes::{ContactModel, ContactRow};
 use crate::model::drive::Input;
 use crate::model::geometry::Geometry;
-use crate::model::geometry::index::{D_N, D_T, FINGER, THETA, X, Y};
+use crate::model::index::{D_N, D_T, FINGER, THETA, X, Y};
 use crate::model::inputs::Inputs;
 use crate::model::motion::{Linearized, Motion};
 use crate::model::parameters::{Finger, Fingertip, Parameters, SIDES};
 use crate::model::source::Source;
+use crate::names::named;
 use crate::number::real::Real;
 
 /// A gap below this share of the tip's radius counts as round-off.
@@ -87,20 +88,19 @@ fn upright_at<R: Real>(source: &impl Source<R>, angles: [R; 2], turns: [(R, R); 
     q
 }
 
-/// The starts that follow from a scene's parameters and inputs, in bilateral contact.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Start {
-    /// [`contact`].
-    Contact,
-    /// [`touching`].
-    Touching,
-    /// [`driven`].
-    Driven,
+named! {
+    /// The starts that follow from a scene's parameters and inputs, in bilateral contact.
+    Start;
+    /// These starts by their public names.
+    STARTS = {
+        /// [`contact`].
+        Contact = "contact",
+        /// [`touching`].
+        Touching = "touching",
+        /// [`driven`].
+        Driven = "driven",
+    }
 }
-
-/// These starts by their public names.
-pub const STARTS: [(&str, Start); 3] =
-    [("contact", Start::Contact), ("touching", Start::Touching), ("driven", Start::Driven)];
 
 impl Start {
     /// The derivatives of a start in the directions of the parameters and of the inputs at its instant. `q` has its

@@ -3,7 +3,7 @@
 use crate::formulation::mode_selection::{Chosen, choose, contacts_in};
 use crate::model::contact_modes::{Mode, Slip};
 use crate::model::energy::work;
-use crate::model::geometry::index::{D_N, D_T};
+use crate::model::index::{D_N, D_T};
 use crate::model::motion::Motion;
 use crate::stepping::contact_events::{Cause, Change, ContactEnd, ContactRun, Event, Loss, Reason};
 use crate::stepping::event_stepper::{EventStepper, SegmentState};

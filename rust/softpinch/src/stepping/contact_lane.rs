@@ -10,7 +10,7 @@ use crate::model::contact::Side;
 use crate::model::contact_modes::{ContactRow, Contacts, Mode, Slip};
 use crate::model::drive::SegmentDrive;
 use crate::model::geometry::Geometry;
-use crate::model::geometry::index::D_N;
+use crate::model::index::D_N;
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;

@@ -5,7 +5,7 @@ use crate::method::traits::Unsolved;
 use crate::model::contact::Side;
 use crate::model::contact_modes::Mode;
 use crate::model::geometry::Geometry;
-use crate::model::geometry::index::{D_N, D_T};
+use crate::model::index::{D_N, D_T};
 use crate::model::parameters::SIDES;
 use crate::model::scene::Scene;
 use crate::number::real::signed;

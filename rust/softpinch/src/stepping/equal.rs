@@ -2,6 +2,7 @@
 //! steps and parameters, and loads the next run as soon as its own has ended. A single run is one lane.
 
 use std::mem::swap;
+use std::ops::DerefMut;
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
@@ -22,18 +23,19 @@ pub struct EqualSteps<'g, 'a, Q, B> {
     pub setup: LoopSetup<'a, Q>,
     /// Finds the times of the steps of a run.
     pub grid: &'g GridOf<'g>,
-    /// Makes the equations and the method for the runs in all lanes.
+    /// Makes the equations and the method for the runs in all lanes. The method is behind a pointer.
     pub build: B,
 }
 
 /// Computes all runs of the queue, and returns the queue.
-impl<'a, R, S, I, Q, B> LaneTask<R> for EqualSteps<'_, 'a, Q, B>
+impl<'a, R, S, I, Q, B, M> LaneTask<R> for EqualSteps<'_, 'a, Q, B>
 where
     R: Lanes,
     S: LoopSystem<R>,
     I: Integrator<R, S> + ?Sized,
     Q: RunQueue<'a>,
-    B: FnOnce(Runs<'_>) -> (S, Box<I>),
+    B: FnOnce(Runs<'_>) -> (S, M),
+    M: DerefMut<Target = I>,
 {
     type Output = Result<Q, Error>;
 

@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use crate::error::Error;
 use crate::formulation::equations::Evaluation;
-use crate::model::controller_state::{ControllerState, Kept, Scratch};
+use crate::model::controller_state::{ControllerState, Kept, Measured, Scratch};
 use crate::model::inputs::Sampled;
-use crate::model::measures::{Measure, Measured};
+use crate::model::measures::Measure;
 use crate::model::motion::Motion;
 use crate::model::sampled::SampledController;
 use crate::model::scene::Scene;

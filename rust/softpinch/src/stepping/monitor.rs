@@ -6,7 +6,7 @@ use crate::formulation::equations::Evaluation;
 use crate::model::contact::{Contact, Side};
 use crate::model::contact_modes::Contacts;
 use crate::model::geometry::Geometry;
-use crate::model::geometry::index::{D_N, D_T, X, Y};
+use crate::model::index::{D_N, D_T, X, Y};
 use crate::model::motion::Motion;
 use crate::model::parameters::{Parameters, SIDES};
 use crate::model::source::Source;

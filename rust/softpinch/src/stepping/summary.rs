@@ -4,7 +4,7 @@
 //! A new summary is a type with `Fold` and a line in the list of [`SUMMARIES`] below. Summaries look at the
 //! instants that the monitors watch.
 
-use crate::model::geometry::index::{D_N, THETA, X, Y};
+use crate::model::index::{D_N, THETA, X, Y};
 use crate::number::lanes::{Bits, Lanes};
 
 /// The numbers that a summary keeps from one instant to the next.

@@ -16,7 +16,7 @@ use crate::model::contact_modes::{ContactModel, Contacts, Mode};
 use crate::model::control::{Actuated, Controller, Driven, Fingers};
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
-use crate::model::geometry::index::{D_N, D_T, FINGER, THETA, X, Y};
+use crate::model::index::{D_N, D_T, FINGER, THETA, X, Y};
 use crate::model::inputs::Inputs;
 use crate::model::parameters::{Finger, Fingertip, Friction, GraspedObject, Parameters};
 use crate::model::piecewise::PiecewisePolynomial;

@@ -12,7 +12,7 @@ pub use parallel_face::ParallelFace;
 pub use tilted_face::TiltedFace;
 
 use crate::error::Error;
-use crate::model::geometry::index::THETA;
+use crate::model::index::THETA;
 use crate::model::source::Source;
 use crate::number::real::{Real, signed};
 
