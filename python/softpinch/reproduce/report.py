@@ -172,9 +172,9 @@ _SCREENS: dict[str, tuple[str, dict[int, str]]] = {
         "tilt_coupling",
         {0: "", **dict.fromkeys((3, 6, 2, 5), "z.3f"), 7: "", 8: ""},
     ),
-    "Energy at rest: a minimum without slip, not among all states of rest": (
+    "Energy at rest: a minimum without slip": (
         "energy_minimum",
-        {0: "d", 1: "z.3f", 3: ".1f", 6: ".1f", 8: ".1f", 11: ".3f", 17: "z.3f", 18: "z.3f"},
+        {0: "d", 1: "z.3f", 3: ".1f", 6: ".1f", 8: ".1f", 10: ".3f"},
     ),
     "Where it ends in the paper's model, and if tips only push and may slip (mu)": (
         "contact",
