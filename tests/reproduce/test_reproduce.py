@@ -267,7 +267,7 @@ def test_the_files_are_there_and_hold_the_tables(result: Reproduction) -> None:
                 assert (float(text) if isinstance(value, float | int) else text) == value
 
 
-def test_the_screen_shows_tables_and_verdicts_in_80_columns(
+def test_the_screen_shows_how_runs_end_and_the_verdicts(
     result: Reproduction, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("rich")
@@ -276,10 +276,6 @@ def test_the_screen_shows_tables_and_verdicts_in_80_columns(
     lines = capsys.readouterr().out.splitlines()
     text = "\n".join(lines)
     assert " ".join(lines[:2]).replace("  ", " ") == paper.PARAMETER_NOTE
-    assert max(map(len, lines[:60])) <= 80
-    assert "…" not in text
-    for unit in ("[mm]", "[deg]", "[N]", "[ms]", "|C^H|", "|C^N|", "[m/s]", "[J]"):
-        assert unit in text
     assert text.count("holds: ") == 11
     assert "pulling first at 1 s" in text
 
