@@ -13,12 +13,9 @@ from softpinch.scene import fields
 from softpinch.study.tables import number
 
 pytest.importorskip("scipy")
-from scipy.interpolate import interpn
-from scipy.ndimage import convolve
 
 matplotlib = pytest.importorskip("matplotlib")
 from matplotlib.collections import QuadMesh  # noqa: E402
-from matplotlib.contour import ContourSet  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 from matplotlib.patches import StepPatch  # noqa: E402
 
@@ -234,40 +231,3 @@ def test_dots_mark_bins_with_few_runs() -> None:
     assert 0 < len(wanted) < np.count_nonzero(counts)
     assert "wider than 0.4 at dots" in said(figure)
     assert "interval" not in said(plot.success_map(ensemble, *FORCE, bins=1))
-    # Averages over four bins of few runs have no level of a line between them.
-    vague = plot.success_map(calm(), "grasped.mass", "peak_rotation", bins=2)
-    assert not any(isinstance(each, ContourSet) for each in vague.axes[0].collections)
-    assert "lines" not in said(vague)
-
-
-def test_lines_are_where_the_interval_has_their_half_width() -> None:
-    names = ("gravity", "grasped.mass")
-    vary = {names[0]: sp.Normal(5.0, 1.0), names[1]: sp.Normal(0.1, 0.01)}
-    ensemble = sp.monte_carlo(
-        sp.Scene(duration=1e-3), 2500, vary=vary, dt=1e-3, seed=1, progress=False
-    )
-    u, v = ensemble[names[0]], ensemble[names[1]]
-    happened = u > 5.5
-    figure = plot.success_map(ensemble, *names, happened, bins=8)
-    axes = figure.axes[0]
-    counts, left, bottom = np.histogram2d(u, v, 8)
-    some = np.histogram2d(u[happened], v[happened], (left, bottom))[0]
-    halves = np.array(
-        [[half_width(k, n) for k, n in zip(*row, strict=True)]
-         for row in zip(some, counts, strict=True)]
-    )  # fmt: skip
-    averages = convolve(halves, np.outer([1, 2, 1], [1, 2, 1]) / 16.0, mode="nearest")
-    (drawn,) = [each for each in axes.collections if isinstance(each, ContourSet)]
-    np.testing.assert_array_equal(drawn.levels, [0.05, 0.1, 0.2])
-    x, y = (0.5 * (edges[1:] + edges[:-1]) for edges in (left, bottom))
-    for level, parts in zip(drawn.levels, drawn.allsegs, strict=True):
-        points = np.concatenate(parts)
-        assert len(points) > 8
-        # A vertex is on an edge between middles, where the interpolation is linear.
-        found = interpn((x, y), averages, points)
-        off = np.abs(found - level) / level
-        # Around its label a line has a gap, whose two ends are not on an edge.
-        assert off.max() < 0.2 and (off > 1e-6).sum() <= 2
-    labels = [text for text in axes.texts if text.get_text()]
-    assert sorted(text.get_text() for text in labels) == ["±0.05", "±0.1", "±0.2"]
-    assert "95 % interval: ± at lines" in said(figure)

@@ -74,32 +74,6 @@ def test_a_page_has_its_frames_and_loads_nothing(slipping: sp.Run, tmp_path: Pat
     assert max(counts) > 3 * counts[0]
 
 
-@pytest.mark.parametrize(
-    ("kind", "begin"),
-    [
-        ("gif", '<img src="data:image/gif;base64,'),
-        ("html", '<div class="animation">'),
-        ("mp4", '<video src="data:video/mp4;base64,'),
-    ],
-)
-def test_a_notebook_shows_the_film_of_a_path(
-    slipping: sp.Run, tmp_path: Path, kind: str, begin: str
-) -> None:
-    if kind == "mp4":
-        pytest.importorskip("imageio_ffmpeg")
-    made: Any = animated(slipping, tmp_path / f"a.{kind}", fps=50.0)
-    assert isinstance(made, Path) and made == tmp_path / f"a.{kind}"
-    assert "PosixPath" not in repr(made)
-    shown = made._repr_html_()
-    assert begin in shown
-    if kind == "gif":
-        assert base64.b64decode(shown.split(",")[1].split('"')[0]) == made.read_bytes()
-    # A path that is derived from it, or of a file that was removed, is none of a film.
-    assert made.parent._repr_html_() is None
-    made.unlink()
-    assert made._repr_html_() is None
-
-
 def test_without_ffmpeg_one_line_names_the_package_to_install(
     slipping: sp.Run,
     tmp_path: Path,

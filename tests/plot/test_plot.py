@@ -143,29 +143,6 @@ def test_disturbances_draws_changes_since_the_onset(
     assert {line.get_label() for line in axes[0, 1].get_lines()} >= {"(ii)", "(iii)", "(iv)"}
 
 
-def test_disturbances_have_the_torques_where_they_were_recorded(cases: dict[str, sp.Run]) -> None:
-    known = sp.simulate(paper.disturbance("ii"), dt=1e-3, record=("state", "torque"))
-    figure = plot.disturbances({"i": cases["i"], "ii": known})
-    axes = np.reshape(np.array(figure.axes, dtype=object), (7, 2))
-    start = int(np.searchsorted(known.t, 1.0))
-    for side in (0, 1):
-        assert axes[5 + side, 1].get_ylabel() == rf"$\Delta \tau_{side + 1}$ [N m]"
-        t, y = drawn(axes[5 + side, 1], "(ii)")
-        np.testing.assert_array_equal(t, known.t[start:] - 1.0)
-        np.testing.assert_array_equal(y, (known.torque[start:] - known.torque[start - 1])[:, side])
-        assert [line.get_label() for line in axes[5 + side, 0].get_lines()] == ["_child0"]
-    # Beside the undisturbed run the drift of a grasp that had not settled is left out.
-    calm = sp.simulate(replace(known.scene, disturbances=()), dt=1e-3, record=known.record)
-    figure = plot.disturbances({"ii": known}, {"ii": calm})
-    y = drawn(figure.axes[6], "(ii)")[1]
-    np.testing.assert_allclose(y, (known.torque - calm.torque)[start:, 1], atol=1e-12)
-    y = drawn(figure.axes[3], "(ii)")[1]
-    np.testing.assert_allclose(y, 1e6 * (known.q - calm.q)[start:, 1], atol=1e-9)
-    with pytest.raises(sp.NotRecordedError, match="torque was not recorded"):
-        plot.disturbances({"ii": known}, {"ii": sp.simulate(calm.scene, dt=1e-3)})
-    assert axes[6, 0].get_xlabel() == axes[6, 1].get_xlabel() == "time from the onset [s]"
-
-
 def test_forces_marks_where_a_tip_pulls(run: sp.Run, figures: dict[str, Figure]) -> None:
     axes = np.reshape(np.array(figures["forces"].axes, dtype=object), (4, 2))
     pulls = [pull for side in (0, 1) for pull in measures.pulling_intervals(run, side)]

@@ -12,13 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import softpinch as sp
-from softpinch.reproduce.energy_minimum import (
-    Rest,
-    coordinates,
-    family_slope,
-    is_minimum,
-    rest_at,
-)
+from softpinch.reproduce.energy_minimum import Rest, coordinates, is_minimum, rest_at
 
 SEED = 19
 # Long enough for the slowest of these hands to settle, s.
@@ -141,14 +135,7 @@ def survey(count: int) -> str:
     off = [np.abs(each.rest.q - each.run.q[-1]) for each in rests]
     within = sum(bool((moved <= each.bound).all()) for moved, each in zip(off, rests, strict=True))
     minima = [is_minimum(each.rest) for each in rests]
-    lower = [
-        each.rest.found.energy - each.rest.lowest.energy
-        for each in rests
-        if each.rest.lowest.state is not None
-    ]
     raised = [coordinates(each.rest.weightless)[1] - each.rest.q[1] for each in rests]
-    slopes = [np.abs(each.rest.found.multipliers[2:]).max() for each in rests]
-    sliding = [family_slope(each.rest.found).sum() for each in rests]
     kinds = Counter((each.stable, each.minimum) for each in equilibria(count))
     lines = [
         f"{len(drawn)} random hands: {len(rests)} come to rest, "
@@ -163,11 +150,6 @@ def survey(count: int) -> str:
         f"{min(each.rest.turning for each in rests):.2f} N m/rad",
         f"minimum of elastic energy alone, higher by: {1e3 * min(raised):.3f} to "
         f"{1e3 * max(raised):.3f} mm",
-        f"largest |lambda^N|: {min(slopes):.2f} to {max(slopes):.0f} N",
-        f"slope of the energy as both grips slide: {min(sliding):.2f} to {max(sliding):.2f} N",
-        f"members of the family with less energy than the rest: {sum(np.array(lower) > 0.0)} of "
-        f"{len(lower)} families with a lowest one, by {1e3 * np.median(lower):.0f} mJ in the "
-        "median",
         f"{count} equilibria of soft hands: stable and minimum {kinds[True, True]}, neither "
         f"{kinds[False, False]}, only stable {kinds[True, False]}, only minimum "
         f"{kinds[False, True]}",

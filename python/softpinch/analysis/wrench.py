@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +13,6 @@ from ..run.run import Run
 from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import Floats
-from ..support.display import ShownTable
 from ..support.result import Result
 from .rest import ROUND_OFF, Equilibrium, equilibrium
 
@@ -24,8 +22,6 @@ Texts = NDArray[np.str_]
 _FORCES = 72
 # The largest number of directions: each takes one to three milliseconds.
 _MOST = 1_000_000
-# A notebook lists so many directions.
-_LISTED = 100
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -87,19 +83,6 @@ class WrenchLimits(Result):
             f"<WrenchLimits of {len(self.limit)} directions: weakest {self.weakest:.6g} N at "
             f"({x:.6g} N, {y:.6g} N, {moment:.6g} N m); {each}>"
         )
-
-    def _tables(self) -> Iterator[ShownTable]:
-        columns = ("F_x [N]", "F_y [N]", "moment [N m]", "size [N]")
-        each = [
-            (str(limit), *wrench, size)
-            for limit, wrench, size in zip(self.limit, self.wrench, self.size, strict=True)
-        ]
-        weakest = sorted(each, key=lambda row: row[-1])
-        first = {row[0]: row for row in reversed(weakest)}
-        counts = [(*first[name], int((self.limit == name).sum())) for name in sorted(first)]
-        yield ShownTable(("limit", *columns, "directions"), counts, "the weakest of each limit")
-        listed = min(len(each), _LISTED)
-        yield ShownTable(("limit", *columns), each[:listed], f"{listed} directions", folded=True)
 
 
 def wrench_limits(

@@ -9,7 +9,6 @@ import numpy as np
 
 from ..run import measures as measures
 from ..run.run import Run
-from ..scene.fields import label
 from ..support.arrays import Floats
 from ..support.checks import instance, shown
 from .style import COLUMN, LETTERS, LINES, PAGE, Unit, styled
@@ -39,10 +38,6 @@ _Response = tuple[Floats, Floats]
 def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None = None) -> Figure:
     """Changes of finger angles and object pose after disturbances (the paper's Fig. 7).
 
-    Where torques were recorded, two rows more show their changes: of the torques of the PID, of the
-    schedule or of a controller, or those that drive the fingers. A case without them has no line
-    there.
-
     Time counts from the onset. Lasting forces have a column of their own, left of transient ones,
     because their effects are larger by one or two orders of magnitude.
 
@@ -61,26 +56,12 @@ def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None 
     styles = _styles(named)
     stays = {name: run for name, run in named.items() if measures.lasting(run)}
     passes = {name: run for name, run in named.items() if name not in stays}
-    with_torques = [name for name, run in named.items() if "torque" in run.record]
     columns: list[Column] = []
     for title, group in (("forces that stay", stays), ("forces that pass", passes)):
         if not group:
             continue
         some = {name: responses[name] for name in group}
         drawn = [_change(some, styles, *quantity) for quantity in ANGLES + POSE]
-        for side in (0, 1) if with_torques else ():
-            changes = [
-                Curve(
-                    some[name][0],
-                    measures.torque_response(run, twins.get(name))[:, side],
-                    styles[name],
-                    name,
-                )
-                for name, run in group.items()
-                if name in with_torques
-            ]
-            torque = label(f"torque_{side + 1}").strip("$")
-            drawn.append(Panel(rf"$\Delta {torque}$ [N m]", changes, zero=True))
         until = max(measures.busy(*each) for each in some.values())
         letters = LETTERS[len(columns) * len(drawn) :]
         columns.append(

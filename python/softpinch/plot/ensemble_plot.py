@@ -42,9 +42,8 @@ if TYPE_CHECKING:
 _MOST_BARS = 12
 # No printer resolves more bins.
 _MOST_BINS = 10_000
-# A bin is marked if half of its 95 % confidence interval is larger; lines are at all of these.
-_LEVELS = (0.05, 0.1, 0.2)
-_WIDE = _LEVELS[-1]
+# A bin is marked if half of its 95 % confidence interval is larger.
+_WIDE = 0.2
 _DOTS: dict[str, Any] = {
     "linestyle": "none", "marker": "o", "markersize": 2.0, "markerfacecolor": "white",
     "markeredgecolor": BLACK, "markeredgewidth": 0.4,
@@ -284,12 +283,9 @@ def success_map(
 ) -> Figure:
     """The share of runs in which something happened, over two parameters; empty bins stay blank.
 
-    Lines show where few runs are: along them the share's 95 % confidence interval (Wilson) reaches
-    0.05, 0.1 and 0.2 to both sides. They are drawn over at least 2 x 2 bins, where the map has such
-    values, through averages over adjacent bins; without a run the interval is from 0 to 1. A dot
-    marks each bin whose own interval is wider than 0.4, also where no line can be drawn.
-    The axis of a number that was drawn by a LogUniform or LogNormal is logarithmic. The title names
-    the contact model and the friction, as `Results.model` does.
+    A dot marks each bin of so few runs that the share's 95 % confidence interval (Wilson) is wider
+    than 0.4. The axis of a number that was drawn by a LogUniform or LogNormal is logarithmic. The
+    title names the contact model and the friction, as `Results.model` does.
 
     Args:
         ensemble: The ensemble or study.
@@ -334,9 +330,7 @@ def success_map(
             if logarithmic:
                 by_magnitude(each, which, ends[0], ends[-1])
         mesh = color_cells(each, edges, share, low, high)
-        reach = _reach(some, all_runs)
-        lines = _lines(each, middles, reach)
-        vague = (all_runs > 0) & (reach > _WIDE)
+        vague = (all_runs > 0) & (_reach(some, all_runs) > _WIDE)
         k, m = np.nonzero(vague)
         each.plot(middles[0][k], middles[1][m], **_DOTS)
         colorbar(figure, mesh, each, share_of)
@@ -344,10 +338,8 @@ def success_map(
         blank = int((all_runs == 0).sum())
         text = f"{ensemble.model}\n{len(u)} runs, {np.median(filled):.0f} in the median bin"
         text += f"; {blank} bins empty" if blank else ""
-        keys = ["\u00b1 at lines"] if lines else []
-        keys += [f"wider than {2.0 * _WIDE:g} at dots"] if vague.any() else []
-        if keys:
-            text += f"\n95 % interval: {', '.join(keys)}"
+        if vague.any():
+            text += f"\n95 % interval: wider than {2.0 * _WIDE:g} at dots"
         each.set_title(text, fontsize=8.0, pad=3.0)
         return figure
 
@@ -377,34 +369,3 @@ def _reach(some: Floats, runs: Floats) -> Floats:
     )
     halves = [Estimate.counted(int(k), int(n)).half_width for k, n in pairs]
     return np.array(halves)[which.ravel()].reshape(runs.shape)
-
-
-def _averaged(values: Floats) -> Floats:
-    """Averages over adjacent bins, weighted 1, 2, 1 along each axis; a border repeats its bins.
-
-    A line through the bins' own values would follow their random counts.
-    """
-    for _ in values.shape:
-        padded = np.pad(values, ((1, 1), (0, 0)), "edge")
-        values = (0.25 * (padded[:-2] + padded[2:]) + 0.5 * values).T
-    return values
-
-
-def _lines(axes: Axes, middles: Sequence[Floats], reach: Floats) -> bool:
-    """Draws lines of equal half width, one label for each level; returns whether there are any."""
-    from matplotlib.patheffects import withStroke
-
-    smooth = _averaged(reach)
-    levels = [level for level in _LEVELS if smooth.min() < level < smooth.max()]
-    if min(reach.shape) < 2 or not levels:
-        return False
-    drawn = axes.contour(*middles, smooth.T, levels, colors="white", linewidths=0.9)
-    # White on black is visible on every colour of the map, and in grey.
-    drawn.set_path_effects([withStroke(linewidth=1.9, foreground=BLACK)])
-    # One label for each level, at different shares of the lines, so that they keep apart.
-    longest = [max(parts, key=len) for parts in drawn.allsegs]
-    places = [part[len(part) * (k + 1) // 4] for k, part in enumerate(longest)]
-    for text in drawn.clabel(fmt="\u00b1%g", fontsize=7.0, colors=BLACK, manual=places):
-        text.set_path_effects([withStroke(linewidth=1.8, foreground="white")])
-        text.set_clip_on(False)
-    return True

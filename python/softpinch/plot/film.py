@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import base64
 import importlib
 import math
 import os
 import re
 import shutil
-import sys
 import tempfile
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -27,11 +25,6 @@ from ..support.progress import Report, reporting
 from .drawing import Frame, HandDrawing, Modes, Picture, instants
 from .style import COLUMN, LETTERS, PAGE, new, one_panel, panels_or_given, styled, tag
 from .timeline import LEGEND, legend_of_modes, occurring
-
-if sys.platform == "win32":
-    from pathlib import WindowsPath as _Path
-else:
-    from pathlib import PosixPath as _Path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -189,7 +182,7 @@ def animate(
         dpi: Dots per inch: the film is 5.6 inches wide.
 
     Returns:
-        The path. A notebook shows the film itself where the path is the last value of a cell.
+        The path.
 
     Raises:
         ValueError: An argument breaks its rule, or the film would have more than 100 000 frames.
@@ -230,7 +223,7 @@ def animate(
         if part.suffix == ".html":
             part.write_text(_offline(part.read_text("utf-8")), "utf-8")
         os.replace(part, path)
-    return FilmPath(path)
+    return path
 
 
 def _writer(kind: str, fps: Any, settings: Any) -> Any:
@@ -279,21 +272,3 @@ def _height(width: float, frame: Frame, present: Collection[ContactMode]) -> flo
     shape = (frame.top - frame.bottom) / (frame.right - frame.left)
     height = (width - _LABELS) * min(max(shape, _SHAPES[0]), _SHAPES[1]) + _LABELS
     return height + (LEGEND if present else 0.0)
-
-
-class FilmPath(_Path):
-    """The path of a film, which a notebook shows as the film."""
-
-    def _repr_html_(self) -> str | None:
-        """The film with all its data; None if there is no film, as at the path of a folder."""
-        kind = self.suffix.lower()
-        if kind not in _KINDS or not self.is_file():
-            return None
-        if kind == ".html":
-            return self.read_text("utf-8")
-        data = base64.b64encode(self.read_bytes()).decode("ascii")
-        if kind == ".mp4":
-            return (
-                f'<video src="data:video/mp4;base64,{data}" controls loop autoplay muted></video>'
-            )
-        return f'<img src="data:image/gif;base64,{data}" alt="film">'

@@ -1,4 +1,4 @@
-"""Reproduction of the paper: its simulations, Figures 4 to 7 and two more, tables, verdicts.
+"""Reproduction of the paper: its simulations, Figures 4 to 7 and five more, tables, verdicts.
 
     >>> from pathlib import Path
     >>> from softpinch.reproduce import reproduce

@@ -6,8 +6,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from .. import paper, plot
 from ..plot.style import (
     BLACK,
@@ -18,14 +16,13 @@ from ..plot.style import (
     PALE,
     least_range,
     panels,
-    shared_legend,
     styled,
     tag,
 )
 from ..run import measures as m
 from ..run.run import Run
+from ..support.arrays import Floats
 from . import energy_minimum
-from .energy_minimum import EnergyCurves
 from .experiment import Progress, Runs
 
 if TYPE_CHECKING:
@@ -76,40 +73,25 @@ def draw(runs: Runs, out: Path, suffix: str, progress: Progress) -> list[Path]:
     return files
 
 
-def energy_minima(curves: Mapping[str, EnergyCurves]) -> Figure:
-    """Elastic energy and gravity around each rest: without slip, and along its family."""
+def energy_minima(curves: Mapping[str, Floats]) -> Figure:
+    """Elastic energy and gravity while the object turns about its rests without slip."""
     with styled():
         rows = max(1, -(-len(curves) // _COLUMNS))
-        figure, axes = panels(rows, _COLUMNS, PAGE, 1.0 + 1.75 * rows, sharey=True)
+        figure, axes = panels(rows, _COLUMNS, PAGE, 0.5 + 1.75 * rows, sharey=True)
         for each in axes.ravel()[len(curves) :]:
             each.set_visible(False)
-        for k, (each, (title, found)) in enumerate(zip(axes.flat, curves.items(), strict=False)):
-            scale = np.array([DEG.per_si, 1e3])
+        for k, (each, (title, curve)) in enumerate(zip(axes.flat, curves.items(), strict=False)):
+            angle, energy = DEG.per_si * curve[0], 1e3 * curve[1]
             each.axhline(0.0, color=PALE, linewidth=0.6, zorder=0.5)
-            each.plot(*(found.rolled.T * scale).T, **LINES[0], label="turned without slip")
-            each.plot(*(found.family.T * scale).T, **LINES[1], label="other states of rest")
-            # The dot is smaller, and visible where both are in the same place.
-            for place, marker, size, face, label in (
-                (found.lowest, "D", 5.0, "white", "lowest state of rest"),
-                (found.rest, "o", 2.8, BLACK, "rest that is reached"),
-            ):
-                each.plot(
-                    *(place * scale),
-                    marker,
-                    color=BLACK,
-                    markersize=size,
-                    markerfacecolor=face,
-                    label=label,
-                )
+            each.plot(angle, energy, **LINES[0])
+            # The curve's middle is the rest.
+            each.plot(angle[len(angle) // 2], 0.0, "o", color=BLACK)
             tag(each, LETTERS[k], title)
             if k >= len(curves) - _COLUMNS:
                 each.set_xlabel(r"$\theta$ [deg]")
             if k % _COLUMNS == 0:
                 each.set_ylabel(r"$P + P_g$ [mJ]")
         least_range(axes.flat[: len(curves)])
-        shared_legend(figure, axes.flat)
-        if curves:
-            figure.text(0.012, 0.985, r"targets $(\theta_1, \theta_2)$:", va="top")
         return figure
 
 

@@ -118,47 +118,9 @@ def _end(run: Run) -> str:
     return "not held, a tip is free at the end" if not run.holds else "not at rest at the end"
 
 
-def disturbance(case: str, paper: Run, real: Mapping[float, Run]) -> Finding:
-    """The effect of a disturbance on a real hand, for each friction."""
-    outcomes: dict[str, list[float]] = {}
-    for mu, run in real.items():
-        outcomes.setdefault(_outcome(paper, run), []).append(mu)
-    return observation(
-        f"what disturbance ({case}) does to a real hand",
-        "frictions with which it is survived",
-        float(sum(map(case_survived, real.values()))),
-        "; ".join(
-            f"mu = {', '.join(f'{mu:g}' for mu in frictions)}: {outcome}"
-            for outcome, frictions in outcomes.items()
-        ),
-    )
-
-
-def _outcome(paper: Run, run: Run) -> str:
-    """The end of a disturbed run in words, beside the paper's model."""
-    if not case_survived(run):
-        return _end(run)
-    slip, free = (
-        1e3 * max(spells(run, mode, *run.t[[0, -1]]), default=0.0)
-        for mode in (ContactMode.SLIP, ContactMode.FREE)
-    )
-    ends = [m.response(each)[1][-1, :3] for each in (run, paper)]
-    if slip == free == 0.0 and bool((np.abs(ends[0] - ends[1]) <= BANDS).all()):
-        return "as in the paper's model"
-    tips = [f"slips for up to {slip:.2g} ms"] if slip else []
-    tips += [f"opens for up to {free:.2g} ms"] if free else []
-    does = f"a tip {' and '.join(tips)}" if tips else "no tip slips or opens"
-    turned = [float(np.rad2deg(end[2])) for end in ends]
-    return (
-        f"held; {does}, and the object ends turned by {turned[0]:z.2f} deg, in the paper's model "
-        f"by {turned[1]:z.2f}"
-    )
-
-
 def find(runs: Runs) -> tuple[Finding, ...]:
     """The operations and disturbances of a real hand, from the runs with unilateral contact."""
     return (
         which_survive(runs.real, runs.real_cases),
         operations(runs.operations, runs.real),
-        *(disturbance(case, runs.cases[case], real) for case, real in runs.real_cases.items()),
     )

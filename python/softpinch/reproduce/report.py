@@ -1,11 +1,10 @@
-"""`reproduce`, and its tables for CSV files and for the screen (needs the extra `cli`)."""
+"""`reproduce`, its tables for CSV files, and its verdicts on the screen (needs `cli`)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -148,67 +147,7 @@ def verdict_table(findings: Sequence[Finding]) -> Table:
     return Table(columns=columns, rows=rows)
 
 
-# Tables on the screen: a title -> the table, and the format of each of its columns that is shown.
-# "z" prints a rounded -0.000 as 0.000. Each fits a terminal of 80 columns.
-_SCREENS: dict[str, tuple[str, dict[int, str]]] = {
-    "Where each operation settles": (
-        "operations",
-        {0: "d", 1: "g", 2: "g", **dict.fromkeys(range(3, 8), "z.3f"), 8: ".2f"},
-    ),
-    "What it leaves of the constraints, and how the tips press": (
-        "operations",
-        {0: "d", **dict.fromkeys(range(9, 13), ".0e"), 13: ".1f", 14: ".2g"},
-    ),
-    "What the disturbances do: the peak, and what stays": (
-        "disturbances",
-        {0: "", 3: "", 4: "z.3f", 5: "z.4f", 6: "z.3f", 7: "z.3f", 8: "z.4f", 9: "z.3f"},
-    ),
-    "How the tips press under them, and what is left of constraints and ledger": (
-        "disturbances",
-        {0: "", 1: "g", 10: "z.3f", 11: "z.3f", 12: ".1f", 13: ".2g"}
-        | dict.fromkeys((14, 15, 16), ".0e"),
-    ),
-    "kappa = +1, as printed, beside -1, as springs and kinematics give: where it ends": (
-        "tilt_coupling",
-        {0: "", **dict.fromkeys((3, 6, 2, 5), "z.3f"), 7: "", 8: ""},
-    ),
-    "Energy at rest: a minimum without slip, not among all states of rest": (
-        "energy_minimum",
-        {0: "d", 1: "z.3f", 3: ".1f", 6: ".1f", 8: ".1f", 11: ".3f", 17: "z.3f", 18: "z.3f"},
-    ),
-    "Where it ends in the paper's model, and if tips only push and may slip (mu)": (
-        "contact",
-        {0: "", **dict.fromkeys(range(11, 16), "z.3f")},
-    ),
-    "The height where it ends": ("contact", {0: "", **dict.fromkeys(range(6, 11), "z.3f")}),
-    "Whether such a hand survives": ("contact", dict.fromkeys((0, *range(16, 20)), "")),
-    "The longest that one of its tips opens": (
-        "contact",
-        {0: "", **dict.fromkeys(range(20, 24), ".2g")},
-    ),
-}
-# Columns of a terminal that a header may take.
-_HEADER = 8
 _COLORS = {HOLDS: "green", FAILS: "bold red"}
-
-
-def _print_table(console: Console, title: str, table: Table, formats: Mapping[int, str]) -> None:
-    from rich import box
-    from rich.table import Table as Grid
-    from rich.text import Text
-
-    grid = Grid(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True, show_edge=False)
-    for k, style in formats.items():
-        name = table.columns[k].replace("N m", "N\N{NO-BREAK SPACE}m")
-        header = fill(name, _HEADER, break_long_words=False)
-        grid.add_column(
-            Text(header), justify="right" if style else "left", no_wrap=True, vertical="bottom"
-        )
-    for row in table.rows:
-        grid.add_row(*(format(row[k], style) for k, style in formats.items()))
-    console.print()
-    console.print(Text(title, style="bold"))
-    console.print(grid)
 
 
 def _print_verdicts(console: Console, findings: Sequence[Finding]) -> None:
@@ -246,15 +185,13 @@ class Reproduction:
     files: tuple[Path, ...]
 
     def show(self) -> None:
-        """Prints tables and verdicts; needs the extra `cli`."""
-        require("rich", extra="cli", purpose="printing tables")
+        """Prints how the runs ended, and the verdicts; needs the extra `cli`."""
+        require("rich", extra="cli", purpose="printing verdicts")
         from rich.console import Console
         from rich.text import Text
 
         console = Console(highlight=False, markup=False)
         console.print(Text(PARAMETER_NOTE, style="italic"))
-        for title, (name, formats) in _SCREENS.items():
-            _print_table(console, title, self.tables[name], formats)
         named = {"the operations": self.runs.operations}
         named |= {f"({case})": run for case, run in self.runs.cases.items()}
         for what, run in named.items():

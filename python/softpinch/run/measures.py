@@ -274,19 +274,6 @@ def response(run: Run, undisturbed: Run | None = None) -> tuple[Floats, Floats]:
     return t - start, q - still
 
 
-def torque_response(run: Run, undisturbed: Run | None = None) -> Floats:
-    """Returns the changes of the torques in the rows of `response` (k, 2), N m.
-
-    They are relative to the run `undisturbed`, or else to the last row before the onset, as driving
-    torques jump there.
-    """
-    rows = since_onset(run)
-    t, torque = run.t[rows], run.torque[rows]
-    if undisturbed is None:
-        return np.asarray(torque - run.torque[max(int(np.argmax(rows)) - 1, 0)])
-    return torque - _between_rows(t, undisturbed.t, undisturbed.torque)
-
-
 def _between_rows(t: Floats, times: Floats, rows: Floats) -> Floats:
     """Interpolates recorded rows linearly, because figures must not compute a run once more."""
     return np.stack([np.interp(t, times, column) for column in rows.T], axis=1)
