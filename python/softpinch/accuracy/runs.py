@@ -112,16 +112,9 @@ def largest_that_holds(
 ) -> float | None:
     """The limit up to which a property holds, by bisection on a logarithmic scale.
 
-    Args:
-        holds: Whether the property holds for a value.
-        first: The first value to try.
-        least: The smallest value.
-        most: The largest value.
-        factor: From `first`, values change by this factor until the limit is between two of them.
-        accuracy: The relative accuracy of the limit.
-
-    Returns:
-        A value for which the property holds; None if it does not even hold for `least`.
+    From `first`, values between `least` and `most` change by `factor` until the limit is between
+    two of them. Returns a value for which the property holds, the limit within the relative
+    `accuracy`; None if it does not even hold for `least`.
     """
     good, bad = min(max(first, least), most), math.inf
     while not holds(good):

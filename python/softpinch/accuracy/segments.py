@@ -221,20 +221,10 @@ def integrate(
     sizes: Floats,
     most: int,
 ) -> Motion:
-    """Integrates from break to break of the inputs.
+    """Integrates from the states `start` (n,) at the first edge of the inputs, from break to break.
 
-    Args:
-        system: The equations of motion.
-        inputs: The inputs of the run.
-        start: The states at the first edge of the inputs (n,).
-        wanted: Instants at which the motion is wanted, in any order.
-        method: One of `METHODS`.
-        rtol: Relative tolerance.
-        sizes: Magnitude of each state along the run (n,), for the absolute tolerance.
-        most: The largest number of evaluations.
-
-    Raises:
-        RuntimeError: The motion diverges, or needs more evaluations; the message has the time.
+    `sizes` (n,) has the magnitude of each state along the run, for the absolute tolerance. Raises
+    RuntimeError with the time if the motion diverges, or needs more than `most` evaluations.
     """
     solver = _Solver(system, inputs, method, rtol, sizes, most)
     instants = np.unique(wanted)

@@ -42,14 +42,9 @@ def linear_at(scene: Scene, state: State, **how: Any) -> _core._Linear:
 
 @cache
 def state_names(law: str, formulation: str) -> tuple[str, ...]:
-    """Names the states (docs/integrators.md, "How the constraints are kept").
+    """Names the states of a law and a formulation (docs/integrators.md).
 
-    Args:
-        law: What moves the fingers, as `Scene.law`; "torque" for fingers that torques turn.
-        formulation: The formulation whose states these are.
-
-    Returns:
-        The coordinates, then the rates of these ("rate of x"), then what depends on both.
+    The coordinates come first, then the rates of these ("rate of x"), then what depends on both.
     """
     nullspace = formulation == "nullspace"
     pose = COORDINATES[:3] if law == "driven" else COORDINATES[:5]

@@ -63,12 +63,9 @@ def gains(
     others: Stabilization = Stabilization(),  # noqa: B008, it is frozen
     **given: float | None,
 ) -> Stabilization:
-    """The stabilization gains, from options that were given and defaults.
+    """The stabilization gains of the formulations that a command runs.
 
-    Args:
-        formulations: The formulations that the command runs.
-        others: The gains that stay where no option is given.
-        given: Option name -> its value, or None.
+    Options that were given replace the gains of `others`.
     """
     found = {name: value for name, value in given.items() if value is not None}
     # An unknown formulation is reported elsewhere.
@@ -87,12 +84,7 @@ def read_scene(path: Path, changes: Sequence[str] | None = None) -> Scene:
 
 
 def with_changes(scene: Scene, changes: Sequence[str] | None) -> Scene:
-    """Returns the scene with other values at dotted paths.
-
-    Args:
-        scene: The scene.
-        changes: The texts of the option --set, each PATH=VALUE with a TOML value; None is none.
-    """
+    """Returns the scene with other values, from texts PATH=VALUE of the option --set."""
     values: dict[str, Any] = {}
     for text in changes or ():
         path, equals, value = text.partition("=")

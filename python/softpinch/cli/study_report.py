@@ -158,13 +158,7 @@ def _figures(ensemble: Results) -> Iterator[tuple[str, Any]]:
 
 
 def lines(study: Results, seconds: float, earlier: int = 0) -> list[str]:
-    """Lines that describe a finished study.
-
-    Args:
-        study: The study.
-        seconds: Time that computing the new runs took, s.
-        earlier: Number of runs that the folder had before.
-    """
+    """Lines about a study, whose new runs took `seconds`; `earlier` ones were there before."""
     counts = ", ".join(f"{count} {name}" for name, count in study.counts().items())
     new = study.runs - earlier
     before = f", {earlier} of them before," if earlier else ""

@@ -187,16 +187,10 @@ class Experiment(Result):
         derivatives: bool,
         warns: bool = False,
     ) -> Motion:
-        """Simulates the scene with values put in, at the measured instants.
+        """Simulates the scene with values put in by path, at the measured instants.
 
-        Args:
-            values: Path -> value.
-            options: How to simulate.
-            derivatives: Whether to compute them too.
-            warns: Whether to warn as `simulate` does.
-
-        Raises:
-            FailedRun: The values break a rule of the scene, or the run ends too early.
+        `warns` lets it warn as `simulate` does. Raises `FailedRun` if the values break a rule of
+        the scene, or the run ends too early.
         """
         paths = tuple(values)
         try:

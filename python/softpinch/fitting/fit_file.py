@@ -105,17 +105,11 @@ def _bounds(data: object) -> dict[str, Any]:
 
 
 def read_data(path: Path, wanted: tuple[str, ...] | None) -> tuple[Floats, dict[str, Floats]]:
-    """Reads what was measured.
+    """Reads what was measured: times (n,), s, and observable -> values (n,) or (n, k).
 
     The first line names the columns, with or without their SI units: "t [s]", "theta [rad]", as
-    `Run.save` writes them. An empty entry is a missing measurement.
-
-    Args:
-        path: A CSV file.
-        wanted: Observables to return; None returns all columns, which must be observables.
-
-    Returns:
-        The times (n,), s, and observable -> values (n,) or (n, k), NaN where nothing was measured.
+    `Run.save` writes them. An empty entry is a missing measurement, NaN. Without `wanted` all
+    columns are returned, which must be observables.
     """
     path = checks.path("path", path)
     try:

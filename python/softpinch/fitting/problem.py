@@ -261,17 +261,10 @@ class Problem:
         return np.concatenate(rows)
 
     def minimum(self, start: Floats, held: int | None = None, loss: str | None = None) -> Minimum:
-        """Searches a minimum from a start (p,), at which the runs must succeed.
+        """Searches a minimum from a start (p,), at which the runs must succeed, else `FailedRun`.
 
-        A failed run on the way is a step that SciPy shortens and tries again.
-
-        Args:
-            start: The coordinates (p,).
-            held: The index of a parameter that keeps its value.
-            loss: Another loss than the problem's.
-
-        Raises:
-            FailedRun: A run at the start failed.
+        A failed run on the way is a step that SciPy shortens and tries again. The parameter with
+        the index `held` keeps its value; `loss` is another loss than the problem's.
         """
         loss = loss or self._loss
         optimize = require("scipy.optimize", extra="study", purpose="fit")

@@ -330,13 +330,10 @@ class Uncertainty(NamedTuple):
 def uncertainty(
     jacobian: Floats, parameters: Sequence[Parameter], inflation: float, reach: float
 ) -> Uncertainty:
-    """Evaluates the Jacobian (N, p).
+    """Evaluates the derivatives (N, p) of the weighted residuals by u.
 
-    Args:
-        jacobian: The derivatives of the weighted residuals by u.
-        parameters: The parameters.
-        inflation: The factor of the covariance that a robust loss needs.
-        reach: Half the width of the interval in standard errors.
+    `inflation` is the factor of the covariance that a robust loss needs, `reach` half the width of
+    the interval in standard errors.
     """
     p = jacobian.shape[1]
     # Rows of zeros let fewer measurements than parameters have all p directions.
@@ -460,13 +457,9 @@ class Profile(Result):
 
 
 def followed(fit: Fit, index: int, level: float, reach: float) -> Profile:
-    """Follows the profile of a parameter from the minimum to both sides.
+    """Follows the profile of a parameter from the minimum to both sides, up to a level.
 
-    Args:
-        fit: The fit.
-        index: The parameter.
-        level: The level of the interval.
-        reach: Half the width of the linearised interval, in standard errors.
+    `reach` is half the width of the linearised interval, in standard errors.
     """
     problem, u = Problem(fit.experiments, fit.parameters, fit.options, fit.loss), fit.estimate
     motions = problem.motions(u)

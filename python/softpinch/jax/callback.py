@@ -47,13 +47,9 @@ def differentiable(
     It calls back to Python. A batch (`vmap`) is one call. The tangents are a contraction of the
     derivatives, which depend on the values only: hence JAX can transpose it, and `grad` works.
 
-    Args:
-        shapes: Path -> shape of its value.
-        results: Name -> shape and type of a result of one run.
-        check: Refuses wrong values of one run. It is called if the numbers are known outside of
-            callbacks, because JAX buries the message of an error in a callback.
-        derive: Computes results of one run from its values, and their derivatives by some paths.
-        many: Computes results (runs, ...) of values (runs, ...); None computes one by one.
+    `check` refuses wrong values of one run. It is called if the numbers are known outside of
+    callbacks, because JAX buries the message of an error in a callback. `derive` computes results
+    of one run, and their derivatives by some paths; `many` computes those of all runs at once.
     """
     smooth = [name for name, each in results.items() if each.dtype == np.float64]
 

@@ -346,11 +346,8 @@ class Frames:
     def draw(self, q: Floats, target: Floats, force: Floats, title: str) -> None:
         """Draws one frame, and shows it if there is a window.
 
-        Args:
-            q: Coordinates (9,), m and rad.
-            target: Wanted pose (3,), m and rad.
-            force: Force and moment on the object (3,), N and N m.
-            title: The text above the picture.
+        q has the coordinates (9,), `target` the wanted pose (3,), m and rad; `force` are force and
+        moment on the object (3,), N and N m.
         """
         self._hand.show(q)
         self._target.set_data(*(target[:2, None] * MM.per_si))

@@ -169,15 +169,8 @@ def panels_or_given(
 ) -> Iterator[tuple[Figure, NDArray[Any]]]:
     """Yields a figure and its axes (rows, columns), to draw on inside the block.
 
-    The only panel may be the user's own axes, which keep the user's style.
-
-    Args:
-        ax: The user's axes; None makes a figure.
-        rows: Number of rows of panels.
-        columns: Number of columns.
-        width: Width of a new figure, inches.
-        height: Its height, inches.
-        options: Passed to `panels`.
+    The only panel may be the user's own axes `ax`, which keep the user's style. Otherwise width and
+    height are those of a new figure, inches, and `options` go to `panels`.
     """
     require("matplotlib", extra="plot", purpose="figures")
     from matplotlib.axes import Axes

@@ -175,17 +175,10 @@ def draw(
     legends: Literal["above", "panels", "none"] = "above",
     **options: Any,
 ) -> tuple[Figure, NDArray[Any]]:
-    """Draws columns side by side.
+    """Draws columns side by side; returns the figure, and the axes of its panels (rows, columns).
 
-    Args:
-        columns: The columns.
-        width: Width of the figure, inches.
-        height: Height of the panels, inches; the bands are added to it.
-        legends: One legend above the figure, one for each panel, or none.
-        options: Passed to `matplotlib.figure.Figure.subplots`.
-
-    Returns:
-        The figure, and the axes of its panels (rows, columns).
+    The height is that of the panels, in inches; the bands are added to it. There is one legend
+    above the figure, one for each panel, or none. `options` go to `Figure.subplots`.
     """
     rows = max(len(column.panels) for column in columns)
     most = max(len(unilateral(column.runs)) for column in columns)

@@ -58,16 +58,11 @@ def lever_arms(scene: Scene) -> Floats:
 
 
 def without_slip(scene: Scene, q: ArrayLike, way: ArrayLike, far: ArrayLike) -> Floats:
-    """The coordinates after the object has moved without slip of its tips, (n, 9).
+    """The coordinates after the object has moved without slip of its tips by `far` (n,), (n, 9).
 
-    It moves on a straight way, the fingers are held. On it (12) is a quadrature in closed form:
-    d_t changes by the integral of sin(theta) dx - cos(theta) dy - E dtheta.
-
-    Args:
-        scene: The scene.
-        q: The coordinates at the beginning (9,).
-        way: The change of x, y and theta (3,) per unit of `far`.
-        far: How far it has moved (n,).
+    It moves from `q` along `way`, the change of x, y and theta per unit of `far`; the fingers are
+    held. On this way (12) is a quadrature in closed form: d_t changes by the integral of sin(theta)
+    dx - cos(theta) dy - E dtheta.
     """
     q, far = np.asarray(q, np.float64), np.asarray(far, np.float64)
     dx, dy, turn = np.asarray(way, np.float64)

@@ -86,17 +86,11 @@ class Request:
         open_loop: bool = False,
         frozen: bool = False,
     ) -> _core._Linear:
-        """Linearises the motion with both tips sticking at n states: (n,), (n, 9), (n, 9), (n, 2).
+        """Linearises the motion with both tips sticking at n states: t (n,), q (n, 9), p, integral.
 
-        Args:
-            t: Times, s.
-            q: Coordinates.
-            p: Rates.
-            integral: Integrals of the angle errors.
-            inputs: The inputs, instead of the scene's own.
-            whole: Whether to compute B, C and D too.
-            open_loop: Whether torques turn the fingers, instead of the scene's law.
-            frozen: Whether the inputs of the instant hold, as at an equilibrium.
+        `inputs` take the place of the scene's own. `whole` computes B, C and D too; with
+        `open_loop` torques turn the fingers instead of the scene's law; with `frozen` the inputs of
+        the instant hold, as at an equilibrium.
         """
         # Contact is no part of parameters and inputs: the core takes both tips as sticking.
         scene, options = self.scene, self.options

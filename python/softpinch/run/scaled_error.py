@@ -89,12 +89,9 @@ def by_row(value: Floats, exact: Floats | float, scale: Floats) -> Floats:
 def at_end(
     last: Mapping[str, Floats], expected: Any, along: Mapping[str, Floats]
 ) -> dict[str, float]:
-    """Returns the errors of a run's last state: quantity -> error, from `by_row`.
+    """Returns the errors of a run's last rows (k,) by quantity, from `by_row`.
 
-    Args:
-        last: Quantity -> its last row (k,).
-        expected: A `Run` or another object with these quantities (n, k); its last row is exact.
-        along: Quantity -> `scales` of the whole run.
+    The last rows of `expected` (n, k) are exact; `along` has the `scales` of the whole run.
     """
     return {
         name: float(by_row(row, getattr(expected, name)[-1], along[name]))
@@ -107,12 +104,9 @@ def errors(
 ) -> dict[str, Floats]:
     """Returns the error of a result at each of its instants: name -> (n,), from `by_row`.
 
-    Args:
-        result: A `Run` or another object with t (n,) and some of q (n, 9), p (n, 9) and multipliers
-            (n, 4).
-        expected: An object with these attributes at the same instants, taken as exact.
-        along: Name -> `scales` of the whole run. None takes `expected.scales`, which a
-            `reference.Reference` has, or otherwise computes them from the rows of `expected`.
+    A result has t (n,) and some of q (n, 9), p (n, 9) and multipliers (n, 4), as a `Run` has;
+    `expected` has them at the same instants, taken as exact. `along` has the `scales` of the whole
+    run; without it they are `expected.scales`, or come from the rows of `expected`.
     """
     if not np.array_equal(np.asarray(result.t), np.asarray(expected.t)):
         raise ValueError("errors: the result's instants differ from those it is compared with")

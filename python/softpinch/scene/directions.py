@@ -121,13 +121,9 @@ def directions(
 ) -> _core.Directions:
     """Makes the directions of all numbers at paths that `shapes` has checked.
 
-    Args:
-        scene: The scene of the run.
-        paths: The paths.
-        shared: The scene that all runs share, if it differs from the run's own.
-        varied: The paths in which these scenes differ.
-        seeds: Derivatives (20, d) of the start, q, p and integral, in place of those that the paths
-            give, for a run that goes on from another one.
+    `shared` is the scene that all runs share, if it differs from the run's own in the paths
+    `varied`. `seeds` are derivatives (20, d) of the start (q, p and integral) in place of those
+    that the paths give, for a run that goes on from another one.
     """
     derived = None if isinstance(scene.initial, State) else scene._start_kind
     start = "driven" if derived and scene.fingers == "driven" else derived

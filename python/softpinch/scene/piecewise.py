@@ -152,9 +152,7 @@ def through(times: Floats, angles: Floats) -> Piecewise:
 def _at_knots(h: Floats, ways: Floats) -> tuple[Floats, Floats]:
     """The velocities and accelerations at all knots (k, channels), which are zero at both ends.
 
-    Args:
-        h: Durations of the pieces (k - 1,).
-        ways: Differences of the angles over the pieces (k - 1, channels).
+    h has the durations of the pieces (k - 1,), `ways` the differences over them (k - 1, channels).
     """
     count, kind = len(h) + 1, np.result_type(h, ways)
     found = np.zeros((count, 2, ways.shape[1]), kind)

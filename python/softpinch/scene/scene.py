@@ -179,17 +179,9 @@ def inputs(
 ) -> _core.Inputs:
     """Converts schedule, disturbances and controller to the core's inputs, for one run or many.
 
-    Args:
-        schedule: The target angles of the fingers, or the torques, as shared by all runs.
-        disturbances: The loads on the object, as shared by all runs.
-        law: "pid", "torque", "sampled" or "driven".
-        control: The scene's control, of which only a `SampledController` is an input.
-        moves: Fields of the schedule that differ between runs -> (runs, ...).
-        loads: The same of each disturbance; empty if none differs.
-        gains: The same of a `SampledController`.
-        numbers: The run numbers (runs,), which key the noise together with `seed`; None keeps
-            each noise's own `seed` and `run`.
-        seed: The study's seed.
+    `moves`, `loads` and `gains` have the fields of the schedule, of each disturbance and of a
+    `SampledController` that differ between runs: name -> (runs, ...). The run `numbers` (runs,) key
+    the noise together with the study's `seed`; None keeps each noise's own `seed` and `run`.
     """
 
     def one(array: Any) -> Any:

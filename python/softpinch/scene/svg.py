@@ -22,12 +22,9 @@ _MM_PER_POINT = 0.4
 
 
 def drawings(scene: Scene, states: Sequence[Floats], texts: Sequence[str]) -> str:
-    """An SVG of some states side by side, at the same scale; empty without finite states.
+    """An SVG of states (9,) of a scene side by side, at the same scale, each with a line of text.
 
-    Args:
-        scene: The scene, which has the dimensions.
-        states: Coordinates (9,) of each drawing, m and rad.
-        texts: The line below each drawing.
+    It is empty without finite states.
     """
     if not states or not np.isfinite(states).all():
         return ""

@@ -95,10 +95,7 @@ class SceneTemplate:
     ) -> _core.Batch:
         """Makes the core's batch of runs, which checks them; errors name the run, field and value.
 
-        Args:
-            values: Path -> (runs, ...).
-            numbers: The run numbers (runs,), for noise and error messages.
-            how: Further arguments of `_core.Batch`: the options, and those of the summaries.
+        `values` are path -> (runs, ...), `numbers` the run numbers (runs,), for noise and messages.
         """
         try:
             return self._batch(values, numbers, **how)

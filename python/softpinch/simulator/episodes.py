@@ -61,12 +61,7 @@ class Episodes:
         self.started = np.zeros(n, bool)
 
     def start(self, mask: Mask, random: Sequence[np.random.Generator]) -> Outcome:
-        """Starts new episodes, and returns the observations of all environments.
-
-        Args:
-            mask: Which environments (n,).
-            random: The generators of all n environments.
-        """
+        """Starts episodes in the environments of a mask (n,), and returns all n observations."""
         steps = self.task.steps
         for k in np.flatnonzero(mask).tolist():
             drawn = self.task.draw(random[k])

@@ -74,13 +74,9 @@ def encode(
     facts: Mapping[str, Any],
     units: Mapping[str, str] | None = None,
 ) -> memoryview:
-    """Encodes a Parquet file, in memory.
+    """Encodes columns (rows,), and facts about them for the metadata, as a Parquet file in memory.
 
-    Args:
-        columns: Name -> numbers, booleans or texts (rows,).
-        facts: Facts about the rows, as plain data, for the file's metadata.
-        units: Name -> unit, for the metadata of the columns. With units NaN is written as null,
-            which other tools expect of missing numbers.
+    With `units` of the columns NaN is written as null, which other tools expect of missing numbers.
     """
     pa, parquet = arrow(), arrow("pyarrow.parquet")
     arrays, fields, texts = [], [], []
@@ -148,15 +144,9 @@ def _facts(metadata: Any) -> dict[str, Any]:
 def read(
     path: Path, digest: str, names: Sequence[str] | None = None
 ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Reads columns of a Parquet file, and compares the whole file with its digest.
+    """Reads columns of a Parquet file, and compares the whole file with its SHA-256 `digest`.
 
-    Args:
-        path: The file.
-        digest: The expected SHA-256 of the file.
-        names: The columns to read; None reads all.
-
-    Returns:
-        Name -> array (rows,), with NaN for null; and the facts.
+    Returns name -> array (rows,), with NaN for null, of `names` or of all; and the facts.
     """
     pa, parquet = arrow(), arrow("pyarrow.parquet")
     with reading(path):

@@ -41,9 +41,7 @@ FREE = ("runs", "stop_when", "check_dt", "trajectories", *RECORDING)
 def describe(spec: StudySpec, vary: Mapping[str, Any]) -> dict[str, Any]:
     """The manifest of a study as plain data, equal to what reading its TOML gives.
 
-    Args:
-        spec: The study.
-        vary: The table `vary`, with a file for each array (`with_files`).
+    `vary` has a file for each array (`with_files`).
     """
     data = {"format": FORMAT, **spec.to_dict(), "vary": dict(vary), "made_by": [made_by()]}
     return tomllib.loads(dumps(data))

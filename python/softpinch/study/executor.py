@@ -65,19 +65,12 @@ def _unpickled(spec: bytes) -> StudySpec:
 
 
 def work(call: str, attempt: int, version: int, spec: bytes, block: RunBlock, threads: int) -> Rows:
-    """Computes a block of runs on a worker.
+    """Computes a block of runs on a worker, with at most one thread for each available core.
 
-    Args:
-        call: Unique name of the call of `monte_carlo` to which the block belongs.
-        attempt: The number of this attempt, from 1.
-        version: `_core.RESULTS_VERSION` of the submitting process; another one is refused.
-        spec: The pickled study.
-        block: The runs to compute.
-        threads: The largest number of threads; a worker uses at most one for each available core.
-
-    Returns:
-        The rows, without the varied values. After Ctrl-C they lack the unfinished runs, and further
-        blocks of the interrupted call give no rows.
+    `call` names the call of `monte_carlo` to which the block belongs, `attempt` counts from 1,
+    `version` is the `_core.RESULTS_VERSION` of the submitting process (another one is refused), and
+    `spec` is the pickled study. The rows lack the varied values. After Ctrl-C they lack the
+    unfinished runs, and further blocks of the interrupted call give no rows.
     """
     global _interrupted_call
     if version != _core.RESULTS_VERSION:

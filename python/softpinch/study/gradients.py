@@ -91,15 +91,9 @@ def checked_gradients(
 ) -> tuple[tuple[str, ...], Mapping[str, tuple[int, ...]]]:
     """Checks the arguments `gradients` and `sensitivities` of `monte_carlo`.
 
-    Args:
-        scene: The scene that all runs share.
-        gradients: The summaries to differentiate.
-        sensitivities: Paths; if empty, `varied`.
-        varied: The paths that differ between runs.
-        others: Name -> value of arguments with which there are no gradients, unless None.
-
-    Returns:
-        The summaries in the order of `GRADIENTS`, possibly none, and path -> shape of its value.
+    Without paths in `sensitivities` the `varied` ones are meant. `others` are arguments with which
+    there are no gradients, unless None. Returns the summaries in the order of `GRADIENTS`, possibly
+    none, and path -> shape of its value.
     """
     summaries = names("gradients", gradients, GRADIENTS)
     paths = listed(sensitivities)

@@ -258,12 +258,7 @@ class Schema:
         return {name: entry.empty() for name, entry in self.entries.items()}
 
     def locate(self, name: str, field: str = "name") -> tuple[str, int]:
-        """Finds a numeric column: returns the name of its entry and its index in that entry.
-
-        Args:
-            name: The name of the column.
-            field: The argument's name, for error messages.
-        """
+        """Finds a numeric column: returns the name of its entry and its index in that entry."""
         checks.instance(field, name, str, "the name of a column")
         if name in (*_core.STATUSES, *_core.VIOLATIONS):
             raise ValueError(f"{name!r} is an event, which has no number: use `probability`")

@@ -341,12 +341,7 @@ def _named(stats: ModuleType | None, name: object) -> Any:
 
 
 def frozen_distribution(where: str, data: Mapping[str, Any]) -> Any:
-    """Makes the frozen distribution of SciPy that a table of a file describes.
-
-    Args:
-        where: The table's name, for error messages.
-        data: The table: `name`, and optionally `args` and `kwds`.
-    """
+    """Makes the frozen distribution of SciPy that the table `where` of a file describes."""
     checks.refuse_unknown(where, data, ("kind", "name", "args", "kwds"), "")
     stats = extras.require("scipy.stats", extra="study", purpose=f"{where} (SciPy)")
     name = data.get("name")

@@ -50,13 +50,10 @@ def booleans(field: str, given: Any, runs: int) -> NDArray[np.bool_]:
 
 
 def number(results: Results, name: str | NDArray[np.bool_], field: str = "name") -> Column:
-    """Returns one number for each run: the values of a column, or 1.0 and 0.0 for an event.
+    """Returns one number for each run: the values of a numeric column, or 1.0 and 0.0 for an event.
 
-    Args:
-        results: The results.
-        name: A numeric column ("peak_rotation", "final_state.theta", "grasped.mass"), a status or
-            violation ("completed", "pulling"), or booleans (runs,).
-        field: The argument's name, for error messages.
+    An event is a status or violation ("completed", "pulling"), or booleans (runs,). Error messages
+    name the argument `field`.
     """
     if not isinstance(name, str):
         return Column(booleans(field, name, results.runs).astype(np.float64), "1")

@@ -309,12 +309,8 @@ def refuse_unknown(
 ) -> None:
     """Refuses data that is not a mapping, or has a name that is not allowed.
 
-    Args:
-        owner: The class or table, as error messages name it.
-        data: The mapping to check.
-        allowed: The permitted names.
-        path: The place of `data` in its file, as a dotted path.
-        cls: The record class with these fields; suggestions then also search nested records.
+    Error messages name the `owner`, a class or table, and the `path` of the data in its file. With
+    the record class `cls` suggestions also search nested records.
     """
     if not isinstance(data, Mapping):
         raise TypeError(f"{owner}{at(path)} = {shown(data)}: must be a table")

@@ -9,12 +9,9 @@ from typing import Any
 
 
 def require(module: str, *, extra: str, purpose: str = "") -> ModuleType:
-    """Imports an optional dependency.
+    """Imports an optional dependency, which the `extra` of softpinch installs.
 
-    Args:
-        module: The module's name, such as "matplotlib" or "hypothesis.strategies".
-        extra: The extra in softpinch's pyproject.toml that installs the module.
-        purpose: The feature that needs the module, for the message; empty means the module's name.
+    The message of the error names the `purpose` that needs it, or else the module.
     """
     try:
         return importlib.import_module(module)
@@ -31,9 +28,7 @@ def require(module: str, *, extra: str, purpose: str = "") -> ModuleType:
 def lazily(package: str, modules: Mapping[str, Sequence[str]]) -> Callable[[str], Any]:
     """Makes the `__getattr__` of a package whose names are imported when they are asked for.
 
-    Args:
-        package: Its `__name__`.
-        modules: Module in it -> names in that; the module's own name stands for the module itself.
+    `modules` has names in each module; the module's own name stands for the module itself.
     """
     places = {name: module for module, names in modules.items() for name in names}
 

@@ -21,11 +21,8 @@ def _silent(done: int, total: int) -> None:
 def reporting(progress: bool | Report, what: str, each: str = "runs") -> Iterator[Report]:
     """Yields a function to call with (runs done, runs in total), or of other things counted.
 
-    Args:
-        progress: True draws a bar with rate and time left, if stderr is a terminal and rich is
-            installed. False draws nothing. A function is used as it is.
-        what: The label of the bar.
-        each: The name of what is counted, for the rate.
+    True draws a bar labelled `what` with the rate of `each` and the time left, if stderr is a
+    terminal and rich is installed. False draws nothing. A function is used as it is.
     """
     if callable(progress):
         yield progress

@@ -83,13 +83,7 @@ def bare(record: RecordType, values: Mapping[str, Floats]) -> RecordType:
 def runs_of(
     record: RecordType, values: Mapping[str, Floats], runs: Iterable[int] | None = None
 ) -> Iterator[RecordType]:
-    """Yields the record of each run.
-
-    Args:
-        record: The record that all runs share, apart from `values`.
-        values: Fields that differ between runs -> (runs, ...).
-        runs: Indices of the wanted runs; None yields all.
-    """
+    """Yields the record of each of the runs; `values` are the fields that differ (runs, ...)."""
     for run in range(len(next(iter(values.values())))) if runs is None else runs:
         try:
             yield replace(record, **{name: value[run] for name, value in values.items()})

@@ -19,11 +19,8 @@ _MOST = 1000
 def hint(name: str, owner: Any, path: str = "") -> str:
     """Returns '; did you mean "hand.tip.radius"?' if a field is close, otherwise an empty text.
 
-    Args:
-        name: The unknown name or dotted path.
-        owner: The dataclass to search, with nested dataclasses: an instance, or a class, whose
-            default values are searched.
-        path: The dotted path of the owner, which goes in front of the suggestion.
+    The fields are those of a dataclass, an instance or a class with its defaults, and of nested
+    ones. `path` is the place of the owner, which goes in front of the suggestion.
     """
     import difflib  # only an error needs it
 

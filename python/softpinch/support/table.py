@@ -65,12 +65,7 @@ def save_map(
 
 
 def save_by_suffix(path: Path, writers: Mapping[str, Callable[[Path], object]]) -> Path:
-    """Writes a file with the writer that belongs to its suffix.
-
-    Args:
-        path: The file.
-        writers: Suffix in lower case, with the dot -> function that writes the file.
-    """
+    """Writes a file with the writer of its suffix: ".csv" -> function that writes the file."""
     if path.suffix.lower() not in writers:
         raise ValueError(f"path = {str(path)!r}: must end in {' or '.join(writers)}")
     writers[path.suffix.lower()](path)
