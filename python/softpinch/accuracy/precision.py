@@ -230,19 +230,12 @@ def stabilization_sweep(
 
 
 class _Sampled(NamedTuple):
-    """A run that was computed once, and the rows of it that are compared with the reference.
-
-    Attributes:
-        request: The run.
-        row: Its measurement, without errors and times.
-        t: Instants of the rows (n,), s; none if the run would take too long.
-        values: Quantity -> its values in these rows (n, k).
-    """
+    """A run that was computed once, and the rows of it that are compared with the reference."""
 
     request: Request
-    row: Measurement
-    t: Floats = np.zeros(0)
-    values: Mapping[str, Floats] = {}
+    row: Measurement  # its measurement, without errors and times
+    t: Floats = np.zeros(0)  # instants of the rows (n,), s; none if the run would take too long
+    values: Mapping[str, Floats] = {}  # quantity -> its values in these rows (n, k)
 
     def errors(self, exact: Reference, switches: Floats) -> dict[str, Any]:
         """The fields `end`, `smooth` and `at_switches` of a `Measurement`, by quantity."""

@@ -196,18 +196,12 @@ class Motion(NamedTuple):
 
     At a break of the inputs, the states are those before an impulse and the inputs those after the
     break; at the end the inputs are those before it.
-
-    Attributes:
-        t: Instants (rows,), s, increasing.
-        y: States (rows, n).
-        u: Inputs (rows, 5).
-        evaluations: Number of evaluations of the rates; a Jacobian counts as one for each state.
     """
 
-    t: Floats
-    y: Floats
-    u: Floats
-    evaluations: int
+    t: Floats  # instants (rows,), s, increasing
+    y: Floats  # states (rows, n)
+    u: Floats  # inputs (rows, 5)
+    evaluations: int  # number of evaluations of the rates; a Jacobian counts as one for each state
 
 
 def integrate(

@@ -46,17 +46,11 @@ _MOST_BYTES = 2**30
 
 
 class FitFile(NamedTuple):
-    """The content of a file that says what to fit.
-
-    Attributes:
-        scene: The scene.
-        measured: The observables to use; None uses all columns of the data.
-        settings: The further arguments of `sp.fit`.
-    """
+    """The content of a file that says what to fit."""
 
     scene: Scene
-    measured: tuple[str, ...] | None
-    settings: Mapping[str, Any]
+    measured: tuple[str, ...] | None  # the observables to use; None uses all columns of the data
+    settings: Mapping[str, Any]  # the further arguments of `sp.fit`
 
 
 def read(path: Path, **changes: Any) -> FitFile:

@@ -42,24 +42,15 @@ class Parameter(Result):
     The search has the coordinate u, which is 0 at `start` and grows by 1 over `span`. So a step of
     one is the whole allowed range, or if that is infinite a decade (with `log`) or the size of the
     start.
-
-    Attributes:
-        path: Its dotted path.
-        unit: Its unit.
-        low: The least allowed value, which may be -inf.
-        high: The largest allowed value, which may be inf.
-        start: Where the search starts.
-        log: Whether u is proportional to the logarithm of the value.
-        span: The change of the value, or of its natural logarithm, along a step of one in u.
     """
 
     path: str
     unit: str
-    low: float
-    high: float
-    start: float
-    log: bool
-    span: float
+    low: float  # the least allowed value, which may be -inf
+    high: float  # the largest allowed value, which may be inf
+    start: float  # where the search starts
+    log: bool  # whether u is proportional to the logarithm of the value
+    span: float  # the change of the value, or of its natural logarithm, along a step of one in u
 
     def value(self, u: float) -> float:
         """Returns the value at the coordinate u, within the bounds."""
@@ -183,17 +174,11 @@ def slopes(parameters: Sequence[Parameter], u: Floats) -> Floats:
 
 
 class Minimum(NamedTuple):
-    """The end of a search.
+    """The end of a search."""
 
-    Attributes:
-        u: The coordinates of the parameters (p,).
-        cost: Half the sum of the loss.
-        converged: Whether the search ended because nothing changed any more.
-    """
-
-    u: Floats
-    cost: float
-    converged: bool
+    u: Floats  # the coordinates of the parameters (p,)
+    cost: float  # half the sum of the loss
+    converged: bool  # whether the search ended because nothing changed any more
 
 
 class Problem:

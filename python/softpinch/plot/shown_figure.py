@@ -18,12 +18,9 @@ class ShownFigure(Figure):
 
     IPython shows matplotlib's own figures only once pyplot has been told to draw in the notebook;
     then it also shows these as it shows those.
-
-    Attributes:
-        rc: Settings of matplotlib with which the figure is drawn.
     """
 
-    rc: Mapping[str, Any] = {}
+    rc: Mapping[str, Any] = {}  # settings of matplotlib with which the figure is drawn
 
     def _repr_png_(self) -> tuple[bytes, dict[str, Any]]:
         """The figure as PNG, and its size on the screen in pixels, for IPython."""

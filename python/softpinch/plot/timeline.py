@@ -108,21 +108,13 @@ def recorded(
 
 
 class Panel(NamedTuple):
-    """One panel of curves.
+    """One panel of curves."""
 
-    Attributes:
-        name: Name of the vertical axis, with its unit.
-        curves: The curves.
-        title: Title beside the panel's letter.
-        zero: Whether a thin line marks zero.
-        decades: Largest number of labelled decades of a logarithmic axis; 0 for a linear one.
-    """
-
-    name: str
+    name: str  # name of the vertical axis, with its unit
     curves: Sequence[Curve]
-    title: str = ""
-    zero: bool = False
-    decades: int = 0
+    title: str = ""  # title beside the panel's letter
+    zero: bool = False  # whether a thin line marks zero
+    decades: int = 0  # largest number of labelled decades of a logarithmic axis; 0 for a linear one
 
     def named(self, labels: Sequence[str]) -> Panel:
         """The panel with other names of its curves."""

@@ -16,15 +16,10 @@ from .options import MOST_STEPS, Options
 
 @dataclass(frozen=True)
 class Request:
-    """A run that can be computed, again with other options, and with each step divided.
-
-    Attributes:
-        scene: The scene.
-        options: The arguments of `simulate`, validated.
-    """
+    """A run that can be computed, again with other options, and with each step divided."""
 
     scene: Scene
-    options: Options
+    options: Options  # the arguments of `simulate`, validated
 
     def with_(self, scene: Scene | None = None, **options: Any) -> Self:
         """Returns the request with another scene or other options, which are not validated."""

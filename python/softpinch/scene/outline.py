@@ -150,19 +150,12 @@ def finger_outline(scene: Scene, q: Floats, side: int) -> FingerOutline:
 
 
 class Shape(NamedTuple):
-    """A part of the drawing of hand and object.
+    """A part of the drawing of hand and object."""
 
-    Attributes:
-        points: Its corners (n, 2), m.
-        fill: Its colour; of a line "".
-        edge: The colour of its line.
-        width: The width of its line, points of print.
-    """
-
-    points: Floats
-    fill: str
-    edge: str
-    width: float
+    points: Floats  # its corners (n, 2), m
+    fill: str  # its colour; of a line ""
+    edge: str  # the colour of its line
+    width: float  # the width of its line, points of print
 
 
 def shapes(scene: Scene, q: Floats, skins: Sequence[str] = (SKIN, SKIN)) -> list[Shape]:

@@ -21,21 +21,13 @@ _TEXT = "<U16"
 
 
 class Outcome(NamedTuple):
-    """The result of one period in each of n environments.
+    """The result of one period in each of n environments."""
 
-    Attributes:
-        observation: Scaled observations (n, entries).
-        reward: Rewards (n,).
-        terminated: Which grasps have failed (n,).
-        truncated: Which episodes have reached their end (n,).
-        info: More by name, each with n as its first axis.
-    """
-
-    observation: Floats
-    reward: Floats
-    terminated: Mask
-    truncated: Mask
-    info: dict[str, NDArray[Any]]
+    observation: Floats  # scaled observations (n, entries)
+    reward: Floats  # (n,)
+    terminated: Mask  # which grasps have failed (n,)
+    truncated: Mask  # which episodes have reached their end (n,)
+    info: dict[str, NDArray[Any]]  # more by name, each with n as its first axis
 
 
 class Episodes:

@@ -39,17 +39,11 @@ _PART_NAME = re.compile(r"[0-9]{6,18}\.parquet")
 
 
 class Part(NamedTuple):
-    """A file of rows, as found when it was opened.
-
-    Attributes:
-        path: The file.
-        digest: The SHA-256 that was written beside it.
-        edges: (k, 2), first and one past the last run of each interval.
-    """
+    """A file of rows, as found when it was opened."""
 
     path: Path
-    digest: str
-    edges: Edges
+    digest: str  # the SHA-256 that was written beside it
+    edges: Edges  # (k, 2), first and one past the last run of each interval
 
     @classmethod
     def open(cls, path: Path, study: str) -> Part:

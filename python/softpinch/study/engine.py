@@ -22,17 +22,11 @@ MOST_LANES = 8
 
 
 class RunBlock(NamedTuple):
-    """Runs to compute.
+    """Runs to compute."""
 
-    Attributes:
-        numbers: Numbers of the runs (k,), increasing.
-        values: Path -> (k, ...), the varied values of each run.
-        refine: Factor by which steps or tolerance are smaller than the study's.
-    """
-
-    numbers: Numbers
-    values: dict[str, Floats]
-    refine: int = 1
+    numbers: Numbers  # numbers of the runs (k,), increasing
+    values: dict[str, Floats]  # path -> (k, ...), the varied values of each run
+    refine: int = 1  # factor by which steps or tolerance are smaller than the study's
 
 
 class Lost(NamedTuple):
@@ -60,17 +54,11 @@ class Lost(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """The end of a computation.
+    """The end of a computation."""
 
-    Attributes:
-        interrupted: Whether Ctrl-C ended it.
-        lost: Runs that the workers failed to compute.
-        under_way: The number of runs that Ctrl-C leaves out, in words.
-    """
-
-    interrupted: bool = False
-    lost: tuple[Lost, ...] = ()
-    under_way: str = ""
+    interrupted: bool = False  # whether Ctrl-C ended it
+    lost: tuple[Lost, ...] = ()  # runs that the workers failed to compute
+    under_way: str = ""  # the number of runs that Ctrl-C leaves out, in words
 
 
 # Function that stores rows and returns whether they are enough. The engine for executors also calls

@@ -145,15 +145,10 @@ class Spans:
 
 
 class Column(NamedTuple):
-    """A column: one number or one text for each run.
+    """A column: one number or one text for each run."""
 
-    Attributes:
-        values: The values (runs,).
-        unit: The unit; "1" for numbers without a unit, "" for text.
-    """
-
-    values: NDArray[Any]
-    unit: str
+    values: NDArray[Any]  # (runs,)
+    unit: str  # the unit; "1" for numbers without a unit, "" for text
 
 
 class Entry(NamedTuple):
