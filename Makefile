@@ -104,7 +104,6 @@ test-rust: export PROPTEST_RNG_SEED ?= 1
 .PHONY: test-rust
 test-rust: ## The core's own tests
 	cargo test --profile tested --locked --quiet --package softpinch --lib
-	cargo test --profile tested --locked --quiet --package softpinch --doc
 
 .PHONY: test-python
 test-python: build ## pytest and Hypothesis, on all cores

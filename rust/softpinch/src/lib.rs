@@ -65,11 +65,6 @@ pub mod number;
 pub mod prelude;
 pub mod stepping;
 
-// Tests the example of the README.
-#[cfg(doctest)]
-#[doc = include_str!("../README.md")]
-mod readme {}
-
 // The examples that the tests include call the crate by its name.
 #[cfg(test)]
 extern crate self as softpinch;

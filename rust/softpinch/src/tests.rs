@@ -14,6 +14,7 @@ mod specification;
 
 mod counted;
 mod derivatives;
+mod documents;
 mod operations;
 mod parts;
 
