@@ -92,6 +92,8 @@ def energy_minima(curves: Mapping[str, Floats]) -> Figure:
             if k % _COLUMNS == 0:
                 each.set_ylabel(r"$P + P_g$ [mJ]")
         least_range(axes.flat[: len(curves)])
+        what = r"energy while the object turns about its rest at the targets $(\theta_1, \theta_2)$"
+        figure.suptitle(what, fontsize="medium")
         return figure
 
 
