@@ -4,7 +4,7 @@ import fcntl
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -46,23 +46,6 @@ def test_two_processes_give_the_bits_of_one_thread(two: ProcessPoolExecutor, kin
     require_same(study(kind, executor=two), kind)
 
 
-class Once:
-    """A progress function that calls a function when the first rows have come."""
-
-    def __init__(self, do: Callable[[], object]) -> None:
-        self._do = do
-        self.done = 0
-
-    def __call__(self, done: int, runs: int) -> None:
-        if done and not self.done:
-            self.done = done
-            self._do()
-
-
-def kill_one(executor: Any) -> None:
-    os.kill(next(iter(executor._processes)), signal.SIGKILL)
-
-
 MANY = 20 * BLOCK
 
 
@@ -81,7 +64,12 @@ def test_a_killed_worker_ends_a_study_with_what_there_is_and_a_store_goes_on(
         pools.append(pool(context))
         return pools[-1]
 
-    killer = Once(lambda: kill_one(pools[0]))
+    def report(done: int, runs: int) -> None:
+        if done and not killed:
+            killed.append(done)
+            os.kill(next(iter(pools[0]._processes)), signal.SIGKILL)
+
+    killed: list[int] = []
     remedy = "the executor is broken: (Broken|Terminated).*; to compute the rest, call"
     with pytest.warns(LostRunsWarning, match=remedy):
         some = study(
@@ -89,9 +77,9 @@ def test_a_killed_worker_ends_a_study_with_what_there_is_and_a_store_goes_on(
             runs=MANY,
             executor=make if made else make(),
             store=tmp_path / "s",
-            progress=killer,
+            progress=report,
         )
-    assert killer.done <= some.runs < MANY and not some.interrupted
+    assert killed[0] <= some.runs < MANY and not some.interrupted
     assert sum(one.runs for one in some.lost) == MANY - some.runs
     require_rows(some, some.run, "failures", MANY)
     # No block in part, and no second pool.
