@@ -40,7 +40,7 @@ def written(run: sp.Run, fps: float, repeats: int) -> None:
 def main() -> None:
     quick = parser(__doc__).parse_args().quick
     repeats = 1 if quick else 7
-    run = sp.simulate(paper.manipulation(duration=0.2 if quick else 8.0), dt=1e-3)
+    run = sp.simulate(paper.manipulation(duration=0.1 if quick else 8.0), dt=1e-3)
     print(describe(libraries=["matplotlib", "pillow"]))
     print(f"scene      the paper's manipulation, {run.scene.duration:g} s, a row each ms\n")
     print("a film, 560 pixels wide: time and size a frame, with the computing of forces")

@@ -50,7 +50,7 @@ class Effort:
     hard: int | None = None
 
 
-QUICK = Effort(stride=8, rounds=1, search=0.01, length=0.1, levels=(1e-6,), hard=1)
+QUICK = Effort(stride=8, rounds=1, search=0.01, length=0.05, levels=(1e-6,), hard=1)
 
 
 def _scene(**changes: Any) -> sp.Scene:

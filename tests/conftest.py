@@ -46,6 +46,10 @@ settings.load_profile("house")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# pytest keeps the tests whose assertions it has rewritten, whatever PYTHONDONTWRITEBYTECODE says:
+# to do that again takes each worker 7 s.
+sys.dont_write_bytecode = False
+
 # Processes that tests start find what tests share.
 os.environ["PYTHONPATH"] = os.pathsep.join(
     [str(HERE), str(HERE / "support"), *filter(None, [os.environ.get("PYTHONPATH")])]
@@ -60,6 +64,12 @@ def pytest_configure(config: pytest.Config) -> None:
     if not hasattr(config, "workerinput"):
         for folder in (HERE.parent / "python", HERE / "support", HERE.parent / "benchmarks"):
             compileall.compile_dir(folder, quiet=2)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files with the longest tests come first: at the end, one would keep a worker alone."""
+    first = ("test_site.py", "test_benchmarks.py", "test_jax.py", "test_docs.py")
+    items.sort(key=lambda item: item.path.name not in first)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

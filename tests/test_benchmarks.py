@@ -11,7 +11,6 @@ import pytest
 
 pytest.importorskip("scipy")
 pytest.importorskip("matplotlib")
-import rough_figures
 
 ROOT = Path(__file__).parent.parent
 SCRIPTS = sorted(
@@ -19,25 +18,39 @@ SCRIPTS = sorted(
     for path in (ROOT / "benchmarks").glob("*.py")
     if "__main__" in path.read_text("utf-8")
 )
+# Each has a process of its own.
+GROUPS = [tuple(SCRIPTS[k : k + 5]) for k in range(0, len(SCRIPTS), 5)]
 
-
-# Prints the help of scripts, each after a line of its own.
-EXPLAIN = """
+# Runs scripts with an option, and prints a line with its name before each.
+TOGETHER = """
 import contextlib, runpy, sys
+import rough_figures
+rough_figures.use(True)
 sys.path.insert(0, "benchmarks")
-for script in sys.argv[1:]:
-    print("====", script)
-    sys.argv = [script, "--help"]
-    with contextlib.suppress(SystemExit):
+_, option, *scripts = sys.argv
+for script in scripts:
+    print("====", script, flush=True)
+    sys.argv = [script, option]
+    with contextlib.suppress(SystemExit) if option == "--help" else contextlib.nullcontext():
         runpy.run_path("benchmarks/" + script, run_name="__main__")
 """
 
 
-def run(*command: str) -> subprocess.CompletedProcess[str]:
+def run(option: str, scripts: tuple[str, ...]) -> dict[str, str]:
+    """What scripts print, by one process, which imports the libraries once.
+
+    They must not fail, and write nothing.
+    """
     # Peers' code that is compiled for a quick look need not be fast.
     env = {**os.environ, "XLA_FLAGS": "--xla_backend_optimization_level=0"}
-    return subprocess.run([sys.executable, *command], cwd=ROOT, env=env, capture_output=True,
-                          text=True, timeout=300)  # fmt: skip
+    before = written()
+    done = subprocess.run([sys.executable, "-c", TOGETHER, option, *scripts], cwd=ROOT, env=env,
+                          capture_output=True, text=True, timeout=300)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert written() == before
+    texts = dict(part.split("\n", 1) for part in done.stdout.split("==== ")[1:])
+    assert list(texts) == list(scripts)
+    return texts
 
 
 def written() -> dict[Path, bytes]:
@@ -50,13 +63,7 @@ def written() -> dict[Path, bytes]:
 
 @cache
 def explained() -> dict[str, str]:
-    """The help of each script, by one process, which imports the libraries once."""
-    before = written()
-    done = run("-c", EXPLAIN, *SCRIPTS)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert written() == before
-    texts = [part.split("\n", 1) for part in done.stdout.split("==== ")[1:]]
-    return {script: text for script, text in texts}
+    return run("--help", tuple(SCRIPTS))
 
 
 @pytest.mark.parametrize("script", SCRIPTS)
@@ -69,17 +76,14 @@ def test_help_says_what_a_benchmark_measures_and_measures_nothing(script: str) -
     assert "processor  " not in text
 
 
-@pytest.mark.parametrize("script", SCRIPTS)
-def test_a_quick_look_measures_everything_and_writes_nothing(script: str) -> None:
-    before = written()
-    done = run(rough_figures.__file__, f"benchmarks/{script}", "--quick")
-    assert done.returncode == 0, done.stderr
-    assert "processor  " in done.stdout
-    assert written() == before
-    # Peers that are not installed are left out in one line.
-    lines = [line for line in done.stdout.splitlines() if "not installed" in line]
-    assert len(lines) <= 1
-    assert all(line.startswith("left out   ") for line in lines)
+@pytest.mark.parametrize("scripts", GROUPS, ids="-".join)
+def test_a_quick_look_measures_everything_and_writes_nothing(scripts: tuple[str, ...]) -> None:
+    for text in run("--quick", scripts).values():
+        assert "processor  " in text
+        # Peers that are not installed are left out in one line.
+        lines = [line for line in text.splitlines() if "not installed" in line]
+        assert len(lines) <= 1
+        assert all(line.startswith("left out   ") for line in lines)
 
 
 def test_parts_that_documents_name_are_parts() -> None:

@@ -1,12 +1,12 @@
 """The documents: what commands put into them is there, what they point to, and blocks run."""
 
 import re
-import subprocess
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+
+from example_runs import run
 
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = [
@@ -43,29 +43,6 @@ WITH_CODE = [path for path in DOCUMENTS if "```python" in path.read_text("utf-8"
 STEPS = {"README.md": ("dt=2e-4", "dt=5e-4"), "scale-out.md": ("dt=2e-4", "dt=1e-3")}
 
 
-# Runs scripts one after the other; what each prints goes into a file beside it.
-TOGETHER = """
-import contextlib, runpy, sys
-import rough_figures
-rough_figures.use(True)
-for script in sys.argv[1:]:
-    with open(script + ".out", "w", encoding="utf-8") as out, contextlib.redirect_stdout(out):
-        runpy.run_path(script, run_name="__main__")
-"""
-
-
-def run_scripts(folder: Path, scripts: list[Path]) -> None:
-    """In one process: a process for each would import the same packages again."""
-    command = [sys.executable, "-W", "error", "-c", TOGETHER, *map(str, scripts)]
-    if len(scripts) == 1:
-        # By its name: processes that are spawned import it again.
-        command = [sys.executable, "-W", "error", str(scripts[0])]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
-    assert (done.returncode, done.stderr) == (0, "")
-    if len(scripts) == 1:
-        Path(f"{scripts[0]}.out").write_text(done.stdout, encoding="utf-8")
-
-
 @pytest.mark.parametrize("document", WITH_CODE, ids=lambda path: path.name)
 def test_blocks_run_one_after_the_other_and_print_what_follows(
     document: Path, tmp_path: Path
@@ -76,21 +53,12 @@ def test_blocks_run_one_after_the_other_and_print_what_follows(
     assert len(found) == text.count("```python")
     of_page, of_test = STEPS.get(document.name, ("", ""))
     assert of_page in text
-    groups: list[list[Path]] = [[]]
-    expected: dict[Path, str] = {}
     for k, (block, printed) in enumerate(found):
         wanted = re.findall(r"^(?:import|from) (\w+)", block, re.MULTILINE)
         if not all(map(find_spec, wanted)):
             continue  # Polars is no dependency, not even of the tests
         script = tmp_path / f"block{k}.py"
         script.write_text(block.replace(of_page, of_test), encoding="utf-8")
-        expected[script] = printed
-        if "__main__" in block:
-            groups += [[script], []]
-        else:
-            groups[-1].append(script)
-    for scripts in filter(None, groups):
-        run_scripts(tmp_path, scripts)
-        for script in scripts:
-            printed = Path(f"{script}.out").read_text(encoding="utf-8")
-            assert not expected[script] or printed == expected[script], script.read_text("utf-8")
+        # What newcomers paste first is run as they run it.
+        shown = run(script, tmp_path, apart=document.name == "README.md")
+        assert not printed or shown == printed, block

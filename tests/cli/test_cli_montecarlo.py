@@ -176,7 +176,7 @@ def test_bad_input_is_one_line_and_exit_code_2(
 def test_ctrl_c_keeps_finished_runs_and_is_exit_code_130(study: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     command = [sys.executable, "-m", "softpinch", "montecarlo", str(study), "--out", str(out),
-               "--runs", "200000", "--dt", "1e-5", "--summaries", "peak_rotation",
+               "--runs", "20000", "--dt", "1e-5", "--summaries", "peak_rotation",
                "--threads", "1"]  # fmt: skip
     running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
@@ -196,7 +196,7 @@ def test_ctrl_c_keeps_finished_runs_and_is_exit_code_130(study: Path, tmp_path: 
         # A slow machine: it had not begun to simulate.
         assert err == "interrupted\n"
         return
-    done = int(err.split("interrupted: ")[1].split(" of 200000")[0])
+    done = int(err.split("interrupted: ")[1].split(" of 20000 ")[0])
     if done:
         assert said.startswith(f"{done} runs in ")
         assert err.endswith("; run the same command again to continue\n")

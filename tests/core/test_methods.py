@@ -22,7 +22,7 @@ def expected_of(name: str, times: tuple[float, ...] = ()) -> Reference:
     """By SciPy, once for all methods and formulations."""
     scene = driven() if name == "driven" else SCENES[name]
     # `error` scales each component by the largest size that it is shown.
-    return reference(scene, times or np.linspace(0, scene.duration, 101))
+    return reference(scene, times or np.linspace(0, scene.duration, 101), rtol=1e-10)
 
 
 ADAPTIVE_PAIRS = [(m, f) for m in _core.ADAPTIVE_METHODS for f in _core.FORMULATIONS]

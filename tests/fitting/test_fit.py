@@ -48,6 +48,15 @@ def test_a_start_at_a_bound_moves_away(factors: tuple[float, float]) -> None:
     assert_close(fit, TRUTH, 1e-6)
 
 
+def test_a_search_that_takes_too_many_evaluations_ends_and_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("softpinch.fitting.problem.MOST_EVALUATIONS", 3)
+    start = {path: 10.0 * value for path, value in TRUTH.items()}
+    fit = sp.fit(SCENE, TIMES, columns(motion(), "rotation"), BOUNDS, start=start, dt=DT)
+    assert not fit.converged and "the search did not converge" in fit.messages
+
+
 @pytest.mark.parametrize("name", ["q", "p", "multipliers", "torque", "pose", "lambda_1N", "x"])
 def test_every_observable_leads_to_the_truth(name: str) -> None:
     start = {E: 2e5, C: 80.0}

@@ -22,8 +22,10 @@ ROWS = 20
 @cache
 def expected(name: str) -> Reference:
     """By SciPy, at instants that every run below records."""
-    case = stress.CASES[name]
-    return reference(case.scene, np.linspace(0.0, case.scene.duration, ROWS + 1))
+    scene = stress.CASES[name].scene
+    # Where rates die out in 1e-7 s, SciPy's explicit method takes 300 000 evaluations.
+    method = "Radau" if name == "feather" else "DOP853"
+    return reference(scene, np.linspace(0.0, scene.duration, ROWS + 1), method=method)
 
 
 def estimated(case: stress.StressCase, pair: tuple[str, str], steps: int) -> sp.Run:

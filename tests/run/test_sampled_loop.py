@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import softpinch as sp
-from softpinch.run.stiffness import radius
+from softpinch.analysis.states import OUTPUTS, output_ports
+from softpinch.run.stiffness import MEASURED, radius
 
 # With this gain the damping takes a free finger's whole rate away within a period.
 DEADBEAT = sp.Finger().inertia / 1e-3
@@ -112,6 +113,23 @@ def test_the_radius_is_the_growth_of_the_distance_of_two_runs(name: str) -> None
     predicted = radius(scene, 0.0, state.q, state.p, torque)
     assert predicted > 1.01
     assert np.log(predicted) == pytest.approx(slope, rel=0.1)
+
+
+def test_measures_are_the_outputs_of_the_linear_model_with_their_names() -> None:
+    """The outputs have theirs from tests/analysis/test_linearize.py."""
+    names = output_ports(OUTPUTS).names
+    assert {measure: [names[k] for k in rows] for measure, rows in MEASURED.items()} == {
+        "angle": ["theta_1", "theta_2"],
+        "angle_error": ["theta_1", "theta_2"],
+        "angle_rate": ["rate of theta_1", "rate of theta_2"],
+        "position": ["x", "y"],
+        "velocity": ["rate of x", "rate of y"],
+        "rotation": ["theta"],
+        "rotation_rate": ["rate of theta"],
+        "compression": ["d_n1", "d_n2"],
+        "shear": ["d_t1", "d_t2"],
+        "multipliers": ["lambda_1^H", "lambda_2^H", "lambda_1^N", "lambda_2^N"],
+    }
 
 
 @pytest.mark.parametrize(

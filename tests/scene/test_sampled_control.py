@@ -78,7 +78,7 @@ SAID: dict[str, dict[str, Any]] = {
     [*((rf"SampledController\.{next(iter(bad))}", bad) for bad in BAD), *SAID.items()],
 )
 def test_bad_fields_are_refused(message: str, changed: dict[str, Any]) -> None:
-    with pytest.raises((ValueError, TypeError), match=message):
+    with pytest.raises(ValueError, match=message):
         replace(PID, **changed)
 
 

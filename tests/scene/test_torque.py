@@ -112,7 +112,7 @@ def test_files_have_torques() -> None:
     assert sp.Scene(control=sp.Torque()) != sp.Scene()
     with pytest.raises(ValueError, match=r"Law\.kind \(in control\) = 'torques': must be one of"):
         sp.Scene.from_dict({"control": {"kind": "torques"}})
-    with pytest.raises((TypeError, ValueError), match="kp"):
+    with pytest.raises(ValueError, match="kp"):
         sp.Scene.from_dict({"control": {"kind": "torque", "kp": 1.0}})
 
 
@@ -138,6 +138,7 @@ def test_figures_of_torques_have_no_target_angles() -> None:
     plot = pytest.importorskip("softpinch.plot")
     run = sp.simulate(SCENE, record=EVERYTHING)
     for figure in (plot.motion(run), plot.run(run)):
+        figure.set_layout_engine("none")  # a third of the time
         figure.draw_without_rendering()
         labels = [line.get_label() for axes in figure.axes for line in axes.get_lines()]
         assert "target" not in labels

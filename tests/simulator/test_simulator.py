@@ -162,8 +162,11 @@ def test_bad_arguments_are_refused(changed: dict[str, Any], named: str) -> None:
 def test_refused_actions_forces_and_states_change_nothing() -> None:
     sim = sp.Simulator(SCENE, PERIOD, DT)
     before = sim.observation
-    for bad in ((1.0,), (1.0, np.nan), "ab", (None, 1.0)):
-        with pytest.raises((ValueError, TypeError), match="torque"):
+    for bad in ((1.0,), (1.0, np.nan)):
+        with pytest.raises(ValueError, match="torque"):
+            sim.step(bad)
+    for bad in ("ab", (None, 1.0)):
+        with pytest.raises(TypeError, match="torque"):
             sim.step(bad)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="no step"):
         sim.run()

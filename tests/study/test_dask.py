@@ -18,7 +18,7 @@ dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
 
 SILENT = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.CRITICAL + 1}
-MANY = 60 * BLOCK
+MANY = 20 * BLOCK
 
 
 @pytest.fixture(scope="module")
@@ -112,11 +112,11 @@ def test_a_killed_worker_costs_nothing(client: Any, executor: Any, tmp_path: Pat
 
 def test_ctrl_c_frees_the_cluster(client: Any, executor: Any) -> None:
     def report(done: int, runs: int) -> None:
-        # Two short blocks have come, so both workers are at longer ones, of a second or two.
+        # Two short blocks have come, so both workers are at longer ones, of half a second or so.
         if done >= 2 * BLOCK and sum(map(bool, client.processing().values())) == 2:
             raise KeyboardInterrupt
 
-    duration = np.full(400 * BLOCK, 0.2)
+    duration = np.full(100 * BLOCK, 0.05)
     duration[: 2 * BLOCK] = 0.001
     how: dict[str, Any] = {"vary": {"duration": duration}, "dt": 1e-5, "runs": None}
     begun = time.monotonic()

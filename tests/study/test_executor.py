@@ -106,7 +106,7 @@ class Drawn:
 def test_a_bounded_number_of_blocks_is_drawn_sent_and_kept_waiting(
     in_order: bool, most: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    blocks = 600
+    blocks = most + 50
     pieces = Drawn(blocks)
     monkeypatch.setattr(executors, "MOST_UNDER_WAY", most)
 

@@ -154,9 +154,9 @@ def test_where_all_fails_it_ends_soon(how: str, given: str) -> None:
     submitted: list[int] = []
     with pytest.warns(LostRunsWarning) as said:
         executor = Hopeless() if given == "instance" else Hopeless
-        some = study("failures", runs=300 * BLOCK, executor=executor)
-    assert some.runs == 0 and some.requested == 300 * BLOCK
-    assert sum(one.runs for one in some.lost) == 300 * BLOCK
+        some = study("failures", runs=40 * BLOCK, executor=executor)
+    assert some.runs == 0 and some.requested == 40 * BLOCK
+    assert sum(one.runs for one in some.lost) == 40 * BLOCK
     # Eight blocks, three times each, and no more.
     assert len(submitted) == (24 if how == "raises" else 1)
     assert all("no way" in str(one.message) for one in said)
@@ -170,12 +170,12 @@ def test_an_executor_that_is_shut_down_in_the_middle_keeps_what_came(
     pool = ThreadPoolExecutor(1)
     with pytest.warns(LostRunsWarning, match="cannot schedule new futures after shutdown"):
         some = study(
-            runs=40 * BLOCK,
+            runs=20 * BLOCK,
             executor=pool,
             progress=lambda done, runs: pool.shutdown(wait=False) if done else None,
         )
-    assert 0 < some.runs < 40 * BLOCK
-    require_rows(some, some.run, runs=40 * BLOCK)
+    assert 0 < some.runs < 20 * BLOCK
+    require_rows(some, some.run, runs=20 * BLOCK)
 
 
 @pytest.mark.parametrize("nothing", [lambda: None, lambda: 3, dict], ids=["None", "3", "dict"])

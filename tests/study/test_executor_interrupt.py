@@ -22,7 +22,7 @@ from softpinch.study import executor as worker
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*use of fork:DeprecationWarning")
 CONTEXTS = [name for name in ("fork", "spawn") if name in multiprocessing.get_all_start_methods()]
-MANY = 60 * BLOCK
+MANY = 20 * BLOCK
 
 
 @pytest.mark.parametrize("often", [False, True])
@@ -65,7 +65,7 @@ def test_a_worker_that_alone_is_interrupted_loses_nothing(monkeypatch: pytest.Mo
 
     compute = worker.compute
     done: list[tuple[int, int, int]] = []
-    how: dict[str, Any] = {"dt": 1e-5, "runs": 3 * BLOCK}
+    how: dict[str, Any] = {"dt": 5e-5, "runs": 3 * BLOCK}
     some = study("sobol", executor=Interrupted(), **how)
     assert [(block, attempt) for block, attempt, _ in done] == [
         (0, 1),

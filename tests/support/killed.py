@@ -5,7 +5,7 @@ from typing import Any
 
 import softpinch as sp
 
-BLOCKS = 32
+BLOCKS = 16
 SCENE = sp.Scene(
     disturbances=[sp.Step(time=0.01), sp.Noise(force_std=1.0, moment_std=0.0, rate_hz=200.0)],
     duration=0.1,

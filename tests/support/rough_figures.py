@@ -1,12 +1,8 @@
 """Figures that are saved coarsely and without a layout, which takes most of the time of saving.
 
-For tests of what is saved, and when; those of tests/plot are about what is drawn. As a command,
-`python rough_figures.py script.py ...` runs a script so.
+For tests of what is saved, and when; those of tests/plot are about what is drawn.
 """
 
-import runpy
-import sys
-from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -17,7 +13,8 @@ FINE = Figure.savefig
 def coarse(figure: Figure, *arguments: Any, **options: Any) -> None:
     """`Figure.savefig` at 50 dots per inch; frames of films stay as they are."""
     if options.get("format") in ("png", "pdf", "svg"):
-        figure.set_layout_engine("none")
+        # Not "none", which stands for an engine: Figure.savefig draws twice where there is one.
+        figure.set_layout_engine(None)
         options["dpi"] = 50
     FINE(figure, *arguments, **options)
 
@@ -25,10 +22,3 @@ def coarse(figure: Figure, *arguments: Any, **options: Any) -> None:
 def use(rough: bool) -> None:
     """From now on this process saves coarse figures, or fine ones."""
     Figure.savefig = coarse if rough else FINE  # type: ignore
-
-
-if __name__ == "__main__":
-    use(True)
-    script = sys.argv.pop(1)
-    sys.path[0] = str(Path(script).parent)
-    runpy.run_path(script, run_name="__main__")
