@@ -52,7 +52,6 @@ where
             control: StepControl::new(1.0, 1.0),
             unsolved: None,
             saved: 0,
-            left: 0,
             events: AdaptiveEvents::new(),
         };
         let mut start =
@@ -78,14 +77,14 @@ where
         loop {
             // Here lanes leave the vector code: runs that have ended make room for others, and segments
             // begin.
-            while lanes.left | lanes.entering() != 0 {
-                let left = std::mem::take(&mut lanes.left);
-                for lane in each(left) {
+            while lanes.batch.phases.at(Phase::Ended) | lanes.entering() != 0 {
+                let ended = lanes.batch.phases.at(Phase::Ended);
+                for lane in each(ended) {
                     lanes.load(lane, &mut start)?;
                 }
-                if left != 0 && lanes.batch.active() != 0 {
-                    lanes.batch.renew((&mut system, &mut *method), left, &mut start.y);
-                    lanes.size(&system, left, &mut start);
+                if ended != 0 && lanes.batch.active() != 0 {
+                    lanes.batch.renew((&mut system, &mut *method), ended, &mut start.y);
+                    lanes.size(&system, ended, &mut start);
                 }
                 if lanes.entering() != 0 {
                     method.restart();

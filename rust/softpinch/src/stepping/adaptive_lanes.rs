@@ -116,8 +116,6 @@ pub(super) struct AdaptiveLanes<'a, R: Lanes, Q> {
     pub(super) unsolved: Option<Unsolved>,
     /// Lanes whose last watched instant is saved in their run.
     pub(super) saved: Bits,
-    /// Lanes whose run has just ended, so that another one is loaded.
-    pub(super) left: Bits,
     /// Events of unilateral contact.
     pub(super) events: AdaptiveEvents,
 }
@@ -179,7 +177,6 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
 
     /// Ends the run in a lane at its last instant.
     pub(super) fn retire(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Sample) {
-        self.left |= 1 << lane;
         self.count(lane);
         self.batch.retire_lane(system, lane, end, last);
     }

@@ -497,7 +497,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     #[cold]
     #[inline(never)]
     pub fn retire_lane(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Sample) {
-        self.phases.set(1 << lane, Phase::Idle);
+        self.phases.set(1 << lane, Phase::Ended);
         let Some(mut run) = self.runs[lane].take() else { return };
         let (status, message) = after_violation(end, last.instant.t, &run.first_times);
         let from = run.scene.initial.time.max(self.options.summaries.after);

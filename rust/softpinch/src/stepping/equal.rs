@@ -117,7 +117,7 @@ where
             }
 
             let phases = &lanes.batch.phases;
-            skipping |= R::ALL & phases.at(Phase::Idle) | lanes.held;
+            skipping |= R::ALL & !phases.active() | lanes.held;
             let leaving = (watching & !seen.finite) | seen.ended | (phases.at(Phase::End) & !lanes.held);
             let impulses = phases.at(Phase::Impulse) | phases.at(Phase::Struck);
             let polls = (lanes.clock + 1).is_multiple_of(POLL);

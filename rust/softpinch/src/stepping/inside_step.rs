@@ -12,6 +12,7 @@ use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::stepping::adaptive_lanes::{AdaptiveLanes, StepStart};
 use crate::stepping::instant::{column, watched};
 use crate::stepping::monitor::violating_turning_point;
+use crate::stepping::phase::Phase;
 use crate::stepping::queue::RunQueue;
 
 impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
@@ -122,7 +123,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for LookInside<'_, 'a, R, Q> {
                     let due = lanes.batch.queue.is_due(t, true);
                     lanes.goes_on(system, lane, due, &seen, &instant);
                 }
-                accepted &= !(lanes.left & bit);
+                accepted &= !(lanes.batch.phases.at(Phase::Ended) & bit);
             }
         }
     }

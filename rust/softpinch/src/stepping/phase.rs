@@ -5,8 +5,10 @@ use crate::number::lanes::Bits;
 /// What the run in a lane does next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
-    /// There is no run.
+    /// There is no run, and there are no more.
     Idle,
+    /// Its run has just ended, so that another one is loaded.
+    Ended,
     /// It starts a segment: the modes of its contacts are chosen.
     Start,
     /// Its discrete controller measures, under the torques before the sample.
@@ -53,7 +55,7 @@ impl Phases {
     /// The lanes that have runs.
     #[inline(always)]
     pub fn active(&self) -> Bits {
-        !self.at(Phase::Idle)
+        !(self.at(Phase::Idle) | self.at(Phase::Ended))
     }
 
     /// Puts lanes into a phase.
