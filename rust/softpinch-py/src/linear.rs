@@ -27,12 +27,12 @@ struct Stack {
 
 impl Stack {
     /// Adds an array of an instant. The first one reserves the memory of all.
-    fn push(&mut self, (shape, numbers): (Vec<usize>, Vec<f64>), instants: usize) -> PyResult<()> {
+    fn push(&mut self, shape: &[usize], numbers: &[f64], instants: usize) -> PyResult<()> {
         if self.numbers.capacity() == 0 {
-            self.shape = shape;
+            self.shape = shape.to_vec();
             self.numbers = room("the linear models, in numbers,", instants.saturating_mul(numbers.len()))?;
         }
-        self.numbers.extend(numbers);
+        self.numbers.extend_from_slice(numbers);
         Ok(())
     }
 }
@@ -89,13 +89,13 @@ pub fn linearize<'py>(
                 let a = linear::jacobian(&parameters, &inputs, &setting, t, &motion).map_err(raise)?;
                 (vec![a], Vec::new())
             };
-            // Row by row.
-            let matrices = matrices
-                .iter()
-                .map(|matrix| (vec![matrix.nrows(), matrix.ncols()], matrix.transpose().as_slice().to_vec()));
-            let vectors = vectors.iter().map(|vector| (vec![vector.len()], vector.as_slice().to_vec()));
-            for (stack, array) in stacks.iter_mut().zip(matrices.chain(vectors)) {
-                stack.push(array, n)?;
+            let (of_matrices, of_vectors) = stacks.split_at_mut(4);
+            for (stack, matrix) in of_matrices.iter_mut().zip(matrices) {
+                let by_rows = matrix.transpose();
+                stack.push(&[matrix.nrows(), matrix.ncols()], by_rows.as_slice(), n)?;
+            }
+            for (stack, vector) in of_vectors.iter_mut().zip(vectors) {
+                stack.push(&[vector.len()], vector.as_slice(), n)?;
             }
         }
         PyResult::Ok(())

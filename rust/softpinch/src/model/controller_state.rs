@@ -276,7 +276,6 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::model::measures::Measure;
     use crate::model::sampled::tests::spring;
 
     const PERIOD: f64 = 0.01;

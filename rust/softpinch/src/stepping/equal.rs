@@ -28,14 +28,13 @@ pub struct EqualSteps<'g, 'a, Q, B> {
 }
 
 /// Computes all runs of the queue, and returns the queue.
-impl<'a, R, S, I, Q, B, M> LaneTask<R> for EqualSteps<'_, 'a, Q, B>
+impl<'a, R, S, Q, B, M> LaneTask<R> for EqualSteps<'_, 'a, Q, B>
 where
     R: Lanes,
     S: LoopSystem<R>,
-    I: Integrator<R, S> + ?Sized,
     Q: RunQueue<'a>,
     B: FnOnce(Runs<'_>) -> (S, M),
-    M: DerefMut<Target = I>,
+    M: DerefMut<Target: Integrator<R, S>>,
 {
     type Output = Result<Q, Error>;
 
