@@ -31,7 +31,7 @@ from scale_work import Timed, engines, file_system, in_turns, push, short, size,
 from softpinch.store import files, folder
 from softpinch.store.folder import Writer
 from softpinch.study.engine import how_many_threads
-from softpinch.study.sampling import Plan
+from softpinch.study.sampling import Draws
 from softpinch.study.sources import BLOCK
 
 Text = Iterator[tuple[str, str]]
@@ -101,7 +101,7 @@ def store(given: argparse.Namespace, scratch: Path) -> Text:
         ("hash", files, "sha256"),
         ("bring to the disk", os, "fsync"),
         ("flush", Writer, "flush"),
-        ("draw", Plan, "rows"),
+        ("draw", Draws, "rows"),
     ) as spent:
         works: dict[str, Callable[[], object]] = {
             "without": lambda: short(runs),

@@ -12,9 +12,8 @@ from typing import Any, NamedTuple
 from scale_work import push, stopwatch
 from softpinch.scene.template import SceneTemplate
 from softpinch.store.folder import Writer
-from softpinch.study.engine import RunBlock
 from softpinch.study.rows import Rows
-from softpinch.study.sampling import Plan
+from softpinch.study.sampling import Draws
 from softpinch.study.sources import BLOCK
 from softpinch.study.spec import StudySpec
 
@@ -27,7 +26,7 @@ class Instant(Executor):
         self.computing = self.pickling = 0.0
 
     def submit(self, call: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        (block,) = (one for one in args if isinstance(one, RunBlock))
+        (block,) = (one for one in args if isinstance(one, Rows))
         begin = time.perf_counter()
         if self._answer is None:
             self._answer = pickle.dumps(call(*args))
@@ -37,7 +36,7 @@ class Instant(Executor):
         rows: Rows = pickle.loads(self._answer)
         self.pickling += time.perf_counter() - begin
         # The rows of another block, under these numbers.
-        rows.columns["run"] = block.numbers
+        rows.columns["run"] = block.run
         future: Future[Any] = Future()
         future.set_result(rows)
         return future
@@ -71,7 +70,7 @@ def driver(blocks: int, dt: float, folder: Path) -> Driver:
     push(BLOCK, dt, executor=Instant(), store=folder / "warm")
     instant = Instant()
     with stopwatch(
-        ("draw", Plan, "rows"),
+        ("draw", Draws, "rows"),
         ("check", SceneTemplate, "check"),
         ("check", StudySpec, "batch"),
         ("store", Writer, "flush"),

@@ -14,7 +14,7 @@ import numpy as np
 import softpinch as sp
 from scale_work import short, stopwatch
 from softpinch.store.folder import Folder, Writer, locked
-from softpinch.study.compute import Job
+from softpinch.study.compute import Computation
 from softpinch.study.rows import Spans
 from softpinch.study.sources import BLOCK
 
@@ -68,7 +68,7 @@ def found(path: Path) -> Found:
     next(Spans(study.missing).aligned_chunks(lambda: BLOCK))
     piece = time.perf_counter() - begin
     reads = [reading(study, name) for name in ("probability", "mean")]
-    with stopwatch(("check", Job, "check")) as spent:
+    with stopwatch(("check", Computation, "check")) as spent:
         resumed = _until_the_first_run(study)
     missing = int((study.missing[:, 1] - study.missing[:, 0]).sum())
     parts = len(study._folder.parts)

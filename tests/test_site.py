@@ -171,5 +171,5 @@ def test_files_of_the_page_on_formats_are_read(tmp_path: Path) -> None:
     for path, block in zip((scene, study, fit), blocks, strict=True):
         path.write_text(block, encoding="utf-8")
     assert sp.Scene.from_toml(scene).friction == 0.5
-    assert study_file.read(study).plan.runs == 1000
+    assert study_file.read(study).draws.runs == 1000
     assert fit_file.read(fit) is not None

@@ -45,7 +45,7 @@ SIMULATE = (
 MONTE_CARLO = (
     ("Scene, and vary: path → distribution", "scene/"),
     ("StudySpec: checked once", "study/"),
-    ("Plan: numbers of 1024 runs a block", "study/"),
+    ("Draws: numbers of 1024 runs a block", "study/"),
     ("threads, or an executor's workers", "study/"),
     ("_core.Batch: runs in SIMD lanes", "_core (Rust)"),
     ("Rows: one for each run", "study/"),

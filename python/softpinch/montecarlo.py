@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ._core import RECORDABLE
@@ -15,7 +16,7 @@ from .run.options import STOP_ON, Options
 from .scene import usual
 from .scene.scene import Scene
 from .scene.stabilization import Stabilization
-from .study.compute import MOST_BLOCKS, EarlyStopping, Job
+from .study.compute import MOST_BLOCKS, Computation, EarlyStopping
 from .study.engine import how_many_threads
 from .study.gradients import checked_gradients, differentiated
 from .study.results import Ensemble
@@ -242,8 +243,10 @@ def monte_carlo(
     differentiable, by = checked_gradients(
         scene, gradients, sensitivities, list(spec.shapes), store=store, executor=executor
     )
-    job = Job(spec, only=only, threads=threads, executor=executor, progress=progress)
-    result = compute(job, store)
+    computation = Computation(
+        spec, only=only, threads=threads, executor=executor, progress=progress
+    )
+    result = compute(computation, store)
     if by and isinstance(result, Ensemble) and not result.interrupted:
         try:
             result._gradients = differentiated(
@@ -254,20 +257,20 @@ def monte_carlo(
     return result
 
 
-def compute(job: Job, store: str | Path | None) -> Ensemble | Study:
+def compute(computation: Computation, store: str | Path | None) -> Ensemble | Study:
     """Computes a study, in memory if `store` is None; errors and warnings as of `monte_carlo`."""
-    spec = job.spec
+    spec = computation.spec
     replaced = any(path.startswith("schedule.angles") for path in spec.shapes)
     usual.warn(spec.scene, schedule_replaced=replaced)
     if store is not None:
         from .store.study import compute_in_folder
 
-        return compute_in_folder(job, store)
-    _require_memory(job)
-    values = spec.plan.draw_all()
-    job.draw = lambda numbers: {path: value[numbers] for path, value in values.items()}
-    job.check(job.wanted)
-    stopping = EarlyStopping(spec.stop_when, job.wanted)
+        return compute_in_folder(computation, store)
+    _require_memory(computation)
+    drawn = spec.block(np.arange(spec.draws.runs, dtype=np.uint64))
+    computation.draw = drawn.select
+    computation.check(computation.wanted)
+    stopping = EarlyStopping(spec.stop_when, computation.wanted)
     found: list[Rows] = []
 
     def accept(rows: Rows) -> bool:
@@ -277,22 +280,22 @@ def compute(job: Job, store: str | Path | None) -> Ensemble | Study:
 
     # `stop_when` is decided after each block, and an executor gets one block at a time; threads
     # take many blocks in one call.
-    blocks = 1 if spec.stop_when or job.executor is not None else MOST_BLOCKS
-    outcome = job.compute(job.wanted, accept, lambda: blocks * BLOCK)
+    blocks = 1 if spec.stop_when or computation.executor is not None else MOST_BLOCKS
+    computation.compute(computation.wanted, accept, lambda: blocks * BLOCK)
     rows = Rows.joined(found or [spec.empty()]).in_order()
-    ensemble = Ensemble(spec, rows, requested=job.wanted.count, outcome=outcome)
-    job.finish(ensemble)
+    ensemble = Ensemble(spec, rows, requested=computation.wanted.count)
+    computation.finish(ensemble)
     return ensemble
 
 
-def _require_memory(job: Job) -> None:
+def _require_memory(computation: Computation) -> None:
     """Refuses a study whose rows this machine cannot hold, before anything is drawn."""
-    runs = job.spec.plan.runs
-    columns = job.spec.schema.empty().values()
+    runs = computation.spec.draws.runs
+    columns = computation.spec.schema.empty().values()
     row = sum(column.itemsize * math.prod(column.shape[1:]) for column in columns)
-    drawn = 8 * (1 + sum(map(math.prod, job.spec.shapes.values())))
+    drawn = 8 * (1 + sum(map(math.prod, computation.spec.shapes.values())))
     # The rows exist twice while those of all blocks are joined.
-    needed = runs * drawn + 2 * job.wanted.count * row
+    needed = runs * drawn + 2 * computation.wanted.count * row
     try:
         there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, OSError, ValueError):

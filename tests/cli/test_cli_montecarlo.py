@@ -127,7 +127,7 @@ def test_the_study_that_it_leaves_gives_the_same_again(study: Path, tmp_path: Pa
         assert f"the step puts the probability of {name} off by" in said
     assert (tmp_path / "a" / "success_map.png").exists()
     written = study_file.read(tmp_path / "a" / "manifest.toml")
-    assert (written.plan.runs, written.plan.seed, written.options.dt, written.plan.sampler) == (
+    assert (written.draws.runs, written.draws.seed, written.options.dt, written.draws.sampler) == (
         40,
         5,
         1e-3,

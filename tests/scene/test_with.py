@@ -51,7 +51,7 @@ def test_the_listed_paths_are_those_of_studies(name: str) -> None:
         assert scene.with_({path: value}) == scene, path
         assert unit, path
         if value is not None and np.isfinite(value).all():
-            assert studied(scene, path, value).plan.runs == 2
+            assert studied(scene, path, value).draws.runs == 2
 
 
 def every_path(node: Any, path: str = "") -> set[str]:

@@ -33,7 +33,6 @@ from executors import (
 )
 from softpinch.study import executor as executors
 from softpinch.study import executor as worker
-from softpinch.study.engine import RunBlock
 from softpinch.study.results import Ensemble
 from softpinch.study.rows import Rows, Spans
 
@@ -73,12 +72,12 @@ def test_a_store_filled_by_an_executor_has_the_same_rows(tmp_path: Path, kind: s
 def test_blocks_hold_the_runs_between_multiples_of_1024() -> None:
     executor = Inline()
     study(executor=executor)
-    sent = [call.runs.numbers for call in executor.calls]
+    sent = [call.runs.run for call in executor.calls]
     assert [len(numbers) for numbers in sent] == [BLOCK] * (BLOCKS - 1) + [RUNS % BLOCK]
     np.testing.assert_array_equal(np.concatenate(sent), np.arange(RUNS))
     some = Inline()
     study("only", executor=some)
-    sent = [call.runs.numbers for call in some.calls]
+    sent = [call.runs.run for call in some.calls]
     np.testing.assert_array_equal(np.concatenate(sent), np.arange(0, RUNS, 3))
     assert all(len(set((numbers // BLOCK).tolist())) == 1 for numbers in sent)
 
@@ -90,11 +89,11 @@ class Drawn:
         self.blocks = blocks
         self.drawn = self.accepted = self.ahead = 0
 
-    def __iter__(self) -> Iterator[RunBlock]:
+    def __iter__(self) -> Iterator[Rows]:
         for k in range(self.blocks):
             self.drawn += 1
             self.ahead = max(self.ahead, self.drawn - self.accepted)
-            yield RunBlock(np.arange(k * BLOCK, k * BLOCK + 2, dtype=np.uint64), {})
+            yield Rows(columns={"run": np.arange(k * BLOCK, k * BLOCK + 2, dtype=np.uint64)})
 
     def accept(self, rows: Rows) -> bool:
         self.accepted += bool(len(rows))
@@ -114,7 +113,7 @@ def test_a_bounded_number_of_blocks_is_drawn_sent_and_kept_waiting(
         return 1 if waiting[0].block == 0 and len(waiting) > 1 else 0
 
     with Shuffled(first_block_last) as executor:
-        outcome = executors.on_executor(
+        _, lost = executors.on_executor(
             on_threads("check_dt")._spec,
             pieces,
             Spans.upto(blocks * BLOCK),
@@ -124,14 +123,14 @@ def test_a_bounded_number_of_blocks_is_drawn_sent_and_kept_waiting(
             pieces.accept,
             in_order,
         )
-    assert not outcome.lost and pieces.accepted == pieces.drawn == blocks
+    assert not lost and pieces.accepted == pieces.drawn == blocks
     assert pieces.ahead == most >= executor.most
 
 
 def test_rows_are_accepted_while_the_first_blocks_are_still_being_submitted() -> None:
     pieces = Drawn(20)
-    setup, asked = on_threads("check_dt")._spec, Spans.upto(20 * BLOCK)
-    executors.on_executor(setup, pieces, asked, Inline(), 1, lambda *_: None, pieces.accept, False)
+    spec, asked = on_threads("check_dt")._spec, Spans.upto(20 * BLOCK)
+    executors.on_executor(spec, pieces, asked, Inline(), 1, lambda *_: None, pieces.accept, False)
     assert pieces.accepted == 20 and pieces.ahead == 1
 
 
@@ -170,9 +169,9 @@ def test_a_worker_uses_no_more_threads_than_it_has_cores(monkeypatch: pytest.Mon
     used = []
     compute = worker.compute
 
-    def spy(setup: Any, block: Any, threads: int, watch: Any) -> Rows:
+    def spy(spec: Any, block: Any, threads: int, watch: Any) -> Rows:
         used.append(threads)
-        return compute(setup, block, threads, watch)
+        return compute(spec, block, threads, watch)
 
     monkeypatch.setattr(worker, "compute", spy)
     monkeypatch.setattr(os, "sched_getaffinity", cores(1))

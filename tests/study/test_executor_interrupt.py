@@ -46,13 +46,13 @@ def test_a_worker_that_alone_is_interrupted_loses_nothing(monkeypatch: pytest.Mo
         """Ctrl-C comes in the middle of the first attempt at its second block."""
 
         def do(self, function: Callable[..., Any], call: Call) -> Any:
-            def interrupted(setup: Any, block: Any, threads: int, watch: Any) -> Any:
-                def strike(rows: int) -> Any:
-                    if 0 < rows < BLOCK and call.block == 1 and call.attempt == 1:
-                        signal.raise_signal(signal.SIGINT)
-                    return watch(rows)
-
-                return compute(setup, block, threads, strike)
+            def interrupted(spec: Any, block: Any, threads: int, watch: Any) -> Any:
+                # Not from `watch` inside the core: a fast processor ends the block before it asks.
+                if (call.block, call.attempt) == (1, 1):
+                    signal.raise_signal(signal.SIGINT)
+                    block = block.select(np.arange(9))
+                    assert watch(9)
+                return compute(spec, block, threads, watch)
 
             monkeypatch.setattr(worker, "compute", interrupted)
             before = signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -65,18 +65,10 @@ def test_a_worker_that_alone_is_interrupted_loses_nothing(monkeypatch: pytest.Mo
 
     compute = worker.compute
     done: list[tuple[int, int, int]] = []
-    how: dict[str, Any] = {"dt": 5e-5, "runs": 3 * BLOCK}
+    how: dict[str, Any] = {"runs": 3 * BLOCK}
     some = study("sobol", executor=Interrupted(), **how)
-    assert [(block, attempt) for block, attempt, _ in done] == [
-        (0, 1),
-        (1, 1),
-        (1, 2),
-        (2, 1),
-        (2, 2),
-    ]
-    assert 0 < done[1][2] < BLOCK
     # What this call had sent to the worker before does not keep it at work.
-    assert done[3][2] == 0
+    assert done == [(0, 1, BLOCK), (1, 1, 9), (1, 2, BLOCK), (2, 1, 0), (2, 2, BLOCK)]
     assert some.run.tolist() == list(range(3 * BLOCK)) and not some.interrupted
     expected = study("sobol", **how)
     assert some["final_state"].tobytes() == expected["final_state"].tobytes()
@@ -102,13 +94,8 @@ class Held(Inline):
                 begun.set_running_or_notify_cancel()
             os.kill(os.getpid(), signal.SIGINT)
             call = self.calls[2]
-            few = call.runs._replace(
-                numbers=call.runs.numbers[:9],
-                values={path: value[:9] for path, value in call.runs.values.items()},
-            )
-            threading.Timer(
-                0.2, self.come, (1, super().do(function, call._replace(runs=few)))
-            ).start()
+            cut = call._replace(runs=call.runs.select(np.arange(9)))
+            threading.Timer(0.2, self.come, (1, super().do(function, cut))).start()
             threading.Timer(0.3, self.futures[2].set_exception, (BrokenExecutor("dead"),)).start()
             threading.Timer(0.4, self.come, (0, super().do(function, self.calls[1]))).start()
         return self.futures[-1]

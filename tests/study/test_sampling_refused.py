@@ -9,13 +9,13 @@ import pytest
 from scipy import stats
 
 import softpinch as sp
-from plans import gamma, plan
+from draws import draws, gamma
 from softpinch.study.distributions import Normal
 from softpinch.support.errors import SuspiciousValueWarning
 
 
 def counted(vary: Any, runs: int | None = None) -> int:
-    return plan(vary, runs).runs
+    return draws(vary, runs).runs
 
 
 def test_runs_are_given_or_counted() -> None:
@@ -78,7 +78,7 @@ def test_runs_that_cannot_be_counted_are_refused(
     vary: Any, runs: Any, error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):
-        plan(vary, runs)
+        draws(vary, runs)
 
 
 @pytest.mark.parametrize(
@@ -118,11 +118,11 @@ def test_runs_that_cannot_be_counted_are_refused(
         ({}, {"sampler": "sobol", "runs": 2**30 + 1}, ValueError, r"must be at most 2\*\*30 with"),
     ],
 )
-def test_bad_plans_are_refused(
+def test_bad_draws_are_refused(
     vary: Any, options: dict[str, Any], error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):
-        plan(vary, **options)
+        draws(vary, **options)
 
 
 def after(count: int, value: Any) -> Callable[[np.random.Generator], Any]:
@@ -162,12 +162,12 @@ def test_bad_draws_are_refused_by_path_and_run(
     vary: Any, error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):
-        plan(vary).draw(0)
+        draws(vary).draw(0)
 
 
 def test_the_run_of_a_function_counts_from_the_first_block() -> None:
     with pytest.raises(ValueError, match="run 1029: the function gave shape"):
-        plan({"mass": after(5, (1.0, 2.0))}).draw(1)
+        draws({"mass": after(5, (1.0, 2.0))}).draw(1)
 
 
 def test_errors_of_functions_and_scipy_say_where() -> None:
@@ -175,8 +175,8 @@ def test_errors_of_functions_and_scipy_say_where() -> None:
         raise ZeroDivisionError("mine")
 
     with pytest.raises(ZeroDivisionError, match="mine") as caught:
-        plan({"mass": fail}).draw(0)
+        draws({"mass": fail}).draw(0)
     assert caught.value.__notes__ == ['softpinch: while drawing vary["mass"], run 0']
     with pytest.raises(ValueError) as broken:
-        plan({"mass": stats.norm(0, -1)}).draw(0)
+        draws({"mass": stats.norm(0, -1)}).draw(0)
     assert broken.value.__notes__ == ['softpinch: while drawing vary["mass"] from norm']

@@ -37,14 +37,19 @@ def same(a: sp.Ensemble, b: sp.Ensemble) -> None:
 def test_the_example_is_the_papers_disturbance_with_changes() -> None:
     study = study_file.read(EXAMPLE)
     assert study.scene == paper.disturbance("ii", duration=1.5)
-    assert (study.plan.runs, study.plan.seed, study.options.dt, study.options.summaries_after) == (
+    assert (
+        study.draws.runs,
+        study.draws.seed,
+        study.options.dt,
+        study.options.summaries_after,
+    ) == (
         1000,
         7,
         1e-4,
         1.0,
     )
-    assert study.plan.sources["grasped.mass"].value == sp.Normal(0.1, 0.01)
-    assert study.plan.sources["disturbances.0.force"].value == sp.Uniform(
+    assert study.draws.sources["grasped.mass"].value == sp.Normal(0.1, 0.01)
+    assert study.draws.sources["disturbances.0.force"].value == sp.Uniform(
         (-300.0, -300.0), (300.0, 300.0)
     )
 
@@ -70,7 +75,7 @@ def test_a_manifest_is_a_complete_study_and_gives_the_same_again(write, tmp_path
     tip = study.scene.hand.tip
     assert isinstance(tip, sp.Fingertip)
     assert (tip.radius, tip.youngs_modulus) == (0.021, 0.3e6)
-    assert ("disturbances.0.moment", "gravity") in study.plan.sources
+    assert ("disturbances.0.moment", "gravity") in study.draws.sources
     kept = computed(study, store=tmp_path / "out")
     manifest = kept.path / "manifest.toml"
     again = study_file.read(manifest)
@@ -88,13 +93,13 @@ def test_a_scene_file_beside_it_and_arrays(write, monkeypatch, tmp_path: Path) -
     monkeypatch.chdir("/")
     study = study_file.read(path)
     assert study.scene == sp.Scene(duration=0.07)
-    assert study.plan.runs == 2
+    assert study.draws.runs == 2
     ensemble = computed(study_file.read(path, dt=1e-3, summaries=()))
     assert ensemble.runs == 2 and ensemble["schedule.angles"][1, 0, 0] == 0.11
     kept = computed(study_file.read(path, dt=1e-3), store=tmp_path / "out")
     again = study_file.read(kept.path / "manifest.toml")
     np.testing.assert_array_equal(
-        again.plan.sources["schedule.angles"].value, study.plan.sources["schedule.angles"].value
+        again.draws.sources["schedule.angles"].value, study.draws.sources["schedule.angles"].value
     )
 
 
@@ -102,13 +107,13 @@ def test_options_take_the_files_place_and_a_step_that_of_a_tolerance(write) -> N
     path = write("[scene]\n[study]\ntolerance = 1e-6\nmethod = 'radau5'\n")
     study = study_file.read(path)
     assert study_file.read(path, dt=None, seed=None, runs=None).to_dict() == study.to_dict()
-    assert (study.options.dt, study.plan.runs) == (None, 1000)
+    assert (study.options.dt, study.draws.runs) == (None, 1000)
     changed = study_file.read(path, dt=1e-3).options
     assert (changed.dt, changed.tolerance) == (1e-3, None)
     steps = write("[scene]\n[study]\nmethod = 'radau5'\n", "steps.toml")
     assert study_file.read(steps).options.dt == 1e-4
     assert study_file.read(steps, tolerance=1e-5).options.dt is None
-    assert study_file.read(path, runs=5, dt=1e-3, method="rk4").plan.runs == 5
+    assert study_file.read(path, runs=5, dt=1e-3, method="rk4").draws.runs == 5
     with pytest.raises(ValueError, match="give one of them"):
         study_file.read(path, dt=1e-3, tolerance=1e-6, runs=1)
 

@@ -9,7 +9,7 @@ import numpy as np
 import softpinch as sp
 from softpinch import _core, paper
 from softpinch.montecarlo import compute
-from softpinch.study.compute import Job
+from softpinch.study.compute import Computation
 from softpinch.study.spec import StudySpec
 
 SUMMARIES = ("final_state", *_core.SUMMARIES)
@@ -81,4 +81,4 @@ def require_alone(ensemble: sp.Ensemble, run: int) -> sp.Run:
 
 def computed(spec: StudySpec, store: Path | None = None, **how: Any) -> Any:
     """A study computed, in memory or in a folder."""
-    return compute(Job(spec, progress=False, **how), store)
+    return compute(Computation(spec, progress=False, **how), store)

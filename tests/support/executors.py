@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import softpinch as sp
-from softpinch.study.engine import RunBlock
+from softpinch.study.rows import Rows
 
 BLOCK = 1024
 RUNS = 5 * BLOCK + 100
@@ -100,13 +100,13 @@ class Call(NamedTuple):
     call: str
     attempt: int
     version: int
-    setup: bytes
-    runs: RunBlock
+    spec: bytes
+    runs: Rows
     threads: int
 
     @property
     def block(self) -> int:
-        return int(self.runs.numbers[0]) // BLOCK
+        return int(self.runs.run[0]) // BLOCK
 
 
 class Inline(Executor):

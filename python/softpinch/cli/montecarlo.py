@@ -14,7 +14,7 @@ from ..montecarlo import compute
 from ..store.files import MANIFEST, PARTS
 from ..store.study import Study
 from ..study import study_file
-from ..study.compute import Job
+from ..study.compute import Computation
 from ..study.sampling import SAMPLERS
 from ..study.spec import SUMMARIES
 from ..support import checks
@@ -86,7 +86,7 @@ def montecarlo(
         begun = Study._opened(out).runs if (out / MANIFEST).exists() else 0
         started = time.perf_counter()
         with _executor(dask) as executor:
-            result = compute(Job(spec, threads=threads, executor=executor), out)
+            result = compute(Computation(spec, threads=threads, executor=executor), out)
         seconds = time.perf_counter() - started
         if result.interrupted:
             typer.echo(f"{result.interruption}; run the same command again to continue", err=True)

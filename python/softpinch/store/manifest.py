@@ -23,7 +23,7 @@ import numpy as np
 from .. import _core
 from ..run.options import ALWAYS, Options
 from ..scene.scene import Scene
-from ..study.sampling import MOST_RUNS, Plan
+from ..study.sampling import MOST_RUNS, Draws
 from ..study.sources import Description
 from ..study.spec import RECORDING, RUN_OPTIONS, SETTINGS, StudySpec
 from ..study.study_file import checksum, load_array
@@ -204,14 +204,14 @@ def _shown(value: Any) -> str:
     return "not given" if value is None else checks.shown(value)
 
 
-def with_files(plan: Plan) -> tuple[dict[str, Any], dict[str, Floats]]:
+def with_files(draws: Draws) -> tuple[dict[str, Any], dict[str, Floats]]:
     """Adds the name and the SHA-256 of a file to the description of each array in `vary`.
 
     Returns:
-        The completed table `vary` of `Plan.describe`, and file name -> array.
+        The completed table `vary` of `Draws.describe`, and file name -> array.
     """
-    result, found = dict(plan.describe()["vary"]), {}
-    for name, source in zip(result, plan.sources.values(), strict=True):
+    result, found = dict(draws.describe()["vary"]), {}
+    for name, source in zip(result, draws.sources.values(), strict=True):
         if result[name]["kind"] == "array":
             array = np.ascontiguousarray(source.value)
             total = checksum(array)

@@ -16,14 +16,13 @@ from .. import _core
 from ..run.run import Run
 from ..study import study_file
 from ..study.capsule import Capsule
-from ..study.compute import MOST_BLOCKS, EarlyStopping, Job
-from ..study.engine import Outcome, RunBlock, compute
-from ..study.estimates import Discretisation
+from ..study.compute import MOST_BLOCKS, Computation, EarlyStopping
+from ..study.engine import compute
 from ..study.results import Ensemble, Results
 from ..study.rows import HOLDS, Numbers, Rows, Spans
-from ..study.sampling import Plan
+from ..study.sampling import Draws
 from ..study.sources import BLOCK
-from ..study.spec import RECORDING
+from ..study.spec import RECORDING, StudySpec
 from ..support import checks
 from ..support.arrays import Floats, read_only
 from ..support.errors import LostRunsWarning, StoreError, warn
@@ -66,15 +65,9 @@ class Study(Results):
 
     trajectories: Trajectories
 
-    def __init__(
-        self,
-        folder: Folder,
-        manifest: Mapping[str, Any],
-        outcome: Outcome = Outcome(),  # noqa: B008
-    ) -> None:
+    def __init__(self, folder: Folder, manifest: Mapping[str, Any]) -> None:
         super().__init__(manifests.spec_of(folder.path, manifest))
         self._folder, self._computed = folder, folder.done
-        self.interrupted, self.lost, self._under_way = outcome
         self.path = folder.path
         self.requested: int = manifest["study"]["runs"]
         self.missing = read_only(Spans.upto(self.requested).without(folder.done).edges)
@@ -174,8 +167,8 @@ class Study(Results):
                 raise
             raise StoreError(str(error)) from None
         spec = study_file.spec_of(*parsed, runs=runs)
-        job = Job(spec, threads=threads, executor=executor, progress=progress)
-        return compute_in_folder(job, self.path)
+        computation = Computation(spec, threads=threads, executor=executor, progress=progress)
+        return compute_in_folder(computation, self.path)
 
     def _read_by_part(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
         for part in self._folder.parts:
@@ -251,8 +244,8 @@ class Study(Results):
 
     def __reduce__(self) -> tuple[Any, ...]:
         # The path is opened again on unpickling.
-        outcome = Outcome(self.interrupted, self.lost, self._under_way)
-        return _reopened, (self.path.absolute(), outcome, self.discretisation)
+        kept = ("interrupted", "lost", "_under_way", "discretisation")
+        return Study._opened, (self.path.absolute(),), {name: getattr(self, name) for name in kept}
 
     def __repr__(self) -> str:
         there = f"all {self.runs}" if self.complete else f"{self.runs} of {self.requested}"
@@ -272,15 +265,6 @@ def _faults(files: Iterable[T], read: Callable[[T], object]) -> Iterator[str]:
 def _some(names: Sequence[str]) -> str:
     """The first three names, and whether there are others."""
     return ", ".join(names[:3]) + (" and others" if len(names) > 3 else "")
-
-
-def _reopened(
-    path: Path, outcome: Outcome, discretisation: dict[str, Discretisation] | None
-) -> Study:
-    study = Study._opened(path)
-    study.interrupted, study.lost, study._under_way = outcome
-    study.discretisation = discretisation
-    return study
 
 
 class Failures(Sequence[Capsule]):
@@ -316,12 +300,12 @@ class Failures(Sequence[Capsule]):
         return f"<{len(self)} failures of {self._study!r}>"
 
 
-def compute_in_folder(job: Job, store: str | Path) -> Study:
+def compute_in_folder(computation: Computation, store: str | Path) -> Study:
     """Begins a study in a folder or continues the one found there, and writes the missing runs."""
-    spec, plan = job.spec, job.spec.plan
+    spec = computation.spec
     path = checks.path("store", store, "the path of a folder")
     arrow()
-    vary, given_arrays = manifests.with_files(plan)
+    vary, given_arrays = manifests.with_files(spec.draws)
     given = manifests.describe(spec, vary)
     there = _matching_manifest(path, given)
     done = Spans.upto(0)
@@ -329,10 +313,10 @@ def compute_in_folder(job: Job, store: str | Path) -> Study:
         refuse_other_content(path)
     else:
         done = Folder(path, spec, manifests.identity(there)).done
-    missing = job.wanted.without(done)
+    missing = computation.wanted.without(done)
     if any(entry["kind"] == "function" for entry in given["vary"].values()):
-        _refuse_unrepeatable_draws(plan, missing)
-    job.check(missing)
+        _refuse_unrepeatable_draws(spec.draws, missing)
+    computation.check(missing)
 
     lock = locked(path)
     try:
@@ -349,7 +333,7 @@ def compute_in_folder(job: Job, store: str | Path) -> Study:
         if there is not None:
             # The manifest may name this process as a writer only after its bits are verified.
             if folder.parts:
-                _verify_same_bits(job, folder, there, plan)
+                _verify_same_bits(spec, folder, there)
             described = _continued(there, given)
             if described != there:
                 manifests.write(path, described)
@@ -357,7 +341,7 @@ def compute_in_folder(job: Job, store: str | Path) -> Study:
         lock.release()
         raise
     pace = _Pace()
-    stopping = EarlyStopping(spec.stop_when, job.wanted)
+    stopping = EarlyStopping(spec.stop_when, computation.wanted)
 
     def accept(rows: Rows) -> bool:
         writer.add(rows)
@@ -366,13 +350,13 @@ def compute_in_folder(job: Job, store: str | Path) -> Study:
 
     try:
         enough = bool(spec.stop_when) and any(map(stopping.enough, _events(folder)))
-        alone = bool(spec.stop_when) or job.executor is not None
-        missing = Spans.upto(0) if enough else job.wanted.without(folder.done)
-        outcome = job.compute(missing, accept, lambda: BLOCK * (1 if alone else pace.blocks))
+        alone = bool(spec.stop_when) or computation.executor is not None
+        missing = Spans.upto(0) if enough else computation.wanted.without(folder.done)
+        computation.compute(missing, accept, lambda: BLOCK * (1 if alone else pace.blocks))
         writer.flush()
-        study = Study(folder, described, outcome)
+        study = Study(folder, described)
         # This writes trajectories into the folder, so the lock is still needed.
-        job.finish(study)
+        computation.finish(study)
         return study
     finally:
         with CtrlC() as ctrl_c:
@@ -380,14 +364,14 @@ def compute_in_folder(job: Job, store: str | Path) -> Study:
             writer.close()
 
 
-def _refuse_unrepeatable_draws(plan: Plan, missing: Spans) -> None:
+def _refuse_unrepeatable_draws(draws: Draws, missing: Spans) -> None:
     """Refuses functions in `vary` whose draws do not repeat.
 
     A study draws the numbers of a run again whenever it continues or replays that run.
     """
     for numbers in islice(missing.aligned_chunks(lambda: BLOCK), 1):
-        again = plan.rows(numbers)
-        for path, values in plan.rows(numbers).items():
+        again = draws.rows(numbers)
+        for path, values in draws.rows(numbers).items():
             if values.tobytes() != again[path].tobytes():
                 raise ValueError(
                     f"vary: {path!r}: a second draw gave other numbers. A study in a folder draws "
@@ -434,7 +418,7 @@ def _continued(there: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, 
     }
 
 
-def _verify_same_bits(job: Job, folder: Folder, there: Mapping[str, Any], plan: Plan) -> None:
+def _verify_same_bits(spec: StudySpec, folder: Folder, there: Mapping[str, Any]) -> None:
     """Verifies that this process draws and computes the bits that the folder already holds.
 
     Draws one stored block again. If the software or the processor differs from every earlier
@@ -442,8 +426,8 @@ def _verify_same_bits(job: Job, folder: Folder, there: Mapping[str, Any], plan: 
     """
     rows = folder.rows(min(folder.parts, key=lambda part: int(part.edges[0, 0])))
     # The folder may hold more runs than the caller asks for now.
-    some = rows.select((rows.run // BLOCK == rows.run[0] // BLOCK) & (rows.run < plan.runs))
-    drawn = plan.rows(some.run) if len(some) else {}
+    some = rows.select((rows.run // BLOCK == rows.run[0] // BLOCK) & (rows.run < spec.draws.runs))
+    drawn = spec.draws.rows(some.run) if len(some) else {}
     ours, theirs = manifests.made_by(), there["made_by"][-1]
     changed = [f"{k} {theirs.get(k)} then, {v} now" for k, v in ours.items() if theirs.get(k) != v]
     how = "; ".join(changed) or "the versions are the same: was a function of vary changed?"
@@ -455,8 +439,7 @@ def _verify_same_bits(job: Job, folder: Folder, there: Mapping[str, Any], plan: 
     if ours in there["made_by"]:
         return
     first = rows.select(np.array([0]))
-    block = RunBlock(first.run, {path: first.columns[path] for path in job.spec.shapes})
-    again = compute(job.spec, block, 1, lambda done: False)
+    again = compute(spec, first, 1, lambda done: False)
     for name, values in again.columns.items():
         # NaN does not equal itself, so values that differ as lists are compared as bytes.
         before = first.columns[name].astype(values.dtype)

@@ -15,7 +15,7 @@ from ..support import checks
 from ..support.arrays import Floats
 from ..support.errors import LostRunsWarning, StabilityWarning, warn
 from ..support.progress import Report, reporting
-from .engine import Accept, Outcome, RunBlock, how_many_threads, on_threads
+from .engine import MOST_LANES, Accept, Lost, how_many_threads, on_threads
 from .estimates import Discretisation, Estimate
 from .results import Results
 from .rows import HOLDS, Edges, Numbers, Rows, Spans, happened
@@ -34,14 +34,16 @@ _SUSPECTS = 8
 _CHECKED = 256
 
 
-class Job:
-    """A study to compute, and the means to compute it.
+class Computation:
+    """A study to compute, the means to compute it, and how that ended.
 
     Attributes:
         spec: The study.
         wanted: The runs to compute.
-        draw: Function from the numbers of runs to their varied values: path -> (k, ...).
+        draw: Function from the numbers of runs to rows with their varied values.
         executor: The executor that computes the runs; None computes them on threads.
+        interrupted: Whether Ctrl-C ended the computation of the runs.
+        lost: Runs that an executor's workers failed to compute.
     """
 
     def __init__(
@@ -54,7 +56,7 @@ class Job:
         progress: bool | Report = True,
     ) -> None:
         """Checks the arguments of `monte_carlo` that say which runs to compute and how."""
-        runs = spec.plan.runs
+        runs = spec.draws.runs
         self.spec = spec
         self.wanted = Spans.upto(runs) if only is None else Spans.of(_numbers(only, runs))
         for run in spec.trajectories:
@@ -66,8 +68,10 @@ class Job:
             from . import executor as executors
 
             executors.check(executor)
-        self.draw: Callable[[Numbers], dict[str, Floats]] = spec.plan.rows
+        self.draw: Callable[[Numbers], Rows] = spec.block
         self.executor = executor
+        self.interrupted = False
+        self.lost: tuple[Lost, ...] = ()
         self._threads = threads
         self._progress = progress
         self._warned = False
@@ -79,17 +83,18 @@ class Job:
         done, total = 0, missing.count
         # A user's function counts computed runs only.
         bar = self._progress is True and total > MOST_BLOCKS * BLOCK
+        finer = self.spec.finer() if self.spec.check_dt else None
         with reporting(bar, "checking") as report:
             for numbers in missing.aligned_chunks(lambda: MOST_BLOCKS * BLOCK):
                 report(done, total)
-                values = self.draw(numbers)
-                self.spec.varied.check(values, numbers)
-                batch = self.spec.batch(numbers, values)
+                block = self.draw(numbers)
+                self.spec.varied.check(self.spec.values(block), numbers)
+                batch = self.spec.batch(block)
                 advice |= {batch.warning} if batch.warning else set()
                 self._may_be_unstable |= batch.may_be_unstable
-                if self.spec.check_dt:
+                if finer is not None:
                     try:
-                        self.spec.batch(numbers, values, self.spec.refined)
+                        finer.batch(block)
                     except ValueError as error:
                         raise ValueError(f"check_dt: {error}") from None
                 done += len(numbers)
@@ -97,31 +102,34 @@ class Job:
             warn(text, StabilityWarning)
             self._warned = True
 
-    def compute(self, missing: Spans, accept: Accept, size: Callable[[], int]) -> Outcome:
+    def compute(self, missing: Spans, accept: Accept, size: Callable[[], int]) -> None:
         """Computes runs; `accept` keeps their rows and returns whether they are enough."""
-        blocks = (RunBlock(numbers, self.draw(numbers)) for numbers in missing.aligned_chunks(size))
+        blocks = map(self.draw, missing.aligned_chunks(size))
         with reporting(self._progress, "simulating") as report:
-            outcome = self._engine(blocks, missing, report, accept)
-        for one in outcome.lost:
+            self.interrupted, self.lost = self._engine(self.spec, blocks, missing, report, accept)
+        for one in self.lost:
             warn(f"lost {one}", LostRunsWarning)
-        return outcome
 
     def _engine(
-        self, blocks: Iterable[RunBlock], asked: Spans, report: Report, accept: Accept
-    ) -> Outcome:
+        self, spec: StudySpec, blocks: Iterable[Rows], asked: Spans, report: Report, accept: Accept
+    ) -> tuple[bool, tuple[Lost, ...]]:
         if self.executor is None:
             threads = how_many_threads(self._threads)
-            return on_threads(self.spec, blocks, asked.count, threads, report, accept)
+            return on_threads(spec, blocks, asked.count, threads, report, accept), ()
         from .executor import on_executor
 
         threads = 1 if self._threads is None else self._threads
-        in_order = bool(self.spec.stop_when)
-        return on_executor(
-            self.spec, blocks, asked, self.executor, threads, report, accept, in_order
-        )
+        in_order = bool(spec.stop_when)
+        return on_executor(spec, blocks, asked, self.executor, threads, report, accept, in_order)
 
     def finish(self, results: Results) -> None:
-        """Does the work after the runs: repeats some with smaller steps, and adds trajectories."""
+        """Tells the results how the computation ended, and does the work after the runs.
+
+        It repeats some runs with smaller steps, and adds trajectories.
+        """
+        results.interrupted, results.lost = self.interrupted, self.lost
+        most, unit = (MOST_LANES, "thread") if self.executor is None else (BLOCK, "worker")
+        results._under_way = f"at most {most} a {unit}"
         if results.runs and not results.interrupted and not self._warned:
             self._warn_of_steps(results)
         if self.spec.check_dt and results.runs and not results.interrupted:
@@ -183,17 +191,18 @@ class Job:
     def _check_dt(self, results: Results) -> None:
         """Estimates the error of summaries and probabilities, from runs with smaller steps."""
         coarse = results._rows_of(results._computed.evenly_spaced(_CHECKED))
-        values = {path: coarse.columns[path] for path in self.spec.shapes}
-        block = RunBlock(coarse.run, values, self.spec.refined)
         found = [self.spec.empty()]
 
         def accept(rows: Rows) -> bool:
             found.append(rows)
             return False
 
-        outcome = self._engine([block], Spans.of(coarse.run), lambda *_: None, accept)
+        block = Rows(columns={"run": coarse.run, **self.spec.values(coarse)})
+        interrupted, lost = self._engine(
+            self.spec.finer(), [block], Spans.of(coarse.run), lambda *_: None, accept
+        )
         finer = Rows.joined(found)
-        for one in outcome.lost:
+        for one in lost:
             warn(f"check_dt: lost {one}", LostRunsWarning)
         coarse = coarse.select(np.isin(coarse.run, finer.run))
         events = ("completed", HOLDS)
@@ -214,7 +223,7 @@ class Job:
             )
             for name in (*self.spec.summaries, *events)
         }
-        results.interrupted = outcome.interrupted
+        results.interrupted = interrupted
 
 
 def _numbers(only: ArrayLike, runs: int) -> Numbers:

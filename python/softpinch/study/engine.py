@@ -11,22 +11,13 @@ from collections.abc import Callable, Iterable
 from typing import NamedTuple, TypeAlias
 
 from ..support import checks
-from ..support.arrays import Floats
 from ..support.interrupt import CtrlC
 from ..support.progress import Report
-from .rows import Numbers, Rows, Spans
+from .rows import Rows, Spans
 from .spec import StudySpec
 
 # The largest number of runs that one thread computes at a time.
 MOST_LANES = 8
-
-
-class RunBlock(NamedTuple):
-    """Runs to compute."""
-
-    numbers: Numbers  # numbers of the runs (k,), increasing
-    values: dict[str, Floats]  # path -> (k, ...), the varied values of each run
-    refine: int = 1  # factor by which steps or tolerance are smaller than the study's
 
 
 class Lost(NamedTuple):
@@ -53,14 +44,6 @@ class Lost(NamedTuple):
         return f"runs {self.first} to {self.last} ({self.runs}): {self.reason}"
 
 
-class Outcome(NamedTuple):
-    """The end of a computation."""
-
-    interrupted: bool = False  # whether Ctrl-C ended it
-    lost: tuple[Lost, ...] = ()  # runs that the workers failed to compute
-    under_way: str = ""  # the number of runs that Ctrl-C leaves out, in words
-
-
 # Function that stores rows and returns whether they are enough. The engine for executors also calls
 # it without rows from time to time, so that buffered rows are written even if a block takes long.
 Accept: TypeAlias = Callable[[Rows], bool]
@@ -75,30 +58,29 @@ def how_many_threads(threads: int | None) -> int:
     return os.cpu_count() or 1
 
 
-def compute(spec: StudySpec, block: RunBlock, threads: int, watch: Callable[[int], bool]) -> Rows:
-    """Computes the rows of a block, without the varied values.
+def compute(spec: StudySpec, block: Rows, threads: int, watch: Callable[[int], bool]) -> Rows:
+    """Computes the results of a block, which has the varied values of its runs.
 
     `watch` receives the number of completed runs, and returns whether to stop.
     """
-    batch = spec.batch(block.numbers, block.values, block.refine)
     # More threads than runs would only cost time.
-    result = batch.run(min(threads, len(block.numbers)), watch)
-    return Rows.of(result, block.numbers, spec.summaries)
+    result = spec.batch(block).run(min(threads, len(block)), watch)
+    return Rows.of(result, block.run, spec.summaries)
 
 
 def on_threads(
     spec: StudySpec,
-    blocks: Iterable[RunBlock],
+    blocks: Iterable[Rows],
     total: int,
     threads: int,
     report: Report,
     accept: Accept,
-) -> Outcome:
-    """Computes blocks with `total` runs on threads, one block after the other.
+) -> bool:
+    """Computes blocks with `total` runs on threads, and returns whether Ctrl-C ended it.
 
     Ctrl-C stops the computation within a fraction of a second; all completed rows are accepted.
     """
-    done, under_way = 0, f"at most {MOST_LANES} a thread"
+    done = 0
 
     def watch(computed: int) -> bool:
         report(done + computed, total)
@@ -111,14 +93,14 @@ def on_threads(
                 # Hold Ctrl-C back until the rows are accepted, so that no computed row is lost.
                 ctrl_c.held = True
                 rows = compute(spec, block, threads, watch)
-                enough = accept(rows.with_values(block.numbers, block.values))
+                enough = accept(rows.with_values(block))
                 ctrl_c.held = False
                 done += len(rows)
                 report(done, total)
                 if ctrl_c.pending or rows.interrupted:
-                    return Outcome(True, under_way=under_way)
+                    return True
                 if enough:
                     break
         except KeyboardInterrupt:
-            return Outcome(True, under_way=under_way)
-    return Outcome(under_way=under_way)
+            return True
+    return False

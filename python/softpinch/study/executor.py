@@ -26,7 +26,7 @@ from ..support import checks
 from ..support.errors import VersionMismatchError
 from ..support.interrupt import CtrlC
 from ..support.progress import Report
-from .engine import Accept, Lost, Outcome, RunBlock, compute, how_many_threads
+from .engine import Accept, Lost, compute, how_many_threads
 from .rows import Rows, Spans
 from .spec import StudySpec
 
@@ -64,7 +64,7 @@ def _unpickled(spec: bytes) -> StudySpec:
     return found
 
 
-def work(call: str, attempt: int, version: int, spec: bytes, block: RunBlock, threads: int) -> Rows:
+def work(call: str, attempt: int, version: int, spec: bytes, block: Rows, threads: int) -> Rows:
     """Computes a block of runs on a worker, with at most one thread for each available core.
 
     `call` names the call of `monte_carlo` to which the block belongs, `attempt` counts from 1,
@@ -109,7 +109,7 @@ class _Task:
     """A block, its index in the order of all blocks, and the number of the current attempt."""
 
     place: int
-    block: RunBlock
+    block: Rows
     attempt: int = 1
 
 
@@ -119,7 +119,7 @@ class BlockScheduler:
     def __init__(
         self,
         submit: Callable[[_Task], Future[Rows]],
-        blocks: Iterable[RunBlock],
+        blocks: Iterable[Rows],
         accept: Accept,
         in_order: bool,
         ctrl_c: CtrlC,
@@ -187,7 +187,7 @@ class BlockScheduler:
         """The requested runs `asked` that could not be computed, sorted by their numbers."""
         found = list(self._lost)
         if self._stopped:
-            drawn = [Spans.of(task.block.numbers).edges for task in self._open.values()]
+            drawn = [Spans.of(task.block.run).edges for task in self._open.values()]
             rest = asked.within(self._drawn, np.iinfo(np.int64).max)
             spans = Spans.joined([*drawn, rest.edges])
             if spans.count:
@@ -206,7 +206,7 @@ class BlockScheduler:
                 self._exhausted = True
                 return False
             task = self._open[fresh.place] = fresh
-            self._drawn = int(task.block.numbers[-1]) + 1
+            self._drawn = int(task.block.run[-1]) + 1
         try:
             future = self._submit(task)
         except Exception as error:
@@ -226,7 +226,7 @@ class BlockScheduler:
         # Not raised here, because a worker's KeyboardInterrupt must not interrupt this process.
         error = CancelledError() if future.cancelled() else future.exception()
         rows = future.result() if error is None else None
-        if rows is not None and len(rows) < len(task.block.numbers):
+        if rows is not None and len(rows) < len(task.block.run):
             error = RuntimeError("the worker was interrupted")
         if error is None or (rows is not None and self._ctrl_c.pending and not self._in_order):
             self._lost_in_a_row = 0
@@ -246,7 +246,7 @@ class BlockScheduler:
             self._retries.append(task)
         else:
             reason = f"failed {_ATTEMPTS} times: {_error_text(error)}"
-            self._lost.append(Lost.of(Spans.of(task.block.numbers), reason))
+            self._lost.append(Lost.of(Spans.of(task.block.run), reason))
             self._settle(task, None)
             self._lost_in_a_row += 1
             if self._lost_in_a_row == _MOST_LOST_IN_A_ROW:
@@ -271,7 +271,7 @@ class BlockScheduler:
             self._next_place += 1
             if rows is not None:
                 self.done += len(rows)
-                self._enough = self._accept(rows.with_values(block.numbers, block.values))
+                self._enough = self._accept(rows.with_values(block))
 
 
 def _error_text(error: BaseException) -> str:
@@ -281,16 +281,17 @@ def _error_text(error: BaseException) -> str:
 
 def on_executor(
     spec: StudySpec,
-    blocks: Iterable[RunBlock],
+    blocks: Iterable[Rows],
     asked: Spans,
     given: Engine,
     threads: int,
     report: Report,
     accept: Accept,
     in_order: bool,
-) -> Outcome:
+) -> tuple[bool, tuple[Lost, ...]]:
     """Computes `blocks`, which have the runs `asked`, on the workers of an executor.
 
+    Returns whether Ctrl-C ended the computation, and the runs that the workers failed to compute.
     An executor that `given` makes is shut down at the end. With `in_order`, rows are accepted in
     the order of the blocks instead of the order of arrival, and Ctrl-C discards the completed runs
     of an unfinished block.
@@ -331,4 +332,4 @@ def on_executor(
             scheduler.cancel()
             if made:
                 executor.shutdown(wait=not scheduler.under_way)
-    return Outcome(ctrl_c.pending, scheduler.lost(asked), "at most 1024 a worker")
+    return ctrl_c.pending, scheduler.lost(asked)

@@ -131,16 +131,14 @@ def differentiated(
     shared = [] if differ else [along(spec.scene)]
     parts, failed = [], 0
     for first in range(0, len(rows), _BLOCK):
-        some = slice(first, first + _BLOCK)
-        columns = {name: column[some] for name, column in rows.columns.items()}
-        values = {path: columns[path] for path in varied}
+        some = rows.select(np.arange(first, min(first + _BLOCK, len(rows))))
+        values = spec.values(some)
         own = shared or [
             along(spec.varied.at({path: values[path][k] for path in varied}, run))
-            for k, run in enumerate(columns["run"].tolist())
+            for k, run in enumerate(some.run.tolist())
         ]
-        batch = spec.batch(columns["run"], values)
-        until = np.ascontiguousarray(columns["end_time"])
-        found, lost = _core.gradients(batch, own, until, wanted, threads)
+        until = some.columns["end_time"]
+        found, lost = _core.gradients(spec.batch(some), own, until, wanted, threads)
         parts.append(found)
         failed += len(lost)
     if failed:

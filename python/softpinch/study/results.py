@@ -21,7 +21,7 @@ from ..support.errors import NotRecordedError
 from ..support.record import plain
 from . import tables
 from .capsule import Capsule
-from .engine import Lost, Outcome
+from .engine import Lost
 from .estimates import Discretisation, Estimate, Mean
 from .estimates import plain as number_or_array
 from .gradients import Gradients
@@ -64,12 +64,12 @@ class Results(Shown, ABC):
     """
 
     requested: int
-    interrupted: bool
+    interrupted: bool = False
     # The number of unfinished runs that Ctrl-C discards, in words.
-    _under_way: str
+    _under_way: str = ""
     # The runs that have a row.
     _computed: Spans
-    lost: tuple[Lost, ...]
+    lost: tuple[Lost, ...] = ()
     trajectories: Mapping[int, Run]
     discretisation: dict[str, Discretisation] | None
 
@@ -77,10 +77,10 @@ class Results(Shown, ABC):
         """For internal use: users get results from `monte_carlo`."""
         # Without the sources, which may be large arrays and functions that cannot be pickled.
         self._spec = spec.described()
-        self._sampling = self._spec.plan.describe()
+        self._sampling = self._spec.draws.describe()
         self.scene: Scene = spec.scene
-        self.seed = spec.plan.seed
-        self.sampler: str = spec.plan.sampler
+        self.seed = spec.draws.seed
+        self.sampler: str = spec.draws.sampler
         self._names = tuple(spec.schema.entries)
 
     @abstractmethod
@@ -457,19 +457,11 @@ class Ensemble(Results):
 
     _gradients: Gradients | None = None
 
-    def __init__(
-        self,
-        spec: StudySpec,
-        rows: Rows,
-        *,
-        requested: int,
-        outcome: Outcome = Outcome(),  # noqa: B008, it never changes
-    ) -> None:
+    def __init__(self, spec: StudySpec, rows: Rows, *, requested: int) -> None:
         """For internal use: users get ensembles from `monte_carlo`."""
         super().__init__(spec)
         self._rows = rows
         self.requested = requested
-        self.interrupted, self.lost, self._under_way = outcome
         self.trajectories: dict[int, Run] = {}
         self.discretisation = None
         self._computed = Spans.of(rows.run)

@@ -282,11 +282,11 @@ class Schema:
 
 @dataclass(frozen=True, kw_only=True)
 class Rows:
-    """The result rows of some runs.
+    """Rows of some runs: what varies between them, their results, or both.
 
     Attributes:
-        columns: Name -> (runs, ...): run, status, message, holds, end_time, steps, first_pulling,
-            ..., the summaries, and the varied values by their paths.
+        columns: Name -> (runs, ...): run; the varied values by their paths; status, message,
+            holds, end_time, steps, first_pulling, ..., the summaries.
         interrupted: Whether Ctrl-C stopped the computation before all runs were done.
     """
 
@@ -350,13 +350,9 @@ class Rows:
             return self
         return self.select(np.argsort(self.run, kind="stable"))
 
-    def with_values(self, numbers: Numbers, values: Mapping[str, Floats]) -> Self:
-        """Adds the varied values of each run as columns.
-
-        `numbers` (k,) increase and include all runs of these rows; `values` are theirs, (k, ...).
-        """
-        rows = np.searchsorted(numbers, self.run)
-        own = {path: value[rows] for path, value in values.items()}
+    def with_values(self, block: Self) -> Self:
+        """Adds the varied values of a block, whose runs increase and include all of these."""
+        own = block.select(np.searchsorted(block.run, self.run)).columns
         return type(self)(columns={**self.columns, **own}, interrupted=self.interrupted)
 
 

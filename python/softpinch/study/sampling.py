@@ -1,7 +1,7 @@
-"""The plan of a study's draws: how each run gets its varied values.
+"""The draws of a study: how each run gets its varied values.
 
-    >>> plan = Plan({"grasped.mass": Normal(0.1, 0.01)}, 2000, shapes={"grasped.mass": ()})
-    >>> plan.draw(1)["grasped.mass"].shape
+    >>> draws = Draws({"grasped.mass": Normal(0.1, 0.01)}, 2000, shapes={"grasped.mass": ()})
+    >>> draws.draw(1)["grasped.mass"].shape
     (1024,)
 
 Runs are drawn in blocks of 1024. With the sampler "random", the numbers of a run depend only on the
@@ -39,7 +39,7 @@ _SOBOL_BITS = 30
 MOST_RUNS = 2**62
 
 
-class Plan:
+class Draws:
     """The draws of the varied values of all runs.
 
     Only one thread may draw at a time, because SciPy's distributions and its Sobol engine are
@@ -127,10 +127,6 @@ class Plan:
                 result[path][begin:end] = values[rows]
         return result
 
-    def draw_all(self) -> dict[str, Floats]:
-        """Draws all runs: path -> (runs, *shape of the field)."""
-        return self.rows(np.arange(self.runs, dtype=np.uint64))
-
     def describe(self) -> dict[str, Any]:
         """Describes the draws as plain data.
 
@@ -145,7 +141,7 @@ class Plan:
         }
 
     def described(self) -> Self:
-        """The plan with descriptions in place of sources: it is small, and draws nothing."""
+        """The same with descriptions in place of sources: small, and able to draw nothing."""
         sources = self.sources.values()
         if all(isinstance(source.value, Description) for source in sources):
             return self

@@ -25,7 +25,7 @@ from ..support.arrays import Floats
 from ..support.choices import Recordable
 from ..support.record import plain
 from .rows import Numbers, Rows, Schema, checked_event
-from .sampling import Plan
+from .sampling import Draws
 from .sources import Key
 
 SUMMARIES = ("final_state", *_core.SUMMARIES)
@@ -47,7 +47,7 @@ class StudySpec:
 
     Attributes:
         scene: The scene that all runs share, apart from the varied values.
-        plan: The draws of the varied values, with the number of runs, the seed and the sampler.
+        draws: The draws of the varied values, with the number of runs, the seed and the sampler.
         options: The options of every run; `RECORDING` is that of the trajectories.
         summaries: Names of the summaries to compute.
         band: Speed of the faces below which the object counts as settled, m/s.
@@ -57,7 +57,7 @@ class StudySpec:
     """
 
     scene: Scene
-    plan: Plan
+    draws: Draws
     options: Options
     summaries: tuple[str, ...]
     band: float
@@ -85,16 +85,16 @@ class StudySpec:
         checks.instance("scene", scene, Scene)
         vary = {} if vary is None else vary
         seed = checks.integer("seed", seed, 0, 2**64 - 1)
-        plan = Plan(vary, runs, seed, sampler, shapes=lambda paths: shapes_of(scene, paths))
+        draws = Draws(vary, runs, seed, sampler, shapes=lambda paths: shapes_of(scene, paths))
         spec = cls(
             scene=scene,
-            plan=plan,
+            draws=draws,
             options=options,
             summaries=names("summaries", summaries, SUMMARIES),
             band=checks.positive("settling_band", settling_band),
-            stop_when=_stop_when(stop_when, sampler, scene, plan.shapes),
+            stop_when=_stop_when(stop_when, sampler, scene, draws.shapes),
             check_dt=checks.boolean("check_dt", check_dt),
-            trajectories=_trajectories(trajectories, plan.runs),
+            trajectories=_trajectories(trajectories, draws.runs),
         )
         # A caller without trajectories leaves `record` empty.
         if options.record and spec._recorded() and not spec.trajectories:
@@ -105,17 +105,27 @@ class StudySpec:
     @property
     def shapes(self) -> Mapping[str, tuple[int, ...]]:
         """Path -> shape of the varied value of one run."""
-        return self.plan.shapes
+        return self.draws.shapes
 
-    @property
-    def refined(self) -> int:
-        """Factor by which `check_dt` reduces the steps or the tolerance."""
-        return 2 if self.options.tolerance is None else 10
+    def finer(self) -> Self:
+        """The study with half the steps or a tenth of the tolerance.
+
+        The largest number of steps grows by the same factor, which is enough for the tolerance.
+        """
+        dt, tolerance = self.options.dt, self.options.tolerance
+        factor = 2 if tolerance is None else 10
+        options = replace(
+            self.options,
+            dt=None if dt is None else dt / factor,
+            tolerance=None if tolerance is None else tolerance / factor,
+            max_steps=min(self.options.max_steps * factor, MOST_STEPS),
+        )
+        return replace(self, options=options)
 
     @cached_property
     def varied(self) -> SceneTemplate:
         """The template that takes the varied values."""
-        return SceneTemplate(self.scene, self.shapes, self.plan.seed)
+        return SceneTemplate(self.scene, self.shapes, self.draws.seed)
 
     @cached_property
     def schema(self) -> Schema:
@@ -124,8 +134,8 @@ class StudySpec:
 
     def described(self) -> Self:
         """The description for workers and results, which have the values and draw none."""
-        plan = self.plan.described()
-        return self if plan is self.plan else replace(self, plan=plan)
+        draws = self.draws.described()
+        return self if draws is self.draws else replace(self, draws=draws)
 
     def __getstate__(self) -> dict[str, Any]:
         # Without the cached properties, which workers compute again.
@@ -137,9 +147,9 @@ class StudySpec:
         For arrays it has only the shape, and for functions only the name.
         """
         settings = {
-            "runs": self.plan.runs,
-            "sampler": self.plan.sampler,
-            "seed": self.plan.seed,
+            "runs": self.draws.runs,
+            "sampler": self.draws.sampler,
+            "seed": self.draws.seed,
             **self.options.to_dict(),
             "summaries": list(self.summaries),
             "summaries_after": self.options.summaries_after,
@@ -151,7 +161,7 @@ class StudySpec:
         }
         return {
             "study": {name: value for name, value in settings.items() if value is not None},
-            "vary": self.plan.describe()["vary"],
+            "vary": self.draws.describe()["vary"],
             "scene": self.scene.to_dict(),
         }
 
@@ -188,24 +198,22 @@ class StudySpec:
         )
         return Run(scene, options, Request(scene, options).compute())
 
-    def batch(self, numbers: Numbers, values: Mapping[str, Floats], refine: int = 1) -> _core.Batch:
-        """The core's batch of some runs, with steps or tolerance smaller by the factor `refine`.
+    def block(self, numbers: Numbers) -> Rows:
+        """Draws the varied values of some runs, increasing."""
+        return Rows(columns={"run": numbers, **self.draws.rows(numbers)})
 
-        The largest number of steps grows by this factor, which is enough for a smaller tolerance.
-        """
-        options = self.options
-        finer = replace(
-            options,
-            dt=None if options.dt is None else options.dt / refine,
-            tolerance=None if options.tolerance is None else options.tolerance / refine,
-            max_steps=min(options.max_steps * refine, MOST_STEPS),
-        )
+    def values(self, rows: Rows) -> dict[str, Floats]:
+        """The varied values of some rows: path -> (k, ...)."""
+        return {path: rows.columns[path] for path in self.shapes}
+
+    def batch(self, block: Rows) -> _core.Batch:
+        """The core's batch of the runs of a block, which has their varied values."""
         return self.varied.batch(
-            values,
-            numbers,
+            self.values(block),
+            block.run,
             summaries=[name for name in self.summaries if name != "final_state"],
             band=self.band,
-            options=finer.core(),
+            options=self.options.core(),
         )
 
     def empty(self) -> Rows:

@@ -1,4 +1,4 @@
-"""Plans of draws: one of every kind of source, on every sort of field."""
+"""Draws: one of every kind of source, on every sort of field."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,7 +7,7 @@ import numpy as np
 from scipy import stats
 
 from softpinch.study.distributions import Choice, LogUniform, Normal, Uniform
-from softpinch.study.sampling import Plan
+from softpinch.study.sampling import Draws
 
 SHAPES: dict[str, tuple[int, ...]] = {
     "mass": (),
@@ -19,10 +19,14 @@ SHAPES: dict[str, tuple[int, ...]] = {
 }
 
 
-def plan(
+def draws(
     vary: Mapping[Any, Any], runs: int | None = 3000, seed: int = 0, sampler: str = "random"
-) -> Plan:
-    return Plan(vary, runs, seed, sampler, shapes=lambda paths: {p: SHAPES[p] for p in paths})
+) -> Draws:
+    return Draws(vary, runs, seed, sampler, shapes=lambda paths: {p: SHAPES[p] for p in paths})
+
+
+def draw_all(made: Draws) -> dict[str, Any]:
+    return made.rows(np.arange(made.runs, dtype=np.uint64))
 
 
 def gamma(rng: np.random.Generator) -> float:
