@@ -3,8 +3,10 @@
 make bench-ensemble
 """
 
+import io
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import redirect_stdout
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -29,6 +31,26 @@ DT = 1e-4
 # What the steps of `DT` may be off: RK4 after 0.2 s is at 2e-9, on the way there at 2e-8.
 BOUND, BOUND_QUICK = 1e-8, 1e-7
 OURS = [m for m in ("rk4", "dop853", "rosenbrock", "radau5") if m in _core.METHODS]
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is measured.
+
+    Attributes:
+        rounds: Turns of everyone, of which the median counts.
+        seconds: A participant that has computed so long is not repeated more than three times.
+        every: Of the settings of a ladder one of so many is tried.
+        search: Largest time of the search for one participant's setting, s.
+    """
+
+    rounds: int
+    seconds: float
+    every: int
+    search: float
+
+
+FULL, SHORT, SHOWN = Effort(11, 20.0, 1, 120.0), Effort(3, 1.0, 2, 8.0), Effort(1, 1.0, 8, 1.0)
 
 
 def our_run(work: Work, setting: tuple[str, str, str, float], threads: int = 1) -> Any:
@@ -62,10 +84,14 @@ def _ours(formulation: str, threads: int) -> str:
     return f"ours, {formulation}, {threads} thread{'s' if threads > 1 else ''}"
 
 
-def steps(quick: bool) -> None:
-    """The same steps by everyone who takes steps, each checked before it is timed."""
+def steps(effort: Effort) -> list[str]:
+    """The same steps by everyone who takes steps, each checked before it is timed.
+
+    Returns what the first line says of it.
+    """
     from ensemble_peers import PEERS
 
+    quick = effort is SHOWN
     work = grasp(*QUICK) if quick else grasp()
     probes = work.only(work.probes)
     names: list[str] = []
@@ -97,7 +123,7 @@ def steps(quick: bool) -> None:
     print(f"{work.name}: {work.runs} runs, RK4, dt = {DT:g}, final states only")
     print(f"reference: {len(work.probes)} of them by {work.truth.method}")
     print(f"  {'':40s} {'error':>8s} {'million steps/s':>16s} {'quartiles':>15s} {'cores':>6s}")
-    spent = clock(works, 1 if quick else 11, budget=20.0)
+    spent = clock(works, effort.rounds, budget=effort.seconds)
     for name, error, times, again in zip(names, errors, spent, works, strict=True):
         low, middle, high = np.quantile(count / times / 1e6, (0.25, 0.5, 0.75))
         rates = f"{middle:16.2f} {low:7.2f} {high:7.2f}"
@@ -109,6 +135,15 @@ def steps(quick: bool) -> None:
         if one is not None and two is not None:
             ratio = np.median([a / b for a, b in zip(one, two, strict=False)])
             print(f"  ours, {formulation}: two threads are {ratio:.2f} times one")
+    fastest = min((np.median(t) for name, t in by_name.items() if "ours" not in name), default=None)
+    if fastest is None:
+        return []
+    ratios = [
+        f"{formulation} {fastest / np.median(by_name[_ours(formulation, 1)]):.2f}"
+        for formulation in ("csm", "nullspace")
+        if _ours(formulation, 1) in by_name
+    ]
+    return [f"equal steps, ours to the best peer: {', '.join(ratios)}"]
 
 
 @dataclass
@@ -121,13 +156,12 @@ class Racer:
     ours: bool
 
 
-def _racers(work: Work, probes: Work, quick: bool) -> list[Racer]:
+def _racers(work: Work, probes: Work, effort: Effort) -> list[Racer]:
     from ensemble_peers import PEERS
     from peers import TOLERANCES
 
-    every = 8 if quick else 1
-    steps = [16e-3 / 2 ** (k / 4) for k in range(0, 52, every)]
-    tolerances = TOLERANCES[::every]
+    steps = [16e-3 / 2 ** (k / 4) for k in range(0, 52, effort.every)]
+    tolerances = TOLERANCES[:: effort.every]
     racers = []
     # Each on its own: on a few probes the fastest of all runs is not seen.
     for method in OURS:
@@ -159,11 +193,15 @@ def _setting(setting: Any) -> str:
 
 
 def _table(
-    work: Work, racers: Sequence[Racer], found: Sequence[Found], level: float, rounds: int
-) -> None:
-    """Times those that got there, side by side, and prints them, the fastest first."""
+    work: Work, racers: Sequence[Racer], found: Sequence[Found], level: float, effort: Effort
+) -> float:
+    """Times those that got there, side by side, and prints them, the fastest first.
+
+    Returns how many times ours is as fast as the best peer, nan without one.
+    """
     there = [(r, f) for r, f in zip(racers, found, strict=True) if f.setting is not None]
-    spent = clock([partial(r.solve, f.setting) for r, f in there], rounds, budget=10.0)
+    runs = [partial(r.solve, f.setting) for r, f in there]
+    spent = clock(runs, effort.rounds, budget=effort.seconds / 2)
     rated = [
         (r.runs / float(np.median(times)), r, f) for (r, f), times in zip(there, spent, strict=True)
     ]
@@ -190,19 +228,25 @@ def _table(
     if peer:
         print(f"  ours at its best: {best / peer[0]:.2f} times {peer[2].entry.name}")
     print(flush=True)
+    return best / peer[0] if peer else np.nan
 
 
-def error(quick: bool) -> None:
-    """Runs a second, each at the loosest setting that meets the error on every probe."""
+def error(effort: Effort) -> list[str]:
+    """Runs a second, each at the loosest setting that meets the error on every probe.
+
+    Returns what the first line says of it.
+    """
+    quick, ratios = effort is SHOWN, []
     for work in (grasp(*QUICK),) if quick else (grasp(), manipulation()):
         probes = work.only(work.probes)
         print(f"{work.name}: {work.runs} runs; reference: {len(work.probes)} of them by ", end="")
         print(probes.truth.method, flush=True)
-        racers = _racers(work, probes, quick)
+        racers = _racers(work, probes, effort)
         for level in LEVELS[:1] if quick else LEVELS:
-            budget = 1.0 if quick else 120.0
-            found = [cheapest(r.entry, probes.truth, level, budget) for r in racers]
-            _table(work, racers, found, level, 1 if quick else 11)
+            found = [cheapest(r.entry, probes.truth, level, effort.search) for r in racers]
+            ratio = _table(work, racers, found, level, effort)
+            ratios.append(f"{ratio:.2f} ({work.scene.duration:g} s at {level:.0e})")
+    return [f"equal error, ours to the best peer: {', '.join(ratios)}"]
 
 
 ABOUT = """\
@@ -215,7 +259,10 @@ where it is more than the threads, a library started its own; where less, the ma
 
 def main() -> None:
     parts = {"steps": steps, "error": error}
-    given = parser(__doc__, list(parts)).parse_args()
+    made = parser(__doc__, list(parts))
+    made.add_argument("--short", action="store_true", help="fewer turns and settings: two minutes")
+    given = made.parse_args()
+    effort = SHOWN if given.quick else SHORT if given.short else FULL
     from ensemble_peers import COMPILERS, MISSING, compiler_version
 
     # Told by the table: what a step beyond stability gives is an error or a failure.
@@ -224,9 +271,10 @@ def main() -> None:
     print(describe(libraries=["scipy", *libraries], missing=MISSING))
     for name, path in COMPILERS.items():
         print(f"compiler   {name}: {compiler_version(path)}")
-    print(f"\n{ABOUT}")
-    for name in given.part or parts:
-        parts[name](given.quick)
+    # The tables wait for the summary, which comes first.
+    with redirect_stdout(io.StringIO()) as tables:
+        summary = [line for name in given.part or parts for line in parts[name](effort)]
+    print("", *summary, f"\n{ABOUT}", tables.getvalue(), sep="\n")
 
 
 if __name__ == "__main__":
