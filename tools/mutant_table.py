@@ -68,7 +68,7 @@ MUTANTS = (
         "stabilization",
     ),
     Mutant(
-        "formulation/equations.rs", "half.mul_add(change[k], p[k])", "change[k] + p[k]", "energy"
+        "formulation/equations.rs", "half.mul_add(change, p)", "change + p", "energy"
     ),
     Mutant("method/rk4.rs", "R::constant(1.0 / 3.0) * h", "R::constant(0.3334) * h", "convergence"),
     Mutant("method/rk4.rs", "drive.at(tau + half)", "drive.at(tau)", "convergence"),
@@ -255,7 +255,7 @@ MUTANTS = (
     ),
     Mutant(
         "stepping/summary.rs",
-        ".min_in(instant.q[D_N + 1], seen)",
+        ".min_in(left, seen)",
         "",
         "ensemble",
     ),
@@ -330,7 +330,7 @@ MUTANTS = (
     ),
     Mutant(
         "model/forces.rs",
-        "self.masses[FINGER].mul_add(acceleration[0], -others[0])",
+        "self.masses.finger[0].mul_add(acceleration[0], -others[0])",
         "-others[0]",
         "driven",
     ),
@@ -486,8 +486,8 @@ MUTANTS = (
     ),
     Mutant(
         "analysis/balance.rs",
-        "sigma[i] = thickness.mul_add(tilt[i], signed(i, geometry.contacts[i].a)) + q[D_T + i];",
-        "sigma[i] = thickness.mul_add(tilt[i], geometry.contacts[i].a) + q[D_T + i];",
+        "sigma[i] = thickness.mul_add(tilt[i], signed(i, geometry.contacts[i].a)) + q.shear[i];",
+        "sigma[i] = thickness.mul_add(tilt[i], geometry.contacts[i].a) + q.shear[i];",
         "test_equilibrium",
     ),
     Mutant(

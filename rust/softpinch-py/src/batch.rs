@@ -93,8 +93,8 @@ impl Batch {
             Start::Touching => State::at_rest(touching(&parameters)?),
             Start::At { q, p, memory, time, grid, linearized, contact, controller } => State {
                 time: own(time, run),
-                q: own(q, run),
-                p: own(p, run),
+                q: own(q, run).into(),
+                p: own(p, run).into(),
                 memory: own(memory, run),
                 grid: *grid,
                 linearized: *linearized,

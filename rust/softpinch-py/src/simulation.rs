@@ -61,8 +61,8 @@ impl Simulation {
             inputs: inputs.of(0, origin).map_err(raise)?,
             initial: State {
                 time,
-                q: fixed("initial.q", &q)?,
-                p: fixed("initial.p", &p)?,
+                q: fixed("initial.q", &q)?.into(),
+                p: fixed("initial.p", &p)?.into(),
                 memory: fixed("initial.integral", &integral)?,
                 grid,
                 linearized: linearized.map(|point| fixed("initial.linearized", &point)).transpose()?,

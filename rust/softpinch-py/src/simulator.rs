@@ -65,8 +65,8 @@ fn code(status: Option<Status>) -> u8 {
 fn given((time, q, p, memory, grid, contact, check): &GivenState<'_>) -> PyResult<(State, bool)> {
     let state = State {
         time: *time,
-        q: fixed("State.q", q)?,
-        p: fixed("State.p", p)?,
+        q: fixed("State.q", q)?.into(),
+        p: fixed("State.p", p)?.into(),
         memory: *memory,
         grid: *grid,
         linearized: None,
@@ -233,7 +233,7 @@ impl Simulator {
         let runs = self.runs()?;
         let State { time, q, p, memory, grid, contact, .. } = runs.core.state(runs.require(run)?);
         let contact = contact.as_ref().map(|row| row.to_pyarray(py));
-        Ok((*time, q.to_pyarray(py), p.to_pyarray(py), *memory, *grid, contact))
+        Ok((*time, q.row().to_pyarray(py), p.row().to_pyarray(py), *memory, *grid, contact))
     }
 
     /// Puts a run back to its start, or to the start of another run.

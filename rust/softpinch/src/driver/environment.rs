@@ -60,6 +60,7 @@ pub(super) struct Outcome {
 impl Environment {
     pub(super) fn new(scene: Scene) -> Self {
         let State { time, q, p, .. } = scene.initial;
+        let (q, p) = (q.row(), p.row());
         let observed =
             Observed { t: time, q, p, multipliers: [0.0; 4], status: None, message: String::new() };
         let start = (scene.initial.clone(), scene.check);
@@ -123,6 +124,7 @@ impl Environment {
         let State { time: t, q, p, .. } = *state;
         self.span = span;
         let status = (t >= span.end).then_some(Status::Completed);
+        let (q, p) = (q.row(), p.row());
         self.observed = Observed { t, q, p, multipliers, status, message: String::new() };
         Ok(())
     }
@@ -139,7 +141,7 @@ impl Environment {
         self.until = until;
         let goes_on = status == Status::Completed && until < self.span.end;
         let status = if goes_on { None } else { Some(status) };
-        self.observed = Observed { t, q, p, multipliers, status, message };
+        self.observed = Observed { t, q: q.row(), p: p.row(), multipliers, status, message };
     }
 }
 

@@ -46,6 +46,7 @@ impl Row {
         let Finished { number, status, message, last, first_times, holds, summaries, stats, .. } = finished;
         let Instant { t, q, p, .. } = last.instant;
         let (violations, steps) = (first_times, stats.steps);
+        let (q, p) = (q.row(), p.row());
         Self { run: number, status, message, t, q, p, violations, holds, steps, summaries }
     }
 
@@ -61,8 +62,8 @@ impl Row {
             status: run.status,
             message: if run.status == Status::Completed { String::new() } else { run.message },
             t: run.last.t,
-            q: run.last.q,
-            p: run.last.p,
+            q: run.last.q.row(),
+            p: run.last.p.row(),
             violations,
             holds: run.holds,
             steps: run.stats.steps,

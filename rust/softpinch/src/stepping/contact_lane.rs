@@ -10,7 +10,6 @@ use crate::model::contact::Side;
 use crate::model::contact_modes::{ContactRow, Contacts, Mode, Slip};
 use crate::model::drive::SegmentDrive;
 use crate::model::geometry::Geometry;
-use crate::model::index::D_N;
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;
@@ -316,7 +315,7 @@ fn contacts_at(parameters: &Parameters, State { q, p, .. }: &State) -> ([Contact
     let mut approaches = false;
     let contacts = std::array::from_fn(|i| {
         let [place, normal, tangential] = allowed[i];
-        let reaches = q[D_N + i] - gaps[i] >= -place;
+        let reaches = q.compression[i] - gaps[i] >= -place;
         let closed = reaches && gaps[i] <= place && rates[i] <= normal;
         approaches |= closed && rates[i] < -normal;
         let slip = match rates[2 + i] {

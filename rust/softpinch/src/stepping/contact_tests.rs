@@ -91,7 +91,8 @@ fn causes(run: &Run) -> Vec<Cause> {
 }
 
 fn error(found: &Run, exact: &Run) -> f64 {
-    (0..9).map(|k| (found.last.q[k] - exact.last.q[k]).abs()).fold(0.0, f64::max)
+    let (found, exact) = (found.last.q.row(), exact.last.q.row());
+    (0..9).map(|k| (found[k] - exact[k]).abs()).fold(0.0, f64::max)
 }
 
 /// Through a slip, a graze, an opening and an impact the error falls with the power of the step that is the

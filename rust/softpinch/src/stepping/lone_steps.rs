@@ -113,7 +113,7 @@ mod tests {
         let friction = Friction { right: 0.5, left: 0.5 };
         let parameters = Parameters { friction, ..Parameters::default() };
         let initial = State::at_rest(contact(&parameters).unwrap());
-        let (q, p, memory) = (initial.q, [0.01; 9], initial.memory);
+        let (q, p, memory) = (initial.q, [0.01; 9].into(), initial.memory);
         let inputs = Inputs::constant_targets([0.12; 2]);
         let scene = Scene { initial, parameters, inputs, check: false, duration: 1.0 };
         let drive = scene.inputs.segment(0.0);

@@ -2,6 +2,7 @@
 
 use crate::error::Error;
 use crate::model::contact_modes::ContactRow;
+use crate::model::coordinates::Coordinates;
 use crate::model::energy::{BILATERAL_WORKS, LedgerRow, WORKS};
 use crate::model::motion::Linearized;
 use crate::model::start::State;
@@ -127,9 +128,9 @@ pub struct Instant {
     /// Start of its segment and steps since then, so that a resumed run gives the same bits.
     pub grid: (f64, u64),
     /// Coordinates.
-    pub q: [f64; 9],
+    pub q: Coordinates,
     /// Velocities.
-    pub p: [f64; 9],
+    pub p: Coordinates,
     /// Controllers' memories.
     pub memory: [f64; 2],
     /// Multipliers.
@@ -200,8 +201,8 @@ impl Recording {
     pub(crate) fn state_at(&self, k: usize) -> crate::model::start::State {
         crate::model::start::State {
             time: self.t[k],
-            q: self.q[k],
-            p: self.p[k],
+            q: self.q[k].into(),
+            p: self.p[k].into(),
             memory: self.memory[k],
             grid: Some((self.grid_anchor[k], self.grid_step[k])),
             linearized: self.linearized.get(k).filter(|point| !point[0].is_nan()).copied(),
@@ -285,8 +286,8 @@ impl Recording {
     pub fn push(&mut self, instant: &Instant, ledger: impl FnOnce() -> LedgerRow) {
         self.t.push(instant.t);
         if self.selection.state {
-            self.q.push(instant.q);
-            self.p.push(instant.p);
+            self.q.push(instant.q.row());
+            self.p.push(instant.p.row());
             self.memory.push(instant.memory);
             self.grid_anchor.push(instant.grid.0);
             self.grid_step.push(instant.grid.1);

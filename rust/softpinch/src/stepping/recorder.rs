@@ -271,7 +271,7 @@ mod tests {
     }
 
     fn sample(scene: &Scene, t: f64) -> Sample {
-        let instant = Instant { t, q: [t; 9], ..Instant::start(&scene.initial) };
+        let instant = Instant { t, q: [t; 9].into(), ..Instant::start(&scene.initial) };
         Sample { instant, works: [0.0; WORKS], linearized: None, before_sample: false }
     }
 

@@ -21,7 +21,7 @@ impl Sample {
     /// Whether all numbers of the instant are finite.
     pub fn is_finite(&self) -> bool {
         let Instant { q, p, memory, multipliers, residuals, torque, .. } = &self.instant;
-        [&q[..], p, memory, multipliers, residuals, torque, &self.works]
+        [&q.row()[..], &p.row(), memory, multipliers, residuals, torque, &self.works]
             .into_iter()
             .flatten()
             .all(|number| number.is_finite())
