@@ -67,9 +67,7 @@ MUTANTS = (
         "beta: R::constant(1.01 * beta)",
         "stabilization",
     ),
-    Mutant(
-        "formulation/equations.rs", "half.mul_add(change, p)", "change + p", "energy"
-    ),
+    Mutant("formulation/equations.rs", "half.mul_add(change, p)", "change + p", "energy"),
     Mutant("method/rk4.rs", "R::constant(1.0 / 3.0) * h", "R::constant(0.3334) * h", "convergence"),
     Mutant("method/rk4.rs", "drive.at(tau + half)", "drive.at(tau)", "convergence"),
     Mutant(

@@ -105,7 +105,7 @@ fn start_driven<'py>(
     let contact = lookup("contact", contact, &CONTACT_MODELS).map_err(raise)?;
     let inputs = inputs.of(0, 0.0).map_err(raise)?;
     let state = start::driven(&self::parameters(&parameters)?, &inputs, time, contact).map_err(raise)?;
-    Ok((state.q.row().to_pyarray(py), state.p.row().to_pyarray(py)))
+    Ok((state.motion.q.row().to_pyarray(py), state.motion.p.row().to_pyarray(py)))
 }
 
 type QandP<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);

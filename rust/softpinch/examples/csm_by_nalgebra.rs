@@ -11,6 +11,7 @@ use softpinch::method::table::Method;
 use softpinch::model::contact::Side;
 use softpinch::model::geometry::Geometry;
 use softpinch::model::inputs::Inputs;
+use softpinch::model::motion::Motion;
 use softpinch::model::parameters::{Parameters, Stabilization};
 use softpinch::model::scene::Scene;
 use softpinch::model::start::{State, contact};
@@ -106,7 +107,7 @@ pub fn specified(
     step: StepOf,
     (h, steps): (f64, usize),
 ) -> Vec<SVector<f64, 22>> {
-    let State { q, p, memory, .. } = &scene.initial;
+    let Motion { q, p, memory } = &scene.initial.motion;
     let mut y = SVector::from_iterator(q.row().into_iter().chain(p.row()).chain(*memory));
     let row = |_| {
         let (k1, lambda) = rates(scene, gains, &y);

@@ -24,6 +24,7 @@ use crate::model::contact::Side;
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::geometry::Geometry;
 use crate::model::inputs::Inputs;
+use crate::model::motion::Motion;
 use crate::model::parameters::{Finger, Fingertip, GraspedObject, Parameters, PidGains};
 use crate::model::piecewise::PiecewisePolynomial;
 use crate::model::scene::Scene;
@@ -84,10 +85,12 @@ fn lopsided() -> Scene {
     };
     let mut initial = State::at_rest(contact(&parameters).expect("the tips reach the object"));
     let offset = Coordinates::from([1e-3, -2e-3, 0.05, 0.02, 0.04, 3e-3, 2.5e-3, 4e-4, -3e-4]);
-    let q = initial.q;
-    initial.q = each_coordinate!([q, offset] => q + offset);
-    initial.p = each_coordinate!([offset] => 10.0 * offset);
-    initial.memory = [-1e-3, 2e-3];
+    let q = initial.motion.q;
+    initial.motion = Motion {
+        q: each_coordinate!([q, offset] => q + offset),
+        p: each_coordinate!([offset] => 10.0 * offset),
+        memory: [-1e-3, 2e-3],
+    };
     let push = PiecewisePolynomial::constant([0.8, -1.3, 0.02]);
     let schedule = PiecewisePolynomial::constant([0.12, 0.07]);
     let inputs = Inputs::new(schedule.into(), vec![push.into()], vec![], vec![], vec![]).expect("valid");
@@ -117,7 +120,7 @@ fn runs_agree_with_the_specification() {
 #[test]
 fn the_kernel_multiplies_by_the_constraint_matrix() {
     let Scene { parameters, initial, .. } = lopsided();
-    let geometry = Geometry::new(&Side::both(&parameters), &initial.q, &initial.p);
+    let geometry = Geometry::new(&Side::both(&parameters), &initial.motion.q, &initial.motion.p);
     let phi = geometry.constraint_matrix();
     let close = |found: &[f64], expected: &[f64]| {
         found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() <= 1e-15)

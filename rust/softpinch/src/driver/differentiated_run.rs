@@ -198,11 +198,10 @@ impl<R: Lanes> LaneTask<R> for Begin<'_, '_, R> {
     fn run(self) -> Self::Output {
         let Self(run, drive) = self;
         let initial = &run.scene.initial;
-        let motion = Motion { q: initial.q, p: initial.p, memory: initial.memory };
-        let Motion { q, p, mut memory } = Motion::<RunDual<R>>::constant(&motion);
+        let Motion { q, p, mut memory } = Motion::<RunDual<R>>::constant(&initial.motion);
         let (mut q, mut p) = (q.row(), p.row());
         if let Some(start) = run.start {
-            let derived = start.varied(&run.source, &drive.at(RunDual::zero()), &initial.q);
+            let derived = start.varied(&run.source, &drive.at(RunDual::zero()), &initial.motion.q);
             let (derived_q, derived_p) = (derived.q.row(), derived.p.row());
             for n in 0..9 {
                 (q[n].slope, p[n].slope) = (derived_q[n].slope, derived_p[n].slope);

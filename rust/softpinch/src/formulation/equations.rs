@@ -89,8 +89,8 @@ pub struct Terms<R> {
 pub trait Equations<R: Real>: Copy + Debug {
     /// The law of the fingers.
     type Fingers: Controller<R>;
-    /// Whether the states can leave the constraints: they have all deformations and their rates. Otherwise they have
-    /// the shears, and the constraints determine the rest.
+    /// Whether the states can leave the constraints. If so, they have all deformations with their rates; if not, they
+    /// have the shears, and the constraints determine the rest.
     const DRIFTS: bool = true;
     /// Number of coordinates that are states with their rates: the object's, those of fingers that the schedule does not
     /// prescribe, and deformations if the states can drift.

@@ -1,7 +1,6 @@
-//! One record for all numbers that come by coordinate.
+//! The record that has one number for each coordinate.
 
-use crate::number::lanes::{Bits, Lanes};
-use crate::number::real::Real;
+use crate::number::real::{Bits, Real};
 
 /// One number for each of the nine coordinates: their values, rates or accelerations, or forces or masses. Rows and
 /// arrays at the border have the numbers in the order of these fields.
@@ -67,27 +66,5 @@ impl<R: Real> Coordinates<R> {
     #[inline(always)]
     pub fn select(bits: Bits, a: &Self, b: &Self) -> Self {
         each_coordinate!([a, b] => R::select(bits, a, b))
-    }
-
-    /// The same numbers of type `R`.
-    #[inline(always)]
-    pub fn constant(numbers: &Coordinates) -> Self {
-        each_coordinate!([numbers] => R::constant(numbers))
-    }
-}
-
-impl<R: Lanes> Coordinates<R> {
-    /// The numbers of one lane.
-    #[inline(always)]
-    pub fn lane(&self, lane: usize) -> Coordinates {
-        let all = self;
-        each_coordinate!([all] => all.lane(lane))
-    }
-}
-
-impl Coordinates {
-    /// Whether all numbers are finite.
-    pub fn is_finite(&self) -> bool {
-        self.row().iter().all(|number| number.is_finite())
     }
 }

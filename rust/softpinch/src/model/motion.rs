@@ -25,8 +25,8 @@ impl<R: Real> Motion<R> {
 
     /// The same motion in numbers of type `R`.
     pub fn constant(Motion { q, p, memory }: &Motion<f64>) -> Self {
-        let memory = memory.map(R::constant);
-        Self { q: Coordinates::constant(q), p: Coordinates::constant(p), memory }
+        let (q, p) = (each_coordinate!([q] => R::constant(q)), each_coordinate!([p] => R::constant(p)));
+        Self { q, p, memory: memory.map(R::constant) }
     }
 }
 
@@ -35,7 +35,8 @@ impl<R: Lanes> Motion<R> {
     #[inline(always)]
     pub fn lane(&self, lane: usize) -> Motion<f64> {
         let Self { q, p, memory: [right, left] } = self;
-        Motion { q: q.lane(lane), p: p.lane(lane), memory: [right.lane(lane), left.lane(lane)] }
+        let (q, p) = (each_coordinate!([q] => q.lane(lane)), each_coordinate!([p] => p.lane(lane)));
+        Motion { q, p, memory: [right.lane(lane), left.lane(lane)] }
     }
 }
 

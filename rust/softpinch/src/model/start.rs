@@ -27,12 +27,8 @@ const ROUND_OFF: f64 = 1e-13;
 pub struct State {
     /// Time on the clock of schedule and disturbances, s.
     pub time: f64,
-    /// Coordinates.
-    pub q: Coordinates,
-    /// Velocities.
-    pub p: Coordinates,
-    /// The controllers' memories: for PID the integral of the angle's error, rad s.
-    pub memory: [f64; 2],
+    /// The motion. The memories of PID controllers are the integrals of the angles' errors, rad s.
+    pub motion: Motion<f64>,
     /// Start of the segment that the state lies in, and number of steps since then, so that a resumed run
     /// takes the same steps.
     pub grid: Option<(f64, u64)>,
@@ -50,9 +46,7 @@ impl State {
     pub fn at_rest(q: Coordinates) -> Self {
         Self {
             time: 0.0,
-            q,
-            p: Coordinates::zero(),
-            memory: [0.0; 2],
+            motion: Motion { q, ..Motion::zero() },
             grid: None,
             linearized: None,
             contact: None,
@@ -209,7 +203,7 @@ pub fn driven(
             (q.compression[i], p.compression[i], p.shear[i]) = (0.0, 0.0, 0.0);
         }
     }
-    Ok(State { time: t, p, ..State::at_rest(q) })
+    Ok(State { time: t, motion: Motion { q, p, ..Motion::zero() }, ..State::at_rest(q) })
 }
 
 /// Refuses an initial state in which driven fingers are not where the schedule has them. Round-off is
@@ -218,7 +212,8 @@ pub fn require_scheduled(parameters: &Parameters, inputs: &Inputs, initial: &Sta
     let Input { target, target_rate, .. } = inputs.segment(initial.time).at(0.0);
     let usual = Motion::typical_magnitudes(parameters).p.finger[0];
     let pace = usual.max(target_rate[0].abs()).max(target_rate[1].abs());
-    for (name, found, asked, size) in [("q", &initial.q, target, 1.0), ("p", &initial.p, target_rate, pace)] {
+    let Motion { q, p, .. } = &initial.motion;
+    for (name, found, asked, size) in [("q", q, target, 1.0), ("p", p, target_rate, pace)] {
         for i in 0..2 {
             let (value, asked) = (found.finger[i], asked[i]);
             let off = (value - asked).abs();
@@ -415,7 +410,7 @@ mod tests {
                 let (parameters, target) = beside(by);
                 let inputs = Inputs::constant(target, [0.0; 3], Fingers::Driven);
                 let driven = driven(&parameters, &inputs, 0.0, ContactModel::Bilateral).unwrap();
-                [contact(&parameters).unwrap(), touching(&parameters).unwrap(), driven.q]
+                [contact(&parameters).unwrap(), touching(&parameters).unwrap(), driven.motion.q]
             };
             let (before, now, after) = (starts(-STEP), starts(0.0), starts(STEP));
             let zero = Dual::<f64, 1>::zero();

@@ -190,8 +190,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         };
         let place = place(number, &scene)?;
         let initial = &scene.initial;
-        let start = Motion { q: initial.q, p: initial.p, memory: initial.memory };
-        put_motion(&mut self.start, lane, &start);
+        put_motion(&mut self.start, lane, &initial.motion);
         for noted in &mut self.noted {
             *noted &= !bit;
         }

@@ -238,7 +238,7 @@ impl EventStepper<'_> {
         }
         let Some(Chosen { modes, returned }) = chosen else {
             let (terms, _) = self.terms_at(place.tau, &place.y);
-            let finite = terms.response.acceleration.is_finite();
+            let finite = terms.response.acceleration.row().iter().all(|a| a.is_finite());
             return Err(place.end(if finite { Reason::NoMode } else { Reason::NotFinite }));
         };
         if modes == self.run.modes() && !(returned || stops) {

@@ -167,9 +167,8 @@ pub fn contact(scene: &Scene, last: &Instant, reason: Reason, [right, left]: [Mo
 /// slipped over it.
 fn lost(scene: &Scene, last: &Instant, loss: Loss, modes: [Mode; 2]) -> String {
     let sides = Side::both(&scene.parameters);
-    let initial = &scene.initial;
-    let [start, now] =
-        [(&initial.q, &initial.p), (&last.q, &last.p)].map(|(q, p)| Geometry::new(&sides, q, p).contacts);
+    let (initial, last) = (&scene.initial.motion, &last.motion);
+    let [start, now] = [initial, last].map(|motion| Geometry::new(&sides, &motion.q, &motion.p).contacts);
     let half = 0.5 * scene.parameters.grasped.height;
     let of = |i: usize| {
         // The integral of C^N (12), in which a - d_n in front of theta_p-dot is taken by the trapezoidal rule.

@@ -21,13 +21,10 @@ pub fn watched<R: Lanes>(
     grid: (f64, u64),
 ) -> Sample {
     let Evaluation { motion, multipliers, residuals, torque, .. } = now;
-    let Motion { q, p, memory } = motion.lane(lane);
     let instant = Instant {
         t,
         grid,
-        q,
-        p,
-        memory,
+        motion: motion.lane(lane),
         multipliers: column(multipliers, lane),
         residuals: column(residuals, lane),
         torque: column(torque, lane),
@@ -38,8 +35,8 @@ pub fn watched<R: Lanes>(
 
 /// The row of the energy ledger at an instant.
 pub(super) fn ledger<R: Lanes>(system: &impl System<R>, watched: &Sample) -> LedgerRow {
-    let Sample { instant: Instant { q, p, memory, contact, .. }, works, .. } = watched;
-    let motion = Motion::constant(&Motion { q: *q, p: *p, memory: *memory });
+    let Sample { instant: Instant { motion, contact, .. }, works, .. } = watched;
+    let motion = Motion::constant(motion);
     let mut contacts = Contacts::sticking();
     if let Some([right, left, right_tilt, left_tilt]) = contact {
         contacts.free = [u8::from(*right == 0.0), u8::from(*left == 0.0)];

@@ -379,12 +379,12 @@ pub fn violating_turning_point(
 /// Explains, with numbers, why a run ends on `violation` at an instant. `begins` is true at the first instant
 /// of the run.
 pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, instant: &Instant) -> String {
-    let Instant { q, p, multipliers, contact, .. } = instant;
+    let Instant { motion, multipliers, contact, .. } = instant;
+    let Motion { q, p, .. } = motion;
     let t = seconds(instant.t);
     let geometry = Geometry::new(&Side::both(parameters), q, p);
     let limits = Limits::<f64>::new(parameters);
-    let motion = Motion { q: *q, p: *p, memory: [0.0; 2] };
-    let state = ContactState::at(&motion, multipliers, &geometry, [0.0; 2]);
+    let state = ContactState::at(motion, multipliers, &geometry, [0.0; 2]);
     let mut i = 1;
     limits.conditions(&state, None, 0, false, |condition| {
         if matches!(condition.failure, Failure::Violation(own) if own == violation) && condition.fails() != 0

@@ -94,7 +94,7 @@ proptest! {
                     let found = sensitivities(&scene, &options, Some(start), &directions, &end, &|| false);
                     let found = found.unwrap().unwrap();
                     prop_assert_eq!((found.numbers.len(), &found.failed), (COMPONENTS, &None));
-                    let end = |at: f64| simulate(&line.scene(at), &options, &|| false).unwrap().0.last;
+                    let end = |at: f64| simulate(&line.scene(at), &options, &|| false).unwrap().0.last.motion;
                     let (before, after) = (end(-CHANGE), end(CHANGE));
                     for (first, before, after) in [(0, before.q, after.q), (9, before.p, after.p)] {
                         let (before, after) = (before.row(), after.row());

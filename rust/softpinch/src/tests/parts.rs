@@ -269,8 +269,8 @@ fn a_wedge_moves_as_an_independent_program_says() {
             Options { steps: Steps::Free { tolerance: 1e-12 }, formulation, method, ..Options::default() };
         let run = run(&parameters, q, [0.0; 3], 0.3, &options);
         assert_eq!(run.status, Status::Completed, "{}", run.message);
-        for (found, expected) in run.last.q.row().into_iter().zip(WEDGE) {
-            assert!((found - expected).abs() < most, "{formulation:?} {method:?}: {:?}", run.last.q);
+        for (found, expected) in run.last.motion.q.row().into_iter().zip(WEDGE) {
+            assert!((found - expected).abs() < most, "{formulation:?} {method:?}: {:?}", run.last.motion.q);
         }
     }
 }
@@ -314,7 +314,7 @@ fn a_slanted_object_moves_as_a_turned_box() {
         assert_eq!((one.status, other.status), (Status::Completed, Status::Completed), "{}", one.message);
         assert_eq!(one.contact_changes.len(), other.contact_changes.len());
         assert!(contact == ContactModel::Bilateral || one.contact_changes.len() > 3);
-        let (found, mut expected) = (one.last.q.row(), other.last.q);
+        let (found, mut expected) = (one.last.motion.q.row(), other.last.motion.q);
         expected.object[2] -= tilt;
         for (k, expected) in expected.row().into_iter().enumerate() {
             assert!((found[k] - expected).abs() < 1e-9, "{contact:?} {formulation:?}: coordinate {k}");
