@@ -132,8 +132,8 @@ MUTANTS = (
     ),
     Mutant(
         "stepping/record.rs",
-        "self.q.push(instant.q);",
-        "self.q.push(instant.p);",
+        "self.q.push(instant.motion.q.row());",
+        "self.q.push(instant.motion.p.row());",
         "recording or symmetry",
     ),
     Mutant(

@@ -152,13 +152,13 @@ fn pose_acceleration<R: Real, K: Controller<R>>(
 ) -> ([R; 3], [R; 2]) {
     let [right, left] = &geometry.contacts;
     let Coordinates { object: [m_x, m_y, m_theta], finger: inertia, compression: m_n, shear: m_t } =
-        plant.masses;
+        &plant.masses;
 
     // f_5 - Phi_5^T (f_d + M_d b), along the object's axes.
-    let mut loads = [[R::zero(); 2]; 2];
-    for i in 0..2 {
-        loads[i] = [m_n[i].mul_add(b[i], f.compression[i]), m_t[i].mul_add(b[2 + i], f.shear[i])];
-    }
+    let loads = [
+        [m_n[0].mul_add(b[0], f.compression[0]), m_t[0].mul_add(b[2], f.shear[0])],
+        [m_n[1].mul_add(b[1], f.compression[1]), m_t[1].mul_add(b[3], f.shear[1])],
+    ];
     let pushes = [right.push(0, loads[0]), left.push(1, loads[1])];
     let [x, y, moment] = f.object;
     let [along, across] = geometry.inward([x, y]);
@@ -174,7 +174,7 @@ fn pose_acceleration<R: Real, K: Controller<R>>(
         // directions.
         let (h, n) = (lh - rh, rn + ln);
         let (h_share, n_share) = (h * plant.inverse_driven_masses[0], n * plant.inverse_driven_masses[1]);
-        let inertia = m_theta + (rh.dot2(right.a, rn, right.e) + lh.dot2(left.a, ln, left.e));
+        let inertia = *m_theta + (rh.dot2(right.a, rn, right.e) + lh.dot2(left.a, ln, left.e));
         let turn = (moment - h_share.dot2(along, n_share, across)) / (inertia - h_share.dot2(h, n_share, n));
         let u = h_share.neg_mul_add(turn, along * plant.inverse_driven_masses[0]);
         let v = n_share.neg_mul_add(turn, across * plant.inverse_driven_masses[1]);
@@ -193,12 +193,12 @@ fn pose_acceleration<R: Real, K: Controller<R>>(
         (Eliminated::driven(0, right, surface1), Eliminated::driven(1, left, surface2))
     };
     let matrix = [
-        m_x + (r.along + l.along),
+        *m_x + (r.along + l.along),
         l.mixed + r.mixed,
-        m_y + (r.across + l.across),
+        *m_y + (r.across + l.across),
         l.turn[0] + r.turn[0],
         r.turn[1] + l.turn[1],
-        m_theta + (r.inertia + l.inertia),
+        *m_theta + (r.inertia + l.inertia),
     ];
     let (free1, free2) = (r.free_acceleration, l.free_acceleration);
     let load = [

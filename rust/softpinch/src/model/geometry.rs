@@ -89,12 +89,10 @@ impl<R: Real> Geometry<R> {
     pub fn phi_times(&self, x: &Coordinates<R>) -> [R; 4] {
         let [first, second, turn] = x.object;
         let [along, across] = self.inward([first, second]);
-        let mut product = [R::zero(); 4];
-        for i in 0..2 {
-            let pose = [along, across, turn, x.finger[i]];
-            (product[i], product[2 + i]) = self.contacts[i].rows(i, pose, x.compression[i], x.shear[i]);
-        }
-        product
+        let [right, left] = &self.contacts;
+        let (h1, n1) = right.rows(0, [along, across, turn, x.finger[0]], x.compression[0], x.shear[0]);
+        let (h2, n2) = left.rows(1, [along, across, turn, x.finger[1]], x.compression[1], x.shear[1]);
+        [h1, h2, n1, n2]
     }
 
     /// Phi^T lambda, the generalised force of the multipliers (24).
