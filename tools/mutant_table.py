@@ -67,9 +67,7 @@ MUTANTS = (
         "beta: R::constant(1.01 * beta)",
         "stabilization",
     ),
-    Mutant(
-        "formulation/equations.rs", "half.mul_add(change[k], p[k])", "change[k] + p[k]", "energy"
-    ),
+    Mutant("formulation/equations.rs", "half.mul_add(change, p)", "change + p", "energy"),
     Mutant("method/rk4.rs", "R::constant(1.0 / 3.0) * h", "R::constant(0.3334) * h", "convergence"),
     Mutant("method/rk4.rs", "drive.at(tau + half)", "drive.at(tau)", "convergence"),
     Mutant(
@@ -134,8 +132,8 @@ MUTANTS = (
     ),
     Mutant(
         "stepping/record.rs",
-        "self.q.push(instant.q);",
-        "self.q.push(instant.p);",
+        "self.q.push(instant.motion.q.row());",
+        "self.q.push(instant.motion.p.row());",
         "recording or symmetry",
     ),
     Mutant(
@@ -255,7 +253,7 @@ MUTANTS = (
     ),
     Mutant(
         "stepping/summary.rs",
-        ".min_in(instant.q[D_N + 1], seen)",
+        ".min_in(left, seen)",
         "",
         "ensemble",
     ),
@@ -330,7 +328,7 @@ MUTANTS = (
     ),
     Mutant(
         "model/forces.rs",
-        "self.masses[FINGER].mul_add(acceleration[0], -others[0])",
+        "self.masses.finger[0].mul_add(acceleration[0], -others[0])",
         "-others[0]",
         "driven",
     ),
@@ -486,8 +484,8 @@ MUTANTS = (
     ),
     Mutant(
         "analysis/balance.rs",
-        "sigma[i] = thickness.mul_add(tilt[i], signed(i, geometry.contacts[i].a)) + q[D_T + i];",
-        "sigma[i] = thickness.mul_add(tilt[i], geometry.contacts[i].a) + q[D_T + i];",
+        "sigma[i] = thickness.mul_add(tilt[i], signed(i, geometry.contacts[i].a)) + q.shear[i];",
+        "sigma[i] = thickness.mul_add(tilt[i], geometry.contacts[i].a) + q.shear[i];",
         "test_equilibrium",
     ),
     Mutant(

@@ -17,7 +17,7 @@ use softpinch::driver::simulate::{check as check_scene, stability_warning};
 use softpinch::error::Error;
 use softpinch::model::contact_modes::ContactRow;
 use softpinch::model::control::Fingers;
-use softpinch::model::motion::Linearized;
+use softpinch::model::motion::{Linearized, Motion};
 use softpinch::model::parameters::{PARAMETER_COUNT, Parameters, parameter_table};
 use softpinch::model::scene::Scene;
 use softpinch::model::start::{State, apart, contact, driven, touching};
@@ -93,9 +93,7 @@ impl Batch {
             Start::Touching => State::at_rest(touching(&parameters)?),
             Start::At { q, p, memory, time, grid, linearized, contact, controller } => State {
                 time: own(time, run),
-                q: own(q, run),
-                p: own(p, run),
-                memory: own(memory, run),
+                motion: Motion { q: own(q, run).into(), p: own(p, run).into(), memory: own(memory, run) },
                 grid: *grid,
                 linearized: *linearized,
                 contact: contact.as_ref().map(|rows| own(rows, run)),
@@ -265,8 +263,10 @@ fn table<'py>(py: Python<'py>, all: &[Row]) -> PyResult<Bound<'py, PyDict>> {
         place
     };
     let said: Vec<u64> = all.iter().map(&mut say).collect();
-    let state =
-        |row: &Row| -> [f64; 18] { std::array::from_fn(|k| if k < 9 { row.q[k] } else { row.p[k - 9] }) };
+    let state = |row: &Row| -> [f64; 18] {
+        let (q, p) = (row.motion.q.row(), row.motion.p.row());
+        std::array::from_fn(|k| if k < 9 { q[k] } else { p[k - 9] })
+    };
     let violations =
         VIOLATIONS.iter().enumerate().map(|(k, (name, _))| (name, numbers(&|row| row.violations[k])));
     let summaries =

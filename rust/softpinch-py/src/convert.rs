@@ -123,9 +123,9 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
     let points = !recording.linearized.is_empty();
     let last = dictionary!(py, {
         "t": run.last.t,
-        "q": run.last.q.to_pyarray(py),
-        "p": run.last.p.to_pyarray(py),
-        "integral": run.last.memory.to_pyarray(py),
+        "q": run.last.motion.q.row().to_pyarray(py),
+        "p": run.last.motion.p.row().to_pyarray(py),
+        "integral": run.last.motion.memory.to_pyarray(py),
         "anchor": run.last.grid.0,
         "step": run.last.grid.1,
         "linearized": run.linearized.map(|point| point.to_pyarray(py)),

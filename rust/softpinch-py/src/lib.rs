@@ -11,7 +11,7 @@ mod signals;
 mod simulation;
 mod simulator;
 
-use numpy::{Complex64, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{Complex64, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
 use pyo3::exceptions::{PyImportError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict, PyTuple};
@@ -31,7 +31,9 @@ use softpinch::formulation::table::{FORMULATIONS, Formulation};
 use softpinch::method::table::METHODS;
 use softpinch::model::contact_modes::{CONTACT_MODELS, CONTACT_MODES};
 use softpinch::model::control::FINGERS;
+use softpinch::model::coordinates::Coordinates;
 use softpinch::model::measures::MEASURES;
+use softpinch::model::motion::Motion;
 use softpinch::model::noise::Noise;
 use softpinch::model::parameters::{
     Finger, Fingertip, Friction, GraspedObject, PARAMETER_COUNT, Parameters, PidGains, Stabilization,
@@ -83,12 +85,12 @@ fn start_state<'py>(
     parameters: PyReadonlyArray1<'py, f64>,
     kind: &str,
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-    type Start = fn(&Parameters) -> Result<[f64; 9], softpinch::error::Error>;
+    type Start = fn(&Parameters) -> Result<Coordinates, softpinch::error::Error>;
     const STARTS: [(&str, Start); 3] =
         [("contact", start::contact), ("apart", start::apart), ("touching", start::touching)];
     let begin = lookup("initial", kind, &STARTS).map_err(raise)?;
     let q = begin(&self::parameters(&parameters)?).map_err(raise)?;
-    Ok(PyArray1::from_slice(py, &q))
+    Ok(q.row().to_pyarray(py))
 }
 
 /// q and p of a start with driven fingers, which are where the schedule has them at `time`.
@@ -103,7 +105,7 @@ fn start_driven<'py>(
     let contact = lookup("contact", contact, &CONTACT_MODELS).map_err(raise)?;
     let inputs = inputs.of(0, 0.0).map_err(raise)?;
     let state = start::driven(&self::parameters(&parameters)?, &inputs, time, contact).map_err(raise)?;
-    Ok((PyArray1::from_slice(py, &state.q), PyArray1::from_slice(py, &state.p)))
+    Ok((state.motion.q.row().to_pyarray(py), state.motion.p.row().to_pyarray(py)))
 }
 
 type QandP<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
@@ -123,7 +125,7 @@ fn consistent<'py>(
         &fixed("shear", &shear)?,
         &fixed("velocity", &velocity)?,
     );
-    Ok((PyArray1::from_slice(py, &q), PyArray1::from_slice(py, &p)))
+    Ok((q.row().to_pyarray(py), p.row().to_pyarray(py)))
 }
 
 #[pyfunction]
@@ -142,9 +144,10 @@ fn residuals<'py>(
             p.len()
         )));
     }
-    let values: Vec<[f64; 4]> =
-        q.iter().zip(&p).map(|(q, p)| softpinch::analysis::evaluate::residuals(&parameters, q, p)).collect();
-    rows(py, values)
+    let residuals = |(q, p): ([f64; 9], [f64; 9])| {
+        softpinch::analysis::evaluate::residuals(&parameters, &q.into(), &p.into())
+    };
+    rows(py, q.into_iter().zip(p).map(residuals).collect())
 }
 
 #[pyfunction]
@@ -165,12 +168,17 @@ fn evaluate<'py>(
         Formulation::Csm => Stabilization { alpha, beta },
         Formulation::Nullspace | Formulation::Projected => Stabilization { alpha: 0.0, beta: 0.0 },
     };
+    let motion = Motion {
+        q: fixed("q", &q)?.into(),
+        p: fixed("p", &p)?.into(),
+        memory: fixed("integral", &integral)?,
+    };
     let terms = softpinch::analysis::evaluate::evaluate(
         &self::parameters(&parameters)?,
         &inputs.of(0, 0.0).map_err(raise)?,
         &stabilization,
         t,
-        (&fixed("q", &q)?, &fixed("p", &p)?, &fixed("integral", &integral)?),
+        &motion,
     )
     .map_err(raise)?;
     let out = PyDict::new(py);

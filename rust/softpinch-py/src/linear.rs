@@ -80,7 +80,7 @@ pub fn linearize<'py>(
         let mut signals = Signals::new();
         for (k, &t) in t.iter().enumerate() {
             signals.check()?;
-            let motion = Motion { q: q[k], p: p[k], memory: memory[k] };
+            let motion = Motion { q: q[k].into(), p: p[k].into(), memory: memory[k] };
             let (matrices, vectors) = if whole {
                 let LinearModel { a, b, c, d, state, rate, input, output } =
                     linear::linearize(&parameters, &inputs, &setting, t, &motion).map_err(raise)?;

@@ -1,6 +1,6 @@
 //! Equilibria across the border to Python.
 
-use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -66,12 +66,12 @@ impl RestScene {
             VIOLATIONS.into_iter().filter(|&(_, violation)| equilibrium.violations.contains(violation));
         Ok(dictionary!(py, {
             "status": "at_rest",
-            "q": PyArray1::from_slice(py, &equilibrium.q),
+            "q": equilibrium.q.row().to_pyarray(py),
             "integral": PyArray1::from_slice(py, &equilibrium.memory),
             "torque": PyArray1::from_slice(py, &equilibrium.torque),
             "multipliers": PyArray1::from_slice(py, &equilibrium.multipliers),
             "stiffness": matrix(py, &equilibrium.stiffness)?,
-            "neutral": rows(py, equilibrium.neutral.to_vec())?,
+            "neutral": rows(py, equilibrium.neutral.map(|slope| slope.row()).to_vec())?,
             "grip": PyArray1::from_slice(py, &equilibrium.grip),
             "elastic": equilibrium.energies.elastic,
             "gravity": equilibrium.energies.gravity,
@@ -152,7 +152,7 @@ impl RestScene {
         Ok((
             PyArray1::from_iter(py, multiples),
             names.collect(),
-            rows(py, found.iter().map(|(.., q)| *q).collect())?,
+            rows(py, found.iter().map(|(.., q)| q.row()).collect())?,
         ))
     }
 }

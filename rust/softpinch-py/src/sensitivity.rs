@@ -60,8 +60,8 @@ impl Directions {
                 parameters,
                 inputs: inputs.of(k, 0.0).map_err(raise)?,
                 initial: Motion {
-                    q: std::array::from_fn(|n| initial[n]),
-                    p: std::array::from_fn(|n| initial[9 + n]),
+                    q: std::array::from_fn(|n| initial[n]).into(),
+                    p: std::array::from_fn(|n| initial[9 + n]).into(),
                     memory: [initial[18], initial[19]],
                 },
                 shifts: own.map(shift).collect(),

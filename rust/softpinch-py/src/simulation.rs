@@ -9,6 +9,7 @@ use crate::inputs::Inputs;
 use crate::options::GivenOptions;
 use crate::signals::Failure;
 use softpinch::driver::simulate::{Outline, outline, simulate};
+use softpinch::model::motion::Motion;
 use softpinch::model::scene::Scene;
 use softpinch::model::start::State;
 use softpinch::stepping::options::Options;
@@ -61,9 +62,11 @@ impl Simulation {
             inputs: inputs.of(0, origin).map_err(raise)?,
             initial: State {
                 time,
-                q: fixed("initial.q", &q)?,
-                p: fixed("initial.p", &p)?,
-                memory: fixed("initial.integral", &integral)?,
+                motion: Motion {
+                    q: fixed("initial.q", &q)?.into(),
+                    p: fixed("initial.p", &p)?.into(),
+                    memory: fixed("initial.integral", &integral)?,
+                },
                 grid,
                 linearized: linearized.map(|point| fixed("initial.linearized", &point)).transpose()?,
                 contact: contacts.map(|row| fixed("initial.contact", &row)).transpose()?,

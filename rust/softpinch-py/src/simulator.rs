@@ -12,6 +12,7 @@ use crate::signals::Failure;
 use crate::simulation::Simulation;
 use softpinch::driver::simulator::{Observed, Simulator as Core};
 use softpinch::error::Error;
+use softpinch::model::motion::Motion;
 use softpinch::model::start::State;
 use softpinch::stepping::status::Status;
 
@@ -65,9 +66,7 @@ fn code(status: Option<Status>) -> u8 {
 fn given((time, q, p, memory, grid, contact, check): &GivenState<'_>) -> PyResult<(State, bool)> {
     let state = State {
         time: *time,
-        q: fixed("State.q", q)?,
-        p: fixed("State.p", p)?,
-        memory: *memory,
+        motion: Motion { q: fixed("State.q", q)?.into(), p: fixed("State.p", p)?.into(), memory: *memory },
         grid: *grid,
         linearized: None,
         contact: contact.as_ref().map(|row| fixed("State.contact", row)).transpose()?,
@@ -137,15 +136,17 @@ impl Runs {
         }
         for run in 0..runs {
             let seen = self.core.observed(run);
-            (t[run], q[run], p[run]) = (seen.t, seen.q, seen.p);
+            let Motion { q: coordinates, p: rates, .. } = &seen.motion;
+            (t[run], q[run], p[run]) = (seen.t, coordinates.row(), rates.row());
             (multipliers[run], status[run]) = (seen.multipliers, code(seen.status));
         }
         Ok(())
     }
 
     fn observation<'py>(&self, py: Python<'py>, run: usize) -> PyResult<Observation<'py>> {
-        let Observed { t, q, p, multipliers, status, .. } = self.core.observed(self.require(run)?);
-        Ok((*t, q.to_pyarray(py), p.to_pyarray(py), multipliers.to_pyarray(py), code(*status)))
+        let Observed { t, motion: Motion { q, p, .. }, multipliers, status, .. } =
+            self.core.observed(self.require(run)?);
+        Ok((*t, q.row().to_pyarray(py), p.row().to_pyarray(py), multipliers.to_pyarray(py), code(*status)))
     }
 }
 
@@ -231,9 +232,10 @@ impl Simulator {
     /// The present state of a run.
     fn state<'py>(&self, py: Python<'py>, run: usize) -> PyResult<StateParts<'py>> {
         let runs = self.runs()?;
-        let State { time, q, p, memory, grid, contact, .. } = runs.core.state(runs.require(run)?);
+        let State { time, motion: Motion { q, p, memory }, grid, contact, .. } =
+            runs.core.state(runs.require(run)?);
         let contact = contact.as_ref().map(|row| row.to_pyarray(py));
-        Ok((*time, q.to_pyarray(py), p.to_pyarray(py), *memory, *grid, contact))
+        Ok((*time, q.row().to_pyarray(py), p.row().to_pyarray(py), *memory, *grid, contact))
     }
 
     /// Puts a run back to its start, or to the start of another run.

@@ -11,6 +11,7 @@ use softpinch::method::table::Method;
 use softpinch::model::contact::Side;
 use softpinch::model::geometry::Geometry;
 use softpinch::model::inputs::Inputs;
+use softpinch::model::motion::Motion;
 use softpinch::model::parameters::{Parameters, Stabilization};
 use softpinch::model::scene::Scene;
 use softpinch::model::start::{State, contact};
@@ -24,7 +25,8 @@ fn rates(scene: &Scene, gains: &Stabilization, y: &SVector<f64, 20>) -> (SVector
     let (object, gravity) = (&physics.grasped, physics.surroundings.gravity);
     let (q, p) = (y.fixed_rows::<9>(0).into_owned(), y.fixed_rows::<9>(9).into_owned());
     let (frame, omega) = (Rotation2::new(-q[2]), p[2]); // into the object's own frame, which rotates
-    let phi = Geometry::new(&Side::both(physics), &q.into(), &p.into()).constraint_matrix(); // (25)
+    let phi =
+        Geometry::new(&Side::both(physics), &q.data.0[0].into(), &p.data.0[0].into()).constraint_matrix(); // (25)
     let velocity = phi * p; // the rates of C^H, then C^N (12, 21)
     let quarter = |v: Vector2<f64>| Vector2::new(v.y, -v.x); // rate of a vector turning clockwise
     let (mut errors, mut right) = ([0.0; 2], SVector::<f64, 13>::zeros()); // (24): forces along q, gamma
@@ -105,8 +107,8 @@ pub fn specified(
     step: StepOf,
     (h, steps): (f64, usize),
 ) -> Vec<SVector<f64, 22>> {
-    let start = scene.initial.q.iter().chain(&scene.initial.p).chain(&scene.initial.memory);
-    let mut y = SVector::from_iterator(start.copied());
+    let Motion { q, p, memory } = &scene.initial.motion;
+    let mut y = SVector::from_iterator(q.row().into_iter().chain(p.row()).chain(*memory));
     let row = |_| {
         let (k1, lambda) = rates(scene, gains, &y);
         let row = SVector::from_iterator(y.iter().take(18).chain(&lambda).copied());

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use softpinch::driver::simulate::simulate;
 use softpinch::error::Error;
-use softpinch::model::index::{D_N, THETA, X, Y};
+use softpinch::model::coordinates::Coordinates;
 use softpinch::model::inputs::Inputs;
 use softpinch::model::parameters::Parameters;
 use softpinch::model::piecewise::PiecewisePolynomial;
@@ -58,9 +58,10 @@ fn main() -> Result<(), Error> {
     let spent = start.elapsed();
 
     println!("  t, s     x, mm     y, mm  theta, deg  d_n1, mm  d_n2, mm");
-    for (t, q) in run.recording.t.iter().zip(&run.recording.q) {
-        let [x, y, right, left] = [X, Y, D_N, D_N + 1].map(|k| 1e3 * q[k]);
-        println!("{t:6.1} {x:9.3} {y:9.3} {:11.3} {right:9.3} {left:9.3}", q[THETA].to_degrees());
+    for (t, &q) in run.recording.t.iter().zip(&run.recording.q) {
+        let Coordinates { object: [x, y, theta], compression, .. } = Coordinates::from(q);
+        let [x, y, right, left] = [x, y, compression[0], compression[1]].map(|length| 1e3 * length);
+        println!("{t:6.1} {x:9.3} {y:9.3} {:11.3} {right:9.3} {left:9.3}", theta.to_degrees());
     }
     let steps = run.stats.steps;
     println!("{}: {}", run.status.name(), run.message);

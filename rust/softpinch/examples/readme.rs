@@ -16,6 +16,6 @@ pub(crate) fn main() -> Result<(), Error> {
     let options = Options { steps: Steps::Fixed(1e-4), every: 10, ..Options::default() };
     let (run, _) = simulate(&scene, &options, &|| false)?;
     assert_eq!(run.status, Status::Completed, "{}", run.message);
-    println!("after {} s: theta = {} rad", run.last.t, run.last.q[2]);
+    println!("after {} s: theta = {} rad", run.last.t, run.last.motion.q.object[2]);
     Ok(())
 }

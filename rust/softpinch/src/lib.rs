@@ -13,7 +13,7 @@
 //! let inputs = Inputs::constant_targets([6_f64.to_radians(); 2]);
 //! let scene = Scene { parameters, inputs, initial, check: true, duration: 1.0 };
 //! let (run, _) = simulate(&scene, &Options::default(), &|| false)?;
-//! println!("{}: d_n = {:.2} mm", run.status.name(), 1e3 * run.last.q[5]);
+//! println!("{}: d_n = {:.2} mm", run.status.name(), 1e3 * run.last.motion.q.compression[0]);
 //! # assert_eq!(run.status, Status::Completed);
 //! # Ok::<(), Error>(())
 //! ```
@@ -35,7 +35,7 @@
 //! | [`model::contact::shape`] | the object's sides | |
 //! | [`model::contact::law`] | elastic energy of a tip and its gradient | (5), (34), (35) |
 //! | [`model::contact`] | one contact: tilt, residuals, rows and their rates | (6), (9), (10), (12), (26)-(30) |
-//! | [`model::index`] | the order of the coordinates | (15) |
+//! | [`model::coordinates`] | the record of numbers by coordinate | (15) |
 //! | [`model::geometry`] | both contacts: the constraint matrix | (17), (21), (25) |
 //! | [`model::energy`] | energies, ledger | (16) |
 //! | [`model::forces`] | applied forces, the mass matrix | (14), (31)-(33), (43)-(45) |

@@ -21,9 +21,10 @@ mod parts;
 use crate::driver::simulate::simulate;
 use crate::method::table::Method;
 use crate::model::contact::Side;
+use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::geometry::Geometry;
-use crate::model::index::{D_N, THETA, X, Y};
 use crate::model::inputs::Inputs;
+use crate::model::motion::Motion;
 use crate::model::parameters::{Finger, Fingertip, GraspedObject, Parameters, PidGains};
 use crate::model::piecewise::PiecewisePolynomial;
 use crate::model::scene::Scene;
@@ -50,9 +51,10 @@ fn each_operation_ends_where_independent_programs_end() {
     let run = example::run().expect("the scene is valid");
     assert_eq!(run.status, Status::Completed, "{}", run.message);
     assert_eq!(run.recording.t.len(), 9);
-    for (k, (q, end)) in run.recording.q[1..].iter().zip(ENDS).enumerate() {
+    for (k, (&q, end)) in run.recording.q[1..].iter().zip(ENDS).enumerate() {
         assert_eq!(run.recording.t[k + 1], 1.0 + k as f64);
-        let found = [1e3 * q[X], 1e3 * q[Y], q[THETA].to_degrees(), 1e3 * q[D_N], 1e3 * q[D_N + 1]];
+        let Coordinates { object: [x, y, theta], compression: [right, left], .. } = q.into();
+        let found = [1e3 * x, 1e3 * y, theta.to_degrees(), 1e3 * right, 1e3 * left];
         for (number, expected) in found.into_iter().zip(end) {
             assert!((number - expected).abs() <= 0.000_51, "operation {}: {found:?}, not {end:?}", k + 1);
         }
@@ -82,11 +84,13 @@ fn lopsided() -> Scene {
         ..Parameters::default()
     };
     let mut initial = State::at_rest(contact(&parameters).expect("the tips reach the object"));
-    for (k, offset) in [1e-3, -2e-3, 0.05, 0.02, 0.04, 3e-3, 2.5e-3, 4e-4, -3e-4].into_iter().enumerate() {
-        initial.q[k] += offset;
-        initial.p[k] = 10.0 * offset;
-    }
-    initial.memory = [-1e-3, 2e-3];
+    let offset = Coordinates::from([1e-3, -2e-3, 0.05, 0.02, 0.04, 3e-3, 2.5e-3, 4e-4, -3e-4]);
+    let q = initial.motion.q;
+    initial.motion = Motion {
+        q: each_coordinate!([q, offset] => q + offset),
+        p: each_coordinate!([offset] => 10.0 * offset),
+        memory: [-1e-3, 2e-3],
+    };
     let push = PiecewisePolynomial::constant([0.8, -1.3, 0.02]);
     let schedule = PiecewisePolynomial::constant([0.12, 0.07]);
     let inputs = Inputs::new(schedule.into(), vec![push.into()], vec![], vec![], vec![]).expect("valid");
@@ -116,7 +120,7 @@ fn runs_agree_with_the_specification() {
 #[test]
 fn the_kernel_multiplies_by_the_constraint_matrix() {
     let Scene { parameters, initial, .. } = lopsided();
-    let geometry = Geometry::new(&Side::both(&parameters), &initial.q, &initial.p);
+    let geometry = Geometry::new(&Side::both(&parameters), &initial.motion.q, &initial.motion.p);
     let phi = geometry.constraint_matrix();
     let close = |found: &[f64], expected: &[f64]| {
         found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() <= 1e-15)
@@ -124,11 +128,14 @@ fn the_kernel_multiplies_by_the_constraint_matrix() {
     for k in 0..9 {
         let mut unit = [0.0; 9];
         unit[k] = 1.0;
-        assert!(close(&geometry.phi_times(&unit), phi.column(k).as_slice()), "column {k}");
+        assert!(close(&geometry.phi_times(&unit.into()), phi.column(k).as_slice()), "column {k}");
     }
     for k in 0..4 {
         let mut unit = [0.0; 4];
         unit[k] = 1.0;
-        assert!(close(&geometry.phi_transposed_times(&unit), phi.row(k).transpose().as_slice()), "row {k}");
+        assert!(
+            close(&geometry.phi_transposed_times(&unit).row(), phi.row(k).transpose().as_slice()),
+            "row {k}"
+        );
     }
 }

@@ -19,10 +19,10 @@
 
 use crate::error::Error;
 use crate::model::control::{Actuated, Fingers};
+use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::drive::Input;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
-use crate::model::index::{D_N, D_T, FINGER};
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::number::dual::Dual;
@@ -34,6 +34,8 @@ use crate::number::simd::level::{Instructions, Level};
 pub const UNKNOWNS: usize = 7;
 /// The unknowns, or the seven rows.
 pub type Unknowns<R = f64> = [R; UNKNOWNS];
+/// The place of the right finger among the unknowns, the rows and the forces; the left finger is next.
+pub(super) const FINGER: usize = 3;
 /// Dual numbers with a direction for each unknown. The last direction is unused; eight fill a vector.
 type Directions = Dual<f64, 8>;
 
@@ -65,10 +67,10 @@ impl Member {
         for i in 0..2 {
             rows[i] = match self {
                 Self::Grip(grip) => state.sigma[i] + R::constant(grip[i]),
-                Self::Shear(shear) => state.q[D_T + i] - R::constant(shear[i]),
+                Self::Shear(shear) => state.q.shear[i] - R::constant(shear[i]),
                 Self::From(from) => {
                     let mean = R::constant(0.5) * (state.tilt[i] + R::constant(from.tilt[i]));
-                    let change = state.q[D_N + i] - R::constant(from.compression[i]);
+                    let change = state.q.compression[i] - R::constant(from.compression[i]);
                     mean.mul_add(change, state.sigma[i] - R::constant(from.sigma[i]))
                 }
             };
@@ -81,7 +83,7 @@ impl Member {
 #[derive(Debug, Clone, Copy)]
 pub struct Balance<R> {
     /// The coordinates.
-    pub q: [R; 9],
+    pub q: Coordinates<R>,
     /// theta_p of both tips.
     pub tilt: [R; 2],
     /// sigma of both tips, m: minus the grip.
@@ -99,24 +101,21 @@ impl<R: Real> Balance<R> {
     #[inline(always)]
     fn new(plant: &Plant<R, Actuated<R>>, input: &Input<R>, z: &Unknowns<R>) -> (Self, Geometry<R>) {
         let zero = R::zero();
-        let [x, y, theta, right, left, shear1, shear2] = *z;
-        let pose = [x, y, theta, right, left];
-        let (geometry, q, p) = Geometry::constrained(&plant.sides, &pose, &[shear1, shear2], &[zero; 5]);
-        let motion = Motion { q, p, memory: [zero; 2] };
+        let mut motion = Motion { q: coordinates(z), ..Motion::zero() };
+        let geometry = Geometry::constrained(&plant.sides, &mut motion.q, &mut motion.p);
+        let q = motion.q;
         let forces = plant.forces(plant.elastic(&geometry, &q), &geometry, &motion, input);
         // At rest the multipliers balance the resistances of the deformations.
         let multipliers = forces.resistance;
         let (applied, carried) = (forces.total(), geometry.phi_transposed_times(&multipliers));
-        let mut left_over = [zero; 5];
-        for k in 0..5 {
-            left_over[k] = applied[k] + carried[k];
-        }
+        let [mut left_over @ .., _, _, _, _] =
+            each_coordinate!([applied, carried] => applied + carried).row();
         let (mut tilt, mut sigma) = ([zero; 2], [zero; 2]);
         for i in 0..2 {
             left_over[FINGER + i] = left_over[FINGER + i] - forces.torque[i];
             tilt[i] = geometry.contacts[i].tilt;
-            let thickness = plant.sides[i].radius() - q[D_N + i];
-            sigma[i] = thickness.mul_add(tilt[i], signed(i, geometry.contacts[i].a)) + q[D_T + i];
+            let thickness = plant.sides[i].radius() - q.compression[i];
+            sigma[i] = thickness.mul_add(tilt[i], signed(i, geometry.contacts[i].a)) + q.shear[i];
         }
         let balance = Self { q, tilt, sigma, forces: left_over, torque: forces.torque, multipliers };
         (balance, geometry)
@@ -126,8 +125,9 @@ impl<R: Real> Balance<R> {
 impl Balance<Directions> {
     /// The values without derivatives.
     fn values(&self) -> Balance<f64> {
+        let q = self.q;
         Balance {
-            q: self.q.map(|dual| dual.value),
+            q: each_coordinate!([q] => q.value),
             tilt: self.tilt.map(|dual| dual.value),
             sigma: self.sigma.map(|dual| dual.value),
             forces: self.forces.map(|dual| dual.value),
@@ -135,6 +135,15 @@ impl Balance<Directions> {
             multipliers: self.multipliers.map(|dual| dual.value),
         }
     }
+}
+
+/// The coordinates of these unknowns, with compressions of zero.
+#[inline(always)]
+pub(super) fn coordinates<R: Real>(
+    &[x, y, theta, right, left, shear1, shear2]: &Unknowns<R>,
+) -> Coordinates<R> {
+    let compression = [R::zero(); 2];
+    Coordinates { object: [x, y, theta], finger: [right, left], compression, shear: [shear1, shear2] }
 }
 
 /// The derivatives of numbers by the unknowns.
@@ -243,7 +252,7 @@ impl RestScene {
     /// The origin of the no-slip constraint at these unknowns.
     pub fn origin(&self, z: &Unknowns) -> Origin {
         let Balance { q, tilt, sigma, .. } = self.balance(z);
-        Origin { sigma, tilt, compression: [q[D_N], q[D_N + 1]] }
+        Origin { sigma, tilt, compression: q.compression }
     }
 
     /// The sizes of unknowns and rows that count as one.
@@ -274,7 +283,7 @@ impl RestScene {
             let arm = fingers[i].length + fingers[i].half_thickness + tips[i].radius;
             let gain = if self.fingers == Fingers::Torque { 1.0 } else { control[i].kp };
             let weight = fingers[i].mass * surroundings.gravity.abs() * fingers[i].length;
-            pressing * arm + gain * (target[i].abs() + balance.q[FINGER + i].abs()) + weight
+            pressing * arm + gain * (target[i].abs() + balance.q.finger[i].abs()) + weight
         };
         let place = reach + balance.sigma[0].abs() + balance.sigma[1].abs();
         [force, force, force * reach + moment, finger(0), finger(1), place, place]
@@ -365,7 +374,7 @@ impl LaneTask<f64> for Evaluate<'_> {
             balance: found.values(),
             forces: slopes(&found.forces),
             sigma: slopes(&found.sigma),
-            compressions: slopes(&[found.q[D_N], found.q[D_N + 1]]),
+            compressions: slopes(&found.q.compression),
             no_slip: [no_slip(0), no_slip(1)],
         }
     }

@@ -13,7 +13,6 @@ use nalgebra::{SMatrix, SVector};
 
 use crate::analysis::balance::{Member, RestScene, UNKNOWNS, Unknowns};
 use crate::analysis::rest::{Rest, largest};
-use crate::model::index::D_N;
 
 /// Unknowns and share.
 const SIZE: usize = UNKNOWNS + 1;
@@ -136,7 +135,7 @@ impl Point {
             moved - length * self.tangent[k]
         });
         let gentle = (0..2).all(|i| {
-            let (before, after) = (self.rest.rows.balance.q[D_N + i], found.rest.rows.balance.q[D_N + i]);
+            let [before, after] = [self, &found].map(|point| point.rest.rows.balance.q.compression[i]);
             let least = NEARLY_SEPARATED * scene.parameters.tips[i].radius;
             (after - before).abs() <= (COMPRESSED * before.abs()).max(least)
         });

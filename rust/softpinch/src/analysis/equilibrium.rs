@@ -8,17 +8,17 @@
 
 use nalgebra::SMatrix;
 
-use crate::analysis::balance::{Member, RestScene, Unknowns};
+use crate::analysis::balance::{FINGER, Member, RestScene, Unknowns, coordinates};
 use crate::analysis::continuation::{End, follow};
 use crate::analysis::reason::{Reason, Way};
 use crate::analysis::rest::{Matrix7, Rest, Vector7};
 use crate::analysis::starts::{Gap, natural, others};
 use crate::formulation::equations::Evaluation;
 use crate::model::control::Fingers;
+use crate::model::coordinates::Coordinates;
 use crate::model::drive::Input;
 use crate::model::energy::Energies;
 use crate::model::geometry::Geometry;
-use crate::model::index::{D_N, FINGER};
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet};
@@ -27,7 +27,7 @@ use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet};
 #[derive(Debug, Clone, Copy)]
 pub struct Equilibrium {
     /// The coordinates.
-    pub q: [f64; 9],
+    pub q: Coordinates,
     /// The memories of the controllers, rad s.
     pub memory: [f64; 2],
     /// The torques that hold the fingers, N m.
@@ -38,7 +38,7 @@ pub struct Equilibrium {
     /// in x, y and theta.
     pub stiffness: SMatrix<f64, 3, 3>,
     /// The derivatives of the coordinates by the grip of the right and the left tip along the family.
-    pub neutral: [[f64; 9]; 2],
+    pub neutral: [Coordinates; 2],
     /// Where each tip holds the face, m above the centre of gravity.
     pub grip: [f64; 2],
     /// The energies.
@@ -55,8 +55,9 @@ pub(super) fn leaves(scene: &RestScene, rest: &Rest) -> Option<Violation> {
         return None;
     }
     let balance = &rest.rows.balance;
-    let separated = (0..2).any(|i| balance.q[D_N + i] <= 0.0);
-    let crushed = (0..2).any(|i| balance.q[D_N + i] >= scene.parameters.tips[i].radius);
+    let compression = balance.q.compression;
+    let separated = (0..2).any(|i| compression[i] <= 0.0);
+    let crushed = (0..2).any(|i| compression[i] >= scene.parameters.tips[i].radius);
     Some(match (separated, crushed) {
         (true, _) => Violation::Separated,
         (false, true) => Violation::Crushed,
@@ -67,9 +68,10 @@ pub(super) fn leaves(scene: &RestScene, rest: &Rest) -> Option<Violation> {
 /// The violations of a state at rest.
 pub(super) fn violations(scene: &RestScene, rest: &Rest) -> ViolationSet {
     let balance = &rest.rows.balance;
-    let geometry = Geometry::new(&scene.plant.sides, &balance.q, &[0.0; 9]);
+    let motion = Motion { q: balance.q, ..Motion::zero() };
+    let geometry = Geometry::new(&scene.plant.sides, &motion.q, &motion.p);
     let now = Evaluation {
-        motion: Motion { q: balance.q, p: [0.0; 9], memory: [0.0; 2] },
+        motion,
         multipliers: balance.multipliers,
         sin_tilt: geometry.sin_tilt(),
         places: geometry.places(),
@@ -237,7 +239,7 @@ impl Equilibrium {
             stiffness: rest.stiffness().fixed_view::<3, 3>(0, 0).into_owned(),
             neutral: neutral(scene, rest),
             grip: balance.sigma.map(|sigma| -sigma),
-            energies: scene.plant.energies(&balance.q, &[0.0; 9]),
+            energies: scene.plant.energies(&balance.q, &Coordinates::zero()),
             minimum: rest.is_minimum(scene),
             violations: violations(scene, rest),
         }
@@ -245,7 +247,7 @@ impl Equilibrium {
 }
 
 /// The derivatives of the coordinates by the grip of both tips along the family.
-fn neutral(scene: &RestScene, rest: &Rest) -> [[f64; 9]; 2] {
+fn neutral(scene: &RestScene, rest: &Rest) -> [Coordinates; 2] {
     let rows = &rest.rows;
     let (unit, scale) = scene.scales();
     let matrix = Matrix7::from_fn(|r, c| {
@@ -256,22 +258,18 @@ fn neutral(scene: &RestScene, rest: &Rest) -> [[f64; 9]; 2] {
     std::array::from_fn(|k| {
         // sigma is minus the grip.
         let load = Vector7::from_fn(|r, _| if r == 5 + k { -1.0 / scale[r] } else { 0.0 });
-        let Some(step) = lu.solve(&load) else { return [f64::NAN; 9] };
+        let Some(step) = lu.solve(&load) else { return [f64::NAN; 9].into() };
         let change: Unknowns = std::array::from_fn(|n| step[n] * unit[n]);
-        let mut q = [0.0; 9];
-        q[..5].copy_from_slice(&change[..5]);
-        for i in 0..2 {
-            q[D_N + i] = rows.compressions[i].iter().zip(change).map(|(slope, change)| slope * change).sum();
-            q[D_N + 2 + i] = change[5 + i];
-        }
-        q
+        let compression = rows
+            .compressions
+            .map(|slopes| slopes.iter().zip(change).map(|(slope, change)| slope * change).sum());
+        Coordinates { compression, ..coordinates(&change) }
     })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::index::{D_T, THETA, X};
     use crate::model::inputs::Inputs;
     use crate::model::motion::Motion;
     use crate::number::simd::level::Level;
@@ -290,10 +288,10 @@ mod tests {
         let scene = scene(&parameters, [ANGLE; 2], [0.0; 3]);
         let rest = find(&scene, &Member::Grip([0.0; 2]), None).unwrap();
         let found = Equilibrium::new(&scene, &rest);
-        assert!(found.q[X].abs() < 1e-15 && found.q[THETA].abs() < 1e-15);
+        assert!(found.q.object[0].abs() < 1e-15 && found.q.object[2].abs() < 1e-15);
         let (stiffness, weight) = (std::f64::consts::PI * parameters.tips[0].youngs_modulus, 0.1 * 9.81);
         for i in 0..2 {
-            let (d_n, d_t) = (found.q[D_N + i], found.q[D_T + i]);
+            let (d_n, d_t) = (found.q.compression[i], found.q.shear[i]);
             // lambda^N = pi E (d_n^2 tan(theta_p) + 2 d_n d_t) of (5) carries half of the weight.
             let carried = stiffness * (d_n * d_n * ANGLE.tan() + 2.0 * d_n * d_t);
             assert!((carried - 0.5 * weight).abs() < 1e-12 * stiffness * d_n * d_n);
@@ -310,14 +308,15 @@ mod tests {
         let grip = Member::Grip([0.0; 2]);
         let rest = find(&scene, &grip, None).unwrap();
         let mut z = rest.z;
-        z[X] += 1e-3;
-        z[THETA] -= 0.05;
+        z[0] += 1e-3;
+        z[2] -= 0.05;
         scene.shear_into(&grip, &mut z);
         let from = Member::From(scene.origin(&z));
         let (newton, slowly) =
             (Rest::solve(&scene, &from, &z).unwrap(), released_slowly(&scene, &from, &z).unwrap());
+        let [newton, slowly] = [newton, slowly].map(|rest| rest.rows.balance.q.row());
         for k in 0..9 {
-            assert!((newton.rows.balance.q[k] - slowly.rows.balance.q[k]).abs() < 1e-12);
+            assert!((newton[k] - slowly[k]).abs() < 1e-12);
         }
         // A search cannot begin away from the curve.
         assert!(continued((&scene, &grip), &z, (&scene, &grip)).is_ok());
@@ -344,7 +343,8 @@ mod tests {
     fn the_growth_of_small_motions_is_that_of_their_own_eigenvalues() {
         let scene = scene(&Parameters::default(), [ANGLE; 2], [0.0; 3]);
         let rest = find(&scene, &Member::Grip([0.0; 2]), None).unwrap();
-        let motion = Motion { q: rest.rows.balance.q, p: [0.0; 9], memory: scene.memory(&rest.rows.balance) };
+        let balance = &rest.rows.balance;
+        let motion = Motion { q: balance.q, memory: scene.memory(balance), ..Motion::zero() };
         let inputs = Inputs::constant(scene.input.target, scene.input.force, Fingers::Pid);
         let setting = crate::analysis::linear::Setting {
             formulation: crate::formulation::table::Formulation::Nullspace,

@@ -9,6 +9,7 @@ use crate::formulation::equations::{self, Equations};
 use crate::model::contact::Side;
 use crate::model::contact_modes::Contacts;
 use crate::model::control::{Actuated, Controller, Driven, Fingers};
+use crate::model::coordinates::Coordinates;
 use crate::model::drive::Input;
 use crate::model::energy::Energies;
 use crate::model::forces::Plant;
@@ -58,7 +59,7 @@ pub struct Terms {
     pub target: [f64; 2],
 }
 
-/// Evaluates all terms at time `t` and state (q, p, memory). If an input jumps at `t`, its value after the
+/// Evaluates all terms at time `t` and a motion. If an input jumps at `t`, its value after the
 /// jump is used. Gains of zero give the accelerations of `nullspace` and `projected`, off the constraints
 /// too.
 pub fn evaluate(
@@ -66,16 +67,16 @@ pub fn evaluate(
     inputs: &Inputs,
     stabilization: &Stabilization,
     t: f64,
-    state: (&[f64; 9], &[f64; 9], &[f64; 2]),
+    motion: &Motion<f64>,
 ) -> Result<Terms, Error> {
     Rule::Finite.check("t", t)?;
     let input = inputs.segment(t).at(0.0);
     let fingers = inputs.fingers();
     Ok(match fingers {
         Fingers::Pid | Fingers::Torque => {
-            terms::<Actuated<f64>>(parameters, fingers, &input, stabilization, state)
+            terms::<Actuated<f64>>(parameters, fingers, &input, stabilization, motion)
         }
-        Fingers::Driven => terms::<Driven>(parameters, fingers, &input, stabilization, state),
+        Fingers::Driven => terms::<Driven>(parameters, fingers, &input, stabilization, motion),
     })
 }
 
@@ -84,14 +85,13 @@ fn terms<K: Controller<f64>>(
     fingers: Fingers,
     input: &Input<f64>,
     stabilization: &Stabilization,
-    (q, p, memory): (&[f64; 9], &[f64; 9], &[f64; 2]),
+    motion: &Motion<f64>,
 ) -> Terms {
     let plant = Plant::<f64, K>::new(parameters, fingers);
-    let motion = Motion { q: *q, p: *p, memory: *memory };
+    let Motion { q, p, .. } = motion;
     let geometry = Geometry::new(&plant.sides, q, p);
     let csm = Csm::new(plant, stabilization);
-    let equations::Terms { forces, response, .. } =
-        csm.terms(input, &Contacts::sticking(), &motion, geometry);
+    let equations::Terms { forces, response, .. } = csm.terms(input, &Contacts::sticking(), motion, geometry);
     let Response { multipliers, acceleration: accelerations, .. } = response;
     let [right, left] = forces.elastic;
     let velocity = geometry.constraint_velocity();
@@ -111,7 +111,7 @@ fn terms<K: Controller<f64>>(
         control: vector([0.0; 3], forces.torque, [0.0; 4]),
         external: vector(forces.external, [0.0; 2], [0.0; 4]),
         multipliers: Vector4::from(multipliers),
-        accelerations: Vector9::from(accelerations),
+        accelerations: Vector9::from(accelerations.row()),
         energies: plant.energies(q, p),
         target: input.target,
     }
@@ -123,6 +123,6 @@ fn vector(object: [f64; 3], fingers: [f64; 2], tips: [f64; 4]) -> Vector9 {
 }
 
 /// (C_1^H, C_2^H, C_1^N, C_2^N) at one state.
-pub fn residuals(parameters: &Parameters, q: &[f64; 9], p: &[f64; 9]) -> [f64; 4] {
+pub fn residuals(parameters: &Parameters, q: &Coordinates, p: &Coordinates) -> [f64; 4] {
     Geometry::new(&Side::both(parameters), q, p).residuals()
 }

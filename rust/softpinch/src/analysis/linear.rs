@@ -154,11 +154,11 @@ pub fn growth(
         }
     }
     // In the order of the states, with rates in the place of coordinates.
-    let magnitudes = Motion::typical_magnitudes(parameters);
+    let Motion { q, p, memory } = Motion::typical_magnitudes(parameters);
     let scale = |k: usize| match k {
-        _ if k < degrees => magnitudes.q[k],
-        _ if k < shears => magnitudes.p[k - degrees],
-        _ => magnitudes.memory[k - shears - 2],
+        _ if k < degrees => q.row()[k],
+        _ if k < shears => p.row()[k - degrees],
+        _ => memory[k - shears - 2],
     };
     let kept: Vec<usize> =
         (0..a.nrows()).filter(|&k| k < shears || (k >= shears + 2 && scale(k).is_finite())).collect();
@@ -261,10 +261,10 @@ fn seed(input: &Input<f64>, driven: bool, first: usize) -> Input<Dual<f64, DIREC
 /// The outputs in their order.
 fn output_list(now: &Evaluation<Dual<f64, DIRECTIONS>>) -> Vec<Dual<f64, DIRECTIONS>> {
     let mut outputs = Vec::with_capacity(OUTPUTS);
-    outputs.extend(now.motion.q);
+    outputs.extend(now.motion.q.row());
     outputs.extend(now.multipliers);
     outputs.extend(now.torque);
-    outputs.extend(&now.motion.p[..5]);
+    outputs.extend(&now.motion.p.row()[..5]);
     outputs
 }
 
@@ -284,9 +284,9 @@ mod tests {
     fn moving(fingers: Fingers) -> (Parameters, Inputs, Motion<f64>) {
         let parameters = Parameters::default().checked().unwrap();
         let mut q = contact(&parameters).unwrap();
-        (q[3], q[4]) = (0.1, 0.12);
-        let inputs = Inputs::constant_targets([q[3], q[4]]).with_fingers(fingers);
-        let p = [0.02, -0.01, 0.3, 0.2, -0.1, 0.0, 0.0, 0.0, 0.0];
+        q.finger = [0.1, 0.12];
+        let inputs = Inputs::constant_targets(q.finger).with_fingers(fingers);
+        let p = [0.02, -0.01, 0.3, 0.2, -0.1, 0.0, 0.0, 0.0, 0.0].into();
         (parameters, inputs, Motion { q, p, memory: [1e-3, 0.0] })
     }
 

@@ -2,8 +2,7 @@
 
 use nalgebra::{DMatrix, SMatrix, SVector};
 
-use crate::analysis::balance::{Member, RestScene, Rows, UNKNOWNS, Unknowns};
-use crate::model::index::{D_N, FINGER};
+use crate::analysis::balance::{FINGER, Member, RestScene, Rows, UNKNOWNS, Unknowns};
 
 /// Most iterations from one start.
 const ITERATIONS: usize = 60;
@@ -80,7 +79,7 @@ impl Rest {
     pub fn is_grasp(&self, scene: &RestScene) -> bool {
         let balance = &self.rows.balance;
         (0..2).all(|i| {
-            let compression = balance.q[D_N + i];
+            let compression = balance.q.compression[i];
             compression > 0.0
                 && compression < scene.parameters.tips[i].radius
                 && balance.tilt[i].abs() < std::f64::consts::FRAC_PI_2

@@ -8,6 +8,7 @@ use crate::analysis::continuation::{End, Point, follow};
 use crate::analysis::equilibrium::{leaves, violations};
 use crate::analysis::linear::growth;
 use crate::analysis::rest::Rest;
+use crate::model::coordinates::Coordinates;
 use crate::model::drive::Input;
 use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
@@ -53,7 +54,7 @@ fn grows(scene: &RestScene, rest: &Rest) -> bool {
     let q = rest.rows.balance.q;
     let inputs = Inputs::constant(target, force, scene.fingers);
     // At rest no memory and no torque changes the derivatives.
-    let motion = Motion { q, p: [0.0; 9], memory: scene.memory(&rest.rows.balance) };
+    let motion = Motion { q, memory: scene.memory(&rest.rows.balance), ..Motion::zero() };
     growth(scene.level, &scene.parameters, &inputs, &motion)
         .is_none_or(|(rate, largest)| rate > GROWTH * largest)
 }
@@ -70,7 +71,7 @@ fn limit(scene: &RestScene, rest: &Rest) -> Option<Limit> {
 
 /// The largest multiple of a wrench (F_x, F_y, moment) that the equilibrium bears, its limit, and the coordinates
 /// there. A wrench of zero is borne without limit.
-pub fn largest_multiple(scene: &RestScene, rest: &Rest, wrench: [f64; 3]) -> (f64, Limit, [f64; 9]) {
+pub fn largest_multiple(scene: &RestScene, rest: &Rest, wrench: [f64; 3]) -> (f64, Limit, Coordinates) {
     let q = rest.rows.balance.q;
     let (_, scale) = scene.scales();
     let size = (0..3).map(|k| (wrench[k] / scale[k]).abs()).fold(0.0, f64::max);

@@ -115,7 +115,7 @@ impl Rows<'_> {
             energy[3..].copy_from_slice(&y[size.states..size.all()]);
         }
         let Motion { q, p, memory } = now.motion;
-        let motion = q.into_iter().chain(p).chain(memory);
+        let motion = q.row().into_iter().chain(p.row()).chain(memory);
         let row = motion.chain(now.multipliers).chain(now.torque).chain(energy);
         let Self { first, width, .. } = *self;
         for (component, number) in row.enumerate() {
@@ -158,6 +158,7 @@ impl<R: Lanes> Ends<R> {
     /// The derivatives of the last state; NaN if the run did not get so far.
     pub(super) fn state(&self, direction: usize) -> [f64; 18] {
         let Some(Motion { q, p, .. }) = self.last else { return [f64::NAN; 18] };
+        let (q, p) = (q.row(), p.row());
         std::array::from_fn(|n| if n < 9 { q[n] } else { p[n - 9] }.direction(direction))
     }
 

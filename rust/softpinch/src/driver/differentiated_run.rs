@@ -137,7 +137,7 @@ impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
         loop {
             let linearized = scene.initial.linearized.filter(|_| segment.first > 0).map(|point| {
                 let (tau, motion) = unpacked(&point);
-                (tau, values(&system.begin(&constant::<R>(&motion))))
+                (tau, values(&system.begin(&Motion::constant(&motion))))
             });
             method.begin(inputs.segment(segment.anchor), linearized);
             let tau = RunDual::constant(segment.tau(segment.first));
@@ -198,21 +198,23 @@ impl<R: Lanes> LaneTask<R> for Begin<'_, '_, R> {
     fn run(self) -> Self::Output {
         let Self(run, drive) = self;
         let initial = &run.scene.initial;
-        let mut motion = constant::<R>(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
+        let Motion { q, p, mut memory } = Motion::<RunDual<R>>::constant(&initial.motion);
+        let (mut q, mut p) = (q.row(), p.row());
         if let Some(start) = run.start {
-            let derived = start.varied(&run.source, &drive.at(RunDual::zero()), &initial.q);
+            let derived = start.varied(&run.source, &drive.at(RunDual::zero()), &initial.motion.q);
+            let (derived_q, derived_p) = (derived.q.row(), derived.p.row());
             for n in 0..9 {
-                (motion.q[n].slope, motion.p[n].slope) = (derived.q[n].slope, derived.p[n].slope);
+                (q[n].slope, p[n].slope) = (derived_q[n].slope, derived_p[n].slope);
             }
         }
         for n in 0..9 {
-            motion.q[n] = motion.q[n] + run.varied(0.0, |one| one.initial.q[n]);
-            motion.p[n] = motion.p[n] + run.varied(0.0, |one| one.initial.p[n]);
+            q[n] = q[n] + run.varied(0.0, |one| one.initial.q.row()[n]);
+            p[n] = p[n] + run.varied(0.0, |one| one.initial.p.row()[n]);
         }
         for i in 0..2 {
-            motion.memory[i] = motion.memory[i] + run.varied(0.0, |one| one.initial.memory[i]);
+            memory[i] = memory[i] + run.varied(0.0, |one| one.initial.memory[i]);
         }
-        motion
+        Motion { q: q.into(), p: p.into(), memory }
     }
 }
 
@@ -345,12 +347,6 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
         self.equations.system.rates(input, &Contacts::sticking(), at, &mut rate);
         rate
     }
-}
-
-/// A motion without derivatives.
-fn constant<R: Lanes>(motion: &Motion<f64>) -> Motion<RunDual<R>> {
-    let Motion { q, p, memory } = motion;
-    Motion { q: q.map(RunDual::constant), p: p.map(RunDual::constant), memory: memory.map(RunDual::constant) }
 }
 
 /// The error of a step whose equations were solved in the run, but not again to round-off.

@@ -19,10 +19,8 @@ use crate::stepping::status::Status;
 pub struct Observed {
     /// Time, s.
     pub t: f64,
-    /// Coordinates.
-    pub q: [f64; 9],
-    /// Velocities.
-    pub p: [f64; 9],
+    /// The motion.
+    pub motion: Motion<f64>,
     /// Multipliers under the inputs of the period.
     pub multipliers: [f64; 4],
     /// The status with which the run has ended; `None` if it goes on.
@@ -59,9 +57,9 @@ pub(super) struct Outcome {
 
 impl Environment {
     pub(super) fn new(scene: Scene) -> Self {
-        let State { time, q, p, .. } = scene.initial;
+        let State { time, motion, .. } = scene.initial;
         let observed =
-            Observed { t: time, q, p, multipliers: [0.0; 4], status: None, message: String::new() };
+            Observed { t: time, motion, multipliers: [0.0; 4], status: None, message: String::new() };
         let start = (scene.initial.clone(), scene.check);
         let span = Span { start: time, end: time + scene.duration };
         Self { scene, start, force: [0.0; 3], span, origin: time, periods: 0, until: time, observed }
@@ -120,26 +118,26 @@ impl Environment {
         }
         let found = require_valid(scene, options).and_then(|()| multipliers(scene, options, dt));
         let multipliers = found.inspect_err(|_| scene.initial = before)?;
-        let State { time: t, q, p, .. } = *state;
+        let State { time: t, motion, .. } = *state;
         self.span = span;
         let status = (t >= span.end).then_some(Status::Completed);
-        self.observed = Observed { t, q, p, multipliers, status, message: String::new() };
+        self.observed = Observed { t, motion, multipliers, status, message: String::new() };
         Ok(())
     }
 
     /// Takes the result of a period that ended at `until`.
     pub(super) fn take(&mut self, outcome: Outcome, until: f64) {
         let Outcome { status, message, instant } = outcome;
-        let Instant { t, q, p, memory, multipliers, contact, .. } = instant;
+        let Instant { t, motion, multipliers, contact, .. } = instant;
         let initial = &mut self.scene.initial;
-        (initial.time, initial.q, initial.p, initial.memory, initial.contact) = (t, q, p, memory, contact);
+        (initial.time, initial.motion, initial.contact) = (t, motion, contact);
         initial.grid = Some((t, 0));
         initial.linearized = None;
         self.periods += 1;
         self.until = until;
         let goes_on = status == Status::Completed && until < self.span.end;
         let status = if goes_on { None } else { Some(status) };
-        self.observed = Observed { t, q, p, multipliers, status, message };
+        self.observed = Observed { t, motion, multipliers, status, message };
     }
 }
 
@@ -161,7 +159,7 @@ fn multipliers(scene: &Scene, options: &Options, dt: f64) -> Result<[f64; 4], Er
     let choice = options.choice(scene.inputs.fingers());
     let equations =
         SceneEquations::<f64>::new(instructions, choice, &scene.parameters, &options.stabilization);
-    let State { time, q, p, memory, .. } = scene.initial;
+    let State { time, motion, .. } = scene.initial;
     let mut drive = scene.inputs.segment(time);
     if options.contact == ContactModel::Unilateral {
         if scene.initial.contact.is_none() {
@@ -169,6 +167,6 @@ fn multipliers(scene: &Scene, options: &Options, dt: f64) -> Result<[f64; 4], Er
         }
         LaneContact::new(instructions, options, scene, time)?.put_into(&mut drive.contacts, 0);
     }
-    let y = equations.begin(&Motion { q, p, memory });
+    let y = equations.begin(&motion);
     Ok(equations.evaluate(&drive, 0.0, &y).multipliers)
 }

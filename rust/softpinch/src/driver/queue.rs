@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use crate::driver::simulate::require_valid;
 use crate::error::Error;
 use crate::model::control::Fingers;
+use crate::model::motion::Motion;
 use crate::model::scene::Scene;
 use crate::stepping::monitor::VIOLATIONS;
 use crate::stepping::options::Options;
@@ -26,10 +27,8 @@ pub struct Row {
     pub message: String,
     /// Time of the last instant, s.
     pub t: f64,
-    /// Coordinates at the last instant.
-    pub q: [f64; 9],
-    /// Velocities at the last instant.
-    pub p: [f64; 9],
+    /// The motion at the last instant.
+    pub motion: Motion<f64>,
     /// The time at which each of [`VIOLATIONS`] was first seen, s; NaN if it was not.
     pub violations: [f64; VIOLATIONS.len()],
     /// Whether the grasp held, see [`Run::holds`].
@@ -44,9 +43,9 @@ impl Row {
     /// The row of a run that has ended in lanes.
     pub(super) fn of_lane(finished: Finished) -> Self {
         let Finished { number, status, message, last, first_times, holds, summaries, stats, .. } = finished;
-        let Instant { t, q, p, .. } = last.instant;
+        let Instant { t, motion, .. } = last.instant;
         let (violations, steps) = (first_times, stats.steps);
-        Self { run: number, status, message, t, q, p, violations, holds, steps, summaries }
+        Self { run: number, status, message, t, motion, violations, holds, steps, summaries }
     }
 
     /// The row of a run that was simulated alone.
@@ -61,8 +60,7 @@ impl Row {
             status: run.status,
             message: if run.status == Status::Completed { String::new() } else { run.message },
             t: run.last.t,
-            q: run.last.q,
-            p: run.last.p,
+            motion: run.last.motion,
             violations,
             holds: run.holds,
             steps: run.stats.steps,

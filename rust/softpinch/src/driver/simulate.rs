@@ -142,7 +142,7 @@ pub(crate) fn require_valid(scene: &Scene, options: &Options) -> Result<(), Erro
         require_unilateral(scene, options)?;
     } else if scene.check || options.formulation != Formulation::Csm {
         // Only the stabilisation leads back to the constraints.
-        require_consistent(&scene.parameters, &initial.q, &initial.p)?;
+        require_consistent(&scene.parameters, &initial.motion.q, &initial.motion.p)?;
     }
     if let Some(Sampled { controller, .. }) = scene.inputs.sampled() {
         controller.check()?;
@@ -182,7 +182,7 @@ fn require_unilateral(scene: &Scene, options: &Options) -> Result<(), Error> {
             0 => contacts[i].closed,
             _ => contacts[i].mode == Mode::Stick,
         };
-        require_held(&scene.parameters, &scene.initial.q, &scene.initial.p, held)?;
+        require_held(&scene.parameters, &scene.initial.motion.q, &scene.initial.motion.p, held)?;
     }
     Ok(())
 }

@@ -210,7 +210,7 @@ fn an_ensemble_refuses_a_start_that_a_lone_run_refuses() {
     let off = |run: usize| {
         let mut scene = scene(run)?;
         scene.check = false;
-        scene.initial.q[0] += if run == 6 { 1e-3 } else { 0.0 };
+        scene.initial.motion.q.object[0] += if run == 6 { 1e-3 } else { 0.0 };
         Ok(scene)
     };
     let fixed = || Steps::Fixed(2e-4);

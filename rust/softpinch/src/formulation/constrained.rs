@@ -12,9 +12,9 @@
 
 use crate::model::contact::Contact;
 use crate::model::control::Controller;
+use crate::model::coordinates::Coordinates;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
-use crate::model::index::{D_N, D_T, FINGER, THETA, X, Y};
 use crate::number::linear::solve3;
 use crate::number::real::{Real, signed};
 
@@ -23,8 +23,8 @@ use crate::number::real::{Real, signed};
 pub struct Constrained<R> {
     /// (lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N).
     pub multipliers: [R; 4],
-    /// The accelerations a, in the order of q.
-    pub acceleration: [R; 9],
+    /// The accelerations a.
+    pub acceleration: Coordinates<R>,
 }
 
 /// Multipliers and accelerations for the forces `f` and the bias `b`. `finger_acceleration` has those that
@@ -33,7 +33,7 @@ pub struct Constrained<R> {
 pub fn constrained<R: Real, K: Controller<R>>(
     geometry: &Geometry<R>,
     plant: &Plant<R, K>,
-    f: &[R; 9],
+    f: &Coordinates<R>,
     b: &[R; 4],
     finger_acceleration: &[R; 2],
 ) -> Constrained<R> {
@@ -44,19 +44,20 @@ pub fn constrained<R: Real, K: Controller<R>>(
             driven[k] = b[k] + share[k];
         }
     }
-    let mut acceleration = [R::zero(); 9];
-    acceleration[..5].copy_from_slice(&pose_acceleration(geometry, plant, f, &driven));
+    let (object, mut finger) = pose_acceleration(geometry, plant, f, &driven);
     if !K::ANGLE_IS_STATE {
-        acceleration[FINGER..D_N].copy_from_slice(finger_acceleration);
+        finger = *finger_acceleration;
     }
+    let mut a = Coordinates { object, finger, ..Coordinates::zero() };
     // lambda = M_d a_d - f_d.
-    let swept = geometry.phi_times(&acceleration);
-    let mut multipliers = swept;
-    for k in 0..4 {
-        acceleration[D_N + k] = -(swept[k] + b[k]);
-        multipliers[k] = plant.masses[D_N + k].mul_add(acceleration[D_N + k], -f[D_N + k]);
+    let swept = geometry.phi_times(&a);
+    let (masses, mut multipliers) = (&plant.masses, swept);
+    for i in 0..2 {
+        (a.compression[i], a.shear[i]) = (-(swept[i] + b[i]), -(swept[2 + i] + b[2 + i]));
+        multipliers[i] = masses.compression[i].mul_add(a.compression[i], -f.compression[i]);
+        multipliers[2 + i] = masses.shear[i].mul_add(a.shear[i], -f.shear[i]);
     }
-    Constrained { multipliers, acceleration }
+    Constrained { multipliers, acceleration: a }
 }
 
 /// An eliminated finger: the contact's share of the object's 3 x 3 system, along the object's own axes.
@@ -140,63 +141,64 @@ impl<R: Real> Eliminated<R> {
     }
 }
 
-/// v-dot for the forces `f` and the bias `b`, which includes the share of driven fingers. The rows of driven
-/// fingers are zero.
+/// v-dot of the object and of the fingers for the forces `f` and the bias `b`, which includes the share of driven
+/// fingers. The rows of driven fingers are zero.
 #[inline(always)]
 fn pose_acceleration<R: Real, K: Controller<R>>(
     geometry: &Geometry<R>,
     plant: &Plant<R, K>,
-    f: &[R; 9],
+    f: &Coordinates<R>,
     b: &[R; 4],
-) -> [R; 5] {
+) -> ([R; 3], [R; 2]) {
     let [right, left] = &geometry.contacts;
-    let masses = &plant.masses;
+    let Coordinates { object: [m_x, m_y, m_theta], finger: inertia, compression: m_n, shear: m_t } =
+        &plant.masses;
 
     // f_5 - Phi_5^T (f_d + M_d b), along the object's axes.
-    let mut load = *b;
-    for k in 0..4 {
-        load[k] = masses[D_N + k].mul_add(b[k], f[D_N + k]);
-    }
-    let loads = [[load[0], load[2]], [load[1], load[3]]];
+    let loads = [
+        [m_n[0].mul_add(b[0], f.compression[0]), m_t[0].mul_add(b[2], f.shear[0])],
+        [m_n[1].mul_add(b[1], f.compression[1]), m_t[1].mul_add(b[3], f.shear[1])],
+    ];
     let pushes = [right.push(0, loads[0]), left.push(1, loads[1])];
-    let [along, across] = geometry.inward([f[X], f[Y]]);
+    let [x, y, moment] = f.object;
+    let [along, across] = geometry.inward([x, y]);
     let along = along + (-pushes[0][0] - pushes[1][0]);
     let across = across - (pushes[0][1] + pushes[1][1]);
-    let moment = f[THETA] - (right.moment(loads[0]) + left.moment(loads[1]));
+    let moment = moment - (right.moment(loads[0]) + left.moment(loads[1]));
 
     // The object's own 3 x 3 system: M + sum of G_i^T N_i G_i.
     if !K::ANGLE_IS_STATE && geometry.is_aligned() {
-        let (rh, rn) = (masses[D_N] * right.a, masses[D_T] * right.e);
-        let (lh, ln) = (masses[D_N + 1] * left.a, masses[D_T + 1] * left.e);
+        let (rh, rn) = (m_n[0] * right.a, m_t[0] * right.e);
+        let (lh, ln) = (m_n[1] * left.a, m_t[1] * left.e);
         // Along the normal and across it the masses are constant, and only the rotation couples the two
         // directions.
         let (h, n) = (lh - rh, rn + ln);
         let (h_share, n_share) = (h * plant.inverse_driven_masses[0], n * plant.inverse_driven_masses[1]);
-        let inertia = masses[THETA] + (rh.dot2(right.a, rn, right.e) + lh.dot2(left.a, ln, left.e));
+        let inertia = *m_theta + (rh.dot2(right.a, rn, right.e) + lh.dot2(left.a, ln, left.e));
         let turn = (moment - h_share.dot2(along, n_share, across)) / (inertia - h_share.dot2(h, n_share, n));
         let u = h_share.neg_mul_add(turn, along * plant.inverse_driven_masses[0]);
         let v = n_share.neg_mul_add(turn, across * plant.inverse_driven_masses[1]);
         let [x, y] = geometry.outward(u, v);
-        return [x, y, turn, R::zero(), R::zero()];
+        return ([x, y, turn], [R::zero(); 2]);
     }
-    let (surface1, surface2) = ([masses[D_N], masses[D_T]], [masses[D_N + 1], masses[D_T + 1]]);
+    let (surface1, surface2) = ([m_n[0], m_t[0]], [m_n[1], m_t[1]]);
     let (r, l) = if K::ANGLE_IS_STATE {
-        let torque1 = f[FINGER] - right.torque(loads[0]);
-        let torque2 = f[FINGER + 1] - left.torque(loads[1]);
+        let torque1 = f.finger[0] - right.torque(loads[0]);
+        let torque2 = f.finger[1] - left.torque(loads[1]);
         (
-            Eliminated::new(0, right, (masses[FINGER], torque1), surface1),
-            Eliminated::new(1, left, (masses[FINGER + 1], torque2), surface2),
+            Eliminated::new(0, right, (inertia[0], torque1), surface1),
+            Eliminated::new(1, left, (inertia[1], torque2), surface2),
         )
     } else {
         (Eliminated::driven(0, right, surface1), Eliminated::driven(1, left, surface2))
     };
     let matrix = [
-        masses[X] + (r.along + l.along),
+        *m_x + (r.along + l.along),
         l.mixed + r.mixed,
-        masses[Y] + (r.across + l.across),
+        *m_y + (r.across + l.across),
         l.turn[0] + r.turn[0],
         r.turn[1] + l.turn[1],
-        masses[THETA] + (r.inertia + l.inertia),
+        *m_theta + (r.inertia + l.inertia),
     ];
     let (free1, free2) = (r.free_acceleration, l.free_acceleration);
     let load = [
@@ -204,7 +206,7 @@ fn pose_acceleration<R: Real, K: Controller<R>>(
         across - r.column[1].dot2(free1, l.column[1], free2),
         moment - r.column[2].dot2(free1, l.column[2], free2),
     ];
-    let [u, v, turn] = solve3(&matrix, &load, plant.inverse_masses[X]);
+    let [u, v, turn] = solve3(&matrix, &load, plant.inverse_masses.object[0]);
     let [x, y] = geometry.outward(u, v);
-    [x, y, turn, r.finger([u, v, turn]), l.finger([u, v, turn])]
+    ([x, y, turn], [r.finger([u, v, turn]), l.finger([u, v, turn])])
 }

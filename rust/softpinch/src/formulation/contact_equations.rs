@@ -7,6 +7,7 @@ use crate::formulation::unilateral::Unilateral;
 use crate::model::contact::Side;
 use crate::model::contact_modes::Contacts;
 use crate::model::control::{Actuated, Driven};
+use crate::model::coordinates::Coordinates;
 use crate::model::drive::Input;
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
@@ -52,7 +53,7 @@ struct Collision<'a, E> {
     equations: &'a E,
     friction: [f64; 2],
     geometry: &'a Geometry<f64>,
-    p: &'a [f64; 9],
+    p: &'a Coordinates,
     closed: [bool; 2],
     impulse: [f64; 3],
 }
@@ -91,7 +92,7 @@ impl ContactEquations<'_> {
     pub fn impact(
         &self,
         geometry: &Geometry<f64>,
-        p: &[f64; 9],
+        p: &Coordinates,
         closed: [bool; 2],
         impulse: [f64; 3],
     ) -> Impact {
@@ -118,7 +119,7 @@ impl ContactEquations<'_> {
     }
 
     /// theta_p of both tips.
-    pub fn tilts(&self, q: &[f64; 9]) -> [f64; 2] {
+    pub fn tilts(&self, q: &Coordinates) -> [f64; 2] {
         std::array::from_fn(|i| self.sides()[i].tilt(i, q))
     }
 
@@ -128,7 +129,7 @@ impl ContactEquations<'_> {
     }
 
     /// The diagonal of the mass matrix (14).
-    pub fn masses(&self) -> &[f64; 9] {
+    pub fn masses(&self) -> &Coordinates {
         with!(self, (_, equations) => &equations.plant().masses)
     }
 

@@ -16,16 +16,16 @@
 use crate::formulation::constrained::Constrained;
 use crate::model::contact_modes::Contacts;
 use crate::model::control::Controller;
+use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
-use crate::model::index::{D_N, D_T, FINGER, THETA, X};
 use crate::number::real::{Real, signed};
 
 /// Forces, couples and friction at one state.
 #[derive(Debug, Clone, Copy)]
 pub struct Load<R> {
     /// The generalised force f without multipliers and without the couples of tips that graze or are free.
-    pub force: [R; 9],
+    pub force: Coordinates<R>,
     /// dP/d theta_pi of both tips, N m.
     pub couple: [R; 2],
     /// mu of both contacts.
@@ -43,8 +43,8 @@ pub struct Response<R> {
     pub multipliers: [R; 4],
     /// The part psi of the couple that acts: 1 in stick and slip, 0 in free.
     pub share: [R; 2],
-    /// The accelerations a, in the order of q.
-    pub acceleration: [R; 9],
+    /// The accelerations a.
+    pub acceleration: Coordinates<R>,
     /// The pivots of R M^-1 K. Their product is its determinant; solutions with a negative one are unstable.
     pub pivots: [R; 4],
 }
@@ -81,14 +81,11 @@ pub fn response<R: Real, K: Controller<R>>(
     contacts: &Contacts<R>,
     load: &Load<R>,
 ) -> Response<R> {
-    let w = &plant.inverse_masses;
+    let (force, w) = (&load.force, &plant.inverse_masses);
     let (zero, one) = (R::zero(), R::constant(1.0));
-    let mut unforced = load.force;
-    for k in 0..9 {
-        unforced[k] = load.force[k] * w[k];
-    }
+    let mut unforced = each_coordinate!([force, w] => force * w);
     if !K::ANGLE_IS_STATE {
-        unforced[FINGER..D_N].copy_from_slice(&load.finger_acceleration);
+        unforced.finger = load.finger_acceleration;
     }
     let [h1, h2, n1, n2] = geometry.phi_times(&unforced);
     let swept = [[h1, n1], [h2, n2]];
@@ -135,13 +132,10 @@ pub fn response<R: Real, K: Controller<R>>(
     let mut total = geometry.phi_transposed_times(&multipliers);
     for i in 0..2 {
         let part = R::select(contacts.graze[i], -(load.couple[i] * share[i]), zero);
-        total[THETA] = total[THETA] + signed(i, part);
-        total[FINGER + i] = total[FINGER + i] + part;
+        total.object[2] = total.object[2] + signed(i, part);
+        total.finger[i] = total.finger[i] + part;
     }
-    let mut acceleration = unforced;
-    for k in 0..9 {
-        acceleration[k] = total[k].mul_add(w[k], unforced[k]);
-    }
+    let acceleration = each_coordinate!([total, w, unforced] => total.mul_add(w, unforced));
     Response { multipliers, share, acceleration, pivots }
 }
 
@@ -149,16 +143,17 @@ pub fn response<R: Real, K: Controller<R>>(
 #[inline(always)]
 fn own_block<R: Real>(
     geometry: &Geometry<R>,
-    w: &[R; 9],
+    w: &Coordinates<R>,
     (i, j): (usize, usize),
     graze: u8,
     couple: R,
 ) -> Block<R> {
     let (own, other) = (&geometry.contacts[i], &geometry.contacts[j]);
-    let (a, e) = (own.a * w[THETA], own.e * w[THETA]);
+    let [w_x, _, w_theta] = w.object;
+    let (a, e) = (own.a * w_theta, own.e * w_theta);
     let same = i == j;
-    let along = if same { w[X] } else { -w[X] };
-    let mut block = [[a.mul_add(other.a, along), a * other.e], [e * other.a, e.mul_add(other.e, w[X])]];
+    let along = if same { w_x } else { -w_x };
+    let mut block = [[a.mul_add(other.a, along), a * other.e], [e * other.a, e.mul_add(other.e, w_x)]];
     if !same && !geometry.is_aligned() {
         let (one, zero) = (R::constant(1.0), R::zero());
         for (r, unit) in [[one, zero], [zero, one]].into_iter().enumerate() {
@@ -166,19 +161,19 @@ fn own_block<R: Real>(
             let ([h, k], [m, n]) = (other.push(j, [one, zero]), other.push(j, [zero, one]));
             let turn = [a, e][r];
             block[r] = [
-                turn.mul_add(other.a, w[X] * along.dot2(h, across, k)),
-                turn.mul_add(other.e, w[X] * along.dot2(m, across, n)),
+                turn.mul_add(other.a, w_x * along.dot2(h, across, k)),
+                turn.mul_add(other.e, w_x * along.dot2(m, across, n)),
             ];
         }
     }
     let turned = signed(j, R::constant(1.0));
     let mut by_couple = [a * turned, e * turned];
     if same {
-        let (b, f) = (own.b * w[FINGER + i], own.f * w[FINGER + i]);
-        block[0][0] = block[0][0] + b.mul_add(own.b, w[D_N + i]);
+        let (b, f) = (own.b * w.finger[i], own.f * w.finger[i]);
+        block[0][0] = block[0][0] + b.mul_add(own.b, w.compression[i]);
         block[0][1] = b.mul_add(own.f, block[0][1]);
         block[1][0] = f.mul_add(own.b, block[1][0]);
-        block[1][1] = block[1][1] + f.mul_add(own.f, w[D_T + i]);
+        block[1][1] = block[1][1] + f.mul_add(own.f, w.shear[i]);
         by_couple = [by_couple[0] + b, by_couple[1] + f];
     }
     for r in 0..2 {

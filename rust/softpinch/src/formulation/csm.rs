@@ -35,8 +35,6 @@ impl<R: Real, K: Controller<R>> Csm<R, K> {
 
 impl<R: Real, K: Controller<R>> Equations<R> for Csm<R, K> {
     type Fingers = K;
-    const COORDINATES: &'static [usize] =
-        if K::ANGLE_IS_STATE { &[0, 1, 2, 3, 4, 5, 6, 7, 8] } else { &[0, 1, 2, 5, 6, 7, 8] };
 
     #[inline(always)]
     fn plant(&self) -> &Plant<R, K> {

@@ -7,11 +7,11 @@ use crate::formulation::constrained::{Constrained, constrained};
 use crate::formulation::contact_solve::Response;
 use crate::model::contact_modes::Contacts;
 use crate::model::control::Controller;
+use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::drive::Input;
 use crate::model::energy::{BILATERAL_WORKS, Energies, WORKS, work};
 use crate::model::forces::{Forces, Plant};
 use crate::model::geometry::Geometry;
-use crate::model::index::{D_N, D_T, FINGER};
 use crate::model::motion::Motion;
 use crate::number::real::{Real, dot};
 
@@ -55,7 +55,7 @@ impl<R: Real> Evaluation<R> {
         let zero = R::zero();
         Self {
             rate: [zero; MAX_COMPONENTS],
-            motion: Motion { q: [zero; 9], p: [zero; 9], memory: [zero; 2] },
+            motion: Motion::zero(),
             multipliers: [zero; 4],
             residuals: [zero; 4],
             tilt: [zero; 2],
@@ -89,23 +89,27 @@ pub struct Terms<R> {
 pub trait Equations<R: Real>: Copy + Debug {
     /// The law of the fingers.
     type Fingers: Controller<R>;
-    /// The coordinates that are states, as places in q. Driven fingers are not among them, because the schedule
-    /// prescribes them.
-    const COORDINATES: &'static [usize];
-    /// Whether the shears are states beside the coordinates and their rates.
-    const SHEARS: bool = false;
-    /// Number of coordinates among the states. The coordinates come first, and their rates follow.
-    const DEGREES: usize = Self::COORDINATES.len();
+    /// Whether the states can leave the constraints. If so, they have all deformations with their rates; if not, they
+    /// have the shears, and the constraints determine the rest.
+    const DRIFTS: bool = true;
+    /// Number of coordinates that are states with their rates: the object's, those of fingers that the schedule does not
+    /// prescribe, and deformations if the states can drift.
+    const DEGREES: usize =
+        3 + if Self::Fingers::ANGLE_IS_STATE { 2 } else { 0 } + if Self::DRIFTS { 4 } else { 0 };
     /// Number of states of the motion: coordinates, rates, and after these shears and the controllers' memories.
     const STATES: usize = 2 * Self::DEGREES
-        + if Self::SHEARS { 2 } else { 0 }
+        + if Self::DRIFTS { 0 } else { 2 }
         + if Self::Fingers::ANGLE_IS_STATE { 2 } else { 0 };
     /// Number of works of the ledger.
     const WORKS: usize = BILATERAL_WORKS;
     /// Whether contacts can slip and open.
     const UNILATERAL: bool = false;
-    /// Whether the states can leave the constraints.
-    const DRIFTS: bool = true;
+
+    /// The place of the state's coordinate `n` among all nine.
+    #[inline(always)]
+    fn place(n: usize) -> usize {
+        if Self::Fingers::ANGLE_IS_STATE || n < 3 { n } else { n + 2 }
+    }
 
     /// The constants of the scene.
     fn plant(&self) -> &Plant<R, Self::Fingers>;
@@ -115,12 +119,13 @@ pub trait Equations<R: Real>: Copy + Debug {
     fn begin(&self, motion: &Motion<R>) -> States<R> {
         let Motion { q, p, memory } = motion;
         let mut y = [R::zero(); MAX_COMPONENTS];
+        let (coordinates, rates) = (q.row(), p.row());
         for n in 0..Self::DEGREES {
-            y[n] = q[Self::COORDINATES[n]];
-            y[Self::DEGREES + n] = p[Self::COORDINATES[n]];
+            y[n] = coordinates[Self::place(n)];
+            y[Self::DEGREES + n] = rates[Self::place(n)];
         }
-        if Self::SHEARS {
-            y[2 * Self::DEGREES..2 * Self::DEGREES + 2].copy_from_slice(&q[D_T..]);
+        if !Self::DRIFTS {
+            y[2 * Self::DEGREES..2 * Self::DEGREES + 2].copy_from_slice(&q.shear);
         }
         if Self::Fingers::ANGLE_IS_STATE {
             y[Self::STATES - 2..Self::STATES].copy_from_slice(memory);
@@ -133,17 +138,17 @@ pub trait Equations<R: Real>: Copy + Debug {
     fn unpack(&self, input: &Input<R>, y: &States<R>) -> Motion<R> {
         let (mut q, mut p, mut memory) = ([R::zero(); 9], [R::zero(); 9], [R::zero(); 2]);
         for n in 0..Self::DEGREES {
-            q[Self::COORDINATES[n]] = y[n];
-            p[Self::COORDINATES[n]] = y[Self::DEGREES + n];
+            q[Self::place(n)] = y[n];
+            p[Self::place(n)] = y[Self::DEGREES + n];
         }
-        if Self::SHEARS {
-            q[D_T..].copy_from_slice(&y[2 * Self::DEGREES..2 * Self::DEGREES + 2]);
+        let (mut q, mut p) = (Coordinates::from(q), Coordinates::from(p));
+        if !Self::DRIFTS {
+            q.shear.copy_from_slice(&y[2 * Self::DEGREES..2 * Self::DEGREES + 2]);
         }
         if Self::Fingers::ANGLE_IS_STATE {
             memory.copy_from_slice(&y[Self::STATES - 2..Self::STATES]);
         } else {
-            q[FINGER..D_N].copy_from_slice(&input.target);
-            p[FINGER..D_N].copy_from_slice(&input.target_rate);
+            (q.finger, p.finger) = (input.target, input.target_rate);
         }
         Motion { q, p, memory }
     }
@@ -181,7 +186,7 @@ pub trait Equations<R: Real>: Copy + Debug {
 
     /// The powers whose integrals are the works of the ledger.
     #[inline(always)]
-    fn powers(&self, terms: &Terms<R>, _: &Contacts<R>, p: &[R; 9]) -> [R; WORKS] {
+    fn powers(&self, terms: &Terms<R>, _: &Contacts<R>, p: &Coordinates<R>) -> [R; WORKS] {
         let Terms { geometry, forces, response, .. } = terms;
         let mut powers = [R::zero(); WORKS];
         powers[..BILATERAL_WORKS].copy_from_slice(&forces.powers(
@@ -233,22 +238,18 @@ pub trait Equations<R: Real>: Copy + Debug {
         let mut motion = self.unpack(input, y);
         let geometry = self.geometry(&mut motion);
         let (plant, p, zero) = (self.plant(), motion.p, R::zero());
-        let mut force = [zero; 9];
-        force[..3].copy_from_slice(impulse);
+        let force = Coordinates { object: *impulse, ..Coordinates::zero() };
         let Constrained { multipliers: constraint_impulse, acceleration: change } =
             constrained(&geometry, plant, &force, &[zero; 4], &[zero; 2]);
-        let jump = self.begin(&Motion { q: [zero; 9], p: change, memory: [zero; 2] });
+        let jump = self.begin(&Motion { p: change, ..Motion::zero() });
         for n in Self::DEGREES..2 * Self::DEGREES {
             y[n] = y[n] + jump[n];
         }
         if ledger {
             let half = R::constant(0.5);
-            let mut mean = p;
-            for k in 0..9 {
-                mean[k] = half.mul_add(change[k], p[k]);
-            }
+            let mean = each_coordinate!([change, p] => half.mul_add(change, p));
             let works = &mut y[Self::STATES..];
-            works[work::EXTERNAL] = works[work::EXTERNAL] + dot(impulse, &[mean[0], mean[1], mean[2]]);
+            works[work::EXTERNAL] = works[work::EXTERNAL] + dot(impulse, &mean.object);
             if !Self::Fingers::ANGLE_IS_STATE {
                 let driving = plant.driving_work(&geometry, &constraint_impulse, &p);
                 works[work::CONTROL] = works[work::CONTROL] + driving;

@@ -12,6 +12,7 @@
 use crate::formulation::contact_solve::{Load, Response, response};
 use crate::model::contact_modes::{Contacts, Mode, Slip};
 use crate::model::control::Controller;
+use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
 use crate::number::real::dot;
@@ -20,7 +21,7 @@ use crate::number::real::dot;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Impact {
     /// Velocities after it.
-    pub p: [f64; 9],
+    pub p: Coordinates,
     /// The impulses Lambda of the contacts, in the order of the multipliers, N s.
     pub impulses: [f64; 4],
     /// What each contact does in it: it sticks, slips or opens.
@@ -40,13 +41,12 @@ const CHOICES: [Mode; 4] = [Mode::Stick, Mode::Slip(Slip::Up), Mode::Slip(Slip::
 pub fn impact<K: Controller<f64>>(
     geometry: &Geometry<f64>,
     plant: &Plant<f64, K>,
-    p: &[f64; 9],
+    p: &Coordinates,
     (closed, friction): ([bool; 2], [f64; 2]),
     impulse: [f64; 3],
 ) -> Impact {
     let before = geometry.constraint_velocity();
-    let mut force = [0.0; 9];
-    force[..3].copy_from_slice(&impulse);
+    let force = Coordinates { object: impulse, ..Coordinates::zero() };
     let load = Load { force, couple: [0.0; 2], friction, bias: before, finger_acceleration: [0.0; 2] };
     let choices = |i: usize| if closed[i] { &CHOICES[..] } else { &CHOICES[3..] };
     let mut best: Option<(f64, Impact)> = None;
@@ -98,19 +98,17 @@ fn violation(i: usize, mode: Mode, friction: f64, found: &Response<f64>, after: 
 /// The result for modes that hold.
 fn result<K: Controller<f64>>(
     (geometry, plant): (&Geometry<f64>, &Plant<f64, K>),
-    p: &[f64; 9],
+    p: &Coordinates,
     impulse: [f64; 3],
     modes: [Mode; 2],
     found: &Response<f64>,
     (before, after): (&[f64; 4], &[f64; 4]),
 ) -> Impact {
-    let mut changed = *p;
-    for k in 0..9 {
-        changed[k] += found.acceleration[k];
-    }
+    let change = &found.acceleration;
+    let changed = each_coordinate!([p, change] => p + change);
     let impulses = found.multipliers;
     let loss = -(0..4).map(|k| impulses[k] * 0.5 * (before[k] + after[k])).sum::<f64>();
-    let mean = std::array::from_fn(|k| 0.5 * (p[k] + changed[k]));
+    let mean = std::array::from_fn(|k| 0.5 * (p.object[k] + changed.object[k]));
     let driving = if K::ANGLE_IS_STATE { 0.0 } else { plant.driving_work(geometry, &impulses, p) };
     Impact { p: changed, impulses, modes, loss, work: dot(&impulse, &mean), driving }
 }
@@ -125,25 +123,26 @@ mod tests {
     use crate::model::parameters::Parameters;
     use crate::model::start::contact;
 
-    fn pressed(q: [f64; 9], p: [f64; 9]) -> (Geometry<f64>, Plant<f64, Actuated<f64>>) {
+    fn pressed(q: Coordinates, p: Coordinates) -> (Geometry<f64>, Plant<f64, Actuated<f64>>) {
         let parameters = Parameters::default();
         (Geometry::new(&Side::both(&parameters), &q, &p), Plant::new(&parameters, Fingers::Pid))
     }
 
-    fn kinetic(plant: &Plant<f64, Actuated<f64>>, p: &[f64; 9]) -> f64 {
-        0.5 * plant.masses.iter().zip(p).map(|(mass, rate)| mass * rate * rate).sum::<f64>()
+    fn kinetic(plant: &Plant<f64, Actuated<f64>>, p: &Coordinates) -> f64 {
+        0.5 * plant.masses.row().iter().zip(&p.row()).map(|(mass, rate)| mass * rate * rate).sum::<f64>()
     }
 
     /// One tip meets the object without friction: it loses g-dot^2 / (2 S_hh).
     #[test]
     fn one_contact_without_friction_loses_what_the_effective_mass_says() {
         let q = contact(&Parameters::default()).unwrap();
-        let p = [0.3, 0.1, 2.0, -1.0, 0.5, -0.2, 0.1, 0.05, -0.1];
+        let p = [0.3, 0.1, 2.0, -1.0, 0.5, -0.2, 0.1, 0.05, -0.1].into();
         let (geometry, plant) = pressed(q, p);
         let approach = geometry.constraint_velocity()[0];
         assert!(approach < 0.0);
         let own = geometry.constraint_matrix().row(0).transpose();
-        let effective: f64 = (0..9).map(|k| own[k] * own[k] * plant.inverse_masses[k]).sum();
+        let inverse = plant.inverse_masses.row();
+        let effective: f64 = (0..9).map(|k| own[k] * own[k] * inverse[k]).sum();
         let found = impact(&geometry, &plant, &p, ([true, false], [0.0; 2]), [0.0; 3]);
         assert!(matches!(found.modes[0], Mode::Slip(_)) && found.modes[1] == Mode::Free);
         assert!((found.loss - 0.5 * approach * approach / effective).abs() < 1e-15);
@@ -154,11 +153,11 @@ mod tests {
     #[test]
     fn an_impact_on_a_driven_finger_does_not_change_its_speed() {
         let q = contact(&Parameters::default()).unwrap();
-        let p = [0.3, 0.1, 2.0, -1.0, 0.5, -0.2, 0.1, 0.05, -0.1];
+        let p = [0.3, 0.1, 2.0, -1.0, 0.5, -0.2, 0.1, 0.05, -0.1].into();
         let (geometry, _) = pressed(q, p);
         let plant = Plant::<f64, Driven>::new(&Parameters::default(), Fingers::Driven);
         let found = impact(&geometry, &plant, &p, ([true; 2], [0.5; 2]), [0.0; 3]);
-        assert_eq!(found.p[3..5], p[3..5]);
+        assert_eq!(found.p.finger, p.finger);
     }
 
     proptest! {
@@ -172,7 +171,8 @@ mod tests {
             closed in prop::array::uniform2(any::<bool>()),
         ) {
             let mut q = contact(&Parameters::default()).unwrap();
-            (q[2], q[3], q[4]) = (tilt, 0.1 - tilt, 0.1 + 0.5 * tilt);
+            (q.object[2], q.finger) = (tilt, [0.1 - tilt, 0.1 + 0.5 * tilt]);
+            let p = p.into();
             let (geometry, plant) = pressed(q, p);
             for impulse in [[0.0; 3], impulse] {
                 let found = impact(&geometry, &plant, &p, (closed, friction), impulse);
@@ -181,10 +181,10 @@ mod tests {
                 prop_assert!((gain - (found.work - found.loss)).abs() < 1e-13);
                 prop_assert!(impulse != [0.0; 3] || found.loss >= -1e-15);
                 // M dp = J + Phi^T Lambda.
-                let push = geometry.phi_transposed_times(&found.impulses);
+                let (push, after_p) = (geometry.phi_transposed_times(&found.impulses).row(), found.p.row());
                 for k in 0..9 {
                     let given = if k < 3 { impulse[k] } else { 0.0 };
-                    let change = plant.masses[k] * (found.p[k] - p[k]);
+                    let change = plant.masses.row()[k] * (after_p[k] - p.row()[k]);
                     prop_assert!((change - given - push[k]).abs() < 1e-12);
                 }
                 for i in 0..2 {

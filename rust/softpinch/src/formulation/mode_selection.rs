@@ -11,7 +11,6 @@ use crate::formulation::contact_equations::ContactEquations;
 use crate::formulation::equations::Terms;
 use crate::model::contact_modes::{ContactRow, Contacts, Mode, Slip};
 use crate::model::drive::Input;
-use crate::model::index::{D_N, D_T};
 use crate::model::motion::Motion;
 use crate::model::rule::Rule;
 
@@ -186,21 +185,20 @@ fn first_admissible(
 /// negative if one fails, or if the solution has the wrong orientation.
 fn margin(equations: ContactEquations<'_>, terms: &Terms<f64>, modes: [Mode; 2], now: &[Contact; 2]) -> f64 {
     let oriented = terms.response.pivots.iter().filter(|&&pivot| pivot < 0.0).count() % 2 == 0;
-    let sound = terms.response.acceleration.iter().all(|a| a.is_finite());
+    let sound = terms.response.acceleration.row().iter().all(|a| a.is_finite());
     if !(oriented && sound) {
         return f64::NEG_INFINITY;
     }
-    let (masses, friction) = (equations.masses(), equations.friction());
+    let (masses, friction) = (equations.masses().compression, equations.friction());
     let (acceleration, multipliers) = (&terms.response.acceleration, &terms.response.multipliers);
     let (swept, bias) = (equations.swept(terms), terms.geometry.bias());
     let own = |i: usize| {
         // The terms of the accelerations of the gap and of the slip, and those that the multipliers make.
         let mut size = f64::MIN_POSITIVE;
-        for (row, surface) in [(i, D_N + i), (2 + i, D_T + i)] {
-            let own = acceleration[surface];
+        for (row, own) in [(i, acceleration.compression[i]), (2 + i, acceleration.shear[i])] {
             size += own.abs() + (swept[row] - own).abs() + bias[row].abs();
         }
-        let (along, across) = (multipliers[i] / masses[D_N + i], multipliers[2 + i].abs() / masses[D_N + i]);
+        let (along, across) = (multipliers[i] / masses[i], multipliers[2 + i].abs() / masses[i]);
         size += along.abs() + across;
         let rate = |row: usize| (swept[row] + bias[row]) / size;
         match modes[i] {
@@ -249,7 +247,8 @@ mod tests {
     fn grasp(grip: f64, tilt: f64, shear: [f64; 2], velocity: [f64; 5]) -> Motion<f64> {
         let parameters = Parameters::default();
         let start = contact(&parameters).unwrap();
-        let pose = [start[0], start[1], tilt, grip, grip];
+        let [x, y, _] = start.object;
+        let pose = [x, y, tilt, grip, grip];
         let (q, p) = consistent(&parameters, &pose, &shear, &velocity);
         Motion { q, p, memory: [0.0; 2] }
     }
@@ -277,7 +276,7 @@ mod tests {
     #[test]
     fn a_block_that_slides_between_two_tips_accelerates_as_newton_says() {
         let mut motion = grasp(0.1, 0.0, [0.0; 2], [0.0; 5]);
-        motion.p[1] = -0.2;
+        motion.p.object[1] = -0.2;
         let slips = Contact { slip: Some(Slip::Down), mode: Mode::Slip(Slip::Down), ..Contact::touching() };
         for friction in [0.0, 0.05, 0.3] {
             let equations = equations(friction, 0.01);
@@ -290,7 +289,7 @@ mod tests {
             let object = Parameters::default().grasped;
             let expected = friction * (right + left) / object.mass - 9.81;
             assert!(right > 1.0 && (right - left).abs() < 1e-12);
-            assert!((terms.response.acceleration[1] - expected).abs() < 1e-12);
+            assert!((terms.response.acceleration.object[1] - expected).abs() < 1e-12);
             assert_eq!(terms.response.multipliers[2], friction * right);
         }
     }
@@ -306,7 +305,7 @@ mod tests {
         assert_eq!(modes, [Mode::Free; 2]);
         let contacts = contacts_in(modes, &[free; 2], called(&equations).tilts(&motion.q));
         let terms = called(&equations).terms(&input, &contacts, &motion);
-        assert_eq!(terms.response.acceleration[..3], [0.0, -9.81, 0.0]);
+        assert_eq!(terms.response.acceleration.object, [0.0, -9.81, 0.0]);
         assert_eq!(terms.response.multipliers, [0.0; 4]);
         assert_eq!(terms.response.share, [0.0; 2]);
     }
@@ -326,7 +325,7 @@ mod tests {
             force in prop::array::uniform3(-100.0..100.0_f64),
         ) {
             let motion = grasp(grip, tilt, shear, [0.0; 5]);
-            prop_assume!(motion.q[5] > 1e-4 && motion.q[6] > 1e-4 && motion.q[5] < 0.02 && motion.q[6] < 0.02);
+            prop_assume!(motion.q.compression.iter().all(|&d_n| d_n > 1e-4 && d_n < 0.02));
             let equations = equations(friction, 0.01);
             let input = Input { force: [5.0 * force[0], force[1], 0.01 * force[2]], ..still(target) };
             let now = [Contact::touching(); 2];
@@ -343,13 +342,14 @@ mod tests {
             let push = terms.geometry.phi_transposed_times(&response.multipliers);
             for i in 0..2 {
                 let acts = if modes[i] == Mode::Graze { response.share[i] } else { 0.0 };
-                force[2] -= signed(i, acts * terms.couple[i]);
-                force[3 + i] -= acts * terms.couple[i];
+                force.object[2] -= signed(i, acts * terms.couple[i]);
+                force.finger[i] -= acts * terms.couple[i];
             }
-            let masses = equations.plant().masses;
+            let (masses, acceleration) = (equations.plant().masses.row(), response.acceleration.row());
+            let (force, push) = (force.row(), push.row());
             for k in 0..9 {
                 let size = force[k].abs() + push[k].abs() + 1.0;
-                prop_assert!((masses[k] * response.acceleration[k] - force[k] - push[k]).abs() < 1e-10 * size);
+                prop_assert!((masses[k] * acceleration[k] - force[k] - push[k]).abs() < 1e-10 * size);
             }
             for i in 0..2 {
                 let (along, across) = (response.multipliers[i], response.multipliers[2 + i]);

@@ -29,8 +29,6 @@ impl<R: Real, K: Controller<R>> Nullspace<R, K> {
 
 impl<R: Real, K: Controller<R>> Equations<R> for Nullspace<R, K> {
     type Fingers = K;
-    const COORDINATES: &'static [usize] = if K::ANGLE_IS_STATE { &[0, 1, 2, 3, 4] } else { &[0, 1, 2] };
-    const SHEARS: bool = true;
     const DRIFTS: bool = false;
 
     #[inline(always)]
@@ -40,15 +38,7 @@ impl<R: Real, K: Controller<R>> Equations<R> for Nullspace<R, K> {
 
     #[inline(always)]
     fn geometry(&self, motion: &mut Motion<R>) -> Geometry<R> {
-        let Motion {
-            q: [x, y, theta, right, left, _, _, shears @ ..],
-            p: [u, v, omega, turn1, turn2, ..],
-            ..
-        } = *motion;
-        let (pose, velocity) = ([x, y, theta, right, left], [u, v, omega, turn1, turn2]);
-        let geometry;
-        (geometry, motion.q, motion.p) = Geometry::constrained(&self.plant.sides, &pose, &shears, &velocity);
-        geometry
+        Geometry::constrained(&self.plant.sides, &mut motion.q, &mut motion.p)
     }
 
     #[inline(always)]

@@ -11,11 +11,11 @@ use crate::formulation::contact_solve::{Load, response};
 use crate::formulation::equations::{Equations, States};
 use crate::model::contact_modes::Contacts;
 use crate::model::control::Controller;
+use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::drive::Input;
 use crate::model::energy::work;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
-use crate::model::index::{D_N, FINGER, THETA, X};
 use crate::model::motion::Motion;
 use crate::number::linear::solve2;
 use crate::number::real::{Bits, Real};
@@ -27,20 +27,24 @@ const NEWTON_STEPS: usize = 2;
 /// Moves q by one Newton step towards C^H = 0 along M^-1 Phi_H^T. The constraints of the contacts in `free` are
 /// left out.
 #[inline(always)]
-fn newton_step<R: Real, K: Controller<R>>(plant: &Plant<R, K>, q: &[R; 9], free: [Bits; 2]) -> [R; 9] {
+fn newton_step<R: Real, K: Controller<R>>(
+    plant: &Plant<R, K>,
+    q: &Coordinates<R>,
+    free: [Bits; 2],
+) -> Coordinates<R> {
     let zero = R::zero();
-    let geometry = Geometry::new(&plant.sides, q, &[zero; 9]);
+    let geometry = Geometry::new(&plant.sides, q, &Coordinates::zero());
     let w = &plant.inverse_masses;
-    let [r, l] = &geometry.contacts;
-    let mut facing = -w[X];
+    let ([w_x, _, w_theta], [r, l]) = (w.object, &geometry.contacts);
+    let mut facing = -w_x;
     if !geometry.is_aligned() {
         let (one, other) = (r.push(0, [R::constant(1.0), zero]), l.push(1, [R::constant(1.0), zero]));
-        facing = w[X] * one[0].dot2(other[0], one[1], other[1]);
+        facing = w_x * one[0].dot2(other[0], one[1], other[1]);
     }
     let mut matrix = [
-        (r.b * r.b).mul_add(w[FINGER], (r.a * r.a).mul_add(w[THETA], w[X] + w[D_N])),
-        (r.a * l.a).mul_add(w[THETA], facing),
-        (l.b * l.b).mul_add(w[FINGER + 1], (l.a * l.a).mul_add(w[THETA], w[X] + w[D_N + 1])),
+        (r.b * r.b).mul_add(w.finger[0], (r.a * r.a).mul_add(w_theta, w_x + w.compression[0])),
+        (r.a * l.a).mul_add(w_theta, facing),
+        (l.b * l.b).mul_add(w.finger[1], (l.a * l.a).mul_add(w_theta, w_x + w.compression[1])),
     ];
     let mut residuals = [r.holonomic, l.holonomic];
     if free[0] | free[1] != 0 {
@@ -49,20 +53,16 @@ fn newton_step<R: Real, K: Controller<R>>(plant: &Plant<R, K>, q: &[R; 9], free:
     }
     let [h1, h2] = solve2(&matrix, &residuals);
     let push = geometry.phi_transposed_times(&[h1, h2, zero, zero]);
-    let mut corrected = *q;
-    for k in 0..9 {
-        corrected[k] = push[k].neg_mul_add(w[k], q[k]);
-    }
-    corrected
+    each_coordinate!([push, w, q] => push.neg_mul_add(w, q))
 }
 
 /// The position after the correction. The constraints of the contacts in `free` are left out.
 #[inline(always)]
 fn corrected_position<R: Real, K: Controller<R>>(
     plant: &Plant<R, K>,
-    left: &[R; 9],
+    left: &Coordinates<R>,
     free: [Bits; 2],
-) -> [R; 9] {
+) -> Coordinates<R> {
     let mut q = *left;
     for _ in 0..NEWTON_STEPS {
         q = newton_step(plant, &q, free);
@@ -87,20 +87,19 @@ pub fn correct<R: Real, E: Equations<R>>(
     let (zero, finger_acceleration) = (R::zero(), [R::zero(); 2]);
     // Phi dp = -Phi p and M dp = Phi^T nu: this is the solve of (24) without a force.
     let drift = geometry.constraint_velocity();
-    let mut change = constrained(&geometry, plant, &[zero; 9], &drift, &finger_acceleration).acceleration;
+    let force = Coordinates::zero();
+    let mut change = constrained(&geometry, plant, &force, &drift, &finger_acceleration).acceleration;
     let special = contacts.special();
     if E::UNILATERAL && special != 0 {
         // Contacts that slip or graze keep C^H only, as those that slip without friction do.
         let up = [contacts.slip(0) | contacts.graze[0], contacts.slip(1) | contacts.graze[1]];
         let held = Contacts { up, down: [0; 2], graze: [0; 2], ..*contacts };
         let (couple, friction) = ([zero; 2], [zero; 2]);
-        let load = Load { force: [zero; 9], couple, friction, bias: drift, finger_acceleration };
+        let load = Load { force, couple, friction, bias: drift, finger_acceleration };
         let own = response(&geometry, plant, &held, &load).acceleration;
-        for k in 0..9 {
-            change[k] = R::select(special, own[k], change[k]);
-        }
+        change = Coordinates::select(special, &own, &change);
     }
-    let p = sum(&left_p, &change);
+    let p = each_coordinate!([left_p, change] => left_p + change);
     let works = *y;
     *y = equations.begin(&Motion { q, p, memory });
     if ledger {
@@ -114,13 +113,4 @@ pub fn correct<R: Real, E: Equations<R>>(
         let work = &mut y[E::STATES + work::CONSTRAINT];
         *work = *work + gain;
     }
-}
-
-#[inline(always)]
-fn sum<R: Real>(a: &[R; 9], b: &[R; 9]) -> [R; 9] {
-    let mut sum = *a;
-    for k in 0..9 {
-        sum[k] = a[k] + b[k];
-    }
-    sum
 }

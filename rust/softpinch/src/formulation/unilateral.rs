@@ -11,11 +11,11 @@ use crate::formulation::equations::{Equations, Terms};
 use crate::model::contact::law::ElasticGradient;
 use crate::model::contact_modes::Contacts;
 use crate::model::control::{Controller, Fingers};
+use crate::model::coordinates::Coordinates;
 use crate::model::drive::Input;
 use crate::model::energy::{Energies, WORKS};
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
-use crate::model::index::{D_N, D_T};
 use crate::model::motion::Motion;
 use crate::model::parameters::Stabilization;
 use crate::model::source::Source;
@@ -48,11 +48,11 @@ impl<R: Real, K: Controller<R>> Unilateral<R, K> {
         &self,
         contacts: &Contacts<R>,
         mut elastic: [ElasticGradient<R>; 2],
-        q: &[R; 9],
+        q: &Coordinates<R>,
     ) -> [ElasticGradient<R>; 2] {
         for i in 0..2 {
             let (sin, cos) = contacts.frozen_tilt[i].sin_cos();
-            let frozen = self.csm.plant.tips[i].gradient(sin, cos, q[D_N + i], q[D_T + i]);
+            let frozen = self.csm.plant.tips[i].gradient(sin, cos, q.compression[i], q.shear[i]);
             let (free, live) = (contacts.free[i], elastic[i]);
             elastic[i] = ElasticGradient {
                 tilt: R::select(contacts.unloaded(i), R::zero(), live.tilt),
@@ -66,7 +66,6 @@ impl<R: Real, K: Controller<R>> Unilateral<R, K> {
 
 impl<R: Real, K: Controller<R>> Equations<R> for Unilateral<R, K> {
     type Fingers = K;
-    const COORDINATES: &'static [usize] = <Csm<R, K> as Equations<R>>::COORDINATES;
     const WORKS: usize = WORKS;
     const UNILATERAL: bool = true;
 
@@ -123,7 +122,7 @@ impl<R: Real, K: Controller<R>> Equations<R> for Unilateral<R, K> {
             for i in 0..2 {
                 let (sin, cos) = plant.sides[i].tilt(i, q).sin_cos();
                 let (frozen_sin, frozen_cos) = contacts.frozen_tilt[i].sin_cos();
-                let (d_n, d_t) = (q[D_N + i], q[D_T + i]);
+                let (d_n, d_t) = (q.compression[i], q.shear[i]);
                 let live = plant.tips[i].energy(sin, cos, d_n, d_t);
                 let frozen = plant.tips[i].energy(frozen_sin, frozen_cos, d_n, d_t);
                 let gain = R::select(contacts.free[i], frozen - live, R::zero());
@@ -136,7 +135,7 @@ impl<R: Real, K: Controller<R>> Equations<R> for Unilateral<R, K> {
     /// The powers whose integrals are the works of the ledger. Friction's is the loss mu lambda^H |v|. While a
     /// tip grazes, its tilt changes (5) by tau theta_p-dot, but only the part psi of its couple acts.
     #[inline(always)]
-    fn powers(&self, terms: &Terms<R>, contacts: &Contacts<R>, p: &[R; 9]) -> [R; WORKS] {
+    fn powers(&self, terms: &Terms<R>, contacts: &Contacts<R>, p: &Coordinates<R>) -> [R; WORKS] {
         let Terms { geometry, forces, response, couple, .. } = terms;
         let drift = geometry.constraint_velocity();
         let zero = R::zero();
@@ -167,8 +166,6 @@ fn select<R: Real>(bits: u8, a: &Response<R>, b: &Response<R>) -> Response<R> {
     for k in 0..2 {
         found.share[k] = R::select(bits, a.share[k], b.share[k]);
     }
-    for k in 0..9 {
-        found.acceleration[k] = R::select(bits, a.acceleration[k], b.acceleration[k]);
-    }
+    found.acceleration = Coordinates::select(bits, &a.acceleration, &b.acceleration);
     found
 }

@@ -378,7 +378,8 @@ mod tests {
         let states = system.size().states;
         let jacobian = tangent.jacobian(&drive(), TAU, &system.begin(&motion));
         let phi = Geometry::new(&Side::both(&parameters()), &motion.q, &motion.p).constraint_matrix();
-        let weights = SMatrix::<f64, 9, 9>::from_diagonal(&parameters().masses().map(|m| 1.0 / m).into());
+        let weights =
+            SMatrix::<f64, 9, 9>::from_diagonal(&parameters().masses().row().map(|m| 1.0 / m).into());
         let schur = (phi * weights * phi.transpose()).try_inverse().unwrap();
         let accelerance = weights - weights * phi.transpose() * schur * phi * weights;
         for i in 0..2 {

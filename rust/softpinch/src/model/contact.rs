@@ -21,7 +21,7 @@ pub mod shape;
 
 use crate::model::contact::mechanism::{Arm, Mechanism};
 use crate::model::contact::shape::{Frame, Shape};
-use crate::model::index::{D_N, D_T, FINGER};
+use crate::model::coordinates::Coordinates;
 use crate::model::source::Source;
 use crate::number::real::{Real, signed};
 
@@ -60,14 +60,14 @@ impl<R: Real> Side<R> {
 
     /// theta_pi (6), the angle between the tip's base and the side.
     #[inline(always)]
-    pub fn tilt(&self, i: usize, q: &[R; 9]) -> R {
-        self.shape.tilt(i, self.mechanism.tilt(q[FINGER + i]), q)
+    pub fn tilt(&self, i: usize, q: &Coordinates<R>) -> R {
+        self.shape.tilt(i, self.mechanism.tilt(q.finger[i]), q)
     }
 
     /// The rate of theta_pi.
     #[inline(always)]
-    pub fn tilt_rate(&self, i: usize, p: &[R; 9]) -> R {
-        self.shape.tilt_rate(i, self.mechanism.tilt(p[FINGER + i]), p)
+    pub fn tilt_rate(&self, i: usize, p: &Coordinates<R>) -> R {
+        self.shape.tilt_rate(i, self.mechanism.tilt(p.finger[i]), p)
     }
 }
 
@@ -149,10 +149,16 @@ impl<R: Real> Contact<R> {
 
     /// The contact at any q and p, on the constraints or off them.
     #[inline(always)]
-    pub(super) fn anywhere(i: usize, side: &Side<R>, object: &Frame<R>, q: &[R; 9], p: &[R; 9]) -> Self {
+    pub(super) fn anywhere(
+        i: usize,
+        side: &Side<R>,
+        object: &Frame<R>,
+        q: &Coordinates<R>,
+        p: &Coordinates<R>,
+    ) -> Self {
         let frame = side.shape.frame(i, object);
-        let arm = side.mechanism.arm(i, &frame.0, q[FINGER + i], p[FINGER + i]);
-        Self::new(i, side, &frame, &arm, q[D_N + i], [p[D_N + i], p[D_T + i]])
+        let arm = side.mechanism.arm(i, &frame.0, q.finger[i], p.finger[i]);
+        Self::new(i, side, &frame, &arm, q.compression[i], [p.compression[i], p.shear[i]])
     }
 
     /// The contact on the constraints, with the d_n, d_n-dot and d_t-dot that the constraints determine.

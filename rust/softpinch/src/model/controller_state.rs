@@ -2,7 +2,6 @@
 //! in force.
 
 use crate::error::Error;
-use crate::model::index::{D_N, D_T, FINGER, THETA, X};
 use crate::model::measures::Measure;
 use crate::model::motion::Motion;
 use crate::model::noise::normals;
@@ -235,16 +234,16 @@ fn measure(controller: &SampledController, number: u64, seen: &Measured<'_>, y: 
     y.clear();
     for measure in &controller.measures {
         match measure {
-            Measure::Angle | Measure::AngleError => y.extend(&q[FINGER..FINGER + 2]),
-            Measure::AngleRate => y.extend(&p[FINGER..FINGER + 2]),
+            Measure::Angle | Measure::AngleError => y.extend(&q.finger),
+            Measure::AngleRate => y.extend(&p.finger),
             Measure::Target => y.extend(target),
             Measure::TargetRate => y.extend(target_rate),
-            Measure::Position => y.extend(&q[X..X + 2]),
-            Measure::Rotation => y.push(q[THETA]),
-            Measure::Velocity => y.extend(&p[X..X + 2]),
-            Measure::RotationRate => y.push(p[THETA]),
-            Measure::Compression => y.extend(&q[D_N..D_N + 2]),
-            Measure::Shear => y.extend(&q[D_T..D_T + 2]),
+            Measure::Position => y.extend(&q.object[..2]),
+            Measure::Rotation => y.push(q.object[2]),
+            Measure::Velocity => y.extend(&p.object[..2]),
+            Measure::RotationRate => y.push(p.object[2]),
+            Measure::Compression => y.extend(&q.compression),
+            Measure::Shear => y.extend(&q.shear),
             Measure::Multipliers => y.extend(multipliers.iter()),
         }
     }
@@ -308,9 +307,8 @@ mod tests {
 
     /// Takes the sample that is due at the instant `t`, with these measured angles and rates.
     fn sample(state: &mut ControllerState, controller: &SampledController, y: [f64; 4]) {
-        let mut motion = Motion { q: [0.0; 9], p: [0.0; 9], memory: [0.0; 2] };
-        motion.q[3..5].copy_from_slice(&y[..2]);
-        motion.p[3..5].copy_from_slice(&y[2..]);
+        let mut motion = Motion::zero();
+        (motion.q.finger, motion.p.finger) = ([y[0], y[1]], [y[2], y[3]]);
         let seen = Measured { motion: &motion, multipliers: &[0.0; 4], target: [[0.0; 2]; 2] };
         state.sample(controller, &seen, &mut Scratch::new(controller));
     }

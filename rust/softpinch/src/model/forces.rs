@@ -3,10 +3,10 @@
 use crate::model::contact::Side;
 use crate::model::contact::law::{ElasticGradient, Tip};
 use crate::model::control::{Controller, Fingers};
+use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::drive::Input;
 use crate::model::energy::{BILATERAL_WORKS, Energies};
 use crate::model::geometry::Geometry;
-use crate::model::index::{D_N, D_T, FINGER, Y};
 use crate::model::motion::Motion;
 use crate::model::source::Source;
 use crate::number::real::{Real, dot};
@@ -19,10 +19,10 @@ pub struct Plant<R, K> {
     /// Elastic and viscous constants of both tips.
     pub tips: [Tip<R>; 2],
     /// The diagonal of the mass matrix (14).
-    pub masses: [R; 9],
+    pub masses: Coordinates<R>,
     /// The inverse masses. Those of driven fingers are zero: no force moves these fingers away from the
     /// schedule.
-    pub inverse_masses: [R; 9],
+    pub inverse_masses: Coordinates<R>,
     /// One over the mass that driven fingers push along the object's normal, and one over the mass that they
     /// push along its faces: the object's mass with the normal masses, or with the tangential masses, of both
     /// tips.
@@ -60,18 +60,22 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         let one = R::constant(1.0);
         let gravity = source.number(|p| p.surroundings.gravity);
         // Loops, because closures that compute would be compiled without the instructions of the lanes.
-        let (mut masses, mut inverse_masses) = ([R::zero(); 9], [R::zero(); 9]);
-        for k in 0..9 {
-            masses[k] = source.number(|p| p.masses()[k]);
-            if K::ANGLE_IS_STATE || !(FINGER..D_N).contains(&k) {
-                inverse_masses[k] = one / masses[k];
-            }
+        let mut masses = [one; 9];
+        for (k, mass) in masses.iter_mut().enumerate() {
+            *mass = source.number(|p| p.masses().row()[k]);
+        }
+        let masses = Coordinates::from(masses);
+        let mut inverse_masses = each_coordinate!([masses] => one / masses);
+        if !K::ANGLE_IS_STATE {
+            inverse_masses.finger = [R::zero(); 2];
         }
         let (mut inverse_driven_masses, mut finger_weights) = ([one; 2], [one; 2]);
         for i in 0..2 {
-            let tip = [D_N, D_T][i];
-            inverse_driven_masses[i] =
-                one / source.number(|p| p.grasped.mass + (p.masses()[tip] + p.masses()[tip + 1]));
+            let pushed = source.number(|p| {
+                let [right, left] = [p.masses().compression, p.masses().shear][i];
+                p.grasped.mass + (right + left)
+            });
+            inverse_driven_masses[i] = one / pushed;
             finger_weights[i] =
                 source.number(|p| p.fingers[i].mass) * gravity * source.number(|p| p.fingers[i].length);
         }
@@ -89,12 +93,12 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
 
     /// The gradients of (5).
     #[inline(always)]
-    pub fn elastic(&self, geometry: &Geometry<R>, q: &[R; 9]) -> [ElasticGradient<R>; 2] {
+    pub fn elastic(&self, geometry: &Geometry<R>, q: &Coordinates<R>) -> [ElasticGradient<R>; 2] {
         // A closure would be compiled without the instructions of the lanes.
         let [right, left] = &geometry.contacts;
         [
-            self.tips[0].gradient(right.sin_tilt, right.cos_tilt, q[D_N], q[D_T]),
-            self.tips[1].gradient(left.sin_tilt, left.cos_tilt, q[D_N + 1], q[D_T + 1]),
+            self.tips[0].gradient(right.sin_tilt, right.cos_tilt, q.compression[0], q.shear[0]),
+            self.tips[1].gradient(left.sin_tilt, left.cos_tilt, q.compression[1], q.shear[1]),
         ]
     }
 
@@ -133,57 +137,57 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         let tip = &self.tips[i];
         (
             self.finger_weights[i] * geometry.contacts[i].sin_finger,
-            tip.normal_viscosity.mul_add(p[D_N + i], elastic.normal),
-            tip.tangential_viscosity.mul_add(p[D_T + i], elastic.tangential),
-            self.controllers[i].torque(q[FINGER + i], p[FINGER + i], memory[i], input.target[i]),
+            tip.normal_viscosity.mul_add(p.compression[i], elastic.normal),
+            tip.tangential_viscosity.mul_add(p.shear[i], elastic.tangential),
+            self.controllers[i].torque(q.finger[i], p.finger[i], memory[i], input.target[i]),
         )
     }
 
     /// The viscous forces (44), (45) on (d_n1, d_n2, d_t1, d_t2), with reversed signs.
     #[inline(always)]
-    pub fn drags(&self, p: &[R; 9]) -> [R; 4] {
+    pub fn drags(&self, p: &Coordinates<R>) -> [R; 4] {
         let [right, left] = &self.tips;
         [
-            right.normal_viscosity * p[D_N],
-            left.normal_viscosity * p[D_N + 1],
-            right.tangential_viscosity * p[D_T],
-            left.tangential_viscosity * p[D_T + 1],
+            right.normal_viscosity * p.compression[0],
+            left.normal_viscosity * p.compression[1],
+            right.tangential_viscosity * p.shear[0],
+            left.tangential_viscosity * p.shear[1],
         ]
     }
 
     /// The energies at (q, p): (5), (16) and p M p / 2.
     #[inline(always)]
-    pub fn energies(&self, q: &[R; 9], p: &[R; 9]) -> Energies<R> {
+    pub fn energies(&self, q: &Coordinates<R>, p: &Coordinates<R>) -> Energies<R> {
         let mut doubled = R::zero();
-        for (&mass, &rate) in self.masses.iter().zip(p) {
+        for (&mass, &rate) in self.masses.row().iter().zip(&p.row()) {
             doubled = (mass * rate).mul_add(rate, doubled);
         }
         let mut elastic = R::zero();
-        let mut gravity = self.weight * q[Y];
+        let mut gravity = self.weight * q.object[1];
         for i in 0..2 {
             let (sin_tilt, cos_tilt) = self.sides[i].tilt(i, q).sin_cos();
-            elastic = elastic + self.tips[i].energy(sin_tilt, cos_tilt, q[D_N + i], q[D_T + i]);
-            gravity = self.finger_weights[i].mul_add(q[FINGER + i].sin_cos().1, gravity);
+            elastic = elastic + self.tips[i].energy(sin_tilt, cos_tilt, q.compression[i], q.shear[i]);
+            gravity = self.finger_weights[i].mul_add(q.finger[i].sin_cos().1, gravity);
         }
         Energies { kinetic: R::constant(0.5) * doubled, elastic, gravity }
     }
 
     /// The rates of the controllers' memories.
     #[inline(always)]
-    pub fn memory_rates(&self, q: &[R; 9], input: &Input<R>) -> [R; 2] {
+    pub fn memory_rates(&self, q: &Coordinates<R>, input: &Input<R>) -> [R; 2] {
         [
-            self.controllers[0].memory_rate(q[FINGER], input.target[0]),
-            self.controllers[1].memory_rate(q[FINGER + 1], input.target[1]),
+            self.controllers[0].memory_rate(q.finger[0], input.target[0]),
+            self.controllers[1].memory_rate(q.finger[1], input.target[1]),
         ]
     }
 
     /// The work of the torques that hold driven fingers at their speed during an impulse.
     /// `constraint_impulse` has the impulses of the constraints, in the order of the multipliers.
     #[inline(always)]
-    pub fn driving_work(&self, geometry: &Geometry<R>, constraint_impulse: &[R; 4], p: &[R; 9]) -> R {
+    pub fn driving_work(&self, geometry: &Geometry<R>, constraint_impulse: &[R; 4], p: &Coordinates<R>) -> R {
         let [right, left] = &geometry.contacts;
         let [h1, h2, n1, n2] = *constraint_impulse;
-        -right.torque([h1, n1]).dot2(p[FINGER], left.torque([h2, n2]), p[FINGER + 1])
+        -right.torque([h1, n1]).dot2(p.finger[0], left.torque([h2, n2]), p.finger[1])
     }
 
     /// The torques that driven fingers need: I_i theta_i-dotdot, less the share of the multipliers and of the
@@ -203,28 +207,27 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
             (forces.finger_gravity[1] - forces.elastic[1].tilt) + left.torque([h2, n2]),
         ];
         [
-            self.masses[FINGER].mul_add(acceleration[0], -others[0]),
-            self.masses[FINGER + 1].mul_add(acceleration[1], -others[1]),
+            self.masses.finger[0].mul_add(acceleration[0], -others[0]),
+            self.masses.finger[1].mul_add(acceleration[1], -others[1]),
         ]
     }
 }
 
 impl<R: Real> Forces<R> {
-    /// The sum of the forces, in the order of q.
+    /// The sum of the forces.
     #[inline(always)]
-    pub fn total(&self) -> [R; 9] {
-        let [right, left] = &self.elastic;
-        [
-            self.external[0],
-            self.external[1] - self.weight,
-            self.external[2] + (right.tilt - left.tilt),
-            (self.torque[0] + self.finger_gravity[0]) - right.tilt,
-            (self.torque[1] + self.finger_gravity[1]) - left.tilt,
-            -self.resistance[0],
-            -self.resistance[1],
-            -self.resistance[2],
-            -self.resistance[3],
-        ]
+    pub fn total(&self) -> Coordinates<R> {
+        let ([right, left], [x, y, moment]) = (&self.elastic, self.external);
+        let [normal1, normal2, tangential1, tangential2] = self.resistance;
+        Coordinates {
+            object: [x, y - self.weight, moment + (right.tilt - left.tilt)],
+            finger: [
+                (self.torque[0] + self.finger_gravity[0]) - right.tilt,
+                (self.torque[1] + self.finger_gravity[1]) - left.tilt,
+            ],
+            compression: [-normal1, -normal2],
+            shear: [-tangential1, -tangential2],
+        }
     }
 
     /// The powers whose integrals are the works of the ledger: of the torques, of the external forces, of the
@@ -234,15 +237,15 @@ impl<R: Real> Forces<R> {
         &self,
         geometry: &Geometry<R>,
         drags: &[R; 4],
-        p: &[R; 9],
+        p: &Coordinates<R>,
         multipliers: &[R; 4],
     ) -> [R; BILATERAL_WORKS] {
         let drift = geometry.constraint_velocity();
-        let external = dot(&self.external, &[p[0], p[1], p[2]]);
-        let normal = drags[0].dot2(p[D_N], drags[1], p[D_N + 1]);
-        let tangential = drags[2].dot2(p[D_T], drags[3], p[D_T + 1]);
+        let external = dot(&self.external, &p.object);
+        let normal = drags[0].dot2(p.compression[0], drags[1], p.compression[1]);
+        let tangential = drags[2].dot2(p.shear[0], drags[3], p.shear[1]);
         [
-            self.torque[0].dot2(p[FINGER], self.torque[1], p[FINGER + 1]),
+            self.torque[0].dot2(p.finger[0], self.torque[1], p.finger[1]),
             external,
             normal + tangential,
             multipliers[0].dot2(drift[0], multipliers[1], drift[1])

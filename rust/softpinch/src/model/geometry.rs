@@ -1,10 +1,10 @@
-//! The coordinates, and both contacts at one state: residuals, the constraint matrix and its rate (25).
+//! Both contacts at one state: residuals, the constraint matrix and its rate (25).
 
 use nalgebra::SMatrix;
 
 use crate::model::contact::shape::Frame;
 use crate::model::contact::{Contact, Side};
-use crate::model::index::{D_N, D_T, FINGER, THETA, X, Y};
+use crate::model::coordinates::Coordinates;
 use crate::number::real::Real;
 
 /// The whole geometry at one state.
@@ -21,35 +21,26 @@ pub struct Geometry<R> {
 impl<R: Real> Geometry<R> {
     /// The geometry at coordinates `q` and velocities `p`.
     #[inline(always)]
-    pub fn new(sides: &[Side<R>; 2], q: &[R; 9], p: &[R; 9]) -> Self {
-        let object = Frame::of_object([q[X], q[Y], q[THETA]], [p[X], p[Y], p[THETA]]);
+    pub fn new(sides: &[Side<R>; 2], q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
+        let object = Frame::of_object(q.object, p.object);
         let contacts =
             [Contact::anywhere(0, &sides[0], &object, q, p), Contact::anywhere(1, &sides[1], &object, q, p)];
         Self { sin: object.sin, cos: object.cos, contacts }
     }
 
-    /// The geometry on the constraints at a pose (x, y, theta, theta_1, theta_2) and its velocity. d_n
-    /// follows from C^H = 0 (9), the rates of d_n and d_t follow from Phi p = 0 (25). Returns q (with the
-    /// shears) and p as well.
+    /// The geometry on the constraints at the object, the fingers and the shears of `q` and the rates of object and
+    /// fingers in `p`. Sets d_n, which follows from C^H = 0 (9), and the rates of d_n and d_t, which follow from
+    /// Phi p = 0 (25).
     #[inline(always)]
-    pub fn constrained(
-        sides: &[Side<R>; 2],
-        pose: &[R; 5],
-        shear: &[R; 2],
-        velocity: &[R; 5],
-    ) -> (Self, [R; 9], [R; 9]) {
-        let object = Frame::of_object([pose[0], pose[1], pose[2]], [velocity[0], velocity[1], velocity[2]]);
+    pub fn constrained(sides: &[Side<R>; 2], q: &mut Coordinates<R>, p: &mut Coordinates<R>) -> Self {
+        let object = Frame::of_object(q.object, p.object);
         let (right, n1, [n1_rate, t1_rate]) =
-            Contact::constrained(0, &sides[0], &object, pose[FINGER], velocity[FINGER]);
+            Contact::constrained(0, &sides[0], &object, q.finger[0], p.finger[0]);
         let (left, n2, [n2_rate, t2_rate]) =
-            Contact::constrained(1, &sides[1], &object, pose[FINGER + 1], velocity[FINGER + 1]);
-        let [x, y, theta, angle1, angle2] = *pose;
-        let [vx, vy, omega, turn1, turn2] = *velocity;
-        (
-            Self { sin: object.sin, cos: object.cos, contacts: [right, left] },
-            [x, y, theta, angle1, angle2, n1, n2, shear[0], shear[1]],
-            [vx, vy, omega, turn1, turn2, n1_rate, n2_rate, t1_rate, t2_rate],
-        )
+            Contact::constrained(1, &sides[1], &object, q.finger[1], p.finger[1]);
+        q.compression = [n1, n2];
+        (p.compression, p.shear) = ([n1_rate, n2_rate], [t1_rate, t2_rate]);
+        Self { sin: object.sin, cos: object.cos, contacts: [right, left] }
     }
 
     /// The x and y components of a vector that is given along the object's normal and across it.
@@ -95,34 +86,28 @@ impl<R: Real> Geometry<R> {
 
     /// Phi x for any vector x (25).
     #[inline(always)]
-    pub fn phi_times(&self, x: &[R; 9]) -> [R; 4] {
-        let [along, across] = self.inward([x[X], x[Y]]);
-        let mut product = [R::zero(); 4];
-        for i in 0..2 {
-            let pose = [along, across, x[THETA], x[FINGER + i]];
-            (product[i], product[2 + i]) = self.contacts[i].rows(i, pose, x[D_N + i], x[D_T + i]);
-        }
-        product
+    pub fn phi_times(&self, x: &Coordinates<R>) -> [R; 4] {
+        let [first, second, turn] = x.object;
+        let [along, across] = self.inward([first, second]);
+        let [right, left] = &self.contacts;
+        let (h1, n1) = right.rows(0, [along, across, turn, x.finger[0]], x.compression[0], x.shear[0]);
+        let (h2, n2) = left.rows(1, [along, across, turn, x.finger[1]], x.compression[1], x.shear[1]);
+        [h1, h2, n1, n2]
     }
 
     /// Phi^T lambda, the generalised force of the multipliers (24).
     #[inline(always)]
-    pub fn phi_transposed_times(&self, lambda: &[R; 4]) -> [R; 9] {
+    pub fn phi_transposed_times(&self, lambda: &[R; 4]) -> Coordinates<R> {
         let [h1, h2, n1, n2] = *lambda;
         let [right, left] = &self.contacts;
         let (one, other) = (right.push(0, [h1, n1]), left.push(1, [h2, n2]));
         let [x, y] = self.outward(other[0] + one[0], one[1] + other[1]);
-        [
-            x,
-            y,
-            right.moment([h1, n1]) + left.moment([h2, n2]),
-            right.torque([h1, n1]),
-            left.torque([h2, n2]),
-            h1,
-            h2,
-            n1,
-            n2,
-        ]
+        Coordinates {
+            object: [x, y, right.moment([h1, n1]) + left.moment([h2, n2])],
+            finger: [right.torque([h1, n1]), left.torque([h2, n2])],
+            compression: [h1, h2],
+            shear: [n1, n2],
+        }
     }
 
     /// Whether the normals of both sides are the object's first axis.
@@ -154,19 +139,19 @@ impl<R: Real> Geometry<R> {
 impl Geometry<f64> {
     /// Phi (25): a row for each constraint in the order (H_1, H_2, N_1, N_2), a column for each coordinate of q.
     pub fn constraint_matrix(&self) -> SMatrix<f64, 4, 9> {
-        let mut rows = [[0.0; 9]; 4];
+        let mut rows = [Coordinates::zero(); 4];
         for (i, contact) in self.contacts.iter().enumerate() {
-            for (row, unit, [object, finger], deformation) in [
-                (i, [1.0, 0.0], [contact.a, contact.b], D_N + i),
-                (2 + i, [0.0, 1.0], [contact.e, contact.f], D_T + i),
-            ] {
+            for (row, unit, turn, finger) in
+                [(i, [1.0, 0.0], contact.a, contact.b), (2 + i, [0.0, 1.0], contact.e, contact.f)]
+            {
                 let [along, across] = contact.push(i, unit);
-                rows[row][..FINGER].copy_from_slice(&[0.0, 0.0, object]);
-                [rows[row][X], rows[row][Y]] = self.outward(along, across);
-                (rows[row][FINGER + i], rows[row][deformation]) = (finger, 1.0);
+                let [x, y] = self.outward(along, across);
+                rows[row].object = [x, y, turn];
+                rows[row].finger[i] = finger;
             }
+            (rows[i].compression[i], rows[2 + i].shear[i]) = (1.0, 1.0);
         }
         // nalgebra's matrices are arrays of columns.
-        SMatrix::<f64, 9, 4>::from(rows).transpose()
+        SMatrix::<f64, 9, 4>::from(rows.map(|row| row.row())).transpose()
     }
 }

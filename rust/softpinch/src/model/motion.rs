@@ -1,17 +1,43 @@
 //! A state of the motion, and the typical magnitude of each of its components.
 
-use crate::model::index::{D_N, FINGER, THETA};
+use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::parameters::Parameters;
+use crate::number::lanes::Lanes;
+use crate::number::real::Real;
 
 /// A state in the nine coordinates. Every formulation is recorded in this form.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motion<R> {
     /// Coordinates.
-    pub q: [R; 9],
+    pub q: Coordinates<R>,
     /// Velocities.
-    pub p: [R; 9],
+    pub p: Coordinates<R>,
     /// The controllers' memories.
     pub memory: [R; 2],
+}
+
+impl<R: Real> Motion<R> {
+    /// Zeros.
+    #[inline(always)]
+    pub fn zero() -> Self {
+        Self { q: Coordinates::zero(), p: Coordinates::zero(), memory: [R::zero(); 2] }
+    }
+
+    /// The same motion in numbers of type `R`.
+    pub fn constant(Motion { q, p, memory }: &Motion<f64>) -> Self {
+        let (q, p) = (each_coordinate!([q] => R::constant(q)), each_coordinate!([p] => R::constant(p)));
+        Self { q, p, memory: memory.map(R::constant) }
+    }
+}
+
+impl<R: Lanes> Motion<R> {
+    /// The motion of one lane.
+    #[inline(always)]
+    pub fn lane(&self, lane: usize) -> Motion<f64> {
+        let Self { q, p, memory: [right, left] } = self;
+        let (q, p) = (each_coordinate!([q] => q.lane(lane)), each_coordinate!([p] => p.lane(lane)));
+        Motion { q, p, memory: [right.lane(lane), left.lane(lane)] }
+    }
 }
 
 impl Motion<f64> {
@@ -24,23 +50,23 @@ impl Motion<f64> {
         let length = right.radius.max(left.radius);
         let pace =
             (parameters.modulus(0).max(parameters.modulus(1)) * length / parameters.grasped.mass).sqrt();
-        let mut q = [length; 9];
-        q[THETA] = 1.0;
-        q[FINGER..D_N].fill(1.0);
+        let (compression, shear) = ([length; 2], [length; 2]);
+        let q = Coordinates { object: [length, length, 1.0], finger: [1.0; 2], compression, shear };
         let memory = parameters.control.map(|pid| if pid.ki == 0.0 { f64::INFINITY } else { 1.0 / pace });
-        Self { q, p: q.map(|magnitude| magnitude * pace), memory }
+        Self { q, p: each_coordinate!([q] => q * pace), memory }
     }
 
     /// [`Motion::typical_magnitudes`] with smaller rates if viscosity slows the scene down: E a / c is the
     /// rate at which a tip gives way.
     pub fn slow_magnitudes(parameters: &Parameters) -> Self {
         let usual = Self::typical_magnitudes(parameters);
-        let mut pace = usual.p[THETA];
+        let [.., mut pace] = usual.p.object;
         for (i, tip) in parameters.tips.iter().enumerate() {
             let viscosity = tip.normal_viscosity.max(tip.tangential_viscosity);
             pace = pace.min(parameters.modulus(i) * tip.radius / viscosity);
         }
-        Self { p: usual.q.map(|magnitude| magnitude * pace), ..usual }
+        let q = usual.q;
+        Self { p: each_coordinate!([q] => q * pace), ..usual }
     }
 }
 
@@ -50,10 +76,6 @@ pub type Linearized = [f64; 21];
 
 /// The time and the motion of such a point.
 pub fn unpacked(point: &Linearized) -> (f64, Motion<f64>) {
-    let motion = Motion {
-        q: std::array::from_fn(|k| point[1 + k]),
-        p: std::array::from_fn(|k| point[10 + k]),
-        memory: [point[19], point[20]],
-    };
-    (point[0], motion)
+    let part = |first: usize| std::array::from_fn(|k| point[first + k]).into();
+    (point[0], Motion { q: part(1), p: part(10), memory: [point[19], point[20]] })
 }

@@ -7,6 +7,7 @@ use nalgebra::SMatrix;
 use crate::error::Error;
 use crate::model::contact::law::TipLaw;
 use crate::model::contact::shape::SideShape;
+use crate::model::coordinates::Coordinates;
 use crate::model::rule::Rule;
 
 /// Names of the fingers in messages and paths.
@@ -222,26 +223,20 @@ impl Parameters {
         }
     }
 
-    /// The diagonal of the mass matrix (14) in the order of q.
-    pub fn masses(&self) -> [f64; 9] {
-        let [right, left] = &self.tips;
-        let object = &self.grasped;
-        [
-            object.mass,
-            object.mass,
-            object.inertia,
-            self.fingers[0].inertia,
-            self.fingers[1].inertia,
-            right.normal_mass,
-            left.normal_mass,
-            right.tangential_mass,
-            left.tangential_mass,
-        ]
+    /// The diagonal of the mass matrix (14).
+    pub fn masses(&self) -> Coordinates {
+        let ([right, left], object) = (&self.tips, &self.grasped);
+        Coordinates {
+            object: [object.mass, object.mass, object.inertia],
+            finger: [self.fingers[0].inertia, self.fingers[1].inertia],
+            compression: [right.normal_mass, left.normal_mass],
+            shear: [right.tangential_mass, left.tangential_mass],
+        }
     }
 
     /// The mass matrix (14).
     pub fn mass_matrix(&self) -> SMatrix<f64, 9, 9> {
-        SMatrix::from_diagonal(&self.masses().into())
+        SMatrix::from_diagonal(&self.masses().row().into())
     }
 }
 

@@ -6,6 +6,7 @@ use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::system::System;
 use crate::method::step_control::StepControl;
 use crate::method::traits::Unsolved;
+use crate::model::coordinates::Coordinates;
 use crate::model::motion::Motion;
 use crate::model::scene::Scene;
 use crate::number::lanes::{Bits, Lanes, MOST, each};
@@ -260,8 +261,8 @@ pub(super) fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>)
     Evaluation {
         rate: each(bits, &a.rate, &b.rate),
         motion: Motion {
-            q: each(bits, &a.motion.q, &b.motion.q),
-            p: each(bits, &a.motion.p, &b.motion.p),
+            q: Coordinates::select(bits, &a.motion.q, &b.motion.q),
+            p: Coordinates::select(bits, &a.motion.p, &b.motion.p),
             memory: each(bits, &a.motion.memory, &b.motion.memory),
         },
         multipliers: each(bits, &a.multipliers, &b.multipliers),

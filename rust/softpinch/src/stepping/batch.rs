@@ -150,7 +150,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             phases: Phases::idle(),
             drive: SegmentDrive::still(),
             stats: Stats::default(),
-            start: Motion { q: [zero; 9], p: [zero; 9], memory: [zero; 2] },
+            start: Motion::zero(),
             limits: Limits::new(&lanes),
             half_width: zero,
             initial_energies: Energies { kinetic: zero, elastic: zero, gravity: zero },
@@ -183,15 +183,14 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let Some(Taken { number, scene, contact: kept }) = self.queue.take()? else {
             if R::WIDTH > 1 {
                 self.drive.set(lane, &SegmentDrive::still());
-                let still = Motion { q: contact(&self.resting)?, p: [0.0; 9], memory: [0.0; 2] };
+                let still = Motion { q: contact(&self.resting)?, ..Motion::zero() };
                 put_motion(&mut self.start, lane, &still);
             }
             return Ok(false);
         };
         let place = place(number, &scene)?;
         let initial = &scene.initial;
-        let start = Motion { q: initial.q, p: initial.p, memory: initial.memory };
-        put_motion(&mut self.start, lane, &start);
+        put_motion(&mut self.start, lane, &initial.motion);
         for noted in &mut self.noted {
             *noted &= !bit;
         }
@@ -484,8 +483,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
 
     /// Gathers the motions that `of` gives for the parameters of each lane's run.
     pub fn gathered(&self, of: impl Fn(&Parameters) -> Motion<f64>) -> Motion<R> {
-        let zero = R::zero();
-        let mut motion = Motion { q: [zero; 9], p: [zero; 9], memory: [zero; 2] };
+        let mut motion = Motion::zero();
         for lane in each(self.active()) {
             let Some(run) = &self.runs[lane] else { continue };
             put_motion(&mut motion, lane, &of(&run.scene.parameters));

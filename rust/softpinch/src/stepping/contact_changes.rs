@@ -2,8 +2,8 @@
 
 use crate::formulation::mode_selection::{Chosen, choose, contacts_in};
 use crate::model::contact_modes::{Mode, Slip};
+use crate::model::coordinates::Coordinates;
 use crate::model::energy::work;
-use crate::model::index::{D_N, D_T};
 use crate::model::motion::Motion;
 use crate::stepping::contact_events::{Cause, Change, ContactEnd, ContactRun, Event, Loss, Reason};
 use crate::stepping::event_stepper::{EventStepper, SegmentState};
@@ -39,15 +39,13 @@ impl EventStepper<'_> {
             let (gap, beside) =
                 (geometry.residuals()[i], geometry.places()[i].abs() <= self.limits.half_height);
             if self.run.contacts[i].closed || (beside && gap < -OVERLAP * sides[i].radius()) {
-                motion.q[D_N + i] -= gap;
+                motion.q.compression[i] -= gap;
             }
         }
         for i in 0..2 {
             // A surface is never stretched.
-            if !self.run.contacts[i].closed && motion.q[D_N + i] < 0.0 {
-                for k in [D_N + i, D_T + i] {
-                    (motion.q[k], motion.p[k]) = (0.0, 0.0);
-                }
+            if !self.run.contacts[i].closed && motion.q.compression[i] < 0.0 {
+                relax(&mut motion, i);
             }
         }
         self.book(place, work::CONSTRAINT, self.energy(&motion) - before);
@@ -64,7 +62,8 @@ impl EventStepper<'_> {
         let mut motion = self.motion(place);
         let (before, from) = (self.energy(&motion), motion);
         self.absorb(&mut motion);
-        let moved = |a: &[f64; 9], b: &[f64; 9]| {
+        let moved = |a: &Coordinates, b: &Coordinates| {
+            let (a, b) = (a.row(), b.row());
             let size = a.iter().fold(0.0, |size: f64, value| size.max(value.abs()));
             (0..9).any(|k| (a[k] - b[k]).abs() > ON_CONSTRAINTS * size)
         };
@@ -108,11 +107,12 @@ impl EventStepper<'_> {
                 self.settle(place, touching, &mut motion);
             }
             Cause::Relaxed => {
-                let masses = self.equations.masses();
-                for k in [D_N + i, D_T + i] {
-                    self.book(place, work::IMPACT, 0.5 * masses[k] * motion.p[k] * motion.p[k]);
-                    (motion.q[k], motion.p[k]) = (0.0, 0.0);
+                let (masses, p) = (self.equations.masses(), &motion.p);
+                for (mass, rate) in [(masses.compression[i], p.compression[i]), (masses.shear[i], p.shear[i])]
+                {
+                    self.book(place, work::IMPACT, 0.5 * mass * rate * rate);
                 }
+                relax(&mut motion, i);
                 let time = self.run.anchor + place.tau;
                 open(self.run, self.equations.tilts(&motion.q), i, cause, time);
             }
@@ -145,7 +145,7 @@ impl EventStepper<'_> {
             return Err(place.end(Reason::Lost(Loss::MetEnd(i))));
         }
         let frozen = self.energy(motion);
-        motion.q[D_N + i] -= gap;
+        motion.q.compression[i] -= gap;
         let moved = self.energy(motion);
         self.run.contacts[i].closed = true;
         let live = self.energy(motion);
@@ -177,7 +177,7 @@ impl EventStepper<'_> {
             // The time aloft is 2 g-dot / |g-dot-dot|.
             let aloft = 2.0 * rates[i] < SETTLED * self.h * -(swept[i] + bias[i]);
             if touching[i] && !self.run.contacts[i].closed && aloft {
-                motion.p[D_N + i] -= rates[i];
+                motion.p.compression[i] -= rates[i];
                 self.run.contacts[i].closed = true;
                 self.run.contacts[i].slip = slip_of(rates[2 + i]);
             }
@@ -211,11 +211,11 @@ impl EventStepper<'_> {
             if !self.run.contacts[i].closed {
                 continue;
             }
-            motion.q[D_N + i] -= self.geometry(motion).residuals()[i];
+            motion.q.compression[i] -= self.geometry(motion).residuals()[i];
             let velocity = self.geometry(motion).constraint_velocity();
-            motion.p[D_N + i] -= velocity[i];
+            motion.p.compression[i] -= velocity[i];
             if self.run.contacts[i].slip.is_none() {
-                motion.p[D_T + i] -= velocity[2 + i];
+                motion.p.shear[i] -= velocity[2 + i];
             }
         }
     }
@@ -238,7 +238,7 @@ impl EventStepper<'_> {
         }
         let Some(Chosen { modes, returned }) = chosen else {
             let (terms, _) = self.terms_at(place.tau, &place.y);
-            let finite = terms.response.acceleration.iter().all(|a| a.is_finite());
+            let finite = terms.response.acceleration.row().iter().all(|a| a.is_finite());
             return Err(place.end(if finite { Reason::NoMode } else { Reason::NotFinite }));
         };
         if modes == self.run.modes() && !(returned || stops) {
@@ -280,6 +280,11 @@ impl EventStepper<'_> {
             terms
         })
     }
+}
+
+/// Brings the surface of a tip to rest, without compression and shear.
+fn relax(Motion { q, p, .. }: &mut Motion<f64>, i: usize) {
+    (q.compression[i], q.shear[i], p.compression[i], p.shear[i]) = (0.0, 0.0, 0.0, 0.0);
 }
 
 /// The direction of a slip velocity.

@@ -10,7 +10,6 @@ use crate::model::contact::Side;
 use crate::model::contact_modes::{ContactRow, Contacts, Mode, Slip};
 use crate::model::drive::SegmentDrive;
 use crate::model::geometry::Geometry;
-use crate::model::index::D_N;
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;
@@ -108,9 +107,9 @@ impl LaneContact {
         h: f64,
     ) -> Result<[f64; 4], Error> {
         let mut contact = Self::new(instructions, options, scene, f64::NEG_INFINITY)?;
-        let State { time, q, p, memory, .. } = scene.initial;
-        contact.enter(time, drive);
-        let y = contact.steps.system.begin(&Motion { q, p, memory });
+        let State { time, motion, .. } = &scene.initial;
+        contact.enter(*time, drive);
+        let y = contact.steps.system.begin(motion);
         let begun = contact.begin(&Moment { earlier: false, tau: 0.0, h, y: &y });
         Ok(contact.evaluate(0.0, &begun.unwrap_or_else(|end| end.y)).multipliers)
     }
@@ -309,14 +308,15 @@ fn start_of(parameters: &Parameters, initial: &State) -> Result<([Contact; 2], O
 /// The contacts that follow from a state, and whether a closed one approaches its face. A contact is closed
 /// unless it has a gap or opens, or its surface would have to be stretched; its face slips unless the velocity of the
 /// slip is round-off.
-fn contacts_at(parameters: &Parameters, State { q, p, .. }: &State) -> ([Contact; 2], bool) {
+fn contacts_at(parameters: &Parameters, State { motion, .. }: &State) -> ([Contact; 2], bool) {
+    let Motion { q, p, .. } = motion;
     let geometry = Geometry::new(&Side::both(parameters), q, p);
     let (gaps, rates) = (geometry.residuals(), geometry.constraint_velocity());
     let allowed = allowed_residuals(parameters, &geometry, q, p);
     let mut approaches = false;
     let contacts = std::array::from_fn(|i| {
         let [place, normal, tangential] = allowed[i];
-        let reaches = q[D_N + i] - gaps[i] >= -place;
+        let reaches = q.compression[i] - gaps[i] >= -place;
         let closed = reaches && gaps[i] <= place && rates[i] <= normal;
         approaches |= closed && rates[i] < -normal;
         let slip = match rates[2 + i] {

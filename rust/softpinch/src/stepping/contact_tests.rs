@@ -30,7 +30,7 @@ fn at_rest() -> State {
     };
     let options = Options { steps: Steps::Fixed(1e-4), every: 100_000, ..Options::default() };
     let last = simulate(&scene, &options, &|| false).unwrap().0.last;
-    State { time: 0.0, memory: last.memory, p: last.p, ..State::at_rest(last.q) }
+    State { motion: last.motion, ..State::at_rest(last.motion.q) }
 }
 
 /// Options for unilateral contact with all that is recorded.
@@ -91,7 +91,8 @@ fn causes(run: &Run) -> Vec<Cause> {
 }
 
 fn error(found: &Run, exact: &Run) -> f64 {
-    (0..9).map(|k| (found.last.q[k] - exact.last.q[k]).abs()).fold(0.0, f64::max)
+    let (found, exact) = (found.last.motion.q.row(), exact.last.motion.q.row());
+    (0..9).map(|k| (found[k] - exact[k]).abs()).fold(0.0, f64::max)
 }
 
 /// Through a slip, a graze, an opening and an impact the error falls with the power of the step that is the
@@ -184,7 +185,10 @@ fn a_grasp_that_neither_slips_nor_opens_is_the_bilateral_one() {
         let found = run(&scene, &options);
         let bilateral = run(&scene, &Options { contact: ContactModel::Bilateral, ..options });
         assert!(found.contact_changes.is_empty() && found.holds);
-        assert_eq!((found.last.q, found.last.p), (bilateral.last.q, bilateral.last.p));
+        assert_eq!(
+            (found.last.motion.q, found.last.motion.p),
+            (bilateral.last.motion.q, bilateral.last.motion.p)
+        );
         assert_eq!(found.recording.multipliers, bilateral.recording.multipliers);
     }
 }
@@ -216,8 +220,8 @@ fn a_resumed_run_gives_the_same_bits() {
             let rest = Scene { initial, check: false, duration: 0.04 - rows.t[k], ..scene.clone() };
             let found = run(&rest, &options);
             assert_eq!(
-                (found.last.q, found.last.p),
-                (whole.last.q, whole.last.p),
+                (found.last.motion.q, found.last.motion.p),
+                (whole.last.motion.q, whole.last.motion.p),
                 "{method:?} {k} {}",
                 rows.t[k]
             );

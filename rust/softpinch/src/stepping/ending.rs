@@ -4,8 +4,8 @@ use crate::error::{Error, seconds};
 use crate::method::traits::Unsolved;
 use crate::model::contact::Side;
 use crate::model::contact_modes::Mode;
+use crate::model::coordinates::Coordinates;
 use crate::model::geometry::Geometry;
-use crate::model::index::{D_N, D_T};
 use crate::model::parameters::SIDES;
 use crate::model::scene::Scene;
 use crate::number::real::signed;
@@ -167,14 +167,14 @@ pub fn contact(scene: &Scene, last: &Instant, reason: Reason, [right, left]: [Mo
 /// slipped over it.
 fn lost(scene: &Scene, last: &Instant, loss: Loss, modes: [Mode; 2]) -> String {
     let sides = Side::both(&scene.parameters);
-    let initial = &scene.initial;
-    let [start, now] =
-        [(&initial.q, &initial.p), (&last.q, &last.p)].map(|(q, p)| Geometry::new(&sides, q, p).contacts);
+    let (initial, last) = (&scene.initial.motion, &last.motion);
+    let [start, now] = [initial, last].map(|motion| Geometry::new(&sides, &motion.q, &motion.p).contacts);
     let half = 0.5 * scene.parameters.grasped.height;
     let of = |i: usize| {
         // The integral of C^N (12), in which a - d_n in front of theta_p-dot is taken by the trapezoidal rule.
-        let along = |place: f64, q: &[f64; 9]| signed(i, place) + q[D_T + i];
-        let thickness = scene.parameters.tips[i].radius - 0.5 * (initial.q[D_N + i] + last.q[D_N + i]);
+        let along = |place: f64, q: &Coordinates| signed(i, place) + q.shear[i];
+        let compressions = initial.q.compression[i] + last.q.compression[i];
+        let thickness = scene.parameters.tips[i].radius - 0.5 * compressions;
         let slipped = along(now[i].place, &last.q) - along(start[i].place, &initial.q)
             + thickness * (now[i].tilt - start[i].tilt);
         format!(

@@ -12,7 +12,7 @@ use crate::stepping::batch::LaneBatch;
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::ending::{self, End, full};
 use crate::stepping::grid::{GridOf, Segment};
-use crate::stepping::instant::{everywhere, put, watched};
+use crate::stepping::instant::{put, watched};
 use crate::stepping::lane_controller::LaneController;
 use crate::stepping::loop_system::LoopSystem;
 use crate::stepping::phase::Phase;
@@ -326,16 +326,16 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
             return;
         };
         let (tau, motion) = unpacked(&point);
-        method.take_jacobian(&self.batch.drive, R::constant(tau), &system.begin(&everywhere(&motion)));
+        method.take_jacobian(&self.batch.drive, R::constant(tau), &system.begin(&Motion::constant(&motion)));
         (self.in_use, self.taken_at) = (Some(point), Some(point));
     }
 }
 
 fn pack<R: Lanes>(tau: R, motion: &Motion<R>) -> Linearized {
+    let Motion { q, p, memory } = motion.lane(0);
     let mut point = [tau.lane(0); 21];
-    for n in 0..9 {
-        (point[1 + n], point[10 + n]) = (motion.q[n].lane(0), motion.p[n].lane(0));
-    }
-    (point[19], point[20]) = (motion.memory[0].lane(0), motion.memory[1].lane(0));
+    point[1..10].copy_from_slice(&q.row());
+    point[10..19].copy_from_slice(&p.row());
+    point[19..].copy_from_slice(&memory);
     point
 }

@@ -65,7 +65,7 @@ impl EventStepper<'_> {
         for _ in 0..MOST_EVENTS {
             let end = earliest.map_or(h, |(length, _)| length);
             let (terms, motion) = self.terms_at(from.tau + end, &y);
-            if terms.response.acceleration.iter().any(|a| !a.is_finite()) {
+            if terms.response.acceleration.row().iter().any(|a| !a.is_finite()) {
                 return Err(from.end(Reason::NotFinite));
             }
             for (event, at_end) in self.values(&terms, &motion).filter(|&(_, value)| value < 0.0) {

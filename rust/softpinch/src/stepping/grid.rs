@@ -254,7 +254,7 @@ mod tests {
     #[test]
     fn impossible_durations_and_steps_are_refused() {
         let inputs = Inputs::constant_targets([0.0; 2]);
-        let state = State::at_rest([0.0; 9]);
+        let state = State::at_rest([0.0; 9].into());
         for (duration, dt) in
             [(1.0, 1e-300), (1e300, 1e-4), (f64::INFINITY, 1.0), (1.0, 0.0), (1.0, f64::NAN)]
         {

@@ -10,7 +10,7 @@ use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::stepping::adaptive_lanes::{AdaptiveLanes, StepStart};
-use crate::stepping::instant::{column, watched};
+use crate::stepping::instant::watched;
 use crate::stepping::monitor::violating_turning_point;
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::RunQueue;
@@ -30,7 +30,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
             let Some(run) = &self.batch.runs[lane] else { continue };
             let (taken, from, tau) =
                 (h.lane(lane), self.progress.from.lane(lane), self.progress.tau.lane(lane));
-            let (before, after) = (motion(before, lane), motion(after, lane));
+            let (before, after) = (before.lane(lane), after.lane(lane));
             let task = TurningPointOf(&run.scene.parameters, &before, &after, taken);
             if let Some(x) = f64::call(self.batch.instructions, task) {
                 turning_times[lane] = from + x.mul_add(taken, tau);
@@ -50,11 +50,6 @@ impl LaneTask<f64> for TurningPointOf<'_> {
     fn run(self) -> Option<f64> {
         violating_turning_point(self.0, self.1, self.2, self.3)
     }
-}
-
-/// The motion of one lane, as far as monitors need it.
-fn motion<R: Lanes>(motion: &Motion<R>, lane: usize) -> Motion<f64> {
-    Motion { q: column(&motion.q, lane), p: column(&motion.p, lane), memory: [0.0; 2] }
 }
 
 /// In the lanes of `accepted`, looks at the instants inside the step that are to be recorded, and at those of

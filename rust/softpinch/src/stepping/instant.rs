@@ -20,13 +20,11 @@ pub fn watched<R: Lanes>(
     t: f64,
     grid: (f64, u64),
 ) -> Sample {
-    let Evaluation { motion: Motion { q, p, memory }, multipliers, residuals, torque, .. } = now;
+    let Evaluation { motion, multipliers, residuals, torque, .. } = now;
     let instant = Instant {
         t,
         grid,
-        q: column(q, lane),
-        p: column(p, lane),
-        memory: column(memory, lane),
+        motion: motion.lane(lane),
         multipliers: column(multipliers, lane),
         residuals: column(residuals, lane),
         torque: column(torque, lane),
@@ -37,8 +35,8 @@ pub fn watched<R: Lanes>(
 
 /// The row of the energy ledger at an instant.
 pub(super) fn ledger<R: Lanes>(system: &impl System<R>, watched: &Sample) -> LedgerRow {
-    let Sample { instant: Instant { q, p, memory, contact, .. }, works, .. } = watched;
-    let motion = everywhere(&Motion { q: *q, p: *p, memory: *memory });
+    let Sample { instant: Instant { motion, contact, .. }, works, .. } = watched;
+    let motion = Motion::constant(motion);
     let mut contacts = Contacts::sticking();
     if let Some([right, left, right_tilt, left_tilt]) = contact {
         contacts.free = [u8::from(*right == 0.0), u8::from(*left == 0.0)];
@@ -64,6 +62,7 @@ pub(crate) fn works<R: Real>(size: Size, y: &States<R>) -> [R; WORKS] {
 pub(crate) fn all_finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
     let Evaluation { motion: Motion { q, p, memory }, multipliers, residuals, torque, .. } = now;
     let (mut first, mut second) = (closure, torque[0] * torque[1]);
+    let (q, p) = (q.row(), p.row());
     for k in 0..9 {
         first = q[k].mul_add(p[k], first);
     }
@@ -83,7 +82,7 @@ fn each_finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
     let mut bits = 0;
     for lane in 0..R::WIDTH {
         let mut sum = closure.lane(lane) * 0.0;
-        for values in [&q[..], p, memory, multipliers, residuals, torque] {
+        for values in [&q.row()[..], &p.row(), memory, multipliers, residuals, torque] {
             sum += values.iter().map(|value| value.lane(lane) * 0.0).sum::<f64>();
         }
         bits |= Bits::from(sum == 0.0) << lane;
@@ -101,16 +100,14 @@ pub fn column<R: Lanes, const N: usize>(y: &[R; N], lane: usize) -> [f64; N] {
     column
 }
 
-/// The same motion in every lane.
-pub fn everywhere<R: Lanes>(motion: &Motion<f64>) -> Motion<R> {
-    let Motion { q, p, memory } = motion;
-    Motion { q: q.map(R::constant), p: p.map(R::constant), memory: memory.map(R::constant) }
-}
-
 /// Sets the motion of one lane.
 pub fn put_motion<R: Lanes>(motion: &mut Motion<R>, lane: usize, own: &Motion<f64>) {
-    put(&mut motion.q, lane, &own.q);
-    put(&mut motion.p, lane, &own.p);
+    for (x, own) in [(&mut motion.q, &own.q), (&mut motion.p, &own.p)] {
+        put(&mut x.object, lane, &own.object);
+        put(&mut x.finger, lane, &own.finger);
+        put(&mut x.compression, lane, &own.compression);
+        put(&mut x.shear, lane, &own.shear);
+    }
     put(&mut motion.memory, lane, &own.memory);
 }
 

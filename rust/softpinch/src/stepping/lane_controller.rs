@@ -8,7 +8,6 @@ use crate::formulation::equations::Evaluation;
 use crate::model::controller_state::{ControllerState, Kept, Measured, Scratch};
 use crate::model::inputs::Sampled;
 use crate::model::measures::Measure;
-use crate::model::motion::Motion;
 use crate::model::sampled::SampledController;
 use crate::model::scene::Scene;
 use crate::number::lanes::Lanes;
@@ -78,8 +77,7 @@ impl LaneController {
         (now, lane): (&Evaluation<R>, usize),
     ) {
         let (scene, contact) = run;
-        let Motion { q, p, memory } = &now.motion;
-        let motion = Motion { q: column(q, lane), p: column(p, lane), memory: column(memory, lane) };
+        let motion = now.motion.lane(lane);
         let mut multipliers = column(&now.multipliers, lane);
         if contact.is_some_and(LaneContact::is_unset)
             && self.controller.measures.contains(&Measure::Multipliers)

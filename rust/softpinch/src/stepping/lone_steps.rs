@@ -113,7 +113,7 @@ mod tests {
         let friction = Friction { right: 0.5, left: 0.5 };
         let parameters = Parameters { friction, ..Parameters::default() };
         let initial = State::at_rest(contact(&parameters).unwrap());
-        let (q, p, memory) = (initial.q, [0.01; 9], initial.memory);
+        let motion = Motion { p: [0.01; 9].into(), ..initial.motion };
         let inputs = Inputs::constant_targets([0.12; 2]);
         let scene = Scene { initial, parameters, inputs, check: false, duration: 1.0 };
         let drive = scene.inputs.segment(0.0);
@@ -122,7 +122,7 @@ mod tests {
                 let options = Options { method, contact, ..Options::default() };
                 let steps = || LoneSteps::new(options.simd.require().unwrap(), &options, &scene);
                 let mut repeated = steps();
-                let mut y = repeated.system.begin(&Motion { q, p, memory });
+                let mut y = repeated.system.begin(&motion);
                 for start in 1..=2 {
                     for h in [1e-4, 3e-5, 7e-5, 3e-5] {
                         let alone = steps().step(&drive, (0.0, &y), h).unwrap();

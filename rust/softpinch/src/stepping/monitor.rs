@@ -6,7 +6,6 @@ use crate::formulation::equations::Evaluation;
 use crate::model::contact::{Contact, Side};
 use crate::model::contact_modes::Contacts;
 use crate::model::geometry::Geometry;
-use crate::model::index::{D_N, D_T, X, Y};
 use crate::model::motion::Motion;
 use crate::model::parameters::{Parameters, SIDES};
 use crate::model::source::Source;
@@ -225,7 +224,7 @@ impl<R: Lanes> Limits<R> {
     pub fn turning_points(&self, before: &Motion<R>, after: &Motion<R>) -> Bits {
         let mut found = 0;
         for i in 0..2 {
-            found |= (before.p[D_N + i] * after.p[D_N + i]).less(R::zero());
+            found |= (before.p.compression[i] * after.p.compression[i]).less(R::zero());
             let [first, last] = [self.sides[i].tilt_rate(i, &before.p), self.sides[i].tilt_rate(i, &after.p)];
             found |= (first * last).less(R::zero());
         }
@@ -245,7 +244,7 @@ impl<R: Lanes> Limits<R> {
         mut take: impl FnMut(Condition<R>),
     ) {
         let Motion { q, p, .. } = at.motion;
-        let (d_n, radius) = (q[D_N + i], self.sides[i].radius());
+        let (d_n, radius) = (q.compression[i], self.sides[i].radius());
         let (along, across, v) = (at.multipliers[i], at.multipliers[2 + i], at.residuals[2 + i]);
         let places = at.places.map(R::abs);
         let mut nearest = places[i];
@@ -263,9 +262,9 @@ impl<R: Lanes> Limits<R> {
                     let [a, b, c] = sizes.map(R::abs);
                     R::constant(ROUND_OFF) * (a + b + c)
                 };
-                forward = forward + round_off([p[X], p[Y], p[D_T + i]]);
+                forward = forward + round_off([p.object[0], p.object[1], p.shear[i]]);
                 part = part + R::constant(ROUND_OFF);
-                gap = gap + round_off([q[X], q[Y], d_n]);
+                gap = gap + round_off([q.object[0], q.object[1], d_n]);
             }
             let mut event = |cause, lanes, value| {
                 take(Condition {
@@ -364,8 +363,8 @@ pub fn violating_turning_point(
     for i in 0..2 {
         let a = parameters.tips[i].radius;
         let tilt = |motion: &Motion<f64>| (sides[i].tilt(i, &motion.q), sides[i].tilt_rate(i, &motion.p));
-        let compression =
-            TurningPoint::of((before.q[D_N + i], before.p[D_N + i]), (after.q[D_N + i], after.p[D_N + i]), h);
+        let compression = |motion: &Motion<f64>| (motion.q.compression[i], motion.p.compression[i]);
+        let compression = TurningPoint::of(compression(before), compression(after), h);
         let tilt = TurningPoint::of(tilt(before), tilt(after), h);
         let found = compression
             .filter(|point| point.value < -SEPARATION * a || point.value >= a)
@@ -380,12 +379,12 @@ pub fn violating_turning_point(
 /// Explains, with numbers, why a run ends on `violation` at an instant. `begins` is true at the first instant
 /// of the run.
 pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, instant: &Instant) -> String {
-    let Instant { q, p, multipliers, contact, .. } = instant;
+    let Instant { motion, multipliers, contact, .. } = instant;
+    let Motion { q, p, .. } = motion;
     let t = seconds(instant.t);
     let geometry = Geometry::new(&Side::both(parameters), q, p);
     let limits = Limits::<f64>::new(parameters);
-    let motion = Motion { q: *q, p: *p, memory: [0.0; 2] };
-    let state = ContactState::at(&motion, multipliers, &geometry, [0.0; 2]);
+    let state = ContactState::at(motion, multipliers, &geometry, [0.0; 2]);
     let mut i = 1;
     limits.conditions(&state, None, 0, false, |condition| {
         if matches!(condition.failure, Failure::Violation(own) if own == violation) && condition.fails() != 0
@@ -395,7 +394,7 @@ pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, inst
     });
     let (side, radius, friction) = (SIDES[i], parameters.tips[i].radius, limits.friction[i]);
     let Contact { tilt, sin_tilt, place, .. } = &geometry.contacts[i];
-    let (d_n, normal, tangential) = (q[D_N + i], multipliers[i], multipliers[2 + i]);
+    let (d_n, normal, tangential) = (q.compression[i], multipliers[i], multipliers[2 + i]);
     let extreme = if begins { START } else { RUNAWAY };
     match violation {
         Violation::Separated => {

@@ -3,7 +3,7 @@
 use crate::error::Error;
 use crate::model::contact_modes::ContactRow;
 use crate::model::energy::{BILATERAL_WORKS, LedgerRow, WORKS};
-use crate::model::motion::Linearized;
+use crate::model::motion::{Linearized, Motion};
 use crate::model::start::State;
 use crate::names::named;
 
@@ -126,12 +126,8 @@ pub struct Instant {
     pub t: f64,
     /// Start of its segment and steps since then, so that a resumed run gives the same bits.
     pub grid: (f64, u64),
-    /// Coordinates.
-    pub q: [f64; 9],
-    /// Velocities.
-    pub p: [f64; 9],
-    /// Controllers' memories.
-    pub memory: [f64; 2],
+    /// The motion.
+    pub motion: Motion<f64>,
     /// Multipliers.
     pub multipliers: [f64; 4],
     /// Residuals.
@@ -148,9 +144,7 @@ impl Instant {
         Self {
             t: state.time,
             grid: (state.time, 0),
-            q: state.q,
-            p: state.p,
-            memory: state.memory,
+            motion: state.motion,
             multipliers: [f64::NAN; 4],
             residuals: [f64::NAN; 4],
             torque: [f64::NAN; 2],
@@ -200,9 +194,7 @@ impl Recording {
     pub(crate) fn state_at(&self, k: usize) -> crate::model::start::State {
         crate::model::start::State {
             time: self.t[k],
-            q: self.q[k],
-            p: self.p[k],
-            memory: self.memory[k],
+            motion: Motion { q: self.q[k].into(), p: self.p[k].into(), memory: self.memory[k] },
             grid: Some((self.grid_anchor[k], self.grid_step[k])),
             linearized: self.linearized.get(k).filter(|point| !point[0].is_nan()).copied(),
             contact: self.contact.get(k).copied(),
@@ -285,9 +277,9 @@ impl Recording {
     pub fn push(&mut self, instant: &Instant, ledger: impl FnOnce() -> LedgerRow) {
         self.t.push(instant.t);
         if self.selection.state {
-            self.q.push(instant.q);
-            self.p.push(instant.p);
-            self.memory.push(instant.memory);
+            self.q.push(instant.motion.q.row());
+            self.p.push(instant.motion.p.row());
+            self.memory.push(instant.motion.memory);
             self.grid_anchor.push(instant.grid.0);
             self.grid_step.push(instant.grid.1);
         }

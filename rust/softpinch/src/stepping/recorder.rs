@@ -260,6 +260,7 @@ mod tests {
     use super::*;
     use crate::model::energy::WORKS;
     use crate::model::inputs::Inputs;
+    use crate::model::motion::Motion;
     use crate::model::parameters::Parameters;
     use crate::model::start::{State, contact};
     use crate::stepping::record::{Layout, Selection};
@@ -271,7 +272,8 @@ mod tests {
     }
 
     fn sample(scene: &Scene, t: f64) -> Sample {
-        let instant = Instant { t, q: [t; 9], ..Instant::start(&scene.initial) };
+        let motion = Motion { q: [t; 9].into(), ..Motion::zero() };
+        let instant = Instant { t, motion, ..Instant::start(&scene.initial) };
         Sample { instant, works: [0.0; WORKS], linearized: None, before_sample: false }
     }
 

@@ -1,7 +1,7 @@
 //! An instant of a run, as step loops hand it on.
 
 use crate::model::energy::WORKS;
-use crate::model::motion::Linearized;
+use crate::model::motion::{Linearized, Motion};
 use crate::stepping::record::Instant;
 
 /// An instant of a run that was watched and found to be finite.
@@ -20,8 +20,8 @@ pub struct Sample {
 impl Sample {
     /// Whether all numbers of the instant are finite.
     pub fn is_finite(&self) -> bool {
-        let Instant { q, p, memory, multipliers, residuals, torque, .. } = &self.instant;
-        [&q[..], p, memory, multipliers, residuals, torque, &self.works]
+        let Instant { motion: Motion { q, p, memory }, multipliers, residuals, torque, .. } = &self.instant;
+        [&q.row()[..], &p.row(), memory, multipliers, residuals, torque, &self.works]
             .into_iter()
             .flatten()
             .all(|number| number.is_finite())

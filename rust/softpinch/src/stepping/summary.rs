@@ -4,7 +4,7 @@
 //! A new summary is a type with `Fold` and a line in the list of [`SUMMARIES`] below. Summaries look at the
 //! instants that the monitors watch.
 
-use crate::model::index::{D_N, THETA, X, Y};
+use crate::model::coordinates::Coordinates;
 use crate::number::lanes::{Bits, Lanes};
 
 /// The numbers that a summary keeps from one instant to the next.
@@ -16,9 +16,9 @@ pub struct SummaryInstant<R> {
     /// Time, s.
     pub t: R,
     /// Coordinates.
-    pub q: [R; 9],
+    pub q: Coordinates<R>,
     /// Velocities.
-    pub p: [R; 9],
+    pub p: Coordinates<R>,
     /// Multipliers.
     pub multipliers: [R; 4],
     /// Residuals.
@@ -164,7 +164,7 @@ const NOTHING: f64 = f64::NEG_INFINITY;
 impl Fold for PeakRotation {
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
-        memory[0] = memory[0].max_in(instant.q[THETA].abs(), seen);
+        memory[0] = memory[0].max_in(instant.q.object[2].abs(), seen);
     }
 }
 
@@ -173,7 +173,8 @@ impl Fold for MinCompression {
 
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
-        memory[0] = memory[0].min_in(instant.q[D_N], seen).min_in(instant.q[D_N + 1], seen);
+        let [right, left] = instant.q.compression;
+        memory[0] = memory[0].min_in(right, seen).min_in(left, seen);
     }
 }
 
@@ -252,7 +253,8 @@ impl Fold for SettlingTime {
 
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, band: R, seen: Bits) {
-        let (u, v, by_rotation) = (instant.p[X], instant.p[Y], instant.half_width * instant.p[THETA]);
+        let [u, v, omega] = instant.p.object;
+        let by_rotation = instant.half_width * omega;
         let square = by_rotation.mul_add(by_rotation, u.dot2(u, v, v));
         let fast = (band * band).less(square) & seen;
         memory[0] = R::select(seen, instant.t, memory[0]);
@@ -414,8 +416,8 @@ mod tests {
                 t += dt;
                 let instant = SummaryInstant {
                     t,
-                    q: std::array::from_fn(|n| x[n]),
-                    p: std::array::from_fn(|n| 1e-3 * x[9 + n]),
+                    q: std::array::from_fn(|n| x[n]).into(),
+                    p: std::array::from_fn(|n| 1e-3 * x[9 + n]).into(),
                     multipliers: std::array::from_fn(|n| x[18 + n]),
                     residuals: std::array::from_fn(|n| x[22 + n]),
                     slip_speed: x[26].abs(),
@@ -446,13 +448,14 @@ mod tests {
         };
         let pulls = |now: &SummaryInstant<f64>| f64::from(tips(now).iter().any(|&(normal, _)| normal < 0.0));
         let speed = |now: &SummaryInstant<f64>| {
-            let (u, v, turn) = (now.p[X], now.p[Y], now.half_width * now.p[THETA]);
+            let [u, v, omega] = now.p.object;
+            let turn = now.half_width * omega;
             (u * u + v * v + turn * turn).sqrt()
         };
         let moving = seen.iter().rev().find(|now| speed(now) > 1e-3).map(|now| now.t);
         for (kind, value) in [
-            (Summary::PeakRotation, largest(&|now| now.q[THETA].abs())),
-            (Summary::MinCompression, -largest(&|now| -now.q[D_N].min(now.q[D_N + 1]))),
+            (Summary::PeakRotation, largest(&|now| now.q.object[2].abs())),
+            (Summary::MinCompression, -largest(&|now| -now.q.compression[0].min(now.q.compression[1]))),
             (Summary::PeakFrictionAngle, worst(|(normal, tangential)| tangential.atan2(normal))),
             (
                 Summary::PeakFrictionRatio,
@@ -499,8 +502,8 @@ mod tests {
                 };
                 let instant = SummaryInstant {
                     t: number(&|now| now.t),
-                    q: std::array::from_fn(|n| number(&|now| now.q[n])),
-                    p: std::array::from_fn(|n| number(&|now| now.p[n])),
+                    q: std::array::from_fn(|n| number(&|now| now.q.row()[n])).into(),
+                    p: std::array::from_fn(|n| number(&|now| now.p.row()[n])).into(),
                     multipliers: std::array::from_fn(|n| number(&|now| now.multipliers[n])),
                     residuals: std::array::from_fn(|n| number(&|now| now.residuals[n])),
                     slip_speed: number(&|now| now.slip_speed),

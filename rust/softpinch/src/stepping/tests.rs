@@ -216,13 +216,13 @@ fn every_number_of_an_instant_that_is_not_finite_is_found() {
     };
     assert_eq!(at(&|now| now.multipliers[2] = Row4::constant(3.0)), 0b1111);
     let huge = Row4::constant(1e200);
-    assert_eq!(at(&|now| (now.motion.q[3], now.motion.p[3]) = (huge, huge)), 0b1111);
+    assert_eq!(at(&|now| (now.motion.q.finger[0], now.motion.p.finger[0]) = (huge, huge)), 0b1111);
     assert_eq!(at(&|now| (now.torque[0], now.torque[1]) = (huge, -huge)), 0b1111);
     for bad in [f64::INFINITY, f64::NEG_INFINITY, f64::NAN] {
         let number = Row4::from_fn(|lane| if lane == 2 { bad } else { 1.0 });
         let changes: [Change<'_>; 7] = [
-            &|now| now.motion.q[8] = number,
-            &|now| now.motion.p[0] = number,
+            &|now| now.motion.q.shear[1] = number,
+            &|now| now.motion.p.object[0] = number,
             &|now| now.motion.memory[1] = number,
             &|now| now.multipliers[3] = number,
             &|now| now.residuals[1] = number,

@@ -51,7 +51,7 @@ impl Line {
         Direction {
             parameters: self.parameters[1],
             inputs: Inputs::constant(self.target[1], self.force[1], self.fingers),
-            initial: Motion { q: [0.0; 9], p: [0.0; 9], memory: [0.0; 2] },
+            initial: Motion::zero(),
             shifts: Vec::new(),
             impulse_times: Vec::new(),
         }
@@ -94,9 +94,10 @@ proptest! {
                     let found = sensitivities(&scene, &options, Some(start), &directions, &end, &|| false);
                     let found = found.unwrap().unwrap();
                     prop_assert_eq!((found.numbers.len(), &found.failed), (COMPONENTS, &None));
-                    let end = |at: f64| simulate(&line.scene(at), &options, &|| false).unwrap().0.last;
+                    let end = |at: f64| simulate(&line.scene(at), &options, &|| false).unwrap().0.last.motion;
                     let (before, after) = (end(-CHANGE), end(CHANGE));
                     for (first, before, after) in [(0, before.q, after.q), (9, before.p, after.p)] {
+                        let (before, after) = (before.row(), after.row());
                         let expected: [f64; 9] = std::array::from_fn(|k| (after[k] - before[k]) / (2.0 * CHANGE));
                         let size = expected.iter().fold(0.0_f64, |most, slope| most.max(slope.abs()));
                         for (k, (expected, slope)) in expected.iter().zip(&found.numbers[first..]).enumerate() {

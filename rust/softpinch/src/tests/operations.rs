@@ -122,12 +122,8 @@ impl Case {
         let inputs = Inputs::new(schedule.into(), vec![force.into()], sines, vec![], vec![]).expect("valid");
         let mut drive = SegmentDrive::still();
         drive.set(0, &inputs.segment(0.0));
-        let motion = Motion {
-            q: contact(&parameters).expect("within reach").map(Counted::constant),
-            p: [Counted::zero(); 9],
-            memory: [Counted::zero(); 2],
-        };
-        let mut y = system.begin(&motion);
+        let motion = Motion { q: contact(&parameters).expect("within reach"), ..Motion::zero() };
+        let mut y = system.begin(&Motion::<Counted>::constant(&motion));
         for number in &mut y[..system.size().all()] {
             *number = Counted::given(number.value());
         }

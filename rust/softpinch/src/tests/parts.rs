@@ -14,9 +14,9 @@ use crate::model::contact::law::{Tip, TipLaw};
 use crate::model::contact::shape::SideShape;
 use crate::model::contact_modes::{ContactModel, Contacts, Mode};
 use crate::model::control::{Actuated, Controller, Driven, Fingers};
+use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
-use crate::model::index::{D_N, D_T, FINGER, THETA, X, Y};
 use crate::model::inputs::Inputs;
 use crate::model::parameters::{Finger, Fingertip, Friction, GraspedObject, Parameters};
 use crate::model::piecewise::PiecewisePolynomial;
@@ -55,32 +55,34 @@ fn tilts() -> impl Strategy<Value = [f64; 2]> {
 }
 
 /// Coordinates near a grasp, and rates.
-fn states() -> impl Strategy<Value = ([f64; 9], [f64; 9])> {
+fn states() -> impl Strategy<Value = (Coordinates, Coordinates)> {
     (prop::array::uniform9(-1.0..1.0_f64), prop::array::uniform9(-1.0..1.0_f64)).prop_map(|(q, p)| {
         let size = [0.01, 0.01, 0.3, 0.3, 0.3, 0.003, 0.003, 0.002, 0.002];
         let middle = [0.0, 0.075, 0.0, 0.1, 0.1, 0.005, 0.005, 0.0, 0.0];
-        (std::array::from_fn(|k| middle[k] + size[k] * q[k]), p)
+        (std::array::from_fn(|k| middle[k] + size[k] * q[k]).into(), p.into())
     })
 }
 
 /// C^N of a contact from the velocities of two rigid bodies at the foot of the perpendicular from the tip's centre, by
 /// (7), (8) and the plane motion of the finger and of the object.
-fn relative_velocity(parameters: &Parameters, i: usize, q: &[f64; 9], p: &[f64; 9]) -> f64 {
+fn relative_velocity(parameters: &Parameters, i: usize, q: &Coordinates, p: &Coordinates) -> f64 {
     let (finger, tip) = (&parameters.fingers[i], &parameters.tips[i]);
     let s = signed(i, 1.0);
-    let (sin, cos) = q[FINGER + i].sin_cos();
+    let ([x, y, theta], [u, v, omega], turn) = (q.object, p.object, p.finger[i]);
+    let (sin, cos) = q.finger[i].sin_cos();
     let inward = -finger.root_offset + finger.length * sin + finger.half_thickness * cos;
     let centre = [s * inward, finger.length * cos - finger.half_thickness * sin];
     let way = [s * (finger.length * cos - finger.half_thickness * sin), -(inward + finger.root_offset)];
-    let angle = q[THETA] + s * parameters.shapes[i].tilt();
+    let angle = theta + s * parameters.shapes[i].tilt();
     let (normal, along) = ([angle.cos(), angle.sin()], [-angle.sin(), angle.cos()]);
-    let foot: [f64; 2] = std::array::from_fn(|k| centre[k] + s * (tip.radius - q[D_N + i]) * normal[k]);
+    let foot: [f64; 2] = std::array::from_fn(|k| centre[k] + s * (tip.radius - q.compression[i]) * normal[k]);
     // A finger that turns inwards turns by -s_i.
     let turned = |from: [f64; 2], rate: f64| [-rate * (foot[1] - from[1]), rate * (foot[0] - from[0])];
-    let by_object = turned([q[X], q[Y]], p[THETA]);
-    let by_finger = turned(centre, -s * p[FINGER + i]);
-    (0..2).map(|k| along[k] * (p[X + k] + by_object[k] - way[k] * p[FINGER + i] - by_finger[k])).sum::<f64>()
-        + p[D_T + i]
+    let by_object = turned([x, y], omega);
+    let by_finger = turned(centre, -s * turn);
+    let velocity = [u, v];
+    (0..2).map(|k| along[k] * (velocity[k] + by_object[k] - way[k] * turn - by_finger[k])).sum::<f64>()
+        + p.shear[i]
 }
 
 proptest! {
@@ -90,7 +92,7 @@ proptest! {
         let sides = Side::both(&uneven(tilts));
         let step = 1e-6;
         let at = |time: f64| {
-            let moved = std::array::from_fn(|k| q[k] + time * p[k]);
+            let moved = each_coordinate!([q, p] => q + time * p);
             Geometry::new(&sides, &moved, &p)
         };
         let (now, before, after) = (at(0.0), at(-step), at(step));
@@ -104,9 +106,9 @@ proptest! {
             prop_assert!((rate(Geometry::constraint_velocity, k) - now.bias()[k]).abs() < 1e-7);
         }
         let phi = now.constraint_matrix();
-        prop_assert!((phi * SVector::from(p) - SVector::from(own)).amax() < 1e-14);
-        let lambda = [p[0], p[1], p[2], p[3]];
-        let push = SVector::from(now.phi_transposed_times(&lambda));
+        prop_assert!((phi * SVector::from(p.row()) - SVector::from(own)).amax() < 1e-14);
+        let [lambda @ .., _, _, _, _, _] = p.row();
+        let push = SVector::from(now.phi_transposed_times(&lambda).row());
         prop_assert!((phi.transpose() * SVector::from(lambda) - push).amax() < 1e-14);
     }
 
@@ -114,10 +116,9 @@ proptest! {
     #[test]
     fn the_nonholonomic_constraint_compares_two_rigid_bodies(tilts in tilts(), (q, p) in states()) {
         let parameters = uneven(tilts);
-        let mut q = q;
         // The foot is where the tip's surface is only if C^H = 0.
-        let pose = [q[0], q[1], q[2], q[3], q[4]];
-        (q, _) = consistent(&parameters, &pose, &[q[7], q[8]], &[0.0; 5]);
+        let [pose @ .., _, _, _, _] = q.row();
+        let (q, _) = consistent(&parameters, &pose, &q.shear, &[0.0; 5]);
         let geometry = Geometry::new(&Side::both(&parameters), &q, &p);
         for i in 0..2 {
             let expected = relative_velocity(&parameters, i, &q, &p);
@@ -133,6 +134,7 @@ proptest! {
         f in prop::array::uniform9(-10.0..10.0_f64),
         turns in prop::array::uniform2(-5.0..5.0_f64),
     ) {
+        let f = f.into();
         let parameters = uneven(tilts);
         let geometry = Geometry::new(&Side::both(&parameters), &q, &p);
         solves_agree::<Actuated<f64>>(&parameters, Fingers::Torque, &geometry, &f, turns)?;
@@ -176,7 +178,7 @@ fn solves_agree<K: Controller<f64>>(
     parameters: &Parameters,
     fingers: Fingers,
     geometry: &Geometry<f64>,
-    f: &[f64; 9],
+    f: &Coordinates,
     turns: [f64; 2],
 ) -> Result<(), TestCaseError> {
     let plant = Plant::<f64, K>::new(parameters, fingers);
@@ -187,14 +189,14 @@ fn solves_agree<K: Controller<f64>>(
     dense.fixed_view_mut::<9, 9>(0, 0).copy_from(&parameters.mass_matrix());
     dense.fixed_view_mut::<9, 4>(0, 9).copy_from(&-phi.transpose());
     dense.fixed_view_mut::<4, 9>(9, 0).copy_from(&phi);
-    right.fixed_rows_mut::<9>(0).copy_from(&SVector::from(*f));
+    right.fixed_rows_mut::<9>(0).copy_from(&SVector::from(f.row()));
     right.fixed_rows_mut::<4>(9).copy_from(&-SVector::from(bias));
     if fingers == Fingers::Driven {
         // The schedule says how the fingers accelerate.
         for i in 0..2 {
-            dense.row_mut(FINGER + i).fill(0.0);
-            dense[(FINGER + i, FINGER + i)] = 1.0;
-            right[FINGER + i] = turns[i];
+            dense.row_mut(3 + i).fill(0.0);
+            dense[(3 + i, 3 + i)] = 1.0;
+            right[3 + i] = turns[i];
         }
     }
     let expected = dense.lu().solve(&right).expect("regular");
@@ -206,6 +208,7 @@ fn solves_agree<K: Controller<f64>>(
     for (acceleration, multipliers) in
         [(common.acceleration, common.multipliers), (own.acceleration, own.multipliers)]
     {
+        let acceleration = acceleration.row();
         for k in 0..9 {
             prop_assert!((acceleration[k] - expected[k]).abs() < 1e-10 * (1.0 + expected.rows(0, 9).amax()));
         }
@@ -219,7 +222,7 @@ fn solves_agree<K: Controller<f64>>(
 }
 
 /// A run from a state with constant targets and a push.
-fn run(parameters: &Parameters, q: [f64; 9], force: [f64; 3], duration: f64, options: &Options) -> Run {
+fn run(parameters: &Parameters, q: Coordinates, force: [f64; 3], duration: f64, options: &Options) -> Run {
     let push =
         PiecewisePolynomial::steps("push", [0.0; 3], &[0.05, 0.06], &[force, [0.0; 3]]).expect("valid");
     let schedule = PiecewisePolynomial::constant(TARGETS);
@@ -255,7 +258,7 @@ fn a_wedge_moves_as_an_independent_program_says() {
     let wedge = SideShape::TiltedFace { tilt: 5f64.to_radians() };
     let parameters = Parameters { shapes: [wedge; 2], ..Parameters::default() };
     let start = -1.007_714_305_820_468_4e-3;
-    let q = [0.0, 0.0762, 0.0, start, start, 0.0, 0.0, 0.0, 0.0];
+    let q = Coordinates { object: [0.0, 0.0762, 0.0], finger: [start; 2], ..Coordinates::zero() };
     for (formulation, method, most) in [
         (Formulation::Nullspace, Method::Dop853, 1e-11),
         (Formulation::Csm, Method::Dop853, 1e-9),
@@ -266,8 +269,8 @@ fn a_wedge_moves_as_an_independent_program_says() {
             Options { steps: Steps::Free { tolerance: 1e-12 }, formulation, method, ..Options::default() };
         let run = run(&parameters, q, [0.0; 3], 0.3, &options);
         assert_eq!(run.status, Status::Completed, "{}", run.message);
-        for (found, expected) in run.last.q.iter().zip(WEDGE) {
-            assert!((found - expected).abs() < most, "{formulation:?} {method:?}: {:?}", run.last.q);
+        for (found, expected) in run.last.motion.q.row().into_iter().zip(WEDGE) {
+            assert!((found - expected).abs() < most, "{formulation:?} {method:?}: {:?}", run.last.motion.q);
         }
     }
 }
@@ -295,7 +298,7 @@ fn a_slanted_object_moves_as_a_turned_box() {
     let pose = [0.001, 0.075, 0.03, 0.12, 0.1];
     let (turned, _) = consistent(&straight, &pose, &[0.0; 2], &[0.0; 5]);
     let mut q = turned;
-    q[THETA] -= tilt;
+    q.object[2] -= tilt;
     for (contact, formulation, method) in [
         (ContactModel::Bilateral, Formulation::Csm, Method::Rk4),
         (ContactModel::Bilateral, Formulation::Nullspace, Method::Rosenbrock),
@@ -311,9 +314,10 @@ fn a_slanted_object_moves_as_a_turned_box() {
         assert_eq!((one.status, other.status), (Status::Completed, Status::Completed), "{}", one.message);
         assert_eq!(one.contact_changes.len(), other.contact_changes.len());
         assert!(contact == ContactModel::Bilateral || one.contact_changes.len() > 3);
-        for k in 0..9 {
-            let expected = other.last.q[k] - if k == THETA { tilt } else { 0.0 };
-            assert!((one.last.q[k] - expected).abs() < 1e-9, "{contact:?} {formulation:?}: coordinate {k}");
+        let (found, mut expected) = (one.last.motion.q.row(), other.last.motion.q);
+        expected.object[2] -= tilt;
+        for (k, expected) in expected.row().into_iter().enumerate() {
+            assert!((found[k] - expected).abs() < 1e-9, "{contact:?} {formulation:?}: coordinate {k}");
         }
     }
 }

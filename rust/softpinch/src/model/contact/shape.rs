@@ -12,7 +12,7 @@ pub use parallel_face::ParallelFace;
 pub use tilted_face::TiltedFace;
 
 use crate::error::Error;
-use crate::model::index::THETA;
+use crate::model::coordinates::Coordinates;
 use crate::model::source::Source;
 use crate::number::real::{Real, signed};
 
@@ -192,17 +192,17 @@ impl<R: Real> Shape<R> {
 
     /// theta_pi (6) at the coordinates `q`, from the tilt of the tip's base to the upright.
     #[inline(always)]
-    pub(super) fn tilt(&self, i: usize, base: R, q: &[R; 9]) -> R {
+    pub(super) fn tilt(&self, i: usize, base: R, q: &Coordinates<R>) -> R {
         match self {
-            Self::ParallelFace(_) => base + signed(i, q[THETA]),
+            Self::ParallelFace(_) => base + signed(i, q.object[2]),
             #[cfg(test)]
-            Self::TiltedFace(face) => base + signed(i, q[THETA] + signed(i, face.tilt)),
+            Self::TiltedFace(face) => base + signed(i, q.object[2] + signed(i, face.tilt)),
         }
     }
 
     /// The rate of theta_pi for the rates `p`, from that of the tilt of the tip's base.
     #[inline(always)]
-    pub(super) fn tilt_rate(&self, i: usize, base: R, p: &[R; 9]) -> R {
-        base + signed(i, p[THETA])
+    pub(super) fn tilt_rate(&self, i: usize, base: R, p: &Coordinates<R>) -> R {
+        base + signed(i, p.object[2])
     }
 }
