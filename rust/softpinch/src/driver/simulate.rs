@@ -290,7 +290,7 @@ fn run<'a>(
                 let called = &SceneEquations::new(instructions, choice, &scene.parameters, gains);
                 let method = &mut Rk4::default();
                 return with!(called.kind, equations [false] => {
-                    let system = Inlined::<_, false> { equations, called };
+                    let system = Inlined::<_, _, false> { equations, called };
                     let build = |_: Runs<'_>| (system, method);
                     f64::call(instructions, EqualSteps { setup, grid, build })
                 });

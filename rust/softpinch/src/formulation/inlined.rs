@@ -1,8 +1,7 @@
-//! The equations of a single run, inlined into the work that uses them.
+//! The equations inlined into the work that uses them.
 //!
-//! RK4's loop does so, because its step does little besides evaluating them: if the equations were called, a step
-//! of a single run would take 20 to 25 % longer (measured: docs/what-a-scene-pays.md). In lanes it makes little
-//! difference.
+//! RK4 does so, because its step does little besides evaluating them: if the equations were called, a step of a single
+//! run would take 20 to 25 % longer (measured: docs/what-a-scene-pays.md).
 
 use std::ops::Range;
 
@@ -13,18 +12,17 @@ use crate::model::contact_modes::Contacts;
 use crate::model::drive::{Input, SegmentDrive};
 use crate::model::energy::Energies;
 use crate::model::motion::Motion;
-use crate::number::lanes::LaneTask;
+use crate::number::lanes::{LaneTask, Lanes};
 
-/// The equations of a single run, inlined wherever their rates are needed instead of called. Whether the
-/// ledger is carried is known at compile time, which saves another 3 to 5 % of a step.
+/// The equations, inlined wherever their rates are needed instead of called. Whether the ledger is carried is known at compile time, which saves another 3 to 5 % of a step.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Inlined<'a, E, const LEDGER: bool> {
+pub(crate) struct Inlined<'a, R, E, const LEDGER: bool> {
     pub(crate) equations: &'a E,
     /// The same equations, called, for the rare work.
-    pub(crate) called: &'a SceneEquations<f64>,
+    pub(crate) called: &'a SceneEquations<R>,
 }
 
-impl<E: Equations<f64>, const LEDGER: bool> System<f64> for Inlined<'_, E, LEDGER> {
+impl<R: Lanes, E: Equations<R>, const LEDGER: bool> System<R> for Inlined<'_, R, E, LEDGER> {
     #[inline(always)]
     fn size(&self) -> Size {
         size_of(self.equations, LEDGER)
@@ -35,12 +33,12 @@ impl<E: Equations<f64>, const LEDGER: bool> System<f64> for Inlined<'_, E, LEDGE
         [0..E::STATES, E::STATES..E::STATES + if LEDGER { E::WORKS } else { 0 }]
     }
 
-    fn begin(&self, motion: &Motion<f64>) -> States<f64> {
+    fn begin(&self, motion: &Motion<R>) -> States<R> {
         self.called.begin(motion)
     }
 
     #[inline(always)]
-    fn evaluate_into(&self, drive: &SegmentDrive, tau: f64, y: &States<f64>, now: &mut Evaluation<f64>) {
+    fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>) {
         let (equations, ledger) = (self.equations, LEDGER);
         Evaluate { equations, drive, tau, y, now, ledger }.run();
     }
@@ -48,20 +46,20 @@ impl<E: Equations<f64>, const LEDGER: bool> System<f64> for Inlined<'_, E, LEDGE
     #[inline(always)]
     fn rates(
         &self,
-        input: &Input<f64>,
-        contacts: &Contacts<f64>,
-        at: StageState<'_, f64>,
-        rate: &mut States<f64>,
+        input: &Input<R>,
+        contacts: &Contacts<R>,
+        at: StageState<'_, R>,
+        rate: &mut States<R>,
     ) {
         let (equations, ledger) = (self.equations, LEDGER);
         Rates { equations, input, contacts, at, rate, ledger }.run();
     }
 
-    fn jump(&self, input: &Input<f64>, y: &mut States<f64>, impulse: &[f64; 3]) {
+    fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]) {
         self.called.jump(input, y, impulse);
     }
 
-    fn energies(&self, contacts: &Contacts<f64>, motion: &Motion<f64>) -> Energies<f64> {
+    fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
         self.called.energies(contacts, motion)
     }
 
@@ -71,7 +69,7 @@ impl<E: Equations<f64>, const LEDGER: bool> System<f64> for Inlined<'_, E, LEDGE
     }
 
     #[inline(always)]
-    fn correct(&self, drive: &SegmentDrive, tau: f64, y: &mut States<f64>) {
+    fn correct(&self, drive: &SegmentDrive<R>, tau: R, y: &mut States<R>) {
         self.called.correct(drive, tau, y);
     }
 }

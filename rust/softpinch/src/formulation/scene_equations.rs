@@ -9,9 +9,10 @@
 use crate::formulation::contact_equations::ContactEquations;
 use crate::formulation::csm::Csm;
 use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, States};
+use crate::formulation::inlined::Inlined;
 use crate::formulation::nullspace::Nullspace;
 use crate::formulation::projected;
-use crate::formulation::system::{Jacobian, Linear, Size, StageState, System};
+use crate::formulation::system::{Jacobian, Linear, Size, StageState, Stages, System};
 use crate::formulation::table::Formulation;
 use crate::formulation::unilateral::Unilateral;
 use crate::model::contact_modes::{ContactModel, Contacts};
@@ -217,6 +218,26 @@ task! {
     }
 }
 
+/// All stages of a step in one piece of code.
+struct Together<W, S> {
+    stages: W,
+    system: S,
+}
+
+impl<R: Lanes, W: Stages<R>, S: System<R>> LaneTask<R> for Together<W, S> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.stages.run(&self.system);
+    }
+}
+
+impl<R: Lanes> SceneEquations<R> {
+    /// A single run has them inlined into its loop, and numbers with derivatives are rare.
+    const INLINES_STAGES: bool = R::WIDTH > 1 && !R::HAS_DERIVATIVES;
+}
+
 /// Runs in numbers with derivatives are bilateral, so no code of unilateral contact is compiled for them.
 impl<R: Lanes> System<R> for SceneEquations<R> {
     #[inline(always)]
@@ -242,6 +263,21 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
         with!(self.kind, equations [!R::HAS_DERIVATIVES] => {
             R::call(instructions, Rates { equations, input, contacts, at, rate, ledger });
         });
+    }
+
+    /// In lanes the equations of undisturbed bilateral contact are inlined into the stages.
+    #[inline(always)]
+    fn evaluate_stages(&self, stages: impl Stages<R>) {
+        let (instructions, called) = (self.instructions, self);
+        match &self.kind {
+            EquationKind::Csm(equations) if Self::INLINES_STAGES && !self.ledger => {
+                R::call(instructions, Together { stages, system: Inlined::<_, _, false> { equations, called } });
+            }
+            EquationKind::Nullspace(equations) if Self::INLINES_STAGES && !self.ledger => {
+                R::call(instructions, Together { stages, system: Inlined::<_, _, false> { equations, called } });
+            }
+            _ => stages.run(self),
+        }
     }
 
     fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]) {

@@ -60,8 +60,14 @@ pub struct StageState<'a, R> {
     pub along: &'a States<R>,
 }
 
+/// The evaluations of a step, as a method asks for them one after the other.
+pub trait Stages<R: Lanes> {
+    /// Evaluates them by a system. It must be `#[inline(always)]`.
+    fn run(self, system: &impl System<R>);
+}
+
 /// The equations of one scene for each lane, as step loops and methods use them.
-pub trait System<R: Lanes> {
+pub trait System<R: Lanes>: Sized {
     /// The numbers of components of the states.
     fn size(&self) -> Size;
 
@@ -99,6 +105,12 @@ pub trait System<R: Lanes> {
     /// Computes only the derivative, at the state `at` in the modes of the contacts and under the inputs of
     /// an instant. The zeros that fill it are left as they are.
     fn rates(&self, input: &Input<R>, contacts: &Contacts<R>, at: StageState<'_, R>, rate: &mut States<R>);
+
+    /// Evaluates the stages of a step.
+    #[inline(always)]
+    fn evaluate_stages(&self, stages: impl Stages<R>) {
+        stages.run(self);
+    }
 
     /// The velocity jump that an impulse makes ([`crate::formulation::equations::Equations::jump`]).
     fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]);

@@ -6,6 +6,7 @@
 mod tableau;
 
 use std::convert::Infallible;
+use std::sync::LazyLock;
 
 use nalgebra::Complex;
 
@@ -188,16 +189,18 @@ impl<R: Lanes, S: System<R>> Adaptive<R, S> for Dop853<R> {
     }
 }
 
-/// R(z) from the tableau: 1 + z b^T (I - z A)^-1 1, by forward substitution.
-fn stability_function(z: Complex<f64>) -> Complex<f64> {
-    let mut stages = [Complex::new(1.0, 0.0); STAGES];
-    for k in 1..STAGES {
-        for j in 0..k {
-            let earlier = stages[j];
-            stages[k] += z * earlier * A[k][j];
-        }
+/// The coefficients of R(z) = 1 + z b^T (I - z A)^-1 1, a polynomial: 1, then b^T A^k 1.
+static STABILITY: LazyLock<[f64; STAGES + 1]> = LazyLock::new(|| {
+    let (mut coefficients, mut powers) = ([1.0; STAGES + 1], [1.0; STAGES]);
+    for coefficient in &mut coefficients[1..] {
+        *coefficient = powers.iter().zip(B).map(|(power, b)| power * b).sum();
+        powers = A.map(|row| row.iter().zip(powers).map(|(a, power)| a * power).sum());
     }
-    stages.iter().zip(B).fold(Complex::new(1.0, 0.0), |sum, (stage, b)| sum + z * stage * b)
+    coefficients
+});
+
+fn stability_function(z: Complex<f64>) -> Complex<f64> {
+    STABILITY.iter().rev().fold(Complex::new(0.0, 0.0), |sum, &coefficient| sum * z + coefficient)
 }
 
 #[cfg(test)]

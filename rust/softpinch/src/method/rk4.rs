@@ -14,7 +14,7 @@ use std::convert::Infallible;
 use nalgebra::Complex;
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::system::{StageState, System};
+use crate::formulation::system::{StageState, Stages, System};
 use crate::method::called::Called;
 use crate::method::entry::{LaneMethod, MethodEntry};
 use crate::method::traits::{Integrator, Stats, Step};
@@ -67,8 +67,23 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
         stats: &mut Stats,
     ) -> Result<(), Infallible> {
         stats.evaluations += EVALUATIONS;
-        let &Step { system, drive, tau, h, y, rate: k1, .. } = step;
-        let [k2, k3, k4] = &mut self.slopes;
+        step.system.evaluate_stages(Rk4Stages { slopes: &mut self.slopes, step, next });
+        Ok(())
+    }
+}
+
+/// The evaluations of a step, and their sum.
+struct Rk4Stages<'a, R, S> {
+    slopes: &'a mut [States<R>; 3],
+    step: &'a Step<'a, R, S>,
+    next: &'a mut States<R>,
+}
+
+impl<R: Lanes, S: System<R>> Stages<R> for Rk4Stages<'_, R, S> {
+    #[inline(always)]
+    fn run(self, system: &impl System<R>) {
+        let Self { slopes: [k2, k3, k4], step, next } = self;
+        let &Step { drive, tau, h, y, rate: k1, .. } = step;
         let half = R::constant(0.5) * h;
         let middle = drive.at(tau + half);
         system.rates(&middle, &drive.contacts, StageState { from: y, by: half, along: k1 }, k2);
@@ -84,6 +99,5 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
                 next[n] = y[n] + third.mul_add(k2[n] + k3[n], outer);
             }
         }
-        Ok(())
     }
 }

@@ -29,8 +29,8 @@ impl Method {
         let direction = rate / size;
         // Overflow counts as growth.
         let grows = |r: f64| {
-            let growth = self.stability_function(direction * r).norm();
-            growth > 1.0 + ROUND_OFF || growth.is_nan()
+            let growth = self.stability_function(direction * r).norm_sqr();
+            growth > 1.0 + 2.0 * ROUND_OFF || growth.is_nan()
         };
         let mut inside = 0.0;
         while inside < OUTSIDE && !grows(inside + STRIDE) {

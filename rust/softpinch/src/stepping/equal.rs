@@ -150,7 +150,8 @@ where
             }
             lanes.stepped = !skipping;
             lanes.at_start &= skipping;
-            lanes.taken = R::select(skipping, lanes.taken, lanes.taken + R::constant(1.0));
+            // The sum is stored as a whole. A store of some lanes would delay the load in the next step.
+            lanes.taken = lanes.taken + R::select(skipping, zero, R::constant(1.0));
             lanes.clock += 1;
             if lanes.clock == lanes.arrival {
                 lanes.arrive();

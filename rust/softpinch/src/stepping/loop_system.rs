@@ -28,7 +28,7 @@ impl<R: Lanes> LoopSystem<R> for SceneEquations<R> {
     }
 }
 
-impl<E: Equations<f64>, const LEDGER: bool> LoopSystem<f64> for Inlined<'_, E, LEDGER> {
+impl<E: Equations<f64>, const LEDGER: bool> LoopSystem<f64> for Inlined<'_, f64, E, LEDGER> {
     #[inline(always)]
     fn called(&self) -> &SceneEquations<f64> {
         self.called
