@@ -168,17 +168,14 @@ def _held_noise(
 
 @dataclass(frozen=True)
 class System:
-    """Equations of motion for `integrate`.
+    """Equations of motion for `integrate`."""
 
-    Attributes:
-        rates: Function (y, u) of tuples -> the rates of the states y; u is the value of `Driven`.
-        jump: Function (y, impulse) -> the states just after an ideal impulse (J_x, J_y, J_theta).
-        jacobian: Function (y, u) -> the derivatives of the rates (n, n). None takes SciPy's finite
-            differences, which cost implicit methods accuracy.
-    """
-
+    # (y, u) as tuples -> the rates of the states y; u is the value of `Driven`.
     rates: Callable[[tuple[float, ...], tuple[float, ...]], Any]
+    # (y, impulse) -> the states just after an ideal impulse (J_x, J_y, J_theta).
     jump: Callable[[Floats, tuple[float, ...]], Floats]
+    # (y, u) -> the derivatives of the rates (n, n). None takes SciPy's finite differences, which
+    # cost implicit methods accuracy.
     jacobian: Callable[[Floats, tuple[float, ...]], Floats] | None = None
 
 

@@ -123,27 +123,17 @@ class Panel(NamedTuple):
 
 
 class Column(NamedTuple):
-    """Panels with one time axis, and the bands below them.
+    """Panels with one time axis, and the bands below them."""
 
-    Attributes:
-        panels: The panels, from top to bottom.
-        runs: Name -> run; the bands are those of the runs with unilateral contact.
-        limits: Limits of the time axis; None chooses one.
-        time: Name of the time axis, with its unit.
-        letters: A letter for each panel; none for a zoom of the column beside it.
-        title: Title above the column.
-        since: Name of a run -> the instant that is zero on the time axis, s; 0 of others.
-        switches: Instants that thin lines mark.
-    """
-
-    panels: Sequence[Panel]
-    runs: Mapping[str, Run]
-    limits: tuple[float | None, float | None]
-    time: str = "time [s]"
-    letters: str = LETTERS
-    title: str = ""
+    panels: Sequence[Panel]  # from top to bottom
+    runs: Mapping[str, Run]  # name -> run; the bands are of those with unilateral contact
+    limits: tuple[float | None, float | None]  # of the time axis; None chooses one
+    time: str = "time [s]"  # name of the time axis, with its unit
+    letters: str = LETTERS  # one for each panel; none for a zoom of the column beside it
+    title: str = ""  # above the column
+    # Name of a run -> the instant that is zero on the time axis, s; 0 of others.
     since: Mapping[str, float] = MappingProxyType({})
-    switches: Iterable[float] = ()
+    switches: Iterable[float] = ()  # instants that thin lines mark
 
     @classmethod
     def of(cls, run: Run, panels: Sequence[Panel], letters: str = LETTERS) -> Column:

@@ -32,21 +32,13 @@ _FIBRES = (-0.72, -0.36, 0.0, 0.36, 0.72)
 
 
 class FingerOutline(NamedTuple):
-    """The outline of one finger, in m, in the hand's frame.
+    """The outline of one finger, in m, in the hand's frame."""
 
-    Attributes:
-        root: The joint (2,).
-        link: Corners of the rigid finger (4, 2).
-        centre: Centre of the fingertip, O_i of (7, 8) (2,).
-        tip: Outline of the deformed fingertip (n, 2).
-        fibres: Lines (m, 2) inside the tip; undeformed they are straight and normal to its base.
-    """
-
-    root: Floats
-    link: Floats
-    centre: Floats
-    tip: Floats
-    fibres: tuple[Floats, ...]
+    root: Floats  # the joint (2,)
+    link: Floats  # corners of the rigid finger (4, 2)
+    centre: Floats  # centre of the fingertip, O_i of (7, 8) (2,)
+    tip: Floats  # outline of the deformed fingertip (n, 2)
+    fibres: tuple[Floats, ...]  # lines (m, 2) in the tip, straight and normal to its base at first
 
 
 def finger_of(scene: Scene, side: int) -> Finger:
