@@ -217,12 +217,7 @@ def linearize(
     require_fit(scene, "state", state)
     law = "torque" if open_loop else scene.law
     found = linear_at(
-        scene,
-        state,
-        inputs=_inputs(scene, state),
-        whole=True,
-        open_loop=open_loop,
-        frozen=frozen,
+        scene, state, inputs=_inputs(scene, state), whole=True, open_loop=open_loop, frozen=frozen
     )
     _require_sound(scene, state, found)
     model = _selected(found, state, law, input_ports(chosen, law), wanted)

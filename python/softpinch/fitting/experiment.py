@@ -175,11 +175,7 @@ class Experiment(Result):
         return scene
 
     def simulated(
-        self,
-        values: Mapping[str, float],
-        options: Options,
-        derivatives: bool,
-        warns: bool = False,
+        self, values: Mapping[str, float], options: Options, derivatives: bool, warns: bool = False
     ) -> Motion:
         """Simulates the scene with values put in by path, at the measured instants.
 

@@ -87,9 +87,7 @@ class Parameter(Result):
 
 
 def parameters(
-    scenes: Sequence[Scene],
-    vary: Mapping[str, object],
-    start: Mapping[str, object] | None,
+    scenes: Sequence[Scene], vary: Mapping[str, object], start: Mapping[str, object] | None
 ) -> tuple[Parameter, ...]:
     """Makes the parameters of a fit; the search starts at the values of the first scene."""
     if not isinstance(vary, Mapping):

@@ -108,11 +108,7 @@ def work_precision(result: WorkPrecision, peers: bool = False, where: str | None
 
 
 def _work_precision_panel(
-    axes: Axes,
-    curves: Curves,
-    limits: tuple[float, float],
-    floor: float,
-    along: bool,
+    axes: Axes, curves: Curves, limits: tuple[float, float], floor: float, along: bool
 ) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")

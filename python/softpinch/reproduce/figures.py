@@ -7,18 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .. import paper, plot
-from ..plot.style import (
-    BLACK,
-    DEG,
-    LETTERS,
-    LINES,
-    PAGE,
-    PALE,
-    least_range,
-    panels,
-    styled,
-    tag,
-)
+from ..plot.style import BLACK, DEG, LETTERS, LINES, PAGE, PALE, least_range, panels, styled, tag
 from ..run import measures as m
 from ..run.run import Run
 from ..support.arrays import Floats

@@ -301,11 +301,7 @@ def hint(name: str, allowed: Iterable[str]) -> str:
 
 
 def refuse_unknown(
-    owner: str,
-    data: object,
-    allowed: Iterable[str],
-    path: str,
-    cls: type[Any] | None = None,
+    owner: str, data: object, allowed: Iterable[str], path: str, cls: type[Any] | None = None
 ) -> None:
     """Refuses data that is not a mapping, or has a name that is not allowed.
 
