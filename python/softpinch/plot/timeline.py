@@ -31,7 +31,6 @@ from .style import (
     Unit,
     least_range,
     legend,
-    note,
     panels,
     shared_legend,
     tag,
@@ -225,8 +224,8 @@ def number_operations(axes: Axes, run: Run) -> None:
         return
     edges = np.array([run.t[0], *inside, run.t[-1]])
     for k, middle in enumerate(0.5 * (edges[1:] + edges[:-1])):
-        place, transform = (float(middle), 1.0), axes.get_xaxis_transform()
-        note(axes, str(k + 1), place, transform, (0.0, 2.0), "center", fontsize=8.0, color="0.35")
+        place = (float(middle), 1.0), (0.0, 2.0), axes.get_xaxis_transform(), "offset points"
+        axes.annotate(str(k + 1), *place, ha="center", va="bottom", fontsize=8.0, color="0.35")
 
 
 def axis_name(symbol: str, unit: Unit, change: bool = False) -> str:

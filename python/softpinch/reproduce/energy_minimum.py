@@ -52,11 +52,6 @@ def energies(scene: Scene, places: Floats) -> tuple[Floats, Floats]:
     return np.array([each.elastic for each in found]), np.array([each.gravity for each in found])
 
 
-def lever_arms(scene: Scene) -> Floats:
-    """E_1 and E_2 of (30), the distances in the no-slip constraint (12), (2,), m."""
-    return -0.5 * SIGNS * scene.grasped.width - scene.grasped.com_offset
-
-
 def without_slip(scene: Scene, q: ArrayLike, way: ArrayLike, far: ArrayLike) -> Floats:
     """The coordinates after the object has moved without slip of its tips by `far` (n,), (n, 9).
 
@@ -72,7 +67,9 @@ def without_slip(scene: Scene, q: ArrayLike, way: ArrayLike, far: ArrayLike) -> 
     half = 0.5 * far * turn
     middle, share = q[2] + half, np.sinc(half / np.pi)
     along = share * (np.sin(middle) * dx - np.cos(middle) * dy)
-    moved[:, 7:] += far[:, None] * (along[:, None] - lever_arms(scene) * turn)
+    # E_1 and E_2 of (30), the distances in (12).
+    arms = -0.5 * SIGNS * scene.grasped.width - scene.grasped.com_offset
+    moved[:, 7:] += far[:, None] * (along[:, None] - arms * turn)
     # C^H = 0 (9), in which the compressions stand by themselves.
     for row in moved:
         row[5:7] -= evaluate(scene, 0.0, row, _AT_REST).residuals[:2]

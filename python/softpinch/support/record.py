@@ -46,6 +46,8 @@ def plain(value: Any) -> Any:
     """Converts records, arrays and tuples to dictionaries and lists of numbers and text."""
     if isinstance(value, Record):
         return value.to_dict()
+    if isinstance(value, Mapping):
+        return {name: plain(item) for name, item in value.items()}
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, tuple):
