@@ -50,10 +50,7 @@ def check_run(run: Run, modes: Modes | None, *, residual: float, closure: float)
 
 
 def _tolerance(name: str, value: float) -> float:
-    value = checks.number(name, value)
-    if not value >= 0:
-        raise ValueError(f"{name} = {value}: must be >= 0")
-    return value
+    return checks.number_that(name, value, lambda x: x >= 0.0, "must be >= 0")
 
 
 def _limit(tolerance: float, scale: float) -> float:

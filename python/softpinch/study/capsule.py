@@ -201,10 +201,7 @@ def _parameters(data: Any, scene: Scene) -> dict[str, Any]:
 
     A user who edits a capsule's file could otherwise change a number in only one of the two places.
     """
-    if not isinstance(data, Mapping):
-        raise TypeError(
-            f"Capsule.parameters = {checks.shown(data)}: must be a table from paths to numbers"
-        )
+    checks.instance("Capsule.parameters", data, Mapping, "a table from paths to numbers")
     result: dict[str, Any] = {}
     for path, value in data.items():
         where = f"Capsule.parameters[{path!r}]"
