@@ -115,15 +115,11 @@ def finger_outline(scene: Scene, q: Floats, side: int) -> FingerOutline:
     shear = d_t if d_n > 0.0 else 0.0
 
     def place(along: Floats, out: Floats) -> Floats:
-        """Deformed positions of points of the tip.
+        """Deformed positions of points `along` the finger and `out` from it in the tip at first, m.
 
         The part beyond the object's face is cut off, as in (1)-(3). The shear displacement grows
         linearly from zero at the base, which is fixed to the finger, to d_t at the face. d_t > 0
         means that the face, and the points touching it, have moved down along the object (12).
-
-        Args:
-            along: Position along the finger in the undeformed tip, m.
-            out: Distance from the finger in the undeformed tip, m.
         """
         base = np.multiply.outer(along, up)
         offsets = base + np.multiply.outer(out, inward)
