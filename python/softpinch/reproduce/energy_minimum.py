@@ -78,27 +78,18 @@ def without_slip(scene: Scene, q: ArrayLike, way: ArrayLike, far: ArrayLike) -> 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rest:
-    """The rest after an operation, and the energy around it.
+    """The rest after an operation, and the energy around it."""
 
-    Attributes:
-        number: The number of the operation.
-        reached: q at the end of the operation (9,).
-        found: The equilibrium to which no-slip leads from there.
-        weightless: The equilibrium to which no-slip leads from there without gravity.
-        slope: The largest |derivative| of V on `WAYS`, N, with a tip's radius as the unit of angle.
-        curvature: The smallest second derivative of V on `WAYS`, N/m.
-        rise: The smallest rise of V at 1 mm from the rest on `WAYS`, J.
-        turning: The second derivative of the elastic energy (and of V) by the object's rotation
-            about its centre of gravity, without slip, N m/rad.
-    """
-
-    number: int
-    reached: Floats
-    found: Equilibrium
-    weightless: Equilibrium
+    number: int  # of the operation
+    reached: Floats  # q at the end of the operation (9,)
+    found: Equilibrium  # to which no-slip leads from there
+    weightless: Equilibrium  # to which no-slip leads from there without gravity
+    # The largest |derivative| of V on `WAYS`, N, with a tip's radius as the unit of angle.
     slope: float
-    curvature: float
-    rise: float
+    curvature: float  # the smallest second derivative of V on `WAYS`, N/m
+    rise: float  # the smallest rise of V at 1 mm from the rest on `WAYS`, J
+    # The second derivative of the elastic energy (and of V) by the object's rotation about its
+    # centre of gravity, without slip, N m/rad.
     turning: float
 
     @property
