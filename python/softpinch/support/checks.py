@@ -302,9 +302,14 @@ def hint(name: str, allowed: Iterable[str]) -> str:
 
 
 def refuse_unknown(
-    owner: str, data: object, allowed: Iterable[str], path: str, cls: type[Any] | None = None
+    owner: str,
+    data: object,
+    allowed: Iterable[str],
+    path: str,
+    cls: type[Any] | None = None,
+    needed: Iterable[str] = (),
 ) -> None:
-    """Refuses data that is not a mapping, or has a name that is not allowed.
+    """Refuses data that is not a mapping, has a name that is not allowed, or lacks a needed one.
 
     Error messages name the `owner`, a class or table, and the `path` of the data in its file. With
     the record class `cls` suggestions also search nested records.
@@ -320,6 +325,9 @@ def refuse_unknown(
             raise ValueError(
                 f"{owner}.{name}{at(path)}: unknown name; must be one of {quoted(allowed)}{close}"
             )
+    for name in needed:
+        if name not in data:
+            raise ValueError(f"{owner}.{name}{at(path)}: is missing")
 
 
 def at(path: str) -> str:
