@@ -336,12 +336,9 @@ def max_stable_dt(
 class StepSearch:
     """The search for the longest step with which a run follows the accurate run to its end.
 
-    It begins at the predicted step, s, or at some step if that is inf.
-
-    Attributes:
-        scene: The scene of the trials; at rest it is slightly displaced, because exact symmetry
-            hides unstable modes.
-        failure: The reason why the last run with too long a step failed.
+    It begins at the predicted step, s, or at some step if that is inf. A scene at rest is slightly
+    displaced, because exact symmetry hides unstable modes. `failure` is the reason why the last run
+    with too long a step failed.
     """
 
     def __init__(self, accurate: Run, trial: Options, predicted: float) -> None:

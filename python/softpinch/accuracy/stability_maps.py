@@ -235,9 +235,7 @@ def stability_map(
 class _Reference:
     """An accurate run of a scene, with an estimate of its error by a second method.
 
-    Attributes:
-        status: Status of the run; "no_reference" if the two methods fail or disagree.
-        floor: Difference between the two methods; inf without a reference.
+    `status` and `floor` are those of `StabilityMap.expected` and `floor`.
     """
 
     def __init__(

@@ -259,12 +259,7 @@ def equilibrium_map(
 
 
 class _Search:
-    """Checks the arguments of `equilibrium_map`, and solves all cells.
-
-    Attributes:
-        branch: The branch of each cell, -1 without one.
-        seams: Pairs of neighbours of one branch that do not continue each other (k, 2, axes).
-    """
+    """Checks the arguments of `equilibrium_map`, solves all cells, and finds branches and seams."""
 
     def __init__(
         self,

@@ -182,10 +182,7 @@ class Minimum(NamedTuple):
 class Problem:
     """Residuals (model minus data, over noise) as functions of the coordinates u (p,).
 
-    Attributes:
-        experiments: The experiments, with the noise that weights them.
-        parameters: The parameters.
-        evaluations: The number of calls that simulated all experiments.
+    The noise of the experiments weights them; `evaluations` counts the simulations of them all.
     """
 
     def __init__(
