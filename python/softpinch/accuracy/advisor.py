@@ -242,12 +242,9 @@ def advise(
     """
     checks.instance("scene", scene, Scene)
     checks.instance("stabilization", stabilization, Stabilization)
-    tolerance = checks.number("tolerance", tolerance)
-    if not 1e-11 <= tolerance <= 0.1:
-        raise ValueError(f"tolerance = {tolerance}: must be from 1e-11 to 0.1")
-    budget = checks.number("budget", budget)
-    if not budget > 0:
-        raise ValueError(f"budget = {budget}: must be > 0")
+    rule = "must be from 1e-11 to 0.1"
+    tolerance = checks.number_that("tolerance", tolerance, lambda x: 1e-11 <= x <= 0.1, rule)
+    budget = checks.number_that("budget", budget, lambda x: x > 0.0, "must be > 0")
     on_constraints = scene.start().check
     if formulations is None and not on_constraints:
         formulations = "csm"

@@ -157,9 +157,7 @@ class WorkPrecision(Result):
             where: "along" takes the largest error of q, p and lambda along the run, which peers
                 do not have; "end" takes the error of q and p at the end.
         """
-        error = checks.number("error", error)
-        if not error > 0:
-            raise ValueError(f"error = {error}: must be > 0")
+        error = checks.number_that("error", error, lambda x: x > 0.0, "must be > 0")
         size = "along" if checks.choice("where", where, WHERE) == "along" else "error"
         found = []
         for rows in self.curves().values():

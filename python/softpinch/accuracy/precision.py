@@ -169,10 +169,7 @@ def _default_steps(scene: Scene) -> Floats:
 
 
 def stabilization_sweep(
-    scene: Scene,
-    dt: float = 1e-4,
-    method: Method = "rk4",
-    products: ArrayLike | None = None,
+    scene: Scene, dt: float = 1e-4, method: Method = "rk4", products: ArrayLike | None = None
 ) -> StabilizationSweep:
     """Runs a scene with "csm" over a range of gains, and measures drift and error of the motion.
 

@@ -41,17 +41,13 @@ _INSTANTS = 40
 class ReferenceMotion:
     """The exact motion of a scene, as far as the trials of `advise` need it.
 
-    Attributes:
-        full: The scene.
-        scene: The scene, cut where the accurate run took too many steps.
-        run: The run by a stiff method with adaptive steps, whose status a trial must have.
-        methods: The methods that give the exact motion, the quicker one first.
-        switches: The start, and the instants at which an input jumps or bends (k,), s.
+    `scene` is the `full` scene, cut where the accurate run took too many steps.
     """
 
     def __init__(self, scene: Scene, tolerance: float, stabilization: Stabilization) -> None:
         self.full = self.scene = scene
         self.tolerance, self.stabilization = tolerance, stabilization
+        # The run by a stiff method with adaptive steps, whose status a trial must have.
         # "csm" here is a fallback: only for a start off the constraints.
         self.run = accurate_run(scene, "csm", stabilization, record=_RECORD, max_steps=MOST_STEPS)
         if self.run.status == "too_many_steps":
@@ -67,6 +63,7 @@ class ReferenceMotion:
             least = _ROUND_OFF / tolerance * scaled_error.common(name, rows, usual)
             self.scales[name] = np.maximum(scaled_error.scales(name, rows, usual), least)
         self._modes: dict[str, Modes] = {}
+        # The methods that give the exact motion, the quicker one first.
         self.methods = self._methods()
 
     @property

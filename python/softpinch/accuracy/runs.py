@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Hashable, Iterator, Sequence
+from functools import lru_cache
 from itertools import product
 from typing import Any
 
@@ -20,12 +21,15 @@ from ..run.request import Request
 from ..run.run import Run, computed
 from ..scene import usual
 from ..scene.contact import formulations_of, require_formulations, without_drift
-from ..scene.scene import Scene, State, inputs
+from ..scene.paths import shapes_of
+from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
+from ..scene.template import SceneTemplate
 from ..support.arrays import Floats
 from ..support.choices import Formulation, Method
 from ..support.interrupt import CtrlC
 from ..support.record import Record
+from ..support.suggest import places
 
 # Tolerance of an accurate run, unless another one is asked for.
 ACCURATE = 1e-8
@@ -144,14 +148,43 @@ def batches(
     """Groups scenes into batches of the core, with the indices of the scenes of each batch.
 
     A batch gives the same bits as `simulate`, and uses SIMD lanes. The scenes may differ in
-    everything, and each keeps the seed and run number of its own noise; those with inputs of one
-    structure share a batch. The options must have equal steps.
+    everything, and each keeps the seed and run number of its own noise; those that differ in
+    numbers only share a batch. The options must have equal steps.
     """
     groups: dict[Hashable, list[int]] = {}
     for k, scene in enumerate(scenes):
-        groups.setdefault(_structure(scene), []).append(k)
+        groups.setdefault(_divided(scene)[0], []).append(k)
     for chosen in groups.values():
-        yield _batch([scenes[k] for k in chosen], options), chosen
+        own = [_divided(scenes[k])[1] for k in chosen]
+        numbers = {path: np.array([each[path] for each in own]) for path in own[0]}
+        differing = {path: each for path, each in numbers.items() if (each != each[:1]).any()}
+        varied = SceneTemplate(scenes[chosen[0]], differing, 0)
+        yield varied.batch(differing, None, summaries=[], band=0.1, options=options.core()), chosen
+
+
+@lru_cache(maxsize=256)  # a map asks for each scene once for every step and pair
+def _divided(scene: Scene) -> tuple[Hashable, dict[str, Floats]]:
+    """Divides a scene into a key of all that the runs of one batch share, and numbers by path."""
+    shared: list[Hashable] = []
+    numbers: dict[str, Floats] = {}
+    for path, value in places(scene):
+        if isinstance(value, Record):
+            shared.append((path, type(value)))
+            continue
+        # The members of a pair, or of several records, have paths of their own.
+        if isinstance(value, tuple) and (
+            path == "friction" or any(isinstance(each, Record) for each in value)
+        ):
+            continue
+        try:
+            if value is not None:
+                shape = shapes_of(scene, [path])[path]
+                numbers[path] = np.asarray(value, np.float64)
+                value = shape
+        except ValueError:  # what all runs of a study share, too
+            value = value.tobytes() if isinstance(value, np.ndarray) else value
+        shared.append((path, value))
+    return tuple(shared), numbers
 
 
 def run_batch(batch: _core.Batch, threads: int) -> list[tuple[str, Floats]]:
@@ -164,74 +197,3 @@ def run_batch(batch: _core.Batch, threads: int) -> list[tuple[str, Floats]]:
     order = np.argsort(result["run"])
     status = np.array(_core.STATUSES)[result["status"]][order].tolist()
     return list(zip(status, result["final_state"][order], strict=True))
-
-
-def _structure(scene: Scene) -> Hashable:
-    """A key of all that the runs of one batch must share, such as the inputs' structure."""
-    start = scene.start()
-    records = tuple(
-        (type(record), *((name, _kind(value)) for name, value in record._values().items()))
-        for record in (scene.schedule, *scene.disturbances)
-    )
-    arrays = (start.linearized, start.controller)
-    fixed = tuple(None if array is None else array.tobytes() for array in arrays)
-    sampled = scene.control if scene.law == "sampled" else None
-    unset = start.contact is None
-    return scene.law, sampled, scene.contact, unset, start.check, start.grid, fixed, records
-
-
-def _kind(value: Any) -> Hashable:
-    if isinstance(value, float | tuple | np.ndarray):
-        return np.shape(value)
-    return value  # type: ignore[no-any-return]
-
-
-def _differing(records: Sequence[Record]) -> dict[str, Floats]:
-    """Field name -> values (runs, ...), for the numeric fields in which the records differ."""
-    found = {}
-    for name in records[0]._values():
-        values = [getattr(record, name) for record in records]
-        if isinstance(values[0], float | tuple | np.ndarray):
-            stacked = np.array(values)
-            if (stacked != stacked[:1]).any():
-                found[name] = stacked
-    return found
-
-
-def _batch(scenes: Sequence[Scene], options: Options) -> _core.Batch:
-    """Converts scenes with one `_structure` to a batch of the core."""
-    first = scenes[0]
-    parameters = np.array([scene.parameters() for scene in scenes])
-    slots = np.flatnonzero((parameters != parameters[:1]).any(axis=0)).tolist()
-    disturbances = zip(*(scene.disturbances for scene in scenes), strict=True)
-    starts: list[State] = [scene.start() for scene in scenes]
-    # Without modes of contacts at the start, they follow from q and p.
-    contacts = [start.contact for start in starts if start.contact is not None]
-    return _core.Batch(
-        first.parameters(),
-        [(slot, np.ascontiguousarray(parameters[:, slot])) for slot in slots],
-        inputs(
-            first.schedule,
-            first.disturbances,
-            first.law,
-            first.control,
-            moves=_differing([scene.schedule for scene in scenes]),
-            loads=[_differing(one) for one in disturbances],
-        ),
-        runs=len(scenes),
-        start="state",
-        time=np.array([start.time for start in starts]),
-        q=np.array([start.q for start in starts]),
-        p=np.array([start.p for start in starts]),
-        integral=np.array([start.integral for start in starts]),
-        grid=starts[0].grid,
-        linearized=starts[0].linearized,
-        contacts=np.array(contacts) if contacts else None,
-        controller=starts[0].controller,
-        contact=first.contact,
-        check=starts[0].check,
-        duration=np.array([scene.duration for scene in scenes]),
-        summaries=[],
-        band=0.1,
-        options=options.core(),
-    )

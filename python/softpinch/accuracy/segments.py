@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from ..scene.piecewise import Piecewise
+from ..scene.piecewise import Piecewise, held
 from ..scene.scene import Scene
 from ..support import checks, extras
 from ..support.arrays import Floats
@@ -45,17 +45,8 @@ _MAX_EVALUATIONS, _PROGRESS = 12_000, 1e-10
 # Instants closer than this many units in the last place are equal.
 _ULPS = 4
 _TARGET, _LOAD = 0, 2
+_NONE = np.zeros(3)
 _MOST_SAMPLES = 10_000_000
-
-
-class _Wave(NamedTuple):
-    """amplitude * sin(omega (t - start) + phase) from start until end."""
-
-    start: float
-    end: float
-    omega: float
-    phase: float
-    amplitude: tuple[float, float, float]
 
 
 class Inputs:
@@ -72,7 +63,8 @@ class Inputs:
         self._near = _ULPS * float(np.spacing(max(abs(begin), abs(end))))
         # The first channel of each piecewise polynomial, and its coefficients per interval.
         self._pieces: list[tuple[int, Piecewise]] = [(_TARGET, scene.schedule.compile())]
-        self._waves: list[_Wave] = []
+        # Rows of `Compiled.sines`.
+        self._waves: list[list[float]] = []
         kicks: list[Floats] = []
         for place, disturbance in enumerate(scene.disturbances):
             compiled = disturbance.compile()
@@ -81,11 +73,10 @@ class Inputs:
                 (_LOAD, _held_noise(row, (seed, run), place, begin, end))
                 for row, seed, run in compiled.noises
             ]
-            for start, stop, omega, phase, *amplitude in (row.tolist() for row in compiled.sines):
-                self._waves.append(_Wave(start, stop, omega, phase, (*amplitude,)))
+            self._waves += [row.tolist() for row in compiled.sines]
             kicks += compiled.impulses
         breaks = [float(t) for _, (times, _) in self._pieces for t in times]
-        breaks += [t for wave in self._waves for t in (wave.start, wave.end)]
+        breaks += [t for wave in self._waves for t in wave[:2]]
         breaks += [float(kick[0]) for kick in kicks]
         self.edges = [begin]
         for t in sorted(breaks):
@@ -130,19 +121,19 @@ class Inputs:
                 # Before the first break an input is constant.
                 if k > 0 and any(row[1:]):
                     moving.append((channel, float(breaks[k - 1]), row[:0:-1]))
-        waves = [wave for wave in self._waves if wave.start <= inside < wave.end]
-        held = tuple(constant)
+        waves = [wave for wave in self._waves if wave[0] <= inside < wave[1]]
+        still = tuple(constant)
         if not moving and not waves:
-            return lambda _: held
+            return lambda _: still
 
         def driven(t: float) -> tuple[float, ...]:
-            values = list(held)
+            values = list(still)
             for channel, origin, falling in moving:
                 since, value = t - origin, 0.0
                 for coefficient in falling:
                     value = (value + coefficient) * since
                 values[channel] += value
-            for start, _, omega, phase, amplitude in waves:
+            for start, _, omega, phase, *amplitude in waves:
                 swing = math.sin(omega * (t - start) + phase)
                 for channel, size in enumerate(amplitude, _LOAD):
                     values[channel] += size * swing
@@ -158,7 +149,7 @@ def _held_noise(
     *std, rate, start, stop = row.tolist()
     last = min(stop, end)
     if last <= max(start, begin):
-        return np.zeros(0), np.zeros((1, 3, 1))
+        return held(np.zeros(0), np.zeros((0, 3)), _NONE)
     # One more sample on either side, because product and quotient are rounded.
     first = max(0, math.floor((max(start, begin) - start) * rate) - 1)
     count = math.ceil((last - start) * rate) + 1 - first
@@ -167,27 +158,24 @@ def _held_noise(
             f"Noise.rate_hz = {rate}: {count} samples are too many, the limit is {_MOST_SAMPLES}"
         )
     times = np.arange(first, first + count) / rate + start
-    loads: Sequence[Floats] = [_core.noise((std[0], std[1], std[2]), key, place, first, count)]
     kept = times < stop
-    times, loads = times[kept], [loads[0][kept]]
+    loads = _core.noise((std[0], std[1], std[2]), key, place, first, count)[kept]
+    times = times[kept]
     if stop <= end:
-        times, loads = np.append(times, stop), [*loads, np.zeros((1, 3))]
-    return times, np.concatenate([np.zeros((1, 3)), *loads])[..., None]
+        times, loads = np.append(times, stop), np.vstack([loads, _NONE])
+    return held(times, loads, _NONE)
 
 
 @dataclass(frozen=True)
 class System:
-    """Equations of motion for `integrate`.
+    """Equations of motion for `integrate`."""
 
-    Attributes:
-        rates: Function (y, u) of tuples -> the rates of the states y; u is the value of `Driven`.
-        jump: Function (y, impulse) -> the states just after an ideal impulse (J_x, J_y, J_theta).
-        jacobian: Function (y, u) -> the derivatives of the rates (n, n). None takes SciPy's finite
-            differences, which cost implicit methods accuracy.
-    """
-
+    # (y, u) as tuples -> the rates of the states y; u is the value of `Driven`.
     rates: Callable[[tuple[float, ...], tuple[float, ...]], Any]
+    # (y, impulse) -> the states just after an ideal impulse (J_x, J_y, J_theta).
     jump: Callable[[Floats, tuple[float, ...]], Floats]
+    # (y, u) -> the derivatives of the rates (n, n). None takes SciPy's finite differences, which
+    # cost implicit methods accuracy.
     jacobian: Callable[[Floats, tuple[float, ...]], Floats] | None = None
 
 

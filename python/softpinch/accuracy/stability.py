@@ -21,14 +21,14 @@ from ..run.contact import ContactMode
 from ..run.options import MOST_STEPS, Options
 from ..run.request import Request
 from ..run.run import Run, computed
-from ..run.stiffness import ALONE, Complexes, eigenvalues, stable_steps, surfaces
+from ..run.stiffness import ALONE, eigenvalues, stable_steps, surfaces
 from ..scene.contact import as_bilateral, require_bilateral, require_formulations
 from ..scene.control import require_known_torque
 from ..scene.fields import COORDINATES, RATES
 from ..scene.scene import Scene, State
 from ..scene.stabilization import Stabilization
 from ..support import checks
-from ..support.arrays import Floats
+from ..support.arrays import Complexes, Floats
 from ..support.choices import Formulation, Method
 from ..support.display import ShownTable
 from ..support.result import Result
@@ -336,12 +336,9 @@ def max_stable_dt(
 class StepSearch:
     """The search for the longest step with which a run follows the accurate run to its end.
 
-    It begins at the predicted step, s, or at some step if that is inf.
-
-    Attributes:
-        scene: The scene of the trials; at rest it is slightly displaced, because exact symmetry
-            hides unstable modes.
-        failure: The reason why the last run with too long a step failed.
+    It begins at the predicted step, s, or at some step if that is inf. A scene at rest is slightly
+    displaced, because exact symmetry hides unstable modes. `failure` is the reason why the last run
+    with too long a step failed.
     """
 
     def __init__(self, accurate: Run, trial: Options, predicted: float) -> None:

@@ -41,23 +41,16 @@ _BLOW = np.array([0.8, -0.6])
 
 @dataclass(frozen=True)
 class Axis:
-    """One axis of a stability map.
+    """One axis of a stability map."""
 
-    Attributes:
-        name: The name, path or function name with which the axis is requested.
-        label: Axis label in figures.
-        unit: Unit of the values; "1" if they have none.
-        scale: Spacing in figures: "linear", "log", "logit" (for shares, stretched near 0 and 1) or
-            "right_angle" (for degrees, stretched towards 90).
-        values: Default values (v,); empty if there are none.
-        at: Function from a scene and a value to the scene with that value, or to gains of "csm".
-    """
-
-    name: str
-    label: str
-    unit: str
+    name: str  # the name, path or function name with which the axis is requested
+    label: str  # its label in figures
+    unit: str  # the unit of the values; "1" if they have none
+    # The spacing in figures: "linear", "log", "logit" (for shares, stretched near 0 and 1) or
+    # "right_angle" (for degrees, stretched towards 90).
     scale: str
-    values: tuple[float, ...]
+    values: tuple[float, ...]  # default values (v,); empty if there are none
+    # A function from a scene and a value to the scene with that value, or to gains of "csm".
     at: Callable[[Scene, float], Scene | Stabilization]
 
     def apply(

@@ -20,7 +20,7 @@ from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..study.engine import how_many_threads
 from ..support import checks
-from ..support.arrays import Floats
+from ..support.arrays import Bools, Floats, Texts
 from ..support.choices import Formulation, Method
 from ..support.progress import Report, reporting
 from ..support.result import Result
@@ -29,8 +29,6 @@ from .runs import accurate_run, batches, run_batch
 from .stability import ENDS, LOST, along_run
 from .stability_axes import choose
 
-Bools = NDArray[np.bool_]
-Texts = NDArray[np.str_]
 Pair = tuple[Formulation, Method]
 
 PAIRS: tuple[Pair, ...] = tuple((f, m) for f in _core.FORMULATIONS for m in _core.METHODS)
@@ -237,9 +235,7 @@ def stability_map(
 class _Reference:
     """An accurate run of a scene, with an estimate of its error by a second method.
 
-    Attributes:
-        status: Status of the run; "no_reference" if the two methods fail or disagree.
-        floor: Difference between the two methods; inf without a reference.
+    `status` and `floor` are those of `StabilityMap.expected` and `floor`.
     """
 
     def __init__(

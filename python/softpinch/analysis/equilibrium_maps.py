@@ -19,16 +19,14 @@ from ..scene.paths import resolve
 from ..scene.scene import Scene
 from ..scene.template import SceneTemplate
 from ..support import checks
-from ..support.arrays import Floats, read_only
+from ..support.arrays import Bools, Floats, Texts, read_only
 from ..support.display import ShownTable
 from ..support.progress import Report, reporting
 from ..support.result import Result
 from ..support.table import save_map
 from .rest import Equilibrium, from_core, last_instant
 
-Bools = NDArray[np.bool_]
 Integers = NDArray[np.int64]
-Texts = NDArray[np.str_]
 Cell = tuple[int, ...]
 
 # Axis along the family -> kind of the member, and indices of the tips that the axis sets.
@@ -261,12 +259,7 @@ def equilibrium_map(
 
 
 class _Search:
-    """Checks the arguments of `equilibrium_map`, and solves all cells.
-
-    Attributes:
-        branch: The branch of each cell, -1 without one.
-        seams: Pairs of neighbours of one branch that do not continue each other (k, 2, axes).
-    """
+    """Checks the arguments of `equilibrium_map`, solves all cells, and finds branches and seams."""
 
     def __init__(
         self,

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import _core
 from ..scene.contact import as_bilateral, require_bilateral
@@ -17,7 +16,7 @@ from ..scene.scene import Scene, State, require_fit
 from ..scene.scene import inputs as compiled_inputs
 from ..scene.schedule import Schedule
 from ..support import checks, extras
-from ..support.arrays import Floats, read_only
+from ..support.arrays import Complexes, Floats, read_only
 from ..support.display import ShownTable
 from ..support.result import Result
 from .rest import Equilibrium, equilibrium
@@ -36,8 +35,6 @@ from .states import (
     unit_of,
     without_shears,
 )
-
-Complexes = NDArray[np.complex128]
 
 # States that are this far off the constraints or off the schedule, as a share of a tip's radius
 # and in rad, are refused; the drift of `csm` is far smaller.
@@ -217,12 +214,7 @@ def linearize(
     require_fit(scene, "state", state)
     law = "torque" if open_loop else scene.law
     found = linear_at(
-        scene,
-        state,
-        inputs=_inputs(scene, state),
-        whole=True,
-        open_loop=open_loop,
-        frozen=frozen,
+        scene, state, inputs=_inputs(scene, state), whole=True, open_loop=open_loop, frozen=frozen
     )
     _require_sound(scene, state, found)
     model = _selected(found, state, law, input_ports(chosen, law), wanted)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import _core
 from ..run.request import rest_scene
@@ -16,11 +16,9 @@ from ..scene.control import require_known_torque
 from ..scene.scene import Scene, State
 from ..scene.svg import drawings
 from ..support import checks
-from ..support.arrays import Floats
+from ..support.arrays import Complexes, Floats
 from ..support.result import Result
 from .states import kept, linear_at, shears_by_pose, state_names, without_shears
-
-Complexes = NDArray[np.complex128]
 
 # The violations that a tip which can slip and open does not stand at rest.
 _UNILATERAL = ("pulling", "slipping", "off_face")

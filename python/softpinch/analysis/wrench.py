@@ -6,17 +6,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..run.request import rest_scene
 from ..run.run import Run
 from ..scene.scene import Scene, State
 from ..support import checks
-from ..support.arrays import Floats
+from ..support.arrays import Floats, Texts
 from ..support.result import Result
 from .rest import ROUND_OFF, Equilibrium, equilibrium
-
-Texts = NDArray[np.str_]
 
 # Number of forces among the default directions.
 _FORCES = 72

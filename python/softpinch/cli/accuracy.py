@@ -55,8 +55,7 @@ def stability(
         ),
     ] = None,
     values: Annotated[
-        str | None,
-        typer.Option(help="Values of the only axis, with commas."),
+        str | None, typer.Option(help="Values of the only axis, with commas.")
     ] = None,
     dt: Steps = None,
     pairs: Annotated[
@@ -182,8 +181,7 @@ def work_precision(
         float, typer.Option(help="Leave out settings that would take longer, s.")
     ] = 2.0,
     where: Annotated[
-        str,
-        typer.Option(help="The error: along (the largest along the run) or end."),
+        str, typer.Option(help="The error: along (the largest along the run) or end.")
     ] = "along",
     out: Out = Path("work_precision"),
     format: Format = "png",

@@ -161,11 +161,7 @@ def run(
         described = with_changes(described, set_)
         options = Options.checked() if capsule is None else capsule.options
         how = options.numerics() | in_place(
-            dt=dt,
-            tolerance=tolerance,
-            max_steps=max_steps,
-            method=method,
-            formulation=formulation,
+            dt=dt, tolerance=tolerance, max_steps=max_steps, method=method, formulation=formulation
         )
         others = how["stabilization"]
         how["stabilization"] = gains(how["formulation"], others=others, alpha=alpha, beta=beta)

@@ -22,8 +22,7 @@ def fit(
         Path, typer.Argument(help="A TOML file: scene, bounds of the numbers, settings.")
     ],
     data: Annotated[
-        Path,
-        typer.Argument(help="The measurements, a CSV file: t [s] and columns of observables."),
+        Path, typer.Argument(help="The measurements, a CSV file: t [s] and columns of observables.")
     ],
     out: Out = Path("fit"),
     dt: Dt = None,
@@ -36,8 +35,7 @@ def fit(
     ] = None,
     multistart: Annotated[int | None, typer.Option(help="Number of further starts.")] = None,
     profile: Annotated[
-        bool,
-        typer.Option("--profile", help="Also print intervals of the profile likelihood."),
+        bool, typer.Option("--profile", help="Also print intervals of the profile likelihood.")
     ] = False,
     format: Format = "png",
 ) -> None:

@@ -70,17 +70,11 @@ class FailedRun(ValueError):
 
 
 class Motion(NamedTuple):
-    """A simulated motion at the measured instants.
+    """A simulated motion at the measured instants."""
 
-    Attributes:
-        table: The columns (n, c).
-        slope: Their derivatives by the parameters (n, c, p), or None.
-        violations: Name of each violation of the model's assumptions -> when it was first seen, s.
-    """
-
-    table: Floats
-    slope: Floats | None
-    violations: Mapping[str, float]
+    table: Floats  # the columns (n, c)
+    slope: Floats | None  # their derivatives by the parameters (n, c, p)
+    violations: Mapping[str, float]  # those of `Run.violations`
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -181,11 +175,7 @@ class Experiment(Result):
         return scene
 
     def simulated(
-        self,
-        values: Mapping[str, float],
-        options: Options,
-        derivatives: bool,
-        warns: bool = False,
+        self, values: Mapping[str, float], options: Options, derivatives: bool, warns: bool = False
     ) -> Motion:
         """Simulates the scene with values put in by path, at the measured instants.
 

@@ -87,9 +87,7 @@ class Parameter(Result):
 
 
 def parameters(
-    scenes: Sequence[Scene],
-    vary: Mapping[str, object],
-    start: Mapping[str, object] | None,
+    scenes: Sequence[Scene], vary: Mapping[str, object], start: Mapping[str, object] | None
 ) -> tuple[Parameter, ...]:
     """Makes the parameters of a fit; the search starts at the values of the first scene."""
     if not isinstance(vary, Mapping):
@@ -184,10 +182,7 @@ class Minimum(NamedTuple):
 class Problem:
     """Residuals (model minus data, over noise) as functions of the coordinates u (p,).
 
-    Attributes:
-        experiments: The experiments, with the noise that weights them.
-        parameters: The parameters.
-        evaluations: The number of calls that simulated all experiments.
+    The noise of the experiments weights them; `evaluations` counts the simulations of them all.
     """
 
     def __init__(

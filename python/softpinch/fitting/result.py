@@ -311,20 +311,12 @@ def _plain(value: Any) -> Any:
 
 
 class Uncertainty(NamedTuple):
-    """Uncertainty of the coordinates u in the linearised problem.
+    """Uncertainty of the coordinates u in the linearised problem; see `Fit`."""
 
-    Attributes:
-        covariance: Covariance of u (p, p); large but finite where the data determine nothing.
-        singular_values: Singular values of the weighted Jacobian by u (p,), the largest first: the
-            change of the data, in standard deviations of the noise, along a step of one.
-        directions: The singular directions, one a row (p, p).
-        determined: Whether the interval of each parameter has less than its `room` (p,).
-    """
-
-    covariance: Floats
-    singular_values: Floats
-    directions: Floats
-    determined: NDArray[np.bool_]
+    covariance: Floats  # of u (p, p); large but finite where the data determine nothing
+    singular_values: Floats  # of the weighted Jacobian by u (p,), the largest first
+    directions: Floats  # the singular directions, one a row (p, p)
+    determined: NDArray[np.bool_]  # whether each interval has less than its `room` (p,)
 
 
 def uncertainty(

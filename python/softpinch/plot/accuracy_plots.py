@@ -108,11 +108,7 @@ def work_precision(result: WorkPrecision, peers: bool = False, where: str | None
 
 
 def _work_precision_panel(
-    axes: Axes,
-    curves: Curves,
-    limits: tuple[float, float],
-    floor: float,
-    along: bool,
+    axes: Axes, curves: Curves, limits: tuple[float, float], floor: float, along: bool
 ) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")
@@ -241,6 +237,9 @@ def stability_map(map: StabilityMap, ax: Axes | None = None) -> Figure:
     rows = [name for name in _core.FORMULATIONS if name in {pair[0] for pair in map.pairs}]
     columns = [name for name in _core.METHODS if name in {pair[1] for pair in map.pairs}]
     kinds = _kinds(map)
+    with np.errstate(divide="ignore"):
+        powers = np.where(map.error == 0.0, _BEST, np.log10(map.error))
+    powers = np.ma.masked_invalid(powers)
     width = PAGE if len(columns) > 2 else COLUMN
     height = 1.25 * len(rows) + 1.25
     grid_of = panels_or_given(ax, len(rows), len(columns), width, height, sharex=True, sharey=True)
@@ -265,7 +264,7 @@ def stability_map(map: StabilityMap, ax: Axes | None = None) -> Figure:
                           transform=each.transAxes)  # fmt: skip
                 continue
             k = map.pairs.index((row, column))
-            mesh = color_cells(each, (left, bottom), _powers(map.error[k]), _BEST, _WORST)
+            mesh = color_cells(each, (left, bottom), powers[k], _BEST, _WORST)
             fill_cells(each, kinds[k], left, bottom, _KINDS)
             v, d = np.nonzero(map.misleading()[k] & (map.expected == "completed")[:, None])
             each.plot(map.values[v], map.dt[d], linestyle="", **_DOT)
@@ -357,12 +356,6 @@ def _kinds(map: StabilityMap) -> np.ndarray:
     kinds[map.agrees & ~completed] = _ENDED
     kinds[(expected == NO_REFERENCE) & (map.status != NOT_RUN)] = NO_REFERENCE
     return kinds
-
-
-def _powers(error: Floats) -> Floats:
-    """Errors as powers of ten; infinite ones are masked."""
-    with np.errstate(divide="ignore"):
-        return np.ma.masked_invalid(np.where(error == 0.0, _BEST, np.log10(error)))
 
 
 def _boundary(axes: Axes, values: Floats, predicted: Floats, left: Floats) -> None:

@@ -88,26 +88,17 @@ class HandDrawing:
 
 
 class Instant(NamedTuple):
-    """A run at one instant. Forces are zero where they are not wanted.
+    """A run at one instant. Forces are zero where they are not wanted."""
 
-    Attributes:
-        time: s.
-        q: Coordinates (9,), m and rad.
-        modes: Modes of the right and the left contact; None in bilateral contact.
-        contact: Forces of the right and the left tip on the object (2, 2), N.
-        external: Force and moment of the disturbances (3,), N and N m.
-        impulse: The last impulse (3,), N s and N m s, if it was since the instant before, or less
-            than `_SHOWN` of the run's time ago; else zero.
-        status: Names of the violations since the instant before; at the end of the run its status.
-    """
-
-    time: float
-    q: Floats
-    modes: Modes | None
-    contact: Floats
-    external: Floats
+    time: float  # s
+    q: Floats  # coordinates (9,), m and rad
+    modes: Modes | None  # of the right and the left contact; None in bilateral contact
+    contact: Floats  # forces of the right and the left tip on the object (2, 2), N
+    external: Floats  # force and moment of the disturbances (3,), N and N m
+    # The last impulse (3,), N s and N m s, if it was since the instant before, or less than
+    # `_SHOWN` of the run's time ago; else zero.
     impulse: Floats
-    status: tuple[str, ...]
+    status: tuple[str, ...]  # violations since the instant before; at the run's end its status
 
 
 def instants(run: Run, times: Floats, forces: bool) -> list[Instant]:
@@ -174,22 +165,15 @@ def _status(run: Run, since: float, time: float) -> tuple[str, ...]:
 
 
 class Frame(NamedTuple):
-    """Limits and scales that all pictures of a film share.
-
-    Attributes:
-        left, right, bottom, top: Limits of the axes, mm.
-        longest: Length of the longest arrow, mm.
-        newton: Length of the arrow of 1 N, mm; 0 if there are no forces.
-        newton_second: Length of the arrow of an impulse of 1 N s, mm; 0 if there are none.
-    """
+    """Limits of the axes and scales that all pictures of a film share, mm."""
 
     left: float
     right: float
     bottom: float
     top: float
-    longest: float
-    newton: float
-    newton_second: float
+    longest: float  # length of the longest arrow
+    newton: float  # length of the arrow of 1 N; 0 if there are no forces
+    newton_second: float  # length of the arrow of an impulse of 1 N s; 0 if there are none
 
     @classmethod
     def of(cls, run: Run, shown: Sequence[Instant]) -> Frame:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..analysis.linearization import linearize
 from ..analysis.rest import Equilibrium
@@ -163,7 +163,9 @@ def compliance(found: Equilibrium, frequency_hz: ArrayLike | None = None) -> Fig
             k = int(np.argmax(hertz <= 0.0))
             raise ValueError(f"frequency_hz[{k}] = {hertz[k]}: must be > 0")
     model = linearize(found.scene, found, inputs="force", outputs="pose", reduced=True)
-    response = _response(model.A, model.B, model.C, hertz)
+    # The transfer function C (i omega - A)^-1 B at each frequency.
+    poles = 2j * np.pi * hertz[:, None, None] * np.eye(len(model.A)) - model.A
+    response = model.C @ np.linalg.solve(poles, model.B[None])
     from matplotlib.ticker import MultipleLocator
 
     figure, axes = panels(2, 2, PAGE, 3.6, sharex=True, height_ratios=[1.6, 1.0])
@@ -187,9 +189,3 @@ def compliance(found: Equilibrium, frequency_hz: ArrayLike | None = None) -> Fig
         tag(upper, "ab"[column])
         tag(lower, "cd"[column])
     return figure
-
-
-def _response(a: Floats, b: Floats, c: Floats, hertz: Floats) -> NDArray[np.complex128]:
-    """The transfer function C (i omega - A)^-1 B (n, k, m)."""
-    poles = 2j * np.pi * hertz[:, None, None] * np.eye(len(a)) - a
-    return np.asarray(c @ np.linalg.solve(poles, np.broadcast_to(b, (len(hertz), *b.shape))))

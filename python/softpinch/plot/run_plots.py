@@ -15,7 +15,7 @@ from ..run.run import Run
 from ..scene.fields import QUANTITIES, label
 from ..support.checks import instance
 from ..support.errors import NotRecordedError
-from .style import BLACK, COLUMN, DEG, GREY, LETTERS, LINES, MM, PAGE, RED, TARGET, note, styled
+from .style import BLACK, COLUMN, DEG, GREY, LETTERS, LINES, MM, PAGE, RED, TARGET, styled
 from .timeline import (
     ANGLES,
     POSE,
@@ -95,8 +95,9 @@ def residuals(run: Run) -> Figure:
     for each, order in zip(axes[:, 0], _ORDERS, strict=True):
         if each is not first:
             each.sharey(first)
-        text, transform = f"paper: $10^{{{round(np.log10(order))}}}$", each.get_yaxis_transform()
-        note(each, text, (0.995, order), transform, (0.0, 1.5), "right", fontsize=8.0)
+        place = (0.995, order), (0.0, 1.5), each.get_yaxis_transform(), "offset points"
+        text = f"paper: $10^{{{round(np.log10(order))}}}$"
+        each.annotate(text, *place, ha="right", va="bottom", fontsize=8.0)
     first.set_ylim(_ROUND_OFF, max(_RESIDUAL_TOP, first.get_ylim()[1]))
     number_operations(first, run)
     return figure

@@ -196,28 +196,13 @@ def one_panel(ax: Axes | None, width: float, height: float) -> Iterator[tuple[Fi
         yield figure, axes[0, 0]
 
 
-def note(
-    axes: Axes,
-    text: str,
-    place: tuple[float, float],
-    coordinates: Any,
-    offset: tuple[float, float],
-    ha: str,
-    **options: Any,
-) -> None:
-    """Writes a text above a place, at an offset in points."""
-    axes.annotate(
-        text, place, xycoords=coordinates, xytext=offset, textcoords="offset points", ha=ha,
-        va="bottom", **options,
-    )  # fmt: skip
-
-
 def tag(axes: Axes, letter: str, title: str = "") -> None:
     """Labels a panel (a), (b), ... with a title; without one, left of the upper left corner."""
     if title:
         axes.set_title(f"({letter}) {title}", loc="left", pad=3.0)
         return
-    note(axes, f"({letter})", (0.0, 1.0), "axes fraction", (-2.0, 2.0), "right")
+    place = (0.0, 1.0), (-2.0, 2.0), "axes fraction", "offset points"
+    axes.annotate(f"({letter})", *place, ha="right", va="bottom")
 
 
 def legend(axes: Axes) -> None:

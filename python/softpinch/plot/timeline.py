@@ -31,7 +31,6 @@ from .style import (
     Unit,
     least_range,
     legend,
-    note,
     panels,
     shared_legend,
     tag,
@@ -123,27 +122,17 @@ class Panel(NamedTuple):
 
 
 class Column(NamedTuple):
-    """Panels with one time axis, and the bands below them.
+    """Panels with one time axis, and the bands below them."""
 
-    Attributes:
-        panels: The panels, from top to bottom.
-        runs: Name -> run; the bands are those of the runs with unilateral contact.
-        limits: Limits of the time axis; None chooses one.
-        time: Name of the time axis, with its unit.
-        letters: A letter for each panel; none for a zoom of the column beside it.
-        title: Title above the column.
-        since: Name of a run -> the instant that is zero on the time axis, s; 0 of others.
-        switches: Instants that thin lines mark.
-    """
-
-    panels: Sequence[Panel]
-    runs: Mapping[str, Run]
-    limits: tuple[float | None, float | None]
-    time: str = "time [s]"
-    letters: str = LETTERS
-    title: str = ""
+    panels: Sequence[Panel]  # from top to bottom
+    runs: Mapping[str, Run]  # name -> run; the bands are of those with unilateral contact
+    limits: tuple[float | None, float | None]  # of the time axis; None chooses one
+    time: str = "time [s]"  # name of the time axis, with its unit
+    letters: str = LETTERS  # one for each panel; none for a zoom of the column beside it
+    title: str = ""  # above the column
+    # Name of a run -> the instant that is zero on the time axis, s; 0 of others.
     since: Mapping[str, float] = MappingProxyType({})
-    switches: Iterable[float] = ()
+    switches: Iterable[float] = ()  # instants that thin lines mark
 
     @classmethod
     def of(cls, run: Run, panels: Sequence[Panel], letters: str = LETTERS) -> Column:
@@ -235,8 +224,8 @@ def number_operations(axes: Axes, run: Run) -> None:
         return
     edges = np.array([run.t[0], *inside, run.t[-1]])
     for k, middle in enumerate(0.5 * (edges[1:] + edges[:-1])):
-        place, transform = (float(middle), 1.0), axes.get_xaxis_transform()
-        note(axes, str(k + 1), place, transform, (0.0, 2.0), "center", fontsize=8.0, color="0.35")
+        place = (float(middle), 1.0), (0.0, 2.0), axes.get_xaxis_transform(), "offset points"
+        axes.annotate(str(k + 1), *place, ha="center", va="bottom", fontsize=8.0, color="0.35")
 
 
 def axis_name(symbol: str, unit: Unit, change: bool = False) -> str:

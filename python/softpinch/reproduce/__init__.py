@@ -15,12 +15,4 @@ from .experiment import Progress, Runs, simulate_all
 from .report import Reproduction, reproduce
 from .verdict import find
 
-__all__ = [
-    "FORMATS",
-    "Progress",
-    "Reproduction",
-    "Runs",
-    "find",
-    "reproduce",
-    "simulate_all",
-]
+__all__ = ["FORMATS", "Progress", "Reproduction", "Runs", "find", "reproduce", "simulate_all"]

@@ -52,11 +52,6 @@ def energies(scene: Scene, places: Floats) -> tuple[Floats, Floats]:
     return np.array([each.elastic for each in found]), np.array([each.gravity for each in found])
 
 
-def lever_arms(scene: Scene) -> Floats:
-    """E_1 and E_2 of (30), the distances in the no-slip constraint (12), (2,), m."""
-    return -0.5 * SIGNS * scene.grasped.width - scene.grasped.com_offset
-
-
 def without_slip(scene: Scene, q: ArrayLike, way: ArrayLike, far: ArrayLike) -> Floats:
     """The coordinates after the object has moved without slip of its tips by `far` (n,), (n, 9).
 
@@ -72,7 +67,9 @@ def without_slip(scene: Scene, q: ArrayLike, way: ArrayLike, far: ArrayLike) -> 
     half = 0.5 * far * turn
     middle, share = q[2] + half, np.sinc(half / np.pi)
     along = share * (np.sin(middle) * dx - np.cos(middle) * dy)
-    moved[:, 7:] += far[:, None] * (along[:, None] - lever_arms(scene) * turn)
+    # E_1 and E_2 of (30), the distances in (12).
+    arms = -0.5 * SIGNS * scene.grasped.width - scene.grasped.com_offset
+    moved[:, 7:] += far[:, None] * (along[:, None] - arms * turn)
     # C^H = 0 (9), in which the compressions stand by themselves.
     for row in moved:
         row[5:7] -= evaluate(scene, 0.0, row, _AT_REST).residuals[:2]
@@ -81,27 +78,18 @@ def without_slip(scene: Scene, q: ArrayLike, way: ArrayLike, far: ArrayLike) -> 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rest:
-    """The rest after an operation, and the energy around it.
+    """The rest after an operation, and the energy around it."""
 
-    Attributes:
-        number: The number of the operation.
-        reached: q at the end of the operation (9,).
-        found: The equilibrium to which no-slip leads from there.
-        weightless: The equilibrium to which no-slip leads from there without gravity.
-        slope: The largest |derivative| of V on `WAYS`, N, with a tip's radius as the unit of angle.
-        curvature: The smallest second derivative of V on `WAYS`, N/m.
-        rise: The smallest rise of V at 1 mm from the rest on `WAYS`, J.
-        turning: The second derivative of the elastic energy (and of V) by the object's rotation
-            about its centre of gravity, without slip, N m/rad.
-    """
-
-    number: int
-    reached: Floats
-    found: Equilibrium
-    weightless: Equilibrium
+    number: int  # of the operation
+    reached: Floats  # q at the end of the operation (9,)
+    found: Equilibrium  # to which no-slip leads from there
+    weightless: Equilibrium  # to which no-slip leads from there without gravity
+    # The largest |derivative| of V on `WAYS`, N, with a tip's radius as the unit of angle.
     slope: float
-    curvature: float
-    rise: float
+    curvature: float  # the smallest second derivative of V on `WAYS`, N/m
+    rise: float  # the smallest rise of V at 1 mm from the rest on `WAYS`, J
+    # The second derivative of the elastic energy (and of V) by the object's rotation about its
+    # centre of gravity, without slip, N m/rad.
     turning: float
 
     @property

@@ -7,18 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .. import paper, plot
-from ..plot.style import (
-    BLACK,
-    DEG,
-    LETTERS,
-    LINES,
-    PAGE,
-    PALE,
-    least_range,
-    panels,
-    styled,
-    tag,
-)
+from ..plot.style import BLACK, DEG, LETTERS, LINES, PAGE, PALE, least_range, panels, styled, tag
 from ..run import measures as m
 from ..run.run import Run
 from ..support.arrays import Floats
@@ -36,10 +25,10 @@ def draw(runs: Runs, out: Path, suffix: str, progress: Progress) -> list[Path]:
     """Draws and saves every figure."""
     pieces = m.operations(runs.operations)
     times = [pieces[0][0], *(end for _, end in pieces)]
-    titles = ["start"]
-    for k, (right, left) in enumerate(paper.OPERATIONS):
-        # Titles are printed, so they have a minus sign instead of a hyphen.
-        titles.append(f"operation {k + 1}: ({right:g}°, {left:g}°)".replace("-", "\N{MINUS SIGN}"))
+    pairs = (f"({right:g}°, {left:g}°)" for right, left in paper.OPERATIONS)
+    # Titles are printed, so they have a minus sign instead of a hyphen.
+    angles = [pair.replace("-", "\N{MINUS SIGN}") for pair in pairs]
+    titles = ["start", *(f"operation {k}: {pair}" for k, pair in enumerate(angles, 1))]
     makers: dict[str, Callable[[], Figure]] = {
         "figure4": lambda: plot.snapshots(runs.operations, times, titles),
         "figure5": lambda: plot.motion(runs.operations),
@@ -53,9 +42,7 @@ def draw(runs: Runs, out: Path, suffix: str, progress: Progress) -> list[Path]:
             runs.other_cases["i"],
             "disturbance (i)",
         ),
-        "figure_energy_minimum": lambda: energy_minima(
-            energy_minimum.curves(runs.rests, _angles())
-        ),
+        "figure_energy_minimum": lambda: energy_minima(energy_minimum.curves(runs.rests, angles)),
         "figure_contact_operations": lambda: plot.contact_models(
             {"the eight operations": _models(runs.operations, runs.real)}
         ),
@@ -95,12 +82,6 @@ def energy_minima(curves: Mapping[str, Floats]) -> Figure:
         what = r"energy while the object turns about its rest at the targets $(\theta_1, \theta_2)$"
         figure.suptitle(what, fontsize="medium")
         return figure
-
-
-def _angles() -> list[str]:
-    """The operations by their angles, short."""
-    pairs = (f"({right:g}°, {left:g}°)" for right, left in paper.OPERATIONS)
-    return [pair.replace("-", "\N{MINUS SIGN}") for pair in pairs]
 
 
 def _models(bilateral: Run, real: Mapping[float, Run]) -> dict[str, Run]:

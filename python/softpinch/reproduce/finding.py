@@ -21,25 +21,15 @@ BANDS = np.array([1e-3 * BAND, 1e-3 * BAND, np.deg2rad(BAND)])
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """A claim of the paper, or an observation beyond it, with its verdict.
+    """A claim of the paper, or an observation beyond it, with its verdict."""
 
-    Attributes:
-        claim: The claim in a few words.
-        source: Section or figure of the paper; empty for an observation beyond the paper.
-        verdict: "holds", "does not hold", or "not in the paper".
-        measure: Description of `value`, with its unit.
-        value: The number that decides the verdict.
-        limit: The number with which `value` is compared; nan for an observation beyond the paper.
-        evidence: A sentence with the numbers.
-    """
-
-    claim: str
-    source: str
-    verdict: str
-    measure: str
-    value: float
-    limit: float
-    evidence: str
+    claim: str  # in a few words
+    source: str  # section or figure of the paper; empty for an observation
+    verdict: str  # "holds", "does not hold", or "not in the paper"
+    measure: str  # description of `value`, with its unit
+    value: float  # the number that decides the verdict
+    limit: float  # the number with which `value` is compared; nan for an observation
+    evidence: str  # a sentence with the numbers
 
 
 def observation(claim: str, measure: str, value: float, evidence: str) -> Finding:

@@ -120,7 +120,4 @@ def _end(run: Run) -> str:
 
 def find(runs: Runs) -> tuple[Finding, ...]:
     """The operations and disturbances of a real hand, from the runs with unilateral contact."""
-    return (
-        which_survive(runs.real, runs.real_cases),
-        operations(runs.operations, runs.real),
-    )
+    return (which_survive(runs.real, runs.real_cases), operations(runs.operations, runs.real))

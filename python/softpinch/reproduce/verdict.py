@@ -260,11 +260,6 @@ def can_be_believed(run: Run) -> Finding:
     )
 
 
-def parameters_are_ours() -> Finding:
-    """The caveat that the parameters are ours, as the paper's tables are lost."""
-    return observation("the parameters are ours", "", np.nan, PARAMETER_NOTE)
-
-
 def find(runs: Runs) -> tuple[Finding, ...]:
     """Judges every claim of the paper by the runs, and adds observations beyond the paper."""
     checks.instance("runs", runs, Runs)
@@ -287,5 +282,5 @@ def find(runs: Runs) -> tuple[Finding, ...]:
         sign_of_the_shear(runs.operations, runs.other_operations, runs.other_cases["i"]),
         residuals_follow_the_step(runs.operations, runs.coarse),
         can_be_believed(runs.operations),
-        parameters_are_ours(),
+        observation("the parameters are ours", "", np.nan, PARAMETER_NOTE),
     )

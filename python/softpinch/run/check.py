@@ -13,7 +13,7 @@ from ..scene.outline import contact_heights, tilts
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.record import SIDES
-from .contact import ContactMode, Modes
+from .contact import ContactMode, Modes, active
 
 if TYPE_CHECKING:
     from .run import Run
@@ -50,10 +50,7 @@ def check_run(run: Run, modes: Modes | None, *, residual: float, closure: float)
 
 
 def _tolerance(name: str, value: float) -> float:
-    value = checks.number(name, value)
-    if not value >= 0:
-        raise ValueError(f"{name} = {value}: must be >= 0")
-    return value
+    return checks.number_that(name, value, lambda x: x >= 0.0, "must be >= 0")
 
 
 def _limit(tolerance: float, scale: float) -> float:
@@ -94,7 +91,7 @@ def _check_residuals(run: Run, modes: Modes | None, tolerance: float) -> None:
         return
     if modes is not None and len(modes) < len(run.t):
         return  # without modes the active constraints are unknown
-    held = _held(run, modes)
+    held = active(modes, len(run.t))
     for k, name in enumerate(_RESIDUALS):
         if k < 2:
             scale, unit, what = run.scene.hand.tips[k].radius, "m", "the fingertip's radius"
@@ -110,14 +107,6 @@ def _check_residuals(run: Run, modes: Modes | None, tolerance: float) -> None:
             fail(run, f"constraint {name}", row, excess)
         if modes is not None and k < 2 and has_state:
             _check_gap(run, residuals[:, k], modes, k, allowed)
-
-
-def _held(run: Run, modes: Modes | None) -> NDArray[np.bool_]:
-    """Returns which of the four constraints hold in each row (n, 4)."""
-    if modes is None:
-        return np.ones((len(run.t), 4), dtype=bool)
-    closed, sticks = modes != ContactMode.FREE, modes == ContactMode.STICK
-    return np.hstack([closed, sticks])
 
 
 def _check_gap(run: Run, gap: Floats, modes: Modes, side: int, allowed: float) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..scene.control import WRITTEN
 from ..support.arrays import Floats
 from ..support.record import SIDES
-from .contact import ContactMode, known_modes
+from .contact import ContactMode, active, known_modes
 from .run import Run
 
 # The last share of an operation, in which the grasp must be at rest to count as settled.
@@ -200,30 +200,18 @@ def contact_modes(run: Run) -> NDArray[np.uint8]:
     A row at the instant of a change has the mode before it, to which the row's state belongs;
     `Run.contact` has the mode after it, to which the row's multipliers belong.
     """
-    return modes_at(run, run.t)
-
-
-def modes_at(run: Run, times: Floats) -> NDArray[np.uint8]:
-    """Returns the modes of both contacts at instants (k,), s, as `contact_modes` does, (k, 2)."""
     columns = []
     for side in (0, 1):
         spans = contact_spans(run, side)
         ends = [end for _, end, _ in spans[:-1]]
         codes = np.array([mode for _, _, mode in spans], dtype=np.uint8)
-        columns.append(codes[np.searchsorted(ends, times, side="left")])
+        columns.append(codes[np.searchsorted(ends, run.t, side="left")])
     return np.column_stack(columns)
 
 
 def active_constraints(run: Run) -> NDArray[np.bool_]:
-    """Returns which of C_1^H, C_2^H, C_1^N, C_2^N constrain the motion in each row (n, 4).
-
-    All do in bilateral contact. In unilateral contact C^H of a free tip is its gap, and C^N of a
-    tip that does not stick is a velocity of slip.
-    """
-    if run.scene.contact != "unilateral":
-        return np.ones((len(run.t), 4), dtype=bool)
-    modes = contact_modes(run)
-    return np.hstack([modes != ContactMode.FREE, modes == ContactMode.STICK])
+    """Returns which of C_1^H, C_2^H, C_1^N, C_2^N constrain the motion in each row (n, 4)."""
+    return active(contact_modes(run) if run.scene.contact == "unilateral" else None, len(run.t))
 
 
 def friction_demand(run: Run) -> Floats:

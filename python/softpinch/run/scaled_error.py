@@ -99,18 +99,16 @@ def at_end(
     }
 
 
-def errors(
-    result: Any, expected: Any, along: Mapping[str, Floats] | None = None
-) -> dict[str, Floats]:
+def errors(result: Any, expected: Any) -> dict[str, Floats]:
     """Returns the error of a result at each of its instants: name -> (n,), from `by_row`.
 
     A result has t (n,) and some of q (n, 9), p (n, 9) and multipliers (n, 4), as a `Run` has;
-    `expected` has them at the same instants, taken as exact. `along` has the `scales` of the whole
-    run; without it they are `expected.scales`, or come from the rows of `expected`.
+    `expected` has them at the same instants, taken as exact, and perhaps the `scales` of the whole
+    run; otherwise they come from its rows.
     """
     if not np.array_equal(np.asarray(result.t), np.asarray(expected.t)):
         raise ValueError("errors: the result's instants differ from those it is compared with")
-    along = along or getattr(expected, "scales", None)
+    along = getattr(expected, "scales", None)
     found = {}
     for name in UNITS:
         if not (hasattr(result, name) and hasattr(expected, name)):
@@ -120,9 +118,6 @@ def errors(
     return found
 
 
-def largest(
-    result: Any, expected: Any, along: Mapping[str, Floats] | None = None
-) -> dict[str, float]:
+def largest(result: Any, expected: Any) -> dict[str, float]:
     """Returns the largest of `errors` over all instants, by name."""
-    found = errors(result, expected, along)
-    return {name: float(rows.max(initial=0.0)) for name, rows in found.items()}
+    return {name: float(rows.max(initial=0.0)) for name, rows in errors(result, expected).items()}

@@ -9,14 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from ..scene.directions import (
-    by_path,
-    count,
-    directions,
-    listed,
-    require_derivatives,
-    shapes,
-)
+from ..scene.directions import by_path, count, directions, listed, require_derivatives, shapes
 from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import Floats, read_only

@@ -21,13 +21,11 @@ from ..scene.control import SampledController, pids_of
 from ..scene.loop_matrix import MOST_UNDER_WAY, measured, spectral_radius
 from ..scene.scene import Scene, inputs
 from ..scene.schedule import Schedule
-from ..support.arrays import Floats
+from ..support.arrays import Complexes, Floats
 from ..support.choices import Method
 from .contact import ContactMode, Modes
 from .options import Options
 from .request import Request
-
-Complexes = NDArray[np.complex128]
 
 # A growth rate below this share of |eigenvalue| counts as zero: without damping, round-off decides
 # on which side of the imaginary axis an eigenvalue lies.

@@ -61,10 +61,7 @@ def parse_friction(data: Any, path: str) -> Any:
     """Parses one coefficient of friction, a list (right, left), or a table of both sides."""
     if not isinstance(data, Mapping):
         return data
-    checks.refuse_unknown("Scene.friction", data, SIDES, path)
-    for side in SIDES:
-        if side not in data:
-            raise ValueError(f"Scene.friction.{side}{checks.at(path)}: is missing")
+    checks.refuse_unknown("Scene.friction", data, SIDES, path, needed=SIDES)
     return tuple(data[side] for side in SIDES)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any, TypeAlias
 
@@ -38,7 +38,8 @@ _REFUSED = {
     "initial.time": "it moves the clock of schedule and disturbances; vary their own times",
 }
 
-_Compiled: TypeAlias = tuple[Piecewise, tuple[Compiled, ...]]
+# The compiled schedule, as the force of a load, and then the disturbances.
+_Compiled: TypeAlias = tuple[Compiled, ...]
 
 
 def require_derivatives(scene: Scene) -> None:
@@ -162,42 +163,33 @@ def move_inputs(paths: Sequence[str]) -> bool:
 def move_breakpoints(scene: Scene, paths: Sequence[str]) -> bool:
     """Returns whether a path moves an instant at which an input jumps or kinks."""
     base = _compiled(scene)
-    for path in paths:
-        moved, loads = _slopes(scene, base, path, ())
-        pieces = [moved, *(force for load in loads for force in load.forces)]
-        rows = [row[:2] for load in loads for row in load.sines]
-        rows += [row[:1] for load in loads for row in load.impulses]
-        if any(breaks.any() for breaks, _ in pieces) or any(row.any() for row in rows):
+    for load in (load for path in paths for load in _slopes(scene, base, path, ())):
+        times = [breaks for breaks, _ in load.forces]
+        times += [row[:2] for row in load.sines] + [row[:1] for row in load.impulses]
+        if any(each.any() for each in times):
             return True
     return False
 
 
 def _compiled(scene: Scene) -> _Compiled:
-    return scene.schedule.compile(), scene.loads()
+    return Compiled(forces=(scene.schedule.compile(),)), *scene.loads()
 
 
 def _slopes(scene: Scene, base: _Compiled, path: str, index: tuple[int, ...]) -> _Compiled:
     """Returns the derivatives of the compiled inputs by one number."""
-    schedule, loads = base
-    still = _mapped(np.zeros_like, schedule), tuple(load.map(np.zeros_like) for load in loads)
-    root, *rest = path.split(".")
+    found = [load.map(np.zeros_like) for load in base]
+    root, *steps = path.split(".")
     if root == "schedule":
-        return _derivative(scene.schedule, path, rest, index), still[1]
-    if root == "disturbances":
-        place = int(rest[0])
-        found = _derivative(scene.disturbances[place], path, rest[1:], index)
-        return still[0], (*still[1][:place], found, *still[1][place + 1 :])
-    return still
-
-
-def _mapped(function: Callable[[Floats], Floats], piecewise: Piecewise) -> Piecewise:
-    breaks, coefficients = piecewise
-    return function(breaks), function(coefficients)
+        found[0] = _derivative(scene.schedule, path, steps, index)
+    elif root == "disturbances":
+        place = int(steps[0])
+        found[1 + place] = _derivative(scene.disturbances[place], path, steps[1:], index)
+    return tuple(found)
 
 
 def _derivative(
     record: Schedule | Disturbance, path: str, steps: list[str], index: tuple[int, ...]
-) -> Any:
+) -> Compiled:
     """Returns the derivatives of a compiled schedule or disturbance, by the number at a path."""
     name, *inside = steps
     place = (*map(int, inside), *index)
@@ -213,8 +205,8 @@ def _derivative(
             f"numbers in its fields, from which derivatives are computed ({error})"
         ) from None
     if isinstance(record, Schedule):
-        return _mapped(_imaginary_part, compiled)
-    derivative = compiled.map(_imaginary_part)
+        compiled = Compiled(forces=(compiled,))
+    derivative: Compiled = compiled.map(_imaginary_part)
     if any(row[3:].any() for row, _, _ in derivative.noises):
         raise ValueError(
             f"sensitivities: {path!r}: there is no derivative by the rate or the times of a noise: "
@@ -268,15 +260,13 @@ def _held(of: Piecewise, slope: Piecewise) -> Piecewise:
 
 def _inputs(scene: Scene, base: _Compiled, slopes: Sequence[_Compiled]) -> _core.Inputs:
     """Makes the derivatives of the inputs, as the inputs of as many runs."""
-    schedule, loads = base
 
     def pieces(of: Piecewise, those: Iterator[Piecewise]) -> tuple[Floats, Floats]:
         found = np.array([_held(of, slope)[1] for slope in those])
         return np.tile(of[0], (len(found), 1)), np.ascontiguousarray(found)
 
     forces, sines, impulses, noises = [], [], [], []
-    for place, load in enumerate(loads):
-        own = [slope[1][place] for slope in slopes]
+    for place, (load, *own) in enumerate(zip(base, *slopes, strict=True)):
         for j, force in enumerate(load.forces):
             forces.append(pieces(force, (one.forces[j] for one in own)))
         for j, (start, end, omega, *_) in enumerate(load.sines):
@@ -292,21 +282,20 @@ def _inputs(scene: Scene, base: _Compiled, slopes: Sequence[_Compiled]) -> _core
         for j, (row, seed, run) in enumerate(load.noises):
             rows = np.array([one.noises[j][0] for one in own])
             rows[:, 3:] = row[3:]
-            noises.append((rows, seed, np.array([run], np.uint64), place))
-    moved = pieces(schedule, (slope[0] for slope in slopes))
-    return _core.Inputs(moved, forces, sines, impulses, noises, scene.law)
+            noises.append((rows, seed, np.array([run], np.uint64), place - 1))
+    return _core.Inputs(forces[0], forces[1:], sines, impulses, noises, scene.law)
 
 
 def _shifts(
     scene: Scene, base: _Compiled, slope: _Compiled, direction: int
 ) -> Iterator[list[float]]:
     """Yields the shifts of one direction: rows of `Directions.shifts`."""
-    for time, by, jump, bend in _jumps(base[0], slope[0]):
+    for time, by, jump, bend in _jumps(base[0].forces[0], slope[0].forces[0]):
         # Driven fingers follow a schedule without jumps, but their accelerations jump.
         driven = scene.law == "driven"
         target, acceleration = (0.0 * jump, bend) if driven else (jump, 0.0 * bend)
         yield [direction, time, *(-by * target), *(-by * acceleration), 0.0, 0.0, 0.0]
-    for load, moved in zip(base[1], slope[1], strict=True):
+    for load, moved in zip(base[1:], slope[1:], strict=True):
         for force, own in zip(load.forces, moved.forces, strict=True):
             for time, by, jump, _ in _jumps(force, own):
                 yield [direction, time, 0.0, 0.0, 0.0, 0.0, *(-by * jump)]
@@ -337,7 +326,7 @@ def _jumps(of: Piecewise, slope: Piecewise) -> Iterator[tuple[float, float, Floa
 
 def _impulse_times(base: _Compiled, slopes: Sequence[_Compiled]) -> Floats:
     """Returns the derivatives of the impulses' times, in the order of the times."""
-    times = np.array([impulse[0] for load in base[1] for impulse in load.impulses])
+    times = np.array([impulse[0] for load in base for impulse in load.impulses])
     order = np.argsort(times, kind="stable")
-    found = [[impulse[0] for load in slope[1] for impulse in load.impulses] for slope in slopes]
+    found = [[impulse[0] for load in slope for impulse in load.impulses] for slope in slopes]
     return np.array(found, dtype=np.float64).reshape(len(slopes), len(times))[:, order]

@@ -48,22 +48,15 @@ AXES: dict[str, tuple[str, ...]] = {
 
 
 class Parameter(NamedTuple):
-    """A number or an array of a scene.
+    """A number or an array of a scene."""
 
-    Attributes:
-        path: Its path in a scene, without the index of a disturbance.
-        unit: Its unit; "1" is dimensionless. A tuple has one unit for each entry along the last
-            axis.
-        usual: The smallest and the largest usual value, ten times wider than realistic values;
-            None if any value is usual.
-        symbol: Its symbol in plain text, as in docs/symbols.md; "" if it has none.
-        axes: Names of its last axes in `AXES`. Axes ahead of these have no labels, only indices.
-    """
-
-    path: str
-    unit: Unit
+    path: str  # in a scene, without the index of a disturbance
+    unit: Unit  # "1" is dimensionless; a tuple has one for each entry along the last axis
+    # The smallest and the largest usual value, ten times wider than realistic values; None if any
+    # value is usual.
     usual: tuple[float, float] | None = None
-    symbol: str = ""
+    symbol: str = ""  # in plain text, as in docs/symbols.md
+    # Names of its last axes in `AXES`. Axes ahead of these have no labels, only indices.
     axes: tuple[str, ...] = ()
 
     @property
@@ -150,19 +143,12 @@ USUAL = {without_places(field.path): field for field in PARAMETERS if field.usua
 
 
 class Quantity(NamedTuple):
-    """An array (n, columns) of a run.
+    """An array (n, columns) of a run."""
 
-    Attributes:
-        record: The entry of `record` that records it.
-        columns: The names of its columns in files, tables and fits.
-        units: The units of its columns.
-        symbols: The symbols of its columns in plain text, as in messages and linear models.
-    """
-
-    record: str
-    columns: tuple[str, ...]
-    units: tuple[str, ...]
-    symbols: tuple[str, ...]
+    record: str  # the entry of `record` that records it
+    columns: tuple[str, ...]  # the names of its columns in files, tables and fits
+    units: tuple[str, ...]  # the units of its columns
+    symbols: tuple[str, ...]  # of its columns in plain text, as in messages and linear models
 
     @property
     def headers(self) -> tuple[str, ...]:

@@ -32,21 +32,13 @@ _FIBRES = (-0.72, -0.36, 0.0, 0.36, 0.72)
 
 
 class FingerOutline(NamedTuple):
-    """The outline of one finger, in m, in the hand's frame.
+    """The outline of one finger, in m, in the hand's frame."""
 
-    Attributes:
-        root: The joint (2,).
-        link: Corners of the rigid finger (4, 2).
-        centre: Centre of the fingertip, O_i of (7, 8) (2,).
-        tip: Outline of the deformed fingertip (n, 2).
-        fibres: Lines (m, 2) inside the tip; undeformed they are straight and normal to its base.
-    """
-
-    root: Floats
-    link: Floats
-    centre: Floats
-    tip: Floats
-    fibres: tuple[Floats, ...]
+    root: Floats  # the joint (2,)
+    link: Floats  # corners of the rigid finger (4, 2)
+    centre: Floats  # centre of the fingertip, O_i of (7, 8) (2,)
+    tip: Floats  # outline of the deformed fingertip (n, 2)
+    fibres: tuple[Floats, ...]  # lines (m, 2) in the tip, straight and normal to its base at first
 
 
 def finger_of(scene: Scene, side: int) -> Finger:
@@ -123,15 +115,11 @@ def finger_outline(scene: Scene, q: Floats, side: int) -> FingerOutline:
     shear = d_t if d_n > 0.0 else 0.0
 
     def place(along: Floats, out: Floats) -> Floats:
-        """Deformed positions of points of the tip.
+        """Deformed positions of points `along` the finger and `out` from it in the tip at first, m.
 
         The part beyond the object's face is cut off, as in (1)-(3). The shear displacement grows
         linearly from zero at the base, which is fixed to the finger, to d_t at the face. d_t > 0
         means that the face, and the points touching it, have moved down along the object (12).
-
-        Args:
-            along: Position along the finger in the undeformed tip, m.
-            out: Distance from the finger in the undeformed tip, m.
         """
         base = np.multiply.outer(along, up)
         offsets = base + np.multiply.outer(out, inward)

@@ -91,11 +91,12 @@ class SceneTemplate:
                 raise ValueError(f"run {int(numbers[row])}: {error}") from None
 
     def batch(
-        self, values: Mapping[str, Floats], numbers: NDArray[np.uint64], **how: Any
+        self, values: Mapping[str, Floats], numbers: NDArray[np.uint64] | None, **how: Any
     ) -> _core.Batch:
         """Makes the core's batch of runs, which checks them; errors name the run, field and value.
 
-        `values` are path -> (runs, ...), `numbers` the run numbers (runs,), for noise and messages.
+        `values` are path -> (runs, ...), `numbers` the run numbers (runs,), for noise and messages;
+        with None each noise keeps its own seed and run, and without values there is one run.
         """
         try:
             return self._batch(values, numbers, **how)
@@ -106,7 +107,7 @@ class SceneTemplate:
             row, text = int(found[1]), str(error)[found.end() :]
             if text.startswith(_SHARED):
                 raise ValueError(text) from None
-            run = int(numbers[row])
+            run = row if numbers is None else int(numbers[row])
             try:
                 self.at({path: value[row] for path, value in values.items()}, run).start()
             except (TypeError, ValueError) as better:
@@ -114,7 +115,7 @@ class SceneTemplate:
             raise ValueError(f"run {run}: {text}") from None
 
     def _batch(
-        self, values: Mapping[str, Floats], numbers: NDArray[np.uint64], **how: Any
+        self, values: Mapping[str, Floats], numbers: NDArray[np.uint64] | None, **how: Any
     ) -> _core.Batch:
         scene = self.scene
         columns = [
@@ -154,7 +155,7 @@ class SceneTemplate:
                 numbers=numbers,
                 seed=self.seed,
             ),
-            runs=len(numbers),
+            runs=len(next(iter(values.values()), [0])) if numbers is None else len(numbers),
             start="state" if given else scene._start_kind,
             time=rows("time"),
             q=rows("q"),

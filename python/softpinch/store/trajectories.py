@@ -97,7 +97,7 @@ class Trajectories(Mapping[int, Run]):
         result = {}
         for name, value in path._result.items():
             if not isinstance(value, np.ndarray):
-                result[name] = _plain(value)
+                result[name] = plain(value)
             elif value.ndim == 1:
                 columns[name], names[name] = value, name
             else:
@@ -125,10 +125,3 @@ def _columns(name: str, width: int) -> list[str]:
         return [f"energy_{each}" for each in LEDGER[:width]]
     headers = COLUMNS.get(name, [f"{name}.{k}" for k in range(width)])
     return [header.partition(" [")[0] for header in headers]
-
-
-def _plain(value: Any) -> Any:
-    """Converts arrays, also inside dictionaries, to lists."""
-    if isinstance(value, Mapping):
-        return {name: _plain(item) for name, item in value.items()}
-    return value.tolist() if isinstance(value, np.ndarray) else value

@@ -126,10 +126,11 @@ class Capsule(ByValue):
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Makes a capsule from the result of `to_dict`; refuses parameters unlike the scene's."""
-        _tables(data, _TABLES, _TABLES, "")
+        checks.refuse_unknown("Capsule", data, _TABLES, "", needed=_TABLES)
         facts, how = data["capsule"], data["simulate"]
-        _tables(facts, (*_FACTS, "parameters"), _FACTS, "capsule")
-        _tables(how, NUMERICS, ALWAYS, "simulate")
+        known = (*_FACTS, "parameters")
+        checks.refuse_unknown("Capsule", facts, known, "capsule", needed=_FACTS)
+        checks.refuse_unknown("Capsule", how, NUMERICS, "simulate", needed=ALWAYS)
         for name in ("message", "softpinch"):
             checks.instance(f"Capsule.{name}", facts[name], str, "text")
         scene = Scene._parse(data["scene"], "scene")
@@ -188,23 +189,12 @@ class Capsule(ByValue):
         return hash((self.run, self.seed, self.status, self.time))
 
 
-def _tables(data: Any, known: Sequence[str], needed: Sequence[str], path: str) -> None:
-    """Refuses a table with an unknown name, or without a required one."""
-    checks.refuse_unknown("Capsule", data, known, path)
-    for name in needed:
-        if name not in data:
-            raise ValueError(f"Capsule.{name}{checks.at(path)}: is missing")
-
-
 def _parameters(data: Any, scene: Scene) -> dict[str, Any]:
     """The varied values of the run, which must equal the values in its scene.
 
     A user who edits a capsule's file could otherwise change a number in only one of the two places.
     """
-    if not isinstance(data, Mapping):
-        raise TypeError(
-            f"Capsule.parameters = {checks.shown(data)}: must be a table from paths to numbers"
-        )
+    checks.instance("Capsule.parameters", data, Mapping, "a table from paths to numbers")
     result: dict[str, Any] = {}
     for path, value in data.items():
         where = f"Capsule.parameters[{path!r}]"

@@ -142,19 +142,12 @@ def effects(inputs: Mapping[str, ArrayLike], result: ArrayLike) -> dict[str, Eff
 
 
 class _BinnedLines(NamedTuple):
-    """A model of a result over an input: a straight line in each of several bins of the input.
+    """A model of a result over an input: a straight line in each of several bins of the input."""
 
-    Attributes:
-        group: The bin of each row (n,).
-        counts: The number of rows in each bin (bins,).
-        along: The input, scaled to 0 to 1, minus its mean in the bin (n,).
-        spread: The sum of squares of `along` in each bin (bins,); inf if the bin has one value.
-    """
-
-    group: NDArray[np.intp]
-    counts: NDArray[np.intp]
-    along: Floats
-    spread: Floats
+    group: NDArray[np.intp]  # the bin of each row (n,)
+    counts: NDArray[np.intp]  # the number of rows in each bin (bins,)
+    along: Floats  # the input, scaled to 0 to 1, minus its mean in the bin (n,)
+    spread: Floats  # the sum of squares of `along` in each bin (bins,); inf of a single value
 
     @classmethod
     def of(cls, x: Floats) -> Self:

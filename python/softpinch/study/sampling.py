@@ -188,11 +188,8 @@ class Draws:
 
 def _paths_of(vary: Mapping[Key, Any]) -> dict[Key, tuple[str, ...]]:
     """Returns the paths of each key; refuses keys that are not paths, and repeated paths."""
-    if not isinstance(vary, Mapping):
-        raise TypeError(
-            f"vary = {checks.shown(vary)}: must be a mapping from paths to arrays, distributions "
-            "or functions"
-        )
+    kind = "a mapping from paths to arrays, distributions or functions"
+    checks.instance("vary", vary, Mapping, kind)
     result: dict[Key, tuple[str, ...]] = {}
     seen: set[str] = set()
     for key in vary:

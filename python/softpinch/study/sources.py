@@ -354,10 +354,8 @@ def frozen_distribution(where: str, data: Mapping[str, Any]) -> Any:
             f'as "gamma" or "multivariate_normal"{hint}'
         )
     args, kwds = data.get("args", []), data.get("kwds", {})
-    if not isinstance(args, list):
-        raise TypeError(f"{where}: args = {checks.shown(args)}: must be an array of numbers")
-    if not isinstance(kwds, Mapping):
-        raise TypeError(f"{where}: kwds = {checks.shown(kwds)}: must be a table of numbers")
+    checks.instance(f"{where}: args", args, list, "an array of numbers")
+    checks.instance(f"{where}: kwds", kwds, Mapping, "a table of numbers")
     _check_parameters(f"{where}: {name}", str(name), args, kwds)
     try:
         made = distribution(*args, **kwds)

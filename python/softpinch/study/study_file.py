@@ -100,10 +100,7 @@ def scene_of(data: Mapping[str, Any], beside: Path) -> Scene:
             raise ValueError(
                 f"scene: {text}" if str(path) in text else f"scene: {path}: {text}"
             ) from None
-    if not isinstance(given, Mapping):
-        raise TypeError(
-            f"scene = {checks.shown(given)}: must be a table, or the name of a scene file"
-        )
+    checks.instance("scene", given, Mapping, "a table, or the name of a scene file")
     if "paper" not in data:
         return Scene._parse(given, "scene")
     case = paper.disturbance(checks.choice("paper", data["paper"], paper.CASES))
@@ -130,10 +127,7 @@ def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
 
 def _vary(data: Any, beside: Path) -> dict[Key, Any]:
     """Parses the table `[vary]`: distributions, and arrays, which may be in separate files."""
-    if not isinstance(data, Mapping):
-        raise TypeError(
-            f"[vary] = {checks.shown(data)}: must be a table from paths to distributions"
-        )
+    checks.instance("[vary]", data, Mapping, "a table from paths to distributions")
     result: dict[Key, Any] = {}
     for name, value in data.items():
         paths = tuple(part.strip() for part in name.split(","))

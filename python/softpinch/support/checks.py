@@ -42,7 +42,8 @@ def number(name: str, value: object) -> float:
     raise TypeError(f"{name} = {shown(value)}: must be a number")
 
 
-def _number_that(name: str, value: object, holds: Callable[[float], bool], rule: str) -> float:
+def number_that(name: str, value: object, holds: Callable[[float], bool], rule: str) -> float:
+    """Converts a number for which `holds` is true to a float; `rule` says in the error which."""
     result = number(name, value)
     if not holds(result):
         raise ValueError(f"{name} = {result}: {rule}")
@@ -51,27 +52,27 @@ def _number_that(name: str, value: object, holds: Callable[[float], bool], rule:
 
 def finite(name: str, value: object) -> float:
     """Converts a finite number to a float."""
-    return _number_that(name, value, math.isfinite, "must be finite")
+    return number_that(name, value, math.isfinite, "must be finite")
 
 
 def positive(name: str, value: object) -> float:
     """Converts a finite number above zero to a float."""
-    return _number_that(name, value, lambda x: 0.0 < x < math.inf, "must be finite and > 0")
+    return number_that(name, value, lambda x: 0.0 < x < math.inf, "must be finite and > 0")
 
 
 def non_negative(name: str, value: object) -> float:
     """Converts a finite number of zero or more to a float."""
-    return _number_that(name, value, lambda x: 0.0 <= x < math.inf, "must be finite and >= 0")
+    return number_that(name, value, lambda x: 0.0 <= x < math.inf, "must be finite and >= 0")
 
 
 def not_nan(name: str, value: object) -> float:
     """Converts a number that may be infinite, but not NaN, to a float."""
-    return _number_that(name, value, lambda x: not math.isnan(x), "must not be NaN")
+    return number_that(name, value, lambda x: not math.isnan(x), "must not be NaN")
 
 
 def share(name: str, value: object) -> float:
     """Converts a number strictly between 0 and 1 to a float."""
-    return _number_that(name, value, lambda x: 0.0 < x < 1.0, "must be above 0 and below 1")
+    return number_that(name, value, lambda x: 0.0 < x < 1.0, "must be above 0 and below 1")
 
 
 def integer(name: str, value: object, least: int | None = None, most: int | None = None) -> int:
@@ -306,8 +307,9 @@ def refuse_unknown(
     allowed: Iterable[str],
     path: str,
     cls: type[Any] | None = None,
+    needed: Iterable[str] = (),
 ) -> None:
-    """Refuses data that is not a mapping, or has a name that is not allowed.
+    """Refuses data that is not a mapping, has a name that is not allowed, or lacks a needed one.
 
     Error messages name the `owner`, a class or table, and the `path` of the data in its file. With
     the record class `cls` suggestions also search nested records.
@@ -323,6 +325,9 @@ def refuse_unknown(
             raise ValueError(
                 f"{owner}.{name}{at(path)}: unknown name; must be one of {quoted(allowed)}{close}"
             )
+    for name in needed:
+        if name not in data:
+            raise ValueError(f"{owner}.{name}{at(path)}: is missing")
 
 
 def at(path: str) -> str:

@@ -20,19 +20,12 @@ _STYLE = 'style="text-align:left;padding:0.1em 0.8em 0.1em 0;vertical-align:top"
 
 @dataclass(frozen=True)
 class ShownTable:
-    """A table in a notebook.
+    """A table in a notebook."""
 
-    Attributes:
-        columns: The header of each column, with its unit.
-        rows: Rows with one entry for each column; `short` formats entries other than text.
-        caption: A line above the table; empty for none.
-        folded: Whether the table is hidden until a reader clicks on its caption.
-    """
-
-    columns: tuple[str, ...]
-    rows: Sequence[Sequence[Any]]
-    caption: str = ""
-    folded: bool = False
+    columns: tuple[str, ...]  # the header of each column, with its unit
+    rows: Sequence[Sequence[Any]]  # an entry for each column; `short` formats all but text
+    caption: str = ""  # a line above the table
+    folded: bool = False  # whether it is hidden until a reader clicks on its caption
 
     def html(self) -> str:
         """The table as HTML, with all text escaped."""

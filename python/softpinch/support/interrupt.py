@@ -15,15 +15,11 @@ class CtrlC:
     While `held` is false, Ctrl-C raises `KeyboardInterrupt` as usual. The context manager has an
     effect only on the main thread, which alone receives signals, and only if SIGINT has Python's
     default handler.
-
-    Attributes:
-        held: Whether Ctrl-C is deferred; the user of the object sets it.
-        pending: Whether Ctrl-C came while it was deferred.
     """
 
     def __init__(self) -> None:
-        self.held = False
-        self.pending = False
+        self.held = False  # whether Ctrl-C is deferred; the user of the object sets it
+        self.pending = False  # whether Ctrl-C came while it was deferred
         self._before: Any = None
         self._process = os.getpid()
 

@@ -27,8 +27,7 @@ def reporting(progress: bool | Report, what: str, each: str = "runs") -> Iterato
     if callable(progress):
         yield progress
         return
-    if not isinstance(progress, bool):
-        raise TypeError(f"progress = {checks.shown(progress)}: must be True, False or a function")
+    checks.instance("progress", progress, bool, "True, False or a function")
     if not progress or sys.stderr is None or not sys.stderr.isatty():
         yield _silent
         return

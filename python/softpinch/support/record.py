@@ -46,6 +46,8 @@ def plain(value: Any) -> Any:
     """Converts records, arrays and tuples to dictionaries and lists of numbers and text."""
     if isinstance(value, Record):
         return value.to_dict()
+    if isinstance(value, Mapping):
+        return {name: plain(item) for name, item in value.items()}
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, tuple):
@@ -162,10 +164,8 @@ class Record(ByValue):
     @classmethod
     def _parse(cls, data: Any, path: str) -> Self:
         known = fields(cls)
-        refuse_unknown(cls.__name__, data, [f.name for f in known], path, cls)
-        for f in known:
-            if f.name not in data and f.default is MISSING and f.default_factory is MISSING:
-                raise ValueError(f"{cls.__name__}.{f.name}{at(path)}: is missing")
+        needed = [f.name for f in known if f.default is MISSING and f.default_factory is MISSING]
+        refuse_unknown(cls.__name__, data, [f.name for f in known], path, cls, needed)
         values = {
             name: cls._parsers[name](value, below(path, name)) if name in cls._parsers else value
             for name, value in data.items()

@@ -17,15 +17,10 @@ from . import checks
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """A table of numbers and text.
+    """A table of numbers and text."""
 
-    Attributes:
-        columns: The header of each column, with its unit.
-        rows: Rows with one entry for each column; numbers are not rounded.
-    """
-
-    columns: tuple[str, ...]
-    rows: tuple[tuple[Any, ...], ...]
+    columns: tuple[str, ...]  # the header of each column, with its unit
+    rows: tuple[tuple[Any, ...], ...]  # an entry for each column; numbers are not rounded
 
     def save(self, path: Path) -> Path:
         """Writes a CSV file with exact numbers."""

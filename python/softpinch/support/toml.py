@@ -30,10 +30,7 @@ def read(source: str | Path) -> dict[str, Any]:
             return _loads(source)
         except ValueError as error:
             raise ValueError(f"source: {error}{advice}") from None
-    if not isinstance(source, Path):
-        raise TypeError(
-            f"source = {checks.shown(source)}: must be TOML text, or the pathlib.Path of a file"
-        )
+    checks.instance("source", source, Path, "TOML text, or the pathlib.Path of a file")
     path = checks.path("source", source)
     try:
         return contents(path)
