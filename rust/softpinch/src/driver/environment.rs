@@ -10,8 +10,8 @@ use crate::model::scene::Scene;
 use crate::model::start::State;
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::grid::{Grid, MOST_STEPS, Span, round_off};
+use crate::stepping::instant::Instant;
 use crate::stepping::options::Options;
-use crate::stepping::record::Instant;
 use crate::stepping::status::Status;
 
 /// What is seen of a run at the end of a period.

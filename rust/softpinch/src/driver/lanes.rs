@@ -15,9 +15,9 @@ use crate::stepping::adaptive::AdaptiveSteps;
 use crate::stepping::batch::LoopSetup;
 use crate::stepping::equal::EqualSteps;
 use crate::stepping::grid::GridOf;
+use crate::stepping::instant::Instant;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::queue::{Finished, RunQueue, Taken};
-use crate::stepping::sample::Sample;
 
 /// The source and the destination of runs in lanes, whose step loops are compiled once for all of them.
 pub(super) struct LaneQueue<'q, 'a> {
@@ -38,7 +38,7 @@ impl<'a> RunQueue<'a> for LaneQueue<'_, 'a> {
         (self.stops)()
     }
 
-    fn finish(&mut self, finished: Finished, _: impl FnOnce(&Sample) -> LedgerRow) {
+    fn finish(&mut self, finished: Finished, _: impl FnOnce(&Instant) -> LedgerRow) {
         (self.finish)(finished);
     }
 }

@@ -60,7 +60,7 @@ fn compute_part(
         let mut finish = |Finished { number, status, message, last, contact, .. }: Finished| {
             let run = &mut runs.borrow_mut()[number];
             run.contact = contact;
-            run.outcome = Some(Outcome { status, message, instant: last.instant });
+            run.outcome = Some(Outcome { status, message, instant: last });
         };
         let queue = LaneQueue { take: &mut take, stops, finish: &mut finish };
         let choice = options.choice(first.scene.inputs.fingers());

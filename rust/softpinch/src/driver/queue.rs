@@ -8,10 +8,10 @@ use crate::error::Error;
 use crate::model::control::Fingers;
 use crate::model::motion::Motion;
 use crate::model::scene::Scene;
+use crate::stepping::instant::Instant;
 use crate::stepping::monitor::VIOLATIONS;
 use crate::stepping::options::Options;
 use crate::stepping::queue::Finished;
-use crate::stepping::record::Instant;
 use crate::stepping::recorder::Run;
 use crate::stepping::status::Status;
 use crate::stepping::summary::COUNT;
@@ -43,7 +43,7 @@ impl Row {
     /// The row of a run that has ended in lanes.
     pub(super) fn of_lane(finished: Finished) -> Self {
         let Finished { number, status, message, last, first_times, holds, summaries, stats, .. } = finished;
-        let Instant { t, motion, .. } = last.instant;
+        let Instant { t, motion, .. } = last;
         let (violations, steps) = (first_times, stats.steps);
         Self { run: number, status, message, t, motion, violations, holds, steps, summaries }
     }

@@ -14,10 +14,9 @@ use crate::stepping::batch::{LaneBatch, Seen};
 use crate::stepping::contact_events::Event;
 use crate::stepping::ending::{Attempt, End, full, overflow};
 use crate::stepping::grid::Span;
-use crate::stepping::instant::watched;
+use crate::stepping::instant::{Instant, watched};
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::RunQueue;
-use crate::stepping::sample::Sample;
 use crate::stepping::sizes::Sizes;
 
 /// The places of the runs in time. In a lane without a run all numbers are zero.
@@ -177,13 +176,13 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     }
 
     /// Ends the run in a lane at its last instant.
-    pub(super) fn retire(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Sample) {
+    pub(super) fn retire(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Instant) {
         self.count(lane);
         self.batch.retire_lane(system, lane, end, last);
     }
 
     /// The last watched instant of a lane.
-    pub(super) fn last(&self, system: &impl System<R>, lane: usize, start: &StepStart<R>) -> Option<Sample> {
+    pub(super) fn last(&self, system: &impl System<R>, lane: usize, start: &StepStart<R>) -> Option<Instant> {
         if self.saved >> lane & 1 != 0 {
             return self.batch.runs[lane].as_ref()?.saved_instant;
         }
@@ -193,7 +192,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     }
 
     /// Saves the last watched instant of a lane in its run.
-    pub(super) fn save(&mut self, lane: usize, last: Option<Sample>) {
+    pub(super) fn save(&mut self, lane: usize, last: Option<Instant>) {
         self.saved |= 1 << lane;
         if let Some(run) = &mut self.batch.runs[lane] {
             run.saved_instant = last;
@@ -220,7 +219,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         end: Option<End>,
     ) {
         let Some(last) = self.last(system, lane, start) else { return };
-        let end = end.unwrap_or_else(|| overflow(last.instant.t));
+        let end = end.unwrap_or_else(|| overflow(last.t));
         self.retire(system, lane, end, &last);
     }
 
@@ -233,14 +232,14 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         lane: usize,
         due: bool,
         seen: &Seen,
-        instant: &Sample,
+        instant: &Instant,
     ) -> bool {
         let recorded = if due { self.batch.record(system, instant) } else { Ok(()) };
         let end = match recorded {
-            Err(error) => Some(full(instant.instant.t, &error)),
+            Err(error) => Some(full(instant.t, &error)),
             Ok(()) if seen.ended >> lane & 1 != 0 => {
                 self.count(lane);
-                self.batch.violation(lane, seen, &instant.instant)
+                self.batch.violation(lane, seen, instant)
             }
             Ok(()) => None,
         };

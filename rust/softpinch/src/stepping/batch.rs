@@ -10,7 +10,7 @@ use crate::formulation::system::System;
 use crate::method::traits::{Integrator, Runs, Stats};
 use crate::model::contact_modes::ContactModel;
 use crate::model::drive::SegmentDrive;
-use crate::model::energy::{self, Energies, WORKS};
+use crate::model::energy::{self, Energies};
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;
@@ -21,15 +21,13 @@ use crate::number::simd::level::Instructions;
 use crate::stepping::contact_events::ContactEnd;
 use crate::stepping::contact_lane::{LaneContact, Moment};
 use crate::stepping::ending::{End, after_violation, unstable};
-use crate::stepping::instant::{all_finite, column, ledger, put, put_motion};
+use crate::stepping::instant::{Instant, all_finite, column, ledger, put, put_motion};
 use crate::stepping::lane_controller::LaneController;
 use crate::stepping::loop_system::LoopSystem;
 use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet, explain};
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::phase::{Phase, Phases};
 use crate::stepping::queue::{Finished, LaneParameters, RunQueue, Taken};
-use crate::stepping::record::Instant;
-use crate::stepping::sample::Sample;
 use crate::stepping::status::Status;
 use crate::stepping::summary::{RunEnd, Summaries, SummaryInstant};
 
@@ -59,7 +57,7 @@ pub struct LaneRun<'a, P> {
     pub first_times: [f64; VIOLATIONS.len()],
     /// The last watched instant, if it is not the last one that the loop evaluated: the start of the run
     /// before any evaluation, the instant before an impulse, or an instant inside a step.
-    pub saved_instant: Option<Sample>,
+    pub saved_instant: Option<Instant>,
     /// Steps that the run has taken.
     pub steps: u64,
     /// Segments that the run has entered.
@@ -205,12 +203,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         self.lost_grip &= !bit;
         self.summaries.restart(lane);
         self.phases.set(bit, Phase::Start);
-        let saved_instant = Some(Sample {
-            instant: Instant::start(initial),
-            works: [0.0; WORKS],
-            linearized: None,
-            before_sample: false,
-        });
+        let saved_instant = Some(Instant::start(initial));
         let first_times = [f64::NAN; VIOLATIONS.len()];
         let contact = if self.unilateral {
             let after = self.options.summaries.after;
@@ -494,16 +487,16 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     /// Removes the run from a lane. `last` is the last instant of the run.
     #[cold]
     #[inline(never)]
-    pub fn retire_lane(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Sample) {
+    pub fn retire_lane(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Instant) {
         self.phases.set(1 << lane, Phase::Ended);
         let Some(mut run) = self.runs[lane].take() else { return };
-        let (status, message) = after_violation(end, last.instant.t, &run.first_times);
+        let (status, message) = after_violation(end, last.t, &run.first_times);
         let from = run.scene.initial.time.max(self.options.summaries.after);
         let completed = status == Status::Completed;
         let mut free_time = 0.0;
         let mut closed = true;
         if let Some(contact) = &mut run.contact {
-            free_time = contact.free_time(last.instant.t);
+            free_time = contact.free_time(last.t);
             closed = contact.is_closed();
         }
         let run_end = RunEnd { from, completed, free_time };
@@ -526,7 +519,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
 
     /// Records a watched instant. The error says that there is no memory for it.
     #[inline(always)]
-    pub fn record(&mut self, system: &impl System<R>, watched: &Sample) -> Result<(), Error> {
+    pub fn record(&mut self, system: &impl System<R>, watched: &Instant) -> Result<(), Error> {
         // A recorded run has a loop of its own, in lane 0.
         if self.options.record.state
             && let Some(LaneRun { controller: Some(controller), .. }) = &self.runs[0]

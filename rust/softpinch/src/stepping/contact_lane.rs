@@ -18,11 +18,10 @@ use crate::number::lanes::Lanes;
 use crate::number::simd::level::Instructions;
 use crate::stepping::contact_events::{Change, ContactEnd, ContactRun, Event, Reason};
 use crate::stepping::event_stepper::{EventStepper, SegmentState};
-use crate::stepping::instant::watched;
+use crate::stepping::instant::{Instant, watched};
 use crate::stepping::lone_steps::LoneSteps;
 use crate::stepping::monitor::Limits;
 use crate::stepping::options::{Options, Steps};
-use crate::stepping::sample::Sample;
 
 /// The inputs of a segment.
 struct Segment {
@@ -193,7 +192,7 @@ impl LaneContact {
 
     /// The instant at the end of a step that is shorter than the run's own, after the events until then. The run does
     /// not change. An event that ends the run is left to the run's own step, which may not see it.
-    pub fn inside(&mut self, from: &Moment<'_>) -> Result<Sample, Unsolved> {
+    pub fn inside(&mut self, from: &Moment<'_>) -> Result<Instant, Unsolved> {
         let drive = &mut self.segment.drive;
         self.run.put_into(&mut drive.contacts, 0);
         self.steps.method.forget_start();
@@ -225,7 +224,7 @@ impl LaneContact {
     }
 
     /// The instant at which an event ends the run.
-    pub fn last(&self, end: &ContactEnd) -> Sample {
+    pub fn last(&self, end: &ContactEnd) -> Instant {
         let now = self.evaluate(end.tau, &end.y);
         let t = if self.in_earlier { &self.earlier } else { &self.segment }.anchor + end.tau;
         watched(self.steps.system.size(), (0, Some(self.row())), &now, &end.y, t, (t, 0))

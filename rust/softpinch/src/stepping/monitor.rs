@@ -12,7 +12,7 @@ use crate::model::source::Source;
 use crate::names::named;
 use crate::number::lanes::{Bits, Lanes};
 use crate::stepping::contact_events::Cause;
-use crate::stepping::record::Instant;
+use crate::stepping::instant::Instant;
 
 named! {
     /// A way in which the model stops holding.

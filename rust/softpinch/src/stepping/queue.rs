@@ -13,8 +13,8 @@ use crate::model::scene::Scene;
 use crate::number::lanes::MOST;
 use crate::stepping::contact_events::Change;
 use crate::stepping::contact_lane::LaneContact;
+use crate::stepping::instant::Instant;
 use crate::stepping::monitor::{VIOLATIONS, ViolationSet};
-use crate::stepping::sample::Sample;
 use crate::stepping::status::Status;
 use crate::stepping::summary::COUNT;
 
@@ -40,7 +40,7 @@ pub trait RunQueue<'a> {
     fn stops(&mut self) -> bool;
 
     /// Takes a run that has ended. `ledger` computes the ledger row of its last instant.
-    fn finish(&mut self, finished: Finished, ledger: impl FnOnce(&Sample) -> LedgerRow);
+    fn finish(&mut self, finished: Finished, ledger: impl FnOnce(&Instant) -> LedgerRow);
 
     /// Whether to record the instant `t`, which was just watched. An instant inside a step is recorded only
     /// if it was asked for.
@@ -68,7 +68,7 @@ pub trait RunQueue<'a> {
     }
 
     /// Records an instant. The error says that there is no memory for it.
-    fn record(&mut self, watched: &Sample, ledger: impl FnOnce(&Sample) -> LedgerRow) -> Result<(), Error> {
+    fn record(&mut self, watched: &Instant, ledger: impl FnOnce(&Instant) -> LedgerRow) -> Result<(), Error> {
         let _ = (watched, ledger);
         Ok(())
     }
@@ -89,7 +89,7 @@ pub struct Finished {
     /// The status in words; empty if the run reached its end.
     pub message: String,
     /// The last instant of the run.
-    pub last: Sample,
+    pub last: Instant,
     /// The energies at the start of the run, if the ledger was carried.
     pub initial_energies: Option<Energies>,
     /// The time at which each of [`VIOLATIONS`] was first seen, s; NaN if it was not.

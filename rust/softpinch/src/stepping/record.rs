@@ -3,9 +3,9 @@
 use crate::error::Error;
 use crate::model::contact_modes::ContactRow;
 use crate::model::energy::{BILATERAL_WORKS, LedgerRow, WORKS};
-use crate::model::motion::{Linearized, Motion};
-use crate::model::start::State;
+use crate::model::motion::Linearized;
 use crate::names::named;
+use crate::stepping::instant::Instant;
 
 /// The contacts of bilateral contact.
 const STICKING: ContactRow = [1.0, 1.0, 0.0, 0.0];
@@ -119,40 +119,6 @@ impl FromIterator<Quantity> for Selection {
     }
 }
 
-/// One instant of a run.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Instant {
-    /// Time, s.
-    pub t: f64,
-    /// Start of its segment and steps since then, so that a resumed run gives the same bits.
-    pub grid: (f64, u64),
-    /// The motion.
-    pub motion: Motion<f64>,
-    /// Multipliers.
-    pub multipliers: [f64; 4],
-    /// Residuals.
-    pub residuals: [f64; 4],
-    /// Torques on the fingers, N m.
-    pub torque: [f64; 2],
-    /// The contacts, in unilateral contact.
-    pub contact: Option<ContactRow>,
-}
-
-impl Instant {
-    /// The start of a run, before anything is computed.
-    pub fn start(state: &State) -> Self {
-        Self {
-            t: state.time,
-            grid: (state.time, 0),
-            motion: state.motion,
-            multipliers: [f64::NAN; 4],
-            residuals: [f64::NAN; 4],
-            torque: [f64::NAN; 2],
-            contact: state.contact,
-        }
-    }
-}
-
 /// The rows of a run. Quantities that were not selected stay empty.
 #[derive(Debug, Clone, Default)]
 pub struct Recording {
@@ -194,7 +160,11 @@ impl Recording {
     pub(crate) fn state_at(&self, k: usize) -> crate::model::start::State {
         crate::model::start::State {
             time: self.t[k],
-            motion: Motion { q: self.q[k].into(), p: self.p[k].into(), memory: self.memory[k] },
+            motion: crate::model::motion::Motion {
+                q: self.q[k].into(),
+                p: self.p[k].into(),
+                memory: self.memory[k],
+            },
             grid: Some((self.grid_anchor[k], self.grid_step[k])),
             linearized: self.linearized.get(k).filter(|point| !point[0].is_nan()).copied(),
             contact: self.contact.get(k).copied(),
@@ -209,20 +179,6 @@ impl Recording {
         let mut recording = Self { selection, layout, ..Self::default() };
         recording.reserve(rows)?;
         Ok(recording)
-    }
-
-    /// Records the point of the Jacobian in use beside the state of the row.
-    pub fn push_linearized(&mut self, point: Option<Linearized>) {
-        if self.selection.state && self.layout.keeps_jacobian {
-            self.linearized.push(point.unwrap_or([f64::NAN; 21]));
-        }
-    }
-
-    /// Records the state of a discrete controller beside the state of the row.
-    pub fn push_controller(&mut self, state: &[f64]) {
-        if self.selection.state {
-            self.controller.extend_from_slice(state);
-        }
     }
 
     /// Makes room for one more row, and for the last row after it, if the number of rows is not known
@@ -272,9 +228,14 @@ impl Recording {
         if rooms.iter().any(Result::is_err) { Err(too_large()) } else { Ok(()) }
     }
 
-    /// Adds a row. `ledger` is called only if energy is recorded.
+    /// Adds a row, with the state of the run's discrete controller. `ledger` is called only if energy is recorded.
     #[inline(always)]
-    pub fn push(&mut self, instant: &Instant, ledger: impl FnOnce() -> LedgerRow) {
+    pub fn push(
+        &mut self,
+        instant: &Instant,
+        controller: &[f64],
+        ledger: impl FnOnce(&Instant) -> LedgerRow,
+    ) {
         self.t.push(instant.t);
         if self.selection.state {
             self.q.push(instant.motion.q.row());
@@ -282,6 +243,10 @@ impl Recording {
             self.memory.push(instant.motion.memory);
             self.grid_anchor.push(instant.grid.0);
             self.grid_step.push(instant.grid.1);
+            if self.layout.keeps_jacobian {
+                self.linearized.push(instant.linearized.unwrap_or([f64::NAN; 21]));
+            }
+            self.controller.extend_from_slice(controller);
         }
         if self.selection.multipliers {
             self.multipliers.push(instant.multipliers);
@@ -290,7 +255,7 @@ impl Recording {
             self.residuals.push(instant.residuals);
         }
         if self.selection.energy {
-            self.energy.extend_from_slice(&ledger().columns()[..self.layout.energies()]);
+            self.energy.extend_from_slice(&ledger(instant).columns()[..self.layout.energies()]);
         }
         if self.selection.torque {
             self.torque.push(instant.torque);

@@ -13,11 +13,11 @@ use crate::model::scene::Scene;
 use crate::stepping::contact_events::Change;
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::ending::arrival;
+use crate::stepping::instant::Instant;
 use crate::stepping::intervals::{Intervals, of_changes};
 use crate::stepping::monitor::{VIOLATIONS, Violation, ViolationSet};
 use crate::stepping::queue::{Finished, RunQueue, Taken};
-use crate::stepping::record::{Instant, Recording};
-use crate::stepping::sample::Sample;
+use crate::stepping::record::Recording;
 use crate::stepping::status::Status;
 use crate::stepping::summary::COUNT;
 
@@ -123,11 +123,9 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    fn push(&mut self, watched: &Sample, ledger: impl FnOnce(&Sample) -> LedgerRow) {
-        self.run.recording.push(&watched.instant, || ledger(watched));
-        self.run.recording.push_linearized(watched.linearized);
-        self.run.recording.push_controller(&self.controller);
-        self.last_row = watched.instant.t;
+    fn push(&mut self, watched: &Instant, ledger: impl FnOnce(&Instant) -> LedgerRow) {
+        self.run.recording.push(watched, &self.controller, ledger);
+        self.last_row = watched.t;
     }
 }
 
@@ -198,7 +196,7 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
         self.controller.extend(state.row());
     }
 
-    fn record(&mut self, watched: &Sample, ledger: impl FnOnce(&Sample) -> LedgerRow) -> Result<(), Error> {
+    fn record(&mut self, watched: &Instant, ledger: impl FnOnce(&Instant) -> LedgerRow) -> Result<(), Error> {
         if let Some(error) = self.intervals.refusal() {
             return Err(error);
         }
@@ -207,7 +205,7 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
         Ok(())
     }
 
-    fn finish(&mut self, finished: Finished, ledger: impl FnOnce(&Sample) -> LedgerRow) {
+    fn finish(&mut self, finished: Finished, ledger: impl FnOnce(&Instant) -> LedgerRow) {
         let Finished {
             status,
             message,
@@ -226,7 +224,7 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
             self.controller.clone_from(state);
         }
         let records = !matches!(self.due, Due::Never);
-        if records && self.last_row != last.instant.t {
+        if records && self.last_row != last.t {
             self.push(&last, ledger);
         }
         let seen = |k: &usize| !first_times[*k].is_nan();
@@ -234,15 +232,15 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
         let run = &mut self.run;
         if let Some((from, modes)) = self.start {
             // Events know the times of slipping and opening better than the instants that were watched.
-            let (changes, end) = (&run.contact_changes, last.instant.t);
+            let (changes, end) = (&run.contact_changes, last.t);
             let of = |shows: fn(Mode) -> bool| of_changes(modes, changes, end, from, shows);
             intervals[Violation::Slipping as usize] = of(|mode| mode.slip().is_some());
             intervals[Violation::Opened as usize] = of(|mode| mode == Mode::Free);
         }
         (run.last, run.linearized, run.initial_energies, run.status) =
-            (last.instant, last.linearized, initial_energies, status);
+            (last, last.linearized, initial_energies, status);
         run.message = match status {
-            Status::Completed if records => arrival(last.instant.t),
+            Status::Completed if records => arrival(last.t),
             _ => message,
         };
         let found = || (0..VIOLATIONS.len()).filter(seen);
@@ -258,7 +256,6 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::model::energy::WORKS;
     use crate::model::inputs::Inputs;
     use crate::model::motion::Motion;
     use crate::model::parameters::Parameters;
@@ -271,13 +268,12 @@ mod tests {
         Scene { parameters, inputs: Inputs::constant_targets([0.0; 2]), initial, check: true, duration: 1.0 }
     }
 
-    fn sample(scene: &Scene, t: f64) -> Sample {
+    fn sample(scene: &Scene, t: f64) -> Instant {
         let motion = Motion { q: [t; 9].into(), ..Motion::zero() };
-        let instant = Instant { t, motion, ..Instant::start(&scene.initial) };
-        Sample { instant, works: [0.0; WORKS], linearized: None, before_sample: false }
+        Instant { t, motion, ..Instant::start(&scene.initial) }
     }
 
-    fn unused(_: &Sample) -> LedgerRow {
+    fn unused(_: &Instant) -> LedgerRow {
         unreachable!("no energy is recorded")
     }
 
