@@ -6,14 +6,13 @@ use numpy::{
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{IntoPyDict, PyDict};
 
 use softpinch::analysis::evaluate::Matrix;
 use softpinch::error::{Error, lookup};
 use softpinch::model::parameters::SIDES;
 use softpinch::stepping::contact_events::Change;
-use softpinch::stepping::record::{Layout, reserved};
-use softpinch::stepping::recorder::Run;
+use softpinch::stepping::record::{Layout, Run, reserved};
 
 /// The core's errors mean bad input, so they become `ValueError`.
 pub fn raise(error: Error) -> PyErr {
@@ -117,6 +116,7 @@ pub(crate) use dictionary;
 
 /// A run as a dictionary of arrays.
 pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<'_, PyDict>> {
+    let violations = run.violations().into_py_dict(py)?;
     let recording = run.recording;
     let selection = recording.selection;
     let state = selection.state;
@@ -128,14 +128,10 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
         "integral": run.last.motion.memory.to_pyarray(py),
         "anchor": run.last.grid.0,
         "step": run.last.grid.1,
-        "linearized": run.linearized.map(|point| point.to_pyarray(py)),
+        "linearized": run.last.linearized.map(|point| point.to_pyarray(py)),
         "contacts": run.last.contact.map(|row| row.to_pyarray(py)),
         "controller": run.controller.map(|row| PyArray1::from_vec(py, row)),
     });
-    let violations = PyDict::new(py);
-    for (name, time) in run.violations {
-        violations.set_item(name, time)?;
-    }
     let intervals = PyDict::new(py);
     for (name, times) in run.violation_intervals {
         intervals.set_item(name, rows(py, times).and_then(constant)?)?;
@@ -160,10 +156,6 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
             (*time, SIDES[*finger], before.code(), after.code(), cause.name())
         })
         .collect();
-    let stats = PyDict::new(py);
-    for (name, count) in run.stats.named() {
-        stats.set_item(name, count)?;
-    }
     Ok(dictionary!(py, {
         "t": constant(PyArray1::from_vec(py, recording.t))?,
         "q": recorded(py, state, recording.q)?,
@@ -187,7 +179,7 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
         "violations": violations,
         "violation_intervals": intervals,
         "holds": run.holds,
-        "stats": stats,
+        "stats": run.stats.named().into_py_dict(py)?,
         "warnings": warning.into_iter().collect::<Vec<_>>(),
     }))
 }

@@ -25,8 +25,8 @@ use crate::stepping::equal::EqualSteps;
 use crate::stepping::grid::{Grid, Span};
 use crate::stepping::lane_controller::LaneController;
 use crate::stepping::options::{Options, Steps};
-use crate::stepping::record::{Layout, Recording, reserved};
-use crate::stepping::recorder::{Due, Recorder, Run};
+use crate::stepping::record::{Layout, Recording, Run, reserved};
+use crate::stepping::recorder::{Due, Recorder};
 
 /// Advice for steps that are too long for the gains of the stabilisation; `None` if they are not.
 pub fn stability_warning(options: &Options, longest: f64) -> Option<String> {

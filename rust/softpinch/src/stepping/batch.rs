@@ -28,6 +28,7 @@ use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet, expl
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::phase::{Phase, Phases};
 use crate::stepping::queue::{Finished, LaneParameters, RunQueue, Taken};
+use crate::stepping::record::{Recording, Run};
 use crate::stepping::status::Status;
 use crate::stepping::summary::{RunEnd, Summaries, SummaryInstant};
 
@@ -501,19 +502,21 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         }
         let run_end = RunEnd { from, completed, free_time };
         let initial_energies = (system.size().works > 0).then(|| self.initial_energies.lane(lane));
-        let finished = Finished {
-            number: run.number,
+        let finished = Run {
+            recording: Recording::default(),
+            last: *last,
+            controller: run.controller.map(|controller| controller.state_at(last).row().collect()),
+            initial_energies,
             status,
             message,
-            last: *last,
-            initial_energies,
             first_times: run.first_times,
+            violation_intervals: Vec::new(),
+            contact_changes: Vec::new(),
             holds: completed && closed && self.lost_grip >> lane & 1 == 0,
             summaries: self.summaries.values(lane, &run_end),
             stats: Stats { steps: run.steps, segments: run.segments, ..self.stats },
-            contact: run.contact,
-            controller: run.controller.map(|controller| controller.state_at(last).row().collect()),
         };
+        let finished = Finished { number: run.number, run: finished, contact: run.contact };
         self.queue.finish(finished, |watched| ledger(system, watched));
     }
 

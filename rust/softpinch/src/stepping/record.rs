@@ -1,11 +1,16 @@
-//! The recording of a run, which keeps only the quantities that were asked for, row by row.
+//! A finished run, and its recording, which keeps only the quantities that were asked for, row by row.
 
 use crate::error::Error;
+use crate::method::traits::Stats;
 use crate::model::contact_modes::ContactRow;
-use crate::model::energy::{BILATERAL_WORKS, LedgerRow, WORKS};
+use crate::model::energy::{BILATERAL_WORKS, Energies, LedgerRow, WORKS};
 use crate::model::motion::Linearized;
 use crate::names::named;
+use crate::stepping::contact_events::Change;
 use crate::stepping::instant::Instant;
+use crate::stepping::monitor::VIOLATIONS;
+use crate::stepping::status::Status;
+use crate::stepping::summary::COUNT;
 
 /// The contacts of bilateral contact.
 const STICKING: ContactRow = [1.0, 1.0, 0.0, 0.0];
@@ -263,5 +268,45 @@ impl Recording {
         if self.selection.has_contacts(self.layout) {
             self.contact.push(instant.contact.unwrap_or(STICKING));
         }
+    }
+}
+
+/// A finished run.
+#[derive(Debug, Clone)]
+pub struct Run {
+    /// The rows, if the run was recorded.
+    pub recording: Recording,
+    /// The last instant, whether or not it was recorded.
+    pub last: Instant,
+    /// The state of its discrete controller at the last instant, if it has one.
+    pub controller: Option<Vec<f64>>,
+    /// The energies at the start of the run, if the ledger was carried.
+    pub initial_energies: Option<Energies>,
+    /// The status with which it ended.
+    pub status: Status,
+    /// The status in words, with the numbers; empty if a run that is not recorded has reached its end.
+    pub message: String,
+    /// The time at which each of [`VIOLATIONS`] was first seen, s; NaN if it was not.
+    pub first_times: [f64; VIOLATIONS.len()],
+    /// In a recorded run: the intervals of time during which each of these violations was seen, s: the first and the
+    /// last of consecutive watched instants that show it.
+    pub violation_intervals: Vec<(&'static str, Vec<[f64; 2]>)>,
+    /// In a recorded run: the changes of the contacts' modes, in unilateral contact.
+    pub contact_changes: Vec<Change>,
+    /// Whether the grasp held: the run reached its end, and from `summaries.after` on no tip pulled and, if
+    /// the scene has friction, none needed more.
+    pub holds: bool,
+    /// The summaries, in the order of [`SUMMARIES`](crate::stepping::summary::SUMMARIES).
+    pub summaries: [f64; COUNT],
+    /// Counts of the work. Steps and segments are those of this run. The other counts are those of its loop,
+    /// which are the run's own in a loop of one lane.
+    pub stats: Stats,
+}
+
+impl Run {
+    /// The violations that the monitors have seen, with their first times.
+    pub fn violations(&self) -> impl Iterator<Item = (&'static str, f64)> {
+        let times = VIOLATIONS.map(|(name, _)| name).into_iter().zip(self.first_times);
+        times.filter(|(_, first)| !first.is_nan())
     }
 }
