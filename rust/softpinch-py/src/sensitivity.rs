@@ -11,7 +11,7 @@ use crate::signals::Failure;
 use crate::simulation::Simulation;
 use softpinch::driver::direction::{COMPONENTS, Direction, Shift};
 use softpinch::driver::ensemble::derivatives;
-use softpinch::driver::sensitivities::{self as core, Derivatives};
+use softpinch::driver::sensitivities::{self as core, Derivatives, Wanted};
 use softpinch::error::lookup;
 use softpinch::model::motion::Motion;
 use softpinch::model::parameters::PARAMETER_COUNT;
@@ -94,7 +94,7 @@ pub fn sensitivities<'py>(
     let (found, failure) = py.detach(|| {
         let failure = Failure::default();
         let interrupted = || failure.stops(|py| py.check_signals().map(|()| false));
-        (core::sensitivities(scene, options, *start, directions, &rows, &interrupted), failure)
+        (core::sensitivities(scene, options, *start, directions, Wanted::Rows(&rows), &interrupted), failure)
     });
     failure.interrupted(py)?;
     let found = found.map_err(raise)?.ok_or_else(|| PyKeyboardInterrupt::new_err(()))?;
@@ -131,7 +131,8 @@ pub fn gradients<'py>(
     let width = count * (18 + summaries.len());
     let one = |run: usize, stops: &dyn Fn() -> bool| {
         let Directions { directions, start } = own[if own.len() == 1 { 0 } else { run }];
-        core::gradients(&batch.scene(run)?, options, *start, directions, (until[run], &summaries), stops)
+        let wanted = Wanted::Ends { until: until[run], summaries: &summaries };
+        core::sensitivities(&batch.scene(run)?, options, *start, directions, wanted, stops)
     };
     let (found, failure) = py.detach(|| {
         let failure = Failure::default();
