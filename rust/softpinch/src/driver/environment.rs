@@ -165,7 +165,7 @@ fn multipliers(scene: &Scene, options: &Options, dt: f64) -> Result<[f64; 4], Er
         if scene.initial.contact.is_none() {
             return LaneContact::first_multipliers(instructions, options, scene, drive, dt);
         }
-        LaneContact::new(instructions, options, scene, time)?.put_into(&mut drive.contacts, 0);
+        LaneContact::new(instructions, options, scene)?.put_into(&mut drive.contacts, 0);
     }
     let y = equations.begin(&motion);
     Ok(equations.evaluate(&drive, 0.0, &y).multipliers)

@@ -9,7 +9,7 @@ use crate::method::traits::Unsolved;
 use crate::model::coordinates::Coordinates;
 use crate::model::motion::Motion;
 use crate::model::scene::Scene;
-use crate::number::lanes::{Bits, Lanes, MOST, each};
+use crate::number::lanes::{Bits, Lanes, MOST};
 use crate::stepping::batch::{LaneBatch, Seen};
 use crate::stepping::contact_events::Event;
 use crate::stepping::ending::{Attempt, End, full, overflow};
@@ -83,29 +83,6 @@ impl<R: Lanes> Progress<R> {
     }
 }
 
-/// The events of the runs in all lanes of the adaptive loop.
-pub(super) struct AdaptiveEvents {
-    /// The event at which the next step ends or the last one has ended, and the length of the step in which it was found.
-    pub(super) events: [Option<(Event, f64)>; MOST],
-    /// Number of steps in a row that ended at an event.
-    pub(super) in_a_row: [usize; MOST],
-}
-
-impl AdaptiveEvents {
-    /// No events.
-    pub(super) fn new() -> Self {
-        Self { events: [None; MOST], in_a_row: [0; MOST] }
-    }
-
-    /// Ends the rows of events in these lanes.
-    #[inline(always)]
-    pub(super) fn settle(&mut self, lanes: Bits) {
-        for lane in each(lanes) {
-            self.in_a_row[lane] = 0;
-        }
-    }
-}
-
 /// The lanes of the adaptive loop.
 pub(super) struct AdaptiveLanes<'a, R: Lanes, Q> {
     pub(super) batch: LaneBatch<'a, R, Span, Q>,
@@ -116,8 +93,10 @@ pub(super) struct AdaptiveLanes<'a, R: Lanes, Q> {
     pub(super) unsolved: Option<Unsolved>,
     /// Lanes whose last watched instant is saved in their run.
     pub(super) saved: Bits,
-    /// Events of unilateral contact.
-    pub(super) events: AdaptiveEvents,
+    /// In unilateral contact: the event at which the next step ends or the last one has ended, with the length of the step
+    /// in which it was found; and the number of steps in a row that ended at an event.
+    pub(super) events: [Option<(Event, f64)>; MOST],
+    pub(super) events_in_a_row: [usize; MOST],
 }
 
 /// The states from which the steps of all lanes start.
@@ -136,7 +115,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         let loaded = self.batch.load_lane(lane, place)?;
         let from = self.batch.runs[lane].as_ref().map_or(0.0, |run| run.place.start);
         self.progress.begin(lane, from);
-        self.events.settle(1 << lane);
+        self.events_in_a_row[lane] = 0;
         // A controller that measures at the start of the run needs the inputs before that.
         if self.batch.runs[lane].as_ref().is_some_and(|run| run.controller.is_some()) {
             self.batch.enter_sample(lane, from);

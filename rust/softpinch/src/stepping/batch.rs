@@ -21,7 +21,7 @@ use crate::number::simd::level::Instructions;
 use crate::stepping::contact_events::ContactEnd;
 use crate::stepping::contact_lane::{LaneContact, Moment};
 use crate::stepping::ending::{End, after_violation, unstable};
-use crate::stepping::instant::{Instant, all_finite, column, ledger, put, put_motion};
+use crate::stepping::instant::{Instant, all_finite, column, energies, put, put_motion};
 use crate::stepping::lane_controller::LaneController;
 use crate::stepping::loop_system::LoopSystem;
 use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet, explain};
@@ -190,30 +190,24 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let place = place(number, &scene)?;
         let initial = &scene.initial;
         put_motion(&mut self.start, lane, &initial.motion);
-        for noted in &mut self.noted {
-            *noted &= !bit;
+        let sets = [&mut self.guarded, &mut self.shown, &mut self.lost_grip];
+        for set in self.noted.iter_mut().chain(&mut self.occurred).chain(sets) {
+            *set &= !bit;
         }
-        for occurred in &mut self.occurred {
-            *occurred &= !bit;
-        }
-        self.guarded &= !bit;
         if self.options.guard {
             self.guarded |= Bits::from(self.options.may_be_unstable(&scene)) << lane;
         }
-        self.shown &= !bit;
-        self.lost_grip &= !bit;
         self.summaries.restart(lane);
         self.phases.set(bit, Phase::Start);
         let saved_instant = Some(Instant::start(initial));
         let first_times = [f64::NAN; VIOLATIONS.len()];
         let contact = if self.unilateral {
-            let after = self.options.summaries.after;
             let contact = match kept {
                 Some(mut kept) => {
-                    kept.restart(self.options, &scene, after)?;
+                    kept.restart(self.options, &scene)?;
                     kept
                 }
-                None => Box::new(LaneContact::new(self.instructions, self.options, &scene, after)?),
+                None => Box::new(LaneContact::new(self.instructions, self.options, &scene)?),
             };
             contact.put_into(&mut self.drive.contacts, lane);
             self.queue.note_contacts(initial.time, contact.contacts(), None);
@@ -517,7 +511,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             stats: Stats { steps: run.steps, segments: run.segments, ..self.stats },
         };
         let finished = Finished { number: run.number, run: finished, contact: run.contact };
-        self.queue.finish(finished, |watched| ledger(system, watched));
+        self.queue.finish(finished, || energies(system, last));
     }
 
     /// Records a watched instant. The error says that there is no memory for it.
@@ -529,7 +523,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         {
             self.queue.keep_controller(&controller.state_at(watched));
         }
-        self.queue.record(watched, |watched| ledger(system, watched))
+        self.queue.record(watched, || energies(system, watched))
     }
 }
 

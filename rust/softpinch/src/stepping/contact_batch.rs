@@ -44,12 +44,6 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         sum
     }
 
-    /// The lanes whose modes are certainly those that would be chosen now.
-    #[inline(always)]
-    pub fn modes_certain(&self, now: &Evaluation<R>) -> Bits {
-        self.limits.modes_certain(now, &self.drive.contacts)
-    }
-
     /// The contacts of the run in a lane in the form of results, in unilateral contact.
     #[inline(always)]
     pub fn contact_row(&self, lane: usize) -> Option<ContactRow> {

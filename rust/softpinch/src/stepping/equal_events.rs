@@ -34,7 +34,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         self.held = 0;
         let due = if self.batch.unilateral { self.batch.due(at.now) & self.stepped } else { 0 };
         if due | self.batch.phases.at(Phase::Start) != 0 {
-            let certain = self.batch.modes_certain(at.now);
+            let certain = self.batch.limits.modes_certain(at.now, &self.batch.drive.contacts);
             loaded = self.meet_events(system, (due, certain, tau), at, replacement)?;
         }
         let sampling = self.batch.phases.at(Phase::Sample) & !self.held;

@@ -3,7 +3,7 @@
 use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::system::{Size, System};
 use crate::model::contact_modes::{ContactRow, Contacts};
-use crate::model::energy::{LedgerRow, WORKS};
+use crate::model::energy::{Energies, WORKS};
 use crate::model::motion::{Linearized, Motion};
 use crate::model::start::State;
 use crate::number::lanes::{Bits, Lanes};
@@ -86,16 +86,18 @@ pub fn watched<R: Lanes>(
     }
 }
 
-/// The row of the energy ledger at an instant.
-pub(super) fn ledger<R: Lanes>(system: &impl System<R>, watched: &Instant) -> LedgerRow {
-    let Instant { motion, contact, works, .. } = watched;
+/// The energies at an instant.
+pub(super) fn energies<R: Lanes>(
+    system: &impl System<R>,
+    Instant { motion, contact, .. }: &Instant,
+) -> Energies {
     let motion = Motion::constant(motion);
     let mut contacts = Contacts::sticking();
     if let Some([right, left, right_tilt, left_tilt]) = contact {
         contacts.free = [u8::from(*right == 0.0), u8::from(*left == 0.0)];
         contacts.frozen_tilt = [R::constant(*right_tilt), R::constant(*left_tilt)];
     }
-    LedgerRow { energies: system.energies(&contacts, &motion).lane(0), works: *works }
+    system.energies(&contacts, &motion).lane(0)
 }
 
 /// The works of the ledger in a state; zeros if the state does not carry them.

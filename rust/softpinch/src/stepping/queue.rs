@@ -6,7 +6,7 @@ use std::borrow::Cow;
 use crate::error::Error;
 use crate::formulation::mode_selection::Contact;
 use crate::model::controller_state::ControllerState;
-use crate::model::energy::LedgerRow;
+use crate::model::energy::Energies;
 use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;
 use crate::number::lanes::MOST;
@@ -37,8 +37,8 @@ pub trait RunQueue<'a> {
     /// Whether the loop should stop its runs.
     fn stops(&mut self) -> bool;
 
-    /// Takes a run that has ended. `ledger` computes the ledger row of its last instant.
-    fn finish(&mut self, finished: Finished, ledger: impl FnOnce(&Instant) -> LedgerRow);
+    /// Takes a run that has ended. `energies` computes those of its last instant.
+    fn finish(&mut self, finished: Finished, energies: impl FnOnce() -> Energies);
 
     /// Whether to record the instant `t`, which was just watched. An instant inside a step is recorded only
     /// if it was asked for.
@@ -66,8 +66,8 @@ pub trait RunQueue<'a> {
     }
 
     /// Records an instant. The error says that there is no memory for it.
-    fn record(&mut self, watched: &Instant, ledger: impl FnOnce(&Instant) -> LedgerRow) -> Result<(), Error> {
-        let _ = (watched, ledger);
+    fn record(&mut self, watched: &Instant, energies: impl FnOnce() -> Energies) -> Result<(), Error> {
+        let _ = (watched, energies);
         Ok(())
     }
 

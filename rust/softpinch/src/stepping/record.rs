@@ -3,7 +3,7 @@
 use crate::error::Error;
 use crate::method::traits::Stats;
 use crate::model::contact_modes::ContactRow;
-use crate::model::energy::{BILATERAL_WORKS, Energies, LedgerRow, WORKS};
+use crate::model::energy::{BILATERAL_WORKS, Energies, WORKS};
 use crate::model::motion::Linearized;
 use crate::names::named;
 use crate::stepping::contact_events::Change;
@@ -149,7 +149,7 @@ pub struct Recording {
     pub multipliers: Vec<[f64; 4]>,
     /// Residuals.
     pub residuals: Vec<[f64; 4]>,
-    /// The first columns of [`LedgerRow`], row by row: seven in bilateral contact, ten in unilateral contact.
+    /// The energies and the works, row by row: seven numbers in bilateral contact, ten in unilateral contact.
     pub energy: Vec<f64>,
     /// Torques on the fingers.
     pub torque: Vec<[f64; 2]>,
@@ -233,14 +233,9 @@ impl Recording {
         if rooms.iter().any(Result::is_err) { Err(too_large()) } else { Ok(()) }
     }
 
-    /// Adds a row, with the state of the run's discrete controller. `ledger` is called only if energy is recorded.
+    /// Adds a row, with the state of the run's discrete controller. `energies` is called only if they are recorded.
     #[inline(always)]
-    pub fn push(
-        &mut self,
-        instant: &Instant,
-        controller: &[f64],
-        ledger: impl FnOnce(&Instant) -> LedgerRow,
-    ) {
+    pub fn push(&mut self, instant: &Instant, controller: &[f64], energies: impl FnOnce() -> Energies) {
         self.t.push(instant.t);
         if self.selection.state {
             self.q.push(instant.motion.q.row());
@@ -260,7 +255,9 @@ impl Recording {
             self.residuals.push(instant.residuals);
         }
         if self.selection.energy {
-            self.energy.extend_from_slice(&ledger(instant).columns()[..self.layout.energies()]);
+            let Energies { kinetic, elastic, gravity } = energies();
+            self.energy.extend_from_slice(&[kinetic, elastic, gravity]);
+            self.energy.extend_from_slice(&instant.works[..self.layout.energies() - 3]);
         }
         if self.selection.torque {
             self.torque.push(instant.torque);

@@ -7,7 +7,7 @@ use crate::formulation::mode_selection::Contact;
 use crate::method::traits::Stats;
 use crate::model::contact_modes::Mode;
 use crate::model::controller_state::ControllerState;
-use crate::model::energy::LedgerRow;
+use crate::model::energy::Energies;
 use crate::model::scene::Scene;
 use crate::stepping::contact_events::Change;
 use crate::stepping::contact_lane::LaneContact;
@@ -88,8 +88,8 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    fn push(&mut self, watched: &Instant, ledger: impl FnOnce(&Instant) -> LedgerRow) {
-        self.run.recording.push(watched, &self.controller, ledger);
+    fn push(&mut self, watched: &Instant, energies: impl FnOnce() -> Energies) {
+        self.run.recording.push(watched, &self.controller, energies);
         self.last_row = watched.t;
     }
 }
@@ -161,16 +161,16 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
         self.controller.extend(state.row());
     }
 
-    fn record(&mut self, watched: &Instant, ledger: impl FnOnce(&Instant) -> LedgerRow) -> Result<(), Error> {
+    fn record(&mut self, watched: &Instant, energies: impl FnOnce() -> Energies) -> Result<(), Error> {
         if let Some(error) = self.intervals.refusal() {
             return Err(error);
         }
         self.run.recording.make_room()?;
-        self.push(watched, ledger);
+        self.push(watched, energies);
         Ok(())
     }
 
-    fn finish(&mut self, finished: Finished, ledger: impl FnOnce(&Instant) -> LedgerRow) {
+    fn finish(&mut self, finished: Finished, energies: impl FnOnce() -> Energies) {
         let Finished { run, contact, .. } = finished;
         self.contact = contact;
         if let Some(state) = &run.controller {
@@ -179,7 +179,7 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
         let records = !matches!(self.due, Due::Never);
         let end = run.last.t;
         if records && self.last_row != end {
-            self.push(&run.last, ledger);
+            self.push(&run.last, energies);
         }
         let mut intervals = self.intervals.finish();
         let contact_changes = std::mem::take(&mut self.run.contact_changes);
@@ -223,7 +223,7 @@ mod tests {
         Instant { t, motion, ..Instant::start(&scene.initial) }
     }
 
-    fn unused(_: &Instant) -> LedgerRow {
+    fn unused() -> Energies {
         unreachable!("no energy is recorded")
     }
 
