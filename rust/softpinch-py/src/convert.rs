@@ -12,7 +12,7 @@ use softpinch::analysis::evaluate::Matrix;
 use softpinch::error::{Error, lookup};
 use softpinch::model::parameters::SIDES;
 use softpinch::stepping::contact_events::Change;
-use softpinch::stepping::record::{Layout, Run, reserved};
+use softpinch::stepping::record::{Run, reserved};
 
 /// The core's errors mean bad input, so they become `ValueError`.
 pub fn raise(error: Error) -> PyErr {
@@ -118,7 +118,7 @@ pub(crate) use dictionary;
 pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<'_, PyDict>> {
     let violations = run.violations().into_py_dict(py)?;
     let recording = run.recording;
-    let selection = recording.selection;
+    let (selection, layout) = (recording.selection, recording.layout);
     let state = selection.state;
     let points = !recording.linearized.is_empty();
     let last = dictionary!(py, {
@@ -136,13 +136,6 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
     for (name, times) in run.violation_intervals {
         intervals.set_item(name, rows(py, times).and_then(constant)?)?;
     }
-    let width = recording.layout.controller;
-    let controllers = (state && width > 0)
-        .then(|| {
-            let shape = [recording.controller.len() / width, width];
-            PyArray1::from_vec(py, recording.controller).reshape(shape).and_then(constant)
-        })
-        .transpose()?;
     // The absolute value of a code is that of the mode, but a grazing contact that slides has one more.
     let mode = |code: f64| code.abs().min(3.0) as u8;
     let modes = selection.contact.then(|| -> Vec<[u8; 2]> {
@@ -158,18 +151,18 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
         .collect();
     Ok(dictionary!(py, {
         "t": constant(PyArray1::from_vec(py, recording.t))?,
-        "q": recorded(py, state, recording.q)?,
-        "p": recorded(py, state, recording.p)?,
-        "integral": recorded(py, state, recording.memory)?,
+        "q": recorded(py, state, 9, recording.q.into_flattened())?,
+        "p": recorded(py, state, 9, recording.p.into_flattened())?,
+        "integral": recorded(py, state, 2, recording.memory.into_flattened())?,
         "grid_anchor": state.then(|| constant(PyArray1::from_vec(py, recording.grid_anchor))).transpose()?,
         "grid_step": state.then(|| constant(PyArray1::from_vec(py, recording.grid_step))).transpose()?,
-        "linearized": recorded(py, points, recording.linearized)?,
-        "multipliers": recorded(py, selection.multipliers, recording.multipliers)?,
-        "residuals": recorded(py, selection.residuals, recording.residuals)?,
-        "torque": recorded(py, selection.torque, recording.torque)?,
-        "energy": energy(py, selection.energy, recording.layout, recording.energy)?,
-        "contacts": recorded(py, state && recording.layout.unilateral, recording.contact)?,
-        "controllers": controllers,
+        "linearized": recorded(py, points, 21, recording.linearized.into_flattened())?,
+        "multipliers": recorded(py, selection.multipliers, 4, recording.multipliers.into_flattened())?,
+        "residuals": recorded(py, selection.residuals, 4, recording.residuals.into_flattened())?,
+        "torque": recorded(py, selection.torque, 2, recording.torque.into_flattened())?,
+        "energy": recorded(py, selection.energy, layout.energies(), recording.energy)?,
+        "contacts": recorded(py, state && layout.unilateral, 4, recording.contact.into_flattened())?,
+        "controllers": recorded(py, state && layout.controller > 0, layout.controller, recording.controller)?,
         "contact": modes.map(|modes| rows(py, modes).and_then(constant)).transpose()?,
         "contact_changes": changes,
         "final": last,
@@ -184,23 +177,13 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
     }))
 }
 
-/// The rows of the energy ledger, if it was recorded.
-fn energy(
+/// The rows of a quantity, if it was recorded, from all of its numbers.
+fn recorded(
     py: Python<'_>,
     wanted: bool,
-    layout: Layout,
-    values: Vec<f64>,
+    width: usize,
+    numbers: Vec<f64>,
 ) -> PyResult<Option<Bound<'_, PyArray2<f64>>>> {
-    let columns = layout.energies();
-    let shape = [values.len() / columns, columns];
-    wanted.then(|| PyArray1::from_vec(py, values).reshape(shape).and_then(constant)).transpose()
-}
-
-/// The rows of a quantity, if it was recorded.
-fn recorded<const N: usize>(
-    py: Python<'_>,
-    wanted: bool,
-    values: Vec<[f64; N]>,
-) -> PyResult<Option<Bound<'_, PyArray2<f64>>>> {
-    wanted.then(|| rows(py, values).and_then(constant)).transpose()
+    let shape = [numbers.len() / width.max(1), width];
+    wanted.then(|| PyArray1::from_vec(py, numbers).reshape(shape).and_then(constant)).transpose()
 }

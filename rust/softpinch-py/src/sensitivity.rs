@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use crate::batch::Batch;
 use crate::convert::{Names, columns, entries, raise, room};
 use crate::inputs::Inputs;
-use crate::signals::Failure;
+use crate::signals::detached;
 use crate::simulation::Simulation;
 use softpinch::driver::direction::{COMPONENTS, Direction, Shift};
 use softpinch::driver::ensemble::derivatives;
@@ -91,12 +91,9 @@ pub fn sensitivities<'py>(
     let rows = entries("rows, in numbers,", &rows)?;
     let (scene, options) = simulation.parts();
     let Directions { directions, start } = directions;
-    let (found, failure) = py.detach(|| {
-        let failure = Failure::default();
-        let interrupted = || failure.stops(|py| py.check_signals().map(|()| false));
-        (core::sensitivities(scene, options, *start, directions, Wanted::Rows(&rows), &interrupted), failure)
-    });
-    failure.interrupted(py)?;
+    let wanted = Wanted::Rows(&rows);
+    let (found, _) =
+        detached(py, |stops| core::sensitivities(scene, options, *start, directions, wanted, stops))?;
     let found = found.map_err(raise)?.ok_or_else(|| PyKeyboardInterrupt::new_err(()))?;
     let numbers = PyArray1::from_vec(py, found.numbers);
     Ok((numbers.reshape([rows.len(), COMPONENTS, directions.len()])?, found.failed))
@@ -134,12 +131,7 @@ pub fn gradients<'py>(
         let wanted = Wanted::Ends { until: until[run], summaries: &summaries };
         core::sensitivities(&batch.scene(run)?, options, *start, directions, wanted, stops)
     };
-    let (found, failure) = py.detach(|| {
-        let failure = Failure::default();
-        let mut asked = || failure.stops(|py| py.check_signals().map(|()| false));
-        (derivatives(runs, threads, one, &mut asked), failure)
-    });
-    failure.interrupted(py)?;
+    let (found, _) = detached(py, |stops| derivatives(runs, threads, one, &mut || stops()))?;
     let found = found.map_err(raise)?.ok_or_else(|| PyKeyboardInterrupt::new_err(()))?;
     let mut numbers = room("the gradients, in numbers,", runs * width)?;
     let mut failed = Vec::new();

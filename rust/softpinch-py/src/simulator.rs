@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 
 use crate::batch::Batch;
 use crate::convert::{fixed, raise, room};
-use crate::signals::Failure;
+use crate::signals::detached;
 use crate::simulation::Simulation;
 use softpinch::driver::simulator::{Observed, Simulator as Core};
 use softpinch::error::Error;
@@ -104,12 +104,7 @@ impl Runs {
 
     fn advance(&mut self, py: Python<'_>) -> PyResult<()> {
         let Self { core, targets } = self;
-        let (done, failure) = py.detach(|| {
-            let failure = Failure::default();
-            let interrupted = || failure.stops(|py| py.check_signals().map(|()| false));
-            (core.step(targets, &interrupted), failure)
-        });
-        failure.interrupted(py)?;
+        let (done, _) = detached(py, |stops| core.step(targets, stops))?;
         // An interrupted step has changed nothing, so it can be repeated.
         if done.map_err(raise)? { Ok(()) } else { Err(PyKeyboardInterrupt::new_err(())) }
     }
