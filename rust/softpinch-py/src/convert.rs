@@ -42,11 +42,7 @@ pub fn fixed<const N: usize>(name: &str, values: &PyReadonlyArray1<'_, f64>) -> 
     if values.len() != N {
         return Err(PyValueError::new_err(format!("{name} has {} numbers: must have {N}", values.len())));
     }
-    let mut array = [0.0; N];
-    for (slot, value) in array.iter_mut().zip(values) {
-        *slot = *value;
-    }
-    Ok(array)
+    Ok(std::array::from_fn(|k| values[k]))
 }
 
 /// Rows of exactly `N` numbers.
@@ -55,13 +51,7 @@ pub fn columns<const N: usize>(name: &str, values: &PyReadonlyArray2<'_, f64>) -
     if values.ncols() != N {
         return Err(PyValueError::new_err(format!("{name} has {} columns: must have {N}", values.ncols())));
     }
-    let array = |row: ArrayView1<'_, f64>| {
-        let mut array = [0.0; N];
-        for (slot, value) in array.iter_mut().zip(row) {
-            *slot = *value;
-        }
-        array
-    };
+    let array = |row: ArrayView1<'_, f64>| std::array::from_fn(|k| row[k]);
     collected("the rows of an array, in numbers,", values.rows().into_iter().map(array))
 }
 

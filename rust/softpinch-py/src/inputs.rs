@@ -8,7 +8,7 @@ use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray4};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::convert::{Names, collected, columns, entries, raise, room};
+use crate::convert::{Names, collected, columns, entries, raise};
 use softpinch::error::{Error, lookup};
 use softpinch::model::control::{FINGERS, Fingers};
 use softpinch::model::drive::MAX_DEGREE;
@@ -222,15 +222,12 @@ fn piecewise<const C: usize>(
         )));
     }
     let one = |run: usize| {
-        let mut table = room("the coefficients, in numbers,", rows)?;
-        table.resize(rows, [[0.0; MAX_DEGREE + 1]; C]);
-        for (row, entry) in table.iter_mut().enumerate() {
-            for (channel, series) in entry.iter_mut().enumerate() {
-                for (term, value) in series.iter_mut().take(terms).enumerate() {
-                    *value = coefficients[[run, row, channel, term]];
-                }
-            }
-        }
+        let number = |row: usize, channel: usize, term: usize| {
+            if term < terms { coefficients[[run, row, channel, term]] } else { 0.0 }
+        };
+        let series = |row: usize, channel: usize| std::array::from_fn(|term| number(row, channel, term));
+        let table = (0..rows).map(|row| std::array::from_fn(|channel| series(row, channel)));
+        let table = collected("the coefficients, in numbers,", table)?;
         let breaks = collected("the breaks, in numbers,", breaks.row(run).iter().copied())?;
         PiecewisePolynomial::new(name, breaks, table).map(Arc::new).map_err(|error| {
             raise(if runs == 1 { error } else { Error::Run { run, error: Box::new(error) } })

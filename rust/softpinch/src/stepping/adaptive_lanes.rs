@@ -45,20 +45,8 @@ impl<R: Lanes> Progress<R> {
     /// Progress without any run.
     #[inline(always)]
     pub(super) fn new() -> Self {
-        let zero = R::zero();
-        Self {
-            from: zero,
-            to: zero,
-            length: zero,
-            t: zero,
-            tau: zero,
-            watched: zero,
-            h: zero,
-            steps: zero,
-            attempts: zero,
-            errors: zero,
-            last: 0,
-        }
+        let [from, to, length, t, tau, watched, h, steps, attempts, errors] = [R::zero(); 10];
+        Self { from, to, length, t, tau, watched, h, steps, attempts, errors, last: 0 }
     }
 
     /// Puts a lane at the start of a run, as if a segment without length ended there. A lane without a run is
