@@ -48,19 +48,23 @@ fn next_step(segment: &Segment, taken: u64, ends: Option<&[f64]>) -> Option<Step
     (end <= segment.end).then_some(StepTimes { tau, h: end - from, tau_end, end })
 }
 
-/// A run with its derivatives.
-pub(super) struct DifferentiatedRun<'a, R> {
-    pub(super) instructions: Instructions,
+/// A run whose derivatives are computed.
+pub(super) struct Request<'a> {
     pub(super) scene: &'a Scene,
     pub(super) options: &'a Options,
     pub(super) start: Option<Start>,
-    /// The directions, at most eight.
-    pub(super) directions: &'a [Direction],
-    pub(super) source: VariedParameters<'a>,
-    pub(super) equations: RunDualEquations<R>,
     /// The ends of free steps.
     pub(super) ends: &'a [f64],
     pub(super) interrupted: &'a dyn Fn() -> bool,
+}
+
+/// A run with its derivatives in some directions, at most eight.
+pub(super) struct DifferentiatedRun<'a, R> {
+    pub(super) instructions: Instructions,
+    pub(super) request: &'a Request<'a>,
+    pub(super) directions: &'a [Direction],
+    pub(super) source: VariedParameters<'a>,
+    pub(super) equations: RunDualEquations<R>,
 }
 
 /// Follows a run with a method until its sink needs no more.
@@ -77,7 +81,7 @@ impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
     fn run(self) -> Self::Output {
         let Self(run, method, sink) = self;
         let (grid, mut ends) = run.times()?;
-        let DifferentiatedRun { scene, equations, .. } = run;
+        let DifferentiatedRun { request: Request { scene, interrupted, .. }, equations, .. } = run;
         let system = &equations.system;
         let inputs = &scene.inputs;
         let mut segment = grid.first;
@@ -121,7 +125,7 @@ impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
                 taken += 1;
                 ends = ends.map(|ends| &ends[1..]);
                 steps += 1;
-                if steps.is_multiple_of(POLL) && (run.interrupted)() {
+                if steps.is_multiple_of(POLL) && interrupted() {
                     return Ok(());
                 }
                 if times.end < segment.end {
@@ -147,10 +151,10 @@ impl<R: Lanes> LaneTask<R> for Begin<'_, '_, R> {
     #[inline(always)]
     fn run(self) -> Self::Output {
         let Self(run, drive) = self;
-        let initial = &run.scene.initial;
+        let initial = &run.request.scene.initial;
         let Motion { q, p, mut memory } = Motion::<RunDual<R>>::constant(&initial.motion);
         let (mut q, mut p) = (q.row(), p.row());
-        if let Some(start) = run.start {
+        if let Some(start) = run.request.start {
             let derived = start.varied(&run.source, &drive.at(RunDual::zero()), &initial.motion.q);
             let (derived_q, derived_p) = (derived.q.row(), derived.p.row());
             for n in 0..9 {
@@ -188,7 +192,7 @@ impl<R: Lanes> LaneTask<R> for Pass<'_, '_, R> {
         if passes {
             run.shift(time, &input, y);
         }
-        let inputs = &run.scene.inputs;
+        let inputs = &run.request.scene.inputs;
         for (place, impulse) in inputs.impulses_at(time).enumerate() {
             passes = true;
             let slope = |one: &Direction, c: usize| {
@@ -211,14 +215,16 @@ impl<R: Lanes> LaneTask<R> for Pass<'_, '_, R> {
 impl<R: Lanes> DifferentiatedRun<'_, R> {
     /// The segments of the run, and the ends of its steps if these are free.
     fn times(&self) -> Result<(Grid, Option<&[f64]>), Error> {
-        let Scene { inputs, initial, duration, .. } = self.scene;
-        match self.options.steps {
-            Steps::Fixed(dt) => Ok((Grid::new(inputs, initial, *duration, dt, self.options.refine)?, None)),
+        let Scene { inputs, initial, duration, .. } = self.request.scene;
+        match self.request.options.steps {
+            Steps::Fixed(dt) => {
+                Ok((Grid::new(inputs, initial, *duration, dt, self.request.options.refine)?, None))
+            }
             Steps::Free { .. } => {
                 let span = Span::new(inputs, initial, *duration)?;
                 // One step to each segment, of which only the segments count.
                 let initial = &State { grid: None, ..initial.clone() };
-                Ok((Grid::over(inputs, initial, span, f64::INFINITY, 1)?, Some(self.ends)))
+                Ok((Grid::over(inputs, initial, span, f64::INFINITY, 1)?, Some(self.request.ends)))
             }
         }
     }
@@ -226,7 +232,7 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
     /// The inputs of the segment from `anchor` on.
     fn drive(&self, anchor: f64) -> SegmentDrive<RunDual<R>> {
         let slopes: Vec<_> = self.directions.iter().map(|one| one.inputs.segment(anchor)).collect();
-        SegmentDrive::varied(&self.scene.inputs.segment(anchor), &slopes)
+        SegmentDrive::varied(&self.request.scene.inputs.segment(anchor), &slopes)
     }
 
     /// A number with its derivative in each direction.

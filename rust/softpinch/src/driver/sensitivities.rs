@@ -3,7 +3,7 @@
 //! its steps held.
 
 use crate::driver::derivative_sink::{Ends, Rows, Sink};
-use crate::driver::differentiated_run::{DifferentiatedRun, FollowRun};
+use crate::driver::differentiated_run::{DifferentiatedRun, FollowRun, Request};
 use crate::driver::direction::{COMPONENTS, Direction};
 use crate::driver::simulate::simulate;
 use crate::error::Error;
@@ -65,7 +65,8 @@ pub fn sensitivities(
         numbers = reserved("the derivatives, in numbers,", count)?;
         numbers.resize(count, 0.0);
     }
-    let all = All { scene, options, start, directions, ends, interrupted, wanted, numbers };
+    let request = Request { scene, options, start, ends, interrupted };
+    let all = All { request, directions, wanted, numbers };
     dispatch_four_lanes(options.simd, all).flatten()
 }
 
@@ -89,12 +90,8 @@ fn ends(scene: &Scene, options: &Options, interrupted: &dyn Fn() -> bool) -> Res
 
 /// All directions, in chunks of eight.
 struct All<'a> {
-    scene: &'a Scene,
-    options: &'a Options,
-    start: Option<Start>,
+    request: Request<'a>,
     directions: &'a [Direction],
-    ends: &'a [f64],
-    interrupted: &'a dyn Fn() -> bool,
     wanted: Wanted<'a>,
     numbers: Vec<f64>,
 }
@@ -104,7 +101,8 @@ impl LaneKernel for All<'_> {
 
     #[inline(always)]
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
-        let Self { scene, options, start, directions: all, ends, interrupted, wanted, mut numbers } = self;
+        let Self { ref request, directions: all, wanted, mut numbers } = self;
+        let Request { scene, options, .. } = *request;
         let choice = options.choice(scene.inputs.fingers());
         let gains = &options.stabilization;
         let parameters = &[&scene.parameters; MOST];
@@ -118,17 +116,7 @@ impl LaneKernel for All<'_> {
             let source = VariedParameters { parameters: &scene.parameters, slopes };
             let twice = options.method == Method::Rosenbrock;
             let equations = RunDualEquations::<R>::new(instructions, choice, &source, gains, twice);
-            let run = DifferentiatedRun {
-                instructions,
-                scene,
-                options,
-                start,
-                directions,
-                source,
-                equations,
-                ends,
-                interrupted,
-            };
+            let run = DifferentiatedRun { instructions, request, directions, source, equations };
             let mut sink = match wanted {
                 Wanted::Rows(times) => {
                     let (numbers, first) = (&mut numbers[..], chunk * DIRECTIONS);

@@ -316,8 +316,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     /// `changed` start.
     #[inline(always)]
     fn begin(&mut self, system: &impl System<R>, changed: Bits, y: &mut States<R>) {
-        let numbers = R::call(self.instructions, Numbers(&self.parameters()));
-        (self.limits, self.half_width) = (numbers.limits, numbers.half_width);
+        let round_off;
+        (self.limits, self.half_width, round_off) = R::call(self.instructions, Numbers(&self.parameters()));
         let start = system.begin(&self.start);
         for (number, initial) in y.iter_mut().zip(start) {
             *number = R::select(changed, initial, *number);
@@ -328,7 +328,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             initial.kinetic = R::select(changed, kinetic, initial.kinetic);
             initial.elastic = R::select(changed, elastic, initial.elastic);
             initial.gravity = R::select(changed, gravity, initial.gravity);
-            self.supplied = R::select(changed, numbers.round_off, self.supplied);
+            self.supplied = R::select(changed, round_off, self.supplied);
         }
     }
 
@@ -381,10 +381,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             self.shown = any;
         }
         if !self.summaries.is_empty() {
-            let Evaluation { motion: Motion { q, p, .. }, multipliers, residuals, torque, .. } = *now;
-            let (half_width, slip_speed) = (self.half_width, self.slip_speed(&residuals));
-            let instant =
-                SummaryInstant { t, q, p, multipliers, residuals, slip_speed, closure, half_width, torque };
+            let (half_width, slip_speed) = (self.half_width, self.slip_speed(&now.residuals));
+            let instant = SummaryInstant { t, now, slip_speed, closure, half_width };
             self.summaries.watch(&instant, seen);
         }
         unstable &= seen;
@@ -527,35 +525,23 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     }
 }
 
-/// The data of the lanes that depend on the parameters of their runs. They change only when a run does, so
-/// the code is called, not inlined.
+/// Computes the data of the lanes that depend on the parameters of their runs: the limits, half the width of the object,
+/// and an energy that is round-off for the tips. They change only when a run does, so the code is called, not inlined.
 struct Numbers<'a>(&'a LaneParameters<'a>);
 
-/// Numbers that depend on the runs' parameters: see [`LaneBatch`].
-struct Gathered<R> {
-    limits: Limits<R>,
-    half_width: R,
-    /// An energy that is round-off for these tips.
-    round_off: R,
-}
-
 impl<R: Lanes> LaneTask<R> for Numbers<'_> {
-    type Output = Gathered<R>;
+    type Output = (Limits<R>, R, R);
 
     #[inline(always)]
-    fn run(self) -> Gathered<R> {
+    fn run(self) -> Self::Output {
         let energy = |p: &Parameters| -> f64 {
-            p.tips
-                .iter()
-                .enumerate()
-                .map(|(i, tip)| (ROUND_OFF * tip.radius).powi(2) * (p.modulus(i) * tip.radius))
-                .sum()
+            let own = |i: usize| {
+                let radius = p.tips[i].radius;
+                (ROUND_OFF * radius).powi(2) * (p.modulus(i) * radius)
+            };
+            own(0) + own(1)
         };
-        Gathered {
-            limits: Limits::new(self.0),
-            half_width: self.0.number(|p| 0.5 * p.grasped.width),
-            round_off: self.0.number(energy),
-        }
+        (Limits::new(self.0), self.0.number(|p| 0.5 * p.grasped.width), self.0.number(energy))
     }
 }
 
