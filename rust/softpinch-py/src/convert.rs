@@ -72,18 +72,13 @@ pub fn matrix<'py, const R: usize, const C: usize>(
     rows(py, (0..R).map(|r| std::array::from_fn(|c| value[(r, c)])).collect::<Vec<[f64; C]>>())
 }
 
-/// The names that a user gave for an option.
-pub struct Names<'a>(pub &'a [String]);
-
-impl Names<'_> {
-    /// Looks up each name in a table.
-    pub fn select<T: Copy, S: FromIterator<T>>(
-        &self,
-        field: &'static str,
-        table: &[(&'static str, T)],
-    ) -> PyResult<S> {
-        self.0.iter().map(|name| lookup(field, name, table)).collect::<Result<S, Error>>().map_err(raise)
-    }
+/// Looks up each of the names that a user gave for an option in a table.
+pub fn select<T: Copy, S: FromIterator<T>>(
+    field: &'static str,
+    names: &[String],
+    table: &[(&'static str, T)],
+) -> PyResult<S> {
+    names.iter().map(|name| lookup(field, name, table)).collect::<Result<S, Error>>().map_err(raise)
 }
 
 /// Makes the array of a result read-only.

@@ -8,7 +8,7 @@ use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray4};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::convert::{Names, collected, columns, entries, raise};
+use crate::convert::{collected, columns, entries, raise, select};
 use softpinch::error::{Error, lookup};
 use softpinch::model::control::{FINGERS, Fingers};
 use softpinch::model::drive::MAX_DEGREE;
@@ -143,7 +143,7 @@ impl Inputs {
 fn controllers(
     (names, states, anti_windup, rows, seed, numbers): ControllerTuple<'_>,
 ) -> PyResult<(Part<Arc<SampledController>>, Part<u64>)> {
-    let measures: Vec<Measure> = Names(&names).select("control.measures", &MEASURES)?;
+    let measures: Vec<Measure> = select("control.measures", &names, &MEASURES)?;
     let m: usize = measures.iter().map(|measure| measure.width()).sum();
     let n = states;
     let (rows, lengths) = (rows.as_array(), [n * n, n * m, 2 * n, 2 * m, n, m, m]);

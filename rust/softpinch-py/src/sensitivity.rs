@@ -5,7 +5,7 @@ use pyo3::exceptions::{PyKeyboardInterrupt, PyValueError};
 use pyo3::prelude::*;
 
 use crate::batch::Batch;
-use crate::convert::{Names, columns, entries, raise, room};
+use crate::convert::{columns, entries, raise, room, select};
 use crate::inputs::Inputs;
 use crate::signals::detached;
 use crate::simulation::Simulation;
@@ -117,7 +117,7 @@ pub fn gradients<'py>(
     if until.len() != runs {
         return Err(PyValueError::new_err("until: must have one time for each run"));
     }
-    let summaries: Vec<Summary> = Names(&summaries).select("gradients", &SUMMARIES)?;
+    let summaries: Vec<Summary> = select("gradients", &summaries, &SUMMARIES)?;
     let own: Vec<&Directions> = directions.iter().map(Py::get).collect();
     let count = own.first().map_or(0, |one| one.directions.len());
     if own.len() != 1 && own.len() != runs || own.iter().any(|one| one.directions.len() != count) {

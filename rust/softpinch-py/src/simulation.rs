@@ -4,7 +4,7 @@ use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::convert::{self, Names, dictionary, entries, fixed, raise};
+use crate::convert::{self, dictionary, entries, fixed, raise, select};
 use crate::inputs::Inputs;
 use crate::options::GivenOptions;
 use crate::signals::detached;
@@ -76,7 +76,7 @@ impl Simulation {
             duration,
         };
         let times = times.map(|times| entries("times, in numbers,", &times)).transpose()?;
-        let record = Names(&record).select("record", &RECORDABLE)?;
+        let record = select("record", &record, &RECORDABLE)?;
         let base = options.checked(contact, &summaries, 0.0)?;
         let options = Options { every, times, refine, record, ..base };
         Ok(Self { scene, options })

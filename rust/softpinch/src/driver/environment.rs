@@ -74,14 +74,8 @@ impl Environment {
     ) -> Result<(), Error> {
         let Self { scene, .. } = self;
         let span = Span::new(&scene.inputs, start, scene.duration)?;
-        let refine = options.refine;
-        Grid::over(
-            &scene.inputs,
-            start,
-            Span { end: span.end.min(span.start + period), ..span },
-            dt,
-            refine,
-        )?;
+        let first = Span { end: span.end.min(span.start + period), ..span };
+        Grid::over(&scene.inputs, start, first, dt, options.refine)?;
         require_periods(span, period)?;
         self.place((start, check), span, options, dt)?;
         (self.origin, self.periods, self.force) = (start.time, 0, [0.0; 3]);

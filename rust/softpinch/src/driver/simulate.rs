@@ -57,13 +57,8 @@ pub fn simulate(
     options: &Options,
     interrupted: &dyn Fn() -> bool,
 ) -> Result<(Run, Option<String>), Error> {
-    let guarded;
-    let options = if options.may_be_unstable(scene) {
-        guarded = Options { guard: true, ..options.clone() };
-        &guarded
-    } else {
-        options
-    };
+    let guard = options.guard || options.may_be_unstable(scene);
+    let options = &Options { guard, ..options.clone() };
     let (plan, times, rows) = prepare(scene, options)?;
     let recording = Recording::with_capacity(options.record, plan.layout(scene, options), rows)?;
     let warning = stability_warning(options, plan.longest());

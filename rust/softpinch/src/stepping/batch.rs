@@ -486,12 +486,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let (status, message) = after_violation(end, last.t, &run.first_times);
         let from = run.scene.initial.time.max(self.options.summaries.after);
         let completed = status == Status::Completed;
-        let mut free_time = 0.0;
-        let mut closed = true;
-        if let Some(contact) = &mut run.contact {
-            free_time = contact.free_time(last.t);
-            closed = contact.is_closed();
-        }
+        let found = run.contact.as_mut().map(|contact| (contact.free_time(last.t), contact.is_closed()));
+        let (free_time, closed) = found.unwrap_or((0.0, true));
         let run_end = RunEnd { from, completed, free_time };
         let initial_energies = (system.size().works > 0).then(|| self.initial_energies.lane(lane));
         let finished = Run {
