@@ -210,11 +210,9 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
             }
             Ok(()) => None,
         };
-        let goes_on = end.is_none();
-        if let Some(end) = end {
-            self.retire(system, lane, end, instant);
-        }
-        goes_on
+        let Some(end) = end else { return true };
+        self.retire(system, lane, end, instant);
+        false
     }
 }
 

@@ -34,10 +34,11 @@ impl LaneController {
             Some(row) => {
                 let state = ControllerState::from_row(controller, row)?;
                 if !state.holds_at(controller, scene.initial.time) {
+                    let rule = "must be between the last sample of State.controller and the next one";
                     return Err(Error::Field {
                         field: "State.time".to_owned(),
                         value: scene.initial.time,
-                        rule: "must be between the last sample of State.controller and the next one",
+                        rule,
                     });
                 }
                 state

@@ -233,13 +233,8 @@ impl<R: Lanes> Limits<R> {
                 gap = gap + round_off([q.object[0], q.object[1], d_n]);
             }
             let mut event = |cause, lanes, value| {
-                take(Condition {
-                    failure: Failure::Event(cause),
-                    lanes,
-                    value,
-                    least: R::zero(),
-                    strict: false,
-                });
+                let (failure, least) = (Failure::Event(cause), R::zero());
+                take(Condition { failure, lanes, value, least, strict: false });
             };
             event(Cause::Cone, !(slip | graze | free), self.friction[i] * along - across.abs());
             event(Cause::Stop, slip, forward);
