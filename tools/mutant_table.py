@@ -423,7 +423,7 @@ MUTANTS = (
     ),
     Mutant(
         "stepping/lane_controller.rs",
-        "if watched.instant.t < self.changed || watched.before_sample {",
+        "if watched.t < self.changed || watched.before_sample {",
         "if watched.before_sample {",
         "test_sampled",
     ),

@@ -6,14 +6,13 @@ use numpy::{
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{IntoPyDict, PyDict};
 
 use softpinch::analysis::evaluate::Matrix;
 use softpinch::error::{Error, lookup};
 use softpinch::model::parameters::SIDES;
 use softpinch::stepping::contact_events::Change;
-use softpinch::stepping::record::{Layout, reserved};
-use softpinch::stepping::recorder::Run;
+use softpinch::stepping::record::{Run, reserved};
 
 /// The core's errors mean bad input, so they become `ValueError`.
 pub fn raise(error: Error) -> PyErr {
@@ -43,11 +42,7 @@ pub fn fixed<const N: usize>(name: &str, values: &PyReadonlyArray1<'_, f64>) -> 
     if values.len() != N {
         return Err(PyValueError::new_err(format!("{name} has {} numbers: must have {N}", values.len())));
     }
-    let mut array = [0.0; N];
-    for (slot, value) in array.iter_mut().zip(values) {
-        *slot = *value;
-    }
-    Ok(array)
+    Ok(std::array::from_fn(|k| values[k]))
 }
 
 /// Rows of exactly `N` numbers.
@@ -56,13 +51,7 @@ pub fn columns<const N: usize>(name: &str, values: &PyReadonlyArray2<'_, f64>) -
     if values.ncols() != N {
         return Err(PyValueError::new_err(format!("{name} has {} columns: must have {N}", values.ncols())));
     }
-    let array = |row: ArrayView1<'_, f64>| {
-        let mut array = [0.0; N];
-        for (slot, value) in array.iter_mut().zip(row) {
-            *slot = *value;
-        }
-        array
-    };
+    let array = |row: ArrayView1<'_, f64>| std::array::from_fn(|k| row[k]);
     collected("the rows of an array, in numbers,", values.rows().into_iter().map(array))
 }
 
@@ -83,18 +72,13 @@ pub fn matrix<'py, const R: usize, const C: usize>(
     rows(py, (0..R).map(|r| std::array::from_fn(|c| value[(r, c)])).collect::<Vec<[f64; C]>>())
 }
 
-/// The names that a user gave for an option.
-pub struct Names<'a>(pub &'a [String]);
-
-impl Names<'_> {
-    /// Looks up each name in a table.
-    pub fn select<T: Copy, S: FromIterator<T>>(
-        &self,
-        field: &'static str,
-        table: &[(&'static str, T)],
-    ) -> PyResult<S> {
-        self.0.iter().map(|name| lookup(field, name, table)).collect::<Result<S, Error>>().map_err(raise)
-    }
+/// Looks up each of the names that a user gave for an option in a table.
+pub fn select<T: Copy, S: FromIterator<T>>(
+    field: &'static str,
+    names: &[String],
+    table: &[(&'static str, T)],
+) -> PyResult<S> {
+    names.iter().map(|name| lookup(field, name, table)).collect::<Result<S, Error>>().map_err(raise)
 }
 
 /// Makes the array of a result read-only.
@@ -117,8 +101,9 @@ pub(crate) use dictionary;
 
 /// A run as a dictionary of arrays.
 pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<'_, PyDict>> {
+    let violations = run.violations().into_py_dict(py)?;
     let recording = run.recording;
-    let selection = recording.selection;
+    let (selection, layout) = (recording.selection, recording.layout);
     let state = selection.state;
     let points = !recording.linearized.is_empty();
     let last = dictionary!(py, {
@@ -128,25 +113,14 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
         "integral": run.last.motion.memory.to_pyarray(py),
         "anchor": run.last.grid.0,
         "step": run.last.grid.1,
-        "linearized": run.linearized.map(|point| point.to_pyarray(py)),
+        "linearized": run.last.linearized.map(|point| point.to_pyarray(py)),
         "contacts": run.last.contact.map(|row| row.to_pyarray(py)),
         "controller": run.controller.map(|row| PyArray1::from_vec(py, row)),
     });
-    let violations = PyDict::new(py);
-    for (name, time) in run.violations {
-        violations.set_item(name, time)?;
-    }
     let intervals = PyDict::new(py);
     for (name, times) in run.violation_intervals {
         intervals.set_item(name, rows(py, times).and_then(constant)?)?;
     }
-    let width = recording.layout.controller;
-    let controllers = (state && width > 0)
-        .then(|| {
-            let shape = [recording.controller.len() / width, width];
-            PyArray1::from_vec(py, recording.controller).reshape(shape).and_then(constant)
-        })
-        .transpose()?;
     // The absolute value of a code is that of the mode, but a grazing contact that slides has one more.
     let mode = |code: f64| code.abs().min(3.0) as u8;
     let modes = selection.contact.then(|| -> Vec<[u8; 2]> {
@@ -160,24 +134,20 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
             (*time, SIDES[*finger], before.code(), after.code(), cause.name())
         })
         .collect();
-    let stats = PyDict::new(py);
-    for (name, count) in run.stats.named() {
-        stats.set_item(name, count)?;
-    }
     Ok(dictionary!(py, {
         "t": constant(PyArray1::from_vec(py, recording.t))?,
-        "q": recorded(py, state, recording.q)?,
-        "p": recorded(py, state, recording.p)?,
-        "integral": recorded(py, state, recording.memory)?,
+        "q": recorded(py, state, 9, recording.q.into_flattened())?,
+        "p": recorded(py, state, 9, recording.p.into_flattened())?,
+        "integral": recorded(py, state, 2, recording.memory.into_flattened())?,
         "grid_anchor": state.then(|| constant(PyArray1::from_vec(py, recording.grid_anchor))).transpose()?,
         "grid_step": state.then(|| constant(PyArray1::from_vec(py, recording.grid_step))).transpose()?,
-        "linearized": recorded(py, points, recording.linearized)?,
-        "multipliers": recorded(py, selection.multipliers, recording.multipliers)?,
-        "residuals": recorded(py, selection.residuals, recording.residuals)?,
-        "torque": recorded(py, selection.torque, recording.torque)?,
-        "energy": energy(py, selection.energy, recording.layout, recording.energy)?,
-        "contacts": recorded(py, state && recording.layout.unilateral, recording.contact)?,
-        "controllers": controllers,
+        "linearized": recorded(py, points, 21, recording.linearized.into_flattened())?,
+        "multipliers": recorded(py, selection.multipliers, 4, recording.multipliers.into_flattened())?,
+        "residuals": recorded(py, selection.residuals, 4, recording.residuals.into_flattened())?,
+        "torque": recorded(py, selection.torque, 2, recording.torque.into_flattened())?,
+        "energy": recorded(py, selection.energy, layout.energies(), recording.energy)?,
+        "contacts": recorded(py, state && layout.unilateral, 4, recording.contact.into_flattened())?,
+        "controllers": recorded(py, state && layout.controller > 0, layout.controller, recording.controller)?,
         "contact": modes.map(|modes| rows(py, modes).and_then(constant)).transpose()?,
         "contact_changes": changes,
         "final": last,
@@ -187,28 +157,18 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
         "violations": violations,
         "violation_intervals": intervals,
         "holds": run.holds,
-        "stats": stats,
+        "stats": run.stats.named().into_py_dict(py)?,
         "warnings": warning.into_iter().collect::<Vec<_>>(),
     }))
 }
 
-/// The rows of the energy ledger, if it was recorded.
-fn energy(
+/// The rows of a quantity, if it was recorded, from all of its numbers.
+fn recorded(
     py: Python<'_>,
     wanted: bool,
-    layout: Layout,
-    values: Vec<f64>,
+    width: usize,
+    numbers: Vec<f64>,
 ) -> PyResult<Option<Bound<'_, PyArray2<f64>>>> {
-    let columns = layout.energies();
-    let shape = [values.len() / columns, columns];
-    wanted.then(|| PyArray1::from_vec(py, values).reshape(shape).and_then(constant)).transpose()
-}
-
-/// The rows of a quantity, if it was recorded.
-fn recorded<const N: usize>(
-    py: Python<'_>,
-    wanted: bool,
-    values: Vec<[f64; N]>,
-) -> PyResult<Option<Bound<'_, PyArray2<f64>>>> {
-    wanted.then(|| rows(py, values).and_then(constant)).transpose()
+    let shape = [numbers.len() / width.max(1), width];
+    wanted.then(|| PyArray1::from_vec(py, numbers).reshape(shape).and_then(constant)).transpose()
 }

@@ -8,7 +8,7 @@ use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray4};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::convert::{Names, collected, columns, entries, raise, room};
+use crate::convert::{collected, columns, entries, raise, select};
 use softpinch::error::{Error, lookup};
 use softpinch::model::control::{FINGERS, Fingers};
 use softpinch::model::drive::MAX_DEGREE;
@@ -143,7 +143,7 @@ impl Inputs {
 fn controllers(
     (names, states, anti_windup, rows, seed, numbers): ControllerTuple<'_>,
 ) -> PyResult<(Part<Arc<SampledController>>, Part<u64>)> {
-    let measures: Vec<Measure> = Names(&names).select("control.measures", &MEASURES)?;
+    let measures: Vec<Measure> = select("control.measures", &names, &MEASURES)?;
     let m: usize = measures.iter().map(|measure| measure.width()).sum();
     let n = states;
     let (rows, lengths) = (rows.as_array(), [n * n, n * m, 2 * n, 2 * m, n, m, m]);
@@ -222,15 +222,12 @@ fn piecewise<const C: usize>(
         )));
     }
     let one = |run: usize| {
-        let mut table = room("the coefficients, in numbers,", rows)?;
-        table.resize(rows, [[0.0; MAX_DEGREE + 1]; C]);
-        for (row, entry) in table.iter_mut().enumerate() {
-            for (channel, series) in entry.iter_mut().enumerate() {
-                for (term, value) in series.iter_mut().take(terms).enumerate() {
-                    *value = coefficients[[run, row, channel, term]];
-                }
-            }
-        }
+        let number = |row: usize, channel: usize, term: usize| {
+            if term < terms { coefficients[[run, row, channel, term]] } else { 0.0 }
+        };
+        let series = |row: usize, channel: usize| std::array::from_fn(|term| number(row, channel, term));
+        let table = (0..rows).map(|row| std::array::from_fn(|channel| series(row, channel)));
+        let table = collected("the coefficients, in numbers,", table)?;
         let breaks = collected("the breaks, in numbers,", breaks.row(run).iter().copied())?;
         PiecewisePolynomial::new(name, breaks, table).map(Arc::new).map_err(|error| {
             raise(if runs == 1 { error } else { Error::Run { run, error: Box::new(error) } })

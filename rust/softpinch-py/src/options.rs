@@ -3,7 +3,7 @@
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::convert::{Names, raise};
+use crate::convert::{raise, select};
 use softpinch::error::lookup;
 use softpinch::formulation::table::FORMULATIONS;
 use softpinch::method::table::METHODS;
@@ -38,7 +38,7 @@ impl GivenOptions {
             (None, Some(tolerance)) => Steps::Free { tolerance },
             _ => return Err(PyValueError::new_err("give dt or tolerance")),
         };
-        let summaries: Vec<_> = Names(summaries).select("summaries", &SUMMARIES)?;
+        let summaries: Vec<_> = select("summaries", summaries, &SUMMARIES)?;
         Ok(Options {
             steps,
             every: u64::MAX,
@@ -48,7 +48,7 @@ impl GivenOptions {
             contact: lookup("contact", contact, &CONTACT_MODELS).map_err(raise)?,
             stabilization: Stabilization { alpha: self.alpha, beta: self.beta },
             record: Selection::default(),
-            stop_on: Names(&self.stop_on).select("stop_on", &VIOLATIONS)?,
+            stop_on: select("stop_on", &self.stop_on, &VIOLATIONS)?,
             summaries: Wanted::new(summaries, self.after, band),
             max_steps: self.max_steps,
             refine: 1,

@@ -9,7 +9,7 @@ use crate::convert::{columns, dictionary, fixed, matrix, raise, room, rows};
 use crate::inputs::Inputs;
 use crate::signals::Signals;
 use softpinch::analysis::balance::{Member, RestScene as CoreRestScene, Unknowns};
-use softpinch::analysis::equilibrium::{Equilibrium, continued, find};
+use softpinch::analysis::equilibrium::{continued, find, neutral, violations};
 use softpinch::analysis::reason::Reason;
 use softpinch::analysis::rest::Rest;
 use softpinch::analysis::wrench::largest_multiple;
@@ -18,15 +18,15 @@ use softpinch::model::rule::Rule;
 use softpinch::number::simd::level::Level;
 use softpinch::stepping::monitor::VIOLATIONS;
 
-/// The kinds of members of the family of equilibria.
-#[derive(Clone, Copy)]
-enum Kind {
-    Grip,
-    Shear,
-    From,
-}
+/// Makes a member of the family of equilibria in a scene from its numbers.
+type MakeMember = fn(&CoreRestScene, &PyReadonlyArray1<'_, f64>) -> PyResult<Member>;
 
-const KINDS: [(&str, Kind); 3] = [("grip", Kind::Grip), ("shear", Kind::Shear), ("from", Kind::From)];
+/// The kinds of members: two numbers, or the coordinates from which the member comes.
+const KINDS: [(&str, MakeMember); 3] = [
+    ("grip", |_, values| Ok(Member::Grip(fixed("grip", values)?))),
+    ("shear", |_, values| Ok(Member::Shear(fixed("shear", values)?))),
+    ("from", |scene, values| Ok(Member::From(scene.origin(&unknowns(&fixed("near", values)?))))),
+];
 
 /// Multiples, names of limits and coordinates.
 type WrenchLimits<'py> = (Bound<'py, PyArray1<f64>>, Vec<&'static str>, Bound<'py, PyArray2<f64>>);
@@ -44,13 +44,9 @@ fn unknowns(q: &[f64; 9]) -> Unknowns {
 }
 
 impl RestScene {
-    /// The member that a kind and its numbers mean: two numbers, or the coordinates from which it comes.
+    /// The member that a kind and its numbers mean.
     fn member(&self, kind: &str, values: &PyReadonlyArray1<'_, f64>) -> PyResult<Member> {
-        Ok(match lookup("member", kind, &KINDS).map_err(raise)? {
-            Kind::Grip => Member::Grip(fixed("grip", values)?),
-            Kind::Shear => Member::Shear(fixed("shear", values)?),
-            Kind::From => Member::From(self.scene.origin(&unknowns(&fixed("near", values)?))),
-        })
+        lookup("member", kind, &KINDS).map_err(raise)?(&self.scene, values)
     }
 
     /// The result as a dictionary; without an equilibrium it has only status and message.
@@ -61,21 +57,21 @@ impl RestScene {
                 return Ok(dictionary!(py, { "status": reason.name(), "message": reason.to_string() }));
             }
         };
-        let equilibrium = Equilibrium::new(&self.scene, &rest);
-        let names =
-            VIOLATIONS.into_iter().filter(|&(_, violation)| equilibrium.violations.contains(violation));
+        let (scene, balance) = (&self.scene, &rest.rows.balance);
+        let (found, energies) = (violations(scene, &rest), scene.energies(balance));
+        let names = VIOLATIONS.into_iter().filter(|&(_, violation)| found.contains(violation));
         Ok(dictionary!(py, {
             "status": "at_rest",
-            "q": equilibrium.q.row().to_pyarray(py),
-            "integral": PyArray1::from_slice(py, &equilibrium.memory),
-            "torque": PyArray1::from_slice(py, &equilibrium.torque),
-            "multipliers": PyArray1::from_slice(py, &equilibrium.multipliers),
-            "stiffness": matrix(py, &equilibrium.stiffness)?,
-            "neutral": rows(py, equilibrium.neutral.map(|slope| slope.row()).to_vec())?,
-            "grip": PyArray1::from_slice(py, &equilibrium.grip),
-            "elastic": equilibrium.energies.elastic,
-            "gravity": equilibrium.energies.gravity,
-            "minimum": equilibrium.minimum,
+            "q": balance.q.row().to_pyarray(py),
+            "integral": scene.memory(balance).to_pyarray(py),
+            "torque": scene.torque(balance).to_pyarray(py),
+            "multipliers": balance.multipliers.to_pyarray(py),
+            "stiffness": matrix(py, &rest.stiffness().fixed_view::<3, 3>(0, 0).into_owned())?,
+            "neutral": rows(py, neutral(scene, &rest).map(|slope| slope.row()).to_vec())?,
+            "grip": balance.sigma.map(|sigma| -sigma).to_pyarray(py),
+            "elastic": energies.elastic,
+            "gravity": energies.gravity,
+            "minimum": rest.is_minimum(scene),
             "violations": names.map(|(name, _)| name).collect::<Vec<_>>(),
         }))
     }

@@ -5,13 +5,13 @@ use pyo3::exceptions::{PyKeyboardInterrupt, PyValueError};
 use pyo3::prelude::*;
 
 use crate::batch::Batch;
-use crate::convert::{Names, columns, entries, raise, room};
+use crate::convert::{columns, entries, raise, room, select};
 use crate::inputs::Inputs;
-use crate::signals::Failure;
+use crate::signals::detached;
 use crate::simulation::Simulation;
 use softpinch::driver::direction::{COMPONENTS, Direction, Shift};
 use softpinch::driver::ensemble::derivatives;
-use softpinch::driver::sensitivities::{self as core, Derivatives};
+use softpinch::driver::sensitivities::{self as core, Derivatives, Wanted};
 use softpinch::error::lookup;
 use softpinch::model::motion::Motion;
 use softpinch::model::parameters::PARAMETER_COUNT;
@@ -91,12 +91,9 @@ pub fn sensitivities<'py>(
     let rows = entries("rows, in numbers,", &rows)?;
     let (scene, options) = simulation.parts();
     let Directions { directions, start } = directions;
-    let (found, failure) = py.detach(|| {
-        let failure = Failure::default();
-        let interrupted = || failure.stops(|py| py.check_signals().map(|()| false));
-        (core::sensitivities(scene, options, *start, directions, &rows, &interrupted), failure)
-    });
-    failure.interrupted(py)?;
+    let wanted = Wanted::Rows(&rows);
+    let (found, _) =
+        detached(py, |stops| core::sensitivities(scene, options, *start, directions, wanted, stops))?;
     let found = found.map_err(raise)?.ok_or_else(|| PyKeyboardInterrupt::new_err(()))?;
     let numbers = PyArray1::from_vec(py, found.numbers);
     Ok((numbers.reshape([rows.len(), COMPONENTS, directions.len()])?, found.failed))
@@ -120,7 +117,7 @@ pub fn gradients<'py>(
     if until.len() != runs {
         return Err(PyValueError::new_err("until: must have one time for each run"));
     }
-    let summaries: Vec<Summary> = Names(&summaries).select("gradients", &SUMMARIES)?;
+    let summaries: Vec<Summary> = select("gradients", &summaries, &SUMMARIES)?;
     let own: Vec<&Directions> = directions.iter().map(Py::get).collect();
     let count = own.first().map_or(0, |one| one.directions.len());
     if own.len() != 1 && own.len() != runs || own.iter().any(|one| one.directions.len() != count) {
@@ -131,14 +128,10 @@ pub fn gradients<'py>(
     let width = count * (18 + summaries.len());
     let one = |run: usize, stops: &dyn Fn() -> bool| {
         let Directions { directions, start } = own[if own.len() == 1 { 0 } else { run }];
-        core::gradients(&batch.scene(run)?, options, *start, directions, (until[run], &summaries), stops)
+        let wanted = Wanted::Ends { until: until[run], summaries: &summaries };
+        core::sensitivities(&batch.scene(run)?, options, *start, directions, wanted, stops)
     };
-    let (found, failure) = py.detach(|| {
-        let failure = Failure::default();
-        let mut asked = || failure.stops(|py| py.check_signals().map(|()| false));
-        (derivatives(runs, threads, one, &mut asked), failure)
-    });
-    failure.interrupted(py)?;
+    let (found, _) = detached(py, |stops| derivatives(runs, threads, one, &mut || stops()))?;
     let found = found.map_err(raise)?.ok_or_else(|| PyKeyboardInterrupt::new_err(()))?;
     let mut numbers = room("the gradients, in numbers,", runs * width)?;
     let mut failed = Vec::new();

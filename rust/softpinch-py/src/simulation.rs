@@ -4,10 +4,10 @@ use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::convert::{self, Names, entries, fixed, raise};
+use crate::convert::{self, dictionary, entries, fixed, raise, select};
 use crate::inputs::Inputs;
 use crate::options::GivenOptions;
-use crate::signals::Failure;
+use crate::signals::detached;
 use softpinch::driver::simulate::{Outline, outline, simulate};
 use softpinch::model::motion::Motion;
 use softpinch::model::scene::Scene;
@@ -76,7 +76,7 @@ impl Simulation {
             duration,
         };
         let times = times.map(|times| entries("times, in numbers,", &times)).transpose()?;
-        let record = Names(&record).select("record", &RECORDABLE)?;
+        let record = select("record", &record, &RECORDABLE)?;
         let base = options.checked(contact, &summaries, 0.0)?;
         let options = Options { every, times, refine, record, ..base };
         Ok(Self { scene, options })
@@ -85,14 +85,7 @@ impl Simulation {
     /// Simulates the run. After Ctrl-C it returns the run so far; any other exception of a signal handler is
     /// raised.
     fn run<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let (result, failure) = py.detach(|| {
-            // Signals can only be checked with the interpreter's lock. The core asks a few hundred times a
-            // second.
-            let failure = Failure::default();
-            let interrupted = || failure.stops(|py| py.check_signals().map(|()| false));
-            (simulate(&self.scene, &self.options, &interrupted), failure)
-        });
-        failure.interrupted(py)?;
+        let (result, _) = detached(py, |stops| simulate(&self.scene, &self.options, stops))?;
         let (run, warning) = result.map_err(raise)?;
         let out = convert::run(py, run, warning)?;
         out.set_item("may_be_unstable", self.options.may_be_unstable(&self.scene))?;
@@ -103,10 +96,6 @@ impl Simulation {
     fn outline<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let outline = py.detach(|| outline(&self.scene, &self.options));
         let Outline { segments, steps, bytes } = outline.map_err(raise)?;
-        let out = PyDict::new(py);
-        out.set_item("segments", segments)?;
-        out.set_item("steps", steps)?;
-        out.set_item("bytes", bytes)?;
-        Ok(out)
+        Ok(dictionary!(py, { "segments": segments, "steps": steps, "bytes": bytes }))
     }
 }

@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 
 use crate::batch::Batch;
 use crate::convert::{fixed, raise, room};
-use crate::signals::Failure;
+use crate::signals::detached;
 use crate::simulation::Simulation;
 use softpinch::driver::simulator::{Observed, Simulator as Core};
 use softpinch::error::Error;
@@ -16,37 +16,20 @@ use softpinch::model::motion::Motion;
 use softpinch::model::start::State;
 use softpinch::stepping::status::Status;
 
+/// Numbers for Python, numbers of all runs, and numbers from Python.
+type Row<'py> = Bound<'py, PyArray1<f64>>;
+type Rows<'py> = Bound<'py, PyArray2<f64>>;
+type Given<'py> = PyReadonlyArray1<'py, f64>;
+
 /// Time, coordinates, velocities, multipliers and the code of the status.
-type Observation<'py> =
-    (f64, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, u8);
+type Observation<'py> = (f64, Row<'py>, Row<'py>, Row<'py>, u8);
 /// Time, coordinates, velocities, integrals, grid and contacts of a state.
-type StateParts<'py> = (
-    f64,
-    Bound<'py, PyArray1<f64>>,
-    Bound<'py, PyArray1<f64>>,
-    [f64; 2],
-    Option<(f64, u64)>,
-    Option<Bound<'py, PyArray1<f64>>>,
-);
+type StateParts<'py> = (f64, Row<'py>, Row<'py>, [f64; 2], Option<(f64, u64)>, Option<Row<'py>>);
 /// The same of a state from Python, and whether it is refused if it is off the constraints.
-type GivenState<'py> = (
-    f64,
-    PyReadonlyArray1<'py, f64>,
-    PyReadonlyArray1<'py, f64>,
-    [f64; 2],
-    Option<(f64, u64)>,
-    Option<PyReadonlyArray1<'py, f64>>,
-    bool,
-);
+type GivenState<'py> = (f64, Given<'py>, Given<'py>, [f64; 2], Option<(f64, u64)>, Option<Given<'py>>, bool);
 /// Arrays of all runs: times (n,), coordinates (n, 9), velocities (n, 9), multipliers (n, 4) and codes (n,). They
 /// are borrowed once no other thread uses the simulator.
-type Arrays<'py> = (
-    Bound<'py, PyArray1<f64>>,
-    Bound<'py, PyArray2<f64>>,
-    Bound<'py, PyArray2<f64>>,
-    Bound<'py, PyArray2<f64>>,
-    Bound<'py, PyArray1<u8>>,
-);
+type Arrays<'py> = (Row<'py>, Rows<'py>, Rows<'py>, Rows<'py>, Bound<'py, PyArray1<u8>>);
 
 /// Runs that are stepped from outside. The code of a status is its place in `STATUSES` plus one; 0 means that the
 /// run goes on.
@@ -104,12 +87,7 @@ impl Runs {
 
     fn advance(&mut self, py: Python<'_>) -> PyResult<()> {
         let Self { core, targets } = self;
-        let (done, failure) = py.detach(|| {
-            let failure = Failure::default();
-            let interrupted = || failure.stops(|py| py.check_signals().map(|()| false));
-            (core.step(targets, &interrupted), failure)
-        });
-        failure.interrupted(py)?;
+        let (done, _) = detached(py, |stops| core.step(targets, stops))?;
         // An interrupted step has changed nothing, so it can be repeated.
         if done.map_err(raise)? { Ok(()) } else { Err(PyKeyboardInterrupt::new_err(())) }
     }

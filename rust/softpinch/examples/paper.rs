@@ -12,7 +12,7 @@ use softpinch::model::piecewise::PiecewisePolynomial;
 use softpinch::model::scene::Scene;
 use softpinch::model::start::{State, contact};
 use softpinch::stepping::options::{Options, Steps};
-use softpinch::stepping::recorder::Run;
+use softpinch::stepping::record::Run;
 
 /// Targets of the right and the left finger, degrees.
 const OPERATIONS: [[f64; 2]; 8] = [
@@ -70,7 +70,7 @@ fn main() -> Result<(), Error> {
         1e3 * spent.as_secs_f64(),
         1e9 * spent.as_secs_f64() / steps as f64
     );
-    for (name, time) in &run.violations {
+    for (name, time) in run.violations() {
         println!("{name} first at {time} s");
     }
     Ok(())

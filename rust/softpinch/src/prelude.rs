@@ -9,5 +9,5 @@ pub use crate::model::parameters::{Finger, Fingertip, Friction, GraspedObject, P
 pub use crate::model::scene::Scene;
 pub use crate::model::start::{State, contact};
 pub use crate::stepping::options::{Options, Steps};
-pub use crate::stepping::recorder::Run;
+pub use crate::stepping::record::Run;
 pub use crate::stepping::status::Status;

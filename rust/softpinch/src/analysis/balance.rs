@@ -21,6 +21,7 @@ use crate::error::Error;
 use crate::model::control::{Actuated, Fingers};
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::drive::Input;
+use crate::model::energy::Energies;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
@@ -237,6 +238,11 @@ impl RestScene {
             let ki = self.parameters.control[i].ki;
             if self.fingers == Fingers::Pid && ki > 0.0 { -torque[i] / ki } else { 0.0 }
         })
+    }
+
+    /// The energies of a state at rest.
+    pub fn energies(&self, balance: &Balance<f64>) -> Energies {
+        self.plant.energies(&balance.q, &Coordinates::zero())
     }
 
     /// The stiffness that a finger's law has, N m/rad.

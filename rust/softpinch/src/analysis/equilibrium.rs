@@ -6,8 +6,6 @@
 //! that is given, Newton's method is tried first; if it finds no minimum, the object is held there and released slowly;
 //! and if that fails too, the search begins as without a state.
 
-use nalgebra::SMatrix;
-
 use crate::analysis::balance::{FINGER, Member, RestScene, Unknowns, coordinates};
 use crate::analysis::continuation::{End, follow};
 use crate::analysis::reason::{Reason, Way};
@@ -17,37 +15,10 @@ use crate::formulation::equations::Evaluation;
 use crate::model::control::Fingers;
 use crate::model::coordinates::Coordinates;
 use crate::model::drive::Input;
-use crate::model::energy::Energies;
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet};
-
-/// An equilibrium.
-#[derive(Debug, Clone, Copy)]
-pub struct Equilibrium {
-    /// The coordinates.
-    pub q: Coordinates,
-    /// The memories of the controllers, rad s.
-    pub memory: [f64; 2],
-    /// The torques that hold the fingers, N m.
-    pub torque: [f64; 2],
-    /// The multipliers, N.
-    pub multipliers: [f64; 4],
-    /// The stiffness of the grasp with held fingers: the force and moment by which the object resists a displacement
-    /// in x, y and theta.
-    pub stiffness: SMatrix<f64, 3, 3>,
-    /// The derivatives of the coordinates by the grip of the right and the left tip along the family.
-    pub neutral: [Coordinates; 2],
-    /// Where each tip holds the face, m above the centre of gravity.
-    pub grip: [f64; 2],
-    /// The energies.
-    pub energies: Energies,
-    /// Whether the energy has a minimum along every displacement that the no-slip constraint admits.
-    pub minimum: bool,
-    /// The violations of the model's assumptions.
-    pub violations: ViolationSet,
-}
 
 /// An extreme violation, in which the model ends: separated, crushed or folded.
 pub(super) fn leaves(scene: &RestScene, rest: &Rest) -> Option<Violation> {
@@ -65,8 +36,8 @@ pub(super) fn leaves(scene: &RestScene, rest: &Rest) -> Option<Violation> {
     })
 }
 
-/// The violations of a state at rest.
-pub(super) fn violations(scene: &RestScene, rest: &Rest) -> ViolationSet {
+/// The violations of the model's assumptions in a state at rest.
+pub fn violations(scene: &RestScene, rest: &Rest) -> ViolationSet {
     let balance = &rest.rows.balance;
     let motion = Motion { q: balance.q, ..Motion::zero() };
     let geometry = Geometry::new(&scene.plant.sides, &motion.q, &motion.p);
@@ -226,28 +197,8 @@ fn search(scene: &RestScene, member: &Member) -> Result<Rest, Reason> {
     })
 }
 
-impl Equilibrium {
-    /// Everything about a state in which the forces balance.
-    pub fn new(scene: &RestScene, rest: &Rest) -> Self {
-        let balance = &rest.rows.balance;
-        let (torque, memory) = (scene.torque(balance), scene.memory(balance));
-        Self {
-            q: balance.q,
-            memory,
-            torque,
-            multipliers: balance.multipliers,
-            stiffness: rest.stiffness().fixed_view::<3, 3>(0, 0).into_owned(),
-            neutral: neutral(scene, rest),
-            grip: balance.sigma.map(|sigma| -sigma),
-            energies: scene.plant.energies(&balance.q, &Coordinates::zero()),
-            minimum: rest.is_minimum(scene),
-            violations: violations(scene, rest),
-        }
-    }
-}
-
-/// The derivatives of the coordinates by the grip of both tips along the family.
-fn neutral(scene: &RestScene, rest: &Rest) -> [Coordinates; 2] {
+/// The derivatives of the coordinates by the grip of the right and the left tip along the family.
+pub fn neutral(scene: &RestScene, rest: &Rest) -> [Coordinates; 2] {
     let rows = &rest.rows;
     let (unit, scale) = scene.scales();
     let matrix = Matrix7::from_fn(|r, c| {
@@ -287,19 +238,19 @@ mod tests {
         let parameters = Parameters::default();
         let scene = scene(&parameters, [ANGLE; 2], [0.0; 3]);
         let rest = find(&scene, &Member::Grip([0.0; 2]), None).unwrap();
-        let found = Equilibrium::new(&scene, &rest);
-        assert!(found.q.object[0].abs() < 1e-15 && found.q.object[2].abs() < 1e-15);
+        let (q, held) = (rest.rows.balance.q, rest.stiffness());
+        assert!(q.object[0].abs() < 1e-15 && q.object[2].abs() < 1e-15);
         let (stiffness, weight) = (std::f64::consts::PI * parameters.tips[0].youngs_modulus, 0.1 * 9.81);
         for i in 0..2 {
-            let (d_n, d_t) = (found.q.compression[i], found.q.shear[i]);
+            let (d_n, d_t) = (q.compression[i], q.shear[i]);
             // lambda^N = pi E (d_n^2 tan(theta_p) + 2 d_n d_t) of (5) carries half of the weight.
             let carried = stiffness * (d_n * d_n * ANGLE.tan() + 2.0 * d_n * d_t);
             assert!((carried - 0.5 * weight).abs() < 1e-12 * stiffness * d_n * d_n);
         }
         // K - K^T has the sum of lambda^N at (x, theta).
-        let turned = found.stiffness[(0, 2)] - found.stiffness[(2, 0)];
+        let turned = held[(0, 2)] - held[(2, 0)];
         assert!((turned - weight).abs() < 1e-9);
-        assert!(found.minimum && found.violations == ViolationSet::default());
+        assert!(rest.is_minimum(&scene) && violations(&scene, &rest) == ViolationSet::default());
     }
 
     #[test]

@@ -87,7 +87,8 @@ impl Rest {
     }
 
     /// The stiffness of the grasp: minus the derivatives of the five forces by the pose, while the shears follow
-    /// from the no-slip constraint. The torques of the fingers are constant.
+    /// from the no-slip constraint. The torques of the fingers are constant. The first three rows and columns are the force
+    /// and moment by which the object, between held fingers, resists a displacement in x, y and theta.
     pub fn stiffness(&self) -> SMatrix<f64, 5, 5> {
         let Rows { forces, no_slip, .. } = &self.rows;
         SMatrix::from_fn(|r, c| {

@@ -137,18 +137,8 @@ impl<R: Lanes> Ends<R> {
     #[inline(always)]
     fn take(&mut self, time: f64, now: &Evaluation<RunDual<R>>) {
         let zero = RunDual::zero();
-        let Motion { q, p, .. } = now.motion;
-        let instant = SummaryInstant {
-            t: RunDual::constant(time),
-            q,
-            p,
-            multipliers: now.multipliers,
-            residuals: now.residuals,
-            slip_speed: zero,
-            closure: zero,
-            half_width: zero,
-            torque: now.torque,
-        };
+        let t = RunDual::constant(time);
+        let instant = SummaryInstant { t, now, slip_speed: zero, closure: zero, half_width: zero };
         self.summaries.watch(&instant, R::ALL);
         if time >= self.until {
             self.last = Some(now.motion);

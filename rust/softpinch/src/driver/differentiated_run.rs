@@ -15,11 +15,10 @@ use crate::method::run_dual::{RunDualMethod, values};
 use crate::method::traits::{Step, Unsolved};
 use crate::model::contact_modes::Contacts;
 use crate::model::drive::{Input, SegmentDrive};
-use crate::model::inputs::Inputs;
 use crate::model::motion::{Motion, unpacked};
 use crate::model::scene::Scene;
 use crate::model::source::VariedParameters;
-use crate::model::start::Start;
+use crate::model::start::{Start, State};
 use crate::number::lanes::{LaneTask, Lanes};
 use crate::number::real::Real;
 use crate::number::simd::level::Instructions;
@@ -27,88 +26,45 @@ use crate::stepping::grid::{Grid, Segment, Span};
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::queue::POLL;
 
-/// The steps that a run takes.
-enum StepSource<'a> {
-    Equal(Grid),
-    /// The ends of free steps, and the number of those that are behind.
-    Free {
-        span: Span,
-        ends: &'a [f64],
-        behind: usize,
-    },
-}
-
-/// A step: its start since the segment's, its length, and the time at its end.
+/// A step: its start since the segment's, its length, and the times at its end.
 struct StepTimes {
     tau: f64,
     h: f64,
+    tau_end: f64,
     end: f64,
 }
 
-impl StepSource<'_> {
-    /// A segment of free steps.
-    fn free(span: &Span, inputs: &Inputs, from: f64) -> Segment {
-        let end = span.segment_end(inputs, from);
-        Segment { anchor: from, start: from, end, h: 0.0, first: 0, count: 0 }
-    }
-
-    /// The segment in which the run starts.
-    fn first(&self, inputs: &Inputs) -> Segment {
-        match self {
-            Self::Equal(grid) => grid.first,
-            Self::Free { span, .. } => Self::free(span, inputs, span.start),
-        }
-    }
-
-    /// The segment after this one; `None` after the last.
-    fn after(&self, inputs: &Inputs, segment: &Segment) -> Option<Segment> {
-        match self {
-            Self::Equal(grid) => grid.after(inputs, segment),
-            Self::Free { span, .. } => {
-                (segment.end < span.end).then(|| Self::free(span, inputs, segment.end))
-            }
-        }
-    }
-
-    /// The step of a segment after `taken` steps of it.
-    fn next(&mut self, segment: &Segment, taken: u64) -> Option<StepTimes> {
-        match self {
-            Self::Equal(_) => {
-                let step = segment.first + taken;
-                let (tau, h, end) = (segment.tau(step), segment.h, segment.time(step + 1));
-                (step < segment.count).then_some(StepTimes { tau, h, end })
-            }
-            Self::Free { ends, behind, .. } => {
-                let end = *ends.get(*behind).filter(|&&end| end <= segment.end)?;
-                let from = if taken == 0 { segment.anchor } else { ends[*behind - 1] };
-                *behind += 1;
-                Some(StepTimes { tau: from - segment.anchor, h: end - from, end })
-            }
-        }
-    }
-
-    /// The time since the start of the segment after `taken` steps of it, the last of which ended at `end`.
-    fn tau(&self, segment: &Segment, taken: u64, end: f64) -> f64 {
-        match self {
-            Self::Equal(_) => segment.tau(segment.first + taken),
-            Self::Free { .. } => end - segment.anchor,
-        }
-    }
+/// The step of a segment after `taken` steps of it. `ends` has the ends of free steps, if steps are free: the start of the
+/// step, and those after it.
+fn next_step(segment: &Segment, taken: u64, ends: Option<&[f64]>) -> Option<StepTimes> {
+    let Some(ends) = ends else {
+        let step = segment.first + taken;
+        let (tau, tau_end, end) = (segment.tau(step), segment.tau(step + 1), segment.time(step + 1));
+        return (step < segment.count).then_some(StepTimes { tau, h: segment.h, tau_end, end });
+    };
+    let &[from, end, ..] = ends else { return None };
+    let from = if taken == 0 { segment.anchor } else { from };
+    let (tau, tau_end) = (from - segment.anchor, end - segment.anchor);
+    (end <= segment.end).then_some(StepTimes { tau, h: end - from, tau_end, end })
 }
 
-/// A run with its derivatives.
-pub(super) struct DifferentiatedRun<'a, R> {
-    pub(super) instructions: Instructions,
+/// A run whose derivatives are computed.
+pub(super) struct Request<'a> {
     pub(super) scene: &'a Scene,
     pub(super) options: &'a Options,
     pub(super) start: Option<Start>,
-    /// The directions, at most eight.
-    pub(super) directions: &'a [Direction],
-    pub(super) source: VariedParameters<'a>,
-    pub(super) equations: RunDualEquations<R>,
     /// The ends of free steps.
     pub(super) ends: &'a [f64],
     pub(super) interrupted: &'a dyn Fn() -> bool,
+}
+
+/// A run with its derivatives in some directions, at most eight.
+pub(super) struct DifferentiatedRun<'a, R> {
+    pub(super) instructions: Instructions,
+    pub(super) request: &'a Request<'a>,
+    pub(super) directions: &'a [Direction],
+    pub(super) source: VariedParameters<'a>,
+    pub(super) equations: RunDualEquations<R>,
 }
 
 /// Follows a run with a method until its sink needs no more.
@@ -124,11 +80,11 @@ impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
     #[inline(always)]
     fn run(self) -> Self::Output {
         let Self(run, method, sink) = self;
-        let mut step_source = run.step_source()?;
-        let DifferentiatedRun { scene, equations, .. } = run;
+        let (grid, mut ends) = run.times()?;
+        let DifferentiatedRun { request: Request { scene, interrupted, .. }, equations, .. } = run;
         let system = &equations.system;
         let inputs = &scene.inputs;
-        let mut segment = step_source.first(inputs);
+        let mut segment = grid.first;
         let mut drive = run.drive(segment.anchor);
         let mut y = system.begin(&R::call(run.instructions, Begin(run, &drive)));
         let mut next = [RunDual::zero(); MAX_COMPONENTS];
@@ -140,45 +96,43 @@ impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
                 (tau, values(&system.begin(&Motion::constant(&motion))))
             });
             method.begin(inputs.segment(segment.anchor), linearized);
-            let tau = RunDual::constant(segment.tau(segment.first));
+            let mut tau = RunDual::constant(segment.tau(segment.first));
             run.visit(segment.start, &drive, (tau, &y), &mut rate, sink);
             // A run that is resumed inside a segment has already had what happens at the start of the segment.
             if segment.first == 0 && R::call(run.instructions, Pass(run, segment.start, &drive, &mut y)) {
                 rate = run.rates(&drive.at(tau), &y);
             }
             let mut taken = 0;
-            while let Some(StepTimes { tau, h, end }) = step_source.next(&segment, taken) {
+            while let Some(times) = next_step(&segment, taken, ends) {
                 if sink.is_full() {
                     return Ok(());
                 }
-                let tau = RunDual::constant(tau);
-                // A row may be inside a step: a step that ends there has its derivatives.
-                while let Some(row) = sink.next_before(end) {
-                    let h = RunDual::constant((row - segment.anchor) - tau.lane(0));
+                let from = RunDual::constant(times.tau);
+                loop {
+                    // A row may be inside a step: a step that ends there has its derivatives.
+                    let row = sink.next_before(times.end);
+                    let h = row.map_or(times.h, |row| (row - segment.anchor) - times.tau);
+                    let (tau, h) = (from, RunDual::constant(h));
                     let step = Step { system, drive: &drive, tau, h, y: &y, rate: &rate, allowed: None };
                     let attempt = method.step(equations, &step, &mut next);
-                    attempt.map_err(|failure| unsolved(row, failure))?;
+                    attempt.map_err(|failure| unsolved(row.unwrap_or(times.end), failure))?;
                     system.correct(&drive, tau + h, &mut next);
+                    let Some(row) = row else { break };
                     run.visit(row, &drive, (tau + h, &next), &mut { rate }, sink);
                 }
-                let h = RunDual::constant(h);
-                let step = Step { system, drive: &drive, tau, h, y: &y, rate: &rate, allowed: None };
-                let attempt = method.step(equations, &step, &mut next);
-                attempt.map_err(|failure| unsolved(end, failure))?;
-                system.correct(&drive, tau + h, &mut next);
                 swap(&mut y, &mut next);
+                tau = RunDual::constant(times.tau_end);
                 taken += 1;
+                ends = ends.map(|ends| &ends[1..]);
                 steps += 1;
-                if steps.is_multiple_of(POLL) && (run.interrupted)() {
+                if steps.is_multiple_of(POLL) && interrupted() {
                     return Ok(());
                 }
-                if end < segment.end {
-                    let tau = RunDual::constant(step_source.tau(&segment, taken, end));
-                    run.visit(end, &drive, (tau, &y), &mut rate, sink);
+                if times.end < segment.end {
+                    run.visit(times.end, &drive, (tau, &y), &mut rate, sink);
                 }
             }
-            let Some(later) = step_source.after(inputs, &segment).filter(|_| !sink.is_full()) else {
-                let tau = RunDual::constant(step_source.tau(&segment, taken, segment.end));
+            let Some(later) = grid.after(inputs, &segment).filter(|_| !sink.is_full()) else {
                 run.visit(segment.end, &drive, (tau, &y), &mut rate, sink);
                 return Ok(());
             };
@@ -197,10 +151,10 @@ impl<R: Lanes> LaneTask<R> for Begin<'_, '_, R> {
     #[inline(always)]
     fn run(self) -> Self::Output {
         let Self(run, drive) = self;
-        let initial = &run.scene.initial;
+        let initial = &run.request.scene.initial;
         let Motion { q, p, mut memory } = Motion::<RunDual<R>>::constant(&initial.motion);
         let (mut q, mut p) = (q.row(), p.row());
-        if let Some(start) = run.start {
+        if let Some(start) = run.request.start {
             let derived = start.varied(&run.source, &drive.at(RunDual::zero()), &initial.motion.q);
             let (derived_q, derived_p) = (derived.q.row(), derived.p.row());
             for n in 0..9 {
@@ -238,7 +192,7 @@ impl<R: Lanes> LaneTask<R> for Pass<'_, '_, R> {
         if passes {
             run.shift(time, &input, y);
         }
-        let inputs = &run.scene.inputs;
+        let inputs = &run.request.scene.inputs;
         for (place, impulse) in inputs.impulses_at(time).enumerate() {
             passes = true;
             let slope = |one: &Direction, c: usize| {
@@ -259,23 +213,26 @@ impl<R: Lanes> LaneTask<R> for Pass<'_, '_, R> {
 }
 
 impl<R: Lanes> DifferentiatedRun<'_, R> {
-    /// The steps that the run takes.
-    fn step_source(&self) -> Result<StepSource<'_>, Error> {
-        let Scene { inputs, initial, duration, .. } = self.scene;
-        Ok(match self.options.steps {
+    /// The segments of the run, and the ends of its steps if these are free.
+    fn times(&self) -> Result<(Grid, Option<&[f64]>), Error> {
+        let Scene { inputs, initial, duration, .. } = self.request.scene;
+        match self.request.options.steps {
             Steps::Fixed(dt) => {
-                StepSource::Equal(Grid::new(inputs, initial, *duration, dt, self.options.refine)?)
+                Ok((Grid::new(inputs, initial, *duration, dt, self.request.options.refine)?, None))
             }
             Steps::Free { .. } => {
-                StepSource::Free { span: Span::new(inputs, initial, *duration)?, ends: self.ends, behind: 1 }
+                let span = Span::new(inputs, initial, *duration)?;
+                // One step to each segment, of which only the segments count.
+                let initial = &State { grid: None, ..initial.clone() };
+                Ok((Grid::over(inputs, initial, span, f64::INFINITY, 1)?, Some(self.request.ends)))
             }
-        })
+        }
     }
 
     /// The inputs of the segment from `anchor` on.
     fn drive(&self, anchor: f64) -> SegmentDrive<RunDual<R>> {
         let slopes: Vec<_> = self.directions.iter().map(|one| one.inputs.segment(anchor)).collect();
-        SegmentDrive::varied(&self.scene.inputs.segment(anchor), &slopes)
+        SegmentDrive::varied(&self.request.scene.inputs.segment(anchor), &slopes)
     }
 
     /// A number with its derivative in each direction.

@@ -84,10 +84,10 @@ pub(super) fn in_lanes(
         let taken = shared.take()?;
         Ok(taken.map(|(number, scene)| Taken { number, scene: Cow::Owned(scene), contact: None }))
     };
-    let mut finish = |finished: Finished| {
+    let mut finish = |Finished { number, run, .. }: Finished| {
         // A run that was interrupted has no row.
-        if finished.status != Status::Interrupted {
-            rows.push(Row::of_lane(finished));
+        if run.status != Status::Interrupted {
+            rows.push(Row::of(number, run));
             shared.finished();
         }
     };

@@ -10,8 +10,8 @@ use crate::model::scene::Scene;
 use crate::model::start::State;
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::grid::{Grid, MOST_STEPS, Span, round_off};
+use crate::stepping::instant::Instant;
 use crate::stepping::options::Options;
-use crate::stepping::record::Instant;
 use crate::stepping::status::Status;
 
 /// What is seen of a run at the end of a period.
@@ -74,14 +74,8 @@ impl Environment {
     ) -> Result<(), Error> {
         let Self { scene, .. } = self;
         let span = Span::new(&scene.inputs, start, scene.duration)?;
-        let refine = options.refine;
-        Grid::over(
-            &scene.inputs,
-            start,
-            Span { end: span.end.min(span.start + period), ..span },
-            dt,
-            refine,
-        )?;
+        let first = Span { end: span.end.min(span.start + period), ..span };
+        Grid::over(&scene.inputs, start, first, dt, options.refine)?;
         require_periods(span, period)?;
         self.place((start, check), span, options, dt)?;
         (self.origin, self.periods, self.force) = (start.time, 0, [0.0; 3]);
@@ -165,7 +159,7 @@ fn multipliers(scene: &Scene, options: &Options, dt: f64) -> Result<[f64; 4], Er
         if scene.initial.contact.is_none() {
             return LaneContact::first_multipliers(instructions, options, scene, drive, dt);
         }
-        LaneContact::new(instructions, options, scene, time)?.put_into(&mut drive.contacts, 0);
+        LaneContact::new(instructions, options, scene)?.put_into(&mut drive.contacts, 0);
     }
     let y = equations.begin(&motion);
     Ok(equations.evaluate(&drive, 0.0, &y).multipliers)

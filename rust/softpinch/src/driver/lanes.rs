@@ -7,7 +7,7 @@ use crate::method::entry::LaneMethod;
 use crate::method::rk4::Rk4;
 use crate::method::table::adaptive_in_lanes;
 use crate::method::traits::Runs;
-use crate::model::energy::LedgerRow;
+use crate::model::energy::Energies;
 use crate::number::lanes::Lanes;
 use crate::number::simd::dispatch::{LaneKernel, dispatch_lanes};
 use crate::number::simd::level::Instructions;
@@ -17,7 +17,6 @@ use crate::stepping::equal::EqualSteps;
 use crate::stepping::grid::GridOf;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::queue::{Finished, RunQueue, Taken};
-use crate::stepping::sample::Sample;
 
 /// The source and the destination of runs in lanes, whose step loops are compiled once for all of them.
 pub(super) struct LaneQueue<'q, 'a> {
@@ -38,7 +37,7 @@ impl<'a> RunQueue<'a> for LaneQueue<'_, 'a> {
         (self.stops)()
     }
 
-    fn finish(&mut self, finished: Finished, _: impl FnOnce(&Sample) -> LedgerRow) {
+    fn finish(&mut self, finished: Finished, _: impl FnOnce() -> Energies) {
         (self.finish)(finished);
     }
 }

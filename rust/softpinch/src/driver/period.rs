@@ -18,6 +18,7 @@ use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::grid::{Grid, Span};
 use crate::stepping::options::Options;
 use crate::stepping::queue::{Finished, Taken};
+use crate::stepping::record::Run;
 
 /// A run during a period.
 #[derive(Default)]
@@ -28,6 +29,14 @@ pub(super) struct PeriodRun {
     pub(super) outcome: Option<Outcome>,
     /// In unilateral contact, its contacts, whose equations do not change.
     pub(super) contact: Option<Box<LaneContact>>,
+}
+
+impl PeriodRun {
+    /// Takes the result, and the contacts.
+    fn end_with(&mut self, Run { status, message, last, .. }: Run, contact: Option<Box<LaneContact>>) {
+        self.contact = contact;
+        self.outcome = Some(Outcome { status, message, instant: last });
+    }
 }
 
 /// Some of the runs of a simulator, for one thread.
@@ -57,10 +66,8 @@ fn compute_part(
                 contact: runs.borrow_mut()[number].contact.take(),
             }))
         };
-        let mut finish = |Finished { number, status, message, last, contact, .. }: Finished| {
-            let run = &mut runs.borrow_mut()[number];
-            run.contact = contact;
-            run.outcome = Some(Outcome { status, message, instant: last.instant });
+        let mut finish = |Finished { number, run, contact }: Finished| {
+            runs.borrow_mut()[number].end_with(run, contact);
         };
         let queue = LaneQueue { take: &mut take, stops, finish: &mut finish };
         let choice = options.choice(first.scene.inputs.fingers());
@@ -71,9 +78,7 @@ fn compute_part(
     for (number, Environment { scene, .. }) in under_way {
         let kept = runs.borrow_mut()[number].contact.take();
         let (found, contact) = advance((scene, kept), options, grid(number, scene)?, stops)?;
-        let run = &mut runs.borrow_mut()[number];
-        run.contact = contact;
-        run.outcome = Some(Outcome { status: found.status, message: found.message, instant: found.last });
+        runs.borrow_mut()[number].end_with(found, contact);
     }
     Ok(())
 }

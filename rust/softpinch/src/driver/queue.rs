@@ -10,9 +10,7 @@ use crate::model::motion::Motion;
 use crate::model::scene::Scene;
 use crate::stepping::monitor::VIOLATIONS;
 use crate::stepping::options::Options;
-use crate::stepping::queue::Finished;
-use crate::stepping::record::Instant;
-use crate::stepping::recorder::Run;
+use crate::stepping::record::Run;
 use crate::stepping::status::Status;
 use crate::stepping::summary::COUNT;
 
@@ -40,28 +38,16 @@ pub struct Row {
 }
 
 impl Row {
-    /// The row of a run that has ended in lanes.
-    pub(super) fn of_lane(finished: Finished) -> Self {
-        let Finished { number, status, message, last, first_times, holds, summaries, stats, .. } = finished;
-        let Instant { t, motion, .. } = last.instant;
-        let (violations, steps) = (first_times, stats.steps);
-        Self { run: number, status, message, t, motion, violations, holds, steps, summaries }
-    }
-
-    /// The row of a run that was simulated alone.
+    /// The row of a run.
     pub(super) fn of(number: usize, run: Run) -> Self {
-        let mut violations = [f64::NAN; VIOLATIONS.len()];
-        for (time, (name, _)) in violations.iter_mut().zip(VIOLATIONS) {
-            let found = run.violations.iter().find(|(seen, _)| *seen == name);
-            *time = found.map_or(f64::NAN, |(_, first)| *first);
-        }
+        let completed = run.status == Status::Completed;
         Self {
             run: number,
             status: run.status,
-            message: if run.status == Status::Completed { String::new() } else { run.message },
+            message: if completed { String::new() } else { run.message },
             t: run.last.t,
             motion: run.last.motion,
-            violations,
+            violations: run.first_times,
             holds: run.holds,
             steps: run.stats.steps,
             summaries: run.summaries,

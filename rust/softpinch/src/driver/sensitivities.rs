@@ -3,7 +3,7 @@
 //! its steps held.
 
 use crate::driver::derivative_sink::{Ends, Rows, Sink};
-use crate::driver::differentiated_run::{DifferentiatedRun, FollowRun};
+use crate::driver::differentiated_run::{DifferentiatedRun, FollowRun, Request};
 use crate::driver::direction::{COMPONENTS, Direction};
 use crate::driver::simulate::simulate;
 use crate::error::Error;
@@ -32,46 +32,42 @@ pub struct Derivatives {
     pub failed: Option<String>,
 }
 
-/// The derivatives of a run at the times `rows`, which are instants of the run. `start` says what the scene's start follows from; `None` if it is given. Returns the components of
-/// [`QUANTITIES`](crate::driver::direction::QUANTITIES) row by row, each with one number for every direction; `None` if `interrupted` says so.
-///
-/// At a breakpoint the row has the state before its shifts and impulses.
+/// What is wanted of the derivatives of a run.
+#[derive(Debug, Clone, Copy)]
+pub enum Wanted<'a> {
+    /// Rows at these instants of the run: the components of [`QUANTITIES`](crate::driver::direction::QUANTITIES) row by
+    /// row, each with one number for every direction. At a breakpoint the row has the state before its shifts and impulses.
+    Rows(&'a [f64]),
+    /// The last state, 18 numbers, and the summaries: one row for each direction. A summary that has no derivative, or
+    /// has seen no instant, gives NaN.
+    Ends {
+        /// The time of the last instant, s.
+        until: f64,
+        /// The summaries.
+        summaries: &'a [Summary],
+    },
+}
+
+/// The derivatives of a run. `start` says what the scene's start follows from; `None` if it is given. Returns `None` if
+/// `interrupted` says so.
 pub fn sensitivities(
     scene: &Scene,
     options: &Options,
     start: Option<Start>,
     directions: &[Direction],
-    rows: &[f64],
+    wanted: Wanted<'_>,
     interrupted: &dyn Fn() -> bool,
 ) -> Result<Option<Derivatives>, Error> {
-    let ends = ends(scene, options, interrupted)?;
-    let width = directions.len();
-    let count = rows.len().saturating_mul(COMPONENTS * width);
-    let mut numbers = reserved("the derivatives, in numbers,", count)?;
-    numbers.resize(count, 0.0);
-    let wanted = Wanted::Rows { times: rows, numbers: &mut numbers };
-    let all = All { scene, options, start, directions, ends: &ends, interrupted, wanted };
-    let failed = dispatch_four_lanes(options.simd, all).flatten()?;
-    Ok(failed.map(|failed| Derivatives { numbers, failed }))
-}
-
-/// The derivatives of a run's last state, 18 numbers, and of its `summaries`, each in every direction: one row for each
-/// direction. `until` is the time of the last instant. A summary that has no derivative, or has seen no instant,
-/// gives NaN. `None` if `interrupted` says so.
-pub fn gradients(
-    scene: &Scene,
-    options: &Options,
-    start: Option<Start>,
-    directions: &[Direction],
-    (until, summaries): (f64, &[Summary]),
-    interrupted: &dyn Fn() -> bool,
-) -> Result<Option<Derivatives>, Error> {
-    let ends = ends(scene, options, interrupted)?;
+    let ends = &ends(scene, options, interrupted)?;
     let mut numbers = Vec::new();
-    let wanted = Wanted::Ends { until, summaries, numbers: &mut numbers };
-    let all = All { scene, options, start, directions, ends: &ends, interrupted, wanted };
-    let failed = dispatch_four_lanes(options.simd, all).flatten()?;
-    Ok(failed.map(|failed| Derivatives { numbers, failed }))
+    if let Wanted::Rows(times) = wanted {
+        let count = times.len().saturating_mul(COMPONENTS * directions.len());
+        numbers = reserved("the derivatives, in numbers,", count)?;
+        numbers.resize(count, 0.0);
+    }
+    let request = Request { scene, options, start, ends, interrupted };
+    let all = All { request, directions, wanted, numbers };
+    dispatch_four_lanes(options.simd, all).flatten()
 }
 
 /// The ends of free steps, from the run itself. Refuses scenes whose derivatives are not computed.
@@ -92,36 +88,26 @@ fn ends(scene: &Scene, options: &Options, interrupted: &dyn Fn() -> bool) -> Res
     }
 }
 
-/// What is wanted of a run, and where it goes.
-enum Wanted<'a> {
-    Rows { times: &'a [f64], numbers: &'a mut [f64] },
-    Ends { until: f64, summaries: &'a [Summary], numbers: &'a mut Vec<f64> },
-}
-
 /// All directions, in chunks of eight.
 struct All<'a> {
-    scene: &'a Scene,
-    options: &'a Options,
-    start: Option<Start>,
+    request: Request<'a>,
     directions: &'a [Direction],
-    ends: &'a [f64],
-    interrupted: &'a dyn Fn() -> bool,
     wanted: Wanted<'a>,
+    numbers: Vec<f64>,
 }
 
 impl LaneKernel for All<'_> {
-    /// Where the derivatives end before the run, in words; `None` if the caller stopped.
-    type Output = Result<Option<Option<String>>, Error>;
+    type Output = Result<Option<Derivatives>, Error>;
 
     #[inline(always)]
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
-        let Self { scene, options, start, directions: all, ends, interrupted, mut wanted } = self;
+        let Self { ref request, directions: all, wanted, mut numbers } = self;
+        let Request { scene, options, .. } = *request;
         let choice = options.choice(scene.inputs.fingers());
         let gains = &options.stabilization;
         let parameters = &[&scene.parameters; MOST];
         let runs = Runs { instructions, choice, parameters, gains };
         let mut failed = None;
-        let summaries = if let Wanted::Ends { summaries, .. } = wanted { summaries } else { &[] };
         for (chunk, directions) in all.chunks(DIRECTIONS).enumerate() {
             let slopes = std::array::from_fn(|k| {
                 let own = directions.get(k).map_or([0.0; PARAMETER_COUNT], |own| own.parameters);
@@ -130,22 +116,13 @@ impl LaneKernel for All<'_> {
             let source = VariedParameters { parameters: &scene.parameters, slopes };
             let twice = options.method == Method::Rosenbrock;
             let equations = RunDualEquations::<R>::new(instructions, choice, &source, gains, twice);
-            let run = DifferentiatedRun {
-                instructions,
-                scene,
-                options,
-                start,
-                directions,
-                source,
-                equations,
-                ends,
-                interrupted,
-            };
-            let mut sink = match &mut wanted {
-                Wanted::Rows { times, numbers } => {
-                    Sink::Rows(Rows { times, numbers, first: chunk * DIRECTIONS, width: all.len(), taken: 0 })
+            let run = DifferentiatedRun { instructions, request, directions, source, equations };
+            let mut sink = match wanted {
+                Wanted::Rows(times) => {
+                    let (numbers, first) = (&mut numbers[..], chunk * DIRECTIONS);
+                    Sink::Rows(Rows { times, numbers, first, width: all.len(), taken: 0 })
                 }
-                Wanted::Ends { until, .. } => Sink::Ends(Ends::new(&options.summaries, *until)),
+                Wanted::Ends { until, .. } => Sink::Ends(Ends::new(&options.summaries, until)),
             };
             let mut method = RunDualMethod::new(runs, options.method);
             match R::call(instructions, FollowRun(&run, &mut method, &mut sink)) {
@@ -157,17 +134,13 @@ impl LaneKernel for All<'_> {
                 }
                 Err(error) => return Err(error),
             }
-            let mut found = Vec::new();
-            if let Sink::Ends(ends) = &sink {
+            if let (Sink::Ends(ends), Wanted::Ends { summaries, .. }) = (&sink, wanted) {
                 for k in 0..directions.len() {
-                    found.extend(ends.state(k));
-                    found.extend(summaries.iter().map(|&summary| ends.slope(summary, k)));
+                    numbers.extend(ends.state(k));
+                    numbers.extend(summaries.iter().map(|&summary| ends.slope(summary, k)));
                 }
             }
-            if let Wanted::Ends { numbers, .. } = &mut wanted {
-                numbers.append(&mut found);
-            }
         }
-        Ok(Some(failed))
+        Ok(Some(Derivatives { numbers, failed }))
     }
 }

@@ -25,8 +25,8 @@ use crate::stepping::equal::EqualSteps;
 use crate::stepping::grid::{Grid, Span};
 use crate::stepping::lane_controller::LaneController;
 use crate::stepping::options::{Options, Steps};
-use crate::stepping::record::{Layout, Recording, reserved};
-use crate::stepping::recorder::{Due, Recorder, Run};
+use crate::stepping::record::{Layout, Recording, Run, reserved};
+use crate::stepping::recorder::{Due, Recorder};
 
 /// Advice for steps that are too long for the gains of the stabilisation; `None` if they are not.
 pub fn stability_warning(options: &Options, longest: f64) -> Option<String> {
@@ -57,13 +57,8 @@ pub fn simulate(
     options: &Options,
     interrupted: &dyn Fn() -> bool,
 ) -> Result<(Run, Option<String>), Error> {
-    let guarded;
-    let options = if options.may_be_unstable(scene) {
-        guarded = Options { guard: true, ..options.clone() };
-        &guarded
-    } else {
-        options
-    };
+    let guard = options.guard || options.may_be_unstable(scene);
+    let options = &Options { guard, ..options.clone() };
     let (plan, times, rows) = prepare(scene, options)?;
     let recording = Recording::with_capacity(options.record, plan.layout(scene, options), rows)?;
     let warning = stability_warning(options, plan.longest());

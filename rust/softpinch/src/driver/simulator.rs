@@ -43,11 +43,8 @@ impl Simulator {
             return Err(Error::Shape { field: "n".to_owned(), found, rule: "must be at least one" });
         }
         let Steps::Fixed(dt) = options.steps else {
-            return Err(Error::Shape {
-                field: "tolerance".to_owned(),
-                found: format!("{:?}", options.steps),
-                rule: "a simulator takes equal steps",
-            });
+            let (found, rule) = (format!("{:?}", options.steps), "a simulator takes equal steps");
+            return Err(Error::Shape { field: "tolerance".to_owned(), found, rule });
         };
         let guard = scenes.iter().any(|scene| options.may_be_unstable(scene));
         let options = &Options { guard, ..options.clone() };
@@ -101,11 +98,8 @@ impl Simulator {
         let environment = &mut environments[run];
         let span @ Span { start, end } = environment.span;
         if !(start..=end).contains(&state.time) {
-            return Err(Error::Field {
-                field: "State.time".to_owned(),
-                value: state.time,
-                rule: "must be between the run's start and its end; reset with a state begins another run",
-            });
+            let rule = "must be between the run's start and its end; reset with a state begins another run";
+            return Err(Error::Field { field: "State.time".to_owned(), value: state.time, rule });
         }
         environment.place((state, check), span, options, *dt)?;
         // Periods go on at the instants at which they would have begun anyway, if the state is at one of them.
@@ -135,11 +129,8 @@ impl Simulator {
     pub fn step(&mut self, targets: &[[f64; 2]], interrupted: &dyn Fn() -> bool) -> Result<bool, Error> {
         let Self { options, dt, period, environments, runs, pool } = self;
         if targets.len() != environments.len() {
-            return Err(Error::Shape {
-                field: "actions".to_owned(),
-                found: format!("{} rows", targets.len()),
-                rule: "must have one for each run",
-            });
+            let (found, rule) = (format!("{} rows", targets.len()), "must have one for each run");
+            return Err(Error::Shape { field: "actions".to_owned(), found, rule });
         }
         for (k, value) in targets.as_flattened().iter().enumerate() {
             Rule::Finite.check_named(|| format!("actions[{}, {}]", k / 2, k % 2), *value)?;

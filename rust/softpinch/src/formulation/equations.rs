@@ -65,6 +65,25 @@ impl<R: Real> Evaluation<R> {
             share: [zero; 2],
         }
     }
+
+    /// What the monitors need of a motion with this geometry. Grazing contacts have the parts `share`.
+    pub(crate) fn of_contacts(
+        motion: &Motion<R>,
+        multipliers: &[R; 4],
+        geometry: &Geometry<R>,
+        share: [R; 2],
+    ) -> Self {
+        Self {
+            motion: *motion,
+            multipliers: *multipliers,
+            residuals: geometry.residuals(),
+            tilt: geometry.tilt(),
+            sin_tilt: geometry.sin_tilt(),
+            places: geometry.places(),
+            share,
+            ..Self::nothing()
+        }
+    }
 }
 
 /// All terms at one state.

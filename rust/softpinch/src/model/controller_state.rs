@@ -74,11 +74,8 @@ impl ControllerState {
         for torques in outputs.chain([[head[3], head[4]]]) {
             for (torque, [low, high]) in torques.into_iter().zip(controller.limits) {
                 if torque < low || torque > high {
-                    return Err(Error::Field {
-                        field: "State.controller".to_owned(),
-                        value: torque,
-                        rule: "its torques must be within the controller's limits",
-                    });
+                    let rule = "its torques must be within the controller's limits";
+                    return Err(Error::Field { field: "State.controller".to_owned(), value: torque, rule });
                 }
             }
         }

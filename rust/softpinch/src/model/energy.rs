@@ -48,13 +48,13 @@ pub const WORKS: usize = 7;
 /// Number of works in bilateral contact, which neither slides nor opens.
 pub const BILATERAL_WORKS: usize = 4;
 
-/// The places of the works in a state's ledger and in a row.
+/// The places of the works in a state's ledger and in a row. Each work is a quadrature of its own, or a sum over events.
 pub mod work {
     /// Work of the fingers' torques.
     pub const CONTROL: usize = 0;
     /// Work of the external forces.
     pub const EXTERNAL: usize = 1;
-    /// Work of the constraints.
+    /// Work of the constraints: lambda^T Phi p, and the energy that a correction of the state adds.
     pub const CONSTRAINT: usize = 3;
     /// Loss to friction.
     pub const FRICTION: usize = 4;
@@ -62,28 +62,4 @@ pub mod work {
     pub const IMPACT: usize = 5;
     /// Energy that free tips gain while their tilt is frozen.
     pub const RELAXATION: usize = 6;
-}
-
-/// One row of the energy ledger, in joules.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LedgerRow {
-    /// The energies now.
-    pub energies: Energies,
-    /// Work since the start: of the fingers' torques, of the external forces, lost to viscosity, and of the
-    /// constraints (lambda^T Phi p, and the energy that a correction of the state adds). In unilateral contact
-    /// also the energy lost to friction and in impacts, and the energy that the elastic energies (5) gain
-    /// because a free tip's tilt is frozen in them; in bilateral contact these three are zero. Each work is a
-    /// quadrature of its own, or a sum over events.
-    pub works: [f64; WORKS],
-}
-
-impl LedgerRow {
-    /// The row's columns in the order in which they are recorded.
-    #[inline(always)]
-    pub fn columns(&self) -> [f64; 3 + WORKS] {
-        let Energies { kinetic, elastic, gravity } = self.energies;
-        let mut columns = [kinetic, elastic, gravity, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-        columns[3..].copy_from_slice(&self.works);
-        columns
-    }
 }

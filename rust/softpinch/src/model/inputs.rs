@@ -87,11 +87,8 @@ impl Inputs {
             Rule::Finite.check_named(|| name("phase"), sine.phase)?;
             // Only `end` may be infinite.
             if sine.end.is_nan() || sine.end < sine.start {
-                return Err(Error::Field {
-                    field: name("end"),
-                    value: sine.end,
-                    rule: "must not be before the start",
-                });
+                let field = name("end");
+                return Err(Error::Field { field, value: sine.end, rule: "must not be before the start" });
             }
             for amplitude in sine.amplitude {
                 Rule::Finite.check_named(|| name("amplitude"), amplitude)?;

@@ -21,19 +21,14 @@ impl<const C: usize> PiecewisePolynomial<C> {
         for (k, &time) in breaks.iter().enumerate() {
             Rule::Finite.check_named(|| format!("{name}.times[{k}]"), time)?;
             if k > 0 && time <= breaks[k - 1] {
-                return Err(Error::Field {
-                    field: format!("{name}.times[{k}]"),
-                    value: time,
-                    rule: "must be greater than the time before it",
-                });
+                let rule = "must be greater than the time before it";
+                return Err(Error::Field { field: format!("{name}.times[{k}]"), value: time, rule });
             }
         }
         if rows.len() != breaks.len() + 1 {
-            return Err(Error::Shape {
-                field: format!("{name}.coefficients"),
-                found: format!("{} rows for {} breaks", rows.len(), breaks.len()),
-                rule: "there must be one row more than breaks",
-            });
+            let found = format!("{} rows for {} breaks", rows.len(), breaks.len());
+            let rule = "there must be one row more than breaks";
+            return Err(Error::Shape { field: format!("{name}.coefficients"), found, rule });
         }
         for (k, value) in rows.iter().flatten().flatten().enumerate() {
             Rule::Finite

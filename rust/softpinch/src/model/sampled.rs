@@ -77,11 +77,9 @@ impl SampledController {
             ("resolution", &self.resolution, m),
         ] {
             if values.len() != length {
-                return Err(Error::Shape {
-                    field: name(field),
-                    found: format!("{} numbers", values.len()),
-                    rule: "must fit the numbers of states and measures",
-                });
+                let found = format!("{} numbers", values.len());
+                let rule = "must fit the numbers of states and measures";
+                return Err(Error::Shape { field: name(field), found, rule });
             }
             let rule = if matches!(field, "measure_noise" | "resolution") {
                 Rule::NonNegative
@@ -111,11 +109,8 @@ impl SampledController {
         require_at_most(what, needed, MOST_SAMPLES, "lengthen the period or shorten the run")?;
         let size = from.abs().max(until.abs());
         if size + 0.25 * self.period == size {
-            return Err(Error::Field {
-                field: "control.period".to_owned(),
-                value: self.period,
-                rule: "must be more than round-off of the times of the run",
-            });
+            let rule = "must be more than round-off of the times of the run";
+            return Err(Error::Field { field: "control.period".to_owned(), value: self.period, rule });
         }
         Ok(())
     }

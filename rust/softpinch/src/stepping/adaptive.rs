@@ -9,9 +9,9 @@ use crate::formulation::system::System;
 use crate::method::called::AnyAdaptiveMethod;
 use crate::method::step_control::StepControl;
 use crate::method::traits::{Runs, Step, largest};
-use crate::number::lanes::{Bits, LaneTask, Lanes, each};
+use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::stepping::adaptive_events::Enter;
-use crate::stepping::adaptive_lanes::{AdaptiveEvents, AdaptiveLanes, Progress, StepStart, merged};
+use crate::stepping::adaptive_lanes::{AdaptiveLanes, Progress, StepStart, merged};
 use crate::stepping::batch::{LaneBatch, LoopSetup};
 use crate::stepping::ending::{interruption, too_many, too_small};
 use crate::stepping::inside_step::LookInside;
@@ -52,7 +52,8 @@ where
             control: StepControl::new(1.0, 1.0),
             unsolved: None,
             saved: 0,
-            events: AdaptiveEvents::new(),
+            events: [None; MOST],
+            events_in_a_row: [0; MOST],
         };
         let mut start =
             StepStart { y: [zero; MAX_COMPONENTS], now: Evaluation::nothing(), sizes: Sizes::new(tolerance) };
@@ -167,7 +168,9 @@ where
                         continue;
                     }
                 }
-                lanes.events.settle(accepted & !lanes.batch.phases.at(Phase::Event));
+                for lane in each(accepted & !lanes.batch.phases.at(Phase::Event)) {
+                    lanes.events_in_a_row[lane] = 0;
+                }
             }
             method.accepted(h);
             lanes.progress.steps = R::select(accepted, lanes.progress.steps + one, lanes.progress.steps);

@@ -7,6 +7,7 @@
 use crate::formulation::equations::States;
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
+use crate::model::scene::Scene;
 use crate::number::lanes::{Bits, LaneTask, Lanes, each};
 use crate::stepping::adaptive_lanes::{AdaptiveLanes, StepStart, merged};
 use crate::stepping::contact_events::{ContactEnd, MOST_EVENTS, Reason};
@@ -34,11 +35,14 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         let mut retakes = 0;
         for lane in each(due) {
             let (bit, h) = (1 << lane, h.lane(lane));
-            let y = column(&start.y, lane);
+            let (y, arrived) = (column(&start.y, lane), column(arrived, lane));
             let from = Moment { earlier: false, tau: self.progress.tau.lane(lane), h, y: &y };
-            match self.batch.act(lane, |contact, _| contact.earliest(&from, &column(arrived, lane))) {
+            let earliest = |contact: &mut LaneContact, _: &Scene| {
+                contact.act(&from, |stepper, place| stepper.earliest(place, (h, &arrived)))
+            };
+            match self.batch.act(lane, earliest) {
                 Some(Ok(Some((length, event)))) => {
-                    self.events.events[lane] = Some((event, h));
+                    self.events[lane] = Some((event, h));
                     if length < h {
                         self.progress.h.set(lane, length);
                         self.batch.phases.set(bit, Phase::Approach);
@@ -61,15 +65,15 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     #[cold]
     pub(super) fn meet_events(&mut self, system: &impl System<R>, start: &mut StepStart<R>) {
         for lane in each(self.batch.phases.at(Phase::Event)) {
-            let Some((event, h)) = self.events.events[lane].take() else { continue };
+            let Some((event, h)) = self.events[lane].take() else { continue };
             let tau = self.progress.tau.lane(lane);
-            self.events.in_a_row[lane] += 1;
-            let chatters = self.events.in_a_row[lane] > MOST_EVENTS;
+            self.events_in_a_row[lane] += 1;
+            let chatters = self.events_in_a_row[lane] > MOST_EVENTS;
             self.act(system, lane, start, (tau, h), |contact, at| {
                 if chatters {
                     return Err(Box::new(ContactEnd { reason: Reason::Chattering, tau, y: *at.y }));
                 }
-                contact.happen(at, event)
+                contact.change(at, |stepper, place| stepper.happen(place, event))
             });
         }
     }

@@ -9,15 +9,14 @@ use crate::method::traits::Unsolved;
 use crate::model::coordinates::Coordinates;
 use crate::model::motion::Motion;
 use crate::model::scene::Scene;
-use crate::number::lanes::{Bits, Lanes, MOST, each};
+use crate::number::lanes::{Bits, Lanes, MOST};
 use crate::stepping::batch::{LaneBatch, Seen};
 use crate::stepping::contact_events::Event;
 use crate::stepping::ending::{Attempt, End, full, overflow};
 use crate::stepping::grid::Span;
-use crate::stepping::instant::watched;
+use crate::stepping::instant::{Instant, watched};
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::RunQueue;
-use crate::stepping::sample::Sample;
 use crate::stepping::sizes::Sizes;
 
 /// The places of the runs in time. In a lane without a run all numbers are zero.
@@ -46,20 +45,8 @@ impl<R: Lanes> Progress<R> {
     /// Progress without any run.
     #[inline(always)]
     pub(super) fn new() -> Self {
-        let zero = R::zero();
-        Self {
-            from: zero,
-            to: zero,
-            length: zero,
-            t: zero,
-            tau: zero,
-            watched: zero,
-            h: zero,
-            steps: zero,
-            attempts: zero,
-            errors: zero,
-            last: 0,
-        }
+        let [from, to, length, t, tau, watched, h, steps, attempts, errors] = [R::zero(); 10];
+        Self { from, to, length, t, tau, watched, h, steps, attempts, errors, last: 0 }
     }
 
     /// Puts a lane at the start of a run, as if a segment without length ended there. A lane without a run is
@@ -84,29 +71,6 @@ impl<R: Lanes> Progress<R> {
     }
 }
 
-/// The events of the runs in all lanes of the adaptive loop.
-pub(super) struct AdaptiveEvents {
-    /// The event at which the next step ends or the last one has ended, and the length of the step in which it was found.
-    pub(super) events: [Option<(Event, f64)>; MOST],
-    /// Number of steps in a row that ended at an event.
-    pub(super) in_a_row: [usize; MOST],
-}
-
-impl AdaptiveEvents {
-    /// No events.
-    pub(super) fn new() -> Self {
-        Self { events: [None; MOST], in_a_row: [0; MOST] }
-    }
-
-    /// Ends the rows of events in these lanes.
-    #[inline(always)]
-    pub(super) fn settle(&mut self, lanes: Bits) {
-        for lane in each(lanes) {
-            self.in_a_row[lane] = 0;
-        }
-    }
-}
-
 /// The lanes of the adaptive loop.
 pub(super) struct AdaptiveLanes<'a, R: Lanes, Q> {
     pub(super) batch: LaneBatch<'a, R, Span, Q>,
@@ -117,8 +81,10 @@ pub(super) struct AdaptiveLanes<'a, R: Lanes, Q> {
     pub(super) unsolved: Option<Unsolved>,
     /// Lanes whose last watched instant is saved in their run.
     pub(super) saved: Bits,
-    /// Events of unilateral contact.
-    pub(super) events: AdaptiveEvents,
+    /// In unilateral contact: the event at which the next step ends or the last one has ended, with the length of the step
+    /// in which it was found; and the number of steps in a row that ended at an event.
+    pub(super) events: [Option<(Event, f64)>; MOST],
+    pub(super) events_in_a_row: [usize; MOST],
 }
 
 /// The states from which the steps of all lanes start.
@@ -137,7 +103,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         let loaded = self.batch.load_lane(lane, place)?;
         let from = self.batch.runs[lane].as_ref().map_or(0.0, |run| run.place.start);
         self.progress.begin(lane, from);
-        self.events.settle(1 << lane);
+        self.events_in_a_row[lane] = 0;
         // A controller that measures at the start of the run needs the inputs before that.
         if self.batch.runs[lane].as_ref().is_some_and(|run| run.controller.is_some()) {
             self.batch.enter_sample(lane, from);
@@ -177,13 +143,13 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     }
 
     /// Ends the run in a lane at its last instant.
-    pub(super) fn retire(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Sample) {
+    pub(super) fn retire(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Instant) {
         self.count(lane);
         self.batch.retire_lane(system, lane, end, last);
     }
 
     /// The last watched instant of a lane.
-    pub(super) fn last(&self, system: &impl System<R>, lane: usize, start: &StepStart<R>) -> Option<Sample> {
+    pub(super) fn last(&self, system: &impl System<R>, lane: usize, start: &StepStart<R>) -> Option<Instant> {
         if self.saved >> lane & 1 != 0 {
             return self.batch.runs[lane].as_ref()?.saved_instant;
         }
@@ -193,7 +159,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     }
 
     /// Saves the last watched instant of a lane in its run.
-    pub(super) fn save(&mut self, lane: usize, last: Option<Sample>) {
+    pub(super) fn save(&mut self, lane: usize, last: Option<Instant>) {
         self.saved |= 1 << lane;
         if let Some(run) = &mut self.batch.runs[lane] {
             run.saved_instant = last;
@@ -220,7 +186,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         end: Option<End>,
     ) {
         let Some(last) = self.last(system, lane, start) else { return };
-        let end = end.unwrap_or_else(|| overflow(last.instant.t));
+        let end = end.unwrap_or_else(|| overflow(last.t));
         self.retire(system, lane, end, &last);
     }
 
@@ -233,22 +199,20 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         lane: usize,
         due: bool,
         seen: &Seen,
-        instant: &Sample,
+        instant: &Instant,
     ) -> bool {
         let recorded = if due { self.batch.record(system, instant) } else { Ok(()) };
         let end = match recorded {
-            Err(error) => Some(full(instant.instant.t, &error)),
+            Err(error) => Some(full(instant.t, &error)),
             Ok(()) if seen.ended >> lane & 1 != 0 => {
                 self.count(lane);
-                self.batch.violation(lane, seen, &instant.instant)
+                self.batch.violation(lane, seen, instant)
             }
             Ok(()) => None,
         };
-        let goes_on = end.is_none();
-        if let Some(end) = end {
-            self.retire(system, lane, end, instant);
-        }
-        goes_on
+        let Some(end) = end else { return true };
+        self.retire(system, lane, end, instant);
+        false
     }
 }
 

@@ -10,7 +10,7 @@ use crate::formulation::system::System;
 use crate::method::traits::{Integrator, Runs, Stats};
 use crate::model::contact_modes::ContactModel;
 use crate::model::drive::SegmentDrive;
-use crate::model::energy::{self, Energies, WORKS};
+use crate::model::energy::{self, Energies};
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;
@@ -21,15 +21,14 @@ use crate::number::simd::level::Instructions;
 use crate::stepping::contact_events::ContactEnd;
 use crate::stepping::contact_lane::{LaneContact, Moment};
 use crate::stepping::ending::{End, after_violation, unstable};
-use crate::stepping::instant::{all_finite, column, ledger, put, put_motion};
+use crate::stepping::instant::{Instant, all_finite, column, energies, put, put_motion};
 use crate::stepping::lane_controller::LaneController;
 use crate::stepping::loop_system::LoopSystem;
 use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet, explain};
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::phase::{Phase, Phases};
 use crate::stepping::queue::{Finished, LaneParameters, RunQueue, Taken};
-use crate::stepping::record::Instant;
-use crate::stepping::sample::Sample;
+use crate::stepping::record::{Recording, Run};
 use crate::stepping::status::Status;
 use crate::stepping::summary::{RunEnd, Summaries, SummaryInstant};
 
@@ -59,7 +58,7 @@ pub struct LaneRun<'a, P> {
     pub first_times: [f64; VIOLATIONS.len()],
     /// The last watched instant, if it is not the last one that the loop evaluated: the start of the run
     /// before any evaluation, the instant before an impulse, or an instant inside a step.
-    pub saved_instant: Option<Sample>,
+    pub saved_instant: Option<Instant>,
     /// Steps that the run has taken.
     pub steps: u64,
     /// Segments that the run has entered.
@@ -191,35 +190,24 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let place = place(number, &scene)?;
         let initial = &scene.initial;
         put_motion(&mut self.start, lane, &initial.motion);
-        for noted in &mut self.noted {
-            *noted &= !bit;
+        let sets = [&mut self.guarded, &mut self.shown, &mut self.lost_grip];
+        for set in self.noted.iter_mut().chain(&mut self.occurred).chain(sets) {
+            *set &= !bit;
         }
-        for occurred in &mut self.occurred {
-            *occurred &= !bit;
-        }
-        self.guarded &= !bit;
         if self.options.guard {
             self.guarded |= Bits::from(self.options.may_be_unstable(&scene)) << lane;
         }
-        self.shown &= !bit;
-        self.lost_grip &= !bit;
         self.summaries.restart(lane);
         self.phases.set(bit, Phase::Start);
-        let saved_instant = Some(Sample {
-            instant: Instant::start(initial),
-            works: [0.0; WORKS],
-            linearized: None,
-            before_sample: false,
-        });
+        let saved_instant = Some(Instant::start(initial));
         let first_times = [f64::NAN; VIOLATIONS.len()];
         let contact = if self.unilateral {
-            let after = self.options.summaries.after;
             let contact = match kept {
                 Some(mut kept) => {
-                    kept.restart(self.options, &scene, after)?;
+                    kept.restart(self.options, &scene)?;
                     kept
                 }
-                None => Box::new(LaneContact::new(self.instructions, self.options, &scene, after)?),
+                None => Box::new(LaneContact::new(self.instructions, self.options, &scene)?),
             };
             contact.put_into(&mut self.drive.contacts, lane);
             self.queue.note_contacts(initial.time, contact.contacts(), None);
@@ -328,8 +316,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     /// `changed` start.
     #[inline(always)]
     fn begin(&mut self, system: &impl System<R>, changed: Bits, y: &mut States<R>) {
-        let numbers = R::call(self.instructions, Numbers(&self.parameters()));
-        (self.limits, self.half_width) = (numbers.limits, numbers.half_width);
+        let round_off;
+        (self.limits, self.half_width, round_off) = R::call(self.instructions, Numbers(&self.parameters()));
         let start = system.begin(&self.start);
         for (number, initial) in y.iter_mut().zip(start) {
             *number = R::select(changed, initial, *number);
@@ -340,7 +328,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             initial.kinetic = R::select(changed, kinetic, initial.kinetic);
             initial.elastic = R::select(changed, elastic, initial.elastic);
             initial.gravity = R::select(changed, gravity, initial.gravity);
-            self.supplied = R::select(changed, numbers.round_off, self.supplied);
+            self.supplied = R::select(changed, round_off, self.supplied);
         }
     }
 
@@ -393,10 +381,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             self.shown = any;
         }
         if !self.summaries.is_empty() {
-            let Evaluation { motion: Motion { q, p, .. }, multipliers, residuals, torque, .. } = *now;
-            let (half_width, slip_speed) = (self.half_width, self.slip_speed(&residuals));
-            let instant =
-                SummaryInstant { t, q, p, multipliers, residuals, slip_speed, closure, half_width, torque };
+            let (half_width, slip_speed) = (self.half_width, self.slip_speed(&now.residuals));
+            let instant = SummaryInstant { t, now, slip_speed, closure, half_width };
             self.summaries.watch(&instant, seen);
         }
         unstable &= seen;
@@ -494,78 +480,64 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     /// Removes the run from a lane. `last` is the last instant of the run.
     #[cold]
     #[inline(never)]
-    pub fn retire_lane(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Sample) {
+    pub fn retire_lane(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Instant) {
         self.phases.set(1 << lane, Phase::Ended);
         let Some(mut run) = self.runs[lane].take() else { return };
-        let (status, message) = after_violation(end, last.instant.t, &run.first_times);
+        let (status, message) = after_violation(end, last.t, &run.first_times);
         let from = run.scene.initial.time.max(self.options.summaries.after);
         let completed = status == Status::Completed;
-        let mut free_time = 0.0;
-        let mut closed = true;
-        if let Some(contact) = &mut run.contact {
-            free_time = contact.free_time(last.instant.t);
-            closed = contact.is_closed();
-        }
+        let found = run.contact.as_mut().map(|contact| (contact.free_time(last.t), contact.is_closed()));
+        let (free_time, closed) = found.unwrap_or((0.0, true));
         let run_end = RunEnd { from, completed, free_time };
         let initial_energies = (system.size().works > 0).then(|| self.initial_energies.lane(lane));
-        let finished = Finished {
-            number: run.number,
+        let finished = Run {
+            recording: Recording::default(),
+            last: *last,
+            controller: run.controller.map(|controller| controller.state_at(last).row().collect()),
+            initial_energies,
             status,
             message,
-            last: *last,
-            initial_energies,
             first_times: run.first_times,
+            violation_intervals: Vec::new(),
+            contact_changes: Vec::new(),
             holds: completed && closed && self.lost_grip >> lane & 1 == 0,
             summaries: self.summaries.values(lane, &run_end),
             stats: Stats { steps: run.steps, segments: run.segments, ..self.stats },
-            contact: run.contact,
-            controller: run.controller.map(|controller| controller.state_at(last).row().collect()),
         };
-        self.queue.finish(finished, |watched| ledger(system, watched));
+        let finished = Finished { number: run.number, run: finished, contact: run.contact };
+        self.queue.finish(finished, || energies(system, last));
     }
 
     /// Records a watched instant. The error says that there is no memory for it.
     #[inline(always)]
-    pub fn record(&mut self, system: &impl System<R>, watched: &Sample) -> Result<(), Error> {
+    pub fn record(&mut self, system: &impl System<R>, watched: &Instant) -> Result<(), Error> {
         // A recorded run has a loop of its own, in lane 0.
         if self.options.record.state
             && let Some(LaneRun { controller: Some(controller), .. }) = &self.runs[0]
         {
             self.queue.keep_controller(&controller.state_at(watched));
         }
-        self.queue.record(watched, |watched| ledger(system, watched))
+        self.queue.record(watched, || energies(system, watched))
     }
 }
 
-/// The data of the lanes that depend on the parameters of their runs. They change only when a run does, so
-/// the code is called, not inlined.
+/// Computes the data of the lanes that depend on the parameters of their runs: the limits, half the width of the object,
+/// and an energy that is round-off for the tips. They change only when a run does, so the code is called, not inlined.
 struct Numbers<'a>(&'a LaneParameters<'a>);
 
-/// Numbers that depend on the runs' parameters: see [`LaneBatch`].
-struct Gathered<R> {
-    limits: Limits<R>,
-    half_width: R,
-    /// An energy that is round-off for these tips.
-    round_off: R,
-}
-
 impl<R: Lanes> LaneTask<R> for Numbers<'_> {
-    type Output = Gathered<R>;
+    type Output = (Limits<R>, R, R);
 
     #[inline(always)]
-    fn run(self) -> Gathered<R> {
+    fn run(self) -> Self::Output {
         let energy = |p: &Parameters| -> f64 {
-            p.tips
-                .iter()
-                .enumerate()
-                .map(|(i, tip)| (ROUND_OFF * tip.radius).powi(2) * (p.modulus(i) * tip.radius))
-                .sum()
+            let own = |i: usize| {
+                let radius = p.tips[i].radius;
+                (ROUND_OFF * radius).powi(2) * (p.modulus(i) * radius)
+            };
+            own(0) + own(1)
         };
-        Gathered {
-            limits: Limits::new(self.0),
-            half_width: self.0.number(|p| 0.5 * p.grasped.width),
-            round_off: self.0.number(energy),
-        }
+        (Limits::new(self.0), self.0.number(|p| 0.5 * p.grasped.width), self.0.number(energy))
     }
 }
 

@@ -8,9 +8,9 @@ use crate::stepping::batch::LaneBatch;
 use crate::stepping::contact_events::{ContactEnd, Reason};
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::ending::{self, End};
+use crate::stepping::instant::Instant;
 use crate::stepping::monitor::{VIOLATIONS, Violation};
 use crate::stepping::queue::RunQueue;
-use crate::stepping::sample::Sample;
 
 impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     /// The lanes in which an event of unilateral contact is due.
@@ -42,12 +42,6 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             }
         }
         sum
-    }
-
-    /// The lanes whose modes are certainly those that would be chosen now.
-    #[inline(always)]
-    pub fn modes_certain(&self, now: &Evaluation<R>) -> Bits {
-        self.limits.modes_certain(now, &self.drive.contacts)
     }
 
     /// The contacts of the run in a lane in the form of results, in unilateral contact.
@@ -105,8 +99,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         &self,
         lane: usize,
         end: &ContactEnd,
-        (before, h): (Sample, f64),
-    ) -> Option<(End, Sample)> {
+        (before, h): (Instant, f64),
+    ) -> Option<(End, Instant)> {
         let run = self.runs[lane].as_ref()?;
         let contact = run.contact.as_ref()?;
         let modes = contact.contacts().map(|contact| contact.mode);
@@ -115,11 +109,11 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             reason => match contact.last(end) {
                 // The row at an impulse has the state before it. A run that ends as it starts has not been
                 // evaluated before.
-                last if last.instant.t == before.instant.t && before.is_finite() => (reason, before),
+                last if last.t == before.t && before.is_finite() => (reason, before),
                 last if last.is_finite() => (reason, last),
                 _ => (Reason::NotFinite, before),
             },
         };
-        Some((ending::contact(&run.scene, &last.instant, reason, modes, h), last))
+        Some((ending::contact(&run.scene, &last, reason, modes, h), last))
     }
 }

@@ -168,8 +168,7 @@ impl EventStepper<'_> {
             return;
         }
         let before = self.energy(motion);
-        let modes = self.run.contacts.map(|contact| if contact.closed { Mode::Stick } else { Mode::Free });
-        let contacts = contacts_in(modes, &self.run.contacts, self.equations.tilts(&motion.q));
+        let contacts = self.run.held(self.equations.tilts(&motion.q));
         let terms = self.equations.terms(&self.input(place.tau), &contacts, motion);
         let rates = terms.geometry.constraint_velocity();
         let (swept, bias) = (self.equations.swept(&terms), terms.geometry.bias());
@@ -251,8 +250,6 @@ impl EventStepper<'_> {
             // A tip that meets the face and leaves it at once is free before and after.
             if after == Mode::Free {
                 open(self.run, self.equations.tilts(&motion.q), i, causes[i], time);
-            }
-            if after == Mode::Free {
                 continue;
             }
             if before != after {

@@ -16,13 +16,12 @@ use crate::model::scene::Scene;
 use crate::model::start::{State, allowed_residuals};
 use crate::number::lanes::Lanes;
 use crate::number::simd::level::Instructions;
-use crate::stepping::contact_events::{Change, ContactEnd, ContactRun, Event, Reason};
+use crate::stepping::contact_events::{Change, ContactEnd, ContactRun, Reason};
 use crate::stepping::event_stepper::{EventStepper, SegmentState};
-use crate::stepping::instant::watched;
+use crate::stepping::instant::{Instant, watched};
 use crate::stepping::lone_steps::LoneSteps;
 use crate::stepping::monitor::Limits;
 use crate::stepping::options::{Options, Steps};
-use crate::stepping::sample::Sample;
 
 /// The inputs of a segment.
 struct Segment {
@@ -65,13 +64,8 @@ pub struct Moment<'a> {
 }
 
 impl LaneContact {
-    /// The contacts of a run before it begins. The summaries count from `after` on.
-    pub fn new(
-        instructions: Instructions,
-        options: &Options,
-        scene: &Scene,
-        after: f64,
-    ) -> Result<Self, Error> {
+    /// The contacts of a run before it begins.
+    pub fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Result<Self, Error> {
         let (contacts, unset) = start_of(&scene.parameters, &scene.initial)?;
         Ok(Self {
             instructions,
@@ -84,16 +78,16 @@ impl LaneContact {
             unset,
             fresh: is_fresh(options, scene),
             free_time: 0.0,
-            counted: after.max(scene.initial.time),
+            counted: options.summaries.after.max(scene.initial.time),
         })
     }
 
     /// The same for another run with the same parameters and options, whose equations are kept.
-    pub fn restart(&mut self, options: &Options, scene: &Scene, after: f64) -> Result<(), Error> {
+    pub fn restart(&mut self, options: &Options, scene: &Scene) -> Result<(), Error> {
         let (contacts, unset) = start_of(&scene.parameters, &scene.initial)?;
         self.run = ContactRun::new(contacts);
         (self.in_earlier, self.unset, self.fresh) = (false, unset, is_fresh(options, scene));
-        (self.free_time, self.counted) = (0.0, after.max(scene.initial.time));
+        (self.free_time, self.counted) = (0.0, options.summaries.after.max(scene.initial.time));
         Ok(())
     }
 
@@ -106,7 +100,7 @@ impl LaneContact {
         drive: SegmentDrive,
         h: f64,
     ) -> Result<[f64; 4], Error> {
-        let mut contact = Self::new(instructions, options, scene, f64::NEG_INFINITY)?;
+        let mut contact = Self::new(instructions, options, scene)?;
         let State { time, motion, .. } = &scene.initial;
         contact.enter(*time, drive);
         let y = contact.steps.system.begin(motion);
@@ -128,7 +122,7 @@ impl LaneContact {
     }
 
     /// Calls `work` with the stepper at a moment.
-    fn act<T>(
+    pub(super) fn act<T>(
         &mut self,
         at: &Moment<'_>,
         work: impl FnOnce(&mut EventStepper<'_>, &mut SegmentState) -> Result<T, Box<ContactEnd>>,
@@ -147,7 +141,7 @@ impl LaneContact {
     }
 
     /// Calls `work` with the stepper at a moment, and returns the state after it.
-    fn change(
+    pub(super) fn change(
         &mut self,
         at: &Moment<'_>,
         work: impl FnOnce(&mut EventStepper<'_>, &mut SegmentState) -> Result<(), Box<ContactEnd>>,
@@ -193,7 +187,7 @@ impl LaneContact {
 
     /// The instant at the end of a step that is shorter than the run's own, after the events until then. The run does
     /// not change. An event that ends the run is left to the run's own step, which may not see it.
-    pub fn inside(&mut self, from: &Moment<'_>) -> Result<Sample, Unsolved> {
+    pub fn inside(&mut self, from: &Moment<'_>) -> Result<Instant, Unsolved> {
         let drive = &mut self.segment.drive;
         self.run.put_into(&mut drive.contacts, 0);
         self.steps.method.forget_start();
@@ -210,22 +204,8 @@ impl LaneContact {
         Ok(row)
     }
 
-    /// The earliest event in a step that ends at `arrived`, and the length of the step that leads to it.
-    pub fn earliest(
-        &mut self,
-        from: &Moment<'_>,
-        arrived: &States<f64>,
-    ) -> Result<Option<(f64, Event)>, Box<ContactEnd>> {
-        self.act(from, |stepper, place| stepper.earliest(place, (from.h, arrived)))
-    }
-
-    /// The state after an event.
-    pub fn happen(&mut self, at: &Moment<'_>, event: Event) -> Result<States<f64>, Box<ContactEnd>> {
-        self.change(at, |stepper, place| stepper.happen(place, event))
-    }
-
     /// The instant at which an event ends the run.
-    pub fn last(&self, end: &ContactEnd) -> Sample {
+    pub fn last(&self, end: &ContactEnd) -> Instant {
         let now = self.evaluate(end.tau, &end.y);
         let t = if self.in_earlier { &self.earlier } else { &self.segment }.anchor + end.tau;
         watched(self.steps.system.size(), (0, Some(self.row())), &now, &end.y, t, (t, 0))

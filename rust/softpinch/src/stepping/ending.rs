@@ -10,8 +10,8 @@ use crate::model::parameters::SIDES;
 use crate::model::scene::Scene;
 use crate::number::real::signed;
 use crate::stepping::contact_events::{Loss, MOST_EVENTS, Reason};
+use crate::stepping::instant::Instant;
 use crate::stepping::monitor::{STOP_ON, VIOLATIONS};
-use crate::stepping::record::Instant;
 use crate::stepping::status::Status;
 
 /// The status with which a run ended, and its message.

@@ -110,7 +110,7 @@ where
                 && let Some(row) = lanes.now(system.called(), 0, &at)
                 && let Err(error) = lanes.batch.record(system.called(), &row)
             {
-                lanes.retire(system.called(), 0, full(row.instant.t, &error), &row);
+                lanes.retire(system.called(), 0, full(row.t, &error), &row);
                 // The run cannot go on, and there is no other one: a recorded run has a loop of its own.
                 break;
             }

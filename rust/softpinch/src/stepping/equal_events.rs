@@ -14,10 +14,9 @@ use crate::stepping::contact_events::ContactEnd;
 use crate::stepping::contact_lane::Moment;
 use crate::stepping::ending::{interruption, overflow};
 use crate::stepping::equal_lanes::{EqualLanes, Instants};
-use crate::stepping::instant::{all_finite, column};
+use crate::stepping::instant::{Instant, all_finite, column};
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::{POLL, RunQueue};
-use crate::stepping::sample::Sample;
 use crate::stepping::status::Status;
 
 impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
@@ -35,7 +34,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         self.held = 0;
         let due = if self.batch.unilateral { self.batch.due(at.now) & self.stepped } else { 0 };
         if due | self.batch.phases.at(Phase::Start) != 0 {
-            let certain = self.batch.modes_certain(at.now);
+            let certain = self.batch.limits.modes_certain(at.now, &self.batch.drive.contacts);
             loaded = self.meet_events(system, (due, certain, tau), at, replacement)?;
         }
         let sampling = self.batch.phases.at(Phase::Sample) & !self.held;
@@ -111,7 +110,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         system: &SceneEquations<R>,
         lane: usize,
         end: &ContactEnd,
-        before: Sample,
+        before: Instant,
     ) -> Result<(), Error> {
         if let Some((end, last)) = self.batch.contact_end(lane, end, (before, self.h.lane(lane))) {
             self.retire(system, lane, end, &last);
@@ -137,10 +136,10 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
             let Some(last) = self.last(system, lane, finite, at) else { continue };
             let end = if finite {
                 self.count(lane);
-                let violation = self.batch.violation(lane, seen, &last.instant);
+                let violation = self.batch.violation(lane, seen, &last);
                 violation.unwrap_or((Status::Completed, String::new()))
             } else {
-                overflow(last.instant.t)
+                overflow(last.t)
             };
             self.retire(system, lane, end, &last);
         }

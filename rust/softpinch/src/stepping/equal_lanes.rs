@@ -12,14 +12,13 @@ use crate::stepping::batch::LaneBatch;
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::ending::{self, End, full};
 use crate::stepping::grid::{GridOf, Segment};
-use crate::stepping::instant::{put, watched};
+use crate::stepping::instant::{Instant, put, watched};
 use crate::stepping::lane_controller::LaneController;
 use crate::stepping::loop_system::LoopSystem;
 use crate::stepping::phase::Phase;
 use crate::stepping::place::Place;
 use crate::stepping::queue::RunQueue;
 use crate::stepping::rows_inside::RowsInside;
-use crate::stepping::sample::Sample;
 
 /// The last two instants of the runs in all lanes: the states and their evaluations.
 pub(super) struct Instants<'a, R> {
@@ -175,11 +174,11 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         system: &SceneEquations<R>,
         lane: usize,
         at: &Instants<'_, R>,
-    ) -> Option<Sample> {
+    ) -> Option<Instant> {
         let (t, grid) = self.batch.runs[lane].as_ref()?.place.now(self.clock);
         let contact = self.batch.contact_row(lane);
         let found = watched(system.size(), (lane, contact), at.now, at.y, t, grid);
-        Some(Sample { linearized: self.in_use_last, ..found })
+        Some(Instant { linearized: self.in_use_last, ..found })
     }
 
     /// The last watched instant of a lane: the current one if it is `finite`, else one before it.
@@ -189,7 +188,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         lane: usize,
         finite: bool,
         at: &Instants<'_, R>,
-    ) -> Option<Sample> {
+    ) -> Option<Instant> {
         if finite {
             return self.now(system, lane, at);
         }
@@ -204,7 +203,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         let (evaluation, y) = if since_sample == 0 { (at.now, at.y) } else { (at.before, at.y_before) };
         let contact = self.batch.contact_row(lane);
         let found = watched(system.size(), (lane, contact), evaluation, y, t, grid);
-        Some(Sample { linearized: self.in_use_last, before_sample: since_sample <= 1, ..found })
+        Some(Instant { linearized: self.in_use_last, before_sample: since_sample <= 1, ..found })
     }
 
     /// Counts the steps that the run in a lane has taken.
@@ -220,9 +219,9 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     }
 
     /// Ends the run in a lane at its last instant.
-    pub(super) fn retire(&mut self, system: &SceneEquations<R>, lane: usize, end: End, last: &Sample) {
+    pub(super) fn retire(&mut self, system: &SceneEquations<R>, lane: usize, end: End, last: &Instant) {
         self.count(lane);
-        if self.has_rows_inside() && !self.record_inside(system, last.instant.t) {
+        if self.has_rows_inside() && !self.record_inside(system, last.t) {
             return;
         }
         self.batch.retire_lane(system, lane, end, last);
@@ -235,7 +234,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     pub(super) fn record_inside(&mut self, system: &SceneEquations<R>, until: f64) -> bool {
         for row in self.inside.take_until(until) {
             if let Err(error) = self.batch.record(system, &row) {
-                self.retire(system, 0, full(row.instant.t, &error), &row);
+                self.retire(system, 0, full(row.t, &error), &row);
                 return false;
             }
         }
@@ -253,7 +252,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     pub(super) fn hold(
         &mut self,
         lane: usize,
-        before: Sample,
+        before: Instant,
         (y, evaluations): (&States<f64>, u64),
         replacement: &mut States<R>,
     ) {

@@ -1,11 +1,11 @@
 //! The search for the events in a step. An event is located on the method's own step, which is repeated with a shorter
 //! length, so that the method keeps its order across events.
 
-use crate::formulation::equations::{States, Terms};
+use crate::formulation::equations::{Evaluation, States, Terms};
 use crate::model::motion::Motion;
 use crate::stepping::contact_events::{CAUSES, ContactEnd, Event, MOST_EVENTS, Reason};
 use crate::stepping::event_stepper::{EventStepper, SegmentState};
-use crate::stepping::monitor::{Condition, ContactState, Failure};
+use crate::stepping::monitor::{Condition, Failure};
 
 /// Largest number of repeated steps that locate one event. Most take about ten.
 const MOST_TRIALS: usize = 60;
@@ -164,7 +164,7 @@ impl EventStepper<'_> {
     /// The values of the events that the contacts can have in their modes.
     fn values(&self, terms: &Terms<f64>, motion: &Motion<f64>) -> impl Iterator<Item = (Event, f64)> + use<> {
         let Terms { geometry, response, .. } = terms;
-        let state = ContactState::at(motion, &response.multipliers, geometry, response.share);
+        let state = Evaluation::of_contacts(motion, &response.multipliers, geometry, response.share);
         let mut values = [[None; CAUSES.len()]; 2];
         for (finger, own) in values.iter_mut().enumerate() {
             self.limits.conditions(&state, Some(&self.drive.contacts), finger, true, |condition| {

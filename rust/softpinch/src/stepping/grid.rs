@@ -55,11 +55,8 @@ impl Segment {
             return Err(too_many((self.end - self.anchor) / dt));
         }
         if self.count > 1 && self.h <= round_off(self.anchor, self.end) {
-            return Err(Error::Field {
-                field: "dt".to_owned(),
-                value: dt,
-                rule: "must be more than round-off of the times that it steps between",
-            });
+            let rule = "must be more than round-off of the times that it steps between";
+            return Err(Error::Field { field: "dt".to_owned(), value: dt, rule });
         }
         Ok(())
     }
@@ -133,11 +130,8 @@ impl Span {
         let start = state.time;
         let end = start + duration;
         if !end.is_finite() || end <= start {
-            return Err(Error::Field {
-                field: "duration".to_owned(),
-                value: duration,
-                rule: "must reach a later, finite instant from initial.time",
-            });
+            let rule = "must reach a later, finite instant from initial.time";
+            return Err(Error::Field { field: "duration".to_owned(), value: duration, rule });
         }
         inputs.require_countable(start, end)?;
         Ok(Self { start, end })

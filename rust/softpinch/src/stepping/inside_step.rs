@@ -104,12 +104,11 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for LookInside<'_, 'a, R, Q> {
             lanes.batch.stats.evaluations += 1;
             let seen = lanes.batch.watch(system, &then, &between, time, inside);
             for lane in each(inside) {
-                let bit = 1 << lane;
                 let t = time.lane(lane);
                 if turning_times[lane] <= t {
                     turning_times[lane] = f64::INFINITY;
                 }
-                if seen.finite & bit == 0 {
+                if seen.finite >> lane & 1 == 0 {
                     lanes.stop(system, lane, start, None);
                 } else {
                     let contact = lanes.batch.contact_row(lane);
@@ -118,8 +117,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for LookInside<'_, 'a, R, Q> {
                     let due = lanes.batch.queue.is_due(t, true);
                     lanes.goes_on(system, lane, due, &seen, &instant);
                 }
-                accepted &= !(lanes.batch.phases.at(Phase::Ended) & bit);
             }
+            accepted &= !lanes.batch.phases.at(Phase::Ended);
         }
     }
 }

@@ -1,14 +1,65 @@
-//! Instants of the runs in all lanes: reading one lane, and checking that all numbers are finite.
+//! One instant of a run as step loops hand it on; reading it from one lane, and checking that all numbers are finite.
 
 use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::system::{Size, System};
 use crate::model::contact_modes::{ContactRow, Contacts};
-use crate::model::energy::{LedgerRow, WORKS};
-use crate::model::motion::Motion;
+use crate::model::energy::{Energies, WORKS};
+use crate::model::motion::{Linearized, Motion};
+use crate::model::start::State;
 use crate::number::lanes::{Bits, Lanes};
 use crate::number::real::Real;
-use crate::stepping::record::Instant;
-use crate::stepping::sample::Sample;
+
+/// One instant of a run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Instant {
+    /// Time, s.
+    pub t: f64,
+    /// Start of its segment and steps since then, so that a resumed run gives the same bits.
+    pub grid: (f64, u64),
+    /// The motion.
+    pub motion: Motion<f64>,
+    /// Multipliers.
+    pub multipliers: [f64; 4],
+    /// Residuals.
+    pub residuals: [f64; 4],
+    /// Torques on the fingers, N m.
+    pub torque: [f64; 2],
+    /// The contacts, in unilateral contact.
+    pub contact: Option<ContactRow>,
+    /// The works of the ledger; zeros if they are not carried.
+    pub works: [f64; WORKS],
+    /// The point of the Jacobian that the next step uses, for methods that keep one.
+    pub linearized: Option<Linearized>,
+    /// True if the controller has not yet sampled at this instant.
+    pub before_sample: bool,
+}
+
+impl Instant {
+    /// The start of a run, before anything is computed.
+    pub fn start(state: &State) -> Self {
+        Self {
+            t: state.time,
+            grid: (state.time, 0),
+            motion: state.motion,
+            multipliers: [f64::NAN; 4],
+            residuals: [f64::NAN; 4],
+            torque: [f64::NAN; 2],
+            contact: state.contact,
+            works: [0.0; WORKS],
+            linearized: None,
+            before_sample: false,
+        }
+    }
+
+    /// Whether all numbers of the instant are finite.
+    pub fn is_finite(&self) -> bool {
+        let Self { motion: Motion { q, p, memory }, multipliers, residuals, torque, works, .. } = self;
+        [&q.row()[..], &p.row(), memory, multipliers, residuals, torque, works]
+            .into_iter()
+            .flatten()
+            .all(|number| number.is_finite())
+    }
+}
 
 /// An instant of the run in a lane, as evaluated at the state `y`.
 #[inline(always)]
@@ -19,9 +70,9 @@ pub fn watched<R: Lanes>(
     y: &States<R>,
     t: f64,
     grid: (f64, u64),
-) -> Sample {
+) -> Instant {
     let Evaluation { motion, multipliers, residuals, torque, .. } = now;
-    let instant = Instant {
+    Instant {
         t,
         grid,
         motion: motion.lane(lane),
@@ -29,20 +80,24 @@ pub fn watched<R: Lanes>(
         residuals: column(residuals, lane),
         torque: column(torque, lane),
         contact,
-    };
-    Sample { instant, works: column(&works(size, y), lane), linearized: None, before_sample: false }
+        works: column(&works(size, y), lane),
+        linearized: None,
+        before_sample: false,
+    }
 }
 
-/// The row of the energy ledger at an instant.
-pub(super) fn ledger<R: Lanes>(system: &impl System<R>, watched: &Sample) -> LedgerRow {
-    let Sample { instant: Instant { motion, contact, .. }, works, .. } = watched;
+/// The energies at an instant.
+pub(super) fn energies<R: Lanes>(
+    system: &impl System<R>,
+    Instant { motion, contact, .. }: &Instant,
+) -> Energies {
     let motion = Motion::constant(motion);
     let mut contacts = Contacts::sticking();
     if let Some([right, left, right_tilt, left_tilt]) = contact {
         contacts.free = [u8::from(*right == 0.0), u8::from(*left == 0.0)];
         contacts.frozen_tilt = [R::constant(*right_tilt), R::constant(*left_tilt)];
     }
-    LedgerRow { energies: system.energies(&contacts, &motion).lane(0), works: *works }
+    system.energies(&contacts, &motion).lane(0)
 }
 
 /// The works of the ledger in a state; zeros if the state does not carry them.

@@ -13,9 +13,8 @@ use crate::model::scene::Scene;
 use crate::number::lanes::Lanes;
 use crate::number::simd::level::Instructions;
 use crate::stepping::contact_lane::LaneContact;
-use crate::stepping::instant::column;
+use crate::stepping::instant::{Instant, column};
 use crate::stepping::options::Options;
-use crate::stepping::sample::Sample;
 
 /// The discrete controller of a run.
 pub struct LaneController {
@@ -35,10 +34,11 @@ impl LaneController {
             Some(row) => {
                 let state = ControllerState::from_row(controller, row)?;
                 if !state.holds_at(controller, scene.initial.time) {
+                    let rule = "must be between the last sample of State.controller and the next one";
                     return Err(Error::Field {
                         field: "State.time".to_owned(),
                         value: scene.initial.time,
-                        rule: "must be between the last sample of State.controller and the next one",
+                        rule,
                     });
                 }
                 state
@@ -115,8 +115,8 @@ impl LaneController {
     }
 
     /// The state at an instant, which may be one before the last change.
-    pub fn state_at(&self, watched: &Sample) -> Cow<'_, ControllerState> {
-        if watched.instant.t < self.changed || watched.before_sample {
+    pub fn state_at(&self, watched: &Instant) -> Cow<'_, ControllerState> {
+        if watched.t < self.changed || watched.before_sample {
             Cow::Owned(self.now.before(&self.before))
         } else {
             Cow::Borrowed(&self.now)

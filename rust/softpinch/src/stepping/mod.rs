@@ -40,7 +40,6 @@ pub mod queue;
 pub mod record;
 pub mod recorder;
 mod rows_inside;
-pub mod sample;
 pub mod sizes;
 pub mod status;
 pub mod summary;

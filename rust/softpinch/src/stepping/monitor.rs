@@ -12,7 +12,7 @@ use crate::model::source::Source;
 use crate::names::named;
 use crate::number::lanes::{Bits, Lanes};
 use crate::stepping::contact_events::Cause;
-use crate::stepping::record::Instant;
+use crate::stepping::instant::Instant;
 
 named! {
     /// A way in which the model stops holding.
@@ -120,40 +120,6 @@ impl TurningPoint {
     }
 }
 
-/// Both contacts of the runs in all lanes at one instant.
-pub(super) struct ContactState<'a, R> {
-    pub(super) motion: &'a Motion<R>,
-    pub(super) multipliers: &'a [R; 4],
-    pub(super) residuals: [R; 4],
-    /// The parts psi of grazing contacts.
-    pub(super) share: [R; 2],
-    /// The places of the contacts along their faces.
-    pub(super) places: [R; 2],
-    /// theta_p of both tips, and its sine.
-    pub(super) tilt: [R; 2],
-    pub(super) sin_tilt: [R; 2],
-}
-
-impl<'a, R: Lanes> ContactState<'a, R> {
-    #[inline(always)]
-    fn of(now: &'a Evaluation<R>) -> Self {
-        let &Evaluation { ref motion, ref multipliers, residuals, share, places, tilt, sin_tilt, .. } = now;
-        Self { motion, multipliers, residuals, share, places, tilt, sin_tilt }
-    }
-
-    /// The contacts of a motion with this geometry. Grazing contacts have the parts `share`.
-    pub(super) fn at(
-        motion: &'a Motion<R>,
-        multipliers: &'a [R; 4],
-        geometry: &Geometry<R>,
-        share: [R; 2],
-    ) -> Self {
-        let (tilt, sin_tilt) = (geometry.tilt(), geometry.sin_tilt());
-        let (residuals, places) = (geometry.residuals(), geometry.places());
-        Self { motion, multipliers, residuals, share, places, tilt, sin_tilt }
-    }
-}
-
 /// What the failure of a condition means.
 #[derive(Clone, Copy)]
 pub(super) enum Failure {
@@ -237,13 +203,13 @@ impl<R: Lanes> Limits<R> {
     #[inline(always)]
     pub(super) fn conditions(
         &self,
-        at: &ContactState<'_, R>,
+        at: &Evaluation<R>,
         contacts: Option<&Contacts<R>>,
         i: usize,
         tolerant: bool,
         mut take: impl FnMut(Condition<R>),
     ) {
-        let Motion { q, p, .. } = at.motion;
+        let Motion { q, p, .. } = &at.motion;
         let (d_n, radius) = (q.compression[i], self.sides[i].radius());
         let (along, across, v) = (at.multipliers[i], at.multipliers[2 + i], at.residuals[2 + i]);
         let places = at.places.map(R::abs);
@@ -267,13 +233,8 @@ impl<R: Lanes> Limits<R> {
                 gap = gap + round_off([q.object[0], q.object[1], d_n]);
             }
             let mut event = |cause, lanes, value| {
-                take(Condition {
-                    failure: Failure::Event(cause),
-                    lanes,
-                    value,
-                    least: R::zero(),
-                    strict: false,
-                });
+                let (failure, least) = (Failure::Event(cause), R::zero());
+                take(Condition { failure, lanes, value, least, strict: false });
             };
             event(Cause::Cone, !(slip | graze | free), self.friction[i] * along - across.abs());
             event(Cause::Stop, slip, forward);
@@ -307,7 +268,7 @@ impl<R: Lanes> Limits<R> {
     pub fn violated(&self, now: &Evaluation<R>, contacts: Option<&Contacts<R>>) -> [Bits; VIOLATIONS.len()] {
         let mut found = [0; VIOLATIONS.len()];
         for i in 0..2 {
-            self.conditions(&ContactState::of(now), contacts, i, false, |condition| {
+            self.conditions(now, contacts, i, false, |condition| {
                 if let Failure::Violation(violation) = condition.failure {
                     found[violation as usize] |= condition.fails();
                 }
@@ -339,7 +300,7 @@ impl<R: Lanes> Limits<R> {
     pub fn due(&self, now: &Evaluation<R>, contacts: &Contacts<R>) -> Bits {
         let mut found = 0;
         for i in 0..2 {
-            self.conditions(&ContactState::of(now), Some(contacts), i, false, |condition| {
+            self.conditions(now, Some(contacts), i, false, |condition| {
                 if let Failure::Event(_) = condition.failure {
                     found |= condition.fails();
                 }
@@ -384,7 +345,7 @@ pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, inst
     let t = seconds(instant.t);
     let geometry = Geometry::new(&Side::both(parameters), q, p);
     let limits = Limits::<f64>::new(parameters);
-    let state = ContactState::at(motion, multipliers, &geometry, [0.0; 2]);
+    let state = Evaluation::of_contacts(motion, multipliers, &geometry, [0.0; 2]);
     let mut i = 1;
     limits.conditions(&state, None, 0, false, |condition| {
         if matches!(condition.failure, Failure::Violation(own) if own == violation) && condition.fails() != 0

@@ -5,18 +5,16 @@ use std::borrow::Cow;
 
 use crate::error::Error;
 use crate::formulation::mode_selection::Contact;
-use crate::method::traits::Stats;
 use crate::model::controller_state::ControllerState;
-use crate::model::energy::{Energies, LedgerRow};
+use crate::model::energy::Energies;
 use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;
 use crate::number::lanes::MOST;
 use crate::stepping::contact_events::Change;
 use crate::stepping::contact_lane::LaneContact;
-use crate::stepping::monitor::{VIOLATIONS, ViolationSet};
-use crate::stepping::sample::Sample;
-use crate::stepping::status::Status;
-use crate::stepping::summary::COUNT;
+use crate::stepping::instant::Instant;
+use crate::stepping::monitor::ViolationSet;
+use crate::stepping::record::Run;
 
 /// Number of steps or attempts after which a loop asks whether to stop. They take a few milliseconds.
 pub const POLL: u64 = 1 << 12;
@@ -39,8 +37,8 @@ pub trait RunQueue<'a> {
     /// Whether the loop should stop its runs.
     fn stops(&mut self) -> bool;
 
-    /// Takes a run that has ended. `ledger` computes the ledger row of its last instant.
-    fn finish(&mut self, finished: Finished, ledger: impl FnOnce(&Sample) -> LedgerRow);
+    /// Takes a run that has ended. `energies` computes those of its last instant.
+    fn finish(&mut self, finished: Finished, energies: impl FnOnce() -> Energies);
 
     /// Whether to record the instant `t`, which was just watched. An instant inside a step is recorded only
     /// if it was asked for.
@@ -68,8 +66,8 @@ pub trait RunQueue<'a> {
     }
 
     /// Records an instant. The error says that there is no memory for it.
-    fn record(&mut self, watched: &Sample, ledger: impl FnOnce(&Sample) -> LedgerRow) -> Result<(), Error> {
-        let _ = (watched, ledger);
+    fn record(&mut self, watched: &Instant, energies: impl FnOnce() -> Energies) -> Result<(), Error> {
+        let _ = (watched, energies);
         Ok(())
     }
 
@@ -84,25 +82,8 @@ pub trait RunQueue<'a> {
 pub struct Finished {
     /// Number of the run.
     pub number: usize,
-    /// The status with which it ended.
-    pub status: Status,
-    /// The status in words; empty if the run reached its end.
-    pub message: String,
-    /// The last instant of the run.
-    pub last: Sample,
-    /// The energies at the start of the run, if the ledger was carried.
-    pub initial_energies: Option<Energies>,
-    /// The time at which each of [`VIOLATIONS`] was first seen, s; NaN if it was not.
-    pub first_times: [f64; VIOLATIONS.len()],
-    /// Whether the grasp held, see [`Run::holds`](super::recorder::Run::holds).
-    pub holds: bool,
-    /// The summaries, in the order of [`SUMMARIES`](crate::stepping::summary::SUMMARIES).
-    pub summaries: [f64; COUNT],
-    /// Counts of the work. Steps and segments are those of this run. The other counts are those of its loop,
-    /// which are the run's own in a loop of one lane.
-    pub stats: Stats,
-    /// The state of the run's discrete controller at its last instant, if it has one.
-    pub controller: Option<Vec<f64>>,
+    /// The run, which the loop itself does not record.
+    pub run: Run,
     /// Its contacts, in unilateral contact.
     pub contact: Option<Box<LaneContact>>,
 }

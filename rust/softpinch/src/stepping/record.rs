@@ -1,11 +1,16 @@
-//! The recording of a run, which keeps only the quantities that were asked for, row by row.
+//! A finished run, and its recording, which keeps only the quantities that were asked for, row by row.
 
 use crate::error::Error;
+use crate::method::traits::Stats;
 use crate::model::contact_modes::ContactRow;
-use crate::model::energy::{BILATERAL_WORKS, LedgerRow, WORKS};
-use crate::model::motion::{Linearized, Motion};
-use crate::model::start::State;
+use crate::model::energy::{BILATERAL_WORKS, Energies, WORKS};
+use crate::model::motion::Linearized;
 use crate::names::named;
+use crate::stepping::contact_events::Change;
+use crate::stepping::instant::Instant;
+use crate::stepping::monitor::VIOLATIONS;
+use crate::stepping::status::Status;
+use crate::stepping::summary::COUNT;
 
 /// The contacts of bilateral contact.
 const STICKING: ContactRow = [1.0, 1.0, 0.0, 0.0];
@@ -119,40 +124,6 @@ impl FromIterator<Quantity> for Selection {
     }
 }
 
-/// One instant of a run.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Instant {
-    /// Time, s.
-    pub t: f64,
-    /// Start of its segment and steps since then, so that a resumed run gives the same bits.
-    pub grid: (f64, u64),
-    /// The motion.
-    pub motion: Motion<f64>,
-    /// Multipliers.
-    pub multipliers: [f64; 4],
-    /// Residuals.
-    pub residuals: [f64; 4],
-    /// Torques on the fingers, N m.
-    pub torque: [f64; 2],
-    /// The contacts, in unilateral contact.
-    pub contact: Option<ContactRow>,
-}
-
-impl Instant {
-    /// The start of a run, before anything is computed.
-    pub fn start(state: &State) -> Self {
-        Self {
-            t: state.time,
-            grid: (state.time, 0),
-            motion: state.motion,
-            multipliers: [f64::NAN; 4],
-            residuals: [f64::NAN; 4],
-            torque: [f64::NAN; 2],
-            contact: state.contact,
-        }
-    }
-}
-
 /// The rows of a run. Quantities that were not selected stay empty.
 #[derive(Debug, Clone, Default)]
 pub struct Recording {
@@ -178,7 +149,7 @@ pub struct Recording {
     pub multipliers: Vec<[f64; 4]>,
     /// Residuals.
     pub residuals: Vec<[f64; 4]>,
-    /// The first columns of [`LedgerRow`], row by row: seven in bilateral contact, ten in unilateral contact.
+    /// The energies and the works, row by row: seven numbers in bilateral contact, ten in unilateral contact.
     pub energy: Vec<f64>,
     /// Torques on the fingers.
     pub torque: Vec<[f64; 2]>,
@@ -194,7 +165,11 @@ impl Recording {
     pub(crate) fn state_at(&self, k: usize) -> crate::model::start::State {
         crate::model::start::State {
             time: self.t[k],
-            motion: Motion { q: self.q[k].into(), p: self.p[k].into(), memory: self.memory[k] },
+            motion: crate::model::motion::Motion {
+                q: self.q[k].into(),
+                p: self.p[k].into(),
+                memory: self.memory[k],
+            },
             grid: Some((self.grid_anchor[k], self.grid_step[k])),
             linearized: self.linearized.get(k).filter(|point| !point[0].is_nan()).copied(),
             contact: self.contact.get(k).copied(),
@@ -209,20 +184,6 @@ impl Recording {
         let mut recording = Self { selection, layout, ..Self::default() };
         recording.reserve(rows)?;
         Ok(recording)
-    }
-
-    /// Records the point of the Jacobian in use beside the state of the row.
-    pub fn push_linearized(&mut self, point: Option<Linearized>) {
-        if self.selection.state && self.layout.keeps_jacobian {
-            self.linearized.push(point.unwrap_or([f64::NAN; 21]));
-        }
-    }
-
-    /// Records the state of a discrete controller beside the state of the row.
-    pub fn push_controller(&mut self, state: &[f64]) {
-        if self.selection.state {
-            self.controller.extend_from_slice(state);
-        }
     }
 
     /// Makes room for one more row, and for the last row after it, if the number of rows is not known
@@ -272,9 +233,9 @@ impl Recording {
         if rooms.iter().any(Result::is_err) { Err(too_large()) } else { Ok(()) }
     }
 
-    /// Adds a row. `ledger` is called only if energy is recorded.
+    /// Adds a row, with the state of the run's discrete controller. `energies` is called only if they are recorded.
     #[inline(always)]
-    pub fn push(&mut self, instant: &Instant, ledger: impl FnOnce() -> LedgerRow) {
+    pub fn push(&mut self, instant: &Instant, controller: &[f64], energies: impl FnOnce() -> Energies) {
         self.t.push(instant.t);
         if self.selection.state {
             self.q.push(instant.motion.q.row());
@@ -282,6 +243,10 @@ impl Recording {
             self.memory.push(instant.motion.memory);
             self.grid_anchor.push(instant.grid.0);
             self.grid_step.push(instant.grid.1);
+            if self.layout.keeps_jacobian {
+                self.linearized.push(instant.linearized.unwrap_or([f64::NAN; 21]));
+            }
+            self.controller.extend_from_slice(controller);
         }
         if self.selection.multipliers {
             self.multipliers.push(instant.multipliers);
@@ -290,7 +255,9 @@ impl Recording {
             self.residuals.push(instant.residuals);
         }
         if self.selection.energy {
-            self.energy.extend_from_slice(&ledger().columns()[..self.layout.energies()]);
+            let Energies { kinetic, elastic, gravity } = energies();
+            self.energy.extend_from_slice(&[kinetic, elastic, gravity]);
+            self.energy.extend_from_slice(&instant.works[..self.layout.energies() - 3]);
         }
         if self.selection.torque {
             self.torque.push(instant.torque);
@@ -298,5 +265,45 @@ impl Recording {
         if self.selection.has_contacts(self.layout) {
             self.contact.push(instant.contact.unwrap_or(STICKING));
         }
+    }
+}
+
+/// A finished run.
+#[derive(Debug, Clone)]
+pub struct Run {
+    /// The rows, if the run was recorded.
+    pub recording: Recording,
+    /// The last instant, whether or not it was recorded.
+    pub last: Instant,
+    /// The state of its discrete controller at the last instant, if it has one.
+    pub controller: Option<Vec<f64>>,
+    /// The energies at the start of the run, if the ledger was carried.
+    pub initial_energies: Option<Energies>,
+    /// The status with which it ended.
+    pub status: Status,
+    /// The status in words, with the numbers; empty if a run that is not recorded has reached its end.
+    pub message: String,
+    /// The time at which each of [`VIOLATIONS`] was first seen, s; NaN if it was not.
+    pub first_times: [f64; VIOLATIONS.len()],
+    /// In a recorded run: the intervals of time during which each of these violations was seen, s: the first and the
+    /// last of consecutive watched instants that show it.
+    pub violation_intervals: Vec<(&'static str, Vec<[f64; 2]>)>,
+    /// In a recorded run: the changes of the contacts' modes, in unilateral contact.
+    pub contact_changes: Vec<Change>,
+    /// Whether the grasp held: the run reached its end, and from `summaries.after` on no tip pulled and, if
+    /// the scene has friction, none needed more.
+    pub holds: bool,
+    /// The summaries, in the order of [`SUMMARIES`](crate::stepping::summary::SUMMARIES).
+    pub summaries: [f64; COUNT],
+    /// Counts of the work. Steps and segments are those of this run. The other counts are those of its loop,
+    /// which are the run's own in a loop of one lane.
+    pub stats: Stats,
+}
+
+impl Run {
+    /// The violations that the monitors have seen, with their first times.
+    pub fn violations(&self) -> impl Iterator<Item = (&'static str, f64)> {
+        let times = VIOLATIONS.map(|(name, _)| name).into_iter().zip(self.first_times);
+        times.filter(|(_, first)| !first.is_nan())
     }
 }

@@ -7,52 +7,18 @@ use crate::formulation::mode_selection::Contact;
 use crate::method::traits::Stats;
 use crate::model::contact_modes::Mode;
 use crate::model::controller_state::ControllerState;
-use crate::model::energy::{Energies, LedgerRow};
-use crate::model::motion::Linearized;
+use crate::model::energy::Energies;
 use crate::model::scene::Scene;
 use crate::stepping::contact_events::Change;
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::ending::arrival;
+use crate::stepping::instant::Instant;
 use crate::stepping::intervals::{Intervals, of_changes};
 use crate::stepping::monitor::{VIOLATIONS, Violation, ViolationSet};
 use crate::stepping::queue::{Finished, RunQueue, Taken};
-use crate::stepping::record::{Instant, Recording};
-use crate::stepping::sample::Sample;
+use crate::stepping::record::{Recording, Run};
 use crate::stepping::status::Status;
 use crate::stepping::summary::COUNT;
-
-/// A finished run.
-#[derive(Debug, Clone)]
-pub struct Run {
-    /// The recorded rows.
-    pub recording: Recording,
-    /// The last instant, whether or not it was recorded.
-    pub last: Instant,
-    /// The point of the Jacobian that the next step would have used, for methods that keep one.
-    pub linearized: Option<Linearized>,
-    /// The state of its discrete controller at the last instant, if it has one.
-    pub controller: Option<Vec<f64>>,
-    /// The energies at the start of the run, if the ledger was carried.
-    pub initial_energies: Option<Energies>,
-    /// The status with which it ended.
-    pub status: Status,
-    /// The status in words, with the numbers.
-    pub message: String,
-    /// The violations that the monitors have seen, with their first times.
-    pub violations: Vec<(&'static str, f64)>,
-    /// The intervals of time during which each of these violations was seen, s: the first and the last of
-    /// consecutive watched instants that show it.
-    pub violation_intervals: Vec<(&'static str, Vec<[f64; 2]>)>,
-    /// The changes of the contacts' modes, in unilateral contact.
-    pub contact_changes: Vec<Change>,
-    /// Whether the grasp held: the run reached its end, and from `summaries.after` on no tip pulled and, if
-    /// the scene has friction, none needed more.
-    pub holds: bool,
-    /// The summaries, in the order of [`SUMMARIES`](crate::stepping::summary::SUMMARIES).
-    pub summaries: [f64; COUNT],
-    /// Counts of the work that was done.
-    pub stats: Stats,
-}
 
 /// The instants that are recorded.
 pub enum Due<'a> {
@@ -98,12 +64,11 @@ impl<'a> Recorder<'a> {
         let run = Run {
             recording,
             last: Instant::start(&scene.initial),
-            linearized: None,
             controller: None,
             initial_energies: None,
             status: Status::Interrupted,
             message: String::new(),
-            violations: Vec::new(),
+            first_times: [f64::NAN; VIOLATIONS.len()],
             violation_intervals: Vec::new(),
             contact_changes: Vec::new(),
             holds: false,
@@ -123,11 +88,9 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    fn push(&mut self, watched: &Sample, ledger: impl FnOnce(&Sample) -> LedgerRow) {
-        self.run.recording.push(&watched.instant, || ledger(watched));
-        self.run.recording.push_linearized(watched.linearized);
-        self.run.recording.push_controller(&self.controller);
-        self.last_row = watched.instant.t;
+    fn push(&mut self, watched: &Instant, energies: impl FnOnce() -> Energies) {
+        self.run.recording.push(watched, &self.controller, energies);
+        self.last_row = watched.t;
     }
 }
 
@@ -198,58 +161,43 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
         self.controller.extend(state.row());
     }
 
-    fn record(&mut self, watched: &Sample, ledger: impl FnOnce(&Sample) -> LedgerRow) -> Result<(), Error> {
+    fn record(&mut self, watched: &Instant, energies: impl FnOnce() -> Energies) -> Result<(), Error> {
         if let Some(error) = self.intervals.refusal() {
             return Err(error);
         }
         self.run.recording.make_room()?;
-        self.push(watched, ledger);
+        self.push(watched, energies);
         Ok(())
     }
 
-    fn finish(&mut self, finished: Finished, ledger: impl FnOnce(&Sample) -> LedgerRow) {
-        let Finished {
-            status,
-            message,
-            last,
-            initial_energies,
-            first_times,
-            holds,
-            summaries,
-            stats,
-            controller,
-            contact,
-            ..
-        } = finished;
+    fn finish(&mut self, finished: Finished, energies: impl FnOnce() -> Energies) {
+        let Finished { run, contact, .. } = finished;
         self.contact = contact;
-        if let Some(state) = &controller {
+        if let Some(state) = &run.controller {
             self.controller.clone_from(state);
         }
         let records = !matches!(self.due, Due::Never);
-        if records && self.last_row != last.instant.t {
-            self.push(&last, ledger);
+        let end = run.last.t;
+        if records && self.last_row != end {
+            self.push(&run.last, energies);
         }
-        let seen = |k: &usize| !first_times[*k].is_nan();
         let mut intervals = self.intervals.finish();
-        let run = &mut self.run;
+        let contact_changes = std::mem::take(&mut self.run.contact_changes);
         if let Some((from, modes)) = self.start {
             // Events know the times of slipping and opening better than the instants that were watched.
-            let (changes, end) = (&run.contact_changes, last.instant.t);
-            let of = |shows: fn(Mode) -> bool| of_changes(modes, changes, end, from, shows);
+            let of = |shows: fn(Mode) -> bool| of_changes(modes, &contact_changes, end, from, shows);
             intervals[Violation::Slipping as usize] = of(|mode| mode.slip().is_some());
             intervals[Violation::Opened as usize] = of(|mode| mode == Mode::Free);
         }
-        (run.last, run.linearized, run.initial_energies, run.status) =
-            (last.instant, last.linearized, initial_energies, status);
-        run.message = match status {
-            Status::Completed if records => arrival(last.instant.t),
-            _ => message,
+        let message = match run.status {
+            Status::Completed if records => arrival(end),
+            _ => run.message,
         };
-        let found = || (0..VIOLATIONS.len()).filter(seen);
-        run.violations = found().map(|k| (VIOLATIONS[k].0, first_times[k])).collect();
-        run.violation_intervals =
-            found().map(|k| (VIOLATIONS[k].0, std::mem::take(&mut intervals[k]))).collect();
-        (run.holds, run.summaries, run.stats, run.controller) = (holds, summaries, stats, controller);
+        let seen = VIOLATIONS.iter().zip(intervals).zip(run.first_times);
+        let violation_intervals =
+            seen.filter(|(_, first)| !first.is_nan()).map(|(((name, _), own), _)| (*name, own)).collect();
+        let recording = std::mem::take(&mut self.run.recording);
+        self.run = Run { recording, message, violation_intervals, contact_changes, ..run };
     }
 }
 
@@ -258,7 +206,6 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::model::energy::WORKS;
     use crate::model::inputs::Inputs;
     use crate::model::motion::Motion;
     use crate::model::parameters::Parameters;
@@ -271,13 +218,12 @@ mod tests {
         Scene { parameters, inputs: Inputs::constant_targets([0.0; 2]), initial, check: true, duration: 1.0 }
     }
 
-    fn sample(scene: &Scene, t: f64) -> Sample {
+    fn sample(scene: &Scene, t: f64) -> Instant {
         let motion = Motion { q: [t; 9].into(), ..Motion::zero() };
-        let instant = Instant { t, motion, ..Instant::start(&scene.initial) };
-        Sample { instant, works: [0.0; WORKS], linearized: None, before_sample: false }
+        Instant { t, motion, ..Instant::start(&scene.initial) }
     }
 
-    fn unused(_: &Sample) -> LedgerRow {
+    fn unused() -> Energies {
         unreachable!("no energy is recorded")
     }
 
@@ -292,19 +238,22 @@ mod tests {
                 recorder.record(&sample(&scene, t), unused).expect("there is room");
             }
         }
-        let finished = Finished {
-            number: 0,
+        let last = sample(&scene, instants.last().map_or(0.0, |&(t, _)| t));
+        let run = Run {
+            recording: Recording::default(),
+            last,
+            controller: None,
+            initial_energies: None,
             status: Status::Completed,
             message: String::new(),
-            last: sample(&scene, instants.last().map_or(0.0, |&(t, _)| t)),
-            initial_energies: None,
             first_times: [f64::NAN; VIOLATIONS.len()],
+            violation_intervals: Vec::new(),
+            contact_changes: Vec::new(),
             holds: true,
             summaries: [0.0; COUNT],
             stats: Stats::default(),
-            controller: None,
-            contact: None,
         };
+        let finished = Finished { number: 0, run, contact: None };
         recorder.finish(finished, unused);
         recorder.run
     }

@@ -9,12 +9,10 @@ use crate::number::lanes::Lanes;
 use crate::stepping::batch::LaneBatch;
 use crate::stepping::contact_lane::Moment;
 use crate::stepping::grid::round_off;
-use crate::stepping::instant::{column, watched};
+use crate::stepping::instant::{Instant, column, watched};
 use crate::stepping::lone_steps::LoneSteps;
 use crate::stepping::place::Place;
 use crate::stepping::queue::RunQueue;
-use crate::stepping::record::Instant;
-use crate::stepping::sample::Sample;
 
 /// A row closer to the start of its step than this share of the step has the state there.
 const SLIVER: f64 = 1.0 / (1u64 << 44) as f64;
@@ -25,7 +23,7 @@ pub(super) struct RowsInside {
     /// The equations and the method, once there was a row; runs with unilateral contact have their own.
     steps: Option<Box<LoneSteps>>,
     /// The rows, until it is known how far the run gets in this step.
-    rows: Vec<Sample>,
+    rows: Vec<Instant>,
 }
 
 impl RowsInside {
@@ -72,15 +70,14 @@ impl RowsInside {
             };
             // After an overflow the run ends at this step.
             if row.is_finite() {
-                let instant = Instant { t: time, grid: (time, 0), ..row.instant };
-                self.rows.push(Sample { instant, ..row });
+                self.rows.push(Instant { t: time, grid: (time, 0), ..row });
             }
         }
     }
 
     /// The rows inside the last step, which the run has followed until the time `until`. No rows are left.
-    pub(super) fn take_until(&mut self, until: f64) -> impl Iterator<Item = Sample> + use<> {
-        std::mem::take(&mut self.rows).into_iter().take_while(move |row| row.instant.t < until)
+    pub(super) fn take_until(&mut self, until: f64) -> impl Iterator<Item = Instant> + use<> {
+        std::mem::take(&mut self.rows).into_iter().take_while(move |row| row.t < until)
     }
 
     /// Whether there are no rows to record.

@@ -4,7 +4,7 @@
 //! A new summary is a type with `Fold` and a line in the list of [`SUMMARIES`] below. Summaries look at the
 //! instants that the monitors watch.
 
-use crate::model::coordinates::Coordinates;
+use crate::formulation::equations::Evaluation;
 use crate::number::lanes::{Bits, Lanes};
 
 /// The numbers that a summary keeps from one instant to the next.
@@ -12,25 +12,17 @@ type Memory<R> = [R; 3];
 
 /// One instant of the runs in all lanes.
 #[derive(Debug, Clone, Copy)]
-pub struct SummaryInstant<R> {
+pub struct SummaryInstant<'a, R> {
     /// Time, s.
     pub t: R,
-    /// Coordinates.
-    pub q: Coordinates<R>,
-    /// Velocities.
-    pub p: Coordinates<R>,
-    /// Multipliers.
-    pub multipliers: [R; 4],
-    /// Residuals.
-    pub residuals: [R; 4],
+    /// The evaluation of the states.
+    pub now: &'a Evaluation<R>,
     /// The sum of |v| over both contacts where they slip or graze, m/s.
     pub slip_speed: R,
     /// The closure error of the energy ledger, J, if the ledger is carried.
     pub closure: R,
     /// W / 2, m.
     pub half_width: R,
-    /// Torques on the fingers, N m.
-    pub torque: [R; 2],
 }
 
 /// The end of a run, as far as summaries need it.
@@ -52,7 +44,7 @@ trait Fold {
     /// smoothly.
     const SMOOTH: bool = true;
     /// Takes an instant of the lanes in `seen`.
-    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, band: R, seen: Bits);
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, band: R, seen: Bits);
     /// The value at the end of a run of which an instant was seen: the first number of the memory, unless a summary says
     /// otherwise.
     fn value(memory: [f64; 3], end: &RunEnd) -> f64 {
@@ -84,7 +76,7 @@ macro_rules! summaries {
         impl<R: Lanes> Summaries<R> {
             /// Takes an instant of the lanes in `seen`.
             #[inline(always)]
-            pub fn watch(&mut self, instant: &SummaryInstant<R>, seen: Bits) {
+            pub fn watch(&mut self, instant: &SummaryInstant<'_, R>, seen: Bits) {
                 let seen = seen & self.after.at_most(instant.t);
                 $(if self.wanted.contains(Summary::$kind) {
                     $kind::watch(&mut self.memory[Summary::$kind as usize], instant, self.band, seen);
@@ -163,8 +155,8 @@ const NOTHING: f64 = f64::NEG_INFINITY;
 
 impl Fold for PeakRotation {
     #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
-        memory[0] = memory[0].max_in(instant.q.object[2].abs(), seen);
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, _: R, seen: Bits) {
+        memory[0] = memory[0].max_in(instant.now.motion.q.object[2].abs(), seen);
     }
 }
 
@@ -172,8 +164,8 @@ impl Fold for MinCompression {
     const START: [f64; 3] = [f64::INFINITY; 3];
 
     #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
-        let [right, left] = instant.q.compression;
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, _: R, seen: Bits) {
+        let [right, left] = instant.now.motion.q.compression;
         memory[0] = memory[0].min_in(right, seen).min_in(left, seen);
     }
 }
@@ -182,9 +174,9 @@ impl Fold for MinCompression {
 /// with the angle of (x, y) from 0 to 2 over the upper half plane.
 impl Fold for PeakFrictionAngle {
     #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, _: R, seen: Bits) {
         for i in 0..2 {
-            let (x, y) = (instant.multipliers[i], instant.multipliers[2 + i].abs());
+            let (x, y) = (instant.now.multipliers[i], instant.now.multipliers[2 + i].abs());
             let place = R::constant(1.0) - x / (x.abs() + y);
             let larger = memory[0].less(place) & seen;
             *memory = [
@@ -206,9 +198,9 @@ impl Fold for PeakFrictionAngle {
 
 impl Fold for PeakFrictionRatio {
     #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, _: R, seen: Bits) {
         for i in 0..2 {
-            let (normal, tangential) = (instant.multipliers[i], instant.multipliers[2 + i].abs());
+            let (normal, tangential) = (instant.now.multipliers[i], instant.now.multipliers[2 + i].abs());
             let free = normal.is_zero() & tangential.is_zero();
             let ratio = R::select(free, R::zero(), tangential / normal.abs());
             let ratio = R::select(normal.less(R::zero()), R::constant(f64::INFINITY), ratio);
@@ -239,9 +231,9 @@ impl Fold for PullingTime {
     const SMOOTH: bool = false;
 
     #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, _: R, seen: Bits) {
         let zero = R::zero();
-        let pulls = instant.multipliers[0].less(zero) | instant.multipliers[1].less(zero);
+        let pulls = instant.now.multipliers[0].less(zero) | instant.now.multipliers[1].less(zero);
         integrate(memory, instant.t, R::select(pulls, R::constant(0.5), zero), seen);
     }
 }
@@ -252,8 +244,8 @@ impl Fold for SettlingTime {
     const SMOOTH: bool = false;
 
     #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, band: R, seen: Bits) {
-        let [u, v, omega] = instant.p.object;
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, band: R, seen: Bits) {
+        let [u, v, omega] = instant.now.motion.p.object;
         let by_rotation = instant.half_width * omega;
         let square = by_rotation.mul_add(by_rotation, u.dot2(u, v, v));
         let fast = (band * band).less(square) & seen;
@@ -274,8 +266,8 @@ impl Fold for MaxResidual {
     const SMOOTH: bool = false;
 
     #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
-        for residual in instant.residuals {
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, _: R, seen: Bits) {
+        for residual in instant.now.residuals {
             memory[0] = memory[0].max_in(residual.abs(), seen);
         }
     }
@@ -285,15 +277,15 @@ impl Fold for EnergyClosure {
     const SMOOTH: bool = false;
 
     #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, _: R, seen: Bits) {
         memory[0] = memory[0].max_in(instant.closure.abs(), seen);
     }
 }
 
 impl Fold for PeakTorque {
     #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
-        for torque in instant.torque {
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, _: R, seen: Bits) {
+        for torque in instant.now.torque {
             memory[0] = memory[0].max_in(torque.abs(), seen);
         }
     }
@@ -304,7 +296,7 @@ impl Fold for SlipDistance {
     const SMOOTH: bool = false;
 
     #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, _: R, seen: Bits) {
         integrate(memory, instant.t, R::constant(0.5) * instant.slip_speed, seen);
     }
 }
@@ -315,7 +307,7 @@ impl Fold for FreeTime {
     const SMOOTH: bool = false;
 
     #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, _: &SummaryInstant<R>, _: R, seen: Bits) {
+    fn watch<R: Lanes>(memory: &mut Memory<R>, _: &SummaryInstant<'_, R>, _: R, seen: Bits) {
         memory[0] = R::select(seen, R::zero(), memory[0]);
     }
 
@@ -403,10 +395,28 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::model::motion::Motion;
     use crate::number::row::Row4;
 
+    /// An instant of the runs in all lanes, with its evaluation.
+    #[derive(Debug, Clone, Copy)]
+    struct Own<R> {
+        t: R,
+        now: Evaluation<R>,
+        slip_speed: R,
+        closure: R,
+        half_width: R,
+    }
+
+    impl<R: Lanes> Own<R> {
+        fn instant(&self) -> SummaryInstant<'_, R> {
+            let Self { t, ref now, slip_speed, closure, half_width } = *self;
+            SummaryInstant { t, now, slip_speed, closure, half_width }
+        }
+    }
+
     /// An instant of one run, and whether the loop watches it.
-    type Watched = (SummaryInstant<f64>, bool);
+    type Watched = (Own<f64>, bool);
 
     fn instants() -> impl Strategy<Value = Vec<Watched>> {
         let numbers = proptest::array::uniform32(-2.0..2.0f64);
@@ -414,17 +424,17 @@ mod tests {
             let mut t = 0.0;
             let instant = |(dt, x, seen): (f64, [f64; 32], bool)| {
                 t += dt;
-                let instant = SummaryInstant {
-                    t,
-                    q: std::array::from_fn(|n| x[n]).into(),
-                    p: std::array::from_fn(|n| 1e-3 * x[9 + n]).into(),
+                let q = std::array::from_fn(|n| x[n]).into();
+                let p = std::array::from_fn(|n| 1e-3 * x[9 + n]).into();
+                let now = Evaluation {
+                    motion: Motion { q, p, ..Motion::zero() },
                     multipliers: std::array::from_fn(|n| x[18 + n]),
                     residuals: std::array::from_fn(|n| x[22 + n]),
-                    slip_speed: x[26].abs(),
-                    closure: x[27],
-                    half_width: x[28].abs(),
                     torque: [x[29], x[30]],
+                    ..Evaluation::nothing()
                 };
+                let instant =
+                    Own { t, now, slip_speed: x[26].abs(), closure: x[27], half_width: x[28].abs() };
                 (instant, seen)
             };
             rows.into_iter().map(instant).collect()
@@ -432,30 +442,33 @@ mod tests {
     }
 
     /// The summaries of a list of instants, each by its definition.
-    fn by_definition(seen: &[SummaryInstant<f64>], end: &RunEnd) -> [f64; COUNT] {
+    fn by_definition(seen: &[Own<f64>], end: &RunEnd) -> [f64; COUNT] {
         let mut values = [f64::NAN; COUNT];
         let Some(last) = seen.last() else { return values };
-        let largest = |of: &dyn Fn(&SummaryInstant<f64>) -> f64| seen.iter().map(of).fold(NOTHING, f64::max);
+        let largest = |of: &dyn Fn(&Own<f64>) -> f64| seen.iter().map(of).fold(NOTHING, f64::max);
         let tips =
-            |now: &SummaryInstant<f64>| [0, 1].map(|i| (now.multipliers[i], now.multipliers[2 + i].abs()));
+            |now: &Own<f64>| [0, 1].map(|i| (now.now.multipliers[i], now.now.multipliers[2 + i].abs()));
         let worst = |of: fn((f64, f64)) -> f64| {
             largest(&move |now| tips(now).map(of).into_iter().fold(NOTHING, f64::max))
         };
-        let integral = |of: &dyn Fn(&SummaryInstant<f64>) -> f64| {
+        let integral = |of: &dyn Fn(&Own<f64>) -> f64| {
             seen.windows(2)
                 .map(|pair| 0.5 * (of(&pair[0]) + of(&pair[1])) * (pair[1].t - pair[0].t))
                 .sum::<f64>()
         };
-        let pulls = |now: &SummaryInstant<f64>| f64::from(tips(now).iter().any(|&(normal, _)| normal < 0.0));
-        let speed = |now: &SummaryInstant<f64>| {
-            let [u, v, omega] = now.p.object;
+        let pulls = |now: &Own<f64>| f64::from(tips(now).iter().any(|&(normal, _)| normal < 0.0));
+        let speed = |now: &Own<f64>| {
+            let [u, v, omega] = now.now.motion.p.object;
             let turn = now.half_width * omega;
             (u * u + v * v + turn * turn).sqrt()
         };
         let moving = seen.iter().rev().find(|now| speed(now) > 1e-3).map(|now| now.t);
         for (kind, value) in [
-            (Summary::PeakRotation, largest(&|now| now.q.object[2].abs())),
-            (Summary::MinCompression, -largest(&|now| -now.q.compression[0].min(now.q.compression[1]))),
+            (Summary::PeakRotation, largest(&|now| now.now.motion.q.object[2].abs())),
+            (
+                Summary::MinCompression,
+                -largest(&|now| -now.now.motion.q.compression[0].min(now.now.motion.q.compression[1])),
+            ),
             (Summary::PeakFrictionAngle, worst(|(normal, tangential)| tangential.atan2(normal))),
             (
                 Summary::PeakFrictionRatio,
@@ -472,10 +485,10 @@ mod tests {
             ),
             (
                 Summary::MaxResidual,
-                largest(&|now| now.residuals.into_iter().map(f64::abs).fold(0.0, f64::max)),
+                largest(&|now| now.now.residuals.into_iter().map(f64::abs).fold(0.0, f64::max)),
             ),
             (Summary::EnergyClosure, largest(&|now| now.closure.abs())),
-            (Summary::PeakTorque, largest(&|now| now.torque[0].abs().max(now.torque[1].abs()))),
+            (Summary::PeakTorque, largest(&|now| now.now.torque[0].abs().max(now.now.torque[1].abs()))),
             (Summary::SlipDistance, integral(&|now| now.slip_speed)),
             (Summary::FreeTime, end.free_time),
         ] {
@@ -497,23 +510,28 @@ mod tests {
             for k in 0..12 {
                 // A lane whose list has ended repeats its last instant, which is not watched.
                 let own = |lane: usize| runs[lane].get(k).or(runs[lane].last());
-                let number = |of: &dyn Fn(&SummaryInstant<f64>) -> f64| {
+                let number = |of: &dyn Fn(&Own<f64>) -> f64| {
                     Row4::from_fn(|lane| own(lane).map_or(0.0, |(instant, _)| of(instant)))
                 };
-                let instant = SummaryInstant {
-                    t: number(&|now| now.t),
-                    q: std::array::from_fn(|n| number(&|now| now.q.row()[n])).into(),
-                    p: std::array::from_fn(|n| number(&|now| now.p.row()[n])).into(),
-                    multipliers: std::array::from_fn(|n| number(&|now| now.multipliers[n])),
-                    residuals: std::array::from_fn(|n| number(&|now| now.residuals[n])),
-                    slip_speed: number(&|now| now.slip_speed),
-                    closure: number(&|now| now.closure),
-                    half_width: number(&|now| now.half_width),
-                    torque: std::array::from_fn(|n| number(&|now| now.torque[n])),
+                let q = std::array::from_fn(|n| number(&|own| own.now.motion.q.row()[n])).into();
+                let p = std::array::from_fn(|n| number(&|own| own.now.motion.p.row()[n])).into();
+                let now = Evaluation {
+                    motion: Motion { q, p, ..Motion::zero() },
+                    multipliers: std::array::from_fn(|n| number(&|own| own.now.multipliers[n])),
+                    residuals: std::array::from_fn(|n| number(&|own| own.now.residuals[n])),
+                    torque: std::array::from_fn(|n| number(&|own| own.now.torque[n])),
+                    ..Evaluation::nothing()
+                };
+                let instant = Own {
+                    t: number(&|own| own.t),
+                    now,
+                    slip_speed: number(&|own| own.slip_speed),
+                    closure: number(&|own| own.closure),
+                    half_width: number(&|own| own.half_width),
                 };
                 let seen = |lane: usize| runs[lane].get(k).is_some_and(|&(_, seen)| seen);
                 let seen = (0..4).fold(0, |bits, lane| bits | Bits::from(seen(lane)) << lane);
-                summaries.watch(&instant, seen);
+                summaries.watch(&instant.instant(), seen);
             }
             let end = RunEnd { from: after, completed, free_time: 0.25 };
             for (lane, run) in runs.iter().enumerate() {

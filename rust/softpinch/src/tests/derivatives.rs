@@ -4,7 +4,7 @@
 use proptest::prelude::*;
 
 use crate::driver::direction::{COMPONENTS, Direction};
-use crate::driver::sensitivities::sensitivities;
+use crate::driver::sensitivities::{Wanted, sensitivities};
 use crate::driver::simulate::simulate;
 use crate::formulation::table::FORMULATIONS;
 use crate::method::table::METHODS;
@@ -91,7 +91,7 @@ proptest! {
                     let scene = line.scene(0.0);
                     let end = [scene.duration];
                     let directions = [line.direction()];
-                    let found = sensitivities(&scene, &options, Some(start), &directions, &end, &|| false);
+                    let found = sensitivities(&scene, &options, Some(start), &directions, Wanted::Rows(&end), &|| false);
                     let found = found.unwrap().unwrap();
                     prop_assert_eq!((found.numbers.len(), &found.failed), (COMPONENTS, &None));
                     let end = |at: f64| simulate(&line.scene(at), &options, &|| false).unwrap().0.last.motion;

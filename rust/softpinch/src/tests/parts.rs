@@ -24,7 +24,7 @@ use crate::model::scene::Scene;
 use crate::model::start::{State, consistent};
 use crate::number::real::signed;
 use crate::stepping::options::{Options, Steps};
-use crate::stepping::recorder::Run;
+use crate::stepping::record::Run;
 use crate::stepping::status::Status;
 
 /// A hand without any symmetry, and an object with these tilts of its sides.

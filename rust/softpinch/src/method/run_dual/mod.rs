@@ -45,17 +45,16 @@ impl<R: Lanes> SolvedStep<'_, R> {
     /// derivatives; and the Jacobian there, which `tangent` computes. `z` is zero beyond the states of the motion.
     #[inline(always)]
     fn stage(&self, tangent: &impl Linear<f64>, c: f64, z: &States<f64>) -> (States<RunDual<R>>, Jacobian) {
-        let Self { equations, plain_drive, step, .. } = self;
-        let drive = step.drive;
-        let tau = step.tau + RunDual::constant(c * step.h.lane(0));
-        let at = StageState { from: step.y, by: RunDual::constant(1.0), along: &constants(z) };
+        let &Step { system, drive, tau, h, y, .. } = self.step;
+        let tau = tau + RunDual::constant(c * h.lane(0));
+        let at = StageState { from: y, by: RunDual::constant(1.0), along: &constants(z) };
         let mut rates = [RunDual::zero(); MAX_COMPONENTS];
-        equations.system.rates(&drive.at(tau), &drive.contacts, at, &mut rates);
-        let mut y = values(step.y);
-        for n in 0..equations.system.size().states {
+        system.rates(&drive.at(tau), &drive.contacts, at, &mut rates);
+        let mut y = values(y);
+        for n in 0..system.size().states {
             y[n] += z[n];
         }
-        (rates, tangent.jacobian(plain_drive, tau.lane(0), &y))
+        (rates, tangent.jacobian(self.plain_drive, tau.lane(0), &y))
     }
 }
 

@@ -14,7 +14,7 @@ use crate::number::simd::level::Instructions;
 use crate::number::trigonometry;
 
 macro_rules! vector {
-    ($(#[$doc:meta])* $name:ident, $register:ident, $width:literal, $set1:ident, $fma:ident, $fnma:ident,
+    ($(#[$doc:meta])* $name:ident, $register:ident, $width:literal, $set1:ident, $fma:ident, $fnma:ident, $xor:ident,
      $($operator:ident, $method:ident, $instruction:ident;)*) => {
         $(#[$doc])*
         #[derive(Debug, Clone, Copy)]
@@ -29,6 +29,15 @@ macro_rules! vector {
                 Self(unsafe { $instruction(self.0, other.0) })
             }
         })*
+
+        impl Neg for $name {
+            type Output = Self;
+            #[inline(always)]
+            fn neg(self) -> Self {
+                // SAFETY: see the module's documentation.
+                Self(unsafe { $xor(self.0, $set1(-0.0)) })
+            }
+        }
 
         impl $name {
             #[inline(always)]
@@ -85,13 +94,13 @@ macro_rules! vector {
 
 vector! {
     /// Eight lanes of AVX-512.
-    Zmm, __m512d, 8, _mm512_set1_pd, _mm512_fmadd_pd, _mm512_fnmadd_pd,
+    Zmm, __m512d, 8, _mm512_set1_pd, _mm512_fmadd_pd, _mm512_fnmadd_pd, _mm512_xor_pd,
     Add, add, _mm512_add_pd; Sub, sub, _mm512_sub_pd; Mul, mul, _mm512_mul_pd; Div, div, _mm512_div_pd;
 }
 
 vector! {
     /// Four lanes of AVX2.
-    Ymm, __m256d, 4, _mm256_set1_pd, _mm256_fmadd_pd, _mm256_fnmadd_pd,
+    Ymm, __m256d, 4, _mm256_set1_pd, _mm256_fmadd_pd, _mm256_fnmadd_pd, _mm256_xor_pd,
     Add, add, _mm256_add_pd; Sub, sub, _mm256_sub_pd; Mul, mul, _mm256_mul_pd; Div, div, _mm256_div_pd;
 }
 
@@ -103,27 +112,9 @@ impl Zmm {
     }
 }
 
-impl Neg for Zmm {
-    type Output = Self;
-    #[inline(always)]
-    fn neg(self) -> Self {
-        // SAFETY: see the module's documentation.
-        Self(unsafe { _mm512_xor_pd(self.0, _mm512_set1_pd(-0.0)) })
-    }
-}
-
-impl Neg for Ymm {
-    type Output = Self;
-    #[inline(always)]
-    fn neg(self) -> Self {
-        // SAFETY: see the module's documentation.
-        Self(unsafe { _mm256_xor_pd(self.0, _mm256_set1_pd(-0.0)) })
-    }
-}
-
-/// The functions of [`Lanes`] that are alike for all vectors: the call of a task, and the numbers of single lanes.
-macro_rules! one_by_one {
-    ($width:literal, $features:literal) => {
+/// The functions of [`Lanes`] that are alike for all vectors: the call of a task, the numbers of single lanes, and the square root.
+macro_rules! alike {
+    ($width:literal, $features:literal, $sqrt:ident) => {
         const WIDTH: usize = $width;
 
         #[inline(always)]
@@ -151,11 +142,17 @@ macro_rules! one_by_one {
         fn set(&mut self, lane: usize, value: f64) {
             self.numbers_mut()[lane] = value;
         }
+
+        #[inline(always)]
+        fn sqrt(self) -> Self {
+            // SAFETY: see the module's documentation.
+            Self(unsafe { $sqrt(self.0) })
+        }
     };
 }
 
 impl Lanes for Zmm {
-    one_by_one!(8, "avx512f,avx512dq,avx512vl,avx2,fma");
+    alike!(8, "avx512f,avx512dq,avx512vl,avx2,fma", _mm512_sqrt_pd);
 
     #[inline(always)]
     fn less(self, other: Self) -> Bits {
@@ -173,12 +170,6 @@ impl Lanes for Zmm {
     fn abs(self) -> Self {
         // SAFETY: see the module's documentation.
         Self(unsafe { _mm512_abs_pd(self.0) })
-    }
-
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        // SAFETY: see the module's documentation.
-        Self(unsafe { _mm512_sqrt_pd(self.0) })
     }
 
     #[inline(always)]
@@ -227,7 +218,7 @@ impl Ymm {
 }
 
 impl Lanes for Ymm {
-    one_by_one!(4, "avx2,fma");
+    alike!(4, "avx2,fma", _mm256_sqrt_pd);
 
     #[inline(always)]
     fn less(self, other: Self) -> Bits {
@@ -245,12 +236,6 @@ impl Lanes for Ymm {
     fn abs(self) -> Self {
         // SAFETY: see the module's documentation.
         Self(unsafe { _mm256_andnot_pd(_mm256_set1_pd(-0.0), self.0) })
-    }
-
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        // SAFETY: see the module's documentation.
-        Self(unsafe { _mm256_sqrt_pd(self.0) })
     }
 
     #[inline(always)]
