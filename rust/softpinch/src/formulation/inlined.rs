@@ -44,13 +44,7 @@ impl<R: Lanes, E: Equations<R>, const LEDGER: bool> System<R> for Inlined<'_, R,
     }
 
     #[inline(always)]
-    fn rates(
-        &self,
-        input: &Input<R>,
-        contacts: &Contacts<R>,
-        at: StageState<'_, R>,
-        rate: &mut States<R>,
-    ) {
+    fn rates(&self, input: &Input<R>, contacts: &Contacts<R>, at: StageState<'_, R>, rate: &mut States<R>) {
         let (equations, ledger) = (self.equations, LEDGER);
         Rates { equations, input, contacts, at, rate, ledger }.run();
     }

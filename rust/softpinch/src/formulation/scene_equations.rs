@@ -219,17 +219,19 @@ task! {
 }
 
 /// All stages of a step in one piece of code.
-struct Together<W, S> {
+struct Together<'a, R, E, W> {
     stages: W,
-    system: S,
+    equations: &'a E,
+    called: &'a SceneEquations<R>,
 }
 
-impl<R: Lanes, W: Stages<R>, S: System<R>> LaneTask<R> for Together<W, S> {
+impl<R: Lanes, E: Equations<R>, W: Stages<R>> LaneTask<R> for Together<'_, R, E, W> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        self.stages.run(&self.system);
+        let Self { stages, equations, called } = self;
+        stages.run(&Inlined::<_, _, false> { equations, called });
     }
 }
 
@@ -268,13 +270,13 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
     /// In lanes the equations of undisturbed bilateral contact are inlined into the stages.
     #[inline(always)]
     fn evaluate_stages(&self, stages: impl Stages<R>) {
-        let (instructions, called) = (self.instructions, self);
+        let together = Self::INLINES_STAGES && !self.ledger;
         match &self.kind {
-            EquationKind::Csm(equations) if Self::INLINES_STAGES && !self.ledger => {
-                R::call(instructions, Together { stages, system: Inlined::<_, _, false> { equations, called } });
+            EquationKind::Csm(equations) if together => {
+                R::call(self.instructions, Together { stages, equations, called: self });
             }
-            EquationKind::Nullspace(equations) if Self::INLINES_STAGES && !self.ledger => {
-                R::call(instructions, Together { stages, system: Inlined::<_, _, false> { equations, called } });
+            EquationKind::Nullspace(equations) if together => {
+                R::call(self.instructions, Together { stages, equations, called: self });
             }
             _ => stages.run(self),
         }
