@@ -300,7 +300,7 @@ MUTANTS = (
         CARGO,
     ),
     Mutant("method/stability.rs", "|| rate.re > 0.0 {", "{", CARGO),
-    Mutant("method/stability.rs", "growth > 1.0 + ROUND_OFF", "growth > 1.1", CARGO),
+    Mutant("method/stability.rs", "growth > 1.0 + 2.0 * ROUND_OFF", "growth > 1.1", CARGO),
     Mutant("stepping/grid.rs", "h: self.h / f64::from(refine)", "h: self.h", CARGO),
     Mutant(
         "stepping/adaptive.rs",
