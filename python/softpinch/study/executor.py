@@ -226,7 +226,7 @@ class BlockScheduler:
         # Not raised here, because a worker's KeyboardInterrupt must not interrupt this process.
         error = CancelledError() if future.cancelled() else future.exception()
         rows = future.result() if error is None else None
-        if rows is not None and len(rows) < len(task.block.run):
+        if rows is not None and len(rows) < len(task.block):
             error = RuntimeError("the worker was interrupted")
         if error is None or (rows is not None and self._ctrl_c.pending and not self._in_order):
             self._lost_in_a_row = 0

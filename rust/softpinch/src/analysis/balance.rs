@@ -18,7 +18,7 @@
 //! centre of gravity: this height is the grip.
 
 use crate::error::Error;
-use crate::model::control::{Actuated, Fingers};
+use crate::model::control::Fingers;
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::drive::Input;
 use crate::model::energy::Energies;
@@ -100,12 +100,13 @@ pub struct Balance<R> {
 impl<R: Real> Balance<R> {
     /// The forces of these unknowns.
     #[inline(always)]
-    fn new(plant: &Plant<R, Actuated<R>>, input: &Input<R>, z: &Unknowns<R>) -> (Self, Geometry<R>) {
+    fn new(plant: &Plant<R>, input: &Input<R>, z: &Unknowns<R>) -> (Self, Geometry<R>) {
         let zero = R::zero();
         let mut motion = Motion { q: coordinates(z), ..Motion::zero() };
         let geometry = Geometry::constrained(&plant.sides, &mut motion.q, &mut motion.p);
         let q = motion.q;
-        let forces = plant.forces(plant.elastic(&geometry, &q), &geometry, &motion, input);
+        // Driven fingers are held, so that the torques are left out again below.
+        let forces = plant.forces(false, plant.elastic(&geometry, &q), &geometry, &motion, input);
         // At rest the multipliers balance the resistances of the deformations.
         let multipliers = forces.resistance;
         let (applied, carried) = (forces.total(), geometry.phi_transposed_times(&multipliers));
@@ -163,8 +164,8 @@ pub struct RestScene {
     pub input: Input<f64>,
     pub(super) level: Level,
     instructions: Instructions,
-    pub(super) plant: Plant<f64, Actuated<f64>>,
-    dual: Plant<Directions, Actuated<Directions>>,
+    pub(super) plant: Plant<f64>,
+    dual: Plant<Directions>,
 }
 
 /// The balance at one set of unknowns, with its derivatives by the unknowns.

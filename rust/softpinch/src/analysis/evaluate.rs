@@ -8,9 +8,7 @@ use crate::formulation::csm::Csm;
 use crate::formulation::equations::{self, Equations};
 use crate::model::contact::Side;
 use crate::model::contact_modes::Contacts;
-use crate::model::control::{Actuated, Controller, Driven, Fingers};
 use crate::model::coordinates::Coordinates;
-use crate::model::drive::Input;
 use crate::model::energy::Energies;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
@@ -71,31 +69,16 @@ pub fn evaluate(
 ) -> Result<Terms, Error> {
     Rule::Finite.check("t", t)?;
     let input = inputs.segment(t).at(0.0);
-    let fingers = inputs.fingers();
-    Ok(match fingers {
-        Fingers::Pid | Fingers::Torque => {
-            terms::<Actuated<f64>>(parameters, fingers, &input, stabilization, motion)
-        }
-        Fingers::Driven => terms::<Driven>(parameters, fingers, &input, stabilization, motion),
-    })
-}
-
-fn terms<K: Controller<f64>>(
-    parameters: &Parameters,
-    fingers: Fingers,
-    input: &Input<f64>,
-    stabilization: &Stabilization,
-    motion: &Motion<f64>,
-) -> Terms {
-    let plant = Plant::<f64, K>::new(parameters, fingers);
+    let plant = Plant::<f64>::new(parameters, inputs.fingers());
     let Motion { q, p, .. } = motion;
     let geometry = Geometry::new(&plant.sides, q, p);
     let csm = Csm::new(plant, stabilization);
-    let equations::Terms { forces, response, .. } = csm.terms(input, &Contacts::sticking(), motion, geometry);
+    let equations::Terms { forces, response, .. } =
+        csm.terms(plant.driven, &input, &Contacts::sticking(), motion, geometry);
     let Response { multipliers, acceleration: accelerations, .. } = response;
     let [right, left] = forces.elastic;
     let velocity = geometry.constraint_velocity();
-    Terms {
+    Ok(Terms {
         mass_matrix: parameters.mass_matrix(),
         constraint_matrix: geometry.constraint_matrix(),
         constraint_rate: Vector4::from(geometry.bias()),
@@ -114,7 +97,7 @@ fn terms<K: Controller<f64>>(
         accelerations: Vector9::from(accelerations.row()),
         energies: plant.energies(q, p),
         target: input.target,
-    }
+    })
 }
 
 /// A vector over q, from its parts for the object, the fingers, and d_n1, d_n2, d_t1 and d_t2.

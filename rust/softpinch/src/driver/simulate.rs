@@ -284,7 +284,11 @@ fn run<'a>(
                 let gains = &options.stabilization;
                 let called = &SceneEquations::new(instructions, choice, &scene.parameters, gains);
                 let method = &mut Rk4::default();
-                return with!(called.kind, equations [false] => {
+                return with!(called.kind, equations [false] => if choice.fingers == Fingers::Driven {
+                    let system = Inlined::<_, _, true> { equations, called };
+                    let build = |_: Runs<'_>| (system, method);
+                    f64::call(instructions, EqualSteps { setup, grid, build })
+                } else {
                     let system = Inlined::<_, _, false> { equations, called };
                     let build = |_: Runs<'_>| (system, method);
                     f64::call(instructions, EqualSteps { setup, grid, build })

@@ -11,7 +11,6 @@
 //! for them N_i = [m_n 0; . m_t], and their accelerations are added to b.
 
 use crate::model::contact::Contact;
-use crate::model::control::Controller;
 use crate::model::coordinates::Coordinates;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
@@ -30,22 +29,23 @@ pub struct Constrained<R> {
 /// Multipliers and accelerations for the forces `f` and the bias `b`. `finger_acceleration` has those that
 /// the schedule prescribes for driven fingers.
 #[inline(always)]
-pub fn constrained<R: Real, K: Controller<R>>(
+pub fn constrained<R: Real>(
+    driven: bool,
     geometry: &Geometry<R>,
-    plant: &Plant<R, K>,
+    plant: &Plant<R>,
     f: &Coordinates<R>,
     b: &[R; 4],
     finger_acceleration: &[R; 2],
 ) -> Constrained<R> {
-    let mut driven = *b;
-    if !K::ANGLE_IS_STATE {
+    let mut whole = *b;
+    if driven {
         let share = geometry.driven_bias(*finger_acceleration);
         for k in 0..4 {
-            driven[k] = b[k] + share[k];
+            whole[k] = b[k] + share[k];
         }
     }
-    let (object, mut finger) = pose_acceleration(geometry, plant, f, &driven);
-    if !K::ANGLE_IS_STATE {
+    let (object, mut finger) = pose_acceleration(driven, geometry, plant, f, &whole);
+    if driven {
         finger = *finger_acceleration;
     }
     let mut a = Coordinates { object, finger, ..Coordinates::zero() };
@@ -80,36 +80,33 @@ struct Eliminated<R> {
 
 impl<R: Real> Eliminated<R> {
     /// The finger of contact `i` with the inertia I_i, under the generalised force `torque` that the multipliers leave
-    /// over.
+    /// over. A driven finger does not give way: N_i = [m_n 0; . m_t].
     #[inline(always)]
-    fn new(i: usize, contact: &Contact<R>, (inertia, torque): (R, R), [m_n, m_t]: [R; 2]) -> Self {
-        let (h, k) = (m_n * contact.b, m_t * contact.f);
-        let (normal_part, tangential_part) = (h.mul_add(contact.b, inertia), k.mul_add(contact.f, inertia));
-        let inverse = R::constant(1.0) / k.mul_add(contact.f, normal_part);
-        // Each product contains a mass and a share of the total inertia: products of two masses would
-        // overflow or underflow if the masses are extreme.
-        let normal = m_n * (tangential_part * inverse);
-        let mixed = -(h * (k * inverse));
-        let tangential = m_t * (normal_part * inverse);
-        let [along, across] = contact.push(i, [h, k]);
-        Self {
-            inverse,
-            free_acceleration: inverse * torque,
-            column: [along, across, h.dot2(contact.a, k, contact.e)],
-            ..Self::effective(i, contact, [normal, mixed, tangential])
-        }
-    }
-
-    /// A driven finger, which does not give way: N_i = [m_n 0; . m_t].
-    #[inline(always)]
-    fn driven(i: usize, contact: &Contact<R>, [m_n, m_t]: [R; 2]) -> Self {
-        Self::effective(i, contact, [m_n, R::zero(), m_t])
-    }
-
-    /// The share of the effective mass N_i, whose entries are (H, H), (H, N) and (N, N).
-    #[inline(always)]
-    fn effective(i: usize, contact: &Contact<R>, [normal, mixed, tangential]: [R; 3]) -> Self {
+    fn new(
+        driven: bool,
+        i: usize,
+        contact: &Contact<R>,
+        (inertia, torque): (R, R),
+        [m_n, m_t]: [R; 2],
+    ) -> Self {
         let zero = R::zero();
+        let (mut inverse, mut free_acceleration, mut column) = (zero, zero, [zero; 3]);
+        // The entries (H, H), (H, N) and (N, N) of the effective mass.
+        let [mut normal, mut mixed, mut tangential] = [m_n, zero, m_t];
+        if !driven {
+            let (h, k) = (m_n * contact.b, m_t * contact.f);
+            let (normal_part, tangential_part) =
+                (h.mul_add(contact.b, inertia), k.mul_add(contact.f, inertia));
+            inverse = R::constant(1.0) / k.mul_add(contact.f, normal_part);
+            // Each product contains a mass and a share of the total inertia: products of two masses would
+            // overflow or underflow if the masses are extreme.
+            normal = m_n * (tangential_part * inverse);
+            mixed = -(h * (k * inverse));
+            tangential = m_t * (normal_part * inverse);
+            let [along, across] = contact.push(i, [h, k]);
+            free_acceleration = inverse * torque;
+            column = [along, across, h.dot2(contact.a, k, contact.e)];
+        }
         // N_i times the object's column for its turn, (A_i, E_i).
         let turn = [normal.dot2(contact.a, mixed, contact.e), mixed.dot2(contact.a, tangential, contact.e)];
         let inertia = turn[0].dot2(contact.a, turn[1], contact.e);
@@ -121,16 +118,8 @@ impl<R: Real> Eliminated<R> {
             [along, beside] = contact.direction.out_of_side([normal, other]);
             [_, across] = contact.direction.out_of_side([mixed, tangential]);
         }
-        Self {
-            inverse: zero,
-            free_acceleration: zero,
-            column: [zero; 3],
-            along,
-            mixed: beside,
-            across,
-            turn: contact.push(i, turn),
-            inertia,
-        }
+        let turn = contact.push(i, turn);
+        Self { inverse, free_acceleration, column, along, mixed: beside, across, turn, inertia }
     }
 
     /// The acceleration of the finger for an acceleration of the object along its axes and about it.
@@ -144,9 +133,10 @@ impl<R: Real> Eliminated<R> {
 /// v-dot of the object and of the fingers for the forces `f` and the bias `b`, which includes the share of driven
 /// fingers. The rows of driven fingers are zero.
 #[inline(always)]
-fn pose_acceleration<R: Real, K: Controller<R>>(
+fn pose_acceleration<R: Real>(
+    driven: bool,
     geometry: &Geometry<R>,
-    plant: &Plant<R, K>,
+    plant: &Plant<R>,
     f: &Coordinates<R>,
     b: &[R; 4],
 ) -> ([R; 3], [R; 2]) {
@@ -167,7 +157,7 @@ fn pose_acceleration<R: Real, K: Controller<R>>(
     let moment = moment - (right.moment(loads[0]) + left.moment(loads[1]));
 
     // The object's own 3 x 3 system: M + sum of G_i^T N_i G_i.
-    if !K::ANGLE_IS_STATE && geometry.is_aligned() {
+    if driven && geometry.is_aligned() {
         let (rh, rn) = (m_n[0] * right.a, m_t[0] * right.e);
         let (lh, ln) = (m_n[1] * left.a, m_t[1] * left.e);
         // Along the normal and across it the masses are constant, and only the rotation couples the two
@@ -182,16 +172,13 @@ fn pose_acceleration<R: Real, K: Controller<R>>(
         return ([x, y, turn], [R::zero(); 2]);
     }
     let (surface1, surface2) = ([m_n[0], m_t[0]], [m_n[1], m_t[1]]);
-    let (r, l) = if K::ANGLE_IS_STATE {
-        let torque1 = f.finger[0] - right.torque(loads[0]);
-        let torque2 = f.finger[1] - left.torque(loads[1]);
-        (
-            Eliminated::new(0, right, (inertia[0], torque1), surface1),
-            Eliminated::new(1, left, (inertia[1], torque2), surface2),
-        )
-    } else {
-        (Eliminated::driven(0, right, surface1), Eliminated::driven(1, left, surface2))
-    };
+    let (mut torque1, mut torque2) = (R::zero(), R::zero());
+    if !driven {
+        torque1 = f.finger[0] - right.torque(loads[0]);
+        torque2 = f.finger[1] - left.torque(loads[1]);
+    }
+    let r = Eliminated::new(driven, 0, right, (inertia[0], torque1), surface1);
+    let l = Eliminated::new(driven, 1, left, (inertia[1], torque2), surface2);
     let matrix = [
         *m_x + (r.along + l.along),
         l.mixed + r.mixed,

@@ -1,12 +1,10 @@
-//! The equations of unilateral contact as the search for events uses them: for one run, after the choice of
-//! its fingers.
+//! The equations of unilateral contact as the search for events uses them: for one run.
 
 use crate::formulation::equations::{Equations, States, Terms};
 use crate::formulation::impact::{Impact, impact};
 use crate::formulation::unilateral::Unilateral;
 use crate::model::contact::Side;
 use crate::model::contact_modes::Contacts;
-use crate::model::control::{Actuated, Driven};
 use crate::model::coordinates::Coordinates;
 use crate::model::drive::Input;
 use crate::model::geometry::Geometry;
@@ -17,54 +15,41 @@ use crate::number::simd::level::Instructions;
 /// The equations of one run with unilateral contact, and the instructions for which their long computations are
 /// compiled.
 #[derive(Debug, Clone, Copy)]
-pub enum ContactEquations<'a> {
-    /// Fingers that torques turn.
-    Actuated(Instructions, &'a Unilateral<f64, Actuated<f64>>),
-    /// Fingers that follow their schedule.
-    Driven(Instructions, &'a Unilateral<f64, Driven>),
-}
-
-/// Evaluates one expression with the equations of either kind of fingers.
-macro_rules! with {
-    ($contact:expr, ($instructions:pat, $equations:ident) => $body:expr) => {
-        match *$contact {
-            ContactEquations::Actuated($instructions, $equations) => $body,
-            ContactEquations::Driven($instructions, $equations) => $body,
-        }
-    };
+pub struct ContactEquations<'a> {
+    instructions: Instructions,
+    equations: &'a Unilateral<f64>,
 }
 
 /// Computes the terms at one state.
-struct TermsAt<'a, E>(&'a E, &'a Input<f64>, &'a Contacts<f64>, &'a Motion<f64>);
+struct TermsAt<'a>(&'a Unilateral<f64>, &'a Input<f64>, &'a Contacts<f64>, &'a Motion<f64>);
 
-impl<E: Equations<f64>> LaneTask<f64> for TermsAt<'_, E> {
+impl LaneTask<f64> for TermsAt<'_> {
     type Output = Terms<f64>;
 
     #[inline(always)]
     fn run(self) -> Terms<f64> {
         let Self(equations, input, contacts, motion) = self;
         let geometry = Geometry::new(&equations.plant().sides, &motion.q, &motion.p);
-        equations.terms(input, contacts, motion, geometry)
+        equations.terms(equations.plant().driven, input, contacts, motion, geometry)
     }
 }
 
-/// Computes an impact with these frictions.
-struct Collision<'a, E> {
-    equations: &'a E,
-    friction: [f64; 2],
+/// Computes an impact.
+struct Collision<'a> {
+    equations: &'a Unilateral<f64>,
     geometry: &'a Geometry<f64>,
     p: &'a Coordinates,
     closed: [bool; 2],
     impulse: [f64; 3],
 }
 
-impl<E: Equations<f64>> LaneTask<f64> for Collision<'_, E> {
+impl LaneTask<f64> for Collision<'_> {
     type Output = Impact;
 
     #[inline(always)]
     fn run(self) -> Impact {
-        let Self { equations, friction, geometry, p, closed, impulse } = self;
-        impact(geometry, equations.plant(), p, (closed, friction), impulse)
+        let Self { equations, geometry, p, closed, impulse } = self;
+        impact(geometry, equations.plant(), p, (closed, equations.friction()), impulse)
     }
 }
 
@@ -80,12 +65,15 @@ impl LaneTask<f64> for Swept<'_> {
     }
 }
 
-impl ContactEquations<'_> {
+impl<'a> ContactEquations<'a> {
+    /// The equations of a run.
+    pub fn new(instructions: Instructions, equations: &'a Unilateral<f64>) -> Self {
+        Self { instructions, equations }
+    }
+
     /// All terms at one state, in the modes of the contacts.
     pub fn terms(&self, input: &Input<f64>, contacts: &Contacts<f64>, motion: &Motion<f64>) -> Terms<f64> {
-        with!(self, (instructions, equations) => {
-            f64::call(instructions, TermsAt(equations, input, contacts, motion))
-        })
+        f64::call(self.instructions, TermsAt(self.equations, input, contacts, motion))
     }
 
     /// The velocities `p` after an impact of the contacts that are `closed`, with an impulse on the object.
@@ -96,26 +84,23 @@ impl ContactEquations<'_> {
         closed: [bool; 2],
         impulse: [f64; 3],
     ) -> Impact {
-        let friction = self.friction();
-        with!(self, (instructions, equations) => {
-            f64::call(instructions, Collision { equations, friction, geometry, p, closed, impulse })
-        })
+        let Self { instructions, equations } = *self;
+        f64::call(instructions, Collision { equations, geometry, p, closed, impulse })
     }
 
     /// The state of a motion, with works of zero.
     pub fn begin(&self, motion: &Motion<f64>) -> States<f64> {
-        with!(self, (_, equations) => equations.begin(motion))
+        self.equations.begin(self.equations.plant().driven, motion)
     }
 
     /// The motion of a state.
     pub fn motion(&self, input: &Input<f64>, y: &States<f64>) -> Motion<f64> {
-        with!(self, (_, equations) => equations.unpack(input, y))
+        self.equations.unpack(self.equations.plant().driven, input, y)
     }
 
     /// The rates of the constraints' velocities that the accelerations make: Phi times the accelerations.
     pub fn swept(&self, terms: &Terms<f64>) -> [f64; 4] {
-        let (Self::Actuated(instructions, _) | Self::Driven(instructions, _)) = *self;
-        f64::call(instructions, Swept(terms))
+        f64::call(self.instructions, Swept(terms))
     }
 
     /// theta_p of both tips.
@@ -125,16 +110,16 @@ impl ContactEquations<'_> {
 
     /// The lengths of both sides.
     pub fn sides(&self) -> &[Side<f64>; 2] {
-        with!(self, (_, equations) => &equations.plant().sides)
+        &self.equations.plant().sides
     }
 
     /// The diagonal of the mass matrix (14).
     pub fn masses(&self) -> &Coordinates {
-        with!(self, (_, equations) => &equations.plant().masses)
+        &self.equations.plant().masses
     }
 
     /// mu of both contacts.
     pub fn friction(&self) -> [f64; 2] {
-        with!(self, (_, equations) => equations.friction())
+        self.equations.friction()
     }
 }

@@ -15,7 +15,6 @@
 
 use crate::formulation::constrained::Constrained;
 use crate::model::contact_modes::Contacts;
-use crate::model::control::Controller;
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
@@ -75,16 +74,17 @@ fn select_block<R: Real>(bits: u8, a: &Block<R>, b: &Block<R>) -> Block<R> {
 
 /// Multipliers, shares of the couples and accelerations.
 #[inline(always)]
-pub fn response<R: Real, K: Controller<R>>(
+pub fn response<R: Real>(
+    driven: bool,
     geometry: &Geometry<R>,
-    plant: &Plant<R, K>,
+    plant: &Plant<R>,
     contacts: &Contacts<R>,
     load: &Load<R>,
 ) -> Response<R> {
     let (force, w) = (&load.force, &plant.inverse_masses);
     let (zero, one) = (R::zero(), R::constant(1.0));
     let mut unforced = each_coordinate!([force, w] => force * w);
-    if !K::ANGLE_IS_STATE {
+    if driven {
         unforced.finger = load.finger_acceleration;
     }
     let [h1, h2, n1, n2] = geometry.phi_times(&unforced);

@@ -4,7 +4,6 @@
 //! (24) is solved for the accelerations, with gamma in place of Phi-dot p (`constrained.rs`).
 
 use crate::formulation::equations::Equations;
-use crate::model::control::Controller;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
 use crate::model::parameters::Stabilization;
@@ -12,17 +11,17 @@ use crate::number::real::Real;
 
 /// The equations of the constraint stabilisation method.
 #[derive(Debug, Clone, Copy)]
-pub struct Csm<R, K> {
-    pub(crate) plant: Plant<R, K>,
+pub struct Csm<R> {
+    pub(crate) plant: Plant<R>,
     two_alpha: R,
     alpha_squared: R,
     beta: R,
 }
 
-impl<R: Real, K: Controller<R>> Csm<R, K> {
+impl<R: Real> Csm<R> {
     /// The formulation of a scene with the gains of (19) and (20).
     #[inline(always)]
-    pub fn new(plant: Plant<R, K>, stabilization: &Stabilization) -> Self {
+    pub fn new(plant: Plant<R>, stabilization: &Stabilization) -> Self {
         let Stabilization { alpha, beta } = *stabilization;
         Self {
             plant,
@@ -33,11 +32,9 @@ impl<R: Real, K: Controller<R>> Csm<R, K> {
     }
 }
 
-impl<R: Real, K: Controller<R>> Equations<R> for Csm<R, K> {
-    type Fingers = K;
-
+impl<R: Real> Equations<R> for Csm<R> {
     #[inline(always)]
-    fn plant(&self) -> &Plant<R, K> {
+    fn plant(&self) -> &Plant<R> {
         &self.plant
     }
 

@@ -6,7 +6,6 @@ use std::fmt::Debug;
 use crate::formulation::constrained::{Constrained, constrained};
 use crate::formulation::contact_solve::Response;
 use crate::model::contact_modes::Contacts;
-use crate::model::control::Controller;
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::drive::Input;
 use crate::model::energy::{BILATERAL_WORKS, Energies, WORKS, work};
@@ -101,72 +100,102 @@ pub struct Terms<R> {
     pub friction: [R; 2],
 }
 
-/// The equations of a formulation for one kind of fingers, in numbers of any type. `ledger` says whether the
-/// state carries the works of the ledger. Bilateral contact ignores the modes in `contacts`.
+/// Evaluates an expression in which the kind of fingers is known at compile time. Loops over the states need it: with
+/// a number of states that is known at run time only, vectors would be kept in memory instead of registers.
+macro_rules! for_fingers {
+    ($driven:expr, $known:ident => $body:expr) => {
+        if $driven {
+            let $known = true;
+            $body
+        } else {
+            let $known = false;
+            $body
+        }
+    };
+}
+pub(crate) use for_fingers;
+
+/// The equations of a formulation, in numbers of any type. `driven` says whether the fingers follow the schedule, as
+/// [`Plant::driven`] does; `ledger` says whether the state carries the works of the ledger. Bilateral contact ignores
+/// the modes in `contacts`.
 ///
 /// A formulation says what its states are and what bias its accelerations have. The rest is common to all.
 pub trait Equations<R: Real>: Copy + Debug {
-    /// The law of the fingers.
-    type Fingers: Controller<R>;
     /// Whether the states can leave the constraints. If so, they have all deformations with their rates; if not, they
     /// have the shears, and the constraints determine the rest.
     const DRIFTS: bool = true;
-    /// Number of coordinates that are states with their rates: the object's, those of fingers that the schedule does not
-    /// prescribe, and deformations if the states can drift.
-    const DEGREES: usize =
-        3 + if Self::Fingers::ANGLE_IS_STATE { 2 } else { 0 } + if Self::DRIFTS { 4 } else { 0 };
-    /// Number of states of the motion: coordinates, rates, and after these shears and the controllers' memories.
-    const STATES: usize = 2 * Self::DEGREES
-        + if Self::DRIFTS { 0 } else { 2 }
-        + if Self::Fingers::ANGLE_IS_STATE { 2 } else { 0 };
     /// Number of works of the ledger.
     const WORKS: usize = BILATERAL_WORKS;
     /// Whether contacts can slip and open.
     const UNILATERAL: bool = false;
 
+    /// Number of coordinates that are states with their rates: the object's, those of fingers that the schedule does not
+    /// prescribe, and deformations if the states can drift.
+    #[inline(always)]
+    fn degrees(driven: bool) -> usize {
+        3 + if driven { 0 } else { 2 } + if Self::DRIFTS { 4 } else { 0 }
+    }
+
+    /// Number of states of the motion: coordinates, rates, and after these shears and the controllers' memories.
+    #[inline(always)]
+    fn states(driven: bool) -> usize {
+        2 * Self::degrees(driven) + if Self::DRIFTS { 0 } else { 2 } + if driven { 0 } else { 2 }
+    }
+
     /// The place of the state's coordinate `n` among all nine.
     #[inline(always)]
-    fn place(n: usize) -> usize {
-        if Self::Fingers::ANGLE_IS_STATE || n < 3 { n } else { n + 2 }
+    fn place(driven: bool, n: usize) -> usize {
+        if driven && n >= 3 { n + 2 } else { n }
     }
 
     /// The constants of the scene.
-    fn plant(&self) -> &Plant<R, Self::Fingers>;
+    fn plant(&self) -> &Plant<R>;
 
     /// The state of a motion, with works of zero. It turns the rates of a motion into the state's derivative, too.
     #[inline(always)]
-    fn begin(&self, motion: &Motion<R>) -> States<R> {
+    fn begin(&self, driven: bool, motion: &Motion<R>) -> States<R> {
         let Motion { q, p, memory } = motion;
         let mut y = [R::zero(); MAX_COMPONENTS];
         let (coordinates, rates) = (q.row(), p.row());
-        for n in 0..Self::DEGREES {
-            y[n] = coordinates[Self::place(n)];
-            y[Self::DEGREES + n] = rates[Self::place(n)];
-        }
-        if !Self::DRIFTS {
-            y[2 * Self::DEGREES..2 * Self::DEGREES + 2].copy_from_slice(&q.shear);
-        }
-        if Self::Fingers::ANGLE_IS_STATE {
-            y[Self::STATES - 2..Self::STATES].copy_from_slice(memory);
-        }
+        for_fingers!(driven, driven => {
+            let (degrees, states) = (Self::degrees(driven), Self::states(driven));
+            for n in 0..degrees {
+                y[n] = coordinates[Self::place(driven, n)];
+                y[degrees + n] = rates[Self::place(driven, n)];
+            }
+            if !Self::DRIFTS {
+                y[2 * degrees..2 * degrees + 2].copy_from_slice(&q.shear);
+            }
+            if !driven {
+                y[states - 2..states].copy_from_slice(memory);
+            }
+        });
         y
     }
 
     /// The motion of a state. Driven fingers are taken from the input, and coordinates that are no states are zero.
     #[inline(always)]
-    fn unpack(&self, input: &Input<R>, y: &States<R>) -> Motion<R> {
+    fn unpack(&self, driven: bool, input: &Input<R>, y: &States<R>) -> Motion<R> {
         let (mut q, mut p, mut memory) = ([R::zero(); 9], [R::zero(); 9], [R::zero(); 2]);
-        for n in 0..Self::DEGREES {
-            q[Self::place(n)] = y[n];
-            p[Self::place(n)] = y[Self::DEGREES + n];
-        }
+        let mut shear = [R::zero(); 2];
+        for_fingers!(driven, driven => {
+            let (degrees, states) = (Self::degrees(driven), Self::states(driven));
+            for n in 0..degrees {
+                q[Self::place(driven, n)] = y[n];
+                p[Self::place(driven, n)] = y[degrees + n];
+            }
+            if !Self::DRIFTS {
+                shear.copy_from_slice(&y[2 * degrees..2 * degrees + 2]);
+            }
+            if !driven {
+                memory.copy_from_slice(&y[states - 2..states]);
+            }
+        });
         let (mut q, mut p) = (Coordinates::from(q), Coordinates::from(p));
         if !Self::DRIFTS {
-            q.shear.copy_from_slice(&y[2 * Self::DEGREES..2 * Self::DEGREES + 2]);
+            q.shear = shear;
         }
-        if Self::Fingers::ANGLE_IS_STATE {
-            memory.copy_from_slice(&y[Self::STATES - 2..Self::STATES]);
-        } else {
+        if driven {
             (q.finger, p.finger) = (input.target, input.target_rate);
         }
         Motion { q, p, memory }
@@ -185,6 +214,7 @@ pub trait Equations<R: Real>: Copy + Debug {
     #[inline(always)]
     fn terms(
         &self,
+        driven: bool,
         input: &Input<R>,
         _: &Contacts<R>,
         motion: &Motion<R>,
@@ -192,11 +222,17 @@ pub trait Equations<R: Real>: Copy + Debug {
     ) -> Terms<R> {
         let plant = self.plant();
         let elastic = plant.elastic(&geometry, &motion.q);
-        let mut forces = plant.forces(elastic, &geometry, motion, input);
+        let mut forces = plant.forces(driven, elastic, &geometry, motion, input);
         let finger_acceleration = &input.target_acceleration;
-        let found =
-            constrained(&geometry, plant, &forces.total(), &self.bias(&geometry), finger_acceleration);
-        if !Self::Fingers::ANGLE_IS_STATE {
+        let found = constrained(
+            driven,
+            &geometry,
+            plant,
+            &forces.total(),
+            &self.bias(&geometry),
+            finger_acceleration,
+        );
+        if driven {
             forces.torque = plant.driving_torque(&geometry, &forces, finger_acceleration, &found.multipliers);
         }
         let couple = [forces.elastic[0].tilt, forces.elastic[1].tilt];
@@ -221,20 +257,24 @@ pub trait Equations<R: Real>: Copy + Debug {
     #[inline(always)]
     fn evaluate(
         &self,
+        driven: bool,
         input: &Input<R>,
         contacts: &Contacts<R>,
         y: &States<R>,
         ledger: bool,
     ) -> Evaluation<R> {
-        let mut motion = self.unpack(input, y);
+        let mut motion = self.unpack(driven, input, y);
         let geometry = self.geometry(&mut motion);
-        let terms = self.terms(input, contacts, &motion, geometry);
+        let terms = self.terms(driven, input, contacts, &motion, geometry);
         let Response { multipliers, share, acceleration, .. } = terms.response;
         let memory = self.plant().memory_rates(&motion.q, input);
-        let mut rate = self.begin(&Motion { q: motion.p, p: acceleration, memory });
+        let mut rate = self.begin(driven, &Motion { q: motion.p, p: acceleration, memory });
         if ledger {
             let powers = self.powers(&terms, contacts, &motion.p);
-            rate[Self::STATES..Self::STATES + Self::WORKS].copy_from_slice(&powers[..Self::WORKS]);
+            for_fingers!(driven, driven => {
+                let states = Self::states(driven);
+                rate[states..states + Self::WORKS].copy_from_slice(&powers[..Self::WORKS]);
+            });
         }
         Evaluation {
             rate,
@@ -254,22 +294,24 @@ pub trait Equations<R: Real>: Copy + Debug {
     /// impulses Lambda are added to the ledger as J (p before + p after) / 2, which is exact.
     #[inline(always)]
     fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3], ledger: bool) {
-        let mut motion = self.unpack(input, y);
+        let driven = self.plant().driven;
+        let mut motion = self.unpack(driven, input, y);
         let geometry = self.geometry(&mut motion);
         let (plant, p, zero) = (self.plant(), motion.p, R::zero());
         let force = Coordinates { object: *impulse, ..Coordinates::zero() };
         let Constrained { multipliers: constraint_impulse, acceleration: change } =
-            constrained(&geometry, plant, &force, &[zero; 4], &[zero; 2]);
-        let jump = self.begin(&Motion { p: change, ..Motion::zero() });
-        for n in Self::DEGREES..2 * Self::DEGREES {
+            constrained(driven, &geometry, plant, &force, &[zero; 4], &[zero; 2]);
+        let jump = self.begin(driven, &Motion { p: change, ..Motion::zero() });
+        let degrees = Self::degrees(driven);
+        for n in degrees..2 * degrees {
             y[n] = y[n] + jump[n];
         }
         if ledger {
             let half = R::constant(0.5);
             let mean = each_coordinate!([change, p] => half.mul_add(change, p));
-            let works = &mut y[Self::STATES..];
+            let works = &mut y[Self::states(driven)..];
             works[work::EXTERNAL] = works[work::EXTERNAL] + dot(impulse, &mean.object);
-            if !Self::Fingers::ANGLE_IS_STATE {
+            if driven {
                 let driving = plant.driving_work(&geometry, &constraint_impulse, &p);
                 works[work::CONTROL] = works[work::CONTROL] + driving;
             }

@@ -11,7 +11,6 @@
 
 use crate::formulation::contact_solve::{Load, Response, response};
 use crate::model::contact_modes::{Contacts, Mode, Slip};
-use crate::model::control::Controller;
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
@@ -38,9 +37,9 @@ pub struct Impact {
 const CHOICES: [Mode; 4] = [Mode::Stick, Mode::Slip(Slip::Up), Mode::Slip(Slip::Down), Mode::Free];
 
 /// The velocities after an impact of the contacts that are `closed`, with the impulse J on the object.
-pub fn impact<K: Controller<f64>>(
+pub fn impact(
     geometry: &Geometry<f64>,
-    plant: &Plant<f64, K>,
+    plant: &Plant<f64>,
     p: &Coordinates,
     (closed, friction): ([bool; 2], [f64; 2]),
     impulse: [f64; 3],
@@ -55,7 +54,7 @@ pub fn impact<K: Controller<f64>>(
             let modes = [right, left];
             let mut contacts = Contacts::sticking();
             contacts.set(0, modes, [0.0; 2]);
-            let found = response(geometry, plant, &contacts, &load);
+            let found = response(plant.driven, geometry, plant, &contacts, &load);
             let change = geometry.phi_times(&found.acceleration);
             let after: [f64; 4] = std::array::from_fn(|k| before[k] + change[k]);
             let off = (0..2).fold(0.0, |off, i| {
@@ -96,8 +95,8 @@ fn violation(i: usize, mode: Mode, friction: f64, found: &Response<f64>, after: 
 }
 
 /// The result for modes that hold.
-fn result<K: Controller<f64>>(
-    (geometry, plant): (&Geometry<f64>, &Plant<f64, K>),
+fn result(
+    (geometry, plant): (&Geometry<f64>, &Plant<f64>),
     p: &Coordinates,
     impulse: [f64; 3],
     modes: [Mode; 2],
@@ -109,7 +108,7 @@ fn result<K: Controller<f64>>(
     let impulses = found.multipliers;
     let loss = -(0..4).map(|k| impulses[k] * 0.5 * (before[k] + after[k])).sum::<f64>();
     let mean = std::array::from_fn(|k| 0.5 * (p.object[k] + changed.object[k]));
-    let driving = if K::ANGLE_IS_STATE { 0.0 } else { plant.driving_work(geometry, &impulses, p) };
+    let driving = if plant.driven { plant.driving_work(geometry, &impulses, p) } else { 0.0 };
     Impact { p: changed, impulses, modes, loss, work: dot(&impulse, &mean), driving }
 }
 
@@ -119,16 +118,16 @@ mod tests {
 
     use super::*;
     use crate::model::contact::Side;
-    use crate::model::control::{Actuated, Driven, Fingers};
+    use crate::model::control::Fingers;
     use crate::model::parameters::Parameters;
     use crate::model::start::contact;
 
-    fn pressed(q: Coordinates, p: Coordinates) -> (Geometry<f64>, Plant<f64, Actuated<f64>>) {
+    fn pressed(q: Coordinates, p: Coordinates) -> (Geometry<f64>, Plant<f64>) {
         let parameters = Parameters::default();
         (Geometry::new(&Side::both(&parameters), &q, &p), Plant::new(&parameters, Fingers::Pid))
     }
 
-    fn kinetic(plant: &Plant<f64, Actuated<f64>>, p: &Coordinates) -> f64 {
+    fn kinetic(plant: &Plant<f64>, p: &Coordinates) -> f64 {
         0.5 * plant.masses.row().iter().zip(&p.row()).map(|(mass, rate)| mass * rate * rate).sum::<f64>()
     }
 
@@ -155,7 +154,7 @@ mod tests {
         let q = contact(&Parameters::default()).unwrap();
         let p = [0.3, 0.1, 2.0, -1.0, 0.5, -0.2, 0.1, 0.05, -0.1].into();
         let (geometry, _) = pressed(q, p);
-        let plant = Plant::<f64, Driven>::new(&Parameters::default(), Fingers::Driven);
+        let plant = Plant::<f64>::new(&Parameters::default(), Fingers::Driven);
         let found = impact(&geometry, &plant, &p, ([true; 2], [0.5; 2]), [0.0; 3]);
         assert_eq!(found.p.finger, p.finger);
     }

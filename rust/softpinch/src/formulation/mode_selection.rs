@@ -223,24 +223,27 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::formulation::csm::Csm;
     use crate::formulation::equations::Equations;
     use crate::formulation::unilateral::Unilateral;
-    use crate::model::control::{Actuated, Fingers};
+    use crate::model::control::Fingers;
     use crate::model::drive::SegmentDrive;
+    use crate::model::forces::Plant;
     use crate::model::parameters::{Fingertip, Friction, Parameters, Stabilization};
     use crate::model::start::{consistent, contact};
     use crate::number::real::signed;
     use crate::number::simd::level::Level;
 
-    fn equations(friction: f64, tip_mass: f64) -> Unilateral<f64, Actuated<f64>> {
+    fn equations(friction: f64, tip_mass: f64) -> Unilateral<f64> {
         let tip = Fingertip { normal_mass: tip_mass, tangential_mass: tip_mass, ..Fingertip::default() };
         let friction = Friction { right: friction, left: friction };
         let parameters = Parameters { friction, tips: [tip; 2], ..Parameters::default() };
-        Unilateral::new(&parameters, Fingers::Pid, &Stabilization { alpha: 0.0, beta: 0.0 })
+        let gains = Stabilization { alpha: 0.0, beta: 0.0 };
+        Unilateral::new(&parameters, Csm::new(Plant::new(&parameters, Fingers::Pid), &gains))
     }
 
-    fn called(equations: &Unilateral<f64, Actuated<f64>>) -> ContactEquations<'_> {
-        ContactEquations::Actuated(Level::detect().require().unwrap(), equations)
+    fn called(equations: &Unilateral<f64>) -> ContactEquations<'_> {
+        ContactEquations::new(Level::detect().require().unwrap(), equations)
     }
 
     /// A pressed grasp: fingers closed by `grip`, the object turned and sheared.

@@ -7,7 +7,6 @@
 //! and eight states.
 
 use crate::formulation::equations::Equations;
-use crate::model::control::Controller;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
@@ -15,24 +14,23 @@ use crate::number::real::Real;
 
 /// The equations on the null space of Phi.
 #[derive(Debug, Clone, Copy)]
-pub struct Nullspace<R, K> {
-    plant: Plant<R, K>,
+pub struct Nullspace<R> {
+    plant: Plant<R>,
 }
 
-impl<R: Real, K: Controller<R>> Nullspace<R, K> {
+impl<R: Real> Nullspace<R> {
     /// The formulation of a scene.
     #[inline(always)]
-    pub fn new(plant: Plant<R, K>) -> Self {
+    pub fn new(plant: Plant<R>) -> Self {
         Self { plant }
     }
 }
 
-impl<R: Real, K: Controller<R>> Equations<R> for Nullspace<R, K> {
-    type Fingers = K;
+impl<R: Real> Equations<R> for Nullspace<R> {
     const DRIFTS: bool = false;
 
     #[inline(always)]
-    fn plant(&self) -> &Plant<R, K> {
+    fn plant(&self) -> &Plant<R> {
         &self.plant
     }
 

@@ -10,7 +10,6 @@ use crate::formulation::constrained::constrained;
 use crate::formulation::contact_solve::{Load, response};
 use crate::formulation::equations::{Equations, States};
 use crate::model::contact_modes::Contacts;
-use crate::model::control::Controller;
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::drive::Input;
 use crate::model::energy::work;
@@ -27,11 +26,7 @@ const NEWTON_STEPS: usize = 2;
 /// Moves q by one Newton step towards C^H = 0 along M^-1 Phi_H^T. The constraints of the contacts in `free` are
 /// left out.
 #[inline(always)]
-fn newton_step<R: Real, K: Controller<R>>(
-    plant: &Plant<R, K>,
-    q: &Coordinates<R>,
-    free: [Bits; 2],
-) -> Coordinates<R> {
+fn newton_step<R: Real>(plant: &Plant<R>, q: &Coordinates<R>, free: [Bits; 2]) -> Coordinates<R> {
     let zero = R::zero();
     let geometry = Geometry::new(&plant.sides, q, &Coordinates::zero());
     let w = &plant.inverse_masses;
@@ -58,11 +53,7 @@ fn newton_step<R: Real, K: Controller<R>>(
 
 /// The position after the correction. The constraints of the contacts in `free` are left out.
 #[inline(always)]
-fn corrected_position<R: Real, K: Controller<R>>(
-    plant: &Plant<R, K>,
-    left: &Coordinates<R>,
-    free: [Bits; 2],
-) -> Coordinates<R> {
+fn corrected_position<R: Real>(plant: &Plant<R>, left: &Coordinates<R>, free: [Bits; 2]) -> Coordinates<R> {
     let mut q = *left;
     for _ in 0..NEWTON_STEPS {
         q = newton_step(plant, &q, free);
@@ -75,20 +66,20 @@ fn corrected_position<R: Real, K: Controller<R>>(
 #[inline(always)]
 pub fn correct<R: Real, E: Equations<R>>(
     equations: &E,
+    (driven, ledger): (bool, bool),
     input: &Input<R>,
     contacts: &Contacts<R>,
     y: &mut States<R>,
-    ledger: bool,
 ) {
     let plant = equations.plant();
-    let Motion { q: left_q, p: left_p, memory } = equations.unpack(input, y);
+    let Motion { q: left_q, p: left_p, memory } = equations.unpack(driven, input, y);
     let q = corrected_position(plant, &left_q, if E::UNILATERAL { contacts.free } else { [0; 2] });
     let geometry = Geometry::new(&plant.sides, &q, &left_p);
     let (zero, finger_acceleration) = (R::zero(), [R::zero(); 2]);
     // Phi dp = -Phi p and M dp = Phi^T nu: this is the solve of (24) without a force.
     let drift = geometry.constraint_velocity();
     let force = Coordinates::zero();
-    let mut change = constrained(&geometry, plant, &force, &drift, &finger_acceleration).acceleration;
+    let mut change = constrained(driven, &geometry, plant, &force, &drift, &finger_acceleration).acceleration;
     let special = contacts.special();
     if E::UNILATERAL && special != 0 {
         // Contacts that slip or graze keep C^H only, as those that slip without friction do.
@@ -96,21 +87,22 @@ pub fn correct<R: Real, E: Equations<R>>(
         let held = Contacts { up, down: [0; 2], graze: [0; 2], ..*contacts };
         let (couple, friction) = ([zero; 2], [zero; 2]);
         let load = Load { force, couple, friction, bias: drift, finger_acceleration };
-        let own = response(&geometry, plant, &held, &load).acceleration;
+        let own = response(driven, &geometry, plant, &held, &load).acceleration;
         change = Coordinates::select(special, &own, &change);
     }
     let p = each_coordinate!([left_p, change] => left_p + change);
     let works = *y;
-    *y = equations.begin(&Motion { q, p, memory });
+    *y = equations.begin(driven, &Motion { q, p, memory });
     if ledger {
-        let range = E::STATES..E::STATES + E::WORKS;
+        let states = E::states(driven);
+        let range = states..states + E::WORKS;
         y[range.clone()].copy_from_slice(&works[range]);
         // The energy that the correction adds is work of the constraints.
         let now = equations.energies(contacts, &Motion { q, p, memory });
         let before = equations.energies(contacts, &Motion { q: left_q, p: left_p, memory });
         let gain = (now.kinetic - before.kinetic)
             + ((now.elastic - before.elastic) + (now.gravity - before.gravity));
-        let work = &mut y[E::STATES + work::CONSTRAINT];
+        let work = &mut y[states + work::CONSTRAINT];
         *work = *work + gain;
     }
 }

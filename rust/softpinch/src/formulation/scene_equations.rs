@@ -8,7 +8,7 @@
 
 use crate::formulation::contact_equations::ContactEquations;
 use crate::formulation::csm::Csm;
-use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, States};
+use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, States, for_fingers};
 use crate::formulation::inlined::Inlined;
 use crate::formulation::nullspace::Nullspace;
 use crate::formulation::projected;
@@ -16,7 +16,7 @@ use crate::formulation::system::{Jacobian, Linear, Size, StageState, Stages, Sys
 use crate::formulation::table::Formulation;
 use crate::formulation::unilateral::Unilateral;
 use crate::model::contact_modes::{ContactModel, Contacts};
-use crate::model::control::{Actuated, Driven, Fingers};
+use crate::model::control::Fingers;
 use crate::model::drive::{Input, SegmentDrive};
 use crate::model::energy::Energies;
 use crate::model::forces::Plant;
@@ -31,12 +31,9 @@ use crate::number::simd::level::Instructions;
 /// The kinds of equations.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum EquationKind<R> {
-    Csm(Csm<R, Actuated<R>>),
-    CsmDriven(Csm<R, Driven>),
-    Nullspace(Nullspace<R, Actuated<R>>),
-    NullspaceDriven(Nullspace<R, Driven>),
-    Unilateral(Unilateral<R, Actuated<R>>),
-    UnilateralDriven(Unilateral<R, Driven>),
+    Csm(Csm<R>),
+    Nullspace(Nullspace<R>),
+    Unilateral(Unilateral<R>),
 }
 
 /// Evaluates one expression with the equations of any kind. No code is compiled for unilateral contact if the
@@ -48,13 +45,9 @@ macro_rules! with {
     ($kind:expr, $equations:ident [$unilateral:expr] => $body:expr) => {
         match &$kind {
             EquationKind::Csm($equations) => $body,
-            EquationKind::CsmDriven($equations) => $body,
             EquationKind::Nullspace($equations) => $body,
-            EquationKind::NullspaceDriven($equations) => $body,
             EquationKind::Unilateral($equations) if $unilateral => $body,
-            EquationKind::UnilateralDriven($equations) if $unilateral => $body,
             EquationKind::Unilateral(Unilateral { csm: $equations, .. }) => $body,
-            EquationKind::UnilateralDriven(Unilateral { csm: $equations, .. }) => $body,
         }
     };
 }
@@ -69,25 +62,21 @@ impl<R: Real> EquationKind<R> {
             Formulation::Csm => *gains,
             Formulation::Nullspace | Formulation::Projected => Stabilization { alpha: 0.0, beta: 0.0 },
         };
-        match (contact, formulation, fingers) {
-            (ContactModel::Unilateral, _, Fingers::Driven) => {
-                Self::UnilateralDriven(Unilateral::new(source, fingers, &gains))
+        let plant = Plant::new(source, fingers);
+        match (contact, formulation) {
+            (ContactModel::Unilateral, _) => {
+                Self::Unilateral(Unilateral::new(source, Csm::new(plant, &gains)))
             }
-            (ContactModel::Unilateral, ..) => Self::Unilateral(Unilateral::new(source, fingers, &gains)),
-            (_, Formulation::Nullspace, Fingers::Driven) => {
-                Self::NullspaceDriven(Nullspace::new(Plant::new(source, fingers)))
-            }
-            (_, Formulation::Nullspace, _) => Self::Nullspace(Nullspace::new(Plant::new(source, fingers))),
-            (_, _, Fingers::Driven) => Self::CsmDriven(Csm::new(Plant::new(source, fingers), &gains)),
-            _ => Self::Csm(Csm::new(Plant::new(source, fingers), &gains)),
+            (_, Formulation::Nullspace) => Self::Nullspace(Nullspace::new(plant)),
+            _ => Self::Csm(Csm::new(plant, &gains)),
         }
     }
 }
 
 /// The numbers of components of the equations' states, with or without the works of the ledger.
 #[inline(always)]
-pub(super) fn size_of<R: Real, E: Equations<R>>(_: &E, ledger: bool) -> Size {
-    Size { states: E::STATES, degrees: E::DEGREES, works: if ledger { E::WORKS } else { 0 } }
+pub(super) fn size_of<R: Real, E: Equations<R>>(_: &E, driven: bool, ledger: bool) -> Size {
+    Size { states: E::states(driven), degrees: E::degrees(driven), works: if ledger { E::WORKS } else { 0 } }
 }
 
 /// The choice of equations, and whether their state carries the ledger.
@@ -147,12 +136,19 @@ impl<R: Lanes> SceneEquations<R> {
 
 /// Copies the components of a derivative that the equations compute.
 #[inline(always)]
-fn copy_computed<R: Real, E: Equations<R>>(rate: &mut States<R>, found: &States<R>, ledger: bool) {
-    rate[..E::STATES].copy_from_slice(&found[..E::STATES]);
-    if ledger {
-        let works = E::STATES..E::STATES + E::WORKS;
-        rate[works.clone()].copy_from_slice(&found[works]);
-    }
+fn copy_computed<R: Real, E: Equations<R>>(
+    (driven, ledger): (bool, bool),
+    rate: &mut States<R>,
+    found: &States<R>,
+) {
+    for_fingers!(driven, driven => {
+        let states = E::states(driven);
+        rate[..states].copy_from_slice(&found[..states]);
+        if ledger {
+            let works = states..states + E::WORKS;
+            rate[works.clone()].copy_from_slice(&found[works]);
+        }
+    });
 }
 
 /// Declares a use of the equations as a task, so that its code is compiled with the instructions of the
@@ -175,33 +171,75 @@ macro_rules! task {
         }
     };
 }
+
+/// Evaluates the equations. A caller that knows how the fingers move has the code for these alone.
+#[inline(always)]
+pub(super) fn evaluate_into<R: Lanes, E: Equations<R>>(
+    equations: &E,
+    (driven, ledger): (bool, bool),
+    (drive, tau): (&SegmentDrive<R>, R),
+    y: &States<R>,
+    now: &mut Evaluation<R>,
+) {
+    let found = equations.evaluate(driven, &drive.at(tau), &drive.contacts, y, ledger);
+    copy_computed::<R, E>((driven, ledger), &mut now.rate, &found.rate);
+    now.motion = found.motion;
+    now.multipliers = found.multipliers;
+    now.residuals = found.residuals;
+    now.tilt = found.tilt;
+    now.sin_tilt = found.sin_tilt;
+    now.places = found.places;
+    now.torque = found.torque;
+    if E::UNILATERAL {
+        now.share = found.share;
+    }
+}
+
+/// Evaluates only the rates, likewise.
+#[inline(always)]
+pub(super) fn rates_into<R: Lanes, E: Equations<R>>(
+    equations: &E,
+    (driven, ledger): (bool, bool),
+    (input, contacts): (&Input<R>, &Contacts<R>),
+    at: StageState<'_, R>,
+    rate: &mut States<R>,
+) {
+    let StageState { from, by, along } = at;
+    let mut y = [R::zero(); MAX_COMPONENTS];
+    for_fingers!(driven, driven => {
+        for n in 0..E::states(driven) {
+            y[n] = along[n].mul_add(by, from[n]);
+        }
+    });
+    let found = equations.evaluate(driven, input, contacts, &y, ledger).rate;
+    copy_computed::<R, E>((driven, ledger), rate, &found);
+}
+
+/// Evaluates an expression for the fingers of the equations. If the constant in brackets is true, the code is compiled
+/// for each kind of fingers alone; this is done where it was measured to pay (docs/what-a-scene-pays.md).
+macro_rules! for_fingers_of {
+    ($equations:expr, $driven:ident [$alone:expr] => $body:expr) => {{
+        let driven = $equations.plant().driven;
+        if $alone {
+            for_fingers!(driven, $driven => $body)
+        } else {
+            let $driven = driven;
+            $body
+        }
+    }};
+}
+
 task! {
     Evaluate(drive: &'a SegmentDrive<R>, tau: R, y: &'a States<R>, now: &'a mut Evaluation<R>, ledger: bool) -> (),
-    equations => {
-        let found = equations.evaluate(&drive.at(tau), &drive.contacts, y, ledger);
-        copy_computed::<R, E>(&mut now.rate, &found.rate, ledger);
-        now.motion = found.motion;
-        now.multipliers = found.multipliers;
-        now.residuals = found.residuals;
-        now.tilt = found.tilt;
-        now.sin_tilt = found.sin_tilt;
-        now.places = found.places;
-        now.torque = found.torque;
-        if E::UNILATERAL {
-            now.share = found.share;
-        }
-    }
+    equations => for_fingers_of!(equations, driven [R::ORDER < 2] => {
+        evaluate_into(equations, (driven, ledger), (drive, tau), y, now);
+    })
 }
 task! {
     Rates(input: &'a Input<R>, contacts: &'a Contacts<R>, at: StageState<'a, R>, rate: &'a mut States<R>, ledger: bool) -> (),
-    equations => {
-        let StageState { from, by, along } = at;
-        let mut y = [R::zero(); MAX_COMPONENTS];
-        for n in 0..E::STATES {
-            y[n] = along[n].mul_add(by, from[n]);
-        }
-        copy_computed::<R, E>(rate, &equations.evaluate(input, contacts, &y, ledger).rate, ledger);
-    }
+    equations => for_fingers_of!(equations, driven [R::ORDER < 2] => {
+        rates_into(equations, (driven, ledger), (input, contacts), at, rate);
+    })
 }
 task! {
     Jump(input: &'a Input<R>, y: &'a mut States<R>, impulse: &'a [R; 3], ledger: bool) -> (),
@@ -214,7 +252,9 @@ task! {
 task! {
     Correct(drive: &'a SegmentDrive<R>, tau: R, y: &'a mut States<R>, ledger: bool) -> (),
     equations => if E::DRIFTS {
-        projected::correct(equations, &drive.at(tau), &drive.contacts, y, ledger);
+        for_fingers_of!(equations, driven [R::ORDER == 0 && !E::UNILATERAL] => {
+            projected::correct(equations, (driven, ledger), &drive.at(tau), &drive.contacts, y);
+        });
     }
 }
 
@@ -237,24 +277,26 @@ impl<R: Lanes, E: Equations<R>, W: Stages<R>> LaneTask<R> for Together<'_, R, E,
 
 impl<R: Lanes> SceneEquations<R> {
     /// A single run has them inlined into its loop, and numbers with derivatives are rare.
-    const INLINES_STAGES: bool = R::WIDTH > 1 && !R::HAS_DERIVATIVES;
+    const INLINES_STAGES: bool = R::WIDTH > 1 && R::ORDER == 0;
 }
 
 /// Runs in numbers with derivatives are bilateral, so no code of unilateral contact is compiled for them.
 impl<R: Lanes> System<R> for SceneEquations<R> {
     #[inline(always)]
     fn size(&self) -> Size {
-        with!(self.kind, equations [!R::HAS_DERIVATIVES] => size_of(equations, self.ledger))
+        with!(self.kind, equations [R::ORDER == 0] => {
+            size_of(equations, equations.plant().driven, self.ledger)
+        })
     }
 
     fn begin(&self, motion: &Motion<R>) -> States<R> {
-        with!(self.kind, equations [!R::HAS_DERIVATIVES] => equations.begin(motion))
+        with!(self.kind, equations [R::ORDER == 0] => equations.begin(equations.plant().driven, motion))
     }
 
     #[inline(always)]
     fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>) {
         let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [!R::HAS_DERIVATIVES] => {
+        with!(self.kind, equations [R::ORDER == 0] => {
             R::call(instructions, Evaluate { equations, drive, tau, y, now, ledger });
         });
     }
@@ -262,7 +304,7 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
     #[inline(always)]
     fn rates(&self, input: &Input<R>, contacts: &Contacts<R>, at: StageState<'_, R>, rate: &mut States<R>) {
         let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [!R::HAS_DERIVATIVES] => {
+        with!(self.kind, equations [R::ORDER == 0] => {
             R::call(instructions, Rates { equations, input, contacts, at, rate, ledger });
         });
     }
@@ -272,10 +314,10 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
     fn evaluate_stages(&self, stages: impl Stages<R>) {
         let together = Self::INLINES_STAGES && !self.ledger;
         match &self.kind {
-            EquationKind::Csm(equations) if together => {
+            EquationKind::Csm(equations) if together && !equations.plant().driven => {
                 R::call(self.instructions, Together { stages, equations, called: self });
             }
-            EquationKind::Nullspace(equations) if together => {
+            EquationKind::Nullspace(equations) if together && !equations.plant().driven => {
                 R::call(self.instructions, Together { stages, equations, called: self });
             }
             _ => stages.run(self),
@@ -284,13 +326,13 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
 
     fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]) {
         let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [!R::HAS_DERIVATIVES] => {
+        with!(self.kind, equations [R::ORDER == 0] => {
             R::call(instructions, Jump { equations, input, y, impulse, ledger });
         });
     }
 
     fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        with!(self.kind, equations [!R::HAS_DERIVATIVES] => R::call(self.instructions, Energy { equations, contacts, motion }))
+        with!(self.kind, equations [R::ORDER == 0] => R::call(self.instructions, Energy { equations, contacts, motion }))
     }
 
     #[inline(always)]
@@ -304,7 +346,7 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
             return;
         }
         let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [!R::HAS_DERIVATIVES] => {
+        with!(self.kind, equations [R::ORDER == 0] => {
             R::call(instructions, Correct { equations, drive, tau, y, ledger });
         });
     }
@@ -325,23 +367,26 @@ impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<Dual<R, W>> fo
 
     #[inline(always)]
     fn run(self) {
-        let rows = &mut self.jacobian.rows;
-        let all = size_of(self.equations, self.ledger).all();
-        let contacts = self.drive.contacts.lifted();
-        let mut first = 0;
-        while first <= E::STATES {
-            let mut y = [Dual::constant(0.0); MAX_COMPONENTS];
-            for (n, (dual, &number)) in y.iter_mut().zip(self.y).take(all).enumerate() {
-                let direction = if n < E::STATES { n.wrapping_sub(first) } else { W };
-                *dual = Dual::variable(number, direction);
+        let Self { equations, drive, tau, y, ledger, jacobian } = self;
+        let contacts = drive.contacts.lifted();
+        for_fingers_of!(equations, driven [R::WIDTH > 1 || !E::UNILATERAL] => {
+            let size = size_of(equations, driven, ledger);
+            let (states, all) = (size.states, size.all());
+            let mut first = 0;
+            while first <= states {
+                let mut duals = [Dual::constant(0.0); MAX_COMPONENTS];
+                for (n, (dual, &number)) in duals.iter_mut().zip(y).take(all).enumerate() {
+                    let direction = if n < states { n.wrapping_sub(first) } else { W };
+                    *dual = Dual::variable(number, direction);
+                }
+                let tau = Dual::variable(tau, states.wrapping_sub(first));
+                let rate = equations.evaluate(driven, &drive.at(tau), &contacts, &duals, ledger).rate;
+                for n in 0..all {
+                    jacobian.rows[n][first..first + W].copy_from_slice(&rate[n].slope);
+                }
+                first += W;
             }
-            let tau = Dual::variable(self.tau, E::STATES.wrapping_sub(first));
-            let rate = self.equations.evaluate(&self.drive.at(tau), &contacts, &y, self.ledger).rate;
-            for n in 0..all {
-                rows[n][first..first + W].copy_from_slice(&rate[n].slope);
-            }
-            first += W;
-        }
+        });
     }
 }
 
@@ -368,28 +413,20 @@ impl<R: Lanes, const W: usize> Tangent<R, W> {
             EquationKind::Nullspace(equations) => {
                 Some(Dual::call(self.instructions, Seeded { equations, input, y }))
             }
-            EquationKind::NullspaceDriven(equations) => {
-                Some(Dual::call(self.instructions, Seeded { equations, input, y }))
-            }
             _ => None,
         }
     }
 }
 task! {
     Seeded(input: &'a Input<R>, y: &'a States<R>) -> Evaluation<R>,
-    equations => equations.evaluate(input, &Contacts::sticking(), y, false)
+    equations => equations.evaluate(equations.plant().driven, input, &Contacts::sticking(), y, false)
 }
 
 impl SceneEquations<f64> {
     /// The equations of unilateral contact; `None` if these are others.
     pub(crate) fn contact(&self) -> Option<ContactEquations<'_>> {
         match &self.kind {
-            EquationKind::Unilateral(equations) => {
-                Some(ContactEquations::Actuated(self.instructions, equations))
-            }
-            EquationKind::UnilateralDriven(equations) => {
-                Some(ContactEquations::Driven(self.instructions, equations))
-            }
+            EquationKind::Unilateral(equations) => Some(ContactEquations::new(self.instructions, equations)),
             _ => None,
         }
     }

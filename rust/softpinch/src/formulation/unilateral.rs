@@ -10,30 +10,28 @@ use crate::formulation::csm::Csm;
 use crate::formulation::equations::{Equations, Terms};
 use crate::model::contact::law::ElasticGradient;
 use crate::model::contact_modes::Contacts;
-use crate::model::control::{Controller, Fingers};
 use crate::model::coordinates::Coordinates;
 use crate::model::drive::Input;
 use crate::model::energy::{Energies, WORKS};
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
-use crate::model::parameters::Stabilization;
 use crate::model::source::Source;
 use crate::number::real::Real;
 
 /// The equations of unilateral contact.
 #[derive(Debug, Clone, Copy)]
-pub struct Unilateral<R, K> {
-    pub(crate) csm: Csm<R, K>,
+pub struct Unilateral<R> {
+    pub(crate) csm: Csm<R>,
     friction: [R; 2],
 }
 
-impl<R: Real, K: Controller<R>> Unilateral<R, K> {
-    /// The equations of a scene with the gains of (19) and (20).
+impl<R: Real> Unilateral<R> {
+    /// The equations of a scene whose bilateral ones are `csm`.
     #[inline(always)]
-    pub fn new(source: &impl Source<R>, fingers: Fingers, stabilization: &Stabilization) -> Self {
+    pub fn new(source: &impl Source<R>, csm: Csm<R>) -> Self {
         let friction = [source.number(|p| p.friction.right), source.number(|p| p.friction.left)];
-        Self { csm: Csm::new(Plant::new(source, fingers), stabilization), friction }
+        Self { csm, friction }
     }
 
     /// mu of both contacts.
@@ -64,13 +62,12 @@ impl<R: Real, K: Controller<R>> Unilateral<R, K> {
     }
 }
 
-impl<R: Real, K: Controller<R>> Equations<R> for Unilateral<R, K> {
-    type Fingers = K;
+impl<R: Real> Equations<R> for Unilateral<R> {
     const WORKS: usize = WORKS;
     const UNILATERAL: bool = true;
 
     #[inline(always)]
-    fn plant(&self) -> &Plant<R, K> {
+    fn plant(&self) -> &Plant<R> {
         &self.csm.plant
     }
 
@@ -83,6 +80,7 @@ impl<R: Real, K: Controller<R>> Equations<R> for Unilateral<R, K> {
     #[inline(always)]
     fn terms(
         &self,
+        driven: bool,
         input: &Input<R>,
         contacts: &Contacts<R>,
         motion: &Motion<R>,
@@ -93,16 +91,17 @@ impl<R: Real, K: Controller<R>> Equations<R> for Unilateral<R, K> {
         let couple = [elastic[0].tilt, elastic[1].tilt];
         let special = contacts.special();
         let elastic = if special == 0 { elastic } else { self.released(contacts, elastic, &motion.q) };
-        let mut forces = plant.forces(elastic, &geometry, motion, input);
+        let mut forces = plant.forces(driven, elastic, &geometry, motion, input);
         let (force, bias) = (forces.total(), self.bias(&geometry));
         let finger_acceleration = input.target_acceleration;
-        let mut found = Response::from(constrained(&geometry, plant, &force, &bias, &finger_acceleration));
+        let mut found =
+            Response::from(constrained(driven, &geometry, plant, &force, &bias, &finger_acceleration));
         if special != 0 {
             let friction = self.friction;
             let load = Load { force, couple, friction, bias, finger_acceleration };
-            found = select(special, &response(&geometry, plant, contacts, &load), &found);
+            found = select(special, &response(driven, &geometry, plant, contacts, &load), &found);
         }
-        if !K::ANGLE_IS_STATE {
+        if driven {
             for i in 0..2 {
                 let part = R::select(contacts.graze[i], found.share[i] * couple[i], forces.elastic[i].tilt);
                 forces.elastic[i].tilt = part;

@@ -1,7 +1,5 @@
 //! The laws that move the fingers: a controller's torque, or the schedule itself.
 
-use std::fmt::Debug;
-
 use crate::model::source::Source;
 use crate::names::named;
 use crate::number::real::Real;
@@ -22,21 +20,7 @@ named! {
     }
 }
 
-/// The law that moves one finger.
-pub trait Controller<R: Real>: Copy + Debug {
-    /// Whether the finger's angle is an unknown that a torque acts on, and the law has a memory, which is integrated
-    /// beside the motion. Otherwise the schedule prescribes the angle.
-    const ANGLE_IS_STATE: bool;
-
-    /// The law of one finger of a scene.
-    fn of(source: &impl Source<R>, finger: usize, fingers: Fingers) -> Self;
-    /// Torque on the finger, N m; zero if the schedule prescribes the angle.
-    fn torque(&self, angle: R, rate: R, memory: R, target: R) -> R;
-    /// Rate of the law's own state.
-    fn memory_rate(&self, angle: R, target: R) -> R;
-}
-
-/// A finger that a torque turns.
+/// The torque law of one finger.
 ///
 /// PID (39): u = -K_P (theta - theta^d) - K_D theta-dot - K_I integral(theta - theta^d). Its memory is the integral,
 /// in rad s; it is not reset where the target switches.
@@ -45,7 +29,7 @@ pub trait Controller<R: Real>: Copy + Debug {
 /// both laws are the same code, which is compiled once; the factor of the angle costs a PID nothing, and changes
 /// no bit.
 #[derive(Debug, Clone, Copy)]
-pub struct Actuated<R> {
+pub struct Controller<R> {
     kp: R,
     kd: R,
     ki: R,
@@ -53,11 +37,10 @@ pub struct Actuated<R> {
     feedback: R,
 }
 
-impl<R: Real> Controller<R> for Actuated<R> {
-    const ANGLE_IS_STATE: bool = true;
-
+impl<R: Real> Controller<R> {
+    /// The law of one finger of a scene. Driven fingers have one too, which nothing uses while they are driven.
     #[inline(always)]
-    fn of(source: &impl Source<R>, finger: usize, fingers: Fingers) -> Self {
+    pub fn new(source: &impl Source<R>, finger: usize, fingers: Fingers) -> Self {
         let zero = R::zero();
         if fingers == Fingers::Torque {
             return Self { kp: R::constant(1.0), kd: zero, ki: zero, feedback: zero };
@@ -70,38 +53,16 @@ impl<R: Real> Controller<R> for Actuated<R> {
         }
     }
 
+    /// Torque on the finger, N m.
     #[inline(always)]
-    fn torque(&self, angle: R, rate: R, memory: R, target: R) -> R {
+    pub fn torque(&self, angle: R, rate: R, memory: R, target: R) -> R {
         let proportional = self.kp * self.feedback.neg_mul_add(angle, target);
         self.ki.neg_mul_add(memory, self.kd.neg_mul_add(rate, proportional))
     }
 
+    /// Rate of the law's own state.
     #[inline(always)]
-    fn memory_rate(&self, angle: R, target: R) -> R {
+    pub fn memory_rate(&self, angle: R, target: R) -> R {
         self.feedback * (angle - target)
-    }
-}
-
-/// A finger that follows its schedule exactly, as under position control. The torque that this takes is a
-/// result ([`Plant::driving_torque`](crate::model::forces::Plant::driving_torque)).
-#[derive(Debug, Clone, Copy)]
-pub struct Driven;
-
-impl<R: Real> Controller<R> for Driven {
-    const ANGLE_IS_STATE: bool = false;
-
-    #[inline(always)]
-    fn of(_: &impl Source<R>, _: usize, _: Fingers) -> Self {
-        Self
-    }
-
-    #[inline(always)]
-    fn torque(&self, _: R, _: R, _: R, _: R) -> R {
-        R::zero()
-    }
-
-    #[inline(always)]
-    fn memory_rate(&self, _: R, _: R) -> R {
-        R::zero()
     }
 }

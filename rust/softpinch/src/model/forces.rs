@@ -13,7 +13,7 @@ use crate::number::real::{Real, dot};
 
 /// The physics of a scene in the form that the kernel needs: lengths, stiffnesses, masses and controllers.
 #[derive(Debug, Clone, Copy)]
-pub struct Plant<R, K> {
+pub struct Plant<R> {
     /// Lengths of both sides.
     pub sides: [Side<R>; 2],
     /// Elastic and viscous constants of both tips.
@@ -27,8 +27,13 @@ pub struct Plant<R, K> {
     /// push along its faces: the object's mass with the normal masses, or with the tangential masses, of both
     /// tips.
     pub inverse_driven_masses: [R; 2],
-    /// The law of each finger.
-    pub controllers: [K; 2],
+    /// The torque law of each finger.
+    pub controllers: [Controller<R>; 2],
+    /// Whether the fingers follow the schedule, whatever torque that takes.
+    ///
+    /// What follows from it is also a parameter of the functions below and of the formulations. A caller that
+    /// passes a constant has the code for these fingers alone.
+    pub driven: bool,
     /// Weight M g of the object.
     weight: R,
     /// Weights of the fingers times their lengths, M_i g L_i.
@@ -53,7 +58,7 @@ pub struct Forces<R> {
     pub external: [R; 3],
 }
 
-impl<R: Real, K: Controller<R>> Plant<R, K> {
+impl<R: Real> Plant<R> {
     /// Compiles the parameters of a scene whose fingers move in this way.
     #[inline(always)]
     pub fn new(source: &impl Source<R>, fingers: Fingers) -> Self {
@@ -66,7 +71,8 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         }
         let masses = Coordinates::from(masses);
         let mut inverse_masses = each_coordinate!([masses] => one / masses);
-        if !K::ANGLE_IS_STATE {
+        let driven = fingers == Fingers::Driven;
+        if driven {
             inverse_masses.finger = [R::zero(); 2];
         }
         let (mut inverse_driven_masses, mut finger_weights) = ([one; 2], [one; 2]);
@@ -85,7 +91,8 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
             masses,
             inverse_masses,
             inverse_driven_masses,
-            controllers: [K::of(source, 0, fingers), K::of(source, 1, fingers)],
+            controllers: [Controller::new(source, 0, fingers), Controller::new(source, 1, fingers)],
+            driven,
             weight: source.number(|p| p.grasped.mass) * gravity,
             finger_weights,
         }
@@ -102,17 +109,18 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         ]
     }
 
-    /// The forces of a motion for these gradients of (5), with the inputs of the instant.
+    /// The forces of a motion for these gradients of (5), with the inputs of the instant. `driven` leaves the torques out.
     #[inline(always)]
     pub fn forces(
         &self,
+        driven: bool,
         elastic: [ElasticGradient<R>; 2],
         geometry: &Geometry<R>,
         motion: &Motion<R>,
         input: &Input<R>,
     ) -> Forces<R> {
-        let right = self.side_forces(0, &elastic[0], geometry, motion, input);
-        let left = self.side_forces(1, &elastic[1], geometry, motion, input);
+        let right = self.side_forces(driven, 0, &elastic[0], geometry, motion, input);
+        let left = self.side_forces(driven, 1, &elastic[1], geometry, motion, input);
         Forces {
             elastic,
             finger_gravity: [right.0, left.0],
@@ -128,18 +136,24 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
     #[inline(always)]
     fn side_forces(
         &self,
+        driven: bool,
         i: usize,
         elastic: &ElasticGradient<R>,
         geometry: &Geometry<R>,
         Motion { q, p, memory }: &Motion<R>,
         input: &Input<R>,
     ) -> (R, R, R, R) {
-        let tip = &self.tips[i];
+        let (tip, control) = (&self.tips[i], &self.controllers[i]);
+        let torque = if driven {
+            R::zero()
+        } else {
+            control.torque(q.finger[i], p.finger[i], memory[i], input.target[i])
+        };
         (
             self.finger_weights[i] * geometry.contacts[i].sin_finger,
             tip.normal_viscosity.mul_add(p.compression[i], elastic.normal),
             tip.tangential_viscosity.mul_add(p.shear[i], elastic.tangential),
-            self.controllers[i].torque(q.finger[i], p.finger[i], memory[i], input.target[i]),
+            torque,
         )
     }
 

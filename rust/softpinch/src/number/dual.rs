@@ -142,7 +142,7 @@ impl<R: Lanes, K: LaneTask<Dual<R, W>>, const W: usize> LaneTask<R> for Wrapped<
 /// their values.
 impl<R: Lanes, const W: usize> Lanes for Dual<R, W> {
     const WIDTH: usize = R::WIDTH;
-    const HAS_DERIVATIVES: bool = true;
+    const ORDER: usize = R::ORDER + 1;
 
     #[inline(always)]
     fn call<K: LaneTask<Self>>(instructions: Instructions, task: K) -> K::Output {

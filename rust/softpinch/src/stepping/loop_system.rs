@@ -28,7 +28,7 @@ impl<R: Lanes> LoopSystem<R> for SceneEquations<R> {
     }
 }
 
-impl<E: Equations<f64>, const LEDGER: bool> LoopSystem<f64> for Inlined<'_, f64, E, LEDGER> {
+impl<E: Equations<f64>, const DRIVEN: bool> LoopSystem<f64> for Inlined<'_, f64, E, DRIVEN> {
     #[inline(always)]
     fn called(&self) -> &SceneEquations<f64> {
         self.called

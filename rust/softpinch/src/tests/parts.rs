@@ -13,7 +13,7 @@ use crate::model::contact::Side;
 use crate::model::contact::law::{Tip, TipLaw};
 use crate::model::contact::shape::SideShape;
 use crate::model::contact_modes::{ContactModel, Contacts, Mode};
-use crate::model::control::{Actuated, Controller, Driven, Fingers};
+use crate::model::control::Fingers;
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
@@ -137,8 +137,8 @@ proptest! {
         let f = f.into();
         let parameters = uneven(tilts);
         let geometry = Geometry::new(&Side::both(&parameters), &q, &p);
-        solves_agree::<Actuated<f64>>(&parameters, Fingers::Torque, &geometry, &f, turns)?;
-        solves_agree::<Driven>(&parameters, Fingers::Driven, &geometry, &f, turns)?;
+        solves_agree(&parameters, Fingers::Torque, &geometry, &f, turns)?;
+        solves_agree(&parameters, Fingers::Driven, &geometry, &f, turns)?;
     }
 
     /// The gradient of each law is that of its energy; with the exponent 2 a power law is (5).
@@ -174,14 +174,15 @@ proptest! {
 }
 
 /// Compares both solves, with both tips sticking, with that of [M -Phi^T; Phi 0].
-fn solves_agree<K: Controller<f64>>(
+fn solves_agree(
     parameters: &Parameters,
     fingers: Fingers,
     geometry: &Geometry<f64>,
     f: &Coordinates,
     turns: [f64; 2],
 ) -> Result<(), TestCaseError> {
-    let plant = Plant::<f64, K>::new(parameters, fingers);
+    let plant = Plant::<f64>::new(parameters, fingers);
+    let driven = plant.driven;
     let bias = geometry.bias();
     let phi = geometry.constraint_matrix();
     let mut dense = SMatrix::<f64, 13, 13>::zeros();
@@ -200,11 +201,11 @@ fn solves_agree<K: Controller<f64>>(
         }
     }
     let expected = dense.lu().solve(&right).expect("regular");
-    let common = constrained(geometry, &plant, f, &bias, &turns);
+    let common = constrained(driven, geometry, &plant, f, &bias, &turns);
     let load = Load { force: *f, couple: [0.0; 2], friction: [0.5; 2], bias, finger_acceleration: turns };
     let mut contacts = Contacts::sticking();
     contacts.set(0, [Mode::Stick; 2], [0.0; 2]);
-    let own = response(geometry, &plant, &contacts, &load);
+    let own = response(driven, geometry, &plant, &contacts, &load);
     for (acceleration, multipliers) in
         [(common.acceleration, common.multipliers), (own.acceleration, own.multipliers)]
     {
