@@ -42,7 +42,6 @@ _SETTINGS = ("measured", "noise", "loss", "multistart", "seed", *NUMERICS)
 _FREE = "unbounded"
 # A column with one of these names has the times.
 _TIME = "t"
-_MOST_BYTES = 2**30
 
 
 class FitFile(NamedTuple):
@@ -107,8 +106,6 @@ def read_data(path: Path, wanted: tuple[str, ...] | None) -> tuple[Floats, dict[
     """
     path = checks.path("path", path)
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise ValueError(f"has more than {_MOST_BYTES >> 20} MiB")
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = [(number, row) for number, row in enumerate(csv.reader(file), 1) if row]
         if len(rows) < 2:

@@ -144,7 +144,7 @@ def _parameter(
 
 
 def _bounds(name: str, given: object) -> tuple[float, float]:
-    ends = checks.several(name, given, "bounds (low, high), or None", at_most=1000)
+    ends = checks.several(name, given, "bounds (low, high), or None")
     if len(ends) != 2:
         raise ValueError(f"{name} = {checks.shown(given)}: must be bounds (low, high), or None")
     low, high = checks.not_nan(f"{name}: low", ends[0]), checks.not_nan(f"{name}: high", ends[1])

@@ -160,7 +160,7 @@ def fit(
 def _experiments(scene: Any, times: Any, measured: Any, noise: Any) -> list[Experiment]:
     if isinstance(scene, Scene):
         return [Experiment.checked(scene, times, measured, noise)]
-    scenes = checks.several("scene", scene, "a Scene, or a sequence of scenes", at_most=10_000)
+    scenes = checks.several("scene", scene, "a Scene, or a sequence of scenes")
     if not scenes:
         raise ValueError("scene = []: must have at least one")
     for k, each in enumerate(scenes):

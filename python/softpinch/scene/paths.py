@@ -293,7 +293,10 @@ class PathTable(Shown, dict[str, tuple[Any, Unit]]):
         raise KeyError(why.replace("'", '"'))
 
     def __repr__(self) -> str:
-        rows = [(path, _shown(value), _joined(unit)) for path, (value, unit) in self.items()]
+        rows = [
+            (path, _shown(value), unit if isinstance(unit, str) else ", ".join(dict.fromkeys(unit)))
+            for path, (value, unit) in self.items()
+        ]
         rows.insert(0, ("path", "value", "unit"))
         first, second = (max(len(row[k]) for row in rows) for k in (0, 1))
         return "\n".join(f"{a:<{first}}  {b:>{second}}  {c}".rstrip() for a, b, c in rows)
@@ -352,7 +355,3 @@ def _shown(value: Any) -> str:
             return f"array {array.shape}"
         return f"({', '.join(_shown(item) for item in value)})"
     return "None" if value is None else f"{value:.6g}"
-
-
-def _joined(unit: Unit) -> str:
-    return unit if isinstance(unit, str) else ", ".join(dict.fromkeys(unit))

@@ -5,16 +5,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from typing import TypeAlias
 
 from . import checks
 
 # A function of (runs done, runs in total).
 Report: TypeAlias = Callable[[int, int], object]
-
-
-def _silent(done: int, total: int) -> None:
-    """Reports nothing."""
 
 
 @contextmanager
@@ -28,15 +25,13 @@ def reporting(progress: bool | Report, what: str, each: str = "runs") -> Iterato
         yield progress
         return
     checks.instance("progress", progress, bool, "True, False or a function")
-    if not progress or sys.stderr is None or not sys.stderr.isatty():
-        yield _silent
+    terminal = sys.stderr is not None and sys.stderr.isatty()
+    if not (progress and terminal and find_spec("rich")):
+        yield lambda done, total: None
         return
-    try:
-        from rich import progress as bars
-        from rich.console import Console
-    except ImportError:
-        yield _silent
-        return
+    from rich import progress as bars
+    from rich.console import Console
+
     columns = (
         bars.TextColumn("{task.description}"),
         bars.BarColumn(),
