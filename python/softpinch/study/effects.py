@@ -53,7 +53,9 @@ class Effect(NamedTuple):
     runs: int
 
     def __repr__(self) -> str:
-        shown = [f"{name}={number:.6g}" for name, number in zip(self._fields, self[:3], strict=False)]
+        shown = [
+            f"{name}={number:.6g}" for name, number in zip(self._fields, self[:3], strict=False)
+        ]
         return f"Effect({', '.join(shown)}, runs={self.runs})"
 
 

@@ -7,8 +7,6 @@ from dataclasses import MISSING, fields, is_dataclass
 from itertools import count, islice
 from typing import Any
 
-from . import checks
-
 # Fields that hold one value for both sides, or a pair (right, left).
 _SIDED = ("tip", "control", "friction")
 # Least similarity of two names, from 0 to 1.
@@ -39,7 +37,8 @@ def hint(name: str, owner: Any, path: str = "") -> str:
     best = max(known, key=similarity, default=None)
     if best is None or similarity(best)[0] < _ALIKE:
         return ""
-    return f'; did you mean "{checks.below(path, best[0])}"?'
+    place = f"{path}.{best[0]}" if path else best[0]
+    return f'; did you mean "{place}"?'
 
 
 def places(owner: Any, path: str = "") -> Iterator[tuple[str, Any]]:
@@ -53,7 +52,7 @@ def places(owner: Any, path: str = "") -> Iterator[tuple[str, Any]]:
             value = f.default if f.default_factory is MISSING else f.default_factory()
         else:
             value = getattr(owner, f.name)
-        here = checks.below(path, f.name)
+        here = f"{path}.{f.name}" if path else f.name
         yield here, value
         if is_dataclass(value):
             yield from places(value, here)
