@@ -152,7 +152,9 @@ def estimate(request: Request, result: Mapping[str, Any]) -> ErrorEstimate:
     else:
         message = _not_alike(runs, adaptive)
     return ErrorEstimate(
-        **{**dict.fromkeys(QUANTITIES), **found},
+        q=found.get("q"),
+        p=found.get("p"),
+        multipliers=found.get("multipliers"),
         largest=largest,
         order=order,
         expected_order=expected,
