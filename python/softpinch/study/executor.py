@@ -172,9 +172,7 @@ class BlockScheduler:
     def cancel(self) -> None:
         """Cancels the blocks that have not started, unless the executor is broken.
 
-        A broken executor fails its own futures. In Python 3.11, a cancelled future among them makes
-        ProcessPoolExecutor stop this work and leave its processes running (python/cpython,
-        gh-107219).
+        A cancelled future makes a broken ProcessPoolExecutor leave its processes (gh-107219).
         """
         if not self._executor_broken:
             for future in list(self.under_way):

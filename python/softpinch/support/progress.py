@@ -18,8 +18,7 @@ Report: TypeAlias = Callable[[int, int], object]
 def reporting(progress: bool | Report, what: str, each: str = "runs") -> Iterator[Report]:
     """Yields a function to call with (runs done, runs in total), or of other things counted.
 
-    True draws a bar labelled `what` with the rate of `each` and the time left, if stderr is a
-    terminal and rich is installed. False draws nothing. A function is used as it is.
+    True draws a bar if stderr is a terminal and rich is installed. A function is used as it is.
     """
     if callable(progress):
         yield progress
