@@ -265,10 +265,9 @@ class _GivenUp(Exception):
 
 
 class _Search:
-    """The search for the loosest setting of one pair that is accurate enough.
+    """The search for the loosest setting, "dt" or "tolerance", of one pair that is good enough.
 
-    `kind` is "dt" for equal steps, or "tolerance" for adaptive steps. `least_time` is a lower bound
-    of the CPU time of a run, s, if the search gave up; else 0.
+    `least_time` is a lower bound of the CPU time of a run, s, if the search gave up; else 0.
     """
 
     def __init__(
@@ -320,8 +319,7 @@ class _Search:
     def loosest(self, first: float, most: float, deadline: float) -> Trial:
         """Finds the loosest setting that is accurate enough; `Trial.note` says why there is none.
 
-        A run that takes longer than `most`, s, is given up, and so is the search at the deadline,
-        by `perf_counter`.
+        Runs may take `most`, s, and the search ends at the deadline, by `perf_counter`.
         """
         accuracy, longest = self.motion.tolerance, self.longest
         least = _TIGHTEST if self.kind == "tolerance" else 0.0
@@ -415,10 +413,7 @@ class _Search:
 
 
 class _Advisor:
-    """The search over all pairs of one scene.
-
-    No new pair is tried after the instant `stop`, by `perf_counter`, s.
-    """
+    """The search over all pairs of one scene, until the instant `stop`, by `perf_counter`, s."""
 
     def __init__(self, motion: ReferenceMotion, budget: float, stop: float) -> None:
         self.motion, self.budget, self.stop = motion, budget, stop
@@ -481,10 +476,7 @@ class _Advisor:
             self.best[search.kind] = trial
 
     def _verified(self, search: _Search, trial: Trial) -> Advice | None:
-        """Checks a setting at many rows, and makes it tighter until the error is small enough.
-
-        Returns None if no setting close to the first one is good enough.
-        """
+        """Checks a setting at many rows, and makes it tighter, but not by much: else None."""
         equal, accuracy = search.kind == "dt", self.motion.tolerance
         value = first = trial.dt if equal else trial.step_tolerance
         for _ in range(_TIGHTENINGS):

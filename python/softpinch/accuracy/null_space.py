@@ -215,8 +215,7 @@ def right_hand_side(
 def jump(y: list[float], c: tuple[float, ...], impulse: tuple[float, ...]) -> list[float]:
     """The state just after an ideal impulse (J_x, J_y, J_theta), N s and N m s.
 
-    M dp = J + Phi^T Lambda, Phi dp = 0. So dp equals the accelerations that a force J gives to a
-    hand at rest on which no other force acts.
+    The velocities change by the accelerations that a force J alone gives to a hand at rest.
     """
     alone = tuple(
         0.0 if any(name.endswith(force) for force in _FORCES) else value

@@ -320,10 +320,7 @@ def end_of(scene: Scene) -> float:
 def _curve(
     request: Request, setting: str, values: Floats, switches: Floats, longest: float
 ) -> Iterator[_Sampled]:
-    """Runs every value of a setting once, except those expected to take longer than `longest`, s.
-
-    The values are sorted from loose to tight.
-    """
+    """Runs every value of a setting, from loose to tight, that takes less than `longest`, s."""
     spent, before, duration = 0.0, 0.0, request.scene.duration
     for value in values.tolist():
         # Time grows inversely with dt, and about with the fourth root of 1 / tolerance.

@@ -46,7 +46,6 @@ _METRES = np.array([1, 1, 0, 0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 0], dtype=bool)
 # A state that is zero by symmetry has the round-off of other states. So the size of a state is at
 # least this share of the largest size of its kind (a radian counts as a finger's length). The share
 # for rates keeps tolerances above round-off, which implicit methods would take for stiffness.
-# In one step, coordinates receive only the round-off of the rates times the step's length.
 _KINDS = ((slice(0, 7), 1e-3), (slice(7, 9), 1e-3), (slice(9, 14), 1.0))
 # The size of a state is at least this share of its typical size: the rates of a body at rest have
 # the round-off of the forces on it, and no tolerance below that can be met.
@@ -240,13 +239,8 @@ def _reference(
 class _Problem:
     """A scene as a problem for SciPy: parameters, start, inputs, and requested instants.
 
-    A rough pass finds the magnitudes of the states, for absolute tolerances.
-
-    Attributes:
-        sizes: Largest size of each state along the run (14,).
-        explicit: Approximate number of evaluations that DOP853 needs for stability: 12 a step, with
-            the longest steps that the largest eigenvalue allows.
-        evaluations: Number of evaluations of the rough pass.
+    A rough pass, with some `evaluations`, finds the `sizes` of the states, for absolute tolerances,
+    and the number of evaluations that DOP853 needs for stability, `explicit`.
     """
 
     def __init__(

@@ -39,10 +39,7 @@ _INSTANTS = 40
 
 
 class ReferenceMotion:
-    """The exact motion of a scene, as far as the trials of `advise` need it.
-
-    `scene` is the `full` scene, cut where the accurate run took too many steps.
-    """
+    """The exact motion of a scene, cut where the accurate run took too many steps."""
 
     def __init__(self, scene: Scene, tolerance: float, stabilization: Stabilization) -> None:
         self.full = self.scene = scene
@@ -96,10 +93,7 @@ class ReferenceMotion:
         return computed(self._tight(method, times=t).with_(ending_at(self.scene, t)))
 
     def errors(self, run: Run, rows: int = _ROWS) -> dict[str, float] | None:
-        """The largest error of each quantity along a run; None if it does not end as it should.
-
-        It is that of `rows` rows, besides those after switches.
-        """
+        """The largest error of each quantity in some rows; None if it does not end as it should."""
         if run.status != self.run.status:
             return None
         chosen = sampled_rows(run, self.switches, rows)
@@ -120,10 +114,7 @@ class ReferenceMotion:
         return found if all(map(math.isfinite, found.values())) else None
 
     def confirm(self, run: Run) -> tuple[float, str]:
-        """The difference at the end from another method, and the method's name.
-
-        If a violation ends the run, the states one step earlier are compared.
-        """
+        """The difference from another method at the end, or a step before a violation; its name."""
         others = [method for method in self.methods if method != run.method]
         method = others[0] if others else "rosenbrock"
         last = -1 if run.success else -2

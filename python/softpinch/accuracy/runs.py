@@ -1,7 +1,6 @@
 """Runs of the core for the tools of accuracy, their CPU times, and bisection over their settings.
 
-All of these raise KeyboardInterrupt on Ctrl-C, because an interrupted run must not count as one
-that failed. The error of a run is defined in `run.scaled_error`.
+All of these raise KeyboardInterrupt on Ctrl-C: an interrupted run is none that failed.
 """
 
 from __future__ import annotations
@@ -67,8 +66,8 @@ def accurate_run(
 ) -> Run:
     """Runs a scene by a stiff method with adaptive steps, which stands for the exact motion.
 
-    It uses "nullspace", or "projected" in unilateral contact, which have no drift; or "csm" if
-    `formulation` is that and the scene starts off the constraints, from where only "csm" can start.
+    It uses a formulation without drift; or "csm" if `formulation` is that and the scene starts off
+    the constraints, from where only "csm" can start.
     """
     usual.warn(scene)
     can_start = scene.start().check or formulation != "csm"
@@ -91,10 +90,9 @@ def cpu_times(request: Request, repeats: int) -> list[float]:
 def repeated(
     work: Callable[[], object], repeats: int, clock: Callable[[], float] = time.process_time
 ) -> list[float]:
-    """Times of repeated calls of a function, after one call to warm up, s.
+    """Times of repeated calls of a function, after one call to warm up, s; few of a slow one.
 
-    Three calls are enough if it is slow. The default clock counts all threads of this process,
-    because other solvers may use several.
+    The default clock counts all threads of this process, because other solvers may use several.
     """
     work()
     times: list[float] = []
@@ -116,9 +114,8 @@ def largest_that_holds(
 ) -> float | None:
     """The limit up to which a property holds, by bisection on a logarithmic scale.
 
-    From `first`, values between `least` and `most` change by `factor` until the limit is between
-    two of them. Returns a value for which the property holds, the limit within the relative
-    `accuracy`; None if it does not even hold for `least`.
+    From `first`, values change by `factor` until the limit is between two of them. Returns a value
+    for which the property holds; None if it does not even hold for `least`.
     """
     good, bad = min(max(first, least), most), math.inf
     while not holds(good):
@@ -147,9 +144,8 @@ def batches(
 ) -> Iterator[tuple[_core.Batch, Sequence[int]]]:
     """Groups scenes into batches of the core, with the indices of the scenes of each batch.
 
-    A batch gives the same bits as `simulate`, and uses SIMD lanes. The scenes may differ in
-    everything, and each keeps the seed and run number of its own noise; those that differ in
-    numbers only share a batch. The options must have equal steps.
+    Scenes that differ in numbers only share a batch, which uses SIMD lanes, with the bits of
+    `simulate`. The options must have equal steps.
     """
     groups: dict[Hashable, list[int]] = {}
     for k, scene in enumerate(scenes):

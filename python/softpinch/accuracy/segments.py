@@ -52,10 +52,8 @@ _MOST_SAMPLES = 10_000_000
 class Inputs:
     """The inputs of a run, smooth between two of its `edges`.
 
-    Attributes:
-        edges: The start, every instant at which an input jumps or bends, and the end, s; instants
-            that differ by round-off only appear once.
-        impulses: Edge -> the impulse (J_x, J_y, J_theta) that acts there, N s and N m s.
+    These are the start, every instant at which an input jumps or bends, and the end, s; `impulses`
+    has edge -> the impulse (J_x, J_y, J_theta) that acts there, N s and N m s.
     """
 
     def __init__(self, scene: Scene, begin: float, end: float) -> None:
@@ -98,10 +96,7 @@ class Inputs:
         return closest if abs(closest - t) <= self._near else t
 
     def instants(self, times: ArrayLike | None) -> tuple[Floats, list[float]]:
-        """The wanted instants (n,), s, as given; and with those close to an edge moved onto it.
-
-        They may have any order, and None takes every edge. None may be outside the run.
-        """
+        """The wanted instants (n,), s, as given and snapped to edges; None takes every edge."""
         found = checks.array("times", self.edges if times is None else times, ("n",))
         wanted = [self.snapped(t) for t in found.tolist()]
         begin, end = self.edges[0], self.edges[-1]
@@ -182,8 +177,7 @@ class System:
 class Motion(NamedTuple):
     """An integrated motion, with rows at the ends of all steps and at the wanted instants.
 
-    At a break of the inputs, the states are those before an impulse and the inputs those after the
-    break; at the end the inputs are those before it.
+    At a break the states are those before an impulse, and the inputs those after the break.
     """
 
     t: Floats  # instants (rows,), s, increasing
@@ -205,8 +199,7 @@ def integrate(
 ) -> Motion:
     """Integrates from the states `start` (n,) at the first edge of the inputs, from break to break.
 
-    `sizes` (n,) has the magnitude of each state along the run, for the absolute tolerance. Raises
-    RuntimeError with the time if the motion diverges, or needs more than `most` evaluations.
+    Raises RuntimeError with the time if the motion diverges, or needs over `most` evaluations.
     """
     solver = _Solver(system, inputs, method, rtol, sizes, most)
     instants = np.unique(wanted)

@@ -5,7 +5,6 @@ The step is predicted from eigenvalues along an accurate run, and measured by tr
 
 from __future__ import annotations
 
-import cmath
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -97,7 +96,8 @@ class Modes(Result):
         rows: list[tuple[Any, ...]] = []
         for rate in sorted(rates[~(rates.imag < 0.0)].tolist(), key=lambda rate: -rate.real):
             damping = -rate.real / abs(rate) if rate else ""
-            rows.append((self._name(rate), rate.real, rate.imag / (2.0 * math.pi), damping))
+            name = self.leading(0, rate) if rate else "neutral"
+            rows.append((name, rate.real, rate.imag / (2.0 * math.pi), damping))
         columns = ("largest share", "growth [1/s]", "frequency [Hz]", "damping ratio")
         yield ShownTable(columns, rows, f"The modes at t = {self.t[0]:.6g} s")
 
@@ -130,11 +130,6 @@ class Modes(Result):
         with np.errstate(divide="ignore", invalid="ignore"):
             shares = np.nan_to_num(vector / sizes, nan=0.0, posinf=np.inf)
         return self.states[int(np.argmax(shares))].removeprefix("rate of ")
-
-    def _name(self, rate: complex) -> str:
-        if rate == 0.0:
-            return "neutral"
-        return self.leading(0, rate) if cmath.isfinite(rate) else "an overflow"
 
 
 def modes(
@@ -183,10 +178,8 @@ def along_run(
 ) -> Modes:
     """Linearises the motion at evenly spread rows of a run, including its start and end.
 
-    In unilateral contact the rows in which both tips stick have the linearisation of bilateral
-    contact. The others have only the parts that move by themselves (`surfaces`): the shear of a tip
-    that slips, grazes or is free, the compression and the finger of a free one; and zeros for the
-    states whose rates are not known there.
+    Rows in which a tip does not stick have only the parts that move by themselves (`surfaces`), and
+    zeros for the states whose rates are not known there.
     """
     rows = np.unique(np.linspace(0, len(run) - 1, instants).round().astype(int))
     found = modes(
@@ -336,9 +329,8 @@ def max_stable_dt(
 class StepSearch:
     """The search for the longest step with which a run follows the accurate run to its end.
 
-    It begins at the predicted step, s, or at some step if that is inf. A scene at rest is slightly
-    displaced, because exact symmetry hides unstable modes. `failure` is the reason why the last run
-    with too long a step failed.
+    A scene at rest is slightly displaced, because exact symmetry hides unstable modes. `failure` is
+    the reason why the last run with too long a step failed.
     """
 
     def __init__(self, accurate: Run, trial: Options, predicted: float) -> None:
@@ -376,10 +368,7 @@ class StepSearch:
         return replace(scene, initial=displaced, duration=max(duration, scene.duration))
 
     def holds(self, dt: float) -> bool:
-        """True if the run with this step follows the accurate run to its end; else sets `failure`.
-
-        The core ends a run whose energy ledger shows that its steps are unstable.
-        """
+        """True if the run with this step follows the accurate run to its end; may set `failure`."""
         every = max(1, int(self.scene.duration / dt) // _ROWS)
         run = computed(Request(self.scene, self.trial).with_(dt=dt, every=every))
         expected = self.accurate
@@ -399,10 +388,7 @@ class StepSearch:
         return False
 
     def longest(self, max_steps: int) -> float | None:
-        """The longest step, s, of runs with at most so many steps; None if even that is too long.
-
-        `failure` then has the reason why a longer step failed.
-        """
+        """The longest step, s, of runs with at most so many steps; None if that is too long."""
         duration, first = self.scene.duration, self.first
         least = duration / max_steps
         while True:
@@ -422,9 +408,8 @@ class StepSearch:
 
 
 def _agree(predicted: float, measured: float) -> bool:
-    if math.isinf(predicted) or math.isinf(measured):
-        return predicted == measured
-    return 1.0 / _AGREE < predicted / measured < _AGREE
+    """True for nearly equal steps, which may both be infinite."""
+    return predicted == measured or 1.0 / _AGREE < predicted / measured < _AGREE
 
 
 def _message(

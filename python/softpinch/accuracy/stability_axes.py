@@ -177,8 +177,7 @@ def _impulse(scene: Scene, size: float) -> Scene:
 def _held_at(scene: Scene, angles: list[float]) -> Scene:
     """The scene at rest with the fingers at these angles, which are also their targets.
 
-    With an integral gain, the PID integrals start at the values that balance the tips' forces;
-    without one, the fingers yield.
+    The PID integrals start at the values that balance the tips' forces.
     """
     time = _begin(scene)
     scene = replace(scene, schedule=Schedule.steps([time], [angles]))

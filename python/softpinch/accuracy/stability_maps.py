@@ -233,10 +233,7 @@ def stability_map(
 
 
 class _Reference:
-    """An accurate run of a scene, with an estimate of its error by a second method.
-
-    `status` and `floor` are those of `StabilityMap.expected` and `floor`.
-    """
+    """An accurate run of a scene, with `floor`, its difference from a second method."""
 
     def __init__(
         self, scene: Scene, gains: Stabilization, formulation: Formulation, max_steps: int

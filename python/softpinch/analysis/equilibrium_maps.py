@@ -400,11 +400,7 @@ class _Search:
                     report(len(self._found), self._steps())
 
     def _steps(self) -> int:
-        """The largest number of steps: cells, and pairs of neighbours that may have a seam.
-
-        A branch of n cells is a tree of n - 1 pairs that continue each other. If one branch has all
-        cells, the other pairs are all to be compared; with more branches they are fewer.
-        """
+        """The largest number of steps: cells, and pairs of neighbours that may have a seam."""
         return 1 + sum(self.branch.size // size * (size - 1) for size in self.shape)
 
     def _neighbours(self, cell: Cell) -> Iterator[Cell]:

@@ -157,8 +157,8 @@ def _size(rest: Equilibrium, name: str) -> float:
 class _Search:
     """The search for one angle of both fingers, between touching and crushing the tips.
 
-    The compression grows with the angle. The force does so from its least value on: in a looser
-    grip the tips carry the weight by large shears, which press too (6). That part is left out.
+    The force grows with the angle from its least value on; looser grips, whose tips carry the
+    weight by large shears, which press too (6), are left out.
     """
 
     def __init__(self, scene: Scene, name: str, unit: str, wanted: float) -> None:
@@ -189,18 +189,14 @@ class _Search:
             size, rest = self._rest_at(angle)
             if size is not None and abs(size - self.wanted) <= _CLOSE * self.wanted:
                 return rest
-            if size is None:
-                too_tight = rest.status in _TIGHT
-            else:
-                too_tight = size > self.wanted and self._grows(angle, size)
+            too_tight = rest.status in _TIGHT
+            if size is not None and size > self.wanted:
+                # Too tight if the size grows with the angle, or the tips are crushed.
+                after, beyond = self._rest_at(angle + _STEP)
+                too_tight = beyond.status in _TIGHT if after is None else after > size
             self.ends[too_tight], self.sizes[too_tight] = angle, size
             self.rests[too_tight] = rest
         return self._nearest()
-
-    def _grows(self, angle: float, size: float) -> bool:
-        """True where the size grows with the angle, or the tips are crushed."""
-        after, rest = self._rest_at(angle + _STEP)
-        return rest.status in _TIGHT if after is None else after > size
 
     def _rest_at(self, angle: float) -> tuple[float | None, Equilibrium]:
         """The equilibrium with both fingers at an angle, and its size, None where there is none."""

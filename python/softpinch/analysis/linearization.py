@@ -298,10 +298,9 @@ def _selected(found: _core._Linear, state: State, law: str, ins: Ports, outs: Po
 
 
 def _without_neutral(model: LinearModel) -> LinearModel:
-    """The model on the subspace in which both neutral combinations are zero.
+    """The model on the subspace in which both neutral combinations are zero: d_t = -Phi_N pose.
 
-    There d_t = -Phi_N pose. The angles of driven fingers are inputs, so their share of it, which
-    B has in the columns of the rates, goes to the columns of the angles.
+    The share of driven angles in it goes from B's columns of their rates to those of the angles.
     """
     states, inputs = model.states, model.inputs
     if not len(model.neutral):

@@ -31,10 +31,7 @@ _UNITS = {
 
 
 def linear_at(scene: Scene, state: State, **how: Any) -> _core._Linear:
-    """Returns the matrices of "nullspace" at one state; `how` is that of `Request.linear_model`.
-
-    Each array has a first axis of length one.
-    """
+    """Returns the matrices of "nullspace" at one state (1, ...), by `Request.linear_model`."""
     request = Request(scene, Options.checked(formulation="nullspace"))
     rows = np.array([state.time]), state.q[None], state.p[None], np.array([state.integral])
     return request.linear_model(*rows, **how)
@@ -42,10 +39,7 @@ def linear_at(scene: Scene, state: State, **how: Any) -> _core._Linear:
 
 @cache
 def state_names(law: str, formulation: str) -> tuple[str, ...]:
-    """Names the states of a law and a formulation (docs/integrators.md).
-
-    The coordinates come first, then the rates of these ("rate of x"), then what depends on both.
-    """
+    """Names the states of a law and a formulation (docs/integrators.md)."""
     nullspace = formulation == "nullspace"
     pose = COORDINATES[:3] if law == "driven" else COORDINATES[:5]
     places = pose if nullspace else (*pose, *COORDINATES[5:])
@@ -68,19 +62,15 @@ def unit_of(name: str) -> str:
 
 
 def shears_by_pose(a: Floats, names: tuple[str, ...]) -> Floats:
-    """Returns -Phi_N of (25), derivatives of the shears by pose and moving fingers at rest (2, d).
-
-    A of "nullspace" (N, N) has it, because there the shears' rates are -Phi_N times the pose's.
-    """
+    """Returns -Phi_N of (25), derivatives of the shears by the pose at rest (2, d), in A."""
     _, rates, shears = places(names)
     return a[shears, rates]
 
 
 def without_shears(rows: Floats, by_pose: Floats, names: tuple[str, ...]) -> Floats:
-    """Returns rows of A or C by the states without the shears, which follow the pose at rest.
+    """Returns rows of A or C by the states that `kept` lists, where d_t + Phi_N pose is zero.
 
-    No motion changes d_t + Phi_N pose: these two combinations are neutral, and where they are zero
-    the other states, which `kept` lists, have all eigenvalues but their two zeros.
+    No motion changes these two combinations, so the rows keep all eigenvalues but two zeros.
     """
     pose, _, shears = places(names)
     rows = rows.copy()

@@ -63,10 +63,7 @@ def gains(
     others: Stabilization = Stabilization(),  # noqa: B008, it is frozen
     **given: float | None,
 ) -> Stabilization:
-    """The stabilization gains of the formulations that a command runs.
-
-    Options that were given replace the gains of `others`.
-    """
+    """The gains of the formulations that a command runs: `given` ones, and those of `others`."""
     found = {name: value for name, value in given.items() if value is not None}
     # An unknown formulation is reported elsewhere.
     if found and "csm" not in formulations and set(formulations) <= set(_core.FORMULATIONS):

@@ -73,7 +73,6 @@ def scalars(study: Results) -> list[str]:
 def summary_table(study: Results) -> Table:
     """Probabilities of statuses, violations and holding, and statistics of each summary.
 
-    The first row says of which contact and friction they are; summaries are of finite values.
     Intervals hold for independent draws: of the mean for summaries, Wilson's for probabilities.
     """
     rows: list[tuple[Any, ...]] = [(f"model: {study.model}", "", study.runs, *[""] * 9)]
@@ -125,12 +124,10 @@ def save_capsules(study: Results, out: Path) -> list[Path]:
 
 
 def save_figures(ensemble: Results, out: Path, format: str) -> list[Path]:
-    """Writes a histogram of each scalar summary, and figures about failures and importance.
-
-    Figures of an earlier study are deleted first, so that nobody takes them for this study's.
-    """
+    """Writes a histogram of each scalar summary, and figures about failures and importance."""
     names = ["failure_times", *_MAPS.values(), *(f"histogram_{name}" for name in _core.SUMMARIES)]
     names += [f"importance_{name}" for name in (*_MAPS, *_core.SUMMARIES)]
+    # Nobody shall take figures of an earlier study for this study's.
     for name in names:
         for suffix in FORMATS:
             (out / f"{name}.{suffix}").unlink(missing_ok=True)

@@ -179,12 +179,15 @@ class Experiment(Result):
     ) -> Motion:
         """Simulates the scene with values put in by path, at the measured instants.
 
-        `warns` lets it warn as `simulate` does. Raises `FailedRun` if the values break a rule of
-        the scene, or the run ends too early.
+        Raises `FailedRun` if the values break a rule of the scene, or the run ends too early.
         """
         paths = tuple(values)
         try:
-            scene = self._shortened(self.changed(values), options)
+            scene = self.changed(values)
+            duration = float(self.times[-1]) - scene.start().time
+            if options.tolerance is not None:
+                duration *= 1.0 + 1e-12  # rounding must not put the last time behind the end
+            scene = replace(scene, duration=min(duration, scene.duration))
             request = Request(scene, replace(options, times=self.times, record=self._recorded))
             if warns:
                 usual.warn(scene)
@@ -213,13 +216,6 @@ class Experiment(Result):
         """The quantities that a run records: its state, and then the other measured ones."""
         quantities = dict.fromkeys(INDICES[column].quantity for column in self.columns)
         return ("state", *(name for name in quantities if name not in ("q", "p")))
-
-    def _shortened(self, scene: Scene, options: Options) -> Scene:
-        """Returns the scene up to the last measured time."""
-        duration = float(self.times[-1]) - scene.start().time
-        if options.tolerance is not None:
-            duration *= 1.0 + 1e-12  # rounding must not put the last time behind the end
-        return replace(scene, duration=duration) if duration < scene.duration else scene
 
 
 def _instants(name: str, times: object, scene: Scene) -> Floats:

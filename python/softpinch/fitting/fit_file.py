@@ -42,7 +42,6 @@ _SETTINGS = ("measured", "noise", "loss", "multistart", "seed", *NUMERICS)
 _FREE = "unbounded"
 # A column with one of these names has the times.
 _TIME = "t"
-_MOST_BYTES = 2**30
 
 
 class FitFile(NamedTuple):
@@ -54,10 +53,7 @@ class FitFile(NamedTuple):
 
 
 def read(path: Path, **changes: Any) -> FitFile:
-    """Reads what to fit; `changes` override settings of the file, see `in_place`.
-
-    `sp.fit` checks the settings themselves.
-    """
+    """Reads what to fit; `changes` override settings, see `in_place`; `sp.fit` checks them."""
     path = checks.path("path", path)
     data = toml.read(path)
     try:
@@ -101,14 +97,11 @@ def _bounds(data: object) -> dict[str, Any]:
 def read_data(path: Path, wanted: tuple[str, ...] | None) -> tuple[Floats, dict[str, Floats]]:
     """Reads what was measured: times (n,), s, and observable -> values (n,) or (n, k).
 
-    The first line names the columns, with or without their SI units: "t [s]", "theta [rad]", as
-    `Run.save` writes them. An empty entry is a missing measurement, NaN. Without `wanted` all
-    columns are returned, which must be observables.
+    The first line names the columns, with or without units, as `Run.save` writes them. An empty
+    entry is NaN. Without `wanted` all columns are returned, which must be observables.
     """
     path = checks.path("path", path)
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise ValueError(f"has more than {_MOST_BYTES >> 20} MiB")
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = [(number, row) for number, row in enumerate(csv.reader(file), 1) if row]
         if len(rows) < 2:

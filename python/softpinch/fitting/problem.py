@@ -124,8 +124,11 @@ def _parameter(
     value = float(scene.parameters()[slots[0]] if slots else resolve(scene, path))
     low, high = (-math.inf, math.inf) if bounds is None else _bounds(name, bounds)
     log = low > 0.0 and math.log(high) - math.log(low) >= math.log(_DECADES)
-    if bounds is None and value > 0.0 and _refuses(template, {path: -value}):
-        low, log = 0.0, True
+    if bounds is None and value > 0.0:
+        try:
+            template.changed({path: -value})
+        except ValueError:
+            low, log = 0.0, True
     value = min(max(value, low), high)
     if path in start:
         value = checks.finite(f'start["{path}"]', start[path])
@@ -144,21 +147,13 @@ def _parameter(
 
 
 def _bounds(name: str, given: object) -> tuple[float, float]:
-    ends = checks.several(name, given, "bounds (low, high), or None", at_most=1000)
+    ends = checks.several(name, given, "bounds (low, high), or None")
     if len(ends) != 2:
         raise ValueError(f"{name} = {checks.shown(given)}: must be bounds (low, high), or None")
     low, high = checks.not_nan(f"{name}: low", ends[0]), checks.not_nan(f"{name}: high", ends[1])
     if not low < high:
         raise ValueError(f"{name}: high = {high:g}: must be above low = {low:g}")
     return low, high
-
-
-def _refuses(template: SceneTemplate, values: Mapping[str, float]) -> bool:
-    try:
-        template.changed(values)
-    except ValueError:
-        return True
-    return False
 
 
 def values(parameters: Sequence[Parameter], u: Floats) -> dict[str, float]:
@@ -180,10 +175,7 @@ class Minimum(NamedTuple):
 
 
 class Problem:
-    """Residuals (model minus data, over noise) as functions of the coordinates u (p,).
-
-    The noise of the experiments weights them; `evaluations` counts the simulations of them all.
-    """
+    """Residuals (model minus data, over noise) as functions of the coordinates u (p,)."""
 
     def __init__(
         self,
@@ -193,7 +185,6 @@ class Problem:
         loss: str,
         report: Callable[[], object] = lambda: None,
     ) -> None:
-        """Takes checked arguments; `report` is called after each evaluation."""
         self.experiments = tuple(experiments)
         self.parameters = tuple(parameters)
         self.evaluations = 0
@@ -227,10 +218,8 @@ class Problem:
 
     def residuals(self, motions: Sequence[Motion]) -> Floats:
         """Returns the weighted residuals of all measurements (N,)."""
-        rows = []
-        for each, motion in zip(self.experiments, motions, strict=True):
-            rows.append(((motion.table - each.data) / each.noise)[each.known])
-        return np.concatenate(rows)
+        pairs = zip(self.experiments, motions, strict=True)
+        return np.concatenate([((m.table - e.data) / e.noise)[e.known] for e, m in pairs])
 
     def jacobian(self, motions: Sequence[Motion]) -> Floats:
         """Returns the derivatives of the weighted residuals by u (N, p)."""
@@ -243,8 +232,7 @@ class Problem:
     def minimum(self, start: Floats, held: int | None = None, loss: str | None = None) -> Minimum:
         """Searches a minimum from a start (p,), at which the runs must succeed, else `FailedRun`.
 
-        A failed run on the way is a step that SciPy shortens and tries again. The parameter with
-        the index `held` keeps its value; `loss` is another loss than the problem's.
+        SciPy shortens a step to a failed run. The parameter with the index `held` keeps its value.
         """
         loss = loss or self._loss
         optimize = require("scipy.optimize", extra="study", purpose="fit")

@@ -46,10 +46,7 @@ _PRECISION = 1e-4
 
 
 def reach(level: float, degrees: int | None) -> float:
-    """Returns half the width of a two-sided interval in standard errors.
-
-    It is Student's with these degrees of freedom, and that of a normal distribution for None.
-    """
+    """Returns half the width of a two-sided interval, Student's or for None normal, in errors."""
     stats = require("scipy.stats", extra="study", purpose="fit")
     share = 0.5 + 0.5 * level
     return float(stats.norm.ppf(share) if degrees is None else stats.t.ppf(share, degrees))
@@ -324,8 +321,7 @@ def uncertainty(
 ) -> Uncertainty:
     """Evaluates the derivatives (N, p) of the weighted residuals by u.
 
-    `inflation` is the factor of the covariance that a robust loss needs, `reach` half the width of
-    the interval in standard errors.
+    `inflation` is the factor of the covariance that a robust loss needs.
     """
     p = jacobian.shape[1]
     # Rows of zeros let fewer measurements than parameters have all p directions.
@@ -345,10 +341,7 @@ def uncertainty(
 
 
 def sandwich(psi: Floats, slope: Floats) -> float:
-    """Returns the factor of the covariance of an M-estimate: E[psi^2] / E[psi']^2.
-
-    See Huber and Ronchetti, Robust Statistics, 2nd edition, section 7.6.
-    """
+    """Returns the factor of an M-estimate's covariance (Huber and Ronchetti, 2009, 7.6)."""
     return float(np.mean(psi * psi) / np.mean(slope) ** 2)
 
 
@@ -361,8 +354,7 @@ def correlations(covariance: Floats) -> Floats:
 def sentences(found: Uncertainty, parameters: Sequence[Parameter]) -> Iterator[str]:
     """Says which combinations of parameters the data do not determine.
 
-    They are the singular directions from which the parameters that are not determined, and that
-    take part in them, have most of their variance.
+    They are the singular directions that give undetermined parameters most of their variance.
     """
     least = _ROUND_OFF * max(float(found.singular_values[0]), 1e-150)
     entries = np.abs(found.directions)
@@ -399,10 +391,7 @@ def _full_range(parameter: Parameter) -> str:
 
 
 def _step_for_a_tenth(parameters: Sequence[Parameter], direction: Floats) -> float:
-    """The step along a direction after which the foremost parameter has changed by a tenth.
-
-    A tenth is of its value for `log`, and of its span otherwise.
-    """
+    """The step after which the foremost parameter has changed by a tenth of its value or span."""
     index = int(np.abs(direction).argmax())
     share = np.log(1.1) / parameters[index].span if parameters[index].log else 0.1
     return float(share / abs(direction[index]))
@@ -449,10 +438,7 @@ class Profile(Result):
 
 
 def followed(fit: Fit, index: int, level: float, reach: float) -> Profile:
-    """Follows the profile of a parameter from the minimum to both sides, up to a level.
-
-    `reach` is half the width of the linearised interval, in standard errors.
-    """
+    """Follows the profile of a parameter to both sides; `reach` is that of the level."""
     problem, u = Problem(fit.experiments, fit.parameters, fit.options, fit.loss), fit.estimate
     motions = problem.motions(u)
     psi, slope = influence(problem.residuals(motions), fit.loss)

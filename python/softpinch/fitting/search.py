@@ -160,7 +160,7 @@ def fit(
 def _experiments(scene: Any, times: Any, measured: Any, noise: Any) -> list[Experiment]:
     if isinstance(scene, Scene):
         return [Experiment.checked(scene, times, measured, noise)]
-    scenes = checks.several("scene", scene, "a Scene, or a sequence of scenes", at_most=10_000)
+    scenes = checks.several("scene", scene, "a Scene, or a sequence of scenes")
     if not scenes:
         raise ValueError("scene = []: must have at least one")
     for k, each in enumerate(scenes):
@@ -204,8 +204,7 @@ def _require_derivatives(scenes: Sequence[Scene], paths: list[str], options: Opt
 def _with_first_noise(problem: Problem) -> Problem:
     """Checks that the runs at the start succeed, with derivatives, and puts in a first noise.
 
-    Where noise is to be estimated, that is the spread of the data, which makes columns of different
-    units comparable.
+    Where noise is to be estimated, that is the spread of the data.
     """
     u = np.zeros(len(problem.parameters))
     try:
@@ -277,11 +276,9 @@ def _with_estimated_noise(problem: Problem, best: Minimum, loss: str) -> tuple[P
 
 
 def _estimated(problem: Problem, u: Floats, loss: str) -> list[Floats]:
-    """Estimates the noise of each column whose noise is not given, in each experiment.
-
-    The parameters take a share of all degrees of freedom from each column.
-    """
+    """Estimates the noise of each column whose noise is not given, in each experiment."""
     total = sum(int(each.known.sum()) for each in problem.experiments)
+    # The parameters take a share of all degrees of freedom from each column.
     share = total / (total - len(u))
     noise = []
     for each, motion in zip(problem.experiments, problem.motions(u), strict=True):

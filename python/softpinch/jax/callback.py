@@ -44,12 +44,10 @@ def differentiable(
 ) -> Callable[[Mapping[str, Any]], dict[str, jax.Array]]:
     """Makes a function of values by path to results by name, for JAX.
 
-    It calls back to Python. A batch (`vmap`) is one call. The tangents are a contraction of the
-    derivatives, which depend on the values only: hence JAX can transpose it, and `grad` works.
-
-    `check` refuses wrong values of one run. It is called if the numbers are known outside of
-    callbacks, because JAX buries the message of an error in a callback. `derive` computes results
-    of one run, and their derivatives by some paths; `many` computes those of all runs at once.
+    A batch (`vmap`) is one call back to Python. The tangents are a contraction of the derivatives,
+    which depend on the values only: hence JAX can transpose it, and `grad` works. `check` refuses
+    wrong values outside of callbacks, in which JAX buries the message of an error. `derive`
+    computes results of one run, and derivatives by some paths; `many` results of all runs at once.
     """
     smooth = [name for name, each in results.items() if each.dtype == np.float64]
 

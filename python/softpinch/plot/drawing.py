@@ -63,10 +63,7 @@ Modes = tuple[ContactMode, ContactMode]
 
 
 class HandDrawing:
-    """Hand and object in axes in mm, which show one state after another.
-
-    The limits of the axes are left, right, bottom and top.
-    """
+    """Hand and object in axes in mm, which show one state after another."""
 
     def __init__(self, axes: Axes, scene: Scene, limits: Limits) -> None:
         axes.set_aspect("equal")
@@ -289,10 +286,7 @@ _AROUND = 14.0
 
 
 class Frames:
-    """Frames of a scene that is stepped from outside, on axes that show its start.
-
-    They are arrays of pixels, or with `window` shown by Matplotlib's backend.
-    """
+    """Frames of a scene that is stepped from outside, as pixels or in Matplotlib's `window`."""
 
     def __init__(self, scene: Scene, window: bool = False) -> None:
         require("matplotlib", extra="plot", purpose="figures")
@@ -328,11 +322,7 @@ class Frames:
         self._axes.legend(loc="upper right", fontsize=8)
 
     def draw(self, q: Floats, target: Floats, force: Floats, title: str) -> None:
-        """Draws one frame, and shows it if there is a window.
-
-        q has the coordinates (9,), `target` the wanted pose (3,), m and rad; `force` are force and
-        moment on the object (3,), N and N m.
-        """
+        """Draws q (9,), the wanted pose (3,), and the force and moment on the object (3,)."""
         self._hand.show(q)
         self._target.set_data(*(target[:2, None] * MM.per_si))
         size = float(np.hypot(force[0], force[1]))

@@ -347,10 +347,7 @@ def success_map(
 def _counts(
     u: Floats, v: Floats, happened: NDArray[np.bool_], bins: int, magnitude: Sequence[bool]
 ) -> tuple[Floats, Floats, list[Floats], list[Floats]]:
-    """Runs and events in each bin (bins, bins), and edges and middles along each axis.
-
-    Bins of a logarithmic axis have equal ratios.
-    """
+    """Runs and events in each bin (bins, bins), and edges and middles along each axis."""
     u, v = (np.log10(w) if log else w for w, log in zip((u, v), magnitude, strict=True))
     runs, *edges = np.histogram2d(u, v, bins)
     some = np.histogram2d(u[happened], v[happened], edges)[0]

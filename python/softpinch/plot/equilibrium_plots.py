@@ -447,10 +447,7 @@ def _title(limits: WrenchLimits, plain: NDArray[np.bool_]) -> str:
 
 
 def _frame(axes: PolarAxes, shown: NDArray[np.complex128]) -> None:
-    """Sets the scale, and names its unit at the radial axis, which is where the fewest points are.
-
-    `shown` are the forces that are drawn, as complex numbers (n,), N.
-    """
+    """Sets the scale, and its radial axis with a unit far from the forces `shown` (n,), N."""
     from matplotlib.ticker import MaxNLocator
 
     largest = float(np.abs(shown).max(initial=0.0))

@@ -221,7 +221,11 @@ def animate(
         film = FuncAnimation(figure, picture.show, shown, init_func=lambda: None)
         film.save(part, writer, dpi=dpi, progress_callback=lambda k, n: report(k + 1, n))
         if part.suffix == ".html":
-            part.write_text(_offline(part.read_text("utf-8")), "utf-8")
+            # Signs on the buttons of Matplotlib's player that need no font from the web.
+            page = re.sub(r"<link\b[^>]*>", "", part.read_text("utf-8"), count=1)
+            sign = re.compile(r'<i class="fa fa-([^"]+)"></i>')
+            page = sign.sub(lambda found: _SIGNS.get(found[1], found[1]), page)
+            part.write_text(page, "utf-8")
         os.replace(part, path)
     return path
 
@@ -244,14 +248,6 @@ def _writer(kind: str, fps: Any, settings: Any) -> Any:
                 "install imageio-ffmpeg), or write a .gif or an .html file"
             ) from None
     return FFMpegWriter(fps, "h264", extra_args=["-movflags", "+faststart"])
-
-
-def _offline(page: str) -> str:
-    """The page of Matplotlib's player with signs on its buttons that need no font from the web."""
-    page = re.sub(r"<link\b[^>]*>", "", page, count=1)
-    return re.sub(
-        r'<i class="fa fa-([^"]+)"></i>', lambda found: _SIGNS.get(found[1], found[1]), page
-    )
 
 
 def _times(run: Run, fps: float, speed: float) -> Floats:

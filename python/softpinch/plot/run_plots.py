@@ -206,10 +206,7 @@ def contact(run: Run) -> Figure:
 
 
 def _busiest(run: Run) -> tuple[float, float] | None:
-    """A window around the instant with the most changes of mode, s.
-
-    None if no mode changes, or if the run ended at its start.
-    """
+    """A window around the instant with the most changes of mode, s; None if there are none."""
     times = np.array([change.time for change in run.contact_changes])
     if not times.size or run.t[-1] <= run.t[0]:
         return None
@@ -299,10 +296,7 @@ def _pressing(run: Run) -> Panel:
 
 
 def _residual(run: Run, columns: Sequence[int], color: str, label: str = "") -> Curve:
-    """The largest magnitude of some residuals; values below `_ROUND_OFF` are drawn there.
-
-    Residuals of constraints that do not act, such as that of a free tip, are left out.
-    """
+    """The largest magnitude, at least `_ROUND_OFF`, of some residuals of acting constraints."""
     sizes = np.where(measures.active_constraints(run), np.abs(run.residuals), np.nan)
     # Unlike the maximum, fmax ignores nan.
     size = np.fmax.reduce(sizes[:, list(columns)], axis=1)

@@ -14,11 +14,7 @@ _DPI = 200
 
 
 class ShownFigure(Figure):
-    """A figure that is shown where it is the last value of a notebook's cell, without pyplot.
-
-    IPython shows matplotlib's own figures only once pyplot has been told to draw in the notebook;
-    then it also shows these as it shows those.
-    """
+    """A figure that is shown where it is the last value of a notebook's cell, without pyplot."""
 
     rc: Mapping[str, Any] = {}  # settings of matplotlib with which the figure is drawn
 

@@ -169,8 +169,7 @@ def panels_or_given(
 ) -> Iterator[tuple[Figure, NDArray[Any]]]:
     """Yields a figure and its axes (rows, columns), to draw on inside the block.
 
-    The only panel may be the user's own axes `ax`, which keep the user's style. Otherwise width and
-    height are those of a new figure, inches, and `options` go to `panels`.
+    The only panel may be the user's own axes `ax`, which keep the user's style.
     """
     require("matplotlib", extra="plot", purpose="figures")
     from matplotlib.axes import Axes
@@ -256,11 +255,7 @@ def by_magnitude(axes: Axes, which: str, low: float, high: float) -> None:
 
 
 def least_range(panels: Iterable[Axes], round_off: float = _ROUND_OFF) -> None:
-    """Shows values that differ by round-off only as equal ones, on linear vertical axes.
-
-    Matplotlib would magnify the difference until it fills the panel. Axes whose limits were set
-    keep them.
-    """
+    """Shows values that differ by round-off only as equal ones, on linear axes without limits."""
     for axes in panels:
         if not axes.get_autoscaley_on() or axes.get_yscale() != "linear":
             continue
@@ -321,9 +316,9 @@ def fill_cells(
     bottom: Floats,
     faces: Mapping[str, tuple[str, str]],
 ) -> None:
-    """Fills cells whose kinds (m, n) have a face, a colour and a hatch; equal neighbours as one.
+    """Fills cells between edges `left` (m + 1,) and `bottom` (n + 1,) of which kinds have a face.
 
-    `left` has the edges of the columns (m + 1,), `bottom` those of the rows (n + 1,).
+    A face is a colour and a hatch; equal neighbours are filled as one.
     """
     for column, sides in zip(kinds.tolist(), itertools.pairwise(left), strict=True):
         for kind, cells in itertools.groupby(range(len(column)), key=column.__getitem__):

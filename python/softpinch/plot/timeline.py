@@ -158,8 +158,7 @@ def draw(
 ) -> tuple[Figure, NDArray[Any]]:
     """Draws columns side by side; returns the figure, and the axes of its panels (rows, columns).
 
-    The height is that of the panels, in inches; the bands are added to it. There is one legend
-    above the figure, one for each panel, or none. `options` go to `Figure.subplots`.
+    Bands are added to the height, inches. `options` go to `Figure.subplots`.
     """
     rows = max(len(column.panels) for column in columns)
     most = max(len(unilateral(column.runs)) for column in columns)
@@ -244,17 +243,19 @@ def unilateral(runs: Mapping[str, Run]) -> dict[str, Run]:
 
 def occurring(runs: Iterable[Run]) -> set[ContactMode]:
     """The modes that occur in those of the runs that have modes."""
-    some = [run for run in runs if run.scene.contact == "unilateral"]
     return {
-        mode for run in some for side in (0, 1) for *_, mode in measures.contact_spans(run, side)
+        mode
+        for run in runs
+        if run.scene.contact == "unilateral"
+        for side in (0, 1)
+        for *_, mode in measures.contact_spans(run, side)
     }
 
 
 def _draw_bands(axes: Axes, column: Column, room: int) -> None:
-    """Draws two bands for each run with modes: the upper one for the right tip.
+    """Draws two bands for each run with modes, the upper one for the right tip.
 
-    With one run the bands are labelled by their tips, else each pair by the name of its run.
-    `room` is the number of runs for which the axes have room.
+    The axes have room for the bands of `room` runs.
     """
     named = unilateral(column.runs)
     labels: dict[float, str] = {}

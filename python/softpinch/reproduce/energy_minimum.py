@@ -55,9 +55,8 @@ def energies(scene: Scene, places: Floats) -> tuple[Floats, Floats]:
 def without_slip(scene: Scene, q: ArrayLike, way: ArrayLike, far: ArrayLike) -> Floats:
     """The coordinates after the object has moved without slip of its tips by `far` (n,), (n, 9).
 
-    It moves from `q` along `way`, the change of x, y and theta per unit of `far`; the fingers are
-    held. On this way (12) is a quadrature in closed form: d_t changes by the integral of sin(theta)
-    dx - cos(theta) dy - E dtheta.
+    It moves from `q` along `way`, the change of x, y and theta per unit of `far`. By (12) d_t
+    changes by the integral of sin(theta) dx - cos(theta) dy - E dtheta, in closed form.
     """
     q, far = np.asarray(q, np.float64), np.asarray(far, np.float64)
     dx, dy, turn = np.asarray(way, np.float64)
@@ -139,16 +138,8 @@ def rest_at(scene: Scene, q: Floats, time: float, number: int = 1) -> Rest:
         places = without_slip(scene, found.state.q, (0.0, 0.0, 1.0), [-1e-3, 0.0, 1e-3])
         before, here, after = energies(scene, places)[0]
         turning = float((after - 2.0 * here + before) / 1e-6)
-    return Rest(
-        number=number,
-        reached=q,
-        found=found,
-        weightless=weightless,
-        slope=slope,
-        curvature=curvature,
-        rise=rise,
-        turning=turning,
-    )
+    around_it = {"slope": slope, "curvature": curvature, "rise": rise, "turning": turning}
+    return Rest(number=number, reached=q, found=found, weightless=weightless, **around_it)
 
 
 def rests(run: Run) -> list[Rest]:
@@ -163,10 +154,7 @@ def rests(run: Run) -> list[Rest]:
 
 
 def is_minimum(rest: Rest) -> bool:
-    """True if elastic energy and gravity have a minimum here on every way without slip.
-
-    The operation must have ended here, too, within `BAND`.
-    """
+    """True if the operation ended at a minimum of elastic energy and gravity without slip."""
     arrived = bool((np.abs(rest.moved) <= BANDS).all())
     return arrived and rest.slope <= _FLAT and rest.curvature > 0.0 and rest.turning > 0.0
 

@@ -29,10 +29,7 @@ def spells(run: Run, mode: ContactMode, begin: float, end: float) -> list[float]
 
 
 def survived(run: Run) -> list[bool]:
-    """True for each operation at whose end both tips touch the object and it is at rest.
-
-    At rest means that its pose has stayed within `BAND` over the last quarter of the operation.
-    """
+    """True for each operation at whose end both tips touch the object and it is at rest."""
     rests = [bool((ranges <= BANDS).all()) for ranges in m.drift(run)]
     opened = run.violation_intervals.get("opened", np.empty((0, 2)))
     # An opening at a switch belongs to the operation that begins.

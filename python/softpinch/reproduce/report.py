@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -104,10 +104,7 @@ def coupling_table(runs: Runs) -> Table:
 
 
 def contact_table(runs: Runs) -> Table:
-    """Final poses with bilateral contact beside those of a real hand, and what its tips do.
-
-    The pose of a run that ended early is nan.
-    """
+    """Final poses with bilateral contact beside those of a real hand, and what its tips do."""
     names = ["bilateral", *(f"mu = {mu:g}" for mu in runs.real)]
     ends = [m.settled(run)[:, :3] * POSE for run in (runs.operations, *runs.real.values())]
     kept = [real_hand.survived(run) for run in runs.real.values()]
@@ -142,9 +139,8 @@ def _joined(found: Sequence[Floats]) -> list[float]:
 
 def verdict_table(findings: Sequence[Finding]) -> Table:
     """The findings as a table."""
-    columns = ("claim", "source", "verdict", "measure", "value", "limit", "evidence")
-    rows = tuple(tuple(getattr(finding, name) for name in columns) for finding in findings)
-    return Table(columns=columns, rows=rows)
+    columns = tuple(field.name for field in fields(Finding))
+    return Table(columns=columns, rows=tuple(map(astuple, findings)))
 
 
 _COLORS = {HOLDS: "green", FAILS: "bold red"}

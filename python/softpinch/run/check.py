@@ -36,12 +36,16 @@ AT_END = 1e-6
 
 
 def check_run(run: Run, modes: Modes | None, *, residual: float, closure: float) -> None:
-    """Checks every invariant of a run; `Run.check` explains the tolerances.
-
-    `modes` are those of `known_modes`.
-    """
-    _check_times(run)
-    _check_finite(run)
+    """Checks every invariant of a run with `known_modes`; `Run.check` explains the tolerances."""
+    late = np.flatnonzero(~(np.diff(run.t) > 0))
+    if late.size:
+        row = int(late[0]) + 1
+        fail(run, "times increase", row, f"the row before is at {run.t[row - 1]} s")
+    for name, values in {"t": run.t, **run.arrays()}.items():
+        bad = np.argwhere(~np.isfinite(values))
+        if len(bad):
+            row, *component = map(int, bad[0])
+            fail(run, "finite", row, f"{name}{component or ''} is {values[row, *component]}")
     if modes is not None:
         check_contact(run, modes)
     _check_residuals(run, modes, _tolerance("residual", residual))
@@ -56,21 +60,6 @@ def _tolerance(name: str, value: float) -> float:
 def _limit(tolerance: float, scale: float) -> float:
     """Returns the allowed value; an infinite tolerance allows any, also where the scale is zero."""
     return tolerance * scale if np.isfinite(tolerance) else np.inf
-
-
-def _check_times(run: Run) -> None:
-    late = np.flatnonzero(~(np.diff(run.t) > 0))
-    if late.size:
-        row = int(late[0]) + 1
-        fail(run, "times increase", row, f"the row before is at {run.t[row - 1]} s")
-
-
-def _check_finite(run: Run) -> None:
-    for name, values in {"t": run.t, **run.arrays()}.items():
-        bad = np.argwhere(~np.isfinite(values))
-        if len(bad):
-            row, *component = map(int, bad[0])
-            fail(run, "finite", row, f"{name}{component or ''} is {values[row, *component]}")
 
 
 def _speed(run: Run) -> float:
@@ -134,8 +123,7 @@ def _check_closure(run: Run, tolerance: float) -> None:
 def _shown(run: Run, modes: Modes | None) -> dict[str, NDArray[np.bool_]]:
     """Returns violation -> whether each recorded row shows it; only the last row if q is missing.
 
-    "rim" is left out: it depends on a sine, whose rounding may decide. In unilateral contact only
-    closed tips show violations; `check_contact` knows those that a mode is.
+    "rim" is left out, where the rounding of a sine may decide. Free tips show none.
     """
     q = run.q if "state" in run.record else run.state(-1).q[None]
     radii = np.array([tip.radius for tip in run.scene.hand.tips])
@@ -192,11 +180,7 @@ def check_contact(run: Run, modes: Modes) -> None:
 
 
 def changing(run: Run) -> NDArray[np.bool_]:
-    """Returns where a tip's mode changes at the very instant of a row (n, 2).
-
-    Such a row has the state before the change, and the mode after it; but at an impulse the mode
-    before it.
-    """
+    """Returns where a tip's mode changes at the very instant of a row (n, 2)."""
     found = np.zeros((len(run.t), 2), dtype=bool)
     for change in run.contact_changes:
         found[run.t == change.time, SIDES.index(change.finger)] = True
@@ -240,10 +224,7 @@ def _check_modes(run: Run, modes: Modes) -> None:
 
 
 def _first_times(run: Run, modes: Modes) -> dict[str, float | None]:
-    """Returns violation -> the first time at which a mode shows it, s, or None.
-
-    What changes at the very start, such as a slip that the first impact stops, has not lasted.
-    """
+    """Returns violation -> the first time at which a mode shows it and lasts, s, or None."""
     start = run.scene.start().time
     first = {change.finger: change for change in reversed(run.contact_changes)}
     at_start = [

@@ -33,8 +33,7 @@ class ContactChange(NamedTuple):
 def active(modes: Modes | None, rows: int) -> NDArray[np.bool_]:
     """Returns which of C_1^H, C_2^H, C_1^N, C_2^N constrain the motion in each row (rows, 4).
 
-    All do in bilateral contact, without modes (rows, 2). In unilateral contact C^H of a free tip is
-    its gap, and C^N of a tip that does not stick is a velocity of slip.
+    All do without modes (rows, 2), in bilateral contact.
     """
     if modes is None:
         return np.ones((rows, 4), dtype=bool)

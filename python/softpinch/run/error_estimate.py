@@ -94,7 +94,17 @@ def estimate(request: Request, result: Mapping[str, Any]) -> ErrorEstimate:
     try:
         runs = result, half, quarter = result, *_finer_runs(request, result)
     except KeyboardInterrupt:
-        return _interrupted(result, names, expected, adaptive)
+        nowhere: Any = {name: np.full(result[name].shape, np.inf) for name in names}
+        finer = "halves and quarters of the steps were" if adaptive else "dt/2 and dt/4 were"
+        return ErrorEstimate(
+            **{**dict.fromkeys(QUANTITIES), **nowhere},
+            largest=dict.fromkeys(names, math.inf),
+            order=-math.inf,
+            expected_order=expected,
+            asymptotic=False,
+            message=f"the error cannot be estimated: the runs with {finer} interrupted",
+            interrupted=True,
+        )
     t = result["t"]
     n = min(len(each["t"]) for each in runs)
     # A finer run may lack the last row of a run that ended early, and rows at changes of contacts.
@@ -162,26 +172,6 @@ def _observed_order(first: float, second: float) -> float:
     return math.log2(first / second)
 
 
-def _interrupted(
-    result: Mapping[str, Any], names: Sequence[str], expected: int, adaptive: bool
-) -> ErrorEstimate:
-    """The estimate of a run whose finer runs Ctrl-C has stopped: every error is inf."""
-    found = {name: np.full(result[name].shape, np.inf) for name in names}
-    return ErrorEstimate(
-        q=found.get("q"),
-        p=found.get("p"),
-        multipliers=found.get("multipliers"),
-        largest=dict.fromkeys(names, math.inf),
-        order=-math.inf,
-        expected_order=expected,
-        asymptotic=False,
-        message="the error cannot be estimated: the runs with "
-        + ("halves and quarters of the steps were" if adaptive else "dt/2 and dt/4 were")
-        + " interrupted",
-        interrupted=True,
-    )
-
-
 def _not_alike(runs: Sequence[Mapping[str, Any]], adaptive: bool) -> str:
     """Says that the runs ended differently, or too early."""
     ends = [f"{run['status']} at t = {run['t'][-1]:.6g} s" for run in runs]
@@ -228,14 +218,10 @@ def _without(missing: Floats, rows: int) -> str:
 
 def require_estimable(record: tuple[str, ...]) -> None:
     """Refuses a run that records nothing whose error can be estimated."""
-    if not _estimable(record):
+    if not set(record) & set(QUANTITIES.values()):
         raise ValueError(
             f"estimate_error with record={record}: needs 'state' or 'multipliers' in record"
         )
-
-
-def _estimable(record: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(kind for kind in record if kind in QUANTITIES.values())
 
 
 def _finer_runs(
@@ -243,10 +229,10 @@ def _finer_runs(
 ) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     """Computes the run with half and with a quarter of each step, with the same recorded instants.
 
-    Adaptive steps are known by the rows of the run if it recorded every step; otherwise they come
-    from another run, which records nothing else.
+    Adaptive steps come from another run, unless the run recorded every step.
     """
-    request = request.with_(record=_estimable(request.options.record))
+    record = tuple(kind for kind in request.options.record if kind in QUANTITIES.values())
+    request = request.with_(record=record)
     options = request.options
     if options.tolerance is None:
         return request.run_to_end(2), request.run_to_end(4)
@@ -271,10 +257,9 @@ def ending_at(scene: Scene, t: Floats) -> Scene:
 def ends_of_steps(t: Floats, changes: Sequence[float]) -> Floats:
     """Returns the instants among `t`, increasing, at which the steps of finer runs end.
 
-    Steps of the run end at the changes of its contacts. The finer runs find changes of their own: a
-    step that ended at those of the run would choose the modes of the contacts there, and repeat
-    errors of the run. An instant that follows another within round-off is left out too, because the
-    core does not count steps without length, and would record other rows from there on.
+    These find changes of contacts of their own: a step that ended at those of the run would repeat
+    its errors. Instants within round-off of another are left out, because the core does not count
+    steps without length.
     """
     kept = ~np.isin(t, changes)
     kept[[0, -1]] = True
@@ -285,9 +270,7 @@ def ends_of_steps(t: Floats, changes: Sequence[float]) -> Floats:
 def _on_steps(request: Request, t: Floats) -> Request:
     """Makes the request of a run whose steps end at given instants (n,), s, n > 1, increasing.
 
-    It has equal steps, of which the core takes as many between two ends as it is told to refine. It
-    ends one step later than `t` if the scene's duration allows, because a finer run may meet the
-    violation that ended the run later.
+    It ends one step later if the scene's duration allows: a finer run may meet a violation later.
     """
     scene = request.scene
     start = scene.start()
@@ -299,10 +282,7 @@ def _on_steps(request: Request, t: Floats) -> Request:
 
 
 def _at_rows(result: Mapping[str, Any], t: Floats) -> Mapping[str, Any]:
-    """Keeps a row for each of the instants `t`, and the last row.
-
-    These rows have the instants `t` where the run has them up to round-off, else its own next ones.
-    """
+    """Keeps the rows at the instants `t` up to round-off, else the next ones, and the last row."""
     own = result["t"]
     n, close = len(own), _close(t)
     rows = np.minimum(np.searchsorted(own, t - close), n - 1)

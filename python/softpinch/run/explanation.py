@@ -153,14 +153,17 @@ def explain(
     computed = tuple(name for name in wanted if name != "final_state")
     measure = checks.boolean("measure", measure)
     outline = Request(scene, options).simulation(summaries=computed).outline()
-    degrees, states = _sizes(scene, options, computed)
+    # "nullspace" integrates both shears beside its own coordinates.
+    null_space, driven = options.formulation == "nullspace", scene.fingers == "driven"
+    degrees = (5 if null_space else 9) - 2 * driven
+    works = (7 if scene.contact == "unilateral" else 4) * _ledger(options, computed)
     return Explanation(
         formulation=options.formulation,
         method=options.method,
         fingers=scene.law,
         simd=_core.simd_level(),
         degrees=degrees,
-        states=states,
+        states=2 * (degrees + null_space) + 2 * (not driven) + works,
         terms=tuple(_terms(scene, options, computed)),
         segments=outline["segments"],
         steps=outline["steps"],
@@ -172,20 +175,6 @@ def explain(
 
 def _ledger(options: Options, summaries: Sequence[str]) -> bool:
     return "energy" in options.record or "energy_closure" in summaries
-
-
-def _sizes(scene: Scene, options: Options, summaries: Sequence[str]) -> tuple[int, int]:
-    """The numbers of velocities and of states."""
-    null_space = options.formulation == "nullspace"
-    driven = scene.fingers == "driven"
-    degrees = (5 if null_space else 9) - 2 * driven
-    # "nullspace" integrates both shears beside its own coordinates.
-    coordinates = degrees + 2 * null_space
-    integrals = 0 if driven else 2
-    works = 0
-    if _ledger(options, summaries):
-        works = 7 if scene.contact == "unilateral" else 4
-    return degrees, degrees + coordinates + integrals + works
 
 
 # Measured: omitting a zero term gains less than the compiler's own variations of generated code.

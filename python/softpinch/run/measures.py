@@ -55,8 +55,7 @@ def drift(run: Run) -> Floats:
 def settling_times(run: Run, distance: float, angle: float) -> Floats:
     """Returns the time from each switch until the pose stays near its final value (operations,), s.
 
-    Near is within `distance`, m, of x and y, and within `angle`, rad, of theta. It is nan if the
-    run ended before the end of the operation.
+    Near is within `distance`, m, and `angle`, rad. It is nan if the run ended before.
     """
     times = np.full(len(operations(run)), np.nan)
     for k, ((begin, end), final) in enumerate(zip(operations(run), settled(run), strict=True)):
@@ -174,11 +173,7 @@ def longest_pull(run: Run, begin: float, end: float) -> float:
 
 
 def contact_spans(run: Run, side: int) -> list[tuple[float, float, ContactMode]]:
-    """Returns begin and end, s, and the mode of each interval in which a contact keeps its mode.
-
-    The intervals follow one another from the start to the end of a run with unilateral contact.
-    Only that of a run that ended at its start is empty.
-    """
+    """Returns begin and end, s, and the mode of each interval in which a contact keeps its mode."""
     changes = [change for change in run.contact_changes if change.finger == SIDES[side]]
     rows = known_modes(run._result)
     assert rows is not None
@@ -217,8 +212,7 @@ def active_constraints(run: Run) -> NDArray[np.bool_]:
 def friction_demand(run: Run) -> Floats:
     """Returns the friction coefficient that no slip requires (n, 2): |lambda^N| / lambda^H.
 
-    It is infinite while the tip pulls, which it never does in unilateral contact, and 0 of a free
-    tip.
+    It is infinite while the tip pulls, and 0 of a free tip.
     """
     pressing, along = run.multipliers[:, :2], np.abs(run.multipliers[:, 2:])
     presses = pressing > 0.0
@@ -258,13 +252,12 @@ def response(run: Run, undisturbed: Run | None = None) -> tuple[Floats, Floats]:
     rows = since_onset(run)
     t, q = run.t[rows], run.q[rows]
     start = min(onset(run), float(t[0]))
-    still = q[0] if undisturbed is None else _between_rows(t, undisturbed.t, undisturbed.q)
+    still = q[0]
+    if undisturbed is not None:
+        # Linear between rows, because figures must not compute a run once more.
+        columns = [np.interp(t, undisturbed.t, column) for column in undisturbed.q.T]
+        still = np.stack(columns, axis=1)
     return t - start, q - still
-
-
-def _between_rows(t: Floats, times: Floats, rows: Floats) -> Floats:
-    """Interpolates recorded rows linearly, because figures must not compute a run once more."""
-    return np.stack([np.interp(t, times, column) for column in rows.T], axis=1)
 
 
 def drift_since(run: Run) -> Floats:
@@ -296,8 +289,7 @@ def swing_back(run: Run, undisturbed: Run | None = None) -> Floats:
 def busy(t: Floats, change: Floats) -> float:
     """Returns the time until the pose stays near its final value, s, from the result of `response`.
 
-    Near means within 0.5 % of the largest distance from the final value. The time is rounded up to
-    a twentieth of a second, but never exceeds the response.
+    Near means within 0.5 % of the largest distance from it. The time is rounded up to 0.05 s.
     """
     pose = np.abs(change[:, :3] - change[-1, :3])
     moving = np.flatnonzero((pose > 0.005 * pose.max(axis=0, initial=0.0)).any(axis=1))

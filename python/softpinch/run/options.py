@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..scene.stabilization import Stabilization
 from ..support import checks
-from ..support.arrays import Floats
 from ..support.choices import Formulation, Method, Violation
 from ..support.record import plain
 from ..support.result import Result
@@ -112,12 +111,14 @@ def _checked(
     method = checks.choice("method", method, _core.METHODS)
     every = checks.integer("every", every, 1)
     dt, tolerance = steps(dt, tolerance, method)
+    if times is not None and every != 1:
+        raise ValueError(f"every = {every} and times: give one of them")
     if summaries_after is not None:
         summaries_after = checks.finite("summaries_after", summaries_after)
     return Options(
         dt=dt,
         tolerance=tolerance,
-        times=_times(times, every),
+        times=None if times is None else checks.times("times", times),
         method=method,
         formulation=checks.choice("formulation", formulation, _core.FORMULATIONS),
         stabilization=stabilization,
@@ -183,8 +184,7 @@ def _most_steps(tolerance: float | None, max_steps: int | None) -> int:
 def in_place(**settings: Any) -> dict[str, Any]:
     """Returns the settings that override earlier ones; None keeps the earlier value.
 
-    `dt` and `tolerance` exclude each other, so each clears the other. `dt` also clears `max_steps`,
-    which belongs to a tolerance.
+    `dt` and `tolerance` clear each other, and `dt` also `max_steps`, which belongs to a tolerance.
     """
     given = {name: value for name, value in settings.items() if value is not None}
     for name, other in (("dt", "tolerance"), ("tolerance", "dt")):
@@ -193,11 +193,3 @@ def in_place(**settings: Any) -> dict[str, Any]:
     if given.get("dt") is not None:
         given.setdefault("max_steps", None)
     return given
-
-
-def _times(times: ArrayLike | None, every: int) -> Floats | None:
-    if times is None:
-        return None
-    if every != 1:
-        raise ValueError(f"every = {every} and times: give one of them")
-    return checks.times("times", times)

@@ -9,7 +9,7 @@ magnitude for the scene if that is larger.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -17,15 +17,14 @@ from ..scene.fields import ESTIMATED, QUANTITIES
 from ..scene.scene import Scene
 from ..support.arrays import Floats
 
-Units: TypeAlias = Sequence[Sequence[int]]
-
-
-def _sharing_units(units: Sequence[str]) -> Units:
-    return [[k for k, one in enumerate(units) if one == unit] for unit in dict.fromkeys(units)]
-
-
 # Groups of components that share a unit: metres and radians in q and p, newtons in lambda.
-UNITS: Mapping[str, Units] = {name: _sharing_units(QUANTITIES[name].units) for name in ESTIMATED}
+UNITS: Mapping[str, Sequence[Sequence[int]]] = {
+    name: [
+        [k for k, one in enumerate(QUANTITIES[name].units) if one == unit]
+        for unit in dict.fromkeys(QUANTITIES[name].units)
+    ]
+    for name in ESTIMATED
+}
 # A component below this share of the largest one with its unit is round-off.
 _ROUND_OFF = 1e-9
 
@@ -33,9 +32,8 @@ _ROUND_OFF = 1e-9
 def usual(scene: Scene) -> dict[str, Floats]:
     """Returns typical magnitudes for a scene: quantity -> one for each component.
 
-    They are the tip's radius a for lengths, 1 for angles, and E a^2 for multipliers. Rates have
-    these lengths and angles times sqrt(E a / M), the frequency of an object of mass M on such a
-    tip. If the tips differ, a and E are the larger values.
+    They are the larger tip's radius a for lengths, 1 for angles, E a^2 for multipliers, and for
+    rates a or 1 times sqrt(E a / M), the frequency of an object of mass M on such a tip.
     """
     tips = scene.hand.tips
     radius = max(tip.radius for tip in tips)
@@ -48,12 +46,10 @@ def usual(scene: Scene) -> dict[str, Floats]:
 
 
 def scales(name: str, rows: Floats, usual: Mapping[str, Floats] | None = None) -> Floats:
-    """Returns the magnitudes (k,) that divide the differences of each component.
+    """Returns the largest magnitude of each component (k,) along the rows (n, k) of a run.
 
-    They are each component's largest magnitude along the rows (n, k) of a run. If that is below
-    1e-9 of the largest component with its unit, that component's magnitude replaces it; if all
-    components with the unit are below 1e-9 of the typical magnitude in `usual`, the typical one
-    does. It is 1 if all are zero and no typical magnitude is known.
+    The largest one with its unit replaces it if it is below 1e-9 of that; the typical magnitude in
+    `usual` does if all with the unit are below 1e-9 of that. It is 1 if all are zero.
     """
     sizes = np.abs(rows).max(axis=0, initial=0.0)
     for unit in map(list, UNITS[name]):
@@ -102,9 +98,8 @@ def at_end(
 def errors(result: Any, expected: Any) -> dict[str, Floats]:
     """Returns the error of a result at each of its instants: name -> (n,), from `by_row`.
 
-    A result has t (n,) and some of q (n, 9), p (n, 9) and multipliers (n, 4), as a `Run` has;
-    `expected` has them at the same instants, taken as exact, and perhaps the `scales` of the whole
-    run; otherwise they come from its rows.
+    A result has t (n,) and some of q, p and multipliers, as a `Run` has; `expected` has them at the
+    same instants, taken as exact, and perhaps the `scales` of the whole run.
     """
     if not np.array_equal(np.asarray(result.t), np.asarray(expected.t)):
         raise ValueError("errors: the result's instants differ from those it is compared with")

@@ -96,14 +96,10 @@ def surfaces(scene: Scene, q: Floats, contact: Modes) -> Floats:
     """Jacobians of the parts that move by themselves (n, 6, 2, 2), in 1/s; those of others are 0.
 
     They are the derivatives of (rate, acceleration) by (coordinate, rate), for the coordinates
-    `ALONE`, at q (n, 9) with the modes (n, 2).
-
-    Where a tip does not stick, its shear obeys m d'' + c d' + k d = force of friction, by (U3) and
-    (U5); where it is free, so does its compression, without that force. By (5) k is 2 pi E d_n: of
-    the shear exactly, of the compression but for the tilt, and it falls to zero as the surface
-    relaxes. The force of friction depends on the shear by the couple of the tip alone, which is
-    left out. The finger of a free tip turns under its PID alone, by (39), here without the
-    integral.
+    `ALONE`, at q (n, 9) with the modes (n, 2). Where a tip does not stick, its shear obeys
+    m d'' + c d' + k d = force of friction, by (U3) and (U5); where it is free, so does its
+    compression, without that force. By (5) k is 2 pi E d_n, of the compression but for the tilt.
+    The finger of a free tip turns under its PID (39), here without the integral.
     """
     found = np.zeros((len(q), len(ALONE), 2, 2))
     free = contact == ContactMode.FREE
@@ -128,10 +124,8 @@ def too_long(request: Request, status: str, end: float) -> str | None:
 
     A stiff method computes the motion a little beyond the instant `end` at which the run ended with
     `status`. If it fails there too, that is the motion's own end, unless the run's energy ledger
-    has shown that its steps were unstable. Otherwise the eigenvalues of the linearised motion give
-    the longest step for which each decaying mode decays in the numerical solution too. The longest
-    step that the run took is compared with it, which may be much shorter than `dt`, because steps
-    end at each instant at which an input jumps.
+    has shown that its steps were unstable. Otherwise the longest step that the run took is compared
+    with the longest stable one, by the eigenvalues of the linearised motion.
     """
     scene, options = request.scene, request.options
     if options.dt is None or status == "interrupted" or not is_explicit(options.method):
@@ -178,11 +172,9 @@ def too_long(request: Request, status: str, end: float) -> str | None:
 
 
 def _longest_taken(request: Request, end: float) -> float:
-    """The longest step that a run with equal steps took until `end`, s.
+    """The longest step that a run with equal steps took until `end`, s; inputs may shorten it.
 
-    Steps end where inputs jump, so that they may be shorter than `dt`. The run is computed again,
-    because its own rows may be far apart. Of a run with over a million steps it is the longest mean
-    of some neighbours.
+    The run is computed again, because its own rows may be far apart.
     """
     scene, dt = request.scene, request.options.dt
     assert dt is not None
@@ -194,11 +186,7 @@ def _longest_taken(request: Request, end: float) -> float:
 
 
 def _stable(request: Request, motion: Mapping[str, Any]) -> Floats:
-    """The longest stable step at each row of the motion, s; inf in rows that are not looked at.
-
-    Where both tips stick, all modes are looked at; elsewhere only those of the surfaces that move
-    by themselves.
-    """
+    """The longest stable step at each row of the motion, s; inf in rows that are not looked at."""
     scene, method = request.scene, request.options.method
     steps = np.full(len(motion["t"]), np.inf)
     rows = _telling(motion)
@@ -222,10 +210,9 @@ def _stable(request: Request, motion: Mapping[str, Any]) -> Floats:
 
 
 def _telling(motion: Mapping[str, Any]) -> NDArray[np.intp]:
-    """Indices of the rows of the motion at which it is linearised.
+    """Indices of rows for the linearisation: some, and the extreme compressions in each mode.
 
-    A tip's surface is stiffest where it is most compressed, and its viscosity counts most where it
-    is least compressed. It is so in each mode, also in one that lasts for a moment only.
+    Where it is most compressed a tip is stiffest, and where it is least, its viscosity counts most.
     """
     rows = set(np.linspace(0, len(motion["t"]) - 1, _INSTANTS).round().astype(int).tolist())
     for tip in range(2):
@@ -237,13 +224,10 @@ def _telling(motion: Mapping[str, Any]) -> NDArray[np.intp]:
 
 
 def unstable(request: Request, status: str, end: float) -> str | None:
-    """Says that a run failed under a sampled controller whose loop is unstable.
+    """Says that a run failed under a sampled controller whose loop is unstable; see `too_long`.
 
-    The loop is linearised, without its limits, about several states of the run in which both tips
-    stick. It is named if the median of the spectral radii lets a deviation grow tenfold or more
-    until the end of the run.
-
-    Arguments and result are those of `too_long`.
+    The median of the spectral radii about states in which both tips stick must let a deviation grow
+    tenfold or more until the end of the run.
     """
     scene, options = request.scene, request.options
     control = scene.control
@@ -274,8 +258,7 @@ def unstable(request: Request, status: str, end: float) -> str | None:
 def radius(scene: Scene, t: float, q: Floats, p: Floats, torque: Floats) -> float:
     """The spectral radius of the loop from sample to sample, about a state; nan if it overflows.
 
-    It is at least 1, because a grasp at rest has two neutral states. Limits of the torques are left
-    out. `torque` (2,) is in force, N m.
+    It is at least 1, because a grasp at rest has two neutral states. `torque` (2,), N m, acts.
     """
     control = scene.control
     assert isinstance(control, SampledController)

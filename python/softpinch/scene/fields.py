@@ -238,10 +238,9 @@ def field_of(path: str) -> tuple[str, tuple[int, ...]]:
 
 
 def units(name: str, shape: Sequence[int]) -> Unit:
-    """Returns the unit of a column of an ensemble, which is a result or the field at a path.
+    """Returns the unit of a result or of the field at a path, or one for each last index.
 
-    `shape` is that of one run's value. It is a tuple with one unit for each entry along the last
-    axis if they differ, and "unknown" for a field of a user's own class.
+    `shape` is that of one run's value. A field of a user's own class has the unit "unknown".
     """
     if name in RESULTS:
         return RESULTS[name][0]
@@ -309,8 +308,7 @@ def _coordinate(name: str) -> str:
 def spelt_out(path: str) -> tuple[str, ...]:
     """Returns the paths that a path with a symbol in its last place may mean, the likeliest first.
 
-    For "hand.tip.left.E" that is the same record's field, "hand.tip.left.youngs_modulus", then
-    "hand.tip.youngs_modulus". A path without a symbol gives none.
+    "hand.tip.left.E" gives "hand.tip.left.youngs_modulus", then "hand.tip.youngs_modulus".
     """
     owner, _, symbol = path.rpartition(".")
     if symbol not in SYMBOLS:

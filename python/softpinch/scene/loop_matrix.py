@@ -48,11 +48,10 @@ def spectral_radius(
 
 
 def _matrix(control: SampledController, a: Floats, b: Floats, h: Floats, j: Floats) -> Floats:
-    """The matrix of the loop from sample to sample.
+    """The matrix of the loop from sample to sample: of x, xi, and the last outputs, newest first.
 
-    Its states are those of the motion, x, and of the controller, xi, and the last outputs, the
-    newest first, of which the oldest is in force at the sample. With delay = late * period + rest,
-    that one acts for `rest` longer, and then the next one does.
+    The oldest output is in force at the sample. With delay = late * period + rest, that one acts
+    for `rest` longer, and then the next one does.
     """
     gains = [np.asarray(getattr(control, name)) for name in "ABCD"]
     size, n = len(a), len(gains[0])
@@ -118,10 +117,9 @@ def measured(
 
 
 def growth(scene: Scene, control: SampledController) -> float:
-    """Returns the factor by which the swings of free fingers grow in one period.
+    """Returns the factor by which the swings of free fingers grow in one period; 0.0: unknown.
 
-    It is below 1 for a stable loop, and 0.0 if it is not known, because the controller measures
-    more than the fingers or its delay takes too many periods.
+    It is unknown if the controller measures more than fingers, or its delay takes too many periods.
     """
     known = set(control.measures) <= _OF_FINGERS.keys() | {"target", "target_rate"}
     if not known or control.delay > MOST_UNDER_WAY * control.period:

@@ -73,12 +73,8 @@ _SHAFT, _WIDE, _HEAD = 0.04, 0.12, 0.3
 
 
 def arrow(start: Floats, along: Floats, length: float, longest: float) -> Floats:
-    """The outline (7, 2) of an arrow from `start` (2,) along a unit vector (2,).
-
-    The head of the `longest` arrow of a picture has a fixed share of its length; shorter arrows
-    than this head have a smaller one.
-    """
-    # The head of a short arrow is smaller, and so is its shaft.
+    """The outline (7, 2) of an arrow from `start` (2,) along a unit vector (2,)."""
+    # The head is a share of the `longest` arrow. A short arrow has a smaller head and shaft.
     head = min(_HEAD * longest, length)
     small = head / _HEAD
     thin, wide, neck = small * _SHAFT, small * _WIDE, length - head
@@ -117,9 +113,8 @@ def finger_outline(scene: Scene, q: Floats, side: int) -> FingerOutline:
     def place(along: Floats, out: Floats) -> Floats:
         """Deformed positions of points `along` the finger and `out` from it in the tip at first, m.
 
-        The part beyond the object's face is cut off, as in (1)-(3). The shear displacement grows
-        linearly from zero at the base, which is fixed to the finger, to d_t at the face. d_t > 0
-        means that the face, and the points touching it, have moved down along the object (12).
+        The part beyond the object's face is cut off, as in (1)-(3). The shear grows linearly from
+        zero at the base to d_t at the face; d_t > 0 is down along the object (12).
         """
         base = np.multiply.outer(along, up)
         offsets = base + np.multiply.outer(out, inward)
@@ -179,11 +174,7 @@ def tilts(q: Floats) -> Floats:
 
 
 def contact_point(scene: Scene, q: Floats, side: int) -> Floats:
-    """The point of a tip at which its contact force acts on the object's face (2,), m.
-
-    It is the foot of the perpendicular from O_i to the face, where the moments of both contact
-    forces, (9) and (12), have their arms.
-    """
+    """The foot of the perpendicular from O_i to the face, where a contact force acts (2,), m."""
     across, _ = object_axes(q[2])
     centre = finger_axes(scene, q, side)[1]
     return np.asarray(centre + (scene.hand.tips[side].radius - q[5 + side]) * SIGNS[side] * across)
@@ -205,8 +196,7 @@ def contact_heights(scene: Scene, q: Floats) -> Floats:
 def extent(scene: Scene, q: Floats) -> tuple[float, float, float, float]:
     """Left, right, bottom and top of the drawing at the instants q (k, 9), mm.
 
-    Points beyond three times the hand's size, and points that are not finite, are ignored, so that
-    an object thrown out of the grasp does not shrink the hand to a dot.
+    Points beyond three times the hand's size are ignored, as of an object that was thrown out.
     """
     fingers = [finger_of(scene, side) for side in (0, 1)]
     size = max(f.length + f.root_offset + f.half_thickness for f in fingers)

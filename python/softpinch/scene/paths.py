@@ -63,10 +63,7 @@ def require_gains(scene: Scene, path: str) -> None:
 
 
 def resolve(scene: Scene, path: str) -> Any:
-    """Returns the value at a path, or 0.0 for an optional number that is None.
-
-    The value at "friction", which is always one number, is that of the right contact.
-    """
+    """Returns the value at a path, or 0.0 for an optional number that is None."""
     node, where = locate(scene, path)
     shown = checks.shown(path)
     steps = path.split(".")
@@ -152,10 +149,9 @@ def _without(entries: int, name: str) -> str:
 
 
 def at_path(scene: Scene, path: str) -> list[Any]:
-    """Returns the values at a path as a list, which has one entry or one for each side.
+    """Returns the values at a path: one, or two (right, left) of what both sides may share.
 
-    "friction", or a path into `hand.tip` or `control` that names no side, gives two values (right,
-    left), because another path may have split the shared number or record into a pair.
+    Another path may have split a shared number or record into a pair.
     """
     steps = path.split(".")
     for sided in shared_fields(scene):
@@ -187,8 +183,7 @@ def tree_of(values: Mapping[str, Any]) -> dict[str, Any]:
 def replaced(node: Any, tree: Any) -> Any:
     """Returns a copy of a record, pair, array or value with new values from a tree of paths.
 
-    The values of one record are replaced together, because some rules relate several fields. What
-    both fingers share stays shared if a value for one side changes nothing.
+    The values of one record are replaced together, because some rules relate several fields.
     """
     if not isinstance(tree, dict):
         return tree
@@ -293,7 +288,10 @@ class PathTable(Shown, dict[str, tuple[Any, Unit]]):
         raise KeyError(why.replace("'", '"'))
 
     def __repr__(self) -> str:
-        rows = [(path, _shown(value), _joined(unit)) for path, (value, unit) in self.items()]
+        rows = [
+            (path, _shown(value), unit if isinstance(unit, str) else ", ".join(dict.fromkeys(unit)))
+            for path, (value, unit) in self.items()
+        ]
         rows.insert(0, ("path", "value", "unit"))
         first, second = (max(len(row[k]) for row in rows) for k in (0, 1))
         return "\n".join(f"{a:<{first}}  {b:>{second}}  {c}".rstrip() for a, b, c in rows)
@@ -352,7 +350,3 @@ def _shown(value: Any) -> str:
             return f"array {array.shape}"
         return f"({', '.join(_shown(item) for item in value)})"
     return "None" if value is None else f"{value:.6g}"
-
-
-def _joined(unit: Unit) -> str:
-    return unit if isinstance(unit, str) else ", ".join(dict.fromkeys(unit))

@@ -79,8 +79,7 @@ def require_finite(name: str, piecewise: Piecewise) -> Piecewise:
 def moves(times: Floats, angles: Floats, move_time: float | Floats) -> Piecewise:
     """Quintic moves (10 s^3 - 15 s^4 + 6 s^5) that start at times[1:], each held until the next.
 
-    `move_time` is the duration of every move, or one for each move (k - 1,). Only the angles may
-    have extra first axes, because the times determine the number of pieces.
+    Only the angles may have extra first axes, because the times determine the number of pieces.
     """
     lasting = np.broadcast_to(move_time, len(times) - 1)
     each = lasting[:, None]
@@ -115,12 +114,10 @@ def moves(times: Floats, angles: Floats, move_time: float | Floats) -> Piecewise
 def through(times: Floats, angles: Floats) -> Piecewise:
     """The motion with least jerk that passes each row of the angles at its time, in quintics.
 
-    It rests at both ends. In between, the integral of the squared jerk is least (Flash and Hogan,
-    J. Neurosci. 5, 1985): its optimum is of degree five between the knots, with derivatives up to
-    the fourth that are continuous at them. So each piece is fixed by the velocities v and the
-    accelerations a at its two knots (Hermite), and the jumps of jerk and snap at the inner knots
-    vanish. These equations are symmetric and positive definite, and tie each (v, a) to its
-    neighbours only. Only the angles may have extra first axes.
+    It rests at both ends. The optimum (Flash and Hogan, J. Neurosci. 5, 1985) is of degree five
+    between the knots, with derivatives up to the fourth that are continuous at them. So each piece
+    is fixed by the velocities v and the accelerations a at its two knots (Hermite), and the jumps
+    of jerk and snap at the inner knots vanish. Only the angles may have extra first axes.
     """
     if len(times) == 1:
         return held(times[1:], angles[..., 1:, :], angles[..., 0, :])
@@ -152,7 +149,7 @@ def through(times: Floats, angles: Floats) -> Piecewise:
 def _at_knots(h: Floats, ways: Floats) -> tuple[Floats, Floats]:
     """The velocities and accelerations at all knots (k, channels), which are zero at both ends.
 
-    h has the durations of the pieces (k - 1,), `ways` the differences over them (k - 1, channels).
+    `h` has the durations of the pieces, `ways` the differences over them.
     """
     count, kind = len(h) + 1, np.result_type(h, ways)
     found = np.zeros((count, 2, ways.shape[1]), kind)

@@ -42,12 +42,16 @@ _ROUND_OFF = 1e-9
 def warn(scene: Scene, schedule_replaced: bool = False) -> None:
     """Warns once for each field of a scene with a number outside its usual range.
 
-    `schedule_replaced` says that other torques take the place of those of the scene's schedule: the
-    default schedule then needs no warning.
+    `schedule_replaced` says that other torques take the place of those of the scene's schedule.
     """
     texts = scene._suspicions
-    if not schedule_replaced:
-        texts += tuple(_default_torques(scene))
+    if scene.law == "torque" and scene.schedule == default_schedule() and not schedule_replaced:
+        angle = scene.schedule.angles[0, 0]
+        texts += (
+            f"schedule: this is the default schedule, whose {angle:.3g} rad are meant as "
+            "angles; with control=Torque() they are torques in N m. Give schedule= in N m, such as "
+            "Schedule.steps([0.0], [[1.2, 1.2]])",
+        )
     for text in texts:
         errors.warn(text, SuspiciousValueWarning)
 
@@ -65,11 +69,7 @@ def suspicions(scene: Scene) -> tuple[str, ...]:
 
 
 def _heavy_tips(scene: Scene) -> Iterator[str]:
-    """Yields a message about unilateral friction that is high for tips with the default masses.
-
-    The default gives the surface of a tip the mass of the object (14). It is one message, about the
-    contact with the highest friction.
-    """
+    """Yields a message about the highest friction of tips that have the object's mass (14)."""
     if scene.contact != "unilateral":
         return
     pair = scene.friction
@@ -105,17 +105,6 @@ def _growing_swings(scene: Scene) -> Iterator[str]:
     )
 
 
-def _default_torques(scene: Scene) -> Iterator[str]:
-    """Yields a message about torques for which the scene was given no schedule."""
-    if scene.law == "torque" and scene.schedule == default_schedule():
-        angle = scene.schedule.angles[0, 0]
-        yield (
-            f"schedule: this is the default schedule, whose {angle:.3g} rad are meant as "
-            "angles; with control=Torque() they are torques in N m. Give schedule= in N m, such as "
-            "Schedule.steps([0.0], [[1.2, 1.2]])"
-        )
-
-
 def _opening(scene: Scene) -> Iterator[str]:
     """Yields a message about fingers in contact whose first targets leave a gap to the object."""
     if scene.law == "driven" or not scene.schedules_angles:
@@ -144,9 +133,8 @@ def _opening(scene: Scene) -> Iterator[str]:
 def inertias(width: float, mass: float, height: float | None) -> tuple[float, float]:
     """Returns the smallest and the largest usual inertia of an object, kg m^2.
 
-    A uniform box across the width, however low, has M W^2 / 12. The most is M (W^2 + H^2) / 4, with
-    all mass in the corners of the faces; without a height, it is that of a uniform box about 35
-    times as tall as wide.
+    The least is a low uniform box's; the most has all mass in the corners of the faces, or without
+    a height is that of a uniform box about 35 times as tall as wide.
     """
     square = width**2
     most = _SLENDER * square if height is None else 0.25 * (square + height**2)
@@ -154,11 +142,7 @@ def inertias(width: float, mass: float, height: float | None) -> tuple[float, fl
 
 
 def _other_inertia(scene: Scene) -> Iterator[str]:
-    """Yields a message about an inertia that was given for another mass or width.
-
-    The inertia does not follow the mass and the width, and nothing records for which of them it was
-    given. So it is compared with those of bodies that have this mass and these faces.
-    """
+    """Yields a message about an inertia unlike those of bodies with this mass and these faces."""
     grasped = scene.grasped
     least, most = inertias(grasped.width, grasped.mass, grasped.height)
     if _SMALLER * least <= grasped.inertia <= most / _SMALLER:
@@ -176,9 +160,8 @@ def _unusual(scene: Scene) -> Iterator[str]:
     for path, value in places(scene):
         if path == "initial.q":
             # One message for the whole state: about its first number outside the usual range.
-            for k, (usual, unit) in enumerate(
-                zip(COORDINATE_RANGES, COORDINATE_UNITS, strict=True)
-            ):
+            ranges = enumerate(zip(COORDINATE_RANGES, COORDINATE_UNITS, strict=True))
+            for k, (usual, unit) in ranges:
                 if found := list(_outside(f"{path}.{k}", np.asarray(value[k]), *usual, unit)):
                     yield found[0]
                     break

@@ -31,10 +31,7 @@ class Outcome(NamedTuple):
 
 
 class Episodes:
-    """Episodes of a task in n environments, with one simulator for all of them.
-
-    `start` must come before `step`.
-    """
+    """Episodes of a task in n environments on one simulator; `start` comes before `step`."""
 
     def __init__(self, task: Task, n: int, threads: int = 1) -> None:
         self.task, self.n = task, n
@@ -69,10 +66,7 @@ class Episodes:
         return self._outcome(seen, nothing, self._torque, np.zeros(self.n, bool), paid=False)
 
     def step(self, actions: ArrayLike) -> Outcome:
-        """Steps all environments by one period. Those that have ended get no reward.
-
-        Actions (n, 2) are clipped to [-1, 1].
-        """
+        """Steps all by one period, with actions (n, 2); those that have ended get no reward."""
         action = np.clip(checked_actions(actions, self.n, "environment"), -1.0, 1.0)
         going = ~self.ended
         # A copy: a task may write to the same array at the next step, and a reset writes to ours.

@@ -189,10 +189,7 @@ class Task:
 
     @property
     def _length(self) -> float:
-        """The duration, s, or the end of the last period if that differs by round-off only.
-
-        Otherwise the simulator would need one more period of no length: 5 * 0.011 < 0.055.
-        """
+        """The duration, s, or the end of the last period if that differs by round-off only."""
         end = self.steps * self.period
         return end if math.isclose(end, self.duration, rel_tol=1e-12) else self.duration
 

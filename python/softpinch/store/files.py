@@ -76,7 +76,7 @@ def encode(
 ) -> memoryview:
     """Encodes columns (rows,), and facts about them for the metadata, as a Parquet file in memory.
 
-    With `units` of the columns NaN is written as null, which other tools expect of missing numbers.
+    With `units` NaN is written as null, which other tools expect of missing numbers.
     """
     pa, parquet = arrow(), arrow("pyarrow.parquet")
     arrays, fields, texts = [], [], []
@@ -144,10 +144,7 @@ def _facts(metadata: Any) -> dict[str, Any]:
 def read(
     path: Path, digest: str, names: Sequence[str] | None = None
 ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Reads columns of a Parquet file, and compares the whole file with its SHA-256 `digest`.
-
-    Returns name -> array (rows,), with NaN for null, of `names` or of all; and the facts.
-    """
+    """Reads columns (rows,) and facts of a Parquet file, compared with its SHA-256 `digest`."""
     pa, parquet = arrow(), arrow("pyarrow.parquet")
     with reading(path):
         data = path.read_bytes()

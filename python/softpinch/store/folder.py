@@ -64,14 +64,9 @@ class Part(NamedTuple):
 
 
 class Folder:
-    """A study's folder for reading, with the parts that it had when it was opened.
+    """A study's folder for reading, with the `parts` that it had when it was opened.
 
-    Attributes:
-        path: The folder, absolute.
-        spec: The study.
-        identity: Hash of everything on which the rows depend; each part's metadata repeats it.
-        parts: The parts in the order of their names, which is the order of writing.
-        done: The runs whose rows are in the parts.
+    `identity` is a hash of everything on which the rows depend; each part's metadata repeats it.
     """
 
     def __init__(self, path: Path, spec: StudySpec, identity: str) -> None:
@@ -222,8 +217,7 @@ def locked(path: Path) -> BaseFileLock:
 def refuse_other_content(path: Path) -> None:
     """Refuses to begin a study in a folder that has no manifest but other content.
 
-    Empty folders, a lock, digests and arrays are accepted: a study killed before it wrote its
-    manifest leaves them.
+    A study killed before it wrote its manifest leaves empty folders, a lock, digests and arrays.
     """
     try:
         for name in visible(path):

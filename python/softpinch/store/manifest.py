@@ -39,10 +39,7 @@ FREE = ("runs", "stop_when", "check_dt", "trajectories", *RECORDING)
 
 
 def describe(spec: StudySpec, vary: Mapping[str, Any]) -> dict[str, Any]:
-    """The manifest of a study as plain data, equal to what reading its TOML gives.
-
-    `vary` has a file for each array (`with_files`).
-    """
+    """The manifest of a study as its TOML gives it; `vary` is from `with_files`."""
     data = {"format": FORMAT, **spec.to_dict(), "vary": dict(vary), "made_by": [made_by()]}
     return tomllib.loads(dumps(data))
 
@@ -163,10 +160,7 @@ def _decisive(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def compare(path: Path, there: Mapping[str, Any], given: Mapping[str, Any]) -> None:
-    """Refuses a study that differs from the study in a folder.
-
-    `there` is the manifest in the folder `path`, and `given` that of the given study.
-    """
+    """Refuses a study whose manifest, `given`, differs from the one in the folder, `there`."""
     versions = [each["results_version"] for each in there["made_by"]]
     if versions[-1] != _core.RESULTS_VERSION:
         raise StoreError(
@@ -205,11 +199,7 @@ def _shown(value: Any) -> str:
 
 
 def with_files(draws: Draws) -> tuple[dict[str, Any], dict[str, Floats]]:
-    """Adds the name and the SHA-256 of a file to the description of each array in `vary`.
-
-    Returns:
-        The completed table `vary` of `Draws.describe`, and file name -> array.
-    """
+    """The table `vary` of `Draws.describe` with a file for each array; and file name -> array."""
     result, found = dict(draws.describe()["vary"]), {}
     for name, source in zip(result, draws.sources.values(), strict=True):
         if result[name]["kind"] == "array":

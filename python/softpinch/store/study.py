@@ -365,10 +365,7 @@ def compute_in_folder(computation: Computation, store: str | Path) -> Study:
 
 
 def _refuse_unrepeatable_draws(draws: Draws, missing: Spans) -> None:
-    """Refuses functions in `vary` whose draws do not repeat.
-
-    A study draws the numbers of a run again whenever it continues or replays that run.
-    """
+    """Refuses functions in `vary` whose draws do not repeat, as resuming and replaying need."""
     for numbers in islice(missing.aligned_chunks(lambda: BLOCK), 1):
         again = draws.rows(numbers)
         for path, values in draws.rows(numbers).items():
@@ -398,8 +395,7 @@ def _matching_manifest(path: Path, given: Mapping[str, Any]) -> dict[str, Any] |
 def _continued(there: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
     """The manifest of a continued study, from the one in its folder and the given one.
 
-    Settings that decide the rows keep their old spelling: 1 equals 1.0, but the parts' footers have
-    a hash of the manifest's text.
+    Settings that decide the rows keep their old spelling, of which the parts have a hash.
     """
     ours = given["made_by"][0]
     known = there["made_by"]
@@ -419,10 +415,9 @@ def _continued(there: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, 
 
 
 def _verify_same_bits(spec: StudySpec, folder: Folder, there: Mapping[str, Any]) -> None:
-    """Verifies that this process draws and computes the bits that the folder already holds.
+    """Verifies that this process draws the bits of a stored block, and computes those of a run.
 
-    Draws one stored block again. If the software or the processor differs from every earlier
-    writer's, it also computes one stored run again.
+    It computes only if its software or processor differs from every earlier writer's.
     """
     rows = folder.rows(min(folder.parts, key=lambda part: int(part.edges[0, 0])))
     # The folder may hold more runs than the caller asks for now.

@@ -35,16 +35,7 @@ _CHECKED = 256
 
 
 class Computation:
-    """A study to compute, the means to compute it, and how that ended.
-
-    Attributes:
-        spec: The study.
-        wanted: The runs to compute.
-        draw: Function from the numbers of runs to rows with their varied values.
-        executor: The executor that computes the runs; None computes them on threads.
-        interrupted: Whether Ctrl-C ended the computation of the runs.
-        lost: Runs that an executor's workers failed to compute.
-    """
+    """A study to compute, the means to compute it, and how that ended."""
 
     def __init__(
         self,
@@ -68,6 +59,7 @@ class Computation:
             from . import executor as executors
 
             executors.check(executor)
+        # From the numbers of runs to rows with their varied values.
         self.draw: Callable[[Numbers], Rows] = spec.block
         self.executor = executor
         self.interrupted = False
@@ -123,10 +115,7 @@ class Computation:
         return on_executor(spec, blocks, asked, self.executor, threads, report, accept, in_order)
 
     def finish(self, results: Results) -> None:
-        """Tells the results how the computation ended, and does the work after the runs.
-
-        It repeats some runs with smaller steps, and adds trajectories.
-        """
+        """Tells the results how the computation ended; repeats runs, and adds trajectories."""
         results.interrupted, results.lost = self.interrupted, self.lost
         most, unit = (MOST_LANES, "thread") if self.executor is None else (BLOCK, "worker")
         results._under_way = f"at most {most} a {unit}"
@@ -144,11 +133,7 @@ class Computation:
                 results._add_trajectory(run, replayed)
 
     def _warn_of_steps(self, results: Results) -> None:
-        """Looks at some of the runs that may have had too long steps, and warns once if so.
-
-        They are the unstable runs; else those that failed, and those that completed if a bound on
-        their rates lets steps of this length be too long.
-        """
+        """Looks at some unstable or else failed runs, and others whose steps may be too long."""
         options = self.spec.options
         if options.dt is None or not is_explicit(options.method):
             return
@@ -240,7 +225,6 @@ class EarlyStopping:
     """Decides after each block whether the probabilities are known well enough to stop."""
 
     def __init__(self, narrow: Mapping[str, float], wanted: Spans) -> None:
-        """Takes the half widths, by event, and the runs that were asked for."""
         self._narrow = narrow
         self._wanted = wanted
         # Block -> number of its computed runs, and of those in which each event happened.
@@ -269,12 +253,10 @@ class EarlyStopping:
                 return False
             self._total += tally
             self._next += 1
-            if self._total["runs"] and self._is_narrow():
+            runs = self._total["runs"]
+            if runs and all(
+                Estimate.counted(self._total[name], runs).half_width <= width
+                for name, width in self._narrow.items()
+            ):
                 return True
         return False
-
-    def _is_narrow(self) -> bool:
-        return all(
-            Estimate.counted(self._total[name], self._total["runs"]).half_width <= width
-            for name, width in self._narrow.items()
-        )

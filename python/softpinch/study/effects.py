@@ -53,11 +53,10 @@ class Effect(NamedTuple):
     runs: int
 
     def __repr__(self) -> str:
-        share, noise, correlation = (f"{number:.6g}" for number in self[:3])
-        return (
-            f"Effect(share={share}, noise={noise}, rank_correlation={correlation}, "
-            f"runs={self.runs})"
-        )
+        shown = [
+            f"{name}={number:.6g}" for name, number in zip(self._fields, self[:3], strict=False)
+        ]
+        return f"Effect({', '.join(shown)}, runs={self.runs})"
 
 
 class Effects(dict[str, Effect]):
@@ -168,11 +167,9 @@ class _BinnedLines(NamedTuple):
         return cls(group, counts, along, np.where(spread > 1e-24, spread, np.inf))
 
     def share(self, y: Floats) -> float:
-        """The share of the variance of `y` that the lines explain, without bias.
+        """The share of the variance of `y` that the lines explain beyond chance.
 
-        Fitted lines explain some variance by chance, even if `y` does not depend on the input.
-        Therefore each sum of squares is divided by its degrees of freedom (Kelley's epsilon^2, the
-        adjusted R^2 of a regression).
+        It is Kelley's epsilon^2, the adjusted R^2 of a regression.
         """
         n = len(y)
         numbers = len(self.counts) + int(np.count_nonzero(np.isfinite(self.spread)))

@@ -170,11 +170,10 @@ def _mean(values: Floats) -> float:
 
 
 def _spread(values: Floats, mean: float, largest: float) -> float:
-    """The sample standard deviation of two or more finite values.
+    """The sample standard deviation of two or more finite values, none larger than `largest`.
 
-    The deviations are taken from a rounded mean, and their sum corrects the rounding error: this is
-    the corrected two-pass algorithm of Chan, Golub and LeVeque, "Algorithms for computing the
-    sample variance", 1983. `largest` is the largest magnitude.
+    The sum of the deviations corrects the rounding of the mean (Chan, Golub and LeVeque,
+    "Algorithms for computing the sample variance", 1983, corrected two-pass).
     """
     # Scale by a power of two, which is exact, so that squares neither overflow nor underflow.
     exponent = max(math.frexp(largest)[1] - 1, -1022)

@@ -67,10 +67,8 @@ def _unpickled(spec: bytes) -> StudySpec:
 def work(call: str, attempt: int, version: int, spec: bytes, block: Rows, threads: int) -> Rows:
     """Computes a block of runs on a worker, with at most one thread for each available core.
 
-    `call` names the call of `monte_carlo` to which the block belongs, `attempt` counts from 1,
-    `version` is the `_core.RESULTS_VERSION` of the submitting process (another one is refused), and
-    `spec` is the pickled study. The rows lack the varied values. After Ctrl-C they lack the
-    unfinished runs, and further blocks of the interrupted call give no rows.
+    `call` names the call of `monte_carlo` to which the block belongs. The rows lack the varied
+    values. After Ctrl-C they lack the unfinished runs, and further blocks of this call have none.
     """
     global _interrupted_call
     if version != _core.RESULTS_VERSION:
@@ -157,8 +155,7 @@ class BlockScheduler:
     def advance(self) -> bool:
         """Submits at most one block, and processes at most one; returns whether one had finished.
 
-        The two alternate, so that rows are accepted while the first blocks are still being
-        submitted. If no block can be submitted, the call waits briefly for a finished block.
+        If no block can be submitted, it waits briefly for a finished one.
         """
         return self._collect(0.0 if self._submit_next() else _POLL_SECONDS)
 
@@ -175,9 +172,7 @@ class BlockScheduler:
     def cancel(self) -> None:
         """Cancels the blocks that have not started, unless the executor is broken.
 
-        A broken executor fails its own futures. In Python 3.11, a cancelled future among them makes
-        ProcessPoolExecutor stop this work and leave its processes running (python/cpython,
-        gh-107219).
+        A cancelled future makes a broken ProcessPoolExecutor leave its processes (gh-107219).
         """
         if not self._executor_broken:
             for future in list(self.under_way):
@@ -292,9 +287,8 @@ def on_executor(
     """Computes `blocks`, which have the runs `asked`, on the workers of an executor.
 
     Returns whether Ctrl-C ended the computation, and the runs that the workers failed to compute.
-    An executor that `given` makes is shut down at the end. With `in_order`, rows are accepted in
-    the order of the blocks instead of the order of arrival, and Ctrl-C discards the completed runs
-    of an unfinished block.
+    With `in_order`, rows are accepted in the order of the blocks, and Ctrl-C discards the completed
+    runs of an unfinished block.
     """
     # An executor class has `submit` too, but it must be called to make an executor.
     made = isinstance(given, type) or not hasattr(given, "submit")
@@ -309,11 +303,8 @@ def on_executor(
     call, version = uuid.uuid4().hex, _core.RESULTS_VERSION
     pickled = pickle.dumps(spec.described())
 
-    def submit(task: _Task) -> Future[Rows]:
-        future: Future[Rows] = executor.submit(
-            work, call, task.attempt, version, pickled, task.block, threads
-        )
-        return future
+    def submit(task: _Task) -> Any:
+        return executor.submit(work, call, task.attempt, version, pickled, task.block, threads)
 
     with CtrlC() as ctrl_c:
         ctrl_c.held = True

@@ -89,11 +89,9 @@ def checked_gradients(
     varied: Sequence[str],
     **others: object,
 ) -> tuple[tuple[str, ...], Mapping[str, tuple[int, ...]]]:
-    """Checks the arguments `gradients` and `sensitivities` of `monte_carlo`.
+    """Checks `gradients` and `sensitivities`: the summaries, and path -> shape of its value.
 
-    Without paths in `sensitivities` the `varied` ones are meant. `others` are arguments with which
-    there are no gradients, unless None. Returns the summaries in the order of `GRADIENTS`, possibly
-    none, and path -> shape of its value.
+    Without `sensitivities` the `varied` paths are meant. `others` must be None with gradients.
     """
     summaries = names("gradients", gradients, GRADIENTS)
     paths = listed(sensitivities)

@@ -50,9 +50,7 @@ _LISTED = 20
 class Spans:
     """A set of run numbers, stored as half-open intervals, because studies have up to 2^62 runs.
 
-    Attributes:
-        edges: The intervals (k, 2): their first number and one past their last number. They are
-            sorted, and do not overlap or touch.
+    The intervals `edges` (k, 2) are sorted, and do not overlap or touch.
     """
 
     def __init__(self, edges: Edges) -> None:
@@ -152,21 +150,13 @@ class Column(NamedTuple):
 
 
 class Entry(NamedTuple):
-    """One entry of `Results.to_dict`, an array (runs, *shape).
-
-    Attributes:
-        name: The name of the entry.
-        kind: The kind of its values.
-        shape: The shape of the value of one run.
-        unit: The unit of all values, or one unit for each index of the last axis.
-        axes: For each axis of `shape` its name in `units.AXES`; None for an axis without a name.
-    """
+    """One entry of `Results.to_dict`, an array (runs, *shape)."""
 
     name: str
     kind: Kind
     shape: tuple[int, ...]
-    unit: str | tuple[str, ...]
-    axes: tuple[str | None, ...]
+    unit: str | tuple[str, ...]  # of all values, or one for each index of the last axis
+    axes: tuple[str | None, ...]  # the name in `units.AXES` of each axis of `shape`, if it has one
 
     @classmethod
     def of(cls, name: str, kind: Kind = "number", shape: tuple[int, ...] = ()) -> Entry:
@@ -204,12 +194,7 @@ class Entry(NamedTuple):
 
 
 class Schema:
-    """All entries of a study's results.
-
-    Attributes:
-        entries: Name -> entry, in the order of `Results.to_dict`.
-        summaries: The names of the summaries.
-    """
+    """All entries of a study's results, name -> entry, in the order of `Results.to_dict`."""
 
     def __init__(
         self, summaries: Iterable[str], shapes: Mapping[str, tuple[int, ...]], law: str
@@ -282,24 +267,14 @@ class Schema:
 
 @dataclass(frozen=True, kw_only=True)
 class Rows:
-    """Rows of some runs: what varies between them, their results, or both.
+    """Rows of some runs: their numbers, what varies between them, their results, or both."""
 
-    Attributes:
-        columns: Name -> (runs, ...): run; the varied values by their paths; status, message,
-            holds, end_time, steps, first_pulling, ..., the summaries.
-        interrupted: Whether Ctrl-C stopped the computation before all runs were done.
-    """
-
-    columns: dict[str, NDArray[Any]]
-    interrupted: bool = False
+    columns: dict[str, NDArray[Any]]  # name -> (runs, ...)
+    interrupted: bool = False  # whether Ctrl-C stopped the computation before all runs were done
 
     @classmethod
     def of(cls, result: Mapping[str, Any], numbers: Numbers, summaries: Sequence[str]) -> Self:
-        """Makes rows from the core's result of a batch, without the varied values.
-
-        After Ctrl-C the result has only the completed runs. Threads start runs in order, so the
-        missing runs are those that were in progress, one for each lane, and those not yet started.
-        """
+        """Makes rows from the core's result of a batch, without the varied values."""
         computed = {"final_state": result["final_state"], **result["summaries"]}
         columns = {
             "run": numbers[result["run"]],
@@ -381,9 +356,7 @@ def is_friction(path: str) -> bool:
 def checked_event(field: str, name: object, scene: Scene, varied: Iterable[str]) -> str:
     """Checks the name of an event of runs of `scene` with these varied paths, and returns it.
 
-    Without a coefficient of friction, "slipping" is refused: no run could report it, and a
-    probability of zero would suggest a grasp that never slips. In bilateral contact "opened" and
-    "lost" are refused for the same reason.
+    An event that no run could report is refused, because a probability of zero would mislead.
     """
     name = checks.choice(field, name, EVENTS)
     if missing := _missing(name, scene, varied):

@@ -46,17 +46,8 @@ class Draws:
     stateful.
 
     If a field has several numbers and its distribution has one, the components are independent. A
-    tuple of paths takes one flat vector for each run, which has the numbers of all fields in the
-    order of the paths. It comes from an array, a vector-valued distribution, or a function that
-    returns a value for each path.
-
-    Attributes:
-        runs: The number of runs.
-        seed: The seed of all draws.
-        sampler: One of `SAMPLERS`.
-        shapes: Path -> shape of its field, in the order of `vary`.
-        sources: Key of `vary` -> the source of its values.
-        dimensions: Dimensions of the Sobol points or the Latin hypercube; 0 for "random".
+    tuple of paths takes one flat vector for each run, with the numbers of all fields in the order
+    of the paths. `dimensions` are those of the Sobol points or the Latin hypercube.
     """
 
     def __init__(
@@ -68,10 +59,7 @@ class Draws:
         *,
         shapes: Callable[[list[str]], Shapes],
     ) -> None:
-        """Checks the arguments, those of `monte_carlo`, as far as possible without drawing.
-
-        `shapes` gives path -> shape of the field at each of some paths; () is a number.
-        """
+        """Checks the arguments of `monte_carlo`; `shapes` gives path -> shape for some paths."""
         keys = _paths_of(vary)
         self.seed = checks.integer("seed", seed, 0)
         self.sampler = checks.choice("sampler", sampler, SAMPLERS)
@@ -128,10 +116,7 @@ class Draws:
         return result
 
     def describe(self) -> dict[str, Any]:
-        """Describes the draws as plain data.
-
-        In the table "vary", paths that are drawn together have one key, in which ", " joins them.
-        """
+        """Describes the draws as plain data; ", " joins paths that are drawn together."""
         return {
             "sampler": self.sampler,
             "seed": self.seed,
@@ -142,10 +127,7 @@ class Draws:
 
     def described(self) -> Self:
         """The same with descriptions in place of sources: small, and able to draw nothing."""
-        sources = self.sources.values()
-        if all(isinstance(source.value, Description) for source in sources):
-            return self
-        vary: dict[Key, Any] = {s.paths: Description(s.describe()) for s in sources}
+        vary: dict[Key, Any] = {s.paths: Description(s.describe()) for s in self.sources.values()}
         return type(self)(vary, self.runs, self.seed, self.sampler, shapes=lambda _: self.shapes)
 
     def _generator(self, paths: tuple[str, ...], block: int) -> np.random.Generator:
@@ -208,7 +190,6 @@ def _count_runs(sources: Iterable[Source], runs: int | None, vary: Mapping[Key, 
     """Returns the number of runs: `runs`, or the common length of the arrays if it is None.
 
     A tuple of two increasing numbers, which may be meant as bounds, makes two runs with a warning.
-    A list or an array says the same without a warning.
     """
     wanted = None if runs is None else checks.integer("runs", runs, 1, MOST_RUNS)
     said = "runs is"

@@ -43,24 +43,15 @@ SETTINGS = (
 class StudySpec:
     """The description of a study: a scene, the values that vary between runs, and all settings.
 
-    The executor that computes the runs, and the storage of their rows, are not part of it.
-
-    Attributes:
-        scene: The scene that all runs share, apart from the varied values.
-        draws: The draws of the varied values, with the number of runs, the seed and the sampler.
-        options: The options of every run; `RECORDING` is that of the trajectories.
-        summaries: Names of the summaries to compute.
-        band: Speed of the faces below which the object counts as settled, m/s.
-        stop_when: Event -> half width of its interval below which no more runs are computed.
-        check_dt: Whether some runs are computed again with smaller steps.
-        trajectories: The runs whose trajectories are recorded.
+    The executor that computes the runs, and the storage of their rows, are not part of it. The
+    arguments of `monte_carlo` explain the fields.
     """
 
     scene: Scene
     draws: Draws
-    options: Options
+    options: Options  # of every run; `RECORDING` is that of the trajectories
     summaries: tuple[str, ...]
-    band: float
+    band: float  # `settling_band`, m/s
     stop_when: Mapping[str, float]
     check_dt: bool
     trajectories: tuple[int, ...]
@@ -94,7 +85,10 @@ class StudySpec:
             band=checks.positive("settling_band", settling_band),
             stop_when=_stop_when(stop_when, sampler, scene, draws.shapes),
             check_dt=checks.boolean("check_dt", check_dt),
-            trajectories=_trajectories(trajectories, draws.runs),
+            trajectories=tuple(
+                checks.integer("trajectories", run, 0, draws.runs - 1)
+                for run in checks.several("trajectories", trajectories, "numbers such as (3, 17)")
+            ),
         )
         # A caller without trajectories leaves `record` empty.
         if options.record and spec._recorded() and not spec.trajectories:
@@ -108,10 +102,7 @@ class StudySpec:
         return self.draws.shapes
 
     def finer(self) -> Self:
-        """The study with half the steps or a tenth of the tolerance.
-
-        The largest number of steps grows by the same factor, which is enough for the tolerance.
-        """
+        """The study with half the steps or a tenth of the tolerance, and room for more steps."""
         dt, tolerance = self.options.dt, self.options.tolerance
         factor = 2 if tolerance is None else 10
         options = replace(
@@ -134,18 +125,14 @@ class StudySpec:
 
     def described(self) -> Self:
         """The description for workers and results, which have the values and draw none."""
-        draws = self.draws.described()
-        return self if draws is self.draws else replace(self, draws=draws)
+        return replace(self, draws=self.draws.described())
 
     def __getstate__(self) -> dict[str, Any]:
         # Without the cached properties, which workers compute again.
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def to_dict(self) -> dict[str, Any]:
-        """Converts to plain data: the tables `study`, `vary` and `scene` of a study file.
-
-        For arrays it has only the shape, and for functions only the name.
-        """
+        """Converts to plain data: the tables `study`, `vary` and `scene` of a study file."""
         settings = {
             "runs": self.draws.runs,
             "sampler": self.draws.sampler,
@@ -221,13 +208,6 @@ class StudySpec:
         columns = self.schema.empty()
         del columns["failure_time"]  # computed from the other columns
         return Rows(columns=columns)
-
-
-def _trajectories(trajectories: Sequence[int], runs: int) -> tuple[int, ...]:
-    given = checks.several(
-        "trajectories", trajectories, "the numbers of runs, such as (3, 17)", runs
-    )
-    return tuple(checks.integer("trajectories", run, 0, runs - 1) for run in given)
 
 
 def _stop_when(

@@ -42,11 +42,7 @@ _SCENE = {f.name for f in fields(Scene)}
 
 
 def read(path: Path, **changes: Any) -> StudySpec:
-    """Reads a study from a file. The path of a scene file is relative to the study file's folder.
-
-    `changes` override settings of the file (see `in_place`); None changes nothing. An error says
-    the file, the place and the rule.
-    """
+    """Reads a study from a file; `changes` override its settings (see `in_place`)."""
     path = checks.path("path", path)
     return spec_of(*parse(toml.read(path), path), **changes)
 

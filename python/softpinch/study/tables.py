@@ -26,14 +26,7 @@ if TYPE_CHECKING:
 
 # Entries of the provenance that become separate attributes of a dataset.
 _ATTRIBUTES = (
-    "softpinch",
-    "numpy",
-    "method",
-    "formulation",
-    "dt",
-    "tolerance",
-    "runs",
-    "requested",
+    *("softpinch", "numpy", "method", "formulation", "dt", "tolerance", "runs", "requested"),
 )
 # The largest integer that every netCDF format supports.
 _LARGEST_INTEGER = 2**31 - 1
@@ -52,8 +45,7 @@ def booleans(field: str, given: Any, runs: int) -> NDArray[np.bool_]:
 def number(results: Results, name: str | NDArray[np.bool_], field: str = "name") -> Column:
     """Returns one number for each run: the values of a numeric column, or 1.0 and 0.0 for an event.
 
-    An event is a status or violation ("completed", "pulling"), or booleans (runs,). Error messages
-    name the argument `field`.
+    An event is a status or violation ("completed", "pulling"), or booleans (runs,).
     """
     if not isinstance(name, str):
         return Column(booleans(field, name, results.runs).astype(np.float64), "1")

@@ -12,7 +12,6 @@ import os
 import reprlib
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -90,24 +89,17 @@ def integer(name: str, value: object, least: int | None = None, most: int | None
     return result
 
 
-def several(name: str, value: object, what: str, at_most: int = 1_000_000) -> list[Any]:
-    """Converts an iterable to a list. Text, bytes and mappings are refused.
-
-    `what` completes the message "must be ...". `at_most` bounds the length, because an iterable may
-    be infinite.
-    """
+def several(name: str, value: object, what: str) -> list[Any]:
+    """Converts an iterable to a list; refuses text and mappings: "must be `what`"."""
     if isinstance(value, np.ndarray):
         value = read(name, value)
     try:
         # An ensemble would be iterated by __getitem__, which takes names.
         if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
             raise TypeError
-        things = list(islice(value, at_most + 1))
+        return list(value)
     except TypeError:
         raise TypeError(f"{name} = {shown(value)}: must be {what}") from None
-    if len(things) > at_most:
-        raise ValueError(f"{name}: must have at most {at_most} entries")
-    return things
 
 
 def boolean(name: str, value: object) -> bool:

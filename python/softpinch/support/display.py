@@ -67,12 +67,9 @@ class Shown:
         return ""
 
     def _repr_html_(self) -> str:
-        return html_of(f"{_text(repr(self))}{self._picture()}", self._tables())
-
-
-def _text(text: str) -> str:
-    # Long lines would make the whole page wider.
-    return f'<pre style="white-space:pre-wrap">{html.escape(text)}</pre>'
+        # Unwrapped, long lines would make the whole page wider.
+        text = f'<pre style="white-space:pre-wrap">{html.escape(repr(self))}</pre>'
+        return html_of(f"{text}{self._picture()}", self._tables())
 
 
 def html_of(head: str, tables: Iterable[ShownTable]) -> str:

@@ -12,11 +12,7 @@ PARTIAL = ".partial"
 
 
 def write_whole(path: Path, data: memoryview | bytes) -> None:
-    """Writes a file so that a crash at any moment leaves either its old or its new content.
-
-    The data go to a hidden file in the same folder, which is flushed to the disk and renamed; then
-    the folder is flushed.
-    """
+    """Writes a file so that a crash at any moment leaves either its old or its new content."""
     partial = path.with_name(f".{path.name}{PARTIAL}")
     try:
         partial.unlink(missing_ok=True)

@@ -12,9 +12,7 @@ from typing import Any, Self
 class CtrlC:
     """Context manager that defers Ctrl-C while `held` is true.
 
-    While `held` is false, Ctrl-C raises `KeyboardInterrupt` as usual. The context manager has an
-    effect only on the main thread, which alone receives signals, and only if SIGINT has Python's
-    default handler.
+    It has an effect on the main thread only, and only if SIGINT has Python's default handler.
     """
 
     def __init__(self) -> None:

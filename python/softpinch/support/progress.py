@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from typing import TypeAlias
 
 from . import checks
@@ -13,30 +14,23 @@ from . import checks
 Report: TypeAlias = Callable[[int, int], object]
 
 
-def _silent(done: int, total: int) -> None:
-    """Reports nothing."""
-
-
 @contextmanager
 def reporting(progress: bool | Report, what: str, each: str = "runs") -> Iterator[Report]:
     """Yields a function to call with (runs done, runs in total), or of other things counted.
 
-    True draws a bar labelled `what` with the rate of `each` and the time left, if stderr is a
-    terminal and rich is installed. False draws nothing. A function is used as it is.
+    True draws a bar if stderr is a terminal and rich is installed. A function is used as it is.
     """
     if callable(progress):
         yield progress
         return
     checks.instance("progress", progress, bool, "True, False or a function")
-    if not progress or sys.stderr is None or not sys.stderr.isatty():
-        yield _silent
+    terminal = sys.stderr is not None and sys.stderr.isatty()
+    if not (progress and terminal and find_spec("rich")):
+        yield lambda done, total: None
         return
-    try:
-        from rich import progress as bars
-        from rich.console import Console
-    except ImportError:
-        yield _silent
-        return
+    from rich import progress as bars
+    from rich.console import Console
+
     columns = (
         bars.TextColumn("{task.description}"),
         bars.BarColumn(),

@@ -28,10 +28,7 @@ _SHOWN = 32
 
 
 def _refuse_unknown_arguments(cls: type[Record], values: Mapping[str, Any]) -> None:
-    """Refuses arguments that are no fields, and suggests the closest field.
-
-    A class with a constructor of its own leaves this to Python.
-    """
+    """Refuses arguments that are no fields, unless a class has a constructor of its own."""
     import inspect  # only an error needs it
 
     names = list(inspect.signature(cls.__init__).parameters)[1:]
@@ -69,8 +66,7 @@ def _show(value: object) -> str:
 def bare(record: RecordType, values: Mapping[str, Floats]) -> RecordType:
     """Returns a copy of `record` for many runs, whose numbers have the runs as their first axis.
 
-    The copy is for `compile` only, because nothing is checked. A field that is not in `values`
-    keeps its value and gets a first axis of length one.
+    The copy is for `compile` only, because nothing is checked.
     """
     many = object.__new__(type(record))
     for name, value in record._values().items():
