@@ -278,8 +278,7 @@ def compute(computation: Computation, store: str | Path | None) -> Ensemble | St
             found.append(rows)
         return stopping.enough(rows)
 
-    # `stop_when` is decided after each block, and an executor gets one block at a time; threads
-    # take many blocks in one call.
+    # `stop_when` is decided after each block, and an executor gets one block at a time.
     blocks = 1 if spec.stop_when or computation.executor is not None else MOST_BLOCKS
     computation.compute(computation.wanted, accept, lambda: blocks * BLOCK)
     rows = Rows.joined(found or [spec.empty()]).in_order()

@@ -27,8 +27,7 @@ from ..support.result import Result
 from .reference_motion import ReferenceMotion
 from .runs import cpu_times, largest_that_holds, pairs_of, timed_run
 
-# A run is given up if it takes this many times as long as the best of its kind, or this share of
-# the time that is left.
+# A run may take this many times as long as the best of its kind, and this share of the time left.
 _TOO_SLOW, _OF_TIME_LEFT = 3.0, 0.1
 # Share of the budget after which no new pair is tried: the rest is for the check of the best.
 _SEARCH = 0.75
@@ -54,8 +53,7 @@ _REPEATS, _LONG = 5, 0.05
 _LEAST = 1e-100
 # The range of the tolerances of adaptive steps.
 _TIGHTEST, _LOOSEST = 1e-13, 1e-2
-# The advised run is compared at this many of its rows, and its setting is made tighter at most so
-# often.
+# The advised run is compared at this many rows, and its setting is tightened at most so often.
 _ROWS, _TIGHTENINGS = 1000, 4
 _KINDS = ("tolerance", "dt")
 # The methods that are usually best come first, so that the search gives the others up early.

@@ -40,8 +40,7 @@ from .segments import Inputs
 # tolerance 1e-6, and the number of steps, each half of the one before.
 _LONGEST, _HALVINGS = 16.0, 11
 _TOLERANCES = 10.0 ** -np.arange(2.0, 12.0)
-# Errors are computed at this many evenly spread rows of a run, and 0, 1, 3, 7, ... steps after
-# each switch of the inputs.
+# Errors are computed at this many even rows, and 0, 1, 3, 7, ... steps after switches of inputs.
 _ROWS = 48
 # Share of the time from one switch to the next that counts as "at the switch".
 _AT_SWITCH = 0.01

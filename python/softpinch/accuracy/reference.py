@@ -34,8 +34,7 @@ _TIGHTEST = 2.3e-14
 # more than this multiple of the evaluations of the rough pass.
 _MOST_EXPLICIT = 2_000_000
 _STIFF = 50
-# LSODA may take this many evaluations to confirm a solution, or this multiple of those of the
-# first method if that is more.
+# LSODA may take this many evaluations to confirm, or this multiple of those of the first method.
 _MOST_CONFIRMING, _CONFIRMING = 150_000, 3
 
 _ROWS = right_hand_side(np.sin, np.cos)

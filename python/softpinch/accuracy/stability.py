@@ -5,6 +5,7 @@ The step is predicted from eigenvalues along an accurate run, and measured by tr
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -39,8 +40,7 @@ _INSTANTS = 200
 _NEUTRAL = 1e-11
 # Statuses that are physical ends of the motion; all others mean that the integrator gave up.
 ENDS = ("completed", "separated", "crushed", "folded", "lost")
-# The accurate run may take at least this many steps, a fraction of a second of work, even if the
-# runs of the bisection may take fewer.
+# The accurate run may take this many steps, a fraction of a second, even if others may not.
 _FEWEST_STEPS = 100_000
 # A coordinate whose error exceeds this share of its largest magnitude follows another motion.
 LOST = 0.5
@@ -52,8 +52,7 @@ _SHORTER = (0.95, 0.9, 0.8)
 _ROWS = 256
 # Least number of steps for a scene at rest, so that growth by a percent a step becomes visible.
 _TIME_TO_GROW = 4000
-# Displacement of a scene at rest, as a share of typical sizes: exact symmetry would hide unstable
-# modes.
+# Displacement of a scene at rest, as a share of sizes: exact symmetry would hide unstable modes.
 _DISPLACEMENT = 1e-9
 # Predicted and measured steps agree if they differ by less than this factor.
 _AGREE = 1.1
@@ -96,7 +95,9 @@ class Modes(Result):
         rows: list[tuple[Any, ...]] = []
         for rate in sorted(rates[~(rates.imag < 0.0)].tolist(), key=lambda rate: -rate.real):
             damping = -rate.real / abs(rate) if rate else ""
-            name = self.leading(0, rate) if rate else "neutral"
+            name = "an overflow" if rate else "neutral"
+            if rate and cmath.isfinite(rate):
+                name = self.leading(0, rate)
             rows.append((name, rate.real, rate.imag / (2.0 * math.pi), damping))
         columns = ("largest share", "growth [1/s]", "frequency [Hz]", "damping ratio")
         yield ShownTable(columns, rows, f"The modes at t = {self.t[0]:.6g} s")
@@ -119,8 +120,7 @@ class Modes(Result):
         rate = complex(checks.finite("rate", rate.real), checks.finite("rate", rate.imag))
         values, vectors = np.linalg.eig(self.jacobian[k])
         vector = np.abs(vectors[:, np.argmin(np.abs(values - rate))])
-        # To compare different units, lengths are divided by 0.02 m, and rates in addition by the
-        # magnitude of the eigenvalue.
+        # To compare units, lengths are divided by 0.02 m, and rates by the size of the eigenvalue.
         sizes = [
             (1.0 if "theta" in name or "integral" in name else 0.02)
             * (abs(rate) if name.startswith("rate") else 1.0)

@@ -175,10 +175,7 @@ def _impulse(scene: Scene, size: float) -> Scene:
 
 
 def _held_at(scene: Scene, angles: list[float]) -> Scene:
-    """The scene at rest with the fingers at these angles, which are also their targets.
-
-    The PID integrals start at the values that balance the tips' forces.
-    """
+    """The scene at rest, with PID integrals in balance, at these angles, which are the targets."""
     time = _begin(scene)
     scene = replace(scene, schedule=Schedule.steps([time], [angles]))
     heights = [outline.upward(finger_of(scene, k), angle) for k, angle in enumerate(angles)]

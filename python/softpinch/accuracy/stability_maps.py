@@ -310,7 +310,11 @@ class MapPlan:
         # The scene and the gains of "csm" at each value.
         each = self._values.tolist()
         self._cases = [self.axis.apply(scene, stabilization, value) for value in each]
-        self._pairs = _allowed(pairs, [scene for scene, _ in self._cases])
+        self._pairs = check_pairs(pairs)
+        for at, _ in self._cases:
+            if pairs is None:  # all that the scenes' contact allows
+                self._pairs = tuple(one for one in self._pairs if one[0] in formulations_of(at))
+            require_formulations("pairs", [formulation for formulation, _ in self._pairs], at)
         self._formulations = tuple(dict.fromkeys(formulation for formulation, _ in self._pairs))
         for value, (at, gains) in zip(each, self._cases, strict=True):
             for formulation in self._formulations:
@@ -403,13 +407,3 @@ def check_pairs(pairs: Sequence[tuple[str, str]] | None) -> tuple[Pair, ...]:
     if not found:
         raise ValueError("pairs is empty: must have a pair")
     return tuple(found)
-
-
-def _allowed(pairs: Sequence[Pair] | None, scenes: Sequence[Scene]) -> tuple[Pair, ...]:
-    """Checks pairs; None stands for all pairs that the scenes' contact allows."""
-    found = check_pairs(pairs)
-    for scene in scenes:
-        if pairs is None:
-            found = tuple(pair for pair in found if pair[0] in formulations_of(scene))
-        require_formulations("pairs", [formulation for formulation, _ in found], scene)
-    return found

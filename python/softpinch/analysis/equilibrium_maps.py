@@ -424,19 +424,15 @@ class _Search:
                 apart = self.branch[cell] != self.branch[other]
                 if other < cell or known or apart or self.branch[cell] < 0:
                     continue
-                if not self._continue_each_other(cell, other):
+                found, away = self._continued(cell, other), np.inf
+                if found["status"] == "at_rest":
+                    radius = min(tip.radius for tip in self._scenes[other].hand.tips)
+                    size = np.array([radius, radius, 1.0, 1.0, 1.0, *[radius] * 4])
+                    away = np.abs((found["q"] - self._found[other]["q"]) / size).max()
+                if not away < _SAME:
                     pairs.append((cell, other))
                 done += 1
                 report(done, self._steps())
         self.seams = np.array(pairs, dtype=np.int64).reshape(-1, 2, len(self.shape))
         if done < self._steps():
             report(self._steps(), self._steps())
-
-    def _continue_each_other(self, cell: Cell, other: Cell) -> bool:
-        found = self._continued(cell, other)
-        if found["status"] != "at_rest":
-            return False
-        radius = min(tip.radius for tip in self._scenes[other].hand.tips)
-        size = np.array([radius, radius, 1.0, 1.0, 1.0, *[radius] * 4])
-        away = np.abs(found["q"] - self._found[other]["q"]) / size
-        return bool(away.max() < _SAME)

@@ -102,7 +102,12 @@ def grip(scene: Scene, force: float | None = None, compression: float | None = N
     still = replace(scene, disturbances=(), initial=None)
     driven = replace(still, fingers="driven", control=Pid())
     found = _Search(driven, name, unit, wanted).run()
-    targets = _targets(scene, found)
+    assert found.state is not None
+    targets = np.array(found.state.q[3:5])
+    if scene.law == "pid":
+        for k, pid in enumerate(pids_of(scene.control)):
+            if pid.ki == 0.0:
+                targets[k] += found.torque[k] / pid.kp
     schedule = Schedule.steps([0.0], [targets])
     # Fingers without K_I yield, and the same targets may have another rest.
     rest = equilibrium(replace(still, schedule=schedule), 0.0, near=found.state)
@@ -135,17 +140,6 @@ def _require_targets(scene: Scene) -> None:
             raise ValueError(
                 f"Scene.control.{side}: kp and ki are zero, so no target angle turns the finger"
             )
-
-
-def _targets(scene: Scene, rest: Equilibrium) -> Floats:
-    """The targets (2,), rad, with which the fingers stand as in an equilibrium of driven ones."""
-    assert rest.state is not None
-    angles = np.array(rest.state.q[3:5])
-    if scene.law == "pid":
-        for k, pid in enumerate(pids_of(scene.control)):
-            if pid.ki == 0.0:
-                angles[k] += rest.torque[k] / pid.kp
-    return angles
 
 
 def _size(rest: Equilibrium, name: str) -> float:

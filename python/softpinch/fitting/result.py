@@ -30,8 +30,7 @@ from .problem import Parameter, Problem, influence, slopes, values
 LEVEL = 0.95
 # Residuals as large as these, or larger, have this probability if model and noise are right.
 _RARE = 1e-3
-# Singular values below this share of the largest are round-off, as are smaller entries of the
-# directions.
+# Singular values below this share of the largest are round-off, as are small entries of directions.
 _ROUND_OFF = 1e-9
 _DUST = 1e-6
 # A parameter takes part in a direction if its entry has at least this share of the largest.
@@ -243,7 +242,11 @@ class Fit(Result):
             "converged": self.converged,
             "messages": list(self.messages),
             "parameters": [
-                dict(zip(names, map(_plain, row), strict=True)) for row in self.table().rows
+                {
+                    name: str(entry) if entry in (np.inf, -np.inf) else entry
+                    for name, entry in zip(names, row, strict=True)
+                }
+                for row in self.table().rows
             ],
             "correlations": self.correlations.tolist(),
             "noise": [
@@ -303,10 +306,6 @@ def _digits(value: float, error: float) -> int:
     return int(np.clip(np.floor(np.log10(abs(value) / error)) + 2, 3, 12))
 
 
-def _plain(value: Any) -> Any:
-    return str(value) if isinstance(value, float) and np.isinf(value) else value
-
-
 class Uncertainty(NamedTuple):
     """Uncertainty of the coordinates u in the linearised problem; see `Fit`."""
 
@@ -319,10 +318,7 @@ class Uncertainty(NamedTuple):
 def uncertainty(
     jacobian: Floats, parameters: Sequence[Parameter], inflation: float, reach: float
 ) -> Uncertainty:
-    """Evaluates the derivatives (N, p) of the weighted residuals by u.
-
-    `inflation` is the factor of the covariance that a robust loss needs.
-    """
+    """Evaluates derivatives (N, p) of residuals by u; a robust loss needs an `inflation`."""
     p = jacobian.shape[1]
     # Rows of zeros let fewer measurements than parameters have all p directions.
     padded = np.vstack([jacobian, np.zeros((max(0, p - len(jacobian)), p))])

@@ -136,7 +136,12 @@ def fit(
     experiments = _experiments(scene, times, measured, noise)
     scenes = [each.scene for each in experiments]
     found = parameters(scenes, vary, start)
-    _require_enough(experiments, found)
+    count = sum(int(each.known.sum()) for each in experiments)
+    if any(each.estimated.any() for each in experiments) and count <= len(found):
+        raise ValueError(
+            f"measured: {count} numbers cannot determine {len(found)} parameters and the noise; "
+            "give the noise, or measure more"
+        )
     _require_derivatives(scenes, [each.path for each in found], options)
     require("scipy.optimize", extra="study", purpose="fit")
     most = MOST_EVALUATIONS * (1 + multistart)
@@ -181,15 +186,6 @@ def _experiments(scene: Any, times: Any, measured: Any, noise: Any) -> list[Expe
     ]
 
 
-def _require_enough(experiments: Sequence[Experiment], found: Sequence[Parameter]) -> None:
-    count = sum(int(each.known.sum()) for each in experiments)
-    if any(each.estimated.any() for each in experiments) and count <= len(found):
-        raise ValueError(
-            f"measured: {count} numbers cannot determine {len(found)} parameters and the noise; "
-            "give the noise, or measure more"
-        )
-
-
 def _require_derivatives(scenes: Sequence[Scene], paths: list[str], options: Options) -> None:
     for scene in scenes:
         require_derivatives(scene)
@@ -202,10 +198,7 @@ def _require_derivatives(scenes: Sequence[Scene], paths: list[str], options: Opt
 
 
 def _with_first_noise(problem: Problem) -> Problem:
-    """Checks that the runs at the start succeed, with derivatives, and puts in a first noise.
-
-    Where noise is to be estimated, that is the spread of the data.
-    """
+    """Checks the runs at the start; noise that is to be estimated begins as the data's spread."""
     u = np.zeros(len(problem.parameters))
     try:
         motions = problem.motions(u, derivatives=True, warns=True)

@@ -42,13 +42,6 @@ def _spaces(task: Task) -> tuple[Box, Box]:
     return Box(-LIMIT, LIMIT, (entries,), np.float64), Box(-1.0, 1.0, (2,), np.float32)
 
 
-def _checked_options(options: object, known: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Returns the options of a reset, and refuses unknown ones."""
-    found = {} if options is None else options
-    checks.refuse_unknown("options", found, known, "")
-    return found  # type: ignore[return-value]
-
-
 def _draw(frames: Frames, episodes: Episodes, k: int) -> None:
     seen = episodes.simulator.observations
     title = f"t = {seen.t[k]:.3f} s"
@@ -105,7 +98,7 @@ class PinchEnv(gymnasium.Env[Observed, Actions]):
             Observation (entries,) and info.
         """
         super().reset(seed=seed)
-        _checked_options(options)
+        checks.refuse_unknown("options", {} if options is None else options, (), "")
         outcome = self._episodes.start(np.ones(1, bool), [self.np_random])
         self._show()
         return outcome.observation[0], of_one(outcome.info)
@@ -241,7 +234,7 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
             Observations of all environments (n, entries), and infos of those that were reset.
         """
         n = self.num_envs
-        mask = self._mask(_checked_options(options, ("reset_mask",)))
+        mask = self._mask({} if options is None else options)
         if seed is not None and not isinstance(seed, list | tuple | np.ndarray):
             first = checks.integer("seed", seed, 0)
             seed = range(first, first + n)
@@ -322,6 +315,7 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
         return observation, ended.reward, ended.terminated, ended.truncated, infos
 
     def _mask(self, options: Mapping[str, Any]) -> Flags:
+        checks.refuse_unknown("options", options, ("reset_mask",), "")
         if "reset_mask" not in options:
             return np.ones(self.num_envs, bool)
         mask = checks.read("options['reset_mask']", options["reset_mask"])

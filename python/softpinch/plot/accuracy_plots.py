@@ -53,8 +53,7 @@ _METHODS: dict[str, tuple[str, str]] = {
 _PEERS = ("#E69F00", "#56B4E9", "#8C564B", GREY, "#7F3C8D", "#11A579", "#3969AC", "#80BA5A")
 # Nine markers and eight colours make 72 different combinations for peers.
 _MARKERS = "P*X<>hpd8"
-# The error at which the upper panels, with loose errors, and the lower ones, with tight errors,
-# meet.
+# The error at which the upper panels, with loose errors, and the lower ones meet.
 _MEET = 1e-6
 _LOOSEST, _TIGHTEST = 1.0, 1e-13
 _LABELS = {"along": r"along the run, of q, p, $\lambda$", "end": "at the end, of q and p"}

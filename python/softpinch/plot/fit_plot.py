@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,11 +13,9 @@ from ..scene.fields import label
 from ..study.rows import Column
 from ..study.tables import shown
 from ..support import checks
-from ..support.arrays import Floats
 from .style import BLACK, GREY, LETTERS, PAGE, RED, panels, shared_legend, styled, tag
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 # A figure has at most this many columns of measurements; more would not be legible.
@@ -26,16 +24,6 @@ _ROW = 1.35
 _MEASURED: dict[str, Any] = {
     "fmt": "o", "markersize": 2.5, "color": BLACK, "ecolor": GREY, "elinewidth": 0.6
 }  # fmt: skip
-
-
-class _Panel(NamedTuple):
-    """A column of an experiment."""
-
-    name: str
-    times: Floats
-    data: Floats
-    fitted: Floats
-    noise: Floats
 
 
 @styled()
@@ -66,10 +54,16 @@ def fit(fit: Fit) -> Figure:
         width_ratios=[3, 2],
     )
     for letter, panel, (left, right) in zip(LETTERS, found, axes, strict=False):
-        left.errorbar(panel.times, panel.data, yerr=panel.noise, label="measured", **_MEASURED)
-        left.plot(panel.times, panel.fitted, color=RED, zorder=3.0, label="fitted")
-        left.set_ylabel(panel.name)
-        _residuals(right, panel)
+        name, times, data, fitted, noise = panel
+        left.errorbar(times, data, yerr=noise, label="measured", **_MEASURED)
+        left.plot(times, fitted, color=RED, zorder=3.0, label="fitted")
+        left.set_ylabel(name)
+        right.axhspan(-1.0, 1.0, color="0.9", linewidth=0.0)
+        right.axhline(0.0, color=GREY, linewidth=0.6)
+        rest = (data - fitted) / noise
+        right.plot(times, rest, "o", markersize=2.0, color=BLACK)
+        reach = 1.1 * max(3.0, float(np.nanmax(np.abs(rest), initial=0.0)))
+        right.set_ylim(-reach, reach)
         tag(left, letter)
     some = f", {len(found)} of {len(every)} columns" if len(every) > len(found) else ""
     axes[0, 1].set_title(f"residual / noise{some}")
@@ -79,18 +73,11 @@ def fit(fit: Fit) -> Figure:
     return figure
 
 
-def _panels(experiment: Experiment, number: str) -> Iterator[_Panel]:
+def _panels(experiment: Experiment, number: str) -> Iterator[tuple[Any, ...]]:
+    """Yields name, times, data, fitted values and noise of each column of an experiment."""
     for k, (name, unit) in enumerate(zip(experiment.columns, experiment.units, strict=True)):
         noise = np.full(len(experiment.times), experiment.noise[k])
         table = np.column_stack([experiment.data[:, k], experiment.fitted[:, k], noise])
         column = shown(Column(table, unit))
-        yield _Panel(label(name, column.unit) + number, experiment.times, *column.values.T)
-
-
-def _residuals(axes: Axes, panel: _Panel) -> None:
-    axes.axhspan(-1.0, 1.0, color="0.9", linewidth=0.0)
-    axes.axhline(0.0, color=GREY, linewidth=0.6)
-    rest = (panel.data - panel.fitted) / panel.noise
-    axes.plot(panel.times, rest, "o", markersize=2.0, color=BLACK)
-    reach = 1.1 * max(3.0, float(np.nanmax(np.abs(rest), initial=0.0)))
-    axes.set_ylim(-reach, reach)
+        measured, fitted, noise = column.values.T
+        yield label(name, column.unit) + number, experiment.times, measured, fitted, noise

@@ -252,7 +252,12 @@ def _overview(run: Run) -> Iterator[Panel]:
     """The panels of everything that was recorded."""
     unilateral = run.scene.contact == "unilateral"
     if "state" in run.record:
-        yield _fingers(run)
+        angles, target = recorded(run, "q", (3, 4)), measures.target_angles(run)
+        if target is not None:
+            dotted = {**TARGET, "color": BLACK, "linestyle": ":"}
+            for k, name in enumerate(("target", "")):
+                angles.append(Curve(run.t, target[:, k] * DEG.per_si, dotted, name))
+        yield Panel("angle [deg]", angles, "fingers")
         moved = recorded(run, "q", (0, 1), since_start=True)
         yield Panel("displacement [mm]", moved, "object")
         (tilt,) = recorded(run, "q", (2,))
@@ -279,15 +284,6 @@ def _overview(run: Run) -> Iterator[Panel]:
         taken = [energy.friction_loss, energy.impact_loss, energy.relaxation_work]
         curves = lines(run.t, np.stack(taken, axis=1), ["friction", "impacts", "relaxation"])
         yield Panel("energy [J]", curves, "by contact")
-
-
-def _fingers(run: Run) -> Panel:
-    curves, target = recorded(run, "q", (3, 4)), measures.target_angles(run)
-    if target is not None:
-        style = {**TARGET, "color": BLACK, "linestyle": ":"}
-        for k, name in enumerate(("target", "")):
-            curves.append(Curve(run.t, target[:, k] * DEG.per_si, style, name))
-    return Panel("angle [deg]", curves, "fingers")
 
 
 def _pressing(run: Run) -> Panel:

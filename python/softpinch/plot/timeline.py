@@ -170,7 +170,13 @@ def draw(
     for column, across in zip(columns, axes.T, strict=True):
         shown = list(across[: len(column.panels)])
         for panel, each in zip(column.panels, shown, strict=True):
-            _draw_panel(each, panel)
+            for curve in panel.curves:
+                each.plot(curve.t, curve.values, **curve.style, label=curve.label)
+            each.set_ylabel(panel.name)
+            if panel.zero:
+                each.axhline(0.0, color=GREY, linewidth=0.6, zorder=0.8)
+            if panel.decades:
+                whole_decades(each, panel.decades)
         for each, letter, panel in zip(shown, column.letters, column.panels, strict=False):
             tag(each, letter, panel.title)
             if legends == "panels":
@@ -199,16 +205,6 @@ def draw(
             figure, occurring(run for column in columns for run in column.runs.values())
         )
     return figure, axes[:rows]
-
-
-def _draw_panel(axes: Axes, panel: Panel) -> None:
-    for curve in panel.curves:
-        axes.plot(curve.t, curve.values, **curve.style, label=curve.label)
-    axes.set_ylabel(panel.name)
-    if panel.zero:
-        axes.axhline(0.0, color=GREY, linewidth=0.6, zorder=0.8)
-    if panel.decades:
-        whole_decades(axes, panel.decades)
 
 
 def switches(run: Run) -> list[float]:

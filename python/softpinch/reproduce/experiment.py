@@ -13,7 +13,7 @@ from ..run.options import Options
 from ..run.request import Request
 from ..run.run import Run, computed
 from ..run.simulate import warn_of_steps
-from ..scene.disturbance import Impulse, Pulse, Step
+from ..scene.disturbance import Impulse, Pulse
 from ..scene.hand import Fingertip, Hand
 from ..scene.scene import Scene
 from ..scene.schedule import Schedule
@@ -109,7 +109,9 @@ def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
             for case in paper.CASES
         },
         moments={
-            moment: run(_with_moment(step, moment), f"(i) with {moment:g} N m", ["state"])
+            moment: run(
+                step.with_({"disturbances.0.moment": moment}), f"(i) with {moment:g} N m", ["state"]
+            )
             for moment in _MOMENTS
         },
         ideal=run(_as_impulse(paper.disturbance("ii")), "(ii) as an ideal impulse", ["state"]),
@@ -136,13 +138,6 @@ def _real(scene: Scene, mu: float) -> Scene:
     """The scene with tips that only push, slip where friction mu allows it, and open."""
     faces = replace(scene.grasped, height=HEIGHT)
     return replace(scene, grasped=faces, contact="unilateral", friction=mu)
-
-
-def _with_moment(scene: Scene, moment: float) -> Scene:
-    """The scene with this moment, N m, in its step disturbance."""
-    (step,) = scene.disturbances
-    assert isinstance(step, Step)
-    return replace(scene, disturbances=(replace(step, moment=moment),))
 
 
 def _as_impulse(scene: Scene) -> Scene:

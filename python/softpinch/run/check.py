@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .. import _core
 from ..scene.fields import QUANTITIES
-from ..scene.outline import contact_heights, tilts
+from ..scene.outline import arm, contact_heights, tilts
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.record import SIDES
@@ -62,14 +62,6 @@ def _limit(tolerance: float, scale: float) -> float:
     return tolerance * scale if np.isfinite(tolerance) else np.inf
 
 
-def _speed(run: Run) -> float:
-    """The largest speed of the object or of a fingertip's centre along the run, m/s."""
-    hand = run.scene.hand
-    arms = [np.hypot(f.length, f.half_thickness) for f in (hand.right, hand.left)]
-    object_speed = np.hypot(run.p[:, 0], run.p[:, 1])
-    return float(max(object_speed.max(), (np.abs(run.p[:, 3:5]) * arms).max()))
-
-
 def _check_residuals(run: Run, modes: Modes | None, tolerance: float) -> None:
     has_state = "state" in run.record
     if "residuals" in run.record:
@@ -81,11 +73,15 @@ def _check_residuals(run: Run, modes: Modes | None, tolerance: float) -> None:
     if modes is not None and len(modes) < len(run.t):
         return  # without modes the active constraints are unknown
     held = active(modes, len(run.t))
+    if has_state:
+        # The largest speed of the object or of a fingertip's centre.
+        arms = [arm(finger) for finger in (run.scene.hand.right, run.scene.hand.left)]
+        speed = max(np.hypot(*run.p[:, :2].T).max(), (np.abs(run.p[:, 3:5]) * arms).max())
     for k, name in enumerate(_RESIDUALS):
         if k < 2:
             scale, unit, what = run.scene.hand.tips[k].radius, "m", "the fingertip's radius"
         elif has_state:
-            scale, unit, what = _speed(run), "m/s", "the largest speed"
+            scale, unit, what = float(speed), "m/s", "the largest speed"
         else:
             return
         allowed = _limit(tolerance, scale)

@@ -41,10 +41,7 @@ def active(modes: Modes | None, rows: int) -> NDArray[np.bool_]:
 
 
 def known_modes(result: Mapping[str, Any]) -> Modes | None:
-    """Returns the modes of all rows (n, 2), or of the last row (1, 2) if no others are known.
-
-    The recorded states have them too. None in bilateral contact.
-    """
+    """Returns the modes of all rows (n, 2), or of the last (1, 2); None in bilateral contact."""
     last = result["final"]["contacts"]
     if last is None:
         return None

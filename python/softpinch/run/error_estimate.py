@@ -84,10 +84,7 @@ class ErrorEstimate(Result):
 
 
 def estimate(request: Request, result: Mapping[str, Any]) -> ErrorEstimate:
-    """Estimates the error of a run's result by Richardson extrapolation from two finer runs.
-
-    Ctrl-C during these leaves every error infinite.
-    """
+    """Estimates the error of a run's result by Richardson extrapolation from two finer runs."""
     adaptive = request.options.tolerance is not None
     expected = _core.ORDERS[request.options.method]
     names = [name for name, kind in QUANTITIES.items() if kind in request.options.record]

@@ -25,8 +25,8 @@ from ..support.result import Result
 from .options import STOP_ON, Options, names
 from .request import Request
 
-# Bytes of a run in an ensemble without its summaries: number, status, message, end time, steps, the
-# final state and the first time of each violation, with eight bytes each.
+# Bytes of a run in an ensemble without its summaries: number, status, message, end time, steps,
+# the final state and the first time of each violation, with eight bytes each.
 _ROW = 8 * (5 + 18 + len(_core.VIOLATIONS))
 # A timing measures this many steps, this many times, and stops after this many seconds.
 _STEPS, _REPEATS, _PATIENCE = 2000, 5, 0.5

@@ -53,10 +53,7 @@ def drift(run: Run) -> Floats:
 
 
 def settling_times(run: Run, distance: float, angle: float) -> Floats:
-    """Returns the time from each switch until the pose stays near its final value (operations,), s.
-
-    Near is within `distance`, m, and `angle`, rad. It is nan if the run ended before.
-    """
+    """Returns the time from each switch until the pose stays near its final one, s, or nan (k,)."""
     times = np.full(len(operations(run)), np.nan)
     for k, ((begin, end), final) in enumerate(zip(operations(run), settled(run), strict=True)):
         rows = (run.t > begin) & (run.t <= end)
@@ -245,9 +242,9 @@ def since_onset(run: Run) -> NDArray[np.bool_]:
 
 
 def response(run: Run, undisturbed: Run | None = None) -> tuple[Floats, Floats]:
-    """Returns the response to a disturbance: times since its onset (k,), s, changes of q (k, 9).
+    """Returns times since a disturbance's onset (k,), s, and changes of q from then (k, 9).
 
-    The changes are relative to the run `undisturbed`, or else to the state at the onset.
+    With a run `undisturbed` they are the changes from it.
     """
     rows = since_onset(run)
     t, q = run.t[rows], run.q[rows]

@@ -113,6 +113,13 @@ def _checked(
     dt, tolerance = steps(dt, tolerance, method)
     if times is not None and every != 1:
         raise ValueError(f"every = {every} and times: give one of them")
+    if max_steps is not None and tolerance is None:
+        raise ValueError(
+            f"max_steps = {checks.shown(max_steps)}: goes with tolerance; with dt the number "
+            "of steps is known in advance"
+        )
+    if max_steps is not None:
+        max_steps = checks.integer("max_steps", max_steps, 1, MOST_STEPS)
     if summaries_after is not None:
         summaries_after = checks.finite("summaries_after", summaries_after)
     return Options(
@@ -125,7 +132,7 @@ def _checked(
         record=names("record", record, _core.RECORDABLE),
         every=every,
         stop_on=names("stop_on", stop_on, _core.VIOLATIONS),
-        max_steps=_most_steps(tolerance, max_steps),
+        max_steps=_core.MAX_STEPS if max_steps is None else max_steps,
         summaries_after=summaries_after,
     )
 
@@ -168,17 +175,6 @@ def steps(
             f"{checks.quoted(_core.ADAPTIVE_METHODS)}"
         )
     return None, checks.number("tolerance", tolerance)
-
-
-def _most_steps(tolerance: float | None, max_steps: int | None) -> int:
-    if max_steps is None:
-        return _core.MAX_STEPS
-    if tolerance is None:
-        raise ValueError(
-            f"max_steps = {checks.shown(max_steps)}: goes with tolerance; with dt the number "
-            "of steps is known in advance"
-        )
-    return checks.integer("max_steps", max_steps, 1, MOST_STEPS)
 
 
 def in_place(**settings: Any) -> dict[str, Any]:

@@ -62,10 +62,7 @@ def scales(name: str, rows: Floats, usual: Mapping[str, Floats] | None = None) -
 
 
 def common(name: str, rows: Floats, usual: Mapping[str, Floats]) -> Floats:
-    """Returns for each component the largest magnitude with its unit along a run, (k,).
-
-    A typical magnitude from `usual` replaces it if that is larger.
-    """
+    """Returns the largest magnitude with each component's unit along a run, or in `usual`, (k,)."""
     sizes = np.maximum(np.abs(rows).max(axis=0, initial=0.0), usual[name])
     for unit in map(list, UNITS[name]):
         sizes[unit] = sizes[unit].max()

@@ -32,8 +32,7 @@ from .request import Request
 _SWINGS = 0.01
 # Eigenvalue problems per call of NumPy: some tens of milliseconds.
 _MATRICES_PER_CALL = 256
-# The run of the stiff method that shows the motion: its tolerance, and its largest number of steps,
-# which take some milliseconds.
+# Tolerance and largest number of steps, some milliseconds, of the run that shows the motion.
 _TOLERANCE, _MOST = 1e-3, 1000
 # At most this many rows of the failed run tell how long its steps were.
 _MOST_ROWS = 1_000_000

@@ -149,7 +149,13 @@ class SampledController(Law):
         if n or np.size(begin):
             begin = checks.array("SampledController.initial_state", begin, (n,))
         self._set("initial_state", begin)
-        self._require_within_limits()
+        limits = [] if self.limits is None else self.limits.tolist()
+        for side, own, (low, high) in zip(SIDES, torque, limits, strict=False):
+            if not low <= own <= high:
+                raise ValueError(
+                    f"SampledController.initial_torque = {checks.shown(torque)}: must be within "
+                    f"the limits, from {low} to {high} for the {side} finger"
+                )
         self._set("anti_windup", checks.boolean("SampledController.anti_windup", self.anti_windup))
         for name in ("measure_noise", "resolution"):
             self._set(name, self._of_each(name, getattr(self, name)))
@@ -177,17 +183,6 @@ class SampledController(Law):
         for k, number in enumerate(found):
             checks.non_negative(f"{place}[{k}]", number)
         return found
-
-    def _require_within_limits(self) -> None:
-        """Refuses initial torques that the limits do not allow."""
-        if self.limits is None:
-            return
-        for side, torque, (low, high) in zip(SIDES, self.initial_torque, self.limits, strict=True):
-            if not low <= torque <= high:
-                raise ValueError(
-                    f"SampledController.initial_torque = {checks.shown(self.initial_torque)}: must "
-                    f"be within the limits, from {low} to {high} for the {side} finger"
-                )
 
     @classmethod
     def pid(

@@ -76,13 +76,11 @@ class Compiled(NamedTuple):
 
 def stacked(runs: Sequence[Compiled], owner: str) -> Compiled:
     """Stacks a disturbance of class `owner`, compiled for each run, along a new first axis."""
-    counts = [tuple(map(len, run)) for run in runs]
+    counts = [list(map(len, run)) for run in runs]
     for k, count in enumerate(counts):
         if count != counts[0]:
-            raise ValueError(
-                f"run {k}: {owner}.compile gave {_counted(count)}, but "
-                f"{_counted(counts[0])} in another run: must give equal numbers in all runs"
-            )
+            rule = f"must give as many of {', '.join(Compiled._fields)} as in run 0, {counts[0]}"
+            raise ValueError(f"run {k}: {owner}.compile gave {count}: {rule}")
     return Compiled(
         forces=tuple(map(padded, zip(*(run.forces for run in runs), strict=True))),
         sines=tuple(map(np.stack, zip(*(run.sines for run in runs), strict=True))),
@@ -92,10 +90,6 @@ def stacked(runs: Sequence[Compiled], owner: str) -> Compiled:
             for same in zip(*(run.noises for run in runs), strict=True)
         ),
     )
-
-
-def _counted(counts: tuple[int, ...]) -> str:
-    return ", ".join(f"{n} {name}" for n, name in zip(counts, Compiled._fields, strict=True) if n)
 
 
 def _columns(*parts: Any) -> Floats:

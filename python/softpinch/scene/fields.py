@@ -127,8 +127,7 @@ PARAMETERS = (
 )
 # Symbol in plain text -> the path that it stands for: "E" is "hand.tip.youngs_modulus".
 SYMBOLS = {field.symbol: field.path for field in PARAMETERS if field.symbol}
-# Name -> field. Fields of one name, such as the mass of a finger and that of the object, have the
-# same unit.
+# Name -> field. Fields of one name, such as the masses of finger and object, have the same unit.
 FIELDS = {field.name: field for field in PARAMETERS}
 
 

@@ -3,9 +3,6 @@
 Between two samples the torques are held, so a linear motion has an exact discrete-time model. With
 the state of the controller and its torques that are under way it is the loop, whose spectral radius
 is the factor by which a deviation grows in each period. Limits of the torques are left out.
-
-A finger that touches nothing moves by I theta'' = u, without gravity. In a grasp the tips add
-stiffness and damping.
 """
 
 from __future__ import annotations
@@ -124,6 +121,7 @@ def growth(scene: Scene, control: SampledController) -> float:
     known = set(control.measures) <= _OF_FINGERS.keys() | {"target", "target_rate"}
     if not known or control.delay > MOST_UNDER_WAY * control.period:
         return 0.0
+    # A finger that touches nothing moves by I theta'' = u, without gravity.
     a, b = np.zeros((4, 4)), np.zeros((4, 2))
     a[:2, 2:] = np.eye(2)
     with np.errstate(all="ignore"):

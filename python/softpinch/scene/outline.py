@@ -18,8 +18,7 @@ from .hand import Finger
 if TYPE_CHECKING:
     from .scene import Scene
 
-# Height of an object whose faces have no height, m: with the default width it gives the default
-# inertia.
+# Height of an object without a height, m: with the default width it gives the default inertia.
 OBJECT_HEIGHT = 0.049
 # (-1)^i of (6): finger 1, the right one, first.
 SIGNS = (-1.0, 1.0)
@@ -142,10 +141,7 @@ class Shape(NamedTuple):
 
 
 def shapes(scene: Scene, q: Floats, skins: Sequence[str] = (SKIN, SKIN)) -> list[Shape]:
-    """The drawing of hand and object, from back to front; the number of shapes is constant.
-
-    `skins` has the colours of the right and the left tip.
-    """
+    """The drawing of hand and object, from back to front; the number of shapes is constant."""
     fingers = [finger_outline(scene, q, side) for side in (0, 1)]
     found = [Shape(np.array([finger.root for finger in fingers]), "", EDGE, 1.2)]
     found.append(Shape(object_outline(scene, q), OBJECT, EDGE, 0.8))
@@ -249,10 +245,7 @@ def inward_at_touch(scene: Scene) -> tuple[float, float]:
 
 
 def compression(scene: Scene, angles: tuple[float, float]) -> float:
-    """Returns d_n1 + d_n2 of an upright object, m, at these angles of the fingers, rad.
-
-    It is negative where the tips leave a gap.
-    """
+    """Returns d_n1 + d_n2 of an upright object, m, negative in a gap, at angles of fingers, rad."""
     touching = inward_at_touch(scene)
     return sum(inward(finger_of(scene, k), angles[k]) - touching[k] for k in (0, 1))
 

@@ -308,7 +308,11 @@ def paths_of(scene: Scene) -> PathTable:
             shape = shapes_of(scene, [path])[path]
         except ValueError:
             continue  # names of choices, whole records, and what all runs share
-        found[path] = value, _unit(scene, path, shape)
+        unit = units(path, shape)
+        if path.startswith("schedule.angles") and not scene.schedules_angles:
+            # A controller of one's own may use the schedule for any quantity.
+            unit = "N m" if scene.law == "torque" else "unknown"
+        found[path] = value, unit
     return PathTable(found, scene)
 
 
@@ -334,13 +338,6 @@ def _is_short(node: Any) -> bool:
     if isinstance(node, tuple):
         return any(isinstance(item, Record) for item in node) or len(node) <= _MOST_ENTRIES
     return isinstance(node, np.ndarray) and node.size <= _MOST_ENTRIES
-
-
-def _unit(scene: Scene, path: str, shape: tuple[int, ...]) -> Unit:
-    if path.startswith("schedule.angles") and not scene.schedules_angles:
-        # A controller of one's own may use the schedule for any quantity.
-        return "N m" if scene.law == "torque" else "unknown"
-    return units(path, shape)
 
 
 def _shown(value: Any) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,10 +22,7 @@ _MM_PER_POINT = 0.4
 
 
 def drawings(scene: Scene, states: Sequence[Floats], texts: Sequence[str]) -> str:
-    """An SVG of states (9,) of a scene side by side, at the same scale, each with a line of text.
-
-    It is empty without finite states.
-    """
+    """An SVG of finite states (9,) of a scene side by side, at one scale, each with its text."""
     if not states or not np.isfinite(states).all():
         return ""
     left, right, bottom, top = extent(scene, np.array(states))
@@ -36,7 +33,13 @@ def drawings(scene: Scene, states: Sequence[Floats], texts: Sequence[str]) -> st
         x, y = scale * (k * width + _MARGIN - left), scale * (top + _MARGIN)
         # SVG counts y downwards.
         place = f"translate({x:.2f} {y:.2f}) scale({scale:.5f} {-scale:.5f})"
-        panels.append(f'<g transform="{place}">{"".join(_hand(scene, q))}</g>')
+        panels.append(f'<g transform="{place}">')
+        for points, fill, edge, thick in shapes(scene, q):
+            corners = " ".join(f"{1e3 * x:.2f},{1e3 * y:.2f}" for x, y in points)
+            line = f'stroke="{edge}" stroke-width="{_MM_PER_POINT * thick:.2f}"'
+            kind = "polygon" if fill else "polyline"
+            panels.append(f'<{kind} points="{corners}" fill="{fill or "none"}" {line}/>')
+        panels.append("</g>")
         panels.append(
             f'<text x="{(k + 0.5) * _WIDTH:.1f}" y="{scale * height + 0.7 * _TEXT:.1f}" '
             'font-size="12" text-anchor="middle" fill="currentColor">'
@@ -47,12 +50,3 @@ def drawings(scene: Scene, states: Sequence[Floats], texts: Sequence[str]) -> st
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{size[0]:.0f}" height="{size[1]:.0f}" '
         f'viewBox="0 0 {size[0]:.2f} {size[1]:.2f}">{"".join(panels)}</svg>'
     )
-
-
-def _hand(scene: Scene, q: Floats) -> Iterable[str]:
-    """The parts of a drawing in mm, from back to front."""
-    for points, fill, edge, width in shapes(scene, q):
-        places = " ".join(f"{1e3 * x:.2f},{1e3 * y:.2f}" for x, y in points)
-        line = f'stroke="{edge}" stroke-width="{_MM_PER_POINT * width:.2f}"'
-        kind = "polygon" if fill else "polyline"
-        yield f'<{kind} points="{places}" fill="{fill or "none"}" {line}/>'

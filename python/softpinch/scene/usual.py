@@ -40,10 +40,7 @@ _ROUND_OFF = 1e-9
 
 
 def warn(scene: Scene, schedule_replaced: bool = False) -> None:
-    """Warns once for each field of a scene with a number outside its usual range.
-
-    `schedule_replaced` says that other torques take the place of those of the scene's schedule.
-    """
+    """Warns once for each field with an unusual number, but not of torques that are replaced."""
     texts = scene._suspicions
     if scene.law == "torque" and scene.schedule == default_schedule() and not schedule_replaced:
         angle = scene.schedule.angles[0, 0]

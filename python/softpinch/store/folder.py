@@ -196,10 +196,7 @@ class Writer:
 
 
 def locked(path: Path) -> BaseFileLock:
-    """Makes a study's folder if it is missing, and takes its lock.
-
-    The operating system releases the lock when this process ends, however it ends.
-    """
+    """Makes a study's folder if it is missing, and takes its lock, which ends with this process."""
     filelock = require("filelock", extra="study", purpose="a study's folder (filelock)")
     try:
         for name in (PARTS, DIGESTS):

@@ -36,8 +36,7 @@ from .trajectories import Trajectories
 if TYPE_CHECKING:
     from ..study.executor import Engine
 
-# The number of blocks per call of the core is doubled or halved until one call takes about this
-# long, s.
+# The number of blocks per call of the core is adapted until a call takes about this long, s.
 PACE_SECONDS = 0.5
 T = TypeVar("T")
 
@@ -393,10 +392,7 @@ def _matching_manifest(path: Path, given: Mapping[str, Any]) -> dict[str, Any] |
 
 
 def _continued(there: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """The manifest of a continued study, from the one in its folder and the given one.
-
-    Settings that decide the rows keep their old spelling, of which the parts have a hash.
-    """
+    """The manifest of a continued study; what decides its rows keeps its old, hashed spelling."""
     ours = given["made_by"][0]
     known = there["made_by"]
     kept = {name: v for name, v in there["study"].items() if name not in manifests.FREE}

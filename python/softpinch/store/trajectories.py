@@ -101,7 +101,12 @@ class Trajectories(Mapping[int, Run]):
             elif value.ndim == 1:
                 columns[name], names[name] = value, name
             else:
-                names[name] = _columns(name, value.shape[1])
+                # The names of the columns are those of `Run.save`, without units.
+                width = value.shape[1]
+                headers = COLUMNS.get(name, [f"{name}.{k}" for k in range(width)])
+                if name == "energy":
+                    headers = [f"energy_{each}" for each in LEDGER[:width]]
+                names[name] = [header.partition(" [")[0] for header in headers]
                 columns.update(zip(names[name], value.T, strict=True))
         facts = {
             "study": self._folder.identity,
@@ -117,11 +122,3 @@ def _runs(files: Iterable[Path]) -> list[int]:
     """The sorted numbers of the runs whose trajectories have these files' names."""
     # Run numbers have at most 19 digits.
     return sorted(int(f.stem) for f in files if f.stem.isdecimal() and len(f.stem) < 20)
-
-
-def _columns(name: str, width: int) -> list[str]:
-    """The names of the columns of an array (n, width): those of `Run.save`, without units."""
-    if name == "energy":
-        return [f"energy_{each}" for each in LEDGER[:width]]
-    headers = COLUMNS.get(name, [f"{name}.{k}" for k in range(width)])
-    return [header.partition(" [")[0] for header in headers]

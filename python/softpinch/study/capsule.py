@@ -134,6 +134,12 @@ class Capsule(ByValue):
         for name in ("message", "softpinch"):
             checks.instance(f"Capsule.{name}", facts[name], str, "text")
         scene = Scene._parse(data["scene"], "scene")
+        if "dt" not in how and "tolerance" not in how:
+            raise ValueError("Capsule.dt (in simulate): is missing; give it or tolerance")
+        try:
+            options = Options.from_dict(how)
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"{error} (in simulate)") from None
         run = checks.integer("Capsule.run", facts["run"], 0, 2**64 - 1)
         seed = checks.integer("Capsule.seed", facts["seed"], 0, 2**64 - 1)
         capsule = cls(
@@ -144,7 +150,7 @@ class Capsule(ByValue):
             parameters=_parameters(facts.get("parameters", {}), scene),
             # This scene already has the varied values, so no path remains.
             varied=SceneTemplate(scene, (), seed),
-            options=_options(how),
+            options=options,
             version=facts["softpinch"],
             results_version=checks.integer("Capsule.results_version", facts["results_version"], 0),
         )
@@ -207,13 +213,3 @@ def _parameters(data: Any, scene: Scene) -> dict[str, Any]:
                 raise ValueError(f"{where} = {value}: must equal the scene's value, {plain(one)}")
         result[path] = number_or_array(there[0])
     return result
-
-
-def _options(how: Mapping[str, Any]) -> Options:
-    """Checks the numerical options of the run. `record` is not among them."""
-    if "dt" not in how and "tolerance" not in how:
-        raise ValueError("Capsule.dt (in simulate): is missing; give it or tolerance")
-    try:
-        return Options.from_dict(how)
-    except (TypeError, ValueError) as error:
-        raise type(error)(f"{error} (in simulate)") from None

@@ -25,8 +25,7 @@ from .spec import RECORDING, StudySpec
 if TYPE_CHECKING:
     from .executor import Engine
 
-# Largest number of blocks per call of the core: enough to keep all threads busy, few enough for
-# frequent progress reports.
+# Largest number of blocks per call of the core: all threads are busy, and reports frequent.
 MOST_BLOCKS = 32
 # Number of failed runs whose steps are looked at.
 _SUSPECTS = 8

@@ -26,8 +26,7 @@ from ..support.display import ShownTable
 from .results import Results
 from .tables import number
 
-# The number of shuffled copies of the result that determine the noise level. The seed is fixed, so
-# that equal results give equal noise levels.
+# Number of shuffled results for the noise level; the seed is fixed, so that it repeats.
 _SHUFFLES = 99
 _SEED = 20070410
 

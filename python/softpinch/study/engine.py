@@ -44,8 +44,7 @@ class Lost(NamedTuple):
         return f"runs {self.first} to {self.last} ({self.runs}): {self.reason}"
 
 
-# Function that stores rows and returns whether they are enough. The engine for executors also calls
-# it without rows from time to time, so that buffered rows are written even if a block takes long.
+# Stores rows, possibly none so that buffered ones are written, and returns whether they are enough.
 Accept: TypeAlias = Callable[[Rows], bool]
 
 
@@ -59,10 +58,7 @@ def how_many_threads(threads: int | None) -> int:
 
 
 def compute(spec: StudySpec, block: Rows, threads: int, watch: Callable[[int], bool]) -> Rows:
-    """Computes the results of a block, which has the varied values of its runs.
-
-    `watch` receives the number of completed runs, and returns whether to stop.
-    """
+    """Computes a block; `watch` takes the number of completed runs, and returns whether to stop."""
     # More threads than runs would only cost time.
     result = spec.batch(block).run(min(threads, len(block)), watch)
     return Rows.of(result, block.run, spec.summaries)

@@ -33,10 +33,9 @@ from .spec import StudySpec
 # An executor, or a function that makes one.
 Engine: TypeAlias = Executor | Callable[[], Executor]
 
-# The largest number of blocks that are submitted, or have rows waiting for those of earlier blocks.
-# It is two for each of 256 workers, which is about the number that one process can supply with
-# blocks. The actual number of workers is unknown: executors do not report it, and Dask may change
-# it. At about 100 kB of rows for each block, this process holds at most about 50 MB.
+# The largest number of blocks that are submitted, or have rows waiting for those of earlier blocks:
+# two for each of 256 workers, about as many as one process can supply. Executors do not report how
+# many they have. At 100 kB of rows for each block, this process holds at most about 50 MB.
 MOST_UNDER_WAY = 512
 _ATTEMPTS = 3
 # The call ends after this many consecutive lost blocks. If, for example, no worker can import
@@ -44,8 +43,7 @@ _ATTEMPTS = 3
 _MOST_LOST_IN_A_ROW = 8
 # The interval between two checks for Ctrl-C, s.
 _POLL_SECONDS = 0.1
-# After Ctrl-C, the time to wait for rows, s. Workers on this machine may have received it too, and
-# then return their completed runs.
+# After Ctrl-C, which workers may receive too, the time to wait for their completed runs, s.
 _GRACE_SECONDS = 1.0
 
 _HOW_TO_GO_ON = (
@@ -153,17 +151,11 @@ class BlockScheduler:
         return exhausted or self._enough or bool(self._stopped) or self._ctrl_c.pending
 
     def advance(self) -> bool:
-        """Submits at most one block, and processes at most one; returns whether one had finished.
-
-        If no block can be submitted, it waits briefly for a finished one.
-        """
+        """Submits a block, or waits for one, and processes one; returns whether one finished."""
         return self._collect(0.0 if self._submit_next() else _POLL_SECONDS)
 
     def end(self) -> None:
-        """Cancels the blocks that have not started, and processes the finished ones.
-
-        After Ctrl-C it waits briefly for the blocks that have started.
-        """
+        """Cancels blocks that have not started; processes the finished ones, after Ctrl-C more."""
         self.cancel()
         end = time.monotonic() + (_GRACE_SECONDS if self._ctrl_c.pending else 0.0)
         while not self._finished.empty() or (self.under_way and time.monotonic() < end):

@@ -128,10 +128,7 @@ class Spans:
         return np.asarray(self.edges[span, 1] - (ends[span] - places), dtype=np.uint64)
 
     def aligned_chunks(self, size: Callable[[], int]) -> Iterator[Numbers]:
-        """Yields the numbers of all runs, increasing, in arrays that end at multiples of a size.
-
-        `size` is called before each array, and may change its answer.
-        """
+        """Yields all run numbers, increasing, in arrays that end at multiples of a new `size`."""
         at, k = 0, 0
         while k < len(self.edges):
             at = max(at, int(self.edges[k, 0]))

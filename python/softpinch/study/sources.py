@@ -83,10 +83,7 @@ class Source:
         return 0
 
     def draw(self, rng: np.random.Generator, block: int, calls: int) -> Floats:
-        """Draws the values of a block (1024, *shape).
-
-        An array returns fewer rows at its end. A function returns `calls` rows.
-        """
+        """Draws a block (1024, *shape); an array has fewer rows at its end, a function `calls`."""
         raise NotImplementedError
 
     def from_points(self, points: Floats, block: int) -> Floats:
@@ -99,10 +96,7 @@ class Source:
 
 
 class Description(dict[str, Any]):
-    """The result of `Source.describe`; in `vary` it stands for a source that draws nothing.
-
-    Results and workers have it.
-    """
+    """The result of `Source.describe`; in `vary` it stands for a source that draws nothing."""
 
 
 class ArraySource(Source):

@@ -70,7 +70,12 @@ def parse(data: Mapping[str, Any], path: Path) -> tuple[Scene, dict[Key, Any], d
         checks.refuse_unknown("study file", data, _TOP, "")
         own = data.get("study", {})
         checks.refuse_unknown("[study]", own, SETTINGS, "")
-        scene, vary = scene_of(data, path.parent), _vary(data.get("vary", {}), path.parent)
+        scene, given = scene_of(data, path.parent), data.get("vary", {})
+        checks.instance("[vary]", given, Mapping, "a table from paths to distributions")
+        vary: dict[Key, Any] = {}
+        for name, value in given.items():
+            paths = tuple(part.strip() for part in name.split(","))
+            vary[paths[0] if len(paths) == 1 else paths] = _entry(name, value, path.parent)
         own = dict(own)
         if not any(isinstance(value, np.ndarray) for value in vary.values()):
             own.setdefault("runs", _RUNS)
@@ -118,16 +123,6 @@ def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
         if name in ("angles", "angles_deg"):
             result.pop("angles", None)
         result[name] = value
-    return result
-
-
-def _vary(data: Any, beside: Path) -> dict[Key, Any]:
-    """Parses the table `[vary]`: distributions, and arrays, which may be in separate files."""
-    checks.instance("[vary]", data, Mapping, "a table from paths to distributions")
-    result: dict[Key, Any] = {}
-    for name, value in data.items():
-        paths = tuple(part.strip() for part in name.split(","))
-        result[paths[0] if len(paths) == 1 else paths] = _entry(name, value, beside)
     return result
 
 
@@ -182,10 +177,7 @@ def checksum(array: Floats) -> str:
 
 
 def load_array(file: Path, sha256: str) -> Floats:
-    """Opens the array in a NumPy file as a memory map, and verifies its checksum.
-
-    The message of a ValueError continues a sentence that begins with the file's name.
-    """
+    """Opens a NumPy file as a memory map, and verifies its checksum; errors lack its name."""
     try:
         # Unlike `numpy.load`, this opens neither archives nor pickles.
         array: Floats = np.lib.format.open_memmap(file, mode="r")

@@ -43,10 +43,7 @@ def booleans(field: str, given: Any, runs: int) -> NDArray[np.bool_]:
 
 
 def number(results: Results, name: str | NDArray[np.bool_], field: str = "name") -> Column:
-    """Returns one number for each run: the values of a numeric column, or 1.0 and 0.0 for an event.
-
-    An event is a status or violation ("completed", "pulling"), or booleans (runs,).
-    """
+    """Returns a number for each run: a numeric column, or 1.0 and 0.0 for an event or booleans."""
     if not isinstance(name, str):
         return Column(booleans(field, name, results.runs).astype(np.float64), "1")
     if name in (*_core.STATUSES, *_core.VIOLATIONS):

@@ -27,11 +27,7 @@ Name = TypeVar("Name", bound=str)
 
 
 def number(name: str, value: object) -> float:
-    """Converts any kind of real number to a float, which may be infinite or NaN.
-
-    Text is refused although float() accepts it, because a quoted number in a scene file is a
-    mistake.
-    """
+    """Converts any kind of real number, but no text, to a float, which may be infinite or NaN."""
     try:
         given = read(name, value)
         if given.ndim == 0 and given.dtype.kind in _NUMBERS:
@@ -228,10 +224,7 @@ def shown(value: object) -> str:
 
 
 def path(name: str, value: object, what: str = "a path") -> Path:
-    """Converts text or an `os.PathLike` of text to a `pathlib.Path`.
-
-    `what` completes the message "must be ...".
-    """
+    """Converts text or an `os.PathLike` of text to a path. Errors say that it must be `what`."""
     text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(text, str):
         raise TypeError(f"{name} = {shown(value)}: must be {what}, as text or an os.PathLike")

@@ -53,10 +53,7 @@ def _row(kind: str, entries: Iterable[Any]) -> str:
 
 
 class Shown:
-    """Base class of objects that notebooks show as their `repr` and tables.
-
-    A class says what it shows by `_tables`, and by `_picture` where it has one.
-    """
+    """Base class of objects that notebooks show as their `repr`, `_picture` and `_tables`."""
 
     def _tables(self) -> Iterable[ShownTable]:
         """The tables below the text; none by default."""

@@ -52,11 +52,6 @@ def plain(value: Any) -> Any:
     return value
 
 
-def _key(value: object) -> object:
-    # -0.0 equals 0.0, so both must hash alike: adding zero turns -0.0 into 0.0.
-    return (value.shape, (value + 0.0).tobytes()) if isinstance(value, np.ndarray) else value
-
-
 def _show(value: object) -> str:
     if isinstance(value, np.ndarray):
         return repr(value.tolist()) if value.size <= _SHOWN else f"<array {value.shape}>"
@@ -64,10 +59,7 @@ def _show(value: object) -> str:
 
 
 def bare(record: RecordType, values: Mapping[str, Floats]) -> RecordType:
-    """Returns a copy of `record` for many runs, whose numbers have the runs as their first axis.
-
-    The copy is for `compile` only, because nothing is checked.
-    """
+    """Returns an unchecked copy for `compile`, whose numbers have the runs as their first axis."""
     many = object.__new__(type(record))
     for name, value in record._values().items():
         if name in values:
@@ -121,7 +113,12 @@ class Record(ByValue):
         object.__setattr__(self, name, value)
 
     def __hash__(self) -> int:
-        return hash((type(self), *map(_key, self._values().values())))
+        # -0.0 equals 0.0, so both must hash alike: adding zero turns -0.0 into 0.0.
+        keys = (
+            (value.shape, (value + 0.0).tobytes()) if isinstance(value, np.ndarray) else value
+            for value in self._values().values()
+        )
+        return hash((type(self), *keys))
 
     def _call(self) -> tuple[str, dict[str, Any]]:
         """A call that makes an equal record: a function, and the arguments that are no defaults."""

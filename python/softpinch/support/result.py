@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from typing import Any
@@ -57,7 +58,9 @@ class Result(ByValue):
     def _repr_html_(self) -> str:
         if type(self).__repr__ is not Result.__repr__:
             return super()._repr_html_()
-        values = {name: value for name, value in self._facts().items() if not _missing(value)}
+        # Without what is None or NaN.
+        facts = self._facts().items()
+        values = {k: v for k, v in facts if v is not None and not same(v, math.nan)}
         # What the result says comes first, and tables of their own are not rows of this one.
         said = {"message": values.pop("message")} if "message" in values else {}
         rows = [(name, value) for name, value in {**said, **values}.items() if not _listed(value)]
@@ -68,10 +71,6 @@ class Result(ByValue):
         # Text, integers and booleans only, which is fast and consistent with equality.
         kept = (str, int, bool)
         return hash((type(self), *(v for v in self._values().values() if isinstance(v, kept))))
-
-
-def _missing(value: Any) -> bool:
-    return value is None or (isinstance(value, float) and value != value)
 
 
 def _listed(value: Any) -> bool:
