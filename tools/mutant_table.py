@@ -72,8 +72,8 @@ MUTANTS = (
     Mutant("method/rk4.rs", "drive.at(tau + half)", "drive.at(tau)", "convergence"),
     Mutant(
         "formulation/constrained.rs",
-        "let mixed = -(h * (k * inverse));",
-        "let mixed = h * k * inverse;",
+        "mixed = -(h * (k * inverse));",
+        "mixed = h * k * inverse;",
         "terms or trajectories",
     ),
     Mutant(
@@ -148,7 +148,7 @@ MUTANTS = (
         "(self.chain(sin, cos), self.chain(cos, sin))",
         CARGO,
     ),
-    Mutant("formulation/scene_equations.rs", "E::STATES.wrapping_sub(first)", "W", CARGO),
+    Mutant("formulation/scene_equations.rs", "states.wrapping_sub(first)", "W", CARGO),
     Mutant(
         "method/linearize.rs",
         "delayed[i][k] = rate[r].mul_add(rows[r][k], delayed[i][k]);",
@@ -316,8 +316,8 @@ MUTANTS = (
     ),
     Mutant(
         "formulation/constrained.rs",
-        "driven[k] = b[k] + share[k];",
-        "driven[k] = b[k];",
+        "whole[k] = b[k] + share[k];",
+        "whole[k] = b[k];",
         "driven",
     ),
     Mutant(
@@ -332,7 +332,7 @@ MUTANTS = (
         "-others[0]",
         "driven",
     ),
-    Mutant("model/drive.rs", "(first, second + second)", "(first, second)", "driven"),
+    Mutant("model/drive.rs", "[value, first, second + second]", "[value, first, second]", "driven"),
     Mutant(
         "model/piecewise.rs",
         "SMOOTH * (size + other.abs())",

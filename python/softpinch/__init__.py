@@ -28,8 +28,8 @@ _LAZY = {
         *("stabilization_sweep", "work_precision"),
     ),
     "analysis": (
-        *("Equilibrium", "EquilibriumMap", "Grip", "LinearModel", "WrenchLimits", "equilibrium"),
-        *("equilibrium_map", "grip", "linearize", "wrench_limits"),
+        *("CarryLimits", "Equilibrium", "EquilibriumMap", "Grip", "LinearModel", "WrenchLimits"),
+        *("carry_limits", "equilibrium", "equilibrium_map", "grip", "linearize", "wrench_limits"),
     ),
     "fitting": ("Fit", "fit"),
     "montecarlo": ("monte_carlo",),

@@ -187,6 +187,7 @@ class Inputs:
         noises: Sequence[tuple[_Floats, int, NDArray[np.uint64], int]],
         fingers: str,
         controller: tuple[list[str], int, bool, _Floats, int, NDArray[np.uint64]] | None = None,
+        motion: tuple[tuple[_Floats, _Floats], tuple[_Floats, _Floats], _Floats] | None = None,
     ) -> Inputs: ...
 
 @final
@@ -319,6 +320,9 @@ class RestScene:
     ) -> dict[str, Any]: ...
     def wrench_limits(
         self, q: _Floats, wrenches: _Floats
+    ) -> tuple[_Floats, list[str], _Floats]: ...
+    def carry_limits(
+        self, q: _Floats, accelerations: _Floats
     ) -> tuple[_Floats, list[str], _Floats]: ...
 
 def linearize(

@@ -35,6 +35,7 @@ ROW = [[1.0, 0.0, 0.0]]
 FORCE = ("disturbances.0.force.0", "disturbances.0.force.1")
 # Draws a figure of one panel, on axes or as its own.
 FIGURES = {
+    "carry_limits": lambda ax=None: plot.carry_limits(sp.carry_limits(rest(), [[1.0, 0.0]]), ax=ax),
     "failure_times": lambda ax=None: plot.failure_times(pushed(), ax=ax),
     "histogram": lambda ax=None: plot.histogram(calm(), "peak_rotation", ax=ax),
     "snapshot": lambda ax=None: plot.snapshot(run(), ax=ax),
@@ -53,7 +54,7 @@ def stability(*more: tuple[str, str]) -> sp.StabilityMap:
 
 
 def axes_for(name: str, figure: Any) -> Axes:
-    polar = {"projection": "polar"} if name == "wrench_limits" else {}
+    polar = {"projection": "polar"} if name.endswith("_limits") else {}
     found: Axes = figure.add_subplot(**polar)
     return found
 

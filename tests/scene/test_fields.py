@@ -10,6 +10,7 @@ import softpinch as sp
 from softpinch import _core
 from softpinch.scene.disturbance import DISTURBANCES
 from softpinch.scene.fields import PARAMETERS, QUANTITIES, SYMBOLS, units
+from softpinch.scene.motion import MOTIONS
 from softpinch.scene.paths import locate
 
 PAGE = (Path(__file__).parents[2] / "docs" / "symbols.md").read_text("utf-8")
@@ -67,6 +68,7 @@ OWNERS: dict[str, list[Any]] = {
     "control": [sp.Pid, sp.SampledController],
     "schedule": [sp.Schedule],
     "disturbances": [*DISTURBANCES.values()],
+    "motion": [*MOTIONS.values()],
     "initial": [sp.State],
     "": [sp.Scene],
 }

@@ -90,6 +90,11 @@ def equilibria() -> sp.EquilibriumMap:
 
 
 @cache
+def carries() -> sp.CarryLimits:
+    return sp.carry_limits(SCENE, [[0.0, 1.0]])
+
+
+@cache
 def wrenches() -> sp.WrenchLimits:
     return sp.wrench_limits(SCENE, [[0.0, 1.0, 0.0]])
 
@@ -160,6 +165,7 @@ def objects() -> dict[str, Any]:
         "Capsule": capsule(),
         "Scene": SCENE,
         "Schedule": sp.Schedule.steps([0.0], [[0.1, 0.1]]),
+        "HandMotion": sp.HandMotion.constant(),
         "Noise": sp.Noise(force_std=1.0, moment_std=0.0, rate_hz=10.0),
         "Advice": sp.advise(SCENE, 1e-3, **PAIR),
         "Simulator": Stepped(STEPPED),
@@ -208,6 +214,12 @@ def special() -> dict[str, dict[str, Any]]:
     pair = {"dt": [STEP], "pairs": [("csm", "rk4")]}
     gains = {name: [[0.1, 0.0], [0.0, 0.1]] for name in "ABCD"}
     own: dict[str, dict[str, Any]] = {
+        "HandMotion.breakpoints": {"begin": 0.0, "end": 1.0},
+        "HandMotion.jerk_limited": {"points": ANGLES, "acceleration": 100.0, "jerk": 1e6},
+        "HandMotion.minimum_jerk": {"points": ANGLES},
+        "HandMotion.sampled": {"positions": ANGLES},
+        "HandMotion.sine": {"amplitude": 0.01, "frequency": 1.0, "axis": "x"},
+        "HandMotion.trapezoid": {"points": ANGLES, "acceleration": 100.0},
         "Noise.samples": {"count": 3},
         "Peer": {field: getattr(peer(), field) for field in sp.Peer.__dataclass_fields__},
         "SampledController": {**gains, "measures": ("angle_error",), "limits": (-1.0, 1.0)},
@@ -222,6 +234,7 @@ def special() -> dict[str, dict[str, Any]]:
         "Fit.profile": {"path": "gravity"},
         "Fit.save": {"path": Path(tempfile.mkdtemp()) / "fit.json"},
         "Run.at": {"times": [0.001]},
+        "Run.world": {"points": [[0.0, 0.0]] * len(run())},
         "Run.check": {"residual": math.inf, "closure": math.inf},
         "Study.open": {"path": study().path},
         "Study.extend": {"runs": 4},
@@ -235,12 +248,14 @@ def special() -> dict[str, dict[str, Any]]:
         "stability_map": {"values": [0.1], **pair},
         "stabilization_sweep": {"dt": STEP, "products": [0.1]},
         "work_precision": {**PAIR, "dt": [STEP], "tolerances": (), "longest": 0.1},
+        "carry_limits": {"directions": [[0.0, 1.0]]},
         "wrench_limits": {"directions": [[0.0, 1.0, 0.0]]},
         "reference.solve": {"times": [0.0, 0.001]},
         "reference.confirmed": {"times": [0.0, 0.001]},
         "reproduce.simulate_all": {"dt": STEP, "progress": print},
         "reproduce.reproduce": {"progress": print},
         "plot.animate": {"path": Path(tempfile.mkdtemp()) / "a.gif"},
+        "plot.carry_limits": {"limits": carries()},
         "plot.contact": {"run": unilateral_run()},
         "plot.contact_models": {"columns": {"scene": {"bilateral": run()}}},
         "plot.disturbances": {"runs": {"i": run()}, "undisturbed": {"i": run()}},
@@ -261,6 +276,7 @@ def special() -> dict[str, dict[str, Any]]:
     records += [getattr(sp, kind)(**arguments(kind)) for kind in LOADS]
     own |= {f"{type(one).__name__}.from_dict": {"data": one.to_dict()} for one in records}
     own["Disturbance.from_dict"] = own["Step.from_dict"]
+    own["HandMotion.from_dict"] = {"data": sp.HandMotion.constant().to_dict()}
     own["Distribution.from_dict"] = own["Normal.from_dict"]
     return own
 
@@ -287,11 +303,11 @@ def _inside(name: str, cls: type) -> Iterator[str]:
         yield name
     for inside in dir(cls):
         member = inspect.getattr_static(cls, inside)
-        if inspect.isfunction(member) or isinstance(member, classmethod):
+        if inspect.isfunction(member) or isinstance(member, classmethod | staticmethod):
             full = f"{name}.{inside}"
             if inside.startswith("_") or {inside, full} & INNER:
                 continue
-            if isinstance(member, classmethod) or name not in BASES:
+            if isinstance(member, classmethod | staticmethod) or name not in BASES:
                 yield full
 
 
@@ -330,5 +346,7 @@ def called(name: str) -> Callable[..., Any]:
     owner, _, inside = name.rpartition(".")
     if not owner:
         return getattr(sp, name)  # type: ignore[no-any-return]
-    there = objects().get(owner, getattr(sp, owner, None))
+    there = getattr(sp, owner, None)
+    if not inspect.ismethod(getattr(there, inside, None)):  # else of the class
+        there = objects().get(owner, there)
     return getattr(there, inside)  # type: ignore[no-any-return]

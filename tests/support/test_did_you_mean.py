@@ -34,7 +34,7 @@ def test_a_constructor_says_it(make: Callable[[], Any], message: str) -> None:
 
 
 def test_nothing_is_suggested_where_nothing_is_close() -> None:
-    with pytest.raises(TypeError, match=r'Scene\.zzz: unknown name; must be .*"contact"$'):
+    with pytest.raises(TypeError, match=r'Scene\.zzz: unknown name; must be .*"motion"$'):
         sp.Scene(zzz=1)  # type: ignore[call-arg]
 
 

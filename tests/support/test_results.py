@@ -49,6 +49,7 @@ def results() -> dict[str, Any]:
         callables.fitted(),
         callables.differentiated().sensitivity.at(1),
         sp.grip(scene, 5.0),
+        sp.carry_limits(rest, [[1.0, 0.0]]),
         sp.wrench_limits(rest, [[1.0, 0.0, 0.0]]),
         sp.linearize(scene, rest),
         advised,

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
+from ..scene.contact import require_still
 from ..scene.piecewise import Piecewise, held
 from ..scene.scene import Scene
 from ..support import checks, extras
@@ -58,6 +59,7 @@ class Inputs:
 
     def __init__(self, scene: Scene, begin: float, end: float) -> None:
         """Reads the scene's inputs for a run from `begin` to `end`, s."""
+        require_still(scene, "the reference")
         self._near = _ULPS * float(np.spacing(max(abs(begin), abs(end))))
         # The first channel of each piecewise polynomial, and its coefficients per interval.
         self._pieces: list[tuple[int, Piecewise]] = [(_TARGET, scene.schedule.compile())]

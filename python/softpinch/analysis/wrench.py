@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +18,7 @@ from ..support.result import Result
 from .rest import ROUND_OFF, Equilibrium, equilibrium
 
 # Number of forces among the default directions.
-_FORCES = 72
+FORCES = 72
 # The largest number of directions: each takes one to three milliseconds.
 _MOST = 1_000_000
 
@@ -131,7 +132,11 @@ def wrench_limits(
             if value is not None:
                 raise ValueError(f"{name} = {checks.shown(value)}: the equilibrium has it already")
         rest = grasp
-    magnitude, limit, q = _limits(rest, rows)
+    magnitude, limit, q = limits_of(
+        rest,
+        len(rows),
+        lambda q: rest_scene(rest.scene, rest.time).wrench_limits(q, np.ascontiguousarray(rows)),
+    )
     with np.errstate(invalid="ignore"):
         # Of a direction without limit, the components that are zero stay so.
         wrench = np.where(rows == 0.0, 0.0, magnitude[:, None] * rows)
@@ -148,13 +153,17 @@ def wrench_limits(
 
 def _default_directions(length: float) -> Floats:
     """Forces of 1 N in all directions, and both moments of 1 N times `length`."""
-    angles = np.arange(_FORCES // 4) * (2.0 * np.pi / _FORCES)
+    moments = np.array([[0.0, 0.0, length], [0.0, 0.0, -length]])
+    return np.vstack([np.column_stack([unit_directions(FORCES), np.zeros(FORCES)]), moments])
+
+
+def unit_directions(count: int) -> Floats:
+    """Vectors of length one in `count` directions, a multiple of four, from x counter-clockwise."""
+    angles = np.arange(count // 4) * (2.0 * np.pi / count)
     x, y = np.cos(angles), np.sin(angles)
     # The other quarters are turned by exact right angles, so that mirror images agree to the bit.
     quarters = [(x, y), (-y, x), (-x, -y), (y, -x)]
-    forces = np.vstack([np.column_stack(quarter) for quarter in quarters]) + 0.0
-    moments = np.array([[0.0, 0.0, length], [0.0, 0.0, -length]])
-    return np.vstack([np.column_stack([forces, np.zeros(_FORCES)]), moments])
+    return np.vstack([np.column_stack(quarter) for quarter in quarters]) + 0.0
 
 
 def _checked_directions(directions: ArrayLike) -> Floats:
@@ -168,12 +177,16 @@ def _checked_directions(directions: ArrayLike) -> Floats:
     return rows
 
 
-def _limits(rest: Equilibrium, rows: Floats) -> tuple[Floats, list[str], Floats]:
-    """Multiples (n,), names of the limits, and coordinates (n, 9)."""
-    none: Any = np.zeros(len(rows))
+def limits_of(
+    rest: Equilibrium, count: int, borne: Callable[[Floats], Any]
+) -> tuple[Floats, list[str], Floats]:
+    """Multiples (n,) of `count` loads, names of the limits, and coordinates (n, 9).
+
+    `borne` computes them from the coordinates of an equilibrium that is stable.
+    """
+    none: Any = np.zeros(count)
     if rest.state is None:
-        return none, [rest.status] * len(rows), np.full((len(rows), 9), np.nan)
+        return none, [rest.status] * count, np.full((count, 9), np.nan)
     if rest.growth > ROUND_OFF * np.abs(rest.eigenvalues).max():
-        return none, ["unstable"] * len(rows), np.tile(rest.state.q, (len(rows), 1))
-    scene = rest_scene(rest.scene, rest.time)
-    return scene.wrench_limits(rest.state.q, np.ascontiguousarray(rows))
+        return none, ["unstable"] * count, np.tile(rest.state.q, (count, 1))
+    return borne(rest.state.q)  # type: ignore[no-any-return]

@@ -13,7 +13,7 @@ of a run, and `style` has colours, fonts and panels.
 from .accuracy_plots import stability_map, stabilization_sweep, work_precision
 from .comparison_plots import contact_models, disturbances, tilt_coupling
 from .ensemble_plot import failure_times, histogram, importance, success_map
-from .equilibrium_plots import equilibria, wrench_limits
+from .equilibrium_plots import carry_limits, equilibria, wrench_limits
 from .film import animate, snapshot, snapshots
 from .fit_plot import fit
 from .mode_shapes import compliance, modes
@@ -22,6 +22,7 @@ from .style import save, styled
 
 __all__ = [
     "animate",
+    "carry_limits",
     "compliance",
     "contact",
     "contact_models",

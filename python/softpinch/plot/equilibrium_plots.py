@@ -1,4 +1,4 @@
-"""Figures of rest: `equilibria` of a map of equilibria, and the `wrench_limits` of a grasp."""
+"""Figures of rest: `equilibria` of a map; `wrench_limits` and `carry_limits` of a grasp."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..analysis.carry import CarryLimits
 from ..analysis.equilibrium_maps import EquilibriumMap
 from ..analysis.wrench import WrenchLimits
 from ..scene.contact import coefficients
@@ -397,6 +398,38 @@ def wrench_limits(
         return figure
 
 
+def carry_limits(limits: CarryLimits, ax: Axes | None = None) -> Figure:
+    """The largest accelerations of the hand that a grasp bears, by direction, and what gives way.
+
+    The circle is the size of gravity.
+
+    Args:
+        limits: The limits.
+        ax: The axes to draw on, with projection="polar"; None makes a figure.
+    """
+    checks.instance("limits", limits, CarryLimits)
+    angle, size = np.arctan2(*limits.direction.T[::-1]), limits.limit
+    finite = np.isfinite(size)
+    gravity = limits.equilibrium.scene.gravity
+    shown = np.append(size[finite] * np.exp(1j * angle[finite]), gravity)
+    polar = {"projection": "polar"}
+    with panels_or_given(ax, 1, 1, COLUMN, 3.7, subplot_kw=polar) as (figure, axes):
+        (each,) = axes.flat
+        if each.name != "polar":
+            raise ValueError(f'ax: must have projection="polar", not {each.name!r}')
+        _outline(each, angle, size, {"color": GREY, "linewidth": 0.8})
+        _marked(each, angle, size, limits.cause)
+        around = np.linspace(0.0, 2.0 * np.pi, 181)
+        each.plot(around, np.full(181, gravity), color=BLACK, linewidth=0.8, linestyle="--",
+                  label="gravity")  # fmt: skip
+        how = "growing slowly" if limits.profile is None else words(f"{limits.profile} moves")
+        free = f"\n{int((~finite).sum())} directions without limit" if not finite.all() else ""
+        each.set_title(f"acceleration of the hand, {how}{free}", fontsize=9.0, pad=8.0)
+        _frame(each, shown, "acceleration [m/s$^2$]")
+        each.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=3)
+        return figure
+
+
 def _points(
     ensemble: Results, force: str, what: str | NDArray[np.bool_]
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
@@ -446,8 +479,8 @@ def _title(limits: WrenchLimits, plain: NDArray[np.bool_]) -> str:
     return text + (f"\n{free} directions without limit" if free else "")
 
 
-def _frame(axes: PolarAxes, shown: NDArray[np.complex128]) -> None:
-    """Sets the scale, and its radial axis with a unit far from the forces `shown` (n,), N."""
+def _frame(axes: PolarAxes, shown: NDArray[np.complex128], unit: str = "force [N]") -> None:
+    """Sets the scale, and its radial axis with a unit far from what is `shown` (n,)."""
     from matplotlib.ticker import MaxNLocator
 
     largest = float(np.abs(shown).max(initial=0.0))
@@ -467,6 +500,6 @@ def _frame(axes: PolarAxes, shown: NDArray[np.complex128]) -> None:
         axes.text(radial, tick, f"{tick:g}", fontsize=8.0, ha="center", va="center", bbox=box)
     across, up = np.cos(radial), np.sin(radial)
     ha, va = "left" if across > 0.0 else "right", "bottom" if up > 0.0 else "top"
-    axes.text(radial, 1.05 * top, "force [N]", ha=ha, va=va)
+    axes.text(radial, 1.05 * top, unit, ha=ha, va=va)
     axes.grid(linewidth=0.4, color="0.8")
     axes.tick_params(pad=1.0)

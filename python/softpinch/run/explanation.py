@@ -58,7 +58,8 @@ class Explanation(Result):
         simd: The processor instructions that the core uses.
         degrees: Number of velocities that the equations are solved for.
         states: Number of values that a step advances, including the works of the energy ledger. In
-            unilateral contact friction, impacts and relaxation join the four of bilateral contact.
+            unilateral contact friction, impacts and relaxation join the four of bilateral contact;
+            so does the work of the forces of a hand that moves.
         terms: The optional parts, computed or left out.
         segments: Number of intervals between the instants at which an input jumps or kinks.
         steps: Number of steps of a run; None if the error control chooses them.
@@ -156,7 +157,8 @@ def explain(
     # "nullspace" integrates both shears beside its own coordinates.
     null_space, driven = options.formulation == "nullspace", scene.fingers == "driven"
     degrees = (5 if null_space else 9) - 2 * driven
-    works = (7 if scene.contact == "unilateral" else 4) * _ledger(options, computed)
+    works = (7 if scene.contact == "unilateral" else 4) + (scene.motion is not None)
+    works *= _ledger(options, computed)
     return Explanation(
         formulation=options.formulation,
         method=options.method,
@@ -200,6 +202,12 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str]) -> list[Ter
         ("viscosity", True, "(44, 45)" if viscous else _ZERO, ""),
         ("tilt coupling", True, "kappa in (5)" if coupled else _ZERO, ""),
         ("gravity", True, "(16, 43)" if scene.gravity else _ZERO, ""),
+        (
+            "motion of the hand",
+            scene.motion is not None,
+            "inertial forces, and gravity that turns; with a work of their own in the ledger",
+            "the hand is at rest",
+        ),
         (
             "contact modes",
             unilateral,

@@ -22,7 +22,7 @@ class EnergyLedger(Result):
     Attributes:
         kinetic: p^T M p / 2.
         elastic: P of (5).
-        gravity: P_g of (16).
+        gravity: P_g of (16); zero if the hand moves.
         controller_work: Work of the torques on the fingers, (39) or driving.
         external_work: Work of the disturbances, including impulses.
         viscous_loss: Energy dissipated in the fingertips (44, 45), positive.
@@ -35,6 +35,8 @@ class EnergyLedger(Result):
             relaxation of free tips, positive.
         relaxation_work: Energy that P gains because the tilt of a free tip is frozen in it: at
             re-contact, and while a tip grazes; either sign.
+        motion_work: Work of the forces of inertia and gravity in the frame of a hand that moves;
+            zero if it is at rest.
         start: Kinetic, elastic and gravity energy at the run's start, J. They equal the first row,
             unless `times` left the start out.
     """
@@ -49,6 +51,7 @@ class EnergyLedger(Result):
     friction_loss: NDArray[np.float64]
     impact_loss: NDArray[np.float64]
     relaxation_work: NDArray[np.float64]
+    motion_work: NDArray[np.float64]
     start: tuple[float, float, float]
 
     def _tables(self) -> Iterator[ShownTable]:
@@ -75,6 +78,7 @@ class EnergyLedger(Result):
         with np.errstate(all="ignore"):
             change: NDArray[np.float64] = self.total - sum(self.start)
             works = self.controller_work + self.external_work + self.constraint_work
+            works = works + self.motion_work
             by_contact = self.relaxation_work - (self.friction_loss + self.impact_loss)
             return change - ((works - self.viscous_loss) + by_contact)
 

@@ -107,4 +107,8 @@ class Request:
 
 def rest_scene(scene: Scene, time: float) -> _core.RestScene:
     """Makes the core's scene for equilibria and wrench limits under the inputs of one instant."""
+    if scene.motion is not None:
+        at = scene.motion.at(time)
+        if at.tilt_rate or at.tilt_acceleration:
+            raise ValueError(f"Scene.motion: turns at t = {time} s, where nothing is at rest in it")
     return _core.RestScene(scene.parameters(), scene.inputs(), time)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..scene import fields
+from ..scene.motion import HandMotion, HandState
 from ..scene.scene import Scene, State
 from ..scene.svg import drawings
 from ..support import checks
@@ -157,6 +158,30 @@ class Run(Shown):
         Both tips always stick in bilateral contact.
         """
         return self._recorded("contact", "contact")  # type: ignore[return-value]
+
+    @property
+    def hand(self) -> HandState:
+        """Place and motion of the hand's frame at the rows; at rest if the scene has no motion."""
+        motion = self.scene.motion or HandMotion.constant()
+        return motion.at(self.t)
+
+    def world(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Converts points of the hand's frame at the rows (n, ..., 2), m, to fixed axes.
+
+        >>> import softpinch as sp
+        >>> motion = sp.HandMotion.minimum_jerk([0.0, 0.1], [[0.0, 0.0], [0.5, 0.0]])
+        >>> run = sp.simulate(sp.Scene(motion=motion, duration=0.1), dt=1e-3)
+        >>> run.world(run.q[:, :2])[-1].shape
+        (2,)
+        """
+        given = checks.numbers("points", points)
+        if given.ndim < 2 or given.shape[0] != len(self.t) or given.shape[-1] != 2:
+            raise ValueError(f"points: has shape {given.shape}, must be ({len(self.t)}, ..., 2)")
+        hand, axes = self.hand, (..., *(None,) * (given.ndim - 2))
+        sin, cos = np.sin(hand.tilt)[axes], np.cos(hand.tilt)[axes]
+        x, y = given[..., 0], given[..., 1]
+        turned = np.stack([x * cos - y * sin, x * sin + y * cos], axis=-1)
+        return turned + hand.position.reshape(len(given), *(1,) * (given.ndim - 2), 2)
 
     @property
     def contact_changes(self) -> list[ContactChange]:

@@ -1,15 +1,16 @@
 """The description of a simulation: frozen records, validated once and compiled for the Rust core.
 
-The public records are in `hand`, `control`, `schedule`, `disturbance`, `stabilization` and `scene`
-(which also has `State`). `scene` makes the core's inputs of one run or many; `template` is a scene
-with numbers that differ between runs. `fields` is the table of all quantities with units,
-symbols and usual ranges, `paths` resolves dotted paths into a scene, and `usual` warns of numbers
-outside their usual range.
+The public records are in `hand`, `motion`, `control`, `schedule`, `disturbance`, `stabilization`
+and `scene` (which also has `State`). `scene` makes the core's inputs of one run or many; `template`
+is a scene with numbers that differ between runs. `fields` is the table of all quantities with
+units, symbols and usual ranges, `paths` resolves dotted paths into a scene, and `usual` warns of
+numbers outside their usual range.
 """
 
 from .control import Pid, SampledController, Torque
 from .disturbance import Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
 from .hand import Finger, Fingertip, GraspedObject, Hand
+from .motion import HandMotion
 from .scene import Scene, State
 from .schedule import Schedule
 from .stabilization import Stabilization
@@ -20,6 +21,7 @@ __all__ = [
     "Fingertip",
     "GraspedObject",
     "Hand",
+    "HandMotion",
     "Impulse",
     "Noise",
     "Pid",

@@ -75,6 +75,8 @@ def shapes(
     if not paths:
         return {}
     for path in paths:
+        if path.split(".")[0] == "motion":
+            raise ValueError(f"sensitivities: {path!r}: not by a number of the hand's motion")
         if path in _REFUSED:
             raise ValueError(
                 f"sensitivities: {path!r}: there is no derivative by it: {_REFUSED[path]}"

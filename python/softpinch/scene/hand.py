@@ -50,7 +50,7 @@ class Finger(Record):
         length: L, distance from the root to the fingertip's centre along the finger, m.
         root_offset: W_f, distance from the middle of the hand to the root, m.
         half_thickness: d_f, half the finger's thickness, m.
-        mass: M_i, which enters only the gravity energy (16), kg.
+        mass: M_i, which enters gravity (16) and, if the hand moves, the forces of inertia, kg.
         inertia: I_i, moment of inertia about the root, kg m^2.
     """
 

@@ -76,6 +76,24 @@ def require_finite(name: str, piecewise: Piecewise) -> Piecewise:
     return piecewise
 
 
+def evaluate(piecewise: Piecewise, t: Floats) -> Floats:
+    """Returns the values (..., channels) at times `t` (...), s; at a break those after it."""
+    breaks, coefficients = piecewise
+    piece = np.searchsorted(breaks, t, side="right")
+    tau = (t - np.concatenate([[0.0], breaks])[piece])[..., None]
+    result = np.zeros((*t.shape, coefficients.shape[1]))
+    for k in reversed(range(coefficients.shape[2])):
+        result = result * tau + coefficients[piece, :, k]
+    return result
+
+
+def derivative(piecewise: Piecewise) -> Piecewise:
+    """Returns the derivative by time, with as many coefficients; jumps have no part in it."""
+    breaks, coefficients = piecewise
+    # The product is zero for the power zero, whose place becomes that of the highest power.
+    return breaks, np.roll(coefficients * np.arange(coefficients.shape[-1]), -1, axis=-1)
+
+
 def moves(times: Floats, angles: Floats, move_time: float | Floats) -> Piecewise:
     """Quintic moves (10 s^3 - 15 s^4 + 6 s^5) that start at times[1:], each held until the next.
 

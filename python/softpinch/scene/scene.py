@@ -24,6 +24,7 @@ from .contact import pair_of, parse_friction, require_finite
 from .control import WRITTEN, Control, Pid, SampledController, Torque, parse_control, take_control
 from .disturbance import Compiled, Disturbance, Noise
 from .hand import GraspedObject, Hand, name_sides
+from .motion import HandMotion
 from .paths import PathTable, changed, paths_of
 from .schedule import Schedule, default_schedule
 from .svg import drawings
@@ -174,14 +175,17 @@ def inputs(
     moves: Mapping[str, Floats] = _ALIKE,
     loads: Sequence[Mapping[str, Floats]] = (),
     gains: Mapping[str, Floats] = _ALIKE,
+    motion: HandMotion | None = None,
+    carries: Mapping[str, Floats] = _ALIKE,
     numbers: NDArray[np.uint64] | None = None,
     seed: int = 0,
 ) -> _core.Inputs:
-    """Converts schedule, disturbances and controller to the core's inputs, for one run or many.
+    """Converts schedule, disturbances, controller and motion to the core's inputs.
 
-    `moves`, `loads` and `gains` have the fields of the schedule, of each disturbance and of a
-    `SampledController` that differ between runs: name -> (runs, ...). The run `numbers` (runs,) key
-    the noise together with the study's `seed`; None keeps each noise's own `seed` and `run`.
+    They are those of one run or of many. `moves`, `loads`, `gains` and `carries` have the fields of
+    the schedule, of each disturbance, of a `SampledController` and of the hand's motion that differ
+    between runs: name -> (runs, ...). The run `numbers` (runs,) key the noise together with the
+    study's `seed`; None keeps each noise's own `seed` and `run`.
     """
 
     def one(array: Any) -> Any:
@@ -208,10 +212,15 @@ def inputs(
         [impulse for arrays in compiled for impulse in arrays.impulses],
         noises,
     )
+    carried = None
+    if motion is not None:
+        carried = (
+            motion.compile_runs(carries).core() if carries else motion.compile().map(one).core()
+        )
     if not isinstance(control, SampledController):
-        return _core.Inputs(*parts, law)
+        return _core.Inputs(*parts, law, None, carried)
     controller = control.compile_runs(gains, numbers, control.seed if numbers is None else seed)
-    return _core.Inputs(*parts, "torque", controller)
+    return _core.Inputs(*parts, "torque", controller, carried)
 
 
 _STARTS = 'must be a State, "touching" or None'
@@ -255,6 +264,8 @@ class Scene(Record):
             have to. With "unilateral" contact the tips push and never pull, stick as far as
             friction allows, slip, open and close again; and straight fingers that do not reach
             the object are a start too, with free tips.
+        motion: The motion of the hand's frame, in which all coordinates are measured; None keeps it
+            at rest and upright. Forces and impulses of disturbances act along fixed axes.
     """
 
     hand: Hand = field(default_factory=Hand)
@@ -268,6 +279,7 @@ class Scene(Record):
     friction: float | tuple[float, float] | None = None
     fingers: Fingers = "pid"
     contact: ContactModel = "bilateral"
+    motion: HandMotion | None = None
 
     _parsers: ClassVar[Mapping[str, Parser]] = {
         "hand": Hand._parse,
@@ -277,6 +289,7 @@ class Scene(Record):
         "disturbances": _parse_disturbances,
         "friction": parse_friction,
         "initial": _parse_initial,
+        "motion": HandMotion._parse,
     }
 
     def __post_init__(self) -> None:
@@ -302,6 +315,9 @@ class Scene(Record):
         self._set("disturbances", tuple(self.disturbances))
         for k, disturbance in enumerate(self.disturbances):
             checks.instance(f"Scene.disturbances[{k}]", disturbance, Disturbance)
+        if self.motion is not None:
+            made = "a HandMotion, such as HandMotion.minimum_jerk(times, points)"
+            checks.instance("Scene.motion", self.motion, HandMotion, made)
         checks.choice("Scene.fingers", self.fingers, ("pid", "driven"))
         if self.fingers == "driven" and self.law != "driven":
             raise ValueError(
@@ -391,7 +407,7 @@ class Scene(Record):
 
     @cached_property
     def _inputs(self) -> _core.Inputs:
-        return inputs(self.schedule, self.disturbances, self.law, self.control)
+        return inputs(self.schedule, self.disturbances, self.law, self.control, motion=self.motion)
 
     @cached_property
     def _suspicions(self) -> tuple[str, ...]:

@@ -13,7 +13,17 @@ from ..support import checks
 from ..support.arrays import Floats
 from ..support.choices import Hold, ScheduleKind
 from ..support.record import Record, bare, runs_of
-from .piecewise import ROUND_OFF, Piecewise, held, linear, moves, padded, require_finite, through
+from .piecewise import (
+    ROUND_OFF,
+    Piecewise,
+    evaluate,
+    held,
+    linear,
+    moves,
+    padded,
+    require_finite,
+    through,
+)
 
 HOLDS = ("zero", "linear")
 KINDS = ("steps", "ramps", "minimum_jerk", "via_points", "sampled")
@@ -249,15 +259,7 @@ class Schedule(Record):
         """
         t = checks.numbers("t", t)
         checks.require_finite("t", t)
-        breaks, coefficients = self.compile()
-        piece = np.searchsorted(breaks, t, side="right")
-        tau = t - np.concatenate([[0.0], breaks])[piece]
-        # Row 0 is constant, so its time does not matter; zero avoids NaN from zero times infinity.
-        tau = np.where(piece == 0, 0.0, tau)[..., None]
-        result = np.zeros((*t.shape, 2))
-        for k in reversed(range(coefficients.shape[2])):
-            result = result * tau + coefficients[piece, :, k]
-        return result
+        return evaluate(self.compile(), t)
 
     @classmethod
     def _parse(cls, data: Any, path: str) -> Self:

@@ -128,6 +128,7 @@ class SceneTemplate:
             self._fields(disturbance, f"disturbances.{k}", values)
             for k, disturbance in enumerate(scene.disturbances)
         ]
+        carries = {} if scene.motion is None else self._fields(scene.motion, "motion", values)
         control = scene.control
         gains: Mapping[str, Floats] = {}
         if isinstance(control, SampledController):
@@ -152,6 +153,8 @@ class SceneTemplate:
                 gains=gains,
                 moves=moves,
                 loads=loads,
+                motion=scene.motion,
+                carries=carries,
                 numbers=numbers,
                 seed=self.seed,
             ),
@@ -174,7 +177,7 @@ class SceneTemplate:
     @cached_property
     def slots(self) -> dict[str, list[int]]:
         """Path -> indices of the entries of `_core.PARAMETERS` that it sets."""
-        outside = ["schedule", "disturbances", "initial", "duration"]
+        outside = ["schedule", "disturbances", "initial", "duration", "motion"]
         outside += ["control"] if self.scene.law == "sampled" else []
         inner = [path for path in self.shapes if path.split(".")[0] not in outside]
         # Give each path a unique value that satisfies every rule, and find it in the parameters.

@@ -2,12 +2,12 @@
 
 use std::collections::HashMap;
 
-use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::PyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
-use crate::convert::{columns, dictionary, entries, fixed, raise, rows};
+use crate::convert::{GivenRow, GivenRows, columns, dictionary, entries, fixed, raise, rows};
 use crate::inputs::Inputs;
 use crate::options::GivenOptions;
 use crate::signals::{Failure, Signals};
@@ -112,34 +112,32 @@ impl Batch {
     #[allow(clippy::too_many_arguments)] // Python passes every field by itself
     fn new(
         py: Python<'_>,
-        parameters: PyReadonlyArray1<'_, f64>,
-        columns: Vec<(usize, PyReadonlyArray1<'_, f64>)>,
+        parameters: GivenRow<'_>,
+        columns: Vec<(usize, GivenRow<'_>)>,
         inputs: Py<Inputs>,
         runs: usize,
         start: &str,
-        time: PyReadonlyArray1<'_, f64>,
-        q: PyReadonlyArray2<'_, f64>,
-        p: PyReadonlyArray2<'_, f64>,
-        integral: PyReadonlyArray2<'_, f64>,
+        time: GivenRow<'_>,
+        q: GivenRows<'_>,
+        p: GivenRows<'_>,
+        integral: GivenRows<'_>,
         grid: Option<(f64, u64)>,
-        linearized: Option<PyReadonlyArray1<'_, f64>>,
-        contacts: Option<PyReadonlyArray2<'_, f64>>,
-        controller: Option<PyReadonlyArray1<'_, f64>>,
+        linearized: Option<GivenRow<'_>>,
+        contacts: Option<GivenRows<'_>>,
+        controller: Option<GivenRow<'_>>,
         contact: &str,
         check: bool,
-        duration: PyReadonlyArray1<'_, f64>,
+        duration: GivenRow<'_>,
         summaries: Vec<String>,
         band: f64,
         options: GivenOptions,
     ) -> PyResult<Self> {
         let length = |name: &str, length: usize| {
             if length == 1 || length == runs {
-                Ok(())
-            } else {
-                Err(PyValueError::new_err(format!(
-                    "{name} has {length} entries: must have one for each of {runs} runs"
-                )))
+                return Ok(());
             }
+            let message = format!("{name} has {length} entries: must have one for each of {runs} runs");
+            Err(PyValueError::new_err(message))
         };
         let columns: Vec<_> = columns
             .iter()
@@ -192,12 +190,7 @@ impl Batch {
                     guard |= batch.options.may_be_unstable(&scene);
                     check_scene(&scene, &batch.options)
                 });
-                longest = longest.max(step.map_err(|error| {
-                    raise(match error {
-                        Error::Run { .. } => error,
-                        error => Error::Run { run, error: Box::new(error) },
-                    })
-                })?);
+                longest = longest.max(step.map_err(|error| raise(error.of_run(run)))?);
             }
             PyResult::Ok((longest, guard))
         })?;

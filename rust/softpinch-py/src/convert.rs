@@ -8,11 +8,21 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
+use crate::signals::Signals;
 use softpinch::analysis::evaluate::Matrix;
 use softpinch::error::{Error, lookup};
 use softpinch::model::parameters::SIDES;
 use softpinch::stepping::contact_events::Change;
 use softpinch::stepping::record::{Run, reserved};
+
+/// Numbers from Python.
+pub type GivenRow<'py, T = f64> = PyReadonlyArray1<'py, T>;
+/// Rows of numbers from Python.
+pub type GivenRows<'py> = PyReadonlyArray2<'py, f64>;
+/// Numbers for Python.
+pub type Row<'py, T = f64> = Bound<'py, PyArray1<T>>;
+/// Rows of numbers for Python.
+pub type Rows<'py, T = f64> = Bound<'py, PyArray2<T>>;
 
 /// The core's errors mean bad input, so they become `ValueError`.
 pub fn raise(error: Error) -> PyErr {
@@ -31,13 +41,30 @@ pub fn collected<T>(what: &'static str, entries: impl ExactSizeIterator<Item = T
     Ok(vector)
 }
 
+/// Collects entries that are computed one by one, without the interpreter's lock.
+pub fn computed<T: Send>(
+    py: Python<'_>,
+    what: &'static str,
+    entries: impl ExactSizeIterator<Item = T> + Send,
+) -> PyResult<Vec<T>> {
+    py.detach(|| {
+        let mut vector = room(what, entries.len())?;
+        let mut signals = Signals::new();
+        for entry in entries {
+            vector.push(entry);
+            signals.check()?;
+        }
+        Ok(vector)
+    })
+}
+
 /// Copies a user's array into a vector.
-pub fn entries<T: Element + Copy>(name: &'static str, array: &PyReadonlyArray1<'_, T>) -> PyResult<Vec<T>> {
+pub fn entries<T: Element + Copy>(name: &'static str, array: &GivenRow<'_, T>) -> PyResult<Vec<T>> {
     collected(name, array.as_array().iter().copied())
 }
 
 /// An array of exactly `N` numbers.
-pub fn fixed<const N: usize>(name: &str, values: &PyReadonlyArray1<'_, f64>) -> PyResult<[f64; N]> {
+pub fn fixed<const N: usize>(name: &str, values: &GivenRow<'_>) -> PyResult<[f64; N]> {
     let values = values.as_array();
     if values.len() != N {
         return Err(PyValueError::new_err(format!("{name} has {} numbers: must have {N}", values.len())));
@@ -46,7 +73,7 @@ pub fn fixed<const N: usize>(name: &str, values: &PyReadonlyArray1<'_, f64>) -> 
 }
 
 /// Rows of exactly `N` numbers.
-pub fn columns<const N: usize>(name: &str, values: &PyReadonlyArray2<'_, f64>) -> PyResult<Vec<[f64; N]>> {
+pub fn columns<const N: usize>(name: &str, values: &GivenRows<'_>) -> PyResult<Vec<[f64; N]>> {
     let values = values.as_array();
     if values.ncols() != N {
         return Err(PyValueError::new_err(format!("{name} has {} columns: must have {N}", values.ncols())));
@@ -56,10 +83,7 @@ pub fn columns<const N: usize>(name: &str, values: &PyReadonlyArray2<'_, f64>) -
 }
 
 /// A NumPy matrix of these rows.
-pub fn rows<T: Element, const N: usize>(
-    py: Python<'_>,
-    values: Vec<[T; N]>,
-) -> PyResult<Bound<'_, PyArray2<T>>> {
+pub fn rows<T: Element, const N: usize>(py: Python<'_>, values: Vec<[T; N]>) -> PyResult<Rows<'_, T>> {
     let count = values.len();
     PyArray1::from_vec(py, values.into_flattened()).reshape([count, N])
 }
@@ -68,7 +92,7 @@ pub fn rows<T: Element, const N: usize>(
 pub fn matrix<'py, const R: usize, const C: usize>(
     py: Python<'py>,
     value: &Matrix<R, C>,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
+) -> PyResult<Rows<'py>> {
     rows(py, (0..R).map(|r| std::array::from_fn(|c| value[(r, c)])).collect::<Vec<[f64; C]>>())
 }
 
@@ -163,12 +187,7 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
 }
 
 /// The rows of a quantity, if it was recorded, from all of its numbers.
-fn recorded(
-    py: Python<'_>,
-    wanted: bool,
-    width: usize,
-    numbers: Vec<f64>,
-) -> PyResult<Option<Bound<'_, PyArray2<f64>>>> {
+fn recorded(py: Python<'_>, wanted: bool, width: usize, numbers: Vec<f64>) -> PyResult<Option<Rows<'_>>> {
     let shape = [numbers.len() / width.max(1), width];
     wanted.then(|| PyArray1::from_vec(py, numbers).reshape(shape).and_then(constant)).transpose()
 }

@@ -3,30 +3,33 @@
 
 use std::sync::Arc;
 
+use numpy::PyReadonlyArray4;
 use numpy::ndarray::ArrayView1;
-use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray4};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::convert::{collected, columns, entries, raise, select};
+use crate::convert::{GivenRow, GivenRows, collected, columns, entries, raise, select};
 use softpinch::error::{Error, lookup};
 use softpinch::model::control::{FINGERS, Fingers};
 use softpinch::model::drive::MAX_DEGREE;
-use softpinch::model::inputs::{Impulse, Inputs as CoreInputs, Sinusoid};
+use softpinch::model::inputs::{HandMotion, Impulse, Inputs as CoreInputs, Sinusoid};
 use softpinch::model::measures::{MEASURES, Measure};
 use softpinch::model::noise::Noise;
 use softpinch::model::piecewise::PiecewisePolynomial;
 use softpinch::model::sampled::SampledController;
 
 /// Breaks (runs, m) and coefficients (runs, m + 1, channels, terms).
-type Piecewise<'py> = (PyReadonlyArray2<'py, f64>, PyReadonlyArray4<'py, f64>);
+type Piecewise<'py> = (GivenRows<'py>, PyReadonlyArray4<'py, f64>);
 /// Standard deviations, rate, start and end (runs, 6); the seed; the runs' numbers (runs,); the stream.
-type NoiseTuple<'py> = (PyReadonlyArray2<'py, f64>, u64, PyReadonlyArray1<'py, u64>, u64);
+type NoiseTuple<'py> = (GivenRows<'py>, u64, GivenRow<'py, u64>, u64);
 
 /// Names of the measures, number of states, anti-windup, the numbers of each run (runs, k), seed and the runs'
 /// numbers (runs,). The numbers are period, delay, limits (4), initial torque (2), A, B, C, D, initial state, noise and resolution.
-type ControllerTuple<'py> =
-    (Vec<String>, usize, bool, PyReadonlyArray2<'py, f64>, u64, PyReadonlyArray1<'py, u64>);
+type ControllerTuple<'py> = (Vec<String>, usize, bool, GivenRows<'py>, u64, GivenRow<'py, u64>);
+
+/// Accelerations of the hand's frame along fixed axes, its tilt, and the sinusoids (runs, 5) that add to them: angular
+/// frequency, phase at time 0, amplitudes of both accelerations and of the tilt.
+type MotionTuple<'py> = (Piecewise<'py>, Piecewise<'py>, GivenRows<'py>);
 
 /// A part of the inputs, with an entry for each run, or one entry that all runs share.
 struct Part<T>(Vec<T>);
@@ -47,6 +50,7 @@ pub struct Inputs {
     noises: Vec<(Part<Noise>, Part<u64>)>,
     fingers: Fingers,
     controller: Option<(Part<Arc<SampledController>>, Part<u64>)>,
+    motion: Option<Part<Arc<HandMotion>>>,
 }
 
 impl Inputs {
@@ -58,7 +62,8 @@ impl Inputs {
             .chain(self.sines.iter().map(|part| part.0.len()))
             .chain(self.impulses.iter().map(|part| part.0.len()))
             .chain(self.noises.iter().flat_map(|(part, numbers)| [part.0.len(), numbers.0.len()]))
-            .chain(self.controller.iter().flat_map(|(part, numbers)| [part.0.len(), numbers.0.len()]));
+            .chain(self.controller.iter().flat_map(|(part, numbers)| [part.0.len(), numbers.0.len()]))
+            .chain(self.motion.iter().map(|part| part.0.len()));
         let mut found = None;
         for length in lengths.filter(|&length| length != 1) {
             match found {
@@ -92,6 +97,8 @@ impl Inputs {
             self.impulses.iter().map(|part| part.of(run)).collect::<Option<_>>().ok_or_else(missing)?,
             noises.collect::<Option<_>>().ok_or_else(missing)?,
         )?;
+        let motion = self.motion.as_ref().map(|part| part.of(run).ok_or_else(missing)).transpose()?;
+        let inputs = inputs.with_hand_motion(motion);
         let Some((part, numbers)) = &self.controller else { return Ok(inputs.with_fingers(self.fingers)) };
         let mut controller = part.of(run).ok_or_else(missing)?;
         let number = numbers.of(run).ok_or_else(missing)?;
@@ -106,15 +113,17 @@ impl Inputs {
 #[pymethods]
 impl Inputs {
     #[new]
-    #[pyo3(signature = (schedule, forces, sines, impulses, noises, fingers, controller=None))]
+    #[pyo3(signature = (schedule, forces, sines, impulses, noises, fingers, controller=None, motion=None))]
+    #[allow(clippy::too_many_arguments)] // Python passes every part by itself
     fn new(
         schedule: Piecewise<'_>,
         forces: Vec<Piecewise<'_>>,
-        sines: Vec<PyReadonlyArray2<'_, f64>>,
-        impulses: Vec<PyReadonlyArray2<'_, f64>>,
+        sines: Vec<GivenRows<'_>>,
+        impulses: Vec<GivenRows<'_>>,
         noises: Vec<NoiseTuple<'_>>,
         fingers: &str,
         controller: Option<ControllerTuple<'_>>,
+        motion: Option<MotionTuple<'_>>,
     ) -> PyResult<Self> {
         let forces = forces.iter().enumerate();
         let inputs = Self {
@@ -133,10 +142,23 @@ impl Inputs {
                 .collect::<PyResult<_>>()?,
             fingers: lookup("fingers", fingers, &FINGERS).map_err(raise)?,
             controller: controller.map(controllers).transpose()?,
+            motion: motion.map(hand_motion).transpose()?,
         };
         inputs.runs().map_err(PyValueError::new_err)?;
         Ok(inputs)
     }
+}
+
+/// The motion of the hand in every run.
+fn hand_motion((accelerations, tilts, sines): MotionTuple<'_>) -> PyResult<Part<Arc<HandMotion>>> {
+    let accelerations = piecewise::<2>("motion.acceleration", &accelerations)?.0;
+    let (tilts, sines) = (piecewise::<1>("motion.tilt", &tilts)?.0, columns::<5>("motion.sines", &sines)?);
+    let motions = accelerations.iter().zip(tilts).zip(sines).map(|((acceleration, tilt), sine)| {
+        HandMotion::new(acceleration.as_ref().clone(), tilt.as_ref().clone(), sine)
+            .map(Arc::new)
+            .map_err(raise)
+    });
+    Ok(Part(motions.collect::<PyResult<_>>()?))
 }
 
 /// The discrete controllers of all runs.
@@ -186,7 +208,7 @@ fn controllers(
 /// A part of the inputs from rows of exactly `N` numbers, one row for each run.
 fn part<T, const N: usize>(
     name: &str,
-    rows: &PyReadonlyArray2<'_, f64>,
+    rows: &GivenRows<'_>,
     make: impl Fn([f64; N]) -> T,
 ) -> PyResult<Part<T>> {
     Ok(Part(columns(name, rows)?.into_iter().map(make).collect()))
@@ -229,9 +251,8 @@ fn piecewise<const C: usize>(
         let table = (0..rows).map(|row| std::array::from_fn(|channel| series(row, channel)));
         let table = collected("the coefficients, in numbers,", table)?;
         let breaks = collected("the breaks, in numbers,", breaks.row(run).iter().copied())?;
-        PiecewisePolynomial::new(name, breaks, table).map(Arc::new).map_err(|error| {
-            raise(if runs == 1 { error } else { Error::Run { run, error: Box::new(error) } })
-        })
+        let made = PiecewisePolynomial::new(name, breaks, table).map(Arc::new);
+        made.map_err(|error| raise(if runs == 1 { error } else { error.of_run(run) }))
     };
     Ok(Part((0..runs).map(one).collect::<PyResult<_>>()?))
 }

@@ -11,18 +11,17 @@ mod signals;
 mod simulation;
 mod simulator;
 
-use numpy::{Complex64, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
+use numpy::{Complex64, PyArray1, PyArrayMethods, ToPyArray};
 use pyo3::exceptions::{PyImportError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict, PyTuple};
 
 use batch::Batch;
-use convert::{columns, entries, fixed, matrix, raise, room, rows};
+use convert::{GivenRow, GivenRows, Row, Rows, columns, computed, entries, fixed, matrix, raise, rows};
 use inputs::Inputs;
 use linear::linearize;
 use rest::RestScene;
 use sensitivity::{Directions, gradients, sensitivities};
-use signals::Signals;
 use simulation::Simulation;
 use simulator::Simulator;
 use softpinch::driver::direction::QUANTITIES;
@@ -74,17 +73,13 @@ fn validate(record: &str, field: &str, value: f64) -> PyResult<()> {
     rule.check(format!("{record}.{field}"), value).map(|_| ()).map_err(raise)
 }
 
-fn parameters(values: &PyReadonlyArray1<'_, f64>) -> PyResult<Parameters> {
+fn parameters(values: &GivenRow<'_>) -> PyResult<Parameters> {
     let values: [f64; PARAMETER_COUNT] = fixed("parameters", values)?;
     Parameters::from_array(&values).map_err(raise)
 }
 
 #[pyfunction(name = "start")]
-fn start_state<'py>(
-    py: Python<'py>,
-    parameters: PyReadonlyArray1<'py, f64>,
-    kind: &str,
-) -> PyResult<Bound<'py, PyArray1<f64>>> {
+fn start_state<'py>(py: Python<'py>, parameters: GivenRow<'py>, kind: &str) -> PyResult<Row<'py>> {
     type Start = fn(&Parameters) -> Result<Coordinates, softpinch::error::Error>;
     const STARTS: [(&str, Start); 3] =
         [("contact", start::contact), ("apart", start::apart), ("touching", start::touching)];
@@ -97,7 +92,7 @@ fn start_state<'py>(
 #[pyfunction]
 fn start_driven<'py>(
     py: Python<'py>,
-    parameters: PyReadonlyArray1<'py, f64>,
+    parameters: GivenRow<'py>,
     inputs: &Inputs,
     time: f64,
     contact: &str,
@@ -108,15 +103,15 @@ fn start_driven<'py>(
     Ok((state.motion.q.row().to_pyarray(py), state.motion.p.row().to_pyarray(py)))
 }
 
-type QandP<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
+type QandP<'py> = (Row<'py>, Row<'py>);
 
 #[pyfunction]
 fn consistent<'py>(
     py: Python<'py>,
-    parameters: PyReadonlyArray1<'py, f64>,
-    pose: PyReadonlyArray1<'py, f64>,
-    shear: PyReadonlyArray1<'py, f64>,
-    velocity: PyReadonlyArray1<'py, f64>,
+    parameters: GivenRow<'py>,
+    pose: GivenRow<'py>,
+    shear: GivenRow<'py>,
+    velocity: GivenRow<'py>,
 ) -> PyResult<QandP<'py>> {
     let parameters = self::parameters(&parameters)?;
     let (q, p) = start::consistent(
@@ -131,18 +126,15 @@ fn consistent<'py>(
 #[pyfunction]
 fn residuals<'py>(
     py: Python<'py>,
-    parameters: PyReadonlyArray1<'py, f64>,
-    q: PyReadonlyArray2<'py, f64>,
-    p: PyReadonlyArray2<'py, f64>,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    parameters: GivenRow<'py>,
+    q: GivenRows<'py>,
+    p: GivenRows<'py>,
+) -> PyResult<Rows<'py>> {
     let parameters = self::parameters(&parameters)?;
     let (q, p) = (columns::<9>("q", &q)?, columns::<9>("p", &p)?);
     if q.len() != p.len() {
-        return Err(PyValueError::new_err(format!(
-            "q has {} rows and p has {}: must be equal",
-            q.len(),
-            p.len()
-        )));
+        let message = format!("q has {} rows and p has {}: must be equal", q.len(), p.len());
+        return Err(PyValueError::new_err(message));
     }
     let residuals = |(q, p): ([f64; 9], [f64; 9])| {
         softpinch::analysis::evaluate::residuals(&parameters, &q.into(), &p.into())
@@ -154,12 +146,12 @@ fn residuals<'py>(
 #[allow(clippy::too_many_arguments)] // Python passes every argument by itself
 fn evaluate<'py>(
     py: Python<'py>,
-    parameters: PyReadonlyArray1<'py, f64>,
+    parameters: GivenRow<'py>,
     inputs: &Inputs,
     t: f64,
-    q: PyReadonlyArray1<'py, f64>,
-    p: PyReadonlyArray1<'py, f64>,
-    integral: PyReadonlyArray1<'py, f64>,
+    q: GivenRow<'py>,
+    p: GivenRow<'py>,
+    integral: GivenRow<'py>,
     formulation: &str,
     alpha: f64,
     beta: f64,
@@ -208,23 +200,11 @@ fn evaluate<'py>(
 /// For each of these eigenvalues the longest step of a method with which its mode does not grow, (n,), s;
 /// infinite if any step will do.
 #[pyfunction]
-fn stable_step<'py>(
-    py: Python<'py>,
-    method: &str,
-    rates: PyReadonlyArray1<'py, Complex64>,
-) -> PyResult<Bound<'py, PyArray1<f64>>> {
+fn stable_step<'py>(py: Python<'py>, method: &str, rates: GivenRow<'py, Complex64>) -> PyResult<Row<'py>> {
     let method = lookup("method", method, &METHODS).map_err(raise)?;
     let rates = entries("the eigenvalues, in numbers,", &rates)?;
-    let steps = py.detach(|| {
-        let mut steps = room("the steps, in numbers,", rates.len())?;
-        let mut signals = Signals::new();
-        for rate in rates {
-            signals.check()?;
-            steps.push(method.longest_stable_step(rate));
-        }
-        PyResult::Ok(steps)
-    })?;
-    Ok(PyArray1::from_vec(py, steps))
+    let steps = rates.into_iter().map(|rate| method.longest_stable_step(rate));
+    Ok(PyArray1::from_vec(py, computed(py, "the steps, in numbers,", steps)?))
 }
 
 /// Samples of held noise, for inspection.
@@ -235,21 +215,13 @@ fn noise<'py>(
     key: (u64, u64),
     stream: u64,
     first: u64,
-    count: u64,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    count: usize,
+) -> PyResult<Rows<'py>> {
     let (seed, run) = key;
     let noise =
         Noise { std: std.into(), rate: 1.0, start: 0.0, end: f64::INFINITY, key: [seed, run], stream };
-    let samples = py.detach(|| {
-        let mut samples = room("the samples, in numbers,", usize::try_from(count).unwrap_or(usize::MAX))?;
-        let mut signals = Signals::new();
-        for number in first..first.saturating_add(count) {
-            signals.check()?;
-            samples.push(noise.sample(number));
-        }
-        PyResult::Ok(samples)
-    })?;
-    rows(py, samples)
+    let samples = (0..count).map(|number| noise.sample(first.saturating_add(number as u64)));
+    rows(py, computed(py, "the samples, in numbers,", samples)?)
 }
 
 #[pyfunction]

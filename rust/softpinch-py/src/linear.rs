@@ -1,11 +1,11 @@
 //! Linearisations of the motion.
 
-use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::convert::{columns, entries, raise, room};
+use crate::convert::{GivenRow, GivenRows, columns, entries, raise, room};
 use crate::inputs::Inputs;
 use crate::signals::Signals;
 use softpinch::analysis::linear::{self, LinearModel, Setting};
@@ -44,12 +44,12 @@ impl Stack {
 #[allow(clippy::too_many_arguments)] // Python passes every argument by itself
 pub fn linearize<'py>(
     py: Python<'py>,
-    parameters: PyReadonlyArray1<'py, f64>,
+    parameters: GivenRow<'py>,
     inputs: &Inputs,
-    t: PyReadonlyArray1<'py, f64>,
-    q: PyReadonlyArray2<'py, f64>,
-    p: PyReadonlyArray2<'py, f64>,
-    integral: PyReadonlyArray2<'py, f64>,
+    t: GivenRow<'py>,
+    q: GivenRows<'py>,
+    p: GivenRows<'py>,
+    integral: GivenRows<'py>,
     formulation: &str,
     alpha: f64,
     beta: f64,
@@ -65,16 +65,12 @@ pub fn linearize<'py>(
     let t = entries("t, in numbers,", &t)?;
     let (q, p) = (columns::<9>("q", &q)?, columns::<9>("p", &p)?);
     let memory = columns::<2>("integral", &integral)?;
-    if [q.len(), p.len(), memory.len()] != [t.len(); 3] {
-        return Err(PyValueError::new_err(format!(
-            "t, q, p and integral have {}, {}, {} and {} rows: must be equal",
-            t.len(),
-            q.len(),
-            p.len(),
-            memory.len()
-        )));
+    let (n, others) = (t.len(), [q.len(), p.len(), memory.len()]);
+    if others != [n; 3] {
+        let [q, p, memory] = others;
+        let message = format!("t, q, p and integral have {n}, {q}, {p} and {memory} rows: must be equal");
+        return Err(PyValueError::new_err(message));
     }
-    let n = t.len();
     let mut stacks = ARRAYS.map(|(_, axes)| Stack { shape: vec![0; axes], numbers: Vec::new() });
     py.detach(|| {
         let mut signals = Signals::new();

@@ -42,7 +42,6 @@ impl GivenOptions {
         Ok(Options {
             steps,
             every: u64::MAX,
-            times: None,
             method: lookup("method", &self.method, &METHODS).map_err(raise)?,
             formulation: lookup("formulation", &self.formulation, &FORMULATIONS).map_err(raise)?,
             contact: lookup("contact", contact, &CONTACT_MODELS).map_err(raise)?,
@@ -51,9 +50,8 @@ impl GivenOptions {
             stop_on: select("stop_on", &self.stop_on, &VIOLATIONS)?,
             summaries: Wanted::new(summaries, self.after, band),
             max_steps: self.max_steps,
-            refine: 1,
-            guard: false,
             simd: Level::from_environment().map_err(raise)?,
+            ..Options::default()
         })
     }
 }

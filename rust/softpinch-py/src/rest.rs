@@ -1,25 +1,26 @@
 //! Equilibria across the border to Python.
 
-use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
+use numpy::{PyArray1, ToPyArray};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::convert::{columns, dictionary, fixed, matrix, raise, room, rows};
+use crate::convert::{
+    GivenRow, GivenRows, Row, Rows, columns, computed, dictionary, fixed, matrix, raise, rows,
+};
 use crate::inputs::Inputs;
-use crate::signals::Signals;
 use softpinch::analysis::balance::{Member, RestScene as CoreRestScene, Unknowns};
 use softpinch::analysis::equilibrium::{continued, find, neutral, violations};
 use softpinch::analysis::reason::Reason;
 use softpinch::analysis::rest::Rest;
-use softpinch::analysis::wrench::largest_multiple;
+use softpinch::analysis::wrench::{Load, largest_multiple};
 use softpinch::error::lookup;
 use softpinch::model::rule::Rule;
 use softpinch::number::simd::level::Level;
 use softpinch::stepping::monitor::VIOLATIONS;
 
 /// Makes a member of the family of equilibria in a scene from its numbers.
-type MakeMember = fn(&CoreRestScene, &PyReadonlyArray1<'_, f64>) -> PyResult<Member>;
+type MakeMember = fn(&CoreRestScene, &GivenRow<'_>) -> PyResult<Member>;
 
 /// The kinds of members: two numbers, or the coordinates from which the member comes.
 const KINDS: [(&str, MakeMember); 3] = [
@@ -29,7 +30,7 @@ const KINDS: [(&str, MakeMember); 3] = [
 ];
 
 /// Multiples, names of limits and coordinates.
-type WrenchLimits<'py> = (Bound<'py, PyArray1<f64>>, Vec<&'static str>, Bound<'py, PyArray2<f64>>);
+type Limits<'py> = (Row<'py>, Vec<&'static str>, Rows<'py>);
 
 /// A scene at rest under the inputs of one instant.
 #[pyclass(frozen, module = "softpinch._core")]
@@ -45,7 +46,7 @@ fn unknowns(q: &[f64; 9]) -> Unknowns {
 
 impl RestScene {
     /// The member that a kind and its numbers mean.
-    fn member(&self, kind: &str, values: &PyReadonlyArray1<'_, f64>) -> PyResult<Member> {
+    fn member(&self, kind: &str, values: &GivenRow<'_>) -> PyResult<Member> {
         lookup("member", kind, &KINDS).map_err(raise)?(&self.scene, values)
     }
 
@@ -80,13 +81,13 @@ impl RestScene {
 #[pymethods]
 impl RestScene {
     #[new]
-    fn new(parameters: PyReadonlyArray1<'_, f64>, inputs: &Inputs, time: f64) -> PyResult<Self> {
+    fn new(parameters: GivenRow<'_>, inputs: &Inputs, time: f64) -> PyResult<Self> {
         Rule::Finite.check("time", time).map_err(raise)?;
         let parameters = crate::parameters(&parameters)?;
         let inputs = inputs.of(0, 0.0).map_err(raise)?.frozen(time);
         let level = Level::from_environment().map_err(raise)?;
-        let input = inputs.segment(time).at(0.0);
-        let scene = CoreRestScene::new(level, &parameters, inputs.fingers(), input).map_err(raise)?;
+        let drive = inputs.segment(time);
+        let scene = CoreRestScene::new(level, &parameters, inputs.fingers(), &drive).map_err(raise)?;
         Ok(Self { scene })
     }
 
@@ -96,8 +97,8 @@ impl RestScene {
         &self,
         py: Python<'py>,
         kind: &str,
-        values: PyReadonlyArray1<'py, f64>,
-        start: Option<PyReadonlyArray1<'py, f64>>,
+        values: GivenRow<'py>,
+        start: Option<GivenRow<'py>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let member = self.member(kind, &values)?;
         let start = start.map(|q| fixed("near", &q)).transpose()?.map(|q| unknowns(&q));
@@ -110,10 +111,10 @@ impl RestScene {
         &self,
         py: Python<'py>,
         kind: &str,
-        values: PyReadonlyArray1<'py, f64>,
+        values: GivenRow<'py>,
         before: &Self,
-        values_before: PyReadonlyArray1<'py, f64>,
-        start: PyReadonlyArray1<'py, f64>,
+        values_before: GivenRow<'py>,
+        start: GivenRow<'py>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let (first, last) = (before.member(kind, &values_before)?, self.member(kind, &values)?);
         let start = unknowns(&fixed("start", &start)?);
@@ -125,24 +126,33 @@ impl RestScene {
     fn wrench_limits<'py>(
         &self,
         py: Python<'py>,
-        q: PyReadonlyArray1<'py, f64>,
-        wrenches: PyReadonlyArray2<'py, f64>,
-    ) -> PyResult<WrenchLimits<'py>> {
-        let z = unknowns(&fixed("q", &q)?);
+        q: GivenRow<'py>,
+        wrenches: GivenRows<'py>,
+    ) -> PyResult<Limits<'py>> {
+        self.limits(py, &q, columns::<3>("wrenches", &wrenches)?.into_iter().map(Load::Wrench).collect())
+    }
+
+    /// The same for accelerations of the hand along fixed axes (n, 2), m/s^2.
+    fn carry_limits<'py>(
+        &self,
+        py: Python<'py>,
+        q: GivenRow<'py>,
+        accelerations: GivenRows<'py>,
+    ) -> PyResult<Limits<'py>> {
+        let rows = columns::<2>("accelerations", &accelerations)?;
+        self.limits(py, &q, rows.into_iter().map(Load::Acceleration).collect())
+    }
+}
+
+impl RestScene {
+    /// The largest multiples of loads that the equilibrium at the coordinates `q` bears.
+    fn limits<'py>(&self, py: Python<'py>, q: &GivenRow<'py>, loads: Vec<Load>) -> PyResult<Limits<'py>> {
+        let z = unknowns(&fixed("q", q)?);
         let member = Member::From(self.scene.origin(&z));
-        let wrenches = columns::<3>("wrenches", &wrenches)?;
-        let found = py.detach(|| {
-            let Some(rest) = Rest::solve(&self.scene, &member, &z) else {
-                return Err(PyValueError::new_err("q: the forces do not balance there"));
-            };
-            let mut signals = Signals::new();
-            let mut found = room("the limits, in numbers,", wrenches.len())?;
-            for wrench in wrenches {
-                signals.check()?;
-                found.push(largest_multiple(&self.scene, &rest, wrench));
-            }
-            Ok(found)
-        })?;
+        let rest = Rest::solve(&self.scene, &member, &z)
+            .ok_or_else(|| PyValueError::new_err("q: the forces do not balance there"))?;
+        let limits = loads.into_iter().map(|load| largest_multiple(&self.scene, &rest, load));
+        let found = computed(py, "the limits, in numbers,", limits)?;
         let multiples = found.iter().map(|(multiple, ..)| *multiple);
         let names = found.iter().map(|(_, limit, _)| limit.name());
         Ok((

@@ -1,11 +1,11 @@
 //! The derivatives of runs across the border to Python.
 
-use numpy::{Ix3, PyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{Ix3, PyArray, PyArray1, PyArrayMethods};
 use pyo3::exceptions::{PyKeyboardInterrupt, PyValueError};
 use pyo3::prelude::*;
 
 use crate::batch::Batch;
-use crate::convert::{columns, entries, raise, room, select};
+use crate::convert::{GivenRow, GivenRows, columns, entries, raise, room, select};
 use crate::inputs::Inputs;
 use crate::signals::detached;
 use crate::simulation::Simulation;
@@ -36,11 +36,11 @@ impl Directions {
     #[new]
     #[pyo3(signature = (parameters, inputs, *, initial, shifts, impulse_times, start))]
     fn new(
-        parameters: PyReadonlyArray2<'_, f64>,
+        parameters: GivenRows<'_>,
         inputs: &Inputs,
-        initial: PyReadonlyArray2<'_, f64>,
-        shifts: PyReadonlyArray2<'_, f64>,
-        impulse_times: PyReadonlyArray2<'_, f64>,
+        initial: GivenRows<'_>,
+        shifts: GivenRows<'_>,
+        impulse_times: GivenRows<'_>,
         start: Option<&str>,
     ) -> PyResult<Self> {
         let parameters = columns::<PARAMETER_COUNT>("parameters", &parameters)?;
@@ -86,7 +86,7 @@ pub fn sensitivities<'py>(
     py: Python<'py>,
     simulation: &Simulation,
     directions: &Directions,
-    rows: PyReadonlyArray1<'py, f64>,
+    rows: GivenRow<'py>,
 ) -> PyResult<(Numbers<'py>, Option<String>)> {
     let rows = entries("rows, in numbers,", &rows)?;
     let (scene, options) = simulation.parts();
@@ -108,7 +108,7 @@ pub fn gradients<'py>(
     py: Python<'py>,
     batch: &Batch,
     directions: Vec<Py<Directions>>,
-    until: PyReadonlyArray1<'py, f64>,
+    until: GivenRow<'py>,
     summaries: Vec<String>,
     threads: usize,
 ) -> PyResult<(Numbers<'py>, Vec<(usize, String)>)> {

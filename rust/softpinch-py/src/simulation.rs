@@ -1,10 +1,9 @@
 //! One run across the border to Python.
 
-use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::convert::{self, dictionary, entries, fixed, raise, select};
+use crate::convert::{self, GivenRow, dictionary, entries, fixed, raise, select};
 use crate::inputs::Inputs;
 use crate::options::GivenOptions;
 use crate::signals::detached;
@@ -35,20 +34,20 @@ impl Simulation {
     #[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, linearized, contacts, controller, contact, check, duration, times, every, refine, record, summaries, options))]
     #[allow(clippy::too_many_arguments)] // Python passes every field by itself
     fn new(
-        parameters: PyReadonlyArray1<'_, f64>,
+        parameters: GivenRow<'_>,
         inputs: &Inputs,
         time: f64,
-        q: PyReadonlyArray1<'_, f64>,
-        p: PyReadonlyArray1<'_, f64>,
-        integral: PyReadonlyArray1<'_, f64>,
+        q: GivenRow<'_>,
+        p: GivenRow<'_>,
+        integral: GivenRow<'_>,
         grid: Option<(f64, u64)>,
-        linearized: Option<PyReadonlyArray1<'_, f64>>,
-        contacts: Option<PyReadonlyArray1<'_, f64>>,
-        controller: Option<PyReadonlyArray1<'_, f64>>,
+        linearized: Option<GivenRow<'_>>,
+        contacts: Option<GivenRow<'_>>,
+        controller: Option<GivenRow<'_>>,
         contact: &str,
         check: bool,
         duration: f64,
-        times: Option<PyReadonlyArray1<'_, f64>>,
+        times: Option<GivenRow<'_>>,
         every: u64,
         refine: u32,
         record: Vec<String>,

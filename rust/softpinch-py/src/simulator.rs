@@ -2,12 +2,12 @@
 
 use std::sync::{Mutex, MutexGuard, TryLockError};
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
+use numpy::{PyArrayMethods, ToPyArray};
 use pyo3::exceptions::{PyIndexError, PyKeyboardInterrupt, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::batch::Batch;
-use crate::convert::{fixed, raise, room};
+use crate::convert::{GivenRow, GivenRows, Row, Rows, fixed, raise, room};
 use crate::signals::detached;
 use crate::simulation::Simulation;
 use softpinch::driver::simulator::{Observed, Simulator as Core};
@@ -16,20 +16,16 @@ use softpinch::model::motion::Motion;
 use softpinch::model::start::State;
 use softpinch::stepping::status::Status;
 
-/// Numbers for Python, numbers of all runs, and numbers from Python.
-type Row<'py> = Bound<'py, PyArray1<f64>>;
-type Rows<'py> = Bound<'py, PyArray2<f64>>;
-type Given<'py> = PyReadonlyArray1<'py, f64>;
-
 /// Time, coordinates, velocities, multipliers and the code of the status.
 type Observation<'py> = (f64, Row<'py>, Row<'py>, Row<'py>, u8);
 /// Time, coordinates, velocities, integrals, grid and contacts of a state.
 type StateParts<'py> = (f64, Row<'py>, Row<'py>, [f64; 2], Option<(f64, u64)>, Option<Row<'py>>);
 /// The same of a state from Python, and whether it is refused if it is off the constraints.
-type GivenState<'py> = (f64, Given<'py>, Given<'py>, [f64; 2], Option<(f64, u64)>, Option<Given<'py>>, bool);
+type GivenState<'py> =
+    (f64, GivenRow<'py>, GivenRow<'py>, [f64; 2], Option<(f64, u64)>, Option<GivenRow<'py>>, bool);
 /// Arrays of all runs: times (n,), coordinates (n, 9), velocities (n, 9), multipliers (n, 4) and codes (n,). They
 /// are borrowed once no other thread uses the simulator.
-type Arrays<'py> = (Row<'py>, Rows<'py>, Rows<'py>, Rows<'py>, Bound<'py, PyArray1<u8>>);
+type Arrays<'py> = (Row<'py>, Rows<'py>, Rows<'py>, Rows<'py>, Row<'py, u8>);
 
 /// Runs that are stepped from outside. The code of a status is its place in `STATUSES` plus one; 0 means that the
 /// run goes on.
@@ -166,12 +162,7 @@ impl Simulator {
     }
 
     /// Steps all runs that have not ended by one period, and writes what was seen of them.
-    fn step_all(
-        &self,
-        py: Python<'_>,
-        actions: PyReadonlyArray2<'_, f64>,
-        arrays: Arrays<'_>,
-    ) -> PyResult<()> {
+    fn step_all(&self, py: Python<'_>, actions: GivenRows<'_>, arrays: Arrays<'_>) -> PyResult<()> {
         let mut all = self.runs()?;
         let (actions, runs) = (actions.as_array(), all.targets.len());
         if actions.dim() != (runs, 2) {

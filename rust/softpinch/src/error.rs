@@ -159,6 +159,16 @@ pub enum Error {
     },
 }
 
+impl Error {
+    /// The error of a run of an ensemble. One that names a run already stays.
+    pub fn of_run(self, run: usize) -> Self {
+        match self {
+            Self::Run { .. } => self,
+            error => Self::Run { run, error: Box::new(error) },
+        }
+    }
+}
+
 /// Refuses a quantity that is larger than its limit. Errors call it `what` and give the advice.
 pub fn require_at_most(
     what: &'static str,

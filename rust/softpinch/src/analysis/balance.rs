@@ -17,13 +17,17 @@
 //! while a grasp moves. The tip, turned upright and without shear, would hold the face -sigma_i above the
 //! centre of gravity: this height is the grip.
 
+use std::sync::Arc;
+
 use crate::error::Error;
 use crate::model::control::Fingers;
 use crate::model::coordinates::{Coordinates, each_coordinate};
-use crate::model::drive::Input;
+use crate::model::drive::{Input, SegmentDrive};
 use crate::model::energy::Energies;
-use crate::model::forces::Plant;
+use crate::model::forces::{Loads, Plant, no_finger_forces};
+use crate::model::frame::FrameMotion;
 use crate::model::geometry::Geometry;
+use crate::model::inputs::{HandMotion, Inputs};
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::number::dual::Dual;
@@ -100,13 +104,20 @@ pub struct Balance<R> {
 impl<R: Real> Balance<R> {
     /// The forces of these unknowns.
     #[inline(always)]
-    fn new(plant: &Plant<R>, input: &Input<R>, z: &Unknowns<R>) -> (Self, Geometry<R>) {
+    fn new(
+        plant: &Plant<R>,
+        (input, frame): (&Input<R>, Option<&FrameMotion<R>>),
+        z: &Unknowns<R>,
+    ) -> (Self, Geometry<R>) {
         let zero = R::zero();
         let mut motion = Motion { q: coordinates(z), ..Motion::zero() };
         let geometry = Geometry::constrained(&plant.sides, &mut motion.q, &mut motion.p);
         let q = motion.q;
+        let none = no_finger_forces();
+        let moving = frame.map(|frame| plant.carried.loads(frame, &input.force, &q, &motion.p));
+        let loads = Loads::of(&input.force, &none, moving.as_ref());
         // Driven fingers are held, so that the torques are left out again below.
-        let forces = plant.forces(false, plant.elastic(&geometry, &q), &geometry, &motion, input);
+        let forces = plant.forces(false, plant.elastic(&geometry, &q), &geometry, &motion, (input, loads));
         // At rest the multipliers balance the resistances of the deformations.
         let multipliers = forces.resistance;
         let (applied, carried) = (forces.total(), geometry.phi_transposed_times(&multipliers));
@@ -162,6 +173,8 @@ pub struct RestScene {
     pub fingers: Fingers,
     /// The inputs.
     pub input: Input<f64>,
+    /// The motion of the hand's frame, in which the scene is at rest; `None` for a hand at rest.
+    pub frame: Option<FrameMotion<f64>>,
     pub(super) level: Level,
     instructions: Instructions,
     pub(super) plant: Plant<f64>,
@@ -188,33 +201,51 @@ pub struct Rows {
 }
 
 impl RestScene {
-    /// A scene with these inputs.
+    /// A scene with these inputs, at the start of a segment.
     pub fn new(
         level: Level,
         parameters: &Parameters,
         fingers: Fingers,
-        input: Input<f64>,
+        drive: &SegmentDrive,
     ) -> Result<Self, Error> {
+        let moves = drive.frame.is_some();
         Ok(Self {
             fingers,
-            input,
+            input: drive.at(0.0),
+            frame: drive.frame.as_ref().map(|frame| frame.at(0.0)),
             level,
             instructions: level.require()?,
-            plant: Plant::new(parameters, fingers),
-            dual: Plant::new(parameters, fingers),
+            plant: Plant::new(parameters, fingers, moves),
+            dual: Plant::new(parameters, fingers, moves),
             parameters: parameters.clone(),
         })
     }
 
     /// The same scene with other parameters.
     pub fn with(&self, parameters: Parameters) -> Self {
-        let (plant, dual) = (Plant::new(&parameters, self.fingers), Plant::new(&parameters, self.fingers));
+        let (fingers, moves) = (self.fingers, self.frame.is_some());
+        let (plant, dual) =
+            (Plant::new(&parameters, fingers, moves), Plant::new(&parameters, fingers, moves));
         Self { parameters, plant, dual, ..self.clone() }
     }
 
     /// The same scene under other inputs.
     pub fn under(&self, input: Input<f64>) -> Self {
         Self { input, ..self.clone() }
+    }
+
+    /// The same scene in a hand that moves with this acceleration along fixed axes, in its present tilt.
+    pub fn accelerated(&self, acceleration: [f64; 2]) -> Self {
+        let (sin, cos) = self.frame.map_or((0.0, 1.0), |frame| (frame.sin, frame.cos));
+        let moving = Self { frame: Some(FrameMotion::new(acceleration, (sin, cos), None)), ..self.clone() };
+        if self.frame.is_some() { moving } else { moving.with(self.parameters.clone()) }
+    }
+
+    /// The inputs of this scene at all times.
+    pub fn inputs(&self) -> Result<Inputs, Error> {
+        let Input { target, force, .. } = self.input;
+        let motion = self.frame.map(|frame| HandMotion::constant(&frame).map(Arc::new)).transpose()?;
+        Ok(Inputs::constant(target, force, self.fingers).with_hand_motion(motion))
     }
 
     /// Whether each finger rests at its target, whatever torque that takes.
@@ -325,7 +356,8 @@ impl LaneTask<f64> for Values<'_> {
 
     #[inline(always)]
     fn run(self) -> Balance<f64> {
-        Balance::new(&self.scene.plant, &self.scene.input, self.z).0
+        let scene = self.scene;
+        Balance::new(&scene.plant, (&scene.input, scene.frame.as_ref()), self.z).0
     }
 }
 
@@ -353,8 +385,10 @@ impl LaneTask<f64> for Evaluate<'_> {
             target_rate: [lift(0.0); 2],
             target_acceleration: [lift(0.0); 2],
             force: [lift(x), lift(y), lift(moment)],
+            tau: lift(0.0),
         };
-        let (found, geometry) = Balance::new(&scene.dual, &input, &unknowns);
+        let frame = scene.frame.as_ref().map(FrameMotion::constant);
+        let (found, geometry) = Balance::new(&scene.dual, (&input, frame.as_ref()), &unknowns);
         let held = scene.held();
         let mut rows = [Directions::zero(); UNKNOWNS];
         rows[..5].copy_from_slice(&found.forces);

@@ -20,6 +20,9 @@ use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet};
 
+/// A scene and the member of its family.
+type Posed<'a> = (&'a RestScene, &'a Member);
+
 /// An extreme violation, in which the model ends: separated, crushed or folded.
 pub(super) fn leaves(scene: &RestScene, rest: &Rest) -> Option<Violation> {
     if rest.is_grasp(scene) {
@@ -53,11 +56,7 @@ pub fn violations(scene: &RestScene, rest: &Rest) -> ViolationSet {
 }
 
 /// A scene between two others, and the member of its family, after a share of the way.
-fn between(
-    (from, first): (&RestScene, &Member),
-    (to, last): (&RestScene, &Member),
-    share: f64,
-) -> (RestScene, Member) {
+fn between((from, first): Posed<'_>, (to, last): Posed<'_>, share: f64) -> (RestScene, Member) {
     let between = |a: f64, b: f64| if a.is_finite() && b.is_finite() { a + share * (b - a) } else { b };
     let pair = |a: &[f64; 2], b: &[f64; 2]| std::array::from_fn(|i| between(a[i], b[i]));
     let (start, end) = (from.parameters.to_array(), to.parameters.to_array());
@@ -77,22 +76,13 @@ fn between(
 
 /// Follows the equilibrium of one scene, near the unknowns `start`, to that of another scene whose fingers move in the
 /// same way. The members must be of the same kind.
-pub fn continued(
-    from: (&RestScene, &Member),
-    start: &Unknowns,
-    to: (&RestScene, &Member),
-) -> Result<Rest, Reason> {
+pub fn continued(from: Posed<'_>, start: &Unknowns, to: Posed<'_>) -> Result<Rest, Reason> {
     let begin = Rest::solve(from.0, from.1, start).ok_or(Reason::NotFound { near: true })?;
     changed(from, &begin, to, Way::Change)
 }
 
 /// Follows the equilibrium of one scene to that of another.
-fn changed(
-    from: (&RestScene, &Member),
-    start: &Rest,
-    to: (&RestScene, &Member),
-    way: Way,
-) -> Result<Rest, Reason> {
+fn changed(from: Posed<'_>, start: &Rest, to: Posed<'_>, way: Way) -> Result<Rest, Reason> {
     match follow(|share| between(from, to, share), start, 1.0, leaves, |_| ()) {
         Some(End::Reached(rest)) => Ok(rest),
         Some(End::Event(violation, at)) => Err(Reason::Ends(way, at.share, Some(violation))),
@@ -229,8 +219,7 @@ mod tests {
 
     fn scene(parameters: &Parameters, target: [f64; 2], force: [f64; 3]) -> RestScene {
         let inputs = Inputs::constant(target, force, Fingers::Pid);
-        let input = inputs.segment(0.0).at(0.0);
-        RestScene::new(Level::detect(), parameters, Fingers::Pid, input).unwrap()
+        RestScene::new(Level::detect(), parameters, Fingers::Pid, &inputs.segment(0.0)).unwrap()
     }
 
     #[test]

@@ -10,7 +10,7 @@ use crate::model::contact::Side;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::Coordinates;
 use crate::model::energy::Energies;
-use crate::model::forces::Plant;
+use crate::model::forces::{Loads, Plant, no_finger_forces};
 use crate::model::geometry::Geometry;
 use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
@@ -39,7 +39,7 @@ pub struct Terms {
     pub residual_rates: [f64; 2],
     /// The elastic forces: minus the gradient of (5).
     pub elastic: Vector9,
-    /// The forces of gravity: minus the gradient of (16).
+    /// The forces of gravity: minus the gradient of (16); or those of the hand's motion, which include gravity.
     pub gravity: Vector9,
     /// The viscous forces (44), (45).
     pub viscous: Vector9,
@@ -68,13 +68,17 @@ pub fn evaluate(
     motion: &Motion<f64>,
 ) -> Result<Terms, Error> {
     Rule::Finite.check("t", t)?;
-    let input = inputs.segment(t).at(0.0);
-    let plant = Plant::<f64>::new(parameters, inputs.fingers());
+    let drive = inputs.segment(t);
+    let input = drive.at(0.0);
+    let plant = Plant::<f64>::new(parameters, inputs.fingers(), inputs.moves());
     let Motion { q, p, .. } = motion;
+    let none = no_finger_forces();
+    let moving = drive.frame.map(|frame| plant.carried.loads(&frame.at(0.0), &input.force, q, p));
+    let loads = Loads::of(&input.force, &none, moving.as_ref());
     let geometry = Geometry::new(&plant.sides, q, p);
     let csm = Csm::new(plant, stabilization);
     let equations::Terms { forces, response, .. } =
-        csm.terms(plant.driven, &input, &Contacts::sticking(), motion, geometry);
+        csm.terms(plant.driven, (&input, loads), &Contacts::sticking(), motion, geometry);
     let Response { multipliers, acceleration: accelerations, .. } = response;
     let [right, left] = forces.elastic;
     let velocity = geometry.constraint_velocity();
@@ -89,10 +93,14 @@ pub fn evaluate(
             [-right.tilt, -left.tilt],
             [-right.normal, -left.normal, -right.tangential, -left.tangential],
         ),
-        gravity: vector([0.0, -forces.weight, 0.0], forces.finger_gravity, [0.0; 4]),
+        gravity: vector(
+            moving.map_or([0.0, -forces.weight, 0.0], |moving| moving.object),
+            forces.finger_gravity,
+            [0.0; 4],
+        ),
         viscous: vector([0.0; 3], [0.0; 2], plant.drags(p).map(|drag| -drag)),
         control: vector([0.0; 3], forces.torque, [0.0; 4]),
-        external: vector(forces.external, [0.0; 2], [0.0; 4]),
+        external: vector(input.force, [0.0; 2], [0.0; 4]),
         multipliers: Vector4::from(multipliers),
         accelerations: Vector9::from(accelerations.row()),
         energies: plant.energies(q, p),

@@ -13,6 +13,7 @@ use crate::method::linearize::DIRECTIONS;
 use crate::model::contact_modes::ContactModel;
 use crate::model::control::Fingers;
 use crate::model::drive::{Input, SegmentDrive};
+use crate::model::frame::FrameMotion;
 use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
 use crate::model::parameters::{Parameters, Stabilization};
@@ -89,7 +90,8 @@ impl Problem {
         let instructions = level.require()?;
         let drive = if frozen { inputs.frozen(t).segment(t) } else { inputs.segment(t) };
         let (contact, fingers) = (ContactModel::Bilateral, inputs.fingers());
-        let choice = Choice { formulation, contact, fingers, ledger: false };
+        let moves = drive.frame.is_some();
+        let choice = Choice { formulation, contact, fingers, moves, ledger: false };
         let mut problem = Self { instructions, choice, gains, drive, motion: *motion };
         if open_loop {
             let system = problem.equations(parameters);
@@ -187,6 +189,7 @@ pub fn linearize(
     let (states, y) = (problem.states(&system), system.begin(&problem.motion));
     let input = problem.drive.at(0.0_f64);
     let driven = problem.choice.fingers == Fingers::Driven;
+    let frame = problem.drive.frame.as_ref().map(|frame| FrameMotion::constant(&frame.at(0.0)));
     let values = list(&input, driven);
     let tangent = problem.tangent(parameters);
 
@@ -201,11 +204,12 @@ pub fn linearize(
             *dual = Dual::variable(number, direction);
         }
         let seeded = seed(&input, driven, states.wrapping_sub(first));
-        let now = tangent.evaluate_seeded(&seeded, &dual_y).ok_or_else(|| Error::Unknown {
-            field: "formulation",
-            name: format!("{:?}", setting.formulation).to_lowercase(),
-            allowed: "\"nullspace\", for a model with inputs and outputs".to_owned(),
-        })?;
+        let now =
+            tangent.evaluate_seeded((&seeded, frame.as_ref()), &dual_y).ok_or_else(|| Error::Unknown {
+                field: "formulation",
+                name: format!("{:?}", setting.formulation).to_lowercase(),
+                allowed: "\"nullspace\", for a model with inputs and outputs".to_owned(),
+            })?;
         let found = output_list(&now);
         for column in first..all.min(first + DIRECTIONS) {
             for row in 0..states {
@@ -255,17 +259,14 @@ fn seed(input: &Input<f64>, driven: bool, first: usize) -> Input<Dual<f64, DIREC
         target_rate: input.target_rate.map(|value| variable(value, driven)),
         target_acceleration: input.target_acceleration.map(|value| variable(value, driven)),
         force: input.force.map(|value: f64| variable(value, true)),
+        tau: variable(input.tau, false),
     }
 }
 
 /// The outputs in their order.
 fn output_list(now: &Evaluation<Dual<f64, DIRECTIONS>>) -> Vec<Dual<f64, DIRECTIONS>> {
-    let mut outputs = Vec::with_capacity(OUTPUTS);
-    outputs.extend(now.motion.q.row());
-    outputs.extend(now.multipliers);
-    outputs.extend(now.torque);
-    outputs.extend(&now.motion.p.row()[..5]);
-    outputs
+    let (q, p) = (now.motion.q.row(), now.motion.p.row());
+    [&q[..], &now.multipliers, &now.torque, &p[..5]].concat()
 }
 
 #[cfg(test)]

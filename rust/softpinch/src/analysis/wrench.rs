@@ -1,5 +1,5 @@
-//! The largest wrench that a grasp bears: a force and a moment on the object grow slowly, and the equilibrium moves along
-//! the no-slip constraint until a contact gives way.
+//! The largest load that a grasp bears: a force and a moment on the object, or an acceleration of the hand, grow slowly,
+//! and the equilibrium moves along the no-slip constraint until a contact gives way.
 
 use std::cell::Cell;
 
@@ -10,7 +10,6 @@ use crate::analysis::linear::growth;
 use crate::analysis::rest::Rest;
 use crate::model::coordinates::Coordinates;
 use crate::model::drive::Input;
-use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
 use crate::stepping::monitor::Violation;
 use crate::stepping::status::Status;
@@ -50,9 +49,8 @@ impl Limit {
 
 /// Whether small motions about an equilibrium grow, beyond round-off.
 fn grows(scene: &RestScene, rest: &Rest) -> bool {
-    let Input { target, force, .. } = scene.input;
     let q = rest.rows.balance.q;
-    let inputs = Inputs::constant(target, force, scene.fingers);
+    let Ok(inputs) = scene.inputs() else { return true };
     // At rest no memory and no torque changes the derivatives.
     let motion = Motion { q, memory: scene.memory(&rest.rows.balance), ..Motion::zero() };
     growth(scene.level, &scene.parameters, &inputs, &motion)
@@ -69,11 +67,25 @@ fn limit(scene: &RestScene, rest: &Rest) -> Option<Limit> {
     found.map(Limit::Violation).or_else(|| unstable().then_some(Limit::Unstable))
 }
 
-/// The largest multiple of a wrench (F_x, F_y, moment) that the equilibrium bears, its limit, and the coordinates
-/// there. A wrench of zero is borne without limit.
-pub fn largest_multiple(scene: &RestScene, rest: &Rest, wrench: [f64; 3]) -> (f64, Limit, Coordinates) {
+/// What grows until a contact gives way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Load {
+    /// A force (F_x, F_y) and a moment on the object, N and N m, beside those of the scene.
+    Wrench([f64; 3]),
+    /// An acceleration of the hand along fixed axes, m/s^2, beside that of the scene.
+    Acceleration([f64; 2]),
+}
+
+/// The largest multiple of a load that the equilibrium bears, its limit, and the coordinates there. A load of zero is
+/// borne without limit.
+pub fn largest_multiple(scene: &RestScene, rest: &Rest, load: Load) -> (f64, Limit, Coordinates) {
     let q = rest.rows.balance.q;
     let (_, scale) = scene.scales();
+    // An acceleration is as large as the forces that it exerts on the object.
+    let wrench = match load {
+        Load::Wrench(wrench) => wrench,
+        Load::Acceleration([x, y]) => [x, y, 0.0].map(|rate| scene.parameters.grasped.mass * rate),
+    };
     let size = (0..3).map(|k| (wrench[k] / scale[k]).abs()).fold(0.0, f64::max);
     if size == 0.0 {
         return (f64::INFINITY, Limit::None, q);
@@ -81,12 +93,21 @@ pub fn largest_multiple(scene: &RestScene, rest: &Rest, wrench: [f64; 3]) -> (f6
     if let Some(limit) = limit(scene, rest) {
         return (0.0, limit, q);
     }
-    let force = scene.input.force;
+    let (force, still) = (scene.input.force, scene.accelerated([0.0; 2]));
+    let before = scene.frame.map_or([0.0; 2], |frame| frame.into_fixed(frame.acceleration));
     let member = Cell::new(Member::From(scene.origin(&rest.z)));
-    // The wrench whose largest component is one, in the scales of the rows, times the share.
+    // The load whose largest component is one, in the scales of the rows, times the share.
     let change = |share: f64| {
-        let force = std::array::from_fn(|k| force[k] + share * (wrench[k] / size));
-        (scene.under(Input { force, ..scene.input }), member.get())
+        let changed = match load {
+            Load::Wrench(wrench) => {
+                let force = std::array::from_fn(|k| force[k] + share * (wrench[k] / size));
+                scene.under(Input { force, ..scene.input })
+            }
+            Load::Acceleration(rate) => {
+                still.accelerated(std::array::from_fn(|k| before[k] + share * (rate[k] / size)))
+            }
+        };
+        (changed, member.get())
     };
     let after_step = |rest: &Rest| member.set(Member::From(scene.origin(&rest.z)));
     let ended = |at: &Point, limit: Limit| (at.share / size, limit, at.rest.rows.balance.q);

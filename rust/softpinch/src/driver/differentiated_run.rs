@@ -13,7 +13,6 @@ use crate::formulation::run_dual::{RunDual, RunDualEquations};
 use crate::formulation::system::{StageState, System};
 use crate::method::run_dual::{RunDualMethod, values};
 use crate::method::traits::{Step, Unsolved};
-use crate::model::contact_modes::Contacts;
 use crate::model::drive::{Input, SegmentDrive};
 use crate::model::motion::{Motion, unpacked};
 use crate::model::scene::Scene;
@@ -25,6 +24,9 @@ use crate::number::simd::level::Instructions;
 use crate::stepping::grid::{Grid, Segment, Span};
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::queue::POLL;
+
+/// The inputs of an instant and their segment.
+type InputIn<'a, R> = (&'a Input<RunDual<R>>, &'a SegmentDrive<RunDual<R>>);
 
 /// A step: its start since the segment's, its length, and the times at its end.
 struct StepTimes {
@@ -100,7 +102,7 @@ impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
             run.visit(segment.start, &drive, (tau, &y), &mut rate, sink);
             // A run that is resumed inside a segment has already had what happens at the start of the segment.
             if segment.first == 0 && R::call(run.instructions, Pass(run, segment.start, &drive, &mut y)) {
-                rate = run.rates(&drive.at(tau), &y);
+                rate = run.rates((&drive.at(tau), &drive), &y);
             }
             let mut taken = 0;
             while let Some(times) = next_step(&segment, taken, ends) {
@@ -115,7 +117,10 @@ impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
                     let (tau, h) = (from, RunDual::constant(h));
                     let step = Step { system, drive: &drive, tau, h, y: &y, rate: &rate, allowed: None };
                     let attempt = method.step(equations, &step, &mut next);
-                    attempt.map_err(|failure| unsolved(row.unwrap_or(times.end), failure))?;
+                    // The equations were solved in the run, but not again to round-off.
+                    let time = row.unwrap_or(times.end);
+                    attempt
+                        .map_err(|Unsolved { correction, .. }| Error::NoDerivative { time, correction })?;
                     system.correct(&drive, tau + h, &mut next);
                     let Some(row) = row else { break };
                     run.visit(row, &drive, (tau + h, &next), &mut { rate }, sink);
@@ -190,23 +195,23 @@ impl<R: Lanes> LaneTask<R> for Pass<'_, '_, R> {
         let input = drive.at(RunDual::zero());
         let mut passes = run.directions.iter().any(|one| one.shifts.iter().any(|shift| shift.time == time));
         if passes {
-            run.shift(time, &input, y);
+            run.shift(time, (&input, drive), y);
         }
         let inputs = &run.request.scene.inputs;
         for (place, impulse) in inputs.impulses_at(time).enumerate() {
             passes = true;
             let slope = |one: &Direction, c: usize| {
-                one.inputs.impulses_at(time).nth(place).map_or(0.0, |slope| slope.impulse[c])
+                one.inputs.impulses_at(time).nth(place).map_or(0.0, |slope| slope[c])
             };
-            let component = |c: usize| run.varied(impulse.impulse[c], |one| slope(one, c));
+            let component = |c: usize| run.varied(impulse[c], |one| slope(one, c));
             let number = inputs.impulses_before(time) + place;
             // An impulse that comes later by dt acts on the state that the rates before it reach in dt, and the
             // rates after it act for dt less.
             let by = run.varied(0.0, |one| one.impulse_times.get(number).copied().unwrap_or(0.0));
-            run.carry(&input, y, by);
+            run.carry((&input, drive), y, by);
             // The angles of driven fingers are those of the instant to which the impulse moves.
             run.equations.system.jump(&drive.at(by), y, &std::array::from_fn(component));
-            run.carry(&input, y, -by);
+            run.carry((&input, drive), y, -by);
         }
         passes
     }
@@ -256,14 +261,14 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
             R::call(self.instructions, Take { sink, system: &self.equations.system, time, now: &now, y });
         } else {
             let at = StageState { from: y, by: RunDual::zero(), along: y };
-            self.equations.system.rates(&drive.at(tau), &drive.contacts, at, rate);
+            self.equations.system.rates(&drive.at(tau), drive, at, rate);
         }
     }
 
     /// Adds the effect of the shifts at a breakpoint. The rates are affine in the inputs, so that the difference of
     /// the derivatives with and without a shift is exact.
     #[inline(always)]
-    fn shift(&self, time: f64, input: &Input<RunDual<R>>, y: &mut States<RunDual<R>>) {
+    fn shift(&self, time: f64, (input, drive): InputIn<'_, R>, y: &mut States<RunDual<R>>) {
         let shift = |of: &dyn Fn(&Shift) -> f64| {
             let here = |one: &Direction| one.shifts.iter().filter(|shift| shift.time == time).map(of).sum();
             self.varied(0.0, here)
@@ -277,7 +282,7 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
         for c in 0..3 {
             moved.force[c] = moved.force[c] + shift(&|shift| shift.force[c]);
         }
-        let (with, without) = (self.rates(&moved, y), self.rates(input, y));
+        let (with, without) = (self.rates((&moved, drive), y), self.rates((input, drive), y));
         for n in 0..MAX_COMPONENTS {
             y[n] = y[n] + (with[n] - without[n]);
         }
@@ -285,11 +290,11 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
 
     /// Carries the state on by the times `by` of the directions.
     #[inline(always)]
-    fn carry(&self, input: &Input<RunDual<R>>, y: &mut States<RunDual<R>>, by: RunDual<R>) {
+    fn carry(&self, instant: InputIn<'_, R>, y: &mut States<RunDual<R>>, by: RunDual<R>) {
         if by.slope.iter().all(|by| by.is_zero() & R::ALL == R::ALL) {
             return;
         }
-        let rate = self.rates(input, y);
+        let rate = self.rates(instant, y);
         for n in 0..MAX_COMPONENTS {
             // `by` has the value zero, so that only the derivatives of the state change.
             y[n] = y[n] + by * rate[n];
@@ -298,15 +303,10 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
 
     /// The rates of a state under the inputs of an instant.
     #[inline(always)]
-    fn rates(&self, input: &Input<RunDual<R>>, y: &States<RunDual<R>>) -> States<RunDual<R>> {
+    fn rates(&self, (input, drive): InputIn<'_, R>, y: &States<RunDual<R>>) -> States<RunDual<R>> {
         let mut rate = [RunDual::zero(); MAX_COMPONENTS];
         let at = StageState { from: y, by: RunDual::zero(), along: y };
-        self.equations.system.rates(input, &Contacts::sticking(), at, &mut rate);
+        self.equations.system.rates(input, drive, at, &mut rate);
         rate
     }
-}
-
-/// The error of a step whose equations were solved in the run, but not again to round-off.
-fn unsolved(time: f64, Unsolved { correction, .. }: Unsolved) -> Error {
-    Error::NoDerivative { time, correction }
 }

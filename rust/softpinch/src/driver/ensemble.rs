@@ -30,8 +30,8 @@ pub fn ensemble(
 ) -> Result<Vec<Row>, Error> {
     let shared = &Shared::new(scenes, runs, options);
     let mut rows = reserved("the rows of an ensemble, in numbers,", runs)?;
-    let found =
-        share_watched(threads.min(runs.max(1)), &shared.stop, || work(shared), &mut || watch(shared.done()))?;
+    let mut watch = || watch(shared.done.load(Ordering::Relaxed));
+    let found = share_watched(threads.min(runs.max(1)), &shared.stop, || work(shared), &mut watch)?;
     rows.extend(found.into_iter().flatten());
     rows.sort_unstable_by_key(|row| row.run);
     Ok(rows)
@@ -55,7 +55,7 @@ pub fn derivatives(
             if run >= runs {
                 break;
             }
-            let own = one(run, &stops).map_err(|error| Error::Run { run, error: Box::new(error) })?;
+            let own = one(run, &stops).map_err(|error| error.of_run(run))?;
             found.extend(own.map(|own| (run, own)));
         }
         Ok(found)
@@ -68,8 +68,7 @@ pub fn derivatives(
 
 /// The work of one thread.
 pub(super) fn work(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
-    let compute = |runs: RunsInLanes<'_, '_>| runs.compute();
-    in_lanes(shared, compute)?.map_or_else(|| one_by_one(shared), Ok)
+    in_lanes(shared, |runs| runs.compute())?.map_or_else(|| one_by_one(shared), Ok)
 }
 
 /// Lets `compute` take runs into lanes, and returns the rows of those that it finishes.
@@ -78,8 +77,10 @@ pub(super) fn in_lanes(
     compute: impl FnOnce(RunsInLanes<'_, '_>) -> Result<Option<()>, Error>,
 ) -> Result<Option<Vec<Row>>, Error> {
     let mut rows = Vec::new();
-    let Some(first) = shared.peek()? else { return Ok(Some(rows)) };
-    let options = shared.options;
+    if shared.runs == 0 {
+        return Ok(Some(rows));
+    }
+    let (first, options) = ((shared.scenes)(0)?, shared.options);
     let mut take = || {
         let taken = shared.take()?;
         Ok(taken.map(|(number, scene)| Taken { number, scene: Cow::Owned(scene), contact: None }))
@@ -92,7 +93,7 @@ pub(super) fn in_lanes(
         }
     };
     let queue = LaneQueue { take: &mut take, stops: &|| shared.stops(), finish: &mut finish };
-    let choice = options.choice(first.inputs.fingers());
+    let choice = options.choice(&first.inputs);
     let computed = compute(RunsInLanes { queue, grid: &whole_run(options), options, choice })?;
     Ok(computed.map(|()| rows))
 }

@@ -150,7 +150,7 @@ fn require_periods(Span { start, end }: Span, period: f64) -> Result<(), Error> 
 /// The multipliers at the initial state of a scene.
 fn multipliers(scene: &Scene, options: &Options, dt: f64) -> Result<[f64; 4], Error> {
     let instructions = options.simd.require()?;
-    let choice = options.choice(scene.inputs.fingers());
+    let choice = options.choice(&scene.inputs);
     let equations =
         SceneEquations::<f64>::new(instructions, choice, &scene.parameters, &options.stabilization);
     let State { time, motion, .. } = scene.initial;
@@ -159,7 +159,7 @@ fn multipliers(scene: &Scene, options: &Options, dt: f64) -> Result<[f64; 4], Er
         if scene.initial.contact.is_none() {
             return LaneContact::first_multipliers(instructions, options, scene, drive, dt);
         }
-        LaneContact::new(instructions, options, scene)?.put_into(&mut drive.contacts, 0);
+        LaneContact::new(instructions, options, scene)?.run.put_into(&mut drive.contacts, 0);
     }
     let y = equations.begin(&motion);
     Ok(equations.evaluate(&drive, 0.0, &y).multipliers)

@@ -55,24 +55,18 @@ pub(super) struct RunsInLanes<'q, 'a> {
 impl RunsInLanes<'_, '_> {
     /// Computes the runs. Returns `None` if the steps of the method have no lanes, which its entry says.
     pub(super) fn compute(self) -> Result<Option<()>, Error> {
-        let Some(method) = self.options.method.entry().lanes else { return Ok(None) };
-        dispatch_lanes(self.options.simd, StepLoop { runs: self, method })?
+        dispatch_lanes(self.options.simd, self)?
     }
 }
 
-/// The step loop of runs in lanes, compiled for each SIMD level.
-pub(super) struct StepLoop<'q, 'a> {
-    pub(super) runs: RunsInLanes<'q, 'a>,
-    /// The method that takes the steps.
-    pub(super) method: LaneMethod,
-}
-
-impl LaneKernel for StepLoop<'_, '_> {
+/// The step loop, compiled for each SIMD level.
+impl LaneKernel for RunsInLanes<'_, '_> {
     type Output = Result<Option<()>, Error>;
 
     #[inline(always)]
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
-        let Self { runs: RunsInLanes { queue, grid, options, choice }, method } = self;
+        let Self { queue, grid, options, choice } = self;
+        let Some(method) = options.method.entry().lanes else { return Ok(None) };
         let setup = LoopSetup { instructions, options, choice, queue };
         let computed = match (options.steps, method) {
             // A step of RK4 is so short that a call would take 3 % of it.

@@ -70,7 +70,7 @@ fn compute_part(
             runs.borrow_mut()[number].end_with(run, contact);
         };
         let queue = LaneQueue { take: &mut take, stops, finish: &mut finish };
-        let choice = options.choice(first.scene.inputs.fingers());
+        let choice = options.choice(&first.scene.inputs);
         if (RunsInLanes { queue, grid: &grid, options, choice }).compute()?.is_some() {
             return Ok(());
         }

@@ -60,13 +60,14 @@ pub type Scenes<'a> = dyn Fn(usize) -> Result<Scene, Error> + Sync + 'a;
 
 /// The data that the threads share.
 pub struct Shared<'a> {
-    scenes: &'a Scenes<'a>,
+    pub(super) scenes: &'a Scenes<'a>,
     /// The options of every run.
     pub options: &'a Options,
-    runs: usize,
+    pub(super) runs: usize,
     fingers: OnceLock<Fingers>,
     next: AtomicUsize,
-    done: AtomicUsize,
+    /// Number of finished runs.
+    pub(super) done: AtomicUsize,
     pub(super) stop: AtomicBool,
 }
 
@@ -86,9 +87,8 @@ impl<'a> Shared<'a> {
         if run >= self.runs {
             return Ok(None);
         }
-        let refused = |error| Error::Run { run, error: Box::new(error) };
         let scene = (self.scenes)(run)?;
-        require_valid(&scene, self.options).map_err(refused)?;
+        require_valid(&scene, self.options).map_err(|error| error.of_run(run))?;
         // All lanes of a loop have the same equations, so all runs must have the same kind of fingers.
         let fingers = scene.inputs.fingers();
         if *self.fingers.get_or_init(|| fingers) == fingers {
@@ -98,19 +98,9 @@ impl<'a> Shared<'a> {
         Err(Error::Shape { field, found, rule: "must be the same in all runs" })
     }
 
-    /// The scene of the first run, which stays in the queue.
-    pub fn peek(&self) -> Result<Option<Scene>, Error> {
-        if self.runs == 0 { Ok(None) } else { (self.scenes)(0).map(Some) }
-    }
-
     /// Whether the caller wants to stop.
     pub fn stops(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
-    }
-
-    /// Number of finished runs.
-    pub fn done(&self) -> usize {
-        self.done.load(Ordering::Relaxed)
     }
 
     /// Counts one more finished run.

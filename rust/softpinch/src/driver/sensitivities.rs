@@ -73,11 +73,8 @@ pub fn sensitivities(
 /// The ends of free steps, from the run itself. Refuses scenes whose derivatives are not computed.
 fn ends(scene: &Scene, options: &Options, interrupted: &dyn Fn() -> bool) -> Result<Vec<f64>, Error> {
     if options.contact != ContactModel::Bilateral || scene.inputs.sampled().is_some() {
-        return Err(Error::Unknown {
-            field: "sensitivities",
-            name: "of this scene".to_owned(),
-            allowed: "those with contact = \"bilateral\" and without a SampledController".to_owned(),
-        });
+        let allowed = "those with contact = \"bilateral\" and without a SampledController".to_owned();
+        return Err(Error::Unknown { field: "sensitivities", name: "of this scene".to_owned(), allowed });
     }
     match &options.steps {
         Steps::Fixed(_) => Ok(Vec::new()),
@@ -103,7 +100,7 @@ impl LaneKernel for All<'_> {
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
         let Self { ref request, directions: all, wanted, mut numbers } = self;
         let Request { scene, options, .. } = *request;
-        let choice = options.choice(scene.inputs.fingers());
+        let choice = options.choice(&scene.inputs);
         let gains = &options.stabilization;
         let parameters = &[&scene.parameters; MOST];
         let runs = Runs { instructions, choice, parameters, gains };

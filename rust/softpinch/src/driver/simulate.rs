@@ -152,14 +152,10 @@ pub(crate) fn require_valid(scene: &Scene, options: &Options) -> Result<(), Erro
 /// all constraints.
 fn require_unilateral(scene: &Scene, options: &Options) -> Result<(), Error> {
     if options.formulation == Formulation::Nullspace {
-        return Err(Error::Unknown {
-            field: "formulation",
-            name: "nullspace".to_owned(),
-            allowed:
-                "\"csm\" or \"projected\" where contact = \"unilateral\": the states of nullspace are on the \
-                      constraints of both contacts always"
-                    .to_owned(),
-        });
+        let allowed = "\"csm\" or \"projected\" where contact = \"unilateral\": the states of nullspace are on the constraints of both \
+                       contacts always";
+        let (name, allowed) = ("nullspace".to_owned(), allowed.to_owned());
+        return Err(Error::Unknown { field: "formulation", name, allowed });
     }
     for (name, value) in
         ["friction.right", "friction.left"].into_iter().zip(scene.parameters.friction.fields())
@@ -184,16 +180,11 @@ fn require_unilateral(scene: &Scene, options: &Options) -> Result<(), Error> {
 
 /// The method as one that chooses the length of its steps. The error lists the methods that do.
 fn adaptive(method: Method) -> Result<MakeAdaptiveMethod, Error> {
-    method.entry().adaptive.ok_or_else(|| Error::Unknown {
-        field: "method",
-        name: method.name().to_owned(),
-        allowed: METHODS
-            .iter()
-            .filter(|(_, method)| method.entry().adaptive.is_some())
-            .map(|(name, _)| format!("{name:?}"))
-            .collect::<Vec<_>>()
-            .join(", ")
-            + " where tolerance is given: only they estimate their error",
+    method.entry().adaptive.ok_or_else(|| {
+        let adaptive = METHODS.iter().filter(|(_, method)| method.entry().adaptive.is_some());
+        let names: Vec<_> = adaptive.map(|(name, _)| format!("{name:?}")).collect();
+        let allowed = names.join(", ") + " where tolerance is given: only they estimate their error";
+        Error::Unknown { field: "method", name: method.name().to_owned(), allowed }
     })
 }
 
@@ -209,6 +200,7 @@ impl Plan {
         Layout {
             keeps_jacobian: options.method.entry().keeps_jacobian && matches!(self, Self::Fixed(_)),
             unilateral: options.contact == ContactModel::Unilateral,
+            moves: scene.inputs.moves(),
             controller: scene.inputs.sampled().map_or(0, |sampled| sampled.controller.width()),
         }
     }
@@ -274,13 +266,16 @@ fn run<'a>(
     queue: Recorder<'a>,
 ) -> Result<Recorder<'a>, Error> {
     let instructions = options.simd.require()?;
-    let choice = options.choice(scene.inputs.fingers());
+    let choice = options.choice(&scene.inputs);
     let setup = LoopSetup { instructions, options, choice, queue };
     match *plan {
         Plan::Fixed(ref grid) => {
             let grid = &|_, _: &Scene| Ok(grid.clone());
             // Only what was measured to pay is inlined (docs/what-a-scene-pays.md).
-            if options.method == Method::Rk4 && options.contact == ContactModel::Bilateral && !choice.ledger {
+            if options.method == Method::Rk4
+                && options.contact == ContactModel::Bilateral
+                && !(choice.ledger || choice.moves)
+            {
                 let gains = &options.stabilization;
                 let called = &SceneEquations::new(instructions, choice, &scene.parameters, gains);
                 let method = &mut Rk4::default();

@@ -50,10 +50,9 @@ impl Simulator {
         let options = &Options { guard, ..options.clone() };
         let mut environments = Vec::with_capacity(scenes.len());
         for (run, scene) in scenes.into_iter().enumerate() {
-            let refused = |error| Error::Run { run, error: Box::new(error) };
             let mut environment = Environment::new(scene);
             let (start, check) = environment.start.clone();
-            environment.begin((&start, check), options, (dt, period)).map_err(refused)?;
+            environment.begin((&start, check), options, (dt, period)).map_err(|error| error.of_run(run))?;
             environments.push(environment);
         }
         let runs = environments.iter().map(|_| PeriodRun::default()).collect();

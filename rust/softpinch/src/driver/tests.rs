@@ -3,12 +3,10 @@
 use proptest::prelude::*;
 
 use crate::driver::ensemble::{ensemble, in_lanes, work};
-use crate::driver::lanes::StepLoop;
 use crate::driver::queue::{Row, Shared};
 use crate::driver::simulate::simulate;
 use crate::error::Error;
 use crate::formulation::table::{FORMULATIONS, Formulation};
-use crate::method::entry::{AdaptiveLaneMethod, LaneMethod};
 use crate::method::table::{METHODS, Method};
 use crate::model::contact_modes::ContactModel;
 use crate::model::control::{FINGERS, Fingers};
@@ -97,19 +95,10 @@ fn lanes_without_a_run_never_need_the_slow_sine() {
     }
 }
 
-/// The rows of runs in four portable lanes: equal steps of RK4.
-pub(crate) fn equal_steps(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
-    portable(shared, LaneMethod::Rk4)
-}
-
-/// The same in adaptive steps of DOP853.
-pub(crate) fn adaptive_steps(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
-    portable(shared, LaneMethod::Adaptive(AdaptiveLaneMethod::Dop853))
-}
-
-fn portable(shared: &Shared<'_>, method: LaneMethod) -> Result<Vec<Row>, Error> {
+/// The rows of runs in four portable lanes.
+pub(crate) fn portable(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
     let instructions = Level::detect().require()?;
-    let rows = in_lanes(shared, |runs| StepLoop { runs, method }.run::<Row4>(instructions))?;
+    let rows = in_lanes(shared, |runs| runs.run::<Row4>(instructions))?;
     Ok(rows.expect("the method has lanes"))
 }
 
@@ -158,10 +147,10 @@ fn portable_lanes_give_the_bits_of_lone_runs_with_events() {
             ..Options::default()
         };
         let options = Options { steps: Steps::Fixed(dt), ..base.clone() };
-        let equal = require_alone(slipping, &options, equal_steps);
+        let equal = require_alone(slipping, &options, portable);
         let steps = Steps::Free { tolerance };
         let options = Options { steps, method: Method::Dop853, ..base };
-        let adaptive = require_alone(slipping, &options, adaptive_steps);
+        let adaptive = require_alone(slipping, &options, portable);
         for rows in [equal, adaptive] {
             let shown =
                 |violation| rows.iter().filter(|row| !row.violations[violation as usize].is_nan()).count();
@@ -175,7 +164,7 @@ fn portable_lanes_give_the_bits_of_lone_runs_with_events() {
 fn portable_lanes_give_the_bits_of_lone_runs() {
     let dt = 2e-4;
     let options = Options { steps: Steps::Fixed(dt), ..Options::default() };
-    require_alone(scene, &options, equal_steps);
+    require_alone(scene, &options, portable);
     let tolerance = 1e-6;
     let options = Options {
         steps: Steps::Free { tolerance },
@@ -183,7 +172,7 @@ fn portable_lanes_give_the_bits_of_lone_runs() {
         formulation: Formulation::Nullspace,
         ..Options::default()
     };
-    require_alone(scene, &options, adaptive_steps);
+    require_alone(scene, &options, portable);
 }
 
 /// The lanes sample at different instants, and one with a delay of several periods.
@@ -197,10 +186,10 @@ fn portable_lanes_give_the_bits_of_lone_runs_with_controllers() {
         Ok(scene)
     };
     let options = Options { steps: Steps::Fixed(2e-4), ..Options::default() };
-    require_alone(sampled, &options, equal_steps);
+    require_alone(sampled, &options, portable);
     let steps = Steps::Free { tolerance: 1e-6 };
     let options = Options { steps, method: Method::Dop853, ..Options::default() };
-    require_alone(sampled, &options, adaptive_steps);
+    require_alone(sampled, &options, portable);
 }
 
 /// Only the stabilisation leads back to the constraints. With the other formulations a start off the

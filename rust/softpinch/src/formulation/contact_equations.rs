@@ -6,7 +6,8 @@ use crate::formulation::unilateral::Unilateral;
 use crate::model::contact::Side;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::Coordinates;
-use crate::model::drive::Input;
+use crate::model::drive::{Input, SegmentFrame};
+use crate::model::forces::{Loads, no_finger_forces};
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
 use crate::number::lanes::{LaneTask, Lanes};
@@ -18,19 +19,31 @@ use crate::number::simd::level::Instructions;
 pub struct ContactEquations<'a> {
     instructions: Instructions,
     equations: &'a Unilateral<f64>,
+    /// The motion of the hand in the segment, if it moves.
+    frame: Option<SegmentFrame<f64>>,
 }
 
 /// Computes the terms at one state.
-struct TermsAt<'a>(&'a Unilateral<f64>, &'a Input<f64>, &'a Contacts<f64>, &'a Motion<f64>);
+struct TermsAt<'a> {
+    equations: &'a ContactEquations<'a>,
+    input: &'a Input<f64>,
+    contacts: &'a Contacts<f64>,
+    motion: &'a Motion<f64>,
+}
 
 impl LaneTask<f64> for TermsAt<'_> {
     type Output = Terms<f64>;
 
     #[inline(always)]
     fn run(self) -> Terms<f64> {
-        let Self(equations, input, contacts, motion) = self;
-        let geometry = Geometry::new(&equations.plant().sides, &motion.q, &motion.p);
-        equations.terms(equations.plant().driven, input, contacts, motion, geometry)
+        let Self { equations: ContactEquations { equations, frame, .. }, input, contacts, motion } = self;
+        let (plant, none) = (equations.plant(), no_finger_forces());
+        let moving = frame
+            .as_ref()
+            .map(|frame| plant.carried.loads(&frame.at(input.tau), &input.force, &motion.q, &motion.p));
+        let loads = Loads::of(&input.force, &none, moving.as_ref());
+        let geometry = Geometry::new(&plant.sides, &motion.q, &motion.p);
+        equations.terms(plant.driven, (input, loads), contacts, motion, geometry)
     }
 }
 
@@ -66,14 +79,18 @@ impl LaneTask<f64> for Swept<'_> {
 }
 
 impl<'a> ContactEquations<'a> {
-    /// The equations of a run.
-    pub fn new(instructions: Instructions, equations: &'a Unilateral<f64>) -> Self {
-        Self { instructions, equations }
+    /// The equations of a run, in a segment with this motion of the hand.
+    pub(crate) fn new(
+        instructions: Instructions,
+        equations: &'a Unilateral<f64>,
+        frame: Option<SegmentFrame<f64>>,
+    ) -> Self {
+        Self { instructions, equations, frame }
     }
 
     /// All terms at one state, in the modes of the contacts.
     pub fn terms(&self, input: &Input<f64>, contacts: &Contacts<f64>, motion: &Motion<f64>) -> Terms<f64> {
-        f64::call(self.instructions, TermsAt(self.equations, input, contacts, motion))
+        f64::call(self.instructions, TermsAt { equations: self, input, contacts, motion })
     }
 
     /// The velocities `p` after an impact of the contacts that are `closed`, with an impulse on the object.
@@ -84,7 +101,7 @@ impl<'a> ContactEquations<'a> {
         closed: [bool; 2],
         impulse: [f64; 3],
     ) -> Impact {
-        let Self { instructions, equations } = *self;
+        let Self { instructions, equations, .. } = *self;
         f64::call(instructions, Collision { equations, geometry, p, closed, impulse })
     }
 

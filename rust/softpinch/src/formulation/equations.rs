@@ -8,14 +8,14 @@ use crate::formulation::contact_solve::Response;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::drive::Input;
-use crate::model::energy::{BILATERAL_WORKS, Energies, WORKS, work};
-use crate::model::forces::{Forces, Plant};
+use crate::model::energy::{BILATERAL_WORKS, CONTACT_WORKS, Energies, work};
+use crate::model::forces::{Forces, Loads, Plant};
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
 use crate::number::real::{Real, dot};
 
-/// Number of components of the largest state: nine coordinates, their rates, two memories, the seven works of
-/// the ledger, and one that fills the last block.
+/// Number of components of the largest state: nine coordinates, their rates, two memories, and the eight works of
+/// the ledger.
 pub const MAX_COMPONENTS: usize = 28;
 
 /// A state as the integrators see it. Its components are, in this order: one coordinate for each degree of
@@ -124,7 +124,7 @@ pub trait Equations<R: Real>: Copy + Debug {
     /// Whether the states can leave the constraints. If so, they have all deformations with their rates; if not, they
     /// have the shears, and the constraints determine the rest.
     const DRIFTS: bool = true;
-    /// Number of works of the ledger.
+    /// Number of works of the ledger, without that of the hand's motion.
     const WORKS: usize = BILATERAL_WORKS;
     /// Whether contacts can slip and open.
     const UNILATERAL: bool = false;
@@ -215,14 +215,14 @@ pub trait Equations<R: Real>: Copy + Debug {
     fn terms(
         &self,
         driven: bool,
-        input: &Input<R>,
+        (input, loads): (&Input<R>, Loads<'_, R>),
         _: &Contacts<R>,
         motion: &Motion<R>,
         geometry: Geometry<R>,
     ) -> Terms<R> {
         let plant = self.plant();
         let elastic = plant.elastic(&geometry, &motion.q);
-        let mut forces = plant.forces(driven, elastic, &geometry, motion, input);
+        let mut forces = plant.forces(driven, elastic, &geometry, motion, (input, loads));
         let finger_acceleration = &input.target_acceleration;
         let found = constrained(
             driven,
@@ -241,9 +241,9 @@ pub trait Equations<R: Real>: Copy + Debug {
 
     /// The powers whose integrals are the works of the ledger.
     #[inline(always)]
-    fn powers(&self, terms: &Terms<R>, _: &Contacts<R>, p: &Coordinates<R>) -> [R; WORKS] {
+    fn powers(&self, terms: &Terms<R>, _: &Contacts<R>, p: &Coordinates<R>) -> [R; CONTACT_WORKS] {
         let Terms { geometry, forces, response, .. } = terms;
-        let mut powers = [R::zero(); WORKS];
+        let mut powers = [R::zero(); CONTACT_WORKS];
         powers[..BILATERAL_WORKS].copy_from_slice(&forces.powers(
             geometry,
             &self.plant().drags(p),
@@ -258,14 +258,14 @@ pub trait Equations<R: Real>: Copy + Debug {
     fn evaluate(
         &self,
         driven: bool,
-        input: &Input<R>,
+        (input, loads): (&Input<R>, Loads<'_, R>),
         contacts: &Contacts<R>,
         y: &States<R>,
         ledger: bool,
     ) -> Evaluation<R> {
         let mut motion = self.unpack(driven, input, y);
         let geometry = self.geometry(&mut motion);
-        let terms = self.terms(driven, input, contacts, &motion, geometry);
+        let terms = self.terms(driven, (input, loads), contacts, &motion, geometry);
         let Response { multipliers, share, acceleration, .. } = terms.response;
         let memory = self.plant().memory_rates(&motion.q, input);
         let mut rate = self.begin(driven, &Motion { q: motion.p, p: acceleration, memory });

@@ -124,7 +124,7 @@ mod tests {
 
     fn pressed(q: Coordinates, p: Coordinates) -> (Geometry<f64>, Plant<f64>) {
         let parameters = Parameters::default();
-        (Geometry::new(&Side::both(&parameters), &q, &p), Plant::new(&parameters, Fingers::Pid))
+        (Geometry::new(&Side::both(&parameters), &q, &p), Plant::new(&parameters, Fingers::Pid, false))
     }
 
     fn kinetic(plant: &Plant<f64>, p: &Coordinates) -> f64 {
@@ -154,7 +154,7 @@ mod tests {
         let q = contact(&Parameters::default()).unwrap();
         let p = [0.3, 0.1, 2.0, -1.0, 0.5, -0.2, 0.1, 0.05, -0.1].into();
         let (geometry, _) = pressed(q, p);
-        let plant = Plant::<f64>::new(&Parameters::default(), Fingers::Driven);
+        let plant = Plant::<f64>::new(&Parameters::default(), Fingers::Driven, false);
         let found = impact(&geometry, &plant, &p, ([true; 2], [0.5; 2]), [0.0; 3]);
         assert_eq!(found.p.finger, p.finger);
     }

@@ -239,11 +239,11 @@ mod tests {
         let friction = Friction { right: friction, left: friction };
         let parameters = Parameters { friction, tips: [tip; 2], ..Parameters::default() };
         let gains = Stabilization { alpha: 0.0, beta: 0.0 };
-        Unilateral::new(&parameters, Csm::new(Plant::new(&parameters, Fingers::Pid), &gains))
+        Unilateral::new(&parameters, Csm::new(Plant::new(&parameters, Fingers::Pid, false), &gains))
     }
 
     fn called(equations: &Unilateral<f64>) -> ContactEquations<'_> {
-        ContactEquations::new(Level::detect().require().unwrap(), equations)
+        ContactEquations::new(Level::detect().require().unwrap(), equations, None)
     }
 
     /// A pressed grasp: fingers closed by `grip`, the object turned and sheared.

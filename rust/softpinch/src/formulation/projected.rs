@@ -95,8 +95,7 @@ pub fn correct<R: Real, E: Equations<R>>(
     *y = equations.begin(driven, &Motion { q, p, memory });
     if ledger {
         let states = E::states(driven);
-        let range = states..states + E::WORKS;
-        y[range.clone()].copy_from_slice(&works[range]);
+        y[states..].copy_from_slice(&works[states..]);
         // The energy that the correction adds is work of the constraints.
         let now = equations.energies(contacts, &Motion { q, p, memory });
         let before = equations.energies(contacts, &Motion { q: left_q, p: left_p, memory });

@@ -4,12 +4,11 @@
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::{StageState, System};
-use crate::model::contact_modes::Contacts;
 use crate::model::drive::SegmentDrive;
 use crate::model::parameters::Stabilization;
 use crate::model::source::{Constants, VariedParameters};
 use crate::number::dual::Dual;
-use crate::number::lanes::Lanes;
+use crate::number::lanes::{Lanes, Lift};
 use crate::number::real::Real;
 use crate::number::simd::level::Instructions;
 
@@ -65,7 +64,10 @@ impl<R: Lanes> RunDualEquations<R> {
         let input = drive.at(SecondDual { value: tau, slope: [RunDual::constant(by)] });
         let at = StageState { from: &state, by: SecondDual::zero(), along: &state };
         let mut rate = [SecondDual::zero(); MAX_COMPONENTS];
-        system.rates(&input, &Contacts::sticking(), at, &mut rate);
+        let mut second = SegmentDrive::still();
+        second.frame =
+            drive.frame.as_ref().map(|frame| frame.lifted(<SecondDual<R> as Lift<RunDual<R>>>::lift).into());
+        system.rates(&input, &second, at, &mut rate);
         for (change, rate) in change.iter_mut().zip(rate) {
             [*change] = rate.slope;
         }

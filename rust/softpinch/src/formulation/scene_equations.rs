@@ -17,9 +17,11 @@ use crate::formulation::table::Formulation;
 use crate::formulation::unilateral::Unilateral;
 use crate::model::contact_modes::{ContactModel, Contacts};
 use crate::model::control::Fingers;
-use crate::model::drive::{Input, SegmentDrive};
-use crate::model::energy::Energies;
-use crate::model::forces::Plant;
+use crate::model::coordinates::Coordinates;
+use crate::model::drive::{Input, SegmentDrive, SegmentFrame};
+use crate::model::energy::{Energies, work};
+use crate::model::forces::{Loads, Plant, no_finger_forces};
+use crate::model::frame::{Carried, FrameLoads, FrameMotion};
 use crate::model::motion::Motion;
 use crate::model::parameters::Stabilization;
 use crate::model::source::Source;
@@ -57,12 +59,12 @@ impl<R: Real> EquationKind<R> {
     /// The equations of a scene, or of one scene for each lane.
     #[inline(always)]
     fn new(choice: Choice, source: &impl Source<R>, gains: &Stabilization) -> Self {
-        let Choice { formulation, contact, fingers, .. } = choice;
+        let Choice { formulation, contact, fingers, moves, .. } = choice;
         let gains = match formulation {
             Formulation::Csm => *gains,
             Formulation::Nullspace | Formulation::Projected => Stabilization { alpha: 0.0, beta: 0.0 },
         };
-        let plant = Plant::new(source, fingers);
+        let plant = Plant::new(source, fingers, moves);
         match (contact, formulation) {
             (ContactModel::Unilateral, _) => {
                 Self::Unilateral(Unilateral::new(source, Csm::new(plant, &gains)))
@@ -75,8 +77,9 @@ impl<R: Real> EquationKind<R> {
 
 /// The numbers of components of the equations' states, with or without the works of the ledger.
 #[inline(always)]
-pub(super) fn size_of<R: Real, E: Equations<R>>(_: &E, driven: bool, ledger: bool) -> Size {
-    Size { states: E::states(driven), degrees: E::degrees(driven), works: if ledger { E::WORKS } else { 0 } }
+pub(super) fn size_of<R: Real, E: Equations<R>>(equations: &E, driven: bool, ledger: bool) -> Size {
+    let works = if ledger { E::WORKS + usize::from(equations.plant().moves) } else { 0 };
+    Size { states: E::states(driven), degrees: E::degrees(driven), works }
 }
 
 /// The choice of equations, and whether their state carries the ledger.
@@ -88,6 +91,8 @@ pub struct Choice {
     pub contact: ContactModel,
     /// How the fingers move.
     pub fingers: Fingers,
+    /// Whether the hand moves.
+    pub moves: bool,
     /// Whether the state carries the works of the ledger.
     pub ledger: bool,
 }
@@ -98,6 +103,7 @@ pub struct SceneEquations<R> {
     instructions: Instructions,
     ledger: bool,
     projected: bool,
+    moves: bool,
     pub(crate) kind: EquationKind<R>,
 }
 
@@ -129,6 +135,7 @@ impl<R: Lanes> SceneEquations<R> {
             instructions,
             ledger: choice.ledger,
             projected: choice.formulation == Formulation::Projected,
+            moves: choice.moves,
             kind: R::call(instructions, Build(choice, source, gains)),
         }
     }
@@ -177,11 +184,11 @@ macro_rules! task {
 pub(super) fn evaluate_into<R: Lanes, E: Equations<R>>(
     equations: &E,
     (driven, ledger): (bool, bool),
-    (drive, tau): (&SegmentDrive<R>, R),
+    (input, loads, contacts): (&Input<R>, Loads<'_, R>, &Contacts<R>),
     y: &States<R>,
     now: &mut Evaluation<R>,
 ) {
-    let found = equations.evaluate(driven, &drive.at(tau), &drive.contacts, y, ledger);
+    let found = equations.evaluate(driven, (input, loads), contacts, y, ledger);
     copy_computed::<R, E>((driven, ledger), &mut now.rate, &found.rate);
     now.motion = found.motion;
     now.multipliers = found.multipliers;
@@ -200,7 +207,7 @@ pub(super) fn evaluate_into<R: Lanes, E: Equations<R>>(
 pub(super) fn rates_into<R: Lanes, E: Equations<R>>(
     equations: &E,
     (driven, ledger): (bool, bool),
-    (input, contacts): (&Input<R>, &Contacts<R>),
+    (input, loads, contacts): (&Input<R>, Loads<'_, R>, &Contacts<R>),
     at: StageState<'_, R>,
     rate: &mut States<R>,
 ) {
@@ -211,7 +218,7 @@ pub(super) fn rates_into<R: Lanes, E: Equations<R>>(
             y[n] = along[n].mul_add(by, from[n]);
         }
     });
-    let found = equations.evaluate(driven, input, contacts, &y, ledger).rate;
+    let found = equations.evaluate(driven, (input, loads), contacts, &y, ledger).rate;
     copy_computed::<R, E>((driven, ledger), rate, &found);
 }
 
@@ -230,17 +237,70 @@ macro_rules! for_fingers_of {
 }
 
 task! {
-    Evaluate(drive: &'a SegmentDrive<R>, tau: R, y: &'a States<R>, now: &'a mut Evaluation<R>, ledger: bool) -> (),
+    Evaluate(drive: &'a SegmentDrive<R>, tau: R, moving: Option<&'a FrameLoads<R>>, y: &'a States<R>, now: &'a mut Evaluation<R>, ledger: bool) -> (),
     equations => for_fingers_of!(equations, driven [R::ORDER < 2] => {
-        evaluate_into(equations, (driven, ledger), (drive, tau), y, now);
+        let (input, none) = (drive.at(tau), no_finger_forces());
+        let loads = Loads::of(&input.force, &none, moving);
+        evaluate_into(equations, (driven, ledger), (&input, loads, &drive.contacts), y, now);
     })
 }
 task! {
-    Rates(input: &'a Input<R>, contacts: &'a Contacts<R>, at: StageState<'a, R>, rate: &'a mut States<R>, ledger: bool) -> (),
+    Rates(input: &'a Input<R>, moving: Option<&'a FrameLoads<R>>, contacts: &'a Contacts<R>, from: &'a States<R>, by: R, along: &'a States<R>, rate: &'a mut States<R>, ledger: bool) -> (),
     equations => for_fingers_of!(equations, driven [R::ORDER < 2] => {
-        rates_into(equations, (driven, ledger), (input, contacts), at, rate);
+        let none = no_finger_forces();
+        let loads = Loads::of(&input.force, &none, moving);
+        rates_into(equations, (driven, ledger), (input, loads, contacts), StageState { from, by, along }, rate);
     })
 }
+
+/// Computes the inputs of an instant.
+pub(crate) struct InputAt<'a, R> {
+    pub(crate) drive: &'a SegmentDrive<R>,
+    pub(crate) tau: R,
+}
+
+impl<R: Lanes> LaneTask<R> for InputAt<'_, R> {
+    type Output = Input<R>;
+
+    #[inline(always)]
+    fn run(self) -> Input<R> {
+        self.drive.at(self.tau)
+    }
+}
+
+/// Computes the forces of the hand's motion at a stage.
+struct Load<'a, R> {
+    carried: &'a Carried<R>,
+    driven: bool,
+    degrees: usize,
+    frame: &'a FrameMotion<R>,
+    input: &'a Input<R>,
+    at: StageState<'a, R>,
+}
+
+impl<R: Lanes> LaneTask<R> for Load<'_, R> {
+    type Output = FrameLoads<R>;
+
+    #[inline(always)]
+    fn run(self) -> FrameLoads<R> {
+        let Self { carried, driven, degrees, frame, input, at } = self;
+        let (mut q, mut p) = (Coordinates::zero(), Coordinates::zero());
+        let StageState { from, by, along } = at;
+        for n in 0..3 {
+            q.object[n] = along[n].mul_add(by, from[n]);
+            p.object[n] = along[degrees + n].mul_add(by, from[degrees + n]);
+        }
+        (q.finger, p.finger) = (input.target, input.target_rate);
+        if !driven {
+            for n in 3..5 {
+                q.finger[n - 3] = along[n].mul_add(by, from[n]);
+                p.finger[n - 3] = along[degrees + n].mul_add(by, from[degrees + n]);
+            }
+        }
+        carried.loads(frame, &input.force, &q, &p)
+    }
+}
+
 task! {
     Jump(input: &'a Input<R>, y: &'a mut States<R>, impulse: &'a [R; 3], ledger: bool) -> (),
     equations => equations.jump(input, y, impulse, ledger)
@@ -280,6 +340,68 @@ impl<R: Lanes> SceneEquations<R> {
     const INLINES_STAGES: bool = R::WIDTH > 1 && R::ORDER == 0;
 }
 
+/// The equations of a hand that moves. They are called, so that equations of a hand at rest have little code for it.
+impl<R: Lanes> SceneEquations<R> {
+    /// The forces of this motion.
+    #[inline(never)]
+    fn loads(&self, frame: &FrameMotion<R>, input: &Input<R>, at: StageState<'_, R>) -> FrameLoads<R> {
+        let load = with!(self.kind, equations [R::ORDER == 0] => {
+            let Plant { carried, driven, .. } = equations.plant();
+            Load { carried, driven: *driven, degrees: self.size().degrees, frame, input, at }
+        });
+        R::call(self.instructions, load)
+    }
+
+    /// Writes the powers of the external force and of the hand's motion, which the equations add up, if the ledger is
+    /// carried.
+    #[inline(never)]
+    fn book(&self, rate: &mut States<R>, loads: &FrameLoads<R>) {
+        let Size { states, works, .. } = self.size();
+        if works > 0 {
+            rate[states + work::EXTERNAL] = loads.external;
+            rate[states + works - 1] = loads.motion;
+        }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn rates_moving(
+        &self,
+        frame: &SegmentFrame<R>,
+        (input, contacts): (&Input<R>, &Contacts<R>),
+        (from, along): (&States<R>, &States<R>),
+        &by: &R,
+        rate: &mut States<R>,
+    ) {
+        let Self { instructions, ledger, .. } = *self;
+        let loads = self.loads(&frame.at(input.tau), input, StageState { from, by, along });
+        let moving = Some(&loads);
+        with!(self.kind, equations [R::ORDER == 0] => {
+            R::call(instructions, Rates { equations, input, moving, contacts, from, by, along, rate, ledger });
+        });
+        self.book(rate, &loads);
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn evaluate_moving(
+        &self,
+        frame: &SegmentFrame<R>,
+        (drive, tau): (&SegmentDrive<R>, R),
+        y: &States<R>,
+        now: &mut Evaluation<R>,
+    ) {
+        let Self { instructions, ledger, .. } = *self;
+        let input = R::call(instructions, InputAt { drive, tau });
+        let loads = self.loads(&frame.at(tau), &input, StageState { from: y, by: R::zero(), along: y });
+        let moving = Some(&loads);
+        with!(self.kind, equations [R::ORDER == 0] => {
+            R::call(instructions, Evaluate { equations, drive, tau, moving, y, now, ledger });
+        });
+        self.book(&mut now.rate, &loads);
+    }
+}
+
 /// Runs in numbers with derivatives are bilateral, so no code of unilateral contact is compiled for them.
 impl<R: Lanes> System<R> for SceneEquations<R> {
     #[inline(always)]
@@ -295,24 +417,33 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
 
     #[inline(always)]
     fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>) {
+        if let Some(frame) = &drive.frame {
+            return self.evaluate_moving(frame, (drive, tau), y, now);
+        }
         let Self { instructions, ledger, .. } = *self;
         with!(self.kind, equations [R::ORDER == 0] => {
-            R::call(instructions, Evaluate { equations, drive, tau, y, now, ledger });
+            R::call(instructions, Evaluate { equations, drive, tau, moving: None, y, now, ledger });
         });
     }
 
     #[inline(always)]
-    fn rates(&self, input: &Input<R>, contacts: &Contacts<R>, at: StageState<'_, R>, rate: &mut States<R>) {
+    fn rates(&self, input: &Input<R>, drive: &SegmentDrive<R>, at: StageState<'_, R>, rate: &mut States<R>) {
+        // In one piece the stage would be copied, as vectors that wait for the stores of its parts.
+        let StageState { from, by, along } = at;
+        let (moving, contacts) = (None, &drive.contacts);
+        if let Some(frame) = &drive.frame {
+            return self.rates_moving(frame, (input, contacts), (from, along), &by, rate);
+        }
         let Self { instructions, ledger, .. } = *self;
         with!(self.kind, equations [R::ORDER == 0] => {
-            R::call(instructions, Rates { equations, input, contacts, at, rate, ledger });
+            R::call(instructions, Rates { equations, input, moving, contacts, from, by, along, rate, ledger });
         });
     }
 
     /// In lanes the equations of undisturbed bilateral contact are inlined into the stages.
     #[inline(always)]
     fn evaluate_stages(&self, stages: impl Stages<R>) {
-        let together = Self::INLINES_STAGES && !self.ledger;
+        let together = Self::INLINES_STAGES && !self.ledger && !self.moves;
         match &self.kind {
             EquationKind::Csm(equations) if together && !equations.plant().driven => {
                 R::call(self.instructions, Together { stages, equations, called: self });
@@ -353,7 +484,8 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
 }
 
 /// Computes a Jacobian in sweeps, each with `W` directions.
-struct Sweeps<'a, R, E> {
+struct Sweeps<'a, R, E, const W: usize> {
+    system: &'a Tangent<R, W>,
     equations: &'a E,
     drive: &'a SegmentDrive<R>,
     tau: R,
@@ -362,12 +494,12 @@ struct Sweeps<'a, R, E> {
     jacobian: &'a mut Jacobian<R>,
 }
 
-impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<Dual<R, W>> for Sweeps<'_, R, E> {
+impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<Dual<R, W>> for Sweeps<'_, R, E, W> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let Self { equations, drive, tau, y, ledger, jacobian } = self;
+        let Self { system, equations, drive, tau, y, ledger, jacobian } = self;
         let contacts = drive.contacts.lifted();
         for_fingers_of!(equations, driven [R::WIDTH > 1 || !E::UNILATERAL] => {
             let size = size_of(equations, driven, ledger);
@@ -380,7 +512,20 @@ impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<Dual<R, W>> fo
                     *dual = Dual::variable(number, direction);
                 }
                 let tau = Dual::variable(tau, states.wrapping_sub(first));
-                let rate = equations.evaluate(driven, &drive.at(tau), &contacts, &duals, ledger).rate;
+                let input = drive.at(tau);
+                let (mut force, mut fingers, mut moving) = (input.force, no_finger_forces(), None);
+                if let Some(frame) = &drive.frame {
+                    // Only copies are passed on, so that states and inputs of a hand at rest stay in registers.
+                    let (state, instant) = (duals, input);
+                    let at = StageState { from: &state, by: Dual::zero(), along: &state };
+                    let own = system.loads(&frame.at(tau), &instant, at);
+                    (force, fingers, moving) = (own.force, own.fingers, Some(own));
+                }
+                let loads = Loads { force: &force, fingers: &fingers };
+                let mut rate = equations.evaluate(driven, (&input, loads), &contacts, &duals, ledger).rate;
+                if let Some(loads) = &moving {
+                    system.book(&mut rate, loads);
+                }
                 for n in 0..all {
                     jacobian.rows[n][first..first + W].copy_from_slice(&rate[n].slope);
                 }
@@ -394,7 +539,7 @@ impl<R: Lanes, const W: usize> Linear<R> for Tangent<R, W> {
     fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>) {
         let Self { instructions, ledger, .. } = *self;
         with!(self.kind, equations => {
-            Dual::call(instructions, Sweeps { equations, drive, tau, y, ledger, jacobian });
+            Dual::call(instructions, Sweeps { system: self, equations, drive, tau, y, ledger, jacobian });
         });
     }
 }
@@ -406,27 +551,37 @@ impl<R: Lanes, const W: usize> Tangent<R, W> {
     /// outputs, and this code is not compiled for the other formulations.
     pub fn evaluate_seeded(
         &self,
-        input: &Input<Dual<R, W>>,
+        (input, frame): (&Input<Dual<R, W>>, Option<&FrameMotion<Dual<R, W>>>),
         y: &States<Dual<R, W>>,
     ) -> Option<Evaluation<Dual<R, W>>> {
         match &self.kind {
             EquationKind::Nullspace(equations) => {
-                Some(Dual::call(self.instructions, Seeded { equations, input, y }))
+                let moving = frame.map(|frame| {
+                    self.loads(frame, input, StageState { from: y, by: Dual::zero(), along: y })
+                });
+                let moving = moving.as_ref();
+                Some(Dual::call(self.instructions, Seeded { equations, input, moving, y }))
             }
             _ => None,
         }
     }
 }
 task! {
-    Seeded(input: &'a Input<R>, y: &'a States<R>) -> Evaluation<R>,
-    equations => equations.evaluate(equations.plant().driven, input, &Contacts::sticking(), y, false)
+    Seeded(input: &'a Input<R>, moving: Option<&'a FrameLoads<R>>, y: &'a States<R>) -> Evaluation<R>,
+    equations => {
+        let none = no_finger_forces();
+        let loads = Loads::of(&input.force, &none, moving);
+        equations.evaluate(equations.plant().driven, (input, loads), &Contacts::sticking(), y, false)
+    }
 }
 
 impl SceneEquations<f64> {
     /// The equations of unilateral contact; `None` if these are others.
-    pub(crate) fn contact(&self) -> Option<ContactEquations<'_>> {
+    pub(crate) fn contact(&self, drive: &SegmentDrive) -> Option<ContactEquations<'_>> {
         match &self.kind {
-            EquationKind::Unilateral(equations) => Some(ContactEquations::new(self.instructions, equations)),
+            EquationKind::Unilateral(equations) => {
+                Some(ContactEquations::new(self.instructions, equations, drive.frame.as_deref().copied()))
+            }
             _ => None,
         }
     }

@@ -102,9 +102,9 @@ pub trait System<R: Lanes>: Sized {
         now
     }
 
-    /// Computes only the derivative, at the state `at` in the modes of the contacts and under the inputs of
-    /// an instant. The zeros that fill it are left as they are.
-    fn rates(&self, input: &Input<R>, contacts: &Contacts<R>, at: StageState<'_, R>, rate: &mut States<R>);
+    /// Computes only the derivative, at the state `at` under the inputs of an instant of the segment, and in its modes of
+    /// the contacts. The zeros that fill it are left as they are.
+    fn rates(&self, input: &Input<R>, drive: &SegmentDrive<R>, at: StageState<'_, R>, rate: &mut States<R>);
 
     /// Evaluates the stages of a step.
     #[inline(always)]

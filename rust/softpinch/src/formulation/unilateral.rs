@@ -12,8 +12,8 @@ use crate::model::contact::law::ElasticGradient;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::Coordinates;
 use crate::model::drive::Input;
-use crate::model::energy::{Energies, WORKS};
-use crate::model::forces::Plant;
+use crate::model::energy::{CONTACT_WORKS, Energies};
+use crate::model::forces::{Loads, Plant};
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
 use crate::model::source::Source;
@@ -63,7 +63,7 @@ impl<R: Real> Unilateral<R> {
 }
 
 impl<R: Real> Equations<R> for Unilateral<R> {
-    const WORKS: usize = WORKS;
+    const WORKS: usize = CONTACT_WORKS;
     const UNILATERAL: bool = true;
 
     #[inline(always)]
@@ -81,7 +81,7 @@ impl<R: Real> Equations<R> for Unilateral<R> {
     fn terms(
         &self,
         driven: bool,
-        input: &Input<R>,
+        (input, loads): (&Input<R>, Loads<'_, R>),
         contacts: &Contacts<R>,
         motion: &Motion<R>,
         geometry: Geometry<R>,
@@ -91,7 +91,7 @@ impl<R: Real> Equations<R> for Unilateral<R> {
         let couple = [elastic[0].tilt, elastic[1].tilt];
         let special = contacts.special();
         let elastic = if special == 0 { elastic } else { self.released(contacts, elastic, &motion.q) };
-        let mut forces = plant.forces(driven, elastic, &geometry, motion, input);
+        let mut forces = plant.forces(driven, elastic, &geometry, motion, (input, loads));
         let (force, bias) = (forces.total(), self.bias(&geometry));
         let finger_acceleration = input.target_acceleration;
         let mut found =
@@ -134,7 +134,7 @@ impl<R: Real> Equations<R> for Unilateral<R> {
     /// The powers whose integrals are the works of the ledger. Friction's is the loss mu lambda^H |v|. While a
     /// tip grazes, its tilt changes (5) by tau theta_p-dot, but only the part psi of its couple acts.
     #[inline(always)]
-    fn powers(&self, terms: &Terms<R>, contacts: &Contacts<R>, p: &Coordinates<R>) -> [R; WORKS] {
+    fn powers(&self, terms: &Terms<R>, contacts: &Contacts<R>, p: &Coordinates<R>) -> [R; CONTACT_WORKS] {
         let Terms { geometry, forces, response, couple, .. } = terms;
         let drift = geometry.constraint_velocity();
         let zero = R::zero();

@@ -120,7 +120,7 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Dop853<R> {
         each_stage!(STAGE => {
             weighted(size, slopes, &A[STAGE][..STAGE], along);
             let input = drive.at(R::constant(C[STAGE]).mul_add(h, tau));
-            system.rates(&input, &drive.contacts, StageState { from: y, by: h, along }, &mut slopes[STAGE]);
+            system.rates(&input, drive, StageState { from: y, by: h, along }, &mut slopes[STAGE]);
         });
         weighted(size, slopes, &B, along);
         // A closure might be compiled without the instructions of the lanes.
@@ -149,16 +149,11 @@ impl<R: Lanes, S: System<R>> Adaptive<R, S> for Dop853<R> {
         stats.evaluations += 1 + EXTRA as u64;
         let Self { slopes, along, terms } = self;
         let there = StageState { from: next, by: R::zero(), along: y };
-        system.rates(&drive.at(tau + h), &drive.contacts, there, &mut slopes[STAGES]);
+        system.rates(&drive.at(tau + h), drive, there, &mut slopes[STAGES]);
         for k in 0..EXTRA {
             weighted(size, slopes, &A_EXTRA[k][..=STAGES + k], along);
             let input = drive.at(R::constant(C_EXTRA[k]).mul_add(h, tau));
-            system.rates(
-                &input,
-                &drive.contacts,
-                StageState { from: y, by: h, along },
-                &mut slopes[STAGES + 1 + k],
-            );
+            system.rates(&input, drive, StageState { from: y, by: h, along }, &mut slopes[STAGES + 1 + k]);
         }
         let (first, last) = (&slopes[0], &slopes[STAGES]);
         size.each(|n| {

@@ -9,14 +9,14 @@
 
 use nalgebra::Complex;
 
-use crate::formulation::equations::{MAX_COMPONENTS, States};
+use crate::formulation::equations::MAX_COMPONENTS;
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
 use crate::method::called::Called;
 use crate::method::entry::MethodEntry;
 use crate::method::linearize::{Factors, Linearization};
-use crate::method::newton::{Iteration, Newton, Problem, Scheme, newton};
-use crate::method::traits::{Runs, Stats, Unsolved};
+use crate::method::newton::{Iteration, Newton, Problem, Scheme, Solved, newton};
+use crate::method::traits::{Runs, Stats};
 
 /// The properties of the method.
 pub const ENTRY: MethodEntry = MethodEntry {
@@ -56,11 +56,7 @@ impl<S: System<f64>> Scheme<S> for ImplicitMidpoint {
 
     /// Solves z = h/2 f(y + z). The step ends at y + 2 z.
     #[inline(always)]
-    fn solve(
-        &mut self,
-        problem: &Problem<'_, S, Self::Factors>,
-        stats: &mut Stats,
-    ) -> Result<(States<f64>, f64), Unsolved> {
+    fn solve(&mut self, problem: &Problem<'_, S, Self::Factors>, stats: &mut Stats) -> Solved {
         let step = problem.step;
         let g = 2.0 / step.h;
         let size = step.system.size();

@@ -35,7 +35,7 @@ macro_rules! unrolled {
 #[derive(Debug, Clone, Copy)]
 pub struct Linearization<R = f64> {
     size: Size,
-    jacobian: Jacobian<R>,
+    pub(super) jacobian: Jacobian<R>,
     /// V_x + V_r R_v.
     stiffness: Square<R>,
     /// V_r R_x.
@@ -85,8 +85,8 @@ fn solve<T: Entry>(
     d: usize,
     of: &Linearization<T::Part>,
     factors: &Factors<T>,
-    b: &[T; MAX_COMPONENTS],
-) -> [T; MAX_COMPONENTS]
+    b: &States<T>,
+) -> States<T>
 where
     T::Part: Lanes,
 {
@@ -144,12 +144,6 @@ impl<R: Lanes> Linearization<R> {
         found
     }
 
-    /// The Jacobian.
-    #[inline(always)]
-    pub fn jacobian(&self) -> &Jacobian<R> {
-        &self.jacobian
-    }
-
     /// Takes the Jacobian at time `tau` of a segment and state `y`, in place.
     #[inline(always)]
     pub fn take(&mut self, tangent: &impl Linear<R>, drive: &SegmentDrive<R>, tau: R, y: &States<R>) {
@@ -175,21 +169,13 @@ impl<R: Lanes> Linearization<R> {
 
     /// Solves (g I - J) x = b for the states. The other entries of the solution are those of `b`.
     #[inline(always)]
-    pub fn solve<T: Entry<Part = R>>(
-        &self,
-        factors: &Factors<T>,
-        b: &[T; MAX_COMPONENTS],
-    ) -> [T; MAX_COMPONENTS] {
+    pub fn solve<T: Entry<Part = R>>(&self, factors: &Factors<T>, b: &States<T>) -> States<T> {
         unrolled!(self.size, solve(self, factors, b))
     }
 
     /// Solves (g I - J) x = b for the states and the works.
     #[inline(always)]
-    pub fn solve_with_works<T: Entry<Part = R>>(
-        &self,
-        factors: &Factors<T>,
-        b: &[T; MAX_COMPONENTS],
-    ) -> [T; MAX_COMPONENTS] {
+    pub fn solve_with_works<T: Entry<Part = R>>(&self, factors: &Factors<T>, b: &States<T>) -> States<T> {
         let mut x = self.solve(factors, b);
         for n in self.size.states..self.size.all() {
             for k in 0..self.size.states {
@@ -278,7 +264,7 @@ mod tests {
     ) -> (SceneEquations<f64>, Tangent<f64, DIRECTIONS>) {
         let gains = Stabilization { alpha: 1000.0, beta: 700.0 };
         let instructions = Level::detect().require().unwrap();
-        let choice = Choice { formulation, contact: ContactModel::Bilateral, fingers, ledger };
+        let choice = Choice { formulation, contact: ContactModel::Bilateral, fingers, moves: false, ledger };
         (
             SceneEquations::new(instructions, choice, &parameters(), &gains),
             Tangent::new(instructions, choice, &parameters(), &gains),

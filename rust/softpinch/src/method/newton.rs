@@ -97,7 +97,7 @@ impl<S: System<f64>, F> Problem<'_, S, F> {
         let mut rate = [0.0; MAX_COMPONENTS];
         let &Step { system, drive, tau, h, y, .. } = self.step;
         let at = StageState { from: y, by: 1.0, along: z };
-        system.rates(&drive.at(c.mul_add(h, tau)), &drive.contacts, at, &mut rate);
+        system.rates(&drive.at(c.mul_add(h, tau)), drive, at, &mut rate);
         rate
     }
 
@@ -117,6 +117,9 @@ impl<S: System<f64>, F> Problem<'_, S, F> {
     }
 }
 
+/// The state at the end of a step and the rate of convergence, or the failure of the iteration.
+pub type Solved = Result<(States<f64>, f64), Unsolved>;
+
 /// A method that solves equations for its stages.
 pub trait Scheme<S: System<f64>> {
     /// The decompositions that a step needs.
@@ -129,11 +132,7 @@ pub trait Scheme<S: System<f64>> {
 
     /// Iterates until the stages have converged. Returns the state at the end of the step, and the rate of
     /// convergence.
-    fn solve(
-        &mut self,
-        problem: &Problem<'_, S, Self::Factors>,
-        stats: &mut Stats,
-    ) -> Result<(States<f64>, f64), Unsolved>;
+    fn solve(&mut self, problem: &Problem<'_, S, Self::Factors>, stats: &mut Stats) -> Solved;
 
     /// Forgets the data of the last step.
     #[inline(always)]

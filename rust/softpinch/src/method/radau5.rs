@@ -11,8 +11,8 @@ use crate::formulation::system::{Linear, Size, StageState, System};
 use crate::method::called::Called;
 use crate::method::entry::MethodEntry;
 use crate::method::linearize::{Factors, Linearization};
-use crate::method::newton::{Iteration, Newton, Problem, Scheme, newton};
-use crate::method::traits::{Adaptive, Runs, Stats, Step, Unsolved, largest};
+use crate::method::newton::{Iteration, Newton, Problem, Scheme, Solved, newton};
+use crate::method::traits::{Adaptive, Runs, Stats, Step, largest};
 use crate::number::lanes::Bits;
 
 /// The properties of the method.
@@ -82,16 +82,9 @@ const P: [[f64; 3]; 3] = [
 #[derive(Debug, Clone, Copy)]
 pub struct Radau5 {
     /// Each stage's difference from the state at the step's start.
-    stages: [States<f64>; 3],
+    pub(super) stages: [States<f64>; 3],
     /// The length of the step that the stages belong to, if they can predict the next step.
     length: Option<f64>,
-}
-
-impl Radau5 {
-    /// Each stage's difference from the state at the start of the last step.
-    pub(super) fn stages(&self) -> &[States<f64>; 3] {
-        &self.stages
-    }
 }
 
 /// The method before its first step.
@@ -189,11 +182,7 @@ impl<S: System<f64>> Scheme<S> for Radau5 {
     }
 
     #[inline(always)]
-    fn solve(
-        &mut self,
-        problem: &Problem<'_, S, Pair>,
-        stats: &mut Stats,
-    ) -> Result<(States<f64>, f64), Unsolved> {
+    fn solve(&mut self, problem: &Problem<'_, S, Pair>, stats: &mut Stats) -> Solved {
         let step = problem.step;
         let size = step.system.size();
         let (real, complex) = (REAL / step.h, COMPLEX / step.h);
@@ -290,7 +279,7 @@ impl<S: System<f64>, T: Linear<f64>> Adaptive<f64, S> for Newton<Radau5, Pair, T
         stats.evaluations += 1;
         let mut rate = *step.rate;
         let perturbed = StageState { from: step.y, by: 1.0, along: &first };
-        system.rates(&drive.at(step.tau), &drive.contacts, perturbed, &mut rate);
+        system.rates(&drive.at(step.tau), drive, perturbed, &mut rate);
         largest(size, &estimate(&rate), &weights)
     }
 

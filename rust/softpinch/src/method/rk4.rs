@@ -86,9 +86,9 @@ impl<R: Lanes, S: System<R>> Stages<R> for Rk4Stages<'_, R, S> {
         let &Step { drive, tau, h, y, rate: k1, .. } = step;
         let half = R::constant(0.5) * h;
         let middle = drive.at(tau + half);
-        system.rates(&middle, &drive.contacts, StageState { from: y, by: half, along: k1 }, k2);
-        system.rates(&middle, &drive.contacts, StageState { from: y, by: half, along: k2 }, k3);
-        system.rates(&drive.at(tau + h), &drive.contacts, StageState { from: y, by: h, along: k3 }, k4);
+        system.rates(&middle, drive, StageState { from: y, by: half, along: k1 }, k2);
+        system.rates(&middle, drive, StageState { from: y, by: half, along: k2 }, k3);
+        system.rates(&drive.at(tau + h), drive, StageState { from: y, by: h, along: k3 }, k4);
         let sixth = R::constant(1.0 / 6.0) * h;
         let third = R::constant(1.0 / 3.0) * h;
         // A closure might be compiled without the instructions of the lanes.

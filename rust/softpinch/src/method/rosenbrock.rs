@@ -88,10 +88,12 @@ const DENSE: [[f64; STAGES - 1]; 2] = [
 pub struct Rosenbrock<T, R = f64, E = f64> {
     /// The system in dual numbers.
     pub(super) tangent: T,
-    linearization: Linearization<R>,
+    /// The linearisation of the last step, at its start.
+    pub(super) linearization: Linearization<R>,
     /// Whether the next step has the start of the last one, and so its linearisation.
     repeats: bool,
-    stages: [States<R>; STAGES],
+    /// The stages u_i of the last step.
+    pub(super) stages: [States<R>; STAGES],
     /// The type of number in which linear systems are solved.
     entry: PhantomData<E>,
 }
@@ -102,16 +104,6 @@ impl<T, R: Lanes, E> Rosenbrock<T, R, E> {
     pub fn new(size: Size, tangent: T) -> Self {
         let (linearization, stages) = (Linearization::new(size), [[R::zero(); MAX_COMPONENTS]; STAGES]);
         Self { tangent, linearization, repeats: false, stages, entry: PhantomData }
-    }
-
-    /// The linearisation of the last step, at its start.
-    pub(super) fn linearization(&self) -> &Linearization<R> {
-        &self.linearization
-    }
-
-    /// The stages u_i of the last step.
-    pub(super) fn stages(&self) -> &[States<R>; STAGES] {
-        &self.stages
     }
 }
 
@@ -164,7 +156,7 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
                 at = plus(size, *y, &self.stages, &A[i][..last], one);
                 let state = StageState { from: &at, by: R::constant(A[i][last]), along: &self.stages[last] };
                 let input = drive.at(R::constant(C[i]).mul_add(h, tau));
-                system.rates(&input, &drive.contacts, state, &mut load);
+                system.rates(&input, drive, state, &mut load);
             }
             load = plus(size, load, &self.stages, &COUPLING[i][..i], one / h);
             let share = R::constant(BY_TIME[i]) * h;

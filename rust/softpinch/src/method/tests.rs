@@ -63,7 +63,7 @@ impl<R: Lanes> System<R> for Equation {
         now.rate[..2].copy_from_slice(&self.derivative(drive.at(tau).target[0], y));
     }
 
-    fn rates(&self, input: &Input<R>, _: &Contacts<R>, at: StageState<'_, R>, rate: &mut States<R>) {
+    fn rates(&self, input: &Input<R>, _: &SegmentDrive<R>, at: StageState<'_, R>, rate: &mut States<R>) {
         let y = std::array::from_fn(|n| at.along[n].mul_add(at.by, at.from[n]));
         rate[..2].copy_from_slice(&self.derivative(input.target[0], &y));
     }

@@ -138,9 +138,7 @@ pub trait Integrator<R: Lanes, S: System<R>> {
 
     /// Renews the data that depend on the parameters of the runs, after some runs have changed.
     #[inline(always)]
-    fn renew(&mut self, runs: Runs<'_>) {
-        let _ = runs;
-    }
+    fn renew(&mut self, _runs: Runs<'_>) {}
 
     /// Whether steps keep a Jacobian for the steps that follow.
     #[inline(always)]
@@ -157,9 +155,7 @@ pub trait Integrator<R: Lanes, S: System<R>> {
     /// Takes the Jacobian at time `tau` of the segment and state `y`. A run does this to resume another run
     /// that had taken it there.
     #[inline(always)]
-    fn take_jacobian(&mut self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) {
-        let _ = (drive, tau, y);
-    }
+    fn take_jacobian(&mut self, _drive: &SegmentDrive<R>, _tau: R, _y: &States<R>) {}
 }
 
 /// A method that can choose the length of its steps.
@@ -179,14 +175,10 @@ pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
 
     /// Notes that the step just taken, of length `h`, is accepted.
     #[inline(always)]
-    fn accepted(&mut self, h: R) {
-        let _ = h;
-    }
+    fn accepted(&mut self, _h: R) {}
 
     /// Computes the data that dense output needs besides the step itself.
-    fn prepare(&mut self, step: &Step<'_, R, S>, next: &States<R>, stats: &mut Stats) {
-        let _ = (step, next, stats);
-    }
+    fn prepare(&mut self, _step: &Step<'_, R, S>, _next: &States<R>, _stats: &mut Stats) {}
 
     /// The state at the share `x` of the step just taken, from `y` to `next`.
     fn interpolate(&self, y: &States<R>, next: &States<R>, x: R) -> States<R>;

@@ -82,6 +82,8 @@ pub struct Contact<R> {
     pub cos_tilt: R,
     /// sin theta_i, by which gravity turns the finger (43).
     pub sin_finger: R,
+    /// cos theta_i.
+    pub cos_finger: R,
     /// The place of the contact along the side, up to its sign; on a parallel face s_i G_i (11).
     pub place: R,
     /// The direction of the side's normal in the object's frame.
@@ -119,7 +121,7 @@ impl<R: Real> Contact<R> {
         [d_n_rate, d_t_rate]: [R; 2],
     ) -> Self {
         let Frame { omega, u, v, .. } = *frame;
-        let Arm { tilt, sin_tilt, cos_tilt, sin_finger, normal, across, sx, g, turn } = *arm;
+        let Arm { tilt, sin_tilt, cos_tilt, sin_finger, cos_finger, normal, across, sx, g, turn } = *arm;
         let thickness = side.radius - d_n;
         let (a, b) = (signed(i, g), -across);
         let (e, f) = (signed(i, thickness - sx), normal + thickness);
@@ -133,6 +135,7 @@ impl<R: Real> Contact<R> {
             sin_tilt,
             cos_tilt,
             sin_finger,
+            cos_finger,
             place: side.shape.place(a),
             direction: *direction,
             a,

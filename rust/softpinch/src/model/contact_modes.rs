@@ -54,6 +54,15 @@ pub enum Slip {
 }
 
 impl Slip {
+    /// The direction of the slip velocity `v`; `None` if its size is no more than `rest`.
+    pub fn of(v: f64, rest: f64) -> Option<Self> {
+        match v {
+            v if v > rest => Some(Self::Up),
+            v if v < -rest => Some(Self::Down),
+            _ => None,
+        }
+    }
+
     /// sigma: 1 upwards, -1 downwards.
     pub fn sign(self) -> f64 {
         match self {
@@ -103,12 +112,7 @@ impl Mode {
 
     /// The mode in words.
     pub fn word(self) -> &'static str {
-        match self {
-            Self::Free => "is free",
-            Self::Stick => "sticks",
-            Self::Slip(_) => "slips",
-            Self::Graze => "grazes",
-        }
+        ["is free", "sticks", "slips", "grazes"][usize::from(self.code())]
     }
 }
 

@@ -153,17 +153,8 @@ impl ControllerState {
         };
         debug_assert_eq!((n, m), (controller.states(), controller.inputs()));
         let wanted: [f64; 2] = std::array::from_fn(|i| row(c, i, xi) + row(d, i, y));
-        let limited: [f64; 2] = std::array::from_fn(|i| {
-            let [low, high] = limits[i];
-            // NaN stays, so that the run ends.
-            if wanted[i] < low {
-                low
-            } else if wanted[i] > high {
-                high
-            } else {
-                wanted[i]
-            }
-        });
+        // NaN stays, so that the run ends.
+        let limited: [f64; 2] = std::array::from_fn(|i| wanted[i].clamp(limits[i][0], limits[i][1]));
         next.clear();
         next.extend((0..n).map(|k| row(a, k, xi) + row(b, k, y)));
         if *anti_windup {

@@ -3,8 +3,11 @@
 //! are added to the polynomials.
 
 use crate::model::contact_modes::Contacts;
+use crate::model::frame::FrameMotion;
 use crate::number::dual::Dual;
-use crate::number::lanes::{Bits, Lanes, Lift, MOST};
+use crate::number::lanes::{Bits, LaneTask, Lanes, Lift, MOST};
+use crate::number::real::Real;
+use crate::number::simd::level::Instructions;
 
 /// Highest degree of a polynomial.
 pub const MAX_DEGREE: usize = 5;
@@ -12,6 +15,8 @@ pub const MAX_DEGREE: usize = 5;
 pub(super) const COEFFICIENTS: usize = MAX_DEGREE + 1;
 /// Number of channels: two target angles or torques, then force x, force y and moment.
 pub(super) const CHANNELS: usize = 5;
+/// Number of channels of the frame's motion.
+pub(super) const FRAME_CHANNELS: usize = 3;
 
 /// The inputs at one instant.
 #[derive(Debug, Clone, Copy)]
@@ -22,8 +27,10 @@ pub struct Input<R> {
     pub target_rate: [R; 2],
     /// Accelerations of the target angles, rad/s^2.
     pub target_acceleration: [R; 2],
-    /// F_x and F_y in N and the moment in N m that act on the object.
+    /// F_x and F_y along fixed axes in N and the moment in N m that act on the object.
     pub force: [R; 3],
+    /// Time since the start of the segment, s.
+    pub tau: R,
 }
 
 /// amplitude * sin(omega tau + phase), in the lanes of `active`.
@@ -43,8 +50,142 @@ pub struct SegmentDrive<R = f64> {
     pub(super) degrees: [usize; MOST],
     pub(super) degree: usize,
     pub(super) waves: Vec<Wave<R>>,
+    pub(crate) frame: Option<Box<SegmentFrame<R>>>,
     /// The modes of the contacts until the next event. Only unilateral contact reads them.
     pub contacts: Contacts<R>,
+}
+
+/// The motion of the hand's frame in one segment, about its start.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SegmentFrame<R> {
+    /// The accelerations R-dotdot_x and R-dotdot_y along fixed axes, and the tilt phi.
+    pub(super) channels: [[R; COEFFICIENTS]; FRAME_CHANNELS],
+    /// A sinusoid of these. Its amplitudes are zero if there is none.
+    pub(super) wave: Wave<R>,
+    /// The degree of the polynomials of the accelerations.
+    pub(super) degree: usize,
+    /// sin phi and cos phi in lanes whose tilt does not change.
+    pub(super) direction: [R; 2],
+    /// Whether there is a sinusoid in any lane.
+    pub(super) swings: bool,
+    /// Whether the tilt changes in any lane.
+    pub(super) turns: bool,
+    pub(super) instructions: Instructions,
+}
+
+impl<R: Lanes> SegmentFrame<R> {
+    /// The motion in other numbers.
+    pub(crate) fn lifted<T: Lanes>(&self, lift: impl Fn(R) -> T) -> SegmentFrame<T> {
+        let Wave { omega, phase, amplitude, active } = self.wave;
+        SegmentFrame {
+            channels: self.channels.map(|channel| channel.map(&lift)),
+            wave: Wave { omega: lift(omega), phase: lift(phase), amplitude: amplitude.map(&lift), active },
+            direction: self.direction.map(&lift),
+            degree: self.degree,
+            swings: self.swings,
+            turns: self.turns,
+            instructions: self.instructions,
+        }
+    }
+
+    fn still(instructions: Instructions) -> Self {
+        let zero = R::zero();
+        let wave = Wave { omega: zero, phase: zero, amplitude: [zero; 3], active: R::ALL };
+        let (degree, swings, turns) = (0, false, false);
+        let channels = [[zero; COEFFICIENTS]; FRAME_CHANNELS];
+        Self { channels, wave, degree, direction: [zero; 2], swings, turns, instructions }
+    }
+
+    /// Sets the motion of one lane.
+    fn set(&mut self, lane: usize, own: &SegmentFrame<f64>) {
+        set_channels(&mut self.channels, lane, &own.channels);
+        self.wave.set(lane, &own.wave);
+        for (number, own) in self.direction.iter_mut().zip(own.direction) {
+            number.set(lane, own);
+        }
+        self.degree = self.degree.max(own.degree);
+        (self.swings, self.turns) = (self.swings | own.swings, self.turns | own.turns);
+    }
+}
+
+/// The motion of the hand at an instant. It is called, because so many places need it.
+struct FrameAt<'a, R, T> {
+    frame: &'a SegmentFrame<R>,
+    tau: T,
+}
+
+impl<R: Lanes, T: Lift<R>> LaneTask<T> for FrameAt<'_, R, T> {
+    type Output = FrameMotion<T>;
+
+    #[inline(always)]
+    fn run(self) -> FrameMotion<T> {
+        let Self { frame: segment, tau } = self;
+        let [x, y, tilt] = &segment.channels;
+        let mut acceleration = [T::zero(); 2];
+        for k in (0..=segment.degree.min(MAX_DEGREE)).rev() {
+            acceleration =
+                [acceleration[0].mul_add(tau, T::lift(x[k])), acceleration[1].mul_add(tau, T::lift(y[k]))];
+        }
+        if !(segment.swings | segment.turns) {
+            let [sin, cos] = segment.direction.map(T::lift);
+            return FrameMotion::new(acceleration, (sin, cos), None);
+        }
+        let series = value_and_rates(tilt, MAX_DEGREE, tau);
+        let omega = T::lift(segment.wave.omega);
+        let (sin, cos) = omega.mul_add(tau, T::lift(segment.wave.phase)).sin_cos();
+        let [x, y, tilt] = segment.wave.amplitude;
+        let swing = T::lift(tilt);
+        let phi = swing.mul_add(sin, series[0]);
+        let turning = segment.turns.then(|| {
+            let rate = (omega * swing).mul_add(cos, series[1]);
+            [rate, (omega * omega * swing).neg_mul_add(sin, series[2])]
+        });
+        let acceleration =
+            [T::lift(x).mul_add(sin, acceleration[0]), T::lift(y).mul_add(sin, acceleration[1])];
+        FrameMotion::new(acceleration, phi.sin_cos(), turning)
+    }
+}
+
+impl<R: Lanes> SegmentFrame<R> {
+    /// The motion at time `tau` since the segment's start.
+    #[inline(never)]
+    pub(crate) fn at<T: Lift<R>>(&self, tau: T) -> FrameMotion<T> {
+        T::call(self.instructions, FrameAt { frame: self, tau })
+    }
+}
+
+/// A polynomial of degree `degree` at `tau`, and its first two derivatives, by Horner's scheme.
+#[inline(always)]
+fn value_and_rates<R: Lanes, T: Lift<R>>(channel: &[R; COEFFICIENTS], degree: usize, tau: T) -> [T; 3] {
+    let (mut value, mut first, mut second) = (T::zero(), T::zero(), T::zero());
+    for k in (0..=degree).rev() {
+        second = second.mul_add(tau, first);
+        first = first.mul_add(tau, value);
+        value = value.mul_add(tau, T::lift(channel[k]));
+    }
+    [value, first, second + second]
+}
+
+fn set_channels<R: Lanes, const C: usize>(
+    channels: &mut [[R; COEFFICIENTS]; C],
+    lane: usize,
+    own: &[[f64; COEFFICIENTS]; C],
+) {
+    for (channel, numbers) in channels.iter_mut().zip(own) {
+        for (coefficient, &number) in channel.iter_mut().zip(numbers) {
+            coefficient.set(lane, number);
+        }
+    }
+}
+
+impl<R: Lanes> Wave<R> {
+    fn set(&mut self, lane: usize, own: &Wave<f64>) {
+        self.omega.set(lane, own.omega);
+        self.phase.set(lane, own.phase);
+        for (amplitude, number) in self.amplitude.iter_mut().zip(own.amplitude) {
+            amplitude.set(lane, number);
+        }
+    }
 }
 
 impl SegmentDrive {
@@ -80,6 +221,8 @@ impl<R: Lanes, const W: usize> SegmentDrive<Dual<R, W>> {
             degrees: [degree; MOST],
             degree,
             waves: value.waves.iter().enumerate().map(|(k, own)| wave(k, own)).collect(),
+            // No direction changes the motion of the hand.
+            frame: value.frame.as_ref().map(|frame| frame.lifted(<Dual<R, W> as Real>::constant).into()),
             contacts: Contacts::sticking(),
         }
     }
@@ -93,6 +236,7 @@ impl<R: Lanes> SegmentDrive<R> {
             degrees: [0; MOST],
             degree: 0,
             waves: Vec::new(),
+            frame: None,
             contacts: Contacts::sticking(),
         }
     }
@@ -104,10 +248,10 @@ impl<R: Lanes> SegmentDrive<R> {
 
     /// Sets the inputs of one lane.
     pub fn set(&mut self, lane: usize, own: &SegmentDrive) {
-        for (channel, numbers) in self.channels.iter_mut().zip(own.channels) {
-            for (coefficient, number) in channel.iter_mut().zip(numbers) {
-                coefficient.set(lane, number);
-            }
+        set_channels(&mut self.channels, lane, &own.channels);
+        if let Some(own) = &own.frame {
+            let still = || SegmentFrame::still(own.instructions).into();
+            self.frame.get_or_insert_with(still).set(lane, own);
         }
         self.degrees[lane] = own.degree;
         self.degree = self.degrees.into_iter().max().unwrap_or(0);
@@ -118,11 +262,7 @@ impl<R: Lanes> SegmentDrive<R> {
             wave.active &= !(1 << lane);
             if let Some(own) = own.waves.get(k) {
                 wave.active |= 1 << lane;
-                wave.omega.set(lane, own.omega);
-                wave.phase.set(lane, own.phase);
-                for (amplitude, number) in wave.amplitude.iter_mut().zip(own.amplitude) {
-                    amplitude.set(lane, number);
-                }
+                wave.set(lane, own);
             }
         }
         while self.waves.last().is_some_and(|wave| wave.active == 0) {
@@ -151,13 +291,8 @@ impl<R: Lanes> SegmentDrive<R> {
         let (mut target_rate, mut target_acceleration) = ([T::zero(); 2], [T::zero(); 2]);
         if self.degree > 0 {
             for i in 0..2 {
-                let (mut value, mut first, mut second) = (T::zero(), T::zero(), T::zero());
-                for k in (0..=self.degree.min(MAX_DEGREE)).rev() {
-                    second = second.mul_add(tau, first);
-                    first = first.mul_add(tau, value);
-                    value = value.mul_add(tau, T::lift(self.channels[i][k]));
-                }
-                (target_rate[i], target_acceleration[i]) = (first, second + second);
+                let degree = self.degree.min(MAX_DEGREE);
+                [_, target_rate[i], target_acceleration[i]] = value_and_rates(&self.channels[i], degree, tau);
             }
         }
         for wave in &self.waves {
@@ -167,6 +302,6 @@ impl<R: Lanes> SegmentDrive<R> {
             }
         }
         let [right, left, x, y, moment] = value;
-        Input { target: [right, left], target_rate, target_acceleration, force: [x, y, moment] }
+        Input { target: [right, left], target_rate, target_acceleration, force: [x, y, moment], tau }
     }
 }

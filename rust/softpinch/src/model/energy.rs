@@ -31,20 +31,26 @@ impl<R: Lanes> Energies<R> {
 }
 
 /// The closure error of the energy ledger: (energy now - energy at the start) - (works - losses). Bilateral
-/// contact has the first four works.
+/// contact has the first four works. That of the hand's motion is the last one, if the hand moves.
 #[inline(always)]
 pub fn closure<R: Real>(start: &Energies<R>, now: &Energies<R>, works: &[R]) -> R {
     let gain = now.total() - start.total();
-    let &[control, external, viscous, constraint, ref of_contact @ ..] = works else { return gain };
+    let &[control, external, viscous, constraint, ref others @ ..] = works else { return gain };
     let work = ((control + external) + constraint) - viscous;
-    match *of_contact {
+    match *others {
+        [motion] => gain - (work + motion),
         [friction, impact, relaxation] => gain - (work + (relaxation - (friction + impact))),
+        [friction, impact, relaxation, motion] => {
+            gain - ((work + motion) + (relaxation - (friction + impact)))
+        }
         _ => gain - work,
     }
 }
 
 /// Number of works of the energy ledger.
-pub const WORKS: usize = 7;
+pub const WORKS: usize = 8;
+/// Number of works in unilateral contact, without that of the hand's motion.
+pub const CONTACT_WORKS: usize = 7;
 /// Number of works in bilateral contact, which neither slides nor opens.
 pub const BILATERAL_WORKS: usize = 4;
 
@@ -62,4 +68,6 @@ pub mod work {
     pub const IMPACT: usize = 5;
     /// Energy that free tips gain while their tilt is frozen.
     pub const RELAXATION: usize = 6;
+    /// Work of the forces of the hand's motion, gravity included.
+    pub const MOTION: usize = 7;
 }

@@ -6,6 +6,7 @@ use crate::model::control::{Controller, Fingers};
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::drive::Input;
 use crate::model::energy::{BILATERAL_WORKS, Energies};
+use crate::model::frame::{Carried, FrameLoads};
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
 use crate::model::source::Source;
@@ -34,10 +35,39 @@ pub struct Plant<R> {
     /// What follows from it is also a parameter of the functions below and of the formulations. A caller that
     /// passes a constant has the code for these fingers alone.
     pub driven: bool,
-    /// Weight M g of the object.
+    /// Weight M g of the object; zero if the hand moves, because then the forces of its motion include gravity.
     weight: R,
-    /// Weights of the fingers times their lengths, M_i g L_i.
+    /// Weights of the fingers times their lengths, M_i g L_i; zero if the hand moves.
     finger_weights: [R; 2],
+    /// What moves with the frame of a hand that moves.
+    pub carried: Carried<R>,
+    /// Whether the hand moves.
+    pub moves: bool,
+}
+
+/// The forces from outside on the object, N and N m along the hand's axes, and the generalised ones on the fingers, N m,
+/// beside weights and torques. References, so that choosing them costs no instructions.
+#[derive(Debug, Clone, Copy)]
+pub struct Loads<'a, R> {
+    /// F_x, F_y and the moment.
+    pub force: &'a [R; 3],
+    /// [`no_finger_forces`] unless the hand moves.
+    pub fingers: &'a [R; 2],
+}
+
+/// No forces on the fingers: -0.0 changes no bit of a sum.
+#[inline(always)]
+pub fn no_finger_forces<R: Real>() -> [R; 2] {
+    [R::constant(-0.0); 2]
+}
+
+impl<'a, R> Loads<'a, R> {
+    /// Those of a hand that moves, or the external force alone with [`no_finger_forces`].
+    #[inline(always)]
+    pub fn of(force: &'a [R; 3], none: &'a [R; 2], moving: Option<&'a FrameLoads<R>>) -> Self {
+        moving
+            .map_or(Loads { force, fingers: none }, |own| Loads { force: &own.force, fingers: &own.fingers })
+    }
 }
 
 /// The applied forces at a state, sorted by their origin.
@@ -45,7 +75,7 @@ pub struct Plant<R> {
 pub struct Forces<R> {
     /// Gradients of (5); the force is their negative.
     pub elastic: [ElasticGradient<R>; 2],
-    /// Gravity's torque on the fingers (43).
+    /// Gravity's torque on the fingers (43), or that of the hand's motion.
     pub finger_gravity: [R; 2],
     /// Weight M g of the object.
     pub weight: R,
@@ -59,11 +89,11 @@ pub struct Forces<R> {
 }
 
 impl<R: Real> Plant<R> {
-    /// Compiles the parameters of a scene whose fingers move in this way.
+    /// Compiles the parameters of a scene whose fingers move in this way, and whose hand may move.
     #[inline(always)]
-    pub fn new(source: &impl Source<R>, fingers: Fingers) -> Self {
+    pub fn new(source: &impl Source<R>, fingers: Fingers, moves: bool) -> Self {
         let one = R::constant(1.0);
-        let gravity = source.number(|p| p.surroundings.gravity);
+        let gravity = if moves { R::zero() } else { source.number(|p| p.surroundings.gravity) };
         // Loops, because closures that compute would be compiled without the instructions of the lanes.
         let mut masses = [one; 9];
         for (k, mass) in masses.iter_mut().enumerate() {
@@ -95,6 +125,8 @@ impl<R: Real> Plant<R> {
             driven,
             weight: source.number(|p| p.grasped.mass) * gravity,
             finger_weights,
+            carried: Carried::new(source),
+            moves,
         }
     }
 
@@ -117,17 +149,17 @@ impl<R: Real> Plant<R> {
         elastic: [ElasticGradient<R>; 2],
         geometry: &Geometry<R>,
         motion: &Motion<R>,
-        input: &Input<R>,
+        (input, loads): (&Input<R>, Loads<'_, R>),
     ) -> Forces<R> {
-        let right = self.side_forces(driven, 0, &elastic[0], geometry, motion, input);
-        let left = self.side_forces(driven, 1, &elastic[1], geometry, motion, input);
+        let right = self.side_forces(driven, 0, &elastic[0], geometry, motion, (input, loads));
+        let left = self.side_forces(driven, 1, &elastic[1], geometry, motion, (input, loads));
         Forces {
             elastic,
             finger_gravity: [right.0, left.0],
             weight: self.weight,
             resistance: [right.1, left.1, right.2, left.2],
             torque: [right.3, left.3],
-            external: input.force,
+            external: *loads.force,
         }
     }
 
@@ -141,7 +173,7 @@ impl<R: Real> Plant<R> {
         elastic: &ElasticGradient<R>,
         geometry: &Geometry<R>,
         Motion { q, p, memory }: &Motion<R>,
-        input: &Input<R>,
+        (input, loads): (&Input<R>, Loads<'_, R>),
     ) -> (R, R, R, R) {
         let (tip, control) = (&self.tips[i], &self.controllers[i]);
         let torque = if driven {
@@ -150,7 +182,7 @@ impl<R: Real> Plant<R> {
             control.torque(q.finger[i], p.finger[i], memory[i], input.target[i])
         };
         (
-            self.finger_weights[i] * geometry.contacts[i].sin_finger,
+            self.finger_weights[i] * geometry.contacts[i].sin_finger + loads.fingers[i],
             tip.normal_viscosity.mul_add(p.compression[i], elastic.normal),
             tip.tangential_viscosity.mul_add(p.shear[i], elastic.tangential),
             torque,

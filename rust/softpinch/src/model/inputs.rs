@@ -9,12 +9,15 @@ use std::sync::Arc;
 
 use crate::error::Error;
 use crate::model::control::Fingers;
-use crate::model::drive::{CHANNELS, COEFFICIENTS, SegmentDrive, Wave};
+use crate::model::drive::{CHANNELS, COEFFICIENTS, SegmentDrive, SegmentFrame, Wave};
+use crate::model::frame::FrameMotion;
 use crate::model::noise::{Noise, require_countable};
 use crate::model::piecewise::PiecewisePolynomial;
 use crate::model::rule::Rule;
 use crate::model::sampled::SampledController;
 use crate::number::lanes::MOST;
+use crate::number::real::Real;
+use crate::number::simd::level::{Instructions, Level};
 
 /// amplitude * sin(omega (t - start) + phase) from `start` until `end`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -41,7 +44,7 @@ pub struct Impulse {
 }
 
 /// Everything that drives a scene. Runs can share the parts in which they do not differ.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Inputs {
     schedule: Arc<PiecewisePolynomial<2>>,
     forces: Vec<Arc<PiecewisePolynomial<3>>>,
@@ -51,6 +54,69 @@ pub struct Inputs {
     fingers: Fingers,
     held: Option<Held>,
     sampled: Option<Sampled>,
+    frame: Option<Arc<HandMotion>>,
+}
+
+/// The motion of the hand's frame: accelerations of its origin along fixed axes, and its tilt.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HandMotion {
+    /// Accelerations along x and y, m/s^2.
+    pub acceleration: PiecewisePolynomial<2>,
+    /// The tilt, counter-clockwise, rad.
+    pub tilt: PiecewisePolynomial<1>,
+    /// Angular frequency, rad/s, and phase at time 0, rad, of a sinusoid at all times, and its amplitudes: of the
+    /// accelerations, m/s^2, and of the tilt, rad.
+    pub sine: [f64; 5],
+    instructions: Instructions,
+}
+
+impl HandMotion {
+    /// A motion. The error says that this processor has not the instructions that the crate needs.
+    pub fn new(
+        acceleration: PiecewisePolynomial<2>,
+        tilt: PiecewisePolynomial<1>,
+        sine: [f64; 5],
+    ) -> Result<Self, Error> {
+        Ok(Self { acceleration, tilt, sine, instructions: Level::detect().require()? })
+    }
+
+    /// The motion at all times with the acceleration and the tilt of an instant, without turning.
+    pub fn constant(frame: &FrameMotion<f64>) -> Result<Self, Error> {
+        let [x, y] = frame.into_fixed(frame.acceleration);
+        let tilt = frame.sin.atan2(frame.cos);
+        Self::new(PiecewisePolynomial::constant([x, y]), PiecewisePolynomial::constant([tilt]), [0.0; 5])
+    }
+
+    /// The motion at all times with the acceleration and the tilt that the polynomials have at time `t`.
+    fn frozen(&self, t: f64) -> Self {
+        Self {
+            acceleration: PiecewisePolynomial::constant(self.acceleration.value_and_rate(t)[0]),
+            tilt: PiecewisePolynomial::constant(self.tilt.value_and_rate(t)[0]),
+            sine: [0.0; 5],
+            ..*self
+        }
+    }
+
+    /// The motion in the segment from `anchor` on.
+    fn segment(&self, anchor: f64) -> SegmentFrame<f64> {
+        let ([x, y], [tilt]) = (self.acceleration.shifted(anchor), self.tilt.shifted(anchor));
+        let [omega, phase, ref amplitude @ ..] = self.sine;
+        let wave = Wave { omega, phase: omega.mul_add(anchor, phase), amplitude: *amplitude, active: 1 };
+        // Adding zero turns -0.0 into 0.0, as in the other channels.
+        let channels = [x, y, tilt].map(|channel| channel.map(|coefficient| coefficient + 0.0));
+        let turns = amplitude[2] != 0.0 || tilt[1..].iter().any(|&coefficient| coefficient != 0.0);
+        let degree = (0..COEFFICIENTS).rev().find(|&k| x[k] != 0.0 || y[k] != 0.0).unwrap_or(0);
+        let (sin, cos) = Real::sin_cos(channels[2][0]);
+        SegmentFrame {
+            channels,
+            wave,
+            degree,
+            direction: [sin, cos],
+            swings: *amplitude != [0.0; 3],
+            turns,
+            instructions: self.instructions,
+        }
+    }
 }
 
 /// A discrete controller and the instant of its first sample, s. The schedule has its target angles.
@@ -90,35 +156,32 @@ impl Inputs {
                 let field = name("end");
                 return Err(Error::Field { field, value: sine.end, rule: "must not be before the start" });
             }
-            for amplitude in sine.amplitude {
-                Rule::Finite.check_named(|| name("amplitude"), amplitude)?;
-            }
+            Rule::Finite.check_all(|| name("amplitude"), &sine.amplitude)?;
         }
         for (k, impulse) in impulses.iter().enumerate() {
             Rule::Finite.check_named(|| format!("impulses[{k}].time"), impulse.time)?;
-            for component in impulse.impulse {
-                Rule::Finite.check_named(|| format!("impulses[{k}].impulse"), component)?;
-            }
+            Rule::Finite.check_all(|| format!("impulses[{k}].impulse"), &impulse.impulse)?;
         }
         for (k, noise) in noises.iter().enumerate() {
             noise.check(k)?;
         }
         impulses.sort_by(|a, b| a.time.total_cmp(&b.time));
-        Ok(Self { schedule, forces, sines, impulses, noises, ..Self::constant_targets([0.0; 2]) })
+        Ok(Self { schedule, forces, sines, impulses, noises, ..Self::default() })
     }
 
     /// PID fingers that hold their targets, without disturbances.
     pub fn constant_targets(target: [f64; 2]) -> Self {
-        Self {
-            schedule: PiecewisePolynomial::constant(target).into(),
-            forces: Vec::new(),
-            sines: Vec::new(),
-            impulses: Vec::new(),
-            noises: Vec::new(),
-            fingers: Fingers::Pid,
-            held: None,
-            sampled: None,
-        }
+        Self { schedule: PiecewisePolynomial::constant(target).into(), ..Self::default() }
+    }
+
+    /// The same inputs for a hand whose frame moves.
+    pub fn with_hand_motion(self, motion: Option<Arc<HandMotion>>) -> Self {
+        Self { frame: motion, ..self }
+    }
+
+    /// Whether the hand's frame moves, or is tilted.
+    pub fn moves(&self) -> bool {
+        self.frame.is_some()
     }
 
     /// The same inputs, and a force on the object from `time` on that ends after `duration`, s: F_x and F_y in N and
@@ -174,7 +237,8 @@ impl Inputs {
                 *sum += value;
             }
         }
-        Self::constant(target, force, self.fingers)
+        let motion = self.frame.as_ref().map(|frame| Arc::new(frame.frozen(t)));
+        Self::constant(target, force, self.fingers).with_hand_motion(motion)
     }
 
     /// Targets, and forces on the object, that never change.
@@ -208,15 +272,24 @@ impl Inputs {
             .chain(self.impulses.get(impulse).map(|impulse| impulse.time))
             .chain(self.noises.iter().map(|noise| noise.next_break(t)))
             .chain(
+                self.frame.iter().map(|frame| frame.acceleration.next_break(t).min(frame.tilt.next_break(t))),
+            )
+            .chain(
                 self.sampled.iter().map(|Sampled { controller, origin }| controller.next_break(*origin, t)),
             )
             .min_by(f64::total_cmp)
             .unwrap_or(f64::INFINITY)
     }
 
-    /// The impulses at exactly `time`.
-    pub fn impulses_at(&self, time: f64) -> impl Iterator<Item = &Impulse> {
-        self.impulses[self.impulses_before(time)..].iter().take_while(move |impulse| impulse.time == time)
+    /// The impulses at exactly `time`, along the hand's axes.
+    pub fn impulses_at(&self, time: f64) -> impl Iterator<Item = [f64; 3]> {
+        let here = self.impulses[self.impulses_before(time)..].iter();
+        here.take_while(move |impulse| impulse.time == time).map(move |impulse| {
+            let [x, y, moment] = impulse.impulse;
+            let Some(frame) = self.segment(time).frame else { return impulse.impulse };
+            let [x, y] = frame.at(0.0).into_hand([x, y]);
+            [x, y, moment]
+        })
     }
 
     /// The number of impulses before `time`.
@@ -240,13 +313,9 @@ impl Inputs {
                 }
             }
         }
-        if let Some(Held { force, .. }) = self.held {
+        let held = self.held.map(|held| held.force);
+        for force in held.into_iter().chain(self.noises.iter().map(|noise| noise.at(anchor))) {
             for (channel, force) in channels[2..].iter_mut().zip(force) {
-                channel[0] += force;
-            }
-        }
-        for noise in &self.noises {
-            for (channel, force) in channels[2..].iter_mut().zip(noise.at(anchor)) {
                 channel[0] += force;
             }
         }
@@ -268,7 +337,8 @@ impl Inputs {
         }
         let degree =
             (0..COEFFICIENTS).rev().find(|&d| channels.iter().any(|channel| channel[d] != 0.0)).unwrap_or(0);
-        SegmentDrive { channels, degrees: [degree; MOST], degree, waves, ..SegmentDrive::still() }
+        let frame = self.frame.as_ref().map(|frame| frame.segment(anchor).into());
+        SegmentDrive { channels, degrees: [degree; MOST], degree, waves, frame, ..SegmentDrive::still() }
     }
 }
 

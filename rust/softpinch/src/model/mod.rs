@@ -8,6 +8,7 @@ pub mod coordinates;
 pub mod drive;
 pub mod energy;
 pub mod forces;
+pub mod frame;
 pub mod geometry;
 pub mod inputs;
 pub mod measures;

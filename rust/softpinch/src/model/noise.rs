@@ -67,9 +67,7 @@ impl Noise {
     /// Checks the noise, which has the number `k` in its scene.
     pub fn check(&self, k: usize) -> Result<(), Error> {
         let name = |field: &str| format!("noises[{k}].{field}");
-        for std in self.std {
-            Rule::NonNegative.check_named(|| name("std"), std)?;
-        }
+        Rule::NonNegative.check_all(|| name("std"), &self.std)?;
         Rule::Positive.check_named(|| name("rate"), self.rate)?;
         Rule::Finite.check_named(|| name("start"), self.start)?;
         if self.end.is_nan() || self.end < self.start {
@@ -104,11 +102,6 @@ impl Noise {
     /// The force and moment that the noise adds from `t` until the next sample.
     pub fn at(&self, t: f64) -> [f64; 3] {
         if self.start <= t && t < self.end { self.sample(self.number(t)) } else { [0.0; 3] }
-    }
-
-    /// The approximate number of samples that begin between two instants.
-    pub fn count(&self, from: f64, until: f64) -> f64 {
-        ((until.min(self.end) - from.max(self.start)) * self.rate).max(0.0)
     }
 
     /// The first instant after `t` at which the noise jumps, or infinity if there is none. The cost does not
@@ -148,7 +141,8 @@ impl Noise {
 /// Refuses more samples than a run can be cut into, and samples whose number, counted from the noise's start,
 /// is too large to be exact.
 pub fn require_countable(noises: &[Noise], from: f64, until: f64) -> Result<(), Error> {
-    let needed: f64 = noises.iter().map(|noise| noise.count(from, until)).sum();
+    let count = |noise: &Noise| (until.min(noise.end) - from.max(noise.start)) * noise.rate;
+    let needed: f64 = noises.iter().map(|noise| count(noise).max(0.0)).sum();
     let (what, advice) = ("the noise's samples (duration * rate_hz)", "lower rate_hz or shorten the noise");
     require_at_most(what, needed, MOST_SAMPLES, advice)?;
     let numbers = noises.iter().map(|noise| (until.min(noise.end) - noise.start) * noise.rate);

@@ -294,19 +294,14 @@ impl Default for Friction {
 impl Parameters {
     /// The flat array that [`Parameters::from_array`] takes.
     pub fn to_array(&self) -> [f64; PARAMETER_COUNT] {
-        let ([right, left], tips, control) = (&self.fingers, &self.tips, &self.control);
-        let records: [&[f64]; 9] = [
-            &right.fields(),
-            &left.fields(),
-            &tips[0].fields(),
-            &tips[1].fields(),
-            &self.grasped.fields(),
-            &control[0].fields(),
-            &control[1].fields(),
-            &self.surroundings.fields(),
-            &self.friction.fields(),
-        ];
-        take(&mut &records.concat()[..])
+        let Self { fingers, tips, grasped, control, surroundings, friction, .. } = self;
+        let mut values = Vec::with_capacity(PARAMETER_COUNT);
+        values.extend(fingers.iter().flat_map(Finger::fields));
+        values.extend(tips.iter().flat_map(Fingertip::fields));
+        values.extend(grasped.fields());
+        values.extend(control.iter().flat_map(PidGains::fields));
+        values.extend(surroundings.fields().into_iter().chain(friction.fields()));
+        take(&mut &values[..])
     }
 
     /// Returns the same parameters if they keep every rule; parameters that are written field by field are

@@ -58,4 +58,9 @@ impl Rule {
             Err(Error::Field { field: field(), value, rule: self.text() })
         }
     }
+
+    /// The same check of all values of a field.
+    pub fn check_all(self, field: impl Fn() -> String, values: &[f64]) -> Result<(), Error> {
+        values.iter().try_for_each(|&value| self.check_named(&field, value).map(|_| ()))
+    }
 }

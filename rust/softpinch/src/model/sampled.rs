@@ -67,28 +67,21 @@ impl SampledController {
         let what = "the samples under way (delay / period)";
         require_at_most(what, under_way, MOST_UNDER_WAY, "shorten the delay")?;
         let (n, m) = (self.states(), self.inputs());
-        for (field, values, length) in [
-            ("A", &self.a, n * n),
-            ("B", &self.b, n * m),
-            ("C", &self.c, 2 * n),
-            ("D", &self.d, 2 * m),
-            ("initial_state", &self.initial_state, n),
-            ("measure_noise", &self.noise, m),
-            ("resolution", &self.resolution, m),
+        for (field, values, length, rule) in [
+            ("A", &self.a, n * n, Rule::Finite),
+            ("B", &self.b, n * m, Rule::Finite),
+            ("C", &self.c, 2 * n, Rule::Finite),
+            ("D", &self.d, 2 * m, Rule::Finite),
+            ("initial_state", &self.initial_state, n, Rule::Finite),
+            ("measure_noise", &self.noise, m, Rule::NonNegative),
+            ("resolution", &self.resolution, m, Rule::NonNegative),
         ] {
             if values.len() != length {
                 let found = format!("{} numbers", values.len());
                 let rule = "must fit the numbers of states and measures";
                 return Err(Error::Shape { field: name(field), found, rule });
             }
-            let rule = if matches!(field, "measure_noise" | "resolution") {
-                Rule::NonNegative
-            } else {
-                Rule::Finite
-            };
-            for value in values {
-                rule.check_named(|| name(field), *value)?;
-            }
+            rule.check_all(|| name(field), values)?;
         }
         for [low, high] in self.limits {
             if low.is_nan() || high.is_nan() || low > high {
@@ -96,10 +89,7 @@ impl SampledController {
                 return Err(Error::Field { field: name("limits"), value: low, rule });
             }
         }
-        for torque in self.initial_torque {
-            Rule::Finite.check_named(|| name("initial_torque"), torque)?;
-        }
-        Ok(())
+        Rule::Finite.check_all(|| name("initial_torque"), &self.initial_torque)
     }
 
     /// Refuses more samples than a run can be divided into, and samples that the clock cannot tell apart.

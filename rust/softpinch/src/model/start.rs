@@ -419,6 +419,7 @@ mod tests {
                 target_rate: [zero; 2],
                 target_acceleration: [zero; 2],
                 force: [zero; 3],
+                tau: zero,
             };
             for (n, (name, start)) in STARTS.into_iter().enumerate() {
                 let found = start.varied(&source, &input, &now[n]).q.row();

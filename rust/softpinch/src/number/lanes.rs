@@ -61,8 +61,7 @@ pub trait Lanes: Real {
     /// Calls a task with the instructions of these lanes. The code of the task then exists once, however
     /// often it is called.
     #[inline(never)]
-    fn call<K: LaneTask<Self>>(instructions: Instructions, task: K) -> K::Output {
-        let _ = instructions;
+    fn call<K: LaneTask<Self>>(_instructions: Instructions, task: K) -> K::Output {
         task.run()
     }
 
@@ -88,7 +87,7 @@ pub trait Lanes: Real {
 }
 
 /// Numbers that consist of lanes: the lanes themselves, or dual numbers of them.
-pub trait Lift<R: Lanes>: Real {
+pub trait Lift<R: Lanes>: Lanes {
     /// Turns lanes into constants.
     fn lift(value: R) -> Self;
 }

@@ -10,7 +10,7 @@ use crate::formulation::system::System;
 use crate::model::scene::Scene;
 use crate::number::lanes::{Bits, LaneTask, Lanes, each};
 use crate::stepping::adaptive_lanes::{AdaptiveLanes, StepStart, merged};
-use crate::stepping::contact_events::{ContactEnd, MOST_EVENTS, Reason};
+use crate::stepping::contact_events::{ContactEnd, EventResult, MOST_EVENTS, Reason};
 use crate::stepping::contact_lane::{LaneContact, Moment};
 use crate::stepping::instant::{column, put, watched};
 use crate::stepping::phase::Phase;
@@ -97,7 +97,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         lane: usize,
         start: &mut StepStart<R>,
         (tau, h): (f64, f64),
-        work: impl FnOnce(&mut LaneContact, &Moment<'_>) -> Result<States<f64>, Box<ContactEnd>>,
+        work: impl FnOnce(&mut LaneContact, &Moment<'_>) -> EventResult<States<f64>>,
     ) {
         let y = column(&start.y, lane);
         let at = Moment { earlier: false, tau, h, y: &y };

@@ -126,11 +126,9 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
 
     /// Counts the steps that the run in a lane has taken.
     pub(super) fn count(&mut self, lane: usize) {
-        let steps = self.progress.steps.lane(lane);
         if let Some(run) = &mut self.batch.runs[lane] {
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a whole number
-            let steps = steps as u64;
-            run.steps = steps;
+            (run.steps = self.progress.steps.lane(lane) as u64);
         }
     }
 

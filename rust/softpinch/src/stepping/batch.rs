@@ -10,7 +10,7 @@ use crate::formulation::system::System;
 use crate::method::traits::{Integrator, Runs, Stats};
 use crate::model::contact_modes::ContactModel;
 use crate::model::drive::SegmentDrive;
-use crate::model::energy::{self, Energies};
+use crate::model::energy::{self, BILATERAL_WORKS, Energies, WORKS};
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;
@@ -18,7 +18,7 @@ use crate::model::source::Source;
 use crate::model::start::contact;
 use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::number::simd::level::Instructions;
-use crate::stepping::contact_events::ContactEnd;
+use crate::stepping::contact_events::EventResult;
 use crate::stepping::contact_lane::{LaneContact, Moment};
 use crate::stepping::ending::{End, after_violation, unstable};
 use crate::stepping::instant::{Instant, all_finite, column, energies, put, put_motion};
@@ -209,8 +209,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
                 }
                 None => Box::new(LaneContact::new(self.instructions, self.options, &scene)?),
             };
-            contact.put_into(&mut self.drive.contacts, lane);
-            self.queue.note_contacts(initial.time, contact.contacts(), None);
+            contact.run.put_into(&mut self.drive.contacts, lane);
+            self.queue.note_contacts(initial.time, &contact.run.contacts, None);
             Some(contact)
         } else {
             None
@@ -380,7 +380,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             self.queue.note(t.lane(0), ViolationSet::of(&found, 0));
             self.shown = any;
         }
-        if !self.summaries.is_empty() {
+        if !self.summaries.wanted.is_empty() {
             let (half_width, slip_speed) = (self.half_width, self.slip_speed(&now.residuals));
             let instant = SummaryInstant { t, now, slip_speed, closure, half_width };
             self.summaries.watch(&instant, seen);
@@ -401,7 +401,10 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let fallen = energies.gravity - initial.gravity;
         let known =
             (initial.kinetic.abs() + initial.elastic.abs()) + R::constant(ROUND_OFF) * initial.gravity.abs();
-        let given = known + ((control.abs() + external.abs()) + fallen.abs());
+        let mut given = known + ((control.abs() + external.abs()) + fallen.abs());
+        if works.len() == BILATERAL_WORKS + 1 || works.len() == WORKS {
+            given = given + works[works.len() - 1].abs();
+        }
         self.supplied = self.supplied.max_in(given, guarded);
         self.open = closure;
         self.supplied.less(closure.abs()) & guarded
@@ -447,7 +450,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         lane: usize,
         (t, tau, h): (f64, R, f64),
         y: &mut States<R>,
-    ) -> Result<bool, Box<ContactEnd>> {
+    ) -> EventResult<bool> {
         let Some(run) = &self.runs[lane] else { return Ok(false) };
         if run.scene.inputs.impulses_at(t).next().is_none() {
             return Ok(false);
@@ -461,7 +464,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         }
         for impulse in run.scene.inputs.impulses_at(t) {
             let mut jumped = *y;
-            R::call(self.instructions, Jump(system, (&self.drive, tau), &mut jumped, impulse.impulse));
+            R::call(self.instructions, Jump(system, (&self.drive, tau), &mut jumped, impulse));
             put(y, lane, &column(&jumped, lane));
         }
         Ok(true)

@@ -5,7 +5,7 @@ use crate::model::contact_modes::{ContactRow, Mode};
 use crate::model::scene::Scene;
 use crate::number::lanes::{Bits, Lanes};
 use crate::stepping::batch::LaneBatch;
-use crate::stepping::contact_events::{ContactEnd, Reason};
+use crate::stepping::contact_events::{ContactEnd, EventResult, Reason};
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::ending::{self, End};
 use crate::stepping::instant::Instant;
@@ -57,8 +57,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     pub(super) fn act<T>(
         &mut self,
         lane: usize,
-        work: impl FnOnce(&mut LaneContact, &Scene) -> Result<T, Box<ContactEnd>>,
-    ) -> Option<Result<T, Box<ContactEnd>>> {
+        work: impl FnOnce(&mut LaneContact, &Scene) -> EventResult<T>,
+    ) -> Option<EventResult<T>> {
         let run = self.runs[lane].as_mut()?;
         let found = work(run.contact.as_mut()?, &run.scene);
         self.note_changes(lane);
@@ -70,7 +70,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let Some(run) = &mut self.runs[lane] else { return };
         let Some(contact) = &mut run.contact else { return };
         let (changes, work) = contact.take_changes();
-        contact.put_into(&mut self.drive.contacts, lane);
+        contact.run.put_into(&mut self.drive.contacts, lane);
         self.stats.evaluations += work.evaluations;
         self.stats.jacobians += work.jacobians;
         self.stats.factorisations += work.factorisations;
@@ -89,7 +89,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             }
         }
         for change in &changes {
-            self.queue.note_contacts(change.time, contact.contacts(), Some(change));
+            self.queue.note_contacts(change.time, &contact.run.contacts, Some(change));
         }
     }
 
@@ -103,7 +103,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     ) -> Option<(End, Instant)> {
         let run = self.runs[lane].as_ref()?;
         let contact = run.contact.as_ref()?;
-        let modes = contact.contacts().map(|contact| contact.mode);
+        let modes = contact.run.modes();
         let (reason, last) = match end.reason {
             Reason::Unsolved(_) | Reason::NotFinite => (end.reason, before),
             reason => match contact.last(end) {

@@ -5,7 +5,7 @@ use crate::model::contact_modes::{Mode, Slip};
 use crate::model::coordinates::Coordinates;
 use crate::model::energy::work;
 use crate::model::motion::Motion;
-use crate::stepping::contact_events::{Cause, Change, ContactEnd, ContactRun, Event, Loss, Reason};
+use crate::stepping::contact_events::{Cause, Change, ContactRun, Event, EventResult, Loss, Reason};
 use crate::stepping::event_stepper::{EventStepper, SegmentState};
 
 /// The share of a step after which the choice of modes is checked on a border.
@@ -20,17 +20,13 @@ const OVERLAP: f64 = 1e-6;
 
 impl EventStepper<'_> {
     /// Chooses the modes at a breakpoint or after an impulse.
-    pub(super) fn begin(&mut self, place: &mut SegmentState) -> Result<(), Box<ContactEnd>> {
+    pub(super) fn begin(&mut self, place: &mut SegmentState) -> EventResult {
         self.rechoose(place, [Cause::Input; 2])
     }
 
     /// Puts the state from which a run starts on the constraints of its closed contacts, with an impact if they
     /// approach each other, and chooses the modes. Surfaces of contacts that open take an overlap too.
-    pub(super) fn start(
-        &mut self,
-        place: &mut SegmentState,
-        approaches: bool,
-    ) -> Result<(), Box<ContactEnd>> {
+    pub(super) fn start(&mut self, place: &mut SegmentState, approaches: bool) -> EventResult {
         let mut motion = self.motion(place);
         let before = self.energy(&motion);
         let sides = self.equations.sides();
@@ -74,11 +70,7 @@ impl EventStepper<'_> {
     }
 
     /// Applies an impulse to the object, and chooses the modes.
-    pub(super) fn strike(
-        &mut self,
-        place: &mut SegmentState,
-        impulse: &[f64; 3],
-    ) -> Result<(), Box<ContactEnd>> {
+    pub(super) fn strike(&mut self, place: &mut SegmentState, impulse: &[f64; 3]) -> EventResult {
         let mut motion = self.motion(place);
         self.collide(place, &mut motion, impulse);
         self.store(place, &motion);
@@ -90,7 +82,7 @@ impl EventStepper<'_> {
         &mut self,
         place: &mut SegmentState,
         Event { finger: i, cause }: Event,
-    ) -> Result<(), Box<ContactEnd>> {
+    ) -> EventResult {
         let mut motion = self.motion(place);
         let left = self.run.contacts[i].mode;
         let mut causes = [Cause::Other; 2];
@@ -132,12 +124,7 @@ impl EventStepper<'_> {
 
     /// A free tip meets the face. At the located event its gap is zero up to round-off; the surface takes the
     /// rest.
-    fn meet(
-        &mut self,
-        place: &mut SegmentState,
-        motion: &mut Motion<f64>,
-        i: usize,
-    ) -> Result<(), Box<ContactEnd>> {
+    fn meet(&mut self, place: &mut SegmentState, motion: &mut Motion<f64>, i: usize) -> EventResult {
         let geometry = self.geometry(motion);
         let gap = geometry.residuals()[i];
         if geometry.places()[i].abs() - self.limits.half_height > gap {
@@ -156,7 +143,7 @@ impl EventStepper<'_> {
             self.collide(place, motion, &[0.0; 3]);
         } else {
             // By round-off the tip meets the face that it is leaving. It has not left then.
-            self.run.contacts[i].slip = slip_of(geometry.residuals()[2 + i]);
+            self.run.contacts[i].slip = Slip::of(geometry.residuals()[2 + i], 0.0);
         }
         Ok(())
     }
@@ -178,7 +165,7 @@ impl EventStepper<'_> {
             if touching[i] && !self.run.contacts[i].closed && aloft {
                 motion.p.compression[i] -= rates[i];
                 self.run.contacts[i].closed = true;
-                self.run.contacts[i].slip = slip_of(rates[2 + i]);
+                self.run.contacts[i].slip = Slip::of(rates[2 + i], 0.0);
             }
         }
         self.book(place, work::CONSTRAINT, self.energy(motion) - before);
@@ -220,7 +207,7 @@ impl EventStepper<'_> {
     }
 
     /// Chooses the modes.
-    fn rechoose(&mut self, place: &mut SegmentState, causes: [Cause; 2]) -> Result<(), Box<ContactEnd>> {
+    fn rechoose(&mut self, place: &mut SegmentState, causes: [Cause; 2]) -> EventResult {
         let before = *place;
         let mut motion = self.motion(place);
         let energy = self.energy(&motion);
@@ -282,15 +269,6 @@ impl EventStepper<'_> {
 /// Brings the surface of a tip to rest, without compression and shear.
 fn relax(Motion { q, p, .. }: &mut Motion<f64>, i: usize) {
     (q.compression[i], q.shear[i], p.compression[i], p.shear[i]) = (0.0, 0.0, 0.0, 0.0);
-}
-
-/// The direction of a slip velocity.
-fn slip_of(v: f64) -> Option<Slip> {
-    match v {
-        v if v > 0.0 => Some(Slip::Up),
-        v if v < 0.0 => Some(Slip::Down),
-        _ => None,
-    }
 }
 
 /// Makes a contact free at its present tilt.

@@ -89,6 +89,9 @@ pub struct ContactEnd {
     pub y: States<f64>,
 }
 
+/// The result of work at events, or the end of the run there.
+pub type EventResult<T = ()> = Result<T, Box<ContactEnd>>;
+
 /// The contacts of one run, and the changes of their modes.
 #[derive(Debug, Clone)]
 pub struct ContactRun {
@@ -112,7 +115,7 @@ impl ContactRun {
     }
 
     /// Writes the contacts into those of a lane.
-    pub(super) fn put_into<R: Lanes>(&self, contacts: &mut Contacts<R>, lane: usize) {
+    pub fn put_into<R: Lanes>(&self, contacts: &mut Contacts<R>, lane: usize) {
         let [right, left] = &self.contacts;
         contacts.set(lane, [right.mode, left.mode], [right.frozen_tilt, left.frozen_tilt]);
     }

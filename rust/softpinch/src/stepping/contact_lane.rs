@@ -7,16 +7,15 @@ use crate::formulation::mode_selection::Contact;
 use crate::formulation::system::System;
 use crate::method::traits::{Stats, Unsolved};
 use crate::model::contact::Side;
-use crate::model::contact_modes::{ContactRow, Contacts, Mode, Slip};
+use crate::model::contact_modes::{ContactRow, Mode, Slip};
 use crate::model::drive::SegmentDrive;
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;
 use crate::model::start::{State, allowed_residuals};
-use crate::number::lanes::Lanes;
 use crate::number::simd::level::Instructions;
-use crate::stepping::contact_events::{Change, ContactEnd, ContactRun, Reason};
+use crate::stepping::contact_events::{Change, ContactEnd, ContactRun, EventResult, Reason};
 use crate::stepping::event_stepper::{EventStepper, SegmentState};
 use crate::stepping::instant::{Instant, watched};
 use crate::stepping::lone_steps::LoneSteps;
@@ -33,7 +32,8 @@ struct Segment {
 /// The contacts of the run in a lane.
 pub struct LaneContact {
     instructions: Instructions,
-    run: ContactRun,
+    /// The contacts and the changes of their modes.
+    pub run: ContactRun,
     steps: LoneSteps,
     limits: Limits<f64>,
     /// The segment of the run, the segment before it, and whether the last event was in that one.
@@ -125,8 +125,8 @@ impl LaneContact {
     pub(super) fn act<T>(
         &mut self,
         at: &Moment<'_>,
-        work: impl FnOnce(&mut EventStepper<'_>, &mut SegmentState) -> Result<T, Box<ContactEnd>>,
-    ) -> Result<T, Box<ContactEnd>> {
+        work: impl FnOnce(&mut EventStepper<'_>, &mut SegmentState) -> EventResult<T>,
+    ) -> EventResult<T> {
         let Self { instructions, run, steps: LoneSteps { system, method }, limits, .. } = self;
         self.in_earlier = at.earlier;
         let Segment { anchor, drive } = if at.earlier { &mut self.earlier } else { &mut self.segment };
@@ -134,7 +134,7 @@ impl LaneContact {
         run.put_into(&mut drive.contacts, 0);
         method.forget_start();
         let mut place = SegmentState { tau: at.tau, y: *at.y };
-        let Some(equations) = system.contact() else { return Err(place.end(Reason::NoMode)) };
+        let Some(equations) = system.contact(drive) else { return Err(place.end(Reason::NoMode)) };
         let (instructions, h) = (*instructions, at.h);
         let mut stepper = EventStepper { instructions, system, equations, method, limits, run, drive, h };
         work(&mut stepper, &mut place)
@@ -144,14 +144,14 @@ impl LaneContact {
     pub(super) fn change(
         &mut self,
         at: &Moment<'_>,
-        work: impl FnOnce(&mut EventStepper<'_>, &mut SegmentState) -> Result<(), Box<ContactEnd>>,
-    ) -> Result<States<f64>, Box<ContactEnd>> {
+        work: impl FnOnce(&mut EventStepper<'_>, &mut SegmentState) -> EventResult,
+    ) -> EventResult<States<f64>> {
         self.act(at, |stepper, place| work(stepper, place).map(|()| place.y))
     }
 
     /// Chooses the modes at the start of the run or at a breakpoint. Returns the state from which the run goes
     /// on.
-    pub fn begin(&mut self, at: &Moment<'_>) -> Result<States<f64>, Box<ContactEnd>> {
+    pub fn begin(&mut self, at: &Moment<'_>) -> EventResult<States<f64>> {
         let (unset, fresh) = (self.unset.take(), std::mem::take(&mut self.fresh));
         let corrects = self.steps.system.corrects();
         self.change(at, |stepper, place| match unset {
@@ -166,22 +166,14 @@ impl LaneContact {
     }
 
     /// Applies the impulses at time `t` to the object.
-    pub fn strike(
-        &mut self,
-        at: &Moment<'_>,
-        (scene, t): (&Scene, f64),
-    ) -> Result<States<f64>, Box<ContactEnd>> {
+    pub fn strike(&mut self, at: &Moment<'_>, (scene, t): (&Scene, f64)) -> EventResult<States<f64>> {
         self.change(at, |stepper, place| {
-            scene.inputs.impulses_at(t).try_for_each(|impulse| stepper.strike(place, &impulse.impulse))
+            scene.inputs.impulses_at(t).try_for_each(|impulse| stepper.strike(place, &impulse))
         })
     }
 
     /// The state at the end of a step, after all events in it. `arrived` is the state without any.
-    pub fn advance(
-        &mut self,
-        from: &Moment<'_>,
-        arrived: &States<f64>,
-    ) -> Result<States<f64>, Box<ContactEnd>> {
+    pub fn advance(&mut self, from: &Moment<'_>, arrived: &States<f64>) -> EventResult<States<f64>> {
         self.act(from, |stepper, place| stepper.advance(*place, arrived))
     }
 
@@ -194,7 +186,8 @@ impl LaneContact {
         self.in_earlier = from.earlier;
         let run = self.run.clone();
         let y = if from.h > 0.0 {
-            let arrived = self.steps.step(drive, (from.tau, from.y), from.h)?;
+            let LoneSteps { system, method } = &mut self.steps;
+            let arrived = method.step(system, drive, (from.tau, from.y), from.h)?;
             self.advance(from, &arrived).unwrap_or(arrived)
         } else {
             *from.y
@@ -216,11 +209,6 @@ impl LaneContact {
         self.unset.is_some()
     }
 
-    /// Both contacts.
-    pub fn contacts(&self) -> &[Contact; 2] {
-        &self.run.contacts
-    }
-
     /// The contacts in the form of results.
     pub fn row(&self) -> ContactRow {
         Contact::row(&self.run.contacts)
@@ -229,11 +217,6 @@ impl LaneContact {
     /// Whether neither tip is free.
     pub fn is_closed(&self) -> bool {
         self.run.contacts.iter().all(|contact| contact.closed)
-    }
-
-    /// Writes the contacts into those of a lane.
-    pub fn put_into<R: Lanes>(&self, contacts: &mut Contacts<R>, lane: usize) {
-        self.run.put_into(contacts, lane);
     }
 
     /// Takes the changes of the modes since the last call, and the work that was done.
@@ -299,12 +282,7 @@ fn contacts_at(parameters: &Parameters, State { motion, .. }: &State) -> ([Conta
         let reaches = q.compression[i] - gaps[i] >= -place;
         let closed = reaches && gaps[i] <= place && rates[i] <= normal;
         approaches |= closed && rates[i] < -normal;
-        let slip = match rates[2 + i] {
-            _ if !closed => None,
-            v if v > tangential => Some(Slip::Up),
-            v if v < -tangential => Some(Slip::Down),
-            _ => None,
-        };
+        let slip = if closed { Slip::of(rates[2 + i], tangential) } else { None };
         let mode = match slip {
             _ if !closed => Mode::Free,
             Some(direction) => Mode::Slip(direction),

@@ -3,7 +3,7 @@
 
 use crate::formulation::equations::{Evaluation, States, Terms};
 use crate::model::motion::Motion;
-use crate::stepping::contact_events::{CAUSES, ContactEnd, Event, MOST_EVENTS, Reason};
+use crate::stepping::contact_events::{CAUSES, Event, EventResult, MOST_EVENTS, Reason};
 use crate::stepping::event_stepper::{EventStepper, SegmentState};
 use crate::stepping::monitor::{Condition, Failure};
 
@@ -22,11 +22,7 @@ const RESOLUTION: f64 = 1.0 / (1u64 << 50) as f64;
 impl EventStepper<'_> {
     /// The state at the end of a step, after all events in it. `arrived` is the state without any. The modes of the
     /// drive are those at the end.
-    pub(super) fn advance(
-        &mut self,
-        from: SegmentState,
-        arrived: &States<f64>,
-    ) -> Result<States<f64>, Box<ContactEnd>> {
+    pub(super) fn advance(&mut self, from: SegmentState, arrived: &States<f64>) -> EventResult<States<f64>> {
         let (mut place, mut rest, mut arrived) = (from, self.h, *arrived);
         let end = place.tau + self.h;
         for _ in 0..=MOST_EVENTS {
@@ -58,7 +54,7 @@ impl EventStepper<'_> {
         &mut self,
         from: &SegmentState,
         (h, arrived): (f64, &States<f64>),
-    ) -> Result<Option<(f64, Event)>, Box<ContactEnd>> {
+    ) -> EventResult<Option<(f64, Event)>> {
         let mut y = *arrived;
         let mut located: Vec<(f64, Event)> = Vec::new();
         let mut earliest: Option<(f64, Event)> = None;
@@ -94,7 +90,7 @@ impl EventStepper<'_> {
         from: &SegmentState,
         (end, h): (f64, f64),
         (event, at_end): (Event, f64),
-    ) -> Result<f64, Box<ContactEnd>> {
+    ) -> EventResult<f64> {
         let shortest = EARLY.powi(EARLIEST) * h;
         let (mut low, mut at_low) = (0.0, self.value(from.tau, &from.y, event));
         let (mut high, mut at_high) = (end, at_end);
@@ -145,12 +141,7 @@ impl EventStepper<'_> {
         Ok(high)
     }
 
-    fn value_after(
-        &mut self,
-        from: &SegmentState,
-        length: f64,
-        event: Event,
-    ) -> Result<f64, Box<ContactEnd>> {
+    fn value_after(&mut self, from: &SegmentState, length: f64, event: Event) -> EventResult<f64> {
         let y = self.step_from(from, length)?;
         Ok(self.value(from.tau + length, &y, event))
     }

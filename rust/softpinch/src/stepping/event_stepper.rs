@@ -3,7 +3,7 @@
 
 use crate::formulation::contact_equations::ContactEquations;
 use crate::formulation::equations::{States, Terms};
-use crate::formulation::scene_equations::SceneEquations;
+use crate::formulation::scene_equations::{InputAt, SceneEquations};
 use crate::formulation::system::System;
 use crate::model::contact::Side;
 use crate::model::drive::{Input, SegmentDrive};
@@ -11,7 +11,7 @@ use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
 use crate::number::lanes::{LaneTask, Lanes};
 use crate::number::simd::level::Instructions;
-use crate::stepping::contact_events::{ContactEnd, ContactRun, Reason};
+use crate::stepping::contact_events::{ContactEnd, ContactRun, EventResult, Reason};
 use crate::stepping::lone_steps::LoneMethod;
 use crate::stepping::monitor::Limits;
 
@@ -49,18 +49,6 @@ pub(super) struct EventStepper<'a> {
     pub(super) h: f64,
 }
 
-/// Computes the inputs of an instant.
-struct InputAt<'a>(&'a SegmentDrive, f64);
-
-impl LaneTask<f64> for InputAt<'_> {
-    type Output = Input<f64>;
-
-    #[inline(always)]
-    fn run(self) -> Input<f64> {
-        self.0.at(self.1)
-    }
-}
-
 /// Computes the geometry of a motion.
 struct GeometryOf<'a>(&'a [Side<f64>; 2], &'a Motion<f64>);
 
@@ -74,14 +62,14 @@ impl LaneTask<f64> for GeometryOf<'_> {
 }
 
 impl EventStepper<'_> {
-    pub(super) fn step_from(&mut self, from: &SegmentState, h: f64) -> Result<States<f64>, Box<ContactEnd>> {
+    pub(super) fn step_from(&mut self, from: &SegmentState, h: f64) -> EventResult<States<f64>> {
         let step = self.method.step(self.system, self.drive, (from.tau, &from.y), h);
         step.map_err(|unsolved| from.end(Reason::Unsolved(unsolved)))
     }
 
     /// The inputs of an instant.
     pub(super) fn input(&self, tau: f64) -> Input<f64> {
-        f64::call(self.instructions, InputAt(self.drive, tau))
+        f64::call(self.instructions, InputAt { drive: self.drive, tau })
     }
 
     /// The geometry of a motion.

@@ -105,12 +105,8 @@ pub(crate) fn round_off(a: f64, b: f64) -> f64 {
 }
 
 fn too_many(needed: f64) -> Error {
-    Error::TooLarge {
-        what: "the run's steps (duration / dt)",
-        needed,
-        limit: MOST_STEPS,
-        advice: "raise dt or shorten duration",
-    }
+    let (what, advice) = ("the run's steps (duration / dt)", "raise dt or shorten duration");
+    Error::TooLarge { what, needed, limit: MOST_STEPS, advice }
 }
 
 /// The start and the end of a run.

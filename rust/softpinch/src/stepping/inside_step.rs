@@ -7,11 +7,10 @@ use crate::formulation::system::System;
 use crate::method::called::AnyAdaptiveMethod;
 use crate::method::traits::Step;
 use crate::model::motion::Motion;
-use crate::model::parameters::Parameters;
 use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::stepping::adaptive_lanes::{AdaptiveLanes, StepStart};
 use crate::stepping::instant::watched;
-use crate::stepping::monitor::violating_turning_point;
+use crate::stepping::monitor::ViolatingTurningPoint;
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::RunQueue;
 
@@ -30,25 +29,13 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
             let Some(run) = &self.batch.runs[lane] else { continue };
             let (taken, from, tau) =
                 (h.lane(lane), self.progress.from.lane(lane), self.progress.tau.lane(lane));
-            let (before, after) = (before.lane(lane), after.lane(lane));
-            let task = TurningPointOf(&run.scene.parameters, &before, &after, taken);
+            let (ends, parameters) = ([&before.lane(lane), &after.lane(lane)], &run.scene.parameters);
+            let task = ViolatingTurningPoint { parameters, ends, h: taken };
             if let Some(x) = f64::call(self.batch.instructions, task) {
                 turning_times[lane] = from + x.mul_add(taken, tau);
             }
         }
         turning_times
-    }
-}
-
-/// Finds the point at which one run seems to violate a limit and to come back. This is rare, so the code is called.
-struct TurningPointOf<'a>(&'a Parameters, &'a Motion<f64>, &'a Motion<f64>, f64);
-
-impl LaneTask<f64> for TurningPointOf<'_> {
-    type Output = Option<f64>;
-
-    #[inline(always)]
-    fn run(self) -> Option<f64> {
-        violating_turning_point(self.0, self.1, self.2, self.3)
     }
 }
 

@@ -3,7 +3,7 @@
 use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::system::{Size, System};
 use crate::model::contact_modes::{ContactRow, Contacts};
-use crate::model::energy::{Energies, WORKS};
+use crate::model::energy::{BILATERAL_WORKS, Energies, WORKS, work};
 use crate::model::motion::{Linearized, Motion};
 use crate::model::start::State;
 use crate::number::lanes::{Bits, Lanes};
@@ -104,7 +104,11 @@ pub(super) fn energies<R: Lanes>(
 #[inline(always)]
 pub(crate) fn works<R: Real>(size: Size, y: &States<R>) -> [R; WORKS] {
     let mut works = [R::zero(); WORKS];
-    works[..size.works].copy_from_slice(&y[size.states..size.all()]);
+    let carried = &y[size.states..size.all()];
+    works[..carried.len()].copy_from_slice(carried);
+    if carried.len() == BILATERAL_WORKS + 1 {
+        works.swap(BILATERAL_WORKS, work::MOTION);
+    }
     works
 }
 

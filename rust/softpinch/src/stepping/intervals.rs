@@ -26,14 +26,8 @@ pub struct Intervals {
 /// No intervals, before the first instant.
 impl Default for Intervals {
     fn default() -> Self {
-        let intervals = [const { Vec::new() }; VIOLATIONS.len()];
-        Self {
-            found: ViolationSet::default(),
-            last: f64::NAN,
-            intervals,
-            limit: MOST_INTERVALS,
-            refusal: None,
-        }
+        let (found, intervals) = Default::default();
+        Self { found, last: f64::NAN, intervals, limit: MOST_INTERVALS, refusal: None }
     }
 }
 
@@ -52,10 +46,7 @@ impl Intervals {
     fn change(&mut self, t: f64, found: ViolationSet) {
         for (intervals, (_, violation)) in self.intervals.iter_mut().zip(VIOLATIONS) {
             match (self.found.contains(violation), found.contains(violation)) {
-                (false, true) => match make_room(intervals, self.limit) {
-                    Ok(()) => intervals.push([t, f64::NAN]),
-                    Err(error) => self.refusal = Some(error),
-                },
+                (false, true) => keep(intervals, [t, f64::NAN], self.limit, &mut self.refusal),
                 (true, false) => end(intervals, self.last),
                 _ => {}
             }
@@ -63,15 +54,9 @@ impl Intervals {
         self.found = found;
     }
 
-    /// Makes room for one more change of a contact. If there is none, the run has to end.
-    pub fn has_room(&mut self, changes: &mut Vec<Change>) -> bool {
-        match make_room(changes, self.limit) {
-            Ok(()) => true,
-            Err(error) => {
-                self.refusal = Some(error);
-                false
-            }
-        }
+    /// Adds one more change of a contact. If there is no room for it, the run has to end.
+    pub fn keep_change(&mut self, changes: &mut Vec<Change>, change: Change) {
+        keep(changes, change, self.limit, &mut self.refusal);
     }
 
     /// Whether there is no memory for an interval, so that the run has to end.
@@ -130,6 +115,14 @@ pub fn of_changes(
 fn end(intervals: &mut [[f64; 2]], t: f64) {
     if let Some(interval) = intervals.last_mut().filter(|interval| interval[1].is_nan()) {
         interval[1] = t;
+    }
+}
+
+/// Adds one more interval, if there is room for it.
+fn keep<T>(intervals: &mut Vec<T>, interval: T, limit: usize, refusal: &mut Option<Error>) {
+    match make_room(intervals, limit) {
+        Ok(()) => intervals.push(interval),
+        Err(error) => *refusal = Some(error),
     }
 }
 

@@ -35,11 +35,8 @@ impl LaneController {
                 let state = ControllerState::from_row(controller, row)?;
                 if !state.holds_at(controller, scene.initial.time) {
                     let rule = "must be between the last sample of State.controller and the next one";
-                    return Err(Error::Field {
-                        field: "State.time".to_owned(),
-                        value: scene.initial.time,
-                        rule,
-                    });
+                    let (field, value) = ("State.time".to_owned(), scene.initial.time);
+                    return Err(Error::Field { field, value, rule });
                 }
                 state
             }

@@ -74,21 +74,11 @@ impl LoneSteps {
     /// The equations and the method of a run with these parameters.
     pub(super) fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Self {
         let parameters = &[&scene.parameters; MOST];
-        let choice = options.choice(scene.inputs.fingers());
+        let choice = options.choice(&scene.inputs);
         let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
         let system = runs.system();
         let method = (options.method.entry().alone)(runs, &system);
         Self { system, method: LoneMethod { method, start: None, stats: Stats::default() } }
-    }
-
-    /// The state a step after the state `y`, see [`LoneMethod::step`].
-    pub(super) fn step(
-        &mut self,
-        drive: &SegmentDrive,
-        from: (f64, &States<f64>),
-        h: f64,
-    ) -> Result<States<f64>, Unsolved> {
-        self.method.step(&self.system, drive, from, h)
     }
 
     /// The work that was done since the last call.
@@ -125,8 +115,10 @@ mod tests {
                 let mut y = repeated.system.begin(&motion);
                 for start in 1..=2 {
                     for h in [1e-4, 3e-5, 7e-5, 3e-5] {
-                        let alone = steps().step(&drive, (0.0, &y), h).unwrap();
-                        assert_eq!(repeated.step(&drive, (0.0, &y), h).unwrap(), alone, "{name} {h}");
+                        let step = |LoneSteps { system, method }: &mut LoneSteps| {
+                            method.step(system, &drive, (0.0, &y), h).unwrap()
+                        };
+                        assert_eq!(step(&mut repeated), step(&mut steps()), "{name} {h}");
                     }
                     assert!(repeated.method.stats.jacobians <= start, "{name}");
                     y[0] += 1e-6;

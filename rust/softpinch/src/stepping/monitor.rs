@@ -10,7 +10,7 @@ use crate::model::motion::Motion;
 use crate::model::parameters::{Parameters, SIDES};
 use crate::model::source::Source;
 use crate::names::named;
-use crate::number::lanes::{Bits, Lanes};
+use crate::number::lanes::{Bits, LaneTask, Lanes};
 use crate::stepping::contact_events::Cause;
 use crate::stepping::instant::Instant;
 
@@ -80,11 +80,7 @@ impl ViolationSet {
 
 impl FromIterator<Violation> for ViolationSet {
     fn from_iter<I: IntoIterator<Item = Violation>>(violations: I) -> Self {
-        let mut set = Self::default();
-        for violation in violations {
-            set.0 |= 1 << violation as u8;
-        }
-        set
+        Self(violations.into_iter().fold(0, |set, violation| set | 1 << violation as u8))
     }
 }
 
@@ -312,29 +308,38 @@ impl<R: Lanes> Limits<R> {
 
 /// The point at which a tip seems to leave the object, to be pressed flat or to fold, and then to come back
 /// between two states. It is a share of the step of length `h` between them. It is found on the cubic through
-/// values and rates at both ends, because a step may be long.
-#[inline(always)]
-pub fn violating_turning_point(
-    parameters: &Parameters,
-    before: &Motion<f64>,
-    after: &Motion<f64>,
-    h: f64,
-) -> Option<f64> {
-    let sides = Side::both(parameters);
-    for i in 0..2 {
-        let a = parameters.tips[i].radius;
-        let tilt = |motion: &Motion<f64>| (sides[i].tilt(i, &motion.q), sides[i].tilt_rate(i, &motion.p));
-        let compression = |motion: &Motion<f64>| (motion.q.compression[i], motion.p.compression[i]);
-        let compression = TurningPoint::of(compression(before), compression(after), h);
-        let tilt = TurningPoint::of(tilt(before), tilt(after), h);
-        let found = compression
-            .filter(|point| point.value < -SEPARATION * a || point.value >= a)
-            .or(tilt.filter(|point| point.value.abs() >= std::f64::consts::FRAC_PI_2));
-        if let Some(point) = found {
-            return Some(point.x);
+/// values and rates at both ends, because a step may be long. This is rare, so the code is called.
+pub struct ViolatingTurningPoint<'a> {
+    /// The parameters of the run.
+    pub parameters: &'a Parameters,
+    /// The states.
+    pub ends: [&'a Motion<f64>; 2],
+    /// The length of the step.
+    pub h: f64,
+}
+
+impl LaneTask<f64> for ViolatingTurningPoint<'_> {
+    type Output = Option<f64>;
+
+    #[inline(always)]
+    fn run(self) -> Option<f64> {
+        let Self { parameters, ends: [before, after], h } = self;
+        let sides = Side::both(parameters);
+        for i in 0..2 {
+            let a = parameters.tips[i].radius;
+            let tilt = |motion: &Motion<f64>| (sides[i].tilt(i, &motion.q), sides[i].tilt_rate(i, &motion.p));
+            let compression = |motion: &Motion<f64>| (motion.q.compression[i], motion.p.compression[i]);
+            let compression = TurningPoint::of(compression(before), compression(after), h);
+            let tilt = TurningPoint::of(tilt(before), tilt(after), h);
+            let found = compression
+                .filter(|point| point.value < -SEPARATION * a || point.value >= a)
+                .or(tilt.filter(|point| point.value.abs() >= std::f64::consts::FRAC_PI_2));
+            if let Some(point) = found {
+                return Some(point.x);
+            }
         }
+        None
     }
-    None
 }
 
 /// Explains, with numbers, why a run ends on `violation` at an instant. `begins` is true at the first instant

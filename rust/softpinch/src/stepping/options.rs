@@ -4,7 +4,7 @@ use crate::formulation::scene_equations::Choice;
 use crate::formulation::table::Formulation;
 use crate::method::table::Method;
 use crate::model::contact_modes::ContactModel;
-use crate::model::control::Fingers;
+use crate::model::inputs::Inputs;
 use crate::model::parameters::Stabilization;
 use crate::model::rates::fastest_rate;
 use crate::model::scene::Scene;
@@ -105,9 +105,10 @@ impl Options {
         limit / if self.formulation == Formulation::Csm { rate.max(alpha).max(beta) } else { rate }
     }
 
-    /// The choice of equations for a scene with these fingers.
-    pub(crate) fn choice(&self, fingers: Fingers) -> Choice {
+    /// The choice of equations for a scene with these inputs.
+    pub(crate) fn choice(&self, inputs: &Inputs) -> Choice {
         let Self { formulation, contact, .. } = *self;
-        Choice { formulation, contact, fingers, ledger: self.carries_ledger() }
+        let (fingers, moves) = (inputs.fingers(), inputs.moves());
+        Choice { formulation, contact, fingers, moves, ledger: self.carries_ledger() }
     }
 }

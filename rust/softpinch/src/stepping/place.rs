@@ -74,11 +74,8 @@ impl Place {
 
     /// The time and the grid point of the instant before this clock.
     pub(super) fn before(&self, clock: u64) -> (f64, (f64, u64)) {
-        let step = self.step(clock);
-        let (segment, step) = match self.earlier {
-            Some(earlier) if step == self.segment.first => (earlier, earlier.count - 1),
-            _ => (self.segment, step.saturating_sub(1).max(self.segment.first)),
-        };
+        let (segment, step) = self.last_step(clock);
+        let step = step.saturating_sub(1).max(segment.first);
         (segment.time(step), (segment.anchor, step))
     }
 }

@@ -43,31 +43,23 @@ pub trait RunQueue<'a> {
     /// Whether to record the instant `t`, which was just watched. An instant inside a step is recorded only
     /// if it was asked for.
     #[inline(always)]
-    fn is_due(&mut self, t: f64, inside: bool) -> bool {
-        let _ = (t, inside);
+    fn is_due(&mut self, _t: f64, _inside: bool) -> bool {
         false
     }
 
     /// Takes the violations that hold at the instant `t`, which was just watched. Instants that show none
     /// are left out, except the first after others.
     #[inline(always)]
-    fn note(&mut self, t: f64, found: ViolationSet) {
-        let _ = (t, found);
-    }
+    fn note(&mut self, _t: f64, _found: ViolationSet) {}
 
     /// Takes the contacts of a run with unilateral contact: at its start, and after each change of a mode.
-    fn note_contacts(&mut self, t: f64, contacts: &[Contact; 2], change: Option<&Change>) {
-        let _ = (t, contacts, change);
-    }
+    fn note_contacts(&mut self, _t: f64, _contacts: &[Contact; 2], _change: Option<&Change>) {}
 
     /// Takes the state of the run's discrete controller, before an instant is recorded.
-    fn keep_controller(&mut self, state: &ControllerState) {
-        let _ = state;
-    }
+    fn keep_controller(&mut self, _state: &ControllerState) {}
 
     /// Records an instant. The error says that there is no memory for it.
-    fn record(&mut self, watched: &Instant, energies: impl FnOnce() -> Energies) -> Result<(), Error> {
-        let _ = (watched, energies);
+    fn record(&mut self, _watched: &Instant, _energies: impl FnOnce() -> Energies) -> Result<(), Error> {
         Ok(())
     }
 

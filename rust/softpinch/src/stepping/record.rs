@@ -3,7 +3,7 @@
 use crate::error::Error;
 use crate::method::traits::Stats;
 use crate::model::contact_modes::ContactRow;
-use crate::model::energy::{BILATERAL_WORKS, Energies, WORKS};
+use crate::model::energy::{BILATERAL_WORKS, CONTACT_WORKS, Energies, WORKS};
 use crate::model::motion::Linearized;
 use crate::names::named;
 use crate::stepping::contact_events::Change;
@@ -60,6 +60,8 @@ pub struct Layout {
     pub keeps_jacobian: bool,
     /// Whether contacts can slip and open.
     pub unilateral: bool,
+    /// Whether the hand moves.
+    pub moves: bool,
     /// Length of the state of the run's discrete controller; 0 if it has none.
     pub controller: usize,
 }
@@ -67,7 +69,11 @@ pub struct Layout {
 impl Layout {
     /// Number of columns of the energy ledger.
     pub fn energies(self) -> usize {
-        3 + if self.unilateral { WORKS } else { BILATERAL_WORKS }
+        3 + match (self.moves, self.unilateral) {
+            (true, _) => WORKS,
+            (false, true) => CONTACT_WORKS,
+            (false, false) => BILATERAL_WORKS,
+        }
     }
 }
 
@@ -149,7 +155,8 @@ pub struct Recording {
     pub multipliers: Vec<[f64; 4]>,
     /// Residuals.
     pub residuals: Vec<[f64; 4]>,
-    /// The energies and the works, row by row: seven numbers in bilateral contact, ten in unilateral contact.
+    /// The energies and the works, row by row: seven numbers in bilateral contact, ten in unilateral contact, and eleven
+    /// if the hand moves.
     pub energy: Vec<f64>,
     /// Torques on the fingers.
     pub torque: Vec<[f64; 2]>,
@@ -201,20 +208,14 @@ impl Recording {
         let width = selection.width(layout);
         #[allow(clippy::cast_precision_loss)] // only its size matters
         let needed = rows as f64 * width as f64;
-        let too_large = || Error::TooLarge {
-            what: "the recording, in numbers,",
-            needed,
-            limit: MOST_VALUES,
-            advice: "raise every= or record less",
-        };
+        let (what, advice) = ("the recording, in numbers,", "raise every= or record less");
+        let too_large = || Error::TooLarge { what, needed, limit: MOST_VALUES, advice };
         if needed > MOST_VALUES {
             return Err(too_large());
         }
         let more = usize::try_from(rows).map_err(|_| too_large())?.saturating_sub(self.t.len());
-        let for_state = if selection.state { more } else { 0 };
-        let points = if layout.keeps_jacobian { for_state } else { 0 };
-        let energies = if selection.energy { more.saturating_mul(layout.energies()) } else { 0 };
-        let contacts = if selection.has_contacts(layout) { more } else { 0 };
+        let room = |wanted: bool| if wanted { more } else { 0 };
+        let (for_state, energies) = (room(selection.state), room(selection.energy));
         let rooms = [
             self.t.try_reserve_exact(more),
             self.q.try_reserve_exact(for_state),
@@ -222,13 +223,13 @@ impl Recording {
             self.memory.try_reserve_exact(for_state),
             self.grid_anchor.try_reserve_exact(for_state),
             self.grid_step.try_reserve_exact(for_state),
-            self.linearized.try_reserve_exact(points),
+            self.linearized.try_reserve_exact(room(selection.state && layout.keeps_jacobian)),
             self.controller.try_reserve_exact(for_state.saturating_mul(layout.controller)),
-            self.multipliers.try_reserve_exact(if selection.multipliers { more } else { 0 }),
-            self.residuals.try_reserve_exact(if selection.residuals { more } else { 0 }),
-            self.energy.try_reserve_exact(energies),
-            self.torque.try_reserve_exact(if selection.torque { more } else { 0 }),
-            self.contact.try_reserve_exact(contacts),
+            self.multipliers.try_reserve_exact(room(selection.multipliers)),
+            self.residuals.try_reserve_exact(room(selection.residuals)),
+            self.energy.try_reserve_exact(energies.saturating_mul(layout.energies())),
+            self.torque.try_reserve_exact(room(selection.torque)),
+            self.contact.try_reserve_exact(room(selection.has_contacts(layout))),
         ];
         if rooms.iter().any(Result::is_err) { Err(too_large()) } else { Ok(()) }
     }

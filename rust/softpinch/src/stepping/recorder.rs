@@ -149,10 +149,8 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
         if change.is_none() {
             self.start = Some((t, contacts.map(|contact| contact.mode)));
         }
-        if let Some(change) = change
-            && self.intervals.has_room(&mut self.run.contact_changes)
-        {
-            self.run.contact_changes.push(*change);
+        if let Some(change) = change {
+            self.intervals.keep_change(&mut self.run.contact_changes, *change);
         }
     }
 

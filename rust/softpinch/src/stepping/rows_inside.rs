@@ -63,8 +63,9 @@ impl RowsInside {
                 let how = (batch.instructions, batch.options);
                 let new = || Box::new(LoneSteps::new(how.0, how.1, &run.scene));
                 let steps = self.steps.get_or_insert_with(new);
-                let next = if length > 0.0 { steps.step(&drive, (tau, &y), length)? } else { y };
-                let now = steps.system.evaluate(&drive, tau + length, &next);
+                let LoneSteps { system: alone, method } = &mut **steps;
+                let next = if length > 0.0 { method.step(alone, &drive, (tau, &y), length)? } else { y };
+                let now = alone.evaluate(&drive, tau + length, &next);
                 batch.stats.evaluations += 1 + steps.take_stats().evaluations;
                 watched(system.size(), (0, None), &now, &next, time, (time, 0))
             };

@@ -102,7 +102,7 @@ impl<R: Lanes> Sizes<R> {
         }
         let mut change = *rate;
         let at = StageState { from: y, by: trial, along: rate };
-        system.rates(&drive.at(tau + trial), &drive.contacts, at, &mut change);
+        system.rates(&drive.at(tau + trial), drive, at, &mut change);
         for n in 0..size.states {
             change[n] = (change[n] - rate[n]) / trial;
         }

@@ -48,17 +48,21 @@ named! {
 }
 
 impl Status {
-    /// The status of a run that ends because of a violation.
+    /// The status of a run that ends because of a violation. The violations follow `Completed` in their own order.
     pub(crate) fn of(violation: Violation) -> Self {
-        match violation {
-            Violation::Separated => Self::Separated,
-            Violation::Crushed => Self::Crushed,
-            Violation::Folded => Self::Folded,
-            Violation::Pulling => Self::Pulling,
-            Violation::Slipping => Self::Slipping,
-            Violation::Rim => Self::Rim,
-            Violation::OffFace => Self::OffFace,
-            Violation::Opened => Self::Opened,
+        STATUSES[1 + violation as usize].1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stepping::monitor::VIOLATIONS;
+
+    #[test]
+    fn a_run_that_a_violation_ends_has_its_name() {
+        for (name, violation) in VIOLATIONS {
+            assert_eq!(Status::of(violation).name(), name);
         }
     }
 }

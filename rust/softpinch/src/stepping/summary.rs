@@ -5,6 +5,7 @@
 //! instants that the monitors watch.
 
 use crate::formulation::equations::Evaluation;
+use crate::names::named;
 use crate::number::lanes::{Bits, Lanes};
 
 /// The numbers that a summary keeps from one instant to the next.
@@ -47,28 +48,26 @@ trait Fold {
     fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, band: R, seen: Bits);
     /// The value at the end of a run of which an instant was seen: the first number of the memory, unless a summary says
     /// otherwise.
-    fn value(memory: [f64; 3], end: &RunEnd) -> f64 {
-        let _ = end;
+    fn value(memory: [f64; 3], _end: &RunEnd) -> f64 {
         memory[0]
     }
     /// The derivative of the value, from the memory and its derivatives.
-    fn slope(memory: [f64; 3], slopes: [f64; 3]) -> f64 {
-        let _ = memory;
+    fn slope(_memory: [f64; 3], slopes: [f64; 3]) -> f64 {
         slopes[0]
     }
 }
 
 macro_rules! summaries {
     ($($(#[$doc:meta])* $kind:ident = $name:literal, $unit:literal;)*) => {
-        /// The summaries.
-        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-        pub enum Summary { $($(#[$doc])* $kind,)* }
+        named! {
+            /// A summary.
+            Summary;
+            /// The summaries by their public names.
+            SUMMARIES = { $($(#[$doc])* $kind = $name,)* }
+        }
 
         /// Number of summaries.
-        pub const COUNT: usize = [$($name),*].len();
-
-        /// The summaries by their public names.
-        pub const SUMMARIES: [(&str, Summary); COUNT] = [$(($name, Summary::$kind)),*];
+        pub const COUNT: usize = SUMMARIES.len();
 
         /// The units of the summaries, in the same order.
         pub const UNITS: [&str; COUNT] = [$($unit),*];
@@ -153,12 +152,25 @@ summaries! {
 
 const NOTHING: f64 = f64::NEG_INFINITY;
 
-impl Fold for PeakRotation {
-    #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, _: R, seen: Bits) {
-        memory[0] = memory[0].max_in(instant.now.motion.q.object[2].abs(), seen);
-    }
+/// A summary that is the largest size of some numbers.
+macro_rules! largest {
+    ($kind:ident, smooth: $smooth:literal, $instant:ident => $numbers:expr) => {
+        impl Fold for $kind {
+            const SMOOTH: bool = $smooth;
+
+            #[inline(always)]
+            fn watch<R: Lanes>(memory: &mut Memory<R>, $instant: &SummaryInstant<'_, R>, _: R, seen: Bits) {
+                for number in $numbers {
+                    memory[0] = memory[0].max_in(number.abs(), seen);
+                }
+            }
+        }
+    };
 }
+largest! { PeakRotation, smooth: true, instant => [instant.now.motion.q.object[2]] }
+largest! { MaxResidual, smooth: false, instant => instant.now.residuals }
+largest! { EnergyClosure, smooth: false, instant => [instant.closure] }
+largest! { PeakTorque, smooth: true, instant => instant.now.torque }
 
 impl Fold for MinCompression {
     const START: [f64; 3] = [f64::INFINITY; 3];
@@ -262,35 +274,6 @@ impl Fold for SettlingTime {
     }
 }
 
-impl Fold for MaxResidual {
-    const SMOOTH: bool = false;
-
-    #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, _: R, seen: Bits) {
-        for residual in instant.now.residuals {
-            memory[0] = memory[0].max_in(residual.abs(), seen);
-        }
-    }
-}
-
-impl Fold for EnergyClosure {
-    const SMOOTH: bool = false;
-
-    #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, _: R, seen: Bits) {
-        memory[0] = memory[0].max_in(instant.closure.abs(), seen);
-    }
-}
-
-impl Fold for PeakTorque {
-    #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, _: R, seen: Bits) {
-        for torque in instant.now.torque {
-            memory[0] = memory[0].max_in(torque.abs(), seen);
-        }
-    }
-}
-
 impl Fold for SlipDistance {
     const START: [f64; 3] = NO_INTEGRAL;
     const SMOOTH: bool = false;
@@ -355,7 +338,8 @@ impl Default for Wanted {
 /// The summaries of the runs in all lanes while they are computed.
 #[derive(Debug, Clone, Copy)]
 pub struct Summaries<R> {
-    wanted: Wanted,
+    /// The summaries that are computed.
+    pub wanted: Wanted,
     /// Instants before this one are left out, s.
     pub after: R,
     band: R,
@@ -375,12 +359,6 @@ impl<R: Lanes> Summaries<R> {
             summaries.restart(lane);
         }
         summaries
-    }
-
-    /// Whether no summary is computed.
-    #[inline(always)]
-    pub fn is_empty(&self) -> bool {
-        self.wanted.is_empty()
     }
 
     /// The numbers that a summary keeps.

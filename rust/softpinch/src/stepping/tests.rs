@@ -6,7 +6,7 @@ use allocation_counter::measure;
 use crate::driver::queue::Shared;
 use crate::driver::simulate::simulate;
 use crate::driver::simulator::Simulator;
-use crate::driver::tests::{adaptive_steps, equal_steps};
+use crate::driver::tests::portable;
 use crate::error::Error;
 use crate::formulation::equations::Evaluation;
 use crate::formulation::table::FORMULATIONS;
@@ -91,7 +91,7 @@ fn a_step_in_lanes_allocates_nothing() {
         let shared = Shared::new(&scenes, 9, &options);
         let mut rows = 0;
         let counted = measure(|| {
-            rows = equal_steps(&shared).expect("the scenes are valid").len();
+            rows = portable(&shared).expect("the scenes are valid").len();
         });
         assert_eq!(rows, 9);
         counted.count_total
@@ -189,11 +189,7 @@ fn a_segment_allocates_nothing() {
             let shared = Shared::new(&scenes, 9, &options);
             let mut rows = 0;
             let counted = measure(|| {
-                let result = match options.steps {
-                    Steps::Fixed(_) => equal_steps(&shared),
-                    Steps::Free { .. } => adaptive_steps(&shared),
-                };
-                rows = result.expect("the scenes are valid").len();
+                rows = portable(&shared).expect("the scenes are valid").len();
             });
             assert_eq!(rows, 9);
             (counted.count_total, counted.bytes_max)

@@ -178,7 +178,13 @@ impl Case {
 /// A scene with constant inputs.
 fn still(formulation: Formulation, fingers: Fingers) -> Case {
     Case {
-        choice: Choice { formulation, contact: ContactModel::Bilateral, fingers, ledger: false },
+        choice: Choice {
+            formulation,
+            contact: ContactModel::Bilateral,
+            fingers,
+            moves: false,
+            ledger: false,
+        },
         degree: 0,
         sines: 0,
         friction: false,
@@ -192,7 +198,11 @@ fn choices() -> Vec<(&'static str, &'static str, Choice)> {
         for (fingers_name, fingers) in FINGERS {
             for ledger in [false, true] {
                 let contact = ContactModel::Bilateral;
-                all.push((formulation_name, fingers_name, Choice { formulation, contact, fingers, ledger }));
+                all.push((
+                    formulation_name,
+                    fingers_name,
+                    Choice { formulation, contact, fingers, moves: false, ledger },
+                ));
             }
         }
     }

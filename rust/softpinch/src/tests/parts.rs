@@ -181,7 +181,7 @@ fn solves_agree(
     f: &Coordinates,
     turns: [f64; 2],
 ) -> Result<(), TestCaseError> {
-    let plant = Plant::<f64>::new(parameters, fingers);
+    let plant = Plant::<f64>::new(parameters, fingers, false);
     let driven = plant.driven;
     let bias = geometry.bias();
     let phi = geometry.constraint_matrix();

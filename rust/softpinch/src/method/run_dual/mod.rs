@@ -49,7 +49,7 @@ impl<R: Lanes> SolvedStep<'_, R> {
         let tau = tau + RunDual::constant(c * h.lane(0));
         let at = StageState { from: y, by: RunDual::constant(1.0), along: &constants(z) };
         let mut rates = [RunDual::zero(); MAX_COMPONENTS];
-        system.rates(&drive.at(tau), &drive.contacts, at, &mut rates);
+        system.rates(&drive.at(tau), drive, at, &mut rates);
         let mut y = values(y);
         for n in 0..system.size().states {
             y[n] += z[n];

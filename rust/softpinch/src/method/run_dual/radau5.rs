@@ -32,7 +32,7 @@ impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Newton<Radau5, Pair, T> {
         let mut jacobians = [Jacobian::zero(); 3];
         let mut slopes = [[RunDual::zero(); MAX_COMPONENTS]; 3];
         for i in 0..3 {
-            let mut z = self.scheme.stages()[i];
+            let mut z = self.scheme.stages[i];
             z[states..].fill(0.0);
             (slopes[i], jacobians[i]) = solved.stage(&self.tangent, C[i], &z);
             for slope in &mut slopes[i] {

@@ -31,7 +31,7 @@ impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Rosenbrock<T> {
         let &SolvedStep { equations, step: &Step { system, drive, tau, h, y, rate, .. }, .. } = solved;
         let size = system.size();
         let h = h.lane(0);
-        let linearization = Linearization::of(size, self.linearization().jacobian().everywhere());
+        let linearization = Linearization::of(size, self.linearization.jacobian.everywhere());
         let factors = linearization.factor(LaneEntry(R::constant(1.0 / (GAMMA * h))));
         let mut stages = [[RunDual::zero(); MAX_COMPONENTS]; STAGES];
         let (mut load, mut at) = (*rate, *y);
@@ -41,10 +41,10 @@ impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Rosenbrock<T> {
                 plus(&mut at, &stages, &A[i][..i], 1.0);
                 let state = StageState { from: &at, by: RunDual::zero(), along: y };
                 let input = drive.at(tau + RunDual::constant(C[i] * h));
-                system.rates(&input, &drive.contacts, state, &mut load);
+                system.rates(&input, drive, state, &mut load);
             }
             plus(&mut load, &stages, &COUPLING[i][..i], 1.0 / h);
-            let own = &self.stages()[i];
+            let own = &self.stages[i];
             let change = equations.along(drive, (tau, y), (own, BY_TIME[i] * h));
             for n in 0..size.all() {
                 load[n] = load[n] + change[n];

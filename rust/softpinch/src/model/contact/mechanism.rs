@@ -21,6 +21,8 @@ pub struct Arm<R> {
     pub cos_tilt: R,
     /// sin theta_i, by which gravity turns the finger (43).
     pub sin_finger: R,
+    /// cos theta_i.
+    pub cos_finger: R,
     /// n_i, from the finger's root to the tip's centre along the side's normal.
     pub normal: R,
     /// t_i, from the finger's root to the tip's centre across the side's normal.

@@ -28,7 +28,7 @@ pub const VARIABLE: &str = "SOFTPINCH_SIMD";
 
 /// Proof that the processor has some level, which is all that the code of a single run needs. Code on vectors has its
 /// proof in their type (`x86.rs`). Only [`Level::require`] makes one.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Instructions(());
 
 impl Level {
@@ -41,21 +41,13 @@ impl Level {
 
     /// The level that [`VARIABLE`] selects, or the best one if the variable is not set.
     pub fn from_environment() -> Result<Self, Error> {
-        match std::env::var(VARIABLE) {
-            Err(_) => Ok(Self::detect()),
-            Ok(name) => {
-                let level = lookup(VARIABLE, &name, &LEVELS)?;
-                if level.is_available() {
-                    Ok(level)
-                } else {
-                    Err(Error::Unknown {
-                        field: VARIABLE,
-                        name,
-                        allowed: format!("{:?}, the best that this processor has", Self::detect().name()),
-                    })
-                }
-            }
+        let Ok(name) = std::env::var(VARIABLE) else { return Ok(Self::detect()) };
+        let level = lookup(VARIABLE, &name, &LEVELS)?;
+        if level.is_available() {
+            return Ok(level);
         }
+        let allowed = format!("{:?}, the best that this processor has", Self::detect().name());
+        Err(Error::Unknown { field: VARIABLE, name, allowed })
     }
 
     /// The public name of the level.

@@ -36,8 +36,9 @@ impl<R: Real> OneLink<R> {
         let across = self.length.dot2(cos_tilt, -self.half_thickness, sin_tilt);
         let sx = signed(i, frame.x) + self.root_offset.mul_add(frame.cos, -normal);
         let g = signed(i, self.root_offset).neg_mul_add(frame.sin, frame.y) - across;
-        // theta_i = theta_pi - s_i theta, so sin theta_i follows from sines and cosines that are already known.
+        // theta_i = theta_pi - s_i theta, so its sine and cosine follow from sines and cosines that are already known.
         let sin_finger = sin_tilt.dot2(frame.cos, signed(i, -cos_tilt), frame.sin);
-        Arm { tilt, sin_tilt, cos_tilt, sin_finger, normal, across, sx, g, turn }
+        let cos_finger = cos_tilt.dot2(frame.cos, signed(i, sin_tilt), frame.sin);
+        Arm { tilt, sin_tilt, cos_tilt, sin_finger, cos_finger, normal, across, sx, g, turn }
     }
 }

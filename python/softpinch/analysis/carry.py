@@ -1,0 +1,192 @@
+"""`carry_limits`: the largest acceleration at which a hand may carry a grasp, in each direction."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..run.request import rest_scene
+from ..run.run import Run
+from ..run.simulate import simulate
+from ..scene.motion import HandMotion
+from ..scene.scene import Scene, State
+from ..support import checks
+from ..support.arrays import Floats, Texts
+from ..support.result import Result
+from .rest import Equilibrium, equilibrium
+from .wrench import FORCES, limits_of, unit_directions
+
+Profile: TypeAlias = Literal["trapezoid", "minimum_jerk"]
+# The duration of a move over a distance D with the peak acceleration a is this times sqrt(D / a).
+_DURATIONS = {"trapezoid": 2.0, "minimum_jerk": math.sqrt(10.0 / math.sqrt(3.0))}
+# The relative width at which a bisection ends.
+_CLOSE = 1e-3
+# The first move is as fast as this multiple of the slow limit, m/s^2 the fastest that is tried.
+_FIRST, _FASTEST = 2.0, 1e5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class CarryLimits(Result):
+    """The largest acceleration of the hand that a grasp bears in each of n directions.
+
+    Attributes:
+        equilibrium: The equilibrium from which the hand is accelerated.
+        direction: Direction of the acceleration along fixed axes (n, 2), of length one.
+        limit: The largest acceleration (n,), m/s^2; inf if nothing gives way.
+        cause: What gives way first (n,): as `WrenchLimits.limit`; of moves, the status of a run
+            that is lost, or a violation; "none" if nothing does.
+        profile: "trapezoid" or "minimum_jerk" for moves from rest to rest; None for an acceleration
+            that grows slowly.
+    """
+
+    equilibrium: Equilibrium
+    direction: Floats
+    limit: Floats
+    cause: Texts
+    profile: Profile | None
+
+    def __repr__(self) -> str:
+        k = int(np.argmin(self.limit))
+        x, y = self.direction[k]
+        how = "growing slowly" if self.profile is None else f"moves by {self.profile}"
+        return (
+            f"<CarryLimits of {len(self.limit)} directions, {how}: weakest {self.limit[k]:.6g} "
+            f"m/s^2 at ({x:.4g}, {y:.4g}), {self.cause[k]}>"
+        )
+
+
+def carry_limits(
+    grasp: Scene | Equilibrium,
+    directions: ArrayLike | None = None,
+    *,
+    profile: Profile | None = None,
+    distance: float = 0.2,
+    settle: float = 0.1,
+    tilt: float = 0.0,
+    time: float | None = None,
+    shear: ArrayLike | None = None,
+    near: State | Run | None = None,
+    grip: ArrayLike | None = None,
+) -> CarryLimits:
+    """Finds the largest acceleration of the hand that a grasp at rest bears.
+
+    Without a `profile` the acceleration of the hand's frame grows from zero so slowly that the
+    grasp stays in equilibrium, until a contact gives way, as the wrench does in `wrench_limits`:
+    inertial forces act on object and fingers. With a `profile` the hand moves over `distance` from
+    rest to rest and stays there for `settle`; the run of each move is computed, and the limit is
+    the peak acceleration between one at which the grasp holds (`Run.holds`) and one at which it
+    does not, found by bisection to 0.1 %. A fast move ends before a grasp is lost, and excites it,
+    so this limit may lie above the slow one or below it.
+
+        >>> import softpinch as sp
+        >>> scene = sp.Scene(friction=0.8, schedule=sp.Schedule.in_degrees("steps", [0], [[8, 8]]))
+        >>> limits = sp.carry_limits(scene, [[1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+        >>> limits.cause.tolist()
+        ['slipping', 'slipping', 'slipping']
+
+    Args:
+        grasp: A scene, whose `equilibrium` is found first, or an equilibrium.
+        directions: Directions along fixed axes (n, 2), of any length but zero. None takes 72, from
+            the direction x counter-clockwise.
+        profile: None, "trapezoid" (constant acceleration, then the opposite), or "minimum_jerk".
+        distance: Length of a move, m.
+        settle: Time after a move, s, in which the grasp has to hold too.
+        tilt: Tilt of the hand, rad, counter-clockwise; only with a scene without a motion.
+        time, shear, near, grip: As for `equilibrium`; only with a scene.
+
+    Raises:
+        ValueError: The scene has a motion that is not constant, or a bilateral contact (which is
+            never lost) with a `profile`.
+    """
+    distance = checks.positive("distance", distance)
+    settle = checks.non_negative("settle", settle)
+    rest = _rest(grasp, tilt, {"time": time, "shear": shear, "near": near, "grip": grip})
+    if directions is None:
+        rows = unit_directions(FORCES)
+    else:
+        rows = checks.array("directions", directions, ("n", 2))
+        lengths = np.hypot(*rows.T)
+        if not lengths.all():
+            raise ValueError(f"directions[{np.argmin(lengths)}] = (0, 0): must not be zero")
+        rows = rows / lengths[:, None]
+    limit, cause, _ = limits_of(
+        rest, len(rows), lambda q: rest_scene(rest.scene, rest.time).carry_limits(q, rows)
+    )
+    if profile is not None:
+        checks.choice("profile", profile, tuple(_DURATIONS))
+        if rest.scene.contact != "unilateral":
+            raise ValueError('profile: needs contact = "unilateral", a bilateral one is never lost')
+        found = [
+            _fastest(_move(rest, row, profile, distance, settle), slow)
+            for row, slow in zip(rows, limit, strict=True)
+        ]
+        limit, cause = np.array([a for a, _ in found]), [name for _, name in found]
+    return CarryLimits(
+        equilibrium=rest, direction=rows, limit=limit, cause=np.array(cause), profile=profile
+    )
+
+
+def _rest(grasp: object, tilt: float, given: dict[str, Any]) -> Equilibrium:
+    """The equilibrium that is meant."""
+    tilt = checks.finite("tilt", tilt)
+    if isinstance(grasp, Scene):
+        if tilt:
+            if grasp.motion is not None:
+                raise ValueError(f"tilt = {tilt}: the scene has a motion already")
+            grasp = grasp.with_({"motion": HandMotion.constant(tilt=tilt)})
+        return equilibrium(grasp, given["time"], given["shear"], given["near"], grip=given["grip"])
+    if not isinstance(grasp, Equilibrium):
+        raise TypeError(f"grasp = {checks.shown(grasp)}: must be a Scene or an Equilibrium")
+    for name, value in {**given, "tilt": tilt or None}.items():
+        if value is not None:
+            raise ValueError(f"{name} = {checks.shown(value)}: the equilibrium has it already")
+    return grasp
+
+
+def _move(
+    rest: Equilibrium, direction: Floats, profile: Profile, distance: float, settle: float
+) -> Callable[[float], Run]:
+    """The run of a move with a given peak acceleration."""
+    begin = rest.time
+    tilt = 0.0 if rest.scene.motion is None else float(rest.scene.motion.at(begin).tilt)
+    points = np.outer([0.0, distance], direction)
+
+    def run(acceleration: float) -> Run:
+        duration = _DURATIONS[profile] * math.sqrt(distance / acceleration)
+        times = [begin, begin + duration]
+        if profile == "trapezoid":
+            motion = HandMotion.trapezoid(times, points, acceleration, tilt)
+        else:
+            motion = HandMotion.minimum_jerk(times, points, tilt)
+        scene = rest.scene.with_(
+            {"initial": rest.state, "duration": duration + settle, "motion": motion}
+        )
+        return simulate(scene)
+
+    return run
+
+
+def _fastest(run: Callable[[float], Run], slow: float) -> tuple[float, str]:
+    """The largest acceleration of a move that is held, and what gives way above it."""
+    if not slow:
+        return 0.0, run(1.0).status
+    low, high = 0.0, _FIRST * min(slow, _FASTEST / _FIRST)
+    lost = run(high)
+    while lost.holds:
+        if high >= _FASTEST:
+            return math.inf, "none"
+        low, high = high, _FIRST * high
+        lost = run(high)
+    while high - low > _CLOSE * high:
+        middle = 0.5 * (low + high)
+        tried = run(middle)
+        if tried.holds:
+            low = middle
+        else:
+            high, lost = middle, tried
+    return low, lost.status if lost.status != "completed" else next(iter(lost.violations), "lost")

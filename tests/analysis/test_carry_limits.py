@@ -1,0 +1,122 @@
+"""The largest acceleration of the hand: slow, against equilibria; in moves, against runs."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import softpinch as sp
+
+SCHEDULE = sp.Schedule.in_degrees("steps", [0.0], [[8.0, 7.0]])
+# Without integral action the fingers give way to their own inertial forces.
+YIELDING = sp.Scene(
+    friction=0.5,
+    schedule=SCHEDULE,
+    control=(sp.Pid(kp=60.0, ki=0.0), sp.Pid(kp=80.0, ki=0.0)),
+    hand=sp.Hand(right=sp.Finger(mass=0.15, inertia=1e-3)),
+    grasped=sp.GraspedObject.box(0.049, 0.049, 0.3),
+)
+LOSING = replace(
+    YIELDING,
+    contact="unilateral",
+    control=sp.Pid(),
+    hand=sp.Hand(tip=sp.Fingertip(normal_mass=0.01, tangential_mass=0.01)),
+    grasped=replace(sp.GraspedObject.box(0.049, 0.049, 0.8), height=0.049),
+)
+SLANTED = [[1.0, 0.3], [-0.2, 1.0], [-1.0, -1.0], [0.1, -1.0]]
+
+
+def accelerated(scene: sp.Scene, acceleration: Any, tilt: float = 0.0) -> sp.Scene:
+    return replace(scene, motion=sp.HandMotion.constant(tuple(acceleration), tilt))
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.4])
+def test_equilibria_hold_up_to_the_slow_limit_and_not_beyond(tilt: float) -> None:
+    limits = sp.carry_limits(YIELDING, SLANTED, tilt=tilt)
+    assert set(limits.cause) == {"slipping"}
+    near = sp.equilibrium(accelerated(YIELDING, (0.0, 0.0), tilt))
+    for direction, limit in zip(limits.direction, limits.limit, strict=True):
+        for share in np.linspace(0.1, 1.0, 10):
+            acceleration = share * 0.9999 * limit * direction
+            near = sp.equilibrium(accelerated(YIELDING, acceleration, tilt), near=near.state)
+            assert near.status == "at_rest" and "slipping" not in near.violations
+        beyond = accelerated(YIELDING, 1.0001 * limit * direction, tilt)
+        assert "slipping" in sp.equilibrium(beyond, near=near.state).violations
+        near = sp.equilibrium(accelerated(YIELDING, (0.0, 0.0), tilt))
+
+
+def test_a_hand_without_inertia_of_its_fingers_bears_what_a_force_on_the_object_is() -> None:
+    """Fingers with integral action stand at their targets, whatever acts on them."""
+    scene = replace(YIELDING, control=sp.Pid())
+    limits = sp.carry_limits(scene, SLANTED)
+    forces = np.column_stack([-limits.direction, np.zeros(len(SLANTED))])
+    found = sp.wrench_limits(scene, forces).magnitude / scene.grasped.mass
+    np.testing.assert_allclose(limits.limit, found, rtol=1e-9)
+
+
+def test_an_equilibrium_in_a_tilted_hand_is_one_in_a_turned_gravity() -> None:
+    tilt, g = 0.3, YIELDING.gravity
+    tilted = sp.equilibrium(accelerated(YIELDING, (0.0, 0.0), tilt))
+    turned = (g * np.sin(tilt), g * np.cos(tilt) - g)
+    theirs = sp.equilibrium(accelerated(YIELDING, turned))
+    assert tilted.state is not None and theirs.state is not None
+    np.testing.assert_allclose(tilted.state.q, theirs.state.q, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(np.sort(tilted.eigenvalues), np.sort(theirs.eigenvalues), rtol=1e-9)
+
+
+@pytest.mark.parametrize("profile", ["trapezoid", "minimum_jerk"])
+def test_moves_hold_below_the_limit_and_are_lost_above(profile: Any) -> None:
+    limits = sp.carry_limits(LOSING, [[0.0, 1.0]], profile=profile, distance=0.1)
+    (limit,) = limits.limit
+    assert limits.cause.tolist() == ["lost"]
+    factor = {"trapezoid": 2.0, "minimum_jerk": np.sqrt(10.0 / np.sqrt(3.0))}[profile]
+    rest = limits.equilibrium
+    for share, holds in ((1.0, True), (1.003, False)):
+        peak = share * limit
+        times = [rest.time, rest.time + factor * np.sqrt(0.1 / peak)]
+        points = [[0.0, 0.0], [0.0, 0.1]]
+        made = sp.HandMotion.trapezoid(times, points, peak)
+        if profile == "minimum_jerk":
+            made = sp.HandMotion.minimum_jerk(times, points)
+            fine = np.linspace(*times, 2001)
+            assert np.abs(made.at(fine).acceleration).max() == pytest.approx(peak, rel=1e-5)
+        duration = times[1] - times[0] + 0.1
+        moved = LOSING.with_({"initial": rest.state, "duration": duration, "motion": made})
+        assert sp.simulate(moved).holds == holds
+
+
+def test_a_mirrored_grasp_has_mirrored_limits() -> None:
+    scene = replace(YIELDING, hand=sp.Hand(), control=sp.Pid(), schedule=sp.Schedule.in_degrees(
+        "steps", [0.0], [[8.0, 8.0]]))  # fmt: skip
+    limits = sp.carry_limits(scene)
+    mirrored = np.array([(36 - k) % 72 for k in range(72)])
+    np.testing.assert_allclose(limits.limit[mirrored], limits.limit, rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"directions": [[0.0, 0.0]]}, r"directions\[0\] = \(0, 0\): must not be zero"),
+        ({"profile": "circle"}, "profile = 'circle'"),
+        ({"profile": "trapezoid"}, "bilateral one is never lost"),
+        ({"profile": "trapezoid", "distance": 0.0}, "distance"),
+        ({"tilt": np.nan}, "tilt"),
+    ],
+)
+def test_bad_arguments_are_refused(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        sp.carry_limits(YIELDING, **arguments)
+    turning = replace(
+        YIELDING, motion=sp.HandMotion.minimum_jerk([0.0, 1.0], [[0, 0], [0, 0]], [0.0, 1.0])
+    )
+    with pytest.raises(ValueError, match=r"turns at t = 0\.5 s"):
+        sp.equilibrium(turning, time=0.5)
+    with pytest.raises(ValueError, match="has a motion already"):
+        sp.carry_limits(turning, tilt=0.1)
+
+
+def test_a_grasp_that_is_not_at_rest_bears_nothing() -> None:
+    far = replace(YIELDING, schedule=sp.Schedule.in_degrees("steps", [0.0], [[-5.0, -5.0]]))
+    limits = sp.carry_limits(far, [[1.0, 0.0]])
+    assert limits.limit.tolist() == [0.0] and limits.cause.tolist() == [limits.equilibrium.status]

@@ -1,0 +1,236 @@
+"""A hand that moves, in inertial coordinates: its roots are driven, and no force is fictitious.
+
+The coordinates are absolute: place and angle of the object, angles of the fingers, compressions and
+shears of the tips. SymPy makes Lagrange's equations of the energies of bodies and tips. Elastic
+forces, viscosity, PID and constraints are those of `lagrangian`, at the coordinates in the hand's
+frame; these are functions of the absolute ones and of time, which SymPy differentiates.
+
+A finger's mass is at its length L from the root, as (16) has it, so that I_i - M_i L^2 is its
+inertia about the centre of mass. The tips have no weight and move in the frame of their finger.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+from itertools import pairwise
+from math import cos, prod, sin
+from typing import Any, NamedTuple
+
+import numpy as np
+import sympy as sp
+from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import solve_ivp
+
+import softpinch
+from softpinch.accuracy.segments import Inputs
+
+from .evaluate import parameters
+from .lagrangian import PARAMETERS, SHAPES, SIDES, compiled, model
+from .trajectory import start_state
+
+Floats = NDArray[np.float64]
+
+
+class Inertial(NamedTuple):
+    """The system at absolute coordinates w and rates w': mass w'' = force + what `lagrangian` has.
+
+    The coordinates in the hand's frame are q and their rates p; q'' = jacobian w'' + bias.
+    """
+
+    mass: Floats  # (9, 9)
+    force: Floats  # (9,)
+    q: Floats  # (9,)
+    p: Floats  # (9,)
+    jacobian: Floats  # (9, 9)
+    bias: Floats  # (9,)
+
+    @classmethod
+    def at(cls, w: Floats, v: Floats, frame: Floats, numbers: dict[str, float]) -> Inertial:
+        """At coordinates and rates; the rows of `frame` (3, 3) are X, Y, phi, and their rates."""
+        values = tuple(numbers[name] for name in PARAMETERS)
+        flat = np.array(_inertial()(w.tolist(), v.tolist(), frame.tolist(), values))
+        return cls(
+            *(each.reshape(-1, 9).squeeze() for each in np.split(flat, [81, 90, 99, 108, 189]))
+        )
+
+    def forces(self) -> tuple[Floats, Floats]:
+        """Mass matrix (9, 9) and forces (9,) of the motion and of weight, in the hand's frame."""
+        back = np.linalg.inv(self.jacobian)
+        mass = back.T @ self.mass @ back
+        return mass, back.T @ self.force + mass @ self.bias
+
+
+@cache
+def _inertial() -> Callable[..., Sequence[float]]:
+    """The entries of `Inertial` as a function of w, w', the frame and the parameters."""
+    system = model()
+    names = ("x", "y", "theta", "beta1", "beta2", "dn1", "dn2", "dt1", "dt2")
+    w, v, a = (sp.symbols([f"{name}_{order}" for name in names], real=True) for order in range(3))
+    frame = [sp.symbols([f"{n}_{k}" for n in ("X", "Y", "phi")], real=True) for k in range(3)]
+    still = dict.fromkeys(a, 0)
+    moving = dict(zip((*w, *v, *frame[0], *frame[1]), (*v, *a, *frame[1], *frame[2]), strict=True))
+
+    def rate(expression: Any) -> Any:
+        return sum((sp.diff(expression, x) * dx for x, dx in moving.items()), sp.Integer(0))
+
+    def turned(angle: Any, x: Any, y: Any) -> Any:
+        return sp.Matrix(2, 2, [sp.cos(angle), -sp.sin(angle), sp.sin(angle), sp.cos(angle)]) * (
+            sp.Matrix([x, y])
+        )
+
+    (*origin, phi) = frame[0]
+    mass, inertia, g = (
+        system.parameters[n] for n in ("grasped.mass", "grasped.inertia", "gravity")
+    )
+    kinetic = (mass * (v[0] ** 2 + v[1] ** 2) + inertia * v[2] ** 2) / 2
+    weight = mass * g * w[1]
+    angles = []
+    for i, (_, s) in enumerate(SIDES):
+        tip = system.tip(i)
+        beta, length = w[3 + i], tip["finger_length"]
+        root = sp.Matrix(origin) + turned(phi, -s * tip["finger_root_offset"], 0)
+        center = root + turned(beta, 0, length)
+        velocity = center.applyfunc(rate)
+        about_center = tip["finger_inertia"] - tip["finger_mass"] * length**2
+        kinetic += (
+            tip["finger_mass"] * velocity.dot(velocity)
+            + about_center * v[3 + i] ** 2
+            + tip["normal_mass"] * v[5 + i] ** 2
+            + tip["tangential_mass"] * v[7 + i] ** 2
+        ) / 2
+        weight += tip["finger_mass"] * g * center[1]
+        angles.append(s * (phi - beta))  # turned inward, clockwise for the left finger
+    place = turned(-phi, w[0] - origin[0], w[1] - origin[1])
+    q = sp.Matrix([*place, w[2] - phi, *angles, *w[5:]])
+    p = q.applyfunc(rate)
+    equations = sp.Matrix([
+        rate(sp.diff(kinetic, dx)) - sp.diff(kinetic, x) + sp.diff(weight, x)
+        for x, dx in zip(w, v, strict=True)
+    ])  # fmt: skip
+    parts = (equations.jacobian(a), -equations.subs(still), q, p, q.jacobian(w),
+             p.applyfunc(rate).subs(still))  # fmt: skip
+    arguments = (w, v, frame, tuple(system.parameters.values()))
+    entries = [entry for part in parts for entry in part]
+    function: Callable[..., Sequence[float]] = sp.lambdify(
+        arguments, entries, modules="math", cse=True, docstring_limit=0
+    )
+    return function
+
+
+def published(q: Floats, p: Floats, frame: Floats, numbers: dict[str, float]) -> Floats:
+    """The forces (9,) of the motion and of weight in the hand's frame, written by hand."""
+    (_, _, phi), (_, _, omega), (away_x, away_y, turning) = frame
+    up_x, up_y = away_x, away_y + numbers["gravity"]
+    ax, ay = up_x * cos(phi) + up_y * sin(phi), -up_x * sin(phi) + up_y * cos(phi)
+    x, y, *_ = q
+    mass = numbers["grasped.mass"]
+    force = np.zeros(9)
+    force[0] = -mass * (ax - turning * y - 2 * omega * p[1] - omega**2 * x)
+    force[1] = -mass * (ay + turning * x + 2 * omega * p[0] - omega**2 * y)
+    force[2] = -numbers["grasped.inertia"] * turning
+    for i, (side, s) in enumerate(SIDES):
+        names = ("mass", "length", "root_offset", "inertia")
+        own, length, offset, inertia = (numbers[f"hand.{side}.{name}"] for name in names)
+        lever, sine, cosine = own * length, sin(q[3 + i]), cos(q[3 + i])
+        force[3 + i] = (
+            -lever * (s * ax * cosine - ay * sine)
+            + s * turning * (inertia - lever * offset * sine)
+            - omega**2 * lever * offset * cosine
+        )
+    return force
+
+
+class Moving(NamedTuple):
+    """A motion in the hand's frame at n instants: q (n, 9), p (n, 9), multipliers (n, 4)."""
+
+    q: Floats
+    p: Floats
+    multipliers: Floats
+
+
+def absolute(
+    q: Floats, p: Floats, frame: Floats, numbers: dict[str, float]
+) -> tuple[Floats, Floats]:
+    """The absolute coordinates and their rates."""
+    (x, y, phi), s = frame[0], np.array([side[1] for side in SIDES])
+    place = [x + q[0] * cos(phi) - q[1] * sin(phi), y + q[0] * sin(phi) + q[1] * cos(phi)]
+    w = np.array([*place, q[2] + phi, *(phi - s * q[3:5]), *q[5:]])
+    system = Inertial.at(w, np.zeros(9), frame, numbers)
+    return w, np.linalg.solve(system.jacobian, p - system.p)
+
+
+def moving(
+    scene: softpinch.Scene,
+    motion: softpinch.HandMotion,
+    times: ArrayLike,
+    inertial: bool = True,
+    rtol: float = 1e-12,
+) -> Moving:
+    """Integrates a scene with bilateral contact and PIDs whose hand moves.
+
+    Args:
+        scene: Its external forces are in fixed axes; its start is in the hand's frame.
+        motion: The motion of the hand.
+        times: Increasing instants (n,) after the start.
+        inertial: False integrates in the hand's frame, with the forces that are `published`.
+        rtol: Relative tolerance of DOP853.
+    """
+    numbers = parameters(scene)
+    values = tuple(numbers[name] for name in PARAMETERS)
+    start, begin = start_state(scene)
+    inputs = Inputs(scene, begin, begin + scene.duration)
+    stops = np.asarray(times, dtype=np.float64)
+    edges = np.unique([*inputs.edges, *motion.breakpoints(begin, inputs.edges[-1]), *stops])
+
+    def framed(t: float) -> Floats:
+        at = motion.at(t)
+        tilts = (at.tilt, at.tilt_rate, at.tilt_acceleration)
+        return np.column_stack([(at.position, at.velocity, at.acceleration), tilts])
+
+    def rates(t: float, y: Floats, driven: Callable[[float], tuple[float, ...]]) -> Any:
+        """The rates of the state, then q, p and the multipliers."""
+        frame, (*target, fx, fy, moment) = framed(t), driven(t)
+        w, v, integral = y[:9], y[9:18], y[18:]
+        system = Inertial.at(w, v, frame, numbers) if inertial else None
+        q, p = (w, v) if system is None else (system.q, system.p)
+        terms = _terms((*q, *p, *integral, *target, 0.0, 0.0, 0.0), values)
+        phi, b = terms["constraint_matrix"], terms["constraint_rate"]
+        own = terms["elastic"] + terms["viscous"] + terms["control"]
+        if system is None:
+            turn = frame[0, 2]
+            load = [fx * cos(turn) + fy * sin(turn), fy * cos(turn) - fx * sin(turn), moment]
+            mass, force = terms["mass_matrix"], own + published(q, p, frame, numbers)
+            rows = phi
+        else:
+            load = [fx, fy, moment]
+            mass, force = system.mass, system.force + system.jacobian.T @ own
+            rows, b = phi @ system.jacobian, b + phi @ system.bias
+        force[:3] += load
+        whole = np.block([[mass, -rows.T], [rows, np.zeros((4, 4))]])
+        found = np.linalg.solve(whole, np.concatenate([force, -b]))
+        return np.concatenate([v, found[:9], q[3:5] - target]), (q, p, found[9:])
+
+    y = start
+    if inertial:
+        y = np.concatenate([*absolute(start[:9], start[9:18], framed(begin), numbers), start[18:]])
+    found = []
+    for left, right in pairwise(edges.tolist()):
+        driven, last = inputs.between(left, right), float(np.nextafter(right, left))
+        # The last stage must not see what follows a breakpoint.
+        solved = solve_ivp(
+            lambda t, y, d=driven, last=last: rates(min(t, last), y, d)[0],
+            (left, right), y, "DOP853", rtol=rtol, atol=1e-3 * rtol,
+        )  # fmt: skip
+        y = solved.y[:, -1]
+        if right in stops:
+            found.append(rates(last, y, driven)[1])
+    return Moving(*map(np.array, zip(*found, strict=True)))
+
+
+def _terms(state: Sequence[float], values: Sequence[float]) -> dict[str, Floats]:
+    flat, found, first = compiled("math")(state, values), {}, 0
+    for name, shape in SHAPES.items():
+        found[name] = np.array(flat[first : first + prod(shape)]).reshape(shape)
+        first += prod(shape)
+    return found
