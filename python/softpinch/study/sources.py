@@ -33,6 +33,12 @@ MULTIVARIATE = (
     *("multivariate_normal", "multivariate_t", "ortho_group", "special_ortho_group"),
     *("uniform_direction", "vonmises_fisher", "wishart"),
 )
+# The most numbers to which the parameters of a file's distribution may broadcast, and the most
+# entries of a covariance.
+_MOST_NUMBERS = 2**20
+# Drawing takes memory in proportion to these first parameters, so a file may not make them huge.
+_COUNTS = ("irwinhall", "nhypergeom")
+_MOST_COUNT = 10_000
 
 Shapes: TypeAlias = Mapping[str, tuple[int, ...]]
 
@@ -344,10 +350,7 @@ def frozen_distribution(where: str, data: Mapping[str, Any]) -> Any:
     args, kwds = data.get("args", []), data.get("kwds", {})
     checks.instance(f"{where}: args", args, list, "an array of numbers")
     checks.instance(f"{where}: kwds", kwds, Mapping, "a table of numbers")
-    # SciPy itself checks their names, shapes and domains.
-    for each, value in [*((f"args[{k}]", value) for k, value in enumerate(args)), *kwds.items()]:
-        if not isinstance(value, bool):
-            checks.numbers(f"{where}: {name}.{each}", value)
+    _check_parameters(f"{where}: {name}", str(name), args, kwds)
     try:
         made = distribution(*args, **kwds)
         # If parameters are outside of its domain, a univariate distribution's support is NaN.
@@ -358,3 +361,32 @@ def frozen_distribution(where: str, data: Mapping[str, Any]) -> Any:
         given = ", ".join([*map(checks.shown, args), *(f"{k} = {v}" for k, v in kwds.items())])
         raise ValueError(f"{where}: {name}({given}): is outside of the distribution's domain")
     return made
+
+
+def _check_parameters(where: str, name: str, args: list[Any], kwds: Mapping[str, Any]) -> None:
+    """Refuses parameters other than numbers, and those that would need much memory.
+
+    SciPy itself checks their names, shapes and domains.
+    """
+    given = {f"args[{k}]": value for k, value in enumerate(args)} | {**kwds}
+    if isinstance(given.get("allow_singular"), bool):
+        del given["allow_singular"]
+    shapes = []
+    for each, value in given.items():
+        array = checks.numbers(f"{where}.{each}", value)
+        if array.size == 0 or np.isnan(array).any():
+            shown = checks.shown(value)
+            raise ValueError(f"{where}.{each} = {shown}: must be numbers, and none of them NaN")
+        if name in _COUNTS and array.max() > _MOST_COUNT:
+            raise ValueError(f"{where}.{each} = {array.max()}: must be at most {_MOST_COUNT}")
+        shapes.append(array.shape)
+    if name in MULTIVARIATE:
+        # A mean alone makes a covariance with its length as side.
+        numbers = max((length for shape in shapes for length in shape), default=0) ** 2
+    else:
+        try:
+            numbers = math.prod(np.broadcast_shapes(*shapes))
+        except ValueError:
+            raise ValueError(f"{where}: the shapes of its parameters must broadcast") from None
+    if numbers > _MOST_NUMBERS:
+        raise ValueError(f"{where} has {numbers} numbers: must be at most {_MOST_NUMBERS}")
