@@ -12,6 +12,7 @@ import os
 import reprlib
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -85,17 +86,24 @@ def integer(name: str, value: object, least: int | None = None, most: int | None
     return result
 
 
+# The most entries of an argument, because an iterable may be infinite.
+_LONGEST = 1_000_000
+
+
 def several(name: str, value: object, what: str) -> list[Any]:
-    """Converts an iterable to a list; refuses text and mappings: "must be `what`"."""
+    """Converts an iterable to a list; refuses text, mappings and endless ones: "must be `what`"."""
     if isinstance(value, np.ndarray):
         value = read(name, value)
     try:
         # An ensemble would be iterated by __getitem__, which takes names.
         if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
             raise TypeError
-        return list(value)
+        things = list(islice(value, _LONGEST + 1))
     except TypeError:
         raise TypeError(f"{name} = {shown(value)}: must be {what}") from None
+    if len(things) > _LONGEST:
+        raise ValueError(f"{name}: must have at most {_LONGEST} entries")
+    return things
 
 
 def boolean(name: str, value: object) -> bool:
