@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,8 +18,8 @@ from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import Floats, Texts
 from ..support.result import Result
-from .rest import Equilibrium, equilibrium
-from .wrench import FORCES, limits_of, unit_directions
+from .rest import Equilibrium
+from .wrench import equilibrium_of, limits_of, unit_directions
 
 Profile: TypeAlias = Literal["trapezoid", "minimum_jerk"]
 # The duration of a move over a distance D with the peak acceleration a is this times sqrt(D / a).
@@ -105,22 +105,30 @@ def carry_limits(
     """
     distance = checks.positive("distance", distance)
     settle = checks.non_negative("settle", settle)
-    rest = _rest(grasp, tilt, {"time": time, "shear": shear, "near": near, "grip": grip})
+    if profile is not None:
+        checks.choice("profile", profile, tuple(_DURATIONS))
     if directions is None:
-        rows = unit_directions(FORCES)
+        rows = unit_directions()
     else:
         rows = checks.array("directions", directions, ("n", 2))
         lengths = np.hypot(*rows.T)
         if not lengths.all():
             raise ValueError(f"directions[{np.argmin(lengths)}] = (0, 0): must not be zero")
         rows = rows / lengths[:, None]
+    if checks.finite("tilt", tilt):
+        if isinstance(grasp, Equilibrium):
+            raise ValueError(f"tilt = {tilt}: the equilibrium has it already")
+        checks.instance("grasp", grasp, Scene, "a Scene or an Equilibrium")
+        if grasp.motion is not None:
+            raise ValueError(f"tilt = {tilt}: the scene has a motion already")
+        grasp = grasp.with_({"motion": HandMotion.constant(tilt=tilt)})
+    rest = equilibrium_of(grasp, time=time, shear=shear, near=near, grip=grip)
+    if profile is not None and rest.scene.contact != "unilateral":
+        raise ValueError('profile: needs contact = "unilateral", a bilateral one is never lost')
     limit, cause, _ = limits_of(
         rest, len(rows), lambda q: rest_scene(rest.scene, rest.time).carry_limits(q, rows)
     )
     if profile is not None:
-        checks.choice("profile", profile, tuple(_DURATIONS))
-        if rest.scene.contact != "unilateral":
-            raise ValueError('profile: needs contact = "unilateral", a bilateral one is never lost')
         found = [
             _fastest(_move(rest, row, profile, distance, settle), slow)
             for row, slow in zip(rows, limit, strict=True)
@@ -129,23 +137,6 @@ def carry_limits(
     return CarryLimits(
         equilibrium=rest, direction=rows, limit=limit, cause=np.array(cause), profile=profile
     )
-
-
-def _rest(grasp: object, tilt: float, given: dict[str, Any]) -> Equilibrium:
-    """The equilibrium that is meant."""
-    tilt = checks.finite("tilt", tilt)
-    if isinstance(grasp, Scene):
-        if tilt:
-            if grasp.motion is not None:
-                raise ValueError(f"tilt = {tilt}: the scene has a motion already")
-            grasp = grasp.with_({"motion": HandMotion.constant(tilt=tilt)})
-        return equilibrium(grasp, given["time"], given["shear"], given["near"], grip=given["grip"])
-    if not isinstance(grasp, Equilibrium):
-        raise TypeError(f"grasp = {checks.shown(grasp)}: must be a Scene or an Equilibrium")
-    for name, value in {**given, "tilt": tilt or None}.items():
-        if value is not None:
-            raise ValueError(f"{name} = {checks.shown(value)}: the equilibrium has it already")
-    return grasp
 
 
 def _move(

@@ -18,7 +18,7 @@ from ..support.result import Result
 from .rest import ROUND_OFF, Equilibrium, equilibrium
 
 # Number of forces among the default directions.
-FORCES = 72
+_FORCES = 72
 # The largest number of directions: each takes one to three milliseconds.
 _MOST = 1_000_000
 
@@ -120,18 +120,12 @@ def wrench_limits(
     Returns:
         The limits. A scene without equilibrium bears nothing: see `WrenchLimits`.
     """
-    if not isinstance(grasp, Scene | Equilibrium):
-        raise TypeError(f"grasp = {checks.shown(grasp)}: must be a Scene or an Equilibrium")
-    scene = grasp.scene if isinstance(grasp, Equilibrium) else grasp
-    length = 0.5 * scene.grasped.width if length is None else checks.positive("length", length)
-    rows = _default_directions(length) if directions is None else _checked_directions(directions)
-    if isinstance(grasp, Scene):
-        rest = equilibrium(grasp, time, shear, near, grip=grip)
-    else:
-        for name, value in {"time": time, "shear": shear, "near": near, "grip": grip}.items():
-            if value is not None:
-                raise ValueError(f"{name} = {checks.shown(value)}: the equilibrium has it already")
-        rest = grasp
+    given = None if directions is None else _checked_directions(directions)
+    if length is not None:
+        length = checks.positive("length", length)
+    rest = equilibrium_of(grasp, time=time, shear=shear, near=near, grip=grip)
+    length = 0.5 * rest.scene.grasped.width if length is None else length
+    rows = _default_directions(length) if given is None else given
     magnitude, limit, q = limits_of(
         rest,
         len(rows),
@@ -151,15 +145,27 @@ def wrench_limits(
     )
 
 
+def equilibrium_of(grasp: object, **given: Any) -> Equilibrium:
+    """The equilibrium that is meant: one, or that of a scene with these arguments."""
+    if isinstance(grasp, Scene):
+        return equilibrium(grasp, **given)
+    if not isinstance(grasp, Equilibrium):
+        raise TypeError(f"grasp = {checks.shown(grasp)}: must be a Scene or an Equilibrium")
+    for name, value in given.items():
+        if value is not None:
+            raise ValueError(f"{name} = {checks.shown(value)}: the equilibrium has it already")
+    return grasp
+
+
 def _default_directions(length: float) -> Floats:
     """Forces of 1 N in all directions, and both moments of 1 N times `length`."""
     moments = np.array([[0.0, 0.0, length], [0.0, 0.0, -length]])
-    return np.vstack([np.column_stack([unit_directions(FORCES), np.zeros(FORCES)]), moments])
+    return np.vstack([np.column_stack([unit_directions(), np.zeros(_FORCES)]), moments])
 
 
-def unit_directions(count: int) -> Floats:
-    """Vectors of length one in `count` directions, a multiple of four, from x counter-clockwise."""
-    angles = np.arange(count // 4) * (2.0 * np.pi / count)
+def unit_directions() -> Floats:
+    """Vectors of length one in the default directions, from x counter-clockwise."""
+    angles = np.arange(_FORCES // 4) * (2.0 * np.pi / _FORCES)
     x, y = np.cos(angles), np.sin(angles)
     # The other quarters are turned by exact right angles, so that mirror images agree to the bit.
     quarters = [(x, y), (-y, x), (-x, -y), (y, -x)]
