@@ -19,19 +19,30 @@ pub enum Error {
     },
     /// A fingertip does not reach the object at the start.
     #[error(
-        "the {finger} fingertip does not reach the object: gap {} mm at the start. It touches at {} degrees: \
-         a schedule with larger angles keeps it in contact, smaller angles separate it again{}. Otherwise widen the object or give a State",
-        brief(*gap_mm), brief(*touches), if *driven { "" } else { "; initial = \"touching\" starts the run at that angle" }
+        "the {finger} fingertip does not reach the object: gap {} mm at the start. It touches at {} {unit}: \
+         a schedule with larger {what} keeps it in contact, smaller {what} separate it again{}. Otherwise widen the object or give a State",
+        brief(*gap_mm), brief(*touches), if *driven { "" } else { "; initial = \"touching\" starts the run there" },
+        what = if *unit == "mm" { "travels" } else { "angles" }
     )]
     Gap {
         /// Name of the finger.
         finger: &'static str,
         /// Distance between tip and face, in millimetres.
         gap_mm: f64,
-        /// The angle of the finger at which the tip touches, in degrees.
+        /// The coordinate of the finger at which the tip touches.
         touches: f64,
+        /// The unit of this coordinate: degrees, or mm of a jaw.
+        unit: &'static str,
         /// Whether the fingers are driven, so that the schedule sets their initial angles as well.
         driven: bool,
+    },
+    /// No coordinate of a finger that is not the paper's brings the tip to the object.
+    #[error(
+        "the {finger} fingertip cannot touch the object, wherever its finger is. Change the object's size, hand.{finger} or the tip's radius"
+    )]
+    Untouched {
+        /// Name of the finger.
+        finger: &'static str,
     },
     /// No angle of the finger brings the tip to the face.
     #[error(

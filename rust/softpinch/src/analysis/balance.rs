@@ -20,6 +20,8 @@
 use std::sync::Arc;
 
 use crate::error::Error;
+use crate::model::contact::mechanism::MechanismKind;
+use crate::model::contact::shape::ShapeKind;
 use crate::model::control::Fingers;
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::drive::{Input, SegmentDrive};
@@ -120,7 +122,7 @@ impl<R: Real> Balance<R> {
         let forces = plant.forces(false, plant.elastic(&geometry, &q), &geometry, &motion, (input, loads));
         // At rest the multipliers balance the resistances of the deformations.
         let multipliers = forces.resistance;
-        let (applied, carried) = (forces.total(), geometry.phi_transposed_times(&multipliers));
+        let (applied, carried) = (forces.total(&geometry), geometry.phi_transposed_times(&multipliers));
         let [mut left_over @ .., _, _, _, _] =
             each_coordinate!([applied, carried] => applied + carried).row();
         let (mut tilt, mut sigma) = ([zero; 2], [zero; 2]);
@@ -128,7 +130,7 @@ impl<R: Real> Balance<R> {
             left_over[FINGER + i] = left_over[FINGER + i] - forces.torque[i];
             tilt[i] = geometry.contacts[i].tilt;
             let thickness = plant.sides[i].radius() - q.compression[i];
-            sigma[i] = thickness.mul_add(tilt[i], signed(i, geometry.contacts[i].a)) + q.shear[i];
+            sigma[i] = thickness.mul_add(tilt[i], signed(i, geometry.contacts[i].place)) + q.shear[i];
         }
         let balance = Self { q, tilt, sigma, forces: left_over, torque: forces.torque, multipliers };
         (balance, geometry)
@@ -299,9 +301,10 @@ impl RestScene {
         let length = right.radius.max(left.radius);
         let force = self.parameters.modulus(0).max(self.parameters.modulus(1)) * length * length;
         let moment = force * length;
-        let [finger1, finger2] = self.held().map(|held| if held { 1.0 } else { moment });
+        let (held, unit) = (self.held(), [0, 1].map(|i| self.parameters.finger_size(i, length)));
+        let [finger1, finger2] = [0, 1].map(|i| if held[i] { unit[i] } else { moment / unit[i] });
         (
-            [length, length, 1.0, 1.0, 1.0, length, length],
+            [length, length, 1.0, unit[0], unit[1], length, length],
             [force, force, moment, finger1, finger2, length, length],
         )
     }
@@ -312,15 +315,22 @@ impl RestScene {
         let [fx, fy, moment] = self.input.force.map(f64::abs);
         let pressing: f64 = balance.multipliers.iter().map(|lambda| lambda.abs()).sum();
         let force = pressing + fx + fy + grasped.mass * surroundings.gravity.abs();
-        let reach = 0.5 * grasped.width + grasped.com_offset.abs() + tips[0].radius + tips[1].radius;
+        let mut reach = 0.5 * grasped.width + grasped.com_offset.abs() + tips[0].radius + tips[1].radius;
+        for i in 0..2 {
+            if self.parameters.shape(i) == ShapeKind::Arc {
+                reach += self.parameters.reach(i);
+            }
+        }
         let finger = |i: usize| {
             let Input { target, .. } = self.input;
             if self.held()[i] {
-                return 1.0 + target[i].abs();
+                return self.parameters.finger_size(i, tips[i].radius) + target[i].abs();
             }
-            let arm = fingers[i].length + fingers[i].half_thickness + tips[i].radius;
+            let lever = self.parameters.lever(i);
+            let jaw = self.parameters.mechanism(i) == MechanismKind::Jaw;
+            let arm = if jaw { lever } else { lever + tips[i].radius };
             let gain = if self.fingers == Fingers::Torque { 1.0 } else { control[i].kp };
-            let weight = fingers[i].mass * surroundings.gravity.abs() * fingers[i].length;
+            let weight = fingers[i].mass * surroundings.gravity.abs() * lever;
             pressing * arm + gain * (target[i].abs() + balance.q.finger[i].abs()) + weight
         };
         let place = reach + balance.sigma[0].abs() + balance.sigma[1].abs();

@@ -60,7 +60,8 @@ fn between((from, first): Posed<'_>, (to, last): Posed<'_>, share: f64) -> (Rest
     let between = |a: f64, b: f64| if a.is_finite() && b.is_finite() { a + share * (b - a) } else { b };
     let pair = |a: &[f64; 2], b: &[f64; 2]| std::array::from_fn(|i| between(a[i], b[i]));
     let (start, end) = (from.parameters.to_array(), to.parameters.to_array());
-    let parameters = Parameters::unchecked(&std::array::from_fn(|k| between(start[k], end[k])));
+    let parameters = Parameters::unchecked(&std::array::from_fn(|k| between(start[k], end[k])))
+        .of_the_kinds(&to.parameters);
     let input = Input {
         target: pair(&from.input.target, &to.input.target),
         force: std::array::from_fn(|i| between(from.input.force[i], to.input.force[i])),

@@ -1,9 +1,11 @@
 //! Starts of the search for an equilibrium.
 
 use crate::analysis::balance::{Member, RestScene, Unknowns};
+use crate::model::contact::mechanism::Mechanism;
 use crate::model::control::Fingers;
 use crate::model::parameters::Parameters;
-use crate::model::start::angle_at;
+use crate::model::start::coordinate_at;
+use crate::number::real::signed;
 
 /// Turns of the object away from the line between the tips, rad, and shifts along it and across it as shares of the
 /// tip's radius, from which the search starts again.
@@ -11,6 +13,11 @@ const TURNS: [f64; 7] = [0.0, 0.15, -0.15, 0.35, -0.35, 0.6, -0.6];
 const SHIFTS: [f64; 3] = [0.0, 0.5, -0.5];
 /// Shares of the way from touching tips to the targets of fingers that give way.
 const SHARES: [f64; 4] = [1.0, 0.5, 0.2, 0.05];
+
+/// The distances of both sides from the centre of gravity.
+fn widths(parameters: &Parameters) -> [f64; 2] {
+    [parameters.half_width(0), parameters.half_width(1)]
+}
 
 /// Where the tips are without an object between them.
 #[derive(Debug, Clone, Copy)]
@@ -27,13 +34,12 @@ impl Gap {
     /// The gap between tips at these angles.
     pub fn new(parameters: &Parameters, angles: [f64; 2]) -> Self {
         let centre = |i: usize| {
-            let (finger, sign) = (&parameters.fingers[i], if i == 0 { -1.0 } else { 1.0 });
-            let (sin, cos) = (libm::sin(angles[i]), libm::cos(angles[i]));
-            let inward = finger.length * sin + finger.half_thickness * cos - finger.root_offset;
-            [sign * inward, finger.length * cos - finger.half_thickness * sin]
+            let [inwards, up] = Mechanism::<f64>::new(parameters, i).placed(angles[i]).centre;
+            [signed(i, inwards), up]
         };
         let ([x1, y1], [x2, y2]) = (centre(0), centre(1));
-        let reach = parameters.tips[0].radius + parameters.tips[1].radius + parameters.grasped.width;
+        let reach =
+            parameters.tips[0].radius + parameters.tips[1].radius + widths(parameters).iter().sum::<f64>();
         Self {
             middle: [0.5 * (x1 + x2), 0.5 * (y1 + y2)],
             direction: libm::atan2(y1 - y2, x1 - x2),
@@ -45,27 +51,25 @@ impl Gap {
 /// The angles at which fingers that are not held are expected to rest; `share` is that of the way from touching tips to
 /// the target.
 fn angles(scene: &RestScene, share: f64) -> [f64; 2] {
-    let Parameters { fingers, tips, grasped, .. } = &scene.parameters;
     let (held, target) = (scene.held(), scene.input.target);
     std::array::from_fn(|i| {
         if held[i] {
             return target[i];
         }
         let stiffness = std::f64::consts::PI * scene.parameters.modulus(i);
-        let width = grasped.width;
         if scene.fingers == Fingers::Torque {
             // pi E d_n^2 L is the torque of an upright tip.
-            let compression = (target[i].abs() / (stiffness * fingers[i].length)).sqrt();
-            return angle_at(&fingers[i], &tips[i], width, share * compression).unwrap_or(0.0);
+            let compression = (target[i].abs() / (stiffness * scene.parameters.lever(i))).sqrt();
+            return coordinate_at(&scene.parameters, i, share * compression).unwrap_or(0.0);
         }
-        let touching = angle_at(&fingers[i], &tips[i], width, 0.0).unwrap_or(target[i]);
+        let touching = coordinate_at(&scene.parameters, i, 0.0).unwrap_or(target[i]);
         touching + share * (target[i] - touching)
     })
 }
 
 /// A start with the object between the tips, turned and shifted from the middle.
 fn between(scene: &RestScene, member: &Member, share: f64, turn: f64, [along, across]: [f64; 2]) -> Unknowns {
-    let Parameters { tips: [right, left], grasped, .. } = &scene.parameters;
+    let Parameters { tips: [right, left], .. } = &scene.parameters;
     let angles = angles(scene, share);
     let gap = Gap::new(&scene.parameters, angles);
     // d_n^2 E is the force of an upright tip, which is equal on both sides.
@@ -73,7 +77,8 @@ fn between(scene: &RestScene, member: &Member, share: f64, turn: f64, [along, ac
     let [inner, outer] = [gap.overlap / (1.0 + ratio), gap.overlap * ratio / (1.0 + ratio)];
     // The right tip is compressed by `inner`, so the middle of the object is nearer to the tip that gives way less.
     let length = right.radius.max(left.radius);
-    let shift = 0.5 * ((left.radius - outer) - (right.radius - inner)) + grasped.com_offset + along * length;
+    let [one, other] = widths(&scene.parameters);
+    let shift = 0.5 * ((left.radius - outer) - (right.radius - inner)) + 0.5 * (other - one) + along * length;
     let (sin, cos) = (libm::sin(gap.direction), libm::cos(gap.direction));
     let theta = gap.direction + turn;
     let grip = match member {

@@ -108,7 +108,7 @@ impl LaneKernel for All<'_> {
         for (chunk, directions) in all.chunks(DIRECTIONS).enumerate() {
             let slopes = std::array::from_fn(|k| {
                 let own = directions.get(k).map_or([0.0; PARAMETER_COUNT], |own| own.parameters);
-                Parameters::unchecked(&own)
+                Parameters::unchecked(&own).of_the_kinds(&scene.parameters)
             });
             let source = VariedParameters { parameters: &scene.parameters, slopes };
             let twice = options.method == Method::Rosenbrock;

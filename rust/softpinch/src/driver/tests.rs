@@ -35,7 +35,9 @@ fn scene(run: usize) -> Result<Scene, Error> {
     let endless = f64::INFINITY;
     let (object, surroundings) = ([0.049, 0.08 + 0.01 * k, 4e-5, 0.0, endless], [9.81, endless, endless]);
     let values = [&finger[..], &finger, &tip, &tip, &object, &pid, &pid, &surroundings].concat();
-    let parameters = Parameters::from_array(&values.try_into().expect("the number of parameters"))?;
+    let mut all = Parameters::default().to_array();
+    all[..values.len()].copy_from_slice(&values);
+    let parameters = Parameters::from_array(&all)?;
     let sine =
         Sinusoid { start: 0.002, end: 0.006, omega: 300.0 + k, phase: 0.1, amplitude: [1.0, 2.0, 0.0] };
     let impulse = Impulse { time: 0.003 + 1e-4 * k, impulse: [0.01, -0.02, 1e-5] };

@@ -15,7 +15,7 @@ use crate::model::coordinates::Coordinates;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
 use crate::number::linear::solve3;
-use crate::number::real::{Real, signed};
+use crate::number::real::{LaneTask, Real, signed};
 
 /// The solution.
 #[derive(Debug, Clone, Copy)]
@@ -30,6 +30,42 @@ pub struct Constrained<R> {
 /// the schedule prescribes for driven fingers.
 #[inline(always)]
 pub fn constrained<R: Real>(
+    driven: bool,
+    geometry: &Geometry<R>,
+    plant: &Plant<R>,
+    f: &Coordinates<R>,
+    b: &[R; 4],
+    finger_acceleration: &[R; 2],
+) -> Constrained<R> {
+    if geometry.is_the_papers() {
+        return solved(driven, &geometry.the_papers(), plant, f, b, finger_acceleration);
+    }
+    // Copies, so that the numbers of the paper's contacts need no place in memory.
+    let (geometry, f, b, fingers) = (*geometry, *f, *b, *finger_acceleration);
+    R::outlined(Solve { driven, plant, geometry, f, b, fingers })
+}
+
+/// Solves for other contacts than the paper's.
+struct Solve<'a, R> {
+    driven: bool,
+    plant: &'a Plant<R>,
+    geometry: Geometry<R>,
+    f: Coordinates<R>,
+    b: [R; 4],
+    fingers: [R; 2],
+}
+
+impl<R: Real> LaneTask<R> for Solve<'_, R> {
+    type Output = Constrained<R>;
+
+    #[inline(always)]
+    fn run(self) -> Constrained<R> {
+        solved(self.driven, &self.geometry, self.plant, &self.f, &self.b, &self.fingers)
+    }
+}
+
+#[inline(always)]
+fn solved<R: Real>(
     driven: bool,
     geometry: &Geometry<R>,
     plant: &Plant<R>,
@@ -111,12 +147,12 @@ impl<R: Real> Eliminated<R> {
         let turn = [normal.dot2(contact.a, mixed, contact.e), mixed.dot2(contact.a, tangential, contact.e)];
         let inertia = turn[0].dot2(contact.a, turn[1], contact.e);
         let (mut along, mut beside, mut across) = (normal, signed(i, mixed), tangential);
-        if contact.direction.turned().is_some() {
+        if contact.others.is_some() {
             // The columns of N_i along the axes of the side become rows along the object's.
-            let [normal, mixed] = contact.direction.out_of_side([along, beside]);
-            let [other, tangential] = contact.direction.out_of_side([beside, across]);
-            [along, beside] = contact.direction.out_of_side([normal, other]);
-            [_, across] = contact.direction.out_of_side([mixed, tangential]);
+            let [normal, mixed] = contact.out_of_side([along, beside]);
+            let [other, tangential] = contact.out_of_side([beside, across]);
+            [along, beside] = contact.out_of_side([normal, other]);
+            [_, across] = contact.out_of_side([mixed, tangential]);
         }
         let turn = contact.push(i, turn);
         Self { inverse, free_acceleration, column, along, mixed: beside, across, turn, inertia }
@@ -157,7 +193,7 @@ fn pose_acceleration<R: Real>(
     let moment = moment - (right.moment(loads[0]) + left.moment(loads[1]));
 
     // The object's own 3 x 3 system: M + sum of G_i^T N_i G_i.
-    if driven && geometry.is_aligned() {
+    if driven && geometry.is_the_papers() {
         let (rh, rn) = (m_n[0] * right.a, m_t[0] * right.e);
         let (lh, ln) = (m_n[1] * left.a, m_t[1] * left.e);
         // Along the normal and across it the masses are constant, and only the rotation couples the two

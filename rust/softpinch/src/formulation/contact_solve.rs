@@ -130,10 +130,21 @@ pub fn response<R: Real>(
         share[i] = R::select(graze, along, R::select(contacts.free[i], zero, one));
     }
     let mut total = geometry.phi_transposed_times(&multipliers);
+    let mut parts = [zero; 2];
     for i in 0..2 {
         let part = R::select(contacts.graze[i], -(load.couple[i] * share[i]), zero);
-        total.object[2] = total.object[2] + signed(i, part);
-        total.finger[i] = total.finger[i] + part;
+        parts[i] = -part;
+        if geometry.is_the_papers() {
+            total.object[2] = total.object[2] + signed(i, part);
+            total.finger[i] = total.finger[i] + part;
+        }
+    }
+    if !geometry.is_the_papers() {
+        let (object, finger) = geometry.couples(parts);
+        for k in 0..3 {
+            total.object[k] = total.object[k] + object[k];
+        }
+        total.finger = [total.finger[0] + finger[0], total.finger[1] + finger[1]];
     }
     let acceleration = each_coordinate!([total, w, unforced] => total.mul_add(w, unforced));
     Response { multipliers, share, acceleration, pivots }
@@ -154,7 +165,7 @@ fn own_block<R: Real>(
     let same = i == j;
     let along = if same { w_x } else { -w_x };
     let mut block = [[a.mul_add(other.a, along), a * other.e], [e * other.a, e.mul_add(other.e, w_x)]];
-    if !same && !geometry.is_aligned() {
+    if !same && !geometry.is_the_papers() {
         let (one, zero) = (R::constant(1.0), R::zero());
         for (r, unit) in [[one, zero], [zero, one]].into_iter().enumerate() {
             let [along, across] = own.push(i, unit);
@@ -166,15 +177,19 @@ fn own_block<R: Real>(
             ];
         }
     }
-    let turned = signed(j, R::constant(1.0));
+    let ([x, y], turned, finger) = other.tilt_by(j);
     let mut by_couple = [a * turned, e * turned];
+    if !geometry.is_the_papers() {
+        let [along, across] = own.into_side([x, y]);
+        by_couple = [w_x.mul_add(signed(i, along), by_couple[0]), w_x.mul_add(across, by_couple[1])];
+    }
     if same {
         let (b, f) = (own.b * w.finger[i], own.f * w.finger[i]);
         block[0][0] = block[0][0] + b.mul_add(own.b, w.compression[i]);
         block[0][1] = b.mul_add(own.f, block[0][1]);
         block[1][0] = f.mul_add(own.b, block[1][0]);
         block[1][1] = block[1][1] + f.mul_add(own.f, w.shear[i]);
-        by_couple = [by_couple[0] + b, by_couple[1] + f];
+        by_couple = [b.mul_add(finger, by_couple[0]), f.mul_add(finger, by_couple[1])];
     }
     for r in 0..2 {
         block[r][0] = R::select(graze, -(couple * by_couple[r]), block[r][0]);

@@ -228,7 +228,7 @@ pub trait Equations<R: Real>: Copy + Debug {
             driven,
             &geometry,
             plant,
-            &forces.total(),
+            &forces.total(&geometry),
             &self.bias(&geometry),
             finger_acceleration,
         );

@@ -341,7 +341,7 @@ mod tests {
             let swept = terms.geometry.phi_times(&response.acceleration);
             let bias = terms.geometry.bias();
             // M a = f + Phi^T lambda + the couples that act.
-            let mut force = terms.forces.total();
+            let mut force = terms.forces.total(&terms.geometry);
             let push = terms.geometry.phi_transposed_times(&response.multipliers);
             for i in 0..2 {
                 let acts = if modes[i] == Mode::Graze { response.share[i] } else { 0.0 };

@@ -32,7 +32,7 @@ fn newton_step<R: Real>(plant: &Plant<R>, q: &Coordinates<R>, free: [Bits; 2]) -
     let w = &plant.inverse_masses;
     let ([w_x, _, w_theta], [r, l]) = (w.object, &geometry.contacts);
     let mut facing = -w_x;
-    if !geometry.is_aligned() {
+    if !geometry.is_the_papers() {
         let (one, other) = (r.push(0, [R::constant(1.0), zero]), l.push(1, [R::constant(1.0), zero]));
         facing = w_x * one[0].dot2(other[0], one[1], other[1]);
     }

@@ -92,7 +92,7 @@ impl<R: Real> Equations<R> for Unilateral<R> {
         let special = contacts.special();
         let elastic = if special == 0 { elastic } else { self.released(contacts, elastic, &motion.q) };
         let mut forces = plant.forces(driven, elastic, &geometry, motion, (input, loads));
-        let (force, bias) = (forces.total(), self.bias(&geometry));
+        let (force, bias) = (forces.total(&geometry), self.bias(&geometry));
         let finger_acceleration = input.target_acceleration;
         let mut found =
             Response::from(constrained(driven, &geometry, plant, &force, &bias, &finger_acceleration));
@@ -119,7 +119,7 @@ impl<R: Real> Equations<R> for Unilateral<R> {
         let mut energies = plant.energies(q, p);
         if contacts.free[0] | contacts.free[1] != 0 {
             for i in 0..2 {
-                let (sin, cos) = plant.sides[i].tilt(i, q).sin_cos();
+                let (_, sin, cos) = plant.sides[i].tilt(i, q);
                 let (frozen_sin, frozen_cos) = contacts.frozen_tilt[i].sin_cos();
                 let (d_n, d_t) = (q.compression[i], q.shear[i]);
                 let live = plant.tips[i].energy(sin, cos, d_n, d_t);
@@ -144,8 +144,7 @@ impl<R: Real> Equations<R> for Unilateral<R> {
             held[2 + i] = R::select(slip, zero, held[2 + i]);
             let loss = -(response.multipliers[2 + i] * drift[2 + i]);
             friction = friction + R::select(slip, loss, zero);
-            let turn = self.csm.plant.sides[i].tilt_rate(i, p);
-            let gain = ((R::constant(1.0) - response.share[i]) * couple[i]) * turn;
+            let gain = ((R::constant(1.0) - response.share[i]) * couple[i]) * geometry.contacts[i].tilt_rate;
             relaxation = relaxation + R::select(contacts.graze[i], gain, zero);
         }
         let drags = self.csm.plant.drags(p);

@@ -4,46 +4,85 @@
 //!
 //! | part | answers | kinds |
 //! |---|---|---|
-//! | [`mechanism`] | the tip's centre and its tilt, from the finger's coordinate | a link about its root |
-//! | [`shape`] | the frame of the object's side, its distance from the centre of gravity, the place along it | parallel and tilted faces |
-//! | [`law`] | the tip's elastic energy and its gradient | (5), a power of the compression |
+//! | [`mechanism`] | the tip's centre and its tilt, from the finger's coordinate | a link about its root, a jaw, a parallelogram |
+//! | [`shape`] | the distance of the tip's centre from the object's side, the normal there, the place along the side | parallel and tilted faces, arcs |
+//! | [`law`] | the tip's elastic energy and its gradient | (5), powers of the compression, measured curves |
 //!
 //! This file composes them. Everything above it sees only a [`Contact`] and the gradient of a law, so that a new kind is
 //! one file and one line in the table of its part.
 //!
-//! A contact is computed in the frame of its side, where the side's normal is the first axis. In the frame of a parallel
-//! face, which is the object's own, finger i has the tilt theta_pi = theta_i + s_i theta (6), so that three sines and
-//! cosines serve both contacts.
+//! The paper's contact, a link on a parallel face, is compiled into the equations; three sines and cosines serve both
+//! sides. A contact of any other parts is computed by one function, [`Parts`], which is called.
 
 pub mod law;
 pub mod mechanism;
 pub mod shape;
 
-use crate::model::contact::mechanism::{Arm, Mechanism};
-use crate::model::contact::shape::{Frame, Shape};
+use crate::model::contact::mechanism::{Arm, Mechanism, OneLink};
+use crate::model::contact::shape::{Frame, ParallelFace, Surface};
 use crate::model::coordinates::Coordinates;
 use crate::model::source::Source;
-use crate::number::real::{Real, signed};
+use crate::number::real::{LaneTask, Real, signed};
 
-pub use crate::model::contact::shape::Direction;
+/// Declares the kinds of a part. The flat array of parameters has the number of the kind.
+macro_rules! numbered {
+    ($(#[$doc:meta])* $name:ident { $(#[$first_doc:meta])* $first:ident, $($(#[$kind_doc:meta])* $kind:ident,)* }) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+        pub enum $name {
+            $(#[$first_doc])*
+            #[default]
+            $first,
+            $($(#[$kind_doc])* $kind,)*
+        }
+
+        impl $name {
+            /// The kind with this number.
+            #[inline]
+            pub fn of(number: f64) -> Self {
+                [Self::$first, $(Self::$kind),*].into_iter().find(|kind| kind.number() == number).unwrap_or_default()
+            }
+
+            /// The number of the kind.
+            #[inline]
+            pub fn number(self) -> f64 {
+                f64::from(self as u8)
+            }
+        }
+    };
+}
+pub(crate) use numbered;
 
 /// The parts of a contact that say where it is: all but the law of the tip.
 #[derive(Debug, Clone, Copy)]
 pub struct Side<R> {
-    mechanism: Mechanism<R>,
-    shape: Shape<R>,
+    link: OneLink<R>,
+    face: ParallelFace<R>,
     /// The radius a of the tip.
     radius: R,
+    /// The parts of both contacts, if one of them is not the paper's.
+    others: Option<(Mechanism<R>, Surface<R>)>,
 }
 
 impl<R: Real> Side<R> {
     #[inline(always)]
     fn new(source: &impl Source<R>, i: usize) -> Self {
-        Self {
-            mechanism: Mechanism::new(source, i),
-            shape: Shape::new(source, i),
-            radius: source.number(|p| p.tips[i].radius),
+        let mut others = None;
+        if !source.kinds().has_the_papers_contacts() {
+            others = Some((Mechanism::new(source, i), Surface::new(source, i)));
         }
+        Self {
+            link: OneLink::new(source, i),
+            face: ParallelFace::new(source, i),
+            radius: source.number(|p| p.tips[i].radius),
+            others,
+        }
+    }
+
+    /// Whether the side is curved.
+    #[inline(always)]
+    pub(crate) fn is_curved(&self) -> bool {
+        matches!(&self.others, Some((_, surface)) if surface.is_curved())
     }
 
     /// Both sides of a scene.
@@ -58,16 +97,34 @@ impl<R: Real> Side<R> {
         self.radius
     }
 
-    /// theta_pi (6), the angle between the tip's base and the side.
+    /// The height of the finger's mass as a share of its lever: cos theta_i (16), or that of another mechanism.
     #[inline(always)]
-    pub fn tilt(&self, i: usize, q: &Coordinates<R>) -> R {
-        self.shape.tilt(i, self.mechanism.tilt(q.finger[i]), q)
+    pub fn height(&self, coordinate: R) -> R {
+        match &self.others {
+            Some((Mechanism::Jaw(jaw), _)) => jaw.height(coordinate),
+            _ => coordinate.sin_cos().1,
+        }
+    }
+
+    /// theta_pi (6), the angle between the tip's base and the side, with its sine and cosine.
+    #[inline(always)]
+    pub fn tilt(&self, i: usize, q: &Coordinates<R>) -> (R, R, R) {
+        if self.others.is_some() {
+            let contact = Contact::alone(i, self, q, &Coordinates::zero());
+            return (contact.tilt, contact.sin_tilt, contact.cos_tilt);
+        }
+        let tilt = q.finger[i] + signed(i, q.object[2]);
+        let (sin, cos) = tilt.sin_cos();
+        (tilt, sin, cos)
     }
 
     /// The rate of theta_pi.
     #[inline(always)]
-    pub fn tilt_rate(&self, i: usize, p: &Coordinates<R>) -> R {
-        self.shape.tilt_rate(i, self.mechanism.tilt(p.finger[i]), p)
+    pub fn tilt_rate(&self, i: usize, q: &Coordinates<R>, p: &Coordinates<R>) -> R {
+        if self.others.is_some() {
+            return Contact::alone(i, self, q, p).tilt_rate;
+        }
+        p.finger[i] + signed(i, p.object[2])
     }
 }
 
@@ -80,14 +137,14 @@ pub struct Contact<R> {
     pub sin_tilt: R,
     /// cos theta_pi.
     pub cos_tilt: R,
-    /// sin theta_i, by which gravity turns the finger (43).
-    pub sin_finger: R,
-    /// cos theta_i.
-    pub cos_finger: R,
+    /// The rate of theta_pi.
+    pub tilt_rate: R,
+    /// sin theta_i, by which gravity turns the finger (43), or what another mechanism has in its place.
+    pub lever: R,
     /// The place of the contact along the side, up to its sign; on a parallel face s_i G_i (11).
     pub place: R,
-    /// The direction of the side's normal in the object's frame.
-    pub direction: Direction<R>,
+    /// What another contact than the paper's has beside it.
+    pub others: Option<Others<R>>,
     /// A_i (26).
     pub a: R,
     /// B_i (27).
@@ -108,20 +165,34 @@ pub struct Contact<R> {
     pub bias_n: R,
 }
 
+/// What a contact has whose parts are not the paper's.
+#[derive(Debug, Clone, Copy)]
+pub struct Others<R> {
+    /// The side's normal at the contact, along the object's axes: cosine and sine of its angle.
+    pub normal: [R; 2],
+    /// T_i of parts.md, the derivatives of theta_pi: by the object's way along the side, by its turn, and by the finger's
+    /// coordinate. A couple tau of the tip is the generalised force -tau T_i. The paper's are 0, s_i and 1.
+    pub tilt_by: [R; 3],
+}
+
+/// Where the contact is on the constraints: d_n, then the rates of d_n and d_t.
+type Determined<R> = (R, [R; 2]);
+
 impl<R: Real> Contact<R> {
-    /// The contact of an arm in the frame of its side. `normal` and `across` of the arm are -t.O' and s_i n.O', the way of
-    /// the tip's centre for a unit of the finger's coordinate.
+    /// The contact of a link and a parallel face, in the object's own frame, where finger i has the tilt
+    /// theta_pi = theta_i + s_i theta (6).
     #[inline(always)]
     fn new(
         i: usize,
         side: &Side<R>,
-        (frame, direction): &(Frame<R>, Direction<R>),
+        frame: &Frame<R>,
         arm: &Arm<R>,
         d_n: R,
         [d_n_rate, d_t_rate]: [R; 2],
     ) -> Self {
         let Frame { omega, u, v, .. } = *frame;
-        let Arm { tilt, sin_tilt, cos_tilt, sin_finger, cos_finger, normal, across, sx, g, turn } = *arm;
+        // `normal` and `across` are -t.O' and s_i n.O', the way of the tip's centre for a unit of the coordinate.
+        let Arm { tilt, sin_tilt, cos_tilt, lever, normal, across, sx, g, turn } = *arm;
         let thickness = side.radius - d_n;
         let (a, b) = (signed(i, g), -across);
         let (e, f) = (signed(i, thickness - sx), normal + thickness);
@@ -134,15 +205,15 @@ impl<R: Real> Contact<R> {
             tilt,
             sin_tilt,
             cos_tilt,
-            sin_finger,
-            cos_finger,
-            place: side.shape.place(a),
-            direction: *direction,
+            tilt_rate,
+            lever,
+            place: a,
+            others: None,
             a,
             b,
             e,
             f,
-            holonomic: side.holonomic(arm, d_n),
+            holonomic: (sx - thickness) - side.face.distance,
             holonomic_rate: (signed(i, u) + d_n_rate) + a.dot2(omega, b, turn),
             nonholonomic: (v + d_t_rate) + e.dot2(omega, f, turn),
             bias_h: (normal * tilt_rate).mul_add(turn, signed(i, (v + g_rate) * omega)),
@@ -159,9 +230,20 @@ impl<R: Real> Contact<R> {
         q: &Coordinates<R>,
         p: &Coordinates<R>,
     ) -> Self {
-        let frame = side.shape.frame(i, object);
-        let arm = side.mechanism.arm(i, &frame.0, q.finger[i], p.finger[i]);
-        Self::new(i, side, &frame, &arm, q.compression[i], [p.compression[i], p.shear[i]])
+        let deformation = (q.compression[i], [p.compression[i], p.shear[i]]);
+        if let Some(parts) = &side.others {
+            let at =
+                Parts { i, parts, radius: side.radius, object: *object, finger: [q.finger[i], p.finger[i]] };
+            return R::outlined(Anywhere(at, deformation));
+        }
+        let arm = side.link.arm(i, object, q.finger[i], p.finger[i]);
+        Self::new(i, side, object, &arm, deformation.0, deformation.1)
+    }
+
+    /// [`Contact::anywhere`] for a single contact.
+    #[inline(always)]
+    fn alone(i: usize, side: &Side<R>, q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
+        Self::anywhere(i, side, &Frame::of_object(q.object, p.object), q, p)
     }
 
     /// The contact on the constraints, with the d_n, d_n-dot and d_t-dot that the constraints determine.
@@ -173,12 +255,38 @@ impl<R: Real> Contact<R> {
         angle: R,
         turn: R,
     ) -> (Self, R, [R; 2]) {
-        let frame = side.shape.frame(i, object);
-        let arm = side.mechanism.arm(i, &frame.0, angle, turn);
-        let d_n = (side.radius + side.shape.distance()) - arm.sx;
-        let still = Self::new(i, side, &frame, &arm, d_n, [R::zero(); 2]);
+        if let Some(parts) = &side.others {
+            let at = Parts { i, parts, radius: side.radius, object: *object, finger: [angle, turn] };
+            let (contact, (d_n, rates)) = R::outlined(OnConstraints(at));
+            return (contact, d_n, rates);
+        }
+        let arm = side.link.arm(i, object, angle, turn);
+        let d_n = (side.radius + side.face.distance) - arm.sx;
+        let still = Self::new(i, side, object, &arm, d_n, [R::zero(); 2]);
         let rates = [-still.holonomic_rate, -still.nonholonomic];
-        (Self::new(i, side, &frame, &arm, d_n, rates), d_n, rates)
+        (Self::new(i, side, object, &arm, d_n, rates), d_n, rates)
+    }
+
+    /// The components along the axes of the side of a vector along the object's axes.
+    #[inline(always)]
+    pub(crate) fn into_side(&self, [along, across]: [R; 2]) -> [R; 2] {
+        match self.others {
+            None => [along, across],
+            Some(Others { normal: [cos, sin], .. }) => {
+                [along.dot2(cos, across, sin), across.dot2(cos, -along, sin)]
+            }
+        }
+    }
+
+    /// The components along the object's axes of a vector along the axes of the side.
+    #[inline(always)]
+    pub(crate) fn out_of_side(&self, [along, across]: [R; 2]) -> [R; 2] {
+        match self.others {
+            None => [along, across],
+            Some(Others { normal: [cos, sin], .. }) => {
+                [along.dot2(cos, -across, sin), across.dot2(cos, along, sin)]
+            }
+        }
     }
 
     /// Rows H_i and N_i of Phi times a vector. `along` and `across` are the components of the vector along the object's
@@ -186,7 +294,7 @@ impl<R: Real> Contact<R> {
     /// belong to the two deformations of the tip.
     #[inline(always)]
     pub(super) fn rows(&self, i: usize, [along, across, object, finger]: [R; 4], d_n: R, d_t: R) -> (R, R) {
-        let [along, across] = self.direction.into_side([along, across]);
+        let [along, across] = self.into_side([along, across]);
         (
             (signed(i, along) + d_n) + self.a.dot2(object, self.b, finger),
             (across + d_t) + self.e.dot2(object, self.f, finger),
@@ -196,7 +304,19 @@ impl<R: Real> Contact<R> {
     /// The components, along the object's own axes, of the force on the object that these multipliers are.
     #[inline(always)]
     pub(crate) fn push(&self, i: usize, [normal, tangential]: [R; 2]) -> [R; 2] {
-        self.direction.out_of_side([signed(i, normal), tangential])
+        self.out_of_side([signed(i, normal), tangential])
+    }
+
+    /// The derivatives of theta_pi by the object's way along its own axes, by its turn and by the finger's coordinate.
+    #[inline(always)]
+    pub(crate) fn tilt_by(&self, i: usize) -> ([R; 2], R, R) {
+        let (zero, one) = (R::zero(), R::constant(1.0));
+        match self.others {
+            None => ([zero; 2], signed(i, one), one),
+            Some(Others { tilt_by: [along, turn, finger], .. }) => {
+                (self.out_of_side([zero, along]), turn, finger)
+            }
+        }
     }
 
     /// The generalised force of multipliers on the object's turn.
@@ -212,10 +332,106 @@ impl<R: Real> Contact<R> {
     }
 }
 
-impl<R: Real> Side<R> {
-    /// C_i^H (9) for the compression `d_n`.
+/// A contact of any parts: parts.md, "One contact, whatever the parts".
+struct Parts<'a, R> {
+    i: usize,
+    parts: &'a (Mechanism<R>, Surface<R>),
+    radius: R,
+    object: Frame<R>,
+    /// The finger's coordinate and its rate.
+    finger: [R; 2],
+}
+
+/// Computes a contact at any compression.
+struct Anywhere<'a, R>(Parts<'a, R>, Determined<R>);
+
+/// Computes a contact on the constraints.
+struct OnConstraints<'a, R>(Parts<'a, R>);
+
+impl<R: Real> LaneTask<R> for Anywhere<'_, R> {
+    type Output = Contact<R>;
+
     #[inline(always)]
-    fn holonomic(&self, arm: &Arm<R>, d_n: R) -> R {
-        (arm.sx - (self.radius - d_n)) - self.shape.distance()
+    fn run(self) -> Contact<R> {
+        let Self(parts, deformation) = self;
+        parts.contact(Some(deformation)).0
+    }
+}
+
+impl<R: Real> LaneTask<R> for OnConstraints<'_, R> {
+    type Output = (Contact<R>, Determined<R>);
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        self.0.contact(None)
+    }
+}
+
+impl<R: Real> Parts<'_, R> {
+    /// The components along the object's axes of a vector inwards and upwards.
+    #[inline(always)]
+    fn into_object(&self, [inwards, up]: [R; 2]) -> [R; 2] {
+        let (sin, cos, x) = (self.object.sin, self.object.cos, signed(self.i, inwards));
+        [x.dot2(cos, up, sin), up.dot2(cos, -x, sin)]
+    }
+
+    /// The contact at this deformation, or at the one that the constraints determine.
+    #[inline(always)]
+    fn contact(&self, deformation: Option<Determined<R>>) -> (Contact<R>, Determined<R>) {
+        let (i, [z, z_rate]) = (self.i, self.finger);
+        let (mechanism, surface) = self.parts;
+        let Frame { sin, cos, theta, omega, x, y, u, v } = self.object;
+        let base = mechanism.placed(z);
+        let centre = self.into_object(base.centre);
+        let (rx, ry) = (x - centre[0], y - centre[1]);
+        let foot = surface.foot(i, [-rx, -ry]);
+        let [n_cos, n_sin] = foot.normal;
+        let (k, one) = (foot.curvature, R::constant(1.0));
+        // Components along n and t; a vector r is from the tip's centre to the centre of gravity.
+        let (r_n, r_t) = (rx.dot2(n_cos, ry, n_sin), ry.dot2(n_cos, -rx, n_sin));
+        let ([way_x, way_y], [bend_x, bend_y]) = (self.into_object(base.way), self.into_object(base.bend));
+        let (way_n, way_t) = (way_x.dot2(n_cos, way_y, n_sin), way_y.dot2(n_cos, -way_x, n_sin));
+        let (bend_n, bend_t) = (bend_x.dot2(n_cos, bend_y, n_sin), bend_y.dot2(n_cos, -bend_x, n_sin));
+        let r_n_rate = way_n.neg_mul_add(z_rate, u.dot2(n_cos, v, n_sin));
+        let r_t_rate = way_t.neg_mul_add(z_rate, v.dot2(n_cos, -u, n_sin));
+        let speed_t = r_n.neg_mul_add(omega, r_t_rate);
+        let speed_n = r_t.mul_add(omega, r_n_rate);
+        let turn = base.turn.mul_add(z_rate, signed(i, omega));
+        let normal_turn = omega + signed(i, k * speed_t);
+        // The angle of the normal, then theta_p = phi + s_i Theta.
+        let (sin_normal, cos_normal) = (sin.dot2(n_cos, cos, n_sin), cos.dot2(n_cos, -sin, n_sin));
+        let (sin_base, cos_base) = base.angle.sin_cos();
+        let (d_n, rates) = match deformation {
+            Some(own) => own,
+            None => {
+                let d_n = self.radius - foot.distance;
+                (d_n, [-signed(i, speed_n), -foot.distance.mul_add(turn, speed_t)])
+            }
+        };
+        let thickness = self.radius - d_n;
+        let [d_n_rate, d_t_rate] = rates;
+        let square = z_rate * z_rate;
+        let contact = Contact {
+            tilt: base.angle + (signed(i, theta) + foot.tilt),
+            sin_tilt: sin_base.dot2(cos_normal, signed(i, cos_base), sin_normal),
+            cos_tilt: cos_base.dot2(cos_normal, -signed(i, sin_base), sin_normal),
+            tilt_rate: k.mul_add(speed_t, turn),
+            lever: base.lever,
+            place: signed(i, -foot.place),
+            others: Some(Others {
+                normal: foot.normal,
+                tilt_by: [k, k.neg_mul_add(r_n, signed(i, one)), k.neg_mul_add(way_t, base.turn)],
+            }),
+            a: signed(i, r_t),
+            b: signed(i, -way_n),
+            e: signed(i, thickness) - r_n,
+            f: thickness.mul_add(base.turn, -way_t),
+            holonomic: foot.distance - thickness,
+            holonomic_rate: signed(i, speed_n) + d_n_rate,
+            nonholonomic: thickness.mul_add(turn, speed_t) + d_t_rate,
+            bias_h: signed(i, bend_n.neg_mul_add(square, normal_turn.dot2(speed_t, omega, r_t_rate))),
+            bias_n: -(bend_t.mul_add(square, normal_turn.dot2(speed_n, omega, r_n_rate)) + d_n_rate * turn),
+        };
+        (contact, (d_n, rates))
     }
 }

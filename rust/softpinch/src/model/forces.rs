@@ -2,6 +2,7 @@
 
 use crate::model::contact::Side;
 use crate::model::contact::law::{ElasticGradient, Tip};
+use crate::model::contact::mechanism::MechanismKind;
 use crate::model::control::{Controller, Fingers};
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::drive::Input;
@@ -37,7 +38,7 @@ pub struct Plant<R> {
     pub driven: bool,
     /// Weight M g of the object; zero if the hand moves, because then the forces of its motion include gravity.
     weight: R,
-    /// Weights of the fingers times their lengths, M_i g L_i; zero if the hand moves.
+    /// Weights of the fingers times their lengths, M_i g L_i, or those of jaws; zero if the hand moves.
     finger_weights: [R; 2],
     /// What moves with the frame of a hand that moves.
     pub carried: Carried<R>,
@@ -112,8 +113,11 @@ impl<R: Real> Plant<R> {
                 p.grasped.mass + (right + left)
             });
             inverse_driven_masses[i] = one / pushed;
-            finger_weights[i] =
-                source.number(|p| p.fingers[i].mass) * gravity * source.number(|p| p.fingers[i].length);
+            let mut lever = one;
+            if source.kinds().mechanism(i) != MechanismKind::Jaw {
+                lever = source.number(|p| p.fingers[i].length);
+            }
+            finger_weights[i] = source.number(|p| p.fingers[i].mass) * gravity * lever;
         }
         Self {
             sides: Side::both(source),
@@ -182,7 +186,7 @@ impl<R: Real> Plant<R> {
             control.torque(q.finger[i], p.finger[i], memory[i], input.target[i])
         };
         (
-            self.finger_weights[i] * geometry.contacts[i].sin_finger + loads.fingers[i],
+            self.finger_weights[i] * geometry.contacts[i].lever + loads.fingers[i],
             tip.normal_viscosity.mul_add(p.compression[i], elastic.normal),
             tip.tangential_viscosity.mul_add(p.shear[i], elastic.tangential),
             torque,
@@ -211,9 +215,9 @@ impl<R: Real> Plant<R> {
         let mut elastic = R::zero();
         let mut gravity = self.weight * q.object[1];
         for i in 0..2 {
-            let (sin_tilt, cos_tilt) = self.sides[i].tilt(i, q).sin_cos();
+            let (_, sin_tilt, cos_tilt) = self.sides[i].tilt(i, q);
             elastic = elastic + self.tips[i].energy(sin_tilt, cos_tilt, q.compression[i], q.shear[i]);
-            gravity = self.finger_weights[i].mul_add(q.finger[i].sin_cos().1, gravity);
+            gravity = self.finger_weights[i].mul_add(self.sides[i].height(q.finger[i]), gravity);
         }
         Energies { kinetic: R::constant(0.5) * doubled, elastic, gravity }
     }
@@ -248,9 +252,10 @@ impl<R: Real> Plant<R> {
     ) -> [R; 2] {
         let [right, left] = &geometry.contacts;
         let [h1, h2, n1, n2] = *multipliers;
+        let couples = geometry.couples([forces.elastic[0].tilt, forces.elastic[1].tilt]).1;
         let others = [
-            (forces.finger_gravity[0] - forces.elastic[0].tilt) + right.torque([h1, n1]),
-            (forces.finger_gravity[1] - forces.elastic[1].tilt) + left.torque([h2, n2]),
+            (forces.finger_gravity[0] + couples[0]) + right.torque([h1, n1]),
+            (forces.finger_gravity[1] + couples[1]) + left.torque([h2, n2]),
         ];
         [
             self.masses.finger[0].mul_add(acceleration[0], -others[0]),
@@ -262,14 +267,18 @@ impl<R: Real> Plant<R> {
 impl<R: Real> Forces<R> {
     /// The sum of the forces.
     #[inline(always)]
-    pub fn total(&self) -> Coordinates<R> {
-        let ([right, left], [x, y, moment]) = (&self.elastic, self.external);
+    pub fn total(&self, geometry: &Geometry<R>) -> Coordinates<R> {
+        let ([right, left], [mut x, mut y, moment]) = (&self.elastic, self.external);
+        let (object, finger) = geometry.couples([right.tilt, left.tilt]);
+        if !geometry.is_the_papers() {
+            (x, y) = (x + object[0], y + object[1]);
+        }
         let [normal1, normal2, tangential1, tangential2] = self.resistance;
         Coordinates {
-            object: [x, y - self.weight, moment + (right.tilt - left.tilt)],
+            object: [x, y - self.weight, moment + object[2]],
             finger: [
-                (self.torque[0] + self.finger_gravity[0]) - right.tilt,
-                (self.torque[1] + self.finger_gravity[1]) - left.tilt,
+                (self.torque[0] + self.finger_gravity[0]) + finger[0],
+                (self.torque[1] + self.finger_gravity[1]) + finger[1],
             ],
             compression: [-normal1, -normal2],
             shear: [-tangential1, -tangential2],

@@ -14,8 +14,11 @@
 //!             - omega^2 M_i L_i W_i cos theta_i
 //! ```
 //!
-//! with W_i the distance of root i from the middle of the roots, which is the frame's origin.
+//! with W_i the distance of root i from the middle of the roots, which is the frame's origin. A parallelogram has (M4) too, because the point in
+//! which its mass is thought has no Coriolis force either along its circle. A jaw of the mass M_i has the component of the
+//! same forces along its travel.
 
+use crate::model::contact::mechanism::Mechanism;
 use crate::model::coordinates::Coordinates;
 use crate::model::source::Source;
 use crate::number::real::{Real, dot, signed};
@@ -73,6 +76,8 @@ pub struct Carried<R> {
     finger_masses: [R; 2],
     lengths: [R; 2],
     root_offsets: [R; 2],
+    /// The mechanisms, if the contacts are not the paper's.
+    mechanisms: Option<[Mechanism<R>; 2]>,
 }
 
 impl<R: Real> Carried<R> {
@@ -88,7 +93,11 @@ impl<R: Real> Carried<R> {
         }
         let gravity = source.number(|p| p.surroundings.gravity);
         let object = [source.number(|p| p.grasped.mass), source.number(|p| p.grasped.inertia)];
-        Self { gravity, object, inertias, finger_masses, lengths, root_offsets }
+        let mut mechanisms = None;
+        if !source.kinds().has_the_papers_contacts() {
+            mechanisms = Some([Mechanism::new(source, 0), Mechanism::new(source, 1)]);
+        }
+        Self { gravity, object, inertias, finger_masses, lengths, root_offsets, mechanisms }
     }
 
     /// The forces of the frame's motion, (M1) to (M4), with `force` along fixed axes on the object added, for
@@ -109,6 +118,10 @@ impl<R: Real> Carried<R> {
         let (sin_theta, cos_theta) = theta.sin_cos();
         for (i, finger) in fingers.iter_mut().enumerate() {
             let (mass, length) = (self.finger_masses[i], self.lengths[i]);
+            if let Some(Mechanism::Jaw(jaw)) = self.mechanisms.map(|both| both[i]) {
+                *finger = -(mass * jaw.drawn(i, [ax, ay], frame.turning, q.finger[i]));
+                continue;
+            }
             // As the contact computes them from theta_p, so that an acceleration upwards has the bits of a gravity.
             let (sin_tilt, cos_tilt) = (q.finger[i] + signed(i, theta)).sin_cos();
             let sin = sin_tilt.dot2(cos_theta, signed(i, -cos_tilt), sin_theta);

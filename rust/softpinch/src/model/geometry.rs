@@ -110,11 +110,29 @@ impl<R: Real> Geometry<R> {
         }
     }
 
-    /// Whether the normals of both sides are the object's first axis.
+    /// Whether the contacts are the paper's. Either both are, or none.
     #[inline(always)]
-    pub fn is_aligned(&self) -> bool {
-        let [right, left] = &self.contacts;
-        right.direction.turned().is_none() && left.direction.turned().is_none()
+    pub fn is_the_papers(&self) -> bool {
+        self.contacts[0].others.is_none()
+    }
+
+    /// The same geometry of the paper's contacts, for code that is compiled for these alone.
+    #[inline(always)]
+    pub fn the_papers(mut self) -> Self {
+        (self.contacts[0].others, self.contacts[1].others) = (None, None);
+        self
+    }
+
+    /// The generalised forces -tau_i T_i of couples tau_i = dP/d theta_pi on the tips: on the object, and on the fingers.
+    #[inline(always)]
+    pub fn couples(&self, [right, left]: [R; 2]) -> ([R; 3], [R; 2]) {
+        if self.is_the_papers() {
+            return ([R::zero(), R::zero(), right - left], [-right, -left]);
+        }
+        let ([one, other], [r, l]) =
+            ([self.contacts[0].tilt_by(0), self.contacts[1].tilt_by(1)], [-right, -left]);
+        let [x, y] = self.outward(r.dot2(one.0[0], l, other.0[0]), r.dot2(one.0[1], l, other.0[1]));
+        ([x, y, r.dot2(one.1, l, other.1)], [r * one.2, l * other.2])
     }
 
     /// theta_p of both tips.

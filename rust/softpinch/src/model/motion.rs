@@ -51,8 +51,10 @@ impl Motion<f64> {
         let pace =
             (parameters.modulus(0).max(parameters.modulus(1)) * length / parameters.grasped.mass).sqrt();
         let (compression, shear) = ([length; 2], [length; 2]);
-        let q = Coordinates { object: [length, length, 1.0], finger: [1.0; 2], compression, shear };
-        let memory = parameters.control.map(|pid| if pid.ki == 0.0 { f64::INFINITY } else { 1.0 / pace });
+        let finger = [0, 1].map(|i| parameters.finger_size(i, length));
+        let q = Coordinates { object: [length, length, 1.0], finger, compression, shear };
+        let memory =
+            [0, 1].map(|i| if parameters.control[i].ki == 0.0 { f64::INFINITY } else { finger[i] / pace });
         Self { q, p: each_coordinate!([q] => q * pace), memory }
     }
 

@@ -5,10 +5,12 @@
 use nalgebra::SMatrix;
 
 use crate::error::Error;
-use crate::model::contact::law::TipLaw;
-use crate::model::contact::shape::SideShape;
+use crate::model::contact::law::{self, LawKind, WEIGHTS};
+use crate::model::contact::mechanism::MechanismKind;
+use crate::model::contact::shape::{Counterface, ShapeKind};
 use crate::model::coordinates::Coordinates;
 use crate::model::rule::Rule;
+use crate::number::real::signed;
 
 /// Names of the fingers in messages and paths.
 pub const SIDES: [&str; 2] = ["right", "left"];
@@ -132,8 +134,62 @@ record! {
     }
 }
 
+record! {
+    /// The numbers of mechanisms that a link of [`Finger`] lacks.
+    Mechanism, 4 {
+        /// The number of the [`MechanismKind`].
+        kind: Kind,
+        /// Y_0, the height of a jaw's tip at the coordinate zero, m.
+        height: Finite,
+        /// gamma, the direction of a jaw's travel, upwards from the direction to the middle of the hand, rad.
+        direction: Finite,
+        /// phi_0, the angle of the tip's base to the upright, for mechanisms that do not turn it, rad.
+        angle: Finite,
+    }
+}
+
+record! {
+    /// One side of the object.
+    Side, 8 {
+        /// The number of the [`ShapeKind`].
+        kind: Kind,
+        /// The number of the [`Counterface`] by which curvature changes the tip's energy.
+        counterface: Kind,
+        /// beta, the tilt of a face, positive where the object is wider at its upper end, rad.
+        tilt: Tilt,
+        /// The height of this face, m.
+        height: PositiveOrInfinite,
+        /// R, the radius of an arc, m.
+        radius: Positive,
+        /// K_x, from the centre of gravity to the arc's centre, towards finger 1, m.
+        center_x: Finite,
+        /// K_y, likewise upwards, m.
+        center_y: Finite,
+        /// The angle between the ends of an arc, rad.
+        span: Span,
+    }
+}
+
+record! {
+    /// The law of a tip, and the numbers that (5) lacks.
+    Law, 6 {
+        /// The number of the [`LawKind`].
+        kind: Kind,
+        /// c of F = c d_n^n, N/m^n.
+        coefficient: Positive,
+        /// n.
+        exponent: AboveOne,
+        /// epsilon, the foot of a power law, m.
+        foot: NonNegative,
+        /// eta, the stiffness of the shear as a share of F'.
+        shear_factor: NonNegative,
+        /// The largest compression of a measured law, m.
+        range: Positive,
+    }
+}
+
 /// Number of parameters that describe the physics of a scene.
-pub const PARAMETER_COUNT: usize = 38;
+pub const PARAMETER_COUNT: usize = 74 + 2 * WEIGHTS;
 
 /// The physics of a scene. [`Parameters::from_array`] and [`Parameters::checked`] validate it.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -150,10 +206,14 @@ pub struct Parameters {
     pub surroundings: Surroundings,
     /// Friction of both contacts.
     pub friction: Friction,
-    /// The shapes of the object's right and left side. The flat array has the paper's only.
-    pub shapes: [SideShape; 2],
-    /// The laws of the right and the left tip. The flat array has the paper's only.
-    pub laws: [TipLaw; 2],
+    /// The mechanisms of the right and the left finger.
+    pub mechanisms: [Mechanism; 2],
+    /// The object's right and left side.
+    pub shapes: [Side; 2],
+    /// The laws of the right and the left tip.
+    pub laws: [Law; 2],
+    /// The weights of measured laws: the density of their springs, N/m^2, in Bernstein polynomials over the range.
+    pub weights: [[f64; WEIGHTS]; 2],
 }
 
 /// Names and rules of a record's fields.
@@ -161,7 +221,7 @@ type Fields = &'static [(&'static str, Rule)];
 
 /// The records of a scene in the order of [`Parameters::from_array`], each with the prefix of its fields'
 /// paths.
-const RECORDS: [(&str, Fields); 9] = [
+const RECORDS: [(&str, Fields); 17] = [
     ("hand.right.", &Finger::FIELDS),
     ("hand.left.", &Finger::FIELDS),
     ("hand.tip.right.", &Fingertip::FIELDS),
@@ -171,6 +231,14 @@ const RECORDS: [(&str, Fields); 9] = [
     ("control.left.", &PidGains::FIELDS),
     ("", &Surroundings::FIELDS),
     ("friction.", &Friction::FIELDS),
+    ("hand.right.", &Mechanism::FIELDS),
+    ("hand.left.", &Mechanism::FIELDS),
+    ("grasped.right.", &Side::FIELDS),
+    ("grasped.left.", &Side::FIELDS),
+    ("hand.tip.right.law.", &Law::FIELDS),
+    ("hand.tip.left.law.", &Law::FIELDS),
+    ("hand.tip.right.law.", &[("weights", Rule::NonNegative); WEIGHTS]),
+    ("hand.tip.left.law.", &[("weights", Rule::NonNegative); WEIGHTS]),
 ];
 
 /// The path of every parameter with its rule, in the order of [`Parameters::from_array`].
@@ -218,9 +286,59 @@ impl Parameters {
             control: [PidGains::from_fields(take(rest)), PidGains::from_fields(take(rest))],
             surroundings: Surroundings::from_fields(take(rest)),
             friction: Friction::from_fields(take(rest)),
-            shapes: Default::default(),
-            laws: Default::default(),
+            mechanisms: [Mechanism::from_fields(take(rest)), Mechanism::from_fields(take(rest))],
+            shapes: [Side::from_fields(take(rest)), Side::from_fields(take(rest))],
+            laws: [Law::from_fields(take(rest)), Law::from_fields(take(rest))],
+            weights: [take(rest), take(rest)],
         }
+    }
+
+    /// The kind of finger `i`.
+    #[inline]
+    pub fn mechanism(&self, i: usize) -> MechanismKind {
+        MechanismKind::of(self.mechanisms[i].kind)
+    }
+
+    /// The kind of the side that finger `i` touches.
+    #[inline]
+    pub fn shape(&self, i: usize) -> ShapeKind {
+        ShapeKind::of(self.shapes[i].kind)
+    }
+
+    /// The kind of the law of tip `i`.
+    #[inline]
+    pub fn law(&self, i: usize) -> LawKind {
+        LawKind::of(self.laws[i].kind)
+    }
+
+    /// How curvature changes the energy of tip `i`.
+    #[inline]
+    pub fn counterface(&self, i: usize) -> Counterface {
+        Counterface::of(self.shapes[i].counterface)
+    }
+
+    /// Whether mechanisms and sides are the paper's.
+    #[inline]
+    pub fn has_the_papers_contacts(&self) -> bool {
+        (0..2)
+            .all(|i| self.mechanism(i) == MechanismKind::OneLink && self.shape(i) == ShapeKind::ParallelFace)
+    }
+
+    /// Takes the kinds of other parameters, whose derivatives these are.
+    pub(crate) fn of_the_kinds(mut self, other: &Self) -> Self {
+        for i in 0..2 {
+            self.mechanisms[i].kind = other.mechanisms[i].kind;
+            self.shapes[i].kind = other.shapes[i].kind;
+            self.shapes[i].counterface = other.shapes[i].counterface;
+            self.laws[i].kind = other.laws[i].kind;
+        }
+        self
+    }
+
+    /// The inertia of finger `i` in its coordinate: that about its root, or the mass of a jaw.
+    fn finger_inertia(&self, i: usize) -> f64 {
+        let finger = &self.fingers[i];
+        if self.mechanism(i) == MechanismKind::Jaw { finger.mass } else { finger.inertia }
     }
 
     /// The diagonal of the mass matrix (14).
@@ -228,7 +346,7 @@ impl Parameters {
         let ([right, left], object) = (&self.tips, &self.grasped);
         Coordinates {
             object: [object.mass, object.mass, object.inertia],
-            finger: [self.fingers[0].inertia, self.fingers[1].inertia],
+            finger: [self.finger_inertia(0), self.finger_inertia(1)],
             compression: [right.normal_mass, left.normal_mass],
             shear: [right.tangential_mass, left.tangential_mass],
         }
@@ -277,6 +395,26 @@ impl Default for PidGains {
     }
 }
 
+impl Default for Mechanism {
+    fn default() -> Self {
+        Self { kind: 0.0, height: 0.0, direction: 0.0, angle: 0.0 }
+    }
+}
+
+impl Default for Side {
+    fn default() -> Self {
+        let endless = f64::INFINITY;
+        let (kind, counterface, tilt, span) = (0.0, 0.0, 0.0, std::f64::consts::PI);
+        Self { kind, counterface, tilt, height: endless, radius: 1.0, center_x: 0.0, center_y: 0.0, span }
+    }
+}
+
+impl Default for Law {
+    fn default() -> Self {
+        Self { kind: 0.0, coefficient: 1.0, exponent: 2.0, foot: 0.0, shear_factor: 1.0, range: 1.0 }
+    }
+}
+
 /// Earth's gravity.
 impl Default for Surroundings {
     fn default() -> Self {
@@ -295,29 +433,64 @@ impl Parameters {
     /// The flat array that [`Parameters::from_array`] takes.
     pub fn to_array(&self) -> [f64; PARAMETER_COUNT] {
         let Self { fingers, tips, grasped, control, surroundings, friction, .. } = self;
+        let Self { mechanisms, shapes, laws, weights, .. } = self;
         let mut values = Vec::with_capacity(PARAMETER_COUNT);
         values.extend(fingers.iter().flat_map(Finger::fields));
         values.extend(tips.iter().flat_map(Fingertip::fields));
         values.extend(grasped.fields());
         values.extend(control.iter().flat_map(PidGains::fields));
         values.extend(surroundings.fields().into_iter().chain(friction.fields()));
+        values.extend(mechanisms.iter().flat_map(Mechanism::fields));
+        values.extend(shapes.iter().flat_map(Side::fields));
+        values.extend(laws.iter().flat_map(Law::fields));
+        values.extend(weights.iter().flatten());
         take(&mut &values[..])
     }
 
     /// Returns the same parameters if they keep every rule; parameters that are written field by field are
     /// not checked before. The error names the first number that breaks its rule.
     pub fn checked(self) -> Result<Self, Error> {
-        let Self { shapes, laws, .. } = self;
-        for i in 0..2 {
-            shapes[i].check(SIDES[i])?;
-            laws[i].check(SIDES[i])?;
-        }
-        Ok(Self { shapes, laws, ..Self::from_array(&self.to_array())? })
+        Self::from_array(&self.to_array())
     }
 
-    /// The modulus of tip `i` by which its stiffness is judged, Pa.
+    /// The modulus E of tip `i` by which its stiffness is judged: with it (5) is as stiff at full compression, Pa.
     pub fn modulus(&self, i: usize) -> f64 {
-        self.laws[i].modulus(&self.tips[i])
+        law::modulus(self, i)
+    }
+
+    /// The length of a way of tip `i` for a unit of its finger's coordinate: at most this one.
+    pub fn lever(&self, i: usize) -> f64 {
+        let Finger { length, half_thickness, .. } = self.fingers[i];
+        if self.mechanism(i) == MechanismKind::Jaw { 1.0 } else { length + half_thickness }
+    }
+
+    /// The size of the coordinate of finger `i` that counts as one: a radian, or the `length` of a jaw's travel.
+    pub fn finger_size(&self, i: usize, length: f64) -> f64 {
+        if self.mechanism(i) == MechanismKind::Jaw { length } else { 1.0 }
+    }
+
+    /// The sum of the lengths that the place of contact `i` is made of, m.
+    pub(crate) fn reach(&self, i: usize) -> f64 {
+        let (finger, side) = (&self.fingers[i], &self.shapes[i]);
+        let arm = match self.mechanism(i) {
+            MechanismKind::Jaw => self.mechanisms[i].height.abs() + finger.half_thickness,
+            _ => finger.length + finger.half_thickness,
+        };
+        let object = match self.shape(i) {
+            ShapeKind::Arc => side.radius + side.center_x.abs() + side.center_y.abs(),
+            _ => self.grasped.width + self.grasped.com_offset.abs(),
+        };
+        finger.root_offset + arm + self.tips[i].radius + object
+    }
+
+    /// W/2 + s_i w, the distance of face `i` from the centre of gravity at its middle; of an arc the distance of its
+    /// apex.
+    pub(crate) fn half_width(&self, i: usize) -> f64 {
+        let side = &self.shapes[i];
+        match self.shape(i) {
+            ShapeKind::Arc => side.radius - signed(i, side.center_x),
+            _ => 0.5 * self.grasped.width + signed(i, self.grasped.com_offset),
+        }
     }
 }
 
@@ -330,13 +503,15 @@ mod tests {
         let table = parameter_table();
         assert_eq!(table.len(), PARAMETER_COUNT);
         let values: [f64; PARAMETER_COUNT] = std::array::from_fn(|k| 1.0 + k as f64);
-        let p = Parameters::from_array(&values).unwrap();
+        let p = Parameters::unchecked(&values);
         let at = |path: &str| values[table.iter().position(|(name, _)| name == path).unwrap()];
         assert_eq!(p.fingers[1].half_thickness, at("hand.left.half_thickness"));
         assert_eq!(p.tips[0].tangential_mass, at("hand.tip.right.tangential_mass"));
         assert_eq!(p.grasped.com_offset, at("grasped.com_offset"));
         assert_eq!(p.control[1].ki, at("control.left.ki"));
         assert_eq!(p.friction.left, at("friction.left"));
+        assert_eq!(p.shapes[1].span, at("grasped.left.span"));
+        assert_eq!(p.weights[1][0], at("hand.tip.left.law.weights"));
         assert_eq!(p.to_array(), values);
     }
 
@@ -352,7 +527,7 @@ mod tests {
 
     #[test]
     fn each_error_names_the_field_the_value_and_the_rule() {
-        let mut values = [1.0; PARAMETER_COUNT];
+        let mut values = Parameters::default().to_array();
         values[4] = 0.0;
         let message = Parameters::from_array(&values).unwrap_err().to_string();
         assert_eq!(message, "hand.right.inertia = 0.0: must be finite and > 0");

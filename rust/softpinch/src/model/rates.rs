@@ -1,6 +1,8 @@
 //! A bound on the rates at which the scene's fast motions decay or oscillate. It tells before a run, from its
 //! parameters alone, whether the steps of an explicit method can be beyond the method's stability limit.
 
+use crate::model::contact::mechanism::MechanismKind;
+use crate::model::contact::shape::ShapeKind;
 use crate::model::control::Fingers;
 use crate::model::parameters::Parameters;
 
@@ -13,24 +15,32 @@ use crate::model::parameters::Parameters;
 /// the hemisphere. Its largest eigenvalue is at most the sum of the diagonal of M^-1 K over the coordinates that one
 /// tip moves. The integral of (39) adds at most the cube root of K_I / I_i.
 pub fn fastest_rate(parameters: &Parameters, fingers: Fingers) -> f64 {
-    let Parameters { fingers: links, tips, grasped, control, .. } = parameters;
+    let Parameters { tips, grasped, control, .. } = parameters;
+    let inertias = parameters.masses().finger;
     let (mut damping, mut stiffness, mut tilting, mut integral) = (0.0f64, 0.0f64, 0.0, 0.0f64);
-    for (i, ((link, tip), gains)) in links.iter().zip(tips).zip(control).enumerate() {
+    for (i, (tip, gains)) in tips.iter().zip(control).enumerate() {
+        let inertia = inertias[i];
         let press = 2.0 * std::f64::consts::PI * parameters.modulus(i) * tip.radius;
         let tilt = press * tip.radius * tip.radius / 3.0;
+        let arc = parameters.shape(i) == ShapeKind::Arc;
+        let curvature = if arc { 1.0 / parameters.shapes[i].radius } else { 0.0 };
         let mut alone = press / tip.normal_mass + press / tip.tangential_mass;
         damping = damping.max(tip.normal_viscosity / tip.normal_mass);
         damping = damping.max(tip.tangential_viscosity / tip.tangential_mass);
         if fingers != Fingers::Driven {
-            alone += tilt / link.inertia;
+            let turn = if parameters.mechanism(i) == MechanismKind::OneLink { 1.0 } else { 0.0 };
+            let by_finger = turn + curvature * parameters.lever(i);
+            alone += tilt * by_finger * by_finger / inertia;
         }
         if fingers == Fingers::Pid {
-            alone += gains.kp / link.inertia;
-            damping = damping.max(gains.kd / link.inertia);
-            integral = integral.max(gains.ki / link.inertia);
+            alone += gains.kp / inertia;
+            damping = damping.max(gains.kd / inertia);
+            integral = integral.max(gains.ki / inertia);
         }
         stiffness = stiffness.max(alone);
-        tilting += tilt / grasped.inertia;
+        // On an arc theta_p follows the way along it, too.
+        let by_turn = 1.0 + curvature * parameters.reach(i);
+        tilting += tilt * (by_turn * by_turn / grasped.inertia + curvature * curvature / grasped.mass);
     }
     let decay = 0.5 * damping;
     decay + libm::hypot(decay, (stiffness + tilting).sqrt()) + libm::cbrt(integral)

@@ -15,6 +15,14 @@ pub enum Rule {
     NonNegativeOrInfinite,
     /// Above zero, or infinite, which means that there is no end.
     PositiveOrInfinite,
+    /// The number of a kind.
+    Kind,
+    /// Less than a right angle, to either side.
+    Tilt,
+    /// An angle between the ends of an arc.
+    Span,
+    /// Above one.
+    AboveOne,
     /// A relative error: above round-off and below one.
     Tolerance,
 }
@@ -28,6 +36,10 @@ impl Rule {
             Self::Finite => "must be finite",
             Self::NonNegativeOrInfinite => "must be >= 0",
             Self::PositiveOrInfinite => "must be > 0",
+            Self::Kind => "must be the number of a kind",
+            Self::Tilt => "must be between -pi/2 and pi/2",
+            Self::Span => "must be > 0 and <= pi",
+            Self::AboveOne => "must be finite and > 1",
             Self::Tolerance => "must be >= 1e-14 and < 1",
         }
     }
@@ -40,6 +52,10 @@ impl Rule {
             Self::Finite => value.is_finite(),
             Self::NonNegativeOrInfinite => value >= 0.0,
             Self::PositiveOrInfinite => value > 0.0,
+            Self::Kind => (0.0..=2.0).contains(&value) && value.fract() == 0.0,
+            Self::Tilt => value.abs() < std::f64::consts::FRAC_PI_2,
+            Self::Span => value > 0.0 && value <= std::f64::consts::PI,
+            Self::AboveOne => value.is_finite() && value > 1.0,
             Self::Tolerance => (1e-14..1.0).contains(&value),
         }
     }

@@ -3,6 +3,8 @@
 
 use crate::error::Error;
 use crate::model::contact::Side;
+use crate::model::contact::mechanism::{Mechanism, MechanismKind};
+use crate::model::contact::shape::Surface;
 use crate::model::contact_modes::{ContactModel, ContactRow};
 use crate::model::coordinates::Coordinates;
 use crate::model::drive::Input;
@@ -18,6 +20,8 @@ use crate::number::real::Real;
 const GAP: f64 = 1e-9;
 /// Residuals up to this share of the tip's radius, or of the terms of a rate, count as consistent.
 const CONSISTENCY: f64 = 1e-6;
+/// Most steps of a tip towards the object, in the search for the coordinate at which it touches.
+const ADVANCES: usize = 10_000;
 /// Round-off of the lengths that a residual is made of counts as consistent too; it matters if they dwarf the
 /// tip.
 const ROUND_OFF: f64 = 1e-13;
@@ -65,6 +69,9 @@ fn upright(parameters: &Parameters, angles: [f64; 2]) -> Coordinates {
 #[inline(always)]
 fn upright_at<R: Real>(source: &impl Source<R>, finger: [R; 2], turns: [(R, R); 2]) -> Coordinates<R> {
     let zero = R::zero();
+    if !source.kinds().has_the_papers_contacts() {
+        return upright_between(source, finger, finger);
+    }
     let mut heights = [zero; 2];
     for i in 0..2 {
         let (sin, cos) = turns[i];
@@ -72,6 +79,23 @@ fn upright_at<R: Real>(source: &impl Source<R>, finger: [R; 2], turns: [(R, R); 
             - source.number(|p| p.fingers[i].half_thickness) * sin;
     }
     let (x, y) = (source.number(|p| p.grasped.com_offset), R::constant(0.5) * (heights[0] + heights[1]));
+    let mut q = Coordinates { object: [x, y, zero], finger, ..Coordinates::zero() };
+    let [right, left, ..] = Geometry::new(&Side::both(source), &q, &Coordinates::zero()).residuals();
+    q.compression = [-right, -left];
+    q
+}
+
+/// The same for any mechanisms and sides, at the mean height of the tips above the apexes of the sides where the fingers
+/// have the coordinates `level`.
+#[inline(always)]
+fn upright_between<R: Real>(source: &impl Source<R>, finger: [R; 2], level: [R; 2]) -> Coordinates<R> {
+    let (zero, half) = (R::zero(), R::constant(0.5));
+    let (mut heights, mut apexes) = ([zero; 2], [[zero; 2]; 2]);
+    for i in 0..2 {
+        apexes[i] = Surface::new(source, i).apex();
+        heights[i] = Mechanism::new(source, i).placed(level[i]).centre[1] - apexes[i][1];
+    }
+    let (x, y) = (half * (-apexes[0][0] - apexes[1][0]), half * (heights[0] + heights[1]));
     let mut q = Coordinates { object: [x, y, zero], finger, ..Coordinates::zero() };
     let [right, left, ..] = Geometry::new(&Side::both(source), &q, &Coordinates::zero()).residuals();
     q.compression = [-right, -left];
@@ -98,6 +122,20 @@ impl Start {
     #[inline(always)]
     pub fn varied<R: Real>(self, source: &impl Source<R>, input: &Input<R>, q: &Coordinates) -> Motion<R> {
         let zero = R::zero();
+        let others = !source.kinds().has_the_papers_contacts();
+        if others && self == Self::Touching {
+            // One step of Newton's method from the solution, for what `coordinate_at` solves.
+            let at = [R::constant(q.finger[0]), R::constant(q.finger[1])];
+            let mut there = upright_between(source, at, [zero; 2]);
+            let rates = Coordinates { finger: [R::constant(1.0); 2], ..Coordinates::zero() };
+            let still = Coordinates { compression: [zero; 2], ..there };
+            let slopes = Geometry::new(&Side::both(source), &still, &rates).constraint_velocity();
+            for i in 0..2 {
+                there.finger[i] = at[i] + there.compression[i] / slopes[i];
+            }
+            let q = upright_between(source, there.finger, [zero; 2]);
+            return Motion { q, ..Motion::zero() };
+        }
         let mut angles = [zero; 2];
         for (i, angle) in angles.iter_mut().enumerate() {
             *angle = match self {
@@ -148,16 +186,54 @@ pub fn apart(parameters: &Parameters) -> Result<Coordinates, Error> {
 fn require_reach(parameters: &Parameters, q: &Coordinates, driven: bool) -> Result<(), Error> {
     for (i, finger) in SIDES.into_iter().enumerate() {
         if q.compression[i] < -GAP * parameters.tips[i].radius {
-            let touches = touching(parameters)?.finger[i].to_degrees();
-            return Err(Error::Gap { finger, gap_mm: -1e3 * q.compression[i], touches, driven });
+            let touches = touching(parameters)?.finger[i];
+            let (touches, unit) = match parameters.mechanism(i) {
+                MechanismKind::Jaw => (1e3 * touches, "mm"),
+                _ => (touches.to_degrees(), "degrees"),
+            };
+            return Err(Error::Gap { finger, gap_mm: -1e3 * q.compression[i], touches, unit, driven });
         }
     }
     Ok(())
 }
 
-/// The angle at which a tip is compressed by `compression` on an upright object in the middle, as far as the finger
-/// reaches.
-pub fn angle_at(finger: &Finger, tip: &Fingertip, width: f64, compression: f64) -> Option<f64> {
+/// The coordinate at which the tip of finger `i` is compressed by `compression` on an upright object in the middle, as far
+/// as the finger reaches.
+pub fn coordinate_at(parameters: &Parameters, i: usize, compression: f64) -> Option<f64> {
+    if parameters.has_the_papers_contacts() {
+        return angle_at(&parameters.fingers[i], &parameters.tips[i], parameters.grasped.width, compression);
+    }
+    let sides = Side::both(parameters);
+    let mut q = upright_between(parameters, [0.0; 2], [0.0; 2]);
+    q.compression = [compression; 2];
+    let rates = Coordinates { finger: [1.0; 2], ..Coordinates::zero() };
+    // The tip comes from outside. No way of the centre is longer than that of its coordinate times the lever, so that no
+    // step passes the first contact (conservative advancement); Newton's method ends.
+    let lever = parameters.lever(i);
+    let far = match parameters.mechanism(i) {
+        MechanismKind::Jaw => q.object[0].abs() + q.object[1].abs() + parameters.reach(i),
+        _ => std::f64::consts::FRAC_PI_2,
+    };
+    q.finger[i] = -far;
+    for _ in 0..ADVANCES {
+        let geometry = Geometry::new(&sides, &q, &rates);
+        let (gap, slope) = (geometry.residuals()[i], geometry.constraint_velocity()[i]);
+        let newton = -gap / slope;
+        let near = gap.abs() < 1e-2 * parameters.tips[i].radius && slope < 0.0;
+        let step = if near { newton } else { gap / lever };
+        if near && step.abs() * lever <= f64::EPSILON * parameters.reach(i) {
+            return Some(q.finger[i] + step);
+        }
+        q.finger[i] += step;
+        if !q.finger[i].is_finite() || q.finger[i] > far {
+            break;
+        }
+    }
+    None
+}
+
+/// The angle of the paper's finger, from its triangle.
+fn angle_at(finger: &Finger, tip: &Fingertip, width: f64, compression: f64) -> Option<f64> {
     let (distance, reach) = span(finger, tip, width);
     let distance = distance + compression;
     (distance.abs() <= reach)
@@ -173,6 +249,12 @@ fn span(finger: &Finger, tip: &Fingertip, width: f64) -> (f64, f64) {
 /// Fingers turned until both tips just touch the upright object.
 pub fn touching(parameters: &Parameters) -> Result<Coordinates, Error> {
     let mut angles = [0.0; 2];
+    if !parameters.has_the_papers_contacts() {
+        for i in 0..2 {
+            angles[i] = coordinate_at(parameters, i, 0.0).ok_or(Error::Untouched { finger: SIDES[i] })?;
+        }
+        return Ok(upright_between(parameters, angles, [0.0; 2]));
+    }
     for i in 0..2 {
         let (finger, tip, width) = (&parameters.fingers[i], &parameters.tips[i], parameters.grasped.width);
         angles[i] = angle_at(finger, tip, width, 0.0).ok_or_else(|| {
@@ -210,10 +292,10 @@ pub fn driven(
 /// allowed.
 pub fn require_scheduled(parameters: &Parameters, inputs: &Inputs, initial: &State) -> Result<(), Error> {
     let Input { target, target_rate, .. } = inputs.segment(initial.time).at(0.0);
-    let usual = Motion::typical_magnitudes(parameters).p.finger[0];
-    let pace = usual.max(target_rate[0].abs()).max(target_rate[1].abs());
+    let Motion { q: sizes, p: paces, .. } = Motion::typical_magnitudes(parameters);
+    let pace = paces.finger[0].max(target_rate[0].abs()).max(target_rate[1].abs());
     let Motion { q, p, .. } = &initial.motion;
-    for (name, found, asked, size) in [("q", q, target, 1.0), ("p", p, target_rate, pace)] {
+    for (name, found, asked, size) in [("q", q, target, sizes.finger[0]), ("p", p, target_rate, pace)] {
         for i in 0..2 {
             let (value, asked) = (found.finger[i], asked[i]);
             let off = (value - asked).abs();
@@ -281,15 +363,12 @@ pub fn allowed_residuals(
 ) -> [[f64; 3]; 2] {
     let ([x, y, _], [u, v, omega]) = (q.object.map(f64::abs), p.object.map(f64::abs));
     std::array::from_fn(|i| {
-        let (finger, tip) = (&parameters.fingers[i], &parameters.tips[i]);
-        let arm = finger.length + finger.half_thickness;
-        let reach = x
-            + y
-            + finger.root_offset
-            + arm
-            + tip.radius
-            + parameters.grasped.width
-            + parameters.grasped.com_offset.abs();
+        let tip = &parameters.tips[i];
+        let arm = parameters.lever(i);
+        let mut reach = x + y + parameters.reach(i);
+        if parameters.mechanism(i) == MechanismKind::Jaw {
+            reach += q.finger[i].abs();
+        }
         let place = CONSISTENCY * tip.radius + ROUND_OFF * reach;
         let contact = &geometry.contacts[i];
         let turn = p.finger[i].abs();
@@ -316,7 +395,7 @@ mod tests {
 
     use super::*;
     use crate::model::control::Fingers;
-    use crate::model::parameters::PARAMETER_COUNT;
+    use crate::model::parameters::{PARAMETER_COUNT, parameter_table};
     use crate::model::source::{DIRECTIONS, VariedParameters};
     use crate::number::dual::Dual;
 
@@ -328,8 +407,11 @@ mod tests {
         values.grasped.com_offset = 0.003;
         values.fingers[1].length = 0.07;
         let mut values = values.to_array();
-        for (value, share) in values.iter_mut().zip(shares) {
-            *value *= 1.0 + 0.05 * share;
+        for ((value, share), (path, _)) in values.iter_mut().zip(shares).zip(parameter_table()) {
+            // Half a turn is the longest arc.
+            if !path.ends_with("span") {
+                *value *= 1.0 + 0.05 * share;
+            }
         }
         Parameters::from_array(&values).unwrap()
     }

@@ -124,12 +124,58 @@ impl<R: Real, const W: usize> Real for Dual<R, W> {
         }
         b
     }
+
+    #[inline(always)]
+    fn less(self, other: Self) -> Bits {
+        self.value.less(other.value)
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        let root = self.value.sqrt();
+        self.chain(root, R::constant(0.5) / root)
+    }
+
+    #[inline(always)]
+    fn angle(mut self, cos: Self) -> Self {
+        let inverse = R::constant(1.0) / self.value.dot2(self.value, cos.value, cos.value);
+        let (by_sin, by_cos) = (cos.value * inverse, -(self.value * inverse));
+        for k in 0..W {
+            self.slope[k] = by_sin.dot2(self.slope[k], by_cos, cos.slope[k]);
+        }
+        self.value = self.value.angle(cos.value);
+        self
+    }
+
+    #[inline(always)]
+    fn power(mut self, n: Self) -> Self {
+        let value = self.value.power(n.value);
+        let by_base = n.value * self.value.power(n.value - R::constant(1.0));
+        let by_exponent = value * self.value.ln();
+        for k in 0..W {
+            self.slope[k] = by_base.dot2(self.slope[k], by_exponent, n.slope[k]);
+        }
+        self.value = value;
+        self
+    }
+
+    #[inline(always)]
+    fn ln(self) -> Self {
+        let one = R::constant(1.0);
+        let positive = R::zero().less(self.value);
+        self.chain(self.value.ln(), R::select(positive, one / self.value, R::zero()))
+    }
+
+    #[inline(always)]
+    fn outlined<K: LaneTask<Self>>(task: K) -> K::Output {
+        R::outlined(Wrapped::<_, W>(task))
+    }
 }
 
 /// A task for dual numbers of lanes, which is called with the instructions of the lanes.
 struct Wrapped<K, const W: usize>(K);
 
-impl<R: Lanes, K: LaneTask<Dual<R, W>>, const W: usize> LaneTask<R> for Wrapped<K, W> {
+impl<R: Real, K: LaneTask<Dual<R, W>>, const W: usize> LaneTask<R> for Wrapped<K, W> {
     type Output = K::Output;
 
     #[inline(always)]
@@ -168,11 +214,6 @@ impl<R: Lanes, const W: usize> Lanes for Dual<R, W> {
     }
 
     #[inline(always)]
-    fn less(self, other: Self) -> Bits {
-        self.value.less(other.value)
-    }
-
-    #[inline(always)]
     fn at_most(self, other: Self) -> Bits {
         self.value.at_most(other.value)
     }
@@ -180,12 +221,6 @@ impl<R: Lanes, const W: usize> Lanes for Dual<R, W> {
     #[inline(always)]
     fn abs(self) -> Self {
         Self::select(self.value.less(R::zero()), -self, self)
-    }
-
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        let root = self.value.sqrt();
-        self.chain(root, R::constant(0.5) / root)
     }
 
     #[inline(always)]

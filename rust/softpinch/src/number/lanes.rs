@@ -7,7 +7,7 @@
 use crate::number::real::Real;
 use crate::number::simd::level::Instructions;
 
-pub use crate::number::real::Bits;
+pub use crate::number::real::{Bits, LaneTask};
 
 /// The largest width of any [`Lanes`].
 pub const MOST: usize = 8;
@@ -20,15 +20,6 @@ pub fn each(mut bits: Bits) -> impl Iterator<Item = usize> {
         bits &= bits.wrapping_sub(1);
         lane
     })
-}
-
-/// Work in lanes that is compiled as a function and called instead of inlined, because several places need it
-/// or because it is large.
-pub trait LaneTask<R> {
-    /// The result of the work.
-    type Output;
-    /// Does the work. It must be `#[inline(always)]`, and so must all hot code in it.
-    fn run(self) -> Self::Output;
 }
 
 /// A vector of real numbers, one for each run.
@@ -46,23 +37,18 @@ pub trait Lanes: Real {
     fn lane(self, lane: usize) -> f64;
     /// Sets the number in one lane.
     fn set(&mut self, lane: usize, value: f64);
-    /// The lanes in which `self < other`.
-    fn less(self, other: Self) -> Bits;
     /// The lanes in which `self <= other`.
     fn at_most(self, other: Self) -> Bits;
     /// |self|.
     fn abs(self) -> Self;
-    /// The square root, correctly rounded.
-    fn sqrt(self) -> Self;
     /// Sine and cosine of an angle that consists of a number of quarter turns and a remainder. `sin` and
     /// `cos` are those of the remainder; the lowest bits of `quadrants` hold the number of quarter turns.
     fn rotate_quadrants(quadrants: Self, sin: Self, cos: Self) -> (Self, Self);
 
-    /// Calls a task with the instructions of these lanes. The code of the task then exists once, however
-    /// often it is called.
-    #[inline(never)]
+    /// [`Real::outlined`] for a caller that has the proof of the instructions, which numbers of single runs need.
+    #[inline(always)]
     fn call<K: LaneTask<Self>>(_instructions: Instructions, task: K) -> K::Output {
-        task.run()
+        Self::outlined(task)
     }
 
     /// The lanes in which the number is zero, of either sign. NaN is not zero.

@@ -11,6 +11,15 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 /// first lane only.
 pub type Bits = u8;
 
+/// Work that is compiled as a function and called instead of inlined, because several places need it or because it is
+/// large.
+pub trait LaneTask<R> {
+    /// The result of the work.
+    type Output;
+    /// Does the work. It must be `#[inline(always)]`, and so must all hot code in it.
+    fn run(self) -> Self::Output;
+}
+
 /// A real number with the operations that the mechanics need.
 pub trait Real:
     Copy
@@ -32,11 +41,29 @@ pub trait Real:
     fn sin_cos(self) -> (Self, Self);
     /// `a` in the lanes of `bits`, `b` in all other lanes.
     fn select(bits: Bits, a: Self, b: Self) -> Self;
+    /// The lanes in which `self < other`.
+    fn less(self, other: Self) -> Bits;
+    /// The square root, correctly rounded.
+    fn sqrt(self) -> Self;
+    /// The angle whose sine and cosine have the ratio of `self` to `cos`, in the quarter that their signs say.
+    fn angle(self, cos: Self) -> Self;
+    /// `self` to the power `n`; zero where `self` is not positive, so that no power has a pole.
+    fn power(self, n: Self) -> Self;
+    /// The natural logarithm; zero where `self` is not positive.
+    fn ln(self) -> Self;
+    /// Calls a task. Its code exists once for these numbers, with the instructions of their lanes.
+    fn outlined<K: LaneTask<Self>>(task: K) -> K::Output;
 
     /// Zero.
     #[inline(always)]
     fn zero() -> Self {
         Self::constant(0.0)
+    }
+
+    /// The larger of `self` and zero.
+    #[inline(always)]
+    fn positive_part(self) -> Self {
+        Self::select(Self::zero().less(self), self, Self::zero())
     }
 
     /// `b - self * a`, rounded once.

@@ -2,7 +2,7 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use crate::number::lanes::{Bits, Lanes};
+use crate::number::lanes::{Bits, LaneTask, Lanes};
 use crate::number::real::Real;
 use crate::number::trigonometry;
 
@@ -66,6 +66,36 @@ impl Real for Row4 {
     fn select(bits: Bits, a: Self, b: Self) -> Self {
         Self(std::array::from_fn(|k| if bits >> k & 1 != 0 { a.0[k] } else { b.0[k] }))
     }
+
+    #[inline(always)]
+    fn less(self, other: Self) -> Bits {
+        self.where_both(other, f64::lt)
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(self.0.map(f64::sqrt))
+    }
+
+    #[inline(always)]
+    fn angle(self, cos: Self) -> Self {
+        Self::from_fn(|lane| self.lane(lane).angle(cos.lane(lane)))
+    }
+
+    #[inline(always)]
+    fn power(self, n: Self) -> Self {
+        Self::from_fn(|lane| self.lane(lane).power(n.lane(lane)))
+    }
+
+    #[inline(always)]
+    fn ln(self) -> Self {
+        Self::from_fn(|lane| Real::ln(self.lane(lane)))
+    }
+
+    #[inline(never)]
+    fn outlined<K: LaneTask<Self>>(task: K) -> K::Output {
+        task.run()
+    }
 }
 
 impl Lanes for Row4 {
@@ -87,11 +117,6 @@ impl Lanes for Row4 {
     }
 
     #[inline(always)]
-    fn less(self, other: Self) -> Bits {
-        self.where_both(other, f64::lt)
-    }
-
-    #[inline(always)]
     fn at_most(self, other: Self) -> Bits {
         self.where_both(other, f64::le)
     }
@@ -99,11 +124,6 @@ impl Lanes for Row4 {
     #[inline(always)]
     fn abs(self) -> Self {
         Self(self.0.map(f64::abs))
-    }
-
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        Self(self.0.map(f64::sqrt))
     }
 
     #[inline(always)]

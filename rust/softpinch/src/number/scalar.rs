@@ -26,6 +26,45 @@ impl Real for f64 {
     fn select(bits: Bits, a: Self, b: Self) -> Self {
         if bits & 1 != 0 { a } else { b }
     }
+
+    #[inline(always)]
+    fn less(self, other: Self) -> Bits {
+        Bits::from(self < other)
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        f64::sqrt(self)
+    }
+
+    #[inline(always)]
+    fn angle(self, cos: Self) -> Self {
+        libm::atan2(self, cos)
+    }
+
+    #[inline(always)]
+    fn power(self, n: Self) -> Self {
+        if self > 0.0 { libm::pow(self, n) } else { 0.0 }
+    }
+
+    #[inline(always)]
+    fn ln(self) -> Self {
+        if self > 0.0 { libm::log(self) } else { 0.0 }
+    }
+
+    #[inline(always)]
+    fn outlined<K: LaneTask<Self>>(task: K) -> K::Output {
+        #[cold]
+        #[inline(never)]
+        fn plain<K: LaneTask<f64>>(task: K) -> K::Output {
+            task.run()
+        }
+        // No run starts on a processor without a level, but a contact can be looked at there.
+        match Instructions::here() {
+            Some(proof) => call_alone(proof, task),
+            None => plain(task),
+        }
+    }
 }
 
 impl Lanes for f64 {
@@ -52,11 +91,6 @@ impl Lanes for f64 {
     }
 
     #[inline(always)]
-    fn less(self, other: Self) -> Bits {
-        Bits::from(self < other)
-    }
-
-    #[inline(always)]
     fn at_most(self, other: Self) -> Bits {
         Bits::from(self <= other)
     }
@@ -64,11 +98,6 @@ impl Lanes for f64 {
     #[inline(always)]
     fn abs(self) -> Self {
         f64::abs(self)
-    }
-
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        f64::sqrt(self)
     }
 
     #[inline(always)]

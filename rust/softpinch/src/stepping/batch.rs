@@ -15,7 +15,7 @@ use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;
 use crate::model::source::Source;
-use crate::model::start::contact;
+use crate::model::start::apart;
 use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::number::simd::level::Instructions;
 use crate::stepping::contact_events::EventResult;
@@ -182,11 +182,15 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let Some(Taken { number, scene, contact: kept }) = self.queue.take()? else {
             if R::WIDTH > 1 {
                 self.drive.set(lane, &SegmentDrive::still());
-                let still = Motion { q: contact(&self.resting)?, ..Motion::zero() };
+                let still = Motion { q: apart(&self.resting)?, ..Motion::zero() };
                 put_motion(&mut self.start, lane, &still);
             }
             return Ok(false);
         };
+        if !scene.parameters.has_the_papers_contacts() {
+            // Lanes without a run must have the kinds of the others.
+            self.resting = Parameters::default().of_the_kinds(&scene.parameters);
+        }
         let place = place(number, &scene)?;
         let initial = &scene.initial;
         put_motion(&mut self.start, lane, &initial.motion);

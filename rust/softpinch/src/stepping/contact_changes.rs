@@ -33,7 +33,7 @@ impl EventStepper<'_> {
         for i in 0..2 {
             let geometry = self.geometry(&motion);
             let (gap, beside) =
-                (geometry.residuals()[i], geometry.places()[i].abs() <= self.limits.half_height);
+                (geometry.residuals()[i], geometry.places()[i].abs() <= self.limits.half_height[i]);
             if self.run.contacts[i].closed || (beside && gap < -OVERLAP * sides[i].radius()) {
                 motion.q.compression[i] -= gap;
             }
@@ -127,7 +127,7 @@ impl EventStepper<'_> {
     fn meet(&mut self, place: &mut SegmentState, motion: &mut Motion<f64>, i: usize) -> EventResult {
         let geometry = self.geometry(motion);
         let gap = geometry.residuals()[i];
-        if geometry.places()[i].abs() - self.limits.half_height > gap {
+        if geometry.places()[i].abs() - self.limits.half_height[i] > gap {
             // The tip is already behind the face and now comes beside it: it meets the face's end.
             return Err(place.end(Reason::Lost(Loss::MetEnd(i))));
         }

@@ -11,7 +11,7 @@ use crate::model::scene::Scene;
 use crate::number::real::signed;
 use crate::stepping::contact_events::{Loss, MOST_EVENTS, Reason};
 use crate::stepping::instant::Instant;
-use crate::stepping::monitor::{STOP_ON, VIOLATIONS};
+use crate::stepping::monitor::{STOP_ON, VIOLATIONS, half_length};
 use crate::stepping::status::Status;
 
 /// The status with which a run ended, and its message.
@@ -169,7 +169,7 @@ fn lost(scene: &Scene, last: &Instant, loss: Loss, modes: [Mode; 2]) -> String {
     let sides = Side::both(&scene.parameters);
     let (initial, last) = (&scene.initial.motion, &last.motion);
     let [start, now] = [initial, last].map(|motion| Geometry::new(&sides, &motion.q, &motion.p).contacts);
-    let half = 0.5 * scene.parameters.grasped.height;
+    let halves = [0, 1].map(|i| half_length::<f64>(&scene.parameters, i));
     let of = |i: usize| {
         // The integral of C^N (12), in which a - d_n in front of theta_p-dot is taken by the trapezoidal rule.
         let along = |place: f64, q: &Coordinates| signed(i, place) + q.shear[i];
@@ -178,10 +178,11 @@ fn lost(scene: &Scene, last: &Instant, loss: Loss, modes: [Mode; 2]) -> String {
         let slipped = along(now[i].place, &last.q) - along(start[i].place, &initial.q)
             + thickness * (now[i].tilt - start[i].tilt);
         format!(
-            "{:.3e} m from the middle of the face, {:.3e} m at the start; the face slipped {:.3e} m over it; half the height is {half:.3e} m",
+            "{:.3e} m from the middle of the face, {:.3e} m at the start; the face slipped {:.3e} m over it; half the height is {:.3e} m",
             now[i].place.abs(),
             start[i].place.abs(),
-            slipped.abs()
+            slipped.abs(),
+            halves[i]
         )
     };
     match loss {
@@ -198,9 +199,10 @@ fn lost(scene: &Scene, last: &Instant, loss: Loss, modes: [Mode; 2]) -> String {
         }
         Loss::Apart => format!(
             "both tips are free, and neither is beside its face any longer (the right one is {:.3e} m, the left one {:.3e} m from the \
-             middle of the face; half the height is {half:.3e} m)",
+             middle of the face; half the height is {:.3e} m)",
             now[0].place.abs(),
-            now[1].place.abs()
+            now[1].place.abs(),
+            halves[0]
         ),
     }
 }

@@ -3,6 +3,7 @@
 
 use crate::error::seconds;
 use crate::formulation::equations::Evaluation;
+use crate::model::contact::shape::ShapeKind;
 use crate::model::contact::{Contact, Side};
 use crate::model::contact_modes::Contacts;
 use crate::model::geometry::Geometry;
@@ -11,6 +12,7 @@ use crate::model::parameters::{Parameters, SIDES};
 use crate::model::source::Source;
 use crate::names::named;
 use crate::number::lanes::{Bits, LaneTask, Lanes};
+use crate::number::real::Real;
 use crate::stepping::contact_events::Cause;
 use crate::stepping::instant::Instant;
 
@@ -159,8 +161,10 @@ pub struct Limits<R> {
     /// mu, and the lanes whose scene gives one.
     friction: [R; 2],
     limited: Bits,
-    /// Half the height of the faces; infinite if the object gives none.
-    pub(super) half_height: R,
+    /// Half the length of each side; infinite if the object gives none.
+    pub(super) half_height: [R; 2],
+    /// 1/R of arcs.
+    curvature: [R; 2],
 }
 
 impl<R: Lanes> Limits<R> {
@@ -177,7 +181,8 @@ impl<R: Lanes> Limits<R> {
             ],
             friction,
             limited: friction[0].less(infinity) | friction[1].less(infinity),
-            half_height: source.number(|p| 0.5 * p.grasped.height),
+            half_height: [half_length(source, 0), half_length(source, 1)],
+            curvature: [curvature(source, 0), curvature(source, 1)],
         }
     }
 
@@ -187,7 +192,8 @@ impl<R: Lanes> Limits<R> {
         let mut found = 0;
         for i in 0..2 {
             found |= (before.p.compression[i] * after.p.compression[i]).less(R::zero());
-            let [first, last] = [self.sides[i].tilt_rate(i, &before.p), self.sides[i].tilt_rate(i, &after.p)];
+            let first = self.sides[i].tilt_rate(i, &before.q, &before.p);
+            let last = self.sides[i].tilt_rate(i, &after.q, &after.p);
             found |= (first * last).less(R::zero());
         }
         found
@@ -209,13 +215,15 @@ impl<R: Lanes> Limits<R> {
         let (d_n, radius) = (q.compression[i], self.sides[i].radius());
         let (along, across, v) = (at.multipliers[i], at.multipliers[2 + i], at.residuals[2 + i]);
         let places = at.places.map(R::abs);
-        let mut nearest = places[i];
+        let half = self.half_height[i];
+        let mut inside = half - places[i];
         let (mut touching, mut bilateral) = (Bits::MAX, Bits::MAX);
         if let Some(contacts) = contacts {
             let (free, graze, slip) = (contacts.free[i], contacts.graze[i], contacts.slip(i));
             (touching, bilateral) = (!free, 0);
             let both_free = contacts.free[0] & contacts.free[1];
-            nearest = R::select(both_free, places[0].min_in(places[1], R::ALL), nearest);
+            let other = self.half_height[1 - i] - places[1 - i];
+            inside = R::select(both_free, inside.max_in(other, R::ALL), inside);
             let mut forward = R::select(contacts.down[i], -v, v);
             let mut part = at.share[i].min_in(R::constant(1.0) - at.share[i], R::ALL);
             let mut gap = at.residuals[i];
@@ -236,23 +244,30 @@ impl<R: Lanes> Limits<R> {
             event(Cause::Stop, slip, forward);
             event(Cause::Release, slip, along);
             event(Cause::Share, graze, part);
-            event(Cause::Impact, free, gap.max_in(places[i] - self.half_height, R::ALL));
+            event(Cause::Impact, free, gap.max_in(places[i] - half, R::ALL));
             // A surface of a free tip that has come to rest stays at rest.
             event(Cause::Relaxed, !(free & d_n.is_zero()), d_n);
-            event(Cause::Lost, !free | both_free, self.half_height - nearest);
+            event(Cause::Lost, !free | both_free, inside);
         }
         let mut violation = |violation, lanes, value, least, strict| {
             take(Condition { failure: Failure::Violation(violation), lanes, value, least, strict });
         };
         let quarter = R::constant(std::f64::consts::FRAC_PI_2);
-        let rim = radius * (R::constant(1.0) - at.sin_tilt[i].abs());
+        let mut rim = radius * (R::constant(1.0) - at.sin_tilt[i].abs());
+        if self.sides[i].is_curved() {
+            // The depth of the rim below a curved side: sin |theta_p| > (2 D + k (a^2 + D^2)) / (2 a (1 + k D)), parts.md.
+            let (depth, k) = (radius - d_n, self.curvature[i]);
+            let rest = k * radius.dot2(radius, depth, depth);
+            let most = (depth + depth + rest) / (k.mul_add(depth, R::constant(1.0)) * (radius + radius));
+            rim = radius.mul_add(most - at.sin_tilt[i].abs(), d_n);
+        }
         let limited = bilateral & self.limited;
         if limited != 0 {
             violation(Violation::Slipping, limited, self.friction[i] * along, across.abs(), false);
         }
         violation(Violation::Pulling, bilateral, along, R::zero(), false);
         violation(Violation::Separated, bilateral, d_n, self.least[i], false);
-        violation(Violation::OffFace, touching, self.half_height, places[i], false);
+        violation(Violation::OffFace, touching, half, places[i], false);
         violation(Violation::Crushed, touching, radius, d_n, true);
         violation(Violation::Folded, touching, quarter, at.tilt[i].abs(), true);
         violation(Violation::Rim, touching, rim, d_n, false);
@@ -306,6 +321,27 @@ impl<R: Lanes> Limits<R> {
     }
 }
 
+/// Half the length of a side: of its height, or of the arc between its ends.
+#[inline(always)]
+pub(super) fn half_length<R: Real>(source: &impl Source<R>, i: usize) -> R {
+    let half = R::constant(0.5);
+    match source.kinds().shape(i) {
+        ShapeKind::ParallelFace => source.number(|p| 0.5 * p.grasped.height),
+        ShapeKind::Face => source.number(|p| 0.5 * p.shapes[i].height),
+        ShapeKind::Arc => half * source.number(|p| p.shapes[i].span) * source.number(|p| p.shapes[i].radius),
+    }
+}
+
+/// The curvature of a side.
+#[inline(always)]
+fn curvature<R: Real>(source: &impl Source<R>, i: usize) -> R {
+    if source.kinds().shape(i) == ShapeKind::Arc {
+        R::constant(1.0) / source.number(|p| p.shapes[i].radius)
+    } else {
+        R::zero()
+    }
+}
+
 /// The point at which a tip seems to leave the object, to be pressed flat or to fold, and then to come back
 /// between two states. It is a share of the step of length `h` between them. It is found on the cubic through
 /// values and rates at both ends, because a step may be long. This is rare, so the code is called.
@@ -327,7 +363,9 @@ impl LaneTask<f64> for ViolatingTurningPoint<'_> {
         let sides = Side::both(parameters);
         for i in 0..2 {
             let a = parameters.tips[i].radius;
-            let tilt = |motion: &Motion<f64>| (sides[i].tilt(i, &motion.q), sides[i].tilt_rate(i, &motion.p));
+            let tilt = |motion: &Motion<f64>| {
+                (sides[i].tilt(i, &motion.q).0, sides[i].tilt_rate(i, &motion.q, &motion.p))
+            };
             let compression = |motion: &Motion<f64>| (motion.q.compression[i], motion.p.compression[i]);
             let compression = TurningPoint::of(compression(before), compression(after), h);
             let tilt = TurningPoint::of(tilt(before), tilt(after), h);
@@ -409,7 +447,7 @@ pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, inst
         Violation::OffFace => format!(
             "the contact of the {side} fingertip left the face at t = {t} (|G| = {:.3e} m, half the height is {:.3e} m)",
             place.abs(),
-            limits.half_height
+            limits.half_height[i]
         ),
     }
 }

@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use crate::number::lanes::{Bits, Lanes};
+use crate::number::lanes::{Bits, LaneTask, Lanes};
 use crate::number::real::Real;
 use crate::number::trigonometry;
 
@@ -243,6 +243,30 @@ impl Real for Counted {
         let value = f64::select(bits, a.value, b.value);
         Self::result(Operation::Choose, value, [a.origin, b.origin, ZERO])
     }
+
+    fn less(self, other: Self) -> Bits {
+        self.ask(other, self.value < other.value)
+    }
+
+    fn sqrt(self) -> Self {
+        Self::result(Operation::Root, self.value.sqrt(), [self.origin, ZERO, ZERO])
+    }
+
+    fn angle(self, _: Self) -> Self {
+        unreachable!("the paper's contacts have no arcs")
+    }
+
+    fn power(self, _: Self) -> Self {
+        unreachable!("the paper's tips have no powers")
+    }
+
+    fn ln(self) -> Self {
+        unreachable!("the paper's tips have no powers")
+    }
+
+    fn outlined<K: LaneTask<Self>>(task: K) -> K::Output {
+        task.run()
+    }
 }
 
 impl Lanes for Counted {
@@ -260,20 +284,12 @@ impl Lanes for Counted {
         *self = Self::constant(value);
     }
 
-    fn less(self, other: Self) -> Bits {
-        self.ask(other, self.value < other.value)
-    }
-
     fn at_most(self, other: Self) -> Bits {
         self.ask(other, self.value <= other.value)
     }
 
     fn abs(self) -> Self {
         Self::result(Operation::Sign, self.value.abs(), [self.origin, Origin::Constant(1), ZERO])
-    }
-
-    fn sqrt(self) -> Self {
-        Self::result(Operation::Root, self.value.sqrt(), [self.origin, ZERO, ZERO])
     }
 
     fn rotate_quadrants(quadrants: Self, sin: Self, cos: Self) -> (Self, Self) {

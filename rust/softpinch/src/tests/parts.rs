@@ -10,15 +10,18 @@ use crate::formulation::contact_solve::{Load, response};
 use crate::formulation::table::Formulation;
 use crate::method::table::Method;
 use crate::model::contact::Side;
-use crate::model::contact::law::{Tip, TipLaw};
-use crate::model::contact::shape::SideShape;
+use crate::model::contact::law::{LawKind, Tip, WEIGHTS};
+use crate::model::contact::mechanism::{Mechanism as Base, MechanismKind};
+use crate::model::contact::shape::{Counterface, ShapeKind};
 use crate::model::contact_modes::{ContactModel, Contacts, Mode};
 use crate::model::control::Fingers;
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
 use crate::model::inputs::Inputs;
-use crate::model::parameters::{Finger, Fingertip, Friction, GraspedObject, Parameters};
+use crate::model::parameters::{
+    Finger, Fingertip, Friction, GraspedObject, Law, Mechanism, Parameters, PidGains, Side as Shape,
+};
 use crate::model::piecewise::PiecewisePolynomial;
 use crate::model::scene::Scene;
 use crate::model::start::{State, consistent};
@@ -27,8 +30,8 @@ use crate::stepping::options::{Options, Steps};
 use crate::stepping::record::Run;
 use crate::stepping::status::Status;
 
-/// A hand without any symmetry, and an object with these tilts of its sides.
-fn uneven(tilts: [f64; 2]) -> Parameters {
+/// A hand without any symmetry.
+fn uneven() -> Parameters {
     let other =
         Finger { length: 0.0755, root_offset: 0.0485, half_thickness: 0.005, mass: 0.12, inertia: 6.1e-4 };
     let soft = Fingertip {
@@ -43,15 +46,59 @@ fn uneven(tilts: [f64; 2]) -> Parameters {
         fingers: [Finger::default(), other],
         tips: [Fingertip::default(), soft],
         grasped: GraspedObject { com_offset: 0.003, ..GraspedObject::default() },
-        shapes: tilts
-            .map(|tilt| if tilt == 0.0 { SideShape::ParallelFace } else { SideShape::TiltedFace { tilt } }),
         ..Parameters::default()
     }
 }
 
-/// Tilts of both sides: parallel faces among them.
-fn tilts() -> impl Strategy<Value = [f64; 2]> {
-    prop::array::uniform2(prop_oneof![Just(0.0), -0.4..0.4_f64])
+fn face(tilt: f64) -> Shape {
+    Shape { kind: ShapeKind::Face.number(), tilt, ..Shape::default() }
+}
+
+fn arc(radius: f64, [center_x, center_y]: [f64; 2]) -> Shape {
+    Shape { kind: ShapeKind::Arc.number(), radius, center_x, center_y, ..Shape::default() }
+}
+
+fn jaw(direction: f64, angle: f64) -> Mechanism {
+    Mechanism { kind: MechanismKind::Jaw.number(), height: 0.075, direction, angle }
+}
+
+fn parallelogram(angle: f64) -> Mechanism {
+    Mechanism { kind: MechanismKind::Parallelogram.number(), angle, ..Mechanism::default() }
+}
+
+/// Objects' sides of every kind.
+fn shapes() -> impl Strategy<Value = [Shape; 2]> {
+    let side = prop_oneof![
+        Just(Shape::default()),
+        (-0.4..0.4_f64).prop_map(face),
+        (0.02..0.2_f64, -0.004..0.004_f64, -0.01..0.01_f64).prop_map(|(radius, x, y)| arc(radius, [x, y])),
+    ];
+    [side.clone(), side]
+}
+
+/// Mechanisms of every kind.
+fn mechanisms() -> impl Strategy<Value = [Mechanism; 2]> {
+    let one = prop_oneof![
+        Just(Mechanism::default()),
+        (-0.4..0.4_f64, -0.2..0.2_f64).prop_map(|(direction, angle)| jaw(direction, angle)),
+        (-0.2..0.2_f64).prop_map(parallelogram),
+    ];
+    [one.clone(), one]
+}
+
+/// [`uneven`] with any mechanisms and sides.
+fn hands() -> impl Strategy<Value = Parameters> {
+    (shapes(), mechanisms()).prop_map(|(shapes, mechanisms)| Parameters { shapes, mechanisms, ..uneven() })
+}
+
+/// Any hand near a grasp, with rates. A jaw's travel is in metres.
+fn grasps() -> impl Strategy<Value = (Parameters, Coordinates, Coordinates)> {
+    (hands(), states()).prop_map(|(hand, (mut q, p))| {
+        for i in 0..2 {
+            q.finger[i] *= hand.finger_size(i, 0.02);
+        }
+        (hand, q, p)
+    })
 }
 
 /// Coordinates near a grasp, and rates.
@@ -63,33 +110,44 @@ fn states() -> impl Strategy<Value = (Coordinates, Coordinates)> {
     })
 }
 
-/// C^N of a contact from the velocities of two rigid bodies at the foot of the perpendicular from the tip's centre, by
-/// (7), (8) and the plane motion of the finger and of the object.
+/// C^N of a contact from the velocities of two rigid bodies at the foot of the perpendicular from the tip's centre, by the
+/// plane motion of the tip's base and of the object.
 fn relative_velocity(parameters: &Parameters, i: usize, q: &Coordinates, p: &Coordinates) -> f64 {
-    let (finger, tip) = (&parameters.fingers[i], &parameters.tips[i]);
-    let s = signed(i, 1.0);
-    let ([x, y, theta], [u, v, omega], turn) = (q.object, p.object, p.finger[i]);
-    let (sin, cos) = q.finger[i].sin_cos();
-    let inward = -finger.root_offset + finger.length * sin + finger.half_thickness * cos;
-    let centre = [s * inward, finger.length * cos - finger.half_thickness * sin];
-    let way = [s * (finger.length * cos - finger.half_thickness * sin), -(inward + finger.root_offset)];
-    let angle = theta + s * parameters.shapes[i].tilt();
+    let (s, shape) = (signed(i, 1.0), &parameters.shapes[i]);
+    let ([x, y, theta], [u, v, omega], rate) = (q.object, p.object, p.finger[i]);
+    let base = Base::<f64>::new(parameters, i).placed(q.finger[i]);
+    let (centre, way) = ([s * base.centre[0], base.centre[1]], [s * base.way[0], base.way[1]]);
+    let angle = match parameters.shape(i) {
+        ShapeKind::Arc => {
+            let (sin, cos) = theta.sin_cos();
+            let [kx, ky] = [shape.center_x, shape.center_y];
+            let middle = [x + kx * cos - ky * sin, y + kx * sin + ky * cos];
+            f64::atan2(-s * (centre[1] - middle[1]), -s * (centre[0] - middle[0]))
+        }
+        _ => theta + s * shape.tilt,
+    };
     let (normal, along) = ([angle.cos(), angle.sin()], [-angle.sin(), angle.cos()]);
-    let foot: [f64; 2] = std::array::from_fn(|k| centre[k] + s * (tip.radius - q.compression[i]) * normal[k]);
-    // A finger that turns inwards turns by -s_i.
+    let thickness = parameters.tips[i].radius - q.compression[i];
+    let foot: [f64; 2] = std::array::from_fn(|k| centre[k] + s * thickness * normal[k]);
+    // A base that turns inwards turns by -s_i.
     let turned = |from: [f64; 2], rate: f64| [-rate * (foot[1] - from[1]), rate * (foot[0] - from[0])];
     let by_object = turned([x, y], omega);
-    let by_finger = turned(centre, -s * turn);
+    let by_base = turned(centre, -s * base.turn * rate);
     let velocity = [u, v];
-    (0..2).map(|k| along[k] * (velocity[k] + by_object[k] - way[k] * turn - by_finger[k])).sum::<f64>()
+    (0..2).map(|k| along[k] * (velocity[k] + by_object[k] - way[k] * rate - by_base[k])).sum::<f64>()
         + p.shear[i]
+}
+
+/// theta_p of both tips moves with the rates that [`Geometry::couples`] has as its rows.
+fn tilts(sides: &[Side<f64>; 2], q: &Coordinates) -> [f64; 2] {
+    [0, 1].map(|i| sides[i].tilt(i, q).0)
 }
 
 proptest! {
     /// The rows of Phi are those of the residuals, and Phi-dot p is their rate, with any sides.
     #[test]
-    fn phi_and_its_rate_are_derivatives(tilts in tilts(), (q, p) in states()) {
-        let sides = Side::both(&uneven(tilts));
+    fn phi_and_its_rate_are_derivatives((hand, q, p) in grasps()) {
+        let sides = Side::both(&hand);
         let step = 1e-6;
         let at = |time: f64| {
             let moved = each_coordinate!([q, p] => q + time * p);
@@ -103,19 +161,32 @@ proptest! {
         let own = now.phi_times(&p);
         for (k, (own, velocity)) in own.into_iter().zip(now.constraint_velocity()).enumerate() {
             prop_assert!((own - velocity).abs() < 1e-14);
-            prop_assert!((rate(Geometry::constraint_velocity, k) - now.bias()[k]).abs() < 1e-7);
+            let bias = now.bias()[k];
+            prop_assert!((rate(Geometry::constraint_velocity, k) - bias).abs() < 1e-7 * (1.0 + bias.abs()));
         }
         let phi = now.constraint_matrix();
         prop_assert!((phi * SVector::from(p.row()) - SVector::from(own)).amax() < 1e-14);
         let [lambda @ .., _, _, _, _, _] = p.row();
         let push = SVector::from(now.phi_transposed_times(&lambda).row());
         prop_assert!((phi.transpose() * SVector::from(lambda) - push).amax() < 1e-14);
+        for i in 0..2 {
+            let [before, after] = [-step, step].map(|time| tilts(&sides, &each_coordinate!([q, p] => q + time * p))[i]);
+            let turn = now.contacts[i].tilt_rate;
+            prop_assert!(((after - before) / (2.0 * step) - turn).abs() < 1e-7 * (1.0 + turn * turn));
+            prop_assert!((sides[i].tilt_rate(i, &q, &p) - turn).abs() < 1e-14);
+            // The power of a couple is the couple times the rate of its tilt.
+            let mut couples = [0.0; 2];
+            couples[i] = -2.0;
+            let (object, finger) = now.couples(couples);
+            let power: f64 = (0..3).map(|k| object[k] * p.object[k]).sum::<f64>()
+                + (0..2).map(|k| finger[k] * p.finger[k]).sum::<f64>();
+            prop_assert!((power - 2.0 * turn).abs() < 1e-13);
+        }
     }
 
     /// C^N is the difference of the velocities of two rigid bodies where they touch, plus that of the shear.
     #[test]
-    fn the_nonholonomic_constraint_compares_two_rigid_bodies(tilts in tilts(), (q, p) in states()) {
-        let parameters = uneven(tilts);
+    fn the_nonholonomic_constraint_compares_two_rigid_bodies((parameters, q, p) in grasps()) {
         // The foot is where the tip's surface is only if C^H = 0.
         let [pose @ .., _, _, _, _] = q.row();
         let (q, _) = consistent(&parameters, &pose, &q.shear, &[0.0; 5]);
@@ -129,46 +200,64 @@ proptest! {
     /// The solve of (24) is that of the dense matrices, for all sides and fingers.
     #[test]
     fn the_solves_are_those_of_dense_matrices(
-        tilts in tilts(),
-        (q, p) in states(),
+        (parameters, q, p) in grasps(),
         f in prop::array::uniform9(-10.0..10.0_f64),
         turns in prop::array::uniform2(-5.0..5.0_f64),
     ) {
         let f = f.into();
-        let parameters = uneven(tilts);
         let geometry = Geometry::new(&Side::both(&parameters), &q, &p);
         solves_agree(&parameters, Fingers::Torque, &geometry, &f, turns)?;
         solves_agree(&parameters, Fingers::Driven, &geometry, &f, turns)?;
     }
 
-    /// The gradient of each law is that of its energy; with the exponent 2 a power law is (5).
+    /// The gradient of each law is that of its energy; with the exponent 2 a power law is (5), and so is a measured law with
+    /// equal weights.
     #[test]
     fn gradients_are_those_of_the_energy(
         tilt in -0.8..0.8_f64,
-        d_n in 1e-3..0.015_f64,
+        d_n in -2e-3..0.018_f64,
         d_t in -3e-3..3e-3_f64,
-        exponent in 2..6_u32,
+        exponent in prop_oneof![Just(2.0), 1.3..5.0_f64],
+        foot in prop_oneof![Just(0.0), 1e-5..1e-3_f64],
+        weights in prop::array::uniform::<_, WEIGHTS>(0.0..2e6_f64),
+        counterface in prop_oneof![Just(Counterface::Flat), Just(Counterface::Cylinder), Just(Counterface::Sphere)],
     ) {
-        let law = TipLaw::Power { coefficient: std::f64::consts::PI * 0.3e6, exponent };
-        let plain = Tip::<f64>::new(&Parameters::default(), 0);
-        let power = Tip::<f64>::new(&Parameters { laws: [law; 2], ..Parameters::default() }, 0);
-        for tip in [plain, power] {
+        let coefficient = std::f64::consts::PI * 0.3e6;
+        let power = Law { kind: LawKind::Power.number(), coefficient, exponent, foot, ..Law::default() };
+        let measured = Law { kind: LawKind::Measured.number(), range: 0.012, shear_factor: 0.6, ..Law::default() };
+        let curved = Shape { counterface: counterface.number(), ..arc(0.03, [0.0; 2]) };
+        let tip = |law: Law, shape: Shape, weights: [f64; WEIGHTS]| {
+            Tip::<f64>::new(&Parameters { laws: [law; 2], shapes: [shape; 2], weights: [weights; 2], ..Parameters::default() }, 0)
+        };
+        let plain = tip(Law::default(), Shape::default(), weights);
+        let even = [2.0 * coefficient; WEIGHTS];
+        let same = tip(Law { shear_factor: 1.0, ..measured }, Shape::default(), even);
+        let share = match counterface {
+            Counterface::Flat => 1.0,
+            Counterface::Cylinder => (1.0 + 0.02 / 0.03_f64).sqrt().recip(),
+            Counterface::Sphere => (1.0 + 0.02 / 0.03_f64).recip(),
+        };
+        let found = plain.gradient(tilt.sin(), tilt.cos(), d_n, d_t);
+        let [size, sixth] = [found.normal.abs() + found.tangential.abs() + 1e-3, 0.02];
+        for (other, factor) in [(same, 1.0), (tip(Law::default(), curved, weights), share)] {
+            let other = other.gradient(tilt.sin(), tilt.cos(), d_n, d_t);
+            prop_assert!((other.tilt - factor * found.tilt).abs() <= 1e-12 * size * sixth);
+            prop_assert!((other.normal - factor * found.normal).abs() <= 1e-12 * size);
+            prop_assert!((other.tangential - factor * found.tangential).abs() <= 1e-12 * size);
+        }
+        for tip in [plain, tip(power, Shape::default(), weights), tip(measured, curved, weights)] {
             let at = |tilt: f64, d_n: f64, d_t: f64| tip.energy(tilt.sin(), tilt.cos(), d_n, d_t);
             let found = tip.gradient(tilt.sin(), tilt.cos(), d_n, d_t);
-            let size = at(tilt, d_n, d_t).abs() + found.normal.abs() * d_n;
-            let (e, h) = (1e-5, 1e-4 * d_n);
+            let size = at(tilt, d_n, d_t).abs() + found.normal.abs() * d_n.abs() + 1e-9;
+            let (e, h) = (1e-5, 1e-4 * d_n.abs().max(1e-5));
             let by_tilt = (at(tilt + e, d_n, d_t) - at(tilt - e, d_n, d_t)) / (2.0 * e);
             let by_normal = (at(tilt, d_n + h, d_t) - at(tilt, d_n - h, d_t)) / (2.0 * h);
             let by_shear = (at(tilt, d_n, d_t + h) - at(tilt, d_n, d_t - h)) / (2.0 * h);
             prop_assert!((found.tilt - by_tilt).abs() < 1e-6 * size);
-            prop_assert!((found.normal - by_normal).abs() * d_n < 1e-6 * size);
-            prop_assert!((found.tangential - by_shear).abs() * d_n < 1e-6 * size);
-            if exponent == 2 {
-                let same = plain.gradient(tilt.sin(), tilt.cos(), d_n, d_t);
-                prop_assert!((found.tilt - same.tilt).abs() <= 1e-14 * size);
-                prop_assert!((found.normal - same.normal).abs() * d_n <= 1e-14 * size);
-                prop_assert!((found.tangential - same.tangential).abs() * d_n <= 1e-14 * size);
+            if (d_n.abs() - 1e-5).is_sign_positive() {
+                prop_assert!((found.normal - by_normal).abs() * d_n.abs() < 1e-5 * size, "{} {}", found.normal, by_normal);
             }
+            prop_assert!((found.tangential - by_shear).abs() * d_n.abs() < 1e-6 * size);
         }
     }
 }
@@ -222,11 +311,26 @@ fn solves_agree(
     Ok(())
 }
 
+/// 7 and 5 degrees.
+const TARGETS: [f64; 2] = [0.122_173_047_639_603_07, 0.087_266_462_599_716_47];
+
 /// A run from a state with constant targets and a push.
 fn run(parameters: &Parameters, q: Coordinates, force: [f64; 3], duration: f64, options: &Options) -> Run {
+    run_to(parameters, TARGETS, q, force, duration, options)
+}
+
+/// The same with other targets.
+fn run_to(
+    parameters: &Parameters,
+    target: [f64; 2],
+    q: Coordinates,
+    force: [f64; 3],
+    duration: f64,
+    options: &Options,
+) -> Run {
     let push =
         PiecewisePolynomial::steps("push", [0.0; 3], &[0.05, 0.06], &[force, [0.0; 3]]).expect("valid");
-    let schedule = PiecewisePolynomial::constant(TARGETS);
+    let schedule = PiecewisePolynomial::constant(target);
     let scene = Scene {
         parameters: parameters.clone().checked().expect("valid"),
         inputs: Inputs::new(schedule.into(), vec![push.into()], vec![], vec![], vec![]).expect("valid"),
@@ -237,41 +341,212 @@ fn run(parameters: &Parameters, q: Coordinates, force: [f64; 3], duration: f64, 
     simulate(&scene, options, &|| false).expect("the scene is valid").0
 }
 
-/// 7 and 5 degrees.
-const TARGETS: [f64; 2] = [0.122_173_047_639_603_07, 0.087_266_462_599_716_47];
+/// A scene of an independent program: Lagrange's multipliers with SymPy's derivatives, DOP853, a relative tolerance of
+/// 1e-12. From rest, after 0.3 s.
+struct Fact {
+    name: &'static str,
+    mechanisms: [Mechanism; 2],
+    shapes: [Shape; 2],
+    laws: [Law; 2],
+    fingers: [f64; 2],
+    compression: f64,
+    target: [f64; 2],
+    end: [f64; 9],
+    multipliers: [f64; 4],
+}
 
-/// The end, at t = 0.3 s, of a wedge of 5 degrees between the default fingers, from an independent program: Lagrange's
-/// multipliers with SymPy's derivatives, DOP853, a relative tolerance of 1e-12.
-const WEDGE: [f64; 9] = [
-    -1.385_247_982_412e-3,
-    7.408_072_911_657e-2,
-    -1.615_560_289_250e-2,
-    1.184_527_263_256e-1,
-    8.335_354_991_280e-2,
-    7.800_987_863_424e-3,
-    7.818_712_239_524e-3,
-    -1.246_784_095_719e-3,
-    -8.579_974_243_627e-4,
-];
+fn facts() -> [Fact; 7] {
+    let power = Law {
+        kind: LawKind::Power.number(),
+        coefficient: 164033.00040192774,
+        exponent: 1.67,
+        ..Law::default()
+    };
+    let jaw = |direction, angle| Mechanism { height: 0.0762, ..jaw(direction, angle) };
+    [
+        Fact {
+            name: "rotary_box",
+            mechanisms: [Mechanism::default(); 2],
+            shapes: [Shape::default(); 2],
+            laws: [Law::default(); 2],
+            fingers: [5.534780681120572e-20, 5.534780681120572e-20],
+            compression: 0.0,
+            target: [0.12217304763960307, 0.08726646259971647],
+            end: [
+                -0.001346838055026,
+                0.07406548820708,
+                -0.01650797969207,
+                0.1187319636363,
+                0.08363528870847,
+                0.007670215106133,
+                0.00767707245719,
+                -0.0005463949904073,
+                -0.0001633785582583,
+            ],
+            multipliers: [55.834128808, 55.817847553, -0.37484582475, 1.3559060491],
+        },
+        Fact {
+            name: "jaw_box",
+            mechanisms: [jaw(0.0, 0.0); 2],
+            shapes: [Shape::default(); 2],
+            laws: [Law::default(); 2],
+            fingers: [-5e-18, -5e-18],
+            compression: 0.0,
+            target: [0.006, 0.0045],
+            end: [
+                -0.0007536733305154,
+                0.07614983181258,
+                1.544067322445e-07,
+                0.005945228394464,
+                0.004437876363975,
+                0.005191555056203,
+                0.005191549702237,
+                5.016908593635e-05,
+                5.01671664505e-05,
+            ],
+            multipliers: [25.446286848, 25.446240457, 0.49050410811, 0.49049258429],
+        },
+        Fact {
+            name: "jaw_cylinder",
+            mechanisms: [jaw(0.0, 0.0); 2],
+            shapes: [arc(0.0245, [0.0; 2]); 2],
+            laws: [Law::default(); 2],
+            fingers: [-5e-18, -5e-18],
+            compression: 0.0,
+            target: [0.006, 0.0045],
+            end: [
+                -0.0007536733285709,
+                0.07614324135044,
+                -9.334720402059e-07,
+                0.005945224998559,
+                0.004437872968072,
+                0.005191510692249,
+                0.00519150531891,
+                6.139517398286e-05,
+                6.139523652454e-05,
+            ],
+            multipliers: [25.446221968, 25.446175425, 0.56368588557, 0.56368588526],
+        },
+        Fact {
+            name: "rotary_cylinder",
+            mechanisms: [Mechanism::default(); 2],
+            shapes: [arc(0.0245, [0.0; 2]); 2],
+            laws: [Law::default(); 2],
+            fingers: [5.671663003882787e-20, 5.671663003882787e-20],
+            compression: 0.0,
+            target: [0.10471975511965978, 0.08726646259971647],
+            end: [
+                -0.0006679592823091,
+                0.0740565044461,
+                -0.009095270743779,
+                0.1020424694472,
+                0.08449203141684,
+                0.007048602174677,
+                0.00705281078282,
+                -4.515974414034e-05,
+                3.579848869986e-05,
+            ],
+            multipliers: [47.123935513, 47.119937185, 2.5672659451, 2.567271203],
+        },
+        Fact {
+            name: "rotary_wedge",
+            mechanisms: [Mechanism::default(); 2],
+            shapes: [face(5f64.to_radians()); 2],
+            laws: [Law::default(); 2],
+            fingers: [-0.0010077143058204684, -0.0010077143058204684],
+            compression: 0.0,
+            target: [0.12217304763960307, 0.08726646259971647],
+            end: [
+                -0.001385247982412,
+                0.07408072911657,
+                -0.0161556028925,
+                0.1184527263256,
+                0.0833535499128,
+                0.007800987863424,
+                0.007818712239524,
+                -0.001246784095719,
+                -0.0008579974243627,
+            ],
+            multipliers: [57.765929844, 57.901014825, -5.4308143516, -3.7039132616],
+        },
+        Fact {
+            name: "rotary_box_power",
+            mechanisms: [Mechanism::default(); 2],
+            shapes: [Shape::default(); 2],
+            laws: [power; 2],
+            fingers: [0.026270116999566676, 0.026270116999566676],
+            compression: 0.002,
+            target: [0.12217304763960307, 0.08726646259971647],
+            end: [
+                -0.001333186414205,
+                0.07476131812673,
+                -0.01430115476183,
+                0.1194619327653,
+                0.08436227999607,
+                0.007725004354097,
+                0.007730449094876,
+                -0.0006296980712722,
+                -0.0002208782099267,
+            ],
+            multipliers: [49.033370772, 49.019252541, -0.097808164563, 1.0788896417],
+        },
+        Fact {
+            name: "parallelogram_box",
+            mechanisms: [parallelogram(0.0); 2],
+            shapes: [Shape::default(); 2],
+            laws: [Law::default(); 2],
+            fingers: [4.841728453465924e-17, 4.841728453465924e-17],
+            compression: 0.0,
+            target: [0.12217304763960307, 0.08726646259971647],
+            end: [
+                -0.001330475138333,
+                0.07576516145694,
+                -0.005071150102188,
+                0.1186836898173,
+                0.08358319506429,
+                0.007691965742235,
+                0.007691718519186,
+                6.521215083634e-06,
+                6.124323866946e-05,
+            ],
+            multipliers: [55.920618099, 55.915555453, 0.37573895844, 0.60533190765],
+        },
+    ]
+}
 
 #[test]
-fn a_wedge_moves_as_an_independent_program_says() {
-    let wedge = SideShape::TiltedFace { tilt: 5f64.to_radians() };
-    let parameters = Parameters { shapes: [wedge; 2], ..Parameters::default() };
-    let start = -1.007_714_305_820_468_4e-3;
-    let q = Coordinates { object: [0.0, 0.0762, 0.0], finger: [start; 2], ..Coordinates::zero() };
-    for (formulation, method, most) in [
-        (Formulation::Nullspace, Method::Dop853, 1e-11),
-        (Formulation::Csm, Method::Dop853, 1e-9),
-        (Formulation::Projected, Method::Dop853, 1e-9),
-        (Formulation::Nullspace, Method::Radau5, 1e-9),
-    ] {
-        let options =
-            Options { steps: Steps::Free { tolerance: 1e-12 }, formulation, method, ..Options::default() };
-        let run = run(&parameters, q, [0.0; 3], 0.3, &options);
-        assert_eq!(run.status, Status::Completed, "{}", run.message);
-        for (found, expected) in run.last.motion.q.row().into_iter().zip(WEDGE) {
-            assert!((found - expected).abs() < most, "{formulation:?} {method:?}: {:?}", run.last.motion.q);
+fn every_kind_moves_as_an_independent_program_says() {
+    let stiff = PidGains { kp: 2e4, kd: 200.0, ki: 2e5 };
+    for fact in facts() {
+        let jaws = fact.name.starts_with("jaw");
+        let control = if jaws { [stiff; 2] } else { [PidGains::default(); 2] };
+        let Fact { name, mechanisms, shapes, laws, .. } = fact;
+        let parameters = Parameters { mechanisms, shapes, laws, control, ..Parameters::default() };
+        let mut q = Coordinates { object: [0.0, 0.0762, 0.0], finger: fact.fingers, ..Coordinates::zero() };
+        q.compression = [fact.compression; 2];
+        for (formulation, method, most) in [
+            (Formulation::Nullspace, Method::Dop853, 1e-11),
+            (Formulation::Csm, Method::Dop853, 1e-9),
+            (Formulation::Projected, Method::Dop853, 1e-9),
+            (Formulation::Nullspace, Method::Radau5, 1e-9),
+        ] {
+            let options = Options {
+                steps: Steps::Free { tolerance: 1e-12 },
+                formulation,
+                method,
+                ..Options::default()
+            };
+            let run = run_to(&parameters, fact.target, q, [0.0; 3], 0.3, &options);
+            assert_eq!(run.status, Status::Completed, "{name}: {}", run.message);
+            for (k, (found, expected)) in run.last.motion.q.row().into_iter().zip(fact.end).enumerate() {
+                assert!(
+                    (found - expected).abs() < most,
+                    "{name} {formulation:?} {method:?} {k}: {found} {expected}"
+                );
+            }
+            for (found, expected) in run.last.multipliers.into_iter().zip(fact.multipliers) {
+                assert!((found - expected).abs() < 1e6 * most.max(1e-11), "{name}: {found} {expected}");
+            }
         }
     }
 }
@@ -282,11 +557,7 @@ fn a_wedge_moves_as_an_independent_program_says() {
 fn a_slanted_object_moves_as_a_turned_box() {
     let tilt = 0.2_f64;
     let (width, friction) = (0.049, Friction { right: 0.25, left: 0.3 });
-    let slanted = Parameters {
-        shapes: [SideShape::TiltedFace { tilt: -tilt }, SideShape::TiltedFace { tilt }],
-        friction,
-        ..uneven([0.0; 2])
-    };
+    let slanted = Parameters { shapes: [face(-tilt), face(tilt)], friction, ..uneven() };
     let slanted = Parameters {
         grasped: GraspedObject { com_offset: 0.0, width: width / tilt.cos(), ..slanted.grasped },
         ..slanted
@@ -324,12 +595,12 @@ fn a_slanted_object_moves_as_a_turned_box() {
 }
 
 #[test]
-fn tilts_and_laws_are_checked() {
-    let shapes = [SideShape::ParallelFace, SideShape::TiltedFace { tilt: 1.6 }];
-    let message = Parameters { shapes, ..Parameters::default() }.checked().unwrap_err().to_string();
-    assert_eq!(message, "grasped.left.tilt = 1.6: must be between -pi/2 and pi/2");
-    let law = TipLaw::Power { coefficient: 1.0, exponent: 1 };
-    let laws = [law, TipLaw::InoueHirai];
+fn numbers_of_parts_are_checked() {
+    let message =
+        Parameters { shapes: [face(0.0), face(1.6)], ..Parameters::default() }.checked().unwrap_err();
+    assert_eq!(message.to_string(), "grasped.left.tilt = 1.6: must be between -pi/2 and pi/2");
+    let law = Law { kind: LawKind::Power.number(), exponent: 1.0, ..Law::default() };
+    let laws = [law, Law::default()];
     let message = Parameters { laws, ..Parameters::default() }.checked().unwrap_err().to_string();
-    assert_eq!(message, "hand.tip.right.law.exponent = 1.0: must be at least 2");
+    assert_eq!(message, "hand.tip.right.law.exponent = 1.0: must be finite and > 1");
 }

@@ -1,16 +1,33 @@
 //! Mechanisms: what carries a tip, and where it puts the tip for a finger's coordinate.
 //!
-//! A new mechanism is a file in `mechanism/` with a function `arm` like `OneLink::arm`, and an entry of [`Mechanism`].
+//! A new mechanism is a file in `mechanism/` with a function `placed` like `Jaw::placed`, an entry of [`Mechanism`] and one
+//! of [`MechanismKind`]. The paper's link has a second function, `arm`, which the compiler puts into the equations.
 
+mod jaw;
 mod one_link;
+mod parallelogram;
 
+pub use jaw::Jaw;
 pub use one_link::OneLink;
+pub use parallelogram::Parallelogram;
 
-use crate::model::contact::shape::Frame;
+use crate::model::contact::numbered;
 use crate::model::source::Source;
 use crate::number::real::Real;
 
-/// The position of one fingertip in the frame of the object's side, without any deformation.
+numbered! {
+    /// The kinds of mechanisms.
+    MechanismKind {
+        /// A rigid link that turns about its root (7, 8).
+        OneLink,
+        /// A jaw that travels along a line.
+        Jaw,
+        /// A parallelogram, whose tip moves on a circle without turning.
+        Parallelogram,
+    }
+}
+
+/// The position of one fingertip in the frame of a parallel face, without any deformation.
 #[derive(Debug, Clone, Copy)]
 pub struct Arm<R> {
     /// theta_pi (6).
@@ -20,9 +37,7 @@ pub struct Arm<R> {
     /// cos theta_pi.
     pub cos_tilt: R,
     /// sin theta_i, by which gravity turns the finger (43).
-    pub sin_finger: R,
-    /// cos theta_i.
-    pub cos_finger: R,
+    pub lever: R,
     /// n_i, from the finger's root to the tip's centre along the side's normal.
     pub normal: R,
     /// t_i, from the finger's root to the tip's centre across the side's normal.
@@ -35,31 +50,53 @@ pub struct Arm<R> {
     pub turn: R,
 }
 
+/// The tip's base for one coordinate z of the finger, with derivatives by z. Vectors have the components inwards, towards
+/// the middle of the hand, and upwards.
+#[derive(Debug, Clone, Copy)]
+pub struct Placed<R> {
+    /// O, the tip's centre.
+    pub centre: [R; 2],
+    /// O'.
+    pub way: [R; 2],
+    /// O''.
+    pub bend: [R; 2],
+    /// phi, the angle of the base to the upright.
+    pub angle: R,
+    /// phi', a constant of each kind.
+    pub turn: R,
+    /// The force of gravity on the coordinate, as a share of the finger's weight times its lever.
+    pub lever: R,
+}
+
 /// The mechanism of one finger.
 #[derive(Debug, Clone, Copy)]
 pub enum Mechanism<R> {
-    /// A rigid link that turns about its root (7, 8).
+    /// A rigid link.
     OneLink(OneLink<R>),
+    /// A jaw.
+    Jaw(Jaw<R>),
+    /// A parallelogram.
+    Parallelogram(Parallelogram<R>),
 }
 
 impl<R: Real> Mechanism<R> {
     /// The mechanism of finger `i`.
     #[inline(always)]
-    pub(super) fn new(source: &impl Source<R>, i: usize) -> Self {
-        Self::OneLink(OneLink::new(source, i))
+    pub(crate) fn new(source: &impl Source<R>, i: usize) -> Self {
+        match source.kinds().mechanism(i) {
+            MechanismKind::OneLink => Self::OneLink(OneLink::new(source, i)),
+            MechanismKind::Jaw => Self::Jaw(Jaw::new(source, i)),
+            MechanismKind::Parallelogram => Self::Parallelogram(Parallelogram::new(source, i)),
+        }
     }
 
-    /// The tip's position for the finger's coordinate and its rate.
+    /// The tip's base for a coordinate.
     #[inline(always)]
-    pub(super) fn arm(&self, i: usize, frame: &Frame<R>, coordinate: R, rate: R) -> Arm<R> {
-        let Self::OneLink(link) = self;
-        link.arm(i, frame, coordinate, rate)
-    }
-
-    /// The angle of the tip's base to the upright, for the finger's coordinate; or the rate of one for the rate of the other.
-    #[inline(always)]
-    pub(super) fn tilt(&self, coordinate: R) -> R {
-        let Self::OneLink(_) = self;
-        coordinate
+    pub(crate) fn placed(&self, coordinate: R) -> Placed<R> {
+        match self {
+            Self::OneLink(link) => link.placed(coordinate),
+            Self::Jaw(jaw) => jaw.placed(coordinate),
+            Self::Parallelogram(bars) => bars.placed(coordinate),
+        }
     }
 }

@@ -31,6 +31,13 @@ pub const VARIABLE: &str = "SOFTPINCH_SIMD";
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Instructions(());
 
+impl Instructions {
+    /// The proof for this processor, if it has a level. The lowest level is part of every other one.
+    pub(crate) fn here() -> Option<Self> {
+        LEVELS[0].1.require().ok()
+    }
+}
+
 impl Level {
     /// The best level that this processor has. On a processor without any level it is the lowest one, which
     /// [`Level::require`] refuses.

@@ -3,18 +3,18 @@
 //! Safety: these types have no name outside of the SIMD module, so that only code which
 //! [`dispatch`](super::dispatch) has made generic over them can make a value or call a task of them. It runs such code
 //! only after [`Level::require`](super::level::Level::require) has found the instructions of the very type. The type
-//! itself is the proof for vectors; [`Instructions`] is the proof for a single run, which needs any level.
+//! itself is the proof for vectors; [`Instructions`](super::level::Instructions) is the proof for a single run, which needs any level.
 
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use crate::number::lanes::{Bits, LaneTask, Lanes};
 use crate::number::real::Real;
-use crate::number::simd::level::Instructions;
 use crate::number::trigonometry;
 
 macro_rules! vector {
     ($(#[$doc:meta])* $name:ident, $register:ident, $width:literal, $set1:ident, $fma:ident, $fnma:ident, $xor:ident,
+     $sqrt:ident, $features:literal,
      $($operator:ident, $method:ident, $instruction:ident;)*) => {
         $(#[$doc])*
         #[derive(Debug, Clone, Copy)]
@@ -88,6 +88,43 @@ macro_rules! vector {
             fn select(bits: Bits, a: Self, b: Self) -> Self {
                 Self::blend(bits, a, b)
             }
+
+            #[inline(always)]
+            fn less(self, other: Self) -> Bits {
+                self.below(other)
+            }
+
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                // SAFETY: see the module's documentation.
+                Self(unsafe { $sqrt(self.0) })
+            }
+
+            #[inline(always)]
+            fn angle(self, cos: Self) -> Self {
+                Self::from_fn(|lane| self.lane(lane).angle(cos.lane(lane)))
+            }
+
+            #[inline(always)]
+            fn power(self, n: Self) -> Self {
+                Self::from_fn(|lane| self.lane(lane).power(n.lane(lane)))
+            }
+
+            #[inline(always)]
+            fn ln(self) -> Self {
+                Self::from_fn(|lane| Real::ln(self.lane(lane)))
+            }
+
+            #[inline(always)]
+            fn outlined<K: LaneTask<Self>>(task: K) -> K::Output {
+                #[inline(never)]
+                #[target_feature(enable = $features)]
+                fn call<R, K: LaneTask<R>>(task: K) -> K::Output {
+                    task.run()
+                }
+                // SAFETY: see the module's documentation.
+                unsafe { call(task) }
+            }
         }
     };
 }
@@ -95,16 +132,24 @@ macro_rules! vector {
 vector! {
     /// Eight lanes of AVX-512.
     Zmm, __m512d, 8, _mm512_set1_pd, _mm512_fmadd_pd, _mm512_fnmadd_pd, _mm512_xor_pd,
+    _mm512_sqrt_pd, "avx512f,avx512dq,avx512vl,avx2,fma",
     Add, add, _mm512_add_pd; Sub, sub, _mm512_sub_pd; Mul, mul, _mm512_mul_pd; Div, div, _mm512_div_pd;
 }
 
 vector! {
     /// Four lanes of AVX2.
     Ymm, __m256d, 4, _mm256_set1_pd, _mm256_fmadd_pd, _mm256_fnmadd_pd, _mm256_xor_pd,
+    _mm256_sqrt_pd, "avx2,fma",
     Add, add, _mm256_add_pd; Sub, sub, _mm256_sub_pd; Mul, mul, _mm256_mul_pd; Div, div, _mm256_div_pd;
 }
 
 impl Zmm {
+    #[inline(always)]
+    fn below(self, other: Self) -> Bits {
+        // SAFETY: see the module's documentation.
+        unsafe { _mm512_cmp_pd_mask::<_CMP_LT_OQ>(self.0, other.0) }
+    }
+
     #[inline(always)]
     fn blend(bits: Bits, a: Self, b: Self) -> Self {
         // SAFETY: see the module's documentation.
@@ -112,21 +157,10 @@ impl Zmm {
     }
 }
 
-/// The functions of [`Lanes`] that are alike for all vectors: the call of a task, the numbers of single lanes, and the square root.
+/// The functions of [`Lanes`] that are alike for all vectors: the numbers of single lanes.
 macro_rules! alike {
-    ($width:literal, $features:literal, $sqrt:ident) => {
+    ($width:literal) => {
         const WIDTH: usize = $width;
-
-        #[inline(always)]
-        fn call<K: LaneTask<Self>>(_: Instructions, task: K) -> K::Output {
-            #[inline(never)]
-            #[target_feature(enable = $features)]
-            fn call<R, K: LaneTask<R>>(task: K) -> K::Output {
-                task.run()
-            }
-            // SAFETY: see the module's documentation.
-            unsafe { call(task) }
-        }
 
         #[inline(always)]
         fn from_fn(f: impl FnMut(usize) -> f64) -> Self {
@@ -142,23 +176,11 @@ macro_rules! alike {
         fn set(&mut self, lane: usize, value: f64) {
             self.numbers_mut()[lane] = value;
         }
-
-        #[inline(always)]
-        fn sqrt(self) -> Self {
-            // SAFETY: see the module's documentation.
-            Self(unsafe { $sqrt(self.0) })
-        }
     };
 }
 
 impl Lanes for Zmm {
-    alike!(8, "avx512f,avx512dq,avx512vl,avx2,fma", _mm512_sqrt_pd);
-
-    #[inline(always)]
-    fn less(self, other: Self) -> Bits {
-        // SAFETY: see the module's documentation.
-        unsafe { _mm512_cmp_pd_mask::<_CMP_LT_OQ>(self.0, other.0) }
-    }
+    alike!(8);
 
     #[inline(always)]
     fn at_most(self, other: Self) -> Bits {
@@ -208,6 +230,12 @@ const MASKS: [[i64; 4]; 16] = {
 
 impl Ymm {
     #[inline(always)]
+    fn below(self, other: Self) -> Bits {
+        // SAFETY: see the module's documentation.
+        unsafe { _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LT_OQ>(self.0, other.0)) as Bits }
+    }
+
+    #[inline(always)]
     fn blend(bits: Bits, a: Self, b: Self) -> Self {
         // SAFETY: see the module's documentation; the mask and the vector both consist of four times 64 bits.
         unsafe {
@@ -218,13 +246,7 @@ impl Ymm {
 }
 
 impl Lanes for Ymm {
-    alike!(4, "avx2,fma", _mm256_sqrt_pd);
-
-    #[inline(always)]
-    fn less(self, other: Self) -> Bits {
-        // SAFETY: see the module's documentation.
-        unsafe { _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LT_OQ>(self.0, other.0)) as Bits }
-    }
+    alike!(4);
 
     #[inline(always)]
     fn at_most(self, other: Self) -> Bits {

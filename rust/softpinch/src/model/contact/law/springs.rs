@@ -1,0 +1,123 @@
+//! Springs as (4) has them, whose force on an upright face is a given curve F(d).
+//!
+//! Springs at the depth z below the apex have the density F''(z), and each is compressed by d_n - z. As in (4) they are
+//! parallel to the finger and linear, so that with Phi, the integral of F,
+//! P = chi {Phi / cos^2 + kappa F d_t tan + eta F' d_t^2 / 2}. F = pi E d^2 is (5). chi is the share of (4) that is left on
+//! a curved side, and eta, one in (4), makes the springs softer or stiffer in shear.
+
+use super::measured::Measured;
+use super::power::Power;
+use super::{ElasticGradient, LawKind};
+use crate::model::contact::shape::{Counterface, ShapeKind};
+use crate::model::source::Source;
+use crate::number::real::Real;
+
+/// The force of the upright tip, its integral and its first two derivatives.
+#[derive(Debug, Clone, Copy)]
+pub struct Curve<R> {
+    /// Phi, J.
+    pub integral: R,
+    /// F, N.
+    pub force: R,
+    /// F', N/m.
+    pub slope: R,
+    /// F'', N/m^2.
+    pub bend: R,
+}
+
+/// The curve of a law.
+#[derive(Debug, Clone, Copy)]
+enum Force<R> {
+    /// c d^2.
+    Square(R),
+    /// A power.
+    Power(Power<R>),
+    /// A measured curve.
+    Measured(Measured<R>),
+}
+
+/// The constants of a law.
+#[derive(Debug, Clone, Copy)]
+pub struct Springs<R> {
+    force: Force<R>,
+    /// chi.
+    share: R,
+    /// kappa.
+    coupling: R,
+    /// eta.
+    shear_factor: R,
+}
+
+impl<R: Real> Springs<R> {
+    /// The law of tip `i`.
+    #[inline(always)]
+    pub(super) fn new(source: &impl Source<R>, i: usize) -> Self {
+        let (kinds, one) = (source.kinds(), R::constant(1.0));
+        let mut share = one;
+        if kinds.shape(i) == ShapeKind::Arc {
+            let radius = source.number(|p| p.shapes[i].radius);
+            let ratio = radius / source.number(|p| p.tips[i].radius + p.shapes[i].radius);
+            share = match kinds.counterface(i) {
+                Counterface::Flat => one,
+                Counterface::Cylinder => ratio.sqrt(),
+                Counterface::Sphere => ratio,
+            };
+        }
+        let mut shear_factor = source.number(|p| p.laws[i].shear_factor);
+        let force = match kinds.law(i) {
+            LawKind::ParallelSprings => {
+                shear_factor = one;
+                let modulus = source.number(|p| p.tips[i].youngs_modulus);
+                Force::Square(R::constant(std::f64::consts::PI) * modulus)
+            }
+            LawKind::Power => Force::Power(Power::new(source, i)),
+            LawKind::Measured => Force::Measured(Measured::new(source, i)),
+        };
+        Self { force, share, coupling: source.number(|p| p.tips[i].tilt_coupling), shear_factor }
+    }
+
+    /// The curve at a compression. Where this is negative the curve goes on as F''(0) d^2 / 2, as (5) does.
+    #[inline(always)]
+    pub(super) fn curve(&self, d: R) -> Curve<R> {
+        let third = R::constant(1.0 / 3.0);
+        let compressed = d.positive_part();
+        let inside = match &self.force {
+            Force::Square(c) => {
+                let stretched = *c * d;
+                let force = stretched * d;
+                let two = R::constant(2.0);
+                return Curve { integral: force * d * third, force, slope: two * stretched, bend: two * *c };
+            }
+            Force::Power(power) => power.curve(compressed),
+            Force::Measured(measured) => measured.curve(compressed),
+        };
+        let open = d - compressed;
+        let slope = inside.bend * open;
+        let force = R::constant(0.5) * slope * open;
+        Curve {
+            integral: inside.integral + force * open * third,
+            force: inside.force + force,
+            slope: inside.slope + slope,
+            bend: inside.bend,
+        }
+    }
+
+    /// The elastic energy P and its gradient in theta_p, d_n and d_t, for sin theta_p, cos theta_p, d_n and d_t.
+    #[inline(always)]
+    pub(super) fn elastic(&self, [sin_tilt, cos_tilt, d_n, d_t]: [R; 4]) -> (R, ElasticGradient<R>) {
+        let secant = R::constant(1.0) / cos_tilt;
+        let tangent = sin_tilt * secant;
+        let square = secant * secant;
+        let Curve { integral, force, slope, bend } = self.curve(d_n);
+        let half = (R::constant(0.5) * self.shear_factor) * d_t;
+        let lean = self.coupling * tangent;
+        let energy = integral.dot2(square, d_t, force.dot2(lean, slope, half));
+        let gradient = ElasticGradient {
+            tilt: self.share
+                * (square * (R::constant(2.0) * integral).dot2(tangent, self.coupling * force, d_t)),
+            normal: self.share * force.mul_add(square, d_t * slope.dot2(lean, bend, half)),
+            tangential: self.share * force.dot2(lean, slope, self.shear_factor * d_t),
+        };
+        (self.share * energy, gradient)
+    }
+}
