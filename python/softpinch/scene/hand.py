@@ -7,12 +7,14 @@ right finger and always comes first.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
 
 from ..support import checks
-from ..support.record import SIDES, Parser, Record
+from ..support.record import SIDES, Kinded, Parser, Record
+from .parts import Arc, Face, Mechanism, ObjectSide, ParallelSprings, TipLaw
 
 
 def one_or_pair(cls: type[Record]) -> Parser:
@@ -40,6 +42,16 @@ def take_one_or_pair(name: str, value: object, cls: type[Record]) -> object:
         return value if isinstance(value, cls) else members
     rule = f"must be a {cls.__name__} or a pair of them, (right, left)"
     raise TypeError(f"{name} = {checks.shown(value)}: {rule}")
+
+
+def _or_other(paper: type[Record], others: type[Kinded]) -> Parser:
+    """Returns a parser of the paper's part, or of another one, whose table has a `kind`."""
+
+    def parse(data: Any, path: str) -> Any:
+        other = isinstance(data, Mapping) and "kind" in data
+        return (others if other else paper)._parse(data, path)
+
+    return parse
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -77,6 +89,8 @@ class Fingertip(Record):
             object's mass, as the paper does, and follows its changes.
         tangential_mass: m_t, the mass that moves with the shear d_t (14), kg. None uses the
             object's mass.
+        law: A `PowerLaw` or a `MeasuredLaw`, which takes the place of (5). None is (5), and so is
+            `ParallelSprings`, whose modulus becomes that of the tip.
     """
 
     radius: float = 0.020
@@ -86,6 +100,17 @@ class Fingertip(Record):
     tilt_coupling: float = 1.0
     normal_mass: float | None = None
     tangential_mass: float | None = None
+    law: TipLaw | None = None
+
+    _parsers: ClassVar[Mapping[str, Parser]] = {"law": TipLaw._parse}
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.law is not None:
+            checks.instance("Fingertip.law", self.law, TipLaw)
+        if isinstance(self.law, ParallelSprings):
+            self._set("youngs_modulus", self.law.youngs_modulus)
+            self._set("law", None)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -93,24 +118,25 @@ class Hand(Record):
     """Two fingers with their fingertips.
 
     Attributes:
-        right: Finger 1.
+        right: Finger 1: a `Finger`, a `Jaw` or a `Parallelogram`.
         left: Finger 2.
         tip: One fingertip for both fingers, or a pair (right, left).
     """
 
-    right: Finger = field(default_factory=Finger)
-    left: Finger = field(default_factory=Finger)
+    right: Finger | Mechanism = field(default_factory=Finger)
+    left: Finger | Mechanism = field(default_factory=Finger)
     tip: Fingertip | tuple[Fingertip, Fingertip] = field(default_factory=Fingertip)
 
     _parsers: ClassVar[Mapping[str, Parser]] = {
-        "right": Finger._parse,
-        "left": Finger._parse,
+        "right": _or_other(Finger, Mechanism),
+        "left": _or_other(Finger, Mechanism),
         "tip": one_or_pair(Fingertip),
     }
 
     def __post_init__(self) -> None:
-        checks.instance("Hand.right", self.right, Finger)
-        checks.instance("Hand.left", self.left, Finger)
+        for side in SIDES:
+            kinds, words = (Finger, Mechanism), "a Finger, a Jaw or a Parallelogram"
+            checks.instance(f"Hand.{side}", getattr(self, side), kinds, words)
         self._set("tip", take_one_or_pair("Hand.tip", self.tip, Fingertip))
 
     @property
@@ -125,10 +151,10 @@ class Hand(Record):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class GraspedObject(Record):
-    """The grasped object: a rigid body with two parallel faces.
+    """The grasped object: a rigid body between two sides, which are parallel faces unless given.
 
-    `GraspedObject.box` and `GraspedObject.cylinder` compute the inertia and the height of uniform
-    bodies. `inertia` is a value of its own, which does not follow changes of mass and width:
+    `box`, `cylinder`, `disc` and `wedge` compute the inertia and the sides of uniform bodies.
+    `inertia` is a value of its own, which does not follow changes of mass and width:
     `simulate` warns if it is less than that of a uniform box of the mass and the width, or more
     than bodies of the mass between the faces usually have.
 
@@ -142,6 +168,9 @@ class GraspedObject(Record):
         height: Height of the faces, half of it on each side of the centre of gravity, m. A contact
             beyond their ends is reported as the violation "off_face"; it changes nothing in the
             motion. None is faces without an end.
+        right: The side that finger 1 touches: a `Face` or an `Arc`. None is a face parallel to the
+            other one.
+        left: The side that finger 2 touches.
     """
 
     width: float = 0.049
@@ -149,6 +178,60 @@ class GraspedObject(Record):
     inertia: float = 4.0e-5
     com_offset: float = 0.0
     height: float | None = None
+    right: ObjectSide | None = None
+    left: ObjectSide | None = None
+
+    _parsers: ClassVar[Mapping[str, Parser]] = dict.fromkeys(SIDES, ObjectSide._parse)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for side in SIDES:
+            if getattr(self, side) is not None:
+                words = "a Face or an Arc"
+                checks.instance(f"GraspedObject.{side}", getattr(self, side), ObjectSide, words)
+
+    @classmethod
+    def disc(cls, diameter: float, mass: float) -> Self:
+        """A uniform disc or cylinder held by its round side: a bottle or a can from above.
+
+            >>> import softpinch as sp
+            >>> sp.GraspedObject.disc(diameter=0.06, mass=0.2).right
+            Arc(radius=0.03)
+
+        Args:
+            diameter: 2 R, m.
+            mass: M, kg; the inertia is M R^2 / 2.
+        """
+        radius = 0.5 * checks.positive("diameter", diameter)
+        mass = checks.positive("mass", mass)
+        side, inertia = Arc(radius), 0.5 * mass * radius * radius
+        return cls(width=2.0 * radius, mass=mass, inertia=inertia, right=side, left=side)
+
+    @classmethod
+    def wedge(cls, width: float, height: float, mass: float, angle: float) -> Self:
+        """A uniform wedge, whose faces are both tilted.
+
+        Args:
+            width: Distance between the faces at the height of the centre of gravity, m.
+            height: H, from its lower to its upper end, m.
+            mass: M, kg.
+            angle: Tilt of each face, positive where the object is wider at its upper end, rad.
+        """
+        width, height = checks.positive("width", width), checks.positive("height", height)
+        mass, face = checks.positive("mass", mass), Face(tilt=angle)
+        rise = math.tan(face.tilt) * height
+        # W = m + rise^2 / (3 m), where the width halfway up is m.
+        root = width * width - 4.0 / 3.0 * rise * rise
+        middle = 0.5 * (width + math.sqrt(max(root, 0.0)))
+        if root < 0.0 or middle <= abs(rise):
+            rule = f"must leave a width at both ends of an object {width:g} m wide"
+            raise ValueError(f"angle = {angle}: {rule}")
+        offset = rise * height / (6.0 * middle)
+        square = (middle * middle + rise * rise + height * height) / 12.0 - offset * offset
+        face = Face(tilt=face.tilt, height=height / math.cos(face.tilt))
+        return cls(
+            width=width, mass=mass, inertia=mass * square, height=height, right=face, left=face
+        )
 
     @classmethod
     def box(cls, width: float, height: float, mass: float) -> Self:
@@ -173,9 +256,8 @@ class GraspedObject(Record):
     def cylinder(cls, length: float, radius: float, mass: float) -> Self:
         """A uniform cylinder held by its flat ends, with its axis from one tip to the other.
 
-        The tips press on flat faces in this model, so they hold the ends and not the curved side:
-        the width is the length, and the height is the diameter of the ends. The inertia about the
-        axis normal to the plane is M (3 R^2 + L^2) / 12.
+        The width is the length, and the height is the diameter of the ends. `disc` is held by
+        its round side. The inertia about the axis normal to the plane is M (3 R^2 + L^2) / 12.
 
             >>> import softpinch as sp
             >>> sp.GraspedObject.cylinder(length=0.04, radius=0.02, mass=0.12)

@@ -393,13 +393,28 @@ class Scene(Record):
         yield ShownTable(("path", "value", "unit"), rows, f"{len(rows)} numbers", folded=True)
 
     def parameters(self) -> NDArray[np.float64]:
-        """Returns the physical parameters (38,), SI units, in the order of `_core.PARAMETERS`."""
+        """Returns the physical parameters (94,), SI units, in the order of `_core.PARAMETERS`.
+
+        The first 38 are those of the paper's parts; the others have defaults where a scene has no
+        other parts.
+        """
         return self._parameters
 
     # A scene is immutable, so every run of it can share these cached results.
     @cached_property
     def _parameters(self) -> NDArray[np.float64]:
-        return read_only(np.array([self._parameter(path) for path in _core.PARAMETERS]))
+        found = _core.DEFAULTS.copy()
+        own = parts.numbers(self)
+        for k, path in enumerate(_core.PARAMETERS):
+            if path in own:
+                found[k] = own[path]
+            elif k < PAPERS:
+                found[k] = self._parameter(path)
+        for side, tip in zip(SIDES, self.hand.tips, strict=True):
+            if isinstance(tip.law, parts.MeasuredLaw):
+                place = _core.PARAMETERS.index(f"hand.tip.{side}.law.weights")
+                found[place : place + len(tip.law.weights)] = tip.law.weights
+        return read_only(found)
 
     @cached_property
     def _loads(self) -> tuple[Compiled, ...]:
@@ -451,6 +466,8 @@ class Scene(Record):
         for name in path.split("."):
             if isinstance(node, tuple):
                 node = node[SIDES.index(name)]
+            elif isinstance(node, Mechanism):
+                return float(_core.DEFAULTS[_core.PARAMETERS.index(path)])  # of a link
             elif name not in SIDES or isinstance(node, Hand):
                 node = getattr(node, name)
             # Otherwise `name` is a side and both sides share one record.

@@ -35,8 +35,8 @@ use softpinch::model::measures::MEASURES;
 use softpinch::model::motion::Motion;
 use softpinch::model::noise::Noise;
 use softpinch::model::parameters::{
-    Finger, Fingertip, Friction, GraspedObject, PARAMETER_COUNT, Parameters, PidGains, Stabilization,
-    Surroundings, parameter_table,
+    Finger, Fingertip, Friction, GraspedObject, Law, Mechanism, PARAMETER_COUNT, Parameters, PidGains, Side,
+    Stabilization, Surroundings, parameter_table,
 };
 use softpinch::model::rule::Rule;
 use softpinch::model::start;
@@ -52,8 +52,22 @@ fn records() -> Vec<(&'static str, Vec<(&'static str, Rule)>)> {
     let mut scene = Surroundings::FIELDS.to_vec();
     scene.push(("friction", Friction::FIELDS[0].1));
     scene.push(("duration", Rule::Positive));
+    let of = |fields: &[(&'static str, Rule)], names: &[&str]| {
+        fields.iter().filter(|(name, _)| names.contains(name)).copied().collect::<Vec<_>>()
+    };
+    let mut jaw = of(&Finger::FIELDS, &["root_offset", "half_thickness"]);
+    jaw.push(("mass", Rule::Positive));
+    jaw.extend(of(&Mechanism::FIELDS, &["height", "direction", "angle"]));
+    let angle = of(&Mechanism::FIELDS, &["angle"]);
     vec![
         ("Finger", Finger::FIELDS.to_vec()),
+        ("Jaw", jaw),
+        ("Parallelogram", [Finger::FIELDS.to_vec(), angle].concat()),
+        ("Face", of(&Side::FIELDS, &["tilt", "height"])),
+        ("Arc", of(&Side::FIELDS, &["radius", "span"])),
+        ("ParallelSprings", of(&Fingertip::FIELDS, &["youngs_modulus"])),
+        ("PowerLaw", of(&Law::FIELDS, &["coefficient", "exponent", "foot", "shear_factor"])),
+        ("MeasuredLaw", of(&Law::FIELDS, &["shear_factor"])),
         ("Fingertip", Fingertip::FIELDS.to_vec()),
         ("GraspedObject", GraspedObject::FIELDS.to_vec()),
         ("Pid", PidGains::FIELDS.to_vec()),
@@ -121,6 +135,13 @@ fn consistent<'py>(
         &fixed("velocity", &velocity)?,
     );
     Ok((q.row().to_pyarray(py), p.row().to_pyarray(py)))
+}
+
+#[pyfunction]
+fn contacts<'py>(py: Python<'py>, parameters: GivenRow<'py>, q: GivenRows<'py>) -> PyResult<Rows<'py>> {
+    let parameters = self::parameters(&parameters)?;
+    let found = |q: [f64; 9]| softpinch::analysis::evaluate::contacts(&parameters, &q.into());
+    rows(py, columns::<9>("q", &q)?.into_iter().map(found).collect())
 }
 
 #[pyfunction]
@@ -233,7 +254,7 @@ fn simd_level() -> PyResult<&'static str> {
 mod _core {
     #[pymodule_export]
     use super::{
-        Batch, Directions, Inputs, RestScene, Simulation, Simulator, consistent, evaluate, gradients,
+        Batch, Directions, Inputs, RestScene, Simulation, Simulator, consistent, contacts, evaluate, gradients,
         linearize, noise, residuals, sensitivities, simd_level, stable_step, start_driven, start_state,
         validate,
     };
@@ -261,6 +282,7 @@ fn fill(module: &Bound<'_, PyModule>) -> PyResult<()> {
     }
     module.add("RULES", rules)?;
     module.add("PARAMETERS", PyTuple::new(py, parameter_table().into_iter().map(|(path, _)| path))?)?;
+    module.add("DEFAULTS", Parameters::default().to_array().to_pyarray(py))?;
     module.add("METHODS", PyTuple::new(py, METHODS.map(|(name, _)| name))?)?;
     let adaptive =
         METHODS.into_iter().filter(|(_, method)| method.entry().adaptive.is_some()).map(|(name, _)| name);

@@ -7,6 +7,7 @@ use crate::formulation::contact_solve::Response;
 use crate::formulation::csm::Csm;
 use crate::formulation::equations::{self, Equations};
 use crate::model::contact::Side;
+use crate::model::contact::mechanism::Mechanism;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::Coordinates;
 use crate::model::energy::Energies;
@@ -16,6 +17,7 @@ use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
 use crate::model::parameters::{Parameters, Stabilization};
 use crate::model::rule::Rule;
+use crate::number::real::signed;
 
 /// A matrix over coordinates or constraints.
 pub type Matrix<const R: usize, const C: usize> = SMatrix<f64, R, C>;
@@ -82,17 +84,17 @@ pub fn evaluate(
     let Response { multipliers, acceleration: accelerations, .. } = response;
     let [right, left] = forces.elastic;
     let velocity = geometry.constraint_velocity();
+    let (object, fingers) = geometry.couples([right.tilt, left.tilt]);
+    // The forces from outside, along the axes of the hand; `external` of a hand that moves has those of its motion, too.
+    let outside =
+        moving.map_or(input.force, |moving| std::array::from_fn(|k| moving.force[k] - moving.object[k]));
     Ok(Terms {
         mass_matrix: parameters.mass_matrix(),
         constraint_matrix: geometry.constraint_matrix(),
         constraint_rate: Vector4::from(geometry.bias()),
         residuals: Vector4::from(geometry.residuals()),
         residual_rates: [velocity[0], velocity[1]],
-        elastic: vector(
-            [0.0, 0.0, right.tilt - left.tilt],
-            [-right.tilt, -left.tilt],
-            [-right.normal, -left.normal, -right.tangential, -left.tangential],
-        ),
+        elastic: vector(object, fingers, [-right.normal, -left.normal, -right.tangential, -left.tangential]),
         gravity: vector(
             moving.map_or([0.0, -forces.weight, 0.0], |moving| moving.object),
             forces.finger_gravity,
@@ -100,7 +102,7 @@ pub fn evaluate(
         ),
         viscous: vector([0.0; 3], [0.0; 2], plant.drags(p).map(|drag| -drag)),
         control: vector([0.0; 3], forces.torque, [0.0; 4]),
-        external: vector(input.force, [0.0; 2], [0.0; 4]),
+        external: vector(outside, [0.0; 2], [0.0; 4]),
         multipliers: Vector4::from(multipliers),
         accelerations: Vector9::from(accelerations.row()),
         energies: plant.energies(q, p),
@@ -111,6 +113,21 @@ pub fn evaluate(
 /// A vector over q, from its parts for the object, the fingers, and d_n1, d_n2, d_t1 and d_t2.
 fn vector(object: [f64; 3], fingers: [f64; 2], tips: [f64; 4]) -> Vector9 {
     Vector9::from_iterator(object.into_iter().chain(fingers).chain(tips))
+}
+
+/// Both contacts at one state, for drawings and checks: theta_p; the places along the sides from their middles, upwards; for
+/// each contact the side's normal from the left finger to the right one, and the tip's centre. Along the axes of the hand.
+pub fn contacts(parameters: &Parameters, q: &Coordinates) -> [f64; 12] {
+    let geometry = Geometry::new(&Side::both(parameters), q, &Coordinates::zero());
+    let mut found = [0.0; 12];
+    for (i, contact) in geometry.contacts.iter().enumerate() {
+        let [along, across] = contact.out_of_side([1.0, 0.0]);
+        let [inwards, up] = Mechanism::<f64>::new(parameters, i).placed(q.finger[i]).centre;
+        (found[i], found[2 + i]) = (contact.tilt, signed(i, contact.place));
+        found[4 + 2 * i..6 + 2 * i].copy_from_slice(&geometry.outward(along, across));
+        found[8 + 2 * i..10 + 2 * i].copy_from_slice(&[signed(i, inwards), up]);
+    }
+    found
 }
 
 /// (C_1^H, C_2^H, C_1^N, C_2^N) at one state.

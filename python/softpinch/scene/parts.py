@@ -1,0 +1,307 @@
+"""Other hands and objects than the paper's: jaws and parallelograms, faces and arcs, laws of the tip.
+
+docs/own-hand.md says which kind is yours; the mathematics is in the core, `model/contact`. All
+units are SI, angles are radians.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from ..support import checks, extras
+from ..support.arrays import Floats, read_only
+from ..support.record import SIDES, Kinded
+
+if TYPE_CHECKING:
+    from .scene import Scene
+
+# Number of weights of a measured law, as many as the core has: its law is a polynomial of F''.
+_WEIGHTS = 10
+# Resistance of the weights' second differences against noise, and the misfit beyond which no
+# springs of (4) have such a force, as shares of the largest force.
+_SMOOTHING, _MISFIT = 1e-3, 0.1
+_LEAST = 3  # measurements
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Mechanism(Kinded):
+    """Base class of the mechanisms that carry a tip, beside `Finger`."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Jaw(Mechanism):
+    """A jaw of a parallel gripper: its tip travels along a line and does not turn.
+
+    Its coordinate is the travel towards the object, m; its torque is a force, N, and its gains are
+    in N/m, N s/m and N/(m s). At the travel zero the tip's centre is at `root_offset` less
+    `half_thickness` from the middle of the hand.
+
+    Attributes:
+        root_offset: From the middle of the hand to the jaw's middle, m.
+        half_thickness: From there to the tip's centre, towards the object, m.
+        mass: M_i, kg.
+        height: Y_0, the height of the tip's centre above the hand's origin, m.
+        direction: gamma, the direction of travel, upwards from that to the middle, rad.
+        angle: phi_0, the angle of the tip's base to the upright, rad.
+    """
+
+    root_offset: float = 0.049
+    half_thickness: float = 0.0045
+    mass: float = 0.1
+    height: float = 0.0762
+    direction: float = 0.0
+    angle: float = 0.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Parallelogram(Mechanism):
+    """A finger of two equal links that keep its tip's base at one angle.
+
+    Its coordinate is the angle of the links, rad. The tip's centre moves on a circle.
+
+    Attributes:
+        length: L, of the links, m.
+        root_offset: W_f, distance from the middle of the hand to the roots, m.
+        half_thickness: d_f, from the links' end to the tip's centre, towards the object, m.
+        mass: M_i, as of `Finger`, kg.
+        inertia: I_i, in the coordinate, kg m^2.
+        angle: phi_0, the angle of the tip's base to the upright, rad.
+    """
+
+    length: float = 0.0762
+    root_offset: float = 0.049
+    half_thickness: float = 0.0045
+    mass: float = 0.1
+    inertia: float = 5.8e-4
+    angle: float = 0.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ObjectSide(Kinded):
+    """Base class of the sides of a grasped object."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Face(ObjectSide):
+    """A flat side. Its middle is half the object's width from the middle of the object.
+
+    Attributes:
+        tilt: beta, positive where the object is wider at its upper end, rad.
+        height: Length of the face, half of it on each side of its middle, m. None uses the
+            object's height.
+    """
+
+    tilt: float = 0.0
+    height: float | None = None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Arc(ObjectSide):
+    """A convex side, part of a circle: a bottle, a can, a rounded edge.
+
+    Attributes:
+        radius: R, m.
+        center: The circle's centre from the centre of gravity, along the object's axes, m.
+        span: Angle between the ends of the arc, half of it on each side of the point that is
+            level with the centre, rad. None is half a turn.
+        counterface: How the curvature softens the tip, whose energy (4) is that on a flat side.
+            "cylinder", straight out of the plane: by (1 + a/R)^(-1/2). "sphere": by
+            (1 + a/R)^(-1). "flat": not at all, for a law that was measured on the object itself.
+    """
+
+    radius: float
+    center: tuple[float, float] = (0.0, 0.0)
+    span: float | None = None
+    counterface: str = "cylinder"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set("center", checks.pair("Arc.center", self.center))
+        checks.choice("Arc.counterface", self.counterface, COUNTERFACES)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TipLaw(Kinded):
+    """Base class of the laws of a tip's force."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ParallelSprings(TipLaw):
+    """The paper's law (5), F = pi E d_n^2: the same as `Fingertip(youngs_modulus=...)`.
+
+    Attributes:
+        youngs_modulus: E, Pa.
+    """
+
+    youngs_modulus: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PowerLaw(TipLaw):
+    """A force F = c d_n^n of the upright tip, with shear and tilt as parallel springs have them.
+
+    Attributes:
+        coefficient: c, N/m^n.
+        exponent: n, above 1. Below 2 the stiffness against shear has a pole where a tip is
+            released; a `foot` removes it.
+        foot: epsilon, m: F = c {(d + epsilon)^n - epsilon^n - n epsilon^(n-1) d}, whose relative
+            change is about n epsilon / d. None is no foot.
+        shear_factor: Stiffness against shear as a share of the normal stiffness F'.
+    """
+
+    coefficient: float
+    exponent: float
+    foot: float | None = None
+    shear_factor: float = 1.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MeasuredLaw(TipLaw):
+    """A measured force of the upright tip, with shear and tilt as parallel springs have them.
+
+    F'' is the density of the springs (4), which cannot be negative. It is a polynomial of degree 9
+    with weights >= 0 in Bernstein's form, fitted to the forces with a little smoothing (SciPy's
+    non-negative least squares, extra `study`), so that F is smooth and convex. Beyond the last
+    compression F'' keeps its last value.
+
+    Attributes:
+        compression: d_n, rising from above zero (k,), m; at least three.
+        force: F, rising (k,), N.
+        shear_factor: Stiffness against shear as a share of the normal stiffness F'.
+
+    Raises:
+        ValueError: The best fit misses a force by more than a tenth of the largest one: no
+            springs have such a curve, as one that saturates.
+    """
+
+    compression: Floats
+    force: Floats
+    shear_factor: float = 1.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("compression", "force"):
+            values = checks.increasing(f"MeasuredLaw.{name}", getattr(self, name))
+            if len(values) < _LEAST or not values[0] > 0.0:
+                rule = f"must be at least {_LEAST} numbers, the first above zero"
+                raise ValueError(f"MeasuredLaw.{name} = {checks.shown(values.tolist())}: {rule}")
+            self._set(name, values)
+        checks.same_length("MeasuredLaw.force", self.force, "compression", len(self.compression))
+        if not self.misfit <= _MISFIT:
+            raise ValueError(
+                f"MeasuredLaw.force: the best curve of parallel springs misses it by "
+                f"{self.misfit:.0%} of the largest force: must be convex, without saturation"
+            )
+
+    @classmethod
+    def from_csv(cls, path: str | Path, shear_factor: float = 1.0) -> Self:
+        """Reads compressions (m) and forces (N) from the first two columns of a CSV file.
+
+        One line of headings is allowed.
+        """
+        text = Path(path).read_text(encoding="utf-8").splitlines()
+        rows = [line.split(",")[:2] for line in text if line.strip()]
+        try:
+            float(rows[0][0])
+        except (ValueError, IndexError):
+            rows = rows[1:]
+        try:
+            table = np.array(rows, dtype=np.float64).reshape(-1, 2)
+        except ValueError:
+            raise ValueError(f"{path}: must have two columns of numbers, in m and N") from None
+        return cls(table[:, 0], table[:, 1], shear_factor)
+
+    @cached_property
+    def weights(self) -> Floats:
+        """The density of springs F'' in Bernstein polynomials over the range (10,), N/m^2."""
+        optimize = extras.require("scipy.optimize", extra="study", purpose="MeasuredLaw")
+        reach, largest = self.compression[-1], self.force[-1]
+        rows = _curve(self.compression / reach) * reach**2 / (self.force + 0.05 * largest)[:, None]
+        smooth = _SMOOTHING * np.diff(np.eye(_WEIGHTS), n=2, axis=0) * reach**2 / largest
+        right = np.concatenate([self.force / (self.force + 0.05 * largest), np.zeros(len(smooth))])
+        return read_only(optimize.nnls(np.concatenate([rows, smooth]), right)[0])
+
+    def predicted(self, compression: Floats) -> Floats:
+        """The fitted force at compressions within the range, N."""
+        reach = self.compression[-1]
+        return np.asarray(_curve(np.asarray(compression) / reach) @ self.weights * reach**2)
+
+    @cached_property
+    def misfit(self) -> float:
+        """The largest difference between fitted and measured forces over the largest force."""
+        return float(np.abs(self.predicted(self.compression) - self.force).max() / self.force[-1])
+
+
+def _curve(x: Floats) -> Floats:
+    """Second integrals of the Bernstein polynomials of degree 9 (k, 10), at 0 <= x <= 1."""
+    n = _WEIGHTS + 1
+    whole = np.array([math.comb(n, k) * x**k * (1.0 - x) ** (n - k) for k in range(n + 1)])
+    # The integral of the k-th polynomial is the sum of those above it, of one degree more.
+    shares = np.tril(np.ones((n + 1, n + 1)), -1)[:, :n] @ np.tril(np.ones((n, n)), -1)[:, : n - 1]
+    return np.asarray(whole.T @ shares / (n * (n - 1)))
+
+
+def sides_of(grasped: Any) -> tuple[ObjectSide | None, ObjectSide | None]:
+    """The right and the left side of an object; None is a face parallel to the other one."""
+    plain = Face()
+    right, left = (None if side == plain else side for side in (grasped.right, grasped.left))
+    return right, left
+
+
+def numbers(scene: Scene) -> dict[str, float]:
+    """The numbers of parts that are not the paper's, by their paths in `_core.PARAMETERS`."""
+    found: dict[str, float] = {}
+    sides = sides_of(scene.grasped)
+    fingers = (scene.hand.right, scene.hand.left)
+    for k, name in enumerate(SIDES):
+        finger, side, tip = fingers[k], sides[k], scene.hand.tips[k]
+        if isinstance(finger, Mechanism):
+            place = f"hand.{name}"
+            found[f"{place}.kind"] = 1.0 if isinstance(finger, Jaw) else 2.0
+            found |= {f"{place}.{key}": value for key, value in finger._values().items()}
+        place = f"grasped.{name}"
+        if isinstance(side, Face):
+            height = scene.grasped.height if side.height is None else side.height
+            found |= {f"{place}.kind": 1.0, f"{place}.tilt": side.tilt}
+            found[f"{place}.height"] = math.inf if height is None else height
+        if isinstance(side, Arc):
+            found |= {f"{place}.kind": 2.0, f"{place}.radius": side.radius}
+            found[f"{place}.center_x"], found[f"{place}.center_y"] = side.center
+            found[f"{place}.span"] = math.pi if side.span is None else side.span
+            found[f"{place}.counterface"] = COUNTERFACES[side.counterface]
+        place, law = f"hand.tip.{name}.law", tip.law
+        if isinstance(law, PowerLaw):
+            found |= {f"{place}.kind": 1.0, f"{place}.coefficient": law.coefficient}
+            found[f"{place}.exponent"], found[f"{place}.foot"] = law.exponent, law.foot or 0.0
+        if isinstance(law, MeasuredLaw):
+            found |= {f"{place}.kind": 2.0, f"{place}.range": float(law.compression[-1])}
+        if isinstance(law, PowerLaw | MeasuredLaw):
+            found[f"{place}.shear_factor"] = law.shear_factor
+    return found
+
+
+def others(scene: Scene) -> list[str]:
+    """The parts of a scene that are not the paper's, in words."""
+    found = [type(finger).__name__ for finger in (scene.hand.right, scene.hand.left)]
+    found += [type(side).__name__ for side in sides_of(scene.grasped)]
+    found += [type(tip.law).__name__ for tip in scene.hand.tips]
+    return [name for name in dict.fromkeys(found) if name not in ("Finger", "NoneType")]
+
+
+def jaws(scene: Scene) -> tuple[bool, bool]:
+    """Whether the right and the left finger is a jaw, whose coordinate is a length."""
+    return isinstance(scene.hand.right, Jaw), isinstance(scene.hand.left, Jaw)
+
+
+Mechanism._kinds = {"jaw": Jaw, "parallelogram": Parallelogram}
+ObjectSide._kinds = {"face": Face, "arc": Arc}
+TipLaw._kinds = {"springs": ParallelSprings, "power": PowerLaw, "measured": MeasuredLaw}
+# The numbers of the kinds, as the core has them.
+COUNTERFACES: Mapping[str, float] = {"flat": 0.0, "cylinder": 1.0, "sphere": 2.0}
