@@ -254,9 +254,9 @@ fn simd_level() -> PyResult<&'static str> {
 mod _core {
     #[pymodule_export]
     use super::{
-        Batch, Directions, Inputs, RestScene, Simulation, Simulator, consistent, contacts, evaluate, gradients,
-        linearize, noise, residuals, sensitivities, simd_level, stable_step, start_driven, start_state,
-        validate,
+        Batch, Directions, Inputs, RestScene, Simulation, Simulator, consistent, contacts, evaluate,
+        gradients, linearize, noise, residuals, sensitivities, simd_level, stable_step, start_driven,
+        start_state, validate,
     };
 
     #[pymodule_init]

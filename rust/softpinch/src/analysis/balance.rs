@@ -113,7 +113,7 @@ impl<R: Real> Balance<R> {
     ) -> (Self, Geometry<R>) {
         let zero = R::zero();
         let mut motion = Motion { q: coordinates(z), ..Motion::zero() };
-        let geometry = Geometry::constrained(&plant.sides, &mut motion.q, &mut motion.p);
+        let geometry = Geometry::constrained(false, &plant.sides, &mut motion.q, &mut motion.p);
         let q = motion.q;
         let none = no_finger_forces();
         let moving = frame.map(|frame| plant.carried.loads(frame, &input.force, &q, &motion.p));
@@ -137,7 +137,60 @@ impl<R: Real> Balance<R> {
     }
 }
 
+/// The balance of unknowns with derivatives, and the derivatives of the shears by the pose under the no-slip constraint.
+#[inline(always)]
+fn seeded<const W: usize>(
+    scene: &RestScene,
+    plant: &Plant<Dual<f64, W>>,
+    z: &Unknowns<Dual<f64, W>>,
+) -> (Balance<Dual<f64, W>>, [[f64; 5]; 2]) {
+    let Input { target, force, .. } = scene.input;
+    let none = Dual::constant(0.0);
+    let input = Input {
+        target: [Dual::constant(target[0]), Dual::constant(target[1])],
+        target_rate: [none; 2],
+        target_acceleration: [none; 2],
+        force: [Dual::constant(force[0]), Dual::constant(force[1]), Dual::constant(force[2])],
+        tau: none,
+    };
+    let frame = scene.frame.as_ref().map(FrameMotion::constant);
+    let (found, geometry) = Balance::new(plant, (&input, frame.as_ref()), z);
+    let mut no_slip = [[0.0; 5]; 2];
+    for (i, row) in no_slip.iter_mut().enumerate() {
+        let contact = &geometry.contacts[i];
+        let [along, across] = contact.push(i, [none, Dual::constant(1.0)]);
+        let [x, y] = geometry.outward(along, across);
+        *row = [-x.value, -y.value, -contact.e.value, 0.0, 0.0];
+        row[FINGER + i] = -contact.f.value;
+    }
+    (found, no_slip)
+}
+
 impl Balance<Directions> {
+    /// A balance of zeros.
+    fn nothing() -> Self {
+        let (zero, q) = (Directions::zero(), Coordinates::zero());
+        let (pair, forces) = ([zero; 2], [zero; 5]);
+        Self { q, tilt: pair, sigma: pair, forces, torque: pair, multipliers: [zero; 4] }
+    }
+
+    /// Takes values and derivatives in one direction.
+    fn set_direction(&mut self, k: usize, own: &Balance<Dual<f64, 1>>) {
+        let mut q = self.q.row();
+        let parts: [(&mut [Directions], &[Dual<f64, 1>]); 6] = [
+            (&mut q, &own.q.row()),
+            (&mut self.tilt, &own.tilt),
+            (&mut self.sigma, &own.sigma),
+            (&mut self.forces, &own.forces),
+            (&mut self.torque, &own.torque),
+            (&mut self.multipliers, &own.multipliers),
+        ];
+        for (all, own) in parts {
+            all.iter_mut().zip(own).for_each(|(all, own)| all.set_direction(k, *own));
+        }
+        self.q = q.into();
+    }
+
     /// The values without derivatives.
     fn values(&self) -> Balance<f64> {
         let q = self.q;
@@ -181,6 +234,8 @@ pub struct RestScene {
     instructions: Instructions,
     pub(super) plant: Plant<f64>,
     dual: Plant<Directions>,
+    /// The same in one direction, for parts that are not the paper's.
+    single: Plant<Dual<f64, 1>>,
 }
 
 /// The balance at one set of unknowns, with its derivatives by the unknowns.
@@ -219,6 +274,7 @@ impl RestScene {
             instructions: level.require()?,
             plant: Plant::new(parameters, fingers, moves),
             dual: Plant::new(parameters, fingers, moves),
+            single: Plant::new(parameters, fingers, moves),
             parameters: parameters.clone(),
         })
     }
@@ -226,9 +282,10 @@ impl RestScene {
     /// The same scene with other parameters.
     pub fn with(&self, parameters: Parameters) -> Self {
         let (fingers, moves) = (self.fingers, self.frame.is_some());
-        let (plant, dual) =
+        let plant = Plant::new(&parameters, fingers, moves);
+        let (dual, single) =
             (Plant::new(&parameters, fingers, moves), Plant::new(&parameters, fingers, moves));
-        Self { parameters, plant, dual, ..self.clone() }
+        Self { parameters, plant, dual, single, ..self.clone() }
     }
 
     /// The same scene under other inputs.
@@ -276,7 +333,7 @@ impl RestScene {
 
     /// The energies of a state at rest.
     pub fn energies(&self, balance: &Balance<f64>) -> Energies {
-        self.plant.energies(&balance.q, &Coordinates::zero())
+        self.plant.energies(self.parameters.has_the_papers_parts(), &balance.q, &Coordinates::zero())
     }
 
     /// The stiffness that a finger's law has, N m/rad.
@@ -388,17 +445,19 @@ impl LaneTask<f64> for Evaluate<'_> {
         for k in 0..UNKNOWNS {
             unknowns[k] = Dual::variable(z[k], k);
         }
-        let lift = Directions::constant;
-        let Input { target: [right, left], force: [x, y, moment], .. } = scene.input;
-        let input = Input {
-            target: [lift(right), lift(left)],
-            target_rate: [lift(0.0); 2],
-            target_acceleration: [lift(0.0); 2],
-            force: [lift(x), lift(y), lift(moment)],
-            tau: lift(0.0),
+        let (found, no_slip) = if scene.parameters.has_the_papers_parts() {
+            seeded(scene, &scene.dual, &unknowns)
+        } else {
+            let mut found = Balance::nothing();
+            let mut no_slip = [[0.0; 5]; 2];
+            for k in 0..UNKNOWNS {
+                let (own, rows) = seeded(scene, &scene.single, &unknowns.map(|own| own.only(k)));
+                found.set_direction(k, &own);
+                no_slip = rows;
+            }
+            (found, no_slip)
         };
-        let frame = scene.frame.as_ref().map(FrameMotion::constant);
-        let (found, geometry) = Balance::new(&scene.dual, (&input, frame.as_ref()), &unknowns);
+        let input: Input<Directions> = scene.input.map(Directions::constant);
         let held = scene.held();
         let mut rows = [Directions::zero(); UNKNOWNS];
         rows[..5].copy_from_slice(&found.forces);
@@ -410,15 +469,6 @@ impl LaneTask<f64> for Evaluate<'_> {
             };
         }
         rows[5..].copy_from_slice(&member.rows(&found));
-        let values = |numbers: [Directions; 2]| numbers.map(|dual| dual.value);
-        let no_slip = |i: usize| {
-            let contact = &geometry.contacts[i];
-            let [along, across] = contact.push(i, [Directions::zero(), Directions::constant(1.0)]);
-            let [x, y] = values(geometry.outward(along, across));
-            let mut row = [-x, -y, -contact.e.value, 0.0, 0.0];
-            row[FINGER + i] = -contact.f.value;
-            row
-        };
         Rows {
             values: rows.map(|row| row.value),
             jacobian: slopes(&rows),
@@ -426,7 +476,7 @@ impl LaneTask<f64> for Evaluate<'_> {
             forces: slopes(&found.forces),
             sigma: slopes(&found.sigma),
             compressions: slopes(&found.q.compression),
-            no_slip: [no_slip(0), no_slip(1)],
+            no_slip,
         }
     }
 }

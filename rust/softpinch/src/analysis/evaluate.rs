@@ -105,7 +105,7 @@ pub fn evaluate(
         external: vector(outside, [0.0; 2], [0.0; 4]),
         multipliers: Vector4::from(multipliers),
         accelerations: Vector9::from(accelerations.row()),
-        energies: plant.energies(q, p),
+        energies: plant.energies(geometry.is_the_papers(), q, p),
         target: input.target,
     })
 }

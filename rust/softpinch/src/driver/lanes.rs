@@ -9,7 +9,7 @@ use crate::method::table::adaptive_in_lanes;
 use crate::method::traits::Runs;
 use crate::model::energy::Energies;
 use crate::number::lanes::Lanes;
-use crate::number::simd::dispatch::{LaneKernel, dispatch_lanes};
+use crate::number::simd::dispatch::{LaneKernel, dispatch_four_lanes, dispatch_lanes};
 use crate::number::simd::level::Instructions;
 use crate::stepping::adaptive::AdaptiveSteps;
 use crate::stepping::batch::LoopSetup;
@@ -50,12 +50,19 @@ pub(super) struct RunsInLanes<'q, 'a> {
     /// The options and the equations of all runs.
     pub(super) options: &'a Options,
     pub(super) choice: Choice,
+    /// Whether the parts of all runs are the paper's.
+    pub(super) papers: bool,
 }
 
 impl RunsInLanes<'_, '_> {
     /// Computes the runs. Returns `None` if the steps of the method have no lanes, which its entry says.
     pub(super) fn compute(self) -> Result<Option<()>, Error> {
-        dispatch_lanes(self.options.simd, self)?
+        if self.papers {
+            dispatch_lanes(self.options.simd, self)?
+        } else {
+            // Vectors of eight lanes have code for the paper's parts only.
+            dispatch_four_lanes(self.options.simd, self)?
+        }
     }
 }
 
@@ -65,7 +72,7 @@ impl LaneKernel for RunsInLanes<'_, '_> {
 
     #[inline(always)]
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
-        let Self { queue, grid, options, choice } = self;
+        let Self { queue, grid, options, choice, .. } = self;
         let Some(method) = options.method.entry().lanes else { return Ok(None) };
         let setup = LoopSetup { instructions, options, choice, queue };
         let computed = match (options.steps, method) {

@@ -71,7 +71,8 @@ fn compute_part(
         };
         let queue = LaneQueue { take: &mut take, stops, finish: &mut finish };
         let choice = options.choice(&first.scene.inputs);
-        if (RunsInLanes { queue, grid: &grid, options, choice }).compute()?.is_some() {
+        let papers = first.scene.parameters.has_the_papers_parts();
+        if (RunsInLanes { queue, grid: &grid, options, choice, papers }).compute()?.is_some() {
             return Ok(());
         }
     }

@@ -76,6 +76,10 @@ fn ends(scene: &Scene, options: &Options, interrupted: &dyn Fn() -> bool) -> Res
         let allowed = "those with contact = \"bilateral\" and without a SampledController".to_owned();
         return Err(Error::Unknown { field: "sensitivities", name: "of this scene".to_owned(), allowed });
     }
+    if !scene.parameters.has_the_papers_parts() {
+        let allowed = "those of rotary fingers, parallel faces and the law (5)".to_owned();
+        return Err(Error::Unknown { field: "sensitivities", name: "of this scene".to_owned(), allowed });
+    }
     match &options.steps {
         Steps::Fixed(_) => Ok(Vec::new()),
         Steps::Free { .. } => {
@@ -108,7 +112,7 @@ impl LaneKernel for All<'_> {
         for (chunk, directions) in all.chunks(DIRECTIONS).enumerate() {
             let slopes = std::array::from_fn(|k| {
                 let own = directions.get(k).map_or([0.0; PARAMETER_COUNT], |own| own.parameters);
-                Parameters::unchecked(&own).of_the_kinds(&scene.parameters)
+                Parameters::unchecked(&own)
             });
             let source = VariedParameters { parameters: &scene.parameters, slopes };
             let twice = options.method == Method::Rosenbrock;

@@ -1,6 +1,7 @@
 //! One run: the checks before it, its result, and the choice of the code that computes it.
 
 use crate::error::Error;
+use crate::formulation::any_parts::AnyParts;
 use crate::formulation::inlined::Inlined;
 use crate::formulation::mode_selection::Contact;
 use crate::formulation::scene_equations::{EquationKind, SceneEquations, with};
@@ -275,11 +276,12 @@ fn run<'a>(
             if options.method == Method::Rk4
                 && options.contact == ContactModel::Bilateral
                 && !(choice.ledger || choice.moves)
+                && scene.parameters.has_the_papers_parts()
             {
                 let gains = &options.stabilization;
                 let called = &SceneEquations::new(instructions, choice, &scene.parameters, gains);
                 let method = &mut Rk4::default();
-                return with!(called.kind, equations [false] => if choice.fingers == Fingers::Driven {
+                return with!(called.kind, equations [false, false] => if choice.fingers == Fingers::Driven {
                     let system = Inlined::<_, _, true> { equations, called };
                     let build = |_: Runs<'_>| (system, method);
                     f64::call(instructions, EqualSteps { setup, grid, build })

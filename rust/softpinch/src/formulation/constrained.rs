@@ -15,7 +15,7 @@ use crate::model::coordinates::Coordinates;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
 use crate::number::linear::solve3;
-use crate::number::real::{LaneTask, Real, signed};
+use crate::number::real::{Real, signed};
 
 /// The solution.
 #[derive(Debug, Clone, Copy)]
@@ -30,42 +30,6 @@ pub struct Constrained<R> {
 /// the schedule prescribes for driven fingers.
 #[inline(always)]
 pub fn constrained<R: Real>(
-    driven: bool,
-    geometry: &Geometry<R>,
-    plant: &Plant<R>,
-    f: &Coordinates<R>,
-    b: &[R; 4],
-    finger_acceleration: &[R; 2],
-) -> Constrained<R> {
-    if geometry.is_the_papers() {
-        return solved(driven, &geometry.the_papers(), plant, f, b, finger_acceleration);
-    }
-    // Copies, so that the numbers of the paper's contacts need no place in memory.
-    let (geometry, f, b, fingers) = (*geometry, *f, *b, *finger_acceleration);
-    R::outlined(Solve { driven, plant, geometry, f, b, fingers })
-}
-
-/// Solves for other contacts than the paper's.
-struct Solve<'a, R> {
-    driven: bool,
-    plant: &'a Plant<R>,
-    geometry: Geometry<R>,
-    f: Coordinates<R>,
-    b: [R; 4],
-    fingers: [R; 2],
-}
-
-impl<R: Real> LaneTask<R> for Solve<'_, R> {
-    type Output = Constrained<R>;
-
-    #[inline(always)]
-    fn run(self) -> Constrained<R> {
-        solved(self.driven, &self.geometry, self.plant, &self.f, &self.b, &self.fingers)
-    }
-}
-
-#[inline(always)]
-fn solved<R: Real>(
     driven: bool,
     geometry: &Geometry<R>,
     plant: &Plant<R>,

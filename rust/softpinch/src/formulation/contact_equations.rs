@@ -122,7 +122,7 @@ impl<'a> ContactEquations<'a> {
 
     /// theta_p of both tips.
     pub fn tilts(&self, q: &Coordinates) -> [f64; 2] {
-        std::array::from_fn(|i| self.sides()[i].tilt(i, q).0)
+        std::array::from_fn(|i| self.sides()[i].tilt(false, i, q).0)
     }
 
     /// The lengths of both sides.

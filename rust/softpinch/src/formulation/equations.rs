@@ -12,6 +12,7 @@ use crate::model::energy::{BILATERAL_WORKS, CONTACT_WORKS, Energies, work};
 use crate::model::forces::{Forces, Loads, Plant};
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
+use crate::number::dual::Dual;
 use crate::number::real::{Real, dot};
 
 /// Number of components of the largest state: nine coordinates, their rates, two memories, and the eight works of
@@ -85,6 +86,24 @@ impl<R: Real> Evaluation<R> {
     }
 }
 
+impl<R: Real, const W: usize> Evaluation<Dual<R, W>> {
+    /// Takes values and derivatives in one direction: of the rate, the motion, the multipliers and the torques.
+    pub(super) fn set_direction(&mut self, direction: usize, own: &Evaluation<Dual<R, 1>>) {
+        fn each<R: Real, const W: usize>(k: usize, all: &mut [Dual<R, W>], own: &[Dual<R, 1>]) {
+            for (all, own) in all.iter_mut().zip(own) {
+                all.set_direction(k, *own);
+            }
+        }
+        each(direction, &mut self.rate, &own.rate);
+        each(direction, &mut self.multipliers, &own.multipliers);
+        each(direction, &mut self.torque, &own.torque);
+        let (mut q, mut p) = (self.motion.q.row(), self.motion.p.row());
+        each(direction, &mut q, &own.motion.q.row());
+        each(direction, &mut p, &own.motion.p.row());
+        (self.motion.q, self.motion.p) = (q.into(), p.into());
+    }
+}
+
 /// All terms at one state.
 #[derive(Debug, Clone, Copy)]
 pub struct Terms<R> {
@@ -121,30 +140,44 @@ pub(crate) use for_fingers;
 ///
 /// A formulation says what its states are and what bias its accelerations have. The rest is common to all.
 pub trait Equations<R: Real>: Copy + Debug {
+    /// Whether the code is compiled for each kind of fingers alone.
+    const BY_FINGERS: bool = true;
+
     /// Whether the states can leave the constraints. If so, they have all deformations with their rates; if not, they
     /// have the shears, and the constraints determine the rest.
-    const DRIFTS: bool = true;
-    /// Number of works of the ledger, without that of the hand's motion.
-    const WORKS: usize = BILATERAL_WORKS;
+    #[inline(always)]
+    fn drifts(&self) -> bool {
+        true
+    }
+
     /// Whether contacts can slip and open.
-    const UNILATERAL: bool = false;
+    #[inline(always)]
+    fn opens(&self) -> bool {
+        false
+    }
+
+    /// Number of works of the ledger, without that of the hand's motion.
+    #[inline(always)]
+    fn works(&self) -> usize {
+        if self.opens() { CONTACT_WORKS } else { BILATERAL_WORKS }
+    }
 
     /// Number of coordinates that are states with their rates: the object's, those of fingers that the schedule does not
     /// prescribe, and deformations if the states can drift.
     #[inline(always)]
-    fn degrees(driven: bool) -> usize {
-        3 + if driven { 0 } else { 2 } + if Self::DRIFTS { 4 } else { 0 }
+    fn degrees(&self, driven: bool) -> usize {
+        3 + if driven { 0 } else { 2 } + if self.drifts() { 4 } else { 0 }
     }
 
     /// Number of states of the motion: coordinates, rates, and after these shears and the controllers' memories.
     #[inline(always)]
-    fn states(driven: bool) -> usize {
-        2 * Self::degrees(driven) + if Self::DRIFTS { 0 } else { 2 } + if driven { 0 } else { 2 }
+    fn states(&self, driven: bool) -> usize {
+        2 * self.degrees(driven) + if self.drifts() { 0 } else { 2 } + if driven { 0 } else { 2 }
     }
 
     /// The place of the state's coordinate `n` among all nine.
     #[inline(always)]
-    fn place(driven: bool, n: usize) -> usize {
+    fn place(&self, driven: bool, n: usize) -> usize {
         if driven && n >= 3 { n + 2 } else { n }
     }
 
@@ -158,12 +191,12 @@ pub trait Equations<R: Real>: Copy + Debug {
         let mut y = [R::zero(); MAX_COMPONENTS];
         let (coordinates, rates) = (q.row(), p.row());
         for_fingers!(driven, driven => {
-            let (degrees, states) = (Self::degrees(driven), Self::states(driven));
+            let (degrees, states) = (self.degrees(driven), self.states(driven));
             for n in 0..degrees {
-                y[n] = coordinates[Self::place(driven, n)];
-                y[degrees + n] = rates[Self::place(driven, n)];
+                y[n] = coordinates[self.place(driven, n)];
+                y[degrees + n] = rates[self.place(driven, n)];
             }
-            if !Self::DRIFTS {
+            if !self.drifts() {
                 y[2 * degrees..2 * degrees + 2].copy_from_slice(&q.shear);
             }
             if !driven {
@@ -179,12 +212,12 @@ pub trait Equations<R: Real>: Copy + Debug {
         let (mut q, mut p, mut memory) = ([R::zero(); 9], [R::zero(); 9], [R::zero(); 2]);
         let mut shear = [R::zero(); 2];
         for_fingers!(driven, driven => {
-            let (degrees, states) = (Self::degrees(driven), Self::states(driven));
+            let (degrees, states) = (self.degrees(driven), self.states(driven));
             for n in 0..degrees {
-                q[Self::place(driven, n)] = y[n];
-                p[Self::place(driven, n)] = y[degrees + n];
+                q[self.place(driven, n)] = y[n];
+                p[self.place(driven, n)] = y[degrees + n];
             }
-            if !Self::DRIFTS {
+            if !self.drifts() {
                 shear.copy_from_slice(&y[2 * degrees..2 * degrees + 2]);
             }
             if !driven {
@@ -192,7 +225,7 @@ pub trait Equations<R: Real>: Copy + Debug {
             }
         });
         let (mut q, mut p) = (Coordinates::from(q), Coordinates::from(p));
-        if !Self::DRIFTS {
+        if !self.drifts() {
             q.shear = shear;
         }
         if driven {
@@ -204,7 +237,7 @@ pub trait Equations<R: Real>: Copy + Debug {
     /// The geometry of a motion. A formulation whose states are on the constraints sets what these determine.
     #[inline(always)]
     fn geometry(&self, motion: &mut Motion<R>) -> Geometry<R> {
-        Geometry::new(&self.plant().sides, &motion.q, &motion.p)
+        Geometry::of_the_papers(&self.plant().sides, &motion.q, &motion.p)
     }
 
     /// The bias b of the constraints on the accelerations, Phi a = -b.
@@ -272,8 +305,8 @@ pub trait Equations<R: Real>: Copy + Debug {
         if ledger {
             let powers = self.powers(&terms, contacts, &motion.p);
             for_fingers!(driven, driven => {
-                let states = Self::states(driven);
-                rate[states..states + Self::WORKS].copy_from_slice(&powers[..Self::WORKS]);
+                let states = self.states(driven);
+                rate[states..states + self.works()].copy_from_slice(&powers[..self.works()]);
             });
         }
         Evaluation {
@@ -302,20 +335,20 @@ pub trait Equations<R: Real>: Copy + Debug {
         let Constrained { multipliers: constraint_impulse, acceleration: change } =
             constrained(driven, &geometry, plant, &force, &[zero; 4], &[zero; 2]);
         let jump = self.begin(driven, &Motion { p: change, ..Motion::zero() });
-        let degrees = Self::degrees(driven);
+        let degrees = self.degrees(driven);
         for n in degrees..2 * degrees {
             y[n] = y[n] + jump[n];
         }
         if ledger {
             let half = R::constant(0.5);
             let mean = each_coordinate!([change, p] => half.mul_add(change, p));
-            let works = &mut y[Self::states(driven)..];
+            let works = &mut y[self.states(driven)..];
             works[work::EXTERNAL] = works[work::EXTERNAL] + dot(impulse, &mean.object);
             if driven {
                 let driving = plant.driving_work(&geometry, &constraint_impulse, &p);
                 works[work::CONTROL] = works[work::CONTROL] + driving;
             }
-            if Self::DRIFTS {
+            if self.drifts() {
                 let drift = geometry.phi_times(&mean);
                 works[work::CONSTRAINT] = works[work::CONSTRAINT]
                     + (constraint_impulse[0].dot2(drift[0], constraint_impulse[1], drift[1])
@@ -327,6 +360,6 @@ pub trait Equations<R: Real>: Copy + Debug {
     /// The energies of a motion, for the ledger.
     #[inline(always)]
     fn energies(&self, _: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        self.plant().energies(&motion.q, &motion.p)
+        self.plant().energies(true, &motion.q, &motion.p)
     }
 }

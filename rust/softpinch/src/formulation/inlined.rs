@@ -32,7 +32,7 @@ impl<R: Lanes, E: Equations<R>, const DRIVEN: bool> System<R> for Inlined<'_, R,
 
     #[inline(always)]
     fn components(&self) -> [Range<usize>; 2] {
-        [0..E::states(DRIVEN), 0..0]
+        [0..self.equations.states(DRIVEN), 0..0]
     }
 
     fn begin(&self, motion: &Motion<R>) -> States<R> {

@@ -9,6 +9,7 @@
 //!
 //! | file | contents |
 //! |---|---|
+//! | `any_parts.rs` | the equations of parts that are not the paper's |
 //! | `unilateral.rs` | the equations in given modes |
 //! | `contact_solve.rs` | their 4 x 4 solve |
 //! | `impact.rs` | the impact law |
@@ -18,6 +19,7 @@
 // Loops over several arrays at once are clearer with an index.
 #![allow(clippy::needless_range_loop)]
 
+pub mod any_parts;
 pub mod constrained;
 pub mod contact_equations;
 pub mod contact_solve;

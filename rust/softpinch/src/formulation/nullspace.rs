@@ -27,7 +27,10 @@ impl<R: Real> Nullspace<R> {
 }
 
 impl<R: Real> Equations<R> for Nullspace<R> {
-    const DRIFTS: bool = false;
+    #[inline(always)]
+    fn drifts(&self) -> bool {
+        false
+    }
 
     #[inline(always)]
     fn plant(&self) -> &Plant<R> {
@@ -36,7 +39,7 @@ impl<R: Real> Equations<R> for Nullspace<R> {
 
     #[inline(always)]
     fn geometry(&self, motion: &mut Motion<R>) -> Geometry<R> {
-        Geometry::constrained(&self.plant.sides, &mut motion.q, &mut motion.p)
+        Geometry::constrained(true, &self.plant.sides, &mut motion.q, &mut motion.p)
     }
 
     #[inline(always)]

@@ -73,7 +73,7 @@ pub fn correct<R: Real, E: Equations<R>>(
 ) {
     let plant = equations.plant();
     let Motion { q: left_q, p: left_p, memory } = equations.unpack(driven, input, y);
-    let q = corrected_position(plant, &left_q, if E::UNILATERAL { contacts.free } else { [0; 2] });
+    let q = corrected_position(plant, &left_q, if equations.opens() { contacts.free } else { [0; 2] });
     let geometry = Geometry::new(&plant.sides, &q, &left_p);
     let (zero, finger_acceleration) = (R::zero(), [R::zero(); 2]);
     // Phi dp = -Phi p and M dp = Phi^T nu: this is the solve of (24) without a force.
@@ -81,7 +81,7 @@ pub fn correct<R: Real, E: Equations<R>>(
     let force = Coordinates::zero();
     let mut change = constrained(driven, &geometry, plant, &force, &drift, &finger_acceleration).acceleration;
     let special = contacts.special();
-    if E::UNILATERAL && special != 0 {
+    if equations.opens() && special != 0 {
         // Contacts that slip or graze keep C^H only, as those that slip without friction do.
         let up = [contacts.slip(0) | contacts.graze[0], contacts.slip(1) | contacts.graze[1]];
         let held = Contacts { up, down: [0; 2], graze: [0; 2], ..*contacts };
@@ -94,7 +94,7 @@ pub fn correct<R: Real, E: Equations<R>>(
     let works = *y;
     *y = equations.begin(driven, &Motion { q, p, memory });
     if ledger {
-        let states = E::states(driven);
+        let states = equations.states(driven);
         y[states..].copy_from_slice(&works[states..]);
         // The energy that the correction adds is work of the constraints.
         let now = equations.energies(contacts, &Motion { q, p, memory });

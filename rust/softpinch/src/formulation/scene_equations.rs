@@ -6,6 +6,7 @@
 //! little (measured: docs/what-a-scene-pays.md), so step loops and methods are compiled once, not once for each
 //! formulation.
 
+use crate::formulation::any_parts::AnyParts;
 use crate::formulation::contact_equations::ContactEquations;
 use crate::formulation::csm::Csm;
 use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, States, for_fingers};
@@ -36,20 +37,23 @@ pub(crate) enum EquationKind<R> {
     Csm(Csm<R>),
     Nullspace(Nullspace<R>),
     Unilateral(Unilateral<R>),
+    AnyParts(AnyParts<R>),
 }
 
-/// Evaluates one expression with the equations of any kind. No code is compiled for unilateral contact if the
-/// constant in brackets is false; then no equations are of its kinds.
+/// Evaluates one expression with the equations of any kind. No code is compiled for unilateral contact, or for parts that
+/// are not the paper's, if the constants in brackets are false; then no equations are of these kinds.
 macro_rules! with {
     ($kind:expr, $equations:ident => $body:expr) => {
-        with!($kind, $equations [true] => $body)
+        with!($kind, $equations [true, true] => $body)
     };
-    ($kind:expr, $equations:ident [$unilateral:expr] => $body:expr) => {
+    ($kind:expr, $equations:ident [$unilateral:expr, $any_parts:expr] => $body:expr) => {
         match &$kind {
             EquationKind::Csm($equations) => $body,
             EquationKind::Nullspace($equations) => $body,
             EquationKind::Unilateral($equations) if $unilateral => $body,
             EquationKind::Unilateral(Unilateral { csm: $equations, .. }) => $body,
+            EquationKind::AnyParts($equations) if $any_parts => $body,
+            EquationKind::AnyParts(AnyParts { unilateral: Unilateral { csm: $equations, .. }, .. }) => $body,
         }
     };
 }
@@ -65,6 +69,12 @@ impl<R: Real> EquationKind<R> {
             Formulation::Nullspace | Formulation::Projected => Stabilization { alpha: 0.0, beta: 0.0 },
         };
         let plant = Plant::new(source, fingers, moves);
+        if R::ANY_PARTS && !source.kinds().has_the_papers_parts() {
+            let opens = contact == ContactModel::Unilateral;
+            let drifts = opens || formulation != Formulation::Nullspace;
+            let unilateral = Unilateral::new(source, Csm::new(plant, &gains));
+            return Self::AnyParts(AnyParts { unilateral, drifts, opens });
+        }
         match (contact, formulation) {
             (ContactModel::Unilateral, _) => {
                 Self::Unilateral(Unilateral::new(source, Csm::new(plant, &gains)))
@@ -78,8 +88,8 @@ impl<R: Real> EquationKind<R> {
 /// The numbers of components of the equations' states, with or without the works of the ledger.
 #[inline(always)]
 pub(super) fn size_of<R: Real, E: Equations<R>>(equations: &E, driven: bool, ledger: bool) -> Size {
-    let works = if ledger { E::WORKS + usize::from(equations.plant().moves) } else { 0 };
-    Size { states: E::states(driven), degrees: E::degrees(driven), works }
+    let works = if ledger { equations.works() + usize::from(equations.plant().moves) } else { 0 };
+    Size { states: equations.states(driven), degrees: equations.degrees(driven), works }
 }
 
 /// The choice of equations, and whether their state carries the ledger.
@@ -107,8 +117,16 @@ pub struct SceneEquations<R> {
     pub(crate) kind: EquationKind<R>,
 }
 
-/// The equations of a scene in dual numbers with `W` directions.
-pub type Tangent<R, const W: usize> = SceneEquations<Dual<R, W>>;
+/// The equations of a scene in dual numbers with `W` directions; those of parts that are not the paper's in one direction
+/// after the other, which takes little code.
+#[derive(Debug, Clone, Copy)]
+#[expect(clippy::large_enum_variant, reason = "a method holds one of them, for all of a run")]
+pub enum Tangent<R, const W: usize> {
+    /// With the paper's parts.
+    Papers(SceneEquations<Dual<R, W>>),
+    /// With others.
+    AnyParts(SceneEquations<Dual<R, 1>>),
+}
 
 /// Builds equations. Lanes need this whenever one of their runs changes. The code is called, not inlined.
 struct Build<'a, S>(Choice, &'a S, &'a Stabilization);
@@ -144,15 +162,16 @@ impl<R: Lanes> SceneEquations<R> {
 /// Copies the components of a derivative that the equations compute.
 #[inline(always)]
 fn copy_computed<R: Real, E: Equations<R>>(
+    equations: &E,
     (driven, ledger): (bool, bool),
     rate: &mut States<R>,
     found: &States<R>,
 ) {
     for_fingers!(driven, driven => {
-        let states = E::states(driven);
+        let states = equations.states(driven);
         rate[..states].copy_from_slice(&found[..states]);
         if ledger {
-            let works = states..states + E::WORKS;
+            let works = states..states + equations.works();
             rate[works.clone()].copy_from_slice(&found[works]);
         }
     });
@@ -189,7 +208,7 @@ pub(super) fn evaluate_into<R: Lanes, E: Equations<R>>(
     now: &mut Evaluation<R>,
 ) {
     let found = equations.evaluate(driven, (input, loads), contacts, y, ledger);
-    copy_computed::<R, E>((driven, ledger), &mut now.rate, &found.rate);
+    copy_computed(equations, (driven, ledger), &mut now.rate, &found.rate);
     now.motion = found.motion;
     now.multipliers = found.multipliers;
     now.residuals = found.residuals;
@@ -197,7 +216,7 @@ pub(super) fn evaluate_into<R: Lanes, E: Equations<R>>(
     now.sin_tilt = found.sin_tilt;
     now.places = found.places;
     now.torque = found.torque;
-    if E::UNILATERAL {
+    if equations.opens() {
         now.share = found.share;
     }
 }
@@ -214,12 +233,12 @@ pub(super) fn rates_into<R: Lanes, E: Equations<R>>(
     let StageState { from, by, along } = at;
     let mut y = [R::zero(); MAX_COMPONENTS];
     for_fingers!(driven, driven => {
-        for n in 0..E::states(driven) {
+        for n in 0..equations.states(driven) {
             y[n] = along[n].mul_add(by, from[n]);
         }
     });
     let found = equations.evaluate(driven, (input, loads), contacts, &y, ledger).rate;
-    copy_computed::<R, E>((driven, ledger), rate, &found);
+    copy_computed(equations, (driven, ledger), rate, &found);
 }
 
 /// Evaluates an expression for the fingers of the equations. If the constant in brackets is true, the code is compiled
@@ -238,7 +257,7 @@ macro_rules! for_fingers_of {
 
 task! {
     Evaluate(drive: &'a SegmentDrive<R>, tau: R, moving: Option<&'a FrameLoads<R>>, y: &'a States<R>, now: &'a mut Evaluation<R>, ledger: bool) -> (),
-    equations => for_fingers_of!(equations, driven [R::ORDER < 2] => {
+    equations => for_fingers_of!(equations, driven [R::ORDER < 2 && E::BY_FINGERS] => {
         let (input, none) = (drive.at(tau), no_finger_forces());
         let loads = Loads::of(&input.force, &none, moving);
         evaluate_into(equations, (driven, ledger), (&input, loads, &drive.contacts), y, now);
@@ -246,7 +265,7 @@ task! {
 }
 task! {
     Rates(input: &'a Input<R>, moving: Option<&'a FrameLoads<R>>, contacts: &'a Contacts<R>, from: &'a States<R>, by: R, along: &'a States<R>, rate: &'a mut States<R>, ledger: bool) -> (),
-    equations => for_fingers_of!(equations, driven [R::ORDER < 2] => {
+    equations => for_fingers_of!(equations, driven [R::ORDER < 2 && E::BY_FINGERS] => {
         let none = no_finger_forces();
         let loads = Loads::of(&input.force, &none, moving);
         rates_into(equations, (driven, ledger), (input, loads, contacts), StageState { from, by, along }, rate);
@@ -311,8 +330,8 @@ task! {
 }
 task! {
     Correct(drive: &'a SegmentDrive<R>, tau: R, y: &'a mut States<R>, ledger: bool) -> (),
-    equations => if E::DRIFTS {
-        for_fingers_of!(equations, driven [R::ORDER == 0 && !E::UNILATERAL] => {
+    equations => if equations.drifts() {
+        for_fingers_of!(equations, driven [R::ORDER == 0 && E::BY_FINGERS && !equations.opens()] => {
             projected::correct(equations, (driven, ledger), &drive.at(tau), &drive.contacts, y);
         });
     }
@@ -345,7 +364,7 @@ impl<R: Lanes> SceneEquations<R> {
     /// The forces of this motion.
     #[inline(never)]
     fn loads(&self, frame: &FrameMotion<R>, input: &Input<R>, at: StageState<'_, R>) -> FrameLoads<R> {
-        let load = with!(self.kind, equations [R::ORDER == 0] => {
+        let load = with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
             let Plant { carried, driven, .. } = equations.plant();
             Load { carried, driven: *driven, degrees: self.size().degrees, frame, input, at }
         });
@@ -376,7 +395,7 @@ impl<R: Lanes> SceneEquations<R> {
         let Self { instructions, ledger, .. } = *self;
         let loads = self.loads(&frame.at(input.tau), input, StageState { from, by, along });
         let moving = Some(&loads);
-        with!(self.kind, equations [R::ORDER == 0] => {
+        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
             R::call(instructions, Rates { equations, input, moving, contacts, from, by, along, rate, ledger });
         });
         self.book(rate, &loads);
@@ -395,7 +414,7 @@ impl<R: Lanes> SceneEquations<R> {
         let input = R::call(instructions, InputAt { drive, tau });
         let loads = self.loads(&frame.at(tau), &input, StageState { from: y, by: R::zero(), along: y });
         let moving = Some(&loads);
-        with!(self.kind, equations [R::ORDER == 0] => {
+        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
             R::call(instructions, Evaluate { equations, drive, tau, moving, y, now, ledger });
         });
         self.book(&mut now.rate, &loads);
@@ -406,13 +425,13 @@ impl<R: Lanes> SceneEquations<R> {
 impl<R: Lanes> System<R> for SceneEquations<R> {
     #[inline(always)]
     fn size(&self) -> Size {
-        with!(self.kind, equations [R::ORDER == 0] => {
+        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
             size_of(equations, equations.plant().driven, self.ledger)
         })
     }
 
     fn begin(&self, motion: &Motion<R>) -> States<R> {
-        with!(self.kind, equations [R::ORDER == 0] => equations.begin(equations.plant().driven, motion))
+        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => equations.begin(equations.plant().driven, motion))
     }
 
     #[inline(always)]
@@ -421,7 +440,7 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
             return self.evaluate_moving(frame, (drive, tau), y, now);
         }
         let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [R::ORDER == 0] => {
+        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
             R::call(instructions, Evaluate { equations, drive, tau, moving: None, y, now, ledger });
         });
     }
@@ -435,7 +454,7 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
             return self.rates_moving(frame, (input, contacts), (from, along), &by, rate);
         }
         let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [R::ORDER == 0] => {
+        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
             R::call(instructions, Rates { equations, input, moving, contacts, from, by, along, rate, ledger });
         });
     }
@@ -457,13 +476,13 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
 
     fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]) {
         let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [R::ORDER == 0] => {
+        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
             R::call(instructions, Jump { equations, input, y, impulse, ledger });
         });
     }
 
     fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        with!(self.kind, equations [R::ORDER == 0] => R::call(self.instructions, Energy { equations, contacts, motion }))
+        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => R::call(self.instructions, Energy { equations, contacts, motion }))
     }
 
     #[inline(always)]
@@ -477,7 +496,7 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
             return;
         }
         let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [R::ORDER == 0] => {
+        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
             R::call(instructions, Correct { equations, drive, tau, y, ledger });
         });
     }
@@ -485,7 +504,7 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
 
 /// Computes a Jacobian in sweeps, each with `W` directions.
 struct Sweeps<'a, R, E, const W: usize> {
-    system: &'a Tangent<R, W>,
+    system: &'a SceneEquations<Dual<R, W>>,
     equations: &'a E,
     drive: &'a SegmentDrive<R>,
     tau: R,
@@ -501,7 +520,7 @@ impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<Dual<R, W>> fo
     fn run(self) {
         let Self { system, equations, drive, tau, y, ledger, jacobian } = self;
         let contacts = drive.contacts.lifted();
-        for_fingers_of!(equations, driven [R::WIDTH > 1 || !E::UNILATERAL] => {
+        for_fingers_of!(equations, driven [E::BY_FINGERS && (R::WIDTH > 1 || !equations.opens())] => {
             let size = size_of(equations, driven, ledger);
             let (states, all) = (size.states, size.all());
             let mut first = 0;
@@ -537,34 +556,87 @@ impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<Dual<R, W>> fo
 
 impl<R: Lanes, const W: usize> Linear<R> for Tangent<R, W> {
     fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>) {
-        let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations => {
-            Dual::call(instructions, Sweeps { system: self, equations, drive, tau, y, ledger, jacobian });
-        });
+        match self {
+            Self::Papers(system) => {
+                let SceneEquations { instructions, ledger, .. } = *system;
+                with!(system.kind, equations [true, false] => {
+                    Dual::call(instructions, Sweeps { system, equations, drive, tau, y, ledger, jacobian });
+                });
+            }
+            Self::AnyParts(system) => {
+                let SceneEquations { instructions, ledger, .. } = *system;
+                if let EquationKind::AnyParts(equations) = &system.kind
+                    && R::ANY_PARTS
+                {
+                    Dual::call(instructions, Sweeps { system, equations, drive, tau, y, ledger, jacobian });
+                }
+            }
+        }
     }
 }
 
 impl<R: Lanes, const W: usize> Tangent<R, W> {
+    /// Builds the equations of a scene, or of one scene for each lane.
+    pub fn new<S>(instructions: Instructions, choice: Choice, source: &S, gains: &Stabilization) -> Self
+    where
+        S: Source<Dual<R, W>> + Source<Dual<R, 1>>,
+    {
+        if R::ANY_PARTS && !<S as Source<Dual<R, 1>>>::kinds(source).has_the_papers_parts() {
+            Self::AnyParts(SceneEquations::new(instructions, choice, source, gains))
+        } else {
+            Self::Papers(SceneEquations::new(instructions, choice, source, gains))
+        }
+    }
+}
+
+/// The inputs of an instant and the motion of the hand's frame, if it moves.
+type Seeds<'a, R> = (&'a Input<R>, Option<&'a FrameMotion<R>>);
+
+impl<const W: usize> Tangent<f64, W> {
     /// Evaluates the state `y` under the inputs of an instant, without the works of the ledger. The directions
     /// of state and inputs are the caller's, so this differentiates every result by whatever is wanted. `None`
     /// for formulations other than `nullspace`: only its minimal coordinates are linearised with inputs and
     /// outputs, and this code is not compiled for the other formulations.
     pub fn evaluate_seeded(
         &self,
-        (input, frame): (&Input<Dual<R, W>>, Option<&FrameMotion<Dual<R, W>>>),
-        y: &States<Dual<R, W>>,
-    ) -> Option<Evaluation<Dual<R, W>>> {
-        match &self.kind {
-            EquationKind::Nullspace(equations) => {
-                let moving = frame.map(|frame| {
-                    self.loads(frame, input, StageState { from: y, by: Dual::zero(), along: y })
-                });
-                let moving = moving.as_ref();
-                Some(Dual::call(self.instructions, Seeded { equations, input, moving, y }))
+        seeds: Seeds<'_, Dual<f64, W>>,
+        y: &States<Dual<f64, W>>,
+    ) -> Option<Evaluation<Dual<f64, W>>> {
+        match self {
+            Self::Papers(system) => {
+                let EquationKind::Nullspace(equations) = &system.kind else { return None };
+                Some(seeded(system, equations, seeds, y))
             }
-            _ => None,
+            Self::AnyParts(system) => {
+                let EquationKind::AnyParts(equations) = &system.kind else { return None };
+                if equations.drifts {
+                    return None;
+                }
+                let mut found = Evaluation::nothing();
+                for k in 0..W {
+                    let (input, frame) = seeds;
+                    let (input, frame) =
+                        (input.map(|own| own.only(k)), frame.map(|frame| frame.map(|own| own.only(k))));
+                    let own = seeded(system, equations, (&input, frame.as_ref()), &y.map(|own| own.only(k)));
+                    found.set_direction(k, &own);
+                }
+                Some(found)
+            }
         }
     }
+}
+
+/// Evaluates equations in minimal coordinates.
+fn seeded<R: Lanes, E: Equations<R>>(
+    system: &SceneEquations<R>,
+    equations: &E,
+    (input, frame): Seeds<'_, R>,
+    y: &States<R>,
+) -> Evaluation<R> {
+    let moving =
+        frame.map(|frame| system.loads(frame, input, StageState { from: y, by: R::zero(), along: y }));
+    let moving = moving.as_ref();
+    R::call(system.instructions, Seeded { equations, input, moving, y })
 }
 task! {
     Seeded(input: &'a Input<R>, moving: Option<&'a FrameLoads<R>>, y: &'a States<R>) -> Evaluation<R>,
@@ -579,7 +651,8 @@ impl SceneEquations<f64> {
     /// The equations of unilateral contact; `None` if these are others.
     pub(crate) fn contact(&self, drive: &SegmentDrive) -> Option<ContactEquations<'_>> {
         match &self.kind {
-            EquationKind::Unilateral(equations) => {
+            EquationKind::Unilateral(equations)
+            | EquationKind::AnyParts(AnyParts { unilateral: equations, opens: true, .. }) => {
                 Some(ContactEquations::new(self.instructions, equations, drive.frame.as_deref().copied()))
             }
             _ => None,

@@ -44,13 +44,15 @@ impl<R: Real> Unilateral<R> {
     #[inline(always)]
     fn released(
         &self,
+        papers: bool,
         contacts: &Contacts<R>,
         mut elastic: [ElasticGradient<R>; 2],
         q: &Coordinates<R>,
     ) -> [ElasticGradient<R>; 2] {
         for i in 0..2 {
             let (sin, cos) = contacts.frozen_tilt[i].sin_cos();
-            let frozen = self.csm.plant.tips[i].gradient(sin, cos, q.compression[i], q.shear[i]);
+            let at = [sin, cos, q.compression[i], q.shear[i]];
+            let frozen = self.csm.plant.tips[i].gradient(papers, at);
             let (free, live) = (contacts.free[i], elastic[i]);
             elastic[i] = ElasticGradient {
                 tilt: R::select(contacts.unloaded(i), R::zero(), live.tilt),
@@ -60,11 +62,37 @@ impl<R: Real> Unilateral<R> {
         }
         elastic
     }
+
+    /// The energies of a motion. The elastic energy of a free tip is that at its frozen tilt.
+    #[inline(always)]
+    pub(super) fn energies_of(
+        &self,
+        papers: bool,
+        contacts: &Contacts<R>,
+        motion: &Motion<R>,
+    ) -> Energies<R> {
+        let (plant, Motion { q, p, .. }) = (&self.csm.plant, motion);
+        let mut energies = plant.energies(papers, q, p);
+        if contacts.free[0] | contacts.free[1] != 0 {
+            for i in 0..2 {
+                let (_, sin, cos) = plant.sides[i].tilt(papers, i, q);
+                let (frozen_sin, frozen_cos) = contacts.frozen_tilt[i].sin_cos();
+                let (d_n, d_t) = (q.compression[i], q.shear[i]);
+                let live = plant.tips[i].energy(papers, [sin, cos, d_n, d_t]);
+                let frozen = plant.tips[i].energy(papers, [frozen_sin, frozen_cos, d_n, d_t]);
+                let gain = R::select(contacts.free[i], frozen - live, R::zero());
+                energies.elastic = energies.elastic + gain;
+            }
+        }
+        energies
+    }
 }
 
 impl<R: Real> Equations<R> for Unilateral<R> {
-    const WORKS: usize = CONTACT_WORKS;
-    const UNILATERAL: bool = true;
+    #[inline(always)]
+    fn opens(&self) -> bool {
+        true
+    }
 
     #[inline(always)]
     fn plant(&self) -> &Plant<R> {
@@ -90,7 +118,11 @@ impl<R: Real> Equations<R> for Unilateral<R> {
         let elastic = plant.elastic(&geometry, &motion.q);
         let couple = [elastic[0].tilt, elastic[1].tilt];
         let special = contacts.special();
-        let elastic = if special == 0 { elastic } else { self.released(contacts, elastic, &motion.q) };
+        let elastic = if special == 0 {
+            elastic
+        } else {
+            self.released(geometry.is_the_papers(), contacts, elastic, &motion.q)
+        };
         let mut forces = plant.forces(driven, elastic, &geometry, motion, (input, loads));
         let (force, bias) = (forces.total(&geometry), self.bias(&geometry));
         let finger_acceleration = input.target_acceleration;
@@ -112,23 +144,9 @@ impl<R: Real> Equations<R> for Unilateral<R> {
         Terms { geometry, forces, response: found, couple, friction: self.friction }
     }
 
-    /// The energies of a motion. The elastic energy of a free tip is that at its frozen tilt.
     #[inline(always)]
     fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        let (plant, Motion { q, p, .. }) = (&self.csm.plant, motion);
-        let mut energies = plant.energies(q, p);
-        if contacts.free[0] | contacts.free[1] != 0 {
-            for i in 0..2 {
-                let (_, sin, cos) = plant.sides[i].tilt(i, q);
-                let (frozen_sin, frozen_cos) = contacts.frozen_tilt[i].sin_cos();
-                let (d_n, d_t) = (q.compression[i], q.shear[i]);
-                let live = plant.tips[i].energy(sin, cos, d_n, d_t);
-                let frozen = plant.tips[i].energy(frozen_sin, frozen_cos, d_n, d_t);
-                let gain = R::select(contacts.free[i], frozen - live, R::zero());
-                energies.elastic = energies.elastic + gain;
-            }
-        }
-        energies
+        self.energies_of(true, contacts, motion)
     }
 
     /// The powers whose integrals are the works of the ledger. Friction's is the loss mu lambda^H |v|. While a

@@ -60,7 +60,7 @@ pub struct Side<R> {
     face: ParallelFace<R>,
     /// The radius a of the tip.
     radius: R,
-    /// The parts of both contacts, if one of them is not the paper's.
+    /// The parts, if one of the scene is not the paper's.
     others: Option<(Mechanism<R>, Surface<R>)>,
 }
 
@@ -68,7 +68,7 @@ impl<R: Real> Side<R> {
     #[inline(always)]
     fn new(source: &impl Source<R>, i: usize) -> Self {
         let mut others = None;
-        if !source.kinds().has_the_papers_contacts() {
+        if R::ANY_PARTS && !source.kinds().has_the_papers_parts() {
             others = Some((Mechanism::new(source, i), Surface::new(source, i)));
         }
         Self {
@@ -99,17 +99,17 @@ impl<R: Real> Side<R> {
 
     /// The height of the finger's mass as a share of its lever: cos theta_i (16), or that of another mechanism.
     #[inline(always)]
-    pub fn height(&self, coordinate: R) -> R {
+    pub fn height(&self, papers: bool, coordinate: R) -> R {
         match &self.others {
-            Some((Mechanism::Jaw(jaw), _)) => jaw.height(coordinate),
+            Some((Mechanism::Jaw(jaw), _)) if R::ANY_PARTS && !papers => jaw.height(coordinate),
             _ => coordinate.sin_cos().1,
         }
     }
 
     /// theta_pi (6), the angle between the tip's base and the side, with its sine and cosine.
     #[inline(always)]
-    pub fn tilt(&self, i: usize, q: &Coordinates<R>) -> (R, R, R) {
-        if self.others.is_some() {
+    pub fn tilt(&self, papers: bool, i: usize, q: &Coordinates<R>) -> (R, R, R) {
+        if R::ANY_PARTS && !papers && self.others.is_some() {
             let contact = Contact::alone(i, self, q, &Coordinates::zero());
             return (contact.tilt, contact.sin_tilt, contact.cos_tilt);
         }
@@ -121,7 +121,7 @@ impl<R: Real> Side<R> {
     /// The rate of theta_pi.
     #[inline(always)]
     pub fn tilt_rate(&self, i: usize, q: &Coordinates<R>, p: &Coordinates<R>) -> R {
-        if self.others.is_some() {
+        if R::ANY_PARTS && self.others.is_some() {
             return Contact::alone(i, self, q, p).tilt_rate;
         }
         p.finger[i] + signed(i, p.object[2])
@@ -224,6 +224,7 @@ impl<R: Real> Contact<R> {
     /// The contact at any q and p, on the constraints or off them.
     #[inline(always)]
     pub(super) fn anywhere(
+        papers: bool,
         i: usize,
         side: &Side<R>,
         object: &Frame<R>,
@@ -231,10 +232,13 @@ impl<R: Real> Contact<R> {
         p: &Coordinates<R>,
     ) -> Self {
         let deformation = (q.compression[i], [p.compression[i], p.shear[i]]);
-        if let Some(parts) = &side.others {
-            let at =
-                Parts { i, parts, radius: side.radius, object: *object, finger: [q.finger[i], p.finger[i]] };
-            return R::outlined(Anywhere(at, deformation));
+        if R::ANY_PARTS
+            && !papers
+            && let Some(parts) = &side.others
+        {
+            let finger = [q.finger[i], p.finger[i]];
+            let at = Parts { i, parts, radius: side.radius, object: *object, finger };
+            return R::outlined(InParts(at, Some(deformation))).0;
         }
         let arm = side.link.arm(i, object, q.finger[i], p.finger[i]);
         Self::new(i, side, object, &arm, deformation.0, deformation.1)
@@ -243,21 +247,25 @@ impl<R: Real> Contact<R> {
     /// [`Contact::anywhere`] for a single contact.
     #[inline(always)]
     fn alone(i: usize, side: &Side<R>, q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
-        Self::anywhere(i, side, &Frame::of_object(q.object, p.object), q, p)
+        Self::anywhere(false, i, side, &Frame::of_object(q.object, p.object), q, p)
     }
 
     /// The contact on the constraints, with the d_n, d_n-dot and d_t-dot that the constraints determine.
     #[inline(always)]
     pub(super) fn constrained(
+        papers: bool,
         i: usize,
         side: &Side<R>,
         object: &Frame<R>,
         angle: R,
         turn: R,
     ) -> (Self, R, [R; 2]) {
-        if let Some(parts) = &side.others {
+        if R::ANY_PARTS
+            && !papers
+            && let Some(parts) = &side.others
+        {
             let at = Parts { i, parts, radius: side.radius, object: *object, finger: [angle, turn] };
-            let (contact, (d_n, rates)) = R::outlined(OnConstraints(at));
+            let (contact, (d_n, rates)) = R::outlined(InParts(at, None));
             return (contact, d_n, rates);
         }
         let arm = side.link.arm(i, object, angle, turn);
@@ -342,28 +350,15 @@ struct Parts<'a, R> {
     finger: [R; 2],
 }
 
-/// Computes a contact at any compression.
-struct Anywhere<'a, R>(Parts<'a, R>, Determined<R>);
+/// Computes a contact, on the constraints unless a deformation is given.
+struct InParts<'a, R>(Parts<'a, R>, Option<Determined<R>>);
 
-/// Computes a contact on the constraints.
-struct OnConstraints<'a, R>(Parts<'a, R>);
-
-impl<R: Real> LaneTask<R> for Anywhere<'_, R> {
-    type Output = Contact<R>;
-
-    #[inline(always)]
-    fn run(self) -> Contact<R> {
-        let Self(parts, deformation) = self;
-        parts.contact(Some(deformation)).0
-    }
-}
-
-impl<R: Real> LaneTask<R> for OnConstraints<'_, R> {
+impl<R: Real> LaneTask<R> for InParts<'_, R> {
     type Output = (Contact<R>, Determined<R>);
 
     #[inline(always)]
     fn run(self) -> Self::Output {
-        self.0.contact(None)
+        self.0.contact(self.1)
     }
 }
 

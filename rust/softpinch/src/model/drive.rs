@@ -33,6 +33,19 @@ pub struct Input<R> {
     pub tau: R,
 }
 
+impl<R: Copy> Input<R> {
+    /// The inputs in other numbers.
+    pub(crate) fn map<S>(&self, to: impl Fn(R) -> S) -> Input<S> {
+        Input {
+            target: self.target.map(&to),
+            target_rate: self.target_rate.map(&to),
+            target_acceleration: self.target_acceleration.map(&to),
+            force: self.force.map(&to),
+            tau: to(self.tau),
+        }
+    }
+}
+
 /// amplitude * sin(omega tau + phase), in the lanes of `active`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Wave<R> {

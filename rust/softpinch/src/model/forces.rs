@@ -138,10 +138,10 @@ impl<R: Real> Plant<R> {
     #[inline(always)]
     pub fn elastic(&self, geometry: &Geometry<R>, q: &Coordinates<R>) -> [ElasticGradient<R>; 2] {
         // A closure would be compiled without the instructions of the lanes.
-        let [right, left] = &geometry.contacts;
+        let (papers, [right, left]) = (geometry.is_the_papers(), &geometry.contacts);
         [
-            self.tips[0].gradient(right.sin_tilt, right.cos_tilt, q.compression[0], q.shear[0]),
-            self.tips[1].gradient(left.sin_tilt, left.cos_tilt, q.compression[1], q.shear[1]),
+            self.tips[0].gradient(papers, [right.sin_tilt, right.cos_tilt, q.compression[0], q.shear[0]]),
+            self.tips[1].gradient(papers, [left.sin_tilt, left.cos_tilt, q.compression[1], q.shear[1]]),
         ]
     }
 
@@ -205,9 +205,10 @@ impl<R: Real> Plant<R> {
         ]
     }
 
-    /// The energies at (q, p): (5), (16) and p M p / 2.
+    /// The energies at (q, p): (5), (16) and p M p / 2. `papers` says whether the parts are the paper's, which a caller with
+    /// code for these alone knows.
     #[inline(always)]
-    pub fn energies(&self, q: &Coordinates<R>, p: &Coordinates<R>) -> Energies<R> {
+    pub fn energies(&self, papers: bool, q: &Coordinates<R>, p: &Coordinates<R>) -> Energies<R> {
         let mut doubled = R::zero();
         for (&mass, &rate) in self.masses.row().iter().zip(&p.row()) {
             doubled = (mass * rate).mul_add(rate, doubled);
@@ -215,9 +216,10 @@ impl<R: Real> Plant<R> {
         let mut elastic = R::zero();
         let mut gravity = self.weight * q.object[1];
         for i in 0..2 {
-            let (_, sin_tilt, cos_tilt) = self.sides[i].tilt(i, q);
-            elastic = elastic + self.tips[i].energy(sin_tilt, cos_tilt, q.compression[i], q.shear[i]);
-            gravity = self.finger_weights[i].mul_add(self.sides[i].height(q.finger[i]), gravity);
+            let (_, sin_tilt, cos_tilt) = self.sides[i].tilt(papers, i, q);
+            let at = [sin_tilt, cos_tilt, q.compression[i], q.shear[i]];
+            elastic = elastic + self.tips[i].energy(papers, at);
+            gravity = self.finger_weights[i].mul_add(self.sides[i].height(papers, q.finger[i]), gravity);
         }
         Energies { kinetic: R::constant(0.5) * doubled, elastic, gravity }
     }

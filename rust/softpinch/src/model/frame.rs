@@ -58,10 +58,14 @@ impl<R: Real> FrameMotion<R> {
 
     /// The motion in numbers that do not vary.
     pub fn constant(own: &FrameMotion<f64>) -> Self {
-        let FrameMotion { acceleration, sin, cos, turning } = *own;
-        let turning = turning.map(|rates| rates.map(R::constant));
-        let acceleration = acceleration.map(R::constant);
-        Self { acceleration, sin: R::constant(sin), cos: R::constant(cos), turning }
+        own.map(R::constant)
+    }
+
+    /// The motion in other numbers.
+    pub fn map<S: Real>(&self, to: impl Fn(R) -> S) -> FrameMotion<S> {
+        let Self { acceleration, sin, cos, turning } = *self;
+        let turning = turning.map(|rates| rates.map(&to));
+        FrameMotion { acceleration: acceleration.map(&to), sin: to(sin), cos: to(cos), turning }
     }
 }
 
@@ -94,7 +98,7 @@ impl<R: Real> Carried<R> {
         let gravity = source.number(|p| p.surroundings.gravity);
         let object = [source.number(|p| p.grasped.mass), source.number(|p| p.grasped.inertia)];
         let mut mechanisms = None;
-        if !source.kinds().has_the_papers_contacts() {
+        if !source.kinds().has_the_papers_parts() {
             mechanisms = Some([Mechanism::new(source, 0), Mechanism::new(source, 1)]);
         }
         Self { gravity, object, inertias, finger_masses, lengths, root_offsets, mechanisms }

@@ -22,22 +22,38 @@ impl<R: Real> Geometry<R> {
     /// The geometry at coordinates `q` and velocities `p`.
     #[inline(always)]
     pub fn new(sides: &[Side<R>; 2], q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
+        Self::anywhere(false, sides, q, p)
+    }
+
+    /// [`Geometry::new`] for the paper's parts, without code for others.
+    #[inline(always)]
+    pub fn of_the_papers(sides: &[Side<R>; 2], q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
+        Self::anywhere(true, sides, q, p)
+    }
+
+    #[inline(always)]
+    fn anywhere(papers: bool, sides: &[Side<R>; 2], q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
         let object = Frame::of_object(q.object, p.object);
-        let contacts =
-            [Contact::anywhere(0, &sides[0], &object, q, p), Contact::anywhere(1, &sides[1], &object, q, p)];
-        Self { sin: object.sin, cos: object.cos, contacts }
+        let right = Contact::anywhere(papers, 0, &sides[0], &object, q, p);
+        let left = Contact::anywhere(papers, 1, &sides[1], &object, q, p);
+        Self { sin: object.sin, cos: object.cos, contacts: [right, left] }
     }
 
     /// The geometry on the constraints at the object, the fingers and the shears of `q` and the rates of object and
-    /// fingers in `p`. Sets d_n, which follows from C^H = 0 (9), and the rates of d_n and d_t, which follow from
+    /// fingers in `p`. `papers` says that the parts are the paper's. Sets d_n, which follows from C^H = 0 (9), and the rates of d_n and d_t, which follow from
     /// Phi p = 0 (25).
     #[inline(always)]
-    pub fn constrained(sides: &[Side<R>; 2], q: &mut Coordinates<R>, p: &mut Coordinates<R>) -> Self {
+    pub fn constrained(
+        papers: bool,
+        sides: &[Side<R>; 2],
+        q: &mut Coordinates<R>,
+        p: &mut Coordinates<R>,
+    ) -> Self {
         let object = Frame::of_object(q.object, p.object);
         let (right, n1, [n1_rate, t1_rate]) =
-            Contact::constrained(0, &sides[0], &object, q.finger[0], p.finger[0]);
+            Contact::constrained(papers, 0, &sides[0], &object, q.finger[0], p.finger[0]);
         let (left, n2, [n2_rate, t2_rate]) =
-            Contact::constrained(1, &sides[1], &object, q.finger[1], p.finger[1]);
+            Contact::constrained(papers, 1, &sides[1], &object, q.finger[1], p.finger[1]);
         q.compression = [n1, n2];
         (p.compression, p.shear) = ([n1_rate, n2_rate], [t1_rate, t2_rate]);
         Self { sin: object.sin, cos: object.cos, contacts: [right, left] }
@@ -113,14 +129,7 @@ impl<R: Real> Geometry<R> {
     /// Whether the contacts are the paper's. Either both are, or none.
     #[inline(always)]
     pub fn is_the_papers(&self) -> bool {
-        self.contacts[0].others.is_none()
-    }
-
-    /// The same geometry of the paper's contacts, for code that is compiled for these alone.
-    #[inline(always)]
-    pub fn the_papers(mut self) -> Self {
-        (self.contacts[0].others, self.contacts[1].others) = (None, None);
-        self
+        !R::ANY_PARTS || self.contacts[0].others.is_none()
     }
 
     /// The generalised forces -tau_i T_i of couples tau_i = dP/d theta_pi on the tips: on the object, and on the fingers.

@@ -188,8 +188,11 @@ record! {
     }
 }
 
+/// Number of parameters of a scene with the paper's parts. They come first.
+pub const PAPERS: usize = 38;
+
 /// Number of parameters that describe the physics of a scene.
-pub const PARAMETER_COUNT: usize = 74 + 2 * WEIGHTS;
+pub const PARAMETER_COUNT: usize = PAPERS + 36 + 2 * WEIGHTS;
 
 /// The physics of a scene. [`Parameters::from_array`] and [`Parameters::checked`] validate it.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -317,11 +320,13 @@ impl Parameters {
         Counterface::of(self.shapes[i].counterface)
     }
 
-    /// Whether mechanisms and sides are the paper's.
+    /// Whether mechanisms, sides and laws of the tips are the paper's.
     #[inline]
-    pub fn has_the_papers_contacts(&self) -> bool {
-        (0..2)
-            .all(|i| self.mechanism(i) == MechanismKind::OneLink && self.shape(i) == ShapeKind::ParallelFace)
+    pub fn has_the_papers_parts(&self) -> bool {
+        (0..2).all(|i| {
+            let [finger, side, law] = [self.mechanisms[i].kind, self.shapes[i].kind, self.laws[i].kind];
+            finger == 0.0 && side == 0.0 && law == 0.0
+        })
     }
 
     /// Takes the kinds of other parameters, whose derivatives these are.

@@ -69,7 +69,7 @@ fn upright(parameters: &Parameters, angles: [f64; 2]) -> Coordinates {
 #[inline(always)]
 fn upright_at<R: Real>(source: &impl Source<R>, finger: [R; 2], turns: [(R, R); 2]) -> Coordinates<R> {
     let zero = R::zero();
-    if !source.kinds().has_the_papers_contacts() {
+    if !source.kinds().has_the_papers_parts() {
         return upright_between(source, finger, finger);
     }
     let mut heights = [zero; 2];
@@ -122,7 +122,7 @@ impl Start {
     #[inline(always)]
     pub fn varied<R: Real>(self, source: &impl Source<R>, input: &Input<R>, q: &Coordinates) -> Motion<R> {
         let zero = R::zero();
-        let others = !source.kinds().has_the_papers_contacts();
+        let others = !source.kinds().has_the_papers_parts();
         if others && self == Self::Touching {
             // One step of Newton's method from the solution, for what `coordinate_at` solves.
             let at = [R::constant(q.finger[0]), R::constant(q.finger[1])];
@@ -160,7 +160,7 @@ impl Start {
         if self == Self::Driven {
             p.finger = input.target_rate;
             let mut pressed = q;
-            Geometry::constrained(&Side::both(source), &mut pressed, &mut p);
+            Geometry::constrained(false, &Side::both(source), &mut pressed, &mut p);
         }
         Motion { q, p, memory: [zero; 2] }
     }
@@ -200,7 +200,7 @@ fn require_reach(parameters: &Parameters, q: &Coordinates, driven: bool) -> Resu
 /// The coordinate at which the tip of finger `i` is compressed by `compression` on an upright object in the middle, as far
 /// as the finger reaches.
 pub fn coordinate_at(parameters: &Parameters, i: usize, compression: f64) -> Option<f64> {
-    if parameters.has_the_papers_contacts() {
+    if parameters.has_the_papers_parts() {
         return angle_at(&parameters.fingers[i], &parameters.tips[i], parameters.grasped.width, compression);
     }
     let sides = Side::both(parameters);
@@ -249,7 +249,7 @@ fn span(finger: &Finger, tip: &Fingertip, width: f64) -> (f64, f64) {
 /// Fingers turned until both tips just touch the upright object.
 pub fn touching(parameters: &Parameters) -> Result<Coordinates, Error> {
     let mut angles = [0.0; 2];
-    if !parameters.has_the_papers_contacts() {
+    if !parameters.has_the_papers_parts() {
         for i in 0..2 {
             angles[i] = coordinate_at(parameters, i, 0.0).ok_or(Error::Untouched { finger: SIDES[i] })?;
         }
@@ -279,7 +279,7 @@ pub fn driven(
         require_reach(parameters, &q, true)?;
     }
     let (mut pressed, mut p) = (q, Coordinates { finger: target_rate, ..Coordinates::zero() });
-    Geometry::constrained(&Side::both(parameters), &mut pressed, &mut p);
+    Geometry::constrained(false, &Side::both(parameters), &mut pressed, &mut p);
     for i in 0..2 {
         if q.compression[i] < -GAP * parameters.tips[i].radius {
             (q.compression[i], p.compression[i], p.shear[i]) = (0.0, 0.0, 0.0);
@@ -321,7 +321,7 @@ pub fn consistent(
         ..Coordinates::zero()
     });
     q.shear = *shear;
-    Geometry::constrained(&Side::both(parameters), &mut q, &mut p);
+    Geometry::constrained(false, &Side::both(parameters), &mut q, &mut p);
     (q, p)
 }
 
@@ -395,7 +395,7 @@ mod tests {
 
     use super::*;
     use crate::model::control::Fingers;
-    use crate::model::parameters::{PARAMETER_COUNT, parameter_table};
+    use crate::model::parameters::{PAPERS, PARAMETER_COUNT};
     use crate::model::source::{DIRECTIONS, VariedParameters};
     use crate::number::dual::Dual;
 
@@ -407,11 +407,8 @@ mod tests {
         values.grasped.com_offset = 0.003;
         values.fingers[1].length = 0.07;
         let mut values = values.to_array();
-        for ((value, share), (path, _)) in values.iter_mut().zip(shares).zip(parameter_table()) {
-            // Half a turn is the longest arc.
-            if !path.ends_with("span") {
-                *value *= 1.0 + 0.05 * share;
-            }
+        for (value, share) in values.iter_mut().zip(shares).take(PAPERS) {
+            *value *= 1.0 + 0.05 * share;
         }
         Parameters::from_array(&values).unwrap()
     }

@@ -28,6 +28,16 @@ impl<R: Real, const W: usize> Dual<R, W> {
         Self { value, slope }
     }
 
+    /// The number with its derivative in one direction.
+    pub fn only(self, direction: usize) -> Dual<R, 1> {
+        Dual { value: self.value, slope: [self.slope[direction]] }
+    }
+
+    /// Takes the value and the derivative in one direction.
+    pub fn set_direction(&mut self, direction: usize, own: Dual<R, 1>) {
+        (self.value, self.slope[direction]) = (own.value, own.slope[0]);
+    }
+
     /// A number with this value, whose derivative in each direction is `a` times the derivative of `self`
     /// (the chain rule).
     #[inline(always)]
@@ -96,6 +106,9 @@ impl<R: Real, const W: usize> Neg for Dual<R, W> {
 }
 
 impl<R: Real, const W: usize> Real for Dual<R, W> {
+    /// One direction after the other takes little code.
+    const ANY_PARTS: bool = R::ANY_PARTS && W == 1;
+
     #[inline(always)]
     fn constant(x: f64) -> Self {
         Self { value: R::constant(x), slope: [R::zero(); W] }

@@ -33,6 +33,10 @@ pub trait Real:
     + Div<Output = Self>
     + Neg<Output = Self>
 {
+    /// Whether code for contacts that are not the paper's is compiled for these numbers. Where it is not, a scene that has
+    /// them takes other numbers.
+    const ANY_PARTS: bool = true;
+
     /// The constant `x`.
     fn constant(x: f64) -> Self;
     /// `self * a + b`, rounded once.

@@ -187,7 +187,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             }
             return Ok(false);
         };
-        if !scene.parameters.has_the_papers_contacts() {
+        if !scene.parameters.has_the_papers_parts() {
             // Lanes without a run must have the kinds of the others.
             self.resting = Parameters::default().of_the_kinds(&scene.parameters);
         }

@@ -7,6 +7,8 @@ use proptest::prelude::*;
 use crate::driver::simulate::simulate;
 use crate::formulation::constrained::constrained;
 use crate::formulation::contact_solve::{Load, response};
+use crate::formulation::scene_equations::{Choice, SceneEquations, Tangent};
+use crate::formulation::system::{Linear, System};
 use crate::formulation::table::Formulation;
 use crate::method::table::Method;
 use crate::model::contact::Side;
@@ -19,13 +21,16 @@ use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
 use crate::model::inputs::Inputs;
+use crate::model::motion::Motion;
 use crate::model::parameters::{
     Finger, Fingertip, Friction, GraspedObject, Law, Mechanism, Parameters, PidGains, Side as Shape,
+    Stabilization,
 };
 use crate::model::piecewise::PiecewisePolynomial;
 use crate::model::scene::Scene;
 use crate::model::start::{State, consistent};
 use crate::number::real::signed;
+use crate::number::simd::level::Level;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::record::Run;
 use crate::stepping::status::Status;
@@ -140,7 +145,7 @@ fn relative_velocity(parameters: &Parameters, i: usize, q: &Coordinates, p: &Coo
 
 /// theta_p of both tips moves with the rates that [`Geometry::couples`] has as its rows.
 fn tilts(sides: &[Side<f64>; 2], q: &Coordinates) -> [f64; 2] {
-    [0, 1].map(|i| sides[i].tilt(i, q).0)
+    [0, 1].map(|i| sides[i].tilt(false, i, q).0)
 }
 
 proptest! {
@@ -237,17 +242,17 @@ proptest! {
             Counterface::Cylinder => (1.0 + 0.02 / 0.03_f64).sqrt().recip(),
             Counterface::Sphere => (1.0 + 0.02 / 0.03_f64).recip(),
         };
-        let found = plain.gradient(tilt.sin(), tilt.cos(), d_n, d_t);
+        let found = plain.gradient(true, [tilt.sin(), tilt.cos(), d_n, d_t]);
         let [size, sixth] = [found.normal.abs() + found.tangential.abs() + 1e-3, 0.02];
         for (other, factor) in [(same, 1.0), (tip(Law::default(), curved, weights), share)] {
-            let other = other.gradient(tilt.sin(), tilt.cos(), d_n, d_t);
+            let other = other.gradient(false, [tilt.sin(), tilt.cos(), d_n, d_t]);
             prop_assert!((other.tilt - factor * found.tilt).abs() <= 1e-12 * size * sixth);
             prop_assert!((other.normal - factor * found.normal).abs() <= 1e-12 * size);
             prop_assert!((other.tangential - factor * found.tangential).abs() <= 1e-12 * size);
         }
         for tip in [plain, tip(power, Shape::default(), weights), tip(measured, curved, weights)] {
-            let at = |tilt: f64, d_n: f64, d_t: f64| tip.energy(tilt.sin(), tilt.cos(), d_n, d_t);
-            let found = tip.gradient(tilt.sin(), tilt.cos(), d_n, d_t);
+            let at = |tilt: f64, d_n: f64, d_t: f64| tip.energy(false, [tilt.sin(), tilt.cos(), d_n, d_t]);
+            let found = tip.gradient(false, [tilt.sin(), tilt.cos(), d_n, d_t]);
             let size = at(tilt, d_n, d_t).abs() + found.normal.abs() * d_n.abs() + 1e-9;
             let (e, h) = (1e-5, 1e-4 * d_n.abs().max(1e-5));
             let by_tilt = (at(tilt + e, d_n, d_t) - at(tilt - e, d_n, d_t)) / (2.0 * e);
@@ -546,6 +551,47 @@ fn every_kind_moves_as_an_independent_program_says() {
             }
             for (found, expected) in run.last.multipliers.into_iter().zip(fact.multipliers) {
                 assert!((found - expected).abs() < 1e6 * most.max(1e-11), "{name}: {found} {expected}");
+            }
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(20))]
+
+    /// The Jacobians of any hand are those of differences, in every formulation.
+    #[test]
+    fn jacobians_are_those_of_differences((hand, q, _) in grasps(), power in 1.5..3.0_f64) {
+        let law = Law { kind: LawKind::Power.number(), coefficient: 2e5, exponent: power, foot: 1e-4, ..Law::default() };
+        let laws = [law, Law::default()];
+        let hand = Parameters { laws, ..hand };
+        let [pose @ .., _, _, _, _] = q.row();
+        let (q, p) = consistent(&hand, &pose, &[4e-4, -3e-4], &[0.02, -0.01, 0.3, 0.01, -0.01]);
+        prop_assume!(q.compression.iter().all(|d_n| *d_n > 1e-3));
+        let inputs = Inputs::constant([0.1, 0.08], [1.0, 2.0, 0.01], Fingers::Pid);
+        let drive = inputs.segment(0.0);
+        for formulation in [Formulation::Csm, Formulation::Nullspace] {
+            let gains = Stabilization { alpha: 300.0, beta: 200.0 };
+            let choice = Choice { formulation, contact: ContactModel::Bilateral, fingers: Fingers::Pid, moves: false, ledger: false };
+            let instructions = Level::detect().require().unwrap();
+            let system = SceneEquations::<f64>::new(instructions, choice, &hand, &gains);
+            let tangent = Tangent::<f64, 8>::new(instructions, choice, &hand, &gains);
+            let y = system.begin(&Motion { q, p, memory: [1e-3, -1e-3] });
+            let found = tangent.jacobian(&drive, 0.0, &y).rows;
+            let states = system.size().states;
+            for column in 0..states {
+                let step = 1e-6 * (1e-3 + y[column].abs());
+                let beside = |by: f64| {
+                    let mut moved = y;
+                    moved[column] += by;
+                    system.evaluate(&drive, 0.0, &moved).rate
+                };
+                let (before, after) = (beside(-step), beside(step));
+                for row in 0..states {
+                    let expected = (after[row] - before[row]) / (2.0 * step);
+                    let size = after[row].abs() / step * 1e-12 + 1e-4 * expected.abs() + 1e-5;
+                    prop_assert!((found[row][column] - expected).abs() < size, "{formulation:?} {row} {column}: {} {expected}", found[row][column]);
+                }
             }
         }
     }

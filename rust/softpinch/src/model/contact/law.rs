@@ -14,7 +14,6 @@ pub use measured::WEIGHTS;
 pub use springs::Springs;
 
 use crate::model::contact::numbered;
-use crate::model::contact::shape::Counterface;
 use crate::model::parameters::Parameters;
 use crate::model::source::Source;
 use crate::number::real::{LaneTask, Real};
@@ -56,7 +55,7 @@ pub struct ElasticGradient<R> {
 #[derive(Debug, Clone, Copy)]
 pub struct Tip<R> {
     law: InoueHirai<R>,
-    /// The law, if it is not the paper's on a flat side.
+    /// The law of a scene whose parts are not the paper's.
     other: Option<Springs<R>>,
     /// Normal viscosity c_n.
     pub normal_viscosity: R,
@@ -82,7 +81,7 @@ impl<R: Real> Tip<R> {
     pub fn new(source: &impl Source<R>, i: usize) -> Self {
         let kinds = source.kinds();
         let mut other = None;
-        if kinds.law(i) != LawKind::ParallelSprings || kinds.counterface(i) != Counterface::Flat {
+        if R::ANY_PARTS && !kinds.has_the_papers_parts() {
             other = Some(Springs::new(source, i));
         }
         Self {
@@ -93,21 +92,21 @@ impl<R: Real> Tip<R> {
         }
     }
 
-    /// The elastic energy, J.
+    /// The elastic energy, J, for sin theta_p, cos theta_p, d_n and d_t. `papers` says that the law is (5).
     #[inline(always)]
-    pub fn energy(&self, sin_tilt: R, cos_tilt: R, d_n: R, d_t: R) -> R {
+    pub fn energy(&self, papers: bool, at: [R; 4]) -> R {
         match &self.other {
-            None => self.law.energy(sin_tilt, cos_tilt, d_n, d_t),
-            Some(law) => R::outlined(Elastic(law, [sin_tilt, cos_tilt, d_n, d_t])).0,
+            Some(law) if R::ANY_PARTS && !papers => R::outlined(Elastic(law, at)).0,
+            _ => self.law.energy(at[0], at[1], at[2], at[3]),
         }
     }
 
     /// The gradient of [`Tip::energy`] in theta_p, d_n and d_t.
     #[inline(always)]
-    pub fn gradient(&self, sin_tilt: R, cos_tilt: R, d_n: R, d_t: R) -> ElasticGradient<R> {
+    pub fn gradient(&self, papers: bool, at: [R; 4]) -> ElasticGradient<R> {
         match &self.other {
-            None => self.law.gradient(sin_tilt, cos_tilt, d_n, d_t),
-            Some(law) => R::outlined(Elastic(law, [sin_tilt, cos_tilt, d_n, d_t])).1,
+            Some(law) if R::ANY_PARTS && !papers => R::outlined(Elastic(law, at)).1,
+            _ => self.law.gradient(at[0], at[1], at[2], at[3]),
         }
     }
 }

@@ -14,7 +14,7 @@ use crate::number::trigonometry;
 
 macro_rules! vector {
     ($(#[$doc:meta])* $name:ident, $register:ident, $width:literal, $set1:ident, $fma:ident, $fnma:ident, $xor:ident,
-     $sqrt:ident, $features:literal,
+     $sqrt:ident, $features:literal, $any_parts:literal,
      $($operator:ident, $method:ident, $instruction:ident;)*) => {
         $(#[$doc])*
         #[derive(Debug, Clone, Copy)]
@@ -61,6 +61,8 @@ macro_rules! vector {
         }
 
         impl Real for $name {
+            const ANY_PARTS: bool = $any_parts;
+
             #[inline(always)]
             fn constant(x: f64) -> Self {
                 // SAFETY: see the module's documentation.
@@ -132,14 +134,14 @@ macro_rules! vector {
 vector! {
     /// Eight lanes of AVX-512.
     Zmm, __m512d, 8, _mm512_set1_pd, _mm512_fmadd_pd, _mm512_fnmadd_pd, _mm512_xor_pd,
-    _mm512_sqrt_pd, "avx512f,avx512dq,avx512vl,avx2,fma",
+    _mm512_sqrt_pd, "avx512f,avx512dq,avx512vl,avx2,fma", false,
     Add, add, _mm512_add_pd; Sub, sub, _mm512_sub_pd; Mul, mul, _mm512_mul_pd; Div, div, _mm512_div_pd;
 }
 
 vector! {
     /// Four lanes of AVX2.
     Ymm, __m256d, 4, _mm256_set1_pd, _mm256_fmadd_pd, _mm256_fnmadd_pd, _mm256_xor_pd,
-    _mm256_sqrt_pd, "avx2,fma",
+    _mm256_sqrt_pd, "avx2,fma", true,
     Add, add, _mm256_add_pd; Sub, sub, _mm256_sub_pd; Mul, mul, _mm256_mul_pd; Div, div, _mm256_div_pd;
 }
 

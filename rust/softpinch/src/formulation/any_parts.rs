@@ -1,0 +1,83 @@
+//! The equations of a scene whose parts are not the paper's: jaws, arcs, measured tips.
+//!
+//! They are those of unilateral contact, in which both tips stick if the contact is bilateral, in one piece of code for all
+//! formulations. So the code of the paper's contacts has no branch for others, and loops, methods and solves are not
+//! multiplied by their kinds.
+
+use crate::formulation::equations::{Equations, Terms};
+use crate::formulation::unilateral::Unilateral;
+use crate::model::contact_modes::Contacts;
+use crate::model::coordinates::Coordinates;
+use crate::model::drive::Input;
+use crate::model::energy::{CONTACT_WORKS, Energies};
+use crate::model::forces::{Loads, Plant};
+use crate::model::geometry::Geometry;
+use crate::model::motion::Motion;
+use crate::number::real::Real;
+
+/// The equations of any parts.
+#[derive(Debug, Clone, Copy)]
+pub struct AnyParts<R> {
+    /// The equations with modes of the contacts. Their gains of stabilisation are zero in `nullspace` and `projected`.
+    pub(crate) unilateral: Unilateral<R>,
+    /// Whether the states can leave the constraints.
+    pub(crate) drifts: bool,
+    /// Whether contacts can slip and open.
+    pub(crate) opens: bool,
+}
+
+impl<R: Real> Equations<R> for AnyParts<R> {
+    const BY_FINGERS: bool = false;
+
+    #[inline(always)]
+    fn drifts(&self) -> bool {
+        self.drifts
+    }
+
+    #[inline(always)]
+    fn opens(&self) -> bool {
+        self.opens
+    }
+
+    #[inline(always)]
+    fn plant(&self) -> &Plant<R> {
+        &self.unilateral.csm.plant
+    }
+
+    #[inline(always)]
+    fn geometry(&self, motion: &mut Motion<R>) -> Geometry<R> {
+        let sides = &self.plant().sides;
+        if self.drifts {
+            Geometry::new(sides, &motion.q, &motion.p)
+        } else {
+            Geometry::constrained(false, sides, &mut motion.q, &mut motion.p)
+        }
+    }
+
+    #[inline(always)]
+    fn bias(&self, geometry: &Geometry<R>) -> [R; 4] {
+        if self.drifts { self.unilateral.bias(geometry) } else { geometry.bias() }
+    }
+
+    #[inline(always)]
+    fn terms(
+        &self,
+        driven: bool,
+        inputs: (&Input<R>, Loads<'_, R>),
+        contacts: &Contacts<R>,
+        motion: &Motion<R>,
+        geometry: Geometry<R>,
+    ) -> Terms<R> {
+        self.unilateral.terms(driven, inputs, contacts, motion, geometry)
+    }
+
+    #[inline(always)]
+    fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
+        self.unilateral.energies_of(false, contacts, motion)
+    }
+
+    #[inline(always)]
+    fn powers(&self, terms: &Terms<R>, contacts: &Contacts<R>, p: &Coordinates<R>) -> [R; CONTACT_WORKS] {
+        self.unilateral.powers(terms, contacts, p)
+    }
+}
