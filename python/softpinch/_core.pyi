@@ -58,6 +58,7 @@ __version__: Final[str]
 RESULTS_VERSION: Final[int]
 RULES: Final[dict[str, dict[str, str]]]
 PARAMETERS: Final[tuple[str, ...]]
+DEFAULTS: Final[_Floats]
 MAX_STEPS: Final[int]
 METHODS: Final[tuple[Method, ...]]
 ORDERS: Final[dict[str, int]]
@@ -291,6 +292,7 @@ def start_driven(
 def consistent(
     parameters: _Floats, pose: _Floats, shear: _Floats, velocity: _Floats
 ) -> tuple[_Floats, _Floats]: ...
+def contacts(parameters: _Floats, q: _Floats) -> _Floats: ...
 def residuals(parameters: _Floats, q: _Floats, p: _Floats) -> _Floats: ...
 def evaluate(
     parameters: _Floats,

@@ -1,6 +1,6 @@
 """The description of a simulation: frozen records, validated once and compiled for the Rust core.
 
-The public records are in `hand`, `motion`, `control`, `schedule`, `disturbance`, `stabilization`
+The public records are in `hand`, `parts`, `motion`, `control`, `schedule`, `disturbance`, `stabilization`
 and `scene` (which also has `State`). `scene` makes the core's inputs of one run or many; `template`
 is a scene with numbers that differ between runs. `fields` is the table of all quantities with
 units, symbols and usual ranges, `paths` resolves dotted paths into a scene, and `usual` warns of
@@ -11,20 +11,28 @@ from .control import Pid, SampledController, Torque
 from .disturbance import Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
 from .hand import Finger, Fingertip, GraspedObject, Hand
 from .motion import HandMotion
+from .parts import Arc, Face, Jaw, MeasuredLaw, Parallelogram, ParallelSprings, PowerLaw
 from .scene import Scene, State
 from .schedule import Schedule
 from .stabilization import Stabilization
 
 __all__ = [
+    "Arc",
     "Disturbance",
+    "Face",
     "Finger",
     "Fingertip",
     "GraspedObject",
     "Hand",
     "HandMotion",
     "Impulse",
+    "Jaw",
+    "MeasuredLaw",
     "Noise",
+    "ParallelSprings",
+    "Parallelogram",
     "Pid",
+    "PowerLaw",
     "Pulse",
     "Sampled",
     "SampledController",

@@ -22,6 +22,8 @@ from ..support.record import SIDES, Kinded
 if TYPE_CHECKING:
     from .scene import Scene
 
+# Number of parameters of a scene with the paper's parts, which come first in `_core.PARAMETERS`.
+PAPERS = 38
 # Number of weights of a measured law, as many as the core has: its law is a polynomial of F''.
 _WEIGHTS = 10
 # Resistance of the weights' second differences against noise, and the misfit beyond which no

@@ -19,12 +19,13 @@ from ..support.arrays import Floats, read_only
 from ..support.choices import ContactModel, Fingers
 from ..support.display import ShownTable
 from ..support.record import SIDES, Parser, Record
-from . import usual
+from . import parts, usual
 from .contact import pair_of, parse_friction, require_finite
 from .control import WRITTEN, Control, Pid, SampledController, Torque, parse_control, take_control
 from .disturbance import Compiled, Disturbance, Noise
 from .hand import GraspedObject, Hand, name_sides
 from .motion import HandMotion
+from .parts import PAPERS, Mechanism
 from .paths import PathTable, changed, paths_of
 from .schedule import Schedule, default_schedule
 from .svg import drawings

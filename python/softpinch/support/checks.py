@@ -242,7 +242,9 @@ def path(name: str, value: object, what: str = "a path") -> Path:
     return Path(text)
 
 
-def instance(name: str, value: object, cls: type[object], kind: str = "") -> None:
+def instance(
+    name: str, value: object, cls: type[object] | tuple[type[object], ...], kind: str = ""
+) -> None:
     """Refuses a value that is not a `cls`. Errors call the type `kind`, by default "a <class>".
 
     For a result that is given as `scene`, the error says to pass its scene.
@@ -250,10 +252,11 @@ def instance(name: str, value: object, cls: type[object], kind: str = "") -> Non
     if isinstance(value, cls):
         return
     part, hint = name.rpartition(".")[2], ""
+    first = cls[0] if isinstance(cls, tuple) else cls
     with suppress(ValueError):  # a fit to several experiments has no single scene
         if isinstance(getattr(value, part, None), cls):
             hint = f"; pass its .{part}"
-    raise TypeError(f"{name} = {shown(value)}: must be {kind or f'a {cls.__name__}'}{hint}")
+    raise TypeError(f"{name} = {shown(value)}: must be {kind or f'a {first.__name__}'}{hint}")
 
 
 def choice(name: str, value: object, allowed: Iterable[Name]) -> Name:
