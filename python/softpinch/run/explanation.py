@@ -205,7 +205,7 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str]) -> list[Ter
         (
             "motion of the hand",
             scene.motion is not None,
-            "inertial forces, and gravity that turns; with a work of their own in the ledger",
+            f"{type(scene.motion).__name__}: inertial forces, gravity that turns, and their work",
             "the hand is at rest",
         ),
         (
