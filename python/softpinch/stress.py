@@ -21,6 +21,7 @@ from .scene import outline
 from .scene.control import Pid
 from .scene.disturbance import Impulse
 from .scene.hand import Finger, Fingertip, GraspedObject, Hand
+from .scene.motion import HandMotion
 from .scene.scene import Scene, State
 from .scene.schedule import Schedule
 from .scene.stabilization import Stabilization
@@ -29,6 +30,8 @@ from .scene.stabilization import Stabilization
 _SHORT, _MEDIUM = 0.02, 0.1
 # I / M of the default object, m^2, which is that of a square of aluminium.
 _INERTIA = GraspedObject().inertia / GraspedObject().mass
+# A move whose jumps are on no grid of steps.
+_WHIRL = HandMotion.trapezoid([0.0213, 0.0717], [[0.0, 0.0], [0.15, 0.1]], 400.0, [0.0, -1.0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,6 +204,12 @@ _ALL = (
         name="switching_every_step",
         why="targets that jump every 0.1 ms: no step is longer, and no history helps",
         scene=Scene(schedule=_swinging(), duration=_SHORT),
+        dt=1e-4,
+    ),
+    StressCase(
+        name="whirled",
+        why="a move of 0.18 m and 57 degrees in 50 ms: forces of forty weights, which jump",
+        scene=replace(_held(duration=_MEDIUM), motion=_WHIRL),
         dt=1e-4,
     ),
     StressCase(

@@ -12,6 +12,7 @@ inertia about the centre of mass. The tips have no weight and move in the frame 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from math import cos, prod, sin
@@ -27,7 +28,7 @@ from softpinch.accuracy.segments import Inputs
 
 from .evaluate import parameters
 from .lagrangian import PARAMETERS, SHAPES, SIDES, compiled, model
-from .trajectory import start_state
+from .trajectory import Reference, reference, start_state
 
 Floats = NDArray[np.float64]
 
@@ -226,6 +227,15 @@ def moving(
         if right in stops:
             found.append(rates(last, y, driven)[1])
     return Moving(*map(np.array, zip(*found, strict=True)))
+
+
+def carried(scene: softpinch.Scene, times: Floats) -> Reference:
+    """The trajectory of a scene whose hand is at rest at the first of the times, its start."""
+    assert scene.motion is not None
+    still = replace(scene, motion=None)
+    start, found = reference(still, times[:1]), moving(still, scene.motion, times[1:])
+    rows = [np.vstack([getattr(start, name)[:1], getattr(found, name)]) for name in found._fields]
+    return Reference(times, *rows, np.full((len(times), 2), np.nan), 0)
 
 
 def _terms(state: Sequence[float], values: Sequence[float]) -> dict[str, Floats]:
