@@ -392,9 +392,6 @@ def wrench_limits(
             second.set_title(f"in runs\n{ensemble.model}", fontsize=9.0, pad=8.0)
         for each in axes.flat:
             _frame(each, shown)
-            count = len(each.get_legend_handles_labels()[1])
-            if count:
-                each.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=min(count, 3))
         return figure
 
 
@@ -426,7 +423,6 @@ def carry_limits(limits: CarryLimits, ax: Axes | None = None) -> Figure:
         free = f"\n{int((~finite).sum())} directions without limit" if not finite.all() else ""
         each.set_title(f"acceleration of the hand, {how}{free}", fontsize=9.0, pad=8.0)
         _frame(each, shown, "acceleration [m/s$^2$]")
-        each.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=3)
         return figure
 
 
@@ -480,7 +476,7 @@ def _title(limits: WrenchLimits, plain: NDArray[np.bool_]) -> str:
 
 
 def _frame(axes: PolarAxes, shown: NDArray[np.complex128], unit: str = "force [N]") -> None:
-    """Sets the scale, and its radial axis with a unit far from what is `shown` (n,)."""
+    """Sets the scale, and its radial axis with a unit far from what is `shown` (n,); a legend."""
     from matplotlib.ticker import MaxNLocator
 
     largest = float(np.abs(shown).max(initial=0.0))
@@ -503,3 +499,5 @@ def _frame(axes: PolarAxes, shown: NDArray[np.complex128], unit: str = "force [N
     axes.text(radial, 1.05 * top, unit, ha=ha, va=va)
     axes.grid(linewidth=0.4, color="0.8")
     axes.tick_params(pad=1.0)
+    if count := len(axes.get_legend_handles_labels()[1]):
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=min(count, 3))
