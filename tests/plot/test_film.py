@@ -211,6 +211,28 @@ def test_in_fixed_axes_hand_and_object_move_as_the_run_says(
         np.testing.assert_allclose(outlines[19][0], centre[row], atol=1e-6)
 
 
+def test_the_axes_and_the_path_are_those_of_the_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pictures: list[Any] = []
+
+    class Kept(film.Picture):
+        def __init__(self, axes: Any, *rest: Any) -> None:
+            pictures.append(axes)
+            super().__init__(axes, *rest)
+
+    monkeypatch.setattr(film, "Picture", Kept)
+    run = sp.simulate(CARRIED, 1e-3)
+    for frame in ("hand", "world"):
+        animated(run, tmp_path / "a.gif", frame=frame)
+    still, fixed = pictures
+    assert (still.get_xlabel(), fixed.get_ylabel()) == ("$x$ [mm]", "$Y$ [mm]")
+    (path,) = fixed.get_lines()
+    places = 1e3 * MOVE.at(film._times(run, 25.0, 1.0)).position
+    np.testing.assert_allclose(np.transpose(path.get_data()), places, atol=1e-9)
+    assert not still.get_lines()
+
+
 def test_disturbances_keep_their_direction_while_the_hand_turns(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
