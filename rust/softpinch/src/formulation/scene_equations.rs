@@ -103,7 +103,6 @@ pub struct SceneEquations<R> {
     instructions: Instructions,
     ledger: bool,
     projected: bool,
-    moves: bool,
     pub(crate) kind: EquationKind<R>,
 }
 
@@ -135,7 +134,6 @@ impl<R: Lanes> SceneEquations<R> {
             instructions,
             ledger: choice.ledger,
             projected: choice.formulation == Formulation::Projected,
-            moves: choice.moves,
             kind: R::call(instructions, Build(choice, source, gains)),
         }
     }
@@ -443,12 +441,12 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
     /// In lanes the equations of undisturbed bilateral contact are inlined into the stages.
     #[inline(always)]
     fn evaluate_stages(&self, stages: impl Stages<R>) {
-        let together = Self::INLINES_STAGES && !self.ledger && !self.moves;
+        let together = |plant: &Plant<R>| Self::INLINES_STAGES && !(self.ledger || plant.driven || plant.moves);
         match &self.kind {
-            EquationKind::Csm(equations) if together && !equations.plant().driven => {
+            EquationKind::Csm(equations) if together(equations.plant()) => {
                 R::call(self.instructions, Together { stages, equations, called: self });
             }
-            EquationKind::Nullspace(equations) if together && !equations.plant().driven => {
+            EquationKind::Nullspace(equations) if together(equations.plant()) => {
                 R::call(self.instructions, Together { stages, equations, called: self });
             }
             _ => stages.run(self),

@@ -285,9 +285,9 @@ impl Inputs {
     pub fn impulses_at(&self, time: f64) -> impl Iterator<Item = [f64; 3]> {
         let here = self.impulses[self.impulses_before(time)..].iter();
         here.take_while(move |impulse| impulse.time == time).map(move |impulse| {
+            let Some(frame) = &self.frame else { return impulse.impulse };
             let [x, y, moment] = impulse.impulse;
-            let Some(frame) = self.segment(time).frame else { return impulse.impulse };
-            let [x, y] = frame.at(0.0).into_hand([x, y]);
+            let [x, y] = frame.segment(time).at(0.0).into_hand([x, y]);
             [x, y, moment]
         })
     }
