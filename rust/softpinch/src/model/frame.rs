@@ -34,6 +34,12 @@ pub struct FrameMotion<R> {
 }
 
 impl<R: Real> FrameMotion<R> {
+    /// A frame at rest.
+    pub fn still() -> Self {
+        let zero = R::zero();
+        Self { acceleration: [zero; 2], sin: zero, cos: R::constant(1.0), turning: None }
+    }
+
     /// The motion with an acceleration along fixed axes.
     #[inline(always)]
     pub(crate) fn new(acceleration: [R; 2], (sin, cos): (R, R), turning: Option<[R; 2]>) -> Self {
@@ -65,6 +71,7 @@ impl<R: Real> FrameMotion<R> {
 /// The masses and lengths on which the forces of the frame's motion depend.
 #[derive(Debug, Clone, Copy)]
 pub struct Carried<R> {
+    /// g; zero for a hand at rest, whose bodies have weights instead.
     gravity: R,
     /// M and I of the object.
     object: [R; 2],
@@ -77,7 +84,7 @@ pub struct Carried<R> {
 
 impl<R: Real> Carried<R> {
     #[inline(always)]
-    pub(super) fn new(source: &impl Source<R>) -> Self {
+    pub(super) fn new(source: &impl Source<R>, gravity: R) -> Self {
         let zero = [R::zero(); 2];
         let (mut inertias, mut finger_masses, mut lengths, mut root_offsets) = (zero, zero, zero, zero);
         for i in 0..2 {
@@ -86,7 +93,6 @@ impl<R: Real> Carried<R> {
             lengths[i] = source.number(|p| p.fingers[i].length);
             root_offsets[i] = source.number(|p| p.fingers[i].root_offset);
         }
-        let gravity = source.number(|p| p.surroundings.gravity);
         let object = [source.number(|p| p.grasped.mass), source.number(|p| p.grasped.inertia)];
         Self { gravity, object, inertias, finger_masses, lengths, root_offsets }
     }
