@@ -59,6 +59,13 @@ impl<R: Real> FrameMotion<R> {
         [x.dot2(self.cos, -y, self.sin), y.dot2(self.cos, x, self.sin)]
     }
 
+    /// What an accelerometer at the frame's origin reads, (a^_x, a^_y): that of a hand at rest reads (0, g).
+    #[inline(always)]
+    pub fn felt(&self, gravity: R) -> [R; 2] {
+        let [x, y] = self.acceleration;
+        [gravity.mul_add(self.sin, x), gravity.mul_add(self.cos, y)]
+    }
+
     /// The motion in numbers that do not vary.
     pub fn constant(own: &FrameMotion<f64>) -> Self {
         let FrameMotion { acceleration, sin, cos, turning } = *own;
@@ -108,8 +115,7 @@ impl<R: Real> Carried<R> {
         p: &Coordinates<R>,
     ) -> FrameLoads<R> {
         let ([x, y, _], [u, v, _]) = (q.object, p.object);
-        let [ax, ay] = frame.acceleration;
-        let (ax, ay) = (self.gravity.mul_add(frame.sin, ax), self.gravity.mul_add(frame.cos, ay));
+        let [ax, ay] = frame.felt(self.gravity);
         let (mut along, mut across, mut moment) = (ax, ay, R::zero());
         let (theta, mut fingers) = (q.object[2], [R::zero(); 2]);
         let (sin_theta, cos_theta) = theta.sin_cos();
