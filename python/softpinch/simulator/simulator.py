@@ -19,19 +19,21 @@ from ..run.simulate import simulate
 from ..scene import usual
 from ..scene.control import WRITTEN
 from ..scene.disturbance import Sampled
+from ..scene.motion import ConstantMotion, HandMotion
 from ..scene.scene import Scene, State, require_fit
 from ..scene.schedule import Schedule
 from ..scene.stabilization import Stabilization
 from ..study.sources import Key
 from ..study.spec import StudySpec
 from ..support import checks
+from ..support.arrays import Floats
 from ..support.choices import Formulation, Method, Recordable, Violation
 from ..support.display import Shown, text_of
 
 # The name of a status's code in the core: a run that goes on, and then the ways to end.
 STATUSES = ("running", *_core.STATUSES)
-# Numbers that are kept of each period: its start, torques, force and moment.
-_KEPT = 6
+# Numbers that are kept of each period: its start, torques, force, moment and acceleration.
+_KEPT = 8
 _NAMES = np.array(STATUSES)
 # Largest number of runs; their states take 10 GB.
 _MOST = 10_000_000
@@ -106,6 +108,22 @@ class Stepped(Shown):
         q, p = np.asarray(state.q), np.asarray(state.p)
         return state.time, q, p, state.integral, state.grid, state.contact, state.check
 
+    def _along_fixed_axes(
+        self, acceleration: ArrayLike, tilts: Floats | None = None, runs: tuple[int, ...] = ()
+    ) -> Floats:
+        """Turns accelerations of a step along the axes of hands, after checks, (*runs, 2)."""
+        motion = self._scene.motion
+        if not isinstance(motion, ConstantMotion):
+            raise ValueError(
+                "acceleration: takes the place of the one of Scene.motion, which must be "
+                f"HandMotion.constant(...) and is {checks.shown(motion)}"
+            )
+        shape = (*runs, 2) if np.ndim(acceleration) == 2 else (2,)
+        x, y = checks.array("acceleration", acceleration, shape).T
+        tilts = np.broadcast_to(motion.tilt if tilts is None else tilts, runs)
+        cos, sin = np.cos(tilts), np.sin(tilts)
+        return np.stack([x * cos - y * sin, y * cos + x * sin], axis=-1)
+
     @property
     def period(self) -> float:
         """Time for which the torques of one step are held, s."""
@@ -138,7 +156,7 @@ class Simulator(Stepped):
     and at its end under the period's own torques.
 
     The state is kept in the core, so that a simulator is not copied or pickled; for `run()` it also
-    keeps 48 bytes for each period since the last `reset` or `set_state`. The core takes equal
+    keeps 64 bytes for each period since the last `reset` or `set_state`. The core takes equal
     steps: `tolerance` is not offered, because its steps depend on all earlier states.
     """
 
@@ -163,6 +181,8 @@ class Simulator(Stepped):
         self._core = _core.Simulator.alone(Request(scene, self._options).simulation(), self._period)
         self._start: State | None = None
         self._force = (0.0, 0.0, 0.0)
+        motion = scene.motion
+        self._usual = motion.acceleration if isinstance(motion, ConstantMotion) else (0.0, 0.0)
         self._seen = self._begin()
 
     @property
@@ -193,13 +213,17 @@ class Simulator(Stepped):
         self._start, self._force = state, (0.0, 0.0, 0.0)
         return self._begin()
 
-    def step(self, torque: ArrayLike) -> Observation:
+    def step(self, torque: ArrayLike, acceleration: ArrayLike | None = None) -> Observation:
         """Goes on for one period.
+
+        If an argument is refused, or after Ctrl-C, the simulator is as before the step.
 
         Args:
             torque: Torques on the right and the left finger (2,), N m, a positive one closes its
-                finger; or the target angles of the fingers of a PID, rad. If they are refused, or
-                after Ctrl-C, the simulator is as before the step.
+                finger; or the target angles of the fingers of a PID, rad.
+            acceleration: Acceleration (a_x, a_y) of the hand along its own axes in this period,
+                m/s^2, instead of that of the scene's motion, a `HandMotion.constant`; None keeps
+                that one.
         """
         before = self._seen
         if before.status != "running":
@@ -208,8 +232,9 @@ class Simulator(Stepped):
                 "reset() begins it again"
             )
         right, left = _torque_pair(torque)
-        t, q, p, multipliers, code = self._core.step(right, left)
-        self._held.extend((before.t, right, left, *self._force))
+        own = None if acceleration is None else self._along_fixed_axes(acceleration).tolist()
+        t, q, p, multipliers, code = self._core.step(right, left, own)
+        self._held.extend((before.t, right, left, *self._force, *(own or self._usual)))
         self._seen = Observation(t, q, p, multipliers, STATUSES[code])
         return self._seen
 
@@ -245,10 +270,10 @@ class Simulator(Stepped):
     ) -> Run:
         """Computes the run since the last `reset` or `set_state` again, with its whole recording.
 
-        It has the bits of the steps, and its scene has their torques as its schedule, and the
-        forces of `set_force` as one more disturbance. After `set_state` its last instant may differ
-        by one unit of round-off, because not every sum of a start and a duration is the end of a
-        period.
+        It has the bits of the steps, and its scene has their torques as its schedule, the forces of
+        `set_force` as one more disturbance, and their accelerations as its motion. After
+        `set_state` its last instant may differ by one unit of round-off, because not every sum of a
+        start and a duration is the end of a period.
 
         Args:
             record: Groups of quantities to record, as for `simulate`; all by default.
@@ -266,11 +291,15 @@ class Simulator(Stepped):
         if isinstance(initial, State):
             # A period begins a segment of its own, wherever the state comes from.
             initial = replace(initial, grid=None, linearized=None)
-        if held[:, 3:].any():
+        if held[:, 3:6].any():
             force = Sampled(times=times, force=held[:, 3:5], moment=held[:, 5])
             disturbances = (*disturbances, force)
+        motion, accelerations = self._scene.motion, held[:, 6:]
+        if isinstance(motion, ConstantMotion) and (accelerations != motion.acceleration).any():
+            motion = HandMotion.sampled(times, None, accelerations, motion.tilt, hold=True)
         return replace(
             self._scene,
+            motion=motion,
             schedule=Schedule.steps(times, held[:, 1:3]),
             disturbances=disturbances,
             duration=_duration(times[0], self._core.end(0)),
@@ -417,7 +446,12 @@ class VectorSimulator(Stepped):
         """Returns the status of a run in words; empty if it goes on or has reached its end."""
         return self._core.message(self._run(run))
 
-    def step(self, actions: ArrayLike, out: Observations | None = None) -> Observations:
+    def step(
+        self,
+        actions: ArrayLike,
+        out: Observations | None = None,
+        acceleration: ArrayLike | None = None,
+    ) -> Observations:
         """Steps all runs that have not ended by one period.
 
         Args:
@@ -425,6 +459,7 @@ class VectorSimulator(Stepped):
                 angles of the fingers of a PID, rad. Those of a run that has ended are ignored.
             out: Arrays to write to, of the shapes and types of `Observations`, contiguous and
                 without overlap; None writes to the simulator's own, which the next step overwrites.
+            acceleration: As for `Simulator.step`, of all hands (2,), or of each (n, 2).
 
         After an error, which names its run, and after Ctrl-C all runs are as before the step.
         """
@@ -432,10 +467,14 @@ class VectorSimulator(Stepped):
         # The usual case skips the checks: the core refuses numbers that are not finite.
         if not (type(given) is np.ndarray and (given.dtype, given.shape) == (float, (self.n, 2))):
             given = checked_actions(actions, self.n, "run")
+        own = None
+        if acceleration is not None:
+            tilts = self._values.get("motion.tilt")
+            own = self._along_fixed_axes(acceleration, tilts, (self.n,))
         seen = self._seen if out is None else self._required(out)
         t, q, p, multipliers, status = seen
         try:
-            self._core.step_all(given, (t, q, p, multipliers, self._codes))
+            self._core.step_all(given, own, (t, q, p, multipliers, self._codes))
         except ValueError:
             # The core has refused a number that is not finite; this error also names the run.
             checked_actions(given, self.n, "run")

@@ -7,7 +7,7 @@ use pyo3::exceptions::{PyIndexError, PyKeyboardInterrupt, PyRuntimeError, PyValu
 use pyo3::prelude::*;
 
 use crate::batch::Batch;
-use crate::convert::{GivenRow, GivenRows, Row, Rows, fixed, raise, room};
+use crate::convert::{GivenRow, GivenRows, Row, Rows, columns, fixed, raise, room};
 use crate::signals::detached;
 use crate::simulation::Simulation;
 use softpinch::driver::simulator::{Observed, Simulator as Core};
@@ -81,9 +81,9 @@ impl Runs {
         }
     }
 
-    fn advance(&mut self, py: Python<'_>) -> PyResult<()> {
+    fn advance(&mut self, py: Python<'_>, accelerations: &[[f64; 2]]) -> PyResult<()> {
         let Self { core, targets } = self;
-        let (done, _) = detached(py, |stops| core.step(targets, stops))?;
+        let (done, _) = detached(py, |stops| core.step(targets, accelerations, stops))?;
         // An interrupted step has changed nothing, so it can be repeated.
         if done.map_err(raise)? { Ok(()) } else { Err(PyKeyboardInterrupt::new_err(())) }
     }
@@ -153,16 +153,29 @@ impl Simulator {
         Ok(Self::new(core, targets))
     }
 
-    /// Steps the only run by one period.
-    fn step<'py>(&self, py: Python<'py>, right: f64, left: f64) -> PyResult<Observation<'py>> {
+    /// Steps the only run by one period, in which its hand may have this acceleration along fixed axes.
+    fn step<'py>(
+        &self,
+        py: Python<'py>,
+        right: f64,
+        left: f64,
+        acceleration: Option<[f64; 2]>,
+    ) -> PyResult<Observation<'py>> {
         let mut runs = self.runs()?;
         runs.targets.fill([right, left]);
-        runs.advance(py)?;
+        runs.advance(py, acceleration.as_slice())?;
         runs.observation(py, 0)
     }
 
-    /// Steps all runs that have not ended by one period, and writes what was seen of them.
-    fn step_all(&self, py: Python<'_>, actions: GivenRows<'_>, arrays: Arrays<'_>) -> PyResult<()> {
+    /// Steps all runs that have not ended by one period, in which their hands may have these accelerations, and writes
+    /// what was seen of them.
+    fn step_all(
+        &self,
+        py: Python<'_>,
+        actions: GivenRows<'_>,
+        accelerations: Option<GivenRows<'_>>,
+        arrays: Arrays<'_>,
+    ) -> PyResult<()> {
         let mut all = self.runs()?;
         let (actions, runs) = (actions.as_array(), all.targets.len());
         if actions.dim() != (runs, 2) {
@@ -173,7 +186,8 @@ impl Simulator {
         for (target, row) in all.targets.iter_mut().zip(actions.rows()) {
             *target = [row[0], row[1]];
         }
-        all.observe_after(arrays, |all| all.advance(py))
+        let accelerations = accelerations.map(|rows| columns("acceleration", &rows)).transpose()?;
+        all.observe_after(arrays, |all| all.advance(py, accelerations.as_deref().unwrap_or(&[])))
     }
 
     /// What was last seen of a run.

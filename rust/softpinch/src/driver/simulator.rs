@@ -123,23 +123,34 @@ impl Simulator {
     }
 
     /// Steps all runs that have not ended by one period, with these torques on the fingers in N m, or target
-    /// angles in rad. Returns `false` if `interrupted` has stopped it; then nothing has
+    /// angles in rad. `accelerations` has those of the hands in this period along fixed axes, m/s^2, or is empty: then
+    /// each has that of its scene. Returns `false` if `interrupted` has stopped it; then nothing has
     /// changed. It is called every few milliseconds.
-    pub fn step(&mut self, targets: &[[f64; 2]], interrupted: &dyn Fn() -> bool) -> Result<bool, Error> {
+    pub fn step(
+        &mut self,
+        targets: &[[f64; 2]],
+        accelerations: &[[f64; 2]],
+        interrupted: &dyn Fn() -> bool,
+    ) -> Result<bool, Error> {
         let Self { options, dt, period, environments, runs, pool } = self;
-        if targets.len() != environments.len() {
-            let (found, rule) = (format!("{} rows", targets.len()), "must have one for each run");
-            return Err(Error::Shape { field: "actions".to_owned(), found, rule });
+        for (name, rows, needed) in
+            [("actions", targets, true), ("acceleration", accelerations, !accelerations.is_empty())]
+        {
+            if needed && rows.len() != environments.len() {
+                let (found, rule) = (format!("{} rows", rows.len()), "must have one for each run");
+                return Err(Error::Shape { field: name.to_owned(), found, rule });
+            }
+            for (k, value) in rows.as_flattened().iter().enumerate() {
+                Rule::Finite.check_named(|| format!("{name}[{}, {}]", k / 2, k % 2), *value)?;
+            }
         }
-        for (k, value) in targets.as_flattened().iter().enumerate() {
-            Rule::Finite.check_named(|| format!("actions[{}, {}]", k / 2, k % 2), *value)?;
-        }
-        for ((environment, run), &target) in environments.iter_mut().zip(&mut *runs).zip(targets) {
+        for (k, (environment, run)) in environments.iter_mut().zip(&mut *runs).enumerate() {
             run.outcome = None;
             if environment.observed.status.is_none() {
                 run.end = environment.next(*period);
-                let force = environment.force;
-                environment.scene.inputs.hold(Some(Held { target, force }));
+                let (target, force, acceleration) =
+                    (targets[k], environment.force, accelerations.get(k).copied());
+                environment.scene.inputs.hold(Some(Held { target, force, acceleration }));
             }
         }
         compute((options, *dt), environments, runs, pool.as_ref(), interrupted)?;

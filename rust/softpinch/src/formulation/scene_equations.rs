@@ -103,7 +103,6 @@ pub struct SceneEquations<R> {
     instructions: Instructions,
     ledger: bool,
     projected: bool,
-    moves: bool,
     pub(crate) kind: EquationKind<R>,
 }
 
@@ -135,7 +134,6 @@ impl<R: Lanes> SceneEquations<R> {
             instructions,
             ledger: choice.ledger,
             projected: choice.formulation == Formulation::Projected,
-            moves: choice.moves,
             kind: R::call(instructions, Build(choice, source, gains)),
         }
     }
@@ -443,12 +441,12 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
     /// In lanes the equations of undisturbed bilateral contact are inlined into the stages.
     #[inline(always)]
     fn evaluate_stages(&self, stages: impl Stages<R>) {
-        let together = Self::INLINES_STAGES && !self.ledger && !self.moves;
+        let together = |plant: &Plant<R>| Self::INLINES_STAGES && !(self.ledger || plant.driven || plant.moves);
         match &self.kind {
-            EquationKind::Csm(equations) if together && !equations.plant().driven => {
+            EquationKind::Csm(equations) if together(equations.plant()) => {
                 R::call(self.instructions, Together { stages, equations, called: self });
             }
-            EquationKind::Nullspace(equations) if together && !equations.plant().driven => {
+            EquationKind::Nullspace(equations) if together(equations.plant()) => {
                 R::call(self.instructions, Together { stages, equations, called: self });
             }
             _ => stages.run(self),
@@ -545,32 +543,28 @@ impl<R: Lanes, const W: usize> Linear<R> for Tangent<R, W> {
 }
 
 impl<R: Lanes, const W: usize> Tangent<R, W> {
-    /// Evaluates the state `y` under the inputs of an instant, without the works of the ledger. The directions
-    /// of state and inputs are the caller's, so this differentiates every result by whatever is wanted. `None`
+    /// Evaluates the state `y` under the inputs and the hand's motion of an instant, without the works of the ledger. The
+    /// directions of state, inputs and motion are the caller's, so this differentiates every result by whatever is wanted. `None`
     /// for formulations other than `nullspace`: only its minimal coordinates are linearised with inputs and
     /// outputs, and this code is not compiled for the other formulations.
     pub fn evaluate_seeded(
         &self,
-        (input, frame): (&Input<Dual<R, W>>, Option<&FrameMotion<Dual<R, W>>>),
+        (input, frame): (&Input<Dual<R, W>>, &FrameMotion<Dual<R, W>>),
         y: &States<Dual<R, W>>,
     ) -> Option<Evaluation<Dual<R, W>>> {
         match &self.kind {
             EquationKind::Nullspace(equations) => {
-                let moving = frame.map(|frame| {
-                    self.loads(frame, input, StageState { from: y, by: Dual::zero(), along: y })
-                });
-                let moving = moving.as_ref();
-                Some(Dual::call(self.instructions, Seeded { equations, input, moving, y }))
+                let loads = &self.loads(frame, input, StageState { from: y, by: Dual::zero(), along: y });
+                Some(Dual::call(self.instructions, Seeded { equations, input, loads, y }))
             }
             _ => None,
         }
     }
 }
 task! {
-    Seeded(input: &'a Input<R>, moving: Option<&'a FrameLoads<R>>, y: &'a States<R>) -> Evaluation<R>,
+    Seeded(input: &'a Input<R>, loads: &'a FrameLoads<R>, y: &'a States<R>) -> Evaluation<R>,
     equations => {
-        let none = no_finger_forces();
-        let loads = Loads::of(&input.force, &none, moving);
+        let loads = Loads { force: &loads.force, fingers: &loads.fingers };
         equations.evaluate(equations.plant().driven, (input, loads), &Contacts::sticking(), y, false)
     }
 }

@@ -93,7 +93,8 @@ impl<R: Real> Plant<R> {
     #[inline(always)]
     pub fn new(source: &impl Source<R>, fingers: Fingers, moves: bool) -> Self {
         let one = R::constant(1.0);
-        let gravity = if moves { R::zero() } else { source.number(|p| p.surroundings.gravity) };
+        let (zero, gravity) = (R::zero(), source.number(|p| p.surroundings.gravity));
+        let (gravity, carried_gravity) = if moves { (zero, gravity) } else { (gravity, zero) };
         // Loops, because closures that compute would be compiled without the instructions of the lanes.
         let mut masses = [one; 9];
         for (k, mass) in masses.iter_mut().enumerate() {
@@ -125,7 +126,7 @@ impl<R: Real> Plant<R> {
             driven,
             weight: source.number(|p| p.grasped.mass) * gravity,
             finger_weights,
-            carried: Carried::new(source),
+            carried: Carried::new(source, carried_gravity),
             moves,
         }
     }

@@ -34,6 +34,12 @@ pub struct FrameMotion<R> {
 }
 
 impl<R: Real> FrameMotion<R> {
+    /// A frame at rest.
+    pub fn still() -> Self {
+        let zero = R::zero();
+        Self { acceleration: [zero; 2], sin: zero, cos: R::constant(1.0), turning: None }
+    }
+
     /// The motion with an acceleration along fixed axes.
     #[inline(always)]
     pub(crate) fn new(acceleration: [R; 2], (sin, cos): (R, R), turning: Option<[R; 2]>) -> Self {
@@ -53,6 +59,13 @@ impl<R: Real> FrameMotion<R> {
         [x.dot2(self.cos, -y, self.sin), y.dot2(self.cos, x, self.sin)]
     }
 
+    /// What an accelerometer at the frame's origin reads, (a^_x, a^_y): that of a hand at rest reads (0, g).
+    #[inline(always)]
+    pub fn felt(&self, gravity: R) -> [R; 2] {
+        let [x, y] = self.acceleration;
+        [gravity.mul_add(self.sin, x), gravity.mul_add(self.cos, y)]
+    }
+
     /// The motion in numbers that do not vary.
     pub fn constant(own: &FrameMotion<f64>) -> Self {
         let FrameMotion { acceleration, sin, cos, turning } = *own;
@@ -65,6 +78,7 @@ impl<R: Real> FrameMotion<R> {
 /// The masses and lengths on which the forces of the frame's motion depend.
 #[derive(Debug, Clone, Copy)]
 pub struct Carried<R> {
+    /// g; zero for a hand at rest, whose bodies have weights instead.
     gravity: R,
     /// M and I of the object.
     object: [R; 2],
@@ -77,7 +91,7 @@ pub struct Carried<R> {
 
 impl<R: Real> Carried<R> {
     #[inline(always)]
-    pub(super) fn new(source: &impl Source<R>) -> Self {
+    pub(super) fn new(source: &impl Source<R>, gravity: R) -> Self {
         let zero = [R::zero(); 2];
         let (mut inertias, mut finger_masses, mut lengths, mut root_offsets) = (zero, zero, zero, zero);
         for i in 0..2 {
@@ -86,7 +100,6 @@ impl<R: Real> Carried<R> {
             lengths[i] = source.number(|p| p.fingers[i].length);
             root_offsets[i] = source.number(|p| p.fingers[i].root_offset);
         }
-        let gravity = source.number(|p| p.surroundings.gravity);
         let object = [source.number(|p| p.grasped.mass), source.number(|p| p.grasped.inertia)];
         Self { gravity, object, inertias, finger_masses, lengths, root_offsets }
     }
@@ -102,8 +115,7 @@ impl<R: Real> Carried<R> {
         p: &Coordinates<R>,
     ) -> FrameLoads<R> {
         let ([x, y, _], [u, v, _]) = (q.object, p.object);
-        let [ax, ay] = frame.acceleration;
-        let (ax, ay) = (self.gravity.mul_add(frame.sin, ax), self.gravity.mul_add(frame.cos, ay));
+        let [ax, ay] = frame.felt(self.gravity);
         let (mut along, mut across, mut moment) = (ax, ay, R::zero());
         let (theta, mut fingers) = (q.object[2], [R::zero(); 2]);
         let (sin_theta, cos_theta) = theta.sin_cos();

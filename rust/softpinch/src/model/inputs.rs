@@ -97,9 +97,13 @@ impl HandMotion {
         }
     }
 
-    /// The motion in the segment from `anchor` on.
-    fn segment(&self, anchor: f64) -> SegmentFrame<f64> {
-        let ([x, y], [tilt]) = (self.acceleration.shifted(anchor), self.tilt.shifted(anchor));
+    /// The motion in the segment from `anchor` on, with the accelerations that are held, if there are any.
+    fn segment(&self, anchor: f64, held: Option<[f64; 2]>) -> SegmentFrame<f64> {
+        let [x, y] = held.map_or_else(
+            || self.acceleration.shifted(anchor),
+            |own| own.map(|value| std::array::from_fn(|k| if k == 0 { value } else { 0.0 })),
+        );
+        let [tilt] = self.tilt.shifted(anchor);
         let [omega, phase, ref amplitude @ ..] = self.sine;
         let wave = Wave { omega, phase: omega.mul_add(anchor, phase), amplitude: *amplitude, active: 1 };
         // Adding zero turns -0.0 into 0.0, as in the other channels.
@@ -135,6 +139,9 @@ pub struct Held {
     pub target: [f64; 2],
     /// F_x and F_y in N and the moment in N m, beside the disturbances of the scene.
     pub force: [f64; 3],
+    /// The acceleration of the hand's frame along fixed axes, m/s^2, instead of that of its motion. A scene without a
+    /// motion has none.
+    pub acceleration: Option<[f64; 2]>,
 }
 
 impl Inputs {
@@ -184,6 +191,17 @@ impl Inputs {
         self.frame.is_some()
     }
 
+    /// The motion of the hand's frame at time `t`.
+    pub fn frame_at(&self, t: f64) -> FrameMotion<f64> {
+        self.frame_from(t).map_or_else(FrameMotion::still, |frame| frame.at(0.0))
+    }
+
+    /// The motion of the hand's frame in the segment from `anchor` on, if it moves.
+    fn frame_from(&self, anchor: f64) -> Option<SegmentFrame<f64>> {
+        let acceleration = self.held.and_then(|held| held.acceleration);
+        self.frame.as_ref().map(|frame| frame.segment(anchor, acceleration))
+    }
+
     /// The same inputs, and a force on the object from `time` on that ends after `duration`, s: F_x and F_y in N and
     /// the moment in N m.
     pub fn with_pulse(mut self, time: f64, duration: f64, force: [f64; 3]) -> Result<Self, Error> {
@@ -229,7 +247,7 @@ impl Inputs {
     /// whose mean is zero, and impulses are left out.
     pub fn frozen(&self, t: f64) -> Self {
         let (target, mut force) = match self.held {
-            Some(Held { target, force }) => (target, force),
+            Some(Held { target, force, .. }) => (target, force),
             None => (self.schedule.value_and_rate(t)[0], [0.0; 3]),
         };
         for own in &self.forces {
@@ -285,9 +303,11 @@ impl Inputs {
     pub fn impulses_at(&self, time: f64) -> impl Iterator<Item = [f64; 3]> {
         let here = self.impulses[self.impulses_before(time)..].iter();
         here.take_while(move |impulse| impulse.time == time).map(move |impulse| {
+            if self.frame.is_none() {
+                return impulse.impulse;
+            }
             let [x, y, moment] = impulse.impulse;
-            let Some(frame) = self.segment(time).frame else { return impulse.impulse };
-            let [x, y] = frame.at(0.0).into_hand([x, y]);
+            let [x, y] = self.frame_at(time).into_hand([x, y]);
             [x, y, moment]
         })
     }
@@ -337,7 +357,7 @@ impl Inputs {
         }
         let degree =
             (0..COEFFICIENTS).rev().find(|&d| channels.iter().any(|channel| channel[d] != 0.0)).unwrap_or(0);
-        let frame = self.frame.as_ref().map(|frame| frame.segment(anchor).into());
+        let frame = self.frame_from(anchor).map(Box::new);
         SegmentDrive { channels, degrees: [degree; MOST], degree, waves, frame, ..SegmentDrive::still() }
     }
 }

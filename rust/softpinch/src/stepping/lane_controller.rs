@@ -88,7 +88,9 @@ impl LaneController {
             let found = LaneContact::first_multipliers(how.0, how.1, scene, drive, h);
             multipliers = found.unwrap_or(multipliers);
         }
-        let seen = Measured { motion: &motion, multipliers: &multipliers, target: scene.inputs.target(t) };
+        let frame = (scene.inputs.frame_at(t), scene.parameters.surroundings.gravity);
+        let target = scene.inputs.target(t);
+        let seen = Measured { motion: &motion, multipliers: &multipliers, target, frame };
         self.keep(t);
         self.now.sample(&self.controller, &seen, &mut self.scratch);
     }

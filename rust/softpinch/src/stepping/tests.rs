@@ -115,7 +115,7 @@ fn a_period_from_outside_allocates_its_method_at_most() {
                 let scenes = (0..runs).map(scene).collect::<Result<Vec<_>, _>>().expect("valid");
                 let mut simulator = Simulator::new(scenes, &options, 1e-3, 1).expect("the scenes are valid");
                 let targets = vec![[0.1, 0.08]; runs as usize];
-                let mut step = || simulator.step(&targets, &|| false);
+                let mut step = || simulator.step(&targets, &[], &|| false);
                 for _ in 0..3 {
                     assert_eq!(step(), Ok(true));
                 }
