@@ -12,11 +12,11 @@
 //! | `wrench.rs` | the largest wrench that an equilibrium bears |
 
 pub mod balance;
-pub mod continuation;
+mod continuation;
 pub mod equilibrium;
 pub mod evaluate;
 pub mod linear;
 pub mod reason;
 pub mod rest;
-pub mod starts;
+mod starts;
 pub mod wrench;

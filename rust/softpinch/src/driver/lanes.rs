@@ -3,9 +3,8 @@
 use crate::error::Error;
 use crate::formulation::scene_equations::Choice;
 use crate::method::called::AnyMethod;
-use crate::method::entry::LaneMethod;
 use crate::method::rk4::Rk4;
-use crate::method::table::adaptive_in_lanes;
+use crate::method::table::{Method, adaptive_in_lanes};
 use crate::method::traits::Runs;
 use crate::model::energy::Energies;
 use crate::number::lanes::Lanes;
@@ -53,7 +52,7 @@ pub(super) struct RunsInLanes<'q, 'a> {
 }
 
 impl RunsInLanes<'_, '_> {
-    /// Computes the runs. Returns `None` if the steps of the method have no lanes, which its entry says.
+    /// Computes the runs. Returns `None` if the steps of the method have no lanes.
     pub(super) fn compute(self) -> Result<Option<()>, Error> {
         dispatch_lanes(self.options.simd, self)?
     }
@@ -66,16 +65,15 @@ impl LaneKernel for RunsInLanes<'_, '_> {
     #[inline(always)]
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
         let Self { queue, grid, options, choice } = self;
-        let Some(method) = options.method.entry().lanes else { return Ok(None) };
         let setup = LoopSetup { instructions, options, choice, queue };
-        let computed = match (options.steps, method) {
+        let computed = match (options.steps, options.method) {
             // A step of RK4 is so short that a call would take 3 % of it.
-            (Steps::Fixed(_), LaneMethod::Rk4) => {
+            (Steps::Fixed(_), Method::Rk4) => {
                 let method = &mut Rk4::default();
                 let build = move |runs: Runs<'_>| (runs.system::<R>(), method);
                 R::call(instructions, EqualSteps { setup, grid, build })
             }
-            (Steps::Fixed(_), LaneMethod::Adaptive(method)) => {
+            (Steps::Fixed(_), method @ (Method::Dop853 | Method::Rosenbrock)) => {
                 let build = |runs: Runs<'_>| {
                     let system = runs.system();
                     let method: AnyMethod<R> = adaptive_in_lanes(method, runs, &system);
@@ -83,11 +81,14 @@ impl LaneKernel for RunsInLanes<'_, '_> {
                 };
                 R::call(instructions, EqualSteps { setup, grid, build })
             }
-            (Steps::Free { tolerance }, LaneMethod::Adaptive(method)) => {
+            (Steps::Free { tolerance }, method @ (Method::Dop853 | Method::Rosenbrock)) => {
                 let build = |runs: Runs<'_>, system: &_| adaptive_in_lanes::<R>(method, runs, system);
                 R::call(instructions, AdaptiveSteps { setup, tolerance, build })
             }
-            (Steps::Free { .. }, LaneMethod::Rk4) => return Ok(None),
+            // Lanes of a method that iterates would wait for each other.
+            (_, Method::ImplicitMidpoint | Method::Radau5) | (Steps::Free { .. }, Method::Rk4) => {
+                return Ok(None);
+            }
         };
         computed.map(|_| Some(()))
     }

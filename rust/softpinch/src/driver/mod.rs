@@ -5,7 +5,7 @@ mod differentiated_run;
 pub mod direction;
 pub mod ensemble;
 mod environment;
-pub mod lanes;
+mod lanes;
 mod period;
 pub mod queue;
 pub mod sensitivities;

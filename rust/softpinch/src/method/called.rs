@@ -9,10 +9,9 @@ use crate::number::lanes::{Bits, LaneTask, Lanes};
 use crate::number::simd::level::Instructions;
 
 /// Any method for the runs in all lanes.
-pub type AnyMethod<R = f64> = Box<dyn Integrator<R, SceneEquations<R>, Failure = Unsolved> + Send + Sync>;
+pub type AnyMethod<R = f64> = Box<dyn Integrator<R, SceneEquations<R>> + Send + Sync>;
 /// Any method that can choose the length of its steps.
-pub type AnyAdaptiveMethod<R = f64> =
-    Box<dyn Adaptive<R, SceneEquations<R>, Failure = Unsolved> + Send + Sync>;
+pub type AnyAdaptiveMethod<R = f64> = Box<dyn Adaptive<R, SceneEquations<R>> + Send + Sync>;
 
 /// A method whose computations are called, each compiled with the instructions of the lanes.
 pub struct Called<M> {
@@ -56,7 +55,7 @@ macro_rules! task {
 task! {
     TakeStep<Integrator>(&'a mut M, step: &'a Step<'a, R>, next: &'a mut States<R>, stats: &'a mut Stats)
         -> Result<(), Unsolved>,
-    method => method.step(step, next, stats).map_err(Into::into)
+    method => method.step(step, next, stats)
 }
 task! {
     TakeJacobian<Integrator>(&'a mut M, drive: &'a SegmentDrive<R>, tau: R, y: &'a States<R>) -> (),
@@ -76,8 +75,6 @@ task! {
 }
 
 impl<R: Lanes, M: Integrator<R, SceneEquations<R>>> Integrator<R, SceneEquations<R>> for Called<M> {
-    type Failure = Unsolved;
-
     fn step(&mut self, step: &Step<'_, R>, next: &mut States<R>, stats: &mut Stats) -> Result<(), Unsolved> {
         let Self { instructions, method, .. } = self;
         R::call(*instructions, TakeStep { method, step, next, stats })

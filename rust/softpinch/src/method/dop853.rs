@@ -5,7 +5,6 @@
 
 mod tableau;
 
-use std::convert::Infallible;
 use std::sync::LazyLock;
 
 use nalgebra::Complex;
@@ -13,21 +12,18 @@ use nalgebra::Complex;
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{BLOCK, Size, StageState, System};
 use crate::method::called::Called;
-use crate::method::entry::{AdaptiveLaneMethod, LaneMethod, MethodEntry};
-use crate::method::traits::{Adaptive, Integrator, Stats, Step, largest};
+use crate::method::table::MethodEntry;
+use crate::method::traits::{Adaptive, Integrator, Stats, Step, Unsolved, largest};
 use crate::number::lanes::{Bits, Lanes};
 use tableau::{A, A_EXTRA, ALL, B, C, C_EXTRA, DENSE, E3, E5, EXTRA, STAGES};
 
-/// The properties of the method.
 pub const ENTRY: MethodEntry = MethodEntry {
-    name: "dop853",
     order: 8,
     real_stability_limit: Some(REAL_STABILITY_LIMIT),
     stability_function,
     keeps_jacobian: false,
     alone: |runs, _| Box::new(Called::new(runs, Dop853::default())),
     adaptive: Some(|runs, _| Box::new(Called::new(runs, Dop853::default()))),
-    lanes: Some(LaneMethod::Adaptive(AdaptiveLaneMethod::Dop853)),
 };
 
 /// |R(z)| <= 1 on the real axis from minus this number to 0. R has degree 12 and follows from the tableau.
@@ -103,15 +99,13 @@ macro_rules! each_stage {
 }
 
 impl<R: Lanes, S: System<R>> Integrator<R, S> for Dop853<R> {
-    type Failure = Infallible;
-
     #[inline(always)]
     fn step(
         &mut self,
         step: &Step<'_, R, S>,
         next: &mut States<R>,
         stats: &mut Stats,
-    ) -> Result<(), Infallible> {
+    ) -> Result<(), Unsolved> {
         let &Step { system, drive, tau, h, y, rate, .. } = step;
         let Self { slopes, along, .. } = self;
         let size = system.size();

@@ -199,8 +199,6 @@ where
     T: Linear<f64>,
     S: System<f64>,
 {
-    type Failure = Unsolved;
-
     #[inline(always)]
     fn step(
         &mut self,

@@ -9,15 +9,13 @@ use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::{Linear, Size, StageState, System};
 use crate::method::called::Called;
-use crate::method::entry::MethodEntry;
 use crate::method::linearize::{Factors, Linearization};
 use crate::method::newton::{Iteration, Newton, Problem, Scheme, Solved, newton};
+use crate::method::table::MethodEntry;
 use crate::method::traits::{Adaptive, Runs, Stats, Step, largest};
 use crate::number::lanes::Bits;
 
-/// The properties of the method.
 pub const ENTRY: MethodEntry = MethodEntry {
-    name: "radau5",
     order: 5,
     real_stability_limit: None,
     // Hairer and Wanner IV.5, (5.18): the Pade approximation (2, 3).
@@ -28,7 +26,6 @@ pub const ENTRY: MethodEntry = MethodEntry {
     keeps_jacobian: true,
     alone: |runs, system| Box::new(radau5(runs, system)),
     adaptive: Some(|runs, system| Box::new(radau5(runs, system))),
-    lanes: None,
 };
 
 /// The method of a single run, before its first step.

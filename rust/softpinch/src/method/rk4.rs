@@ -9,20 +9,16 @@
 //!     | 1/6 1/3 1/3 1/6
 //! ```
 
-use std::convert::Infallible;
-
 use nalgebra::Complex;
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{StageState, Stages, System};
 use crate::method::called::Called;
-use crate::method::entry::{LaneMethod, MethodEntry};
-use crate::method::traits::{Integrator, Stats, Step};
+use crate::method::table::MethodEntry;
+use crate::method::traits::{Integrator, Stats, Step, Unsolved};
 use crate::number::lanes::Lanes;
 
-/// The properties of the method.
 pub const ENTRY: MethodEntry = MethodEntry {
-    name: "rk4",
     order: 4,
     real_stability_limit: Some(REAL_STABILITY_LIMIT),
     stability_function: |z| {
@@ -32,7 +28,6 @@ pub const ENTRY: MethodEntry = MethodEntry {
     keeps_jacobian: false,
     alone: |runs, _| Box::new(Called::new(runs, Rk4::default())),
     adaptive: None,
-    lanes: Some(LaneMethod::Rk4),
 };
 
 /// |R(z)| = |1 + z + z^2/2 + z^3/6 + z^4/24| <= 1 on the real axis from -2.785... to 0 (Hairer and Wanner,
@@ -57,15 +52,13 @@ impl<R: Lanes> Default for Rk4<R> {
 }
 
 impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
-    type Failure = Infallible;
-
     #[inline(always)]
     fn step(
         &mut self,
         step: &Step<'_, R, S>,
         next: &mut States<R>,
         stats: &mut Stats,
-    ) -> Result<(), Infallible> {
+    ) -> Result<(), Unsolved> {
         stats.evaluations += EVALUATIONS;
         step.system.evaluate_stages(Rk4Stages { slopes: &mut self.slopes, step, next });
         Ok(())

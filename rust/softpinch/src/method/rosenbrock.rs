@@ -7,7 +7,6 @@
 //! (1/(gamma h) - J) u_i = f(t + c_i h, y + sum of a_ij u_j) + sum of (C_ij / h) u_j + d_i h df/dt,
 //! y_1 = y + sum of a_6j u_j + u_6, and u_6 is the error estimate.
 
-use std::convert::Infallible;
 use std::marker::PhantomData;
 
 use nalgebra::Complex;
@@ -16,15 +15,13 @@ use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::scene_equations::{SceneEquations, Tangent};
 use crate::formulation::system::{Linear, Size, StageState, System};
 use crate::method::called::Called;
-use crate::method::entry::{AdaptiveLaneMethod, LaneMethod, MethodEntry};
 use crate::method::linearize::{DIRECTIONS, Linearization};
-use crate::method::traits::{Adaptive, Integrator, Runs, Stats, Step, largest};
+use crate::method::table::MethodEntry;
+use crate::method::traits::{Adaptive, Integrator, Runs, Stats, Step, Unsolved, largest};
 use crate::number::lanes::{Bits, Lanes};
 use crate::number::linear::Entry;
 
-/// The properties of the method.
 pub const ENTRY: MethodEntry = MethodEntry {
-    name: "rosenbrock",
     order: 4,
     real_stability_limit: None,
     // Hairer and Wanner IV.7: a polynomial over (1 - gamma z)^6, of degree five because of L-stability. Order four
@@ -37,7 +34,6 @@ pub const ENTRY: MethodEntry = MethodEntry {
     keeps_jacobian: false,
     alone: |runs, system| Box::new(rosenbrock(runs, system)),
     adaptive: Some(|runs, system| Box::new(rosenbrock(runs, system))),
-    lanes: Some(LaneMethod::Adaptive(AdaptiveLaneMethod::Rosenbrock)),
 };
 
 /// The method of a single run, before its first step.
@@ -124,15 +120,13 @@ fn plus<R: Lanes>(
 }
 
 impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> for Rosenbrock<T, R, E> {
-    type Failure = Infallible;
-
     #[inline(always)]
     fn step(
         &mut self,
         step: &Step<'_, R, S>,
         next: &mut States<R>,
         stats: &mut Stats,
-    ) -> Result<(), Infallible> {
+    ) -> Result<(), Unsolved> {
         let &Step { system, drive, tau, h, y, rate, .. } = step;
         let size = system.size();
         // A lane without a run has a step of length zero. A division by it would give NaN, which would slow

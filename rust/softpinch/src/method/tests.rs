@@ -12,7 +12,7 @@ use crate::method::radau5::{Pair, Radau5};
 use crate::method::rk4::Rk4;
 use crate::method::rosenbrock::Rosenbrock;
 use crate::method::table::{METHODS, Method};
-use crate::method::traits::{Adaptive, Allowed, Integrator, Stats, Step, Unsolved};
+use crate::method::traits::{Adaptive, Allowed, Integrator, Stats, Step};
 use crate::model::contact_modes::Contacts;
 use crate::model::drive::{Input, SegmentDrive};
 use crate::model::energy::Energies;
@@ -132,7 +132,7 @@ fn rate(equation: &Equation, tau: f64, y: &States<f64>) -> States<f64> {
     equation.evaluate(&clock(), tau, y).rate
 }
 
-/// Any method, whatever its type of failure.
+/// Any method.
 trait Stepped {
     /// Takes one step of length `h` from `y`.
     fn one_step(&mut self, equation: Equation, tau_and_h: (f64, f64), y: &States<f64>) -> States<f64>;
@@ -147,8 +147,7 @@ impl<I: Integrator<f64, Equation>> Stepped for I {
         let drive = &clock();
         let step = Step { system: &equation, drive, tau, h, y, rate: &rate, allowed: None };
         let mut next = *y;
-        let stepped = self.step(&step, &mut next, &mut Stats::default());
-        stepped.map_err(Into::<Unsolved>::into).unwrap();
+        self.step(&step, &mut next, &mut Stats::default()).unwrap();
         next
     }
 
@@ -292,7 +291,7 @@ fn inside(method: &mut impl Adaptive<f64, Equation>, h: f64) -> (f64, f64) {
         let mut stats = Stats::default();
         method.restart();
         let mut next = y;
-        method.step(&fixed, &mut next, &mut stats).map_err(Into::<Unsolved>::into).unwrap();
+        method.step(&fixed, &mut next, &mut stats).unwrap();
         largest.1 = largest.1.max(method.error(&step, 0, &mut stats));
         method.prepare(&step, &next, &mut stats);
         for k in 0..=16 {

@@ -3,8 +3,6 @@
 // Loops over several arrays at once are clearer with an index.
 #![allow(clippy::needless_range_loop)]
 
-use std::convert::Infallible;
-
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::scene_equations::{Choice, SceneEquations, Tangent};
 use crate::formulation::system::{Size, System};
@@ -21,13 +19,6 @@ pub struct Unsolved {
     pub iterations: u32,
     /// The last correction, as a share of the states' magnitudes; not finite if a number overflowed.
     pub correction: f64,
-}
-
-/// A method that solves no equations cannot fail.
-impl From<Infallible> for Unsolved {
-    fn from(never: Infallible) -> Self {
-        match never {}
-    }
 }
 
 /// The largest of the states' `values`, each times its weight; NaN if any is NaN.
@@ -114,17 +105,14 @@ impl<R: Lanes, S> Step<'_, R, S> {
 
 /// A one-step method for the runs in all lanes, with the data that it keeps between steps.
 pub trait Integrator<R: Lanes, S: System<R>> {
-    /// The type of a failed step: [`std::convert::Infallible`] if the method solves no equations.
-    type Failure: Into<Unsolved>;
-
     /// Takes a step and writes the state at its end into `next`. `stats` counts the evaluations, but not the
-    /// one at the start of the step.
+    /// one at the start of the step. A method that solves no equations cannot fail.
     fn step(
         &mut self,
         step: &Step<'_, R, S>,
         next: &mut States<R>,
         stats: &mut Stats,
-    ) -> Result<(), Self::Failure>;
+    ) -> Result<(), Unsolved>;
 
     /// Forgets the data of the last step, because there is a breakpoint before the next one.
     #[inline(always)]

@@ -296,7 +296,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         let (drive, stats) = (&self.batch.drive, &mut self.batch.stats);
         let step = Step { system, drive, tau, h: self.h, y, rate: &now.rate, allowed: None };
         let jacobians = stats.jacobians;
-        method.step(&step, after, stats).map_err(Into::into)?;
+        method.step(&step, after, stats)?;
         if keeps_jacobian {
             if stats.jacobians > jacobians {
                 self.taken_at = Some(pack(tau, &now.motion));

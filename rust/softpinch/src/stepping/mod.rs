@@ -9,38 +9,38 @@
 // Loops over several arrays at once are clearer with an index.
 #![allow(clippy::needless_range_loop)]
 
-pub mod adaptive;
+pub(crate) mod adaptive;
 mod adaptive_events;
 mod adaptive_lanes;
-pub mod batch;
+pub(crate) mod batch;
 mod contact_batch;
 mod contact_changes;
 pub mod contact_events;
-pub mod contact_lane;
+pub(crate) mod contact_lane;
 #[cfg(test)]
 mod contact_tests;
 pub mod ending;
-pub mod equal;
+pub(crate) mod equal;
 mod equal_events;
 mod equal_lanes;
 mod event_search;
-pub mod event_stepper;
-pub mod grid;
+pub(crate) mod event_stepper;
+pub(crate) mod grid;
 mod inside_step;
-pub mod instant;
-pub mod intervals;
-pub mod lane_controller;
+pub(crate) mod instant;
+pub(crate) mod intervals;
+pub(crate) mod lane_controller;
 mod lone_steps;
-pub mod loop_system;
+pub(crate) mod loop_system;
 pub mod monitor;
 pub mod options;
-pub mod phase;
+pub(crate) mod phase;
 mod place;
-pub mod queue;
+pub(crate) mod queue;
 pub mod record;
-pub mod recorder;
+pub(crate) mod recorder;
 mod rows_inside;
-pub mod sizes;
+pub(crate) mod sizes;
 pub mod status;
 pub mod summary;
 #[cfg(test)]

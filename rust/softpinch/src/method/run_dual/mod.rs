@@ -92,7 +92,7 @@ pub enum RunDualMethod<R: Lanes> {
 
 /// A method that takes each step in plain numbers and differentiates it after that.
 pub struct Solved<R> {
-    method: Box<dyn Differentiable<R, Failure = Unsolved>>,
+    method: Box<dyn Differentiable<R>>,
     system: SceneEquations<f64>,
     /// The inputs of the segment.
     drive: SegmentDrive,
@@ -124,9 +124,7 @@ impl<R: Lanes> RunDualMethod<R> {
     pub fn begin(&mut self, drive: SegmentDrive, linearized: Option<(f64, States<f64>)>) {
         let Self::Solved(solved) = self else { return };
         solved.method.restart();
-        if let Some((tau, y)) = linearized
-            && solved.method.keeps_jacobian()
-        {
+        if let Some((tau, y)) = linearized {
             solved.method.take_jacobian(&drive, tau, &y);
         }
         solved.drive = drive;
