@@ -11,8 +11,7 @@ use crate::convert::{GivenRow, GivenRows, columns, dictionary, entries, fixed, r
 use crate::inputs::Inputs;
 use crate::options::GivenOptions;
 use crate::signals::{Failure, Signals};
-use softpinch::driver::ensemble::ensemble;
-use softpinch::driver::queue::Row;
+use softpinch::driver::ensemble::{Row, ensemble};
 use softpinch::driver::simulate::{check as check_scene, stability_warning};
 use softpinch::error::Error;
 use softpinch::model::contact_modes::ContactRow;

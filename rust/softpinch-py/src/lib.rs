@@ -24,7 +24,7 @@ use rest::RestScene;
 use sensitivity::{Directions, gradients, sensitivities};
 use simulation::Simulation;
 use simulator::Simulator;
-use softpinch::driver::direction::QUANTITIES;
+use softpinch::driver::sensitivities::QUANTITIES;
 use softpinch::error::lookup;
 use softpinch::formulation::table::{FORMULATIONS, Formulation};
 use softpinch::method::table::METHODS;

@@ -9,9 +9,9 @@ use crate::convert::{GivenRow, GivenRows, columns, entries, raise, room, select}
 use crate::inputs::Inputs;
 use crate::signals::detached;
 use crate::simulation::Simulation;
-use softpinch::driver::direction::{COMPONENTS, Direction, Shift};
 use softpinch::driver::ensemble::derivatives;
 use softpinch::driver::sensitivities::{self as core, Derivatives, Wanted};
+use softpinch::driver::sensitivities::{COMPONENTS, Direction, Shift};
 use softpinch::error::lookup;
 use softpinch::model::motion::Motion;
 use softpinch::model::parameters::PARAMETER_COUNT;

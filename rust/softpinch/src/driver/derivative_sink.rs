@@ -1,6 +1,6 @@
 //! What is kept of a run with derivatives: rows at given times, or its summaries and its end.
 
-use crate::driver::direction::COMPONENTS;
+use crate::driver::sensitivities::COMPONENTS;
 use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::run_dual::{RunDual, RunDualSystem};
 use crate::formulation::system::System;

@@ -6,7 +6,7 @@
 use std::mem::swap;
 
 use crate::driver::derivative_sink::{Sink, Take};
-use crate::driver::direction::{Direction, Shift};
+use crate::driver::sensitivities::{Direction, Shift};
 use crate::error::Error;
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::run_dual::{RunDual, RunDualEquations};

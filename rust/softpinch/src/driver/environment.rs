@@ -1,6 +1,14 @@
-//! One run of a simulator: where it begins, where it is, and the ends of its periods.
+//! The runs of a simulator: where each begins, where it is, and one period of them, on one thread or on several.
 
-use crate::driver::simulate::require_valid;
+use std::borrow::Cow;
+use std::cell::RefCell;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use rayon::ThreadPool;
+
+use crate::driver::lanes::{LaneQueue, RunsInLanes};
+use crate::driver::simulate::{advance, require_valid};
+use crate::driver::threads::share;
 use crate::error::{Error, require_at_most};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
@@ -8,10 +16,13 @@ use crate::model::contact_modes::ContactModel;
 use crate::model::motion::Motion;
 use crate::model::scene::Scene;
 use crate::model::start::State;
+use crate::number::lanes::MOST;
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::grid::{Grid, MOST_STEPS, Span, round_off};
 use crate::stepping::instant::Instant;
 use crate::stepping::options::Options;
+use crate::stepping::queue::{Finished, Taken};
+use crate::stepping::record::Run;
 use crate::stepping::status::Status;
 
 /// What is seen of a run at the end of a period.
@@ -37,7 +48,6 @@ pub(super) struct Environment {
     pub(super) start: (State, bool),
     /// The external force from outside.
     pub(super) force: [f64; 3],
-    /// Start and end of the run, s.
     pub(super) span: Span,
     /// Period k ends at `origin` + (k + 1) `period`; `periods` have passed.
     pub(super) origin: f64,
@@ -45,14 +55,6 @@ pub(super) struct Environment {
     /// The end of the last period, s, at which a violation may have kept the run from arriving.
     pub(super) until: f64,
     pub(super) observed: Observed,
-}
-
-/// The result of a period.
-#[derive(Debug, Clone)]
-pub(super) struct Outcome {
-    pub(super) status: Status,
-    pub(super) message: String,
-    pub(super) instant: Instant,
 }
 
 impl Environment {
@@ -119,10 +121,9 @@ impl Environment {
         Ok(())
     }
 
-    /// Takes the result of a period that ended at `until`.
-    pub(super) fn take(&mut self, outcome: Outcome, until: f64) {
-        let Outcome { status, message, instant } = outcome;
-        let Instant { t, motion, multipliers, contact, .. } = instant;
+    /// Takes the run of a period that ended at `until`.
+    pub(super) fn take(&mut self, Run { status, message, last, .. }: Run, until: f64) {
+        let Instant { t, motion, multipliers, contact, .. } = last;
         let initial = &mut self.scene.initial;
         (initial.time, initial.motion, initial.contact) = (t, motion, contact);
         initial.grid = Some((t, 0));
@@ -163,4 +164,87 @@ fn multipliers(scene: &Scene, options: &Options, dt: f64) -> Result<[f64; 4], Er
     }
     let y = equations.begin(&motion);
     Ok(equations.evaluate(&drive, 0.0, &y).multipliers)
+}
+
+/// A run during a period.
+#[derive(Default)]
+pub(super) struct PeriodRun {
+    /// The end of the period, s.
+    pub(super) end: f64,
+    /// The result, once there is one.
+    pub(super) outcome: Option<Run>,
+    /// In unilateral contact, its contacts, whose equations do not change.
+    contact: Option<Box<LaneContact>>,
+}
+
+/// Some of the runs of a simulator, for one thread.
+type Part<'a> = (&'a [Environment], &'a mut [PeriodRun]);
+
+/// Computes the period of some runs in steps of at most `dt`. A single run, and a method whose steps have no lanes, take
+/// the code of lone runs.
+fn compute_part(
+    (options, dt): (&Options, f64),
+    (environments, runs): Part<'_>,
+    stops: &dyn Fn() -> bool,
+) -> Result<(), Error> {
+    // The grid, the source and the destination of a loop use them by turns.
+    let runs = RefCell::new(runs);
+    let grid = |number: usize, Scene { inputs, initial, .. }: &Scene| {
+        let span = Span { start: initial.time, end: runs.borrow()[number].end };
+        Grid::over(inputs, initial, span, dt, options.refine)
+    };
+    let mut under_way =
+        (0..).zip(environments).filter(|(_, environment)| environment.observed.status.is_none());
+    let mut finish = |Finished { number, run, contact }: Finished| {
+        let own = &mut runs.borrow_mut()[number];
+        (own.outcome, own.contact) = (Some(run), contact);
+    };
+    if let [first, _, ..] = environments {
+        let mut take = || {
+            let next = under_way.next();
+            Ok(next.map(|(number, environment)| Taken {
+                number,
+                scene: Cow::Borrowed(&environment.scene),
+                contact: runs.borrow_mut()[number].contact.take(),
+            }))
+        };
+        let queue = LaneQueue { take: &mut take, stops, finish: &mut finish };
+        let choice = options.choice(&first.scene.inputs);
+        if (RunsInLanes { queue, grid: &grid, options, choice }).compute()?.is_some() {
+            return Ok(());
+        }
+    }
+    for (number, Environment { scene, .. }) in under_way {
+        let kept = runs.borrow_mut()[number].contact.take();
+        let (run, contact) = advance((scene, kept), options, grid(number, scene)?, stops)?;
+        finish(Finished { number, run, contact });
+    }
+    Ok(())
+}
+
+/// Computes the period of all runs. The caller's thread does a part of the work beside those of the pool.
+pub(super) fn compute(
+    how: (&Options, f64),
+    environments: &[Environment],
+    runs: &mut [PeriodRun],
+    pool: Option<&ThreadPool>,
+    interrupted: &dyn Fn() -> bool,
+) -> Result<(), Error> {
+    let Some(pool) = pool else { return compute_part(how, (environments, runs), interrupted) };
+    // Whole vectors of lanes, as far as there are enough runs.
+    let size = environments.len().div_ceil(pool.current_num_threads() + 1).next_multiple_of(MOST);
+    let mut parts = environments.chunks(size).zip(runs.chunks_mut(size));
+    let Some(own) = parts.next() else { return Ok(()) };
+    let stop = AtomicBool::new(false);
+    let stopped = || stop.load(Ordering::Relaxed);
+    let stops = || {
+        stop.fetch_or(interrupted(), Ordering::Relaxed);
+        stopped()
+    };
+    let work = |part: Part<'_>| compute_part(how, part, &stopped);
+    share(pool, parts, &stop, work, |results| {
+        let found = compute_part(how, own, &stops);
+        stop.fetch_or(found.is_err(), Ordering::Relaxed);
+        results.iter().chain([found]).collect()
+    })
 }

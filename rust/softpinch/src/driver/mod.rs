@@ -2,12 +2,9 @@
 
 mod derivative_sink;
 mod differentiated_run;
-pub mod direction;
 pub mod ensemble;
 mod environment;
 mod lanes;
-mod period;
-pub mod queue;
 pub mod sensitivities;
 pub mod simulate;
 pub mod simulator;

@@ -8,8 +8,7 @@
 use rayon::ThreadPool;
 
 pub use crate::driver::environment::Observed;
-use crate::driver::environment::{Environment, Outcome};
-use crate::driver::period::{PeriodRun, compute};
+use crate::driver::environment::{Environment, PeriodRun, compute};
 use crate::driver::threads::waiting;
 use crate::error::Error;
 use crate::model::inputs::Held;
@@ -19,6 +18,7 @@ use crate::model::start::State;
 use crate::number::lanes::MOST;
 use crate::stepping::grid::Span;
 use crate::stepping::options::{Options, Steps};
+use crate::stepping::record::Run;
 use crate::stepping::status::Status;
 
 /// Runs that are stepped from outside.
@@ -143,7 +143,7 @@ impl Simulator {
             }
         }
         compute((options, *dt), environments, runs, pool.as_ref(), interrupted)?;
-        let stopped = |outcome: &Outcome| outcome.status == Status::Interrupted;
+        let stopped = |run: &Run| run.status == Status::Interrupted;
         if runs.iter().any(|run| run.outcome.as_ref().is_some_and(stopped)) {
             return Ok(false);
         }

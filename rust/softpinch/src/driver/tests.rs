@@ -2,8 +2,7 @@
 
 use proptest::prelude::*;
 
-use crate::driver::ensemble::{ensemble, in_lanes, work};
-use crate::driver::queue::{Row, Shared};
+use crate::driver::ensemble::{Row, Shared, ensemble, in_lanes, work};
 use crate::driver::simulate::simulate;
 use crate::error::Error;
 use crate::formulation::table::{FORMULATIONS, Formulation};

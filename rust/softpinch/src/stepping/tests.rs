@@ -3,7 +3,7 @@
 
 use allocation_counter::measure;
 
-use crate::driver::queue::Shared;
+use crate::driver::ensemble::Shared;
 use crate::driver::simulate::simulate;
 use crate::driver::simulator::Simulator;
 use crate::driver::tests::portable;
