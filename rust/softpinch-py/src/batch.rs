@@ -70,7 +70,6 @@ impl Batch {
         (self.runs, &self.options)
     }
 
-    /// The scene of a run.
     pub fn scene(&self, run: usize) -> Result<Scene, Error> {
         let mut values = self.parameters;
         for (slot, column) in &self.columns {

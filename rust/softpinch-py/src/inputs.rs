@@ -149,7 +149,6 @@ impl Inputs {
     }
 }
 
-/// The motion of the hand in every run.
 fn hand_motion((accelerations, tilts, sines): MotionTuple<'_>) -> PyResult<Part<Arc<HandMotion>>> {
     let accelerations = piecewise::<2>("motion.acceleration", &accelerations)?.0;
     let (tilts, sines) = (piecewise::<1>("motion.tilt", &tilts)?.0, columns::<5>("motion.sines", &sines)?);
@@ -161,7 +160,6 @@ fn hand_motion((accelerations, tilts, sines): MotionTuple<'_>) -> PyResult<Part<
     Ok(Part(motions.collect::<PyResult<_>>()?))
 }
 
-/// The discrete controllers of all runs.
 fn controllers(
     (names, states, anti_windup, rows, seed, numbers): ControllerTuple<'_>,
 ) -> PyResult<(Part<Arc<SampledController>>, Part<u64>)> {
@@ -214,17 +212,14 @@ fn part<T, const N: usize>(
     Ok(Part(columns(name, rows)?.into_iter().map(make).collect()))
 }
 
-/// A sinusoid from start, end, omega, phase and amplitudes.
 fn sinusoid([start, end, omega, phase, x, y, moment]: [f64; 7]) -> Sinusoid {
     Sinusoid { start, end, omega, phase, amplitude: [x, y, moment] }
 }
 
-/// An impulse from time and components.
 fn impulse([time, x, y, moment]: [f64; 4]) -> Impulse {
     Impulse { time, impulse: [x, y, moment] }
 }
 
-/// Held noise from standard deviations, rate, start and end.
 fn noise([x, y, moment, rate, start, end]: [f64; 6], seed: u64, stream: u64) -> Noise {
     Noise { std: [x, y, moment], rate, start, end, key: [seed, 0], stream }
 }

@@ -73,7 +73,6 @@ impl Directions {
     }
 }
 
-/// A shift of inputs from its row.
 fn shift(row: &[f64; 9]) -> Shift {
     let [_, time, right, left, right_rate, left_rate, x, y, moment] = *row;
     Shift { time, target: [right, left], acceleration: [right_rate, left_rate], force: [x, y, moment] }

@@ -22,7 +22,6 @@ pub struct Simulation {
 }
 
 impl Simulation {
-    /// The scene and the options.
     pub fn parts(&self) -> (&Scene, &Options) {
         (&self.scene, &self.options)
     }

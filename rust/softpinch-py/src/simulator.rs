@@ -32,7 +32,6 @@ type Arrays<'py> = (Row<'py>, Rows<'py>, Rows<'py>, Rows<'py>, Row<'py, u8>);
 #[pyclass(frozen, module = "softpinch._core")]
 pub struct Simulator(Mutex<Runs>);
 
-/// The runs of a simulator, and the targets of the next step.
 struct Runs {
     core: Core,
     targets: Vec<[f64; 2]>,

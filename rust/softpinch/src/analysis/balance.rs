@@ -167,12 +167,9 @@ fn slopes<const N: usize>(duals: &[Directions; N]) -> [Unknowns; N] {
 /// A scene at rest under constant inputs.
 #[derive(Debug, Clone)]
 pub struct RestScene {
-    /// The physics.
-    pub parameters: Parameters,
-    /// What moves the fingers.
-    pub fingers: Fingers,
-    /// The inputs.
-    pub input: Input<f64>,
+    pub(super) parameters: Parameters,
+    pub(super) fingers: Fingers,
+    pub(super) input: Input<f64>,
     /// The motion of the hand's frame, in which the scene is at rest; `None` for a hand at rest.
     pub frame: Option<FrameMotion<f64>>,
     pub(super) level: Level,
@@ -186,16 +183,12 @@ pub struct RestScene {
 pub struct Rows {
     /// The seven rows.
     pub values: Unknowns,
-    /// Their derivatives, row by row.
-    pub jacobian: [Unknowns; UNKNOWNS],
+    pub(super) jacobian: [Unknowns; UNKNOWNS],
     /// The forces.
     pub balance: Balance<f64>,
-    /// The derivatives of the five forces.
-    pub forces: [Unknowns; 5],
-    /// The derivatives of sigma.
-    pub sigma: [Unknowns; 2],
-    /// The derivatives of the compressions.
-    pub compressions: [Unknowns; 2],
+    pub(super) forces: [Unknowns; 5],
+    pub(super) sigma: [Unknowns; 2],
+    pub(super) compressions: [Unknowns; 2],
     /// The derivatives of the shears by the pose under the no-slip constraint: minus the last two rows of Phi_5.
     pub no_slip: [[f64; 5]; 2],
 }

@@ -24,7 +24,6 @@ pub struct Gap {
 }
 
 impl Gap {
-    /// The gap between tips at these angles.
     pub fn new(parameters: &Parameters, angles: [f64; 2]) -> Self {
         let centre = |i: usize| {
             let (finger, sign) = (&parameters.fingers[i], if i == 0 { -1.0 } else { 1.0 });

@@ -14,21 +14,18 @@ use crate::stepping::summary::{Summaries, Summary, SummaryInstant, Wanted};
 
 /// The place of the derivatives of some directions among those of all.
 pub(super) struct Rows<'a> {
-    /// The times of the rows.
     pub(super) times: &'a [f64],
     /// The components of all rows, each with one number for every direction.
     pub(super) numbers: &'a mut [f64],
     /// The first of the directions, and the number of all directions.
     pub(super) first: usize,
     pub(super) width: usize,
-    /// The number of rows so far.
     pub(super) taken: usize,
 }
 
 /// The summaries of a run and its last state, with their derivatives.
 pub(super) struct Ends<R> {
     summaries: Summaries<RunDual<R>>,
-    /// The last instant of the run, s.
     until: f64,
     last: Option<Motion<RunDual<R>>>,
 }

@@ -65,7 +65,6 @@ impl Row {
 /// A function that makes the scene of each run.
 pub type Scenes<'a> = dyn Fn(usize) -> Result<Scene, Error> + Sync + 'a;
 
-/// The data that the threads share.
 pub(crate) struct Shared<'a> {
     scenes: &'a Scenes<'a>,
     pub(crate) options: &'a Options,

@@ -169,9 +169,7 @@ fn multipliers(scene: &Scene, options: &Options, dt: f64) -> Result<[f64; 4], Er
 /// A run during a period.
 #[derive(Default)]
 pub(super) struct PeriodRun {
-    /// The end of the period, s.
     pub(super) end: f64,
-    /// The result, once there is one.
     pub(super) outcome: Option<Run>,
     /// In unilateral contact, its contacts, whose equations do not change.
     contact: Option<Box<LaneContact>>,

@@ -19,11 +19,8 @@ use crate::stepping::queue::{Finished, RunQueue, Taken};
 
 /// The source and the destination of runs in lanes, whose step loops are compiled once for all of them.
 pub(super) struct LaneQueue<'q, 'a> {
-    /// Gives the next run, if there is one.
     pub(super) take: &'q mut dyn FnMut() -> Result<Option<Taken<'a>>, Error>,
-    /// Says whether the loop should stop its runs.
     pub(super) stops: &'q dyn Fn() -> bool,
-    /// Takes a run that has ended.
     pub(super) finish: &'q mut dyn FnMut(Finished),
 }
 
@@ -44,9 +41,7 @@ impl<'a> RunQueue<'a> for LaneQueue<'_, 'a> {
 /// The runs of one thread in lanes.
 pub(super) struct RunsInLanes<'q, 'a> {
     pub(super) queue: LaneQueue<'q, 'a>,
-    /// Finds the times of equal steps.
     pub(super) grid: &'q GridOf<'q>,
-    /// The options and the equations of all runs.
     pub(super) options: &'a Options,
     pub(super) choice: Choice,
 }

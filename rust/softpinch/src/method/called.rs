@@ -16,7 +16,6 @@ pub type AnyAdaptiveMethod<R = f64> = Box<dyn Adaptive<R, SceneEquations<R>> + S
 /// A method whose computations are called, each compiled with the instructions of the lanes.
 pub struct Called<M> {
     pub(super) instructions: Instructions,
-    /// The method.
     pub(super) method: M,
     /// Renews what depends on the parameters of the runs.
     renew: fn(&mut M, Runs<'_>),

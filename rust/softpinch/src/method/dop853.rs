@@ -29,7 +29,6 @@ pub const ENTRY: MethodEntry = MethodEntry {
 /// |R(z)| <= 1 on the real axis from minus this number to 0. R has degree 12 and follows from the tableau.
 pub const REAL_STABILITY_LIMIT: f64 = 6.393_65;
 
-/// The method, with the slopes of the last step.
 #[derive(Debug, Clone, Copy)]
 pub struct Dop853<R = f64> {
     slopes: [States<R>; ALL],
@@ -56,7 +55,6 @@ impl<R: Lanes> Dop853<R> {
     }
 }
 
-/// The method before its first step.
 impl<R: Lanes> Default for Dop853<R> {
     #[inline(always)]
     fn default() -> Self {

@@ -30,7 +30,6 @@ pub const ENTRY: MethodEntry = MethodEntry {
     adaptive: None,
 };
 
-/// The method of a single run, before its first step.
 pub(super) fn implicit_midpoint(
     runs: Runs<'_>,
     system: &SceneEquations<f64>,
@@ -38,7 +37,6 @@ pub(super) fn implicit_midpoint(
     newton(runs, system, ImplicitMidpoint)
 }
 
-/// The method.
 #[derive(Debug, Clone, Copy)]
 pub struct ImplicitMidpoint;
 

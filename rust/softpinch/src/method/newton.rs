@@ -79,11 +79,9 @@ impl Iteration {
 /// The equations of a step in the form that an iteration needs.
 #[derive(Debug, Clone, Copy)]
 pub struct Problem<'a, S, F> {
-    /// The start and the length of the step.
     pub step: &'a Step<'a, f64, S>,
     /// One over the unit in which the correction of each state is measured.
     weights: States<f64>,
-    /// The linearisation in use.
     pub linearization: &'a Linearization,
     /// The factors of the linearisation for the length of the step.
     pub factors: &'a F,
@@ -124,17 +122,14 @@ pub type Solved = Result<(States<f64>, f64), Unsolved>;
 pub trait Scheme<S: System<f64>> {
     /// The decompositions that a step needs.
     type Factors: Copy;
-    /// The number of these decompositions.
     const FACTORISATIONS: u64;
 
-    /// Computes the decompositions for a step of length `h`.
     fn factor(linearization: &Linearization, h: f64) -> Self::Factors;
 
     /// Iterates until the stages have converged. Returns the state at the end of the step, and the rate of
     /// convergence.
     fn solve(&mut self, problem: &Problem<'_, S, Self::Factors>, stats: &mut Stats) -> Solved;
 
-    /// Forgets the data of the last step.
     #[inline(always)]
     fn restart(&mut self) {}
 }
@@ -147,7 +142,6 @@ pub struct Newton<M, F, T = Tangent<f64, DIRECTIONS>> {
     magnitudes: States<f64>,
     /// The system in dual numbers.
     pub(super) tangent: T,
-    /// The method.
     pub scheme: M,
     linearization: Linearization,
     /// Whether the next step uses the linearisation too.
@@ -165,7 +159,6 @@ impl<M, F: Copy, T> Newton<M, F, T> {
         Self { size, magnitudes, tangent, scheme, linearization, reusable: false, factors: None }
     }
 
-    /// The linearisation and the factors of the last step.
     #[inline(always)]
     pub fn last(&self) -> Option<(&Linearization, &F)> {
         self.factors.as_ref().map(|(_, factors)| (&self.linearization, factors))

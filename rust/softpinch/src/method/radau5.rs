@@ -28,7 +28,6 @@ pub const ENTRY: MethodEntry = MethodEntry {
     adaptive: Some(|runs, system| Box::new(radau5(runs, system))),
 };
 
-/// The method of a single run, before its first step.
 pub(super) fn radau5(runs: Runs<'_>, system: &SceneEquations<f64>) -> Called<Newton<Radau5, Pair>> {
     newton(runs, system, Radau5::default())
 }
@@ -84,7 +83,6 @@ pub struct Radau5 {
     length: Option<f64>,
 }
 
-/// The method before its first step.
 impl Default for Radau5 {
     #[inline(always)]
     fn default() -> Self {
@@ -99,7 +97,6 @@ pub struct Pair {
     complex: Factors<Complex<f64>>,
 }
 
-/// The rates at the three stages.
 #[inline(always)]
 fn slopes<S: System<f64>, F>(
     problem: &Problem<'_, S, F>,

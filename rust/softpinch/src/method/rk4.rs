@@ -43,7 +43,6 @@ pub struct Rk4<R = f64> {
     slopes: [States<R>; 3],
 }
 
-/// The method before its first step.
 impl<R: Lanes> Default for Rk4<R> {
     #[inline(always)]
     fn default() -> Self {

@@ -36,7 +36,6 @@ pub const ENTRY: MethodEntry = MethodEntry {
     adaptive: Some(|runs, system| Box::new(rosenbrock(runs, system))),
 };
 
-/// The method of a single run, before its first step.
 pub(super) fn rosenbrock(
     runs: Runs<'_>,
     system: &SceneEquations<f64>,
@@ -95,7 +94,6 @@ pub struct Rosenbrock<T, R = f64, E = f64> {
 }
 
 impl<T, R: Lanes, E> Rosenbrock<T, R, E> {
-    /// The method for a system that is given in dual numbers and whose states have this size.
     #[inline(always)]
     pub fn new(size: Size, tangent: T) -> Self {
         let (linearization, stages) = (Linearization::new(size), [[R::zero(); MAX_COMPONENTS]; STAGES]);

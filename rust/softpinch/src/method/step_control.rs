@@ -69,9 +69,7 @@ const UNIT: f64 = 4_503_599_627_370_496.0;
 /// The step control of the runs in all lanes.
 #[derive(Debug, Clone, Copy)]
 pub struct StepControl<R = f64> {
-    /// The error grows with this power of the length of the step.
     order: f64,
-    /// Growth by a smaller factor than this does not change the length.
     min_growth: f64,
     /// The errors of the last accepted steps.
     previous: R,
@@ -82,7 +80,6 @@ pub struct StepControl<R = f64> {
 }
 
 impl<R: Lanes> StepControl<R> {
-    /// The control for a method whose error grows with the power `order` of the length.
     #[inline(always)]
     pub fn new(order: f64, min_growth: f64) -> Self {
         Self { order, min_growth, previous: R::constant(BEFORE), rejected: 0, starting: R::ALL }

@@ -15,7 +15,6 @@ use crate::number::simd::level::Instructions;
 /// An iteration that did not converge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unsolved {
-    /// The number of iterations of the last attempt.
     pub iterations: u32,
     /// The last correction, as a share of the states' magnitudes; not finite if a number overflowed.
     pub correction: f64,
@@ -35,20 +34,16 @@ pub fn largest<R: Lanes>(size: Size, values: &States<R>, weights: &States<R>) ->
 /// Counts of the work that was done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Stats {
-    /// Steps that were taken.
     pub steps: u64,
     /// Attempts of a step of free length whose error was too large, or whose iteration did not converge.
     pub rejected: u64,
-    /// Evaluations of the right-hand side.
     pub evaluations: u64,
     /// Evaluations of the Jacobian of the right-hand side.
     pub jacobians: u64,
     /// Decompositions of matrices that have one row for each degree of freedom. A complex decomposition
     /// counts as one.
     pub factorisations: u64,
-    /// Iterations of Newton's method.
     pub iterations: u64,
-    /// Segments between breakpoints.
     pub segments: u64,
 }
 
@@ -79,19 +74,15 @@ pub struct Allowed<R = f64> {
 /// The start and the length of a step, and the equations that it solves.
 #[derive(Debug, Clone, Copy)]
 pub struct Step<'a, R = f64, S = SceneEquations<R>> {
-    /// The equations.
     pub system: &'a S,
-    /// The inputs of the segment.
     pub drive: &'a SegmentDrive<R>,
     /// Time since the segment's start.
     pub tau: R,
-    /// Length of the step.
     pub h: R,
     /// The state at the start of the step.
     pub y: &'a States<R>,
     /// The derivative of this state.
     pub rate: &'a States<R>,
-    /// The allowed error if the length is free.
     pub allowed: Option<&'a Allowed<R>>,
 }
 
@@ -175,9 +166,7 @@ pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
 /// The equations of the runs in all lanes, for which a method is made.
 #[derive(Clone, Copy)]
 pub struct Runs<'a> {
-    /// The instructions to use.
     pub instructions: Instructions,
-    /// The choice of equations.
     pub choice: Choice,
     /// The parameters of the run in each lane.
     pub parameters: &'a [&'a Parameters; MOST],
@@ -186,7 +175,6 @@ pub struct Runs<'a> {
 }
 
 impl Runs<'_> {
-    /// Builds the equations.
     pub fn system<R: Lanes>(&self) -> SceneEquations<R> {
         let Self { instructions, choice, parameters, gains } = *self;
         SceneEquations::new(instructions, choice, parameters, gains)

@@ -256,7 +256,6 @@ pub struct Lu<T: Entry> {
 }
 
 impl<T: Entry> Lu<T> {
-    /// Decomposes a matrix with `size` rows.
     #[inline(always)]
     pub fn new(size: usize, mut rows: Square<T>) -> Self {
         let mut exchanged = [T::Exchange::default(); MOST_ROWS];
@@ -276,7 +275,6 @@ impl<T: Entry> Lu<T> {
         Self { rows, exchanged }
     }
 
-    /// The solution of A x = b.
     #[inline(always)]
     pub fn solve(&self, size: usize, b: &[T; MOST_ROWS]) -> [T; MOST_ROWS] {
         let mut x = *b;

@@ -23,11 +23,9 @@ use crate::stepping::status::Status;
 
 /// The adaptive loop before it runs.
 pub struct AdaptiveSteps<'a, Q, B> {
-    /// What it needs before it runs.
     pub setup: LoopSetup<'a, Q>,
     /// Largest error of a step, as a share of each state's magnitude.
     pub tolerance: f64,
-    /// Makes the method for the runs in all lanes.
     pub build: B,
 }
 

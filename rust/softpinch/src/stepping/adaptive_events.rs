@@ -108,7 +108,6 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         }
     }
 
-    /// Ends the run in a lane at an event of its contacts.
     fn end_at_event(
         &mut self,
         system: &impl System<R>,

@@ -31,7 +31,6 @@ pub(super) struct Progress<R> {
     pub(super) watched: R,
     /// The lengths of the next attempts.
     pub(super) h: R,
-    /// Steps and attempts so far.
     pub(super) steps: R,
     pub(super) attempts: R,
     /// Errors of the last attempts, in units of the allowed error; negative before the first attempt of a
@@ -42,7 +41,6 @@ pub(super) struct Progress<R> {
 }
 
 impl<R: Lanes> Progress<R> {
-    /// Progress without any run.
     #[inline(always)]
     pub(super) fn new() -> Self {
         let [from, to, length, t, tau, watched, h, steps, attempts, errors] = [R::zero(); 10];
@@ -71,7 +69,6 @@ impl<R: Lanes> Progress<R> {
     }
 }
 
-/// The lanes of the adaptive loop.
 pub(super) struct AdaptiveLanes<'a, R: Lanes, Q> {
     pub(super) batch: LaneBatch<'a, R, Span, Q>,
     pub(super) progress: Progress<R>,
@@ -90,9 +87,7 @@ pub(super) struct AdaptiveLanes<'a, R: Lanes, Q> {
 /// The states from which the steps of all lanes start.
 pub(super) struct StepStart<R> {
     pub(super) y: States<R>,
-    /// The evaluation of `y`.
     pub(super) now: Evaluation<R>,
-    /// The errors that are allowed at `y`.
     pub(super) sizes: Sizes<R>,
 }
 
@@ -140,7 +135,6 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         start.sizes.begin(changed, &usual, &slow);
     }
 
-    /// Ends the run in a lane at its last instant.
     pub(super) fn retire(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Instant) {
         self.count(lane);
         self.batch.retire_lane(system, lane, end, last);
@@ -156,7 +150,6 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         Some(watched(system.size(), (lane, contact), &start.now, &start.y, t, (t, 0)))
     }
 
-    /// Saves the last watched instant of a lane in its run.
     pub(super) fn save(&mut self, lane: usize, last: Option<Instant>) {
         self.saved |= 1 << lane;
         if let Some(run) = &mut self.batch.runs[lane] {
@@ -164,7 +157,6 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         }
     }
 
-    /// The result of the last attempt of a lane.
     pub(super) fn attempt(&self, lane: usize) -> Attempt {
         match (self.unsolved, self.progress.errors.lane(lane)) {
             (Some(unsolved), _) => Attempt::Unsolved(unsolved),

@@ -38,34 +38,23 @@ const ROUND_OFF: f64 = 1e-9;
 
 /// What a step loop needs before it runs.
 pub struct LoopSetup<'a, Q> {
-    /// Instructions to use.
     pub instructions: Instructions,
-    /// The options of every run.
     pub options: &'a Options,
-    /// The equations of every run.
     pub choice: Choice,
-    /// The source and the destination of the runs.
     pub queue: Q,
 }
 
-/// The run in a lane.
 pub struct LaneRun<'a, P> {
-    /// Number of the run.
     pub number: usize,
-    /// The scene that is simulated.
     pub scene: Cow<'a, Scene>,
     /// The time at which each violation was first seen, s; NaN if it was not.
     pub first_times: [f64; VIOLATIONS.len()],
     /// The last watched instant, if it is not the last one that the loop evaluated: the start of the run
     /// before any evaluation, the instant before an impulse, or an instant inside a step.
     pub saved_instant: Option<Instant>,
-    /// Steps that the run has taken.
     pub steps: u64,
-    /// Segments that the run has entered.
     pub segments: u64,
-    /// Its contacts, in unilateral contact.
     pub contact: Option<Box<LaneContact>>,
-    /// Its discrete controller, if it has one.
     pub controller: Option<Box<LaneController>>,
     /// The place of the run in time, in the form that its loop needs.
     pub place: P,
@@ -87,19 +76,14 @@ pub struct Seen {
 /// The runs in the lanes, and the data that both step loops need of them. `P` is the place of a run in time,
 /// in the form that its loop needs.
 pub struct LaneBatch<'a, R: Lanes, P, Q> {
-    /// The source and the destination of the runs.
     pub queue: Q,
-    /// The options of every run, and the equations of all of them.
     pub options: &'a Options,
     choice: Choice,
     pub(super) instructions: Instructions,
-    /// The run in each lane.
     pub runs: [Option<LaneRun<'a, P>>; MOST],
-    /// The phases of the lanes.
     pub phases: Phases,
     /// The inputs of each lane's segment.
     pub drive: SegmentDrive<R>,
-    /// Counts of the work that was done.
     pub stats: Stats,
     /// Parameters for lanes without a run.
     resting: Parameters,
@@ -107,7 +91,6 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
     start: Motion<R>,
     pub(super) limits: Limits<R>,
     half_width: R,
-    /// The energies at the starts of the runs.
     initial_energies: Energies<R>,
     /// Lanes whose steps may be unstable, the energy that their motion was given at most so far, and the closure
     /// error of their ledger at the last watched instant.
@@ -132,7 +115,6 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
 }
 
 impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
-    /// A batch without any run.
     #[inline(always)]
     pub fn new(setup: LoopSetup<'a, Q>) -> Self {
         let LoopSetup { instructions, options, choice, queue } = setup;
@@ -263,7 +245,6 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         controller.sample(scene, (self.instructions, self.options), t, (now, lane));
     }
 
-    /// The lanes that have runs.
     #[inline(always)]
     pub fn active(&self) -> Bits {
         R::ALL & self.phases.active()
@@ -287,7 +268,6 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         built
     }
 
-    /// The equations of runs with these parameters.
     fn equations_of<'b>(&self, parameters: &'b LaneParameters<'b>) -> Runs<'b>
     where
         'a: 'b,

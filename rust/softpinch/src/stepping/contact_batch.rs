@@ -65,7 +65,6 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         Some(found)
     }
 
-    /// Notes what the events of the run in a lane have changed.
     fn note_changes(&mut self, lane: usize) {
         let Some(run) = &mut self.runs[lane] else { return };
         let Some(contact) = &mut run.contact else { return };

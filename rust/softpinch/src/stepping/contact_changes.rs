@@ -206,7 +206,6 @@ impl EventStepper<'_> {
         }
     }
 
-    /// Chooses the modes.
     fn rechoose(&mut self, place: &mut SegmentState, causes: [Cause; 2]) -> EventResult {
         let before = *place;
         let mut motion = self.motion(place);

@@ -24,15 +24,12 @@ use crate::stepping::options::{Options, Steps};
 
 /// The inputs of a segment.
 struct Segment {
-    /// The start of the segment, s.
     anchor: f64,
     drive: SegmentDrive,
 }
 
-/// The contacts of the run in a lane.
 pub struct LaneContact {
     instructions: Instructions,
-    /// The contacts and the changes of their modes.
     pub run: ContactRun,
     steps: LoneSteps,
     limits: Limits<f64>,
@@ -59,12 +56,10 @@ pub struct Moment<'a> {
     pub tau: f64,
     /// The length of the step from there, s.
     pub h: f64,
-    /// The state.
     pub y: &'a States<f64>,
 }
 
 impl LaneContact {
-    /// The contacts of a run before it begins.
     pub fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Result<Self, Error> {
         let (contacts, unset) = start_of(&scene.parameters, &scene.initial)?;
         Ok(Self {

@@ -15,16 +15,14 @@ use crate::stepping::monitor::{STOP_ON, VIOLATIONS};
 use crate::stepping::status::Status;
 
 /// The status with which a run ended, and its message.
-pub type End = (Status, String);
+pub(crate) type End = (Status, String);
 
 /// The result of the last attempt of an adaptive step.
 #[derive(Debug, Clone, Copy)]
-pub enum Attempt {
-    /// There has been no attempt.
+pub(crate) enum Attempt {
     None,
     /// The error, in units of the allowed error; at most one if the step was accepted.
     Error(f64),
-    /// The equations of the step were not solved.
     Unsolved(Unsolved),
 }
 
@@ -35,21 +33,21 @@ pub fn arrival(t: f64) -> String {
 
 /// The end of a run that the caller stopped.
 #[cold]
-pub fn interruption(t: f64) -> End {
+pub(crate) fn interruption(t: f64) -> End {
     let t = seconds(t);
     (Status::Interrupted, format!("stopped from outside at t = {t}; run.state(-1) goes on from there"))
 }
 
 /// The end of a run whose recording found no more memory.
 #[cold]
-pub fn full(t: f64, error: &Error) -> End {
+pub(crate) fn full(t: f64, error: &Error) -> End {
     let t = seconds(t);
     (Status::Interrupted, format!("stopped at t = {t}: {error}; run.state(-1) goes on from there"))
 }
 
 /// The end of a run in which a number overflowed, in the step that started at `from`.
 #[cold]
-pub fn overflow(from: f64) -> End {
+pub(crate) fn overflow(from: f64) -> End {
     let from = seconds(from);
     let message = format!(
         "a number overflowed in the step from t = {from}; the last row is the last finite instant. Shorter steps (a \
@@ -61,7 +59,7 @@ pub fn overflow(from: f64) -> End {
 /// The end of a run with steps of length `h` whose energy ledger is open by `error` at time `t`, which is more than
 /// the energy `supplied` to the motion so far. Steps up to `stable` are surely stable.
 #[cold]
-pub fn unstable(t: f64, h: f64, (error, supplied): (f64, f64), stable: f64) -> End {
+pub(crate) fn unstable(t: f64, h: f64, (error, supplied): (f64, f64), stable: f64) -> End {
     let message = format!(
         "the energy ledger is open by {error:.3e} J at t = {}, where only {supplied:.3e} J were ever put in: steps of {h:.3e} s are \
          too long for the method to be stable, and the run is not the motion. dt <= {stable:.2e} s is surely short enough, \
@@ -84,7 +82,7 @@ fn failure(Unsolved { iterations, correction }: Unsolved) -> String {
 
 /// The end of a run in which the equations of a step of fixed length were not solved.
 #[cold]
-pub fn unsolved(t: f64, h: f64, unsolved: Unsolved) -> End {
+pub(crate) fn unsolved(t: f64, h: f64, unsolved: Unsolved) -> End {
     let message = format!(
         "Newton's iteration did not converge in the step of {h:.3e} s from t = {}: {}. A smaller dt may help, or tolerance= \
          with a method that has it",
@@ -96,7 +94,7 @@ pub fn unsolved(t: f64, h: f64, unsolved: Unsolved) -> End {
 
 /// The end of a run whose adaptive steps became shorter than double precision resolves.
 #[cold]
-pub fn too_small(t: f64, h: f64, last: Attempt) -> End {
+pub(crate) fn too_small(t: f64, h: f64, last: Attempt) -> End {
     let reason = match last {
         Attempt::None => {
             "the clock does not resolve a first step there; start at a time nearer to zero".to_owned()
@@ -120,7 +118,7 @@ pub fn too_small(t: f64, h: f64, last: Attempt) -> End {
 
 /// The end of a run that used up its steps.
 #[cold]
-pub fn too_many(t: f64, h: f64, most: u64) -> End {
+pub(crate) fn too_many(t: f64, h: f64, most: u64) -> End {
     let t = seconds(t);
     let message = format!(
         "{most} steps, rejected ones too, were not enough: the run reached t = {t} with a step length of {h:.3e} s. If the method is \
@@ -131,7 +129,13 @@ pub fn too_many(t: f64, h: f64, most: u64) -> End {
 
 /// The end of a run at an event of its contacts, which have these modes at the `last` instant.
 #[cold]
-pub fn contact(scene: &Scene, last: &Instant, reason: Reason, [right, left]: [Mode; 2], h: f64) -> End {
+pub(crate) fn contact(
+    scene: &Scene,
+    last: &Instant,
+    reason: Reason,
+    [right, left]: [Mode; 2],
+    h: f64,
+) -> End {
     let t = seconds(last.t);
     let modes = format!("the right tip {}, the left tip {}", right.word(), left.word());
     match reason {
@@ -207,7 +211,7 @@ fn lost(scene: &Scene, last: &Instant, loss: Loss, modes: [Mode; 2]) -> String {
 
 /// The end, at time `last`, of a run that first went on after a violation and then failed. No other step helps then,
 /// only a stop at the violation. The message keeps its cause, but this advice replaces its own.
-pub fn after_violation(end: End, last: f64, first_times: &[f64; VIOLATIONS.len()]) -> End {
+pub(crate) fn after_violation(end: End, last: f64, first_times: &[f64; VIOLATIONS.len()]) -> End {
     use Status::{NewtonFailed, NotFinite, StepTooSmall, TooManySteps, Unstable};
     let (status, message) = end;
     let first = STOP_ON

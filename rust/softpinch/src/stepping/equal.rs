@@ -19,9 +19,7 @@ use crate::stepping::rows_inside::RowsInside;
 
 /// The loop of equal steps before it runs.
 pub struct EqualSteps<'g, 'a, Q, B> {
-    /// What it needs before it runs.
     pub setup: LoopSetup<'a, Q>,
-    /// Finds the times of the steps of a run.
     pub grid: &'g GridOf<'g>,
     /// Makes the equations and the method for the runs in all lanes. The method is behind a pointer.
     pub build: B,

@@ -28,7 +28,6 @@ pub(super) struct Instants<'a, R> {
     pub(super) y_before: &'a States<R>,
 }
 
-/// The lanes of the loop of equal steps.
 pub(super) struct EqualLanes<'g, 'a, R: Lanes, Q> {
     pub(super) batch: LaneBatch<'a, R, Place, Q>,
     pub(super) grid: &'g GridOf<'g>,
@@ -218,7 +217,6 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         self.batch.active() & !(self.batch.phases.at(Phase::Struck) | self.held)
     }
 
-    /// Ends the run in a lane at its last instant.
     pub(super) fn retire(&mut self, system: &SceneEquations<R>, lane: usize, end: End, last: &Instant) {
         self.count(lane);
         if self.has_rows_inside() && !self.record_inside(system, last.t) {
@@ -241,7 +239,6 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         true
     }
 
-    /// Whether there are rows to record.
     #[inline(always)]
     pub(super) fn has_rows_inside(&self) -> bool {
         R::WIDTH == 1 && !self.inside.is_empty()

@@ -18,9 +18,7 @@ use crate::stepping::monitor::Limits;
 /// A state within a segment.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SegmentState {
-    /// Time since the start of the segment, s.
     pub(super) tau: f64,
-    /// The state.
     pub(super) y: States<f64>,
 }
 
@@ -34,14 +32,10 @@ impl SegmentState {
 pub(super) struct EventStepper<'a> {
     /// The instructions of the code that computes, which is called. The search itself only compares numbers.
     pub(super) instructions: Instructions,
-    /// The equations.
     pub(super) system: &'a SceneEquations<f64>,
     pub(super) equations: ContactEquations<'a>,
-    /// Takes the steps.
     pub(super) method: &'a mut LoneMethod,
-    /// The limits of the scene.
     pub(super) limits: &'a Limits<f64>,
-    /// The contacts.
     pub(super) run: &'a mut ContactRun,
     /// The inputs of the segment, with the modes of the contacts.
     pub(super) drive: &'a mut SegmentDrive,
@@ -67,12 +61,10 @@ impl EventStepper<'_> {
         step.map_err(|unsolved| from.end(Reason::Unsolved(unsolved)))
     }
 
-    /// The inputs of an instant.
     pub(super) fn input(&self, tau: f64) -> Input<f64> {
         f64::call(self.instructions, InputAt { drive: self.drive, tau })
     }
 
-    /// The geometry of a motion.
     pub(super) fn geometry(&self, motion: &Motion<f64>) -> Geometry<f64> {
         f64::call(self.instructions, GeometryOf(self.equations.sides(), motion))
     }
@@ -84,7 +76,6 @@ impl EventStepper<'_> {
         (self.equations.terms(&input, &self.drive.contacts, &motion), motion)
     }
 
-    /// The motion of a state.
     pub(super) fn motion(&self, place: &SegmentState) -> Motion<f64> {
         self.equations.motion(&self.input(place.tau), &place.y)
     }

@@ -23,9 +23,7 @@ pub struct Segment {
     pub anchor: f64,
     /// The first instant of this run in the segment: the anchor, unless the run resumes another one.
     pub start: f64,
-    /// The end of the segment.
     pub end: f64,
-    /// Length of a step.
     pub h: f64,
     /// Steps that the resumed run has already taken in the segment.
     pub first: u64,
@@ -112,9 +110,7 @@ fn too_many(needed: f64) -> Error {
 /// The start and the end of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Span {
-    /// The first instant, s.
     pub start: f64,
-    /// The last instant, s.
     pub end: f64,
 }
 
@@ -138,7 +134,6 @@ impl Span {
         inputs.next_breakpoint(from).min(self.end)
     }
 
-    /// Number of segments.
     pub fn segment_count(&self, inputs: &Inputs) -> u64 {
         let (mut from, mut count) = (self.start, 0);
         while from < self.end {
@@ -159,11 +154,8 @@ pub struct Grid {
     refine: u32,
     /// The segment in which the run starts.
     pub first: Segment,
-    /// Number of segments.
     pub segments: u64,
-    /// Number of steps.
     pub steps: u64,
-    /// The longest step, s.
     pub longest: f64,
 }
 
@@ -205,7 +197,6 @@ impl Grid {
         if total > MOST_STEPS { Err(too_many(total)) } else { Ok(grid) }
     }
 
-    /// Whether a segment is the last one.
     pub fn is_last(&self, segment: &Segment) -> bool {
         segment.end >= self.span.end
     }

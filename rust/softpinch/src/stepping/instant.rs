@@ -16,15 +16,11 @@ pub struct Instant {
     pub t: f64,
     /// Start of its segment and steps since then, so that a resumed run gives the same bits.
     pub grid: (f64, u64),
-    /// The motion.
     pub motion: Motion<f64>,
-    /// Multipliers.
     pub multipliers: [f64; 4],
-    /// Residuals.
     pub residuals: [f64; 4],
     /// Torques on the fingers, N m.
     pub torque: [f64; 2],
-    /// The contacts, in unilateral contact.
     pub contact: Option<ContactRow>,
     /// The works of the ledger; zeros if they are not carried.
     pub works: [f64; WORKS],

@@ -64,14 +64,12 @@ impl LoneMethod {
     }
 }
 
-/// The equations of one run and its method.
 pub(super) struct LoneSteps {
     pub(super) system: SceneEquations<f64>,
     pub(super) method: LoneMethod,
 }
 
 impl LoneSteps {
-    /// The equations and the method of a run with these parameters.
     pub(super) fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Self {
         let parameters = &[&scene.parameters; MOST];
         let choice = options.choice(&scene.inputs);

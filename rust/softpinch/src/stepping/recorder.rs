@@ -22,25 +22,20 @@ use crate::stepping::summary::COUNT;
 
 /// The instants that are recorded.
 pub enum Due<'a> {
-    /// None.
     Never,
     /// The start of the run, and then one instant after every so many steps.
     Steps {
-        /// Number of steps between rows.
         every: u64,
         /// Number of steps until the next row.
         left: u64,
     },
-    /// The instants that were asked for.
     Times(&'a [f64]),
 }
 
-/// One run and its recording.
 pub struct Recorder<'a> {
     scene: Option<&'a Scene>,
     due: Due<'a>,
     interrupted: &'a dyn Fn() -> bool,
-    /// The time of the last row.
     last_row: f64,
     intervals: Intervals,
     /// The contacts of an earlier run with the same parameters; after the run, its own.
@@ -54,7 +49,6 @@ pub struct Recorder<'a> {
 }
 
 impl<'a> Recorder<'a> {
-    /// A recorder before its run.
     pub fn new(
         scene: &'a Scene,
         recording: Recording,

@@ -81,7 +81,6 @@ impl RowsInside {
         std::mem::take(&mut self.rows).into_iter().take_while(move |row| row.t < until)
     }
 
-    /// Whether there are no rows to record.
     #[inline(always)]
     pub(super) fn is_empty(&self) -> bool {
         self.rows.is_empty()

@@ -44,7 +44,6 @@ pub struct Sizes<R> {
 }
 
 impl<R: Lanes> Sizes<R> {
-    /// Sizes before any state is known.
     #[inline(always)]
     pub fn new(tolerance: f64) -> Self {
         let one = [R::constant(1.0); MAX_COMPONENTS];

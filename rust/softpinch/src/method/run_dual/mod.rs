@@ -34,9 +34,7 @@ pub struct SolvedStep<'a, R: Lanes> {
     equations: &'a RunDualEquations<R>,
     /// The inputs of the segment, without their derivatives.
     plain_drive: &'a SegmentDrive,
-    /// The start of the step, with its derivatives.
     step: &'a Step<'a, RunDual<R>>,
-    /// The state at the end of the step.
     end: &'a States<f64>,
 }
 
@@ -64,7 +62,6 @@ pub trait Differentiable<R: Lanes>: Integrator<f64, SceneEquations<f64>> {
     fn differentiate(&self, solved: &SolvedStep<'_, R>) -> States<RunDual<R>>;
 }
 
-/// The derivative of a step.
 struct Differentiate<'a, R: Lanes, M>(&'a M, &'a SolvedStep<'a, R>);
 
 impl<R: Lanes, M: Differentiable<R>> LaneTask<R> for Differentiate<'_, R, M> {
@@ -99,7 +96,6 @@ pub struct Solved<R> {
 }
 
 impl<R: Lanes> RunDualMethod<R> {
-    /// The method before its first step.
     pub fn new(runs: Runs<'_>, method: Method) -> Self {
         // Called, so that a stack frame has one method at most: methods that keep a Jacobian are large.
         #[inline(never)]
@@ -130,7 +126,6 @@ impl<R: Lanes> RunDualMethod<R> {
         solved.drive = drive;
     }
 
-    /// Takes a step ([`Integrator::step`]).
     pub fn step(
         &mut self,
         equations: &RunDualEquations<R>,
