@@ -54,28 +54,23 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    /// The number of runs that have inputs of their own; `None` if all runs share all inputs.
-    fn runs(&self) -> Result<Option<usize>, String> {
-        let lengths = [self.schedule.0.len()]
+    /// Refuses parts that have entries for different numbers of runs.
+    fn check(&self) -> PyResult<()> {
+        let mut lengths = [self.schedule.0.len()]
             .into_iter()
             .chain(self.forces.iter().map(|part| part.0.len()))
             .chain(self.sines.iter().map(|part| part.0.len()))
             .chain(self.impulses.iter().map(|part| part.0.len()))
             .chain(self.noises.iter().flat_map(|(part, numbers)| [part.0.len(), numbers.0.len()]))
             .chain(self.controller.iter().flat_map(|(part, numbers)| [part.0.len(), numbers.0.len()]))
-            .chain(self.motion.iter().map(|part| part.0.len()));
-        let mut found = None;
-        for length in lengths.filter(|&length| length != 1) {
-            match found {
-                Some(other) if other != length => {
-                    return Err(format!(
-                        "inputs have {other} entries and {length} entries: must have one for each run"
-                    ));
-                }
-                _ => found = Some(length),
-            }
-        }
-        Ok(found)
+            .chain(self.motion.iter().map(|part| part.0.len()))
+            .filter(|&length| length != 1);
+        let first = lengths.next();
+        let (Some(first), Some(other)) = (first, lengths.find(|&length| Some(length) != first)) else {
+            return Ok(());
+        };
+        let message = format!("inputs have {first} entries and {other} entries: must have one for each run");
+        Err(PyValueError::new_err(message))
     }
 
     /// The inputs of one run. The first run has the number 0. A discrete controller takes its first sample at
@@ -144,8 +139,7 @@ impl Inputs {
             controller: controller.map(controllers).transpose()?,
             motion: motion.map(hand_motion).transpose()?,
         };
-        inputs.runs().map_err(PyValueError::new_err)?;
-        Ok(inputs)
+        inputs.check().map(|()| inputs)
     }
 }
 
@@ -166,38 +160,31 @@ fn controllers(
     let measures: Vec<Measure> = select("control.measures", &names, &MEASURES)?;
     let m: usize = measures.iter().map(|measure| measure.width()).sum();
     let n = states;
-    let (rows, lengths) = (rows.as_array(), [n * n, n * m, 2 * n, 2 * m, n, m, m]);
-    let width = 8 + lengths.iter().sum::<usize>();
+    let rows = rows.as_array();
+    let width = 8 + (n + 2) * (n + m) + n + 2 * m;
     if rows.ncols() != width {
         let found = rows.ncols();
         return Err(PyValueError::new_err(format!("control: has {found} numbers, must have {width}")));
     }
     let one = |row: ArrayView1<'_, f64>| {
-        let mut rest = row.iter().copied();
-        let mut next = || rest.next().unwrap_or(f64::NAN);
-        let (period, delay) = (next(), next());
-        let limits = [[next(), next()], [next(), next()]];
-        let initial_torque = [next(), next()];
-        let mut parts = lengths.map(|length| rest.by_ref().take(length).collect::<Vec<f64>>());
-        let [a, b, c, d, initial_state, noise, resolution] = parts.each_mut().map(std::mem::take);
-        let key = [seed, 0];
-        let controller = SampledController {
-            period,
-            delay,
-            a,
-            b,
-            c,
-            d,
+        let mut rest = row.iter().skip(8).copied();
+        let mut take = |count: usize| rest.by_ref().take(count).collect::<Vec<f64>>();
+        Arc::new(SampledController {
+            period: row[0],
+            delay: row[1],
+            limits: [[row[2], row[3]], [row[4], row[5]]],
+            initial_torque: [row[6], row[7]],
+            a: take(n * n),
+            b: take(n * m),
+            c: take(2 * n),
+            d: take(2 * m),
+            initial_state: take(n),
+            noise: take(m),
+            resolution: take(m),
             measures: measures.clone(),
-            limits,
             anti_windup,
-            initial_torque,
-            initial_state,
-            noise,
-            resolution,
-            key,
-        };
-        Arc::new(controller)
+            key: [seed, 0],
+        })
     };
     let controllers = rows.rows().into_iter().map(one).collect();
     Ok((Part(controllers), Part(entries("the runs' numbers", &numbers)?)))

@@ -30,7 +30,6 @@ use softpinch::formulation::table::{FORMULATIONS, Formulation};
 use softpinch::method::table::METHODS;
 use softpinch::model::contact_modes::{CONTACT_MODELS, CONTACT_MODES};
 use softpinch::model::control::FINGERS;
-use softpinch::model::coordinates::Coordinates;
 use softpinch::model::measures::MEASURES;
 use softpinch::model::motion::Motion;
 use softpinch::model::noise::Noise;
@@ -80,10 +79,7 @@ fn parameters(values: &GivenRow<'_>) -> PyResult<Parameters> {
 
 #[pyfunction(name = "start")]
 fn start_state<'py>(py: Python<'py>, parameters: GivenRow<'py>, kind: &str) -> PyResult<Row<'py>> {
-    type Start = fn(&Parameters) -> Result<Coordinates, softpinch::error::Error>;
-    const STARTS: [(&str, Start); 3] =
-        [("contact", start::contact), ("apart", start::apart), ("touching", start::touching)];
-    let begin = lookup("initial", kind, &STARTS).map_err(raise)?;
+    let begin = lookup("initial", kind, &batch::STARTS).map_err(raise)?;
     let q = begin(&self::parameters(&parameters)?).map_err(raise)?;
     Ok(q.row().to_pyarray(py))
 }
@@ -176,20 +172,8 @@ fn evaluate<'py>(
     let out = PyDict::new(py);
     out.set_item("mass_matrix", matrix(py, &terms.mass_matrix)?)?;
     out.set_item("constraint_matrix", matrix(py, &terms.constraint_matrix)?)?;
-    for (name, vector) in [
-        ("constraint_rate", terms.constraint_rate.as_slice()),
-        ("residuals", terms.residuals.as_slice()),
-        ("residual_rates", &terms.residual_rates),
-        ("elastic", terms.elastic.as_slice()),
-        ("gravity", terms.gravity.as_slice()),
-        ("viscous", terms.viscous.as_slice()),
-        ("control", terms.control.as_slice()),
-        ("external", terms.external.as_slice()),
-        ("multipliers", terms.multipliers.as_slice()),
-        ("accelerations", terms.accelerations.as_slice()),
-        ("target", &terms.target),
-    ] {
-        out.set_item(name, PyArray1::from_slice(py, vector))?;
+    for (name, vector) in terms.vectors {
+        out.set_item(name, PyArray1::from_vec(py, vector))?;
     }
     out.set_item("kinetic_energy", terms.energies.kinetic)?;
     out.set_item("elastic_energy", terms.energies.elastic)?;
