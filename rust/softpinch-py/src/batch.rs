@@ -112,7 +112,6 @@ impl Batch {
 impl Batch {
     #[new]
     #[pyo3(signature = (parameters, columns, inputs, *, runs, start, time, q, p, integral, grid, linearized, contacts, controller, contact, check, duration, summaries, band, options))]
-    #[allow(clippy::too_many_arguments)] // Python passes every field by itself
     fn new(
         py: Python<'_>,
         parameters: GivenRow<'_>,

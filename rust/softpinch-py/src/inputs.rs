@@ -109,7 +109,6 @@ impl Inputs {
 impl Inputs {
     #[new]
     #[pyo3(signature = (schedule, forces, sines, impulses, noises, fingers, controller=None, motion=None))]
-    #[allow(clippy::too_many_arguments)] // Python passes every part by itself
     fn new(
         schedule: Piecewise<'_>,
         forces: Vec<Piecewise<'_>>,

@@ -1,5 +1,8 @@
 //! The border between Python and the core: PyO3 and NumPy conversion, errors, nothing else.
 
+// Python passes every argument by itself.
+#![allow(clippy::too_many_arguments)]
+
 mod batch;
 mod convert;
 mod inputs;
@@ -139,7 +142,6 @@ fn residuals<'py>(
 }
 
 #[pyfunction]
-#[allow(clippy::too_many_arguments)] // Python passes every argument by itself
 fn evaluate<'py>(
     py: Python<'py>,
     parameters: GivenRow<'py>,

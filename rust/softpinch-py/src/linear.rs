@@ -41,7 +41,6 @@ impl Stack {
 /// operating points too. The eigenvalues are left to LAPACK.
 #[pyfunction]
 #[pyo3(signature = (parameters, inputs, t, q, p, integral, formulation, alpha, beta, *, whole, open_loop, frozen))]
-#[allow(clippy::too_many_arguments)] // Python passes every argument by itself
 pub fn linearize<'py>(
     py: Python<'py>,
     parameters: GivenRow<'py>,

@@ -54,7 +54,6 @@ impl Directions {
         }
         let mut directions = room("the directions", count)?;
         for (k, (&parameters, initial)) in parameters.iter().zip(&initial).enumerate() {
-            #[allow(clippy::cast_precision_loss)] // a small number
             let own = shifts.iter().filter(|row| row[0] == k as f64);
             directions.push(Direction {
                 parameters,

@@ -31,7 +31,6 @@ impl Simulation {
 impl Simulation {
     #[new]
     #[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, linearized, contacts, controller, contact, check, duration, times, every, refine, record, summaries, options))]
-    #[allow(clippy::too_many_arguments)] // Python passes every field by itself
     fn new(
         parameters: GivenRow<'_>,
         inputs: &Inputs,

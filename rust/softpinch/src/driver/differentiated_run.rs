@@ -1,8 +1,5 @@
 //! A run that is computed again, step by step, with its derivatives beside it: eight directions at once.
 
-// Loops over several arrays at once are clearer with an index.
-#![allow(clippy::needless_range_loop)]
-
 use std::mem::swap;
 
 use crate::driver::derivative_sink::{Sink, Take};

@@ -86,8 +86,7 @@ impl Environment {
 
     /// The end of the next period.
     pub(super) fn next(&self, period: f64) -> f64 {
-        #[allow(clippy::cast_precision_loss)] // far below 2^53
-        let periods = (self.periods + 1) as f64;
+        let periods = (self.periods + 1) as f64; // far below 2^53
         let next = periods * period + self.origin;
         let end = self.span.end;
         // The rest of a duration that is a multiple of the period but for round-off is no period.

@@ -104,8 +104,7 @@ impl Simulator {
         // Periods go on at the instants at which they would have begun anyway, if the state is at one of them.
         let periods = ((state.time - environment.origin) / *period).round();
         if periods >= 0.0 && periods * *period + environment.origin == state.time {
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a whole number
-            (environment.periods = periods as u64);
+            environment.periods = periods as u64;
         } else {
             (environment.origin, environment.periods) = (state.time, 0);
         }

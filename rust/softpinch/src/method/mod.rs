@@ -6,9 +6,6 @@
 //! which [`newton::Newton`] drives. A method with an error estimate implements [`Adaptive`](traits::Adaptive) as well. An
 //! entry makes the method as [`called`] code.
 
-// Loops over several arrays at once are clearer with an index.
-#![allow(clippy::needless_range_loop)]
-
 pub(crate) mod called;
 pub(crate) mod dop853;
 pub(crate) mod implicit_midpoint;

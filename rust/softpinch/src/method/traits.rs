@@ -1,8 +1,5 @@
 //! The methods as step loops use them.
 
-// Loops over several arrays at once are clearer with an index.
-#![allow(clippy::needless_range_loop)]
-
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::scene_equations::{Choice, SceneEquations, Tangent};
 use crate::formulation::system::{Size, System};

@@ -3,9 +3,6 @@
 //! implicit methods use an LU decomposition with row pivots. The tests compare both with nalgebra's
 //! decompositions.
 
-// Loops over several arrays at once are clearer with an index.
-#![allow(clippy::needless_range_loop)]
-
 use std::ops::{Add, Div, Mul, Sub};
 
 use nalgebra::Complex;

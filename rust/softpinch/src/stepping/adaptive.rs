@@ -39,7 +39,6 @@ where
     type Output = Result<Q, Error>;
 
     #[inline(always)]
-    #[allow(clippy::too_many_lines)] // one step, from one attempt to the next
     fn run(self) -> Result<Q, Error> {
         let Self { setup, tolerance, build } = self;
         let LoopSetup { instructions, options, .. } = setup;
@@ -69,7 +68,6 @@ where
         lanes.size(&system, R::ALL, &mut start);
         let (mut next, mut end_state, mut corrected) = ([zero; MAX_COMPONENTS], Evaluation::nothing(), None);
         let mut attempts = 0u64;
-        #[allow(clippy::cast_precision_loss)] // so many attempts would take centuries
         let most = R::constant(options.max_steps as f64);
         let (one, size) = (R::constant(1.0), system.size());
 

@@ -122,8 +122,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     /// Counts the steps that the run in a lane has taken.
     pub(super) fn count(&mut self, lane: usize) {
         if let Some(run) = &mut self.batch.runs[lane] {
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a whole number
-            (run.steps = self.progress.steps.lane(lane) as u64);
+            run.steps = self.progress.steps.lane(lane) as u64;
         }
     }
 

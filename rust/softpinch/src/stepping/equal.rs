@@ -37,7 +37,6 @@ where
     type Output = Result<Q, Error>;
 
     #[inline(always)]
-    #[allow(clippy::too_many_lines)] // one step, from one evaluation to the next
     fn run(self) -> Result<Q, Error> {
         let Self { setup, grid, build } = self;
         let zero = R::zero();

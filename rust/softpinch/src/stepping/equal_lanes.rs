@@ -76,8 +76,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         run.place.arrival = from + (count - first);
         self.anchor.set(lane, anchor);
         self.h.set(lane, h);
-        #[allow(clippy::cast_precision_loss)] // at most 1e11
-        self.taken.set(lane, first as f64);
+        self.taken.set(lane, first as f64); // at most 1e11
         self.at_start |= 1 << lane;
         self.entered = true;
         if run.controller.as_ref().is_some_and(|controller| controller.is_due(start)) {

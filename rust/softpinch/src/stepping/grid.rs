@@ -39,15 +39,13 @@ impl Segment {
         let whole = (length / dt * (1.0 - 1e-12)).ceil().max(1.0);
         // The steps are then dt itself, to the bit, however the run is divided.
         let h = if whole.mul_add(dt, -length).abs() <= round_off(anchor, end) { dt } else { length / whole };
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a whole number, saturating
-        let count = whole as u64;
+        let count = whole as u64; // a whole number, saturating
         Self { anchor, start: anchor + 0.0, end, h, first: 0, count }
     }
 
     /// Refuses steps that are too many to count, or so short that double precision does not tell their times
     /// apart.
     fn require_countable(&self, dt: f64) -> Result<(), Error> {
-        #[allow(clippy::cast_precision_loss)] // compared with a limit, no more
         let steps = self.count as f64;
         if steps > MOST_STEPS {
             return Err(too_many((self.end - self.anchor) / dt));
@@ -62,8 +60,7 @@ impl Segment {
     /// The time since the anchor after `step` steps.
     #[inline(always)]
     pub fn tau(&self, step: u64) -> f64 {
-        #[allow(clippy::cast_precision_loss)] // at most 1e11
-        let steps = step as f64;
+        let steps = step as f64; // at most 1e11
         steps * self.h
     }
 
@@ -184,7 +181,6 @@ impl Grid {
         let mut grid = Self { span, dt, refine, first, segments: 0, steps: 0, longest: 0.0 };
         let (mut next, mut total) = (Some(first), 0.0);
         while let Some(segment) = next {
-            #[allow(clippy::cast_precision_loss)] // compared with a limit, no more
             let steps = segment.steps() as f64;
             total += steps;
             grid.segments += 1;

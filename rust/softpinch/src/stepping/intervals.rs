@@ -7,8 +7,7 @@ use crate::stepping::monitor::{VIOLATIONS, ViolationSet};
 use crate::stepping::record::MOST_VALUES;
 
 /// Largest number of intervals of one violation, as far as the size of a recording is limited.
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a small whole number
-const MOST_INTERVALS: usize = (MOST_VALUES / 2.0) as usize;
+const MOST_INTERVALS: usize = (MOST_VALUES / 2.0) as usize; // a small whole number
 
 /// The intervals of a run so far. An interval has the times of the first and of the last of consecutive
 /// watched instants that show the violation.
@@ -132,7 +131,6 @@ fn make_room<T>(intervals: &mut Vec<T>, limit: usize) -> Result<(), Error> {
     if count < intervals.capacity() {
         return Ok(());
     }
-    #[allow(clippy::cast_precision_loss)] // only its size matters
     let refused = || Error::TooLarge {
         what: "the violations' intervals, in numbers,",
         needed: 2.0 * (count + 1) as f64,

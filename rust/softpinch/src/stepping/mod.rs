@@ -6,9 +6,6 @@
 //! the method's own step, `contact_changes.rs` lets them happen. [`contact_lane`] does this for the run in a lane,
 //! `equal_events.rs` and `adaptive_events.rs` are its use in the two loops.
 
-// Loops over several arrays at once are clearer with an index.
-#![allow(clippy::needless_range_loop)]
-
 pub(crate) mod adaptive;
 mod adaptive_events;
 mod adaptive_lanes;

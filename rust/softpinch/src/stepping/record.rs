@@ -21,7 +21,6 @@ pub(super) const MOST_VALUES: f64 = 2_147_483_648.0;
 /// An empty vector with room for `entries`, a number that comes from a user. The error says that no machine
 /// has so much memory, or that this one has not; `what` names the numbers in it.
 pub fn reserved<T>(what: &'static str, entries: usize) -> Result<Vec<T>, Error> {
-    #[allow(clippy::cast_precision_loss)] // only its size matters
     let needed = entries as f64 * (size_of::<T>() as f64 / size_of::<f64>() as f64);
     let refused = |advice| Error::TooLarge { what, needed, limit: MOST_VALUES, advice };
     if needed > MOST_VALUES {
@@ -206,7 +205,6 @@ impl Recording {
         let selection = self.selection;
         let layout = self.layout;
         let width = selection.width(layout);
-        #[allow(clippy::cast_precision_loss)] // only its size matters
         let needed = rows as f64 * width as f64;
         let (what, advice) = ("the recording, in numbers,", "raise every= or record less");
         let too_large = || Error::TooLarge { what, needed, limit: MOST_VALUES, advice };
