@@ -43,7 +43,6 @@ const CLOSE: f64 = 1e-4;
 /// Most halvings of a step in the search for the instant of an event.
 const BISECTIONS: usize = 60;
 
-#[derive(Debug, Clone, Copy)]
 pub struct Point {
     /// The share of the change.
     pub share: f64,
@@ -53,7 +52,6 @@ pub struct Point {
 }
 
 /// How a search along a curve ends.
-#[derive(Debug, Clone, Copy)]
 pub enum End<E> {
     /// The whole change is made.
     Reached(Rest),

@@ -21,7 +21,6 @@ use crate::model::rule::Rule;
 pub type Matrix<const R: usize, const C: usize> = SMatrix<f64, R, C>;
 
 /// Every term at one state. The forces act on q: M p-dot is their sum plus Phi^T lambda.
-#[derive(Debug, Clone, PartialEq)]
 pub struct Terms {
     /// The mass matrix (14).
     pub mass_matrix: Matrix<9, 9>,

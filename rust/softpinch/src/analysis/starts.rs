@@ -13,7 +13,6 @@ const SHIFTS: [f64; 3] = [0.0, 0.5, -0.5];
 const SHARES: [f64; 4] = [1.0, 0.5, 0.2, 0.05];
 
 /// Where the tips are without an object between them.
-#[derive(Debug, Clone, Copy)]
 pub struct Gap {
     /// The middle between the tips' centres, m.
     middle: [f64; 2],

@@ -41,7 +41,6 @@ pub struct Observed {
 }
 
 /// One run of a simulator. Its scene's initial state is the present one.
-#[derive(Debug, Clone)]
 pub(super) struct Environment {
     pub(super) scene: Scene,
     /// The state from which a reset starts, and whether it is refused if it is off the constraints.

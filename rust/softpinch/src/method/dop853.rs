@@ -29,7 +29,6 @@ pub const ENTRY: MethodEntry = MethodEntry {
 /// |R(z)| <= 1 on the real axis from minus this number to 0. R has degree 12 and follows from the tableau.
 pub const REAL_STABILITY_LIMIT: f64 = 6.393_65;
 
-#[derive(Debug, Clone, Copy)]
 pub struct Dop853<R = f64> {
     slopes: [States<R>; ALL],
     /// The direction from the start of the step to the current stage.

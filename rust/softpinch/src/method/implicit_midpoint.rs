@@ -37,7 +37,6 @@ pub(super) fn implicit_midpoint(
     newton(runs, system, ImplicitMidpoint)
 }
 
-#[derive(Debug, Clone, Copy)]
 pub struct ImplicitMidpoint;
 
 impl<S: System<f64>> Scheme<S> for ImplicitMidpoint {

@@ -32,7 +32,6 @@ macro_rules! unrolled {
 }
 
 /// A Jacobian, with the matrices that remain after coordinates and remaining states are eliminated.
-#[derive(Debug, Clone, Copy)]
 pub struct Linearization<R = f64> {
     size: Size,
     pub(super) jacobian: Jacobian<R>,

@@ -24,7 +24,6 @@ const STALLED: f64 = 1e-11;
 const REUSE_RATE: f64 = 1e-3;
 
 /// One iteration, judged by the sizes of its corrections.
-#[derive(Debug, Clone, Copy)]
 pub struct Iteration {
     tolerance: f64,
     stalled: f64,
@@ -77,7 +76,6 @@ impl Iteration {
 }
 
 /// The equations of a step in the form that an iteration needs.
-#[derive(Debug, Clone, Copy)]
 pub struct Problem<'a, S, F> {
     pub step: &'a Step<'a, f64, S>,
     /// One over the unit in which the correction of each state is measured.
@@ -135,7 +133,6 @@ pub trait Scheme<S: System<f64>> {
 }
 
 /// A scheme with the Jacobian and the factors that it keeps while they are of use.
-#[derive(Debug, Clone, Copy)]
 pub struct Newton<M, F, T = Tangent<f64, DIRECTIONS>> {
     /// The numbers of components of a state, and their typical magnitudes.
     size: Size,

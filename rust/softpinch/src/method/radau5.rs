@@ -75,7 +75,6 @@ const P: [[f64; 3]; 3] = [
 ];
 
 /// The method, with the stages of the last step.
-#[derive(Debug, Clone, Copy)]
 pub struct Radau5 {
     /// Each stage's difference from the state at the step's start.
     pub(super) stages: [States<f64>; 3],

@@ -38,7 +38,6 @@ pub const REAL_STABILITY_LIMIT: f64 = 2.785_293_563_405_28;
 const EVALUATIONS: u64 = 3;
 
 /// The method, with the slopes of the last step.
-#[derive(Debug, Clone, Copy)]
 pub struct Rk4<R = f64> {
     slopes: [States<R>; 3],
 }

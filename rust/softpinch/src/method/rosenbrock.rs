@@ -79,7 +79,6 @@ const DENSE: [[f64; STAGES - 1]; 2] = [
 ];
 
 /// The method, with the stages of the last step.
-#[derive(Debug, Clone, Copy)]
 pub struct Rosenbrock<T, R = f64, E = f64> {
     /// The system in dual numbers.
     pub(super) tangent: T,

@@ -61,7 +61,6 @@ pub struct LaneRun<'a, P> {
 }
 
 /// The findings at an instant of the runs in all lanes.
-#[derive(Debug, Clone, Copy)]
 pub struct Seen {
     /// Lanes in which all numbers are finite.
     pub finite: Bits,

@@ -18,7 +18,6 @@ use crate::stepping::status::Status;
 pub(crate) type End = (Status, String);
 
 /// The result of the last attempt of an adaptive step.
-#[derive(Debug, Clone, Copy)]
 pub(crate) enum Attempt {
     None,
     /// The error, in units of the allowed error; at most one if the step was accepted.

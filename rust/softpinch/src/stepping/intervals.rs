@@ -11,7 +11,6 @@ const MOST_INTERVALS: usize = (MOST_VALUES / 2.0) as usize; // a small whole num
 
 /// The intervals of a run so far. An interval has the times of the first and of the last of consecutive
 /// watched instants that show the violation.
-#[derive(Debug, Clone)]
 pub struct Intervals {
     /// The violations at the last watched instant, and its time.
     found: ViolationSet,

@@ -31,7 +31,6 @@ const PHASES: usize = Phase::End as usize + 1;
 
 /// The phases of all lanes. Vector code needs sets of lanes, so that each phase has the set of its lanes; every lane is in
 /// exactly one of them.
-#[derive(Debug, Clone, Copy)]
 pub struct Phases {
     lanes: [Bits; PHASES],
 }

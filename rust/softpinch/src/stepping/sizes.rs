@@ -34,7 +34,6 @@ pub fn is_unresolved<R: Lanes>(taken: R, t: R, length: R) -> Bits {
 }
 
 /// The error that is allowed of each state, from the largest magnitude that the state has reached so far.
-#[derive(Debug, Clone, Copy)]
 pub struct Sizes<R> {
     largest: States<R>,
     /// The smallest errors that are allowed.

@@ -12,7 +12,6 @@ use crate::number::lanes::{Bits, Lanes};
 type Memory<R> = [R; 3];
 
 /// One instant of the runs in all lanes.
-#[derive(Debug, Clone, Copy)]
 pub(crate) struct SummaryInstant<'a, R> {
     /// Time, s.
     pub t: R,
@@ -26,7 +25,6 @@ pub(crate) struct SummaryInstant<'a, R> {
 }
 
 /// The end of a run, as far as summaries need it.
-#[derive(Debug, Clone, Copy)]
 pub(crate) struct RunEnd {
     /// The first instant that the summaries look at: the start of the run, or a later instant, s.
     pub from: f64,
@@ -332,7 +330,6 @@ impl Default for Wanted {
 }
 
 /// The summaries of the runs in all lanes while they are computed.
-#[derive(Debug, Clone, Copy)]
 pub(crate) struct Summaries<R> {
     pub wanted: Wanted,
     pub after: R,
