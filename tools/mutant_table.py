@@ -201,7 +201,7 @@ MUTANTS = (
         CARGO,
     ),
     Mutant(
-        "stepping/inside_step.rs",
+        "stepping/adaptive_lanes.rs",
         "system.correct(&lanes.batch.drive, since, &mut between);",
         "",
         "methods",

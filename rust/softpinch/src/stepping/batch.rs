@@ -4,8 +4,9 @@
 use std::borrow::Cow;
 
 use crate::error::Error;
-use crate::formulation::equations::{Evaluation, States};
-use crate::formulation::scene_equations::Choice;
+use crate::formulation::equations::{Equations, Evaluation, States};
+use crate::formulation::inlined::Inlined;
+use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::System;
 use crate::method::traits::{Integrator, Runs, Stats};
 use crate::model::contact_modes::ContactModel;
@@ -23,7 +24,6 @@ use crate::stepping::contact_lane::{LaneContact, Moment};
 use crate::stepping::ending::{End, after_violation, unstable};
 use crate::stepping::instant::{Instant, all_finite, column, energies, put, put_motion};
 use crate::stepping::lane_controller::LaneController;
-use crate::stepping::loop_system::LoopSystem;
 use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet, explain};
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::phase::{Phase, Phases};
@@ -534,4 +534,36 @@ impl<R: Lanes, S: System<R>> LaneTask<R> for Jump<'_, R, S> {
         let Self(system, (drive, tau), y, impulse) = self;
         system.jump(&drive.at(tau), y, &impulse.map(R::constant));
     }
+}
+
+/// Equations for a step loop. The loop of RK4 has them inlined; its rare work calls them, so that its code exists once.
+pub trait LoopSystem<R: Lanes>: System<R> {
+    /// The same equations, called.
+    fn called(&self) -> &SceneEquations<R>;
+
+    /// Renews the equations after some of the runs have changed.
+    fn renew(&mut self, runs: Runs<'_>);
+}
+
+impl<R: Lanes> LoopSystem<R> for SceneEquations<R> {
+    #[inline(always)]
+    fn called(&self) -> &SceneEquations<R> {
+        self
+    }
+
+    #[inline(always)]
+    fn renew(&mut self, runs: Runs<'_>) {
+        *self = runs.system();
+    }
+}
+
+impl<E: Equations<f64>, const DRIVEN: bool> LoopSystem<f64> for Inlined<'_, f64, E, DRIVEN> {
+    #[inline(always)]
+    fn called(&self) -> &SceneEquations<f64> {
+        self.called
+    }
+
+    /// The equations are those of a single run, whose loop has no other one.
+    #[inline(always)]
+    fn renew(&mut self, _: Runs<'_>) {}
 }

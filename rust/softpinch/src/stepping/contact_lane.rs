@@ -16,7 +16,7 @@ use crate::model::scene::Scene;
 use crate::model::start::{State, allowed_residuals};
 use crate::number::simd::level::Instructions;
 use crate::stepping::contact_events::{Change, ContactEnd, ContactRun, EventResult, Reason};
-use crate::stepping::event_stepper::{EventStepper, SegmentState};
+use crate::stepping::event_search::{EventStepper, SegmentState};
 use crate::stepping::instant::{Instant, watched};
 use crate::stepping::lone_steps::LoneSteps;
 use crate::stepping::monitor::Limits;

@@ -8,14 +8,13 @@ use crate::error::Error;
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
 use crate::method::traits::{Integrator, Runs};
 use crate::number::lanes::{LaneTask, Lanes};
-use crate::stepping::batch::{LaneBatch, LoopSetup};
+use crate::stepping::batch::{LaneBatch, LoopSetup, LoopSystem};
 use crate::stepping::ending::full;
 use crate::stepping::equal_lanes::{EqualLanes, Instants};
 use crate::stepping::grid::GridOf;
-use crate::stepping::loop_system::LoopSystem;
+use crate::stepping::lone_steps::RowsInside;
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::{POLL, RunQueue};
-use crate::stepping::rows_inside::RowsInside;
 
 /// The loop of equal steps before it runs.
 pub struct EqualSteps<'g, 'a, Q, B> {

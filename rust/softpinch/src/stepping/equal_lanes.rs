@@ -8,17 +8,16 @@ use crate::formulation::system::System;
 use crate::method::traits::{Integrator, Step, Unsolved};
 use crate::model::motion::{Linearized, Motion, unpacked};
 use crate::number::lanes::{Bits, Lanes, each};
-use crate::stepping::batch::LaneBatch;
+use crate::stepping::batch::{LaneBatch, LoopSystem};
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::ending::{self, End, full};
 use crate::stepping::grid::{GridOf, Segment};
 use crate::stepping::instant::{Instant, put, watched};
 use crate::stepping::lane_controller::LaneController;
-use crate::stepping::loop_system::LoopSystem;
+use crate::stepping::lone_steps::RowsInside;
 use crate::stepping::phase::Phase;
 use crate::stepping::place::Place;
 use crate::stepping::queue::RunQueue;
-use crate::stepping::rows_inside::RowsInside;
 
 /// The last two instants of the runs in all lanes: the states and their evaluations.
 pub(super) struct Instants<'a, R> {
