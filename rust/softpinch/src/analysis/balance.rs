@@ -275,9 +275,9 @@ impl RestScene {
         if self.fingers == Fingers::Pid { self.parameters.control[finger].kp } else { 0.0 }
     }
 
-    /// The balance of these unknowns, without derivatives.
+    /// The balance of these unknowns, which does not depend on the member.
     pub fn balance(&self, z: &Unknowns) -> Balance<f64> {
-        f64::call(self.instructions, Values { scene: self, z })
+        self.rows(&Member::Shear([0.0; 2]), z).balance
     }
 
     /// The origin of the no-slip constraint at these unknowns.
@@ -335,22 +335,6 @@ impl RestScene {
     /// The rows of a member and their derivatives.
     pub fn rows(&self, member: &Member, z: &Unknowns) -> Rows {
         f64::call(self.instructions, Evaluate { scene: self, member, z })
-    }
-}
-
-/// Evaluates the balance without derivatives.
-struct Values<'a> {
-    scene: &'a RestScene,
-    z: &'a Unknowns,
-}
-
-impl LaneTask<f64> for Values<'_> {
-    type Output = Balance<f64>;
-
-    #[inline(always)]
-    fn run(self) -> Balance<f64> {
-        let scene = self.scene;
-        Balance::new(&scene.plant, (&scene.input, scene.frame.as_ref()), self.z).0
     }
 }
 

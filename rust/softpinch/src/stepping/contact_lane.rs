@@ -61,28 +61,39 @@ pub struct Moment<'a> {
 
 impl LaneContact {
     pub fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Result<Self, Error> {
-        let (contacts, unset) = start_of(&scene.parameters, &scene.initial)?;
-        Ok(Self {
+        let still = || Segment { anchor: 0.0, drive: SegmentDrive::still() };
+        let mut contact = Self {
             instructions,
-            run: ContactRun::new(contacts),
+            run: ContactRun::new([Contact::touching(); 2]),
             steps: LoneSteps::new(instructions, options, scene),
             limits: Limits::new(&scene.parameters),
-            segment: Segment { anchor: 0.0, drive: SegmentDrive::still() },
-            earlier: Segment { anchor: 0.0, drive: SegmentDrive::still() },
+            segment: still(),
+            earlier: still(),
             in_earlier: false,
-            unset,
-            fresh: is_fresh(options, scene),
+            unset: None,
+            fresh: false,
             free_time: 0.0,
-            counted: options.summaries.after.max(scene.initial.time),
-        })
+            counted: 0.0,
+        };
+        contact.restart(options, scene)?;
+        Ok(contact)
     }
 
-    /// The same for another run with the same parameters and options, whose equations are kept.
-    pub fn restart(&mut self, options: &Options, scene: &Scene) -> Result<(), Error> {
-        let (contacts, unset) = start_of(&scene.parameters, &scene.initial)?;
+    /// Puts the contacts at the start of a run with the same parameters and options, whose equations are kept.
+    pub fn restart(
+        &mut self,
+        options: &Options,
+        Scene { parameters, initial, .. }: &Scene,
+    ) -> Result<(), Error> {
+        let (contacts, unset) = match &initial.contact {
+            Some(row) => (Contact::of_row(row)?, None),
+            None => contacts_at(parameters, initial),
+        };
         self.run = ContactRun::new(contacts);
-        (self.in_earlier, self.unset, self.fresh) = (false, unset, is_fresh(options, scene));
-        (self.free_time, self.counted) = (0.0, options.summaries.after.max(scene.initial.time));
+        // A run in equal steps that goes on from another one takes its bits, residuals included.
+        self.fresh = initial.grid.is_none() || !matches!(options.steps, Steps::Fixed(_));
+        (self.in_earlier, self.unset, self.free_time) = (false, unset, 0.0);
+        self.counted = options.summaries.after.max(initial.time);
         Ok(())
     }
 
@@ -248,25 +259,10 @@ impl LaneContact {
     }
 }
 
-/// Whether a run may start from a state that another formulation has left. A run in equal steps that goes on from
-/// another one takes its bits, residuals included.
-fn is_fresh(options: &Options, scene: &Scene) -> bool {
-    scene.initial.grid.is_none() || !matches!(options.steps, Steps::Fixed(_))
-}
-
-/// The contacts at the start of a run; and, if they follow from its state, whether a closed one approaches.
-fn start_of(parameters: &Parameters, initial: &State) -> Result<([Contact; 2], Option<bool>), Error> {
-    let Some(row) = &initial.contact else {
-        let (contacts, approaches) = contacts_at(parameters, initial);
-        return Ok((contacts, Some(approaches)));
-    };
-    Ok((Contact::of_row(row)?, None))
-}
-
 /// The contacts that follow from a state, and whether a closed one approaches its face. A contact is closed
 /// unless it has a gap or opens, or its surface would have to be stretched; its face slips unless the velocity of the
 /// slip is round-off.
-fn contacts_at(parameters: &Parameters, State { motion, .. }: &State) -> ([Contact; 2], bool) {
+fn contacts_at(parameters: &Parameters, State { motion, .. }: &State) -> ([Contact; 2], Option<bool>) {
     let Motion { q, p, .. } = motion;
     let geometry = Geometry::new(&Side::both(parameters), q, p);
     let (gaps, rates) = (geometry.residuals(), geometry.constraint_velocity());
@@ -285,5 +281,5 @@ fn contacts_at(parameters: &Parameters, State { motion, .. }: &State) -> ([Conta
         };
         Contact { mode, closed, slip, frozen_tilt: geometry.contacts[i].tilt, left: None }
     });
-    (contacts, approaches)
+    (contacts, Some(approaches))
 }

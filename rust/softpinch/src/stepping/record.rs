@@ -5,7 +5,6 @@ use crate::method::traits::Stats;
 use crate::model::contact_modes::ContactRow;
 use crate::model::energy::{BILATERAL_WORKS, CONTACT_WORKS, Energies, WORKS};
 use crate::model::motion::Linearized;
-use crate::names::named;
 use crate::stepping::contact_events::Change;
 use crate::stepping::instant::Instant;
 use crate::stepping::monitor::VIOLATIONS;
@@ -30,26 +29,6 @@ pub fn reserved<T>(what: &'static str, entries: usize) -> Result<Vec<T>, Error> 
     room.try_reserve_exact(entries)
         .map_err(|_| refused("this machine has no room for them at present, ask for fewer"))?;
     Ok(room)
-}
-
-named! {
-    /// A quantity that a run can record.
-    Quantity;
-    /// The quantities that can be recorded, by their public names.
-    RECORDABLE = {
-        /// q, p and the controllers' memories.
-        State = "state",
-        /// lambda.
-        Multipliers = "multipliers",
-        /// C^H and C^N.
-        Residuals = "residuals",
-        /// The energy ledger.
-        Energy = "energy",
-        /// The torques on the fingers.
-        Torque = "torque",
-        /// The modes of the contacts.
-        Contact = "contact",
-    }
 }
 
 /// What the rows of a run have because of its method and its contacts.
@@ -112,18 +91,24 @@ impl Selection {
     }
 }
 
+/// Finds whether a quantity is selected.
+pub type Quantity = fn(&mut Selection) -> &mut bool;
+
+/// The quantities that can be recorded, by their public names.
+pub const RECORDABLE: [(&str, Quantity); 6] = [
+    ("state", |selection| &mut selection.state),
+    ("multipliers", |selection| &mut selection.multipliers),
+    ("residuals", |selection| &mut selection.residuals),
+    ("energy", |selection| &mut selection.energy),
+    ("torque", |selection| &mut selection.torque),
+    ("contact", |selection| &mut selection.contact),
+];
+
 impl FromIterator<Quantity> for Selection {
     fn from_iter<I: IntoIterator<Item = Quantity>>(quantities: I) -> Self {
         let mut selection = Self::default();
         for quantity in quantities {
-            match quantity {
-                Quantity::State => selection.state = true,
-                Quantity::Multipliers => selection.multipliers = true,
-                Quantity::Residuals => selection.residuals = true,
-                Quantity::Energy => selection.energy = true,
-                Quantity::Torque => selection.torque = true,
-                Quantity::Contact => selection.contact = true,
-            }
+            *quantity(&mut selection) = true;
         }
         selection
     }
