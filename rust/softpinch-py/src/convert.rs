@@ -82,7 +82,6 @@ pub fn columns<const N: usize>(name: &str, values: &GivenRows<'_>) -> PyResult<V
     collected("the rows of an array, in numbers,", values.rows().into_iter().map(array))
 }
 
-/// A NumPy matrix of these rows.
 pub fn rows<T: Element, const N: usize>(py: Python<'_>, values: Vec<[T; N]>) -> PyResult<Rows<'_, T>> {
     let count = values.len();
     PyArray1::from_vec(py, values.into_flattened()).reshape([count, N])

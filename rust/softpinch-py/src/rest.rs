@@ -38,14 +38,12 @@ pub struct RestScene {
     scene: CoreRestScene,
 }
 
-/// The unknowns of a row of coordinates.
 fn unknowns(q: &[f64; 9]) -> Unknowns {
     let [x, y, theta, right, left, _, _, shear1, shear2] = *q;
     [x, y, theta, right, left, shear1, shear2]
 }
 
 impl RestScene {
-    /// The member that a kind and its numbers mean.
     fn member(&self, kind: &str, values: &GivenRow<'_>) -> PyResult<Member> {
         lookup("member", kind, &KINDS).map_err(raise)?(&self.scene, values)
     }

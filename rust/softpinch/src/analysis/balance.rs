@@ -136,7 +136,6 @@ impl<R: Real> Balance<R> {
 }
 
 impl Balance<Directions> {
-    /// The values without derivatives.
     fn values(&self) -> Balance<f64> {
         let q = self.q;
         Balance {
@@ -181,8 +180,7 @@ pub struct RestScene {
 /// The balance at one set of unknowns, with its derivatives by the unknowns.
 #[derive(Debug, Clone, Copy)]
 pub struct Rows {
-    /// The seven rows.
-    pub values: Unknowns,
+    pub(super) values: Unknowns,
     pub(super) jacobian: [Unknowns; UNKNOWNS],
     /// The forces.
     pub balance: Balance<f64>,

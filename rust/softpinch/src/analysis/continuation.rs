@@ -44,7 +44,6 @@ const CLOSE: f64 = 1e-4;
 const BISECTIONS: usize = 60;
 
 pub struct Point {
-    /// The share of the change.
     pub share: f64,
     pub rest: Rest,
     /// Direction of the curve in the scale of the unknowns.

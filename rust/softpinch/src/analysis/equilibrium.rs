@@ -145,7 +145,6 @@ pub fn find(scene: &RestScene, member: &Member, near: Option<&Unknowns>) -> Resu
     released.ok().or(first).map_or_else(|| search(scene, member).map_err(|_| reason(released)), Ok)
 }
 
-/// The reason of a failed search.
 fn reason(found: Result<Rest, Reason>) -> Reason {
     found.err().unwrap_or(Reason::NotFound { near: false })
 }

@@ -47,7 +47,6 @@ fn next_step(segment: &Segment, taken: u64, ends: Option<&[f64]>) -> Option<Step
     (end <= segment.end).then_some(StepTimes { tau, h: end - from, tau_end, end })
 }
 
-/// A run whose derivatives are computed.
 pub(super) struct Request<'a> {
     pub(super) scene: &'a Scene,
     pub(super) options: &'a Options,
@@ -231,7 +230,6 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
         }
     }
 
-    /// The inputs of the segment from `anchor` on.
     fn drive(&self, anchor: f64) -> SegmentDrive<RunDual<R>> {
         let slopes: Vec<_> = self.directions.iter().map(|one| one.inputs.segment(anchor)).collect();
         SegmentDrive::varied(&self.request.scene.inputs.segment(anchor), &slopes)
@@ -298,7 +296,6 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
         }
     }
 
-    /// The rates of a state under the inputs of an instant.
     #[inline(always)]
     fn rates(&self, (input, drive): InputIn<'_, R>, y: &States<RunDual<R>>) -> States<RunDual<R>> {
         let mut rate = [RunDual::zero(); MAX_COMPONENTS];

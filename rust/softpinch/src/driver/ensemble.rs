@@ -155,7 +155,6 @@ pub fn derivatives(
     Ok((found.len() == runs).then(|| found.into_iter().map(|(_, own)| own).collect()))
 }
 
-/// The work of one thread.
 pub(super) fn work(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
     in_lanes(shared, |runs| runs.compute())?.map_or_else(|| one_by_one(shared), Ok)
 }

@@ -45,7 +45,6 @@ pub(super) struct Environment {
     pub(super) scene: Scene,
     /// The state from which a reset starts, and whether it is refused if it is off the constraints.
     pub(super) start: (State, bool),
-    /// The external force from outside.
     pub(super) force: [f64; 3],
     pub(super) span: Span,
     /// Period k ends at `origin` + (k + 1) `period`; `periods` have passed.

@@ -53,7 +53,6 @@ impl RunsInLanes<'_, '_> {
     }
 }
 
-/// The step loop, compiled for each SIMD level.
 impl LaneKernel for RunsInLanes<'_, '_> {
     type Output = Result<Option<()>, Error>;
 

@@ -8,9 +8,7 @@ use crate::model::drive::SegmentDrive;
 use crate::number::lanes::{Bits, LaneTask, Lanes};
 use crate::number::simd::level::Instructions;
 
-/// Any method for the runs in all lanes.
 pub type AnyMethod<R = f64> = Box<dyn Integrator<R, SceneEquations<R>> + Send + Sync>;
-/// Any method that can choose the length of its steps.
 pub type AnyAdaptiveMethod<R = f64> = Box<dyn Adaptive<R, SceneEquations<R>> + Send + Sync>;
 
 /// A method whose computations are called, each compiled with the instructions of the lanes.
@@ -106,14 +104,6 @@ impl<R: Lanes, M: Integrator<R, SceneEquations<R>>> Integrator<R, SceneEquations
 }
 
 impl<R: Lanes, M: Adaptive<R, SceneEquations<R>>> Adaptive<R, SceneEquations<R>> for Called<M> {
-    fn error_order(&self) -> f64 {
-        self.method.error_order()
-    }
-
-    fn min_growth(&self) -> f64 {
-        self.method.min_growth()
-    }
-
     fn error(&mut self, step: &Step<'_, R>, retried: Bits, stats: &mut Stats) -> R {
         let Self { instructions, method, .. } = self;
         R::call(*instructions, EstimateError { method, step, retried, stats })

@@ -24,6 +24,8 @@ pub const ENTRY: MethodEntry = MethodEntry {
     keeps_jacobian: false,
     alone: |runs, _| Box::new(Called::new(runs, Dop853::default())),
     adaptive: Some(|runs, _| Box::new(Called::new(runs, Dop853::default()))),
+    error_order: 8.0,
+    min_growth: 1.0,
 };
 
 /// |R(z)| <= 1 on the real axis from minus this number to 0. R has degree 12 and follows from the tableau.
@@ -123,11 +125,6 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Dop853<R> {
 }
 
 impl<R: Lanes, S: System<R>> Adaptive<R, S> for Dop853<R> {
-    #[inline(always)]
-    fn error_order(&self) -> f64 {
-        8.0
-    }
-
     #[inline(always)]
     fn error(&mut self, step: &Step<'_, R, S>, _: Bits, _: &mut Stats) -> R {
         self.estimate(step.system.size(), step.h, &step.weights())

@@ -28,6 +28,8 @@ pub const ENTRY: MethodEntry = MethodEntry {
     keeps_jacobian: true,
     alone: |runs, system| Box::new(implicit_midpoint(runs, system)),
     adaptive: None,
+    error_order: 0.0,
+    min_growth: 1.0,
 };
 
 pub(super) fn implicit_midpoint(

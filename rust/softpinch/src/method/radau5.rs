@@ -26,6 +26,9 @@ pub const ENTRY: MethodEntry = MethodEntry {
     keeps_jacobian: true,
     alone: |runs, system| Box::new(radau5(runs, system)),
     adaptive: Some(|runs, system| Box::new(radau5(runs, system))),
+    error_order: 4.0,
+    // A step that would grow by less keeps its factors, too.
+    min_growth: 1.2,
 };
 
 pub(super) fn radau5(runs: Runs<'_>, system: &SceneEquations<f64>) -> Called<Newton<Radau5, Pair>> {
@@ -74,7 +77,6 @@ const P: [[f64; 3]; 3] = [
     [1.0 / 3.0, -8.0 / 3.0, 10.0 / 3.0],
 ];
 
-/// The method, with the stages of the last step.
 pub struct Radau5 {
     /// Each stage's difference from the state at the step's start.
     pub(super) stages: [States<f64>; 3],
@@ -89,7 +91,6 @@ impl Default for Radau5 {
     }
 }
 
-/// The decompositions that a step needs.
 #[derive(Debug, Clone, Copy)]
 pub struct Pair {
     real: Factors<f64>,
@@ -236,17 +237,6 @@ impl<S: System<f64>> Scheme<S> for Radau5 {
 }
 
 impl<S: System<f64>, T: Linear<f64>> Adaptive<f64, S> for Newton<Radau5, Pair, T> {
-    #[inline(always)]
-    fn error_order(&self) -> f64 {
-        4.0
-    }
-
-    /// A step that would grow by less keeps its length, and with it its factors.
-    #[inline(always)]
-    fn min_growth(&self) -> f64 {
-        1.2
-    }
-
     /// (REAL/h - J)^-1 (f_0 + sum of e_i z_i / h). After a rejected step this estimate is added to the state,
     /// and a second estimate is computed there, which damps the stiff part of the first.
     #[inline(always)]

@@ -28,6 +28,8 @@ pub const ENTRY: MethodEntry = MethodEntry {
     keeps_jacobian: false,
     alone: |runs, _| Box::new(Called::new(runs, Rk4::default())),
     adaptive: None,
+    error_order: 0.0,
+    min_growth: 1.0,
 };
 
 /// |R(z)| = |1 + z + z^2/2 + z^3/6 + z^4/24| <= 1 on the real axis from -2.785... to 0 (Hairer and Wanner,
@@ -37,7 +39,6 @@ pub const REAL_STABILITY_LIMIT: f64 = 2.785_293_563_405_28;
 /// Evaluations in a step, not counting the one at its start.
 const EVALUATIONS: u64 = 3;
 
-/// The method, with the slopes of the last step.
 pub struct Rk4<R = f64> {
     slopes: [States<R>; 3],
 }

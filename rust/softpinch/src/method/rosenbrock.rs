@@ -34,6 +34,8 @@ pub const ENTRY: MethodEntry = MethodEntry {
     keeps_jacobian: false,
     alone: |runs, system| Box::new(rosenbrock(runs, system)),
     adaptive: Some(|runs, system| Box::new(rosenbrock(runs, system))),
+    error_order: 4.0,
+    min_growth: 1.0,
 };
 
 pub(super) fn rosenbrock(
@@ -78,7 +80,6 @@ const DENSE: [[f64; STAGES - 1]; 2] = [
     [6.984505741529879, 6.914061169603662, -0.849178943070653, 18.104410789349338, -3.516963011559032],
 ];
 
-/// The method, with the stages of the last step.
 pub struct Rosenbrock<T, R = f64, E = f64> {
     /// The system in dual numbers.
     pub(super) tangent: T,
@@ -171,11 +172,6 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
 }
 
 impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Adaptive<R, S> for Rosenbrock<T, R, E> {
-    #[inline(always)]
-    fn error_order(&self) -> f64 {
-        4.0
-    }
-
     #[inline(always)]
     fn error(&mut self, step: &Step<'_, R, S>, _: Bits, _: &mut Stats) -> R {
         largest(step.system.size(), &self.stages[STAGES - 1], &step.weights())

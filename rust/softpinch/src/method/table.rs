@@ -50,6 +50,10 @@ pub struct MethodEntry {
     pub alone: fn(Runs<'_>, &SceneEquations<f64>) -> AnyMethod,
     /// Makes the method as one that chooses the length of its steps, if it estimates its error.
     pub adaptive: Option<MakeAdaptiveMethod>,
+    /// The error estimate grows with this power of the length of the step; zero if there is none.
+    pub error_order: f64,
+    /// Growth by a smaller factor than this does not change the length of the step.
+    pub min_growth: f64,
 }
 
 impl Method {

@@ -136,15 +136,6 @@ pub trait Integrator<R: Lanes, S: System<R>> {
 
 /// A method that can choose the length of its steps.
 pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
-    /// The error estimate grows with this power of the length of the step.
-    fn error_order(&self) -> f64;
-
-    /// Growth by a smaller factor than this does not change the length of the step.
-    #[inline(always)]
-    fn min_growth(&self) -> f64 {
-        1.0
-    }
-
     /// The error of the step just taken, in units of the allowed error. `retried` is the set of lanes in
     /// which the attempt before was rejected.
     fn error(&mut self, step: &Step<'_, R, S>, retried: Bits, stats: &mut Stats) -> R;

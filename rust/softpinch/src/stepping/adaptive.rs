@@ -41,11 +41,12 @@ where
     fn run(self) -> Result<Q, Error> {
         let Self { setup, tolerance, build } = self;
         let LoopSetup { instructions, options, .. } = setup;
+        let entry = options.method.entry();
         let zero = R::zero();
         let mut lanes = AdaptiveLanes {
             batch: LaneBatch::new(setup),
             progress: Progress::new(),
-            control: StepControl::new(1.0, 1.0),
+            control: StepControl::new(entry.error_order, entry.min_growth),
             unsolved: None,
             saved: 0,
             events: [None; MOST],
@@ -62,8 +63,6 @@ where
             (system, method)
         };
         let (mut system, mut method) = lanes.batch.build(both, &mut start.y);
-        // Runs are loaded before the method can be made.
-        lanes.control = StepControl::new(method.error_order(), method.min_growth());
         lanes.size(&system, R::ALL, &mut start);
         let (mut next, mut end_state, mut corrected) = ([zero; MAX_COMPONENTS], Evaluation::nothing(), None);
         let mut attempts = 0u64;

@@ -68,7 +68,6 @@ pub(crate) fn unstable(t: f64, h: f64, (error, supplied): (f64, f64), stable: f6
     (Status::Unstable, message)
 }
 
-/// Describes an iteration that did not converge.
 fn failure(Unsolved { iterations, correction }: Unsolved) -> String {
     if correction.is_finite() {
         format!(

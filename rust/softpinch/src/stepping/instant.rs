@@ -9,7 +9,6 @@ use crate::model::start::State;
 use crate::number::lanes::{Bits, Lanes};
 use crate::number::real::Real;
 
-/// One instant of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Instant {
     /// Time, s.
@@ -47,7 +46,6 @@ impl Instant {
         }
     }
 
-    /// Whether all numbers of the instant are finite.
     pub fn is_finite(&self) -> bool {
         let Self { motion: Motion { q, p, memory }, multipliers, residuals, torque, works, .. } = self;
         [&q.row()[..], &p.row(), memory, multipliers, residuals, torque, works]

@@ -30,7 +30,6 @@ impl Default for Intervals {
 }
 
 impl Intervals {
-    /// Notes the violations at the instant `t`.
     #[inline(always)]
     pub fn note(&mut self, t: f64, found: ViolationSet) {
         if found != self.found {

@@ -36,7 +36,6 @@ pub struct Phases {
 }
 
 impl Phases {
-    /// Lanes without runs.
     pub fn idle() -> Self {
         let mut lanes = [0; PHASES];
         lanes[Phase::Idle as usize] = Bits::MAX;

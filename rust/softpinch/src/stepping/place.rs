@@ -4,7 +4,6 @@ use crate::model::scene::Scene;
 use crate::stepping::grid::{Grid, Segment};
 use crate::stepping::phase::Phase;
 
-/// The place of a run on its grid.
 pub(super) struct Place {
     pub(super) grid: Grid,
     /// The current segment, the segment before it, and the number of steps before the current segment.

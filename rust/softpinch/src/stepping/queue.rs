@@ -67,9 +67,7 @@ pub trait RunQueue<'a> {
     }
 }
 
-/// A run that has ended.
 pub struct Finished {
-    /// Number of the run.
     pub number: usize,
     /// The run, which the loop itself does not record.
     pub run: Run,
@@ -77,5 +75,4 @@ pub struct Finished {
     pub contact: Option<Box<LaneContact>>,
 }
 
-/// The parameters of the runs in all lanes.
 pub type LaneParameters<'a> = [&'a Parameters; MOST];

@@ -150,7 +150,6 @@ impl<R: Lanes> RunDualMethod<R> {
     }
 }
 
-/// The values of numbers with derivatives.
 #[inline(always)]
 pub fn values<R: Lanes>(numbers: &States<RunDual<R>>) -> States<f64> {
     let mut values = [0.0; MAX_COMPONENTS];
