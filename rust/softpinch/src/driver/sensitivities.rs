@@ -2,8 +2,7 @@
 //! breakpoints and impulses. They are the derivatives of the numbers that the run computes, with the lengths of
 //! its steps held.
 
-use crate::driver::derivative_sink::{Ends, Rows, Sink};
-use crate::driver::differentiated_run::{DifferentiatedRun, FollowRun, Request};
+use crate::driver::differentiated_run::{DifferentiatedRun, Ends, FollowRun, Request, Rows, Sink};
 use crate::driver::simulate::simulate;
 use crate::error::Error;
 use crate::formulation::run_dual::RunDualEquations;

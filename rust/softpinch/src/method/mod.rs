@@ -15,7 +15,6 @@ pub(crate) mod radau5;
 pub(crate) mod rk4;
 pub(crate) mod rosenbrock;
 pub(crate) mod run_dual;
-pub(crate) mod stability;
 pub(crate) mod step_control;
 pub mod table;
 pub(crate) mod traits;

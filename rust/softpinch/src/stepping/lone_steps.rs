@@ -14,10 +14,10 @@ use crate::number::lanes::{Lanes, MOST};
 use crate::number::simd::level::Instructions;
 use crate::stepping::batch::LaneBatch;
 use crate::stepping::contact_lane::Moment;
+use crate::stepping::equal_lanes::Place;
 use crate::stepping::grid::round_off;
 use crate::stepping::instant::{Instant, column, watched};
 use crate::stepping::options::Options;
-use crate::stepping::place::Place;
 use crate::stepping::queue::RunQueue;
 
 /// The start of the last step, with the derivative of its state.

@@ -29,7 +29,6 @@ mod lone_steps;
 pub mod monitor;
 pub mod options;
 pub(crate) mod phase;
-mod place;
 pub(crate) mod queue;
 pub mod record;
 pub(crate) mod recorder;

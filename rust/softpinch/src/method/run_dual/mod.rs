@@ -1,13 +1,8 @@
 //! The derivatives of the steps of methods that solve equations. Explicit methods take their steps in dual numbers
 //! themselves; here the step is taken in plain numbers, as in any run, and the equations of its solved stages are
-//! differentiated after that.
-//!
-//! | file | contents |
-//! |---|---|
-//! | `implicit_midpoint.rs`, `radau5.rs` | the derivatives of the stages, by the Jacobian at each of them |
-//! | `rosenbrock.rs` | the same for the linearly implicit stages, with the derivative of the Jacobian |
+//! differentiated after that: by the Jacobian at each stage, and for the linearly implicit stages of `rosenbrock.rs` by the
+//! derivative of the Jacobian, too.
 
-mod implicit_midpoint;
 mod radau5;
 mod rosenbrock;
 
@@ -17,8 +12,9 @@ use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::{Jacobian, Linear, StageState, System};
 use crate::method::called::{AnyMethod, Called};
 use crate::method::dop853::Dop853;
-use crate::method::implicit_midpoint::implicit_midpoint;
+use crate::method::implicit_midpoint::{ImplicitMidpoint, implicit_midpoint};
 use crate::method::linearize::{Factors, Linearization};
+use crate::method::newton::Newton;
 use crate::method::radau5::radau5;
 use crate::method::rk4::Rk4;
 use crate::method::rosenbrock::rosenbrock;
@@ -197,5 +193,28 @@ fn add_scaled<R: Lanes>(sum: &mut RunDual<R>, weight: R, of: &RunDual<R>) {
     sum.value = weight.mul_add(of.value, sum.value);
     for k in 0..sum.slope.len() {
         sum.slope[k] = weight.mul_add(of.slope[k], sum.slope[k]);
+    }
+}
+
+impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Newton<ImplicitMidpoint, Factors<f64>, T> {
+    /// The stage is y + z with z = h/2 f(y + z), so (2/h I - J) dz is the derivative of f(y + z) for constant z.
+    #[inline(always)]
+    fn differentiate(&self, solved: &SolvedStep<'_, R>) -> States<RunDual<R>> {
+        let SolvedStep { equations, step, end, .. } = solved;
+        let size = equations.system.size();
+        let y = values(step.y);
+        let mut z = [0.0; MAX_COMPONENTS];
+        for n in 0..size.states {
+            z[n] = 0.5 * (end[n] - y[n]);
+        }
+        let (loads, jacobian) = solved.stage(&self.tangent, 0.5, &z);
+        let linearization = Linearization::of(size, jacobian.everywhere());
+        let factors = linearization.factor(LaneEntry(R::constant(2.0 / step.h.lane(0))));
+        let dz = solve_slopes(&linearization, &factors, &loads);
+        let mut next = *step.y;
+        for n in 0..size.all() {
+            add_scaled(&mut next[n], R::constant(2.0), &dz[n]);
+        }
+        next
     }
 }
