@@ -39,23 +39,6 @@ pub struct Dop853<R = f64> {
     terms: [States<R>; 7],
 }
 
-impl<R: Lanes> Dop853<R> {
-    /// The error estimate h e5^2 / sqrt(e5^2 + (e3 / 10)^2) of a step of length `h`, from the estimates of
-    /// orders five and three.
-    #[inline(always)]
-    fn estimate(&self, size: Size, h: R, weights: &States<R>) -> R {
-        let mut sum = [R::zero(); MAX_COMPONENTS];
-        let mut estimate = |by: &[f64; STAGES]| {
-            weighted(size, &self.slopes, by, &mut sum);
-            largest(size, &sum, weights)
-        };
-        let (five, three) = (estimate(&E5), estimate(&E3));
-        let ratio = R::constant(0.1) * three / five;
-        let better = h * five / ratio.mul_add(ratio, R::constant(1.0)).sqrt();
-        R::select(five.is_zero(), five, better)
-    }
-}
-
 impl<R: Lanes> Default for Dop853<R> {
     #[inline(always)]
     fn default() -> Self {
@@ -125,9 +108,19 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Dop853<R> {
 }
 
 impl<R: Lanes, S: System<R>> Adaptive<R, S> for Dop853<R> {
+    /// The error estimate h e5^2 / sqrt(e5^2 + (e3 / 10)^2), from the estimates of orders five and three.
     #[inline(always)]
     fn error(&mut self, step: &Step<'_, R, S>, _: Bits, _: &mut Stats) -> R {
-        self.estimate(step.system.size(), step.h, &step.weights())
+        let (size, weights) = (step.system.size(), step.weights());
+        let mut sum = [R::zero(); MAX_COMPONENTS];
+        let mut estimate = |by: &[f64; STAGES]| {
+            weighted(size, &self.slopes, by, &mut sum);
+            largest(size, &sum, &weights)
+        };
+        let (five, three) = (estimate(&E5), estimate(&E3));
+        let ratio = R::constant(0.1) * three / five;
+        let better = step.h * five / ratio.mul_add(ratio, R::constant(1.0)).sqrt();
+        R::select(five.is_zero(), five, better)
     }
 
     #[inline(always)]

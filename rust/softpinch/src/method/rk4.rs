@@ -36,9 +36,6 @@ pub const ENTRY: MethodEntry = MethodEntry {
 /// "Solving Ordinary Differential Equations II", IV.2).
 pub const REAL_STABILITY_LIMIT: f64 = 2.785_293_563_405_28;
 
-/// Evaluations in a step, not counting the one at its start.
-const EVALUATIONS: u64 = 3;
-
 pub struct Rk4<R = f64> {
     slopes: [States<R>; 3],
 }
@@ -58,7 +55,7 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
         next: &mut States<R>,
         stats: &mut Stats,
     ) -> Result<(), Unsolved> {
-        stats.evaluations += EVALUATIONS;
+        stats.evaluations += 3;
         step.system.evaluate_stages(Rk4Stages { slopes: &mut self.slopes, step, next });
         Ok(())
     }

@@ -411,7 +411,9 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             let h = dt.min(scene.duration) / f64::from(self.options.refine);
             return Some(unstable(instant.t, h, found, self.options.surely_stable_step(scene)));
         }
-        let violation = ViolationSet::of(&seen.found, lane).intersection(self.options.stop_on).first()?;
+        let (shown, stop_on) = (ViolationSet::of(&seen.found, lane), self.options.stop_on);
+        let ends = |&violation: &Violation| shown.contains(violation) && stop_on.contains(violation);
+        let violation = VIOLATIONS.into_iter().map(|(_, violation)| violation).find(ends)?;
         let begins = run.steps == 0;
         let mut instant = *instant;
         if self.unilateral && matches!(violation, Violation::Slipping | Violation::Opened) {

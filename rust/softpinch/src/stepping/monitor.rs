@@ -60,21 +60,10 @@ impl ViolationSet {
         self.0 & (1 << violation as u8) != 0
     }
 
-    /// The violations that are in both sets.
-    #[inline(always)]
-    pub fn intersection(self, other: Self) -> Self {
-        Self(self.0 & other.0)
-    }
-
     /// The violations in `found` that hold in one lane.
     pub fn of(found: &[Bits; VIOLATIONS.len()], lane: usize) -> Self {
         let set = found.iter().enumerate().fold(0, |set, (k, bits)| set | (bits >> lane & 1) << k);
         Self(set)
-    }
-
-    /// The first violation of the set in the order of [`VIOLATIONS`].
-    pub fn first(self) -> Option<Violation> {
-        VIOLATIONS.iter().map(|&(_, violation)| violation).find(|&violation| self.contains(violation))
     }
 }
 

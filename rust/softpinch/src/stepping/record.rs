@@ -150,25 +150,6 @@ pub struct Recording {
     pub controller: Vec<f64>,
 }
 
-#[cfg(test)]
-impl Recording {
-    /// The state at a row, from which a run without a discrete controller goes on.
-    pub(crate) fn state_at(&self, k: usize) -> crate::model::start::State {
-        crate::model::start::State {
-            time: self.t[k],
-            motion: crate::model::motion::Motion {
-                q: self.q[k].into(),
-                p: self.p[k].into(),
-                memory: self.memory[k],
-            },
-            grid: Some((self.grid_anchor[k], self.grid_step[k])),
-            linearized: self.linearized.get(k).filter(|point| !point[0].is_nan()).copied(),
-            contact: self.contact.get(k).copied(),
-            controller: None,
-        }
-    }
-}
-
 impl Recording {
     /// A recording with room for `rows` rows. The error says that there is no memory for them.
     pub fn with_capacity(selection: Selection, layout: Layout, rows: u64) -> Result<Self, Error> {

@@ -14,6 +14,7 @@ use crate::method::table::{METHODS, Method};
 use crate::model::contact_modes::ContactModel;
 use crate::model::control::{FINGERS, Fingers};
 use crate::model::inputs::{Impulse, Inputs, Sinusoid};
+use crate::model::motion::Motion;
 use crate::model::noise::Noise;
 use crate::model::parameters::{Friction, Parameters};
 use crate::model::piecewise::PiecewisePolynomial;
@@ -26,7 +27,7 @@ use crate::number::row::Row4;
 use crate::stepping::instant::all_finite;
 use crate::stepping::monitor::ViolationSet;
 use crate::stepping::options::{Options, Steps};
-use crate::stepping::record::{RECORDABLE, Selection};
+use crate::stepping::record::{RECORDABLE, Recording, Selection};
 
 const DURATION: f64 = 0.02;
 
@@ -227,5 +228,19 @@ fn every_number_of_an_instant_that_is_not_finite_is_found() {
             assert_eq!(at(change), 0b1011, "{bad} {k}");
         }
         assert_eq!(all_finite(&Evaluation::<Row4>::nothing(), number), 0b1011, "{bad}");
+    }
+}
+
+impl Recording {
+    /// The state at a row, from which a run without a discrete controller goes on.
+    pub(crate) fn state_at(&self, k: usize) -> State {
+        State {
+            time: self.t[k],
+            motion: Motion { q: self.q[k].into(), p: self.p[k].into(), memory: self.memory[k] },
+            grid: Some((self.grid_anchor[k], self.grid_step[k])),
+            linearized: self.linearized.get(k).filter(|point| !point[0].is_nan()).copied(),
+            contact: self.contact.get(k).copied(),
+            controller: None,
+        }
     }
 }
