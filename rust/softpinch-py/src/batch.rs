@@ -9,8 +9,8 @@ use pyo3::types::{IntoPyDict, PyDict};
 
 use crate::convert::{GivenRow, GivenRows, columns, dictionary, entries, fixed, raise, rows};
 use crate::inputs::Inputs;
-use crate::options::GivenOptions;
 use crate::signals::{Failure, Signals};
+use crate::simulation::GivenOptions;
 use softpinch::driver::ensemble::{Row, ensemble};
 use softpinch::driver::simulate::{check as check_scene, stability_warning};
 use softpinch::error::{Error, lookup};

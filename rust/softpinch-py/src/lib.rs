@@ -7,7 +7,6 @@ mod batch;
 mod convert;
 mod inputs;
 mod linear;
-mod options;
 mod rest;
 mod sensitivity;
 mod signals;

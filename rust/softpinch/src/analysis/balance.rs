@@ -52,15 +52,7 @@ pub enum Member {
     /// The shears (d_t1, d_t2), m.
     Shear([f64; 2]),
     /// The no-slip constraint leads from another state to this member.
-    From(Origin),
-}
-
-/// What the no-slip constraint needs to know of a state from which it leads to another one.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Origin {
-    sigma: [f64; 2],
-    tilt: [f64; 2],
-    compression: [f64; 2],
+    From(Balance<f64>),
 }
 
 impl Member {
@@ -75,7 +67,7 @@ impl Member {
                 Self::Shear(shear) => state.q.shear[i] - R::constant(shear[i]),
                 Self::From(from) => {
                     let mean = R::constant(0.5) * (state.tilt[i] + R::constant(from.tilt[i]));
-                    let change = state.q.compression[i] - R::constant(from.compression[i]);
+                    let change = state.q.compression[i] - R::constant(from.q.compression[i]);
                     mean.mul_add(change, state.sigma[i] - R::constant(from.sigma[i]))
                 }
             };
@@ -85,7 +77,7 @@ impl Member {
 }
 
 /// The forces of a state at rest.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Balance<R> {
     /// The coordinates.
     pub q: Coordinates<R>,
@@ -273,15 +265,10 @@ impl RestScene {
         if self.fingers == Fingers::Pid { self.parameters.control[finger].kp } else { 0.0 }
     }
 
-    /// The balance of these unknowns, which does not depend on the member.
-    pub fn balance(&self, z: &Unknowns) -> Balance<f64> {
+    /// The balance of these unknowns, from which the no-slip constraint leads to other states. It does not depend on the
+    /// member.
+    pub fn origin(&self, z: &Unknowns) -> Balance<f64> {
         self.rows(&Member::Shear([0.0; 2]), z).balance
-    }
-
-    /// The origin of the no-slip constraint at these unknowns.
-    pub fn origin(&self, z: &Unknowns) -> Origin {
-        let Balance { q, tilt, sigma, .. } = self.balance(z);
-        Origin { sigma, tilt, compression: q.compression }
     }
 
     /// The sizes of unknowns and rows that count as one.
@@ -323,7 +310,7 @@ impl RestScene {
         for i in 0..2 {
             z[5 + i] = 0.0;
         }
-        let row = member.rows(&self.balance(z));
+        let row = member.rows(&self.origin(z));
         // Each condition is linear in its own shear, with the factor one.
         for i in 0..2 {
             z[5 + i] = -row[i];
