@@ -440,19 +440,19 @@ MUTANTS = (
         "test_sampled",
     ),
     Mutant(
-        "driver/environment.rs",
+        "driver/simulator.rs",
         "let next = periods * period + self.origin;",
         "let next = self.observed.t + period;",
         "test_simulator",
     ),
     Mutant(
-        "driver/environment.rs",
+        "driver/simulator.rs",
         "let goes_on = status == Status::Completed && until < self.span.end;",
         "let goes_on = status == Status::Completed;",
         "test_simulator",
     ),
     Mutant(
-        "driver/environment.rs",
+        "driver/simulator.rs",
         "*grid = (state.time, 0);",
         "let _ = grid;",
         "test_simulator",

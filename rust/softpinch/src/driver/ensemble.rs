@@ -14,6 +14,7 @@ use crate::error::Error;
 use crate::model::control::Fingers;
 use crate::model::motion::Motion;
 use crate::model::scene::Scene;
+use crate::number::simd::dispatch::dispatch_lanes;
 use crate::stepping::grid::Grid;
 use crate::stepping::monitor::VIOLATIONS;
 use crate::stepping::options::{Options, Steps};
@@ -156,7 +157,8 @@ pub fn derivatives(
 }
 
 pub(super) fn work(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
-    in_lanes(shared, |runs| runs.compute())?.map_or_else(|| one_by_one(shared), Ok)
+    in_lanes(shared, |runs| dispatch_lanes(shared.options.simd, runs)?)?
+        .map_or_else(|| one_by_one(shared), Ok)
 }
 
 /// Lets `compute` take runs into lanes, and returns the rows of those that it finishes.

@@ -8,7 +8,7 @@ use crate::method::table::{Method, adaptive_in_lanes};
 use crate::method::traits::Runs;
 use crate::model::energy::Energies;
 use crate::number::lanes::Lanes;
-use crate::number::simd::dispatch::{LaneKernel, dispatch_lanes};
+use crate::number::simd::dispatch::LaneKernel;
 use crate::number::simd::level::Instructions;
 use crate::stepping::adaptive::AdaptiveSteps;
 use crate::stepping::batch::LoopSetup;
@@ -46,13 +46,7 @@ pub(super) struct RunsInLanes<'q, 'a> {
     pub(super) choice: Choice,
 }
 
-impl RunsInLanes<'_, '_> {
-    /// Computes the runs. Returns `None` if the steps of the method have no lanes.
-    pub(super) fn compute(self) -> Result<Option<()>, Error> {
-        dispatch_lanes(self.options.simd, self)?
-    }
-}
-
+/// Computes the runs. Returns `None` if the steps of the method have no lanes.
 impl LaneKernel for RunsInLanes<'_, '_> {
     type Output = Result<Option<()>, Error>;
 

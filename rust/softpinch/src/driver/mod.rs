@@ -2,7 +2,6 @@
 
 mod differentiated_run;
 pub mod ensemble;
-mod environment;
 mod lanes;
 pub mod sensitivities;
 pub mod simulate;

@@ -59,7 +59,10 @@ pub fn simulate(
 ) -> Result<(Run, Option<String>), Error> {
     let guard = options.guard || options.may_be_unstable(scene);
     let options = &Options { guard, ..options.clone() };
-    let (grid, times, rows) = prepare(scene, options)?;
+    let (grid, times) = prepare(scene, options)?;
+    // Free steps make the number of rows unknown beforehand.
+    let rows = grid.as_ref().map_or(0, |grid| grid.steps / options.every + 2);
+    let rows = times.as_ref().map_or(rows, |times| times.len() as u64 + 1);
     let recording = Recording::with_capacity(options.record, layout(scene, options), rows)?;
     let warning = stability_warning(options, longest(grid.as_ref()));
     let due = match &times {
@@ -110,7 +113,7 @@ pub struct Outline {
 
 /// Outlines a run. Bad input is the only error.
 pub fn outline(scene: &Scene, options: &Options) -> Result<Outline, Error> {
-    let (grid, times, _) = prepare(scene, options)?;
+    let (grid, times) = prepare(scene, options)?;
     let row = 8 * options.record.width(layout(scene, options));
     let (start, end) = (scene.initial.time, scene.initial.time + scene.duration);
     let (segments, steps) = match grid {
@@ -205,9 +208,8 @@ fn layout(scene: &Scene, options: &Options) -> Layout {
     }
 }
 
-/// Checks a run. Returns the times of equal steps, the instants to record if these were asked for, and the number of rows
-/// of its recording, which is zero if free steps make it unknown beforehand.
-fn prepare(scene: &Scene, options: &Options) -> Result<(Option<Grid>, Option<Vec<f64>>, u64), Error> {
+/// Checks a run. Returns the times of equal steps, and the instants to record if these were asked for.
+fn prepare(scene: &Scene, options: &Options) -> Result<(Option<Grid>, Option<Vec<f64>>), Error> {
     require_valid(scene, options)?;
     let Scene { inputs, initial, duration, .. } = scene;
     let span = Span::new(inputs, initial, *duration)?;
@@ -216,9 +218,7 @@ fn prepare(scene: &Scene, options: &Options) -> Result<(Option<Grid>, Option<Vec
         Steps::Free { .. } => None,
     };
     let times = options.times.as_ref().map(|times| instants(times, span)).transpose()?;
-    let rows = grid.as_ref().map_or(0, |grid| grid.steps / options.every + 2);
-    let rows = times.as_ref().map_or(rows, |times| times.len() as u64 + 1);
-    Ok((grid, times, rows))
+    Ok((grid, times))
 }
 
 /// Checks the instants to record. An instant that is outside of the run by round-off becomes the start or the
