@@ -19,7 +19,8 @@ use tableau::{A, A_EXTRA, ALL, B, C, C_EXTRA, DENSE, E3, E5, EXTRA, STAGES};
 
 pub const ENTRY: MethodEntry = MethodEntry {
     order: 8,
-    real_stability_limit: Some(REAL_STABILITY_LIMIT),
+    // R has degree 12 and follows from the tableau.
+    real_stability_limit: Some(6.393_65),
     stability_function,
     keeps_jacobian: false,
     alone: |runs, _| Box::new(Called::new(runs, Dop853::default())),
@@ -27,9 +28,6 @@ pub const ENTRY: MethodEntry = MethodEntry {
     error_order: 8.0,
     min_growth: 1.0,
 };
-
-/// |R(z)| <= 1 on the real axis from minus this number to 0. R has degree 12 and follows from the tableau.
-pub const REAL_STABILITY_LIMIT: f64 = 6.393_65;
 
 pub struct Dop853<R = f64> {
     slopes: [States<R>; ALL],

@@ -20,7 +20,8 @@ use crate::number::lanes::Lanes;
 
 pub const ENTRY: MethodEntry = MethodEntry {
     order: 4,
-    real_stability_limit: Some(REAL_STABILITY_LIMIT),
+    // |R(z)| = |1 + z + z^2/2 + z^3/6 + z^4/24| <= 1 (Hairer and Wanner, "Solving Ordinary Differential Equations II", IV.2).
+    real_stability_limit: Some(2.785_293_563_405_28),
     stability_function: |z| {
         let one = Complex::new(1.0, 0.0);
         one + z * (one + z / 2.0 * (one + z / 3.0 * (one + z / 4.0)))
@@ -31,10 +32,6 @@ pub const ENTRY: MethodEntry = MethodEntry {
     error_order: 0.0,
     min_growth: 1.0,
 };
-
-/// |R(z)| = |1 + z + z^2/2 + z^3/6 + z^4/24| <= 1 on the real axis from -2.785... to 0 (Hairer and Wanner,
-/// "Solving Ordinary Differential Equations II", IV.2).
-pub const REAL_STABILITY_LIMIT: f64 = 2.785_293_563_405_28;
 
 pub struct Rk4<R = f64> {
     slopes: [States<R>; 3],

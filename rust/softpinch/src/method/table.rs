@@ -110,11 +110,6 @@ const OUTSIDE: f64 = 10.0;
 const ROUND_OFF: f64 = 1e-10;
 
 impl Method {
-    /// R(z): the factor by which a step of length h multiplies a mode of eigenvalue z / h.
-    pub fn stability_function(self, z: Complex<f64>) -> Complex<f64> {
-        (self.entry().stability_function)(z)
-    }
-
     /// The longest step with which a mode of this eigenvalue does not grow: there the ray through the
     /// eigenvalue first leaves the region |R| <= 1. The step is infinite for a method that is stable in the
     /// whole left half-plane. It is infinite for an eigenvalue in the right half-plane too, because a mode
@@ -127,7 +122,7 @@ impl Method {
         let direction = rate / size;
         // Overflow counts as growth.
         let grows = |r: f64| {
-            let growth = self.stability_function(direction * r).norm_sqr();
+            let growth = (self.entry().stability_function)(direction * r).norm_sqr();
             growth > 1.0 + 2.0 * ROUND_OFF || growth.is_nan()
         };
         let mut inside = 0.0;

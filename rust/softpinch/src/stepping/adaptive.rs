@@ -105,7 +105,7 @@ where
                     let end = if stops {
                         interruption(t)
                     } else if unresolved >> lane & 1 != 0 {
-                        too_small(t, h, lanes.attempt(lane))
+                        too_small(t, h, (lanes.unsolved, lanes.progress.errors.lane(lane)))
                     } else {
                         too_many(t, h, options.max_steps)
                     };

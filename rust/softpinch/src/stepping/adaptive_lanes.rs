@@ -17,7 +17,7 @@ use crate::model::scene::Scene;
 use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::stepping::batch::{LaneBatch, Seen};
 use crate::stepping::contact_events::Event;
-use crate::stepping::ending::{Attempt, End, full, overflow};
+use crate::stepping::ending::{End, full, overflow};
 use crate::stepping::grid::Span;
 use crate::stepping::instant::{Instant, watched};
 use crate::stepping::monitor::ViolatingTurningPoint;
@@ -159,14 +159,6 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         self.saved |= 1 << lane;
         if let Some(run) = &mut self.batch.runs[lane] {
             run.saved_instant = last;
-        }
-    }
-
-    pub(super) fn attempt(&self, lane: usize) -> Attempt {
-        match (self.unsolved, self.progress.errors.lane(lane)) {
-            (Some(unsolved), _) => Attempt::Unsolved(unsolved),
-            (None, error) if error < 0.0 => Attempt::None,
-            (None, error) => Attempt::Error(error),
         }
     }
 

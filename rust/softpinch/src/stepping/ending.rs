@@ -17,14 +17,6 @@ use crate::stepping::status::Status;
 /// The status with which a run ended, and its message.
 pub(crate) type End = (Status, String);
 
-/// The result of the last attempt of an adaptive step.
-pub(crate) enum Attempt {
-    None,
-    /// The error, in units of the allowed error; at most one if the step was accepted.
-    Error(f64),
-    Unsolved(Unsolved),
-}
-
 /// The message of a run that reached its end.
 pub fn arrival(t: f64) -> String {
     format!("reached the end at t = {}", seconds(t))
@@ -90,21 +82,22 @@ pub(crate) fn unsolved(t: f64, h: f64, unsolved: Unsolved) -> End {
     (Status::NewtonFailed, message)
 }
 
-/// The end of a run whose adaptive steps became shorter than double precision resolves.
+/// The end of a run whose adaptive steps became shorter than double precision resolves. The last attempt was `unsolved`, or
+/// had this error in units of the allowed one; a negative error stands for no attempt.
 #[cold]
-pub(crate) fn too_small(t: f64, h: f64, last: Attempt) -> End {
-    let reason = match last {
-        Attempt::None => {
-            "the clock does not resolve a first step there; start at a time nearer to zero".to_owned()
-        }
-        Attempt::Error(error) if !error.is_finite() => "a number overflowed in the last attempt".to_owned(),
-        Attempt::Error(error) if error > 1.0 => {
-            format!("the last attempt's error was still {error:.1e} times what tolerance allows")
-        }
-        Attempt::Error(_) => "the error control kept shortening the steps".to_owned(),
-        Attempt::Unsolved(unsolved) => {
+pub(crate) fn too_small(t: f64, h: f64, (unsolved, error): (Option<Unsolved>, f64)) -> End {
+    let reason = match unsolved {
+        Some(unsolved) => {
             format!("in the last attempt Newton's iteration did not converge, {}", failure(unsolved))
         }
+        None if error < 0.0 => {
+            "the clock does not resolve a first step there; start at a time nearer to zero".to_owned()
+        }
+        None if !error.is_finite() => "a number overflowed in the last attempt".to_owned(),
+        None if error > 1.0 => {
+            format!("the last attempt's error was still {error:.1e} times what tolerance allows")
+        }
+        None => "the error control kept shortening the steps".to_owned(),
     };
     let t = seconds(t);
     let message = format!(
