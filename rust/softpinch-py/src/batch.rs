@@ -7,7 +7,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
-use crate::convert::{GivenRow, GivenRows, columns, dictionary, entries, fixed, raise, rows};
+use crate::convert::{GivenRow, GivenRows, columns, dictionary, entries, fixed, raise, require, rows};
 use crate::inputs::Inputs;
 use crate::signals::{Failure, Signals};
 use crate::simulation::GivenOptions;
@@ -21,10 +21,9 @@ use softpinch::model::motion::{Linearized, Motion};
 use softpinch::model::parameters::{PARAMETER_COUNT, Parameters, parameter_table};
 use softpinch::model::scene::Scene;
 use softpinch::model::start::{self, State};
-use softpinch::stepping::ending::arrival;
+use softpinch::stepping::ending::{Status, arrival};
 use softpinch::stepping::monitor::VIOLATIONS;
 use softpinch::stepping::options::Options;
-use softpinch::stepping::status::Status;
 use softpinch::stepping::summary::SUMMARIES;
 
 /// Makes the coordinates of a start from the parameters.
@@ -135,11 +134,9 @@ impl Batch {
         options: GivenOptions,
     ) -> PyResult<Self> {
         let length = |name: &str, length: usize| {
-            if length == 1 || length == runs {
-                return Ok(());
-            }
-            let message = format!("{name} has {length} entries: must have one for each of {runs} runs");
-            Err(PyValueError::new_err(message))
+            require(length == 1 || length == runs, || {
+                format!("{name} has {length} entries: must have one for each of {runs} runs")
+            })
         };
         let columns: Vec<_> = columns
             .iter()

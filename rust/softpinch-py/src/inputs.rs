@@ -5,10 +5,9 @@ use std::sync::Arc;
 
 use numpy::PyReadonlyArray4;
 use numpy::ndarray::ArrayView1;
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::convert::{GivenRow, GivenRows, collected, columns, entries, raise, select};
+use crate::convert::{GivenRow, GivenRows, collected, columns, entries, raise, require, select};
 use softpinch::error::{Error, lookup};
 use softpinch::model::control::{FINGERS, Fingers};
 use softpinch::model::drive::MAX_DEGREE;
@@ -65,12 +64,11 @@ impl Inputs {
             .chain(self.controller.iter().flat_map(|(part, numbers)| [part.0.len(), numbers.0.len()]))
             .chain(self.motion.iter().map(|part| part.0.len()))
             .filter(|&length| length != 1);
-        let first = lengths.next();
-        let (Some(first), Some(other)) = (first, lengths.find(|&length| Some(length) != first)) else {
-            return Ok(());
-        };
-        let message = format!("inputs have {first} entries and {other} entries: must have one for each run");
-        Err(PyValueError::new_err(message))
+        let first = lengths.next().unwrap_or(1);
+        let other = lengths.find(|&length| length != first).unwrap_or(first);
+        require(other == first, || {
+            format!("inputs have {first} entries and {other} entries: must have one for each run")
+        })
     }
 
     /// The inputs of one run. The first run has the number 0. A discrete controller takes its first sample at
@@ -160,11 +158,8 @@ fn controllers(
     let m: usize = measures.iter().map(|measure| measure.width()).sum();
     let n = states;
     let rows = rows.as_array();
-    let width = 8 + (n + 2) * (n + m) + n + 2 * m;
-    if rows.ncols() != width {
-        let found = rows.ncols();
-        return Err(PyValueError::new_err(format!("control: has {found} numbers, must have {width}")));
-    }
+    let (found, width) = (rows.ncols(), 8 + (n + 2) * (n + m) + n + 2 * m);
+    require(found == width, || format!("control: has {found} numbers, must have {width}"))?;
     let one = |row: ArrayView1<'_, f64>| {
         let mut rest = row.iter().skip(8).copied();
         let mut take = |count: usize| rest.by_ref().take(count).collect::<Vec<f64>>();
@@ -217,13 +212,12 @@ fn piecewise<const C: usize>(
 ) -> PyResult<Part<Arc<PiecewisePolynomial<C>>>> {
     let (breaks, coefficients) = (breaks.as_array(), coefficients.as_array());
     let (runs, rows, channels, terms) = coefficients.dim();
-    if breaks.nrows() != runs || channels != C || terms == 0 || terms > MAX_DEGREE + 1 {
-        return Err(PyValueError::new_err(format!(
-            "{name}.coefficients has shape ({runs}, {rows}, {channels}, {terms}): must be ({}, rows, {C}, 1 to {})",
-            breaks.nrows(),
-            MAX_DEGREE + 1
-        )));
-    }
+    let (own, most) = (breaks.nrows(), MAX_DEGREE + 1);
+    require(own == runs && channels == C && (1..=most).contains(&terms), || {
+        format!(
+            "{name}.coefficients has shape ({runs}, {rows}, {channels}, {terms}): must be ({own}, rows, {C}, 1 to {most})"
+        )
+    })?;
     let one = |run: usize| {
         let number = |row: usize, channel: usize, term: usize| {
             if term < terms { coefficients[[run, row, channel, term]] } else { 0.0 }

@@ -19,7 +19,9 @@ use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict, PyTuple};
 
 use batch::Batch;
-use convert::{GivenRow, GivenRows, Row, Rows, columns, computed, entries, fixed, matrix, raise, rows};
+use convert::{
+    GivenRow, GivenRows, Row, Rows, columns, computed, entries, fixed, matrix, raise, require, rows,
+};
 use inputs::Inputs;
 use linear::linearize;
 use rest::RestScene;
@@ -42,10 +44,10 @@ use softpinch::model::parameters::{
 use softpinch::model::rule::Rule;
 use softpinch::model::start;
 use softpinch::number::simd::level::{LEVELS, Level};
+use softpinch::stepping::ending::STATUSES;
 use softpinch::stepping::monitor::VIOLATIONS;
 use softpinch::stepping::options::MAX_STEPS;
 use softpinch::stepping::record::RECORDABLE;
-use softpinch::stepping::status::STATUSES;
 use softpinch::stepping::summary::{SUMMARIES, UNITS};
 
 /// The public records and the rules of their fields.
@@ -130,10 +132,7 @@ fn residuals<'py>(
 ) -> PyResult<Rows<'py>> {
     let parameters = self::parameters(&parameters)?;
     let (q, p) = (columns::<9>("q", &q)?, columns::<9>("p", &p)?);
-    if q.len() != p.len() {
-        let message = format!("q has {} rows and p has {}: must be equal", q.len(), p.len());
-        return Err(PyValueError::new_err(message));
-    }
+    require(q.len() == p.len(), || format!("q has {} rows and p has {}: must be equal", q.len(), p.len()))?;
     let residuals = |(q, p): ([f64; 9], [f64; 9])| {
         softpinch::analysis::evaluate::residuals(&parameters, &q.into(), &p.into())
     };

@@ -1,11 +1,10 @@
 //! Linearisations of the motion.
 
 use numpy::{PyArray1, PyArrayMethods};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::convert::{GivenRow, GivenRows, columns, entries, raise, room};
+use crate::convert::{GivenRow, GivenRows, columns, entries, raise, require, room};
 use crate::inputs::Inputs;
 use crate::signals::Signals;
 use softpinch::analysis::linear::{self, LinearModel, Setting};
@@ -47,11 +46,10 @@ pub fn linearize<'py>(
     let (q, p) = (columns::<9>("q", &q)?, columns::<9>("p", &p)?);
     let memory = columns::<2>("integral", &integral)?;
     let (n, others) = (t.len(), [q.len(), p.len(), memory.len()]);
-    if others != [n; 3] {
+    require(others == [n; 3], || {
         let [q, p, memory] = others;
-        let message = format!("t, q, p and integral have {n}, {q}, {p} and {memory} rows: must be equal");
-        return Err(PyValueError::new_err(message));
-    }
+        format!("t, q, p and integral have {n}, {q}, {p} and {memory} rows: must be equal")
+    })?;
     // For each array its shape, and its numbers at all instants.
     let mut stacks = ARRAYS.map(|(_, axes)| (vec![0; axes], Vec::new()));
     let mut push = |place: usize, own: &[usize], numbers: &[f64]| {

@@ -131,7 +131,7 @@ impl Simulation {
     /// Simulates the run. After Ctrl-C it returns the run so far; any other exception of a signal handler is
     /// raised.
     fn run<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let (result, _) = detached(py, |stops| simulate(&self.scene, &self.options, stops))?;
+        let result = detached(py, |stops| simulate(&self.scene, &self.options, stops))?;
         let (run, warning) = result.map_err(raise)?;
         let out = convert::run(py, run, warning)?;
         out.set_item("may_be_unstable", self.options.may_be_unstable(&self.scene))?;

@@ -7,14 +7,14 @@ use pyo3::exceptions::{PyIndexError, PyKeyboardInterrupt, PyRuntimeError, PyValu
 use pyo3::prelude::*;
 
 use crate::batch::Batch;
-use crate::convert::{GivenRow, GivenRows, Row, Rows, fixed, raise, room};
+use crate::convert::{GivenRow, GivenRows, Row, Rows, fixed, raise, require, room};
 use crate::signals::detached;
 use crate::simulation::Simulation;
 use softpinch::driver::simulator::{Observed, Simulator as Core};
 use softpinch::error::Error;
 use softpinch::model::motion::Motion;
 use softpinch::model::start::State;
-use softpinch::stepping::status::Status;
+use softpinch::stepping::ending::Status;
 
 /// Time, coordinates, velocities, multipliers and the code of the status.
 type Observation<'py> = (f64, Row<'py>, Row<'py>, Row<'py>, u8);
@@ -82,7 +82,7 @@ impl Runs {
 
     fn advance(&mut self, py: Python<'_>) -> PyResult<()> {
         let Self { core, targets } = self;
-        let (done, _) = detached(py, |stops| core.step(targets, stops))?;
+        let done = detached(py, |stops| core.step(targets, stops))?;
         // An interrupted step has changed nothing, so it can be repeated.
         if done.map_err(raise)? { Ok(()) } else { Err(PyKeyboardInterrupt::new_err(())) }
     }
@@ -164,10 +164,8 @@ impl Simulator {
     fn step_all(&self, py: Python<'_>, actions: GivenRows<'_>, arrays: Arrays<'_>) -> PyResult<()> {
         let mut all = self.runs()?;
         let (actions, runs) = (actions.as_array(), all.targets.len());
-        if actions.dim() != (runs, 2) {
-            let found = actions.dim();
-            return Err(PyValueError::new_err(format!("actions have shape {found:?}: must be ({runs}, 2)")));
-        }
+        let found = actions.dim();
+        require(found == (runs, 2), || format!("actions have shape {found:?}: must be ({runs}, 2)"))?;
         // Row by row, because the array may have any layout.
         for (target, row) in all.targets.iter_mut().zip(actions.rows()) {
             *target = [row[0], row[1]];

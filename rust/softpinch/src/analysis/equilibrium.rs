@@ -20,8 +20,8 @@ use crate::model::drive::Input;
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
+use crate::stepping::ending::Status;
 use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet};
-use crate::stepping::status::Status;
 
 /// Why there is no equilibrium; as text, what follows "no equilibrium: ".
 #[derive(Debug, Clone, Copy, PartialEq)]

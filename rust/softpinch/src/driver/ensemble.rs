@@ -15,12 +15,12 @@ use crate::model::control::Fingers;
 use crate::model::motion::Motion;
 use crate::model::scene::Scene;
 use crate::number::simd::dispatch::dispatch_lanes;
+use crate::stepping::ending::Status;
 use crate::stepping::grid::Grid;
 use crate::stepping::monitor::VIOLATIONS;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::queue::{Finished, Taken};
 use crate::stepping::record::{Run, reserved};
-use crate::stepping::status::Status;
 use crate::stepping::summary::COUNT;
 
 /// The result of one run of an ensemble.

@@ -26,12 +26,12 @@ use crate::model::start::State;
 use crate::number::lanes::MOST;
 use crate::number::simd::dispatch::dispatch_lanes;
 use crate::stepping::contact_lane::LaneContact;
+use crate::stepping::ending::Status;
 use crate::stepping::grid::{Grid, MOST_STEPS, Span, round_off};
 use crate::stepping::instant::Instant;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::queue::{Finished, Taken};
 use crate::stepping::record::Run;
-use crate::stepping::status::Status;
 
 /// Runs that are stepped from outside.
 pub struct Simulator {

@@ -13,12 +13,11 @@ use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::stepping::adaptive_events::Enter;
 use crate::stepping::adaptive_lanes::{AdaptiveLanes, LookInside, Progress, StepStart, merged};
 use crate::stepping::batch::{LaneBatch, LoopSetup};
-use crate::stepping::ending::{interruption, too_many, too_small};
+use crate::stepping::ending::{Status, interruption, too_many, too_small};
 use crate::stepping::instant::watched;
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::{POLL, RunQueue};
 use crate::stepping::sizes::{Sizes, is_unresolved, next_length};
-use crate::stepping::status::Status;
 
 /// The adaptive loop before it runs.
 pub struct AdaptiveSteps<'a, Q, B> {

@@ -21,7 +21,7 @@ use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::number::simd::level::Instructions;
 use crate::stepping::contact_events::EventResult;
 use crate::stepping::contact_lane::{LaneContact, Moment};
-use crate::stepping::ending::{End, after_violation, unstable};
+use crate::stepping::ending::{End, Status, after_violation, unstable};
 use crate::stepping::instant::{Instant, all_finite, column, energies, put, put_motion};
 use crate::stepping::lane_controller::LaneController;
 use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet, explain};
@@ -29,7 +29,6 @@ use crate::stepping::options::{Options, Steps};
 use crate::stepping::phase::{Phase, Phases};
 use crate::stepping::queue::{Finished, LaneParameters, RunQueue, Taken};
 use crate::stepping::record::{Recording, Run};
-use crate::stepping::status::Status;
 use crate::stepping::summary::{RunEnd, Summaries, SummaryInstant};
 
 /// A closure error of the ledger below this share of the energy of gravity, whose zero is arbitrary, is round-off. So is

@@ -10,7 +10,6 @@ pub(crate) mod adaptive;
 mod adaptive_events;
 mod adaptive_lanes;
 pub(crate) mod batch;
-mod contact_batch;
 mod contact_changes;
 pub mod contact_events;
 pub(crate) mod contact_lane;
@@ -33,7 +32,6 @@ pub(crate) mod queue;
 pub mod record;
 pub(crate) mod recorder;
 pub(crate) mod sizes;
-pub mod status;
 pub mod summary;
 #[cfg(test)]
 mod tests;

@@ -6,9 +6,9 @@ use crate::model::contact_modes::ContactRow;
 use crate::model::energy::{BILATERAL_WORKS, CONTACT_WORKS, Energies, WORKS};
 use crate::model::motion::Linearized;
 use crate::stepping::contact_events::Change;
+use crate::stepping::ending::Status;
 use crate::stepping::instant::Instant;
 use crate::stepping::monitor::VIOLATIONS;
-use crate::stepping::status::Status;
 use crate::stepping::summary::COUNT;
 
 /// The contacts of bilateral contact.

@@ -11,13 +11,12 @@ use crate::model::energy::Energies;
 use crate::model::scene::Scene;
 use crate::stepping::contact_events::Change;
 use crate::stepping::contact_lane::LaneContact;
-use crate::stepping::ending::arrival;
+use crate::stepping::ending::{Status, arrival};
 use crate::stepping::instant::Instant;
 use crate::stepping::intervals::{Intervals, of_changes};
 use crate::stepping::monitor::{VIOLATIONS, Violation, ViolationSet};
 use crate::stepping::queue::{Finished, RunQueue, Taken};
 use crate::stepping::record::{Recording, Run};
-use crate::stepping::status::Status;
 use crate::stepping::summary::COUNT;
 
 /// The instants that are recorded.
