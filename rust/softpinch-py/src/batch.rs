@@ -65,17 +65,12 @@ pub struct Batch {
     start: Start,
     check: bool,
     duration: Vec<f64>,
-    runs: usize,
-    options: Options,
+    pub runs: usize,
+    pub options: Options,
     warning: Option<String>,
 }
 
 impl Batch {
-    /// The number of runs, and the options of all of them.
-    pub fn size(&self) -> (usize, &Options) {
-        (self.runs, &self.options)
-    }
-
     pub fn scene(&self, run: usize) -> Result<Scene, Error> {
         let mut values = self.parameters;
         for (slot, column) in &self.columns {

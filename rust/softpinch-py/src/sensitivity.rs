@@ -86,7 +86,7 @@ pub fn sensitivities<'py>(
     rows: GivenRow<'py>,
 ) -> PyResult<(Numbers<'py>, Option<String>)> {
     let rows = entries("rows, in numbers,", &rows)?;
-    let (scene, options) = simulation.parts();
+    let Simulation { scene, options } = simulation;
     let Directions { directions, start } = directions;
     let wanted = Wanted::Rows(&rows);
     let found = detached(py, |stops| core::sensitivities(scene, options, *start, directions, wanted, stops))?
@@ -110,7 +110,7 @@ pub fn gradients<'py>(
     threads: usize,
 ) -> PyResult<(Numbers<'py>, Vec<(usize, String)>)> {
     let until = entries("until, in numbers,", &until)?;
-    let (runs, options) = batch.size();
+    let &Batch { runs, ref options, .. } = batch;
     require(until.len() == runs, || "until: must have one time for each run".to_owned())?;
     let summaries: Vec<Summary> = select("gradients", &summaries, &SUMMARIES)?;
     let own: Vec<&Directions> = directions.iter().map(Py::get).collect();

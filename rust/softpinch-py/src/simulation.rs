@@ -66,14 +66,8 @@ impl GivenOptions {
 /// The description of one run.
 #[pyclass(frozen, module = "softpinch._core")]
 pub struct Simulation {
-    scene: Scene,
-    options: Options,
-}
-
-impl Simulation {
-    pub fn parts(&self) -> (&Scene, &Options) {
-        (&self.scene, &self.options)
-    }
+    pub scene: Scene,
+    pub options: Options,
 }
 
 #[pymethods]

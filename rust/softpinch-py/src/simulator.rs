@@ -54,10 +54,6 @@ fn given((time, q, p, memory, grid, contact, check): &GivenState<'_>) -> PyResul
 }
 
 impl Simulator {
-    fn new(core: Core, targets: Vec<[f64; 2]>) -> Self {
-        Self(Mutex::new(Runs { core, targets }))
-    }
-
     /// The runs, unless another thread uses them.
     fn runs(&self) -> PyResult<MutexGuard<'_, Runs>> {
         match self.0.try_lock() {
@@ -128,18 +124,18 @@ impl Simulator {
     /// A single run.
     #[staticmethod]
     fn alone(simulation: &Simulation, period: f64) -> PyResult<Self> {
-        let (scene, options) = simulation.parts();
+        let Simulation { scene, options } = simulation;
         let core = Core::new(vec![scene.clone()], options, period, 1).map_err(|error| match error {
             Error::Run { error, .. } => raise(*error),
             error => raise(error),
         })?;
-        Ok(Self::new(core, vec![[0.0; 2]]))
+        Ok(Self(Mutex::new(Runs { core, targets: vec![[0.0; 2]] })))
     }
 
     /// The runs of a batch.
     #[staticmethod]
     fn many(py: Python<'_>, batch: &Batch, period: f64, threads: usize) -> PyResult<Self> {
-        let (runs, options) = batch.size();
+        let &Batch { runs, ref options, .. } = batch;
         let core = py.detach(|| {
             let mut scenes = room("the runs", runs)?;
             for run in 0..runs {
@@ -149,7 +145,7 @@ impl Simulator {
         })?;
         let mut targets = room("the actions, in numbers,", runs)?;
         targets.resize(runs, [0.0; 2]);
-        Ok(Self::new(core, targets))
+        Ok(Self(Mutex::new(Runs { core, targets })))
     }
 
     /// Steps the only run by one period.

@@ -164,7 +164,7 @@ impl<R: Lanes> Ends<R> {
 
     /// The derivative of a summary; NaN if it has none, or has seen no instant.
     pub(super) fn slope(&self, summary: Summary, direction: usize) -> f64 {
-        let memory = self.summaries.memory(summary);
+        let memory = self.summaries.memory[summary as usize];
         let values = memory.map(|number| number.lane(0));
         if self.last.is_none() || !values[0].is_finite() {
             return f64::NAN;

@@ -162,10 +162,6 @@ impl Entry for Complex<f64> {
     scalar_pivots!(magnitude);
 }
 
-/// For each row, the set of lanes that exchanged row `k` with it.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct LaneExchange([Bits; MOST_ROWS]);
-
 /// Lanes as matrix entries, where each lane chooses its own pivots.
 #[derive(Debug, Clone, Copy)]
 pub struct LaneEntry<R>(pub R);
@@ -185,7 +181,8 @@ lane_operator! { Add, add; Sub, sub; Mul, mul; Div, div; }
 
 impl<R: Lanes> Entry for LaneEntry<R> {
     type Part = R;
-    type Exchange = LaneExchange;
+    /// For each row, the set of lanes that exchanged row `k` with it.
+    type Exchange = [Bits; MOST_ROWS];
 
     #[inline(always)]
     fn of(part: R) -> Self {
@@ -208,7 +205,7 @@ impl<R: Lanes> Entry for LaneEntry<R> {
     }
 
     #[inline(always)]
-    fn pivot(rows: &mut Square<Self>, size: usize, k: usize) -> LaneExchange {
+    fn pivot(rows: &mut Square<Self>, size: usize, k: usize) -> [Bits; MOST_ROWS] {
         let mut chosen = [0; MOST_ROWS];
         let mut largest = rows[k][k].0.abs();
         for r in k + 1..size {
@@ -229,13 +226,13 @@ impl<R: Lanes> Entry for LaneEntry<R> {
                 }
             }
         }
-        LaneExchange(chosen)
+        chosen
     }
 
     #[inline(always)]
-    fn exchange(column: &mut [Self; MOST_ROWS], size: usize, k: usize, exchanged: &LaneExchange) {
+    fn exchange(column: &mut [Self; MOST_ROWS], size: usize, k: usize, exchanged: &[Bits; MOST_ROWS]) {
         for r in k + 1..size {
-            let (bits, top, own) = (exchanged.0[r], column[k].0, column[r].0);
+            let (bits, top, own) = (exchanged[r], column[k].0, column[r].0);
             column[k] = Self(R::select(bits, own, top));
             column[r] = Self(R::select(bits, top, own));
         }

@@ -127,7 +127,7 @@ where
                 stats.rejected += 1;
                 continue;
             }
-            let mut errors = method.error(&step, lanes.control.retries(), stats);
+            let mut errors = method.error(&step, lanes.control.rejected, stats);
             // The correction that puts a step back on the constraints is an error of the step, too.
             let mut arrived = &next;
             if system.corrects() {

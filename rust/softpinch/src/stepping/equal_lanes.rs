@@ -208,12 +208,11 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
                 continue;
             }
             let sampled = |controller: &LaneController| controller.is_due(place.segment.end);
-            if run.controller.as_deref().is_some_and(sampled) && !place.grid.is_last(&place.segment) {
-                // The controller measures at the end of the segment, before another one begins.
-                self.batch.phases.set(1 << lane, Phase::Sample);
-                continue;
-            }
             match place.grid.after(&run.scene.inputs, &place.segment) {
+                // The controller measures at the end of the segment, before another one begins.
+                Some(_) if run.controller.as_deref().is_some_and(sampled) => {
+                    self.batch.phases.set(1 << lane, Phase::Sample);
+                }
                 Some(next) => {
                     place.go_on(next);
                     self.enter(lane, self.clock);
@@ -303,7 +302,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     #[cold]
     #[inline(never)]
     pub(super) fn record_inside(&mut self, system: &SceneEquations<R>, until: f64) -> bool {
-        for row in self.inside.take_until(until) {
+        let rows = std::mem::take(&mut self.inside.rows);
+        for row in rows.into_iter().take_while(|row| row.t < until) {
             if let Err(error) = self.batch.record(system, &row) {
                 self.retire(system, 0, full(row.t, &error), &row);
                 return false;
@@ -314,7 +314,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
 
     #[inline(always)]
     pub(super) fn has_rows_inside(&self) -> bool {
-        R::WIDTH == 1 && !self.inside.is_empty()
+        R::WIDTH == 1 && !self.inside.rows.is_empty()
     }
 
     /// Replaces the state of a lane, which is evaluated again. Until the run has been watched again, after so many

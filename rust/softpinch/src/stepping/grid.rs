@@ -193,10 +193,6 @@ impl Grid {
         if total > MOST_STEPS { Err(too_many(total)) } else { Ok(grid) }
     }
 
-    pub fn is_last(&self, segment: &Segment) -> bool {
-        segment.end >= self.span.end
-    }
-
     /// The segment after this one; `None` after the last.
     pub fn after(&self, inputs: &Inputs, segment: &Segment) -> Option<Segment> {
         self.cut_after(inputs, segment).map(|coarse| coarse.refined(self.refine))

@@ -101,7 +101,7 @@ pub(super) struct RowsInside {
     /// The equations and the method, once there was a row; runs with unilateral contact have their own.
     steps: Option<Box<LoneSteps>>,
     /// The rows, until it is known how far the run gets in this step.
-    rows: Vec<Instant>,
+    pub(super) rows: Vec<Instant>,
 }
 
 impl RowsInside {
@@ -152,16 +152,6 @@ impl RowsInside {
                 self.rows.push(Instant { t: time, grid: (time, 0), ..row });
             }
         }
-    }
-
-    /// The rows inside the last step, which the run has followed until the time `until`. No rows are left.
-    pub(super) fn take_until(&mut self, until: f64) -> impl Iterator<Item = Instant> + use<> {
-        std::mem::take(&mut self.rows).into_iter().take_while(move |row| row.t < until)
-    }
-
-    #[inline(always)]
-    pub(super) fn is_empty(&self) -> bool {
-        self.rows.is_empty()
     }
 }
 

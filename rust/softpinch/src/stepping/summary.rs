@@ -331,7 +331,8 @@ pub(crate) struct Summaries<R> {
     pub wanted: Wanted,
     pub after: R,
     band: R,
-    memory: [Memory<R>; COUNT],
+    /// The numbers that each summary keeps.
+    pub memory: [Memory<R>; COUNT],
 }
 
 impl<R: Lanes> Summaries<R> {
@@ -346,11 +347,6 @@ impl<R: Lanes> Summaries<R> {
             summaries.restart(lane);
         }
         summaries
-    }
-
-    #[inline(always)]
-    pub fn memory(&self, summary: Summary) -> [R; 3] {
-        self.memory[summary as usize]
     }
 }
 
