@@ -16,17 +16,12 @@ pub struct Called<M> {
     pub(super) instructions: Instructions,
     pub(super) method: M,
     /// Renews what depends on the parameters of the runs.
-    renew: fn(&mut M, Runs<'_>),
+    pub(super) renew: fn(&mut M, Runs<'_>),
 }
 
 impl<M> Called<M> {
     pub(super) fn new(runs: Runs<'_>, method: M) -> Self {
         Self { instructions: runs.instructions, method, renew: |_, _| {} }
-    }
-
-    /// A method that depends on the parameters of the runs.
-    pub(super) fn renewed_by(runs: Runs<'_>, method: M, renew: fn(&mut M, Runs<'_>)) -> Self {
-        Self { renew, ..Self::new(runs, method) }
     }
 }
 

@@ -86,7 +86,8 @@ impl<R: Lanes> LaneTask<R> for MakeInLanes<'_, R> {
             Method::Rosenbrock => {
                 type InLanes<R> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, LaneEntry<R>>;
                 let method = InLanes::<R>::new(system.size(), runs.tangent());
-                Box::new(Called::renewed_by(runs, method, |method, runs| method.tangent = runs.tangent()))
+                let renew = |method: &mut InLanes<R>, runs: Runs<'_>| method.tangent = runs.tangent();
+                Box::new(Called { renew, ..Called::new(runs, method) })
             }
             _ => Box::new(Called::new(runs, Dop853::default())),
         }
