@@ -52,15 +52,7 @@ pub enum Member {
     /// The shears (d_t1, d_t2), m.
     Shear([f64; 2]),
     /// The no-slip constraint leads from another state to this member.
-    From(Origin),
-}
-
-/// What the no-slip constraint needs to know of a state from which it leads to another one.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Origin {
-    sigma: [f64; 2],
-    tilt: [f64; 2],
-    compression: [f64; 2],
+    From(Balance<f64>),
 }
 
 impl Member {
@@ -75,7 +67,7 @@ impl Member {
                 Self::Shear(shear) => state.q.shear[i] - R::constant(shear[i]),
                 Self::From(from) => {
                     let mean = R::constant(0.5) * (state.tilt[i] + R::constant(from.tilt[i]));
-                    let change = state.q.compression[i] - R::constant(from.compression[i]);
+                    let change = state.q.compression[i] - R::constant(from.q.compression[i]);
                     mean.mul_add(change, state.sigma[i] - R::constant(from.sigma[i]))
                 }
             };
@@ -85,7 +77,7 @@ impl Member {
 }
 
 /// The forces of a state at rest.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Balance<R> {
     /// The coordinates.
     pub q: Coordinates<R>,
@@ -136,7 +128,6 @@ impl<R: Real> Balance<R> {
 }
 
 impl Balance<Directions> {
-    /// The values without derivatives.
     fn values(&self) -> Balance<f64> {
         let q = self.q;
         Balance {
@@ -167,12 +158,9 @@ fn slopes<const N: usize>(duals: &[Directions; N]) -> [Unknowns; N] {
 /// A scene at rest under constant inputs.
 #[derive(Debug, Clone)]
 pub struct RestScene {
-    /// The physics.
-    pub parameters: Parameters,
-    /// What moves the fingers.
-    pub fingers: Fingers,
-    /// The inputs.
-    pub input: Input<f64>,
+    pub(super) parameters: Parameters,
+    pub(super) fingers: Fingers,
+    pub(super) input: Input<f64>,
     /// The motion of the hand's frame, in which the scene is at rest; `None` for a hand at rest.
     pub frame: Option<FrameMotion<f64>>,
     pub(super) level: Level,
@@ -184,18 +172,13 @@ pub struct RestScene {
 /// The balance at one set of unknowns, with its derivatives by the unknowns.
 #[derive(Debug, Clone, Copy)]
 pub struct Rows {
-    /// The seven rows.
-    pub values: Unknowns,
-    /// Their derivatives, row by row.
-    pub jacobian: [Unknowns; UNKNOWNS],
+    pub(super) values: Unknowns,
+    pub(super) jacobian: [Unknowns; UNKNOWNS],
     /// The forces.
     pub balance: Balance<f64>,
-    /// The derivatives of the five forces.
-    pub forces: [Unknowns; 5],
-    /// The derivatives of sigma.
-    pub sigma: [Unknowns; 2],
-    /// The derivatives of the compressions.
-    pub compressions: [Unknowns; 2],
+    pub(super) forces: [Unknowns; 5],
+    pub(super) sigma: [Unknowns; 2],
+    pub(super) compressions: [Unknowns; 2],
     /// The derivatives of the shears by the pose under the no-slip constraint: minus the last two rows of Phi_5.
     pub no_slip: [[f64; 5]; 2],
 }
@@ -282,15 +265,10 @@ impl RestScene {
         if self.fingers == Fingers::Pid { self.parameters.control[finger].kp } else { 0.0 }
     }
 
-    /// The balance of these unknowns, without derivatives.
-    pub fn balance(&self, z: &Unknowns) -> Balance<f64> {
-        f64::call(self.instructions, Values { scene: self, z })
-    }
-
-    /// The origin of the no-slip constraint at these unknowns.
-    pub fn origin(&self, z: &Unknowns) -> Origin {
-        let Balance { q, tilt, sigma, .. } = self.balance(z);
-        Origin { sigma, tilt, compression: q.compression }
+    /// The balance of these unknowns, from which the no-slip constraint leads to other states. It does not depend on the
+    /// member.
+    pub fn origin(&self, z: &Unknowns) -> Balance<f64> {
+        self.rows(&Member::Shear([0.0; 2]), z).balance
     }
 
     /// The sizes of unknowns and rows that count as one.
@@ -332,7 +310,7 @@ impl RestScene {
         for i in 0..2 {
             z[5 + i] = 0.0;
         }
-        let row = member.rows(&self.balance(z));
+        let row = member.rows(&self.origin(z));
         // Each condition is linear in its own shear, with the factor one.
         for i in 0..2 {
             z[5 + i] = -row[i];
@@ -342,22 +320,6 @@ impl RestScene {
     /// The rows of a member and their derivatives.
     pub fn rows(&self, member: &Member, z: &Unknowns) -> Rows {
         f64::call(self.instructions, Evaluate { scene: self, member, z })
-    }
-}
-
-/// Evaluates the balance without derivatives.
-struct Values<'a> {
-    scene: &'a RestScene,
-    z: &'a Unknowns,
-}
-
-impl LaneTask<f64> for Values<'_> {
-    type Output = Balance<f64>;
-
-    #[inline(always)]
-    fn run(self) -> Balance<f64> {
-        let scene = self.scene;
-        Balance::new(&scene.plant, (&scene.input, scene.frame.as_ref()), self.z).0
     }
 }
 

@@ -13,7 +13,6 @@ const SHIFTS: [f64; 3] = [0.0, 0.5, -0.5];
 const SHARES: [f64; 4] = [1.0, 0.5, 0.2, 0.05];
 
 /// Where the tips are without an object between them.
-#[derive(Debug, Clone, Copy)]
 pub struct Gap {
     /// The middle between the tips' centres, m.
     middle: [f64; 2],
@@ -24,7 +23,6 @@ pub struct Gap {
 }
 
 impl Gap {
-    /// The gap between tips at these angles.
     pub fn new(parameters: &Parameters, angles: [f64; 2]) -> Self {
         let centre = |i: usize| {
             let (finger, sign) = (&parameters.fingers[i], if i == 0 { -1.0 } else { 1.0 });

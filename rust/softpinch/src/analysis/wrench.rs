@@ -11,8 +11,8 @@ use crate::analysis::rest::Rest;
 use crate::model::coordinates::Coordinates;
 use crate::model::drive::Input;
 use crate::model::motion::Motion;
+use crate::stepping::ending::Status;
 use crate::stepping::monitor::Violation;
-use crate::stepping::status::Status;
 
 /// The violations at which a contact gives way, in the order in which they are named.
 const GIVES_WAY: [Violation; 3] = [Violation::Pulling, Violation::Slipping, Violation::OffFace];

@@ -441,7 +441,8 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
     /// In lanes the equations of undisturbed bilateral contact are inlined into the stages.
     #[inline(always)]
     fn evaluate_stages(&self, stages: impl Stages<R>) {
-        let together = |plant: &Plant<R>| Self::INLINES_STAGES && !(self.ledger || plant.driven || plant.moves);
+        let together =
+            |plant: &Plant<R>| Self::INLINES_STAGES && !(self.ledger || plant.driven || plant.moves);
         match &self.kind {
             EquationKind::Csm(equations) if together(equations.plant()) => {
                 R::call(self.instructions, Together { stages, equations, called: self });

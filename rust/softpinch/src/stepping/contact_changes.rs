@@ -6,7 +6,7 @@ use crate::model::coordinates::Coordinates;
 use crate::model::energy::work;
 use crate::model::motion::Motion;
 use crate::stepping::contact_events::{Cause, Change, ContactRun, Event, EventResult, Loss, Reason};
-use crate::stepping::event_stepper::{EventStepper, SegmentState};
+use crate::stepping::event_search::{EventStepper, SegmentState};
 
 /// The share of a step after which the choice of modes is checked on a border.
 const MOMENT: f64 = 1.0 / 8192.0;
@@ -206,7 +206,6 @@ impl EventStepper<'_> {
         }
     }
 
-    /// Chooses the modes.
     fn rechoose(&mut self, place: &mut SegmentState, causes: [Cause; 2]) -> EventResult {
         let before = *place;
         let mut motion = self.motion(place);

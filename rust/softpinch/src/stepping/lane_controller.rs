@@ -16,7 +16,6 @@ use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::instant::{Instant, column};
 use crate::stepping::options::Options;
 
-/// The discrete controller of a run.
 pub struct LaneController {
     controller: Arc<SampledController>,
     now: ControllerState,
@@ -51,7 +50,6 @@ impl LaneController {
         })))
     }
 
-    /// Whether a sample is to be taken at the instant `t`.
     pub fn is_due(&self, t: f64) -> bool {
         self.now.is_due(&self.controller, t)
     }

@@ -23,9 +23,9 @@ use crate::model::piecewise::PiecewisePolynomial;
 use crate::model::scene::Scene;
 use crate::model::start::{State, consistent};
 use crate::number::real::signed;
+use crate::stepping::ending::Status;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::record::Run;
-use crate::stepping::status::Status;
 
 /// A hand without any symmetry, and an object with these tilts of its sides.
 fn uneven(tilts: [f64; 2]) -> Parameters {
