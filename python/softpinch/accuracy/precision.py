@@ -105,9 +105,10 @@ def work_precision(
     curves = []
     for formulation, method in pairs:
         how = {"formulation": formulation, "method": method, "stabilization": stabilization}
-        curves.append((_request(scene, **how), "dt", steps))
+        request = Request(scene, Options.checked(record=_EVERYTHING, **how))
+        curves.append((request, "dt", steps))
         if method in _core.ADAPTIVE_METHODS:
-            curves.append((_request(scene, **how), "tolerance", allowed))
+            curves.append((request, "tolerance", allowed))
     others = checks.several("peers", peers, "Peers")
     for each in others:
         checks.instance("peers", each, Peer)
@@ -139,11 +140,6 @@ def work_precision(
         stabilization=stabilization,
         skipped=tuple(skipped),
     )
-
-
-def _request(scene: Scene, **options: Any) -> Request:
-    """A run with everything recorded that is measured."""
-    return Request(scene, Options.checked(record=_EVERYTHING, **options))
 
 
 def from_loose_to_tight(name: str, values: ArrayLike) -> Floats:
@@ -195,9 +191,9 @@ def stabilization_sweep(
     switches = switch_instants(scene)
 
     def sampled(formulation: Formulation, gain: float) -> _Sampled:
-        gains = Stabilization(alpha=gain, beta=gain)
-        how = {"formulation": formulation, "method": method, "stabilization": gains}
-        return _sampled(_request(scene, dt=dt, **how), switches)[0]
+        how = {"dt": dt, "method": method, "stabilization": Stabilization(alpha=gain, beta=gain)}
+        options = Options.checked(record=_EVERYTHING, formulation=formulation, **how)
+        return _sampled(Request(scene, options), switches)[0]
 
     usual.warn(scene)
     plain = sampled(without_drift(scene), 0.0)

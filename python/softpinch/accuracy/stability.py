@@ -303,7 +303,8 @@ def max_stable_dt(
         measured, failure = search.longest(max_steps), search.failure
     t, mode = float(along.t[k]), along.leading(k, rate)
     message = _message(method, predicted, t, rate, mode, measured)
-    if measured is not None and not _agree(predicted, measured):
+    # Both steps may be infinite.
+    if measured not in (None, predicted) and not 1.0 / _AGREE < predicted / measured < _AGREE:
         share = float(np.mean(steps < measured))
         message += f"; they part because {_reason_they_differ(predicted, measured, share, failure)}"
     elif failure and measured is None:
@@ -405,11 +406,6 @@ class StepSearch:
             if failed is None:
                 return good
             first = failed / _FACTOR
-
-
-def _agree(predicted: float, measured: float) -> bool:
-    """True for nearly equal steps, which may both be infinite."""
-    return predicted == measured or 1.0 / _AGREE < predicted / measured < _AGREE
 
 
 def _message(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -182,8 +183,7 @@ class StabilityMap(Result):
 
 def _counted(names: Sequence[str]) -> str:
     """Each distinct name with its number of occurrences, in words."""
-    counts = {name: names.count(name) for name in dict.fromkeys(names)}
-    words = [f"{name.replace('_', ' ')} {count}" for name, count in counts.items()]
+    words = [f"{name.replace('_', ' ')} {count}" for name, count in Counter(names).items()]
     return ", ".join(words) or "none"
 
 
@@ -317,12 +317,10 @@ class MapPlan:
             require_formulations("pairs", [formulation for formulation, _ in self._pairs], at)
         self._formulations = tuple(dict.fromkeys(formulation for formulation, _ in self._pairs))
         for value, (at, gains) in zip(each, self._cases, strict=True):
-            for formulation in self._formulations:
-                options = Options.checked(
-                    dt=at.duration, formulation=formulation, stabilization=gains
-                )
+            for name in self._formulations:
+                how = Options.checked(dt=at.duration, formulation=name, stabilization=gains)
                 try:
-                    next(batches([at], options))
+                    next(batches([at], how))
                 except ValueError as error:
                     said = str(error).removeprefix("run 0: ")
                     raise ValueError(f"{self.axis.name} = {value:.6g}: {said}") from None
