@@ -132,10 +132,7 @@ def simulate(
 
 
 def warn_of_steps(request: Request, result: Mapping[str, Any]) -> None:
-    """Warns of a run whose steps were too long or whose sampled loop is unstable.
-
-    Ctrl-C during this work leaves it out, because the run itself is complete.
-    """
+    """Warns of a run whose steps were too long or whose sampled loop is unstable."""
     status, end = result["status"], float(result["t"][-1])
     texts = list(result["warnings"])
     try:
@@ -143,7 +140,7 @@ def warn_of_steps(request: Request, result: Mapping[str, Any]) -> None:
             texts.append(too_long(request, status, end))
         if texts == [None] and status != "completed":
             texts = [unstable(request, status, end)]
-    except KeyboardInterrupt:
+    except KeyboardInterrupt:  # the run itself is complete
         texts = []
     if status == "unstable" and not any(texts):
         texts = [result["message"]]
