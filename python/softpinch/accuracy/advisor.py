@@ -299,17 +299,8 @@ class _Search:
             how["max_steps"] = int(min(100 + most / _SHORTEST, MOST_STEPS))
         return self.motion.request(**how)
 
-    def least_run_time(self) -> float:
-        """The CPU time of a run with the longest stable step, s; 0 if it has few steps."""
-        if self.kind == "tolerance" or self._duration / self.longest <= _FEW:
-            return 0.0
-        return self._expected(self.longest)
-
     def loosest(self, first: float, most: float, deadline: float) -> Trial:
-        """Finds the loosest setting that is accurate enough; `Trial.note` says why there is none.
-
-        Runs may take `most`, s, and the search ends at the deadline, by `perf_counter`.
-        """
+        """Finds the loosest setting that is accurate enough, by runs of `most`, s, or less."""
         accuracy, longest = self.motion.tolerance, self.longest
         least = _TIGHTEST if self.kind == "tolerance" else 0.0
 
@@ -321,7 +312,7 @@ class _Search:
         value = min(first, longest)
         if self.kind == "dt":
             # If the first step is too expensive, begin with the shortest that is not.
-            value = min(max(value, 1.01 * value * self._expected(value) / most), longest)
+            value = min(max(value, 1.01 * value * self.expected(value) / most), longest)
         try:
             # Two steps by the method's order come close to the limit, and bisection finds it.
             for _ in range(2):
@@ -374,8 +365,8 @@ class _Search:
             raise _GivenUp("the budget ended before a setting was good enough")
         if len(self._errors) == _MOST_TRIALS:
             raise _GivenUp("no setting was good enough")
-        if self.kind == "dt" and self._expected(value) > most:
-            self.least_time = self._expected(value)
+        if self.kind == "dt" and self.expected(value) > most:
+            self.least_time = self.expected(value)
             raise _GivenUp(
                 f"dt = {value:.2g} s or less would take {1e3 * self.least_time:.2g} ms a run"
             )
@@ -388,7 +379,7 @@ class _Search:
         errors = self.motion.errors(run)
         return math.inf if errors is None else max(errors.values())
 
-    def _expected(self, dt: float) -> float:
+    def expected(self, dt: float) -> float:
         """The expected CPU time of a run with equal steps, s."""
         if not self._step_time:
             short = replace(self.motion.scene, duration=min(_FEW * dt, self._duration))
@@ -433,7 +424,21 @@ class _Advisor:
             advice = self._verified(search, trial)
             if advice is not None:
                 return advice
-        return self._advice_without_success()
+        # No pair meets the tolerance: the settings of the stiff adaptive run.
+        accurate = self.motion.run
+        return self._advice(
+            [
+                f"no pair meets {self.motion.tolerance:g} here",
+                *(f"{one.formulation} {one.method}: {one.note}" for one in self.trials if one.note),
+            ],
+            met=False,
+            formulation=accurate.formulation,
+            method=accurate.method,
+            dt=None,
+            step_tolerance=accurate.tolerance,
+            error=dict.fromkeys(ESTIMATED, math.inf),
+            **dict.fromkeys(("time", "margin", "confirmed"), math.inf),
+        )
 
     def _search_unless_hopeless(self, search: _Search, first: float) -> Trial:
         """Searches the setting of one pair, unless it cannot be the best."""
@@ -441,8 +446,10 @@ class _Advisor:
         best = known.time * self.motion.share if known and known.found else math.inf
         left = self.stop - perf_counter()
         least = 0.0
-        if left > 0 or known is None:
-            least = search.least_time = search.least_run_time()
+        # Adaptive or few steps may take no time to speak of.
+        worth = search.kind == "dt" and (left > 0 or known is None)
+        if worth and self.motion.scene.duration > _FEW * search.longest:
+            least = search.least_time = search.expected(search.longest)
         if least > _TOO_SLOW * best:
             return search.trial(
                 note=f"stable up to dt = {search.longest:.2g} s only: at least "
@@ -485,7 +492,7 @@ class _Advisor:
         spent = trial.time * self.motion.share if value == first else search.measured_time(value)
         trial = self.best[search.kind] = search.trial(value, largest, spent)
         margin, stability = math.inf, "any dt is stable"
-        if equal and not self.motion.limit_is_known:
+        if equal and self.motion.scene.law == "sampled":
             margin = math.nan
             stability = "the longest stable dt is not known with a SampledController"
         elif equal and math.isfinite(limit := self.motion.stable(**search.pair)):
@@ -514,23 +521,6 @@ class _Advisor:
             time=trial.time,
             margin=margin,
             confirmed=apart,
-        )
-
-    def _advice_without_success(self) -> Advice:
-        """The advice if no pair meets the tolerance: the settings of the stiff adaptive run."""
-        accurate = self.motion.run
-        return self._advice(
-            [
-                f"no pair meets {self.motion.tolerance:g} here",
-                *(f"{one.formulation} {one.method}: {one.note}" for one in self.trials if one.note),
-            ],
-            met=False,
-            formulation=accurate.formulation,
-            method=accurate.method,
-            dt=None,
-            step_tolerance=accurate.tolerance,
-            error=dict.fromkeys(ESTIMATED, math.inf),
-            **dict.fromkeys(("time", "margin", "confirmed"), math.inf),
         )
 
     def _advice(self, parts: list[str], **found: Any) -> Advice:

@@ -90,10 +90,8 @@ def cpu_times(request: Request, repeats: int) -> list[float]:
 def repeated(
     work: Callable[[], object], repeats: int, clock: Callable[[], float] = time.process_time
 ) -> list[float]:
-    """Times of repeated calls of a function, after one call to warm up, s; few of a slow one.
-
-    The default clock counts all threads of this process, because other solvers may use several.
-    """
+    """Times of repeated calls of a function, after one call to warm up, s; few of a slow one."""
+    # The default clock counts all threads of this process, because other solvers may use several.
     work()
     times: list[float] = []
     while len(times) < (min(repeats, _SLOW_REPEATS) if times and times[0] >= _SLOW else repeats):

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..run import scaled_error
 from ..run.options import MOST_STEPS, STOP_ON, Options
-from ..run.run import Run
 from ..scene.contact import formulations_of, require_formulations
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
@@ -249,18 +248,15 @@ class _Reference:
         self._scales = {
             name: scaled_error.scales(name, getattr(self._run, name), usual) for name in ("q", "p")
         }
-        self.status, self.floor = self._run.status, self._difference(second)
+        self.status, self.floor = self._run.status, np.inf
+        if self.status == second.status == "completed":
+            self.floor = self._error(second.q[-1], second.p[-1])
+        elif self.status == second.status and self.status in ENDS:
+            ends = sorted((float(self._run.t[-1]), float(second.t[-1])))
+            # Runs may end at their very start.
+            self.floor = (ends[1] - ends[0]) / (ends[1] - float(self._run.t[0]) or 1.0)
         if self.floor >= _APART:
             self.status, self.floor = NO_REFERENCE, np.inf
-
-    def _difference(self, other: Run) -> float:
-        if self._run.status != other.status or self._run.status not in ENDS:
-            return np.inf
-        if self._run.success:
-            return self._error(other.q[-1], other.p[-1])
-        ends = sorted((float(self._run.t[-1]), float(other.t[-1])))
-        # Runs may end at their very start.
-        return (ends[1] - ends[0]) / (ends[1] - float(self._run.t[0]) or 1.0)
 
     def _error(self, q: Floats, p: Floats) -> float:
         return max(scaled_error.at_end({"q": q, "p": p}, self._run, self._scales).values())
