@@ -30,14 +30,12 @@ _FPS = 50
 
 
 def _checked_task(task: Task | None) -> Task:
-    """Returns the task, or the default one for None."""
     task = HoldAgainstPushes() if task is None else task
     checks.instance("task", task, Task, "a Task, such as HoldAgainstPushes()")
     return task
 
 
 def _spaces(task: Task) -> tuple[Box, Box]:
-    """The spaces of observations and actions of one environment."""
     entries = len(task.measures)
     return Box(-LIMIT, LIMIT, (entries,), np.float64), Box(-1.0, 1.0, (2,), np.float32)
 
@@ -276,14 +274,7 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
             return self._restarted(outcome, episodes.ended.copy(), final=True)
         if waiting.any():
             return self._restarted(outcome, waiting, final=False)
-        every = np.ones(self.num_envs, bool)
-        return (
-            outcome.observation,
-            outcome.reward,
-            outcome.terminated,
-            outcome.truncated,
-            _masked(outcome.info, every),
-        )
+        return (*outcome[:4], _masked(outcome.info, np.ones(self.num_envs, bool)))
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Returns a frame (height, width, 3) of each environment, with "rgb_array"."""
