@@ -208,14 +208,6 @@ def _sizes(
     )
 
 
-def require_estimable(record: tuple[str, ...]) -> None:
-    """Refuses a run that records nothing whose error can be estimated."""
-    if not set(record) & set(QUANTITIES.values()):
-        raise ValueError(
-            f"estimate_error with record={record}: needs 'state' or 'multipliers' in record"
-        )
-
-
 def _finer_runs(
     request: Request, result: Mapping[str, Any]
 ) -> tuple[Mapping[str, Any], Mapping[str, Any]]:

@@ -92,17 +92,13 @@ def held_residuals(run: Run) -> Floats:
     return np.where(active_constraints(run), np.abs(run.residuals), 0.0)
 
 
-def peak_residuals(run: Run) -> Floats:
-    """Returns the largest `held_residuals` |C^H|, m, and |C^N|, m/s, of each operation (k, 2)."""
-    return _residuals_over(run, 0.0)
-
-
 def settled_residuals(run: Run) -> Floats:
     """Returns the largest held residuals in each operation's last quarter (k, 2)."""
-    return _residuals_over(run, 1.0 - LAST)
+    return peak_residuals(run, 1.0 - LAST)
 
 
-def _residuals_over(run: Run, share: float) -> Floats:
+def peak_residuals(run: Run, share: float = 0.0) -> Floats:
+    """Returns the largest |C^H|, m, and |C^N|, m/s, after a share of each operation (k, 2)."""
     sizes, found = np.full((len(operations(run)), 2), np.nan), held_residuals(run)
     for k, (begin, end) in enumerate(operations(run)):
         rows = (run.t > begin + share * (end - begin)) & (run.t <= end)

@@ -161,16 +161,6 @@ def names(
     return tuple(name for name in allowed if name in found)
 
 
-def some_names(
-    field: str, value: str | Sequence[str], allowed: Sequence[checks.Name]
-) -> tuple[checks.Name, ...]:
-    """Converts names as `names` does, and refuses an empty result."""
-    found = names(field, value, allowed)
-    if not found:
-        raise ValueError(f"{field} = (): must have at least one")
-    return found
-
-
 def in_place(**settings: Any) -> dict[str, Any]:
     """Returns the settings that override earlier ones; None keeps the earlier value.
 
