@@ -95,7 +95,6 @@ class Stepped(Shown):
         usual.warn(scene, schedule_replaced=True)
 
     def _state(self, run: int) -> State:
-        """The public state of a run, from the core's."""
         time, q, p, (right, left), grid, contact = self._core.state(run)
         # The stabilisation lets states drift off the constraints.
         check = self._options.formulation != "csm"
@@ -281,10 +280,6 @@ class Simulator(Stepped):
         """
         if not self._held:
             raise ValueError("run: there has been no step since the start")
-        numerics = self._options.numerics()
-        return simulate(self._scene_so_far(), record=record, every=every, **numerics)
-
-    def _scene_so_far(self) -> Scene:
         held = np.array(self._held).reshape(-1, _KEPT)
         times, disturbances = held[:, 0], self._scene.disturbances
         initial = self._scene.initial if self._start is None else self._start
@@ -297,7 +292,7 @@ class Simulator(Stepped):
         motion, accelerations = self._scene.motion, held[:, 6:]
         if isinstance(motion, ConstantMotion) and (accelerations != motion.acceleration).any():
             motion = HandMotion.sampled(times, None, accelerations, motion.tilt, hold=True)
-        return replace(
+        scene = replace(
             self._scene,
             motion=motion,
             schedule=Schedule.steps(times, held[:, 1:3]),
@@ -305,6 +300,7 @@ class Simulator(Stepped):
             duration=_duration(times[0], self._core.end(0)),
             initial=initial,
         )
+        return simulate(scene, record=record, every=every, **self._options.numerics())
 
     def _begin(self) -> Observation:
         t, q, p, multipliers, code = self._core.observation(0)
@@ -558,12 +554,9 @@ class VectorSimulator(Stepped):
         """Refuses arrays that do not fit; the core refuses those that overlap."""
         checks.instance("out", out, Observations, "Observations")
         for name, given, own in zip(out._fields, out, self._seen, strict=True):
-            fits = type(given) is np.ndarray and (given.shape, given.dtype) == (
-                own.shape,
-                own.dtype,
-            )
+            fits = type(given) is np.ndarray and given.shape == own.shape
             # `carray` is contiguous, aligned and writable.
-            if not (fits and given.flags.carray):
+            if not (fits and given.dtype == own.dtype and given.flags.carray):
                 rule = f"must be a contiguous array of shape {own.shape} and type {own.dtype}"
                 raise ValueError(f"out.{name}: {rule}")
         return out
