@@ -178,7 +178,22 @@ def of_any_contact(scene: Scene, times: ArrayLike) -> Reference:
         return confirmed(scene, times)
     # In unilateral contact by two runs of the core.
     wanted = np.asarray(times, np.float64)
-    first, second = (_core_solution(scene, wanted, *how) for how in _CORE_RUNS)
+    every = np.union1d(wanted, np.linspace(scene.start().time, wanted[-1], _INSTANTS))
+    solutions = []
+    for formulation, tolerance in _CORE_RUNS:
+        how = {"formulation": formulation, "tolerance": tolerance, "times": every}
+        options = Options.checked(method="dop853", record=("state", "multipliers"), **how)
+        run = computed(Request(scene, options))
+        if not run.success:
+            raise RuntimeError(
+                f"reference: with unilateral contact {formulation} ended as {run.status} at t = "
+                f"{run.t[-1]} s: {run.message}"
+            )
+        along = {name: getattr(run, name) for name in ("q", "p", "multipliers", "integral")}
+        method = f"{formulation} dop853 at tolerance {tolerance:.0e}"
+        rows, count = np.searchsorted(run.t, wanted), run.stats["evaluations"]
+        solutions.append(_reference(scene, wanted, along, rows, method, count))
+    first, second = solutions
     found = _compared(first, second, first.evaluations + second.evaluations)
     reason = "the core's own runs, because the independent reference has no unilateral contact"
     return replace(found, method=f"{found.method}: {reason}")
@@ -192,27 +207,6 @@ def _compared(first: Reference, second: Reference, evaluations: int) -> Referenc
         evaluations=evaluations,
         own_error=scaled_error.largest(second, first),
     )
-
-
-def _core_solution(scene: Scene, times: Floats, formulation: str, tolerance: float) -> Reference:
-    begin = float(scene.start().time)
-    options = Options.checked(
-        method="dop853",
-        formulation=formulation,
-        tolerance=tolerance,
-        times=np.union1d(times, np.linspace(begin, times[-1], _INSTANTS)),
-        record=("state", "multipliers"),
-    )
-    run = computed(Request(scene, options))
-    if not run.success:
-        raise RuntimeError(
-            f"reference: with unilateral contact {formulation} ended as {run.status} at t = "
-            f"{run.t[-1]} s: {run.message}"
-        )
-    along = {name: getattr(run, name) for name in ("q", "p", "multipliers", "integral")}
-    method = f"{formulation} dop853 at tolerance {tolerance:.0e}"
-    picked = np.searchsorted(run.t, times)
-    return _reference(scene, times, along, picked, method, run.stats["evaluations"])
 
 
 def _reference(

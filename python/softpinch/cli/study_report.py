@@ -12,7 +12,7 @@ from .. import _core
 from ..plot.style import save
 from ..study.effects import sensitivity
 from ..study.results import Ensemble, Results
-from ..study.rows import HOLDS, possible_violations
+from ..study.rows import HOLDS, missing
 from ..support.files import FORMATS
 from ..support.table import Table, save_csv, save_npz
 
@@ -54,8 +54,9 @@ def summary_table(study: Results) -> Table:
     """
     rows: list[tuple[Any, ...]] = [(f"model: {study.model}", "", study.runs, *[""] * 9)]
     happened = dict.fromkeys(["completed", HOLDS, *study.counts()])
-    for name in possible_violations(study.scene, study._spec.shapes):
-        if study.probability(name).happened:
+    for name in _core.VIOLATIONS:
+        possible = not missing(name, study.scene, study._spec.shapes)
+        if possible and study.probability(name).happened:
             happened[name] = None
     for name in happened:
         estimate = study.probability(name)

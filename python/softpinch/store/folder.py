@@ -123,18 +123,6 @@ class Folder:
         return self._last[1]
 
 
-def encode(rows: Rows, spec: StudySpec, study: str) -> memoryview:
-    """Encodes rows as a part, in memory; `study` is the identity of their study."""
-    entries = rows.entries()
-    columns, units = {}, {}
-    for entry in spec.schema.entries.values():
-        for name, (values, unit) in entry.split(entries[entry.name]).items():
-            # Some Parquet readers lack unsigned 64-bit integers.
-            columns[name] = values.astype(np.int64) if entry.dtype is np.uint64 else values
-            units[name] = unit
-    return files.encode(columns, {"study": study, "runs": Spans.of(rows.run).edges.tolist()}, units)
-
-
 class Writer:
     """Adds parts to a study's folder. It buffers rows until they are worth a part."""
 
@@ -168,10 +156,17 @@ class Writer:
         rows = Rows.joined(self._rows).in_order()
         # Clear the buffer even on failure; a retry would fail too.
         self._rows, self._count = [], 0
-        folder = self._folder
+        folder, entries = self._folder, rows.entries()
+        columns, units = {}, {}
+        for entry in folder.spec.schema.entries.values():
+            for name, (values, unit) in entry.split(entries[entry.name]).items():
+                # Some Parquet readers lack unsigned 64-bit integers.
+                columns[name] = values.astype(np.int64) if entry.dtype is np.uint64 else values
+                units[name] = unit
+        facts = {"study": folder.identity, "runs": Spans.of(rows.run).edges.tolist()}
         path = folder.path / PARTS / f"{self._next:06}.parquet"
         try:
-            files.write_with_digest(path, encode(rows, folder.spec, folder.identity))
+            files.write_with_digest(path, files.encode(columns, facts, units))
         except StoreError as error:
             raise StoreError(
                 f"{error}: the last {len(rows)} runs are lost; the {folder.done.count} runs before "

@@ -345,18 +345,12 @@ def checked_event(field: str, name: object, scene: Scene, varied: Iterable[str])
     An event that no run could report is refused, because a probability of zero would mislead.
     """
     name = checks.choice(field, name, EVENTS)
-    if missing := _missing(name, scene, varied):
-        raise ValueError(f'{field} = "{name}": needs {missing}')
+    if lacks := missing(name, scene, varied):
+        raise ValueError(f'{field} = "{name}": needs {lacks}')
     return name
 
 
-def possible_violations(scene: Scene, varied: Iterable[str]) -> list[str]:
-    """The violations that `checked_event` allows."""
-    varied = tuple(varied)
-    return [name for name in _core.VIOLATIONS if not _missing(name, scene, varied)]
-
-
-def _missing(name: str, scene: Scene, varied: Iterable[str]) -> str:
+def missing(name: str, scene: Scene, varied: Iterable[str]) -> str:
     """The feature that a scene lacks for an event to occur at all; empty if it may occur."""
     if name in _UNILATERAL and scene.contact != "unilateral":
         return f'Scene.contact = "unilateral"; in bilateral contact {_UNILATERAL[name]}'
