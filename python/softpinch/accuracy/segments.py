@@ -143,7 +143,7 @@ def _held_noise(
     row: Floats, key: tuple[int, int], place: int, begin: float, end: float
 ) -> Piecewise:
     """The samples of a noise during a run, as a piecewise constant force."""
-    *std, rate, start, stop = row.tolist()
+    *std, rate, start, stop = row[:6].tolist()
     last = min(stop, end)
     if last <= max(start, begin):
         return held(np.zeros(0), np.zeros((0, 3)), _NONE)

@@ -201,8 +201,8 @@ fn impulse([time, x, y, moment]: [f64; 4]) -> Impulse {
     Impulse { time, impulse: [x, y, moment] }
 }
 
-fn noise([x, y, moment, rate, start, end]: [f64; 6], seed: u64, stream: u64) -> Noise {
-    Noise { std: [x, y, moment], rate, start, end, key: [seed, 0], stream }
+fn noise([x, y, moment, rate, start, end, u, v]: [f64; 8], seed: u64, stream: u64) -> Noise {
+    Noise { std: [x, y, moment], acceleration: [u, v], rate, start, end, key: [seed, 0], stream }
 }
 
 /// A piecewise polynomial of `C` channels for each run.

@@ -202,8 +202,8 @@ fn noise<'py>(
     count: usize,
 ) -> PyResult<Rows<'py>> {
     let (seed, run) = key;
-    let noise =
-        Noise { std: std.into(), rate: 1.0, start: 0.0, end: f64::INFINITY, key: [seed, run], stream };
+    let (std, acceleration, end) = (std.into(), [0.0; 2], f64::INFINITY);
+    let noise = Noise { std, acceleration, rate: 1.0, start: 0.0, end, key: [seed, run], stream };
     let samples = (0..count).map(|number| noise.sample(first.saturating_add(number as u64)));
     rows(py, computed(py, "the samples, in numbers,", samples)?)
 }

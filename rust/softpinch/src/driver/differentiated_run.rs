@@ -345,10 +345,10 @@ impl<R: Lanes> LaneTask<R> for Pass<'_, '_, R> {
             run.shift(time, (&input, drive), y);
         }
         let inputs = &run.request.scene.inputs;
-        for (place, impulse) in inputs.impulses_at(time).enumerate() {
+        for (place, impulse) in inputs.fixed_impulses_at(time).enumerate() {
             passes = true;
             let slope = |one: &Direction, c: usize| {
-                one.inputs.impulses_at(time).nth(place).map_or(0.0, |slope| slope[c])
+                one.inputs.fixed_impulses_at(time).nth(place).map_or(0.0, |slope| slope[c])
             };
             let component = |c: usize| run.varied(impulse[c], |one| slope(one, c));
             let number = inputs.impulses_before(time) + place;
@@ -357,7 +357,11 @@ impl<R: Lanes> LaneTask<R> for Pass<'_, '_, R> {
             let by = run.varied(0.0, |one| one.impulse_times.get(number).copied().unwrap_or(0.0));
             run.carry((&input, drive), y, by);
             // The angles of driven fingers are those of the instant to which the impulse moves.
-            run.equations.system.jump(&drive.at(by), y, &std::array::from_fn(component));
+            let mut impulse = std::array::from_fn(component);
+            if let Some(frame) = &drive.frame {
+                [impulse[0], impulse[1]] = frame.at(by).into_hand([impulse[0], impulse[1]]);
+            }
+            run.equations.system.jump(&drive.at(by), y, &impulse);
             run.carry((&input, drive), y, -by);
         }
         passes

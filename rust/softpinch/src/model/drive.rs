@@ -6,7 +6,6 @@ use crate::model::contact_modes::Contacts;
 use crate::model::frame::FrameMotion;
 use crate::number::dual::Dual;
 use crate::number::lanes::{Bits, LaneTask, Lanes, Lift, MOST};
-use crate::number::real::Real;
 use crate::number::simd::level::Instructions;
 
 /// Highest degree of a polynomial.
@@ -221,10 +220,50 @@ impl<R: Lanes, const W: usize> SegmentDrive<Dual<R, W>> {
             degrees: [degree; MOST],
             degree,
             waves: value.waves.iter().enumerate().map(|(k, own)| wave(k, own)).collect(),
-            // No direction changes the motion of the hand.
-            frame: value.frame.as_ref().map(|frame| frame.lifted(<Dual<R, W> as Real>::constant).into()),
+            frame: value.frame.as_ref().map(|own| {
+                let joined = |of: &dyn Fn(&SegmentFrame<f64>) -> f64| {
+                    joined(of(own), &|slope| slope.frame.as_deref().map_or(0.0, of))
+                };
+                SegmentFrame::varied(own, slopes.iter().filter_map(|slope| slope.frame.as_deref()), joined)
+                    .into()
+            }),
             contacts: Contacts::sticking(),
         }
+    }
+}
+
+impl<R: Lanes> SegmentFrame<R> {
+    /// The motion `own` with the derivatives `slopes`. `joined` makes a number with its derivatives.
+    fn varied<'a>(
+        own: &SegmentFrame<f64>,
+        slopes: impl Iterator<Item = &'a SegmentFrame<f64>>,
+        joined: impl Fn(&dyn Fn(&SegmentFrame<f64>) -> f64) -> R,
+    ) -> Self {
+        let [sin, cos] = own.direction;
+        let number = |of: &dyn Fn(&Wave<f64>) -> f64| joined(&|frame| of(&frame.wave));
+        let mut frame = Self {
+            channels: std::array::from_fn(|c| std::array::from_fn(|k| joined(&|frame| frame.channels[c][k]))),
+            wave: Wave {
+                omega: number(&|wave| wave.omega),
+                phase: number(&|wave| wave.phase),
+                amplitude: std::array::from_fn(|c| number(&|wave| wave.amplitude[c])),
+                active: R::ALL,
+            },
+            // The derivatives of sine and cosine of the tilt; the motion itself is not among the slopes.
+            direction: [(sin, cos), (cos, -sin)].map(|(value, by_tilt)| {
+                joined(&|frame| if std::ptr::eq(frame, own) { value } else { by_tilt * frame.channels[2][0] })
+            }),
+            degree: own.degree,
+            swings: own.swings,
+            turns: own.turns,
+            instructions: own.instructions,
+        };
+        for slope in slopes {
+            frame.degree = frame.degree.max(slope.degree);
+            frame.swings |= slope.swings;
+            frame.turns |= slope.turns;
+        }
+        frame
     }
 }
 

@@ -199,7 +199,14 @@ impl Inputs {
     /// The motion of the hand's frame in the segment from `anchor` on, if it moves.
     fn frame_from(&self, anchor: f64) -> Option<SegmentFrame<f64>> {
         let acceleration = self.held.and_then(|held| held.acceleration);
-        self.frame.as_ref().map(|frame| frame.segment(anchor, acceleration))
+        self.frame.as_ref().map(|frame| {
+            let mut frame = frame.segment(anchor, acceleration);
+            for [x, y] in self.noises.iter().map(|noise| noise.acceleration_at(anchor)) {
+                frame.channels[0][0] += x;
+                frame.channels[1][0] += y;
+            }
+            frame
+        })
     }
 
     /// The same inputs, and a force on the object from `time` on that ends after `duration`, s: F_x and F_y in N and
@@ -301,15 +308,20 @@ impl Inputs {
 
     /// The impulses at exactly `time`, along the hand's axes.
     pub fn impulses_at(&self, time: f64) -> impl Iterator<Item = [f64; 3]> {
-        let here = self.impulses[self.impulses_before(time)..].iter();
-        here.take_while(move |impulse| impulse.time == time).map(move |impulse| {
+        self.fixed_impulses_at(time).map(move |impulse| {
             if self.frame.is_none() {
-                return impulse.impulse;
+                return impulse;
             }
-            let [x, y, moment] = impulse.impulse;
+            let [x, y, moment] = impulse;
             let [x, y] = self.frame_at(time).into_hand([x, y]);
             [x, y, moment]
         })
+    }
+
+    /// The same along fixed axes.
+    pub fn fixed_impulses_at(&self, time: f64) -> impl Iterator<Item = [f64; 3]> {
+        let here = self.impulses[self.impulses_before(time)..].iter();
+        here.take_while(move |impulse| impulse.time == time).map(|impulse| impulse.impulse)
     }
 
     /// The number of impulses before `time`.
@@ -428,8 +440,15 @@ mod tests {
         let sine =
             Sinusoid { start: 0.5, end: f64::INFINITY, omega: 2.0, phase: 0.25, amplitude: [1.0, 0.0, 0.0] };
         let impulse = Impulse { time: 1.5, impulse: [1.0, 0.0, 0.0] };
-        let noise =
-            Noise { std: [1.0; 3], rate: 100.0, start: 0.0, end: f64::INFINITY, key: [0, 0], stream: 0 };
+        let noise = Noise {
+            std: [1.0; 3],
+            acceleration: [0.0; 2],
+            rate: 100.0,
+            start: 0.0,
+            end: f64::INFINITY,
+            key: [0, 0],
+            stream: 0,
+        };
         let forces = vec![force(3.0).into(), force(4.0).into()];
         let inputs = Inputs::new(ramp.into(), forces, vec![sine], vec![impulse], vec![noise]).unwrap();
         let frozen = inputs.frozen(1.0);

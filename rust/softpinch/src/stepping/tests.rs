@@ -136,6 +136,7 @@ fn a_period_from_outside_allocates_its_method_at_most() {
 fn noisy(segments: f64) -> Result<Scene, Error> {
     let scene = scene(Fingers::Pid)?;
     let noise = Noise {
+        acceleration: [0.0; 2],
         std: [0.1; 3],
         rate: segments / DURATION,
         start: 0.0,
