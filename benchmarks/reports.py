@@ -289,11 +289,7 @@ def advice(job: Job) -> Iterator[tuple[str, str]]:
         papers = {f"disturbance {c}": sp.paper.disturbance(c) for c in sp.paper.CASES}
         papers = {"the paper's manipulation": sp.paper.manipulation(), **papers}
         scenes = {name: (scene, sp.Stabilization()) for name, scene in papers.items()}
-        scenes |= {
-            name: (case.scene, case.stabilization)
-            for name, case in _cases(job).items()
-            if case.scene.motion is None  # the advice needs `softpinch.reference`
-        }
+        scenes |= {name: (case.scene, case.stabilization) for name, case in _cases(job).items()}
     for name, (scene, gains) in scenes.items():
         begin = time.perf_counter()
         found = sp.advise(scene, 1e-6, stabilization=gains, progress=False)

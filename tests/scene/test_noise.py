@@ -197,12 +197,13 @@ def test_a_run_goes_on_after_a_noise_that_is_over() -> None:
 def test_a_shaken_base_is_a_hand_with_the_samples_as_its_acceleration(contact: Any) -> None:
     shaking = sp.Noise(acceleration_std=(3.0, 1.0), rate_hz=400.0, time=0.01, duration=0.05, seed=8)
     scene = replace(SCENE, contact=contact, friction=0.9, motion=sp.HandMotion.constant(tilt=0.2))
-    ours = sp.simulate(replace(scene, disturbances=(sp.Step(force=(0.1, 0.0)), shaking)), dt=1e-4)
+    pushed = (sp.Step(time=0.0, force=(0.1, 0.0)),)
+    shaken = replace(scene, disturbances=(*pushed, shaking))
+    ours = sp.simulate(shaken, dt=1e-4, record=("state", "energy"))
     times = np.append(0.01 + np.arange(20) / 400.0, 0.06)
     samples = by_numpy(20, seed=8, run=0, place=1, block=1)[:, :2] * [3.0, 1.0]
     accelerations = np.vstack([samples, [0.0, 0.0]])
     motion = sp.HandMotion.sampled(times, None, accelerations, tilts=0.2, hold=True)
-    pushed = (sp.Step(force=(0.1, 0.0)),)
     theirs = sp.simulate(replace(scene, motion=motion, disturbances=pushed), dt=1e-4)
     np.testing.assert_allclose(ours.q[-1], theirs.q[-1], rtol=0, atol=1e-12)
     still = sp.simulate(replace(scene, disturbances=pushed), dt=1e-4)

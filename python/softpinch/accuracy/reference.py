@@ -25,7 +25,7 @@ from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats, read_only
 from ..support.result import Result
-from .null_space import PLAIN, STATES, jump, parameters, right_hand_side
+from .null_space import PLAIN, STATES, carried, jump, parameters, right_hand_side
 from .segments import METHODS, Inputs, System, integrate
 
 # The smallest relative tolerance that SciPy accepts, 100 times round-off.
@@ -260,7 +260,7 @@ class _Problem:
         self.t, self.wanted = self.inputs.instants(times)
         c, of_states = self.c, rates or PLAIN.rates
         self.system = System(
-            rates=lambda y, u: of_states(y, c, u),
+            rates=lambda y, u: of_states(*carried(y, c, u)),
             jump=lambda y, impulse: np.array(jump(y.tolist(), c, impulse)),
             jacobian=self.jacobian,
         )
@@ -293,7 +293,8 @@ class _Problem:
         for k in range(STATES):
             moved: list[complex] = y.tolist()
             moved[k] += 1j * _STEP
-            columns.append([complex(rate).imag for rate in _COMPLEX.rates(moved, self.c, u)])
+            rates = _COMPLEX.rates(*carried(moved, self.c, u, cmath))
+            columns.append([complex(rate).imag for rate in rates])
         return np.array(columns).T / _STEP
 
     def solution(self, method: str, rtol: float, most: int) -> Reference:
@@ -305,7 +306,9 @@ class _Problem:
         along = {
             "q": np.stack([*states[:5], d_n1, d_n2, *states[5:7]], axis=1),
             "p": np.stack([*states[9:], *tips], axis=1),
-            "multipliers": np.stack(_ROWS.multipliers(states, self.c, motion.u.T), axis=1),
+            "multipliers": np.stack(
+                _ROWS.multipliers(*carried(states, self.c, motion.u.T, np)), axis=1
+            ),
             "integral": motion.y[:, 7:9],
         }
         picked = np.searchsorted(motion.t, self.wanted)
