@@ -69,7 +69,7 @@ impl EventStepper<'_> {
 
     /// The inputs of an instant.
     pub(super) fn input(&self, tau: f64) -> Input<f64> {
-        f64::call(self.instructions, InputAt { drive: self.drive, tau })
+        f64::call(self.instructions, InputAt(self.drive, tau))
     }
 
     /// The geometry of a motion.
