@@ -24,7 +24,7 @@ use crate::model::control::Fingers;
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::drive::{Input, SegmentDrive};
 use crate::model::energy::Energies;
-use crate::model::forces::{Loads, Plant, no_finger_forces};
+use crate::model::forces::Plant;
 use crate::model::frame::FrameMotion;
 use crate::model::geometry::Geometry;
 use crate::model::inputs::{HandMotion, Inputs};
@@ -105,11 +105,10 @@ impl<R: Real> Balance<R> {
         let mut motion = Motion { q: coordinates(z), ..Motion::zero() };
         let geometry = Geometry::constrained(&plant.sides, &mut motion.q, &mut motion.p);
         let q = motion.q;
-        let none = no_finger_forces();
-        let moving = frame.map(|frame| plant.carried.loads(frame, &input.force, &q, &motion.p));
-        let loads = Loads::of(&input.force, &none, moving.as_ref());
+        let moving = frame.map(|own| plant.loads(own, &input.force, q.object, motion.p.object));
+        let applied = (input, moving.as_ref());
         // Driven fingers are held, so that the torques are left out again below.
-        let forces = plant.forces(false, plant.elastic(&geometry, &q), &geometry, &motion, (input, loads));
+        let forces = plant.forces(false, plant.elastic(&geometry, &q), &geometry, &motion, applied);
         // At rest the multipliers balance the resistances of the deformations.
         let multipliers = forces.resistance;
         let (applied, carried) = (forces.total(), geometry.phi_transposed_times(&multipliers));

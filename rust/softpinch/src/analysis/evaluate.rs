@@ -10,7 +10,7 @@ use crate::model::contact::Side;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::Coordinates;
 use crate::model::energy::Energies;
-use crate::model::forces::{Loads, Plant, no_finger_forces};
+use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
 use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
@@ -47,13 +47,11 @@ pub fn evaluate(
     let input = drive.at(0.0);
     let plant = Plant::<f64>::new(parameters, inputs.fingers(), inputs.moves());
     let Motion { q, p, .. } = motion;
-    let none = no_finger_forces();
-    let moving = drive.frame.map(|frame| plant.carried.loads(&frame.at(0.0), &input.force, q, p));
-    let loads = Loads::of(&input.force, &none, moving.as_ref());
+    let moving = drive.frame.map(|own| plant.loads(&own.at(0.0), &input.force, q.object, p.object));
     let geometry = Geometry::new(&plant.sides, q, p);
     let csm = Csm::new(plant, stabilization);
     let equations::Terms { forces, response, .. } =
-        csm.terms(plant.driven, (&input, loads), &Contacts::sticking(), motion, geometry);
+        csm.terms(plant.driven, (&input, moving.as_ref()), &Contacts::sticking(), motion, geometry);
     let Response { multipliers, acceleration: accelerations, .. } = response;
     let [right, left] = forces.elastic;
     let elastic = vector(

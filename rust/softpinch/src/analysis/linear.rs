@@ -184,13 +184,15 @@ pub fn linearize(
     t: f64,
     motion: &Motion<f64>,
 ) -> Result<LinearModel, Error> {
-    let problem = Problem::new(parameters, inputs, setting, t, motion)?;
+    let mut problem = Problem::new(parameters, inputs, setting, t, motion)?;
     let system = problem.equations(parameters);
     let (states, y) = (problem.states(&system), system.begin(&problem.motion));
     let input = problem.drive.at(0.0_f64);
     let driven = problem.choice.fingers == Fingers::Driven;
     let frame = problem.drive.frame.as_ref().map_or_else(FrameMotion::still, |frame| frame.at(0.0));
     let values = list(&input, &frame, driven);
+    // The weights are forces of the motion, which may be that of a hand at rest.
+    problem.choice.moves = true;
     let tangent = problem.tangent(parameters);
 
     let all = states + values.len();
@@ -241,8 +243,7 @@ fn list(input: &Input<f64>, frame: &FrameMotion<f64>, driven: bool) -> Vec<f64> 
         values.extend(input.target_rate);
         values.extend(input.target_acceleration);
     }
-    values.extend(input.force);
-    values.extend(frame.acceleration);
+    values.extend(input.force.iter().chain(&frame.acceleration));
     values
 }
 

@@ -359,7 +359,7 @@ impl<R: Lanes> LaneTask<R> for Pass<'_, '_, R> {
             // The angles of driven fingers are those of the instant to which the impulse moves.
             let mut impulse = std::array::from_fn(component);
             if let Some(frame) = &drive.frame {
-                [impulse[0], impulse[1]] = frame.at(by).into_hand([impulse[0], impulse[1]]);
+                [impulse[0], impulse[1]] = frame.motion(by).into_hand([impulse[0], impulse[1]]);
             }
             run.equations.system.jump(&drive.at(by), y, &impulse);
             run.carry((&input, drive), y, -by);

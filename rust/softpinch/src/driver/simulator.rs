@@ -144,10 +144,9 @@ impl Simulator {
         interrupted: &dyn Fn() -> bool,
     ) -> Result<bool, Error> {
         let Self { options, dt, period, environments, runs, pool } = self;
-        for (name, rows, needed) in
-            [("actions", targets, true), ("acceleration", accelerations, !accelerations.is_empty())]
-        {
-            if needed && rows.len() != environments.len() {
+        let given = [("actions", targets), ("acceleration", accelerations)];
+        for (name, rows) in given.into_iter().take(1 + usize::from(!accelerations.is_empty())) {
+            if rows.len() != environments.len() {
                 let (found, rule) = (format!("{} rows", rows.len()), "must have one for each run");
                 return Err(Error::Shape { field: name.to_owned(), found, rule });
             }
@@ -159,8 +158,8 @@ impl Simulator {
             run.outcome = None;
             if environment.observed.status.is_none() {
                 run.end = environment.next(*period);
-                let (target, force, acceleration) =
-                    (targets[k], environment.force, accelerations.get(k).copied());
+                let (target, force) = (targets[k], environment.force);
+                let acceleration = accelerations.get(k).copied();
                 environment.scene.inputs.hold(Some(Held { target, force, acceleration }));
             }
         }

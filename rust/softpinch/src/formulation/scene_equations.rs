@@ -17,16 +17,15 @@ use crate::formulation::table::Formulation;
 use crate::formulation::unilateral::Unilateral;
 use crate::model::contact_modes::{ContactModel, Contacts};
 use crate::model::control::Fingers;
-use crate::model::coordinates::Coordinates;
 use crate::model::drive::{Input, SegmentDrive, SegmentFrame};
-use crate::model::energy::{Energies, work};
-use crate::model::forces::{Loads, Plant, no_finger_forces};
-use crate::model::frame::{Carried, FrameLoads, FrameMotion};
+use crate::model::energy::Energies;
+use crate::model::forces::{Applied, Plant};
+use crate::model::frame::{FrameLoads, FrameMotion};
 use crate::model::motion::Motion;
 use crate::model::parameters::Stabilization;
 use crate::model::source::Source;
 use crate::number::dual::Dual;
-use crate::number::lanes::{LaneTask, Lanes};
+use crate::number::lanes::{LaneTask, Lanes, Lift};
 use crate::number::real::Real;
 use crate::number::simd::level::Instructions;
 
@@ -150,7 +149,8 @@ fn copy_computed<R: Real, E: Equations<R>>(
         let states = E::states(driven);
         rate[..states].copy_from_slice(&found[..states]);
         if ledger {
-            let works = states..states + E::WORKS;
+            // That of the hand's motion is zero if there is none.
+            let works = states..states + E::WORKS + 1;
             rate[works.clone()].copy_from_slice(&found[works]);
         }
     });
@@ -182,11 +182,11 @@ macro_rules! task {
 pub(super) fn evaluate_into<R: Lanes, E: Equations<R>>(
     equations: &E,
     (driven, ledger): (bool, bool),
-    (input, loads, contacts): (&Input<R>, Loads<'_, R>, &Contacts<R>),
+    (applied, contacts): (Applied<'_, R>, &Contacts<R>),
     y: &States<R>,
     now: &mut Evaluation<R>,
 ) {
-    let found = equations.evaluate(driven, (input, loads), contacts, y, ledger);
+    let found = equations.evaluate(driven, applied, contacts, y, ledger);
     copy_computed::<R, E>((driven, ledger), &mut now.rate, &found.rate);
     now.motion = found.motion;
     now.multipliers = found.multipliers;
@@ -205,7 +205,7 @@ pub(super) fn evaluate_into<R: Lanes, E: Equations<R>>(
 pub(super) fn rates_into<R: Lanes, E: Equations<R>>(
     equations: &E,
     (driven, ledger): (bool, bool),
-    (input, loads, contacts): (&Input<R>, Loads<'_, R>, &Contacts<R>),
+    (applied, contacts): (Applied<'_, R>, &Contacts<R>),
     at: StageState<'_, R>,
     rate: &mut States<R>,
 ) {
@@ -216,7 +216,7 @@ pub(super) fn rates_into<R: Lanes, E: Equations<R>>(
             y[n] = along[n].mul_add(by, from[n]);
         }
     });
-    let found = equations.evaluate(driven, (input, loads), contacts, &y, ledger).rate;
+    let found = equations.evaluate(driven, applied, contacts, &y, ledger).rate;
     copy_computed::<R, E>((driven, ledger), rate, &found);
 }
 
@@ -237,65 +237,57 @@ macro_rules! for_fingers_of {
 task! {
     Evaluate(drive: &'a SegmentDrive<R>, tau: R, moving: Option<&'a FrameLoads<R>>, y: &'a States<R>, now: &'a mut Evaluation<R>, ledger: bool) -> (),
     equations => for_fingers_of!(equations, driven [R::ORDER < 2] => {
-        let (input, none) = (drive.at(tau), no_finger_forces());
-        let loads = Loads::of(&input.force, &none, moving);
-        evaluate_into(equations, (driven, ledger), (&input, loads, &drive.contacts), y, now);
+        evaluate_into(equations, (driven, ledger), ((&drive.at(tau), moving), &drive.contacts), y, now);
     })
 }
 task! {
     Rates(input: &'a Input<R>, moving: Option<&'a FrameLoads<R>>, contacts: &'a Contacts<R>, from: &'a States<R>, by: R, along: &'a States<R>, rate: &'a mut States<R>, ledger: bool) -> (),
     equations => for_fingers_of!(equations, driven [R::ORDER < 2] => {
-        let none = no_finger_forces();
-        let loads = Loads::of(&input.force, &none, moving);
-        rates_into(equations, (driven, ledger), (input, loads, contacts), StageState { from, by, along }, rate);
+        rates_into(equations, (driven, ledger), ((input, moving), contacts), StageState { from, by, along }, rate);
     })
 }
 
 /// Computes the inputs of an instant.
-pub(crate) struct InputAt<'a, R> {
-    pub(crate) drive: &'a SegmentDrive<R>,
-    pub(crate) tau: R,
-}
+pub(crate) struct InputAt<'a, R>(pub(crate) &'a SegmentDrive<R>, pub(crate) R);
 
 impl<R: Lanes> LaneTask<R> for InputAt<'_, R> {
     type Output = Input<R>;
 
     #[inline(always)]
     fn run(self) -> Input<R> {
-        self.drive.at(self.tau)
+        self.0.at(self.1)
     }
 }
 
 /// Computes the forces of the hand's motion at a stage.
-struct Load<'a, R> {
-    carried: &'a Carried<R>,
-    driven: bool,
-    degrees: usize,
-    frame: &'a FrameMotion<R>,
-    input: &'a Input<R>,
-    at: StageState<'a, R>,
+struct Load<'a, R, T> {
+    frame: &'a SegmentFrame<R>,
+    /// The plant, and the number of coordinates among the states.
+    plant: (&'a Plant<T>, usize),
+    input: &'a Input<T>,
+    at: StageState<'a, T>,
 }
 
-impl<R: Lanes> LaneTask<R> for Load<'_, R> {
-    type Output = FrameLoads<R>;
+impl<R: Lanes, T: Lift<R>> LaneTask<T> for Load<'_, R, T> {
+    type Output = FrameLoads<T>;
 
     #[inline(always)]
-    fn run(self) -> FrameLoads<R> {
-        let Self { carried, driven, degrees, frame, input, at } = self;
-        let (mut q, mut p) = (Coordinates::zero(), Coordinates::zero());
-        let StageState { from, by, along } = at;
+    fn run(self) -> FrameLoads<T> {
+        let Self { frame, plant: (plant, degrees), input, at: StageState { from, by, along } } = self;
+        let (mut q, mut p) = ([T::zero(); 3], [T::zero(); 3]);
         for n in 0..3 {
-            q.object[n] = along[n].mul_add(by, from[n]);
-            p.object[n] = along[degrees + n].mul_add(by, from[degrees + n]);
+            q[n] = along[n].mul_add(by, from[n]);
+            p[n] = along[degrees + n].mul_add(by, from[degrees + n]);
         }
-        (q.finger, p.finger) = (input.target, input.target_rate);
-        if !driven {
-            for n in 3..5 {
-                q.finger[n - 3] = along[n].mul_add(by, from[n]);
-                p.finger[n - 3] = along[degrees + n].mul_add(by, from[degrees + n]);
-            }
-        }
-        carried.loads(frame, &input.force, &q, &p)
+        plant.loads(&frame.motion(input.tau), &input.force, q, p)
+    }
+}
+
+impl<R: Lanes, T: Lift<R>> Load<'_, R, T> {
+    /// Calls it, so that equations of a hand at rest have little code for it.
+    #[inline(never)]
+    fn loads(self) -> FrameLoads<T> {
+        T::call(self.frame.instructions, self)
     }
 }
 
@@ -340,27 +332,6 @@ impl<R: Lanes> SceneEquations<R> {
 
 /// The equations of a hand that moves. They are called, so that equations of a hand at rest have little code for it.
 impl<R: Lanes> SceneEquations<R> {
-    /// The forces of this motion.
-    #[inline(never)]
-    fn loads(&self, frame: &FrameMotion<R>, input: &Input<R>, at: StageState<'_, R>) -> FrameLoads<R> {
-        let load = with!(self.kind, equations [R::ORDER == 0] => {
-            let Plant { carried, driven, .. } = equations.plant();
-            Load { carried, driven: *driven, degrees: self.size().degrees, frame, input, at }
-        });
-        R::call(self.instructions, load)
-    }
-
-    /// Writes the powers of the external force and of the hand's motion, which the equations add up, if the ledger is
-    /// carried.
-    #[inline(never)]
-    fn book(&self, rate: &mut States<R>, loads: &FrameLoads<R>) {
-        let Size { states, works, .. } = self.size();
-        if works > 0 {
-            rate[states + work::EXTERNAL] = loads.external;
-            rate[states + works - 1] = loads.motion;
-        }
-    }
-
     #[cold]
     #[inline(never)]
     fn rates_moving(
@@ -372,12 +343,11 @@ impl<R: Lanes> SceneEquations<R> {
         rate: &mut States<R>,
     ) {
         let Self { instructions, ledger, .. } = *self;
-        let loads = self.loads(&frame.at(input.tau), input, StageState { from, by, along });
-        let moving = Some(&loads);
         with!(self.kind, equations [R::ORDER == 0] => {
+            let plant = (equations.plant(), self.size().degrees);
+            let moving = Some(&Load { frame, plant, input, at: StageState { from, by, along } }.loads());
             R::call(instructions, Rates { equations, input, moving, contacts, from, by, along, rate, ledger });
         });
-        self.book(rate, &loads);
     }
 
     #[cold]
@@ -390,13 +360,12 @@ impl<R: Lanes> SceneEquations<R> {
         now: &mut Evaluation<R>,
     ) {
         let Self { instructions, ledger, .. } = *self;
-        let input = R::call(instructions, InputAt { drive, tau });
-        let loads = self.loads(&frame.at(tau), &input, StageState { from: y, by: R::zero(), along: y });
-        let moving = Some(&loads);
+        let input = &R::call(instructions, InputAt(drive, tau));
         with!(self.kind, equations [R::ORDER == 0] => {
+            let (plant, by) = ((equations.plant(), self.size().degrees), R::zero());
+            let moving = Some(&Load { frame, plant, input, at: StageState { from: y, by, along: y } }.loads());
             R::call(instructions, Evaluate { equations, drive, tau, moving, y, now, ledger });
         });
-        self.book(&mut now.rate, &loads);
     }
 }
 
@@ -484,7 +453,6 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
 
 /// Computes a Jacobian in sweeps, each with `W` directions.
 struct Sweeps<'a, R, E, const W: usize> {
-    system: &'a Tangent<R, W>,
     equations: &'a E,
     drive: &'a SegmentDrive<R>,
     tau: R,
@@ -498,7 +466,7 @@ impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<Dual<R, W>> fo
 
     #[inline(always)]
     fn run(self) {
-        let Self { system, equations, drive, tau, y, ledger, jacobian } = self;
+        let Self { equations, drive, tau, y, ledger, jacobian } = self;
         let contacts = drive.contacts.lifted();
         for_fingers_of!(equations, driven [R::WIDTH > 1 || !E::UNILATERAL] => {
             let size = size_of(equations, driven, ledger);
@@ -512,19 +480,15 @@ impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<Dual<R, W>> fo
                 }
                 let tau = Dual::variable(tau, states.wrapping_sub(first));
                 let input = drive.at(tau);
-                let (mut force, mut fingers, mut moving) = (input.force, no_finger_forces(), None);
+                let mut moving = None;
                 if let Some(frame) = &drive.frame {
                     // Only copies are passed on, so that states and inputs of a hand at rest stay in registers.
-                    let (state, instant) = (duals, input);
+                    let (state, input, plant) = (duals, &{ input }, (equations.plant(), size.degrees));
                     let at = StageState { from: &state, by: Dual::zero(), along: &state };
-                    let own = system.loads(&frame.at(tau), &instant, at);
-                    (force, fingers, moving) = (own.force, own.fingers, Some(own));
+                    moving = Some(Load { frame, plant, input, at }.loads());
                 }
-                let loads = Loads { force: &force, fingers: &fingers };
-                let mut rate = equations.evaluate(driven, (&input, loads), &contacts, &duals, ledger).rate;
-                if let Some(loads) = &moving {
-                    system.book(&mut rate, loads);
-                }
+                let applied = (&input, moving.as_ref());
+                let rate = equations.evaluate(driven, applied, &contacts, &duals, ledger).rate;
                 for n in 0..all {
                     jacobian.rows[n][first..first + W].copy_from_slice(&rate[n].slope);
                 }
@@ -538,7 +502,7 @@ impl<R: Lanes, const W: usize> Linear<R> for Tangent<R, W> {
     fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>) {
         let Self { instructions, ledger, .. } = *self;
         with!(self.kind, equations => {
-            Dual::call(instructions, Sweeps { system: self, equations, drive, tau, y, ledger, jacobian });
+            Dual::call(instructions, Sweeps::<R, _, W> { equations, drive, tau, y, ledger, jacobian });
         });
     }
 }
@@ -555,18 +519,20 @@ impl<R: Lanes, const W: usize> Tangent<R, W> {
     ) -> Option<Evaluation<Dual<R, W>>> {
         match &self.kind {
             EquationKind::Nullspace(equations) => {
-                let loads = &self.loads(frame, input, StageState { from: y, by: Dual::zero(), along: y });
-                Some(Dual::call(self.instructions, Seeded { equations, input, loads, y }))
+                Some(Dual::call(self.instructions, Seeded { equations, input, frame, y }))
             }
             _ => None,
         }
     }
 }
 task! {
-    Seeded(input: &'a Input<R>, loads: &'a FrameLoads<R>, y: &'a States<R>) -> Evaluation<R>,
+    Seeded(input: &'a Input<R>, frame: &'a FrameMotion<R>, y: &'a States<R>) -> Evaluation<R>,
     equations => {
-        let loads = Loads { force: &loads.force, fingers: &loads.fingers };
-        equations.evaluate(equations.plant().driven, (input, loads), &Contacts::sticking(), y, false)
+        let (plant, driven) = (equations.plant(), equations.plant().driven);
+        let first = E::degrees(driven);
+        let (pose, rates) = ([y[0], y[1], y[2]], [y[first], y[first + 1], y[first + 2]]);
+        let moving = plant.loads(frame, &input.force, pose, rates);
+        equations.evaluate(driven, (input, Some(&moving)), &Contacts::sticking(), y, false)
     }
 }
 

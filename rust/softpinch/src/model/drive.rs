@@ -69,7 +69,7 @@ pub(crate) struct SegmentFrame<R> {
     pub(super) swings: bool,
     /// Whether the tilt changes in any lane.
     pub(super) turns: bool,
-    pub(super) instructions: Instructions,
+    pub(crate) instructions: Instructions,
 }
 
 impl<R: Lanes> SegmentFrame<R> {
@@ -107,49 +107,53 @@ impl<R: Lanes> SegmentFrame<R> {
     }
 }
 
-/// The motion of the hand at an instant. It is called, because so many places need it.
-struct FrameAt<'a, R, T> {
-    frame: &'a SegmentFrame<R>,
-    tau: T,
-}
+/// Computes the motion of the hand at an instant.
+struct FrameAt<'a>(&'a SegmentFrame<f64>, f64);
 
-impl<R: Lanes, T: Lift<R>> LaneTask<T> for FrameAt<'_, R, T> {
-    type Output = FrameMotion<T>;
+impl LaneTask<f64> for FrameAt<'_> {
+    type Output = FrameMotion<f64>;
 
     #[inline(always)]
-    fn run(self) -> FrameMotion<T> {
-        let Self { frame: segment, tau } = self;
-        let [x, y, tilt] = &segment.channels;
-        let mut acceleration = [T::zero(); 2];
-        for k in (0..=segment.degree.min(MAX_DEGREE)).rev() {
+    fn run(self) -> FrameMotion<f64> {
+        self.0.motion(self.1)
+    }
+}
+
+impl SegmentFrame<f64> {
+    /// The motion at time `tau` since the segment's start.
+    pub(crate) fn at(&self, tau: f64) -> FrameMotion<f64> {
+        f64::call(self.instructions, FrameAt(self, tau))
+    }
+}
+
+impl<R: Lanes> SegmentFrame<R> {
+    /// The motion at time `tau` since the segment's start, compiled with the instructions of the caller.
+    #[inline(always)]
+    pub(crate) fn motion<T: Lift<R>>(&self, tau: T) -> FrameMotion<T> {
+        let [x, y, tilt] = &self.channels;
+        let (zero, mut acceleration) = (T::zero(), [T::zero(); 2]);
+        for k in (0..=self.degree.min(MAX_DEGREE)).rev() {
             acceleration =
                 [acceleration[0].mul_add(tau, T::lift(x[k])), acceleration[1].mul_add(tau, T::lift(y[k]))];
         }
-        if !(segment.swings | segment.turns) {
-            let [sin, cos] = segment.direction.map(T::lift);
+        if !(self.swings | self.turns) {
+            let [sin, cos] = self.direction.map(T::lift);
             return FrameMotion::new(acceleration, (sin, cos), None);
         }
         let series = value_and_rates(tilt, MAX_DEGREE, tau);
-        let omega = T::lift(segment.wave.omega);
-        let (sin, cos) = omega.mul_add(tau, T::lift(segment.wave.phase)).sin_cos();
-        let [x, y, tilt] = segment.wave.amplitude;
+        let omega = T::lift(self.wave.omega);
+        let phase = omega.mul_add(tau, T::lift(self.wave.phase));
+        let (sin, cos) = if self.swings { phase.sin_cos() } else { (zero, zero) };
+        let [x, y, tilt] = self.wave.amplitude;
         let swing = T::lift(tilt);
         let phi = swing.mul_add(sin, series[0]);
-        let turning = segment.turns.then(|| {
+        let turning = self.turns.then(|| {
             let rate = (omega * swing).mul_add(cos, series[1]);
             [rate, (omega * omega * swing).neg_mul_add(sin, series[2])]
         });
         let acceleration =
             [T::lift(x).mul_add(sin, acceleration[0]), T::lift(y).mul_add(sin, acceleration[1])];
         FrameMotion::new(acceleration, phi.sin_cos(), turning)
-    }
-}
-
-impl<R: Lanes> SegmentFrame<R> {
-    /// The motion at time `tau` since the segment's start.
-    #[inline(never)]
-    pub(crate) fn at<T: Lift<R>>(&self, tau: T) -> FrameMotion<T> {
-        T::call(self.instructions, FrameAt { frame: self, tau })
     }
 }
 

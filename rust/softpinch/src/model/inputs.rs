@@ -191,13 +191,8 @@ impl Inputs {
         self.frame.is_some()
     }
 
-    /// The motion of the hand's frame at time `t`.
-    pub fn frame_at(&self, t: f64) -> FrameMotion<f64> {
-        self.frame_from(t).map_or_else(FrameMotion::still, |frame| frame.at(0.0))
-    }
-
     /// The motion of the hand's frame in the segment from `anchor` on, if it moves.
-    fn frame_from(&self, anchor: f64) -> Option<SegmentFrame<f64>> {
+    pub(crate) fn frame_from(&self, anchor: f64) -> Option<SegmentFrame<f64>> {
         let acceleration = self.held.and_then(|held| held.acceleration);
         self.frame.as_ref().map(|frame| {
             let mut frame = frame.segment(anchor, acceleration);
@@ -309,11 +304,9 @@ impl Inputs {
     /// The impulses at exactly `time`, along the hand's axes.
     pub fn impulses_at(&self, time: f64) -> impl Iterator<Item = [f64; 3]> {
         self.fixed_impulses_at(time).map(move |impulse| {
-            if self.frame.is_none() {
-                return impulse;
-            }
+            let Some(frame) = self.frame_from(time) else { return impulse };
             let [x, y, moment] = impulse;
-            let [x, y] = self.frame_at(time).into_hand([x, y]);
+            let [x, y] = frame.at(0.0).into_hand([x, y]);
             [x, y, moment]
         })
     }

@@ -65,7 +65,7 @@ impl EventStepper<'_> {
     }
 
     pub(super) fn input(&self, tau: f64) -> Input<f64> {
-        f64::call(self.instructions, InputAt { drive: self.drive, tau })
+        f64::call(self.instructions, InputAt(self.drive, tau))
     }
 
     pub(super) fn geometry(&self, motion: &Motion<f64>) -> Geometry<f64> {

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use crate::error::Error;
 use crate::formulation::equations::Evaluation;
 use crate::model::controller_state::{ControllerState, Kept, Measured, Scratch};
+use crate::model::frame::FrameMotion;
 use crate::model::inputs::Sampled;
 use crate::model::measures::Measure;
 use crate::model::sampled::SampledController;
@@ -86,7 +87,8 @@ impl LaneController {
             let found = LaneContact::first_multipliers(how.0, how.1, scene, drive, h);
             multipliers = found.unwrap_or(multipliers);
         }
-        let frame = (scene.inputs.frame_at(t), scene.parameters.surroundings.gravity);
+        let frame = scene.inputs.frame_from(t).map_or_else(FrameMotion::still, |frame| frame.at(0.0));
+        let frame = (frame, scene.parameters.surroundings.gravity);
         let target = scene.inputs.target(t);
         let seen = Measured { motion: &motion, multipliers: &multipliers, target, frame };
         self.keep(t);
