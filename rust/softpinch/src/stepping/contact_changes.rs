@@ -210,6 +210,13 @@ impl EventStepper<'_> {
         let before = *place;
         let mut motion = self.motion(place);
         let energy = self.energy(&motion);
+        // Nothing holds the surface of a tip that grazes along the face: one that stuck before may slip by now.
+        let rates = self.geometry(&motion).constraint_velocity();
+        for (i, contact) in self.run.contacts.iter_mut().enumerate() {
+            if contact.mode == Mode::Graze && contact.slip.is_none() {
+                contact.slip = Slip::of(rates[2 + i], 0.0);
+            }
+        }
         self.absorb(&mut motion);
         self.book(place, work::CONSTRAINT, self.energy(&motion) - energy);
         self.store(place, &motion);
