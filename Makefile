@@ -64,6 +64,7 @@ figures: build ## Make the pictures of README and docs again
 	$(BIN)/python examples/10_fit.py docs/figures/fit.png
 	$(BIN)/python examples/11_smooth_move.py docs/figures/smooth_move.png
 	$(BIN)/python examples/12_softest_tip.py docs/figures/softest_tip.png
+	$(BIN)/python examples/13_carried_by_an_arm.py docs/figures/carried_by_an_arm.png
 
 # Every warning is an error; --keep-going shows all of them.
 SITE := $(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going --nitpicky --fresh-env --quiet docs build/docs
@@ -148,11 +149,13 @@ format: $(VENV)/.dev ## Format Rust and Python
 bench: build ## Time the lone run beside SciPy
 	$(BIN)/python benchmarks/single_run.py
 
-# Without a Fortran compiler numbalsoda is left out, and the benchmark says so. The ensembles' peer
-# in C++ is measured with g++ and with clang++, whichever is installed.
+# Without a Fortran compiler numbalsoda is left out, as is Drake where it has no wheel, and the
+# benchmarks say so. The ensembles' peer in C++ is measured with g++ and with clang++, whichever is
+# installed.
 $(VENV)/.peers: $(VENV)/.dev
 	$(BIN)/python -m pip install --quiet --group peers
 	-$(BIN)/python -m pip install --quiet --group peers-fortran
+	-$(BIN)/python -m pip install --quiet --group peers-drake
 	@touch $@
 
 .PHONY: bench-integrators
@@ -171,6 +174,10 @@ bench-contact: build $(VENV)/.peers ## Time unilateral beside bilateral contact,
 .PHONY: bench-creep
 bench-creep: build $(VENV)/.peers ## Hold a grasp for 1000 s beside MuJoCo, and see which one creeps
 	$(BIN)/python benchmarks/creep.py
+
+.PHONY: bench-carry
+bench-carry: build $(VENV)/.peers ## Move a grasp 1000 times back and forth beside MuJoCo and Drake, and see what slides out
+	$(BIN)/python benchmarks/carry.py
 
 .PHONY: bench-stepping
 bench-stepping: build $(VENV)/.peers ## Time stepping from outside beside MuJoCo, and write docs/control.md's tables again

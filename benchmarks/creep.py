@@ -89,18 +89,34 @@ def ours(share: float, options: dict[str, Any], duration: float) -> Crept:
     return Crept(moved, float(held.t[-1] - start.time), False, spent)
 
 
-def pinch(options: dict[str, str], time_constant: float) -> str:
-    """A cube between two balls on position-driven fingers, in a plane, as MJCF."""
-    attributes = " ".join(f'{name}="{value}"' for name, value in options.items())
+def pinch(options: dict[str, str], time_constant: float, carriage: float = 0.0) -> str:
+    """A cube between two balls on position-driven fingers, in a plane, as MJCF.
+
+    Args:
+        options: Attributes of MJCF's `option`.
+        time_constant: Of the contacts, s.
+        carriage: Mass of the body, kg, that carries the fingers and is driven by a force along
+            each axis; 0 fixes them.
+    """
+    settings = {"integrator": "implicitfast", **options}
+    attributes = " ".join(f'{name}="{value}"' for name, value in settings.items())
     tips = "".join(
         f'<body pos="{-s * (FACE / 2 + 0.02)} 0 0">'
         f'<joint name="{name}" type="slide" axis="{s} 0 0"/>'
         '<geom type="sphere" size="0.02" mass="0.1"/></body>'
         for name, s in (("right", -1), ("left", 1))
     )
+    drives = ""
+    if carriage:
+        slides = (
+            '<joint name="x" type="slide" axis="1 0 0"/><joint name="z" type="slide" axis="0 0 1"/>'
+        )
+        inertia = f'<inertial pos="0 0 0" mass="{carriage}" diaginertia="1 1 1"/>'
+        tips = f"<body>{slides}{inertia}{tips}</body>"
+        drives = '<motor joint="x"/><motor joint="z"/>'
     return f"""
     <mujoco>
-      <option timestep="{STEP}" gravity="0 0 -{GRAVITY}" integrator="implicitfast" {attributes}/>
+      <option timestep="{STEP}" gravity="0 0 -{GRAVITY}" {attributes}/>
       <default>
         <geom friction="{FRICTION} 0 0" condim="3" solref="{time_constant} 1"/>
       </default>
@@ -115,6 +131,7 @@ def pinch(options: dict[str, str], time_constant: float) -> str:
       <actuator>
         <position joint="right" kp="{STIFFNESS}" kv="30"/>
         <position joint="left" kp="{STIFFNESS}" kv="30"/>
+        {drives}
       </actuator>
     </mujoco>"""
 

@@ -119,7 +119,7 @@ def core_stepped(scene: sp.Scene, held: Floats) -> Work:
 
     def work() -> None:
         for right, left in pairs:
-            step(right, left)
+            step(right, left, None)
 
     return Work("the same without its Python: the core's step", sim.reset, work, len(held))
 
@@ -191,7 +191,7 @@ def many(scene: sp.Scene, actions: Floats, threads: int, by_core: bool = False) 
 
     def core_work() -> None:
         for action in actions:
-            sims._core.step_all(action, arrays)
+            sims._core.step_all(action, None, arrays)
 
     if by_core:
         name = f"{n} environments, without its Python"

@@ -137,7 +137,7 @@ MUTANTS = (
         "recording or symmetry",
     ),
     Mutant(
-        "stepping/place.rs",
+        "stepping/equal_lanes.rs",
         "let struck = first == 0 && scene",
         "let struck = first == 0 && start > scene.initial.time && scene",
         "impulse",
@@ -201,7 +201,7 @@ MUTANTS = (
         CARGO,
     ),
     Mutant(
-        "stepping/inside_step.rs",
+        "stepping/adaptive_lanes.rs",
         "system.correct(&lanes.batch.drive, since, &mut between);",
         "",
         "methods",
@@ -299,8 +299,8 @@ MUTANTS = (
         "z.mul_add(c(1.0 / 9.0), c(1.0 / 6.0))",
         CARGO,
     ),
-    Mutant("method/stability.rs", "|| rate.re > 0.0 {", "{", CARGO),
-    Mutant("method/stability.rs", "growth > 1.0 + 2.0 * ROUND_OFF", "growth > 1.1", CARGO),
+    Mutant("method/table.rs", "|| rate.re > 0.0 {", "{", CARGO),
+    Mutant("method/table.rs", "growth > 1.0 + 2.0 * ROUND_OFF", "growth > 1.1", CARGO),
     Mutant("stepping/grid.rs", "h: self.h / f64::from(refine)", "h: self.h", CARGO),
     Mutant(
         "stepping/adaptive.rs",
@@ -440,19 +440,19 @@ MUTANTS = (
         "test_sampled",
     ),
     Mutant(
-        "driver/environment.rs",
+        "driver/simulator.rs",
         "let next = periods * period + self.origin;",
         "let next = self.observed.t + period;",
         "test_simulator",
     ),
     Mutant(
-        "driver/environment.rs",
+        "driver/simulator.rs",
         "let goes_on = status == Status::Completed && until < self.span.end;",
         "let goes_on = status == Status::Completed;",
         "test_simulator",
     ),
     Mutant(
-        "driver/environment.rs",
+        "driver/simulator.rs",
         "*grid = (state.time, 0);",
         "let _ = grid;",
         "test_simulator",

@@ -25,6 +25,7 @@ import numpy as np
 
 from .scene import Finger, Fingertip, GraspedObject, Hand, Pid, outline, usual
 from .scene.disturbance import DISTURBANCES, Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
+from .scene.motion import MOTIONS, HandMotion
 from .scene.scene import Scene, State
 from .scene.schedule import HOLDS, KINDS, Schedule
 from .scene.stabilization import Stabilization
@@ -40,6 +41,8 @@ from hypothesis.strategies import DrawFn, SearchStrategy  # noqa: E402
 T = TypeVar("T")
 # Both finger angles in the paper's operation 1, degrees.
 _HELD = 6.0
+# About the distance of the object from the hand's origin, m, and the largest tilt at rest, rad.
+_ARM, _TILT = 0.1, 0.5
 
 
 @st.composite
@@ -244,6 +247,46 @@ def disturbances(
     return Step(time=time, force=push, moment=turn)
 
 
+@st.composite
+def motions(
+    draw: DrawFn,
+    duration: float = 1.0,
+    acceleration: float = 5.0,
+    kinds: Sequence[str] = tuple(MOTIONS),
+) -> HandMotion:
+    """Motions of the hand; examples shrink to one that stays at the origin.
+
+    Args:
+        duration: Duration of the scene, s; most times of a motion lie within it.
+        acceleration: Largest component of an acceleration, m/s^2; where the hand turns, that at
+            0.1 m from its origin, if it turned from rest.
+        kinds: Possible kinds, which are names in `motion.MOTIONS`.
+    """
+    kind, pair = draw(st.sampled_from(list(kinds))), st.tuples(*[_within(acceleration)] * 2)
+    if kind == "constant":
+        return HandMotion.constant(draw(pair), draw(_within(_TILT)))
+    if kind == "sine":
+        frequency = draw(_scaled(2.0 / duration, 1.0))
+        axis = draw(st.one_of(st.sampled_from(["x", "y", "tilt"]), _within(math.pi)))
+        amplitude = acceleration / (math.tau * frequency) ** 2 / (_ARM if axis == "tilt" else 1.0)
+        phase, tilt = draw(_within(math.pi)), draw(_within(_TILT))
+        return HandMotion.sine(draw(_within(amplitude)), frequency, axis, phase, tilt)
+    times = draw(_times(duration, 4))
+    shortest = min(np.diff(times), default=duration)
+    # Each kind of move reaches points within this distance, m, in the shortest time.
+    reach = acceleration * shortest**2 / 16.0
+    turns = st.lists(_within(reach / _ARM), min_size=len(times), max_size=len(times))
+    more: dict[str, Any] = {"tilts": draw(st.one_of(st.just(0.0), turns))}
+    if kind == "sampled" and draw(st.booleans()):
+        return HandMotion.sampled(times, accelerations=[draw(pair) for _ in times], **more)
+    points = [draw(st.tuples(_within(reach), _within(reach))) for _ in times]
+    if kind in ("trapezoid", "jerk_limited"):
+        more |= {"acceleration": acceleration}
+    if kind == "jerk_limited":
+        more |= {"jerk": 32.0 * acceleration / shortest}
+    return getattr(HandMotion, kind)(times, points, **more)  # type: ignore[no-any-return]
+
+
 def _fitted(finger: Finger, tip: Fingertip, grasped: GraspedObject, angle: float) -> Finger:
     """Moves the finger's root so that at this angle its tip just touches the upright object."""
     across = outline.inward(finger, angle)
@@ -262,6 +305,7 @@ def scenes(
     largest_change: float = math.radians(10.0),
     fingers: Fingers = "pid",
     contact: ContactModel = "bilateral",
+    acceleration: float = 0.0,
 ) -> Scene:
     """Scenes whose start is valid: the tips touch or press the object, or close until they touch.
 
@@ -279,6 +323,7 @@ def scenes(
         fingers: "pid", or "driven", whose schedules are smooth and begin at the start's angles.
         contact: "bilateral"; or "unilateral", always with friction. Then a tip of "pid" fingers may
             also start with a gap of up to a tenth of its radius.
+        acceleration: The largest of the hand, m/s^2, as in `motions`; with 0 it stays at rest.
     """
     driven, unilateral = fingers == "driven", contact == "unilateral"
     hand = draw(hands(spread, symmetric))
@@ -320,6 +365,7 @@ def scenes(
         friction=draw(friction if unilateral else st.one_of(st.none(), friction)),
         fingers=fingers,
         contact=contact,
+        motion=draw(motions(duration, acceleration)) if acceleration else None,
     )
 
 

@@ -14,6 +14,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from .scene import outline
 from .scene.control import Pid
 from .scene.disturbance import Impulse
 from .scene.hand import Finger, Fingertip, GraspedObject, Hand
+from .scene.motion import HandMotion
 from .scene.scene import Scene, State
 from .scene.schedule import Schedule
 from .scene.stabilization import Stabilization
@@ -29,6 +31,8 @@ from .scene.stabilization import Stabilization
 _SHORT, _MEDIUM = 0.02, 0.1
 # I / M of the default object, m^2, which is that of a square of aluminium.
 _INERTIA = GraspedObject().inertia / GraspedObject().mass
+# A move whose jumps are on no grid of steps.
+_WHIRL = HandMotion.trapezoid([0.0213, 0.0717], [[0.0, 0.0], [0.15, 0.1]], 400.0, [0.0, -1.0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,25 +58,12 @@ class StressCase:
     long: bool = False
 
 
-def _held(
-    *,
-    tip: Fingertip = Fingertip(),  # noqa: B008, it is frozen
-    grasped: GraspedObject = GraspedObject(),  # noqa: B008, it is frozen
-    control: Pid = Pid(),  # noqa: B008, it is frozen
-    angle: float = 6.0,
-    duration: float,
-) -> Scene:
+def _held(angle: float = 6.0, **parts: Any) -> Scene:
     """Fingers that close from point contact: the right to `angle` degrees, the left to 0.8 of it.
 
     The angles differ so that no symmetry hides an error.
     """
-    return Scene(
-        hand=Hand(tip=tip),
-        grasped=grasped,
-        control=control,
-        schedule=Schedule.steps([0.0], np.deg2rad([[angle, 0.8 * angle]])),
-        duration=duration,
-    )
+    return Scene(schedule=Schedule.steps([0.0], np.deg2rad([[angle, 0.8 * angle]])), **parts)
 
 
 def _heavy(mass: float) -> GraspedObject:
@@ -106,14 +97,14 @@ def _swinging() -> Schedule:
 
 def _struck(x: float, y: float, angular: float) -> Scene:
     blow = Impulse(time=0.05, impulse=(x, y), angular_impulse=angular)
-    return replace(_held(duration=_MEDIUM), disturbances=[blow])
+    return _held(disturbances=[blow], duration=_MEDIUM)
 
 
 _ALL = (
     StressCase(
         name="near_rigid",
         why="E = 10 GPa: the tip is a spring that only just gives way, at kilohertz",
-        scene=_held(tip=Fingertip(youngs_modulus=1e10), duration=_SHORT),
+        scene=_held(hand=Hand(tip=Fingertip(youngs_modulus=1e10)), duration=_SHORT),
         dt=5e-4,
     ),
     StressCase(
@@ -132,7 +123,7 @@ _ALL = (
         name="overdamped",
         why="c = 1e4 N s/m on 1 g: rates die out in 1e-7 s, a thousandth of a step",
         scene=_held(
-            tip=Fingertip(normal_viscosity=1e4, tangential_viscosity=1e4),
+            hand=Hand(tip=Fingertip(normal_viscosity=1e4, tangential_viscosity=1e4)),
             grasped=GraspedObject(mass=1e-3),
             duration=_SHORT,
         ),
@@ -142,7 +133,8 @@ _ALL = (
         name="undamped",
         why="no viscosity: the tips ring on, and so does every error",
         scene=_held(
-            tip=Fingertip(normal_viscosity=0.0, tangential_viscosity=0.0), duration=_MEDIUM
+            hand=Hand(tip=Fingertip(normal_viscosity=0.0, tangential_viscosity=0.0)),
+            duration=_MEDIUM,
         ),
         dt=1e-4,
     ),
@@ -162,19 +154,19 @@ _ALL = (
     StressCase(
         name="barely_touching",
         why="compressed by micrometres, where a tip has next to no stiffness",
-        scene=replace(_held(angle=0.02, duration=_MEDIUM), gravity=0.0),
+        scene=_held(0.02, gravity=0.0, duration=_MEDIUM),
         dt=2e-4,
     ),
     StressCase(
         name="nearly_crushed",
         why="pressed to within millimetres of the whole radius, in a fraction of a second",
-        scene=_held(tip=Fingertip(youngs_modulus=3e4), angle=12.0, duration=_MEDIUM),
+        scene=_held(12.0, hand=Hand(tip=Fingertip(youngs_modulus=3e4)), duration=_MEDIUM),
         dt=2e-4,
     ),
     StressCase(
         name="crushed",
         why="tips so soft that the fingers press them flat: it ends, as a status",
-        scene=_held(tip=Fingertip(youngs_modulus=3e3), angle=25.0, duration=_MEDIUM),
+        scene=_held(25.0, hand=Hand(tip=Fingertip(youngs_modulus=3e3)), duration=_MEDIUM),
         dt=1e-4,
         end="crushed",
     ),
@@ -201,6 +193,12 @@ _ALL = (
         name="switching_every_step",
         why="targets that jump every 0.1 ms: no step is longer, and no history helps",
         scene=Scene(schedule=_swinging(), duration=_SHORT),
+        dt=1e-4,
+    ),
+    StressCase(
+        name="whirled",
+        why="a move of 0.18 m and 57 degrees in 50 ms: forces of forty weights, which jump",
+        scene=replace(_held(duration=_MEDIUM), motion=_WHIRL),
         dt=1e-4,
     ),
     StressCase(

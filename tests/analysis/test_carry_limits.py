@@ -55,6 +55,28 @@ def test_a_hand_without_inertia_of_its_fingers_bears_what_a_force_on_the_object_
     np.testing.assert_allclose(limits.limit, found, rtol=1e-9)
 
 
+def test_several_tilts_are_those_of_single_calls() -> None:
+    tilts = np.array([0.0, 0.4, 2.5])
+    limits = sp.carry_limits(YIELDING, SLANTED, tilt=tilts)
+    assert limits.limit.shape == limits.cause.shape == (3, 4)
+    assert isinstance(limits.equilibrium, tuple) and "weakest" in repr(limits)
+    for k, tilt in enumerate(tilts):
+        alone = sp.carry_limits(YIELDING, SLANTED, tilt=tilt)
+        np.testing.assert_array_equal(limits.limit[k], alone.limit)
+        np.testing.assert_array_equal(limits.cause[k], alone.cause)
+        assert limits.equilibrium[k] == alone.equilibrium and alone.tilt == tilt
+
+
+def test_without_gravity_the_limits_turn_with_the_hand() -> None:
+    weightless = replace(YIELDING, gravity=0.0)
+    tilt = 0.7
+    turn = np.array([[np.cos(tilt), np.sin(tilt)], [-np.sin(tilt), np.cos(tilt)]])
+    upright = sp.carry_limits(weightless, SLANTED)
+    turned = sp.carry_limits(weightless, np.array(SLANTED) @ turn, tilt=[tilt])
+    # The length of the steps, in which no-slip is integrated, depends on the direction.
+    np.testing.assert_allclose(turned.limit[0], upright.limit, rtol=1e-5)
+
+
 def test_an_equilibrium_in_a_tilted_hand_is_one_in_a_turned_gravity() -> None:
     tilt, g = 0.3, YIELDING.gravity
     tilted = sp.equilibrium(accelerated(YIELDING, (0.0, 0.0), tilt))

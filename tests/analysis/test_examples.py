@@ -95,3 +95,20 @@ def test_the_softest_tip_holds_as_often_as_it_should(tmp_path: Path) -> None:
     # With softer tips too few hold, with stiffer ones more than needed.
     assert highs[middle - 2] < 99.9 < lows[middle + 2]
     assert shares[0] == min(shares)
+
+
+def test_a_move_is_as_long_as_it_has_to_be(tmp_path: Path) -> None:
+    """By draws that the search has not seen, with half the step."""
+    printed = run_example("13_carried_by_an_arm.py", tmp_path, "--quick")
+    peak, known = map(float, re.findall(r"fastest move: ([\d.]+) m/s\^2.*: ([\d.]+) s", printed)[0])
+    # The peak of a move by minimum jerk over 0.5 m.
+    assert peak == pytest.approx(10.0 / 3.0**0.5 * 0.5 / known**2, rel=0.01)
+    safe, soonest, latest = map(
+        float, re.findall(r"99.9 %: ([\d.]+) s, .* ([\d.]+) to ([\d.]+) s", printed)[0]
+    )
+    assert known < 0.2 < soonest <= safe <= latest < 0.36
+    (others,) = re.findall(r"half the step: ([\d.]+) \(95 %: ([\d.]+) to ([\d.]+)\)", printed)
+    share, low, high = map(float, others)
+    assert low <= 0.999 <= high and 0.99 < share < 1.0
+    shares = dict(re.findall(r"^  (\S+) +share +([\d.]+)", printed, re.MULTILINE))
+    assert max(shares, key=lambda path: float(shares[path])) == "motion.times.1"

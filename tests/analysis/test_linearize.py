@@ -127,3 +127,83 @@ def test_an_equilibrium_with_unilateral_contact_has_the_model_of_sticking_tips()
     # The contact is no other scene, in either direction.
     assert model == sp.linearize(sticking, found, ("targets", "force"))
     assert model == sp.linearize(real, sp.equilibrium(sticking), ("targets", "force"))
+
+
+def tilted(scene: sp.Scene, tilt: float, acceleration: Any) -> sp.Scene:
+    """The scene in a hand with this tilt and with this acceleration along its own axes, m/s^2."""
+    turn = np.array([[np.cos(tilt), -np.sin(tilt)], [np.sin(tilt), np.cos(tilt)]])
+    return replace(scene, motion=sp.HandMotion.constant(turn @ acceleration, tilt))
+
+
+@pytest.mark.parametrize(("law", "open_loop"), LAWS)
+@pytest.mark.parametrize("carried", [False, True])
+@settings(max_examples=10)
+@given(data=st.data())
+def test_the_acceleration_of_the_hand_acts_as_forces_on_object_and_fingers(
+    law: str, open_loop: bool, carried: bool, data: Any
+) -> None:
+    """By (M1), (M2) and (M4) of its motion, and by the rates under two accelerations beside it."""
+    scene, state = data.draw(operating_points(law))
+    tilt, own = (0.4, np.array([3.0, -2.0])) if carried else (0.0, np.zeros(2))
+    moved = tilted(scene, tilt, own) if carried else scene
+    groups = (*inputs_of("torque" if open_loop else law, scene), "acceleration")
+    model = sp.linearize(moved, state, groups, EVERY_OUTPUT)
+    assert model.inputs[-2:] == ("acceleration_x", "acceleration_y")
+    assert model.input_units[-2:] == ("m/s^2", "m/s^2")
+    np.testing.assert_allclose(model.input_values[-2:], own, rtol=1e-14, atol=1e-15)
+    found = whole(model)[:, -2:]
+    near = {"rtol": 0.0, "atol": 1e-9 * np.abs(found).max()}
+    for k, direction in enumerate(np.eye(2)):
+        if law == "driven" and open_loop:
+            break  # The torques that hold the fingers depend on the acceleration.
+        values = []
+        for step in (0.5, -0.5):
+            beside = tilted(scene, tilt, own + step * direction)
+            other = sp.linearize(beside, state, groups, EVERY_OUTPUT)
+            values.append(np.concatenate([other.state_rates, other.output_values]))
+        np.testing.assert_allclose(found[:, k], values[0] - values[1], **near)
+    if law == "driven" and not open_loop:
+        return
+    fed = sp.linearize(moved, state, ("torque", "force", "acceleration"), EVERY_OUTPUT)
+    torques, forces, accelerations = np.split(whole(fed)[:, -7:], [2, 5], axis=1)
+    sides = zip((-1.0, 1.0), (scene.hand.right, scene.hand.left), state.q[3:5], strict=True)
+    levers = np.array([
+        [-f.mass * f.length * s * np.cos(angle), f.mass * f.length * np.sin(angle)]
+        for s, f, angle in sides
+    ])  # fmt: skip
+    turn = np.array([[np.cos(tilt), -np.sin(tilt)], [np.sin(tilt), np.cos(tilt)]])
+    along = forces[:, :2] @ turn  # Forces are given along fixed axes.
+    expected = -scene.grasped.mass * along + torques @ levers
+    expected[-7:-5] = 0.0  # Torques that are inputs are outputs too.
+    np.testing.assert_allclose(accelerations, expected, **near)
+
+
+def test_the_grasp_follows_a_slow_acceleration_as_the_linear_model_says() -> None:
+    scene = tilted(sp.Scene(), 0.3, np.array([1.0, 2.0]))
+    model = sp.linearize(scene, None, "acceleration", ("pose", "shears", "torque"), reduced=True)
+    slow = model.D - model.C @ np.linalg.solve(model.A, model.B)
+    for k, direction in enumerate(np.eye(2)):
+        beside = []
+        for step in (1e-3, -1e-3):
+            moved = tilted(sp.Scene(), 0.3, np.array([1.0, 2.0]) + step * direction)
+            found = sp.equilibrium(moved, near=model.state)
+            assert found.state is not None
+            beside.append([*found.state.q[:3], *found.state.q[7:], *found.torque])
+        np.testing.assert_allclose(
+            (np.array(beside[0]) - beside[1]) / 2e-3, slow[:, k], rtol=1e-6, atol=1e-9
+        )
+
+
+def test_the_torques_of_a_sampled_controller_leave_the_motion_of_the_hand() -> None:
+    law = sp.SampledController.pid(1e-3, 4.0, 0.05, 20.0, initial_torque=(0.4, 0.4))
+    scene = tilted(sp.Scene(control=law, duration=0.01), 0.3, np.array([1.0, 2.0]))
+    run = sp.simulate(scene, record=("state", "torque"))
+    held = sp.Schedule.steps([0.0], [run.torque[-1]])
+    state = replace(run.state(-1), controller=None)
+    fed = replace(scene, control=sp.Torque(), schedule=held, initial=None)
+    own, expected = (
+        sp.linearize(each, at, ("torque", "acceleration"))
+        for each, at in ((scene, run.state(-1)), (fed, state))
+    )
+    for name in ("A", "B", "state_rates", "input_values"):
+        np.testing.assert_array_equal(getattr(own, name), getattr(expected, name))

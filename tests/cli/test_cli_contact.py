@@ -16,6 +16,7 @@ from cli_calls import call
 from softpinch.cli import commands
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "scenes" / "slipping_pinch.toml"
+CARRIED = EXAMPLE.with_name("carried_pinch.toml")
 SCENE = paper.manipulation(
     duration=1.2, contact="unilateral", friction=0.5, grasped=sp.GraspedObject(height=0.049)
 )
@@ -48,6 +49,28 @@ def test_run_prints_contact_and_times_of_free_and_slipping_tips(scene: Path) -> 
     (line,) = [line for line in lines if line.startswith("residuals")]
     holonomic = np.abs(run.residuals[:, :2])[measures.active_constraints(run)[:, :2]].max()
     assert f"|C^H| <= {holonomic:.1e} m" in line and holonomic < 1e-8
+
+
+def test_the_example_of_a_hand_that_moves_runs(tmp_path: Path) -> None:
+    code, out, err = call("run", CARRIED, "--dt", "2e-4", "--plot", tmp_path / "carried.png",
+                          "--out", tmp_path / "run.csv")  # fmt: skip
+    assert (code, err) == (0, "")
+    # 0.5 m in 0.25 s: the peak of a move by minimum jerk is 10 / sqrt(3) D / T^2.
+    peak = 10.0 / np.sqrt(3.0) * 0.5 / 0.25**2
+    (line,) = [line for line in out.splitlines() if line.startswith("the hand moves")]
+    found = float(line.removesuffix(" m/s^2").rpartition(" ")[2])
+    assert 0.99 * peak < found < 1.0001 * peak
+    assert "unilateral contact, friction 0.5: the grasp holds" in out
+    assert (tmp_path / "carried.png").stat().st_size > 1000
+    # Twice as fast the object is lost; a hand at rest has no such line, and a kind is checked.
+    code, out, _ = call("run", CARRIED, "--dt", "2e-4", "--set", "motion.times.1=0.53")
+    assert code == 1 and out.startswith("lost: the object was lost at t = 0.")
+    code, out, _ = call("run", EXAMPLE, "--dt", "1e-3", "--set", "duration=0.01")
+    assert "the hand moves" not in out
+    bad = tmp_path / "bad.toml"
+    bad.write_text(CARRIED.read_text("utf-8").replace('"minimum_jerk"', '"minimal_jerk"'), "utf-8")
+    code, out, err = call("run", bad)
+    assert code == 2 and "HandMotion.kind" in err and 'did you mean "minimum_jerk"' in err
 
 
 def test_a_pair_of_frictions_and_a_lost_object(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ pytest.importorskip("matplotlib")
 from cli_calls import call
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "studies" / "disturbance_ii.toml"
+CARRIED = EXAMPLE.with_name("carried_pinch.toml")
 TEXT = """
 paper = "ii"
 [scene]
@@ -260,6 +261,24 @@ def test_the_example_runs(tmp_path: Path) -> None:
     assert (code, err) == (0, "")
     assert "separated" in said
     assert (tmp_path / "success_map.png").stat().st_size > 1000
+
+
+def test_the_example_of_a_hand_that_moves_varies_how_long_it_takes(tmp_path: Path) -> None:
+    code, said, err = call("montecarlo", CARRIED, "--out", tmp_path, "--runs", 200)
+    assert (code, err) == (0, "")
+    kept = sp.Study.open(tmp_path)
+    duration, holds = kept.parameters["motion.times.1"] - 0.4, kept.happened("holds")
+    assert 0.15 <= duration.min() < 0.16 and 0.34 < duration.max() <= 0.35
+    # Short moves lose the object, long ones do not.
+    assert holds[duration < 0.17].mean() < 0.5 and holds[duration > 0.3].all()
+    assert said.splitlines()[2] == f"probability of holding: {kept.probability('holds')}"
+    # A run of the study is that of its scene, with the motion that the study drew.
+    lost = kept.failures()[0]
+    scene = sp.Scene.from_toml(CARRIED.parents[1] / "scenes" / "carried_pinch.toml")
+    alone = sp.simulate(
+        scene.with_({path: values[lost.run] for path, values in kept.parameters.items()}), dt=2e-4
+    )
+    assert (alone.status, float(alone.t[-1])) == ("lost", kept.end_time[lost.run])
 
 
 def test_the_report_of_unilateral_runs_that_never_settle() -> None:

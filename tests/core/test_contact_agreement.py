@@ -153,6 +153,35 @@ def beside(gap: float, coordinates: dict[int, float], rates: dict[int, float]) -
     return {"hand": sp.Hand(right=finger, left=finger), "initial": sp.State(q, p)}
 
 
+# The jump of its targets lets the left tip go, which stuck; it grazes, and slips then.
+LET_GO = sp.Scene(
+    hand=sp.Hand(
+        right=sp.Finger(
+            length=0.0756, root_offset=0.0424, half_thickness=0.00437, mass=0.111, inertia=6.64e-4
+        ),
+        left=sp.Finger(length=0.07, root_offset=0.0452, inertia=6.67e-4),
+        tip=(
+            sp.Fingertip(
+                radius=0.0205, youngs_modulus=2.386e5, tangential_viscosity=99.5,
+                normal_mass=0.0656, tangential_mass=0.0521,
+            ),
+            sp.Fingertip(
+                radius=0.0205, youngs_modulus=2e5, normal_viscosity=87.0,
+                tangential_viscosity=101.5, normal_mass=0.1, tangential_mass=0.1486,
+            ),
+        ),
+    ),
+    grasped=sp.GraspedObject(width=0.045, mass=0.08, inertia=4.79e-5, com_offset=9.65e-4),
+    control=(sp.Pid(), sp.Pid(kp=103.0, kd=1.3)),
+    schedule=sp.Schedule.steps([0.0, 0.015], [[0.0965, 0.1217], [-0.026, 0.017]]),
+    disturbances=[
+        sp.Pulse(time=0.006, duration=0.0075, moment=2.2),
+        sp.Step(time=0.0, force=(18.0, 7.0)),
+    ],
+    duration=0.02,
+    contact="unilateral",
+    friction=(0.174, 1.124),
+)  # fmt: skip
 PUSH = sp.Step(time=0.02, force=(130.0, 130.0), moment=5.0)
 TURN = sp.Pulse(time=0.02, duration=0.01, moment=27.6)
 KICK = sp.Impulse(time=0.02, impulse=(0.4, 0.3), angular_impulse=5e-4)
@@ -191,6 +220,7 @@ SCENES = {
     "a free surface that comes to zero stops": kicked(
         sp.Scene(), friction=0.5, duration=0.01, **beside(0.01, {6: 1e-4, 8: 1e-5}, {6: -2.0})
     ),
+    "a tip that stuck grazes": LET_GO,
     "the switch into the second operation": of_the_paper(
         0.5, schedule=sp.Schedule.steps([0.0, 0.2], OPERATIONS[:2]), duration=0.22
     ),
@@ -198,6 +228,7 @@ SCENES = {
 }
 MODES = {
     "all modes": "free stick slip graze",
+    "a tip that stuck grazes": "slip graze",
     "the switch into the second operation": "free stick slip",
 }
 STATUSES = {"case (i)": "lost", "turn of unequal fingers": "lost"}

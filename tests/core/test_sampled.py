@@ -232,6 +232,36 @@ def test_each_measure_is_what_it_says(measure: str, of: Any) -> None:
     np.testing.assert_allclose(torque, 0.1 * of(at), rtol=1e-14, atol=1e-18)
 
 
+@pytest.mark.parametrize("contact", ["bilateral", "unilateral"])
+def test_an_inertial_sensor_reads_the_motion_of_the_frame_and_gravity(contact: str) -> None:
+    """By derivatives of the frame's place and tilt, which the motion itself gives."""
+    points, tilts = [[0.0, 0.0], [2e-3, 1e-3]], [0.3, 0.4]
+    jumps = [0.0, 0.01, 0.02], None, [[1.0, 0.0], [0.0, 2.0], [-1.0, 0.0]]  # at samples
+    for motion in (
+        None,
+        sp.HandMotion.minimum_jerk([0.0, 0.04], points, tilts),
+        sp.HandMotion.sine(0.01, 20.0, "tilt", tilt=0.2),
+        sp.HandMotion.sampled(*jumps, tilts=-0.3, hold=True),
+    ):
+        scene = replace(SCENE, motion=motion, gravity=9.5, contact=contact, friction=0.6)
+        readings = []
+        for measure, entry in (("accelerometer", 0), ("accelerometer", 1), ("gyroscope", 0)):
+            pick = np.zeros((2, sp._core.MEASURES[measure]))
+            pick[0, entry] = 1e-9
+            control = sp.SampledController(1e-3, D=pick, measures=(measure,))
+            run = sp.simulate(replace(scene, control=control), record=("state", "torque"))
+            rows = np.searchsorted(run.t, breaks(control, run.t[-1])[0])
+            readings.append(1e9 * run.torque[rows, 0])
+        t = run.t[rows]
+        still = sp.HandMotion.constant()
+        at = (motion or still).at(t)
+        cos, sin = np.cos(at.tilt), np.sin(at.tilt)
+        felt = at.acceleration + np.array([0.0, 9.5])
+        along = felt[:, 0] * cos + felt[:, 1] * sin, felt[:, 1] * cos - felt[:, 0] * sin
+        np.testing.assert_allclose(readings, [*along, at.tilt_rate], rtol=1e-12, atol=1e-12)
+        assert len(t) > 24
+
+
 def test_multipliers_are_those_before_the_sample() -> None:
     torque, at = at_samples(static(0.05, "multipliers"))
     # Stepping from outside sees them at the ends of periods, under the torques of the period.

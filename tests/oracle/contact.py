@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from softpinch.accuracy.segments import Driven, Inputs
 
+from .contact_moving import MovingInputs, MovingMechanics, MovingSystem
 from .contact_system import ContactSystem
 from .contact_terms import Mechanics
 from .contact_walk import UnilateralReference, Walk
@@ -46,7 +47,8 @@ def unilateral(scene: Any, times: ArrayLike | None = None) -> UnilateralReferenc
 
     Args:
         scene: Its start may have gaps (free) and slip. `fingers` may be "driven", along a schedule
-            without jumps and kinks.
+            without jumps and kinks. With a motion they are not; the run is then in inertial
+            coordinates, and its rows in the hand's frame.
         times: (n,), s, within the run; None is the start, every break and the end.
     """
     driven = scene.fingers == "driven"
@@ -55,12 +57,16 @@ def unilateral(scene: Any, times: ArrayLike | None = None) -> UnilateralReferenc
     if driven:
         numbers |= {name: 0.0 for name in numbers if name.startswith("control.")}
     length = max(numbers[f"hand.{side}.length"] for side, _ in SIDES)
-    mechanics, height = Mechanics(numbers), scene.grasped.height
-    system = ContactSystem(mechanics, friction, height, length=length, driven=driven)
+    height, system, kind = scene.grasped.height, ContactSystem, Inputs
+    mechanics = Mechanics(numbers)
+    if scene.motion is not None:
+        mechanics, system, kind = MovingMechanics(numbers), MovingSystem, MovingInputs
+    elif driven:
+        kind = DrivenInputs
     start, begin = start_state(scene)
-    inputs = (DrivenInputs if driven else Inputs)(scene, begin, begin + float(scene.duration))
+    inputs = kind(scene, begin, begin + float(scene.duration))
     instants, wanted = inputs.instants(times)
-    walk = Walk(system, inputs, start)
+    walk = Walk(system(mechanics, friction, height, length=length, driven=driven), inputs, start)
     rows = walk.through(sorted(set(wanted)))
     kept = [rows[t] for t in wanted if t in rows]
     return UnilateralReference(

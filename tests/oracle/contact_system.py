@@ -31,7 +31,6 @@ _FLOOR = {"gap": 1e-13, "corner": 1e-13, "stopped": 1e-12}
 # An event that counts where it comes to zero from above, and only while the next one, or the one
 # before it, is negative: a tip meets the face beside it, or the end of the object from beyond.
 _PARTNER = {"gap": 1, "corner": -1}
-_RTOL = 1e-11
 # The longest step, s.
 _MAX_STEP = 2e-3
 # Events within this time are one, s.
@@ -80,7 +79,10 @@ class ContactSystem:
         inverse: Of the masses (9,), zero for driven fingers.
         half: Half the height of the faces, m; None where they are endless.
         driven: Whether the fingers are.
+        rtol: Relative tolerance of DOP853.
     """
+
+    rtol = 1e-11
 
     def __init__(
         self,
@@ -102,14 +104,14 @@ class ContactSystem:
         lengths = [0, 1, 5, 6, 7, 8]
         sizes[lengths] = length
         sizes[[9 + k for k in lengths]] = length
-        self._options = {"rtol": _RTOL, "atol": 0.01 * _RTOL * sizes, "max_step": _MAX_STEP}
+        self._options = {"rtol": self.rtol, "atol": 0.01 * self.rtol * sizes, "max_step": _MAX_STEP}
 
     def at(
         self, y: Floats, asked: Sequence[float], contact: Contact
     ) -> tuple[list[float], Terms, Motion]:
         """The state as floats, its terms and its motion."""
         state: list[float] = y[:20].tolist()
-        terms = self.mechanics.terms(state, asked[:5], contact.tilts(state))
+        terms = self.mechanics.terms(state, asked, contact.tilts(state))
         return state, terms, self.motion(terms, contact.modes, asked)
 
     def motion(self, terms: Terms, modes: Sequence[str], asked: Sequence[float]) -> Motion:
@@ -118,13 +120,19 @@ class ContactSystem:
 
     def rates(self, y: Floats, asked: Sequence[float], contact: Contact) -> Floats:
         """The rates of the states (25,)."""
-        state, terms, found = self.at(y, asked, contact)
+        _, terms, found = self.at(y, asked, contact)
+        return self.rates_of(y, terms, found, asked, contact)
+
+    def rates_of(
+        self, y: Floats, terms: Terms, found: Motion, asked: Sequence[float], contact: Contact
+    ) -> Floats:
+        """The rates of the states at which terms and motion are known already."""
         friction = graze = 0.0
         for i, mode in enumerate(contact.modes):
             if mode in SLIPS:
                 friction -= found.multipliers[2 + i] * float(terms.phi[2 + i] @ y[9:18])
             elif mode == GRAZE:
-                turning = live_tilts(state[9:18])[i]
+                turning = live_tilts(y[9:18].tolist())[i]
                 graze += (1 - found.couples[i]) * terms.couples[i] * turning
         result = np.empty(STATES)
         result[:9] = y[9:18]

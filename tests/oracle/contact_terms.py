@@ -128,10 +128,10 @@ class Mechanics:
 
         Args:
             state: q, p and the integrals, twenty floats.
-            asked: What `Driven` returns: targets and external force.
+            asked: What `Driven` returns: targets and external force, then what is not read.
             tilts: (2,), of each tip in P: live or frozen.
         """
-        flat = self._terms((*state, *asked), tilts, self._values)
+        flat = self._terms((*state, *asked[:5]), tilts, self._values)
         phi = _IDENTITY.copy()
         phi.put(PLACES, flat[:16])
         return Terms(

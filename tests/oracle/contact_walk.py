@@ -180,7 +180,7 @@ class Walk:
     def _terms(self) -> Any:
         state = self.y[:20].tolist()
         tilts = self.contact.tilts(state)
-        return self.system.mechanics.terms(state, self._driven(self.time)[:5], tilts)
+        return self.system.mechanics.terms(state, self._driven(self.time), tilts)
 
     def _advance(self, stop: float) -> None:
         """Goes to `stop`, through all events before it, or to the end of the run."""

@@ -12,6 +12,7 @@ inertia about the centre of mass. The tips have no weight and move in the frame 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from math import cos, prod, sin
@@ -23,11 +24,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import solve_ivp
 
 import softpinch
-from softpinch.accuracy.segments import Inputs
+from softpinch.accuracy.segments import Driven, Inputs
 
 from .evaluate import parameters
 from .lagrangian import PARAMETERS, SHAPES, SIDES, compiled, model
-from .trajectory import start_state
+from .trajectory import Reference, reference, start_state
 
 Floats = NDArray[np.float64]
 
@@ -160,6 +161,35 @@ def absolute(
     return w, np.linalg.solve(system.jacobian, p - system.p)
 
 
+def frames(motion: softpinch.HandMotion, left: float, right: float) -> Callable[[float], Floats]:
+    """X, Y, phi, and their rates (3, 3) as a function of time, between two breakpoints."""
+    *pieces, sines = motion.compile()
+    channels: list[tuple[float, list[list[float]]]] = []
+    for breaks, coefficients in pieces:
+        k = int(np.searchsorted(breaks, (left + right) / 2, side="right"))
+        origin = float(breaks[k - 1]) if k else 0.0
+        for row in coefficients[k]:
+            polynomial = np.polynomial.Polynomial(row)
+            orders = [polynomial, polynomial.deriv(1), polynomial.deriv(2)]
+            channels.append((origin, [order.coef[::-1].tolist() for order in orders]))
+    waves = [wave.tolist() for wave in sines]
+
+    def frame(t: float) -> Floats:
+        result = np.zeros((3, 3))
+        for channel, (origin, orders) in enumerate(channels):
+            for order, falling in enumerate(orders):
+                value = 0.0
+                for coefficient in falling:
+                    value = value * (t - origin) + coefficient
+                result[order, channel] = value
+        for omega, phase, *amplitudes in waves:
+            s, c = sin(omega * t + phase), cos(omega * t + phase)
+            result += np.outer([s, omega * c, -omega * omega * s], amplitudes)
+        return result
+
+    return frame
+
+
 def moving(
     scene: softpinch.Scene,
     motion: softpinch.HandMotion,
@@ -183,12 +213,7 @@ def moving(
     stops = np.asarray(times, dtype=np.float64)
     edges = np.unique([*inputs.edges, *motion.breakpoints(begin, inputs.edges[-1]), *stops])
 
-    def framed(t: float) -> Floats:
-        at = motion.at(t)
-        tilts = (at.tilt, at.tilt_rate, at.tilt_acceleration)
-        return np.column_stack([(at.position, at.velocity, at.acceleration), tilts])
-
-    def rates(t: float, y: Floats, driven: Callable[[float], tuple[float, ...]]) -> Any:
+    def rates(t: float, y: Floats, framed: Callable[[float], Floats], driven: Driven) -> Any:
         """The rates of the state, then q, p and the multipliers."""
         frame, (*target, fx, fy, moment) = framed(t), driven(t)
         w, v, integral = y[:9], y[9:18], y[18:]
@@ -213,19 +238,29 @@ def moving(
 
     y = start
     if inertial:
-        y = np.concatenate([*absolute(start[:9], start[9:18], framed(begin), numbers), start[18:]])
+        frame = frames(motion, begin, float(edges[1]))(begin)
+        y = np.concatenate([*absolute(start[:9], start[9:18], frame, numbers), start[18:]])
     found = []
     for left, right in pairwise(edges.tolist()):
-        driven, last = inputs.between(left, right), float(np.nextafter(right, left))
-        # The last stage must not see what follows a breakpoint.
+        # Neither sees what follows its last instant.
+        given = frames(motion, left, right), inputs.between(left, right)
         solved = solve_ivp(
-            lambda t, y, d=driven, last=last: rates(min(t, last), y, d)[0],
+            lambda t, y, given=given: rates(t, y, *given)[0],
             (left, right), y, "DOP853", rtol=rtol, atol=1e-3 * rtol,
         )  # fmt: skip
         y = solved.y[:, -1]
         if right in stops:
-            found.append(rates(last, y, driven)[1])
+            found.append(rates(right, y, *given)[1])
     return Moving(*map(np.array, zip(*found, strict=True)))
+
+
+def carried(scene: softpinch.Scene, times: Floats) -> Reference:
+    """The trajectory of a scene whose hand is at rest at the first of the times, its start."""
+    assert scene.motion is not None
+    still = replace(scene, motion=None)
+    start, found = reference(still, times[:1]), moving(still, scene.motion, times[1:])
+    rows = [np.vstack([getattr(start, name)[:1], getattr(found, name)]) for name in found._fields]
+    return Reference(times, *rows, np.full((len(times), 2), np.nan), 0)
 
 
 def _terms(state: Sequence[float], values: Sequence[float]) -> dict[str, Floats]:

@@ -18,6 +18,7 @@ from softpinch.plot import film
 from softpinch.run.run import restored
 
 matplotlib = pytest.importorskip("matplotlib")
+from matplotlib.animation import AbstractMovieWriter  # noqa: E402
 from PIL import Image  # noqa: E402
 
 
@@ -140,3 +141,156 @@ def test_a_snapshot_does_not_depend_on_the_recorded_quantities() -> None:
     scene = sp.Scene(duration=0.01)
     bare, full = sp.simulate(scene, record=("torque",), every=7), sp.simulate(scene)
     assert texts(plot.snapshot(bare, 0.0043)) == texts(plot.snapshot(full, 0.0043))
+
+
+# A hand that moves.
+
+MOVE = sp.HandMotion.minimum_jerk([0.0, 0.1], [[0.0, 0.0], [0.3, -0.1]], [0.2, 0.9])
+PUSH = sp.Pulse(time=0.0, duration=0.2, force=(20.0, 0.0))
+TAP = sp.Impulse(time=0.05, impulse=(0.0, 0.02))
+CARRIED = sp.Scene(motion=MOVE, disturbances=[PUSH, TAP], duration=0.12)
+
+
+def drawn(
+    run: sp.Run, path: Path, monkeypatch: pytest.MonkeyPatch, **options: Any
+) -> list[tuple[tuple[np.ndarray, ...], list[np.ndarray]]]:
+    """Limits of the axes, and all outlines of hand, object and arrows in them, of each frame."""
+    frames = []
+
+    class Unrendered(AbstractMovieWriter):
+        def setup(self, *given: Any) -> None:
+            Path(given[1]).touch()
+
+        def grab_frame(self, **given: Any) -> None:
+            pass
+
+        def finish(self) -> None:
+            pass
+
+    class Seen(film.Picture):
+        def __init__(self, axes: Any, *rest: Any) -> None:
+            super().__init__(axes, *rest)
+            self.axes = axes
+
+        def show(self, shown: Any) -> None:
+            super().show(shown)
+            limits = self.axes.get_xlim(), self.axes.get_ylim()
+            into_data = self.axes.transData.inverted()
+            frames.append(
+                (
+                    tuple(map(np.array, limits)),
+                    [(each.get_data_transform() + into_data).transform(each.get_xy())
+                     for each in self.axes.patches],
+                )
+            )  # fmt: skip
+
+    with monkeypatch.context() as patch:
+        patch.setattr(film, "Picture", Seen)
+        patch.setattr(film, "_writer", lambda *given: Unrendered())
+        animated(run, path, **options)
+    return frames
+
+
+def test_in_fixed_axes_hand_and_object_move_as_the_run_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = sp.simulate(CARRIED, 1e-3)
+    rows = run.t.searchsorted(film._times(run, 25.0, 0.25) - 1e-9)
+    frames = drawn(run, tmp_path / "a.gif", monkeypatch, speed=0.25, frame="world")
+    right = sp.Scene().hand.right.root_offset
+    roots = 1e3 * run.world(np.broadcast_to([[right, 0.0], [-right, 0.0]], (len(run), 2, 2)))
+    centre = 1e3 * run.world(run.q[:, :2])
+    assert len(frames) == len(rows) == 13
+    for row, (_, outlines) in zip(rows, frames, strict=True):
+        np.testing.assert_allclose(outlines[0][:2], roots[row], atol=1e-6)
+        # The object turns by its own angle and the hand's tilt.
+        corners = outlines[1][:4] - outlines[1][:4].mean(axis=0)
+        angle = np.arctan2(*(corners[1] - corners[0])[::-1])
+        assert angle == pytest.approx(run.q[row, 2] + run.hand.tilt[row], abs=1e-9)
+        # The line along the object's upright axis begins at its centre of gravity.
+        np.testing.assert_allclose(outlines[19][0], centre[row], atol=1e-6)
+
+
+def test_the_axes_and_the_path_are_those_of_the_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pictures: list[Any] = []
+
+    class Kept(film.Picture):
+        def __init__(self, axes: Any, *rest: Any) -> None:
+            pictures.append(axes)
+            super().__init__(axes, *rest)
+
+    monkeypatch.setattr(film, "Picture", Kept)
+    run = sp.simulate(CARRIED, 1e-3)
+    for frame in ("hand", "world"):
+        animated(run, tmp_path / "a.gif", frame=frame)
+    still, fixed = pictures
+    assert (still.get_xlabel(), fixed.get_ylabel()) == ("$x$ [mm]", "$Y$ [mm]")
+    (path,) = fixed.get_lines()
+    places = 1e3 * MOVE.at(film._times(run, 25.0, 1.0)).position
+    np.testing.assert_allclose(np.transpose(path.get_data()), places, atol=1e-9)
+    assert not still.get_lines()
+
+
+def test_disturbances_keep_their_direction_while_the_hand_turns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = sp.simulate(CARRIED, 1e-3)
+    times = film._times(run, 25.0, 0.25)
+    for frame in ("hand", "world"):
+        tilts = MOVE.at(times).tilt if frame == "hand" else np.zeros(len(times))
+        frames = drawn(run, tmp_path / "a.gif", monkeypatch, speed=0.25, frame=frame)
+        for k, angle in ((22, 0.0), (23, 0.5 * np.pi)):
+            arrows = [(arrow[k][3] - 0.5 * (arrow[k][0] + arrow[k][6]), tilt)
+                      for (_, arrow), tilt in zip(frames, tilts, strict=True)
+                      if np.isfinite(arrow[k]).all()]  # fmt: skip
+            assert len(arrows) == {22: 13, 23: 1}[k]
+            for (x, y), tilt in arrows:
+                assert np.arctan2(y, x) == pytest.approx(angle - tilt, abs=1e-9)
+
+
+@pytest.mark.parametrize("frame", ["hand", "world"])
+@pytest.mark.parametrize(
+    "motion",
+    [
+        sp.HandMotion.sine(0.03, 9.0, "x"),
+        sp.HandMotion.sine(1.2, 8.0, "tilt"),
+        sp.HandMotion.minimum_jerk([0.0, 0.2], [[0.0, 0.0], [-0.1, 2.0]], [0.0, -2.5]),
+    ],
+    ids=["shaken", "swung", "thrown"],
+)
+def test_the_axes_contain_the_whole_motion(
+    motion: sp.HandMotion, frame: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = sp.simulate(sp.Scene(motion=motion, duration=0.2), 1e-3)
+    frames = drawn(run, tmp_path / "a.gif", monkeypatch, frame=frame, speed=0.1, forces=False)
+    seen = np.concatenate([points for _, outlines in frames for points in outlines])
+    low, high = np.nanmin(seen, axis=0), np.nanmax(seen, axis=0)
+    for limits, _ in frames:
+        (left, right), (bottom, top) = limits
+        assert left < low[0] and high[0] < right and bottom < low[1] and high[1] < top
+        # They are no wider than needed: a rectangle around the hand turns with it.
+        assert (right - left) - (high[0] - low[0]) < 60.0
+        assert (top - bottom) - (high[1] - low[1]) < 60.0 + 0.1 * (right - left)
+
+
+def test_without_a_motion_both_frames_give_the_same_film(run: sp.Run, tmp_path: Path) -> None:
+    paths = [animated(run, tmp_path / f"{frame}.gif", fps=5.0, frame=frame)
+             for frame in ("hand", "world")]  # fmt: skip
+    first, second = (path.read_bytes() for path in paths)
+    assert first == second
+    assert animated(run, tmp_path / "a.gif", fps=5.0).read_bytes() == first
+    moved = sp.simulate(CARRIED, 1e-3)
+    paths = [animated(moved, paths[k], frame=frame) for k, frame in enumerate(("hand", "world"))]
+    assert paths[0].read_bytes() != paths[1].read_bytes()
+
+
+def test_an_unknown_frame_is_refused_before_anything_is_computed(
+    run: sp.Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(film, "instants", lambda *args: pytest.fail("computed"))
+    with pytest.raises(ValueError, match=r"frame = 'base': must be one of \"hand\", \"world\""):
+        animated(run, tmp_path / "a.gif", frame="base")
+    with pytest.raises(TypeError, match="frame = None: must be one of"):
+        animated(run, tmp_path / "a.gif", frame=None)

@@ -20,6 +20,9 @@ from matplotlib.axes import Axes  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 
 ALL = ("state", "multipliers", "residuals", "energy")
+TURNED = sp.HandMotion.minimum_jerk([0.0, 0.1], [[0.0, 0.0], [0.3, -0.1]], [0.2, 0.9])
+PUSH = sp.Pulse(time=0.05, duration=0.02, force=(5.0, 10.0))
+CARRIED = sp.Scene(motion=TURNED, disturbances=[PUSH], duration=0.12)
 MINUS = sp.Hand(tip=sp.Fingertip(tilt_coupling=-1.0))
 
 
@@ -47,6 +50,7 @@ def figures(run: sp.Run, cases: dict[str, sp.Run]) -> dict[str, Figure]:
         "tilt_coupling": plot.tilt_coupling(run, other, cases["i"], lost, "disturbance (i)"),
         "run": plot.run(run),
         "lost": plot.run(lost),
+        "carried": plot.run(sp.simulate(CARRIED, dt=1e-3, record=ALL)),
     }
 
 
@@ -184,7 +188,7 @@ def test_run_says_how_it_ended_and_whose_the_dotted_lines_are(figures: dict[str,
         assert len([line for line in dotted if line.get_color() == style.RED]) == 2
     (legend,) = plot.run(sp.simulate(sp.Scene(duration=0.1), dt=1e-3)).legends
     assert (legend.get_title().get_text(), legend.get_texts()) == ("completed at 0.1 s", [])
-    assert "disturbances" in legend_of(figures["lost"])
+    assert "loads" in legend_of(figures["lost"])
 
 
 @pytest.mark.parametrize(
@@ -194,6 +198,53 @@ def test_run_says_how_it_ended_and_whose_the_dotted_lines_are(figures: dict[str,
 def test_run_draws_what_was_recorded(recorded: tuple[str, ...], panels: int) -> None:
     run = sp.simulate(paper.manipulation(duration=0.1), dt=1e-3, record=recorded)
     assert len(list(visible(plot.run(run)))) == panels
+
+
+def test_run_draws_the_acceleration_along_the_axes_of_a_hand_that_moves(
+    figures: dict[str, Figure],
+) -> None:
+    below, last = list(visible(figures["carried"]))[-2:]
+    turns = np.exp(-1j * TURNED.at(drawn(below, "along its $x$")[0]).tilt)
+    for part, label in ((np.real, "along its $x$"), (np.imag, "along its $y$")):
+        t, values = drawn(below, label)
+        assert (t[0], t[-1]) == (0.0, 0.12)
+        along = (TURNED.at(t).acceleration @ [1.0, 1.0j]) * turns
+        np.testing.assert_allclose(values, part(along), atol=1e-9)
+    (tilt,) = last.get_lines()
+    np.testing.assert_allclose(np.interp([0.0, 0.05, 0.12], *tilt.get_data()),
+                               np.rad2deg([0.2, 0.55, 0.9]), atol=1e-3)  # fmt: skip
+    ledger = next(axes for axes in figures["carried"].axes if "ledger" in axes.get_title("left"))
+    run = sp.simulate(CARRIED, dt=1e-3, record=ALL)
+    np.testing.assert_array_equal(drawn(ledger, "motion")[1], run.energy.motion_work)
+    # The legend with the most entries ends before the title.
+    legend = ledger.get_legend()
+    assert legend is not None and len(legend.get_texts()) == 5
+    with plot.styled():
+        figures["carried"].set_dpi(300)  # as it is saved
+        figures["carried"].draw_without_rendering()
+        assert ledger._left_title.get_window_extent().x1 < legend.get_window_extent().x0
+
+
+def test_run_draws_a_jump_of_the_acceleration_upright_however_few_rows_there_are() -> None:
+    move = sp.HandMotion.trapezoid([0.01, 0.0523], [[0.0, 0.0], [0.0, 0.01]], 30.0)
+    run = sp.simulate(sp.Scene(motion=move, duration=0.06), dt=1e-3, every=1000)
+    last = list(visible(plot.run(run)))[-1]
+    assert last.get_ylabel() == "acceleration [m/s$^2$]"
+    t, values = drawn(last, "along its $y$")
+    jumps = np.flatnonzero(np.diff(values))
+    np.testing.assert_allclose(values[jumps + 1], [30.0, 0.0, -30.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(t[jumps], [0.01, *move.breakpoints(0.011, 0.05), 0.0523], atol=1e-9)
+    assert (np.diff(t)[jumps] < 1e-12).all()
+
+
+def test_run_of_a_hand_at_rest_has_no_acceleration(figures: dict[str, Figure]) -> None:
+    names = [axes.get_ylabel() for axes in figures["run"].axes]
+    assert names and not any("m/s$^2$" in name or "tilt" in name for name in names)
+    assert "motion" not in [
+        line.get_label() for axes in figures["run"].axes for line in axes.get_lines()
+    ]
+    with pytest.raises(sp.NotRecordedError, match="no quantity"):
+        plot.run(sp.simulate(CARRIED, dt=1e-3, record=()))
 
 
 def test_missing_recordings_and_titles_are_refused() -> None:

@@ -48,7 +48,7 @@ def estimated(case: stress.StressCase, pair: tuple[str, str], steps: int) -> sp.
 EVEN = [
     name
     for name, case in stress.CASES.items()
-    if case.end == "completed" and not case.long and name != "switching_every_step"
+    if case.end == "completed" and not case.long and name not in ("switching_every_step", "whirled")
 ]
 
 

@@ -55,6 +55,16 @@ def test_steps_and_bytes_are_those_of_the_run(name: str, every: int, method: str
     assert found.bytes_recorded == sum(a.nbytes for a in arrays) + 8 * hidden * len(run)
 
 
+def test_the_motion_of_the_hand_is_named() -> None:
+    scene = sp.Scene(motion=sp.HandMotion.sine(0.01, 5.0, "x"))
+    moving, still = (sp.explain(each, record="energy", measure=False)
+                     for each in (scene, replace(scene, motion=None)))  # fmt: skip
+    (reason,) = [term.reason for term in moving.terms if term.name == "motion of the hand"]
+    assert "motion of the hand" in moving.kept and reason.startswith("SineMotion: ")
+    assert "motion of the hand" in still.left_out and moving.states == still.states + 1
+    assert reason in str(moving)
+
+
 def test_bytes_of_chosen_rows_include_the_end() -> None:
     how: dict[str, Any] = {"method": "dop853", "tolerance": 1e-6}
     for times in ([0.01, 0.02], [0.01, 0.1]):

@@ -68,7 +68,8 @@ def motions(draw: st.DrawFn, kinds: tuple[str, ...] = tuple(MOTIONS)) -> Any:
         times.append(times[-1] + (stretch * least_time(way, limits[0], jerk) if way else 0.25))
     if kind == "sampled":
         if draw(st.booleans()):
-            return HandMotion.sampled(times, accelerations=points, tilts=tilts)
+            how = {"tilts": tilts, "hold": draw(st.booleans())}
+            return HandMotion.sampled(times, accelerations=points, **how)
         return HandMotion.sampled(times, points, tilts=tilts)
     more = {"minimum_jerk": (), "trapezoid": limits[:1], "jerk_limited": limits}[kind]
     return getattr(HandMotion, kind)(times, points, *more, tilts=tilts)
@@ -197,7 +198,15 @@ def test_samples_are_interpolated_as_the_docstring_says(motion: Any, share: floa
     t = times[0] + share * (times[-1] - times[0])
     inside = float(np.clip(t, times[0], times[-1]))
     state = motion.at(t)
-    if motion.accelerations is not None and len(times) > 1:
+    if getattr(motion, "hold", False):
+        # Each acceleration from its time on, as if there were the differences alone.
+        since = np.maximum(t - times, 0.0)[:, None]
+        steps = np.diff(motion.accelerations, axis=0, prepend=0.0)
+        acceleration = (steps * (times <= t)[:, None]).sum(axis=0)
+        np.testing.assert_allclose(state.acceleration, acceleration, atol=1e-14)
+        np.testing.assert_allclose(state.velocity, (steps * since).sum(axis=0), atol=1e-11)
+        np.testing.assert_allclose(state.position, (steps * since**2 / 2.0).sum(axis=0), atol=1e-11)
+    elif motion.accelerations is not None and len(times) > 1:
         for axis, samples in enumerate(motion.accelerations.T):
             if 0.0 <= share < 1.0:
                 assert abs(state.acceleration[axis] - np.interp(t, times, samples)) < 1e-12
@@ -310,6 +319,7 @@ def test_many_runs_are_each_run_and_complex_numbers_give_derivatives() -> None:
         (HandMotion.jerk_limited(times, points, 6.0, 200.0), "jerk", ()),
         (HandMotion.jerk_limited(times, points, 60.0, 120.0), "points", (1, 1)),
         (HandMotion.sampled(times, accelerations=points), "accelerations", (2, 0)),
+        (HandMotion.sampled(times, accelerations=points, hold=True), "accelerations", (1, 1)),
         (HandMotion.sine(0.01, 3.0, 0.4), "axis", ()),
         (HandMotion.sine(0.01, 3.0, "tilt"), "frequency", ()),
         (HandMotion.constant((1.0, 2.0)), "acceleration", (1,)),
@@ -348,6 +358,7 @@ BAD: list[tuple[str, tuple[Any, ...], str]] = [
     ("trapezoid", ([0.0, 1.0], ENDS, -1.0), r"acceleration = -1\.0: must be finite and > 0"),
     ("jerk_limited", ([0.0, 1.0], ENDS, 1.0, 0.0), r"jerk = 0\.0: must be finite and > 0"),
     ("sampled", ([0.0, 1.0],), "positions: are missing; so are accelerations and tilts"),
+    ("sampled", ([0.0, 1.0], ENDS, None, None, True), r"hold = True: holds accelerations, which"),
     ("sampled", ([0.0, 1.0], ENDS, ENDS), "accelerations: must not be given together"),
     ("sine", (0.1, 0.0, "x"), r"frequency = 0\.0: must be finite and > 0"),
     ("sine", (0.1, 1e200, "x"), r"frequency = 1e\+200: the acceleration must be finite"),

@@ -1,6 +1,7 @@
 """Held noise, against NumPy's own Philox, theory, and samples that are held by other means."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,12 +19,12 @@ SCENE = sp.Scene(
 SUMMARIES = ("final_state", *_core.SUMMARIES)
 
 
-def by_numpy(count: int, seed: int, run: int, place: int) -> np.ndarray:
+def by_numpy(count: int, seed: int, run: int, place: int, block: int = 0) -> np.ndarray:
     """Standard normal samples (count, 3), from words that NumPy's generator makes."""
     words = np.empty((count, 4), np.uint64)
     for number in range(count):
         # NumPy counts up before it draws, with a carry.
-        before = (number + (place << 64) - 1) % 2**256
+        before = (number + (place << 64) + (block << 128) - 1) % 2**256
         counter = [before >> 64 * k & 2**64 - 1 for k in range(4)]
         key = np.array([seed, run], np.uint64)
         philox = np.random.Philox(key=key, counter=np.array(counter, np.uint64))
@@ -190,3 +191,33 @@ def test_a_run_goes_on_after_a_noise_that_is_over() -> None:
     assert whole.state(k).grid is not None
     rest = replace(scene, initial=whole.state(k), duration=scene.duration - whole.t[k])
     np.testing.assert_array_equal(sp.simulate(rest, dt=1e-4).q, whole.q[k:])
+
+
+@pytest.mark.parametrize("contact", ["bilateral", "unilateral"])
+def test_a_shaken_base_is_a_hand_with_the_samples_as_its_acceleration(contact: Any) -> None:
+    shaking = sp.Noise(acceleration_std=(3.0, 1.0), rate_hz=400.0, time=0.01, duration=0.05, seed=8)
+    scene = replace(SCENE, contact=contact, friction=0.9, motion=sp.HandMotion.constant(tilt=0.2))
+    pushed = (sp.Step(time=0.0, force=(0.1, 0.0)),)
+    shaken = replace(scene, disturbances=(*pushed, shaking))
+    ours = sp.simulate(shaken, dt=1e-4, record=("state", "energy"))
+    times = np.append(0.01 + np.arange(20) / 400.0, 0.06)
+    samples = by_numpy(20, seed=8, run=0, place=1, block=1)[:, :2] * [3.0, 1.0]
+    accelerations = np.vstack([samples, [0.0, 0.0]])
+    motion = sp.HandMotion.sampled(times, None, accelerations, tilts=0.2, hold=True)
+    theirs = sp.simulate(replace(scene, motion=motion, disturbances=pushed), dt=1e-4)
+    np.testing.assert_allclose(ours.q[-1], theirs.q[-1], rtol=0, atol=1e-12)
+    still = sp.simulate(replace(scene, disturbances=pushed), dt=1e-4)
+    assert np.abs(ours.q[-1] - still.q[-1]).max() > 1e-6
+    assert np.abs(ours.energy.closure).max() < 1e-6 * ours.energy.exchanged
+
+
+def test_shaken_bases_are_the_same_in_lanes_and_need_a_motion() -> None:
+    shaking = sp.Noise(acceleration_std=2.0, rate_hz=300.0)
+    with pytest.raises(ValueError, match=r"disturbances\[0\]\.acceleration_std = 2\.0: needs a"):
+        replace(SCENE, disturbances=(shaking,))
+    move = sp.HandMotion.minimum_jerk([0.0, 0.05], [[0.0, 0.0], [0.02, 0.01]], [0.0, 0.1])
+    scene = replace(SCENE, disturbances=(shaking,), motion=move)
+    varied = {"disturbances.0.acceleration_std": sp.Uniform(1.0, 3.0)}
+    ensemble = sp.monte_carlo(scene, 12, vary=varied, seed=4, dt=2e-4, summaries=SUMMARIES)
+    for run in range(12):
+        require_alone(ensemble, run)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
@@ -13,9 +13,11 @@ from hypothesis import strategies as st
 import softpinch as sp
 from softpinch import strategies as sps
 from softpinch.scene.disturbance import DISTURBANCES
+from softpinch.scene.motion import MOTIONS
 from softpinch.scene.schedule import KINDS
 
 T = TypeVar("T")
+STILL = sp.HandMotion.minimum_jerk([0.0], [[0.0, 0.0]])
 SIMPLEST = [
     (sps.fingers(), sp.Finger()),
     (sps.fingertips(), sp.Fingertip()),
@@ -26,7 +28,9 @@ SIMPLEST = [
     (sps.stabilizations(), sp.Stabilization()),
     (sps.schedules(), sp.Scene().schedule),
     (sps.disturbances(), sp.Step(time=0.0)),
+    (sps.motions(), STILL),
     (sps.scenes(duration=1.0), sp.Scene()),
+    (sps.scenes(duration=1.0, acceleration=5.0), sp.Scene(motion=STILL)),
     (sps.scenes(duration=1.0, symmetric=True), sp.Scene()),
 ]
 
@@ -71,6 +75,8 @@ PRINTED = [
     (sps.hands(), lambda hand: hand.left.mass == hand.right.mass),
     (sps.schedules(), lambda schedule: len(schedule.times) < 2 or schedule.angles[1, 0] < 0.11),
     (sps.disturbances(kinds=["sampled"]), lambda sampled: not sampled.moment.any()),
+    (sps.motions(), lambda motion: not isinstance(motion, MOTIONS["jerk_limited"])),
+    (sps.motions(kinds=["sampled"]), lambda motion: motion.accelerations is None),
     (sps.scenes(contact="unilateral"), lambda scene: not isinstance(scene.friction, tuple)),
     (sps.consistent_states(sp.Scene()), lambda state: state.q[2] < 0.01),
 ]
@@ -118,6 +124,39 @@ def test_every_kind_of_disturbance_comes_with_a_force(kind: str) -> None:
         return type(disturbance) is DISTURBANCES[kind] and bool(np.any(push))
 
     exists(sps.disturbances(), pushes)
+
+
+@pytest.mark.parametrize("kind", MOTIONS)
+def test_every_kind_of_motion_comes_with_accelerations_and_a_tilt(kind: str) -> None:
+    def moves(motion: sp.HandMotion) -> bool:
+        hand = motion.at(np.linspace(0.0, 1.0, 50))
+        moved = hand.acceleration.any() or hand.tilt_acceleration.any()
+        return type(motion) is MOTIONS[kind] and bool(moved and hand.tilt.any())
+
+    exists(sps.motions(), moves)
+    assert type(shrunk(sps.motions(kinds=(kind,)))) is MOTIONS[kind]
+
+
+@settings(max_examples=400)
+@given(sps.motions(0.3, 7.0), st.lists(st.floats(0.0, 0.4), min_size=1, max_size=20))
+def test_accelerations_stay_within_their_limit(motion: sp.HandMotion, times: list[float]) -> None:
+    hand = motion.at([*times, *motion.breakpoints(0.0, 0.4)])
+    # A curve through several positions may be accelerated more between them.
+    most = 7.0 * (4.0 if getattr(motion, "positions", None) is not None else 1.0 + 1e-9)
+    assert np.abs(hand.acceleration).max() <= most
+    if not isinstance(motion, MOTIONS["sampled"]):
+        assert 0.1 * np.abs(hand.tilt_acceleration).max() <= most
+
+
+@pytest.mark.parametrize("contact", ["bilateral", "unilateral"])
+@given(st.data())
+def test_scenes_with_motions_run_and_keep_their_invariants(
+    contact: Any, data: st.DataObject
+) -> None:
+    scene = data.draw(sps.scenes(duration=0.1, contact=contact, acceleration=10.0))
+    assert scene.motion is not None
+    run = sp.simulate(scene, record=("state", "residuals", "energy", "multipliers"))
+    run.check(residual=1e-3, closure=1e-2)
 
 
 @given(sps.scenes(symmetric=True, duration=0.05, most_disturbances=0))

@@ -123,6 +123,80 @@ def test_a_start_between_the_breakpoints_of_a_run_begins_a_period(method: str, s
     assert np.array_equal(run.p[-1], last.p)
 
 
+def carried(tilt: float, contact: str = "bilateral") -> sp.Scene:
+    """The scene in a hand with this tilt, and with an acceleration upwards."""
+    motion = sp.HandMotion.constant((0.0, 1.5), tilt)
+    return replace(SCENE, motion=motion, contact=contact, friction=0.6)
+
+
+@pytest.mark.parametrize("contact", ["bilateral", "unilateral"])
+@pytest.mark.parametrize("method", METHODS)
+def test_periods_with_one_acceleration_are_a_run_with_that_motion(
+    method: str, contact: str
+) -> None:
+    """To the bit in an upright hand, in whose axes the acceleration is that along fixed ones."""
+    along, how = np.array([3.0, -1.0]), {"method": method}
+    for tilt in (0.0, 0.4):
+        turn = np.array([[np.cos(tilt), -np.sin(tilt)], [np.sin(tilt), np.cos(tilt)]])
+        scene, held = carried(tilt, contact), torques(30)
+        sim = sp.Simulator(scene, PERIOD, DT, **how)  # type: ignore[arg-type]
+        for torque in held:
+            last = sim.step(torque, along)
+        constant = replace(scene, motion=sp.HandMotion.constant(turn @ along, tilt))
+        one = by_schedule(constant, held, np.zeros((30, 3)), **how)
+        near = {"rtol": 0.0, "atol": 0.0 if tilt == 0.0 else 1e-10}
+        assert last.status == one.status == "completed"
+        for name in ("q", "p", "multipliers"):
+            ours, theirs = getattr(last, name), getattr(one, name)[-1]
+            np.testing.assert_allclose(ours, theirs, **near)  # type: ignore[arg-type]
+        usual = by_schedule(scene, held, np.zeros((30, 3)), **how)
+        assert np.abs(usual.p[-1] - last.p).max() > 1e-3
+
+
+def test_a_run_has_the_accelerations_of_its_periods() -> None:
+    accelerations = [None, (3.0, -1.0), (0.0, 0.0), None, (-2.0, 4.0)]
+    for tilt in (0.0, 0.4):
+        sim = sp.Simulator(carried(tilt), PERIOD, DT)
+        seen = [sim.step((1.2, 1.2), along) for along in accelerations]
+        run = sim.run()
+        rows = np.searchsorted(run.t, [each.t for each in seen])
+        assert np.array_equal(run.q[rows], [each.q for each in seen])
+        assert np.array_equal(run.p[rows], [each.p for each in seen])
+        cos, sin = np.cos(tilt), np.sin(tilt)
+        assert run.hand is not None
+        x, y = run.hand.acceleration[rows - 1].T
+        found = np.stack([x * cos + y * sin, y * cos - x * sin], axis=-1)
+        usual = (1.5 * sin, 1.5 * cos)
+        expected = [usual if along is None else along for along in accelerations]
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14)
+        # Without accelerations it is the scene's motion, and a step counts no longer after a reset.
+        sim.reset()
+        again = [sim.step((1.2, 1.2)) for _ in range(3)]
+        assert sim.run().scene.motion == sim.scene.motion
+        np.testing.assert_array_equal(again[0].q, seen[0].q)
+
+
+@pytest.mark.parametrize(
+    "motion", [None, sp.HandMotion.minimum_jerk([0.0, 0.1], [[0.0, 0.0], [0.1, 0.0]])]
+)
+def test_an_acceleration_needs_a_constant_motion(motion: sp.HandMotion | None) -> None:
+    for sim in (sp.Simulator, sp.VectorSimulator):
+        n = (2,) if sim is sp.VectorSimulator else ()
+        own: Any = sim(replace(SCENE, motion=motion), *n, PERIOD, DT)
+        with pytest.raises(ValueError, match=r"acceleration: .*HandMotion\.constant\(\.\.\.\)"):
+            own.step(np.full((*n, 2), 1.2), acceleration=(1.0, 0.0))
+
+
+@pytest.mark.parametrize("wrong", [(1.0,), (1.0, np.nan), [[1.0, 2.0]], "up"])
+def test_a_bad_acceleration_is_refused_before_the_step(wrong: Any) -> None:
+    sim = sp.Simulator(carried(0.0), PERIOD, DT)
+    before = sim.step((1.2, 1.2), (1.0, 2.0))
+    with pytest.raises((ValueError, TypeError), match="acceleration"):
+        sim.step((1.2, 1.2), wrong)
+    assert sim.observation is before
+    assert len(sim.run("state").t) == 6
+
+
 def test_an_interrupted_step_is_no_part_of_the_run() -> None:
     scene = replace(SCENE, control=sp.Pid(), disturbances=(), duration=1e3)
     sim = sp.Simulator(scene, period=5.0, dt=1e-5)

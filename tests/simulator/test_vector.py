@@ -41,6 +41,26 @@ def test_many_are_as_each_alone(method: str, contact: str, n: int, threads: int)
             assert np.array_equal(seen.multipliers, multipliers[run])
 
 
+@pytest.mark.parametrize("contact", ["bilateral", "unilateral"])
+@pytest.mark.parametrize("vary", [{}, {"motion.tilt": sp.Uniform(-0.4, 0.4)}])
+def test_each_hand_has_its_own_acceleration(contact: str, vary: dict[str, Any]) -> None:
+    motion = sp.HandMotion.constant((0.5, 1.5), 0.3)
+    scene = replace(SCENE, motion=motion, contact=contact, friction=0.6)
+    sims = sp.VectorSimulator(scene, 9, PERIOD, DT, vary=vary, seed=3)
+    alone = [sp.Simulator(sims.scene(run), PERIOD, DT) for run in range(9)]
+    each = 3.0 * np.random.default_rng(5).standard_normal((9, 2))
+    for given in (each, None, (2.0, 1.0), np.asfortranarray(each)):
+        q = sims.step(np.full((9, 2), 1.2), acceleration=given).q
+        for run, sim in enumerate(alone):
+            own: Any = given[run] if isinstance(given, np.ndarray) else given
+            assert np.array_equal(sim.step((1.2, 1.2), own).q, q[run])
+    before = q.copy()
+    for wrong in (each[:2], np.full((9, 2), np.inf), each[0, 0]):
+        with pytest.raises(ValueError, match="acceleration"):
+            sims.step(np.full((9, 2), 1.2), acceleration=wrong)
+    assert np.array_equal(sims.observations.q, before)
+
+
 def test_runs_that_have_ended_stay_as_they_are() -> None:
     sims = sp.VectorSimulator(replace(SCENE, duration=0.01), 4, PERIOD, DT)
     wild = np.array([[1.2, 1.2], [400.0, 0.0], [1.2, 1.2], [1.2, 1.2]])

@@ -57,7 +57,7 @@ _TIGHTEST, _LOOSEST = 1e-13, 1e-2
 _ROWS, _TIGHTENINGS = 1000, 4
 _KINDS = ("tolerance", "dt")
 # The methods that are usually best come first, so that the search gives the others up early.
-_PROMISING = {
+_PROMISING: Mapping[str, tuple[Method, ...]] = {
     "tolerance": ("radau5", "dop853", "rosenbrock"),
     "dt": ("dop853", "radau5", "rk4", "rosenbrock", "implicit_midpoint"),
 }
@@ -272,7 +272,7 @@ class _Search:
         self, motion: ReferenceMotion, formulation: Formulation, method: Method, kind: str
     ) -> None:
         self.motion, self.kind = motion, kind
-        self.formulation, self.method = formulation, method
+        self.pair: dict[str, Any] = {"formulation": formulation, "method": method}
         order = float(_core.ORDERS[method])
         # The error grows with this power of the setting. Time falls with the inverse of dt, and
         # about with this root of a tolerance.
@@ -284,41 +284,23 @@ class _Search:
         self._errors: dict[float, float] = {}
 
     @cached_property
-    def stable(self) -> float:
-        """The longest stable step, s."""
-        return self.motion.stable(self.formulation, self.method)
-
-    @property
     def longest(self) -> float:
         """The longest step to try, s, or the largest tolerance."""
         if self.kind == "tolerance":
             return _LOOSEST
-        return min(_STABLE * self.stable, self._duration)
+        return min(_STABLE * self.motion.stable(**self.pair), self._duration)
 
     def request(self, value: float, most: float = math.inf) -> Request:
         """A run with one setting; adaptive steps stop after about `most` s."""
-        how: dict[str, Any] = {
-            "formulation": self.formulation,
-            "method": self.method,
-            self.kind: value,
-        }
+        how = {**self.pair, self.kind: value}
         if self.kind == "dt":
             how["every"] = max(1, math.ceil(self._duration / value / _MOST_ROWS))
         elif most < math.inf:
             how["max_steps"] = int(min(100 + most / _SHORTEST, MOST_STEPS))
         return self.motion.request(**how)
 
-    def least_run_time(self) -> float:
-        """The CPU time of a run with the longest stable step, s; 0 if it has few steps."""
-        if self.kind == "tolerance" or self._duration / self.longest <= _FEW:
-            return 0.0
-        return self._expected(self.longest)
-
     def loosest(self, first: float, most: float, deadline: float) -> Trial:
-        """Finds the loosest setting that is accurate enough; `Trial.note` says why there is none.
-
-        Runs may take `most`, s, and the search ends at the deadline, by `perf_counter`.
-        """
+        """Finds the loosest setting that is accurate enough, by runs of `most`, s, or less."""
         accuracy, longest = self.motion.tolerance, self.longest
         least = _TIGHTEST if self.kind == "tolerance" else 0.0
 
@@ -330,7 +312,7 @@ class _Search:
         value = min(first, longest)
         if self.kind == "dt":
             # If the first step is too expensive, begin with the shortest that is not.
-            value = min(max(value, 1.01 * value * self._expected(value) / most), longest)
+            value = min(max(value, 1.01 * value * self.expected(value) / most), longest)
         try:
             # Two steps by the method's order come close to the limit, and bisection finds it.
             for _ in range(2):
@@ -362,19 +344,17 @@ class _Search:
         note: str = "",
     ) -> Trial:
         """The result of the search, with the CPU time, s, scaled up to the whole scene."""
-        known = {"dt" if self.kind == "dt" else "step_tolerance": value}
+        known: dict[str, Any] = {"dt" if self.kind == "dt" else "step_tolerance": value}
         return Trial(
-            formulation=self.formulation,
-            method=self.method,
+            **self.pair,
+            **known,
             error=error,
             time=time / self.motion.share,
             whole=self.motion.share == 1.0 and not note.startswith("not tried"),
             note=note,
-            **known,
         )
 
     def measured_time(self, value: float) -> float:
-        """CPU time of a run that keeps only its last state, s."""
         request = self.request(value)
         once = timed_run(request.with_(record=()))[1]
         return once if once > _LONG else statistics.median(cpu_times(request, _REPEATS))
@@ -385,8 +365,8 @@ class _Search:
             raise _GivenUp("the budget ended before a setting was good enough")
         if len(self._errors) == _MOST_TRIALS:
             raise _GivenUp("no setting was good enough")
-        if self.kind == "dt" and self._expected(value) > most:
-            self.least_time = self._expected(value)
+        if self.kind == "dt" and self.expected(value) > most:
+            self.least_time = self.expected(value)
             raise _GivenUp(
                 f"dt = {value:.2g} s or less would take {1e3 * self.least_time:.2g} ms a run"
             )
@@ -399,7 +379,7 @@ class _Search:
         errors = self.motion.errors(run)
         return math.inf if errors is None else max(errors.values())
 
-    def _expected(self, dt: float) -> float:
+    def expected(self, dt: float) -> float:
         """The expected CPU time of a run with equal steps, s."""
         if not self._step_time:
             short = replace(self.motion.scene, duration=min(_FEW * dt, self._duration))
@@ -422,16 +402,20 @@ class _Advisor:
         self.best: dict[str, Trial | None] = dict.fromkeys(_KINDS)
 
     def advise(self, pairs: Sequence[tuple[Formulation, Method]], report: Report) -> Advice:
+        # The formulation without drift comes first, and within a formulation adaptive steps.
         searches = [
-            _Search(self.motion, *pair, kind)
-            for pair in pairs
+            _Search(self.motion, formulation, method, kind)
+            for other in (False, True)
             for kind in _KINDS
-            if kind == "dt" or pair[1] in _core.ADAPTIVE_METHODS
+            for method in _PROMISING[kind]
+            for formulation in _core.FORMULATIONS
+            if (formulation, method) in pairs
+            and (formulation != self.motion.run.formulation) == other
         ]
         # A run that is over at once has no step.
         steps = np.diff(self.motion.run.t) if len(self.motion.run) > 1 else [math.inf]
         first = {"tolerance": self.motion.tolerance, "dt": float(np.median(steps))}
-        for search in sorted(searches, key=_search_order):
+        for search in searches:
             self._add(search, self._search_unless_hopeless(search, first[search.kind]))
             report(len(self.trials), len(searches))
         self.found.sort(key=lambda each: each[1].time)
@@ -440,7 +424,21 @@ class _Advisor:
             advice = self._verified(search, trial)
             if advice is not None:
                 return advice
-        return self._advice_without_success()
+        # No pair meets the tolerance: the settings of the stiff adaptive run.
+        accurate = self.motion.run
+        return self._advice(
+            [
+                f"no pair meets {self.motion.tolerance:g} here",
+                *(f"{one.formulation} {one.method}: {one.note}" for one in self.trials if one.note),
+            ],
+            met=False,
+            formulation=accurate.formulation,
+            method=accurate.method,
+            dt=None,
+            step_tolerance=accurate.tolerance,
+            error=dict.fromkeys(ESTIMATED, math.inf),
+            **dict.fromkeys(("time", "margin", "confirmed"), math.inf),
+        )
 
     def _search_unless_hopeless(self, search: _Search, first: float) -> Trial:
         """Searches the setting of one pair, unless it cannot be the best."""
@@ -448,15 +446,17 @@ class _Advisor:
         best = known.time * self.motion.share if known and known.found else math.inf
         left = self.stop - perf_counter()
         least = 0.0
-        if left > 0 or known is None:
-            least = search.least_time = search.least_run_time()
+        # Adaptive or few steps may take no time to speak of.
+        worth = search.kind == "dt" and (left > 0 or known is None)
+        if worth and self.motion.scene.duration > _FEW * search.longest:
+            least = search.least_time = search.expected(search.longest)
         if least > _TOO_SLOW * best:
             return search.trial(
                 note=f"stable up to dt = {search.longest:.2g} s only: at least "
                 f"{1e3 * least:.2g} ms a run, over {_TOO_SLOW:g} times as slow as the best"
             )
         if left <= 0 or least > _OF_TIME_LEFT * left:
-            self.untried.append(f"{search.formulation} {search.method}, {search.kind}")
+            self.untried.append(f"{' '.join(search.pair.values())}, {search.kind}")
             why = f", at least {1e3 * least:.2g} ms a run" if least else ""
             return search.trial(note=f"not tried within the budget of {self.budget:g} s{why}")
         return search.loosest(first, min(_TOO_SLOW * best, _OF_TIME_LEFT * left), self.stop)
@@ -491,9 +491,13 @@ class _Advisor:
             return None
         spent = trial.time * self.motion.share if value == first else search.measured_time(value)
         trial = self.best[search.kind] = search.trial(value, largest, spent)
-        margin = math.inf
-        if equal:
-            margin = search.stable / value if self.motion.limit_is_known else math.nan
+        margin, stability = math.inf, "any dt is stable"
+        if equal and self.motion.scene.law == "sampled":
+            margin = math.nan
+            stability = "the longest stable dt is not known with a SampledController"
+        elif equal and math.isfinite(limit := self.motion.stable(**search.pair)):
+            margin = limit / value
+            stability = f"stable up to {margin:.3g} times that"
         apart, method = self.motion.confirm(run)
         sizes = ", ".join(f"{name} {size:.1e}" for name, size in errors.items())
         found = {kind: best.summary if best else "none" for kind, best in self.best.items()}
@@ -502,7 +506,7 @@ class _Advisor:
             f"error {sizes}; {1e3 * trial.time:.3g} ms a run",
             f"the best equal steps: {found['dt']}",
             f"the best adaptive steps: {found['tolerance']}",
-            *([_stability_words(margin)] if equal else []),
+            *([stability] if equal else []),
             f"a run by {method} ends otherwise"
             if math.isinf(apart)
             else f"a run by {method} at a smaller tolerance ends {apart:.1e} from it",
@@ -510,33 +514,13 @@ class _Advisor:
         return self._advice(
             parts,
             met=apart <= accuracy,
-            formulation=search.formulation,
-            method=search.method,
+            **search.pair,
             dt=value if equal else None,
             step_tolerance=None if equal else value,
             error=errors,
             time=trial.time,
             margin=margin,
             confirmed=apart,
-        )
-
-    def _advice_without_success(self) -> Advice:
-        """The advice if no pair meets the tolerance: the settings of the stiff adaptive run."""
-        accurate = self.motion.run
-        return self._advice(
-            [
-                f"no pair meets {self.motion.tolerance:g} here",
-                *(f"{one.formulation} {one.method}: {one.note}" for one in self.trials if one.note),
-            ],
-            met=False,
-            formulation=accurate.formulation,
-            method=accurate.method,
-            dt=None,
-            step_tolerance=accurate.tolerance,
-            error=dict.fromkeys(ESTIMATED, math.inf),
-            time=math.inf,
-            margin=math.inf,
-            confirmed=math.inf,
         )
 
     def _advice(self, parts: list[str], **found: Any) -> Advice:
@@ -562,17 +546,3 @@ class _Advisor:
             message="; ".join(parts),
             **found,
         )
-
-
-def _stability_words(margin: float) -> str:
-    if math.isnan(margin):
-        return "the longest stable dt is not known with a SampledController"
-    return "any dt is stable" if math.isinf(margin) else f"stable up to {margin:.3g} times that"
-
-
-def _search_order(search: _Search) -> tuple[bool, int, int, str]:
-    """Sort key: the formulation without drift first, and within a formulation adaptive steps."""
-    other = search.formulation != search.motion.run.formulation
-    kind = _KINDS.index(search.kind)
-    place = _PROMISING[search.kind].index(search.method)
-    return other, kind, place, search.formulation

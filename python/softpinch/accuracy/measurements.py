@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -192,8 +193,21 @@ class WorkPrecision(Result):
 
         Errors are named "along", "end.q", "smooth.p" and so on.
         """
-        rows = [_flat(row) for row in self.rows]
-        return {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
+        found: defaultdict[str, list[Any]] = defaultdict(list)
+        for row in self.rows:
+            for each in fields(row):
+                value = getattr(row, each.name)
+                if isinstance(value, Mapping):
+                    for name in ESTIMATED:
+                        found[f"{each.name}.{name}"].append(value.get(name, math.nan))
+                elif each.name == "quartiles":
+                    found["lower_quartile"].append(value[0])
+                    found["upper_quartile"].append(value[1])
+                else:
+                    found[each.name].append(value)
+                if each.name == "status":
+                    found["along"].append(row.along)
+        return {name: np.array(values) for name, values in found.items()}
 
     def save(self, path: str | Path) -> Path:
         """Writes the rows as .csv, with units in the header."""
@@ -246,18 +260,3 @@ _COLUMN_UNITS = {
     "lower_quartile": " [s]",
     "upper_quartile": " [s]",
 }
-
-
-def _flat(row: Measurement) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for each in fields(row):
-        value = getattr(row, each.name)
-        if isinstance(value, Mapping):
-            found |= {f"{each.name}.{name}": value.get(name, math.nan) for name in ESTIMATED}
-        elif each.name == "quartiles":
-            found |= dict(zip(("lower_quartile", "upper_quartile"), value, strict=True))
-        else:
-            found[each.name] = value
-        if each.name == "status":
-            found["along"] = row.along
-    return found

@@ -212,6 +212,36 @@ def right_hand_side(
     return Equations(rates, followers, multipliers)
 
 
+def carried(y: Any, c: Any, u: Any, functions: Any = math) -> tuple[Any, Any, Any]:
+    """States, parameters and inputs of a hand at rest on which a moving hand's forces act.
+
+    u (10) has after the five inputs the acceleration of the frame along fixed axes, its tilt, and
+    the two derivatives of the tilt. The forces are those of docs/moving-hand.md, gravity included.
+    Those on a finger are put into the integral of (39), which no other term contains. `functions`
+    has sine and cosine. Five inputs are returned as they are.
+    """
+    if len(u) == 5:
+        return y, c, u
+    *inputs, accelerates_x, accelerates_y, phi, omega, turn = u
+    sine, cosine = functions.sin(phi), functions.cos(phi)
+    along = accelerates_x * cosine + (accelerates_y + c[34]) * sine
+    upward = (accelerates_y + c[34]) * cosine - accelerates_x * sine
+    force_x = inputs[2] * cosine + inputs[3] * sine
+    force_y = inputs[3] * cosine - inputs[2] * sine
+    force_x = force_x - c[31] * (along - turn * y[1] - 2 * omega * y[10] - omega**2 * y[0])
+    force_y = force_y - c[31] * (upward + turn * y[0] + 2 * omega * y[9] - omega**2 * y[1])
+    y, c = [*y], [*c]
+    for k, s in ((0, -1.0), (1, 1.0)):
+        length, root, _, mass, inertia, *_, ki = c[15 * k : 15 * k + 15]
+        lever, sin_a, cos_a = mass * length, functions.sin(y[3 + k]), functions.cos(y[3 + k])
+        torque = lever * (upward * sin_a - s * along * cos_a) - omega**2 * lever * root * cos_a
+        torque = torque + s * turn * (inertia - lever * root * sin_a)
+        y[7 + k], c[15 * k + 14] = ki * y[7 + k] - torque, 1.0
+    c[34] = 0.0
+    moment = inputs[4] - c[32] * turn
+    return tuple(y), tuple(c), (inputs[0], inputs[1], force_x, force_y, moment)
+
+
 def jump(y: list[float], c: tuple[float, ...], impulse: tuple[float, ...]) -> list[float]:
     """The state just after an ideal impulse (J_x, J_y, J_theta), N s and N m s.
 

@@ -99,15 +99,19 @@ def work_precision(
     checks.instance("stabilization", stabilization, Stabilization)
     pairs = pairs_of(scene, formulations, methods)
     longest = checks.positive("longest", longest)
-    steps = _default_steps(scene) if dt is None else from_loose_to_tight("dt", dt)
+    if dt is None:
+        mean = scene.duration / max(accurate_run(scene, tolerance=1e-6).stats["steps"], 1)
+        dt = np.minimum(_LONGEST * mean * 0.5 ** np.arange(_HALVINGS), scene.duration)
+    steps = from_loose_to_tight("dt", dt)
     allowed = _TOLERANCES if tolerances is None else from_loose_to_tight("tolerances", tolerances)
     switches = switch_instants(scene)
     curves = []
     for formulation, method in pairs:
         how = {"formulation": formulation, "method": method, "stabilization": stabilization}
-        curves.append((_request(scene, **how), "dt", steps))
+        request = Request(scene, Options.checked(record=_EVERYTHING, **how))
+        curves.append((request, "dt", steps))
         if method in _core.ADAPTIVE_METHODS:
-            curves.append((_request(scene, **how), "tolerance", allowed))
+            curves.append((request, "tolerance", allowed))
     others = checks.several("peers", peers, "Peers")
     for each in others:
         checks.instance("peers", each, Peer)
@@ -141,11 +145,6 @@ def work_precision(
     )
 
 
-def _request(scene: Scene, **options: Any) -> Request:
-    """A run with everything recorded that is measured."""
-    return Request(scene, Options.checked(record=_EVERYTHING, **options))
-
-
 def from_loose_to_tight(name: str, values: ArrayLike) -> Floats:
     """Checks the values of `dt` or `tolerances`, and sorts them from loose to tight, (k,)."""
     given = checks.numbers(name, values)
@@ -158,13 +157,6 @@ def from_loose_to_tight(name: str, values: ArrayLike) -> Floats:
         wrong = found[0] if found[0] >= 1.0 else found[-1]
         raise ValueError(f"tolerances = {wrong}: must be from 1e-14 to below 1")
     return found
-
-
-def _default_steps(scene: Scene) -> Floats:
-    stiff = accurate_run(scene, tolerance=1e-6)
-    mean = scene.duration / max(stiff.stats["steps"], 1)
-    steps = _LONGEST * mean * 0.5 ** np.arange(_HALVINGS)
-    return np.unique(np.minimum(steps, scene.duration))[::-1]
 
 
 def stabilization_sweep(
@@ -195,9 +187,9 @@ def stabilization_sweep(
     switches = switch_instants(scene)
 
     def sampled(formulation: Formulation, gain: float) -> _Sampled:
-        gains = Stabilization(alpha=gain, beta=gain)
-        how = {"formulation": formulation, "method": method, "stabilization": gains}
-        return _sampled(_request(scene, dt=dt, **how), switches)[0]
+        how = {"dt": dt, "method": method, "stabilization": Stabilization(alpha=gain, beta=gain)}
+        options = Options.checked(record=_EVERYTHING, formulation=formulation, **how)
+        return _sampled(Request(scene, options), switches)[0]
 
     usual.warn(scene)
     plain = sampled(without_drift(scene), 0.0)
@@ -302,18 +294,14 @@ def sampled_rows(run: Run, switches: Floats, count: int = _ROWS) -> NDArray[np.i
 
 def _reference(scene: Scene, runs: Sequence[_Sampled]) -> Reference:
     """The reference at the rows of the runs, and at the end."""
-    instants = np.concatenate([run.t for run in runs])
-    return of_any_contact(scene, np.union1d(instants, [end_of(scene)]))
+    end = float(scene.start().time + scene.duration)
+    return of_any_contact(scene, np.unique(np.concatenate([*(run.t for run in runs), [end]])))
 
 
 def switch_instants(scene: Scene) -> Floats:
     """The start of a scene, and the instants at which an input jumps or bends (k,), s."""
-    return np.array(Inputs(scene, float(scene.start().time), end_of(scene)).edges[:-1])
-
-
-def end_of(scene: Scene) -> float:
-    """The last instant of a scene's run, s."""
-    return float(scene.start().time + scene.duration)
+    start = float(scene.start().time)
+    return np.array(Inputs(scene, start, start + scene.duration).edges[:-1])
 
 
 def _curve(

@@ -8,7 +8,7 @@ returns a run of the core itself.
 from __future__ import annotations
 
 import cmath
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,8 +25,8 @@ from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats, read_only
 from ..support.result import Result
-from .null_space import PLAIN, STATES, jump, parameters, right_hand_side
-from .segments import METHODS, Inputs, Motion, System, integrate
+from .null_space import PLAIN, STATES, carried, jump, parameters, right_hand_side
+from .segments import METHODS, Inputs, System, integrate
 
 # The smallest relative tolerance that SciPy accepts, 100 times round-off.
 _TIGHTEST = 2.3e-14
@@ -173,14 +173,27 @@ def confirmed(
 
 
 def of_any_contact(scene: Scene, times: ArrayLike) -> Reference:
-    """Solves a scene as `confirmed`; in unilateral contact by two runs of the core.
-
-    The instants (n,), s, must increase, and the last must be the end of the run.
-    """
+    """Solves a scene as `confirmed`, at increasing instants to the end of the run (n,), s."""
     if scene.contact == "bilateral":
         return confirmed(scene, times)
+    # In unilateral contact by two runs of the core.
     wanted = np.asarray(times, np.float64)
-    first, second = (_core_solution(scene, wanted, *how) for how in _CORE_RUNS)
+    every = np.union1d(wanted, np.linspace(scene.start().time, wanted[-1], _INSTANTS))
+    solutions = []
+    for formulation, tolerance in _CORE_RUNS:
+        how = {"formulation": formulation, "tolerance": tolerance, "times": every}
+        options = Options.checked(method="dop853", record=("state", "multipliers"), **how)
+        run = computed(Request(scene, options))
+        if not run.success:
+            raise RuntimeError(
+                f"reference: with unilateral contact {formulation} ended as {run.status} at t = "
+                f"{run.t[-1]} s: {run.message}"
+            )
+        along = {name: getattr(run, name) for name in ("q", "p", "multipliers", "integral")}
+        method = f"{formulation} dop853 at tolerance {tolerance:.0e}"
+        rows, count = np.searchsorted(run.t, wanted), run.stats["evaluations"]
+        solutions.append(_reference(scene, wanted, along, rows, method, count))
+    first, second = solutions
     found = _compared(first, second, first.evaluations + second.evaluations)
     reason = "the core's own runs, because the independent reference has no unilateral contact"
     return replace(found, method=f"{found.method}: {reason}")
@@ -194,27 +207,6 @@ def _compared(first: Reference, second: Reference, evaluations: int) -> Referenc
         evaluations=evaluations,
         own_error=scaled_error.largest(second, first),
     )
-
-
-def _core_solution(scene: Scene, times: Floats, formulation: str, tolerance: float) -> Reference:
-    begin = float(scene.start().time)
-    options = Options.checked(
-        method="dop853",
-        formulation=formulation,
-        tolerance=tolerance,
-        times=np.union1d(times, np.linspace(begin, times[-1], _INSTANTS)),
-        record=("state", "multipliers"),
-    )
-    run = computed(Request(scene, options))
-    if not run.success:
-        raise RuntimeError(
-            f"reference: with unilateral contact {formulation} ended as {run.status} at t = "
-            f"{run.t[-1]} s: {run.message}"
-        )
-    along = {name: getattr(run, name) for name in ("q", "p", "multipliers", "integral")}
-    method = f"{formulation} dop853 at tolerance {tolerance:.0e}"
-    picked = np.searchsorted(run.t, times)
-    return _reference(scene, times, along, picked, method, run.stats["evaluations"])
 
 
 def _reference(
@@ -268,46 +260,32 @@ class _Problem:
         self.t, self.wanted = self.inputs.instants(times)
         c, of_states = self.c, rates or PLAIN.rates
         self.system = System(
-            rates=lambda y, u: of_states(y, c, u),
+            rates=lambda y, u: of_states(*carried(y, c, u)),
             jump=lambda y, impulse: np.array(jump(y.tolist(), c, impulse)),
             jacobian=self.jacobian,
         )
-        self._integrate_roughly(most)
-
-    def _motion(
-        self, wanted: Sequence[float], method: str, rtol: float, sizes: Floats, most: int
-    ) -> Motion:
-        return integrate(
-            self.system, self.inputs, self.start, wanted,
-            method=method, rtol=rtol, sizes=sizes, most=most,
-        )  # fmt: skip
-
-    def _integrate_roughly(self, most: int) -> None:
+        self.explicit = 0.0
         known = np.where(_METRES, max(self.c[0], self.c[15]), 1.0)
         for rtol in _ROUGH:
             try:
-                motion = self._motion((), "LSODA", rtol, known, most)
+                how: dict[str, Any] = {"rtol": rtol, "sizes": known, "most": most}
+                motion = integrate(self.system, self.inputs, self.start, (), method="LSODA", **how)
             except RuntimeError:
                 continue  # With a loose tolerance a grasp that holds may be lost.
-            sizes = np.abs(motion.y).max(axis=0)
+            self.sizes, self.evaluations = np.abs(motion.y).max(axis=0), motion.evaluations
             for kind, least in _KINDS:
                 # If all states of a kind are at rest, their round-off is not a size.
-                largest = max((sizes[kind] / known[kind]).max(), _AT_REST)
-                sizes[kind] = np.maximum(sizes[kind], least * largest * known[kind])
-            self.sizes, self.explicit = sizes, self._explicit_work(motion)
-            self.evaluations = motion.evaluations
+                largest = max((self.sizes[kind] / known[kind]).max(), _AT_REST)
+                self.sizes[kind] = np.maximum(self.sizes[kind], least * largest * known[kind])
+            rows = np.unique(np.linspace(0, len(motion.t) - 1, _PROBES).astype(int))
+            for k, length in zip(rows, np.diff(motion.t[rows]), strict=False):
+                jacobian = self.jacobian(motion.y[k], tuple(motion.u[k].tolist()))
+                if np.isfinite(jacobian).all():
+                    stiffness = float(np.abs(np.linalg.eigvals(jacobian)).max() * length)
+                    self.explicit += _EVALUATIONS_OF_STIFFNESS * stiffness
             return
         # The motion diverges, which the accurate integration reports. Sizes are of no use then.
-        self.sizes, self.explicit, self.evaluations = known, 0.0, 0
-
-    def _explicit_work(self, motion: Motion) -> float:
-        rows = np.unique(np.linspace(0, len(motion.t) - 1, _PROBES).astype(int))
-        stiffness = 0.0
-        for k, length in zip(rows, np.diff(motion.t[rows]), strict=False):
-            jacobian = self.jacobian(motion.y[k], tuple(motion.u[k].tolist()))
-            if np.isfinite(jacobian).all():
-                stiffness += float(np.abs(np.linalg.eigvals(jacobian)).max() * length)
-        return _EVALUATIONS_OF_STIFFNESS * stiffness
+        self.sizes, self.evaluations = known, 0
 
     def jacobian(self, y: Floats, u: tuple[float, ...]) -> Floats:
         """The derivatives of the rates (14, 14), exact except for round-off."""
@@ -315,18 +293,22 @@ class _Problem:
         for k in range(STATES):
             moved: list[complex] = y.tolist()
             moved[k] += 1j * _STEP
-            columns.append([complex(rate).imag for rate in _COMPLEX.rates(moved, self.c, u)])
+            rates = _COMPLEX.rates(*carried(moved, self.c, u, cmath))
+            columns.append([complex(rate).imag for rate in rates])
         return np.array(columns).T / _STEP
 
     def solution(self, method: str, rtol: float, most: int) -> Reference:
         """The reference by one method, whose evaluations include those of the rough pass."""
-        motion = self._motion(self.wanted, method, rtol, self.sizes, most)
+        how: dict[str, Any] = {"rtol": rtol, "sizes": self.sizes, "most": most}
+        motion = integrate(self.system, self.inputs, self.start, self.wanted, method=method, **how)
         states = list(motion.y.T)
         d_n1, d_n2, *tips = _ROWS.followers(states, self.c)
         along = {
             "q": np.stack([*states[:5], d_n1, d_n2, *states[5:7]], axis=1),
             "p": np.stack([*states[9:], *tips], axis=1),
-            "multipliers": np.stack(_ROWS.multipliers(states, self.c, motion.u.T), axis=1),
+            "multipliers": np.stack(
+                _ROWS.multipliers(*carried(states, self.c, motion.u.T, np)), axis=1
+            ),
             "integral": motion.y[:, 7:9],
         }
         picked = np.searchsorted(motion.t, self.wanted)

@@ -60,8 +60,14 @@ class ReferenceMotion:
             least = _ROUND_OFF / tolerance * scaled_error.common(name, rows, usual)
             self.scales[name] = np.maximum(scaled_error.scales(name, rows, usual), least)
         self._modes: dict[str, Modes] = {}
-        # The methods that give the exact motion, the quicker one first.
-        self.methods = self._methods()
+        # The methods that give the exact motion, the quicker one first: the stiff one, and the
+        # explicit one if that is not too slow. An explicit step takes about half an implicit one.
+        stiff, stiff_time = timed_run(self._tight("radau5"))
+        most = int(2 * _AFFORDABLE * stiff.stats["steps"]) + 200
+        explicit, explicit_time = timed_run(self._tight("dop853", max_steps=most))
+        self.methods = ["radau5"]
+        if explicit.status == stiff.status:
+            self.methods.insert(int(explicit_time >= stiff_time), "dop853")
 
     @property
     def share(self) -> float:
@@ -72,16 +78,6 @@ class ReferenceMotion:
         """A run of the scene that can be compared with the motion."""
         how |= {"stabilization": self.stabilization, "record": _RECORD}
         return Request(self.scene, Options.checked(**how))
-
-    def _methods(self) -> tuple[str, ...]:
-        """The stiff method and the explicit one, if that is not too slow, by time."""
-        stiff, stiff_time = timed_run(self._tight("radau5"))
-        # An explicit step takes about half as long as an implicit one.
-        most = int(2 * _AFFORDABLE * stiff.stats["steps"]) + 200
-        explicit, explicit_time = timed_run(self._tight("dop853", max_steps=most))
-        if explicit.status != stiff.status:
-            return ("radau5",)
-        return ("dop853", "radau5") if explicit_time < stiff_time else ("radau5", "dop853")
 
     def _tight(self, method: str, **how: Any) -> Request:
         share, least = _TIGHTER[method]
@@ -131,14 +127,9 @@ class ReferenceMotion:
             getattr(run, name)[rows], getattr(right, name)[same], self.scales[name]
         )
 
-    @property
-    def limit_is_known(self) -> bool:
-        """True if the stability limit is known, for which the torques at a state must be known."""
-        return self.scene.law != "sampled"
-
     def stable(self, formulation: Formulation, method: Method) -> float:
-        """The longest stable step along the run, s; inf if it is not known."""
-        if not self.limit_is_known:
+        """The longest stable step along the run, s; inf if the torques at a state are not known."""
+        if self.scene.law == "sampled":
             return math.inf
         if formulation not in self._modes:
             modes = along_run(self.run, formulation, self.stabilization, _INSTANTS)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from ..run.options import Options, some_names
+from ..run.options import Options, names
 from ..run.request import Request
 from ..run.run import Run, computed
 from ..scene import usual
@@ -43,9 +43,13 @@ def pairs_of(
 ) -> list[tuple[Formulation, Method]]:
     """Checks formulations and methods, and pairs them; None stands for all that a scene allows."""
     kept = formulations_of(scene) if formulations is None else formulations
-    kept = some_names("formulations", kept, _core.FORMULATIONS)
+    kept = names("formulations", kept, _core.FORMULATIONS)
+    used = names("methods", methods, _core.METHODS)
+    for field, found in {"formulations": kept, "methods": used}.items():
+        if not found:
+            raise ValueError(f"{field} = (): must have at least one")
     require_formulations("formulations", kept, scene)
-    return list(product(kept, some_names("methods", methods, _core.METHODS)))
+    return list(product(kept, used))
 
 
 def timed_run(request: Request) -> tuple[Run, float]:
@@ -90,10 +94,8 @@ def cpu_times(request: Request, repeats: int) -> list[float]:
 def repeated(
     work: Callable[[], object], repeats: int, clock: Callable[[], float] = time.process_time
 ) -> list[float]:
-    """Times of repeated calls of a function, after one call to warm up, s; few of a slow one.
-
-    The default clock counts all threads of this process, because other solvers may use several.
-    """
+    """Times of repeated calls of a function, after one call to warm up, s; few of a slow one."""
+    # The default clock counts all threads of this process, because other solvers may use several.
     work()
     times: list[float] = []
     while len(times) < (min(repeats, _SLOW_REPEATS) if times and times[0] >= _SLOW else repeats):

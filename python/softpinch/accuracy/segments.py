@@ -18,13 +18,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from ..scene.contact import require_still
-from ..scene.piecewise import Piecewise, held
+from ..scene.motion import CompiledMotion
+from ..scene.piecewise import Piecewise, derivative, held
 from ..scene.scene import Scene
 from ..support import checks, extras
 from ..support.arrays import Floats
 
-# A function from t to (theta_1^d, theta_2^d, F_x, F_y, moment).
+# A function from t to (theta_1^d, theta_2^d, F_x, F_y, moment); of a hand that moves also the
+# acceleration of its frame along fixed axes, its tilt, and the two derivatives of the tilt.
 Driven: TypeAlias = Callable[[float], tuple[float, ...]]
 
 # The methods of SciPy that compute references -> whether they take a Jacobian.
@@ -45,7 +46,7 @@ _MAX_EVALUATIONS, _PROGRESS = 12_000, 1e-10
 
 # Instants closer than this many units in the last place are equal.
 _ULPS = 4
-_TARGET, _LOAD = 0, 2
+_TARGET, _LOAD, _FRAME, _TILT = 0, 2, 5, 7
 _NONE = np.zeros(3)
 _MOST_SAMPLES = 10_000_000
 
@@ -59,12 +60,12 @@ class Inputs:
 
     def __init__(self, scene: Scene, begin: float, end: float) -> None:
         """Reads the scene's inputs for a run from `begin` to `end`, s."""
-        require_still(scene, "the reference")
         self._near = _ULPS * float(np.spacing(max(abs(begin), abs(end))))
         # The first channel of each piecewise polynomial, and its coefficients per interval.
         self._pieces: list[tuple[int, Piecewise]] = [(_TARGET, scene.schedule.compile())]
-        # Rows of `Compiled.sines`.
-        self._waves: list[list[float]] = []
+        # Rows of `Compiled.sines`, and the first channel of their amplitudes.
+        self._waves: list[tuple[int, list[float]]] = []
+        self._still = [0.0] * _LOAD + _NONE.tolist()
         kicks: list[Floats] = []
         for place, disturbance in enumerate(scene.disturbances):
             compiled = disturbance.compile()
@@ -73,10 +74,12 @@ class Inputs:
                 (_LOAD, _held_noise(row, (seed, run), place, begin, end))
                 for row, seed, run in compiled.noises
             ]
-            self._waves += [row.tolist() for row in compiled.sines]
+            self._waves += [(_LOAD, row.tolist()) for row in compiled.sines]
             kicks += compiled.impulses
+        if scene.motion is not None:
+            self._add_motion(scene.motion.compile(), begin)
         breaks = [float(t) for _, (times, _) in self._pieces for t in times]
-        breaks += [t for wave in self._waves for t in wave[:2]]
+        breaks += [t for _, wave in self._waves for t in wave[:2]]
         breaks += [float(kick[0]) for kick in kicks]
         self.edges = [begin]
         for t in sorted(breaks):
@@ -88,8 +91,26 @@ class Inputs:
             edge = self.snapped(time)
             # An impulse at the end does not act.
             if edge in self.edges:
+                if scene.motion is not None:
+                    phi = float(scene.motion.at(edge).tilt)
+                    x, y = impulse[:2]
+                    impulse[0] = x * math.cos(phi) + y * math.sin(phi)
+                    impulse[1] = y * math.cos(phi) - x * math.sin(phi)
                 before = self.impulses.get(edge, (0.0, 0.0, 0.0))
                 self.impulses[edge] = tuple(a + b for a, b in zip(before, impulse, strict=True))
+
+    def _add_motion(self, motion: CompiledMotion, begin: float) -> None:
+        """Adds the channels of a hand that moves: X'', Y'', phi and its two derivatives."""
+        turning = derivative(motion.tilt)
+        self._pieces += [(_FRAME, motion.acceleration), (_TILT, motion.tilt)]
+        self._pieces += [(_TILT + 1, turning), (_TILT + 2, derivative(turning))]
+        self._still += [0.0] * 5
+        for omega, phase, x, y, tilt in motion.sines:
+            wave = [begin, math.inf, omega]
+            phase, square, ahead = phase + omega * begin, -(omega**2), 0.5 * math.pi
+            self._waves += [(_FRAME, [*wave, phase, square * x, square * y, tilt])]
+            self._waves += [(_TILT + 1, [*wave, phase + ahead, omega * tilt])]
+            self._waves += [(_TILT + 2, [*wave, phase, square * tilt])]
 
     def snapped(self, t: float) -> float:
         """The edge that differs from `t` by round-off only, or `t` if there is none."""
@@ -109,7 +130,7 @@ class Inputs:
     def between(self, left: float, right: float) -> Driven:
         """The inputs between two edges as a function of time; at `right` their left limits."""
         inside = left + (right - left) / 2
-        constant = [0.0] * 5
+        constant = list(self._still)
         moving: list[tuple[int, float, list[float]]] = []
         for first, (breaks, coefficients) in self._pieces:
             k = int(np.searchsorted(breaks, inside, side="right"))
@@ -118,7 +139,7 @@ class Inputs:
                 # Before the first break an input is constant.
                 if k > 0 and any(row[1:]):
                     moving.append((channel, float(breaks[k - 1]), row[:0:-1]))
-        waves = [wave for wave in self._waves if wave[0] <= inside < wave[1]]
+        waves = [(first, w) for first, w in self._waves if w[0] <= inside < w[1]]
         still = tuple(constant)
         if not moving and not waves:
             return lambda _: still
@@ -130,9 +151,9 @@ class Inputs:
                 for coefficient in falling:
                     value = (value + coefficient) * since
                 values[channel] += value
-            for start, _, omega, phase, *amplitude in waves:
+            for first, (start, _, omega, phase, *amplitude) in waves:
                 swing = math.sin(omega * (t - start) + phase)
-                for channel, size in enumerate(amplitude, _LOAD):
+                for channel, size in enumerate(amplitude, first):
                     values[channel] += size * swing
             return tuple(values)
 
@@ -143,7 +164,7 @@ def _held_noise(
     row: Floats, key: tuple[int, int], place: int, begin: float, end: float
 ) -> Piecewise:
     """The samples of a noise during a run, as a piecewise constant force."""
-    *std, rate, start, stop = row.tolist()
+    *std, rate, start, stop = row[:6].tolist()
     last = min(stop, end)
     if last <= max(start, begin):
         return held(np.zeros(0), np.zeros((0, 3)), _NONE)
@@ -184,7 +205,7 @@ class Motion(NamedTuple):
 
     t: Floats  # instants (rows,), s, increasing
     y: Floats  # states (rows, n)
-    u: Floats  # inputs (rows, 5)
+    u: Floats  # inputs (rows, 5), or (rows, 10) of a hand that moves
     evaluations: int  # number of evaluations of the rates; a Jacobian counts as one for each state
 
 

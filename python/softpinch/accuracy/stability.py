@@ -303,9 +303,22 @@ def max_stable_dt(
         measured, failure = search.longest(max_steps), search.failure
     t, mode = float(along.t[k]), along.leading(k, rate)
     message = _message(method, predicted, t, rate, mode, measured)
-    if measured is not None and not _agree(predicted, measured):
+    # Both steps may be infinite.
+    if measured not in (None, predicted) and not 1.0 / _AGREE < predicted / measured < _AGREE:
         share = float(np.mean(steps < measured))
-        message += f"; they part because {_reason_they_differ(predicted, measured, share, failure)}"
+        reason = (
+            f"the predicted step is too long for {100 * share:.0f} % of the instants only, and the "
+            "growth there decays again"
+        )
+        if math.isinf(predicted):
+            reason = f"accuracy ends it, not stability: {failure}"
+        elif measured <= predicted:
+            reason = (
+                f"the motion fails before its linearisation about the right one does: {failure}"
+            )
+        elif share == 1.0:
+            reason = "the run has too few steps for the growth to show"
+        message += f"; they part because {reason}"
     elif failure and measured is None:
         message += f"; not measured: {failure}"
     alone = float((accurate.contact != ContactMode.STICK).any(axis=1).mean())
@@ -407,11 +420,6 @@ class StepSearch:
             first = failed / _FACTOR
 
 
-def _agree(predicted: float, measured: float) -> bool:
-    """True for nearly equal steps, which may both be infinite."""
-    return predicted == measured or 1.0 / _AGREE < predicted / measured < _AGREE
-
-
 def _message(
     method: str, predicted: float, t: float, rate: complex, mode: str, measured: float | None
 ) -> str:
@@ -426,16 +434,3 @@ def _message(
         return text
     found = "no limit: a single step does" if math.isinf(measured) else f"{measured:.3g} s"
     return f"{text}; measured {found}"
-
-
-def _reason_they_differ(predicted: float, measured: float, share: float, failure: str) -> str:
-    if math.isinf(predicted):
-        return f"accuracy ends it, not stability: {failure}"
-    if measured <= predicted:
-        return f"the motion fails before its linearisation about the right one does: {failure}"
-    if share == 1.0:
-        return "the run has too few steps for the growth to show"
-    return (
-        f"the predicted step is too long for {100 * share:.0f} % of the instants only, and the "
-        "growth there decays again"
-    )

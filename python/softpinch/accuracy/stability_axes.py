@@ -77,7 +77,21 @@ def choose(
         found = AXES[axis]
         return found, np.array(found.values) if values is None else values
     if isinstance(axis, str):
-        found = _path(scene, axis)
+        # Paths are those of `monte_carlo`.
+        path = axis
+        if path.split(".")[0] not in {f.name for f in fields(Scene)}:
+            known = checks.quoted(AXES)
+            raise ValueError(
+                f"axis = {checks.shown(path)}: must be one of {known}, or a path such as "
+                f'"grasped.mass"{checks.hint(path, AXES)}'
+            )
+        varied = SceneTemplate(scene, [path], 0)
+        varied.require_numbers("axis")
+        unit = units.units(path, ())
+        assert isinstance(unit, str)
+        found = Axis(
+            path, label_of(path), unit, "linear", (), lambda _, value: varied.changed({path: value})
+        )
     elif callable(axis):
         function = axis
         name = getattr(function, "__name__", type(function).__name__)
@@ -90,23 +104,6 @@ def choose(
         raise ValueError(f"values: must be given for axis = {found.name!r}")
     wide = values[0] > 0.0 and values[-1] > _DECADES * values[0]
     return replace(found, scale="log" if wide else "linear"), values
-
-
-def _path(scene: Scene, path: str) -> Axis:
-    """The axis of the parameter at a path in the scene; paths are those of `monte_carlo`."""
-    if path.split(".")[0] not in {f.name for f in fields(Scene)}:
-        known = checks.quoted(AXES)
-        raise ValueError(
-            f"axis = {checks.shown(path)}: must be one of {known}, or a path such as "
-            f'"grasped.mass"{checks.hint(path, AXES)}'
-        )
-    varied = SceneTemplate(scene, [path], 0)
-    varied.require_numbers("axis")
-    unit = units.units(path, ())
-    assert isinstance(unit, str)
-    return Axis(
-        path, label_of(path), unit, "linear", (), lambda _, value: varied.changed({path: value})
-    )
 
 
 def _object_mass(scene: Scene, value: float) -> Scene:

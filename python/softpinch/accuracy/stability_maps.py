@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..run import scaled_error
 from ..run.options import MOST_STEPS, STOP_ON, Options
-from ..run.run import Run
 from ..scene.contact import formulations_of, require_formulations
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
@@ -182,8 +182,7 @@ class StabilityMap(Result):
 
 def _counted(names: Sequence[str]) -> str:
     """Each distinct name with its number of occurrences, in words."""
-    counts = {name: names.count(name) for name in dict.fromkeys(names)}
-    words = [f"{name.replace('_', ' ')} {count}" for name, count in counts.items()]
+    words = [f"{name.replace('_', ' ')} {count}" for name, count in Counter(names).items()]
     return ", ".join(words) or "none"
 
 
@@ -249,18 +248,15 @@ class _Reference:
         self._scales = {
             name: scaled_error.scales(name, getattr(self._run, name), usual) for name in ("q", "p")
         }
-        self.status, self.floor = self._run.status, self._difference(second)
+        self.status, self.floor = self._run.status, np.inf
+        if self.status == second.status == "completed":
+            self.floor = self._error(second.q[-1], second.p[-1])
+        elif self.status == second.status and self.status in ENDS:
+            ends = sorted((float(self._run.t[-1]), float(second.t[-1])))
+            # Runs may end at their very start.
+            self.floor = (ends[1] - ends[0]) / (ends[1] - float(self._run.t[0]) or 1.0)
         if self.floor >= _APART:
             self.status, self.floor = NO_REFERENCE, np.inf
-
-    def _difference(self, other: Run) -> float:
-        if self._run.status != other.status or self._run.status not in ENDS:
-            return np.inf
-        if self._run.success:
-            return self._error(other.q[-1], other.p[-1])
-        ends = sorted((float(self._run.t[-1]), float(other.t[-1])))
-        # Runs may end at their very start.
-        return (ends[1] - ends[0]) / (ends[1] - float(self._run.t[0]) or 1.0)
 
     def _error(self, q: Floats, p: Floats) -> float:
         return max(scaled_error.at_end({"q": q, "p": p}, self._run, self._scales).values())
@@ -317,12 +313,10 @@ class MapPlan:
             require_formulations("pairs", [formulation for formulation, _ in self._pairs], at)
         self._formulations = tuple(dict.fromkeys(formulation for formulation, _ in self._pairs))
         for value, (at, gains) in zip(each, self._cases, strict=True):
-            for formulation in self._formulations:
-                options = Options.checked(
-                    dt=at.duration, formulation=formulation, stabilization=gains
-                )
+            for name in self._formulations:
+                how = Options.checked(dt=at.duration, formulation=name, stabilization=gains)
                 try:
-                    next(batches([at], options))
+                    next(batches([at], how))
                 except ValueError as error:
                     said = str(error).removeprefix("run 0: ")
                     raise ValueError(f"{self.axis.name} = {value:.6g}: {said}") from None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,29 +34,33 @@ _FIRST, _FASTEST = 2.0, 1e5
 class CarryLimits(Result):
     """The largest acceleration of the hand that a grasp bears in each of n directions.
 
+    With an array of m tilts, `limit` and `cause` are (m, n), and there are m equilibria.
+
     Attributes:
-        equilibrium: The equilibrium from which the hand is accelerated.
+        equilibrium: The equilibrium from which the hand is accelerated, or one for each tilt.
         direction: Direction of the acceleration along fixed axes (n, 2), of length one.
         limit: The largest acceleration (n,), m/s^2; inf if nothing gives way.
         cause: What gives way first (n,): as `WrenchLimits.limit`; of moves, the status of a run
             that is lost, or a violation; "none" if nothing does.
         profile: "trapezoid" or "minimum_jerk" for moves from rest to rest; None for an acceleration
             that grows slowly.
+        tilt: The tilt of the hand, or the tilts (m,), rad.
     """
 
-    equilibrium: Equilibrium
+    equilibrium: Equilibrium | tuple[Equilibrium, ...]
     direction: Floats
     limit: Floats
     cause: Texts
     profile: Profile | None
+    tilt: float | Floats
 
     def __repr__(self) -> str:
         k = int(np.argmin(self.limit))
-        x, y = self.direction[k]
+        x, y = self.direction[k % len(self.direction)]
         how = "growing slowly" if self.profile is None else f"moves by {self.profile}"
         return (
-            f"<CarryLimits of {len(self.limit)} directions, {how}: weakest {self.limit[k]:.6g} "
-            f"m/s^2 at ({x:.4g}, {y:.4g}), {self.cause[k]}>"
+            f"<CarryLimits of {len(self.direction)} directions, {how}: weakest "
+            f"{self.limit.flat[k]:.6g} m/s^2 at ({x:.4g}, {y:.4g}), {self.cause.flat[k]}>"
         )
 
 
@@ -67,7 +71,7 @@ def carry_limits(
     profile: Profile | None = None,
     distance: float = 0.2,
     settle: float = 0.1,
-    tilt: float = 0.0,
+    tilt: ArrayLike = 0.0,
     time: float | None = None,
     shear: ArrayLike | None = None,
     near: State | Run | None = None,
@@ -96,7 +100,8 @@ def carry_limits(
         profile: None, "trapezoid" (constant acceleration, then the opposite), or "minimum_jerk".
         distance: Length of a move, m.
         settle: Time after a move, s, in which the grasp has to hold too.
-        tilt: Tilt of the hand, rad, counter-clockwise; only with a scene without a motion.
+        tilt: Tilt of the hand, or several (m,), rad, counter-clockwise; only with a scene without a
+            motion. Directions stay those along fixed axes.
         time, shear, near, grip: As for `equilibrium`; only with a scene.
 
     Raises:
@@ -115,7 +120,21 @@ def carry_limits(
         if not lengths.all():
             raise ValueError(f"directions[{np.argmin(lengths)}] = (0, 0): must not be zero")
         rows = rows / lengths[:, None]
-    if checks.finite("tilt", tilt):
+    tilts = checks.array("tilt", tilt, ("m",) if np.ndim(tilt) else ())
+    if tilts.ndim:
+        how: dict[str, Any] = {"time": time, "shear": shear, "near": near, "grip": grip}
+        how |= {"distance": distance, "settle": settle, "profile": profile}
+        each = [carry_limits(grasp, directions, tilt=t, **how) for t in tilts.tolist()]
+        return CarryLimits(
+            equilibrium=tuple(one.equilibrium for one in each),  # type: ignore[misc]
+            direction=rows,
+            limit=np.stack([one.limit for one in each]),
+            cause=np.stack([one.cause for one in each]),
+            profile=profile,
+            tilt=tilts,
+        )
+    tilt = float(tilts)
+    if tilt:
         if isinstance(grasp, Equilibrium):
             raise ValueError(f"tilt = {tilt}: the equilibrium has it already")
         checks.instance("grasp", grasp, Scene, "a Scene or an Equilibrium")
@@ -134,8 +153,15 @@ def carry_limits(
             for row, slow in zip(rows, limit, strict=True)
         ]
         limit, cause = np.array([a for a, _ in found]), [name for _, name in found]
+    if rest.scene.motion is not None:
+        tilt = float(rest.scene.motion.at(rest.time).tilt)
     return CarryLimits(
-        equilibrium=rest, direction=rows, limit=limit, cause=np.array(cause), profile=profile
+        equilibrium=rest,
+        direction=rows,
+        limit=limit,
+        cause=np.array(cause),
+        profile=profile,
+        tilt=tilt,
     )
 
 

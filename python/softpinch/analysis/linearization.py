@@ -164,7 +164,9 @@ def linearize(
       model takes as six independent inputs;
     - "torque": torques on the fingers, N m, instead of the scene's law: the open
       loop. At the operating point they are the scene's own;
-    - "force": external force F_x and F_y, N, and moment, N m, on the object.
+    - "force": external force F_x and F_y along fixed axes, N, and moment, N m, on the object;
+    - "acceleration": acceleration a_x and a_y of the hand's frame along its own axes, m/s^2, in
+      every scene; without a motion it is zero at the operating point.
 
     Outputs: "pose" (x, y, theta), "fingers" (theta_1, theta_2), "compressions", "shears",
     "multipliers" (lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N), "torque" (of both fingers), and
@@ -244,7 +246,7 @@ def _inputs(scene: Scene, state: State) -> _core.Inputs:
             "run has (run.state(k)); this state has controller = None"
         )
     held = Schedule.steps([0.0], [state.controller[3:5]])
-    return compiled_inputs(held, scene.disturbances, "torque")
+    return compiled_inputs(held, scene.disturbances, "torque", motion=scene.motion)
 
 
 def _require_sound(scene: Scene, state: State, found: _core._Linear) -> None:

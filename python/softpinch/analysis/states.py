@@ -15,7 +15,7 @@ from ..scene.fields import COORDINATES, QUANTITIES, RATE_UNITS, RATES
 from ..scene.scene import Scene, State
 from ..support.arrays import Floats
 
-INPUTS = ("targets", "torque", "force")
+INPUTS = ("targets", "torque", "force", "acceleration")
 OUTPUTS = ("pose", "fingers", "compressions", "shears", "multipliers", "torque", "rates")
 
 ONLY_BILATERAL = (
@@ -129,6 +129,9 @@ def input_ports(chosen: tuple[str, ...], law: str) -> Ports:
         (first, first + 1, first + 2), ("force_x", "force_y", "moment"), ("N", "N", "N m")
     )
     own = {"targets": schedule, "torque": _TORQUES, "force": force}
+    own["acceleration"] = Ports(
+        (first + 3, first + 4), ("acceleration_x", "acceleration_y"), ("m/s^2", "m/s^2")
+    )
     chosen_ports = zip(*(own[group] for group in chosen), strict=True)
     return Ports(*(tuple(chain.from_iterable(column)) for column in chosen_ports))
 

@@ -13,10 +13,8 @@ from .. import _core
 from ..accuracy.measurements import WHERE, Measurement, WorkPrecision
 from ..accuracy.stability import max_stable_dt
 from ..accuracy.stability_axes import AXES
-from ..accuracy.stability_maps import PAIRS, MapPlan, Pair, StabilityMap, check_pairs
+from ..accuracy.stability_maps import PAIRS, MapPlan, Pair, check_pairs
 from ..scene.contact import formulations_of, require_formulations
-from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.extras import require
@@ -100,15 +98,31 @@ def stability(
         ]
         if plans:
             require("matplotlib", extra="plot", purpose="figures")
+            from .. import plot
+
             out.mkdir(parents=True, exist_ok=True)
-        for line in _table(described, wanted, stabilization):
-            typer.echo(line)
+        names = [f"{formulation} + {method}" for formulation, method in wanted]
+        wide = max(map(len, names))
+        typer.echo(f"{'longest step [s]':{wide}}  predicted   measured")
+        longest = []
+        with reporting(True, "longest steps") as report:
+            for k, (formulation, method) in enumerate(wanted):
+                report(k, len(wanted))
+                longest.append(
+                    max_stable_dt(described, method, formulation, stabilization=stabilization)
+                )
+        for name, step in zip(names, longest, strict=True):
+            measured = "-" if step.measured is None else f"{step.measured:.4g}"
+            typer.echo(f"{name:{wide}}  {step.predicted:9.4g}  {measured:>9}  {step.message}")
         for plan in plans:
             found = plan.run()
             typer.echo("")
             for line in found.summary():
                 typer.echo(line)
-            typer.echo(f"{out}: {', '.join(_save(found, out, format))}")
+            stem = out / f"stability_{found.axis.replace('.', '_')}"
+            files = [found.save(stem.with_suffix(suffix)) for suffix in (".csv", ".npz")]
+            files.append(plot.save(plot.stability_map(found), stem.with_suffix(f".{format}")))
+            typer.echo(f"{out}: {', '.join(file.name for file in files)}")
 
 
 def _pairs(text: str | None) -> tuple[Pair, ...] | None:
@@ -135,31 +149,6 @@ def _values(text: str | None, axes: Sequence[str]) -> list[float] | None:
         except ValueError:
             raise ValueError(f"--values: {word.strip()!r} must be a number") from None
     return found
-
-
-def _table(scene: Scene, pairs: Sequence[Pair], stabilization: Stabilization) -> Iterator[str]:
-    """Yields the lines of the table of longest steps, one for each pair."""
-    names = [f"{formulation} + {method}" for formulation, method in pairs]
-    wide = max(map(len, names))
-    yield f"{'longest step [s]':{wide}}  predicted   measured"
-    found = []
-    with reporting(True, "longest steps") as report:
-        for k, (formulation, method) in enumerate(pairs):
-            report(k, len(pairs))
-            found.append(max_stable_dt(scene, method, formulation, stabilization=stabilization))
-    for name, step in zip(names, found, strict=True):
-        measured = "-" if step.measured is None else f"{step.measured:.4g}"
-        yield f"{name:{wide}}  {step.predicted:9.4g}  {measured:>9}  {step.message}"
-
-
-def _save(found: StabilityMap, out: Path, format: str) -> list[str]:
-    """Writes tables and figure, and returns their file names."""
-    from .. import plot
-
-    stem = out / f"stability_{found.axis.replace('.', '_')}"
-    files = [found.save(stem.with_suffix(suffix)) for suffix in (".csv", ".npz")]
-    files.append(plot.save(plot.stability_map(found), stem.with_suffix(f".{format}")))
-    return [file.name for file in files]
 
 
 def work_precision(

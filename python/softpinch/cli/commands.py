@@ -263,6 +263,9 @@ def summary(run: Run) -> list[str]:
     ]
     noted = ", ".join(f"{name} first at {time:.6g} s" for name, time in run.violations.items())
     lines.append(f"violations: {noted or 'none'}")
+    if run.scene.motion is not None:
+        fastest = np.hypot(*run.hand.acceleration.T).max()
+        lines.append(f"the hand moves: acceleration up to {fastest:.4g} m/s^2")
     if run.scene.contact == "unilateral":
         lines += contact_lines(run)
     if "multipliers" in run.record:

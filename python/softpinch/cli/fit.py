@@ -49,7 +49,7 @@ def fit(
     """
     with one_line_errors():
         checks.choice("--format", format, FORMATS)
-        asked = fit_file.read(
+        scene, observables, settings = fit_file.read(
             study,
             dt=dt,
             tolerance=tolerance,
@@ -58,10 +58,10 @@ def fit(
             loss=loss,
             multistart=multistart,
         )
-        times, measured = fit_file.read_data(data, asked.measured)
+        times, measured = fit_file.read_data(data, observables)
         require("matplotlib", extra="plot", purpose="figures")
         require("tomli_w", extra="cli", purpose="writing TOML")
-        found = fit_numbers(asked.scene, times, measured, **asked.settings)
+        found = fit_numbers(scene, times, measured, **settings)
         for line in (*found.lines(), *found.messages):
             typer.echo(line)
         if profile:

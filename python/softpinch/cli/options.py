@@ -11,8 +11,6 @@ from .. import _core
 from ..scene.stabilization import Stabilization
 from ..support.files import FORMATS
 
-_USUAL = Stabilization()
-
 SceneFile = Annotated[
     Path, typer.Argument(help="The scene, a TOML file: SI units, angles in radians.")
 ]
@@ -49,19 +47,12 @@ Formulation = Annotated[
         help="How the constraints are enforced; the default is csm.",
     ),
 ]
+_OF = "Gain of the {} constraints ({}), 1/s, of csm; the default is {:g}."
 Alpha = Annotated[
-    float | None,
-    typer.Option(
-        help="Gain of the holonomic constraints (19), 1/s, of csm; "
-        f"the default is {_USUAL.alpha:g}."
-    ),
+    float | None, typer.Option(help=_OF.format("holonomic", 19, Stabilization().alpha))
 ]
 Beta = Annotated[
-    float | None,
-    typer.Option(
-        help="Gain of the nonholonomic constraints (20), 1/s, of csm; "
-        f"the default is {_USUAL.beta:g}."
-    ),
+    float | None, typer.Option(help=_OF.format("nonholonomic", 20, Stabilization().beta))
 ]
 Threads = Annotated[int | None, typer.Option(help="Largest number of threads; all if left out.")]
 

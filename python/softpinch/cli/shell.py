@@ -15,6 +15,7 @@ from .. import _core
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..study.capsule import Capsule
+from ..study.study_file import naming
 from ..support import checks, toml
 from ..support.errors import StabilityWarning, SuspiciousValueWarning, VersionMismatchError
 
@@ -75,7 +76,7 @@ def gains(
 
 def read_scene(path: Path, changes: Sequence[str] | None = None) -> Scene:
     """Reads a scene from a TOML file and makes the changes of --set; errors name the file."""
-    with _naming(path):
+    with naming(path):
         found = Scene.from_toml(path)
     return with_changes(found, changes)
 
@@ -92,41 +93,27 @@ def with_changes(scene: Scene, changes: Sequence[str] | None) -> Scene:
             )
         if path in values:
             raise ValueError(f"--set {checks.shown(text)}: {path} is given twice")
-        values[path] = _toml_value(text, value)
+        try:
+            found = toml.read(f"value = {value}")
+        except ValueError:
+            found = {}
+        # A value with line breaks could go on to other names.
+        if found.keys() != {"value"}:
+            raise ValueError(
+                f"--set {checks.shown(text)}: the value must be written as in TOML: a number such "
+                'as 0.3 or 3e5, an array such as [5, 0], or text in quotes such as "unilateral"'
+            )
+        values[path] = found["value"]
     try:
         return scene.with_(values) if values else scene
     except (TypeError, ValueError) as error:
         raise type(error)(f"--set: {str(error).removeprefix('with_: ')}") from None
 
 
-def _toml_value(text: str, value: str) -> Any:
-    """Parses the VALUE of a text PATH=VALUE."""
-    try:
-        found = toml.read(f"value = {value}")
-    except ValueError:
-        found = {}
-    # A value with line breaks could go on to other names.
-    if found.keys() != {"value"}:
-        raise ValueError(
-            f"--set {checks.shown(text)}: the value must be written as in TOML: a number such as "
-            '0.3 or 3e5, an array such as [5, 0], or text in quotes such as "unilateral"'
-        )
-    return found["value"]
-
-
 def read_run(path: Path) -> Scene | Capsule:
     """Reads a scene or a capsule from a TOML file; errors name the file."""
-    with _naming(path):
+    with naming(path):
         data = toml.read(path)
         if data.keys() & {"study", "vary", "paper"}:
             raise ValueError("is a study of many runs: compute it with softpinch montecarlo")
         return Capsule.from_dict(data) if "capsule" in data else Scene.from_dict(data)
-
-
-@contextmanager
-def _naming(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except (ValueError, TypeError) as error:
-        text = str(error)
-        raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None

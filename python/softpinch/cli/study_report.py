@@ -12,9 +12,9 @@ from .. import _core
 from ..plot.style import save
 from ..study.effects import sensitivity
 from ..study.results import Ensemble, Results
-from ..study.rows import HOLDS, possible_violations
+from ..study.rows import HOLDS, missing
 from ..support.files import FORMATS
-from ..support.table import Table, save_npz
+from ..support.table import Table, save_csv, save_npz
 
 _SUMMARY = (
     *("name", "unit", "runs", "mean", "low (95 %)", "high (95 %)"),
@@ -41,29 +41,6 @@ def sample(study: Results) -> Ensemble:
     return Ensemble(study._spec, study._rows_of(numbers), requested=len(numbers))
 
 
-def runs_table(ensemble: Results) -> Table:
-    """A table with a row for each run and a column for each number, without rounding."""
-    found = ensemble._spec.schema.split(ensemble.to_dict())
-    units = {
-        name: f" [{column.unit}]" for name, column in found.items() if column.unit not in ("", "1")
-    }
-    numbers = (column.values.tolist() for column in found.values())
-    return Table(
-        columns=tuple(f"{name}{units.get(name, '')}" for name in found),
-        rows=tuple(zip(*numbers, strict=True)),
-    )
-
-
-def summaries(study: Results) -> dict[str, str]:
-    """Column name -> unit, for the columns of all summaries."""
-    entries = study._spec.schema.entries
-    return {
-        column: unit
-        for name in study._spec.summaries
-        for column, unit in entries[name].columns.items()
-    }
-
-
 def scalars(study: Results) -> list[str]:
     """Names of the summaries that have one number for each run."""
     entries = study._spec.schema.entries
@@ -77,14 +54,16 @@ def summary_table(study: Results) -> Table:
     """
     rows: list[tuple[Any, ...]] = [(f"model: {study.model}", "", study.runs, *[""] * 9)]
     happened = dict.fromkeys(["completed", HOLDS, *study.counts()])
-    for name in possible_violations(study.scene, study._spec.shapes):
-        if study.probability(name).happened:
+    for name in _core.VIOLATIONS:
+        possible = not missing(name, study.scene, study._spec.shapes)
+        if possible and study.probability(name).happened:
             happened[name] = None
     for name in happened:
         estimate = study.probability(name)
         numbers = (estimate.value, estimate.low, estimate.high)
         rows.append((f"probability of {name}", "1", estimate.runs, *numbers, *[""] * 6))
-    for name, unit in summaries(study).items():
+    entries = [study._spec.schema.entries[name] for name in study._spec.summaries]
+    for name, unit in (column for entry in entries for column in entry.columns.items()):
         mean = study.mean(name)
         if not mean.runs:
             rows.append((name, unit, 0, *[""] * 9))
@@ -106,7 +85,13 @@ def save_tables(study: Results, some: Ensemble, out: Path) -> list[Path]:
         for file in files[1:]:
             file.unlink(missing_ok=True)
         return files[:1]
-    runs_table(some).save(files[1])
+    columns = some._spec.schema.split(some.to_dict())
+    header = [
+        name if column.unit in ("", "1") else f"{name} [{column.unit}]"
+        for name, column in columns.items()
+    ]
+    numbers = (column.values.tolist() for column in columns.values())
+    save_csv(files[1], header, zip(*numbers, strict=True))
     # NumPy pickles arrays of objects, and does not load pickles by default.
     arrays = {**some.to_dict(), "message": some.message.astype(str)}
     save_npz(files[2], arrays, some.provenance())
@@ -173,7 +158,6 @@ def lines(study: Results, seconds: float, earlier: int = 0) -> list[str]:
     if not found:
         return result
     width = max(map(len, found))
-    known = summaries(study)
     header = f"{'':{width}}  {'mean ± standard error':<26} {'5 %':>11} {'95 %':>11}"
     result.append(f"{header}  (errors {as_if})" if as_if else header)
     for name in found:
@@ -182,7 +166,7 @@ def lines(study: Results, seconds: float, earlier: int = 0) -> list[str]:
             result.append(f"{name:{width}}  finite in no run")
             continue
         low, high = study.quantile(name, [0.05, 0.95])
-        shown = f"{mean.value:.6g} ± {mean.error:.2g} {known[name]}"
+        shown = f"{mean.value:.6g} ± {mean.error:.2g} {study._spec.schema.entries[name].unit}"
         few = "" if mean.runs == study.runs else f"  ({mean.runs} runs)"
         result.append(f"{name:{width}}  {shown:<26} {low:>11.4g} {high:>11.4g}{few}")
     for name, each in (study.discretisation or {}).items():

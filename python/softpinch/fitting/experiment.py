@@ -109,11 +109,14 @@ class Experiment(Result):
     def checked(
         cls, scene: Scene, times: object, measured: object, noise: object, where: str = ""
     ) -> Experiment:
-        """Checks the data of an experiment, which are those of `fit`.
-
-        For error messages, `where` is the place in a list of experiments, such as "[0]".
-        """
-        instants = _instants(f"times{where}", times, scene)
+        """Checks the arguments of `fit` for an experiment, the one at `where` ("[0]") in a list."""
+        name = f"times{where}"
+        instants, begin = checks.times(name, times), scene.start().time
+        end = begin + scene.duration
+        if instants[0] < begin or instants[-1] > end + 1e-12 * max(abs(end), scene.duration):
+            raise ValueError(f"{name}: must be from {begin} to {end} s, the time of the scene")
+        if instants[-1] == begin:
+            raise ValueError(f"{name} = [{begin}]: must have an instant after the scene's start")
         kind = 'a mapping of observables, such as "rotation", to arrays'
         checks.instance(f"measured{where}", measured, Mapping, kind)
         assert isinstance(measured, Mapping)
@@ -148,12 +151,10 @@ class Experiment(Result):
     @property
     def residuals(self) -> dict[str, Floats]:
         """Observable -> measured minus fitted (n,) or (n, k), in SI units; NaN where no data is."""
-        found, first = {}, 0
-        for name, own in self.observables.items():
-            block = (self.data - self.fitted)[:, first : first + len(own)]
-            found[name] = block[:, 0] if len(own) == 1 else block
-            first += len(own)
-        return found
+        ends = np.cumsum([len(own) for own in self.observables.values()])[:-1]
+        blocks = np.split(self.data - self.fitted, ends, axis=1)
+        pairs = zip(self.observables, blocks, strict=True)
+        return {name: block[:, 0] if block.shape[1] == 1 else block for name, block in pairs}
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -177,10 +178,7 @@ class Experiment(Result):
     def simulated(
         self, values: Mapping[str, float], options: Options, derivatives: bool, warns: bool = False
     ) -> Motion:
-        """Simulates the scene with values put in by path, at the measured instants.
-
-        Raises `FailedRun` if the values break a rule of the scene, or the run ends too early.
-        """
+        """Simulates the scene with values by path at the measured times, or raises FailedRun."""
         paths = tuple(values)
         try:
             scene = self.changed(values)
@@ -216,17 +214,6 @@ class Experiment(Result):
         """The quantities that a run records: its state, and then the other measured ones."""
         quantities = dict.fromkeys(INDICES[column].quantity for column in self.columns)
         return ("state", *(name for name in quantities if name not in ("q", "p")))
-
-
-def _instants(name: str, times: object, scene: Scene) -> Floats:
-    found = checks.times(name, times)
-    begin = scene.start().time
-    end = begin + scene.duration
-    if found[0] < begin or found[-1] > end + 1e-12 * max(abs(end), scene.duration):
-        raise ValueError(f"{name}: must be from {begin} to {end} s, the time of the scene")
-    if found[-1] == begin:
-        raise ValueError(f"{name} = [{begin}]: must have an instant after the scene's start")
-    return found
 
 
 def _values(name: str, given: object, own: tuple[str, ...], times: Floats) -> Floats:

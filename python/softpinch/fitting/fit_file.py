@@ -23,14 +23,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ..run.options import NUMERICS, in_place
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
-from ..study.study_file import scene_of
+from ..study.study_file import naming, scene_of
 from ..support import checks, toml
 from ..support.arrays import Floats
 from .experiment import GROUPS, INDICES, NAMES, columns
@@ -44,19 +44,14 @@ _FREE = "unbounded"
 _TIME = "t"
 
 
-class FitFile(NamedTuple):
-    """The content of a file that says what to fit."""
+def read(path: Path, **changes: Any) -> tuple[Scene, tuple[str, ...] | None, dict[str, Any]]:
+    """Reads scene, observables (None for all columns of the data) and other arguments of `sp.fit`.
 
-    scene: Scene
-    measured: tuple[str, ...] | None  # the observables to use; None uses all columns of the data
-    settings: Mapping[str, Any]  # the further arguments of `sp.fit`
-
-
-def read(path: Path, **changes: Any) -> FitFile:
-    """Reads what to fit; `changes` override settings, see `in_place`; `sp.fit` checks them."""
+    `changes` override settings, see `in_place`; `sp.fit` checks them.
+    """
     path = checks.path("path", path)
     data = toml.read(path)
-    try:
+    with naming(path):
         if "study" in data:
             raise ValueError("is a study of many runs: compute it with softpinch montecarlo")
         checks.refuse_unknown("fit file", data, _TOP, "")
@@ -72,9 +67,7 @@ def read(path: Path, **changes: Any) -> FitFile:
         start = data.get("start", {})
         checks.refuse_unknown("[start]", start, settings["vary"], "")
         settings["start"] = start
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{path}: {error}") from None
-    return FitFile(scene, measured, settings)
+        return scene, measured, settings
 
 
 def _bounds(data: object) -> dict[str, Any]:
@@ -126,21 +119,17 @@ def read_data(path: Path, wanted: tuple[str, ...] | None) -> tuple[Floats, dict[
             for k, name in enumerate(names)
             if name
         }
-        times = every.pop(_TIME)
-        return times, {
-            name: _observable(name, every) for name in (every if wanted is None else wanted)
-        }
+        times, found = every.pop(_TIME), {}
+        for name in every if wanted is None else wanted:
+            own = columns(name)
+            for column in own:
+                if column not in every:
+                    raise ValueError(f'has no column "{column}", which "{name}" needs')
+            table = np.column_stack([every[column] for column in own])
+            found[name] = table[:, 0] if len(own) == 1 else table
+        return times, found
     except (ValueError, csv.Error, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: {error}") from None
-
-
-def _observable(name: str, every: Mapping[str, Floats]) -> Floats:
-    own = columns(name)
-    for column in own:
-        if column not in every:
-            raise ValueError(f'has no column "{column}", which "{name}" needs')
-    found = [every[column] for column in own]
-    return found[0] if len(found) == 1 else np.column_stack(found)
 
 
 def _column(text: str, all_wanted: bool) -> str:

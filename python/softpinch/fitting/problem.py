@@ -183,13 +183,13 @@ class Problem:
         parameters: Sequence[Parameter],
         options: Options,
         loss: str,
-        report: Callable[[], object] = lambda: None,
+        report: Callable[[int], object] = lambda _: None,
     ) -> None:
         self.experiments = tuple(experiments)
         self.parameters = tuple(parameters)
         self.evaluations = 0
-        self._options = options
-        self._loss = loss
+        self.options = options
+        self.loss = loss
         self._report = report
 
     @property
@@ -208,12 +208,12 @@ class Problem:
         put = values(self.parameters, u)
         found: list[Motion] = []
         for each in self.experiments:
-            motion = each.simulated(put, self._options, derivatives, warns)
+            motion = each.simulated(put, self.options, derivatives, warns)
             if motion.slope is not None:
                 motion = motion._replace(slope=motion.slope * slopes(self.parameters, u))
             found.append(motion)
         self.evaluations += 1
-        self._report()
+        self._report(self.evaluations)
         return found
 
     def residuals(self, motions: Sequence[Motion]) -> Floats:
@@ -234,7 +234,7 @@ class Problem:
 
         SciPy shortens a step to a failed run. The parameter with the index `held` keeps its value.
         """
-        loss = loss or self._loss
+        loss = loss or self.loss
         optimize = require("scipy.optimize", extra="study", purpose="fit")
         free = np.array([k for k in range(len(start)) if k != held], dtype=int)
         low, high = self.bounds[:, free]

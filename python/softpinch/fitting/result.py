@@ -1,7 +1,6 @@
 """`Fit`, the result of `fit`: values, errors, and what the data leave open.
 
-`uncertainty` linearises the problem at the minimum; `followed` follows the profile likelihood of
-one number.
+`uncertainty` linearises the problem at the minimum.
 """
 
 from __future__ import annotations
@@ -151,7 +150,30 @@ class Fit(Result):
             level: The level of the interval.
         """
         index = list(self.values).index(checks.choice("path", path, self.values))
-        return followed(self, index, checks.share("level", level), self._reach(level))
+        level = checks.share("level", level)
+        limit, u = self._reach(level) ** 2, self.estimate
+        problem = Problem(self.experiments, self.parameters, self.options, self.loss)
+        psi, slope = influence(problem.residuals(problem.motions(u)), self.loss)
+        # A robust loss grows less than the sum of squares of its residuals.
+        scale = 2.0
+        if self.loss != "linear":
+            scale /= sandwich(psi, slope) * float(np.mean(slope))
+        least = problem.minimum(u, held=index).cost
+        step = min(_FIRST * float(self.scaled_errors[index]), _LARGEST)
+        (low, low_closed, before), (high, high_closed, after) = (
+            _side(problem, u, index, way * step, scale, least, limit) for way in (-1.0, 1.0)
+        )
+        points = sorted({(u[index], 0.0), *before, *after})
+        value = self.parameters[index].value
+        return Profile(
+            path=path,
+            level=level,
+            interval=(value(low), value(high)),
+            closed=(low_closed, high_closed),
+            values=np.array([value(float(at)) for at, _ in points]),
+            increase=np.array([increase for _, increase in points]),
+            limit=limit,
+        )
 
     def _reach(self, level: float) -> float:
         return reach(level, self.degrees_of_freedom if self.noise_estimated else None)
@@ -290,20 +312,16 @@ class Fit(Result):
             value, error = self.values[each.path], errors[each.path]
             unit = each.shown_unit
             low, high = ends[each.path]
-            digits = _digits(value, error)
+            digits = 6
+            if value and error and np.isfinite(error):
+                # The last digit is the second one of the error.
+                digits = int(np.clip(np.floor(np.log10(abs(value) / error)) + 2, 3, 12))
             body = f"not determined within {low:g} to {high:g}{unit}"
             if np.isfinite(error):
                 body = f"{value:.{digits}g} ± {error:.2g}{unit}, "
                 body += f"95 %: {low:.{digits}g} to {high:.{digits}g}"
             found.append(f"{each.path:{width}}  {body}")
         return found
-
-
-def _digits(value: float, error: float) -> int:
-    """The digits of a value whose last one is the second digit of its error, from 3 to 12."""
-    if not (value and error and np.isfinite(error)):
-        return 6
-    return int(np.clip(np.floor(np.log10(abs(value) / error)) + 2, 3, 12))
 
 
 class Uncertainty(NamedTuple):
@@ -348,10 +366,8 @@ def correlations(covariance: Floats) -> Floats:
 
 
 def sentences(found: Uncertainty, parameters: Sequence[Parameter]) -> Iterator[str]:
-    """Says which combinations of parameters the data do not determine.
-
-    They are the singular directions that give undetermined parameters most of their variance.
-    """
+    """Says which combinations of parameters the data do not determine."""
+    # They are the singular directions that give undetermined parameters most of their variance.
     least = _ROUND_OFF * max(float(found.singular_values[0]), 1e-150)
     entries = np.abs(found.directions)
     shares = entries / np.maximum(found.singular_values, least)[:, None]
@@ -363,10 +379,13 @@ def sentences(found: Uncertainty, parameters: Sequence[Parameter]) -> Iterator[s
         # The step along the direction that takes the foremost parameter through its whole span.
         change = float(size / largest)
         part = np.abs(direction) >= _SHARE * largest
-        names = [each.path for each, one in zip(parameters, part, strict=True) if one]
+        names = [each.path for each, has_part in zip(parameters, part, strict=True) if has_part]
         noise = f"changes the data by {change:.2g} standard deviations of the noise in all"
         if len(names) == 1:
-            whole = _full_range(parameters[int(np.flatnonzero(part)[0])])
+            one = parameters[int(np.flatnonzero(part)[0])]
+            whole = "a factor of ten" if one.log else f"a change by {one.span:g}{one.shown_unit}"
+            if np.isfinite(one.high - one.low):
+                whole = f"its whole range, {one.low:g} to {one.high:g}{one.shown_unit},"
             yield f"the data do not determine {names[0]}: {whole} {noise}, by the slope at the fit"
             continue
         joined = f"{', '.join(names[:-1])} and {names[-1]}"
@@ -376,14 +395,6 @@ def sentences(found: Uncertainty, parameters: Sequence[Parameter]) -> Iterator[s
             f"the data do not determine {joined} separately: {moves} together change the data by "
             f"{effect:.2g} standard deviations of the noise in all"
         )
-
-
-def _full_range(parameter: Parameter) -> str:
-    if np.isfinite(parameter.high - parameter.low) and parameter.low > -np.inf:
-        return f"its whole range, {parameter.low:g} to {parameter.high:g}{parameter.shown_unit},"
-    if parameter.log:
-        return "a factor of ten"
-    return f"a change by {parameter.span:g}{parameter.shown_unit}"
 
 
 def _step_for_a_tenth(parameters: Sequence[Parameter], direction: Floats) -> float:
@@ -431,33 +442,6 @@ class Profile(Result):
     values: Floats
     increase: Floats
     limit: float
-
-
-def followed(fit: Fit, index: int, level: float, reach: float) -> Profile:
-    """Follows the profile of a parameter to both sides; `reach` is that of the level."""
-    problem, u = Problem(fit.experiments, fit.parameters, fit.options, fit.loss), fit.estimate
-    motions = problem.motions(u)
-    psi, slope = influence(problem.residuals(motions), fit.loss)
-    # A robust loss grows less than the sum of squares of its residuals.
-    scale = 2.0
-    if fit.loss != "linear":
-        scale /= sandwich(psi, slope) * float(np.mean(slope))
-    least = problem.minimum(u, held=index).cost
-    step = min(_FIRST * float(fit.scaled_errors[index]), _LARGEST)
-    found = [
-        _side(problem, u, index, sign * step, scale, least, reach * reach) for sign in (-1.0, 1.0)
-    ]
-    points = sorted({(u[index], 0.0), *(point for side in found for point in side[2])})
-    parameter = fit.parameters[index]
-    return Profile(
-        path=parameter.path,
-        level=level,
-        interval=(parameter.value(found[0][0]), parameter.value(found[1][0])),
-        closed=(found[0][1], found[1][1]),
-        values=np.array([parameter.value(float(at)) for at, _ in points]),
-        increase=np.array([increase for _, increase in points]),
-        limit=reach * reach,
-    )
 
 
 def _side(

@@ -142,22 +142,25 @@ def fit(
             f"measured: {count} numbers cannot determine {len(found)} parameters and the noise; "
             "give the noise, or measure more"
         )
-    _require_derivatives(scenes, [each.path for each in found], options)
+    paths = [each.path for each in found]
+    for each in scenes:
+        require_derivatives(each)
+        shapes(each, paths)
+        if options.tolerance is None and move_breakpoints(each, paths):
+            raise ValueError(
+                "vary: the time of a jump, a kink or an impulse is fitted with tolerance=, not "
+                "with dt: between the steps on both sides of it the motion is not smooth"
+            )
     require("scipy.optimize", extra="study", purpose="fit")
     most = MOST_EVALUATIONS * (1 + multistart)
-    count = 0
     with reporting(progress, "fitting") as report:
-
-        def evaluated() -> None:
-            nonlocal count
-            count += 1
-            report(min(count, most), most)
-
-        problem = _with_first_noise(Problem(experiments, found, options, loss, evaluated))
-        robust = loss != "linear"
-        best, starts, same = _best(problem, _starts(found, multistart, seed), robust)
-        problem, best = _with_estimated_noise(problem, best, loss)
-        fitted = _result(problem, best, options, loss, starts, same)
+        problem = Problem(
+            experiments, found, options, loss, lambda done: report(min(done, most), most)
+        )
+        problem = _with_first_noise(problem)
+        best, starts, same = _best(problem, _starts(found, multistart, seed))
+        problem, best = _with_estimated_noise(problem, best)
+        fitted = _result(problem, best, starts, same)
         report(most, most)
     return fitted
 
@@ -184,17 +187,6 @@ def _experiments(scene: Any, times: Any, measured: Any, noise: Any) -> list[Expe
         Experiment.checked(one, instants, data, own, f"[{k}]")
         for k, (one, instants, data, own) in enumerate(zip(scenes, *rows, strict=True))
     ]
-
-
-def _require_derivatives(scenes: Sequence[Scene], paths: list[str], options: Options) -> None:
-    for scene in scenes:
-        require_derivatives(scene)
-        shapes(scene, paths)
-        if options.tolerance is None and move_breakpoints(scene, paths):
-            raise ValueError(
-                "vary: the time of a jump, a kink or an impulse is fitted with tolerance=, not "
-                "with dt: between the steps on both sides of it the motion is not smooth"
-            )
 
 
 def _with_first_noise(problem: Problem) -> Problem:
@@ -229,13 +221,15 @@ def _starts(found: Sequence[Parameter], multistart: int, seed: int) -> list[Floa
     return starts
 
 
-def _best(problem: Problem, starts: Sequence[Floats], robust: bool) -> tuple[Minimum, int, int]:
+def _best(problem: Problem, starts: Sequence[Floats]) -> tuple[Minimum, int, int]:
     """Returns the lowest minimum, the number of starts used, and of those that ended there."""
     found, failed = [], ""
     for u in starts:
         try:
             # A robust loss is flat far away: least squares first, which outliers do not keep far.
-            found.append(problem.minimum(problem.minimum(u, loss="linear").u if robust else u))
+            if problem.loss != "linear":
+                u = problem.minimum(u, loss="linear").u
+            found.append(problem.minimum(u))
         except FailedRun as error:
             failed = str(error)
     if not found:  # the runs at the first start succeed, but not all derivatives on the way
@@ -245,15 +239,16 @@ def _best(problem: Problem, starts: Sequence[Floats], robust: bool) -> tuple[Min
     return best, len(found), sum(each.cost <= limit for each in found)
 
 
-def _with_estimated_noise(problem: Problem, best: Minimum, loss: str) -> tuple[Problem, Minimum]:
+def _with_estimated_noise(problem: Problem, best: Minimum) -> tuple[Problem, Minimum]:
     """Estimates noise and repeats the fit with it until the noise does not change any more."""
     unknown = sum(int(each.estimated.sum()) for each in problem.experiments)
     if not unknown:
         return problem, best
     # Least squares with one common noise has the same minimum for every noise.
-    once = loss == "linear" and unknown == 1 == sum(len(e.columns) for e in problem.experiments)
+    columns = sum(len(each.columns) for each in problem.experiments)
+    once = problem.loss == "linear" and unknown == columns == 1
     for _ in range(_ROUNDS):
-        noise = _estimated(problem, best.u, loss)
+        noise = _estimated(problem, best.u)
         changes = [
             np.abs(np.log(new / each.noise)).max(initial=0.0)
             for new, each in zip(noise, problem.experiments, strict=True)
@@ -268,7 +263,7 @@ def _with_estimated_noise(problem: Problem, best: Minimum, loss: str) -> tuple[P
     return problem, best
 
 
-def _estimated(problem: Problem, u: Floats, loss: str) -> list[Floats]:
+def _estimated(problem: Problem, u: Floats) -> list[Floats]:
     """Estimates the noise of each column whose noise is not given, in each experiment."""
     total = sum(int(each.known.sum()) for each in problem.experiments)
     # The parameters take a share of all degrees of freedom from each column.
@@ -279,16 +274,15 @@ def _estimated(problem: Problem, u: Floats, loss: str) -> list[Floats]:
         for k in np.flatnonzero(each.estimated & each.known.any(axis=0)):
             rest = (motion.table - each.data)[each.known[:, k], k]
             size = np.sqrt(np.mean(rest * rest))
-            if loss != "linear":
+            if problem.loss != "linear":
                 size = np.median(np.abs(rest)) / _MEDIAN
             own[k] = max(size * np.sqrt(share), each.least_noise[k])
         noise.append(own)
     return noise
 
 
-def _result(
-    problem: Problem, best: Minimum, options: Options, loss: str, starts: int, same: int
-) -> Fit:
+def _result(problem: Problem, best: Minimum, starts: int, same: int) -> Fit:
+    loss = problem.loss
     motions = problem.motions(best.u, derivatives=True, warns=True)
     residuals, jacobian = problem.residuals(motions), problem.jacobian(motions)
     inflation = sandwich(*influence(residuals, loss)) if loss != "linear" else 1.0
@@ -315,7 +309,7 @@ def _result(
         undetermined=tuple(sentences(known, problem.parameters)),
         at_bound=tuple(path for path, there in zip(paths, bound, strict=True) if there),
         experiments=experiments,
-        options=options,
+        options=problem.options,
         loss=loss,
         chi_squared=float(residuals @ residuals),
         degrees_of_freedom=degrees,

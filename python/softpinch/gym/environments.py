@@ -29,17 +29,12 @@ Flags: TypeAlias = NDArray[np.bool_]
 _FPS = 50
 
 
-def _checked_task(task: Task | None) -> Task:
-    """Returns the task, or the default one for None."""
+def _prepared(task: Task | None) -> tuple[Task, Box, Box]:
+    """Returns the task, by default the usual one, and the spaces of observations and actions."""
     task = HoldAgainstPushes() if task is None else task
     checks.instance("task", task, Task, "a Task, such as HoldAgainstPushes()")
-    return task
-
-
-def _spaces(task: Task) -> tuple[Box, Box]:
-    """The spaces of observations and actions of one environment."""
-    entries = len(task.measures)
-    return Box(-LIMIT, LIMIT, (entries,), np.float64), Box(-1.0, 1.0, (2,), np.float32)
+    observed = Box(-LIMIT, LIMIT, (len(task.measures),), np.float64)
+    return task, observed, Box(-1.0, 1.0, (2,), np.float32)
 
 
 def _draw(frames: Frames, episodes: Episodes, k: int) -> None:
@@ -70,11 +65,10 @@ class PinchEnv(gymnasium.Env[Observed, Actions]):
             task: The task; None is `HoldAgainstPushes()`.
             render_mode: "rgb_array", "human" or None.
         """
-        self.task = _checked_task(task)
         if render_mode is not None:
             checks.choice("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
-        observed, acted = _spaces(self.task)
+        self.task, observed, acted = _prepared(task)
         self.observation_space, self.action_space = observed, acted  # type: ignore[assignment]
         self._episodes = Episodes(self.task, 1)
         self._frames: Frames | None = None
@@ -188,7 +182,7 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
             render_mode: "rgb_array" or None.
             threads: Largest number of threads of a step, as for `sp.VectorSimulator`.
         """
-        self.task = _checked_task(task)
+        self.task, self.single_observation_space, self.single_action_space = _prepared(task)
         self.num_envs = checks.integer("num_envs", num_envs, 1)
         if not isinstance(autoreset_mode, AutoresetMode):
             known = [mode.value for mode in AutoresetMode]
@@ -198,7 +192,6 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
         if render_mode is not None:
             checks.choice("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
-        self.single_observation_space, self.single_action_space = _spaces(self.task)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._episodes = Episodes(self.task, self.num_envs, threads)
@@ -276,14 +269,7 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
             return self._restarted(outcome, episodes.ended.copy(), final=True)
         if waiting.any():
             return self._restarted(outcome, waiting, final=False)
-        every = np.ones(self.num_envs, bool)
-        return (
-            outcome.observation,
-            outcome.reward,
-            outcome.terminated,
-            outcome.truncated,
-            _masked(outcome.info, every),
-        )
+        return (*outcome[:4], _masked(outcome.info, np.ones(self.num_envs, bool)))
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Returns a frame (height, width, 3) of each environment, with "rgb_array"."""

@@ -59,7 +59,14 @@ def differentiable(
 
     def sloped(by: Sequence[str], *values: Any) -> tuple[Results, Slopes]:
         batch, runs = runs_of(values)
-        each = one_by_one(runs, by)
+        count, each = len(next(iter(runs.values()))), []
+        for k in range(count):
+            try:
+                each.append(derive({path: value[k] for path, value in runs.items()}, by))
+            except ValueError as error:
+                if count == 1:
+                    raise
+                raise ValueError(f"run {k}: {error}") from None
         found = {name: np.stack([one[name] for one, _ in each]) for name in results}
         slopes = {
             name: {path: np.stack([slope[name][path] for _, slope in each]) for path in by}
@@ -68,17 +75,6 @@ def differentiable(
         return _reshaped(found, batch), {
             name: _reshaped(slope, batch) for name, slope in slopes.items()
         }
-
-    def one_by_one(runs: dict[str, Floats], by: Sequence[str]) -> list[tuple[Results, Slopes]]:
-        count, found = len(next(iter(runs.values()))), []
-        for k in range(count):
-            try:
-                found.append(derive({path: value[k] for path, value in runs.items()}, by))
-            except ValueError as error:
-                if count == 1:
-                    raise
-                raise ValueError(f"run {k}: {error}") from None
-        return found
 
     def runs_of(values: Sequence[Any]) -> tuple[tuple[int, ...], dict[str, Floats]]:
         """Returns the shape of the batch, and the values of its runs in one axis."""

@@ -64,9 +64,8 @@ def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None 
         drawn = [_change(some, styles, *quantity) for quantity in ANGLES + POSE]
         until = max(measures.busy(*each) for each in some.values())
         letters = LETTERS[len(columns) * len(drawn) :]
-        columns.append(
-            _since_onset(drawn, group, until, letters, f"{title}: {', '.join(group)}", _SINCE)
-        )
+        title, onsets = f"{title}: {', '.join(group)}", _onsets(group)
+        columns.append(Column(drawn, group, (0.0, until or None), _SINCE, letters, title, onsets))
     width = PAGE if len(columns) > 1 else COLUMN
     return draw(columns, width, 1.28 * len(columns[0].panels))[0]
 
@@ -85,17 +84,8 @@ def _styles(names: Sequence[str] | Mapping[str, Any]) -> dict[str, Mapping[str, 
     return {name: LINES[k % len(LINES)] for k, name in enumerate(names)}
 
 
-def _since_onset(
-    panels: Sequence[Panel],
-    runs: Mapping[str, Run],
-    until: float,
-    letters: str,
-    title: str,
-    time: str,
-) -> Column:
-    """A column of runs whose time counts from the onset of each one's disturbance."""
-    onsets = {name: measures.onset(run) for name, run in runs.items()}
-    return Column(panels, runs, (0.0, until or None), time, letters, title, onsets)
+def _onsets(runs: Mapping[str, Run]) -> dict[str, float]:
+    return {name: measures.onset(run) for name, run in runs.items()}
 
 
 def _change(
@@ -153,7 +143,7 @@ def contact_models(columns: Mapping[str, Mapping[str, Run]]) -> Figure:
             measures.busy(*each) if disturbed else float(each[0][-1]) for each in responses.values()
         )
         letters, time = LETTERS[len(POSE) * k :], _SINCE if disturbed else "time [s]"
-        scenes.append(_since_onset(drawn, runs, last, letters, title, time))
+        scenes.append(Column(drawn, runs, (0.0, last or None), time, letters, title, _onsets(runs)))
     return draw(scenes, PAGE, 4.2)[0]
 
 

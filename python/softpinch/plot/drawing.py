@@ -20,6 +20,7 @@ from ..run.run import Run
 from ..scene import outline
 from ..scene.control import Pid
 from ..scene.fields import words
+from ..scene.motion import HandMotion
 from ..scene.outline import SKIN
 from ..scene.scene import Scene
 from ..support.arrays import Floats
@@ -30,6 +31,7 @@ from .timeline import COLORS
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.patches import Polygon
+    from matplotlib.transforms import Affine2D
 
 # The longest arrow, as a share of the object's width, so that two tips' arrows do not meet; and its
 # limits, as shares of the picture's width.
@@ -70,7 +72,7 @@ class HandDrawing:
         axes.set_xlim(*limits[:2])
         axes.set_ylim(*limits[2:])
         self._scene = scene
-        self._parts = [
+        self.parts = [
             polygon(axes, fill, edge, width, 2.0 + 0.01 * layer)
             for layer, (_, fill, edge, width) in enumerate(outline.shapes(scene, np.zeros(9)))
         ]
@@ -78,16 +80,17 @@ class HandDrawing:
     def show(self, q: Floats, modes: Modes | None = None) -> None:
         """Shows the coordinates q (9,), m and rad, with tips in the colours of their modes."""
         skins = (SKIN, SKIN) if modes is None else (COLORS[modes[0]], COLORS[modes[1]])
-        for part, shape in zip(self._parts, outline.shapes(self._scene, q, skins), strict=True):
+        for part, shape in zip(self.parts, outline.shapes(self._scene, q, skins), strict=True):
             part.set_xy(shape.points * MM.per_si)
             part.set_facecolor(shape.fill or "none")
             part.set_edgecolor(shape.edge)
 
 
 class Instant(NamedTuple):
-    """A run at one instant. Forces are zero where they are not wanted."""
+    """A run at one instant. Forces, along the hand's axes, are zero where they are not wanted."""
 
     time: float  # s
+    place: Floats  # the hand's frame in that of the picture: position, m, and tilt, rad, (3,)
     q: Floats  # coordinates (9,), m and rad
     modes: Modes | None  # of the right and the left contact; None in bilateral contact
     contact: Floats  # forces of the right and the left tip on the object (2, 2), N
@@ -98,8 +101,11 @@ class Instant(NamedTuple):
     status: tuple[str, ...]  # violations since the instant before; at the run's end its status
 
 
-def instants(run: Run, times: Floats, forces: bool) -> list[Instant]:
-    """The run at instants (k,), s, between its first and its last row, as the core records them."""
+def instants(run: Run, times: Floats, forces: bool, fixed: bool = False) -> list[Instant]:
+    """The run at instants (k,), s, between its first and its last row, as the core records them.
+
+    The picture's axes are the hand's, or `fixed` ones.
+    """
     asked, place = np.unique(times, return_inverse=True)
     found = Request(run.scene, run._options).rows_at(asked, "multipliers", "contact")
     # Events at asked instants of the last step may end the repeated run there.
@@ -114,11 +120,17 @@ def instants(run: Run, times: Floats, forces: bool) -> list[Instant]:
     modes: list[Any] = [None] * len(times)
     if run.scene.contact == "unilateral":
         modes = [(ContactMode(a), ContactMode(b)) for a, b in found["contact"][place].tolist()]
+    hand = (run.scene.motion or HandMotion.constant()).at(times)
+    places = np.column_stack([hand.position, hand.tilt]) * float(fixed)
     seen = []
     for k, time in enumerate(times.tolist()):
         since = times[k - 1] if k else time
         push, status = _impulse(run, pushes, since, time), _status(run, since, time)
-        seen.append(Instant(time, q[k], modes[k], contact[k], external[k], push, status))
+        # Disturbances act along fixed axes.
+        into_hand = np.eye(3)
+        into_hand[:2, :2] = outline.object_axes(hand.tilt[k])
+        loads = into_hand @ external[k], into_hand @ push
+        seen.append(Instant(time, places[k], q[k], modes[k], contact[k], *loads, status))
     return seen
 
 
@@ -134,9 +146,11 @@ def _contact_forces(multipliers: Floats, theta: Floats) -> Floats:
 
 
 def _external(scene: Scene, times: Floats) -> Floats:
-    """Force and moment of the disturbances (k, 3), without impulses."""
-    # They do not depend on the state, nor on what moves the fingers.
-    plain = replace(scene, contact="bilateral", fingers="pid", control=Pid(), initial=None)
+    """Force, along fixed axes, and moment of the disturbances (k, 3), without impulses."""
+    # They do not depend on the state, nor on what moves the fingers and the hand.
+    plain = replace(
+        scene, contact="bilateral", fingers="pid", control=Pid(), initial=None, motion=None
+    )
     q = np.zeros(9)
     return np.array([evaluate(plain, t, q, q).forces.external[:3] for t in times.tolist()])
 
@@ -179,13 +193,16 @@ class Frame(NamedTuple):
         some = np.linspace(0, len(q) - 1, min(len(q), _SAMPLES)).astype(int)
         rows = np.unique(np.concatenate([some, q.argmin(axis=0), q.argmax(axis=0)]))
         left, right, bottom, top = outline.extent(run.scene, q[rows])
+        longest = _LONGEST * run.scene.grasped.width * MM.per_si
+        longest = np.clip(longest, _LEAST * (right - left), _MOST * (right - left))
+        corners = [(x, y) for x in (left, right) for y in (bottom, top)]
+        moved = np.concatenate([_placed(each.place).transform(corners) for each in shown])
+        (left, bottom), (right, top) = moved.min(axis=0), moved.max(axis=0)
         width = right - left
         margin = _MARGIN * width
         pushing = [force for each in shown for force in (*each.contact, each.external[:2])]
         sizes = np.hypot(*np.transpose(pushing))
         sizes = sizes[sizes > 0.0]
-        longest = _LONGEST * run.scene.grasped.width * MM.per_si
-        longest = min(max(longest, _LEAST * width), _MOST * width)
         newton = 0.0
         if sizes.size:
             newton = longest / min(sizes.max(), _TALL * np.quantile(sizes, 0.9))
@@ -202,6 +219,14 @@ class Frame(NamedTuple):
         )
 
 
+def _placed(place: Floats) -> Affine2D:
+    """From the hand's frame, mm, to the picture's, for the hand's `place`."""
+    from matplotlib.transforms import Affine2D
+
+    x, y, tilt = place
+    return Affine2D().rotate(tilt).translate(x * MM.per_si, y * MM.per_si)
+
+
 class Picture:
     """Hand, object, forces, time and status of a run in axes, at one instant after another."""
 
@@ -214,6 +239,9 @@ class Picture:
         self._contact = [polygon(axes, BLACK, "white", 0.5, 5.0) for _ in (0, 1)]
         self._external = polygon(axes, PURPLE, "white", 0.5, 5.0)
         self._impulse = polygon(axes, "white", PURPLE, 1.0, 5.0)
+        self._hands_place = _placed(np.zeros(3))
+        for each in (*self._hand.parts, *self._contact, self._external, self._impulse):
+            each.set_transform(self._hands_place + axes.transData)
         # The texts have letters until the layout is known, as an empty line has no height.
         self._time = axes.set_title("t", loc="left", pad=3.0, fontsize="medium")
         self._status = axes.set_title("g", loc="right", pad=3.0, fontsize="medium")
@@ -254,6 +282,7 @@ class Picture:
         """Shows an instant."""
         frame = self._frame
         q = shown.q
+        self._hands_place.set_matrix(_placed(shown.place).get_matrix())
         self._hand.show(q, shown.modes)
         for side, (artist, force) in enumerate(zip(self._contact, shown.contact, strict=True)):
             at = outline.contact_point(self._run.scene, q, side) * MM.per_si

@@ -392,33 +392,39 @@ def wrench_limits(
             second.set_title(f"in runs\n{ensemble.model}", fontsize=9.0, pad=8.0)
         for each in axes.flat:
             _frame(each, shown)
-            count = len(each.get_legend_handles_labels()[1])
-            if count:
-                each.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=min(count, 3))
         return figure
 
 
 def carry_limits(limits: CarryLimits, ax: Axes | None = None) -> Figure:
     """The largest accelerations of the hand that a grasp bears, by direction, and what gives way.
 
-    The circle is the size of gravity.
+    The dashed circle is the size of gravity. Of several tilts, each has a curve of its own, without
+    what gives way.
 
     Args:
         limits: The limits.
         ax: The axes to draw on, with projection="polar"; None makes a figure.
     """
+    from matplotlib import colormaps
+
     checks.instance("limits", limits, CarryLimits)
-    angle, size = np.arctan2(*limits.direction.T[::-1]), limits.limit
-    finite = np.isfinite(size)
-    gravity = limits.equilibrium.scene.gravity
-    shown = np.append(size[finite] * np.exp(1j * angle[finite]), gravity)
+    angle, sizes = np.arctan2(*limits.direction.T[::-1]), np.atleast_2d(limits.limit)
+    rests = limits.equilibrium if isinstance(limits.equilibrium, tuple) else (limits.equilibrium,)
+    finite, gravity = np.isfinite(sizes), rests[0].scene.gravity
+    shown = np.append((sizes * np.exp(1j * angle))[finite], gravity)
     polar = {"projection": "polar"}
     with panels_or_given(ax, 1, 1, COLUMN, 3.7, subplot_kw=polar) as (figure, axes):
         (each,) = axes.flat
         if each.name != "polar":
             raise ValueError(f'ax: must have projection="polar", not {each.name!r}')
-        _outline(each, angle, size, {"color": GREY, "linewidth": 0.8})
-        _marked(each, angle, size, limits.cause)
+        if limits.limit.ndim == 1:
+            _outline(each, angle, limits.limit, {"color": GREY, "linewidth": 0.8})
+            _marked(each, angle, limits.limit, limits.cause)
+        else:
+            colors = colormaps["viridis"](np.linspace(0.0, 0.85, len(sizes)))
+            for size, tilt, color in zip(sizes, np.degrees(limits.tilt), colors, strict=True):
+                style = {"color": color, "linewidth": 1.2, "label": f"tilt {tilt:.4g}$^\\circ$"}
+                _outline(each, angle, size, style)
         around = np.linspace(0.0, 2.0 * np.pi, 181)
         each.plot(around, np.full(181, gravity), color=BLACK, linewidth=0.8, linestyle="--",
                   label="gravity")  # fmt: skip
@@ -426,7 +432,6 @@ def carry_limits(limits: CarryLimits, ax: Axes | None = None) -> Figure:
         free = f"\n{int((~finite).sum())} directions without limit" if not finite.all() else ""
         each.set_title(f"acceleration of the hand, {how}{free}", fontsize=9.0, pad=8.0)
         _frame(each, shown, "acceleration [m/s$^2$]")
-        each.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=3)
         return figure
 
 
@@ -480,7 +485,7 @@ def _title(limits: WrenchLimits, plain: NDArray[np.bool_]) -> str:
 
 
 def _frame(axes: PolarAxes, shown: NDArray[np.complex128], unit: str = "force [N]") -> None:
-    """Sets the scale, and its radial axis with a unit far from what is `shown` (n,)."""
+    """Sets the scale, and its radial axis with a unit far from what is `shown` (n,); a legend."""
     from matplotlib.ticker import MaxNLocator
 
     largest = float(np.abs(shown).max(initial=0.0))
@@ -503,3 +508,5 @@ def _frame(axes: PolarAxes, shown: NDArray[np.complex128], unit: str = "force [N
     axes.text(radial, 1.05 * top, unit, ha=ha, va=va)
     axes.grid(linewidth=0.4, color="0.8")
     axes.tick_params(pad=1.0)
+    if count := len(axes.get_legend_handles_labels()[1]):
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=min(count, 3))

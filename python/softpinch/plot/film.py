@@ -10,7 +10,7 @@ import shutil
 import tempfile
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from ..support.arrays import Floats
 from ..support.extras import require
 from ..support.progress import Report, reporting
 from .drawing import Frame, HandDrawing, Modes, Picture, instants
-from .style import COLUMN, LETTERS, PAGE, new, one_panel, panels_or_given, styled, tag
+from .style import COLUMN, GREY, LETTERS, MM, PAGE, new, one_panel, panels_or_given, styled, tag
 from .timeline import LEGEND, legend_of_modes, occurring
 
 if TYPE_CHECKING:
@@ -157,6 +157,7 @@ def animate(
     run: Run,
     path: str | Path,
     *,
+    frame: Literal["hand", "world"] = "hand",
     fps: float = 25.0,
     speed: float = 1.0,
     forces: bool = True,
@@ -174,6 +175,8 @@ def animate(
             contains its frames and needs no other file. An .mp4 file needs the program ffmpeg, or
             the package imageio-ffmpeg. The frames of a .gif and an .html film are in memory until
             the last one is drawn, about a megabyte each in a .gif.
+        frame: "hand" has the axes of the hand, "world" fixed ones, in which the hand moves as
+            `Run.hand` says; a grey line is the path of the middle of its roots.
         fps: Frames per second of film, > 0; in a .gif at most 50, and its frames last whole
             hundredths of a second.
         speed: Simulated seconds per second of film, > 0.
@@ -195,13 +198,14 @@ def animate(
     path = checks.path("path", path)
     if path.suffix.lower() not in _KINDS:
         raise ValueError(f"path = {str(path)!r}: must end in {checks.quoted(_KINDS)}")
+    fixed = checks.choice("frame", frame, ("hand", "world")) == "world"
     fps, speed = checks.positive("fps", fps), checks.positive("speed", speed)
     if path.suffix.lower() == ".gif" and fps > _FASTEST:
         raise ValueError(f"fps = {fps:g}: must be <= {_FASTEST:g} in a .gif, whose unit is 10 ms")
     forces = checks.boolean("forces", forces)
     dpi = checks.integer("dpi", dpi, 20, 1000)
-    shown = instants(run, _times(run, fps, speed), forces)
-    frame = Frame.of(run, shown)
+    shown = instants(run, _times(run, fps, speed), forces, fixed)
+    scales = Frame.of(run, shown)
     present = occurring([run])
     with (
         reporting(progress, "film", "frames") as report,
@@ -209,9 +213,14 @@ def animate(
         # A film that fails leaves the file before, and no other.
         tempfile.TemporaryDirectory(prefix=".film", dir=path.parent) as folder,
     ):
-        figure = new(_WIDTH, _height(_WIDTH, frame, present))
+        figure = new(_WIDTH, _height(_WIDTH, scales, present))
         figure.set_dpi(dpi)
-        picture = Picture(figure.add_subplot(), run, frame)
+        axes = figure.add_subplot()
+        picture = Picture(axes, run, scales)
+        if fixed and run.scene.motion is not None:
+            path_of_hand = MM.per_si * np.array([each.place[:2] for each in shown])
+            axes.plot(*path_of_hand.T, color=GREY, linewidth=0.6, zorder=1.0)
+            axes.set(xlabel="$X$ [mm]", ylabel="$Y$ [mm]")
         legend_of_modes(figure, present)
         figure.draw_without_rendering()
         # From now on the layout stays, else the picture would jump.

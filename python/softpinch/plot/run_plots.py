@@ -12,6 +12,7 @@ import numpy as np
 from ..run import measures as measures
 from ..run.contact import ContactMode
 from ..run.run import Run
+from ..scene import outline
 from ..scene.fields import QUANTITIES, label
 from ..support.checks import instance
 from ..support.errors import NotRecordedError
@@ -221,6 +222,9 @@ def _busiest(run: Run) -> tuple[float, float] | None:
 def run(run: Run) -> Figure:
     """An overview of everything that a run recorded; dotted lines are first violations.
 
+    Of a hand that moves, the last panels have the acceleration of its frame along the hand's own
+    axes, without gravity, and its tilt unless it is zero.
+
     Args:
         run: A run with something recorded.
     """
@@ -228,6 +232,7 @@ def run(run: Run) -> Figure:
     drawn = list(_overview(run))
     if not drawn:
         raise NotRecordedError("no quantity to plot was recorded: pass record=('state',)")
+    drawn += _carried(run)
     # The violation that ended the run needs no line: the curves end there.
     noted = {name: time for name, time in run.violations.items() if name != run.status}
     count = min(2, len(drawn))
@@ -286,6 +291,23 @@ def _overview(run: Run) -> Iterator[Panel]:
         yield Panel("energy [J]", curves, "by contact")
 
 
+def _carried(run: Run) -> Iterator[Panel]:
+    """Acceleration and tilt of a hand that moves, also between the rows."""
+    if run.scene.motion is None:
+        return
+    begin, end = run.t[[0, -1]]
+    # A jump is drawn upright: just before it, and after it.
+    jumps = run.scene.motion.breakpoints(begin, end)
+    t = np.sort([*np.linspace(begin, end, 1001), *jumps, *np.nextafter(jumps, -np.inf)])
+    hand = run.scene.motion.at(t)
+    axes = outline.object_axes(hand.tilt)
+    along = [(axis * hand.acceleration.T).sum(axis=0) for axis in axes]
+    names = ["along its $x$", "along its $y$"]
+    yield Panel("acceleration [m/s$^2$]", lines(t, np.array(along).T, names), "hand", zero=True)
+    if hand.tilt.any():
+        yield Panel("tilt [deg]", [Curve(t, hand.tilt * DEG.per_si, {"color": BLACK})], "hand")
+
+
 def _pressing(run: Run) -> Panel:
     forces = recorded(run, "multipliers", (0, 1))
     return Panel(r"$\lambda^H$ [N]", forces, "pressing force", zero=True).named(FINGERS)
@@ -323,9 +345,11 @@ def _ledger(run: Run) -> Panel:
         Curve(run.t, energy.controller_work, LINES[0], "torques"),
         Curve(run.t, lost, LINES[1], "lost"),
     ]
-    # Many scenes have no disturbance; a line at zero would be useless.
-    if np.abs(energy.external_work).max() > 0.0:
-        curves.append(Curve(run.t, energy.external_work, LINES[2], "disturbances"))
+    # Many scenes have no disturbance and no motion; a line at zero would be useless.
+    others = (energy.external_work, "loads"), (energy.motion_work, "motion")
+    for (work, name), style in zip(others, (LINES[2], LINES[4]), strict=True):
+        if work.any():
+            curves.append(Curve(run.t, work, style, name))
     return Panel("energy [J]", curves, "ledger")
 
 

@@ -207,7 +207,7 @@ def tag(axes: Axes, letter: str, title: str = "") -> None:
 def legend(axes: Axes) -> None:
     """Draws a legend at the right end of the title's line, where it hides no curve."""
     handles, labels = axes.get_legend_handles_labels()
-    crowded = len(labels) > 3
+    crowded, full = len(labels) > 3, len(labels) > 4
     axes.legend(
         handles,
         labels,
@@ -216,9 +216,9 @@ def legend(axes: Axes) -> None:
         ncols=len(labels),
         borderaxespad=0.0,
         borderpad=0.15,
-        handlelength=1.4 if crowded else 1.7,
+        handlelength=1.1 if full else 1.4 if crowded else 1.7,
         handletextpad=0.3 if crowded else 0.4,
-        columnspacing=0.6 if crowded else 0.8,
+        columnspacing=0.4 if full else 0.6 if crowded else 0.8,
     )
 
 

@@ -219,11 +219,7 @@ def _span(values: Sequence[float], style: str) -> str:
 def find(runs: Runs) -> tuple[Finding, ...]:
     """The verdict on LMEE, and how much of it is true of elastic energy alone."""
     verdict = without_slipping(runs.operations, runs.rests)
-    known = [
-        rest
-        for rest in runs.rests
-        if rest.found.state is not None and rest.weightless.state is not None
-    ]
+    known = [rest for rest in runs.rests if rest.found.state and rest.weightless.state]
     return (verdict, elastic_alone(known)) if known else (verdict,)
 
 

@@ -99,6 +99,10 @@ def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
     other = Hand(tip=Fingertip(tilt_coupling=-1.0))
     last = Schedule.steps([0.0], np.deg2rad(paper.OPERATIONS[-1:]))
     step = paper.disturbance("i")
+    (pulse,) = paper.disturbance("ii").disturbances
+    assert isinstance(pulse, Pulse)
+    blow = Impulse(time=pulse.time, impulse=pulse.force, angular_impulse=pulse.moment)
+    ideal = paper.disturbance("ii", disturbances=(blow,))
     return Runs(
         operations=run(paper.manipulation(), "the eight operations"),
         coarse=run(paper.manipulation(), "the operations with twice the step", times=2.0),
@@ -114,7 +118,7 @@ def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
             )
             for moment in _MOMENTS
         },
-        ideal=run(_as_impulse(paper.disturbance("ii")), "(ii) as an ideal impulse", ["state"]),
+        ideal=run(ideal, "(ii) as an ideal impulse", ["state"]),
         other_operations=run(paper.manipulation(hand=other), "the operations with kappa = -1"),
         other_cases={
             case: run(paper.disturbance(case, hand=other), f"({case}) with kappa = -1")
@@ -138,11 +142,3 @@ def _real(scene: Scene, mu: float) -> Scene:
     """The scene with tips that only push, slip where friction mu allows it, and open."""
     faces = replace(scene.grasped, height=HEIGHT)
     return replace(scene, grasped=faces, contact="unilateral", friction=mu)
-
-
-def _as_impulse(scene: Scene) -> Scene:
-    """The scene with its pulse replaced by an ideal impulse of the same numbers, N s and N m s."""
-    (pulse,) = scene.disturbances
-    assert isinstance(pulse, Pulse)
-    ideal = Impulse(time=pulse.time, impulse=pulse.force, angular_impulse=pulse.moment)
-    return replace(scene, disturbances=(ideal,))

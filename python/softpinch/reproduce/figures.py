@@ -85,5 +85,4 @@ def energy_minima(curves: Mapping[str, Floats]) -> Figure:
 
 
 def _models(bilateral: Run, real: Mapping[float, Run]) -> dict[str, Run]:
-    """The runs of a scene by the names of their contacts."""
     return {"bilateral": bilateral} | {f"$\\mu = {mu:g}$": run for mu, run in real.items()}

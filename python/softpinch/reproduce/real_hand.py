@@ -54,7 +54,10 @@ def which_survive(real: Mapping[float, Run], cases: Mapping[str, Mapping[float, 
     # Frictions in words -> the operations and disturbances that hold with them.
     named: dict[str, list[str]] = {}
     for name, row in rows.items():
-        of_some = named.setdefault(_frictions(row), [])
+        every = ", ".join(f"{mu:g}" for mu in row)
+        yes = ", ".join(f"{mu:g}" for mu, kept in row.items() if kept)
+        how = f"with mu = {yes} only, of {every}" if yes else f"with no mu of {every}"
+        of_some = named.setdefault(f"with every mu of {every}" if yes == every else how, [])
         # The word stands once before the numbers of several operations.
         of_some.append(name.removeprefix("operation ") if of_some else name)
     return observation(
@@ -64,15 +67,6 @@ def which_survive(real: Mapping[float, Run], cases: Mapping[str, Mapping[float, 
         float(sum(all(row.values()) for row in rows.values())),
         "; ".join(f"survived {how}: {', '.join(names)}" for how, names in named.items()),
     )
-
-
-def _frictions(row: Mapping[float, bool]) -> str:
-    """With which friction something is survived, in words."""
-    every = ", ".join(f"{mu:g}" for mu in row)
-    yes = ", ".join(f"{mu:g}" for mu, kept in row.items() if kept)
-    if all(row.values()):
-        return f"with every mu of {every}"
-    return f"with mu = {yes} only, of {every}" if yes else f"with no mu of {every}"
 
 
 def operations(paper: Run, real: Mapping[float, Run]) -> Finding:

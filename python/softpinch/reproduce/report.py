@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -23,10 +23,6 @@ from .experiment import Progress, Runs, quietly, simulate_all
 from .finding import BAND, BEYOND, FAILS, HOLDS, POSE, Finding
 from .verdict import find
 
-if TYPE_CHECKING:
-    from rich.console import Console
-
-
 _POSE = ("x [mm]", "y [mm]", "theta [deg]")
 _NOWHERE = np.full(3, np.nan)
 _YES = {True: "yes", False: "no"}
@@ -41,15 +37,8 @@ def operations_table(run: Run) -> Table:
     for k, (begin, end) in enumerate(m.operations(run)):
         target = run.scene.schedule.target(0.5 * (begin + end)) * POSE[2]
         pull = 1e3 * m.longest_pull(run, begin, end)
-        row = np.concatenate(
-            [
-                target.round(9),
-                settled[k, :3] * POSE,
-                1e3 * settled[k, 5:7],
-                [settling[k], *peak[k], *late[k], least[k], pull],
-            ]
-        )
-        rows.append((k + 1, *row.tolist()))
+        row = [*target.round(9), *settled[k, :3] * POSE, *1e3 * settled[k, 5:7], settling[k]]
+        rows.append((k + 1, *map(float, (*row, *peak[k], *late[k], least[k], pull))))
     columns = (
         *("operation", "theta_1^d [deg]", "theta_2^d [deg]", *_POSE),
         *("d_n1 [mm]", "d_n2 [mm]", "settled after [s]"),
@@ -65,18 +54,13 @@ def disturbances_table(runs: Mapping[str, Run], held: Mapping[str, Run]) -> Tabl
     for case, run in runs.items():
         _, change = m.response(run, held[case])
         after = m.since_onset(run)
-        row = np.concatenate(
-            [
-                np.abs(change[:, :3]).max(axis=0) * POSE,
-                change[-1, :3] * POSE,
-                1e3 * run.q[-1, 5:7],
-                [run.multipliers[after, :2].min(), 1e3 * m.longest_pull(run, m.onset(run), np.inf)],
-                np.abs(run.residuals).max(axis=0).reshape(2, 2).max(axis=1),
-                [np.abs(run.energy.closure).max()],
-            ]
-        )
+        row = [*np.abs(change[:, :3]).max(axis=0) * POSE, *change[-1, :3] * POSE]
+        row += [*1e3 * run.q[-1, 5:7], run.multipliers[after, :2].min()]
+        row += [1e3 * m.longest_pull(run, m.onset(run), np.inf)]
+        row += np.abs(run.residuals).max(axis=0).reshape(2, 2).max(axis=1).tolist()
+        row += [np.abs(run.energy.closure).max()]
         right, left = (run.scene.schedule.target(run.t[-1]) * POSE[2]).round(9).tolist()
-        rows.append((case, right, left, run.status, *row.tolist()))
+        rows.append((case, right, left, run.status, *map(float, row)))
     columns = (
         *("case", "theta_1^d [deg]", "theta_2^d [deg]", "status"),
         *(f"{kind} of {name}" for kind in ("peak", "change") for name in _POSE),
@@ -137,31 +121,7 @@ def _joined(found: Sequence[Floats]) -> list[float]:
     return np.transpose(found).ravel().tolist()
 
 
-def verdict_table(findings: Sequence[Finding]) -> Table:
-    """The findings as a table."""
-    columns = tuple(field.name for field in fields(Finding))
-    return Table(columns=columns, rows=tuple(map(astuple, findings)))
-
-
 _COLORS = {HOLDS: "green", FAILS: "bold red"}
-
-
-def _print_verdicts(console: Console, findings: Sequence[Finding]) -> None:
-    from rich.padding import Padding
-    from rich.text import Text
-
-    headings = ("What the paper claims", "What it does not say")
-    groups = [[f for f in findings if (f.verdict == BEYOND) == b] for b in (0, 1)]
-    for heading, group in zip(headings, groups, strict=True):
-        console.print(Text(f"\n{heading}", style="bold"))
-        for finding in group:
-            text = Text()
-            if finding.verdict != BEYOND:
-                text.append(f"{finding.verdict}: ", style=_COLORS[finding.verdict])
-            text.append(finding.claim)
-            text.append(f" ({finding.source})" if finding.source else "")
-            console.print(text)
-            console.print(Padding(Text(finding.evidence), (0, 0, 0, 4), expand=False))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,6 +144,7 @@ class Reproduction:
         """Prints how the runs ended, and the verdicts; needs the extra `cli`."""
         require("rich", extra="cli", purpose="printing verdicts")
         from rich.console import Console
+        from rich.padding import Padding
         from rich.text import Text
 
         console = Console(highlight=False, markup=False)
@@ -192,9 +153,20 @@ class Reproduction:
         named |= {f"({case})": run for case, run in self.runs.cases.items()}
         for what, run in named.items():
             noted = [f"{name} first at {time:.6g} s" for name, time in run.violations.items()]
-            text = f"{what}: {run.status}; noted: {', '.join(noted) or 'nothing'}"
-            console.print(text, soft_wrap=True)
-        _print_verdicts(console, self.findings)
+            ended = f"{what}: {run.status}; noted: {', '.join(noted) or 'nothing'}"
+            console.print(ended, soft_wrap=True)
+        for heading, beyond in (("What the paper claims", False), ("What it does not say", True)):
+            console.print(Text(f"\n{heading}", style="bold"))
+            for finding in self.findings:
+                if (finding.verdict == BEYOND) != beyond:
+                    continue
+                text = Text()
+                if not beyond:
+                    text.append(f"{finding.verdict}: ", style=_COLORS[finding.verdict])
+                text.append(finding.claim)
+                text.append(f" ({finding.source})" if finding.source else "")
+                console.print(text)
+                console.print(Padding(Text(finding.evidence), (0, 0, 0, 4), expand=False))
         folders = sorted({str(file.parent) for file in self.files})
         console.print(f"\n{len(self.files)} files in {', '.join(folders)}", soft_wrap=True)
 
@@ -229,7 +201,10 @@ def reproduce(
         "tilt_coupling": coupling_table(runs),
         "energy_minimum": energy_minimum.table(runs.rests),
         "contact": contact_table(runs),
-        "verdict": verdict_table(findings),
+        "verdict": Table(
+            columns=tuple(field.name for field in fields(Finding)),
+            rows=tuple(map(astuple, findings)),
+        ),
     }
     files = [table.save(out / f"{name}.csv") for name, table in tables.items()]
     files += draw(runs, out, format, progress)

@@ -7,6 +7,7 @@ never passes.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -22,8 +23,10 @@ from .finding import BAND, FAILS, HOLDS, POSE, Finding, observation
 HOLONOMIC, NONHOLONOMIC = 1e-8, 1e-6
 
 
-def _decided(holds: bool) -> str:
-    return HOLDS if holds else FAILS
+def _at_most(run: Run, value: float, limit: float) -> dict[str, Any]:
+    """The part of a finding that decides it: a run reaches its end, with a value up to a limit."""
+    holds = run.success and value <= limit
+    return {"verdict": HOLDS if holds else FAILS, "value": value, "limit": limit}
 
 
 def converges(run: Run) -> Finding:
@@ -35,10 +38,8 @@ def converges(run: Run) -> Finding:
     return Finding(
         claim="the object's position and orientation converge in every operation",
         source="VI-B-1, Fig. 5",
-        verdict=_decided(run.success and value <= BAND),
+        **_at_most(run, value, BAND),
         measure="largest range over an operation's last quarter, mm or deg",
-        value=value,
-        limit=BAND,
         evidence=(
             f"over the last quarter of every operation it moves by at most {moved:.2g} mm and "
             f"{turned:.2g} deg; it comes within {BAND:g} mm and {BAND:g} deg of where it ends "
@@ -53,10 +54,8 @@ def fingers_arrive(run: Run) -> Finding:
     return Finding(
         claim="the fingers converge to the desired angles",
         source="VI-B-1, Fig. 5 (a, b)",
-        verdict=_decided(run.success and value <= BAND),
+        **_at_most(run, value, BAND),
         measure="largest |theta_i - theta_i^d| at an operation's end, deg",
-        value=value,
-        limit=BAND,
         evidence=f"at the end of every operation they are within {value:.2g} deg",
     )
 
@@ -67,10 +66,8 @@ def holonomic_order(run: Run) -> Finding:
     return Finding(
         claim="the holonomic residual C^H is at most of order 1e-8",
         source="VI-B-1, Fig. 6 (a, b)",
-        verdict=_decided(run.success and value <= HOLONOMIC),
+        **_at_most(run, value, HOLONOMIC),
         measure="largest |C^H| of the whole run, m",
-        value=value,
-        limit=HOLONOMIC,
         evidence=f"at most {value:.1e} m at dt = {run.dt:g} s, switches included",
     )
 
@@ -82,10 +79,8 @@ def nonholonomic_order(run: Run) -> Finding:
     return Finding(
         claim="the nonholonomic residual C^N is at most of order 1e-6 except at the switches",
         source="VI-B-1, Fig. 6 (c, d)",
-        verdict=_decided(run.success and value <= NONHOLONOMIC),
+        **_at_most(run, value, NONHOLONOMIC),
         measure=f"largest |C^N| later than {1e3 * m.AROUND_SWITCH:g} ms after a switch, m/s",
-        value=value,
-        limit=NONHOLONOMIC,
         evidence=f"at most {value:.1e} m/s away from the switches at dt = {run.dt:g} s",
     )
 
@@ -100,7 +95,7 @@ def rises_at_switches(run: Run) -> Finding:
     return Finding(
         claim="C^N rises at every switch, where the steps make the fingers fast",
         source="VI-B-1, Fig. 6 (c, d)",
-        verdict=_decided(run.success and value > 1.0),
+        verdict=HOLDS if run.success and value > 1.0 else FAILS,
         measure="smallest peak of |C^N| around a switch over the largest |C^N| elsewhere",
         value=float(value),
         limit=1.0,
@@ -124,10 +119,8 @@ def survives(case: str, run: Run) -> Finding:
     return Finding(
         claim=f"disturbance ({case}) is survived and the fingers come back",
         source=f"VI-B-2, Fig. 7 ({case})",
-        verdict=_decided(run.success and value <= BAND and finger <= BAND),
+        **_at_most(run, float(np.maximum(value, finger)), BAND),
         measure="largest range over the last quarter, mm or deg, or finger error, deg",
-        value=float(np.maximum(value, finger)),
-        limit=BAND,
         evidence=(
             f"the object turns by up to {tilt:.2f} deg and comes to rest within {value:.2g} mm or "
             f"deg, the fingers within {finger:.2g} deg of their targets{caveat}"
@@ -148,7 +141,7 @@ def light_swings_more(light: tuple[Run, Run], strong: tuple[Run, Run]) -> Findin
     return Finding(
         claim="the light grasp (iii) oscillates more than the strong one (ii)",
         source="VI-B-2, Fig. 7 (c, d)",
-        verdict=_decided(ended and ratio > 1.0),
+        verdict=HOLDS if ended and ratio > 1.0 else FAILS,
         measure="the smaller of the ratios of the ranges of x and y, (iii) over (ii)",
         value=ratio,
         limit=1.0,

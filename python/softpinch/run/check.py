@@ -11,7 +11,6 @@ from .. import _core
 from ..scene.fields import QUANTITIES
 from ..scene.outline import arm, contact_heights, tilts
 from ..support import checks
-from ..support.arrays import Floats
 from ..support.record import SIDES
 from .contact import ContactMode, Modes, active
 
@@ -37,17 +36,20 @@ AT_END = 1e-6
 
 def check_run(run: Run, modes: Modes | None, *, residual: float, closure: float) -> None:
     """Checks every invariant of a run with `known_modes`; `Run.check` explains the tolerances."""
-    late = np.flatnonzero(~(np.diff(run.t) > 0))
-    if late.size:
-        row = int(late[0]) + 1
-        fail(run, "times increase", row, f"the row before is at {run.t[row - 1]} s")
+    for row in _first(~(np.diff(run.t) > 0)):
+        fail(run, "times increase", row + 1, f"the row before is at {run.t[row]} s")
     for name, values in {"t": run.t, **run.arrays()}.items():
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):
             row, *component = map(int, bad[0])
             fail(run, "finite", row, f"{name}{component or ''} is {values[row, *component]}")
     if modes is not None:
-        check_contact(run, modes)
+        _check_modes(run, modes)
+        _check_end(run)
+        if len(modes) == len(run.t) and "multipliers" in run.record:
+            _check_multipliers(run, modes)
+        if "energy" in run.record:
+            _check_losses(run)
     _check_residuals(run, modes, _tolerance("residual", residual))
     _check_closure(run, _tolerance("closure", closure))
     _check_status(run, modes)
@@ -91,16 +93,12 @@ def _check_residuals(run: Run, modes: Modes | None, tolerance: float) -> None:
             excess = f"{sizes[row]:.3e} {unit}, more than {allowed:.3e}, {tolerance:g} of {what}"
             fail(run, f"constraint {name}", row, excess)
         if modes is not None and k < 2 and has_state:
-            _check_gap(run, residuals[:, k], modes, k, allowed)
-
-
-def _check_gap(run: Run, gap: Floats, modes: Modes, side: int, allowed: float) -> None:
-    """Checks that a free tip is outside of the object, unless it passes beside the face."""
-    beside = np.abs(contact_heights(run.scene, run.q)[:, side]) >= (1.0 - AT_END) * half_height(run)
-    broken = np.flatnonzero((modes[:, side] == ContactMode.FREE) & ~beside & (gap < -allowed))
-    if broken.size:
-        row = int(broken[0])
-        fail(run, f"gap >= 0 ({_RESIDUALS[side]})", row, f"the free tip is at {gap[row]:.3e} m")
+            # A free tip is outside of the object, unless it passes beside the face.
+            reach = np.abs(contact_heights(run.scene, run.q)[:, k])
+            free = (modes[:, k] == ContactMode.FREE) & (reach < (1.0 - AT_END) * half_height(run))
+            for row in _first(free & (residuals[:, k] < -allowed)):
+                where = f"the free tip is at {residuals[row, k]:.3e} m"
+                fail(run, f"gap >= 0 ({name})", row, where)
 
 
 def _check_closure(run: Run, tolerance: float) -> None:
@@ -165,24 +163,6 @@ def _check_status(run: Run, modes: Modes | None) -> None:
         fail(run, "status completed", -1, f"the run should have reached {end} s")
 
 
-def check_contact(run: Run, modes: Modes) -> None:
-    """Checks modes, multipliers and losses of a run with unilateral contact."""
-    _check_modes(run, modes)
-    _check_end(run)
-    if len(modes) == len(run.t) and "multipliers" in run.record:
-        _check_multipliers(run, modes)
-    if "energy" in run.record:
-        _check_losses(run)
-
-
-def changing(run: Run) -> NDArray[np.bool_]:
-    """Returns where a tip's mode changes at the very instant of a row (n, 2)."""
-    found = np.zeros((len(run.t), 2), dtype=bool)
-    for change in run.contact_changes:
-        found[run.t == change.time, SIDES.index(change.finger)] = True
-    return found
-
-
 def half_height(run: Run) -> float:
     """Returns half the height of the object's faces, m; inf if they are endless."""
     height = run.scene.grasped.height
@@ -203,10 +183,9 @@ def _check_modes(run: Run, modes: Modes) -> None:
                 fail(run, "contact changes", row, f"{found} {mode.name}")
             mode = change.after
             expected[run.t >= change.time] = mode
-        settled = ~changing(run)[first:, side]
-        wrong = np.flatnonzero((expected[first:] != modes[:, side]) & settled)
-        if wrong.size:
-            row = int(wrong[0])
+        # A row at the very instant of a change may have either mode.
+        settled = ~np.isin(run.t[first:], [change.time for change in changes])
+        for row in _first((expected[first:] != modes[:, side]) & settled):
             names = ContactMode(modes[row, side]).name, ContactMode(expected[first + row]).name
             finding = f"the {finger} tip is {names[0]}, its changes lead to {names[1]}"
             fail(run, "contact modes", first + row, finding)
@@ -277,10 +256,13 @@ def _check_losses(run: Run) -> None:
     least = _LOSS * run.energy.exchanged
     for name, exempt in (("friction_loss", False), ("impact_loss", kicked)):
         falls = -np.diff(getattr(run.energy, name))
-        broken = np.flatnonzero((falls > least) & ~np.asarray(exempt))
-        if broken.size:
-            row = int(broken[0]) + 1
-            fail(run, f"{name} never falls", row, f"it falls by {falls[row - 1]:.3e} J")
+        for row in _first((falls > least) & ~np.asarray(exempt)):
+            fail(run, f"{name} never falls", row + 1, f"it falls by {falls[row]:.3e} J")
+
+
+def _first(broken: NDArray[np.bool_]) -> list[int]:
+    """Returns the first row of an array (n,) that breaks an invariant; none if no row does."""
+    return [int(row) for row in np.flatnonzero(broken)[:1]]
 
 
 def fail(run: Run, invariant: str, row: int, finding: str) -> NoReturn:

@@ -31,10 +31,7 @@ class ContactChange(NamedTuple):
 
 
 def active(modes: Modes | None, rows: int) -> NDArray[np.bool_]:
-    """Returns which of C_1^H, C_2^H, C_1^N, C_2^N constrain the motion in each row (rows, 4).
-
-    All do without modes (rows, 2), in bilateral contact.
-    """
+    """Returns which of C^H and C^N constrain the motion (rows, 4): all without modes (rows, 2)."""
     if modes is None:
         return np.ones((rows, 4), dtype=bool)
     return np.hstack([modes != ContactMode.FREE, modes == ContactMode.STICK])

@@ -145,13 +145,18 @@ def estimate(request: Request, result: Mapping[str, Any]) -> ErrorEstimate:
     missing = t[~np.isfinite(np.hstack(list(found.values()))).all(axis=1)]
     if alike:
         message = _sizes(largest, order, expected, reliable, adaptive)
-        message += _without(missing, len(t)) if len(missing) else ""
+        if len(missing):
+            some = ", ".join(f"{instant:.6g}" for instant in missing[:3])
+            more = ", ..." if len(missing) > 3 else ""
+            message += (
+                f"; {len(missing)} of {len(t)} rows have no estimate, because a contact changes or "
+                f"the run ends there: t = {some}{more} s"
+            )
     else:
         message = _not_alike(runs, adaptive)
+    bars_of_all: dict[str, Any] = {**dict.fromkeys(QUANTITIES), **found}
     return ErrorEstimate(
-        q=found.get("q"),
-        p=found.get("p"),
-        multipliers=found.get("multipliers"),
+        **bars_of_all,
         largest=largest,
         order=order,
         expected_order=expected,
@@ -203,24 +208,6 @@ def _sizes(
     )
 
 
-def _without(missing: Floats, rows: int) -> str:
-    """Says which of the rows have no estimate."""
-    first = ", ".join(f"{instant:.6g}" for instant in missing[:3])
-    more = ", ..." if len(missing) > 3 else ""
-    return (
-        f"; {len(missing)} of {rows} rows have no estimate, because a contact changes or the run "
-        f"ends there: t = {first}{more} s"
-    )
-
-
-def require_estimable(record: tuple[str, ...]) -> None:
-    """Refuses a run that records nothing whose error can be estimated."""
-    if not set(record) & set(QUANTITIES.values()):
-        raise ValueError(
-            f"estimate_error with record={record}: needs 'state' or 'multipliers' in record"
-        )
-
-
 def _finer_runs(
     request: Request, result: Mapping[str, Any]
 ) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
@@ -240,7 +227,12 @@ def _finer_runs(
     t = ends_of_steps(t, [change[0] for change in result["contact_changes"]])
     if len(t) < 2:
         return result, result
-    finer = _on_steps(request, t)
+    # Finer runs end one step later if the duration allows, as they may meet a violation later.
+    scene, start, over = request.scene, request.scene.start(), 2.0 * t[-1] - t[-2]
+    duration = min(scene.duration, over - start.time)
+    initial = scene.initial if start.grid is None else replace(start, grid=None)
+    longer = replace(ending_at(scene, np.append(t, over)), duration=duration, initial=initial)
+    finer = request.with_(longer, dt=duration, tolerance=None, times=None, every=1)
     half, quarter = (_at_rows(finer.run_to_end(refine), result["t"]) for refine in (2, 4))
     return half, quarter
 
@@ -262,20 +254,6 @@ def ends_of_steps(t: Floats, changes: Sequence[float]) -> Floats:
     kept[[0, -1]] = True
     t = t[kept]
     return t[np.diff(t, prepend=-np.inf) > _close(t)]
-
-
-def _on_steps(request: Request, t: Floats) -> Request:
-    """Makes the request of a run whose steps end at given instants (n,), s, n > 1, increasing.
-
-    It ends one step later if the scene's duration allows: a finer run may meet a violation later.
-    """
-    scene = request.scene
-    start = scene.start()
-    over = 2.0 * t[-1] - t[-2]
-    duration = min(scene.duration, over - start.time)
-    initial = scene.initial if start.grid is None else replace(start, grid=None)
-    finer = replace(ending_at(scene, np.append(t, over)), duration=duration, initial=initial)
-    return request.with_(finer, dt=duration, tolerance=None, times=None, every=1)
 
 
 def _at_rows(result: Mapping[str, Any], t: Floats) -> Mapping[str, Any]:

@@ -158,15 +158,15 @@ def explain(
     null_space, driven = options.formulation == "nullspace", scene.fingers == "driven"
     degrees = (5 if null_space else 9) - 2 * driven
     works = (7 if scene.contact == "unilateral" else 4) + (scene.motion is not None)
-    works *= _ledger(options, computed)
+    ledger = "energy" in options.record or "energy_closure" in computed
     return Explanation(
         formulation=options.formulation,
         method=options.method,
         fingers=scene.law,
         simd=_core.simd_level(),
         degrees=degrees,
-        states=2 * (degrees + null_space) + 2 * (not driven) + works,
-        terms=tuple(_terms(scene, options, computed)),
+        states=2 * (degrees + null_space) + 2 * (not driven) + works * ledger,
+        terms=tuple(_terms(scene, options, computed, ledger)),
         segments=outline["segments"],
         steps=outline["steps"],
         bytes_recorded=outline["bytes"],
@@ -175,15 +175,11 @@ def explain(
     )
 
 
-def _ledger(options: Options, summaries: Sequence[str]) -> bool:
-    return "energy" in options.record or "energy_closure" in summaries
-
-
 # Measured: omitting a zero term gains less than the compiler's own variations of generated code.
 _ZERO = "zero, but computed, because leaving it out saves no measurable time"
 
 
-def _terms(scene: Scene, options: Options, summaries: Sequence[str]) -> list[Term]:
+def _terms(scene: Scene, options: Options, summaries: Sequence[str], ledger: bool) -> list[Term]:
     """Lists the optional parts of the computation, the physics first."""
     driven = scene.fingers == "driven"
     pids = scene.control if isinstance(scene.control, tuple) else (scene.control,)
@@ -205,7 +201,7 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str]) -> list[Ter
         (
             "motion of the hand",
             scene.motion is not None,
-            "inertial forces, and gravity that turns; with a work of their own in the ledger",
+            f"{type(scene.motion).__name__}: inertial forces, gravity that turns, and their work",
             "the hand is at rest",
         ),
         (
@@ -226,7 +222,7 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str]) -> list[Ter
         ),
         (
             "energy ledger",
-            _ledger(options, summaries),
+            ledger,
             works if unilateral else "four works are integrated",
             "neither recorded nor needed by a summary",
         ),

@@ -92,17 +92,13 @@ def held_residuals(run: Run) -> Floats:
     return np.where(active_constraints(run), np.abs(run.residuals), 0.0)
 
 
-def peak_residuals(run: Run) -> Floats:
-    """Returns the largest `held_residuals` |C^H|, m, and |C^N|, m/s, of each operation (k, 2)."""
-    return _residuals_over(run, 0.0)
-
-
 def settled_residuals(run: Run) -> Floats:
     """Returns the largest held residuals in each operation's last quarter (k, 2)."""
-    return _residuals_over(run, 1.0 - LAST)
+    return peak_residuals(run, 1.0 - LAST)
 
 
-def _residuals_over(run: Run, share: float) -> Floats:
+def peak_residuals(run: Run, share: float = 0.0) -> Floats:
+    """Returns the largest |C^H|, m, and |C^N|, m/s, after a share of each operation (k, 2)."""
     sizes, found = np.full((len(operations(run)), 2), np.nan), held_residuals(run)
     for k, (begin, end) in enumerate(operations(run)):
         rows = (run.t > begin + share * (end - begin)) & (run.t <= end)
@@ -139,10 +135,8 @@ def impulses(run: Run) -> dict[float, Floats]:
 
 
 def pulling_intervals(run: Run, side: int) -> list[tuple[float, float]]:
-    """Returns begin and end, s, of each interval in which a fingertip pulls (lambda^H < 0).
-
-    lambda^H is interpolated linearly between rows, except across a jump of an input.
-    """
+    """Returns begin and end, s, of each interval in which a fingertip pulls (lambda^H < 0)."""
+    # lambda^H is interpolated linearly between rows, except across a jump of an input.
     t, force, jump = run.t, run.multipliers[:, side], np.isin(run.t, jumps(run))
     pulls = np.concatenate([[False], force < 0.0, [False]])
     edges = np.flatnonzero(pulls[1:] != pulls[:-1])
@@ -207,10 +201,7 @@ def active_constraints(run: Run) -> NDArray[np.bool_]:
 
 
 def friction_demand(run: Run) -> Floats:
-    """Returns the friction coefficient that no slip requires (n, 2): |lambda^N| / lambda^H.
-
-    It is infinite while the tip pulls, and 0 of a free tip.
-    """
+    """Returns |lambda^N| / lambda^H, which no slip requires (n, 2); inf of a pull, 0 if free."""
     pressing, along = run.multipliers[:, :2], np.abs(run.multipliers[:, 2:])
     presses = pressing > 0.0
     ratio = np.full(pressing.shape, np.inf)
@@ -242,10 +233,7 @@ def since_onset(run: Run) -> NDArray[np.bool_]:
 
 
 def response(run: Run, undisturbed: Run | None = None) -> tuple[Floats, Floats]:
-    """Returns times since a disturbance's onset (k,), s, and changes of q from then (k, 9).
-
-    With a run `undisturbed` they are the changes from it.
-    """
+    """Returns times since a disturbance's onset, s, and changes of q, from then or another run."""
     rows = since_onset(run)
     t, q = run.t[rows], run.q[rows]
     start = min(onset(run), float(t[0]))
@@ -272,10 +260,7 @@ def swing(run: Run, undisturbed: Run | None = None) -> Floats:
 
 
 def swing_back(run: Run, undisturbed: Run | None = None) -> Floats:
-    """Returns the overshoot of x, y and theta beyond their final values, opposite to the peak (3,).
-
-    It is a share of the peak, which is the largest distance from the final value.
-    """
+    """Returns the overshoot of x, y, theta beyond the final value, as a share of the peak (3,)."""
     change = response(run, undisturbed)[1][:, :3]
     change = change - change[-1]
     peak = np.take_along_axis(change, np.abs(change).argmax(axis=0)[None], axis=0)[0]

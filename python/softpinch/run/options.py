@@ -110,7 +110,18 @@ def _checked(
     checks.instance("stabilization", stabilization, Stabilization)
     method = checks.choice("method", method, _core.METHODS)
     every = checks.integer("every", every, 1)
-    dt, tolerance = steps(dt, tolerance, method)
+    if tolerance is None:
+        dt = checks.positive("dt", DT if dt is None else dt)
+    elif dt is not None:
+        given = f"dt = {checks.shown(dt)} and tolerance = {checks.shown(tolerance)}"
+        raise ValueError(f"{given}: give one of them")
+    elif method not in _core.ADAPTIVE_METHODS:
+        raise ValueError(
+            f"method = {method!r} has no error estimate: tolerance goes with "
+            f"{checks.quoted(_core.ADAPTIVE_METHODS)}"
+        )
+    else:
+        tolerance = checks.number("tolerance", tolerance)
     if times is not None and every != 1:
         raise ValueError(f"every = {every} and times: give one of them")
     if max_steps is not None and tolerance is None:
@@ -148,33 +159,6 @@ def names(
         )
     found = {checks.choice(field, name, allowed) for name in given}
     return tuple(name for name in allowed if name in found)
-
-
-def some_names(
-    field: str, value: str | Sequence[str], allowed: Sequence[checks.Name]
-) -> tuple[checks.Name, ...]:
-    """Converts names as `names` does, and refuses an empty result."""
-    found = names(field, value, allowed)
-    if not found:
-        raise ValueError(f"{field} = (): must have at least one")
-    return found
-
-
-def steps(
-    dt: float | None, tolerance: float | None, method: str
-) -> tuple[float | None, float | None]:
-    """Checks `dt` and `tolerance`, which exclude each other; without both, `dt` has its default."""
-    if tolerance is None:
-        return checks.positive("dt", DT if dt is None else dt), None
-    if dt is not None:
-        given = f"dt = {checks.shown(dt)} and tolerance = {checks.shown(tolerance)}"
-        raise ValueError(f"{given}: give one of them")
-    if method not in _core.ADAPTIVE_METHODS:
-        raise ValueError(
-            f"method = {method!r} has no error estimate: tolerance goes with "
-            f"{checks.quoted(_core.ADAPTIVE_METHODS)}"
-        )
-    return None, checks.number("tolerance", tolerance)
 
 
 def in_place(**settings: Any) -> dict[str, Any]:

@@ -62,10 +62,8 @@ class Request:
         return result
 
     def rows_at(self, times: Floats, *more: str) -> Mapping[str, Any]:
-        """Computes the run's states, and `more` groups, at increasing instants before its end.
-
-        Violations of `stop_on` do not end it, so that only events that always do can cut the rows.
-        """
+        """Computes the run's states, and `more` groups, at increasing instants before its end."""
+        # No violation of `stop_on` ends it: only events that always do can cut the rows.
         record = ("state", *more)
         return self.with_(times=times, every=1, record=record, stop_on=()).run_to_end()
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -19,7 +19,7 @@ from ..support.arrays import read_only
 from ..support.display import Shown, ShownTable
 from ..support.errors import NotRecordedError
 from ..support.record import plain
-from ..support.table import save_by_suffix, save_csv, save_npz
+from ..support.table import save_map
 from .contact import ContactChange, ContactMode, known_modes
 from .error_estimate import QUANTITIES, ErrorEstimate
 from .ledger import LEDGER, EnergyLedger
@@ -257,32 +257,29 @@ class Run(Shown):
         if not -n <= k < n:
             raise IndexError(f"k = {checks.shown(k)}: the run has only {n} recorded rows")
         result = self._result
-        if k in (-1, n - 1):
-            last = result["final"]
-            q, p, integral, t = last["q"], last["p"], last["integral"], last["t"]
-            contact, controller, linearized = (
-                last[name] for name in ("contacts", "controller", "linearized")
-            )
-            grid = last["anchor"], last["step"]
-        else:
-            q, p, integral, t = self.q[k], self.p[k], self.integral[k], self.t[k]
-            contact, controller, linearized = (
-                None if result[name] is None else result[name][k]
-                for name in ("contacts", "controllers", "linearized")
-            )
-            if linearized is not None and np.isnan(linearized[0]):
-                linearized = None
-            grid = result["grid_anchor"][k], result["grid_step"][k]
+        at: Mapping[str, Any] = result["final"]
+        if k not in (-1, n - 1):
+            at = {"q": self.q[k], "p": self.p[k], "integral": self.integral[k], "t": self.t[k]}
+            at |= {"anchor": result["grid_anchor"][k], "step": result["grid_step"][k]}
+            names = {
+                "contacts": "contacts",
+                "controllers": "controller",
+                "linearized": "linearized",
+            }
+            for rows, name in names.items():
+                at[name] = None if result[rows] is None else result[rows][k]
+            if at["linearized"] is not None and np.isnan(at["linearized"][0]):
+                at["linearized"] = None
         return State(
-            q,
-            p,
-            tuple(integral),
-            t,
+            at["q"],
+            at["p"],
+            tuple(at["integral"]),
+            at["t"],
             check=self.formulation != "csm",
-            grid=grid,
-            linearized=linearized,
-            contact=contact,
-            controller=controller,
+            grid=(at["anchor"], at["step"]),
+            linearized=at["linearized"],
+            contact=at["contacts"],
+            controller=at["controller"],
         )
 
     def at(self, times: ArrayLike) -> NDArray[np.float64]:
@@ -376,29 +373,15 @@ class Run(Shown):
         Returns:
             The path.
         """
-        path = checks.path("path", path)
-        return save_by_suffix(path, {".npz": self._save_npz, ".csv": self._save_csv})
-
-    def _saved(self) -> dict[str, NDArray[Any]]:
         arrays = self.arrays()
         if self._error is not None:
             bars = {name: getattr(self._error, name) for name in QUANTITIES}
             arrays |= {f"error_{name}": bar for name, bar in bars.items() if bar is not None}
-        return arrays
-
-    def _save_npz(self, path: Path) -> None:
-        save_npz(path, {"t": self.t, **self._saved()}, self.provenance())
-
-    def _save_csv(self, path: Path) -> None:
-        arrays = self._saved()
         # Arrays that `COLUMNS` lacks are those of the energy ledger, which have one column each.
         columns = [fields.COLUMNS.get(name, (f"{name} [J]",)) for name in arrays]
         header = ["t [s]", *(column for group in columns for column in group)]
-        # Column by column, because the codes of contacts are integers and the others are not.
-        table = [
-            column for array in (self.t, *arrays.values()) for column in np.atleast_2d(array.T)
-        ]
-        save_csv(path, header, zip(*(column.tolist() for column in table), strict=True))
+        arrays = {"t": self.t, **arrays}
+        return save_map(path, header, _rows(arrays.values()), arrays, self.provenance())
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Unpickled arrays would be writable.
@@ -430,6 +413,12 @@ class Run(Shown):
             f"<Run {self.status}: {span}, {len(self.t)} rows ({recorded}), "
             f"{self.stats['steps']} steps of {self.method}{seen}>"
         )
+
+
+def _rows(arrays: Iterable[NDArray[Any]]) -> Iterator[tuple[Any, ...]]:
+    # Column by column, because the codes of contacts are integers and the others are not.
+    columns = (column for each in arrays for column in np.atleast_2d(each.T))
+    yield from zip(*(column.tolist() for column in columns), strict=True)
 
 
 def restored(

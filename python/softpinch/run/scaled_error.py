@@ -70,10 +70,7 @@ def common(name: str, rows: Floats, usual: Mapping[str, Floats]) -> Floats:
 
 
 def by_row(value: Floats, exact: Floats | float, scale: Floats) -> Floats:
-    """Returns the largest scaled difference over the components of each row, (n, k) or (k,).
-
-    It is inf if a difference overflows or is NaN.
-    """
+    """Returns the largest scaled difference in each row, (n, k) or (k,); inf for NaN."""
     with np.errstate(invalid="ignore", over="ignore"):
         worst = (np.abs(value - exact) / scale).max(axis=-1, initial=0.0)
     return np.where(np.isfinite(worst), worst, np.inf)
@@ -82,10 +79,7 @@ def by_row(value: Floats, exact: Floats | float, scale: Floats) -> Floats:
 def at_end(
     last: Mapping[str, Floats], expected: Any, along: Mapping[str, Floats]
 ) -> dict[str, float]:
-    """Returns the errors of a run's last rows (k,) by quantity, from `by_row`.
-
-    The last rows of `expected` (n, k) are exact; `along` has the `scales` of the whole run.
-    """
+    """Returns the errors of last rows (k,) by quantity; `along` has the scales of the whole run."""
     return {
         name: float(by_row(row, getattr(expected, name)[-1], along[name]))
         for name, row in last.items()

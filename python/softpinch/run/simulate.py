@@ -13,7 +13,7 @@ from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.choices import Formulation, Method, Recordable, Violation
 from ..support.errors import StabilityWarning, warn
-from .error_estimate import estimate, require_estimable
+from .error_estimate import QUANTITIES, estimate
 from .options import STOP_ON, Options
 from .request import Request
 from .run import Run
@@ -115,8 +115,11 @@ def simulate(
         max_steps=max_steps,
         summaries_after=summaries_after,
     )
-    if checks.boolean("estimate_error", estimate_error):
-        require_estimable(options.record)
+    estimable = set(options.record) & set(QUANTITIES.values())
+    if checks.boolean("estimate_error", estimate_error) and not estimable:
+        raise ValueError(
+            f"estimate_error with record={options.record}: needs 'state' or 'multipliers' in record"
+        )
     wanted = checked_paths(scene, sensitivities)
     usual.warn(scene)
     request = Request(scene, options)
@@ -132,10 +135,7 @@ def simulate(
 
 
 def warn_of_steps(request: Request, result: Mapping[str, Any]) -> None:
-    """Warns of a run whose steps were too long or whose sampled loop is unstable.
-
-    Ctrl-C during this work leaves it out, because the run itself is complete.
-    """
+    """Warns of a run whose steps were too long or whose sampled loop is unstable."""
     status, end = result["status"], float(result["t"][-1])
     texts = list(result["warnings"])
     try:
@@ -143,7 +143,7 @@ def warn_of_steps(request: Request, result: Mapping[str, Any]) -> None:
             texts.append(too_long(request, status, end))
         if texts == [None] and status != "completed":
             texts = [unstable(request, status, end)]
-    except KeyboardInterrupt:
+    except KeyboardInterrupt:  # the run itself is complete
         texts = []
     if status == "unstable" and not any(texts):
         texts = [result["message"]]

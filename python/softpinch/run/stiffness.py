@@ -13,7 +13,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import _core
 from ..scene.contact import without_drift
@@ -151,7 +150,13 @@ def too_long(request: Request, status: str, end: float) -> str | None:
     longest = float(steps[k])
     if not 0.0 < longest < min(options.dt, scene.duration):
         return None
-    if longest >= _longest_taken(request, end):
+    # The run is computed again, because its own rows may be far apart.
+    every = 1 + int((end - scene.start().time) / options.dt / _MOST_ROWS)
+    again = request.with_(record=(), times=None, every=every).run_to_end()
+    # Inputs may shorten steps, and the last rows may be closer than `every` of them. A run may fail
+    # in its first step.
+    taken = float(np.diff(again["t"]).max(initial=0.0)) / every
+    if longest >= (taken or min(options.dt, scene.duration)):
         return None
     about = {
         "completed": "the run completed, but modes that should decay grow in it",
@@ -170,25 +175,19 @@ def too_long(request: Request, status: str, end: float) -> str | None:
     )
 
 
-def _longest_taken(request: Request, end: float) -> float:
-    """The longest step that a run with equal steps took until `end`, s; inputs may shorten it.
-
-    The run is computed again, because its own rows may be far apart.
-    """
-    scene, dt = request.scene, request.options.dt
-    assert dt is not None
-    every = 1 + int((end - scene.start().time) / dt / _MOST_ROWS)
-    again = request.with_(record=(), times=None, every=every).run_to_end()
-    # The last rows may be closer than `every` steps. A run may fail in its first step.
-    taken = np.diff(again["t"]) / every
-    return float(taken.max(initial=0.0)) or min(dt, scene.duration)
-
-
 def _stable(request: Request, motion: Mapping[str, Any]) -> Floats:
     """The longest stable step at each row of the motion, s; inf in rows that are not looked at."""
     scene, method = request.scene, request.options.method
     steps = np.full(len(motion["t"]), np.inf)
-    rows = _telling(motion)
+    # Some rows, and in each mode those with the extreme compressions: where it is most compressed a
+    # tip is stiffest, and where it is least, its viscosity counts most.
+    some = set(np.linspace(0, len(steps) - 1, _INSTANTS).round().astype(int).tolist())
+    for tip in range(2):
+        compression, modes = motion["q"][:, 5 + tip], motion["contact"][:, tip]
+        for mode in np.unique(modes):
+            own = np.flatnonzero(modes == mode)
+            some |= {int(own[f(compression[own])]) for f in (np.argmin, np.argmax)}
+    rows = np.array(sorted(some))
     sticks = (motion["contact"][rows] == ContactMode.STICK).all(axis=1)
     held = rows[sticks]
     if len(held):
@@ -202,24 +201,10 @@ def _stable(request: Request, motion: Mapping[str, Any]) -> Floats:
         # Of a pair of conjugates one is enough.
         half = np.where(rates.imag < 0.0, 0.0, rates)
         steps[held] = stable_steps(method, half).min(axis=1)
-    own = surfaces(scene, motion["q"][rows], motion["contact"][rows])
-    alone = stable_steps(method, eigenvalues(own.reshape(-1, 2, 2)))
+    parts = surfaces(scene, motion["q"][rows], motion["contact"][rows])
+    alone = stable_steps(method, eigenvalues(parts.reshape(-1, 2, 2)))
     steps[rows] = np.minimum(steps[rows], alone.reshape(len(rows), -1).min(axis=1))
     return steps
-
-
-def _telling(motion: Mapping[str, Any]) -> NDArray[np.intp]:
-    """Indices of rows for the linearisation: some, and the extreme compressions in each mode.
-
-    Where it is most compressed a tip is stiffest, and where it is least, its viscosity counts most.
-    """
-    rows = set(np.linspace(0, len(motion["t"]) - 1, _INSTANTS).round().astype(int).tolist())
-    for tip in range(2):
-        compression, modes = motion["q"][:, 5 + tip], motion["contact"][:, tip]
-        for mode in np.unique(modes):
-            own = np.flatnonzero(modes == mode)
-            rows |= {int(own[f(compression[own])]) for f in (np.argmin, np.argmax)}
-    return np.array(sorted(rows))
 
 
 def unstable(request: Request, status: str, end: float) -> str | None:

@@ -21,12 +21,6 @@ if TYPE_CHECKING:
 _BILATERAL = ("nullspace",)
 
 
-def require_still(scene: Scene, name: str) -> None:
-    """Refuses a scene whose hand moves, for a computation that does not have such motions yet."""
-    if scene.motion is not None:
-        raise ValueError(f"{name}: not with Scene.motion; the hand must be at rest")
-
-
 def require_bilateral(scene: Scene, name: str, reason: str) -> None:
     """Refuses unilateral contact in the function `name`; `reason` says what it computes instead."""
     if scene.contact != "bilateral":

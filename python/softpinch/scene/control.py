@@ -81,7 +81,10 @@ class SampledController(Law):
     - "rotation" (1), rad; "rotation_rate" (1), rad/s: theta of the object;
     - "compression" (2), m; "shear" (2), m: d_n and d_t of both tips;
     - "multipliers" (4), N: lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N under the torques before
-      the sample.
+      the sample;
+    - "accelerometer" (2), m/s^2; "gyroscope" (1), rad/s: an inertial sensor at the origin of the
+      hand's frame. It reads (a_x + g sin(phi), a_y + g cos(phi)) with the acceleration a along the
+      hand's axes, at a jump that after it, and the rate of the tilt phi; at rest (0, g) and 0.
 
     Attributes:
         period: Time between samples, s.

@@ -23,6 +23,7 @@ from .. import _core
 from ..support import checks
 from ..support.arrays import Floats
 from .disturbance import DISTURBANCES, Compiled, Disturbance
+from .motion import MOTIONS
 from .piecewise import Piecewise
 from .scene import Scene, State
 from .schedule import Schedule
@@ -30,6 +31,8 @@ from .template import SceneTemplate
 
 # The imaginary part. Its square is zero beside any number, so that only first derivatives remain.
 _TINY = 1e-200
+# A jump of the acceleration below this share of the largest coefficient is round-off.
+_JUMP = 1e-9
 # Fields of a `State` -> the columns of the start's derivative, which are q, p and integral.
 STARTS = {"q": slice(0, 9), "p": slice(9, 18), "integral": slice(18, 20)}
 # The inputs and parameters that a direction leaves alone, and why.
@@ -75,8 +78,6 @@ def shapes(
     if not paths:
         return {}
     for path in paths:
-        if path.split(".")[0] == "motion":
-            raise ValueError(f"sensitivities: {path!r}: not by a number of the hand's motion")
         if path in _REFUSED:
             raise ValueError(
                 f"sensitivities: {path!r}: there is no derivative by it: {_REFUSED[path]}"
@@ -149,7 +150,7 @@ def directions(
     shifts = [row for k, slope in enumerate(slopes) for row in _shifts(scene, base, slope, k)]
     return _core.Directions(
         parameters,
-        _inputs(scene, base, slopes),
+        _inputs(scene, base, slopes, _motion_slopes(scene, entries)),
         initial=initial,
         shifts=np.array(shifts, dtype=np.float64).reshape(-1, 9),
         impulse_times=_impulse_times(base, slopes),
@@ -159,7 +160,7 @@ def directions(
 
 def move_inputs(paths: Sequence[str]) -> bool:
     """Returns whether a path concerns the inputs, so that the directions differ between runs."""
-    return any(path.split(".")[0] in ("schedule", "disturbances") for path in paths)
+    return any(path.split(".")[0] in ("schedule", "disturbances", "motion") for path in paths)
 
 
 def move_breakpoints(scene: Scene, paths: Sequence[str]) -> bool:
@@ -189,23 +190,29 @@ def _slopes(scene: Scene, base: _Compiled, path: str, index: tuple[int, ...]) ->
     return tuple(found)
 
 
-def _derivative(
-    record: Schedule | Disturbance, path: str, steps: list[str], index: tuple[int, ...]
-) -> Compiled:
-    """Returns the derivatives of a compiled schedule or disturbance, by the number at a path."""
+def _seeded(record: Any, path: str, steps: list[str], index: tuple[int, ...]) -> Any:
+    """Compiles a record with imaginary parts that have the derivatives by the number at a path."""
     name, *inside = steps
     place = (*map(int, inside), *index)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", ComplexWarning)
             compiled = _moved(record, name, place, 1j * _TINY).compile()
-            if type(record) not in (Schedule, *DISTURBANCES.values()):
+            if type(record) not in (Schedule, *DISTURBANCES.values(), *MOTIONS.values()):
                 _require_analytic(record, name, place, compiled)
     except (AttributeError, TypeError, ComplexWarning) as error:
         raise ValueError(
             f"sensitivities: {path!r}: {type(record).__name__}.compile must accept complex "
             f"numbers in its fields, from which derivatives are computed ({error})"
         ) from None
+    return compiled
+
+
+def _derivative(
+    record: Schedule | Disturbance, path: str, steps: list[str], index: tuple[int, ...]
+) -> Compiled:
+    """Returns the derivatives of a compiled schedule or disturbance, by the number at a path."""
+    compiled = _seeded(record, path, steps, index)
     if isinstance(record, Schedule):
         compiled = Compiled(forces=(compiled,))
     derivative: Compiled = compiled.map(_imaginary_part)
@@ -260,7 +267,48 @@ def _held(of: Piecewise, slope: Piecewise) -> Piecewise:
     return breaks, slope[1] - moved
 
 
-def _inputs(scene: Scene, base: _Compiled, slopes: Sequence[_Compiled]) -> _core.Inputs:
+def _motion_slopes(
+    scene: Scene, entries: Sequence[tuple[str, tuple[int, ...]]]
+) -> tuple[Piecewise, Piecewise, Floats] | None:
+    """Returns the derivatives of the hand's motion, as the motions of as many runs."""
+    if scene.motion is None or not any(path.startswith("motion.") for path, _ in entries):
+        return None
+
+    def one(array: Any) -> Any:
+        return array[None]
+
+    acceleration, tilt, sine = scene.motion.compile().map(one).core()
+    base = [(breaks[0], rows[0]) for breaks, rows in (acceleration, tilt)]
+    found: tuple[list[Floats], ...] = ([], [], [])
+    for path, index in entries:
+        root, *steps = path.split(".")
+        slopes = [np.zeros_like(rows) for _, rows in base] + [np.zeros_like(sine[0])]
+        if root == "motion":
+            *moved, wave = _seeded(scene.motion, path, steps, index).map(one).core()
+            slopes[2] = _imaginary_part(wave[0])
+            for k, (own, pieces) in enumerate(zip(base, moved, strict=True)):
+                slope = (_imaginary_part(pieces[0][0]), _imaginary_part(pieces[1][0]))
+                jumps = [jump for _, _, jump, _ in _jumps(own, slope)] if k == 0 else []
+                size = float(np.abs(own[1]).max())
+                if any(np.abs(jump).max() > _JUMP * size for jump in jumps):
+                    raise ValueError(
+                        f"sensitivities: {path!r}: it moves an instant at which the hand's "
+                        "acceleration jumps; a minimum jerk has no jumps"
+                    )
+                slopes[k] = _held(own, slope)[1]
+        for rows, slope in zip(found, slopes, strict=True):
+            rows.append(np.ascontiguousarray(slope))
+    several = [np.tile(breaks, (len(entries), 1)) for breaks, _ in base]
+    accelerations, tilts, sines = map(np.array, found)
+    return (several[0], accelerations), (several[1], tilts), sines
+
+
+def _inputs(
+    scene: Scene,
+    base: _Compiled,
+    slopes: Sequence[_Compiled],
+    motion: tuple[Piecewise, Piecewise, Floats] | None,
+) -> _core.Inputs:
     """Makes the derivatives of the inputs, as the inputs of as many runs."""
 
     def pieces(of: Piecewise, those: Iterator[Piecewise]) -> tuple[Floats, Floats]:
@@ -285,7 +333,7 @@ def _inputs(scene: Scene, base: _Compiled, slopes: Sequence[_Compiled]) -> _core
             rows = np.array([one.noises[j][0] for one in own])
             rows[:, 3:] = row[3:]
             noises.append((rows, seed, np.array([run], np.uint64), place - 1))
-    return _core.Inputs(forces[0], forces[1:], sines, impulses, noises, scene.law)
+    return _core.Inputs(forces[0], forces[1:], sines, impulses, noises, scene.law, motion=motion)
 
 
 def _shifts(

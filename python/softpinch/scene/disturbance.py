@@ -48,8 +48,9 @@ class Compiled(NamedTuple):
         sines: Arrays (7,): start and end, s; angular frequency, 1/s; phase, rad; amplitudes of F_x
             and F_y, N, and of the moment, N m.
         impulses: Arrays (4,): time, s; J_x and J_y, N s; J_theta, N m s.
-        noises: (array (6,), seed, run) each. The array has the standard deviations of F_x and F_y,
-            N, and of the moment, N m; the sample rate, Hz; start and end, s.
+        noises: (array (6,) or (8,), seed, run) each. The array has the standard deviations of F_x
+            and F_y, N, and of the moment, N m; the sample rate, Hz; start and end, s; and those of
+            the acceleration of the hand's frame along fixed axes, m/s^2.
     """
 
     forces: tuple[Piecewise, ...] = ()
@@ -70,7 +71,7 @@ class Compiled(NamedTuple):
         """Returns the sorted instants of one run at which a load begins, changes or ends, s."""
         times = [time for breaks, _ in self.forces for time in breaks.tolist()]
         times += [edge for sine in self.sines for edge in sine[:2].tolist()]
-        times += [edge for row, _, _ in self.noises for edge in row[4:].tolist()]
+        times += [edge for row, _, _ in self.noises for edge in row[4:6].tolist()]
         return sorted(times + [float(impulse[0]) for impulse in self.impulses])
 
 
@@ -310,6 +311,9 @@ class Noise(Disturbance):
     Attributes:
         force_std: Standard deviation of both F_x and F_y, N, or a pair with one for each.
         moment_std: Standard deviation of the moment, N m.
+        acceleration_std: Standard deviation of the acceleration of the hand's frame along both
+            fixed axes, m/s^2, or a pair with one for each: shaking of the base, beside the motion
+            of a scene that has one. `Run.hand` is the motion without it.
         rate_hz: Samples per second, Hz. Integration steps end at every sample.
         time: Start, s.
         duration: Length, s; None never ends.
@@ -317,9 +321,10 @@ class Noise(Disturbance):
         run: Run number, from 0 to 2^64 - 1; noises of different runs are independent.
     """
 
-    force_std: float | tuple[float, float]
-    moment_std: float
+    force_std: float | tuple[float, float] = 0.0
+    moment_std: float = 0.0
     rate_hz: float
+    acceleration_std: float | tuple[float, float] = 0.0
     time: float = 0.0
     duration: float | None = None
     seed: int = 0
@@ -327,24 +332,27 @@ class Noise(Disturbance):
 
     def __post_init__(self) -> None:
         self._check()
-        if checks.read("Noise.force_std", self.force_std).ndim == 0:
-            self._set("force_std", checks.non_negative("Noise.force_std", self.force_std))
-        else:
-            pair = checks.pair("Noise.force_std", self.force_std)
-            self._set("force_std", pair)
-            for k, std in enumerate(pair):
-                checks.non_negative(f"Noise.force_std[{k}]", std)
+        for name in ("force_std", "acceleration_std"):
+            field, value = f"Noise.{name}", getattr(self, name)
+            if checks.read(field, value).ndim == 0:
+                self._set(name, checks.non_negative(field, value))
+                continue
+            self._set(name, checks.pair(field, value))
+            for k, std in enumerate(getattr(self, name)):
+                checks.non_negative(f"{field}[{k}]", std)
         for name in ("seed", "run"):
             self._set(name, checks.integer(f"Noise.{name}", getattr(self, name), 0, 2**64 - 1))
 
     def compile(self) -> Compiled:
         """Returns one noise."""
-        std = np.asarray(self.force_std)
-        # With many runs every field has one more axis, so compare with the axes of a scalar field.
-        pair = np.ndim(self.rate_hz) < std.ndim
-        x, y = (std[..., 0], std[..., 1]) if pair else (std, std)
+        parts = []
+        for std in map(np.asarray, (self.force_std, self.acceleration_std)):
+            # With many runs every field has one more axis, so compare with those of a scalar field.
+            pair = np.ndim(self.rate_hz) < std.ndim
+            parts += [std[..., 0], std[..., 1]] if pair else [std, std]
         end = _end(self.time, self.duration)
-        row = _columns(x, y, self.moment_std, self.rate_hz, self.time, end)
+        x, y, *shaking = parts
+        row = _columns(x, y, self.moment_std, self.rate_hz, self.time, end, *shaking)
         return Compiled(noises=((row, self.seed, self.run),))
 
     def samples(self, count: int, place: int = 0) -> Floats:

@@ -116,6 +116,7 @@ PARAMETERS = (
     Parameter("disturbances.phase", "rad", (-4.0 * math.pi, 4.0 * math.pi)),
     Parameter("disturbances.force_std", "N", (0.0, 1e5), axes=_AXIS),
     Parameter("disturbances.moment_std", "N m", (0.0, 1e3)),
+    Parameter("disturbances.acceleration_std", "m/s^2", (0.0, 1e5), axes=_AXIS),
     Parameter("disturbances.rate_hz", "Hz", (0.0, 1e7)),
     # Usual coordinates are in `COORDINATE_RANGES`.
     Parameter("initial.q", COORDINATE_UNITS, axes=("coordinate",)),

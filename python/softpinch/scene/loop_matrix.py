@@ -27,6 +27,8 @@ MOST_UNDER_WAY = 50
 _TERMS = 16
 # Measure -> its places among the angles and then the rates of the fingers.
 _OF_FINGERS = {"angle": [0, 1], "angle_error": [0, 1], "angle_rate": [2, 3]}
+# Measures that depend on no state.
+_GIVEN = {"target", "target_rate", "accelerometer", "gyroscope"}
 
 
 def spectral_radius(
@@ -118,7 +120,7 @@ def growth(scene: Scene, control: SampledController) -> float:
 
     It is unknown if the controller measures more than fingers, or its delay takes too many periods.
     """
-    known = set(control.measures) <= _OF_FINGERS.keys() | {"target", "target_rate"}
+    known = set(control.measures) <= _OF_FINGERS.keys() | _GIVEN
     if not known or control.delay > MOST_UNDER_WAY * control.period:
         return 0.0
     # A finger that touches nothing moves by I theta'' = u, without gravity.

@@ -156,20 +156,22 @@ class HandMotion(Kinded):
         positions: ArrayLike | None = None,
         accelerations: ArrayLike | None = None,
         tilts: ArrayLike | None = None,
+        hold: bool = False,
     ) -> HandMotion:
         """A measured motion, such as the log of a robot, with positions or accelerations.
 
         The hand passes positions and tilts without stopping, on quintic polynomials with the least
         integral of the squared jerk, from rest to rest; derivatives up to the fourth have no jumps.
         Accelerations, without gravity, are interpolated linearly and integrated from rest at the
-        origin; after the last sample they are zero, and the hand keeps the velocity it has.
+        origin; after the last sample they are zero, and the hand keeps the velocity it has. With
+        `hold` each is held until the next time instead, and the last one from then on.
 
             >>> import numpy as np, softpinch as sp
             >>> rows = np.loadtxt(["0.0, 0.0, 0.0", "0.1, 0.01, 0.0"], delimiter=",")  # or a path
             >>> motion = sp.HandMotion.sampled(rows[:, 0], positions=rows[:, 1:])
         """
         values = {"positions": positions, "accelerations": accelerations, "tilts": tilts}
-        return SampledMotion(times=times, **values)  # type: ignore[arg-type]
+        return SampledMotion(times=times, **values, hold=hold)  # type: ignore[arg-type]
 
     @staticmethod
     def sine(
@@ -356,6 +358,7 @@ class SampledMotion(TimedMotion):
 
     positions: Floats | None = None
     accelerations: Floats | None = None
+    hold: bool = False
 
     def _check_own(self) -> None:
         given = [n for n in ("positions", "accelerations") if getattr(self, n) is not None]
@@ -365,6 +368,9 @@ class SampledMotion(TimedMotion):
             raise ValueError("HandMotion.positions: are missing; so are accelerations and tilts")
         for name in given:
             self._check_rows(name, "k", 2)
+        self._check(checks.boolean, "hold")
+        if self.hold and self.accelerations is None:
+            raise ValueError("HandMotion.hold = True: holds accelerations, which are not given")
 
     def compile(self) -> CompiledMotion:
         """Returns quintics through positions and tilts, and cubics from accelerations."""
@@ -372,7 +378,7 @@ class SampledMotion(TimedMotion):
         if self.positions is not None:
             position = through(self.times, self.positions)
         elif self.accelerations is not None:
-            position = _integrated(self.times, self.accelerations)
+            position = _integrated(self.times, self.accelerations, self.hold)
         return CompiledMotion(position, self._tilt(through))
 
 
@@ -504,13 +510,16 @@ def _moves(times: Floats, points: Floats, profiles: Sequence[_Profile]) -> Piece
     return np.array([*breaks, times[-1]]), np.array(rows)
 
 
-def _integrated(times: Floats, accelerations: Floats) -> Piecewise:
-    """The motion from rest at zero whose accelerations (k, channels) are interpolated linearly."""
-    h, before, after = np.diff(times)[:, None], accelerations[:-1], accelerations[1:]
+def _integrated(times: Floats, accelerations: Floats, hold: bool) -> Piecewise:
+    """The motion from rest at zero with accelerations (k, channels) that are linear, or held."""
+    h, before = np.diff(times)[:, None], accelerations[:-1]
+    after = before if hold else accelerations[1:]
     rows = np.zeros((len(times) + 1, 2, 4), np.result_type(times, accelerations))
     rows[2:, :, 1] = np.cumsum(h * (before + after) / 2.0, axis=0)
     rows[2:, :, 0] = np.cumsum(h * (rows[1:-1, :, 1] + h * (2.0 * before + after) / 6.0), axis=0)
     rows[1:-1, :, 2], rows[1:-1, :, 3] = before / 2.0, (after - before) / h / 6.0
+    if hold:
+        rows[-1, :, 2] = accelerations[-1] / 2.0
     return times, rows
 
 

@@ -45,7 +45,7 @@ def finger_of(scene: Scene, side: int) -> Finger:
     return scene.hand.right if side == 0 else scene.hand.left
 
 
-def object_axes(theta: float) -> tuple[Floats, Floats]:
+def object_axes(theta: float | Floats) -> tuple[Floats, Floats]:
     """Unit vectors across and along the object's faces, (C, S) and (-S, C)."""
     c, s = np.cos(theta), np.sin(theta)
     return np.array([c, s]), np.array([-s, c])

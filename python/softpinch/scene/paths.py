@@ -312,6 +312,8 @@ def paths_of(scene: Scene) -> PathTable:
         if path.startswith("schedule.angles") and not scene.schedules_angles:
             # A controller of one's own may use the schedule for any quantity.
             unit = "N m" if scene.law == "torque" else "unknown"
+        if path == "motion.amplitude" and getattr(scene.motion, "axis", None) == "tilt":
+            unit = "rad"
         found[path] = value, unit
     return PathTable(found, scene)
 

@@ -201,6 +201,7 @@ def inputs(
     noises: list[Any] = []
     for place, (load, arrays) in enumerate(zip(disturbances, compiled, strict=True)):
         for row, own_seed, own_run in arrays.noises:
+            row = np.pad(row, ((0, 0), (0, 8 - row.shape[-1])))
             # Only a `Noise` takes the study's seed and run number, as in `SceneTemplate.at`.
             if numbers is None or not isinstance(load, Noise):
                 noises.append((row, own_seed, np.array([own_run], np.uint64), place))
@@ -316,6 +317,12 @@ class Scene(Record):
         self._set("disturbances", tuple(self.disturbances))
         for k, disturbance in enumerate(self.disturbances):
             checks.instance(f"Scene.disturbances[{k}]", disturbance, Disturbance)
+            shaking = getattr(disturbance, "acceleration_std", 0.0)
+            if self.motion is None and np.any(shaking):
+                raise ValueError(
+                    f"disturbances[{k}].acceleration_std = {checks.shown(shaking)}: needs a "
+                    "Scene.motion, such as HandMotion.constant()"
+                )
         if self.motion is not None:
             made = "a HandMotion, such as HandMotion.minimum_jerk(times, points)"
             checks.instance("Scene.motion", self.motion, HandMotion, made)

@@ -71,7 +71,13 @@ class Episodes:
         going = ~self.ended
         # A copy: a task may write to the same array at the next step, and a reset writes to ours.
         torque = _computed("torques()", self.task.torques(action), (self.n, 2)).copy()
-        self._push()
+        # Set the forces of the coming period where they change.
+        k = np.minimum(self._step, self.task.steps - 1)
+        force = self._force[np.arange(self.n), k]
+        changed = (force != self._acting).any(axis=1)
+        if changed.any():
+            self.simulator.set_force(force[:, :2], force[:, 2], changed)
+            self._acting[changed] = force[changed]
         before = self._torque
         seen = self.simulator.step(torque)
         self._torques[going, self._step[going]] = torque[going]
@@ -97,15 +103,6 @@ class Episodes:
             simulator.set_force(force[:2], force[2])
             simulator.step(torque)
         return simulator.run(record)
-
-    def _push(self) -> None:
-        """Sets the forces of the coming period where they change."""
-        k = np.minimum(self._step, self.task.steps - 1)
-        force = self._force[np.arange(self.n), k]
-        changed = (force != self._acting).any(axis=1)
-        if changed.any():
-            self.simulator.set_force(force[:, :2], force[:, 2], changed)
-            self._acting[changed] = force[changed]
 
     def _outcome(
         self, seen: Observations, action: Floats, before: Floats, going: Mask, paid: bool = True

@@ -19,19 +19,21 @@ from ..run.simulate import simulate
 from ..scene import usual
 from ..scene.control import WRITTEN
 from ..scene.disturbance import Sampled
+from ..scene.motion import ConstantMotion, HandMotion
 from ..scene.scene import Scene, State, require_fit
 from ..scene.schedule import Schedule
 from ..scene.stabilization import Stabilization
 from ..study.sources import Key
 from ..study.spec import StudySpec
 from ..support import checks
+from ..support.arrays import Floats
 from ..support.choices import Formulation, Method, Recordable, Violation
 from ..support.display import Shown, text_of
 
 # The name of a status's code in the core: a run that goes on, and then the ways to end.
 STATUSES = ("running", *_core.STATUSES)
-# Numbers that are kept of each period: its start, torques, force and moment.
-_KEPT = 6
+# Numbers that are kept of each period: its start, torques, force, moment and acceleration.
+_KEPT = 8
 _NAMES = np.array(STATUSES)
 # Largest number of runs; their states take 10 GB.
 _MOST = 10_000_000
@@ -93,7 +95,6 @@ class Stepped(Shown):
         usual.warn(scene, schedule_replaced=True)
 
     def _state(self, run: int) -> State:
-        """The public state of a run, from the core's."""
         time, q, p, (right, left), grid, contact = self._core.state(run)
         # The stabilisation lets states drift off the constraints.
         check = self._options.formulation != "csm"
@@ -105,6 +106,22 @@ class Stepped(Shown):
         require_fit(self._scene, name, state)
         q, p = np.asarray(state.q), np.asarray(state.p)
         return state.time, q, p, state.integral, state.grid, state.contact, state.check
+
+    def _along_fixed_axes(
+        self, acceleration: ArrayLike, tilts: Floats | None = None, runs: tuple[int, ...] = ()
+    ) -> Floats:
+        """Turns accelerations of a step along the axes of hands, after checks, (*runs, 2)."""
+        motion = self._scene.motion
+        if not isinstance(motion, ConstantMotion):
+            raise ValueError(
+                "acceleration: takes the place of the one of Scene.motion, which must be "
+                f"HandMotion.constant(...) and is {checks.shown(motion)}"
+            )
+        shape = (*runs, 2) if np.ndim(acceleration) == 2 else (2,)
+        x, y = checks.array("acceleration", acceleration, shape).T
+        tilts = np.broadcast_to(motion.tilt if tilts is None else tilts, runs)
+        cos, sin = np.cos(tilts), np.sin(tilts)
+        return np.stack([x * cos - y * sin, y * cos + x * sin], axis=-1)
 
     @property
     def period(self) -> float:
@@ -138,7 +155,7 @@ class Simulator(Stepped):
     and at its end under the period's own torques.
 
     The state is kept in the core, so that a simulator is not copied or pickled; for `run()` it also
-    keeps 48 bytes for each period since the last `reset` or `set_state`. The core takes equal
+    keeps 64 bytes for each period since the last `reset` or `set_state`. The core takes equal
     steps: `tolerance` is not offered, because its steps depend on all earlier states.
     """
 
@@ -163,6 +180,8 @@ class Simulator(Stepped):
         self._core = _core.Simulator.alone(Request(scene, self._options).simulation(), self._period)
         self._start: State | None = None
         self._force = (0.0, 0.0, 0.0)
+        motion = scene.motion
+        self._usual = motion.acceleration if isinstance(motion, ConstantMotion) else (0.0, 0.0)
         self._seen = self._begin()
 
     @property
@@ -193,13 +212,17 @@ class Simulator(Stepped):
         self._start, self._force = state, (0.0, 0.0, 0.0)
         return self._begin()
 
-    def step(self, torque: ArrayLike) -> Observation:
+    def step(self, torque: ArrayLike, acceleration: ArrayLike | None = None) -> Observation:
         """Goes on for one period.
+
+        If an argument is refused, or after Ctrl-C, the simulator is as before the step.
 
         Args:
             torque: Torques on the right and the left finger (2,), N m, a positive one closes its
-                finger; or the target angles of the fingers of a PID, rad. If they are refused, or
-                after Ctrl-C, the simulator is as before the step.
+                finger; or the target angles of the fingers of a PID, rad.
+            acceleration: Acceleration (a_x, a_y) of the hand along its own axes in this period,
+                m/s^2, instead of that of the scene's motion, a `HandMotion.constant`; None keeps
+                that one.
         """
         before = self._seen
         if before.status != "running":
@@ -208,8 +231,9 @@ class Simulator(Stepped):
                 "reset() begins it again"
             )
         right, left = _torque_pair(torque)
-        t, q, p, multipliers, code = self._core.step(right, left)
-        self._held.extend((before.t, right, left, *self._force))
+        own = None if acceleration is None else self._along_fixed_axes(acceleration).tolist()
+        t, q, p, multipliers, code = self._core.step(right, left, own)
+        self._held.extend((before.t, right, left, *self._force, *(own or self._usual)))
         self._seen = Observation(t, q, p, multipliers, STATUSES[code])
         return self._seen
 
@@ -245,10 +269,10 @@ class Simulator(Stepped):
     ) -> Run:
         """Computes the run since the last `reset` or `set_state` again, with its whole recording.
 
-        It has the bits of the steps, and its scene has their torques as its schedule, and the
-        forces of `set_force` as one more disturbance. After `set_state` its last instant may differ
-        by one unit of round-off, because not every sum of a start and a duration is the end of a
-        period.
+        It has the bits of the steps, and its scene has their torques as its schedule, the forces of
+        `set_force` as one more disturbance, and their accelerations as its motion. After
+        `set_state` its last instant may differ by one unit of round-off, because not every sum of a
+        start and a duration is the end of a period.
 
         Args:
             record: Groups of quantities to record, as for `simulate`; all by default.
@@ -256,26 +280,27 @@ class Simulator(Stepped):
         """
         if not self._held:
             raise ValueError("run: there has been no step since the start")
-        numerics = self._options.numerics()
-        return simulate(self._scene_so_far(), record=record, every=every, **numerics)
-
-    def _scene_so_far(self) -> Scene:
         held = np.array(self._held).reshape(-1, _KEPT)
         times, disturbances = held[:, 0], self._scene.disturbances
         initial = self._scene.initial if self._start is None else self._start
         if isinstance(initial, State):
             # A period begins a segment of its own, wherever the state comes from.
             initial = replace(initial, grid=None, linearized=None)
-        if held[:, 3:].any():
+        if held[:, 3:6].any():
             force = Sampled(times=times, force=held[:, 3:5], moment=held[:, 5])
             disturbances = (*disturbances, force)
-        return replace(
+        motion, accelerations = self._scene.motion, held[:, 6:]
+        if isinstance(motion, ConstantMotion) and (accelerations != motion.acceleration).any():
+            motion = HandMotion.sampled(times, None, accelerations, motion.tilt, hold=True)
+        scene = replace(
             self._scene,
+            motion=motion,
             schedule=Schedule.steps(times, held[:, 1:3]),
             disturbances=disturbances,
             duration=_duration(times[0], self._core.end(0)),
             initial=initial,
         )
+        return simulate(scene, record=record, every=every, **self._options.numerics())
 
     def _begin(self) -> Observation:
         t, q, p, multipliers, code = self._core.observation(0)
@@ -417,7 +442,12 @@ class VectorSimulator(Stepped):
         """Returns the status of a run in words; empty if it goes on or has reached its end."""
         return self._core.message(self._run(run))
 
-    def step(self, actions: ArrayLike, out: Observations | None = None) -> Observations:
+    def step(
+        self,
+        actions: ArrayLike,
+        out: Observations | None = None,
+        acceleration: ArrayLike | None = None,
+    ) -> Observations:
         """Steps all runs that have not ended by one period.
 
         Args:
@@ -425,6 +455,7 @@ class VectorSimulator(Stepped):
                 angles of the fingers of a PID, rad. Those of a run that has ended are ignored.
             out: Arrays to write to, of the shapes and types of `Observations`, contiguous and
                 without overlap; None writes to the simulator's own, which the next step overwrites.
+            acceleration: As for `Simulator.step`, of all hands (2,), or of each (n, 2).
 
         After an error, which names its run, and after Ctrl-C all runs are as before the step.
         """
@@ -432,10 +463,14 @@ class VectorSimulator(Stepped):
         # The usual case skips the checks: the core refuses numbers that are not finite.
         if not (type(given) is np.ndarray and (given.dtype, given.shape) == (float, (self.n, 2))):
             given = checked_actions(actions, self.n, "run")
+        own = None
+        if acceleration is not None:
+            tilts = self._values.get("motion.tilt")
+            own = self._along_fixed_axes(acceleration, tilts, (self.n,))
         seen = self._seen if out is None else self._required(out)
         t, q, p, multipliers, status = seen
         try:
-            self._core.step_all(given, (t, q, p, multipliers, self._codes))
+            self._core.step_all(given, own, (t, q, p, multipliers, self._codes))
         except ValueError:
             # The core has refused a number that is not finite; this error also names the run.
             checked_actions(given, self.n, "run")
@@ -519,12 +554,9 @@ class VectorSimulator(Stepped):
         """Refuses arrays that do not fit; the core refuses those that overlap."""
         checks.instance("out", out, Observations, "Observations")
         for name, given, own in zip(out._fields, out, self._seen, strict=True):
-            fits = type(given) is np.ndarray and (given.shape, given.dtype) == (
-                own.shape,
-                own.dtype,
-            )
+            fits = type(given) is np.ndarray and given.shape == own.shape
             # `carray` is contiguous, aligned and writable.
-            if not (fits and given.flags.carray):
+            if not (fits and given.dtype == own.dtype and given.flags.carray):
                 rule = f"must be a contiguous array of shape {own.shape} and type {own.dtype}"
                 raise ValueError(f"out.{name}: {rule}")
         return out

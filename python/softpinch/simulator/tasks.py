@@ -24,6 +24,7 @@ from ..scene.scene import Scene
 from ..scene.schedule import Schedule
 from ..support import checks
 from ..support.arrays import Floats
+from ..support.record import SIDES
 from .simulator import Observations
 
 Mask = NDArray[np.bool_]
@@ -33,10 +34,8 @@ _REST = 1e-5
 
 
 def usual_grasp() -> Scene:
-    """Returns the grasp of the tasks: a PID closes both fingers by 3 degrees and waits for rest.
-
-    Tips push, never pull, and slip beyond a friction of 0.5, so that an object can be lost.
-    """
+    """Returns the grasp of the tasks: a PID closes both fingers by 3 degrees and waits for rest."""
+    # Tips push, never pull, and slip beyond a friction of 0.5, so that an object can be lost.
     return Scene(
         hand=Hand(tip=Fingertip(normal_mass=0.01, tangential_mass=0.01)),
         grasped=GraspedObject(height=0.049),
@@ -155,10 +154,8 @@ class Task:
                 f"{name}.push_time = {checks.shown(self.push_time)}: must be the shortest and the "
                 "longest duration, both above 0"
             )
-        if self.period > self.duration:
-            raise ValueError(
-                f"{name}.period = {self.period}: must be at most the duration, {self.duration}"
-            )
+        rule = f"must be at most the duration, {self.duration}"
+        checks.number_that(f"{name}.period", self.period, lambda x: x <= self.duration, rule)
 
     @cached_property
     def scene(self) -> Scene:
@@ -171,12 +168,14 @@ class Task:
                 f"is {run.status!r} and its largest rate at t = {run.t[-1]:g} s is {speed:.2g}"
             )
         start = replace(run.state(-1), time=0.0, integral=(0.0, 0.0), grid=None, linearized=None)
+        end = self.steps * self.period
         return replace(
             self.grasp,
             control=Torque(),
             schedule=Schedule.steps([0.0], [run.torque[-1]]),
             initial=start,
-            duration=self._length,
+            # The end of the last period differs from it by round-off.
+            duration=end if math.isclose(end, self.duration, rel_tol=1e-12) else self.duration,
         )
 
     def _settled(self, scene: Scene, record: tuple[str, ...]) -> Run:
@@ -186,12 +185,6 @@ class Task:
     def steps(self) -> int:
         """Number of periods of an episode; the last one may be shorter."""
         return int(np.ceil(self.duration / self.period * (1.0 - 1e-12)))
-
-    @property
-    def _length(self) -> float:
-        """The duration, s, or the end of the last period if that differs by round-off only."""
-        end = self.steps * self.period
-        return end if math.isclose(end, self.duration, rel_tol=1e-12) else self.duration
 
     @cached_property
     def grip_torque(self) -> Floats:
@@ -240,11 +233,13 @@ class Task:
     @property
     def measures(self) -> tuple[Measure, ...]:
         """The entries of the observation, in their order."""
-        sides = ("right", "left")
-        pose = [Measure("x - target", "m", 2e-3), Measure("y - target", "m", 2e-3)]
-        pose += [Measure("theta - target", "rad", 0.05)]
-        pose += [Measure("rate of x", "m/s", 0.1), Measure("rate of y", "m/s", 0.1)]
-        pose += [Measure("rate of theta", "rad/s", 2.0)]
+        rows = [
+            ("x - target", "m", 2e-3),
+            ("y - target", "m", 2e-3),
+            ("theta - target", "rad", 0.05),
+        ]
+        rows += [("rate of x", "m/s", 0.1), ("rate of y", "m/s", 0.1)]
+        rows += [("rate of theta", "rad/s", 2.0)]
         kinds = (
             ("angle from the settled grasp", "rad", 0.05),
             ("rate of the angle", "rad/s", 2.0),
@@ -254,30 +249,26 @@ class Task:
             ("tangential force", "N", 0.5 * self.grip_force),
             ("last torque from the settled grasp", "N m", self.torque_span),
         )
-        both = [
-            Measure(f"{side} {kind}", unit, scale) for kind, unit, scale in kinds for side in sides
-        ]
-        ahead = [Measure("x of the target ahead - target", "m", 2e-3)]
-        return (*pose, *both, *ahead)
+        rows += [(f"{side} {kind}", unit, scale) for kind, unit, scale in kinds for side in SIDES]
+        rows += [("x of the target ahead - target", "m", 2e-3)]
+        return tuple(Measure(*row) for row in rows)
 
     def measure(self, now: Transition) -> Floats:
         """Measures the entries of the observation in SI units (n, entries), as `measures` lists."""
         _, q, p, multipliers, _ = now.seen
         start = self.start
-        normal = multipliers[:, :2] - self.grip_force
-        return np.hstack(
-            (
-                q[:, :3] - now.target,
-                p[:, :3],
-                q[:, 3:5] - start[3:5],
-                p[:, 3:5],
-                q[:, 5:9] - start[5:9],
-                normal,
-                multipliers[:, 2:],
-                now.torque - self.grip_torque,
-                now.ahead[:, :1] - now.target[:, :1],
-            )
+        entries = (
+            q[:, :3] - now.target,
+            p[:, :3],
+            q[:, 3:5] - start[3:5],
+            p[:, 3:5],
+            q[:, 5:9] - start[5:9],
+            multipliers[:, :2] - self.grip_force,
+            multipliers[:, 2:],
+            now.torque - self.grip_torque,
+            now.ahead[:, :1] - now.target[:, :1],
         )
+        return np.hstack(entries)
 
     def terms(self, now: Transition) -> dict[str, Floats]:
         """Returns the terms of the reward by their names, each (n,); the reward is their sum.

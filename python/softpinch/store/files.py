@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ..support.errors import StoreError
 from ..support.extras import require
-from ..support.files import PARTIAL, one_line, write_whole
+from ..support.files import one_line, write_whole
 
 MANIFEST, LOCK = "manifest.toml", "lock"
 PARTS, TRAJECTORIES, DIGESTS, ARRAYS = "parts", "trajectories", "digests", "arrays"
@@ -42,13 +42,6 @@ def write(path: Path, data: memoryview | bytes) -> None:
         write_whole(path, data)
     except OSError as error:
         raise StoreError(f"{path}: cannot be written: {error.strerror}") from None
-
-
-def clean_up(path: Path) -> None:
-    """Removes half-written files of a killed writer. The caller must hold the lock."""
-    for folder in (path, *(path / name for name in (PARTS, TRAJECTORIES, DIGESTS, ARRAYS))):
-        for file in folder.glob(f".*{PARTIAL}"):
-            file.unlink()
 
 
 @contextmanager
@@ -98,14 +91,9 @@ def encode(
     return memoryview(sink.getvalue())
 
 
-def sha256(data: memoryview | bytes) -> str:
-    """The digest of a file's content, in hexadecimal."""
-    return hashlib.sha256(data).hexdigest()
-
-
 def write_with_digest(path: Path, data: memoryview) -> None:
     """Writes a file, and before it its SHA-256."""
-    line = f"{sha256(data)}  {path.parent.name}/{path.name}\n"
+    line = f"{hashlib.sha256(data).hexdigest()}  {path.parent.name}/{path.name}\n"
     write(_digest_file(path), line.encode())
     write(path, data)
 
@@ -123,13 +111,8 @@ def _digest_file(path: Path) -> Path:
     return path.parent.parent / DIGESTS / f"{path.parent.name}-{path.name}.sha256"
 
 
-def read_facts(path: Path) -> tuple[dict[str, Any], int, int]:
-    """Reads the facts of a Parquet file, and its numbers of rows and columns, from its footer."""
-    found = arrow("pyarrow.parquet").read_metadata(path)
-    return _facts(found), found.num_rows, found.num_columns
-
-
-def _facts(metadata: Any) -> dict[str, Any]:
+def facts_of(metadata: Any) -> dict[str, Any]:
+    """Reads the facts from the metadata of a Parquet file."""
     entries = metadata.metadata or {}
     if _KEY not in entries:
         raise ValueError("it is not a file of softpinch")
@@ -144,10 +127,10 @@ def read(
     pa, parquet = arrow(), arrow("pyarrow.parquet")
     with reading(path):
         data = path.read_bytes()
-        if sha256(data) != digest:
+        if hashlib.sha256(data).hexdigest() != digest:
             raise ValueError(f"its SHA-256 differs from that in {DIGESTS}")
         file = parquet.ParquetFile(pa.BufferReader(data))
         # Threads of Arrow may still hold `data` when the interpreter ends, which then aborts.
         table = file.read(columns=None if names is None else list(names), use_threads=False)
         columns = {name: table.column(name).to_numpy() for name in table.column_names}
-        return columns, _facts(file.metadata)
+        return columns, facts_of(file.metadata)

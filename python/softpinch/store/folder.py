@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..study.compute import MOST_BLOCKS
-from ..study.rows import Edges, Entry, Rows, Spans
+from ..study.rows import Edges, Rows, Spans
 from ..study.sources import BLOCK
 from ..study.spec import StudySpec
 from ..support.errors import StoreError
 from ..support.extras import require
-from ..support.files import flush_folder, visible
+from ..support.files import PARTIAL, flush_folder, visible
 from . import files
 from .files import ARRAYS, DIGESTS, LOCK, MANIFEST, PARTS, TRAJECTORIES
 
@@ -50,7 +50,8 @@ class Part(NamedTuple):
         """Opens a part of the study with the identity `study`; reads its footer and its digest."""
         digest = files.read_digest(path)
         with files.reading(path):
-            facts, rows, columns = files.read_facts(path)
+            footer = files.arrow("pyarrow.parquet").read_metadata(path)
+            facts, rows = files.facts_of(footer), footer.num_rows
             if facts["study"] != study:
                 raise ValueError(f"it belongs to another study than {MANIFEST} describes")
             edges = np.array(facts["runs"], dtype=np.int64).reshape(-1, 2)
@@ -58,7 +59,8 @@ class Part(NamedTuple):
             if (inner < 0).any() or (inner[1:] <= inner[:-1]).any():
                 raise ValueError("its intervals of runs do not increase")
             # A stranger's small file may decompress to many gigabytes of equal numbers.
-            if rows != Spans(edges).count or (rows - _AT_ONCE) * columns > MOST_NUMBERS:
+            too_many = (rows - _AT_ONCE) * footer.num_columns > MOST_NUMBERS
+            if rows != Spans(edges).count or too_many:
                 raise ValueError(f"it has {rows} rows, not those that a study writes")
         return cls(path, digest, edges)
 
@@ -76,8 +78,17 @@ class Folder:
         self.identity = identity
         self.parts: list[Part] = []
         self.done = Spans.upto(0)
-        for name in self._part_names():
-            part = Part.open(self.path / PARTS / name, identity)
+        folder = self.path / PARTS
+        with files.reading(folder):
+            found = visible(folder) if folder.exists() else []
+        # Numbers from a million on have more than six digits, so lengths are compared first.
+        for name in sorted(found, key=lambda name: (len(name), name)):
+            if not _PART_NAME.fullmatch(name):
+                raise StoreError(
+                    f"{folder / name}: is not a part of a study (parts are called 000000.parquet "
+                    "and so on): move it elsewhere"
+                )
+            part = Part.open(folder / name, identity)
             try:
                 self.add(part)
             except ValueError as error:
@@ -92,20 +103,6 @@ class Folder:
         self.done = Spans.joined([self.done.edges, part.edges])
         self.parts.append(part)
 
-    def _part_names(self) -> list[str]:
-        """File names of the parts, in the order of their numbers."""
-        folder = self.path / PARTS
-        with files.reading(folder):
-            found = visible(folder) if folder.exists() else []
-        for name in found:
-            if not _PART_NAME.fullmatch(name):
-                raise StoreError(
-                    f"{folder / name}: is not a part of a study (parts are called 000000.parquet "
-                    "and so on): move it elsewhere"
-                )
-        # Numbers from a million on have more than six digits, so lengths are compared first.
-        return sorted(found, key=lambda name: (len(name), name))
-
     def read(self, part: Part, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         """Reads entries of `Results.to_dict`, each (runs, ...), or single columns of entries."""
         schema = self.spec.schema.entries
@@ -113,7 +110,7 @@ class Folder:
         flat = [column for columns in wanted.values() for column in columns]
         found, _ = files.read(part.path, part.digest, flat)
         return {
-            name: _values(schema[name], [found[column] for column in columns])
+            name: schema[name].joined([found[column] for column in columns])
             if name in schema
             else found[name]
             for name, columns in wanted.items()
@@ -126,25 +123,6 @@ class Folder:
         return self._last[1]
 
 
-def _values(entry: Entry, columns: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """The array of an entry from its columns."""
-    if entry.shape:
-        return np.stack(columns, axis=1).reshape(-1, *entry.shape)
-    return columns[0].astype(entry.empty().dtype, copy=False)
-
-
-def encode(rows: Rows, spec: StudySpec, study: str) -> memoryview:
-    """Encodes rows as a part, in memory; `study` is the identity of their study."""
-    entries = rows.entries()
-    columns, units = {}, {}
-    for entry in spec.schema.entries.values():
-        for name, (values, unit) in entry.split(entries[entry.name]).items():
-            # Some Parquet readers lack unsigned 64-bit integers.
-            columns[name] = values.astype(np.int64) if entry.kind == "count" else values
-            units[name] = unit
-    return files.encode(columns, {"study": study, "runs": Spans.of(rows.run).edges.tolist()}, units)
-
-
 class Writer:
     """Adds parts to a study's folder. It buffers rows until they are worth a part."""
 
@@ -155,7 +133,10 @@ class Writer:
         self._rows: list[Rows] = []
         self._count = 0
         self._since = time.monotonic()
-        files.clean_up(folder.path)
+        # Half-written files are those of a killed writer, because this process holds the lock.
+        for name in (".", PARTS, TRAJECTORIES, DIGESTS, ARRAYS):
+            for file in (folder.path / name).glob(f".*{PARTIAL}"):
+                file.unlink()
         self._next = max((int(part.path.stem) for part in folder.parts), default=-1) + 1
 
     def add(self, rows: Rows) -> None:
@@ -175,10 +156,17 @@ class Writer:
         rows = Rows.joined(self._rows).in_order()
         # Clear the buffer even on failure; a retry would fail too.
         self._rows, self._count = [], 0
-        folder = self._folder
+        folder, entries = self._folder, rows.entries()
+        columns, units = {}, {}
+        for entry in folder.spec.schema.entries.values():
+            for name, (values, unit) in entry.split(entries[entry.name]).items():
+                # Some Parquet readers lack unsigned 64-bit integers.
+                columns[name] = values.astype(np.int64) if entry.dtype is np.uint64 else values
+                units[name] = unit
+        facts = {"study": folder.identity, "runs": Spans.of(rows.run).edges.tolist()}
         path = folder.path / PARTS / f"{self._next:06}.parquet"
         try:
-            files.write_with_digest(path, encode(rows, folder.spec, folder.identity))
+            files.write_with_digest(path, files.encode(columns, facts, units))
         except StoreError as error:
             raise StoreError(
                 f"{error}: the last {len(rows)} runs are lost; the {folder.done.count} runs before "

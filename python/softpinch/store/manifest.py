@@ -13,6 +13,7 @@ import json
 import platform
 import tomllib
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -21,11 +22,12 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from ..run.options import ALWAYS, Options
+from ..run.options import ALWAYS
 from ..scene.scene import Scene
+from ..study import study_file
 from ..study.sampling import MOST_RUNS, Draws
-from ..study.sources import Description
-from ..study.spec import RECORDING, RUN_OPTIONS, SETTINGS, StudySpec
+from ..study.sources import Description, Key
+from ..study.spec import RECORDING, SETTINGS, StudySpec
 from ..study.study_file import checksum, load_array
 from ..support import checks, extras, toml
 from ..support.arrays import Floats
@@ -49,37 +51,28 @@ def made_by() -> dict[str, Any]:
     return {
         "softpinch": _core.__version__,
         "results_version": _core.RESULTS_VERSION,
-        "package": _package(),
         "python": platform.python_version(),
         "numpy": np.__version__,
         "simd": _core.simd_level(),
         "machine": platform.machine(),
-        **_versions(),
+        **_installed(),
     }
 
 
 @cache
-def _versions() -> dict[str, str]:
-    """Versions of the installed optional packages on which numbers or files depend."""
-    found = {}
-    for name in ("scipy", "pyarrow"):
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return found
-
-
-@cache
-def _package() -> str:
-    """A hash of the installed softpinch: its Python modules and its compiled core."""
+def _installed() -> dict[str, str]:
+    """A hash of the modules and the core of this package, and versions of optional packages."""
     total = hashlib.sha256()
     root = Path(__file__).parent.parent
     for path in sorted(root.rglob("*")):
         if path.suffix in (".py", ".so", ".pyd"):
             total.update(f"{path.relative_to(root).as_posix()}\0".encode())
             total.update(hashlib.sha256(path.read_bytes()).digest())
-    return f"sha256:{total.hexdigest()}"
+    found = {"package": f"sha256:{total.hexdigest()}"}
+    for name in ("scipy", "pyarrow"):
+        with suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    return found
 
 
 def write(path: Path, data: Mapping[str, Any]) -> None:
@@ -130,21 +123,12 @@ def _digest(data: Mapping[str, Any]) -> str:
 def spec_of(path: Path, data: Mapping[str, Any]) -> StudySpec:
     """The study that a manifest describes, without the sources of its varied values."""
     with files.reading(path / MANIFEST, "restore the original"):
-        own = data["study"]
-        checks.refuse_unknown("[study]", own, SETTINGS, "")
-        for name in ALWAYS:
-            if name not in own:
-                raise ValueError(f"[study].{name} is missing")
-        return StudySpec.checked(
-            Scene.from_dict(data["scene"]),
-            Options.from_dict({name: own[name] for name in RUN_OPTIONS if name in own}),
-            runs=own["runs"],
-            seed=own["seed"],
-            vary={tuple(key.split(", ")): Description(e) for key, e in data["vary"].items()},
-            summaries=own["summaries"],
-            settling_band=own["settling_band"],
-            sampler=own["sampler"],
-        )
+        needed = (*ALWAYS, "runs", "seed", "sampler", "summaries", "settling_band")
+        checks.refuse_unknown("[study]", data["study"], SETTINGS, "", needed=needed)
+        vary: dict[Key, Any] = {
+            tuple(key.split(", ")): Description(entry) for key, entry in data["vary"].items()
+        }
+        return study_file.spec_of(Scene.from_dict(data["scene"]), vary, data["study"])
 
 
 def identity(data: Mapping[str, Any]) -> str:
@@ -169,11 +153,11 @@ def compare(path: Path, there: Mapping[str, Any], given: Mapping[str, Any]) -> N
             "bits: continue with that version, or use another folder"
         )
     old, new = _decisive(there), _decisive(given)
-    lines = [
-        f"{name} is {_shown(old.get(name))} there, and {_shown(new.get(name))} here"
-        for name in dict.fromkeys((*old, *new))
-        if old.get(name) != new.get(name)
-    ]
+    lines = []
+    for name in dict.fromkeys((*old, *new)):
+        if old.get(name) != new.get(name):
+            texts = [checks.shown(d[name]) if name in d else "not given" for d in (old, new)]
+            lines.append(f"{name} is {texts[0]} there, and {texts[1]} here")
     before, now = there["study"]["runs"], given["study"]["runs"]
     if there["study"]["sampler"] == "latin_hypercube" and before != now:
         lines.append(
@@ -192,10 +176,6 @@ def _flat(data: Any, path: str = "") -> Iterator[tuple[str, Any]]:
             yield from _flat(value, f"{path}.{name}" if path else name)
     else:
         yield path, data
-
-
-def _shown(value: Any) -> str:
-    return "not given" if value is None else checks.shown(value)
 
 
 def with_files(draws: Draws) -> tuple[dict[str, Any], dict[str, Floats]]:
@@ -226,8 +206,7 @@ def damaged_arrays(path: Path, data: Mapping[str, Any]) -> Iterator[str]:
         if entry["kind"] != "array":
             continue
         file = path / entry["file"]
-        fault = _array_fault(file, entry["sha256"])
-        if fault:
+        if fault := _array_fault(file, entry["sha256"]):
             yield (
                 f"{file}: {fault}: restore it, or call monte_carlo again with the original {name}, "
                 "which writes it again"

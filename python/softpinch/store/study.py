@@ -36,7 +36,7 @@ from .trajectories import Trajectories
 if TYPE_CHECKING:
     from ..study.executor import Engine
 
-# The number of blocks per call of the core is adapted until a call takes about this long, s.
+# A call of the core is to take about this long, s.
 PACE_SECONDS = 0.5
 T = TypeVar("T")
 
@@ -71,7 +71,6 @@ class Study(Results):
         self.requested: int = manifest["study"]["runs"]
         self.missing = read_only(Spans.upto(self.requested).without(folder.done).edges)
         self.complete = not len(self.missing)
-        self._stops_early = "stop_when" in manifest["study"]
         self.made_by: list[dict[str, Any]] = manifest["made_by"]
         self.trajectories = Trajectories(folder, self.scene_of)
         self.discretisation = None
@@ -89,7 +88,7 @@ class Study(Results):
         study = cls._opened(path)
         missing = []
         # `stop_when` leaves out runs on purpose.
-        if not study.complete and not study._stops_early:
+        if not study.complete and not study._spec.stop_when:
             spans = [f"{first} to {end - 1}" for first, end in study.missing[:4].tolist()]
             missing.append(f"runs {_some(spans)} of {study.requested}")
         if deleted := study.trajectories.missing():
@@ -307,11 +306,7 @@ def compute_in_folder(computation: Computation, store: str | Path) -> Study:
     vary, given_arrays = manifests.with_files(spec.draws)
     given = manifests.describe(spec, vary)
     there = _matching_manifest(path, given)
-    done = Spans.upto(0)
-    if there is None:
-        refuse_other_content(path)
-    else:
-        done = Folder(path, spec, manifests.identity(there)).done
+    done = Folder(path, spec, manifests.identity(there)).done if there else Spans.upto(0)
     missing = computation.wanted.without(done)
     if any(entry["kind"] == "function" for entry in given["vary"].values()):
         _refuse_unrepeatable_draws(spec.draws, missing)
@@ -321,37 +316,37 @@ def compute_in_folder(computation: Computation, store: str | Path) -> Study:
     try:
         # Another process may have begun the study before this process took the lock.
         there = _matching_manifest(path, given)
-        if there is None:
-            refuse_other_content(path)
         manifests.write_arrays(path, given_arrays)
-        if there is None:
-            manifests.write(path, given)
         folder = Folder(path, spec, manifests.identity(there or given))
         writer = Writer(folder, lock)
-        described = given
-        if there is not None:
-            # The manifest may name this process as a writer only after its bits are verified.
-            if folder.parts:
-                _verify_same_bits(spec, folder, there)
-            described = _continued(there, given)
-            if described != there:
-                manifests.write(path, described)
+        # The manifest may name this process as a writer only after its bits are verified.
+        if there and folder.parts:
+            _verify_same_bits(spec, folder, there)
+        described = _continued(there, given) if there else given
+        if described != there:
+            manifests.write(path, described)
     except BaseException:
         lock.release()
         raise
-    pace = _Pace()
     stopping = EarlyStopping(spec.stop_when, computation.wanted)
+    # The number of blocks per call is adapted, so that rows reach the disk often enough.
+    blocks, since = 1, time.monotonic()
 
     def accept(rows: Rows) -> bool:
+        nonlocal blocks, since
         writer.add(rows)
-        pace.note_arrival()
+        spent, since = time.monotonic() - since, time.monotonic()
+        if spent < PACE_SECONDS:
+            blocks = min(2 * blocks, MOST_BLOCKS)
+        elif spent > 2 * PACE_SECONDS:
+            blocks = max(1, blocks // 2)
         return stopping.enough(rows)
 
     try:
         enough = bool(spec.stop_when) and any(map(stopping.enough, _events(folder)))
         alone = bool(spec.stop_when) or computation.executor is not None
         missing = Spans.upto(0) if enough else computation.wanted.without(folder.done)
-        computation.compute(missing, accept, lambda: BLOCK * (1 if alone else pace.blocks))
+        computation.compute(missing, accept, lambda: BLOCK * (1 if alone else blocks))
         writer.flush()
         study = Study(folder, described)
         # This writes trajectories into the folder, so the lock is still needed.
@@ -383,8 +378,9 @@ def _events(folder: Folder) -> Iterator[Rows]:
 
 
 def _matching_manifest(path: Path, given: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The manifest of a folder that holds the given study; None if there is none."""
+    """The manifest of a folder that holds the given study; None if the folder is empty."""
     if not (path / MANIFEST).exists():
+        refuse_other_content(path)
         return None
     there = manifests.read(path)
     manifests.compare(path, there, given)
@@ -411,10 +407,7 @@ def _continued(there: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, 
 
 
 def _verify_same_bits(spec: StudySpec, folder: Folder, there: Mapping[str, Any]) -> None:
-    """Verifies that this process draws the bits of a stored block, and computes those of a run.
-
-    It computes only if its software or processor differs from every earlier writer's.
-    """
+    """Verifies that this process draws the bits of a stored block, and computes those of a run."""
     rows = folder.rows(min(folder.parts, key=lambda part: int(part.edges[0, 0])))
     # The folder may hold more runs than the caller asks for now.
     some = rows.select((rows.run // BLOCK == rows.run[0] // BLOCK) & (rows.run < spec.draws.runs))
@@ -427,7 +420,7 @@ def _verify_same_bits(spec: StudySpec, folder: Folder, there: Mapping[str, Any])
             raise StoreError(
                 f"{folder.path}: {name}: a new draw differs from the stored one ({how})"
             )
-    if ours in there["made_by"]:
+    if ours in there["made_by"]:  # an earlier writer had this software and processor
         return
     first = rows.select(np.array([0]))
     again = compute(spec, first, 1, lambda done: False)
@@ -439,19 +432,3 @@ def _verify_same_bits(spec: StudySpec, folder: Folder, there: Mapping[str, Any])
                 f"{folder.path}: {name} of run {first.run[0]}: computing it again gives another "
                 f"result than the stored one ({how})"
             )
-
-
-class _Pace:
-    """Adapts the number of blocks per call, so that rows reach the disk often enough."""
-
-    def __init__(self) -> None:
-        self.blocks = 1
-        self._since = time.monotonic()
-
-    def note_arrival(self) -> None:
-        now = time.monotonic()
-        spent, self._since = now - self._since, now
-        if spent < PACE_SECONDS:
-            self.blocks = min(2 * self.blocks, MOST_BLOCKS)
-        elif spent > 2 * PACE_SECONDS:
-            self.blocks = max(1, self.blocks // 2)

@@ -196,10 +196,7 @@ class Capsule(ByValue):
 
 
 def _parameters(data: Any, scene: Scene) -> dict[str, Any]:
-    """The varied values of the run, which must equal the values in its scene.
-
-    A user who edits a capsule's file could otherwise change a number in only one of the two places.
-    """
+    """The varied values of the run; one that differs from its place in the scene is refused."""
     checks.instance("Capsule.parameters", data, Mapping, "a table from paths to numbers")
     result: dict[str, Any] = {}
     for path, value in data.items():

@@ -18,7 +18,7 @@ from ..support.progress import Report, reporting
 from .engine import MOST_LANES, Accept, Lost, how_many_threads, on_threads
 from .estimates import Discretisation, Estimate
 from .results import Results
-from .rows import HOLDS, Edges, Numbers, Rows, Spans, happened
+from .rows import HOLDS, Numbers, Rows, Spans, happened
 from .sources import BLOCK
 from .spec import RECORDING, StudySpec
 
@@ -136,26 +136,19 @@ class Computation:
         options = self.spec.options
         if options.dt is None or not is_explicit(options.method):
             return
-        spans: defaultdict[str, list[Edges]] = defaultdict(list)
+        unstable_parts, failed_parts = [], []
         for part in results._read_by_part(("run", "status")):
-            completes = part["status"] == "completed"
-            kinds = {"unstable": part["status"] == "unstable", "completed": completes}
-            for kind, rows in {**kinds, "failed": ~completes}.items():
-                spans[kind].append(Spans.of(part["run"][rows]).edges)
-        unstable, completed, failed = (
-            Spans.joined(spans[kind]) for kind in ("unstable", "completed", "failed")
-        )
+            unstable_parts.append(Spans.of(part["run"][part["status"] == "unstable"]).edges)
+            failed_parts.append(Spans.of(part["run"][part["status"] != "completed"]).edges)
+        unstable, failed = Spans.joined(unstable_parts), Spans.joined(failed_parts)
         suspects = (unstable if unstable.count else failed).evenly_spaced(_SUSPECTS).tolist()
         if not unstable.count and self._may_be_unstable:
+            completed = results._computed.without(failed)
             suspects += completed.evenly_spaced(_SUSPECTS).tolist()
-        if not suspects:
-            return
-        rows = results._rows_of(np.array(sorted(suspects), dtype=np.uint64))
-        ends = (rows.columns[name].tolist() for name in ("status", "end_time"))
-        ended = dict(zip(rows.run.tolist(), zip(*ends, strict=True), strict=True))
         text, run, status = None, -1, ""
         for run in suspects:
-            status, end = ended[run]
+            row = results._rows_of(np.array([run], np.uint64)).columns
+            status, end = str(row["status"][0]), float(row["end_time"][0])
             try:
                 text = too_long(Request(results.scene_of(run), options), status, end)
             except KeyboardInterrupt:

@@ -82,26 +82,25 @@ class Distribution(Kinded):
         """Quantiles of uniform numbers u (n, *shape), for each component."""
         raise NotImplementedError
 
-    def _checked(self, name: str, check: Callable[[str, object], float] = checks.finite) -> Floats:
-        """Checks a field, stores it as a float or a read-only array, and returns it as an array."""
-        value = checks.number_or_array(f"{type(self).__name__}.{name}", getattr(self, name), check)
-        self._set(name, value)
-        return np.asarray(value)
+    def _checked(self, **rules: Callable[[str, object], float]) -> list[Floats]:
+        """Checks the fields, and returns them as arrays; without a rule a field must be finite.
 
-    def _broadcast(self) -> None:
-        shapes = {name: np.shape(value) for name, value in self._values().items()}
-        shown = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+        It stores them as floats or read-only arrays. Their shapes must broadcast.
+        """
+        owner = type(self).__name__
+        for name, value in self._values().items():
+            check = rules.get(name, checks.finite)
+            self._set(name, checks.number_or_array(f"{owner}.{name}", value, check))
+        arrays = {name: np.asarray(value) for name, value in self._values().items()}
+        shown = ", ".join(f"{name} {each.shape}" for name, each in arrays.items())
         try:
-            shape = np.broadcast_shapes(*shapes.values())
+            numbers = math.prod(self.shape)
         except ValueError:
-            raise ValueError(
-                f"{type(self).__name__}: shapes must broadcast, but are {shown}"
-            ) from None
-        if math.prod(shape) > _MOST_NUMBERS:
-            raise ValueError(
-                f"{type(self).__name__}: shapes must broadcast to at most {_MOST_NUMBERS} numbers, "
-                f"but are {shown}"
-            )
+            raise ValueError(f"{owner}: shapes must broadcast, but are {shown}") from None
+        if numbers > _MOST_NUMBERS:
+            rule = f"must broadcast to at most {_MOST_NUMBERS} numbers"
+            raise ValueError(f"{owner}: shapes {rule}, but are {shown}")
+        return list(arrays.values())
 
     def _refuse(self, name: str, wrong: Any, rule: str) -> None:
         """Raises an error with the field, its value and the rule if any of `wrong` is true."""
@@ -123,9 +122,7 @@ class Normal(Distribution):
     std: ArrayLike
 
     def __post_init__(self) -> None:
-        self._checked("mean")
-        std = self._checked("std")
-        self._broadcast()
+        _, std = self._checked()
         self._refuse("std", std < 0.0, "be >= 0")
 
     def _drawn(self, rng: np.random.Generator, n: int) -> Floats:
@@ -149,8 +146,7 @@ class Uniform(Distribution):
     high: ArrayLike
 
     def __post_init__(self) -> None:
-        low, high = self._checked("low"), self._checked("high")
-        self._broadcast()
+        low, high = self._checked()
         self._refuse("high", high <= low, f"be > low, {checks.shown(self.low)}")
         with np.errstate(over="ignore"):
             self._refuse("high", ~np.isfinite(high - low), "be at a finite distance from low")
@@ -173,8 +169,7 @@ class LogUniform(Distribution):
     high: ArrayLike
 
     def __post_init__(self) -> None:
-        low, high = self._checked("low"), self._checked("high")
-        self._broadcast()
+        low, high = self._checked()
         self._refuse("low", low <= 0.0, "be > 0")
         self._refuse("high", high <= low, f"be > low, {checks.shown(self.low)}")
 
@@ -198,8 +193,7 @@ class LogNormal(Distribution):
     sigma: ArrayLike
 
     def __post_init__(self) -> None:
-        median, sigma = self._checked("median"), self._checked("sigma")
-        self._broadcast()
+        median, sigma = self._checked()
         self._refuse("median", median <= 0.0, "be > 0")
         self._refuse("sigma", sigma < 0.0, "be >= 0")
 
@@ -236,9 +230,7 @@ class TruncatedNormal(Distribution):
     high: ArrayLike
 
     def __post_init__(self) -> None:
-        mean, std = self._checked("mean"), self._checked("std")
-        low, high = self._checked("low", checks.not_nan), self._checked("high", checks.not_nan)
-        self._broadcast()
+        mean, std, low, high = self._checked(low=checks.not_nan, high=checks.not_nan)
         self._refuse("std", std <= 0.0, "be > 0")
         self._refuse("high", high <= low, f"be > low, {checks.shown(self.low)}")
         with np.errstate(over="ignore"):

@@ -52,10 +52,9 @@ class Effect(NamedTuple):
     runs: int
 
     def __repr__(self) -> str:
-        shown = [
-            f"{name}={number:.6g}" for name, number in zip(self._fields, self[:3], strict=False)
-        ]
-        return f"Effect({', '.join(shown)}, runs={self.runs})"
+        share, noise, correlation = (f"{number:.6g}" for number in self[:3])
+        shown = f"share={share}, noise={noise}, rank_correlation={correlation}"
+        return f"Effect({shown}, runs={self.runs})"
 
 
 class Effects(dict[str, Effect]):
@@ -101,10 +100,7 @@ def sensitivity(
 
 
 def effects(inputs: Mapping[str, ArrayLike], result: ArrayLike) -> dict[str, Effect]:
-    """The effect of each input, name -> finite values (n,), on a result (n,).
-
-    Rows in which the result is not finite are ignored.
-    """
+    """The effect of each input, name -> values (n,), on a result (n,), where that is finite."""
     y = checks.numbers("result", result)
     if y.ndim != 1:
         raise ValueError(f"result has shape {y.shape}: must have shape (n,)")
@@ -129,12 +125,7 @@ def effects(inputs: Mapping[str, ArrayLike], result: ArrayLike) -> dict[str, Eff
     noise = dict(zip(binned, np.quantile(by_chance, 0.95, axis=0).tolist(), strict=True))
     own_ranks = _ranks(y)
     return {
-        name: Effect(
-            share=each.share(y),
-            noise=noise[name],
-            rank_correlation=_correlation(ranks[name], own_ranks),
-            runs=n,
-        )
+        name: Effect(each.share(y), noise[name], _correlation(ranks[name], own_ranks), n)
         for name, each in binned.items()
     }
 

@@ -72,10 +72,7 @@ def on_threads(
     report: Report,
     accept: Accept,
 ) -> bool:
-    """Computes blocks with `total` runs on threads, and returns whether Ctrl-C ended it.
-
-    Ctrl-C stops the computation within a fraction of a second; all completed rows are accepted.
-    """
+    """Computes blocks with `total` runs on threads, and returns whether Ctrl-C ended it."""
     done = 0
 
     def watch(computed: int) -> bool:

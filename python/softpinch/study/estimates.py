@@ -136,7 +136,11 @@ class Mean(NamedTuple):
         if runs == 0:
             return cls(math.nan, math.nan, math.nan, math.nan, math.nan, 0, left_out)
         least, greatest = float(kept.min()), float(kept.max())
-        mean = _mean(kept)
+        try:
+            mean = _sum(kept) / runs
+        except OverflowError:
+            # The sum of fewer than 2**64 doubles does not overflow if each is divided by this.
+            mean = _sum(kept / 2.0**64) / runs * 2.0**64
         spread = _spread(kept, mean, max(-least, greatest)) if runs > 1 else math.nan
         # Adding 0.0 turns -0.0 into 0.0, because the order of the values decides between them.
         error = spread / math.sqrt(runs)
@@ -155,18 +159,6 @@ class Mean(NamedTuple):
 
     def __float__(self) -> float:
         return self.value
-
-
-# The sum of fewer than 2**64 doubles does not overflow if each is divided by this first.
-_OVERFLOW_SCALE = 2.0**64
-
-
-def _mean(values: Floats) -> float:
-    """The mean of one or more finite values (n,)."""
-    try:
-        return _sum(values) / len(values)
-    except OverflowError:
-        return _sum(values / _OVERFLOW_SCALE) / len(values) * _OVERFLOW_SCALE
 
 
 def _spread(values: Floats, mean: float, largest: float) -> float:

@@ -55,11 +55,8 @@ _HOW_TO_GO_ON = (
 _interrupted_call = ""
 
 
-@lru_cache(maxsize=8)
-def _unpickled(spec: bytes) -> StudySpec:
-    """Unpickles a study; cached, so that later blocks reuse its cached properties."""
-    found: StudySpec = pickle.loads(spec)
-    return found
+# Cached, so that later blocks of a study reuse its cached properties.
+_unpickled = lru_cache(maxsize=8)(pickle.loads)
 
 
 def work(call: str, attempt: int, version: int, spec: bytes, block: Rows, threads: int) -> Rows:
@@ -74,7 +71,7 @@ def work(call: str, attempt: int, version: int, spec: bytes, block: Rows, thread
             f"a worker has softpinch {_core.__version__} with results version "
             f"{_core.RESULTS_VERSION}; the study is made with results version {version}"
         )
-    study = _unpickled(spec)
+    study: StudySpec = _unpickled(spec)
     # A second attempt means that only this worker was interrupted, and not the whole study.
     if call == _interrupted_call and attempt == 1:
         return study.empty()
@@ -126,16 +123,14 @@ class BlockScheduler:
         self._ctrl_c = ctrl_c
         self._tasks = (_Task(place, block) for place, block in enumerate(blocks))
         self._exhausted = False
-        # One past the last run of the blocks taken from `self._tasks`.
-        self._drawn = 0
-        # Blocks taken from `self._tasks` that are neither accepted nor lost, by their place.
-        self._open: dict[int, _Task] = {}
         self._retries: deque[_Task] = deque()
         self.under_way: dict[Future[Rows], _Task] = {}
         self._finished: SimpleQueue[Future[Rows]] = SimpleQueue()
-        # Rows that wait for the rows of earlier blocks, by their place; None for a lost block.
-        self._waiting: dict[int, Rows | None] = {}
+        # Blocks whose rows wait for those of earlier blocks, by their place; None of a lost block.
+        self._waiting: dict[int, tuple[Rows, Rows | None]] = {}
         self._next_place = 0
+        # The runs from the first to the last of each block that is accepted or lost.
+        self._settled = Spans.upto(0)
         self._lost: list[Lost] = []
         self._lost_in_a_row = 0
         # The reason for which no more blocks are submitted although some remain; empty if none.
@@ -147,7 +142,7 @@ class BlockScheduler:
     @property
     def over(self) -> bool:
         """Whether the scheduler need not submit or wait for any more blocks."""
-        exhausted = self._exhausted and not self._open
+        exhausted = self._exhausted and not self.under_way and not self._retries
         return exhausted or self._enough or bool(self._stopped) or self._ctrl_c.pending
 
     def advance(self) -> bool:
@@ -172,28 +167,22 @@ class BlockScheduler:
 
     def lost(self, asked: Spans) -> tuple[Lost, ...]:
         """The requested runs `asked` that could not be computed, sorted by their numbers."""
-        found = list(self._lost)
-        if self._stopped:
-            drawn = [Spans.of(task.block.run).edges for task in self._open.values()]
-            rest = asked.within(self._drawn, np.iinfo(np.int64).max)
-            spans = Spans.joined([*drawn, rest.edges])
-            if spans.count:
-                found.append(Lost.of(spans, self._stopped))
-        return tuple(sorted(found))
+        rest = asked.without(self._settled)
+        stopped = [Lost.of(rest, self._stopped)] if self._stopped and rest.count else []
+        return tuple(sorted([*self._lost, *stopped]))
 
     def _submit_next(self) -> bool:
         """Submits a block; returns False if there is none, or too many are unfinished."""
         if self._retries:
             task = self._retries.popleft()
-        elif len(self._open) >= MOST_UNDER_WAY:
+        elif len(self.under_way) + len(self._waiting) >= MOST_UNDER_WAY:
             return False
         else:
             fresh = next(self._tasks, None)
             if fresh is None:
                 self._exhausted = True
                 return False
-            task = self._open[fresh.place] = fresh
-            self._drawn = int(task.block.run[-1]) + 1
+            task = fresh
         try:
             future = self._submit(task)
         except Exception as error:
@@ -209,7 +198,7 @@ class BlockScheduler:
             future = self._finished.get(timeout=seconds)
         except Empty:
             return False
-        task = self.under_way.pop(future)
+        over, task = self.over, self.under_way.pop(future)
         # Not raised here, because a worker's KeyboardInterrupt must not interrupt this process.
         error = CancelledError() if future.cancelled() else future.exception()
         rows = future.result() if error is None else None
@@ -218,7 +207,7 @@ class BlockScheduler:
         if error is None or (rows is not None and self._ctrl_c.pending and not self._in_order):
             self._lost_in_a_row = 0
             self._settle(task, rows)
-        elif not self.over:
+        elif not over:
             self._failed(task, error)
         return True
 
@@ -251,11 +240,12 @@ class BlockScheduler:
         """Accepts the rows of a block, or None of a lost one; with `in_order` in their order."""
         if not self._in_order:
             self._next_place = task.place  # without an order, accept these rows now
-        self._waiting[task.place] = rows
+        self._waiting[task.place] = task.block, rows
         while self._next_place in self._waiting and not self._enough:
-            block = self._open.pop(self._next_place).block
-            rows = self._waiting.pop(self._next_place)
+            block, rows = self._waiting.pop(self._next_place)
             self._next_place += 1
+            span = np.array([[block.run[0], block.run[-1] + 1]], np.int64)
+            self._settled = Spans.joined([self._settled.edges, span])
             if rows is not None:
                 self.done += len(rows)
                 self._enough = self._accept(rows.with_values(block))

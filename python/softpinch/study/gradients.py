@@ -89,10 +89,7 @@ def checked_gradients(
     varied: Sequence[str],
     **others: object,
 ) -> tuple[tuple[str, ...], Mapping[str, tuple[int, ...]]]:
-    """Checks `gradients` and `sensitivities`: the summaries, and path -> shape of its value.
-
-    Without `sensitivities` the `varied` paths are meant. `others` must be None with gradients.
-    """
+    """Checks `gradients` and `sensitivities`, by default the `varied` paths: path -> shape."""
     summaries = names("gradients", gradients, GRADIENTS)
     paths = listed(sensitivities)
     if not summaries:

@@ -77,11 +77,9 @@ class Results(Shown, ABC):
         """For internal use: users get results from `monte_carlo`."""
         # Without the sources, which may be large arrays and functions that cannot be pickled.
         self._spec = spec.described()
-        self._sampling = self._spec.draws.describe()
         self.scene: Scene = spec.scene
         self.seed = spec.draws.seed
         self.sampler: str = spec.draws.sampler
-        self._names = tuple(spec.schema.entries)
 
     @abstractmethod
     def _read(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
@@ -227,7 +225,7 @@ class Results(Shown, ABC):
         return self._read(self._spec.summaries)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        if name in self._names:
+        if name in self._spec.schema.entries:
             return self._column(name)
         if name in ("final_state", *_core.SUMMARIES):
             wanted = (*self._spec.summaries, name)
@@ -241,7 +239,7 @@ class Results(Shown, ABC):
         The entries are run, status, message, end_time, failure_time, steps, holds, the varied
         values by their paths, the violations as first_pulling, ..., and the summaries.
         """
-        return self._read(self._names)
+        return self._read(tuple(self._spec.schema.entries))
 
     def happened(self, what: str) -> NDArray[np.bool_]:
         """Whether an event happened in each run (runs,); names and errors as of `probability`."""
@@ -417,7 +415,7 @@ class Results(Shown, ABC):
             "simd": _core.simd_level(),
             "scene": self.scene.to_dict(),
             "seed": self.seed,
-            "sampling": self._sampling,
+            "sampling": spec.draws.describe(),
             "runs": self.runs,
             "requested": self.requested,
             "interrupted": self.interrupted,
@@ -434,7 +432,7 @@ class Results(Shown, ABC):
         `attrs` has "units" (column -> unit; "1" for numbers without a unit, "" for text) and
         "provenance".
         """
-        return tables.to_pandas(self._spec.schema, self.to_dict(), self.provenance())
+        return tables.to_pandas(self)
 
     def to_xarray(self) -> Dataset:
         """An xarray Dataset over the dimension `run`, a variable for each entry; needs `study`.
@@ -445,7 +443,7 @@ class Results(Shown, ABC):
         the units, such as `state_unit` for the axis `state`. The attributes of the dataset are
         numbers and text that every netCDF format supports; `provenance` is JSON.
         """
-        return tables.to_xarray(self._spec.schema, self.to_dict(), self.provenance())
+        return tables.to_xarray(self)
 
 
 class Ensemble(Results):
@@ -466,7 +464,7 @@ class Ensemble(Results):
         self.discretisation = None
         self._computed = Spans.of(rows.run)
         columns = rows.entries()
-        self._columns = {name: read_only(columns[name]) for name in self._names}
+        self._columns = {name: read_only(columns[name]) for name in spec.schema.entries}
 
     @property
     def gradients(self) -> Gradients:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, Self, TypeAlias
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,6 @@ from ..support.arrays import Floats
 
 Numbers = NDArray[np.uint64]
 Edges = NDArray[np.int64]
-Kind: TypeAlias = Literal["count", "status", "message", "truth", "number"]
 
 # The column that says whether each run's grasp held.
 HOLDS = "holds"
@@ -34,14 +33,6 @@ EVENTS = tuple(dict.fromkeys((*_core.STATUSES, *_core.VIOLATIONS, HOLDS)))
 _UNILATERAL = {
     "opened": 'a tip that would open pulls: ask for "pulling"',
     "lost": 'a run goes on beyond the faces: ask for "off_face"',
-}
-
-_TYPES: dict[Kind, Any] = {
-    "count": np.uint64,
-    "status": np.array(_core.STATUSES).dtype,
-    "message": object,
-    "truth": np.bool_,
-    "number": np.float64,
 }
 # Error messages list at most this many columns, because a study may have thousands.
 _LISTED = 20
@@ -65,10 +56,7 @@ class Spans:
     def of(cls, numbers: Numbers) -> Self:
         """The set of the runs `numbers` (k,), which must increase."""
         given = numbers.astype(np.int64)
-        where = np.flatnonzero(np.diff(given) != 1)
-        first = given[np.concatenate([[0], where + 1])] if len(given) else given
-        last = given[np.concatenate([where, [-1]])] if len(given) else given
-        return cls(np.stack([first, last + 1], axis=1))
+        return cls.joined([np.stack([given, given + 1], axis=1)])
 
     @classmethod
     def joined(cls, parts: Iterable[Edges]) -> Self:
@@ -78,11 +66,9 @@ class Spans:
         twice = np.flatnonzero(edges[1:, 0] < edges[:-1, 1])
         if twice.size:
             raise ValueError(f"run {edges[twice[0] + 1, 0]} occurs twice")
-        # Merge intervals that touch.
-        apart = np.flatnonzero(edges[1:, 0] != edges[:-1, 1]) + 1
-        begins = np.concatenate([[0], apart])[: len(edges)]
-        ends = np.concatenate([apart - 1, [len(edges) - 1]])[: len(begins)]
-        return cls(np.stack([edges[begins, 0], edges[ends, 1]], axis=1))
+        # Merge intervals that touch: the last of each comes before one that begins another.
+        begins = np.append(True, edges[1:, 0] != edges[:-1, 1])[: len(edges)]
+        return cls(np.stack([edges[begins, 0], edges[np.roll(begins, -1), 1]], axis=1))
 
     @property
     def count(self) -> int:
@@ -150,15 +136,15 @@ class Entry(NamedTuple):
     """One entry of `Results.to_dict`, an array (runs, *shape)."""
 
     name: str
-    kind: Kind
+    dtype: Any  # that of a NumPy array
     shape: tuple[int, ...]
     unit: str | tuple[str, ...]  # of all values, or one for each index of the last axis
     axes: tuple[str | None, ...]  # the name in `units.AXES` of each axis of `shape`, if it has one
 
     @classmethod
-    def of(cls, name: str, kind: Kind = "number", shape: tuple[int, ...] = ()) -> Entry:
+    def of(cls, name: str, dtype: Any = np.float64, shape: tuple[int, ...] = ()) -> Entry:
         """Makes an entry with units and axes out of the table of fields."""
-        return cls(name, kind, shape, units.units(name, shape), units.axes(name, shape))
+        return cls(name, dtype, shape, units.units(name, shape), units.axes(name, shape))
 
     @property
     def columns(self) -> dict[str, str]:
@@ -181,13 +167,18 @@ class Entry(NamedTuple):
 
     def empty(self) -> NDArray[Any]:
         """An array of this entry without rows."""
-        return np.empty((0, *self.shape), _TYPES[self.kind])
+        return np.empty((0, *self.shape), self.dtype)
 
     def split(self, values: NDArray[Any]) -> dict[str, Column]:
         """Splits the entry's array (runs, *shape) into its columns."""
         columns = self.columns
         flat = values.reshape(len(values), len(columns))
         return {name: Column(flat[:, k], unit) for k, (name, unit) in enumerate(columns.items())}
+
+    def joined(self, columns: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        """Joins the values of the entry's columns, each (runs,), into its array."""
+        whole = np.stack(columns, axis=1) if self.shape else columns[0]
+        return whole.reshape(-1, *self.shape).astype(self.dtype, copy=False)
 
 
 class Schema:
@@ -196,19 +187,16 @@ class Schema:
     def __init__(
         self, summaries: Iterable[str], shapes: Mapping[str, tuple[int, ...]], law: str
     ) -> None:
-        """Takes the names of the summaries, path -> shape of each run's varied value, and the law.
-
-        With the law "torque" the schedule's values are torques, in spite of their name.
-        """
+        """Takes the names of the summaries, path -> shape of a run's varied value, and the law."""
         self.summaries = tuple(summaries)
         entries = [
-            Entry.of("run", "count"),
-            Entry.of("status", "status"),
-            Entry.of("message", "message"),
+            Entry.of("run", np.uint64),
+            Entry.of("status", np.array(_core.STATUSES).dtype),
+            Entry.of("message", object),
             Entry.of("end_time"),
             Entry.of("failure_time"),
-            Entry.of("steps", "count"),
-            Entry.of(HOLDS, "truth"),
+            Entry.of("steps", np.uint64),
+            Entry.of(HOLDS, np.bool_),
             *(Entry.of(path, shape=shape) for path, shape in shapes.items()),
             *(Entry.of(f"first_{name}") for name in _core.VIOLATIONS),
             *(
@@ -216,6 +204,7 @@ class Schema:
                 for name in self.summaries
             ),
         ]
+        # With the law "torque" the schedule's values are torques, in spite of their name.
         self.entries = {
             entry.name: entry._replace(unit="N m")
             if law == "torque" and entry.name.startswith("schedule.angles")
@@ -356,18 +345,12 @@ def checked_event(field: str, name: object, scene: Scene, varied: Iterable[str])
     An event that no run could report is refused, because a probability of zero would mislead.
     """
     name = checks.choice(field, name, EVENTS)
-    if missing := _missing(name, scene, varied):
-        raise ValueError(f'{field} = "{name}": needs {missing}')
+    if lacks := missing(name, scene, varied):
+        raise ValueError(f'{field} = "{name}": needs {lacks}')
     return name
 
 
-def possible_violations(scene: Scene, varied: Iterable[str]) -> list[str]:
-    """The violations that `checked_event` allows."""
-    varied = tuple(varied)
-    return [name for name in _core.VIOLATIONS if not _missing(name, scene, varied)]
-
-
-def _missing(name: str, scene: Scene, varied: Iterable[str]) -> str:
+def missing(name: str, scene: Scene, varied: Iterable[str]) -> str:
     """The feature that a scene lacks for an event to occur at all; empty if it may occur."""
     if name in _UNILATERAL and scene.contact != "unilateral":
         return f'Scene.contact = "unilateral"; in bilateral contact {_UNILATERAL[name]}'

@@ -256,14 +256,20 @@ class _FunctionSource(Source):
             except Exception as error:
                 error.add_note(f"softpinch: while drawing {self.name}, {run}")
                 raise
-            if self.several:
-                values[k] = self._joined(value, run)
-            else:
-                values[k] = _fitting(f"{self.name}, {run}", value, self.shape)
+            given = self._by_path(value, run) if self.several else {f"{self.name}, {run}": value}
+            parts = []
+            for (name, part), shape in zip(given.items(), self.shapes, strict=True):
+                numbers = checks.numbers(name, part)
+                if numbers.shape != shape:
+                    raise ValueError(
+                        f"{name}: the function gave shape {numbers.shape}, must give shape {shape}"
+                    )
+                parts.append(numbers.ravel())
+            values[k] = np.concatenate(parts).reshape(self.shape)
         return values
 
-    def _joined(self, value: Any, run: str) -> Floats:
-        """Joins the values that a function returned for each path into one flat vector."""
+    def _by_path(self, value: Any, run: str) -> dict[str, Any]:
+        """The values that a function returned for several paths, by their places in messages."""
         where = f"{self.name}, {run}"
         if isinstance(value, Mapping):
             if set(value) != set(self.paths):
@@ -280,11 +286,7 @@ class _FunctionSource(Source):
                 f"{where}: the function gave {checks.shown(value)}; must give a value for each of "
                 f"{checks.quoted(self.paths)}"
             )
-        parts = [
-            _fitting(f"{where}, {path!r}", part, shape).ravel()
-            for path, part, shape in zip(self.paths, value, self.shapes, strict=True)
-        ]
-        return np.concatenate(parts).reshape(self.shape)
+        return {f"{where}, {path!r}": part for path, part in zip(self.paths, value, strict=True)}
 
     def describe(self) -> dict[str, Any]:
         name = getattr(self.value, "__qualname__", None)
@@ -303,14 +305,6 @@ def source_of(key: Key, value: Any, shapes: Shapes) -> Source:
     if callable(value):
         return _FunctionSource(key, value, shapes)
     return ArraySource(key, value, shapes)
-
-
-def _fitting(name: str, value: Any, shape: tuple[int, ...]) -> Floats:
-    """Checks the value that a function returned for a run, and converts it to numbers."""
-    values = checks.numbers(name, value)
-    if values.shape != shape:
-        raise ValueError(f"{name}: the function gave shape {values.shape}, must give shape {shape}")
-    return values
 
 
 def _plain(value: Any) -> Any:
@@ -364,10 +358,8 @@ def frozen_distribution(where: str, data: Mapping[str, Any]) -> Any:
 
 
 def _check_parameters(where: str, name: str, args: list[Any], kwds: Mapping[str, Any]) -> None:
-    """Refuses parameters other than numbers, and those that would need much memory.
-
-    SciPy itself checks their names, shapes and domains.
-    """
+    """Refuses parameters other than numbers, and those that would need much memory."""
+    # SciPy itself checks their names, shapes and domains.
     given = {f"args[{k}]": value for k, value in enumerate(args)} | {**kwds}
     if isinstance(given.get("allow_singular"), bool):
         del given["allow_singular"]

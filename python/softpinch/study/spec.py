@@ -6,7 +6,7 @@ manifests are converted to it and from it, and workers and results have it witho
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Self
@@ -77,13 +77,27 @@ class StudySpec:
         vary = {} if vary is None else vary
         seed = checks.integer("seed", seed, 0, 2**64 - 1)
         draws = Draws(vary, runs, seed, sampler, shapes=lambda paths: shapes_of(scene, paths))
+        if stop_when is not None and not isinstance(stop_when, Mapping):
+            shown = checks.shown(stop_when)
+            raise TypeError(f"stop_when = {shown}: must map statuses to half widths")
+        if stop_when is not None and sampler == "latin_hypercube":
+            raise ValueError(
+                "stop_when: only a whole Latin hypercube is a fair sample, so a study that may "
+                'stop early needs sampler="random" or "sobol"'
+            )
+        half_widths = {
+            checked_event("stop_when", name, scene, draws.shapes): checks.positive(
+                f"stop_when[{checks.shown(name)}]", width
+            )
+            for name, width in (stop_when or {}).items()
+        }
         spec = cls(
             scene=scene,
             draws=draws,
             options=options,
             summaries=names("summaries", summaries, SUMMARIES),
             band=checks.positive("settling_band", settling_band),
-            stop_when=_stop_when(stop_when, sampler, scene, draws.shapes),
+            stop_when=half_widths,
             check_dt=checks.boolean("check_dt", check_dt),
             trajectories=tuple(
                 checks.integer("trajectories", run, 0, draws.runs - 1)
@@ -208,23 +222,3 @@ class StudySpec:
         columns = self.schema.empty()
         del columns["failure_time"]  # computed from the other columns
         return Rows(columns=columns)
-
-
-def _stop_when(
-    stop_when: Mapping[str, float] | None, sampler: str, scene: Scene, varied: Iterable[str]
-) -> dict[str, float]:
-    if stop_when is None:
-        return {}
-    if not isinstance(stop_when, Mapping):
-        raise TypeError(f"stop_when = {checks.shown(stop_when)}: must map statuses to half widths")
-    if sampler == "latin_hypercube":
-        raise ValueError(
-            "stop_when: only a whole Latin hypercube is a fair sample, so a study that may stop "
-            'early needs sampler="random" or "sobol"'
-        )
-    return {
-        checked_event("stop_when", name, scene, varied): checks.positive(
-            f"stop_when[{checks.shown(name)}]", width
-        )
-        for name, width in stop_when.items()
-    }

@@ -16,7 +16,8 @@ seed = 7
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -59,7 +60,7 @@ def spec_of(
 
 def parse(data: Mapping[str, Any], path: Path) -> tuple[Scene, dict[Key, Any], dict[str, Any]]:
     """Parses the content of the file at `path`: scene, table `vary` and table `study`."""
-    try:
+    with naming(path):
         if "capsule" in data:
             raise ValueError("is a capsule, one run of a study: replay it with softpinch run")
         if data and data.keys() <= _SCENE:
@@ -83,8 +84,16 @@ def parse(data: Mapping[str, Any], path: Path) -> tuple[Scene, dict[Key, Any], d
         draws = {name: own[name] for name in ("runs", "seed") if name in own}
         StudySpec.checked(scene, Options.checked(), vary=vary, **draws)
         return scene, vary, own
+
+
+@contextmanager
+def naming(path: Path, prefix: str = "") -> Iterator[None]:
+    """Names a file in the errors of its content, which may begin with its name already."""
+    try:
+        yield
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{path}: {error}") from None
+        name = "" if str(error).startswith(str(path)) else f"{path}: "
+        raise ValueError(f"{prefix}{name}{error}") from None
 
 
 def scene_of(data: Mapping[str, Any], beside: Path) -> Scene:
@@ -94,13 +103,8 @@ def scene_of(data: Mapping[str, Any], beside: Path) -> Scene:
         if "paper" in data:
             raise ValueError('scene and paper: give one of them, or a table "scene" of changes')
         path = beside / checks.path("scene", given, "a table, or the name of a scene file")
-        try:
+        with naming(path, "scene: "):
             return Scene.from_toml(path)
-        except (TypeError, ValueError) as error:
-            text = str(error)
-            raise ValueError(
-                f"scene: {text}" if str(path) in text else f"scene: {path}: {text}"
-            ) from None
     checks.instance("scene", given, Mapping, "a table, or the name of a scene file")
     if "paper" not in data:
         return Scene._parse(given, "scene")

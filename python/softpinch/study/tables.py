@@ -16,7 +16,7 @@ from ..support import checks
 from ..support.display import ShownTable
 from ..support.extras import require
 from .estimates import Estimate
-from .rows import Column, Schema
+from .rows import Column
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -58,7 +58,7 @@ def drawn_by_magnitude(results: Results, name: str) -> bool:
     """Whether a number was drawn by a distribution of its logarithm."""
     return any(
         name == path or name.startswith(f"{path}.")
-        for paths, source in results._sampling["vary"].items()
+        for paths, source in results._spec.draws.describe()["vary"].items()
         if source["kind"] in ("log_uniform", "log_normal")
         for path in paths.split(", ")
     )
@@ -91,33 +91,29 @@ def distributions(results: Results, units: Mapping[str, str]) -> ShownTable:
     return ShownTable(columns_shown, rows)
 
 
-def to_pandas(
-    schema: Schema, entries: Mapping[str, NDArray[Any]], provenance: dict[str, Any]
-) -> DataFrame:
-    """Converts the entries of `Results.to_dict` to a DataFrame; see `Results.to_pandas`."""
+def to_pandas(results: Results) -> DataFrame:
+    """Converts results to a DataFrame; see `Results.to_pandas`."""
     pandas = require("pandas", extra="study", purpose="to_pandas")
-    found = schema.split(entries)
+    found = results._spec.schema.split(results.to_dict())
     run = found.pop("run")
     index = pandas.Index(run.values.astype(np.int64), name="run")
     frame: DataFrame = pandas.DataFrame(
         {name: column.values for name, column in found.items()}, index=index
     )
     frame.attrs["units"] = {name: column.unit for name, column in found.items()}
-    frame.attrs["provenance"] = provenance
+    frame.attrs["provenance"] = results.provenance()
     return frame
 
 
-def to_xarray(
-    schema: Schema, entries: Mapping[str, NDArray[Any]], provenance: dict[str, Any]
-) -> Dataset:
-    """Converts the entries of `Results.to_dict` to a Dataset; see `Results.to_xarray`."""
+def to_xarray(results: Results) -> Dataset:
+    """Converts results to a Dataset; see `Results.to_xarray`."""
     xarray = require("xarray", extra="study", purpose="to_xarray")
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {}
-    for name, values in entries.items():
-        unit = schema.entries[name].unit
-        dims = ["run"]
-        for axis in schema.entries[name].axes:
+    for name, values in results.to_dict().items():
+        entry = results._spec.schema.entries[name]
+        unit, dims = entry.unit, ["run"]
+        for axis in entry.axes:
             own_index = f"{name}.index"
             if own_index in dims:
                 own_index = f"{own_index}_{len(dims)}"
@@ -132,7 +128,7 @@ def to_xarray(
             coordinates[name] = ("run", values.astype(np.int64), {"units": unit})
         else:
             variables[name] = (dims, values, {"units": unit})
-    seed = provenance["seed"]
+    provenance, seed = results.provenance(), results.seed
     attributes = {
         **{name: provenance[name] for name in _ATTRIBUTES if provenance[name] is not None},
         "seed": seed if seed <= _LARGEST_INTEGER else str(seed),

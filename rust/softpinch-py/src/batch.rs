@@ -7,32 +7,37 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
-use crate::convert::{GivenRow, GivenRows, columns, dictionary, entries, fixed, raise, rows};
+use crate::convert::{GivenRow, GivenRows, columns, dictionary, entries, fixed, raise, require, rows};
 use crate::inputs::Inputs;
-use crate::options::GivenOptions;
 use crate::signals::{Failure, Signals};
-use softpinch::driver::ensemble::ensemble;
-use softpinch::driver::queue::Row;
+use crate::simulation::GivenOptions;
+use softpinch::driver::ensemble::{Row, ensemble};
 use softpinch::driver::simulate::{check as check_scene, stability_warning};
-use softpinch::error::Error;
+use softpinch::error::{Error, lookup};
 use softpinch::model::contact_modes::ContactRow;
 use softpinch::model::control::Fingers;
+use softpinch::model::coordinates::Coordinates;
 use softpinch::model::motion::{Linearized, Motion};
 use softpinch::model::parameters::{PARAMETER_COUNT, Parameters, parameter_table};
 use softpinch::model::scene::Scene;
-use softpinch::model::start::{State, apart, contact, driven, touching};
-use softpinch::stepping::ending::arrival;
+use softpinch::model::start::{self, State};
+use softpinch::stepping::ending::{Status, arrival};
 use softpinch::stepping::monitor::VIOLATIONS;
 use softpinch::stepping::options::Options;
-use softpinch::stepping::status::Status;
 use softpinch::stepping::summary::SUMMARIES;
+
+/// Makes the coordinates of a start from the parameters.
+type MakeStart = fn(&Parameters) -> Result<Coordinates, Error>;
+
+/// The starts that follow from the parameters.
+pub const STARTS: [(&str, MakeStart); 3] =
+    [("contact", start::contact), ("apart", start::apart), ("touching", start::touching)];
 
 /// The initial states of the runs.
 #[allow(clippy::large_enum_variant)] // there is one in a batch
 enum Start {
-    Contact,
-    Apart,
-    Touching,
+    /// One that follows from the parameters, and whether driven fingers begin where the schedule has them instead.
+    Made(MakeStart, bool),
     /// q, p and integrals, of each run or of all runs.
     At {
         q: Vec<[f64; 9]>,
@@ -60,18 +65,12 @@ pub struct Batch {
     start: Start,
     check: bool,
     duration: Vec<f64>,
-    runs: usize,
-    options: Options,
+    pub runs: usize,
+    pub options: Options,
     warning: Option<String>,
 }
 
 impl Batch {
-    /// The number of runs, and the options of all of them.
-    pub fn size(&self) -> (usize, &Options) {
-        (self.runs, &self.options)
-    }
-
-    /// The scene of a run.
     pub fn scene(&self, run: usize) -> Result<Scene, Error> {
         let mut values = self.parameters;
         for (slot, column) in &self.columns {
@@ -81,16 +80,14 @@ impl Batch {
         let origin = match &self.start {
             Start::At { controller: Some(row), .. } => row.first().copied().unwrap_or(0.0),
             Start::At { time, .. } => own(time, run),
-            Start::Contact | Start::Apart | Start::Touching => 0.0,
+            Start::Made(..) => 0.0,
         };
         let inputs = self.inputs.get().of(run, origin)?;
         let initial = match &self.start {
-            Start::Contact | Start::Apart if inputs.fingers() == Fingers::Driven => {
-                driven(&parameters, &inputs, 0.0, self.options.contact)?
+            Start::Made(_, true) if inputs.fingers() == Fingers::Driven => {
+                start::driven(&parameters, &inputs, 0.0, self.options.contact)?
             }
-            Start::Apart => State::at_rest(apart(&parameters)?),
-            Start::Contact => State::at_rest(contact(&parameters)?),
-            Start::Touching => State::at_rest(touching(&parameters)?),
+            Start::Made(make, _) => State::at_rest(make(&parameters)?),
             Start::At { q, p, memory, time, grid, linearized, contact, controller } => State {
                 time: own(time, run),
                 motion: Motion { q: own(q, run).into(), p: own(p, run).into(), memory: own(memory, run) },
@@ -109,7 +106,6 @@ impl Batch {
 impl Batch {
     #[new]
     #[pyo3(signature = (parameters, columns, inputs, *, runs, start, time, q, p, integral, grid, linearized, contacts, controller, contact, check, duration, summaries, band, options))]
-    #[allow(clippy::too_many_arguments)] // Python passes every field by itself
     fn new(
         py: Python<'_>,
         parameters: GivenRow<'_>,
@@ -133,11 +129,9 @@ impl Batch {
         options: GivenOptions,
     ) -> PyResult<Self> {
         let length = |name: &str, length: usize| {
-            if length == 1 || length == runs {
-                return Ok(());
-            }
-            let message = format!("{name} has {length} entries: must have one for each of {runs} runs");
-            Err(PyValueError::new_err(message))
+            require(length == 1 || length == runs, || {
+                format!("{name} has {length} entries: must have one for each of {runs} runs")
+            })
         };
         let columns: Vec<_> = columns
             .iter()
@@ -152,11 +146,9 @@ impl Batch {
                 length(path, 0)?;
             }
         }
-        let start = match start {
-            "contact" => Start::Contact,
-            "apart" => Start::Apart,
-            "touching" => Start::Touching,
-            _ => {
+        let start = match lookup("start", start, &STARTS) {
+            Ok(make) => Start::Made(make, start != "touching"),
+            Err(_) => {
                 let (q, p) = (self::columns("initial.q", &q)?, self::columns("initial.p", &p)?);
                 let memory = self::columns("initial.integral", &integral)?;
                 let time = entries("initial.time", &time)?;

@@ -29,6 +29,11 @@ pub fn raise(error: Error) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
+/// Refuses what does not hold.
+pub fn require(holds: bool, message: impl FnOnce() -> String) -> PyResult<()> {
+    if holds { Ok(()) } else { Err(PyValueError::new_err(message())) }
+}
+
 /// An empty vector with room for `entries`, a number that a user chooses. Errors call the entries `what`.
 pub fn room<T>(what: &'static str, entries: usize) -> PyResult<Vec<T>> {
     reserved(what, entries).map_err(raise)
@@ -66,23 +71,18 @@ pub fn entries<T: Element + Copy>(name: &'static str, array: &GivenRow<'_, T>) -
 /// An array of exactly `N` numbers.
 pub fn fixed<const N: usize>(name: &str, values: &GivenRow<'_>) -> PyResult<[f64; N]> {
     let values = values.as_array();
-    if values.len() != N {
-        return Err(PyValueError::new_err(format!("{name} has {} numbers: must have {N}", values.len())));
-    }
+    require(values.len() == N, || format!("{name} has {} numbers: must have {N}", values.len()))?;
     Ok(std::array::from_fn(|k| values[k]))
 }
 
 /// Rows of exactly `N` numbers.
 pub fn columns<const N: usize>(name: &str, values: &GivenRows<'_>) -> PyResult<Vec<[f64; N]>> {
     let values = values.as_array();
-    if values.ncols() != N {
-        return Err(PyValueError::new_err(format!("{name} has {} columns: must have {N}", values.ncols())));
-    }
+    require(values.ncols() == N, || format!("{name} has {} columns: must have {N}", values.ncols()))?;
     let array = |row: ArrayView1<'_, f64>| std::array::from_fn(|k| row[k]);
     collected("the rows of an array, in numbers,", values.rows().into_iter().map(array))
 }
 
-/// A NumPy matrix of these rows.
 pub fn rows<T: Element, const N: usize>(py: Python<'_>, values: Vec<[T; N]>) -> PyResult<Rows<'_, T>> {
     let count = values.len();
     PyArray1::from_vec(py, values.into_flattened()).reshape([count, N])

@@ -5,10 +5,9 @@ use std::sync::Arc;
 
 use numpy::PyReadonlyArray4;
 use numpy::ndarray::ArrayView1;
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::convert::{GivenRow, GivenRows, collected, columns, entries, raise, select};
+use crate::convert::{GivenRow, GivenRows, collected, columns, entries, raise, require, select};
 use softpinch::error::{Error, lookup};
 use softpinch::model::control::{FINGERS, Fingers};
 use softpinch::model::drive::MAX_DEGREE;
@@ -54,28 +53,22 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    /// The number of runs that have inputs of their own; `None` if all runs share all inputs.
-    fn runs(&self) -> Result<Option<usize>, String> {
-        let lengths = [self.schedule.0.len()]
+    /// Refuses parts that have entries for different numbers of runs.
+    fn check(&self) -> PyResult<()> {
+        let mut lengths = [self.schedule.0.len()]
             .into_iter()
             .chain(self.forces.iter().map(|part| part.0.len()))
             .chain(self.sines.iter().map(|part| part.0.len()))
             .chain(self.impulses.iter().map(|part| part.0.len()))
             .chain(self.noises.iter().flat_map(|(part, numbers)| [part.0.len(), numbers.0.len()]))
             .chain(self.controller.iter().flat_map(|(part, numbers)| [part.0.len(), numbers.0.len()]))
-            .chain(self.motion.iter().map(|part| part.0.len()));
-        let mut found = None;
-        for length in lengths.filter(|&length| length != 1) {
-            match found {
-                Some(other) if other != length => {
-                    return Err(format!(
-                        "inputs have {other} entries and {length} entries: must have one for each run"
-                    ));
-                }
-                _ => found = Some(length),
-            }
-        }
-        Ok(found)
+            .chain(self.motion.iter().map(|part| part.0.len()))
+            .filter(|&length| length != 1);
+        let first = lengths.next().unwrap_or(1);
+        let other = lengths.find(|&length| length != first).unwrap_or(first);
+        require(other == first, || {
+            format!("inputs have {first} entries and {other} entries: must have one for each run")
+        })
     }
 
     /// The inputs of one run. The first run has the number 0. A discrete controller takes its first sample at
@@ -114,7 +107,6 @@ impl Inputs {
 impl Inputs {
     #[new]
     #[pyo3(signature = (schedule, forces, sines, impulses, noises, fingers, controller=None, motion=None))]
-    #[allow(clippy::too_many_arguments)] // Python passes every part by itself
     fn new(
         schedule: Piecewise<'_>,
         forces: Vec<Piecewise<'_>>,
@@ -144,12 +136,10 @@ impl Inputs {
             controller: controller.map(controllers).transpose()?,
             motion: motion.map(hand_motion).transpose()?,
         };
-        inputs.runs().map_err(PyValueError::new_err)?;
-        Ok(inputs)
+        inputs.check().map(|()| inputs)
     }
 }
 
-/// The motion of the hand in every run.
 fn hand_motion((accelerations, tilts, sines): MotionTuple<'_>) -> PyResult<Part<Arc<HandMotion>>> {
     let accelerations = piecewise::<2>("motion.acceleration", &accelerations)?.0;
     let (tilts, sines) = (piecewise::<1>("motion.tilt", &tilts)?.0, columns::<5>("motion.sines", &sines)?);
@@ -161,45 +151,34 @@ fn hand_motion((accelerations, tilts, sines): MotionTuple<'_>) -> PyResult<Part<
     Ok(Part(motions.collect::<PyResult<_>>()?))
 }
 
-/// The discrete controllers of all runs.
 fn controllers(
     (names, states, anti_windup, rows, seed, numbers): ControllerTuple<'_>,
 ) -> PyResult<(Part<Arc<SampledController>>, Part<u64>)> {
     let measures: Vec<Measure> = select("control.measures", &names, &MEASURES)?;
     let m: usize = measures.iter().map(|measure| measure.width()).sum();
     let n = states;
-    let (rows, lengths) = (rows.as_array(), [n * n, n * m, 2 * n, 2 * m, n, m, m]);
-    let width = 8 + lengths.iter().sum::<usize>();
-    if rows.ncols() != width {
-        let found = rows.ncols();
-        return Err(PyValueError::new_err(format!("control: has {found} numbers, must have {width}")));
-    }
+    let rows = rows.as_array();
+    let (found, width) = (rows.ncols(), 8 + (n + 2) * (n + m) + n + 2 * m);
+    require(found == width, || format!("control: has {found} numbers, must have {width}"))?;
     let one = |row: ArrayView1<'_, f64>| {
-        let mut rest = row.iter().copied();
-        let mut next = || rest.next().unwrap_or(f64::NAN);
-        let (period, delay) = (next(), next());
-        let limits = [[next(), next()], [next(), next()]];
-        let initial_torque = [next(), next()];
-        let mut parts = lengths.map(|length| rest.by_ref().take(length).collect::<Vec<f64>>());
-        let [a, b, c, d, initial_state, noise, resolution] = parts.each_mut().map(std::mem::take);
-        let key = [seed, 0];
-        let controller = SampledController {
-            period,
-            delay,
-            a,
-            b,
-            c,
-            d,
+        let mut rest = row.iter().skip(8).copied();
+        let mut take = |count: usize| rest.by_ref().take(count).collect::<Vec<f64>>();
+        Arc::new(SampledController {
+            period: row[0],
+            delay: row[1],
+            limits: [[row[2], row[3]], [row[4], row[5]]],
+            initial_torque: [row[6], row[7]],
+            a: take(n * n),
+            b: take(n * m),
+            c: take(2 * n),
+            d: take(2 * m),
+            initial_state: take(n),
+            noise: take(m),
+            resolution: take(m),
             measures: measures.clone(),
-            limits,
             anti_windup,
-            initial_torque,
-            initial_state,
-            noise,
-            resolution,
-            key,
-        };
-        Arc::new(controller)
+            key: [seed, 0],
+        })
     };
     let controllers = rows.rows().into_iter().map(one).collect();
     Ok((Part(controllers), Part(entries("the runs' numbers", &numbers)?)))
@@ -214,19 +193,16 @@ fn part<T, const N: usize>(
     Ok(Part(columns(name, rows)?.into_iter().map(make).collect()))
 }
 
-/// A sinusoid from start, end, omega, phase and amplitudes.
 fn sinusoid([start, end, omega, phase, x, y, moment]: [f64; 7]) -> Sinusoid {
     Sinusoid { start, end, omega, phase, amplitude: [x, y, moment] }
 }
 
-/// An impulse from time and components.
 fn impulse([time, x, y, moment]: [f64; 4]) -> Impulse {
     Impulse { time, impulse: [x, y, moment] }
 }
 
-/// Held noise from standard deviations, rate, start and end.
-fn noise([x, y, moment, rate, start, end]: [f64; 6], seed: u64, stream: u64) -> Noise {
-    Noise { std: [x, y, moment], rate, start, end, key: [seed, 0], stream }
+fn noise([x, y, moment, rate, start, end, u, v]: [f64; 8], seed: u64, stream: u64) -> Noise {
+    Noise { std: [x, y, moment], acceleration: [u, v], rate, start, end, key: [seed, 0], stream }
 }
 
 /// A piecewise polynomial of `C` channels for each run.
@@ -236,13 +212,12 @@ fn piecewise<const C: usize>(
 ) -> PyResult<Part<Arc<PiecewisePolynomial<C>>>> {
     let (breaks, coefficients) = (breaks.as_array(), coefficients.as_array());
     let (runs, rows, channels, terms) = coefficients.dim();
-    if breaks.nrows() != runs || channels != C || terms == 0 || terms > MAX_DEGREE + 1 {
-        return Err(PyValueError::new_err(format!(
-            "{name}.coefficients has shape ({runs}, {rows}, {channels}, {terms}): must be ({}, rows, {C}, 1 to {})",
-            breaks.nrows(),
-            MAX_DEGREE + 1
-        )));
-    }
+    let (own, most) = (breaks.nrows(), MAX_DEGREE + 1);
+    require(own == runs && channels == C && (1..=most).contains(&terms), || {
+        format!(
+            "{name}.coefficients has shape ({runs}, {rows}, {channels}, {terms}): must be ({own}, rows, {C}, 1 to {most})"
+        )
+    })?;
     let one = |run: usize| {
         let number = |row: usize, channel: usize, term: usize| {
             if term < terms { coefficients[[run, row, channel, term]] } else { 0.0 }

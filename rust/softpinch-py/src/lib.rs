@@ -1,10 +1,12 @@
 //! The border between Python and the core: PyO3 and NumPy conversion, errors, nothing else.
 
+// Python passes every argument by itself.
+#![allow(clippy::too_many_arguments)]
+
 mod batch;
 mod convert;
 mod inputs;
 mod linear;
-mod options;
 mod rest;
 mod sensitivity;
 mod signals;
@@ -17,20 +19,21 @@ use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict, PyTuple};
 
 use batch::Batch;
-use convert::{GivenRow, GivenRows, Row, Rows, columns, computed, entries, fixed, matrix, raise, rows};
+use convert::{
+    GivenRow, GivenRows, Row, Rows, columns, computed, entries, fixed, matrix, raise, require, rows,
+};
 use inputs::Inputs;
 use linear::linearize;
 use rest::RestScene;
 use sensitivity::{Directions, gradients, sensitivities};
 use simulation::Simulation;
 use simulator::Simulator;
-use softpinch::driver::direction::QUANTITIES;
+use softpinch::driver::sensitivities::QUANTITIES;
 use softpinch::error::lookup;
 use softpinch::formulation::table::{FORMULATIONS, Formulation};
 use softpinch::method::table::METHODS;
 use softpinch::model::contact_modes::{CONTACT_MODELS, CONTACT_MODES};
 use softpinch::model::control::FINGERS;
-use softpinch::model::coordinates::Coordinates;
 use softpinch::model::measures::MEASURES;
 use softpinch::model::motion::Motion;
 use softpinch::model::noise::Noise;
@@ -41,10 +44,10 @@ use softpinch::model::parameters::{
 use softpinch::model::rule::Rule;
 use softpinch::model::start;
 use softpinch::number::simd::level::{LEVELS, Level};
+use softpinch::stepping::ending::STATUSES;
 use softpinch::stepping::monitor::VIOLATIONS;
 use softpinch::stepping::options::MAX_STEPS;
 use softpinch::stepping::record::RECORDABLE;
-use softpinch::stepping::status::STATUSES;
 use softpinch::stepping::summary::{SUMMARIES, UNITS};
 
 /// The public records and the rules of their fields.
@@ -94,10 +97,7 @@ fn parameters(values: &GivenRow<'_>) -> PyResult<Parameters> {
 
 #[pyfunction(name = "start")]
 fn start_state<'py>(py: Python<'py>, parameters: GivenRow<'py>, kind: &str) -> PyResult<Row<'py>> {
-    type Start = fn(&Parameters) -> Result<Coordinates, softpinch::error::Error>;
-    const STARTS: [(&str, Start); 3] =
-        [("contact", start::contact), ("apart", start::apart), ("touching", start::touching)];
-    let begin = lookup("initial", kind, &STARTS).map_err(raise)?;
+    let begin = lookup("initial", kind, &batch::STARTS).map_err(raise)?;
     let q = begin(&self::parameters(&parameters)?).map_err(raise)?;
     Ok(q.row().to_pyarray(py))
 }
@@ -153,10 +153,7 @@ fn residuals<'py>(
 ) -> PyResult<Rows<'py>> {
     let parameters = self::parameters(&parameters)?;
     let (q, p) = (columns::<9>("q", &q)?, columns::<9>("p", &p)?);
-    if q.len() != p.len() {
-        let message = format!("q has {} rows and p has {}: must be equal", q.len(), p.len());
-        return Err(PyValueError::new_err(message));
-    }
+    require(q.len() == p.len(), || format!("q has {} rows and p has {}: must be equal", q.len(), p.len()))?;
     let residuals = |(q, p): ([f64; 9], [f64; 9])| {
         softpinch::analysis::evaluate::residuals(&parameters, &q.into(), &p.into())
     };
@@ -164,7 +161,6 @@ fn residuals<'py>(
 }
 
 #[pyfunction]
-#[allow(clippy::too_many_arguments)] // Python passes every argument by itself
 fn evaluate<'py>(
     py: Python<'py>,
     parameters: GivenRow<'py>,
@@ -197,20 +193,8 @@ fn evaluate<'py>(
     let out = PyDict::new(py);
     out.set_item("mass_matrix", matrix(py, &terms.mass_matrix)?)?;
     out.set_item("constraint_matrix", matrix(py, &terms.constraint_matrix)?)?;
-    for (name, vector) in [
-        ("constraint_rate", terms.constraint_rate.as_slice()),
-        ("residuals", terms.residuals.as_slice()),
-        ("residual_rates", &terms.residual_rates),
-        ("elastic", terms.elastic.as_slice()),
-        ("gravity", terms.gravity.as_slice()),
-        ("viscous", terms.viscous.as_slice()),
-        ("control", terms.control.as_slice()),
-        ("external", terms.external.as_slice()),
-        ("multipliers", terms.multipliers.as_slice()),
-        ("accelerations", terms.accelerations.as_slice()),
-        ("target", &terms.target),
-    ] {
-        out.set_item(name, PyArray1::from_slice(py, vector))?;
+    for (name, vector) in terms.vectors {
+        out.set_item(name, PyArray1::from_vec(py, vector))?;
     }
     out.set_item("kinetic_energy", terms.energies.kinetic)?;
     out.set_item("elastic_energy", terms.energies.elastic)?;
@@ -239,8 +223,8 @@ fn noise<'py>(
     count: usize,
 ) -> PyResult<Rows<'py>> {
     let (seed, run) = key;
-    let noise =
-        Noise { std: std.into(), rate: 1.0, start: 0.0, end: f64::INFINITY, key: [seed, run], stream };
+    let (std, acceleration, end) = (std.into(), [0.0; 2], f64::INFINITY);
+    let noise = Noise { std, acceleration, rate: 1.0, start: 0.0, end, key: [seed, run], stream };
     let samples = (0..count).map(|number| noise.sample(first.saturating_add(number as u64)));
     rows(py, computed(py, "the samples, in numbers,", samples)?)
 }

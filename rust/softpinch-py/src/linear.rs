@@ -1,11 +1,10 @@
 //! Linearisations of the motion.
 
 use numpy::{PyArray1, PyArrayMethods};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::convert::{GivenRow, GivenRows, columns, entries, raise, room};
+use crate::convert::{GivenRow, GivenRows, columns, entries, raise, require, room};
 use crate::inputs::Inputs;
 use crate::signals::Signals;
 use softpinch::analysis::linear::{self, LinearModel, Setting};
@@ -19,29 +18,10 @@ use softpinch::number::simd::level::Level;
 const ARRAYS: [(&str, usize); 8] =
     [("A", 2), ("B", 2), ("C", 2), ("D", 2), ("state", 1), ("rate", 1), ("input", 1), ("output", 1)];
 
-/// The same array of several instants, one after the other.
-struct Stack {
-    shape: Vec<usize>,
-    numbers: Vec<f64>,
-}
-
-impl Stack {
-    /// Adds an array of an instant. The first one reserves the memory of all.
-    fn push(&mut self, shape: &[usize], numbers: &[f64], instants: usize) -> PyResult<()> {
-        if self.numbers.capacity() == 0 {
-            self.shape = shape.to_vec();
-            self.numbers = room("the linear models, in numbers,", instants.saturating_mul(numbers.len()))?;
-        }
-        self.numbers.extend_from_slice(numbers);
-        Ok(())
-    }
-}
-
 /// The linearised motion about the rows of a run: A (n, states, states), and if `whole` B, C, D and the
 /// operating points too. The eigenvalues are left to LAPACK.
 #[pyfunction]
 #[pyo3(signature = (parameters, inputs, t, q, p, integral, formulation, alpha, beta, *, whole, open_loop, frozen))]
-#[allow(clippy::too_many_arguments)] // Python passes every argument by itself
 pub fn linearize<'py>(
     py: Python<'py>,
     parameters: GivenRow<'py>,
@@ -66,12 +46,21 @@ pub fn linearize<'py>(
     let (q, p) = (columns::<9>("q", &q)?, columns::<9>("p", &p)?);
     let memory = columns::<2>("integral", &integral)?;
     let (n, others) = (t.len(), [q.len(), p.len(), memory.len()]);
-    if others != [n; 3] {
+    require(others == [n; 3], || {
         let [q, p, memory] = others;
-        let message = format!("t, q, p and integral have {n}, {q}, {p} and {memory} rows: must be equal");
-        return Err(PyValueError::new_err(message));
-    }
-    let mut stacks = ARRAYS.map(|(_, axes)| Stack { shape: vec![0; axes], numbers: Vec::new() });
+        format!("t, q, p and integral have {n}, {q}, {p} and {memory} rows: must be equal")
+    })?;
+    // For each array its shape, and its numbers at all instants.
+    let mut stacks = ARRAYS.map(|(_, axes)| (vec![0; axes], Vec::new()));
+    let mut push = |place: usize, own: &[usize], numbers: &[f64]| {
+        let (shape, stack) = &mut stacks[place];
+        if stack.capacity() == 0 {
+            *shape = own.to_vec();
+            *stack = room("the linear models, in numbers,", n.saturating_mul(numbers.len()))?;
+        }
+        stack.extend_from_slice(numbers);
+        PyResult::Ok(())
+    };
     py.detach(|| {
         let mut signals = Signals::new();
         for (k, &t) in t.iter().enumerate() {
@@ -85,21 +74,17 @@ pub fn linearize<'py>(
                 let a = linear::jacobian(&parameters, &inputs, &setting, t, &motion).map_err(raise)?;
                 (vec![a], Vec::new())
             };
-            let (of_matrices, of_vectors) = stacks.split_at_mut(4);
-            for (stack, matrix) in of_matrices.iter_mut().zip(matrices) {
-                let by_rows = matrix.transpose();
-                stack.push(&[matrix.nrows(), matrix.ncols()], by_rows.as_slice(), n)?;
+            for (place, matrix) in matrices.into_iter().enumerate() {
+                push(place, &[matrix.nrows(), matrix.ncols()], matrix.transpose().as_slice())?;
             }
-            for (stack, vector) in of_vectors.iter_mut().zip(vectors) {
-                stack.push(&[vector.len()], vector.as_slice(), n)?;
+            for (place, vector) in vectors.into_iter().enumerate() {
+                push(4 + place, &[vector.len()], vector.as_slice())?;
             }
         }
         PyResult::Ok(())
     })?;
     let out = PyDict::new(py);
-    for ((name, _), Stack { shape, numbers }) in
-        ARRAYS.into_iter().zip(stacks).take(if whole { 8 } else { 1 })
-    {
+    for ((name, _), (shape, numbers)) in ARRAYS.into_iter().zip(stacks).take(if whole { 8 } else { 1 }) {
         let shape: Vec<usize> = [n].into_iter().chain(shape).collect();
         out.set_item(name, PyArray1::from_vec(py, numbers).reshape(shape)?)?;
     }

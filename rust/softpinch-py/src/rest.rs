@@ -10,8 +10,7 @@ use crate::convert::{
 };
 use crate::inputs::Inputs;
 use softpinch::analysis::balance::{Member, RestScene as CoreRestScene, Unknowns};
-use softpinch::analysis::equilibrium::{continued, find, neutral, violations};
-use softpinch::analysis::reason::Reason;
+use softpinch::analysis::equilibrium::{Reason, continued, find, neutral, violations};
 use softpinch::analysis::rest::Rest;
 use softpinch::analysis::wrench::{Load, largest_multiple};
 use softpinch::error::lookup;
@@ -38,14 +37,12 @@ pub struct RestScene {
     scene: CoreRestScene,
 }
 
-/// The unknowns of a row of coordinates.
 fn unknowns(q: &[f64; 9]) -> Unknowns {
     let [x, y, theta, right, left, _, _, shear1, shear2] = *q;
     [x, y, theta, right, left, shear1, shear2]
 }
 
 impl RestScene {
-    /// The member that a kind and its numbers mean.
     fn member(&self, kind: &str, values: &GivenRow<'_>) -> PyResult<Member> {
         lookup("member", kind, &KINDS).map_err(raise)?(&self.scene, values)
     }
@@ -75,6 +72,23 @@ impl RestScene {
             "minimum": rest.is_minimum(scene),
             "violations": names.map(|(name, _)| name).collect::<Vec<_>>(),
         }))
+    }
+
+    /// The largest multiples of loads that the equilibrium at the coordinates `q` bears.
+    fn limits<'py>(&self, py: Python<'py>, q: &GivenRow<'py>, loads: Vec<Load>) -> PyResult<Limits<'py>> {
+        let z = unknowns(&fixed("q", q)?);
+        let member = Member::From(self.scene.origin(&z));
+        let rest = Rest::solve(&self.scene, &member, &z)
+            .ok_or_else(|| PyValueError::new_err("q: the forces do not balance there"))?;
+        let limits = loads.into_iter().map(|load| largest_multiple(&self.scene, &rest, load));
+        let found = computed(py, "the limits, in numbers,", limits)?;
+        let multiples = found.iter().map(|(multiple, ..)| *multiple);
+        let names = found.iter().map(|(_, limit, _)| limit.name());
+        Ok((
+            PyArray1::from_iter(py, multiples),
+            names.collect(),
+            rows(py, found.iter().map(|(.., q)| q.row()).collect())?,
+        ))
     }
 }
 
@@ -141,24 +155,5 @@ impl RestScene {
     ) -> PyResult<Limits<'py>> {
         let rows = columns::<2>("accelerations", &accelerations)?;
         self.limits(py, &q, rows.into_iter().map(Load::Acceleration).collect())
-    }
-}
-
-impl RestScene {
-    /// The largest multiples of loads that the equilibrium at the coordinates `q` bears.
-    fn limits<'py>(&self, py: Python<'py>, q: &GivenRow<'py>, loads: Vec<Load>) -> PyResult<Limits<'py>> {
-        let z = unknowns(&fixed("q", q)?);
-        let member = Member::From(self.scene.origin(&z));
-        let rest = Rest::solve(&self.scene, &member, &z)
-            .ok_or_else(|| PyValueError::new_err("q: the forces do not balance there"))?;
-        let limits = loads.into_iter().map(|load| largest_multiple(&self.scene, &rest, load));
-        let found = computed(py, "the limits, in numbers,", limits)?;
-        let multiples = found.iter().map(|(multiple, ..)| *multiple);
-        let names = found.iter().map(|(_, limit, _)| limit.name());
-        Ok((
-            PyArray1::from_iter(py, multiples),
-            names.collect(),
-            rows(py, found.iter().map(|(.., q)| q.row()).collect())?,
-        ))
     }
 }

@@ -1,17 +1,17 @@
 //! The derivatives of runs across the border to Python.
 
 use numpy::{Ix3, PyArray, PyArray1, PyArrayMethods};
-use pyo3::exceptions::{PyKeyboardInterrupt, PyValueError};
+use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 
 use crate::batch::Batch;
-use crate::convert::{GivenRow, GivenRows, columns, entries, raise, room, select};
+use crate::convert::{GivenRow, GivenRows, columns, entries, raise, require, room, select};
 use crate::inputs::Inputs;
 use crate::signals::detached;
 use crate::simulation::Simulation;
-use softpinch::driver::direction::{COMPONENTS, Direction, Shift};
 use softpinch::driver::ensemble::derivatives;
 use softpinch::driver::sensitivities::{self as core, Derivatives, Wanted};
+use softpinch::driver::sensitivities::{COMPONENTS, Direction, Shift};
 use softpinch::error::lookup;
 use softpinch::model::motion::Motion;
 use softpinch::model::parameters::PARAMETER_COUNT;
@@ -48,13 +48,11 @@ impl Directions {
         let shifts = columns::<9>("shifts", &shifts)?;
         let impulse_times = impulse_times.as_array();
         let count = parameters.len();
-        if initial.len() != count || impulse_times.nrows() != count {
-            let rule = "parameters, initial and impulse_times: must have equal lengths";
-            return Err(PyValueError::new_err(rule));
-        }
+        require(initial.len() == count && impulse_times.nrows() == count, || {
+            "parameters, initial and impulse_times: must have equal lengths".to_owned()
+        })?;
         let mut directions = room("the directions", count)?;
         for (k, (&parameters, initial)) in parameters.iter().zip(&initial).enumerate() {
-            #[allow(clippy::cast_precision_loss)] // a small number
             let own = shifts.iter().filter(|row| row[0] == k as f64);
             directions.push(Direction {
                 parameters,
@@ -73,7 +71,6 @@ impl Directions {
     }
 }
 
-/// A shift of inputs from its row.
 fn shift(row: &[f64; 9]) -> Shift {
     let [_, time, right, left, right_rate, left_rate, x, y, moment] = *row;
     Shift { time, target: [right, left], acceleration: [right_rate, left_rate], force: [x, y, moment] }
@@ -89,12 +86,12 @@ pub fn sensitivities<'py>(
     rows: GivenRow<'py>,
 ) -> PyResult<(Numbers<'py>, Option<String>)> {
     let rows = entries("rows, in numbers,", &rows)?;
-    let (scene, options) = simulation.parts();
+    let Simulation { scene, options } = simulation;
     let Directions { directions, start } = directions;
     let wanted = Wanted::Rows(&rows);
-    let (found, _) =
-        detached(py, |stops| core::sensitivities(scene, options, *start, directions, wanted, stops))?;
-    let found = found.map_err(raise)?.ok_or_else(|| PyKeyboardInterrupt::new_err(()))?;
+    let found = detached(py, |stops| core::sensitivities(scene, options, *start, directions, wanted, stops))?
+        .map_err(raise)?
+        .ok_or_else(|| PyKeyboardInterrupt::new_err(()))?;
     let numbers = PyArray1::from_vec(py, found.numbers);
     Ok((numbers.reshape([rows.len(), COMPONENTS, directions.len()])?, found.failed))
 }
@@ -113,26 +110,24 @@ pub fn gradients<'py>(
     threads: usize,
 ) -> PyResult<(Numbers<'py>, Vec<(usize, String)>)> {
     let until = entries("until, in numbers,", &until)?;
-    let (runs, options) = batch.size();
-    if until.len() != runs {
-        return Err(PyValueError::new_err("until: must have one time for each run"));
-    }
+    let &Batch { runs, ref options, .. } = batch;
+    require(until.len() == runs, || "until: must have one time for each run".to_owned())?;
     let summaries: Vec<Summary> = select("gradients", &summaries, &SUMMARIES)?;
     let own: Vec<&Directions> = directions.iter().map(Py::get).collect();
     let count = own.first().map_or(0, |one| one.directions.len());
-    if own.len() != 1 && own.len() != runs || own.iter().any(|one| one.directions.len() != count) {
-        return Err(PyValueError::new_err(
-            "directions: must be those of all runs, or equally many of each run",
-        ));
-    }
+    let fits = own.len() == 1 || own.len() == runs;
+    require(fits && own.iter().all(|one| one.directions.len() == count), || {
+        "directions: must be those of all runs, or equally many of each run".to_owned()
+    })?;
     let width = count * (18 + summaries.len());
     let one = |run: usize, stops: &dyn Fn() -> bool| {
         let Directions { directions, start } = own[if own.len() == 1 { 0 } else { run }];
         let wanted = Wanted::Ends { until: until[run], summaries: &summaries };
         core::sensitivities(&batch.scene(run)?, options, *start, directions, wanted, stops)
     };
-    let (found, _) = detached(py, |stops| derivatives(runs, threads, one, &mut || stops()))?;
-    let found = found.map_err(raise)?.ok_or_else(|| PyKeyboardInterrupt::new_err(()))?;
+    let found = detached(py, |stops| derivatives(runs, threads, one, &mut || stops()))?
+        .map_err(raise)?
+        .ok_or_else(|| PyKeyboardInterrupt::new_err(()))?;
     let mut numbers = room("the gradients, in numbers,", runs * width)?;
     let mut failed = Vec::new();
     for (run, Derivatives { numbers: own, failed: why }) in found.into_iter().enumerate() {

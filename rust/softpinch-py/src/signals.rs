@@ -53,14 +53,11 @@ impl Failure {
 }
 
 /// Computes without the interpreter's lock. `compute` gets a function that checks for signals and says whether to stop.
-/// Returns the result, and whether Ctrl-C was pressed; any other exception of a signal handler is raised.
-pub fn detached<T: Send>(
-    py: Python<'_>,
-    compute: impl FnOnce(&dyn Fn() -> bool) -> T + Send,
-) -> PyResult<(T, bool)> {
+/// After Ctrl-C it stops, and returns the result; any other exception of a signal handler is raised.
+pub fn detached<T: Send>(py: Python<'_>, compute: impl FnOnce(&dyn Fn() -> bool) -> T + Send) -> PyResult<T> {
     let (result, failure) = py.detach(|| {
         let failure = Failure::default();
         (compute(&|| failure.stops(|py| py.check_signals().map(|()| false))), failure)
     });
-    Ok((result, failure.interrupted(py)?))
+    failure.interrupted(py).map(|_| result)
 }

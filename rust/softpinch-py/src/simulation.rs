@@ -1,38 +1,79 @@
-//! One run across the border to Python.
+//! One run across the border to Python, and the options of runs.
 
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use softpinch::driver::simulate::{Outline, outline, simulate};
+use softpinch::error::lookup;
+use softpinch::formulation::table::FORMULATIONS;
+use softpinch::method::table::METHODS;
+use softpinch::model::contact_modes::CONTACT_MODELS;
+use softpinch::model::motion::Motion;
+use softpinch::model::parameters::Stabilization;
+use softpinch::model::scene::Scene;
+use softpinch::model::start::State;
+use softpinch::number::simd::level::Level;
+use softpinch::stepping::monitor::VIOLATIONS;
+use softpinch::stepping::options::{Options, Steps};
+use softpinch::stepping::record::{RECORDABLE, Selection};
+use softpinch::stepping::summary::{SUMMARIES, Wanted};
 
 use crate::convert::{self, GivenRow, dictionary, entries, fixed, raise, select};
 use crate::inputs::Inputs;
-use crate::options::GivenOptions;
 use crate::signals::detached;
-use softpinch::driver::simulate::{Outline, outline, simulate};
-use softpinch::model::motion::Motion;
-use softpinch::model::scene::Scene;
-use softpinch::model::start::State;
-use softpinch::stepping::options::Options;
-use softpinch::stepping::record::RECORDABLE;
+
+/// The options that a run and the runs of a batch share, as Python gives them.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct GivenOptions {
+    dt: Option<f64>,
+    tolerance: Option<f64>,
+    max_steps: u64,
+    method: String,
+    formulation: String,
+    alpha: f64,
+    beta: f64,
+    after: f64,
+    stop_on: Vec<String>,
+}
+
+impl GivenOptions {
+    /// The options of runs with this kind of contact and these summaries, of which nothing is recorded.
+    pub fn checked(&self, contact: &str, summaries: &[String], band: f64) -> PyResult<Options> {
+        let steps = match (self.dt, self.tolerance) {
+            (Some(dt), None) => Steps::Fixed(dt),
+            (None, Some(tolerance)) => Steps::Free { tolerance },
+            _ => return Err(PyValueError::new_err("give dt or tolerance")),
+        };
+        let summaries: Vec<_> = select("summaries", summaries, &SUMMARIES)?;
+        Ok(Options {
+            steps,
+            every: u64::MAX,
+            method: lookup("method", &self.method, &METHODS).map_err(raise)?,
+            formulation: lookup("formulation", &self.formulation, &FORMULATIONS).map_err(raise)?,
+            contact: lookup("contact", contact, &CONTACT_MODELS).map_err(raise)?,
+            stabilization: Stabilization { alpha: self.alpha, beta: self.beta },
+            record: Selection::default(),
+            stop_on: select("stop_on", &self.stop_on, &VIOLATIONS)?,
+            summaries: Wanted::new(summaries, self.after, band),
+            max_steps: self.max_steps,
+            simd: Level::from_environment().map_err(raise)?,
+            ..Options::default()
+        })
+    }
+}
 
 /// The description of one run.
 #[pyclass(frozen, module = "softpinch._core")]
 pub struct Simulation {
-    scene: Scene,
-    options: Options,
-}
-
-impl Simulation {
-    /// The scene and the options.
-    pub fn parts(&self) -> (&Scene, &Options) {
-        (&self.scene, &self.options)
-    }
+    pub scene: Scene,
+    pub options: Options,
 }
 
 #[pymethods]
 impl Simulation {
     #[new]
     #[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, linearized, contacts, controller, contact, check, duration, times, every, refine, record, summaries, options))]
-    #[allow(clippy::too_many_arguments)] // Python passes every field by itself
     fn new(
         parameters: GivenRow<'_>,
         inputs: &Inputs,
@@ -84,7 +125,7 @@ impl Simulation {
     /// Simulates the run. After Ctrl-C it returns the run so far; any other exception of a signal handler is
     /// raised.
     fn run<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let (result, _) = detached(py, |stops| simulate(&self.scene, &self.options, stops))?;
+        let result = detached(py, |stops| simulate(&self.scene, &self.options, stops))?;
         let (run, warning) = result.map_err(raise)?;
         let out = convert::run(py, run, warning)?;
         out.set_item("may_be_unstable", self.options.may_be_unstable(&self.scene))?;

@@ -7,14 +7,14 @@ use pyo3::exceptions::{PyIndexError, PyKeyboardInterrupt, PyRuntimeError, PyValu
 use pyo3::prelude::*;
 
 use crate::batch::Batch;
-use crate::convert::{GivenRow, GivenRows, Row, Rows, fixed, raise, room};
+use crate::convert::{GivenRow, GivenRows, Row, Rows, columns, fixed, raise, require, room};
 use crate::signals::detached;
 use crate::simulation::Simulation;
 use softpinch::driver::simulator::{Observed, Simulator as Core};
 use softpinch::error::Error;
 use softpinch::model::motion::Motion;
 use softpinch::model::start::State;
-use softpinch::stepping::status::Status;
+use softpinch::stepping::ending::Status;
 
 /// Time, coordinates, velocities, multipliers and the code of the status.
 type Observation<'py> = (f64, Row<'py>, Row<'py>, Row<'py>, u8);
@@ -32,7 +32,6 @@ type Arrays<'py> = (Row<'py>, Rows<'py>, Rows<'py>, Rows<'py>, Row<'py, u8>);
 #[pyclass(frozen, module = "softpinch._core")]
 pub struct Simulator(Mutex<Runs>);
 
-/// The runs of a simulator, and the targets of the next step.
 struct Runs {
     core: Core,
     targets: Vec<[f64; 2]>,
@@ -55,10 +54,6 @@ fn given((time, q, p, memory, grid, contact, check): &GivenState<'_>) -> PyResul
 }
 
 impl Simulator {
-    fn new(core: Core, targets: Vec<[f64; 2]>) -> Self {
-        Self(Mutex::new(Runs { core, targets }))
-    }
-
     /// The runs, unless another thread uses them.
     fn runs(&self) -> PyResult<MutexGuard<'_, Runs>> {
         match self.0.try_lock() {
@@ -81,9 +76,9 @@ impl Runs {
         }
     }
 
-    fn advance(&mut self, py: Python<'_>) -> PyResult<()> {
+    fn advance(&mut self, py: Python<'_>, accelerations: &[[f64; 2]]) -> PyResult<()> {
         let Self { core, targets } = self;
-        let (done, _) = detached(py, |stops| core.step(targets, stops))?;
+        let done = detached(py, |stops| core.step(targets, accelerations, stops))?;
         // An interrupted step has changed nothing, so it can be repeated.
         if done.map_err(raise)? { Ok(()) } else { Err(PyKeyboardInterrupt::new_err(())) }
     }
@@ -129,18 +124,18 @@ impl Simulator {
     /// A single run.
     #[staticmethod]
     fn alone(simulation: &Simulation, period: f64) -> PyResult<Self> {
-        let (scene, options) = simulation.parts();
+        let Simulation { scene, options } = simulation;
         let core = Core::new(vec![scene.clone()], options, period, 1).map_err(|error| match error {
             Error::Run { error, .. } => raise(*error),
             error => raise(error),
         })?;
-        Ok(Self::new(core, vec![[0.0; 2]]))
+        Ok(Self(Mutex::new(Runs { core, targets: vec![[0.0; 2]] })))
     }
 
     /// The runs of a batch.
     #[staticmethod]
     fn many(py: Python<'_>, batch: &Batch, period: f64, threads: usize) -> PyResult<Self> {
-        let (runs, options) = batch.size();
+        let &Batch { runs, ref options, .. } = batch;
         let core = py.detach(|| {
             let mut scenes = room("the runs", runs)?;
             for run in 0..runs {
@@ -150,30 +145,42 @@ impl Simulator {
         })?;
         let mut targets = room("the actions, in numbers,", runs)?;
         targets.resize(runs, [0.0; 2]);
-        Ok(Self::new(core, targets))
+        Ok(Self(Mutex::new(Runs { core, targets })))
     }
 
-    /// Steps the only run by one period.
-    fn step<'py>(&self, py: Python<'py>, right: f64, left: f64) -> PyResult<Observation<'py>> {
+    /// Steps the only run by one period, in which its hand may have this acceleration along fixed axes.
+    fn step<'py>(
+        &self,
+        py: Python<'py>,
+        right: f64,
+        left: f64,
+        acceleration: Option<[f64; 2]>,
+    ) -> PyResult<Observation<'py>> {
         let mut runs = self.runs()?;
         runs.targets.fill([right, left]);
-        runs.advance(py)?;
+        runs.advance(py, acceleration.as_slice())?;
         runs.observation(py, 0)
     }
 
-    /// Steps all runs that have not ended by one period, and writes what was seen of them.
-    fn step_all(&self, py: Python<'_>, actions: GivenRows<'_>, arrays: Arrays<'_>) -> PyResult<()> {
+    /// Steps all runs that have not ended by one period, in which their hands may have these accelerations, and writes
+    /// what was seen of them.
+    fn step_all(
+        &self,
+        py: Python<'_>,
+        actions: GivenRows<'_>,
+        accelerations: Option<GivenRows<'_>>,
+        arrays: Arrays<'_>,
+    ) -> PyResult<()> {
         let mut all = self.runs()?;
         let (actions, runs) = (actions.as_array(), all.targets.len());
-        if actions.dim() != (runs, 2) {
-            let found = actions.dim();
-            return Err(PyValueError::new_err(format!("actions have shape {found:?}: must be ({runs}, 2)")));
-        }
+        let found = actions.dim();
+        require(found == (runs, 2), || format!("actions have shape {found:?}: must be ({runs}, 2)"))?;
         // Row by row, because the array may have any layout.
         for (target, row) in all.targets.iter_mut().zip(actions.rows()) {
             *target = [row[0], row[1]];
         }
-        all.observe_after(arrays, |all| all.advance(py))
+        let accelerations = accelerations.map(|rows| columns("acceleration", &rows)).transpose()?;
+        all.observe_after(arrays, |all| all.advance(py, accelerations.as_deref().unwrap_or(&[])))
     }
 
     /// What was last seen of a run.

@@ -8,6 +8,6 @@ pub use crate::model::inputs::Inputs;
 pub use crate::model::parameters::{Finger, Fingertip, Friction, GraspedObject, Parameters};
 pub use crate::model::scene::Scene;
 pub use crate::model::start::{State, contact};
+pub use crate::stepping::ending::Status;
 pub use crate::stepping::options::{Options, Steps};
 pub use crate::stepping::record::Run;
-pub use crate::stepping::status::Status;

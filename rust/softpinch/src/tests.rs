@@ -29,9 +29,9 @@ use crate::model::parameters::{Finger, Fingertip, GraspedObject, Parameters, Pid
 use crate::model::piecewise::PiecewisePolynomial;
 use crate::model::scene::Scene;
 use crate::model::start::{State, contact};
+use crate::stepping::ending::Status;
 use crate::stepping::options::Options;
 use crate::stepping::record::Selection;
-use crate::stepping::status::Status;
 
 /// The end of each operation, from independent programs with RK4 at 2e-4 s: x, y in mm, theta in degrees,
 /// both d_n in mm.

@@ -26,7 +26,7 @@ use crate::model::control::Fingers;
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::drive::{Input, SegmentDrive};
 use crate::model::energy::Energies;
-use crate::model::forces::{Loads, Plant, no_finger_forces};
+use crate::model::forces::Plant;
 use crate::model::frame::FrameMotion;
 use crate::model::geometry::Geometry;
 use crate::model::inputs::{HandMotion, Inputs};
@@ -54,15 +54,7 @@ pub enum Member {
     /// The shears (d_t1, d_t2), m.
     Shear([f64; 2]),
     /// The no-slip constraint leads from another state to this member.
-    From(Origin),
-}
-
-/// What the no-slip constraint needs to know of a state from which it leads to another one.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Origin {
-    sigma: [f64; 2],
-    tilt: [f64; 2],
-    compression: [f64; 2],
+    From(Balance<f64>),
 }
 
 impl Member {
@@ -77,7 +69,7 @@ impl Member {
                 Self::Shear(shear) => state.q.shear[i] - R::constant(shear[i]),
                 Self::From(from) => {
                     let mean = R::constant(0.5) * (state.tilt[i] + R::constant(from.tilt[i]));
-                    let change = state.q.compression[i] - R::constant(from.compression[i]);
+                    let change = state.q.compression[i] - R::constant(from.q.compression[i]);
                     mean.mul_add(change, state.sigma[i] - R::constant(from.sigma[i]))
                 }
             };
@@ -87,7 +79,7 @@ impl Member {
 }
 
 /// The forces of a state at rest.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Balance<R> {
     /// The coordinates.
     pub q: Coordinates<R>,
@@ -115,11 +107,10 @@ impl<R: Real> Balance<R> {
         let mut motion = Motion { q: coordinates(z), ..Motion::zero() };
         let geometry = Geometry::constrained(false, &plant.sides, &mut motion.q, &mut motion.p);
         let q = motion.q;
-        let none = no_finger_forces();
-        let moving = frame.map(|frame| plant.carried.loads(frame, &input.force, &q, &motion.p));
-        let loads = Loads::of(&input.force, &none, moving.as_ref());
+        let moving = frame.map(|own| plant.loads(own, &input.force, q.object, motion.p.object));
+        let applied = (input, moving.as_ref());
         // Driven fingers are held, so that the torques are left out again below.
-        let forces = plant.forces(false, plant.elastic(&geometry, &q), &geometry, &motion, (input, loads));
+        let forces = plant.forces(false, plant.elastic(&geometry, &q), &geometry, &motion, applied);
         // At rest the multipliers balance the resistances of the deformations.
         let multipliers = forces.resistance;
         let (applied, carried) = (forces.total(&geometry), geometry.phi_transposed_times(&multipliers));
@@ -191,7 +182,6 @@ impl Balance<Directions> {
         self.q = q.into();
     }
 
-    /// The values without derivatives.
     fn values(&self) -> Balance<f64> {
         let q = self.q;
         Balance {
@@ -222,12 +212,9 @@ fn slopes<const N: usize>(duals: &[Directions; N]) -> [Unknowns; N] {
 /// A scene at rest under constant inputs.
 #[derive(Debug, Clone)]
 pub struct RestScene {
-    /// The physics.
-    pub parameters: Parameters,
-    /// What moves the fingers.
-    pub fingers: Fingers,
-    /// The inputs.
-    pub input: Input<f64>,
+    pub(super) parameters: Parameters,
+    pub(super) fingers: Fingers,
+    pub(super) input: Input<f64>,
     /// The motion of the hand's frame, in which the scene is at rest; `None` for a hand at rest.
     pub frame: Option<FrameMotion<f64>>,
     pub(super) level: Level,
@@ -241,18 +228,13 @@ pub struct RestScene {
 /// The balance at one set of unknowns, with its derivatives by the unknowns.
 #[derive(Debug, Clone, Copy)]
 pub struct Rows {
-    /// The seven rows.
-    pub values: Unknowns,
-    /// Their derivatives, row by row.
-    pub jacobian: [Unknowns; UNKNOWNS],
+    pub(super) values: Unknowns,
+    pub(super) jacobian: [Unknowns; UNKNOWNS],
     /// The forces.
     pub balance: Balance<f64>,
-    /// The derivatives of the five forces.
-    pub forces: [Unknowns; 5],
-    /// The derivatives of sigma.
-    pub sigma: [Unknowns; 2],
-    /// The derivatives of the compressions.
-    pub compressions: [Unknowns; 2],
+    pub(super) forces: [Unknowns; 5],
+    pub(super) sigma: [Unknowns; 2],
+    pub(super) compressions: [Unknowns; 2],
     /// The derivatives of the shears by the pose under the no-slip constraint: minus the last two rows of Phi_5.
     pub no_slip: [[f64; 5]; 2],
 }
@@ -341,15 +323,10 @@ impl RestScene {
         if self.fingers == Fingers::Pid { self.parameters.control[finger].kp } else { 0.0 }
     }
 
-    /// The balance of these unknowns, without derivatives.
-    pub fn balance(&self, z: &Unknowns) -> Balance<f64> {
-        f64::call(self.instructions, Values { scene: self, z })
-    }
-
-    /// The origin of the no-slip constraint at these unknowns.
-    pub fn origin(&self, z: &Unknowns) -> Origin {
-        let Balance { q, tilt, sigma, .. } = self.balance(z);
-        Origin { sigma, tilt, compression: q.compression }
+    /// The balance of these unknowns, from which the no-slip constraint leads to other states. It does not depend on the
+    /// member.
+    pub fn origin(&self, z: &Unknowns) -> Balance<f64> {
+        self.rows(&Member::Shear([0.0; 2]), z).balance
     }
 
     /// The sizes of unknowns and rows that count as one.
@@ -399,7 +376,7 @@ impl RestScene {
         for i in 0..2 {
             z[5 + i] = 0.0;
         }
-        let row = member.rows(&self.balance(z));
+        let row = member.rows(&self.origin(z));
         // Each condition is linear in its own shear, with the factor one.
         for i in 0..2 {
             z[5 + i] = -row[i];
@@ -409,22 +386,6 @@ impl RestScene {
     /// The rows of a member and their derivatives.
     pub fn rows(&self, member: &Member, z: &Unknowns) -> Rows {
         f64::call(self.instructions, Evaluate { scene: self, member, z })
-    }
-}
-
-/// Evaluates the balance without derivatives.
-struct Values<'a> {
-    scene: &'a RestScene,
-    z: &'a Unknowns,
-}
-
-impl LaneTask<f64> for Values<'_> {
-    type Output = Balance<f64>;
-
-    #[inline(always)]
-    fn run(self) -> Balance<f64> {
-        let scene = self.scene;
-        Balance::new(&scene.plant, (&scene.input, scene.frame.as_ref()), self.z).0
     }
 }
 

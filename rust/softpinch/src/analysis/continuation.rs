@@ -43,19 +43,14 @@ const CLOSE: f64 = 1e-4;
 /// Most halvings of a step in the search for the instant of an event.
 const BISECTIONS: usize = 60;
 
-/// A point of the curve.
-#[derive(Debug, Clone, Copy)]
 pub struct Point {
-    /// The share of the change.
     pub share: f64,
-    /// The equilibrium.
     pub rest: Rest,
     /// Direction of the curve in the scale of the unknowns.
     tangent: Vector,
 }
 
 /// How a search along a curve ends.
-#[derive(Debug, Clone, Copy)]
 pub enum End<E> {
     /// The whole change is made.
     Reached(Rest),
@@ -70,13 +65,11 @@ pub enum End<E> {
 /// The rows at a point, and their linear system in the scales of unknowns and rows.
 struct System {
     rest: Rest,
-    /// Whether the rows are zero but for round-off.
     balances: bool,
     /// The derivatives by unknowns and share; the last row is left free.
     matrix: Matrix,
     /// Minus the rows.
     load: Vector,
-    /// The largest row.
     error: f64,
 }
 

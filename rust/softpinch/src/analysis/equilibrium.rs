@@ -2,15 +2,17 @@
 //!
 //! The search begins with Newton's method from the middle between the tips. If that finds no grasp in which the energy
 //! has a minimum, the object is found without its load, and the load is put on slowly
-//! ([`continuation`](crate::analysis::continuation)); if that fails too, many other starts are tried. From a state
+//! (`continuation`); if that fails too, many other starts are tried. From a state
 //! that is given, Newton's method is tried first; if it finds no minimum, the object is held there and released slowly;
 //! and if that fails too, the search begins as without a state.
 
+use std::fmt::{self, Display, Formatter};
+
 use crate::analysis::balance::{FINGER, Member, RestScene, Unknowns, coordinates};
 use crate::analysis::continuation::{End, follow};
-use crate::analysis::reason::{Reason, Way};
 use crate::analysis::rest::{Matrix7, Rest, Vector7};
 use crate::analysis::starts::{Gap, natural, others};
+use crate::error::brief;
 use crate::formulation::equations::Evaluation;
 use crate::model::control::Fingers;
 use crate::model::coordinates::Coordinates;
@@ -18,7 +20,81 @@ use crate::model::drive::Input;
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
+use crate::stepping::ending::Status;
 use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet};
+
+/// Why there is no equilibrium; as text, what follows "no equilibrium: ".
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Reason {
+    /// The tips do not reach the object at these angles of the fingers; the gap in m.
+    Apart(f64),
+    /// The state near which an equilibrium is sought is outside the range of the model.
+    Outside(Violation),
+    /// The scene changes slowly, and at this share of the change the equilibrium ends in a fold, or leaves the range of
+    /// the model.
+    Ends(Way, f64, Option<Violation>),
+    /// No start leads to an equilibrium, or not the one that is given.
+    NotFound {
+        /// Whether a start is given.
+        near: bool,
+    },
+}
+
+/// A slow change of a scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Way {
+    /// The weight and the other forces on the object are put on.
+    Load,
+    /// The object, which is held in a state, is released.
+    Release,
+    /// One scene becomes another.
+    Change,
+}
+
+impl Reason {
+    /// The public name of the reason.
+    pub fn name(&self) -> &'static str {
+        match *self {
+            Self::Apart(_) => "apart",
+            Self::Outside(violation) | Self::Ends(_, _, Some(violation)) => Status::of(violation).name(),
+            Self::Ends(Way::Load, _, None) => "overloaded",
+            Self::Ends(..) | Self::NotFound { .. } => "not_found",
+        }
+    }
+}
+
+impl Display for Reason {
+    fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Apart(gap) => write!(
+                out,
+                "at these angles of the fingers the object would have to be {} mm wider, unless it is turned between the tips",
+                brief(1e3 * gap)
+            ),
+            Self::Outside(violation) => {
+                write!(out, "in the state near which it is sought a tip is {}", Status::of(violation).name())
+            }
+            Self::Ends(way, share, violation) => {
+                // A share below zero is round-off.
+                let percent = (1e6 * share.max(0.0)).round() / 1e4;
+                match way {
+                    Way::Load => write!(out, "at {percent} % of the load (weight and forces) ")?,
+                    Way::Release => write!(
+                        out,
+                        "if the object is held in this state and released slowly, after {percent} % of the release "
+                    )?,
+                    Way::Change => write!(out, "after {percent} % of the change ")?,
+                }
+                match violation {
+                    Some(violation) => write!(out, "a tip is {}", Status::of(violation).name()),
+                    None => write!(out, "the balance ends"),
+                }
+            }
+            Self::NotFound { near: true } => write!(out, "none was found from this state"),
+            Self::NotFound { near: false } => write!(out, "none was found from any start"),
+        }
+    }
+}
 
 /// A scene and the member of its family.
 type Posed<'a> = (&'a RestScene, &'a Member);
@@ -146,7 +222,6 @@ pub fn find(scene: &RestScene, member: &Member, near: Option<&Unknowns>) -> Resu
     released.ok().or(first).map_or_else(|| search(scene, member).map_err(|_| reason(released)), Ok)
 }
 
-/// The reason of a failed search.
 fn reason(found: Result<Rest, Reason>) -> Reason {
     found.err().unwrap_or(Reason::NotFound { near: false })
 }

@@ -1,6 +1,6 @@
 //! Every term of (24) at one state, as matrices, for tests and for a closer look at a scene.
 
-use nalgebra::{SMatrix, SVector};
+use nalgebra::SMatrix;
 
 use crate::error::Error;
 use crate::formulation::contact_solve::Response;
@@ -11,7 +11,7 @@ use crate::model::contact::mechanism::Mechanism;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::Coordinates;
 use crate::model::energy::Energies;
-use crate::model::forces::{Loads, Plant, no_finger_forces};
+use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
 use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
@@ -21,42 +21,17 @@ use crate::number::real::signed;
 
 /// A matrix over coordinates or constraints.
 pub type Matrix<const R: usize, const C: usize> = SMatrix<f64, R, C>;
-/// A vector over the coordinates q.
-pub type Vector9 = SVector<f64, 9>;
-/// A vector over the constraints (H_1, H_2, N_1, N_2).
-pub type Vector4 = SVector<f64, 4>;
 
 /// Every term at one state. The forces act on q: M p-dot is their sum plus Phi^T lambda.
-#[derive(Debug, Clone, PartialEq)]
 pub struct Terms {
     /// The mass matrix (14).
     pub mass_matrix: Matrix<9, 9>,
     /// Phi (25).
     pub constraint_matrix: Matrix<4, 9>,
-    /// Phi-dot p.
-    pub constraint_rate: Vector4,
-    /// (C_1^H, C_2^H, C_1^N, C_2^N).
-    pub residuals: Vector4,
-    /// The rates of C_1^H and C_2^H.
-    pub residual_rates: [f64; 2],
-    /// The elastic forces: minus the gradient of (5).
-    pub elastic: Vector9,
-    /// The forces of gravity: minus the gradient of (16); or those of the hand's motion, which include gravity.
-    pub gravity: Vector9,
-    /// The viscous forces (44), (45).
-    pub viscous: Vector9,
-    /// The torques of the controllers (39), or those that driven fingers need.
-    pub control: Vector9,
-    /// The disturbances.
-    pub external: Vector9,
-    /// The multipliers lambda.
-    pub multipliers: Vector4,
-    /// The accelerations p-dot.
-    pub accelerations: Vector9,
+    /// The vectors by their names.
+    pub vectors: [(&'static str, Vec<f64>); 11],
     /// Kinetic, elastic and gravity energy.
     pub energies: Energies,
-    /// The target angles of the instant, or the torques.
-    pub target: [f64; 2],
 }
 
 /// Evaluates all terms at time `t` and a motion. If an input jumps at `t`, its value after the
@@ -74,45 +49,47 @@ pub fn evaluate(
     let input = drive.at(0.0);
     let plant = Plant::<f64>::new(parameters, inputs.fingers(), inputs.moves());
     let Motion { q, p, .. } = motion;
-    let none = no_finger_forces();
-    let moving = drive.frame.map(|frame| plant.carried.loads(&frame.at(0.0), &input.force, q, p));
-    let loads = Loads::of(&input.force, &none, moving.as_ref());
+    let moving = drive.frame.map(|own| plant.loads(&own.at(0.0), &input.force, q.object, p.object));
     let geometry = Geometry::new(&plant.sides, q, p);
     let csm = Csm::new(plant, stabilization);
     let equations::Terms { forces, response, .. } =
-        csm.terms(plant.driven, (&input, loads), &Contacts::sticking(), motion, geometry);
+        csm.terms(plant.driven, (&input, moving.as_ref()), &Contacts::sticking(), motion, geometry);
     let Response { multipliers, acceleration: accelerations, .. } = response;
     let [right, left] = forces.elastic;
-    let velocity = geometry.constraint_velocity();
     let (object, fingers) = geometry.couples([right.tilt, left.tilt]);
-    // The forces from outside, along the axes of the hand; `external` of a hand that moves has those of its motion, too.
-    let outside =
-        moving.map_or(input.force, |moving| std::array::from_fn(|k| moving.force[k] - moving.object[k]));
+    let elastic = vector(object, fingers, [-right.normal, -left.normal, -right.tangential, -left.tangential]);
+    let weight = moving.map_or([0.0, -forces.weight, 0.0], |moving| moving.object);
+    let vectors = [
+        // Phi-dot p.
+        ("constraint_rate", geometry.bias().to_vec()),
+        ("residuals", geometry.residuals().to_vec()),
+        ("residual_rates", geometry.constraint_velocity()[..2].to_vec()),
+        // Minus the gradient of (5).
+        ("elastic", elastic),
+        // Minus the gradient of (16); or the forces of the hand's motion, which include gravity.
+        ("gravity", vector(weight, forces.finger_gravity, [0.0; 4])),
+        // (44) and (45).
+        ("viscous", vector([0.0; 3], [0.0; 2], plant.drags(p).map(|drag| -drag))),
+        // (39), or the torques that driven fingers need.
+        ("control", vector([0.0; 3], forces.torque, [0.0; 4])),
+        ("external", vector(input.force, [0.0; 2], [0.0; 4])),
+        ("multipliers", multipliers.to_vec()),
+        ("accelerations", accelerations.row().to_vec()),
+        // The target angles of the instant, or the torques.
+        ("target", input.target.to_vec()),
+    ];
+    let (mass_matrix, constraint_matrix) = (parameters.mass_matrix(), geometry.constraint_matrix());
     Ok(Terms {
-        mass_matrix: parameters.mass_matrix(),
-        constraint_matrix: geometry.constraint_matrix(),
-        constraint_rate: Vector4::from(geometry.bias()),
-        residuals: Vector4::from(geometry.residuals()),
-        residual_rates: [velocity[0], velocity[1]],
-        elastic: vector(object, fingers, [-right.normal, -left.normal, -right.tangential, -left.tangential]),
-        gravity: vector(
-            moving.map_or([0.0, -forces.weight, 0.0], |moving| moving.object),
-            forces.finger_gravity,
-            [0.0; 4],
-        ),
-        viscous: vector([0.0; 3], [0.0; 2], plant.drags(p).map(|drag| -drag)),
-        control: vector([0.0; 3], forces.torque, [0.0; 4]),
-        external: vector(outside, [0.0; 2], [0.0; 4]),
-        multipliers: Vector4::from(multipliers),
-        accelerations: Vector9::from(accelerations.row()),
+        mass_matrix,
+        constraint_matrix,
+        vectors,
         energies: plant.energies(geometry.is_the_papers(), q, p),
-        target: input.target,
     })
 }
 
 /// A vector over q, from its parts for the object, the fingers, and d_n1, d_n2, d_t1 and d_t2.
-fn vector(object: [f64; 3], fingers: [f64; 2], tips: [f64; 4]) -> Vector9 {
-    Vector9::from_iterator(object.into_iter().chain(fingers).chain(tips))
+fn vector(object: [f64; 3], fingers: [f64; 2], tips: [f64; 4]) -> Vec<f64> {
+    object.into_iter().chain(fingers).chain(tips).collect()
 }
 
 /// Both contacts at one state, for drawings and checks: theta_p; the places along the sides from their middles, upwards; for

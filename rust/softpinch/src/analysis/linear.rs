@@ -61,7 +61,7 @@ pub struct LinearModel {
     /// The rates of the states at the operating point; zero at an equilibrium.
     pub rate: DVector<f64>,
     /// The inputs at the operating point: target angles or torques (2), for driven fingers their rates (2) and
-    /// accelerations (2) too, and F_x, F_y and the moment.
+    /// accelerations (2) too; F_x, F_y and the moment; and the acceleration of the hand's frame along its own axes (2).
     pub input: DVector<f64>,
     /// The outputs at the operating point, [`OUTPUTS`].
     pub output: DVector<f64>,
@@ -184,13 +184,15 @@ pub fn linearize(
     t: f64,
     motion: &Motion<f64>,
 ) -> Result<LinearModel, Error> {
-    let problem = Problem::new(parameters, inputs, setting, t, motion)?;
+    let mut problem = Problem::new(parameters, inputs, setting, t, motion)?;
     let system = problem.equations(parameters);
     let (states, y) = (problem.states(&system), system.begin(&problem.motion));
     let input = problem.drive.at(0.0_f64);
     let driven = problem.choice.fingers == Fingers::Driven;
-    let frame = problem.drive.frame.as_ref().map(|frame| FrameMotion::constant(&frame.at(0.0)));
-    let values = list(&input, driven);
+    let frame = problem.drive.frame.as_ref().map_or_else(FrameMotion::still, |frame| frame.at(0.0));
+    let values = list(&input, &frame, driven);
+    // The weights are forces of the motion, which may be that of a hand at rest.
+    problem.choice.moves = true;
     let tangent = problem.tangent(parameters);
 
     let all = states + values.len();
@@ -203,13 +205,12 @@ pub fn linearize(
             let direction = if n < states { n.wrapping_sub(first) } else { DIRECTIONS };
             *dual = Dual::variable(number, direction);
         }
-        let seeded = seed(&input, driven, states.wrapping_sub(first));
-        let now =
-            tangent.evaluate_seeded((&seeded, frame.as_ref()), &dual_y).ok_or_else(|| Error::Unknown {
-                field: "formulation",
-                name: format!("{:?}", setting.formulation).to_lowercase(),
-                allowed: "\"nullspace\", for a model with inputs and outputs".to_owned(),
-            })?;
+        let (input, frame) = seed(&input, &frame, driven, states.wrapping_sub(first));
+        let now = tangent.evaluate_seeded((&input, &frame), &dual_y).ok_or_else(|| Error::Unknown {
+            field: "formulation",
+            name: format!("{:?}", setting.formulation).to_lowercase(),
+            allowed: "\"nullspace\", for a model with inputs and outputs".to_owned(),
+        })?;
         let found = output_list(&now);
         for column in first..all.min(first + DIRECTIONS) {
             for row in 0..states {
@@ -236,31 +237,38 @@ pub fn linearize(
 }
 
 /// The inputs in their order.
-fn list(input: &Input<f64>, driven: bool) -> Vec<f64> {
+fn list(input: &Input<f64>, frame: &FrameMotion<f64>, driven: bool) -> Vec<f64> {
     let mut values = input.target.to_vec();
     if driven {
         values.extend(input.target_rate);
         values.extend(input.target_acceleration);
     }
-    values.extend(input.force);
+    values.extend(input.force.iter().chain(&frame.acceleration));
     values
 }
 
 /// The inputs in the order of [`list`], as variables of the directions from `first` on.
-fn seed(input: &Input<f64>, driven: bool, first: usize) -> Input<Dual<f64, DIRECTIONS>> {
+fn seed(
+    input: &Input<f64>,
+    frame: &FrameMotion<f64>,
+    driven: bool,
+    first: usize,
+) -> (Input<Dual<f64, DIRECTIONS>>, FrameMotion<Dual<f64, DIRECTIONS>>) {
     let mut next = first;
     let mut variable = |value: f64, varies: bool| {
         let direction = if varies { next } else { DIRECTIONS };
         next = next.wrapping_add(usize::from(varies));
         Dual::variable(value, direction)
     };
-    Input {
+    let input = Input {
         target: input.target.map(|value| variable(value, true)),
         target_rate: input.target_rate.map(|value| variable(value, driven)),
         target_acceleration: input.target_acceleration.map(|value| variable(value, driven)),
         force: input.force.map(|value: f64| variable(value, true)),
         tau: variable(input.tau, false),
-    }
+    };
+    let acceleration = frame.acceleration.map(|value| variable(value, true));
+    (input, FrameMotion { acceleration, ..FrameMotion::constant(frame) })
 }
 
 /// The outputs in their order.
@@ -299,7 +307,7 @@ mod tests {
             let alone = jacobian(&parameters, &inputs, &setting, 0.5, &motion).unwrap();
             let whole = linearize(&parameters, &inputs, &setting, 0.5, &motion).unwrap();
             assert_eq!(whole.a, alone);
-            let inputs = if fingers == Fingers::Driven { 9 } else { 5 };
+            let inputs = if fingers == Fingers::Driven { 11 } else { 7 };
             assert_eq!(whole.b.shape(), (alone.nrows(), inputs));
             assert_eq!(whole.c.shape(), (OUTPUTS, alone.nrows()));
             assert_eq!(whole.d.shape(), (OUTPUTS, inputs));

@@ -7,16 +7,14 @@
 //! | `balance.rs` | the equations of a state at rest, and the family of their solutions |
 //! | `rest.rs`, `starts.rs` | Newton's method for them, and where it begins |
 //! | `continuation.rs` | how an equilibrium changes with the scene |
-//! | `equilibrium.rs` | the search for an equilibrium, and what is said of one |
-//! | `reason.rs` | why there is none |
+//! | `equilibrium.rs` | the search for an equilibrium, what is said of one, and why there is none |
 //! | `wrench.rs` | the largest wrench that an equilibrium bears |
 
 pub mod balance;
-pub mod continuation;
+mod continuation;
 pub mod equilibrium;
 pub mod evaluate;
 pub mod linear;
-pub mod reason;
 pub mod rest;
-pub mod starts;
+mod starts;
 pub mod wrench;

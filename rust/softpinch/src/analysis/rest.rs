@@ -13,9 +13,7 @@ const ROUND_OFF: f64 = 1e-11;
 /// Most halvings of a step.
 const HALVINGS: usize = 8;
 
-/// A matrix over the unknowns.
 pub(super) type Matrix7 = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
-/// A vector over the unknowns.
 pub(super) type Vector7 = SVector<f64, UNKNOWNS>;
 
 /// A state in which all forces balance.
@@ -62,7 +60,6 @@ impl Rest {
         now.balances(scene).then_some(now)
     }
 
-    /// Newton's step in the scale of the unknowns.
     fn newton_step(&self, unit: &Unknowns, scale: &Unknowns) -> Option<Vector7> {
         let matrix = Matrix7::from_fn(|r, c| self.rows.jacobian[r][c] * unit[c] / scale[r]);
         let load = Vector7::from_fn(|r, _| -self.rows.values[r] / scale[r]);

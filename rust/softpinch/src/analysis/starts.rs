@@ -20,7 +20,6 @@ fn widths(parameters: &Parameters) -> [f64; 2] {
 }
 
 /// Where the tips are without an object between them.
-#[derive(Debug, Clone, Copy)]
 pub struct Gap {
     /// The middle between the tips' centres, m.
     middle: [f64; 2],
@@ -31,7 +30,6 @@ pub struct Gap {
 }
 
 impl Gap {
-    /// The gap between tips at these angles.
     pub fn new(parameters: &Parameters, angles: [f64; 2]) -> Self {
         let centre = |i: usize| {
             let [inwards, up] = Mechanism::<f64>::new(parameters, i).placed(angles[i]).centre;

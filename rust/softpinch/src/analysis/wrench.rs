@@ -11,8 +11,8 @@ use crate::analysis::rest::Rest;
 use crate::model::coordinates::Coordinates;
 use crate::model::drive::Input;
 use crate::model::motion::Motion;
+use crate::stepping::ending::Status;
 use crate::stepping::monitor::Violation;
-use crate::stepping::status::Status;
 
 /// The violations at which a contact gives way, in the order in which they are named.
 const GIVES_WAY: [Violation; 3] = [Violation::Pulling, Violation::Slipping, Violation::OffFace];
@@ -93,7 +93,9 @@ pub fn largest_multiple(scene: &RestScene, rest: &Rest, load: Load) -> (f64, Lim
     if let Some(limit) = limit(scene, rest) {
         return (0.0, limit, q);
     }
-    let (force, still) = (scene.input.force, scene.accelerated([0.0; 2]));
+    let force = scene.input.force;
+    // The physics of a hand that moves are made once for all accelerations.
+    let base = if let Load::Acceleration(_) = load { &scene.accelerated([0.0; 2]) } else { scene };
     let before = scene.frame.map_or([0.0; 2], |frame| frame.into_fixed(frame.acceleration));
     let member = Cell::new(Member::From(scene.origin(&rest.z)));
     // The load whose largest component is one, in the scales of the rows, times the share.
@@ -101,10 +103,10 @@ pub fn largest_multiple(scene: &RestScene, rest: &Rest, load: Load) -> (f64, Lim
         let changed = match load {
             Load::Wrench(wrench) => {
                 let force = std::array::from_fn(|k| force[k] + share * (wrench[k] / size));
-                scene.under(Input { force, ..scene.input })
+                base.under(Input { force, ..scene.input })
             }
             Load::Acceleration(rate) => {
-                still.accelerated(std::array::from_fn(|k| before[k] + share * (rate[k] / size)))
+                base.accelerated(std::array::from_fn(|k| before[k] + share * (rate[k] / size)))
             }
         };
         (changed, member.get())

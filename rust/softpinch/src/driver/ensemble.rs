@@ -3,20 +3,109 @@
 //! Every run gives the bits that it gives alone, whatever thread computes it and whatever runs are beside it.
 
 use std::borrow::Cow;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use crate::driver::lanes::{LaneQueue, RunsInLanes};
-use crate::driver::queue::{Row, Scenes, Shared};
 use crate::driver::sensitivities::Derivatives;
-use crate::driver::simulate::simulate;
+use crate::driver::simulate::{require_valid, simulate};
 use crate::driver::threads::share_watched;
 use crate::error::Error;
+use crate::model::control::Fingers;
+use crate::model::motion::Motion;
 use crate::model::scene::Scene;
+use crate::stepping::ending::Status;
 use crate::stepping::grid::Grid;
+use crate::stepping::monitor::VIOLATIONS;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::queue::{Finished, Taken};
-use crate::stepping::record::reserved;
-use crate::stepping::status::Status;
+use crate::stepping::record::{Run, reserved};
+use crate::stepping::summary::COUNT;
+
+/// The result of one run of an ensemble.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Row {
+    /// Number of the run.
+    pub run: usize,
+    /// The status with which it ended.
+    pub status: Status,
+    /// The status in words; empty if the run reached its end, which needs no words.
+    pub message: String,
+    /// Time of the last instant, s.
+    pub t: f64,
+    /// The motion at the last instant.
+    pub motion: Motion<f64>,
+    /// The time at which each of [`VIOLATIONS`] was first seen, s; NaN if it was not.
+    pub violations: [f64; VIOLATIONS.len()],
+    /// Whether the grasp held, see [`Run::holds`].
+    pub holds: bool,
+    /// Number of steps.
+    pub steps: u64,
+    /// The summaries, in the order of [`SUMMARIES`](crate::stepping::summary::SUMMARIES).
+    pub summaries: [f64; COUNT],
+}
+
+impl Row {
+    pub(super) fn of(number: usize, run: Run) -> Self {
+        let completed = run.status == Status::Completed;
+        Self {
+            run: number,
+            status: run.status,
+            message: if completed { String::new() } else { run.message },
+            t: run.last.t,
+            motion: run.last.motion,
+            violations: run.first_times,
+            holds: run.holds,
+            steps: run.stats.steps,
+            summaries: run.summaries,
+        }
+    }
+}
+
+/// A function that makes the scene of each run.
+pub type Scenes<'a> = dyn Fn(usize) -> Result<Scene, Error> + Sync + 'a;
+
+pub(crate) struct Shared<'a> {
+    scenes: &'a Scenes<'a>,
+    pub(crate) options: &'a Options,
+    runs: usize,
+    fingers: OnceLock<Fingers>,
+    /// Numbers of the next run, and of the finished runs.
+    next: AtomicUsize,
+    done: AtomicUsize,
+    stop: AtomicBool,
+}
+
+impl<'a> Shared<'a> {
+    pub(crate) fn new(scenes: &'a Scenes<'a>, runs: usize, options: &'a Options) -> Self {
+        let (next, done, stop) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicBool::new(false));
+        Self { scenes, options, runs, fingers: OnceLock::new(), next, done, stop }
+    }
+
+    /// Takes the next run, unless there is none or the caller wants to stop.
+    pub(crate) fn take(&self) -> Result<Option<(usize, Scene)>, Error> {
+        if self.stops() {
+            return Ok(None);
+        }
+        let run = self.next.fetch_add(1, Ordering::Relaxed);
+        if run >= self.runs {
+            return Ok(None);
+        }
+        let scene = (self.scenes)(run)?;
+        require_valid(&scene, self.options).map_err(|error| error.of_run(run))?;
+        // All lanes of a loop have the same equations, so all runs must have the same kind of fingers.
+        let fingers = scene.inputs.fingers();
+        if *self.fingers.get_or_init(|| fingers) == fingers {
+            return Ok(Some((run, scene)));
+        }
+        let (field, found) = (format!("run {run}"), format!("fingers = {:?}", fingers.name()));
+        Err(Error::Shape { field, found, rule: "must be the same in all runs" })
+    }
+
+    fn stops(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}
 
 /// Simulates runs 0 to `runs` of `scenes` on `threads` threads of its own. From time to time `watch` gets the
 /// number of finished runs and says whether to stop; after a stop the rows are those of the finished runs.
@@ -66,7 +155,6 @@ pub fn derivatives(
     Ok((found.len() == runs).then(|| found.into_iter().map(|(_, own)| own).collect()))
 }
 
-/// The work of one thread.
 pub(super) fn work(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
     in_lanes(shared, |runs| runs.compute())?.map_or_else(|| one_by_one(shared), Ok)
 }
@@ -89,7 +177,7 @@ pub(super) fn in_lanes(
         // A run that was interrupted has no row.
         if run.status != Status::Interrupted {
             rows.push(Row::of(number, run));
-            shared.finished();
+            shared.done.fetch_add(1, Ordering::Relaxed);
         }
     };
     let queue = LaneQueue { take: &mut take, stops: &|| shared.stops(), finish: &mut finish };
@@ -117,7 +205,7 @@ fn one_by_one(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
             break;
         }
         rows.push(Row::of(number, run));
-        shared.finished();
+        shared.done.fetch_add(1, Ordering::Relaxed);
     }
     Ok(rows)
 }

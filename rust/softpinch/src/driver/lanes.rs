@@ -3,9 +3,8 @@
 use crate::error::Error;
 use crate::formulation::scene_equations::Choice;
 use crate::method::called::AnyMethod;
-use crate::method::entry::LaneMethod;
 use crate::method::rk4::Rk4;
-use crate::method::table::adaptive_in_lanes;
+use crate::method::table::{Method, adaptive_in_lanes};
 use crate::method::traits::Runs;
 use crate::model::energy::Energies;
 use crate::number::lanes::Lanes;
@@ -20,11 +19,8 @@ use crate::stepping::queue::{Finished, RunQueue, Taken};
 
 /// The source and the destination of runs in lanes, whose step loops are compiled once for all of them.
 pub(super) struct LaneQueue<'q, 'a> {
-    /// Gives the next run, if there is one.
     pub(super) take: &'q mut dyn FnMut() -> Result<Option<Taken<'a>>, Error>,
-    /// Says whether the loop should stop its runs.
     pub(super) stops: &'q dyn Fn() -> bool,
-    /// Takes a run that has ended.
     pub(super) finish: &'q mut dyn FnMut(Finished),
 }
 
@@ -45,9 +41,7 @@ impl<'a> RunQueue<'a> for LaneQueue<'_, 'a> {
 /// The runs of one thread in lanes.
 pub(super) struct RunsInLanes<'q, 'a> {
     pub(super) queue: LaneQueue<'q, 'a>,
-    /// Finds the times of equal steps.
     pub(super) grid: &'q GridOf<'q>,
-    /// The options and the equations of all runs.
     pub(super) options: &'a Options,
     pub(super) choice: Choice,
     /// Whether the parts of all runs are the paper's.
@@ -55,7 +49,7 @@ pub(super) struct RunsInLanes<'q, 'a> {
 }
 
 impl RunsInLanes<'_, '_> {
-    /// Computes the runs. Returns `None` if the steps of the method have no lanes, which its entry says.
+    /// Computes the runs. Returns `None` if the steps of the method have no lanes.
     pub(super) fn compute(self) -> Result<Option<()>, Error> {
         if self.papers {
             dispatch_lanes(self.options.simd, self)?
@@ -66,23 +60,21 @@ impl RunsInLanes<'_, '_> {
     }
 }
 
-/// The step loop, compiled for each SIMD level.
 impl LaneKernel for RunsInLanes<'_, '_> {
     type Output = Result<Option<()>, Error>;
 
     #[inline(always)]
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
         let Self { queue, grid, options, choice, .. } = self;
-        let Some(method) = options.method.entry().lanes else { return Ok(None) };
         let setup = LoopSetup { instructions, options, choice, queue };
-        let computed = match (options.steps, method) {
+        let computed = match (options.steps, options.method) {
             // A step of RK4 is so short that a call would take 3 % of it.
-            (Steps::Fixed(_), LaneMethod::Rk4) => {
+            (Steps::Fixed(_), Method::Rk4) => {
                 let method = &mut Rk4::default();
                 let build = move |runs: Runs<'_>| (runs.system::<R>(), method);
                 R::call(instructions, EqualSteps { setup, grid, build })
             }
-            (Steps::Fixed(_), LaneMethod::Adaptive(method)) => {
+            (Steps::Fixed(_), method @ (Method::Dop853 | Method::Rosenbrock)) => {
                 let build = |runs: Runs<'_>| {
                     let system = runs.system();
                     let method: AnyMethod<R> = adaptive_in_lanes(method, runs, &system);
@@ -90,11 +82,14 @@ impl LaneKernel for RunsInLanes<'_, '_> {
                 };
                 R::call(instructions, EqualSteps { setup, grid, build })
             }
-            (Steps::Free { tolerance }, LaneMethod::Adaptive(method)) => {
+            (Steps::Free { tolerance }, method @ (Method::Dop853 | Method::Rosenbrock)) => {
                 let build = |runs: Runs<'_>, system: &_| adaptive_in_lanes::<R>(method, runs, system);
                 R::call(instructions, AdaptiveSteps { setup, tolerance, build })
             }
-            (Steps::Free { .. }, LaneMethod::Rk4) => return Ok(None),
+            // Lanes of a method that iterates would wait for each other.
+            (_, Method::ImplicitMidpoint | Method::Radau5) | (Steps::Free { .. }, Method::Rk4) => {
+                return Ok(None);
+            }
         };
         computed.map(|_| Some(()))
     }

@@ -1,13 +1,8 @@
 //! The drivers of simulations: one run, many runs, and runs that are stepped from outside.
 
-mod derivative_sink;
 mod differentiated_run;
-pub mod direction;
 pub mod ensemble;
-mod environment;
-pub mod lanes;
-mod period;
-pub mod queue;
+mod lanes;
 pub mod sensitivities;
 pub mod simulate;
 pub mod simulator;

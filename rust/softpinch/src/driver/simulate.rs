@@ -1,5 +1,6 @@
 //! One run: the checks before it, its result, and the choice of the code that computes it.
 
+use crate::driver::ensemble::whole_run;
 use crate::error::Error;
 use crate::formulation::any_parts::AnyParts;
 use crate::formulation::inlined::Inlined;
@@ -7,9 +8,8 @@ use crate::formulation::mode_selection::Contact;
 use crate::formulation::scene_equations::{EquationKind, SceneEquations, with};
 use crate::formulation::table::Formulation;
 use crate::formulation::unilateral::Unilateral;
-use crate::method::entry::MakeAdaptiveMethod;
 use crate::method::rk4::Rk4;
-use crate::method::table::{METHODS, Method};
+use crate::method::table::{METHODS, MakeAdaptiveMethod, Method};
 use crate::method::traits::Runs;
 use crate::model::contact_modes::{ContactModel, Mode};
 use crate::model::control::Fingers;
@@ -23,7 +23,7 @@ use crate::stepping::adaptive::AdaptiveSteps;
 use crate::stepping::batch::LoopSetup;
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::equal::EqualSteps;
-use crate::stepping::grid::{Grid, Span};
+use crate::stepping::grid::{Grid, GridOf, Span};
 use crate::stepping::lane_controller::LaneController;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::record::{Layout, Recording, Run, reserved};
@@ -60,15 +60,20 @@ pub fn simulate(
 ) -> Result<(Run, Option<String>), Error> {
     let guard = options.guard || options.may_be_unstable(scene);
     let options = &Options { guard, ..options.clone() };
-    let (plan, times, rows) = prepare(scene, options)?;
-    let recording = Recording::with_capacity(options.record, plan.layout(scene, options), rows)?;
-    let warning = stability_warning(options, plan.longest());
+    let (grid, times) = prepare(scene, options)?;
+    // Free steps make the number of rows unknown beforehand.
+    let rows = grid.as_ref().map_or(0, |grid| grid.steps / options.every + 2);
+    let rows = times.as_ref().map_or(rows, |times| times.len() as u64 + 1);
+    let recording = Recording::with_capacity(options.record, layout(scene, options), rows)?;
+    let warning = stability_warning(options, longest(grid.as_ref()));
     let due = match &times {
         Some(times) => Due::Times(times),
         None => Due::Steps { every: options.every, left: 0 },
     };
     let recorder = Recorder::new(scene, recording, due, interrupted);
-    Ok((run(scene, options, &plan, recorder)?.run, warning))
+    // Only equal steps ask for a grid.
+    let grid = |_: usize, scene: &Scene| grid.clone().map_or_else(|| whole_run(options)(0, scene), Ok);
+    Ok((run(scene, options, &grid, recorder)?.run, warning))
 }
 
 /// Computes a run over the times of a grid, without its recording and without a check. In unilateral contact the
@@ -81,14 +86,19 @@ pub(super) fn advance(
 ) -> Result<(Run, Option<Box<LaneContact>>), Error> {
     let mut recorder = Recorder::new(scene, Recording::default(), Due::Never, interrupted);
     recorder.contact = contact;
-    let Recorder { run, contact, .. } = run(scene, options, &Plan::Fixed(grid), recorder)?;
+    let Recorder { run, contact, .. } = run(scene, options, &|_, _| Ok(grid.clone()), recorder)?;
     Ok((run, contact))
 }
 
 /// Checks a scene and options without computing the run. Returns the longest step if steps are fixed, else
 /// zero.
 pub fn check(scene: &Scene, options: &Options) -> Result<f64, Error> {
-    prepare(scene, options).map(|(plan, ..)| plan.longest())
+    prepare(scene, options).map(|(grid, ..)| longest(grid.as_ref()))
+}
+
+/// The longest step of a grid; zero if steps are free.
+fn longest(grid: Option<&Grid>) -> f64 {
+    grid.map_or(0.0, |grid| grid.longest)
 }
 
 /// The size of a run before it is computed.
@@ -104,14 +114,14 @@ pub struct Outline {
 
 /// Outlines a run. Bad input is the only error.
 pub fn outline(scene: &Scene, options: &Options) -> Result<Outline, Error> {
-    let (plan, times, _) = prepare(scene, options)?;
-    let row = 8 * options.record.width(plan.layout(scene, options));
-    let (segments, steps) = match &plan {
-        Plan::Fixed(Grid { segments, steps, .. }) => (*segments, Some(*steps)),
-        Plan::Free { span, .. } => (span.segment_count(&scene.inputs), None),
+    let (grid, times) = prepare(scene, options)?;
+    let row = 8 * options.record.width(layout(scene, options));
+    let (start, end) = (scene.initial.time, scene.initial.time + scene.duration);
+    let (segments, steps) = match grid {
+        Some(Grid { segments, steps, .. }) => (segments, Some(steps)),
+        None => (Span { start, end }.segment_count(&scene.inputs), None),
     };
     // The rows are those that were asked for, or the start and one for every `every` steps; and always the end.
-    let end = scene.initial.time + scene.duration;
     let rows = match times {
         Some(times) => Some(times.len() as u64 + u64::from(times.last() != Some(&end))),
         None => steps.map(|steps| 1 + steps.div_ceil(options.every)),
@@ -189,49 +199,27 @@ fn adaptive(method: Method) -> Result<MakeAdaptiveMethod, Error> {
     })
 }
 
-/// The times of a run, after their check.
-enum Plan {
-    Fixed(Grid),
-    Free { method: MakeAdaptiveMethod, span: Span, tolerance: f64 },
-}
-
-impl Plan {
-    /// What the rows of the recording have because of the method and the contacts.
-    fn layout(&self, scene: &Scene, options: &Options) -> Layout {
-        Layout {
-            keeps_jacobian: options.method.entry().keeps_jacobian && matches!(self, Self::Fixed(_)),
-            unilateral: options.contact == ContactModel::Unilateral,
-            moves: scene.inputs.moves(),
-            controller: scene.inputs.sampled().map_or(0, |sampled| sampled.controller.width()),
-        }
-    }
-
-    /// The longest step if steps are fixed, else zero.
-    fn longest(&self) -> f64 {
-        match self {
-            Self::Fixed(grid) => grid.longest,
-            Self::Free { .. } => 0.0,
-        }
+/// What the rows of the recording have because of the method and the contacts.
+fn layout(scene: &Scene, options: &Options) -> Layout {
+    Layout {
+        keeps_jacobian: options.method.entry().keeps_jacobian && matches!(options.steps, Steps::Fixed(_)),
+        unilateral: options.contact == ContactModel::Unilateral,
+        moves: scene.inputs.moves(),
+        controller: scene.inputs.sampled().map_or(0, |sampled| sampled.controller.width()),
     }
 }
 
-/// Checks a run. Returns its times, the instants to record if these were asked for, and the number of rows of its
-/// recording, which is zero if free steps make it unknown beforehand.
-fn prepare(scene: &Scene, options: &Options) -> Result<(Plan, Option<Vec<f64>>, u64), Error> {
+/// Checks a run. Returns the times of equal steps, and the instants to record if these were asked for.
+fn prepare(scene: &Scene, options: &Options) -> Result<(Option<Grid>, Option<Vec<f64>>), Error> {
     require_valid(scene, options)?;
     let Scene { inputs, initial, duration, .. } = scene;
     let span = Span::new(inputs, initial, *duration)?;
-    let (plan, rows) = match options.steps {
-        Steps::Fixed(dt) => {
-            let grid = Grid::new(inputs, initial, *duration, dt, options.refine)?;
-            let rows = grid.steps / options.every + 2;
-            (Plan::Fixed(grid), rows)
-        }
-        Steps::Free { tolerance } => (Plan::Free { method: adaptive(options.method)?, span, tolerance }, 0),
+    let grid = match options.steps {
+        Steps::Fixed(dt) => Some(Grid::new(inputs, initial, *duration, dt, options.refine)?),
+        Steps::Free { .. } => None,
     };
     let times = options.times.as_ref().map(|times| instants(times, span)).transpose()?;
-    let rows = times.as_ref().map_or(rows, |times| times.len() as u64 + 1);
-    Ok((plan, times, rows))
+    Ok((grid, times))
 }
 
 /// Checks the instants to record. An instant that is outside of the run by round-off becomes the start or the
@@ -259,47 +247,42 @@ fn instants(times: &[f64], Span { start, end }: Span) -> Result<Vec<f64>, Error>
     Ok(instants)
 }
 
-/// Runs the step loop for the method and the kind of steps.
+/// Runs the step loop for the method, over the times of `grid` if steps are equal.
 fn run<'a>(
     scene: &Scene,
     options: &'a Options,
-    plan: &Plan,
+    grid: &GridOf<'_>,
     queue: Recorder<'a>,
 ) -> Result<Recorder<'a>, Error> {
     let instructions = options.simd.require()?;
     let choice = options.choice(&scene.inputs);
     let setup = LoopSetup { instructions, options, choice, queue };
-    match *plan {
-        Plan::Fixed(ref grid) => {
-            let grid = &|_, _: &Scene| Ok(grid.clone());
-            // Only what was measured to pay is inlined (docs/what-a-scene-pays.md).
-            if options.method == Method::Rk4
-                && options.contact == ContactModel::Bilateral
-                && !(choice.ledger || choice.moves)
-                && scene.parameters.has_the_papers_parts()
-            {
-                let gains = &options.stabilization;
-                let called = &SceneEquations::new(instructions, choice, &scene.parameters, gains);
-                let method = &mut Rk4::default();
-                return with!(called.kind, equations [false, false] => if choice.fingers == Fingers::Driven {
-                    let system = Inlined::<_, _, true> { equations, called };
-                    let build = |_: Runs<'_>| (system, method);
-                    f64::call(instructions, EqualSteps { setup, grid, build })
-                } else {
-                    let system = Inlined::<_, _, false> { equations, called };
-                    let build = |_: Runs<'_>| (system, method);
-                    f64::call(instructions, EqualSteps { setup, grid, build })
-                });
-            }
-            let build = |runs: Runs<'_>| {
-                let system = runs.system();
-                let method = (options.method.entry().alone)(runs, &system);
-                (system, method)
-            };
-            f64::call(instructions, EqualSteps { setup, grid, build })
-        }
-        Plan::Free { method, tolerance, .. } => {
-            f64::call(instructions, AdaptiveSteps { setup, tolerance, build: method })
-        }
+    if let Steps::Free { tolerance } = options.steps {
+        return f64::call(instructions, AdaptiveSteps { setup, tolerance, build: adaptive(options.method)? });
     }
+    // Only what was measured to pay is inlined (docs/what-a-scene-pays.md).
+    if options.method == Method::Rk4
+        && options.contact == ContactModel::Bilateral
+        && !(choice.ledger || choice.moves)
+        && scene.parameters.has_the_papers_parts()
+    {
+        let gains = &options.stabilization;
+        let called = &SceneEquations::new(instructions, choice, &scene.parameters, gains);
+        let method = &mut Rk4::default();
+        return with!(called.kind, equations [false, false] => if choice.fingers == Fingers::Driven {
+            let system = Inlined::<_, _, true> { equations, called };
+            let build = |_: Runs<'_>| (system, method);
+            f64::call(instructions, EqualSteps { setup, grid, build })
+        } else {
+            let system = Inlined::<_, _, false> { equations, called };
+            let build = |_: Runs<'_>| (system, method);
+            f64::call(instructions, EqualSteps { setup, grid, build })
+        });
+    }
+    let build = |runs: Runs<'_>| {
+        let system = runs.system();
+        let method = (options.method.entry().alone)(runs, &system);
+        (system, method)
+    };
+    f64::call(instructions, EqualSteps { setup, grid, build })
 }

@@ -5,21 +5,32 @@
 //! watched under the inputs of the period, as at the end of a run, and at the start of the next period under its
 //! inputs.
 
+use std::borrow::Cow;
+use std::cell::RefCell;
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use rayon::ThreadPool;
 
-pub use crate::driver::environment::Observed;
-use crate::driver::environment::{Environment, Outcome};
-use crate::driver::period::{PeriodRun, compute};
-use crate::driver::threads::waiting;
-use crate::error::Error;
+use crate::driver::lanes::{LaneQueue, RunsInLanes};
+use crate::driver::simulate::{advance, require_valid};
+use crate::driver::threads::{share, waiting};
+use crate::error::{Error, require_at_most};
+use crate::formulation::scene_equations::SceneEquations;
+use crate::formulation::system::System;
+use crate::model::contact_modes::ContactModel;
 use crate::model::inputs::Held;
+use crate::model::motion::Motion;
 use crate::model::rule::Rule;
 use crate::model::scene::Scene;
 use crate::model::start::State;
 use crate::number::lanes::MOST;
-use crate::stepping::grid::Span;
+use crate::stepping::contact_lane::LaneContact;
+use crate::stepping::ending::Status;
+use crate::stepping::grid::{Grid, MOST_STEPS, Span, round_off};
+use crate::stepping::instant::Instant;
 use crate::stepping::options::{Options, Steps};
-use crate::stepping::status::Status;
+use crate::stepping::queue::{Finished, Taken};
+use crate::stepping::record::Run;
 
 /// Runs that are stepped from outside.
 pub struct Simulator {
@@ -104,8 +115,7 @@ impl Simulator {
         // Periods go on at the instants at which they would have begun anyway, if the state is at one of them.
         let periods = ((state.time - environment.origin) / *period).round();
         if periods >= 0.0 && periods * *period + environment.origin == state.time {
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a whole number
-            (environment.periods = periods as u64);
+            environment.periods = periods as u64;
         } else {
             (environment.origin, environment.periods) = (state.time, 0);
         }
@@ -123,27 +133,37 @@ impl Simulator {
     }
 
     /// Steps all runs that have not ended by one period, with these torques on the fingers in N m, or target
-    /// angles in rad. Returns `false` if `interrupted` has stopped it; then nothing has
+    /// angles in rad. `accelerations` has those of the hands in this period along fixed axes, m/s^2, or is empty: then
+    /// each has that of its scene. Returns `false` if `interrupted` has stopped it; then nothing has
     /// changed. It is called every few milliseconds.
-    pub fn step(&mut self, targets: &[[f64; 2]], interrupted: &dyn Fn() -> bool) -> Result<bool, Error> {
+    pub fn step(
+        &mut self,
+        targets: &[[f64; 2]],
+        accelerations: &[[f64; 2]],
+        interrupted: &dyn Fn() -> bool,
+    ) -> Result<bool, Error> {
         let Self { options, dt, period, environments, runs, pool } = self;
-        if targets.len() != environments.len() {
-            let (found, rule) = (format!("{} rows", targets.len()), "must have one for each run");
-            return Err(Error::Shape { field: "actions".to_owned(), found, rule });
+        let given = [("actions", targets), ("acceleration", accelerations)];
+        for (name, rows) in given.into_iter().take(1 + usize::from(!accelerations.is_empty())) {
+            if rows.len() != environments.len() {
+                let (found, rule) = (format!("{} rows", rows.len()), "must have one for each run");
+                return Err(Error::Shape { field: name.to_owned(), found, rule });
+            }
+            for (k, value) in rows.as_flattened().iter().enumerate() {
+                Rule::Finite.check_named(|| format!("{name}[{}, {}]", k / 2, k % 2), *value)?;
+            }
         }
-        for (k, value) in targets.as_flattened().iter().enumerate() {
-            Rule::Finite.check_named(|| format!("actions[{}, {}]", k / 2, k % 2), *value)?;
-        }
-        for ((environment, run), &target) in environments.iter_mut().zip(&mut *runs).zip(targets) {
+        for (k, (environment, run)) in environments.iter_mut().zip(&mut *runs).enumerate() {
             run.outcome = None;
             if environment.observed.status.is_none() {
                 run.end = environment.next(*period);
-                let force = environment.force;
-                environment.scene.inputs.hold(Some(Held { target, force }));
+                let (target, force) = (targets[k], environment.force);
+                let acceleration = accelerations.get(k).copied();
+                environment.scene.inputs.hold(Some(Held { target, force, acceleration }));
             }
         }
         compute((options, *dt), environments, runs, pool.as_ref(), interrupted)?;
-        let stopped = |outcome: &Outcome| outcome.status == Status::Interrupted;
+        let stopped = |run: &Run| run.status == Status::Interrupted;
         if runs.iter().any(|run| run.outcome.as_ref().is_some_and(stopped)) {
             return Ok(false);
         }
@@ -154,4 +174,224 @@ impl Simulator {
         }
         Ok(true)
     }
+}
+
+/// What is seen of a run at the end of a period.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Observed {
+    /// Time, s.
+    pub t: f64,
+    /// The motion.
+    pub motion: Motion<f64>,
+    /// Multipliers under the inputs of the period.
+    pub multipliers: [f64; 4],
+    /// The status with which the run has ended; `None` if it goes on.
+    pub status: Option<Status>,
+    /// The status in words; empty if the run goes on or has reached its end.
+    pub message: String,
+}
+
+/// One run of a simulator. Its scene's initial state is the present one.
+struct Environment {
+    scene: Scene,
+    /// The state from which a reset starts, and whether it is refused if it is off the constraints.
+    start: (State, bool),
+    force: [f64; 3],
+    span: Span,
+    /// Period k ends at `origin` + (k + 1) `period`; `periods` have passed.
+    origin: f64,
+    periods: u64,
+    /// The end of the last period, s, at which a violation may have kept the run from arriving.
+    until: f64,
+    observed: Observed,
+}
+
+impl Environment {
+    fn new(scene: Scene) -> Self {
+        let State { time, motion, .. } = scene.initial;
+        let observed =
+            Observed { t: time, motion, multipliers: [0.0; 4], status: None, message: String::new() };
+        let start = (scene.initial.clone(), scene.check);
+        let span = Span { start: time, end: time + scene.duration };
+        Self { scene, start, force: [0.0; 3], span, origin: time, periods: 0, until: time, observed }
+    }
+
+    /// Puts the run at its start. Refuses a start that a run refuses, and steps that are too many or too short.
+    fn begin(
+        &mut self,
+        (start, check): (&State, bool),
+        options: &Options,
+        (dt, period): (f64, f64),
+    ) -> Result<(), Error> {
+        let Self { scene, .. } = self;
+        let span = Span::new(&scene.inputs, start, scene.duration)?;
+        let first = Span { end: span.end.min(span.start + period), ..span };
+        Grid::over(&scene.inputs, start, first, dt, options.refine)?;
+        require_periods(span, period)?;
+        self.place((start, check), span, options, dt)?;
+        (self.origin, self.periods, self.force) = (start.time, 0, [0.0; 3]);
+        Ok(())
+    }
+
+    /// The end of the next period.
+    fn next(&self, period: f64) -> f64 {
+        let periods = (self.periods + 1) as f64; // far below 2^53
+        let next = periods * period + self.origin;
+        let end = self.span.end;
+        // The rest of a duration that is a multiple of the period but for round-off is no period.
+        let round_off = 1e-12 * period + 4.0 * f64::EPSILON * end.abs();
+        if end - next <= round_off { end } else { next }
+    }
+
+    /// Goes on from a state in a run over this span. `check` says whether a state off the constraints is refused.
+    /// The multipliers are those under the schedule's own inputs.
+    fn place(
+        &mut self,
+        (state, check): (&State, bool),
+        span: Span,
+        options: &Options,
+        dt: f64,
+    ) -> Result<(), Error> {
+        let Self { scene, .. } = self;
+        scene.inputs.hold(None);
+        scene.check = check;
+        let before = std::mem::replace(&mut scene.initial, state.clone());
+        // A period begins a segment, so that steps that a run took before in its own segment do not count.
+        if let Some(grid) = &mut scene.initial.grid {
+            *grid = (state.time, 0);
+        }
+        let found = require_valid(scene, options).and_then(|()| multipliers(scene, options, dt));
+        let multipliers = found.inspect_err(|_| scene.initial = before)?;
+        let State { time: t, motion, .. } = *state;
+        self.span = span;
+        let status = (t >= span.end).then_some(Status::Completed);
+        self.observed = Observed { t, motion, multipliers, status, message: String::new() };
+        Ok(())
+    }
+
+    /// Takes the run of a period that ended at `until`.
+    fn take(&mut self, Run { status, message, last, .. }: Run, until: f64) {
+        let Instant { t, motion, multipliers, contact, .. } = last;
+        let initial = &mut self.scene.initial;
+        (initial.time, initial.motion, initial.contact) = (t, motion, contact);
+        initial.grid = Some((t, 0));
+        initial.linearized = None;
+        self.periods += 1;
+        self.until = until;
+        let goes_on = status == Status::Completed && until < self.span.end;
+        let status = if goes_on { None } else { Some(status) };
+        self.observed = Observed { t, motion, multipliers, status, message };
+    }
+}
+
+/// Refuses more periods than a run can be divided into, and periods that the clock does not resolve.
+fn require_periods(Span { start, end }: Span, period: f64) -> Result<(), Error> {
+    let needed = (end - start) / period;
+    let what = "the periods (duration / period)";
+    require_at_most(what, needed, MOST_STEPS, "lengthen the period or shorten the run")?;
+    if period <= round_off(start, end) {
+        let rule = "must be more than round-off of the times of the run";
+        return Err(Error::Field { field: "period".to_owned(), value: period, rule });
+    }
+    Ok(())
+}
+
+/// The multipliers at the initial state of a scene.
+fn multipliers(scene: &Scene, options: &Options, dt: f64) -> Result<[f64; 4], Error> {
+    let instructions = options.simd.require()?;
+    let choice = options.choice(&scene.inputs);
+    let equations =
+        SceneEquations::<f64>::new(instructions, choice, &scene.parameters, &options.stabilization);
+    let State { time, motion, .. } = scene.initial;
+    let mut drive = scene.inputs.segment(time);
+    if options.contact == ContactModel::Unilateral {
+        if scene.initial.contact.is_none() {
+            return LaneContact::first_multipliers(instructions, options, scene, drive, dt);
+        }
+        LaneContact::new(instructions, options, scene)?.run.put_into(&mut drive.contacts, 0);
+    }
+    let y = equations.begin(&motion);
+    Ok(equations.evaluate(&drive, 0.0, &y).multipliers)
+}
+
+/// A run during a period.
+#[derive(Default)]
+struct PeriodRun {
+    end: f64,
+    outcome: Option<Run>,
+    /// In unilateral contact, its contacts, whose equations do not change.
+    contact: Option<Box<LaneContact>>,
+}
+
+/// Some of the runs of a simulator, for one thread.
+type Part<'a> = (&'a [Environment], &'a mut [PeriodRun]);
+
+/// Computes the period of some runs in steps of at most `dt`. A single run, and a method whose steps have no lanes, take
+/// the code of lone runs.
+fn compute_part(
+    (options, dt): (&Options, f64),
+    (environments, runs): Part<'_>,
+    stops: &dyn Fn() -> bool,
+) -> Result<(), Error> {
+    // The grid, the source and the destination of a loop use them by turns.
+    let runs = RefCell::new(runs);
+    let grid = |number: usize, Scene { inputs, initial, .. }: &Scene| {
+        let span = Span { start: initial.time, end: runs.borrow()[number].end };
+        Grid::over(inputs, initial, span, dt, options.refine)
+    };
+    let mut under_way =
+        (0..).zip(environments).filter(|(_, environment)| environment.observed.status.is_none());
+    let mut finish = |Finished { number, run, contact }: Finished| {
+        let own = &mut runs.borrow_mut()[number];
+        (own.outcome, own.contact) = (Some(run), contact);
+    };
+    if let [first, _, ..] = environments {
+        let mut take = || {
+            let next = under_way.next();
+            Ok(next.map(|(number, environment)| Taken {
+                number,
+                scene: Cow::Borrowed(&environment.scene),
+                contact: runs.borrow_mut()[number].contact.take(),
+            }))
+        };
+        let queue = LaneQueue { take: &mut take, stops, finish: &mut finish };
+        let choice = options.choice(&first.scene.inputs);
+        let papers = first.scene.parameters.has_the_papers_parts();
+        if (RunsInLanes { queue, grid: &grid, options, choice, papers }).compute()?.is_some() {
+            return Ok(());
+        }
+    }
+    for (number, Environment { scene, .. }) in under_way {
+        let kept = runs.borrow_mut()[number].contact.take();
+        let (run, contact) = advance((scene, kept), options, grid(number, scene)?, stops)?;
+        finish(Finished { number, run, contact });
+    }
+    Ok(())
+}
+
+/// Computes the period of all runs. The caller's thread does a part of the work beside those of the pool.
+fn compute(
+    how: (&Options, f64),
+    environments: &[Environment],
+    runs: &mut [PeriodRun],
+    pool: Option<&ThreadPool>,
+    interrupted: &dyn Fn() -> bool,
+) -> Result<(), Error> {
+    let Some(pool) = pool else { return compute_part(how, (environments, runs), interrupted) };
+    // Whole vectors of lanes, as far as there are enough runs.
+    let size = environments.len().div_ceil(pool.current_num_threads() + 1).next_multiple_of(MOST);
+    let mut parts = environments.chunks(size).zip(runs.chunks_mut(size));
+    let Some(own) = parts.next() else { return Ok(()) };
+    let stop = AtomicBool::new(false);
+    let stopped = || stop.load(Ordering::Relaxed);
+    let stops = || {
+        stop.fetch_or(interrupted(), Ordering::Relaxed);
+        stopped()
+    };
+    let work = |part: Part<'_>| compute_part(how, part, &stopped);
+    share(pool, parts, &stop, work, |results| {
+        let found = compute_part(how, own, &stops);
+        stop.fetch_or(found.is_err(), Ordering::Relaxed);
+        results.iter().chain([found]).collect()
+    })
 }

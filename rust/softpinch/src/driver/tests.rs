@@ -2,8 +2,7 @@
 
 use proptest::prelude::*;
 
-use crate::driver::ensemble::{ensemble, in_lanes, work};
-use crate::driver::queue::{Row, Shared};
+use crate::driver::ensemble::{Row, Shared, ensemble, in_lanes, work};
 use crate::driver::simulate::simulate;
 use crate::error::Error;
 use crate::formulation::table::{FORMULATIONS, Formulation};
@@ -20,10 +19,10 @@ use crate::number::row::Row4;
 use crate::number::simd::dispatch::LaneKernel;
 use crate::number::simd::level::Level;
 use crate::number::trigonometry::LIBM_LANES;
+use crate::stepping::ending::Status;
 use crate::stepping::monitor::Violation;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::record::Selection;
-use crate::stepping::status::Status;
 use crate::stepping::summary::{SUMMARIES, Wanted};
 
 /// The default parameters, with a mass, an impulse and an end that depend on the run, so that lanes are at

@@ -8,9 +8,8 @@ use crate::formulation::equations::{Equations, Terms};
 use crate::formulation::unilateral::Unilateral;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::Coordinates;
-use crate::model::drive::Input;
 use crate::model::energy::{CONTACT_WORKS, Energies};
-use crate::model::forces::{Loads, Plant};
+use crate::model::forces::{Applied, Plant};
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
 use crate::number::real::Real;
@@ -63,12 +62,12 @@ impl<R: Real> Equations<R> for AnyParts<R> {
     fn terms(
         &self,
         driven: bool,
-        inputs: (&Input<R>, Loads<'_, R>),
+        applied: Applied<'_, R>,
         contacts: &Contacts<R>,
         motion: &Motion<R>,
         geometry: Geometry<R>,
     ) -> Terms<R> {
-        self.unilateral.terms(driven, inputs, contacts, motion, geometry)
+        self.unilateral.terms(driven, applied, contacts, motion, geometry)
     }
 
     #[inline(always)]

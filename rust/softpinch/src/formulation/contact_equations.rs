@@ -7,7 +7,6 @@ use crate::model::contact::Side;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::Coordinates;
 use crate::model::drive::{Input, SegmentFrame};
-use crate::model::forces::{Loads, no_finger_forces};
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
 use crate::number::lanes::{LaneTask, Lanes};
@@ -37,13 +36,11 @@ impl LaneTask<f64> for TermsAt<'_> {
     #[inline(always)]
     fn run(self) -> Terms<f64> {
         let Self { equations: ContactEquations { equations, frame, .. }, input, contacts, motion } = self;
-        let (plant, none) = (equations.plant(), no_finger_forces());
-        let moving = frame
-            .as_ref()
-            .map(|frame| plant.carried.loads(&frame.at(input.tau), &input.force, &motion.q, &motion.p));
-        let loads = Loads::of(&input.force, &none, moving.as_ref());
+        let (plant, Motion { q, p, .. }) = (equations.plant(), motion);
+        let moving =
+            frame.as_ref().map(|frame| plant.loads(&frame.at(input.tau), &input.force, q.object, p.object));
         let geometry = Geometry::new(&plant.sides, &motion.q, &motion.p);
-        equations.terms(plant.driven, (input, loads), contacts, motion, geometry)
+        equations.terms(plant.driven, (input, moving.as_ref()), contacts, motion, geometry)
     }
 }
 

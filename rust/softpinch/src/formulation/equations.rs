@@ -9,7 +9,7 @@ use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::drive::Input;
 use crate::model::energy::{BILATERAL_WORKS, CONTACT_WORKS, Energies, work};
-use crate::model::forces::{Forces, Loads, Plant};
+use crate::model::forces::{Applied, Forces, Plant};
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
 use crate::number::dual::Dual;
@@ -248,15 +248,15 @@ pub trait Equations<R: Real>: Copy + Debug {
     fn terms(
         &self,
         driven: bool,
-        (input, loads): (&Input<R>, Loads<'_, R>),
+        applied: Applied<'_, R>,
         _: &Contacts<R>,
         motion: &Motion<R>,
         geometry: Geometry<R>,
     ) -> Terms<R> {
         let plant = self.plant();
         let elastic = plant.elastic(&geometry, &motion.q);
-        let mut forces = plant.forces(driven, elastic, &geometry, motion, (input, loads));
-        let finger_acceleration = &input.target_acceleration;
+        let mut forces = plant.forces(driven, elastic, &geometry, motion, applied);
+        let finger_acceleration = &applied.0.target_acceleration;
         let found = constrained(
             driven,
             &geometry,
@@ -291,14 +291,14 @@ pub trait Equations<R: Real>: Copy + Debug {
     fn evaluate(
         &self,
         driven: bool,
-        (input, loads): (&Input<R>, Loads<'_, R>),
+        (input, moving): Applied<'_, R>,
         contacts: &Contacts<R>,
         y: &States<R>,
         ledger: bool,
     ) -> Evaluation<R> {
         let mut motion = self.unpack(driven, input, y);
         let geometry = self.geometry(&mut motion);
-        let terms = self.terms(driven, (input, loads), contacts, &motion, geometry);
+        let terms = self.terms(driven, (input, moving), contacts, &motion, geometry);
         let Response { multipliers, share, acceleration, .. } = terms.response;
         let memory = self.plant().memory_rates(&motion.q, input);
         let mut rate = self.begin(driven, &Motion { q: motion.p, p: acceleration, memory });
@@ -307,6 +307,12 @@ pub trait Equations<R: Real>: Copy + Debug {
             for_fingers!(driven, driven => {
                 let states = self.states(driven);
                 rate[states..states + self.works()].copy_from_slice(&powers[..self.works()]);
+                if let Some(moving) = moving {
+                    let (fingers, turns) = (&terms.forces.finger_gravity, &motion.p.finger);
+                    rate[states + work::EXTERNAL] = moving.external;
+                    rate[states + self.works()] = dot(&moving.object, &motion.p.object)
+                        + fingers[0].dot2(turns[0], fingers[1], turns[1]);
+                }
             });
         }
         Evaluation {

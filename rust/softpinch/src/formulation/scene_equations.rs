@@ -18,16 +18,15 @@ use crate::formulation::table::Formulation;
 use crate::formulation::unilateral::Unilateral;
 use crate::model::contact_modes::{ContactModel, Contacts};
 use crate::model::control::Fingers;
-use crate::model::coordinates::Coordinates;
 use crate::model::drive::{Input, SegmentDrive, SegmentFrame};
-use crate::model::energy::{Energies, work};
-use crate::model::forces::{Loads, Plant, no_finger_forces};
-use crate::model::frame::{Carried, FrameLoads, FrameMotion};
+use crate::model::energy::Energies;
+use crate::model::forces::{Applied, Plant};
+use crate::model::frame::{FrameLoads, FrameMotion};
 use crate::model::motion::Motion;
 use crate::model::parameters::Stabilization;
 use crate::model::source::Source;
 use crate::number::dual::Dual;
-use crate::number::lanes::{LaneTask, Lanes};
+use crate::number::lanes::{LaneTask, Lanes, Lift};
 use crate::number::real::Real;
 use crate::number::simd::level::Instructions;
 
@@ -113,7 +112,6 @@ pub struct SceneEquations<R> {
     instructions: Instructions,
     ledger: bool,
     projected: bool,
-    moves: bool,
     pub(crate) kind: EquationKind<R>,
 }
 
@@ -153,7 +151,6 @@ impl<R: Lanes> SceneEquations<R> {
             instructions,
             ledger: choice.ledger,
             projected: choice.formulation == Formulation::Projected,
-            moves: choice.moves,
             kind: R::call(instructions, Build(choice, source, gains)),
         }
     }
@@ -171,7 +168,8 @@ fn copy_computed<R: Real, E: Equations<R>>(
         let states = equations.states(driven);
         rate[..states].copy_from_slice(&found[..states]);
         if ledger {
-            let works = states..states + equations.works();
+            // That of the hand's motion is zero if there is none.
+            let works = states..states + equations.works() + 1;
             rate[works.clone()].copy_from_slice(&found[works]);
         }
     });
@@ -203,11 +201,11 @@ macro_rules! task {
 pub(super) fn evaluate_into<R: Lanes, E: Equations<R>>(
     equations: &E,
     (driven, ledger): (bool, bool),
-    (input, loads, contacts): (&Input<R>, Loads<'_, R>, &Contacts<R>),
+    (applied, contacts): (Applied<'_, R>, &Contacts<R>),
     y: &States<R>,
     now: &mut Evaluation<R>,
 ) {
-    let found = equations.evaluate(driven, (input, loads), contacts, y, ledger);
+    let found = equations.evaluate(driven, applied, contacts, y, ledger);
     copy_computed(equations, (driven, ledger), &mut now.rate, &found.rate);
     now.motion = found.motion;
     now.multipliers = found.multipliers;
@@ -226,7 +224,7 @@ pub(super) fn evaluate_into<R: Lanes, E: Equations<R>>(
 pub(super) fn rates_into<R: Lanes, E: Equations<R>>(
     equations: &E,
     (driven, ledger): (bool, bool),
-    (input, loads, contacts): (&Input<R>, Loads<'_, R>, &Contacts<R>),
+    (applied, contacts): (Applied<'_, R>, &Contacts<R>),
     at: StageState<'_, R>,
     rate: &mut States<R>,
 ) {
@@ -237,7 +235,7 @@ pub(super) fn rates_into<R: Lanes, E: Equations<R>>(
             y[n] = along[n].mul_add(by, from[n]);
         }
     });
-    let found = equations.evaluate(driven, (input, loads), contacts, &y, ledger).rate;
+    let found = equations.evaluate(driven, applied, contacts, &y, ledger).rate;
     copy_computed(equations, (driven, ledger), rate, &found);
 }
 
@@ -258,65 +256,57 @@ macro_rules! for_fingers_of {
 task! {
     Evaluate(drive: &'a SegmentDrive<R>, tau: R, moving: Option<&'a FrameLoads<R>>, y: &'a States<R>, now: &'a mut Evaluation<R>, ledger: bool) -> (),
     equations => for_fingers_of!(equations, driven [R::ORDER < 2 && E::BY_FINGERS] => {
-        let (input, none) = (drive.at(tau), no_finger_forces());
-        let loads = Loads::of(&input.force, &none, moving);
-        evaluate_into(equations, (driven, ledger), (&input, loads, &drive.contacts), y, now);
+        evaluate_into(equations, (driven, ledger), ((&drive.at(tau), moving), &drive.contacts), y, now);
     })
 }
 task! {
     Rates(input: &'a Input<R>, moving: Option<&'a FrameLoads<R>>, contacts: &'a Contacts<R>, from: &'a States<R>, by: R, along: &'a States<R>, rate: &'a mut States<R>, ledger: bool) -> (),
     equations => for_fingers_of!(equations, driven [R::ORDER < 2 && E::BY_FINGERS] => {
-        let none = no_finger_forces();
-        let loads = Loads::of(&input.force, &none, moving);
-        rates_into(equations, (driven, ledger), (input, loads, contacts), StageState { from, by, along }, rate);
+        rates_into(equations, (driven, ledger), ((input, moving), contacts), StageState { from, by, along }, rate);
     })
 }
 
 /// Computes the inputs of an instant.
-pub(crate) struct InputAt<'a, R> {
-    pub(crate) drive: &'a SegmentDrive<R>,
-    pub(crate) tau: R,
-}
+pub(crate) struct InputAt<'a, R>(pub(crate) &'a SegmentDrive<R>, pub(crate) R);
 
 impl<R: Lanes> LaneTask<R> for InputAt<'_, R> {
     type Output = Input<R>;
 
     #[inline(always)]
     fn run(self) -> Input<R> {
-        self.drive.at(self.tau)
+        self.0.at(self.1)
     }
 }
 
 /// Computes the forces of the hand's motion at a stage.
-struct Load<'a, R> {
-    carried: &'a Carried<R>,
-    driven: bool,
-    degrees: usize,
-    frame: &'a FrameMotion<R>,
-    input: &'a Input<R>,
-    at: StageState<'a, R>,
+struct Load<'a, R, T> {
+    frame: &'a SegmentFrame<R>,
+    /// The plant, and the number of coordinates among the states.
+    plant: (&'a Plant<T>, usize),
+    input: &'a Input<T>,
+    at: StageState<'a, T>,
 }
 
-impl<R: Lanes> LaneTask<R> for Load<'_, R> {
-    type Output = FrameLoads<R>;
+impl<R: Lanes, T: Lift<R>> LaneTask<T> for Load<'_, R, T> {
+    type Output = FrameLoads<T>;
 
     #[inline(always)]
-    fn run(self) -> FrameLoads<R> {
-        let Self { carried, driven, degrees, frame, input, at } = self;
-        let (mut q, mut p) = (Coordinates::zero(), Coordinates::zero());
-        let StageState { from, by, along } = at;
+    fn run(self) -> FrameLoads<T> {
+        let Self { frame, plant: (plant, degrees), input, at: StageState { from, by, along } } = self;
+        let (mut q, mut p) = ([T::zero(); 3], [T::zero(); 3]);
         for n in 0..3 {
-            q.object[n] = along[n].mul_add(by, from[n]);
-            p.object[n] = along[degrees + n].mul_add(by, from[degrees + n]);
+            q[n] = along[n].mul_add(by, from[n]);
+            p[n] = along[degrees + n].mul_add(by, from[degrees + n]);
         }
-        (q.finger, p.finger) = (input.target, input.target_rate);
-        if !driven {
-            for n in 3..5 {
-                q.finger[n - 3] = along[n].mul_add(by, from[n]);
-                p.finger[n - 3] = along[degrees + n].mul_add(by, from[degrees + n]);
-            }
-        }
-        carried.loads(frame, &input.force, &q, &p)
+        plant.loads(&frame.motion(input.tau), &input.force, q, p)
+    }
+}
+
+impl<R: Lanes, T: Lift<R>> Load<'_, R, T> {
+    /// Calls it, so that equations of a hand at rest have little code for it.
+    #[inline(never)]
+    fn loads(self) -> FrameLoads<T> {
+        T::call(self.frame.instructions, self)
     }
 }
 
@@ -361,27 +351,6 @@ impl<R: Lanes> SceneEquations<R> {
 
 /// The equations of a hand that moves. They are called, so that equations of a hand at rest have little code for it.
 impl<R: Lanes> SceneEquations<R> {
-    /// The forces of this motion.
-    #[inline(never)]
-    fn loads(&self, frame: &FrameMotion<R>, input: &Input<R>, at: StageState<'_, R>) -> FrameLoads<R> {
-        let load = with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
-            let Plant { carried, driven, .. } = equations.plant();
-            Load { carried, driven: *driven, degrees: self.size().degrees, frame, input, at }
-        });
-        R::call(self.instructions, load)
-    }
-
-    /// Writes the powers of the external force and of the hand's motion, which the equations add up, if the ledger is
-    /// carried.
-    #[inline(never)]
-    fn book(&self, rate: &mut States<R>, loads: &FrameLoads<R>) {
-        let Size { states, works, .. } = self.size();
-        if works > 0 {
-            rate[states + work::EXTERNAL] = loads.external;
-            rate[states + works - 1] = loads.motion;
-        }
-    }
-
     #[cold]
     #[inline(never)]
     fn rates_moving(
@@ -393,12 +362,11 @@ impl<R: Lanes> SceneEquations<R> {
         rate: &mut States<R>,
     ) {
         let Self { instructions, ledger, .. } = *self;
-        let loads = self.loads(&frame.at(input.tau), input, StageState { from, by, along });
-        let moving = Some(&loads);
         with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
+            let plant = (equations.plant(), self.size().degrees);
+            let moving = Some(&Load { frame, plant, input, at: StageState { from, by, along } }.loads());
             R::call(instructions, Rates { equations, input, moving, contacts, from, by, along, rate, ledger });
         });
-        self.book(rate, &loads);
     }
 
     #[cold]
@@ -411,13 +379,12 @@ impl<R: Lanes> SceneEquations<R> {
         now: &mut Evaluation<R>,
     ) {
         let Self { instructions, ledger, .. } = *self;
-        let input = R::call(instructions, InputAt { drive, tau });
-        let loads = self.loads(&frame.at(tau), &input, StageState { from: y, by: R::zero(), along: y });
-        let moving = Some(&loads);
+        let input = &R::call(instructions, InputAt(drive, tau));
         with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
+            let (plant, by) = ((equations.plant(), self.size().degrees), R::zero());
+            let moving = Some(&Load { frame, plant, input, at: StageState { from: y, by, along: y } }.loads());
             R::call(instructions, Evaluate { equations, drive, tau, moving, y, now, ledger });
         });
-        self.book(&mut now.rate, &loads);
     }
 }
 
@@ -462,12 +429,13 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
     /// In lanes the equations of undisturbed bilateral contact are inlined into the stages.
     #[inline(always)]
     fn evaluate_stages(&self, stages: impl Stages<R>) {
-        let together = Self::INLINES_STAGES && !self.ledger && !self.moves;
+        let together =
+            |plant: &Plant<R>| Self::INLINES_STAGES && !(self.ledger || plant.driven || plant.moves);
         match &self.kind {
-            EquationKind::Csm(equations) if together && !equations.plant().driven => {
+            EquationKind::Csm(equations) if together(equations.plant()) => {
                 R::call(self.instructions, Together { stages, equations, called: self });
             }
-            EquationKind::Nullspace(equations) if together && !equations.plant().driven => {
+            EquationKind::Nullspace(equations) if together(equations.plant()) => {
                 R::call(self.instructions, Together { stages, equations, called: self });
             }
             _ => stages.run(self),
@@ -504,7 +472,6 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
 
 /// Computes a Jacobian in sweeps, each with `W` directions.
 struct Sweeps<'a, R, E, const W: usize> {
-    system: &'a SceneEquations<Dual<R, W>>,
     equations: &'a E,
     drive: &'a SegmentDrive<R>,
     tau: R,
@@ -518,7 +485,7 @@ impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<Dual<R, W>> fo
 
     #[inline(always)]
     fn run(self) {
-        let Self { system, equations, drive, tau, y, ledger, jacobian } = self;
+        let Self { equations, drive, tau, y, ledger, jacobian } = self;
         let contacts = drive.contacts.lifted();
         for_fingers_of!(equations, driven [E::BY_FINGERS && (R::WIDTH > 1 || !equations.opens())] => {
             let size = size_of(equations, driven, ledger);
@@ -532,19 +499,15 @@ impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<Dual<R, W>> fo
                 }
                 let tau = Dual::variable(tau, states.wrapping_sub(first));
                 let input = drive.at(tau);
-                let (mut force, mut fingers, mut moving) = (input.force, no_finger_forces(), None);
+                let mut moving = None;
                 if let Some(frame) = &drive.frame {
                     // Only copies are passed on, so that states and inputs of a hand at rest stay in registers.
-                    let (state, instant) = (duals, input);
+                    let (state, input, plant) = (duals, &{ input }, (equations.plant(), size.degrees));
                     let at = StageState { from: &state, by: Dual::zero(), along: &state };
-                    let own = system.loads(&frame.at(tau), &instant, at);
-                    (force, fingers, moving) = (own.force, own.fingers, Some(own));
+                    moving = Some(Load { frame, plant, input, at }.loads());
                 }
-                let loads = Loads { force: &force, fingers: &fingers };
-                let mut rate = equations.evaluate(driven, (&input, loads), &contacts, &duals, ledger).rate;
-                if let Some(loads) = &moving {
-                    system.book(&mut rate, loads);
-                }
+                let applied = (&input, moving.as_ref());
+                let rate = equations.evaluate(driven, applied, &contacts, &duals, ledger).rate;
                 for n in 0..all {
                     jacobian.rows[n][first..first + W].copy_from_slice(&rate[n].slope);
                 }
@@ -560,7 +523,7 @@ impl<R: Lanes, const W: usize> Linear<R> for Tangent<R, W> {
             Self::Papers(system) => {
                 let SceneEquations { instructions, ledger, .. } = *system;
                 with!(system.kind, equations [true, false] => {
-                    Dual::call(instructions, Sweeps { system, equations, drive, tau, y, ledger, jacobian });
+                    Dual::call(instructions, Sweeps::<R, _, W> { equations, drive, tau, y, ledger, jacobian });
                 });
             }
             Self::AnyParts(system) => {
@@ -568,7 +531,10 @@ impl<R: Lanes, const W: usize> Linear<R> for Tangent<R, W> {
                 if let EquationKind::AnyParts(equations) = &system.kind
                     && R::ANY_PARTS
                 {
-                    Dual::call(instructions, Sweeps { system, equations, drive, tau, y, ledger, jacobian });
+                    Dual::call(
+                        instructions,
+                        Sweeps::<R, _, 1> { equations, drive, tau, y, ledger, jacobian },
+                    );
                 }
             }
         }
@@ -589,23 +555,20 @@ impl<R: Lanes, const W: usize> Tangent<R, W> {
     }
 }
 
-/// The inputs of an instant and the motion of the hand's frame, if it moves.
-type Seeds<'a, R> = (&'a Input<R>, Option<&'a FrameMotion<R>>);
-
 impl<const W: usize> Tangent<f64, W> {
-    /// Evaluates the state `y` under the inputs of an instant, without the works of the ledger. The directions
-    /// of state and inputs are the caller's, so this differentiates every result by whatever is wanted. `None`
+    /// Evaluates the state `y` under the inputs and the hand's motion of an instant, without the works of the ledger. The
+    /// directions of state, inputs and motion are the caller's, so this differentiates every result by whatever is wanted. `None`
     /// for formulations other than `nullspace`: only its minimal coordinates are linearised with inputs and
     /// outputs, and this code is not compiled for the other formulations.
     pub fn evaluate_seeded(
         &self,
-        seeds: Seeds<'_, Dual<f64, W>>,
+        (input, frame): (&Input<Dual<f64, W>>, &FrameMotion<Dual<f64, W>>),
         y: &States<Dual<f64, W>>,
     ) -> Option<Evaluation<Dual<f64, W>>> {
         match self {
             Self::Papers(system) => {
                 let EquationKind::Nullspace(equations) = &system.kind else { return None };
-                Some(seeded(system, equations, seeds, y))
+                Some(Dual::call(system.instructions, Seeded { equations, input, frame, y }))
             }
             Self::AnyParts(system) => {
                 let EquationKind::AnyParts(equations) = &system.kind else { return None };
@@ -614,11 +577,12 @@ impl<const W: usize> Tangent<f64, W> {
                 }
                 let mut found = Evaluation::nothing();
                 for k in 0..W {
-                    let (input, frame) = seeds;
-                    let (input, frame) =
-                        (input.map(|own| own.only(k)), frame.map(|frame| frame.map(|own| own.only(k))));
-                    let own = seeded(system, equations, (&input, frame.as_ref()), &y.map(|own| own.only(k)));
-                    found.set_direction(k, &own);
+                    let (input, frame) = (&input.map(|own| own.only(k)), &frame.map(|own| own.only(k)));
+                    let y = &y.map(|own| own.only(k));
+                    found.set_direction(
+                        k,
+                        &Dual::call(system.instructions, Seeded { equations, input, frame, y }),
+                    );
                 }
                 Some(found)
             }
@@ -626,24 +590,14 @@ impl<const W: usize> Tangent<f64, W> {
     }
 }
 
-/// Evaluates equations in minimal coordinates.
-fn seeded<R: Lanes, E: Equations<R>>(
-    system: &SceneEquations<R>,
-    equations: &E,
-    (input, frame): Seeds<'_, R>,
-    y: &States<R>,
-) -> Evaluation<R> {
-    let moving =
-        frame.map(|frame| system.loads(frame, input, StageState { from: y, by: R::zero(), along: y }));
-    let moving = moving.as_ref();
-    R::call(system.instructions, Seeded { equations, input, moving, y })
-}
 task! {
-    Seeded(input: &'a Input<R>, moving: Option<&'a FrameLoads<R>>, y: &'a States<R>) -> Evaluation<R>,
+    Seeded(input: &'a Input<R>, frame: &'a FrameMotion<R>, y: &'a States<R>) -> Evaluation<R>,
     equations => {
-        let none = no_finger_forces();
-        let loads = Loads::of(&input.force, &none, moving);
-        equations.evaluate(equations.plant().driven, (input, loads), &Contacts::sticking(), y, false)
+        let (plant, driven) = (equations.plant(), equations.plant().driven);
+        let first = equations.degrees(driven);
+        let (pose, rates) = ([y[0], y[1], y[2]], [y[first], y[first + 1], y[first + 2]]);
+        let moving = plant.loads(frame, &input.force, pose, rates);
+        equations.evaluate(driven, (input, Some(&moving)), &Contacts::sticking(), y, false)
     }
 }
 

@@ -11,9 +11,8 @@ use crate::formulation::equations::{Equations, Terms};
 use crate::model::contact::law::ElasticGradient;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::Coordinates;
-use crate::model::drive::Input;
 use crate::model::energy::{CONTACT_WORKS, Energies};
-use crate::model::forces::{Loads, Plant};
+use crate::model::forces::{Applied, Plant};
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
 use crate::model::source::Source;
@@ -109,7 +108,7 @@ impl<R: Real> Equations<R> for Unilateral<R> {
     fn terms(
         &self,
         driven: bool,
-        (input, loads): (&Input<R>, Loads<'_, R>),
+        applied: Applied<'_, R>,
         contacts: &Contacts<R>,
         motion: &Motion<R>,
         geometry: Geometry<R>,
@@ -123,9 +122,9 @@ impl<R: Real> Equations<R> for Unilateral<R> {
         } else {
             self.released(geometry.is_the_papers(), contacts, elastic, &motion.q)
         };
-        let mut forces = plant.forces(driven, elastic, &geometry, motion, (input, loads));
+        let mut forces = plant.forces(driven, elastic, &geometry, motion, applied);
         let (force, bias) = (forces.total(&geometry), self.bias(&geometry));
-        let finger_acceleration = input.target_acceleration;
+        let finger_acceleration = applied.0.target_acceleration;
         let mut found =
             Response::from(constrained(driven, &geometry, plant, &force, &bias, &finger_acceleration));
         if special != 0 {

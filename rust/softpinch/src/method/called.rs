@@ -8,29 +8,20 @@ use crate::model::drive::SegmentDrive;
 use crate::number::lanes::{Bits, LaneTask, Lanes};
 use crate::number::simd::level::Instructions;
 
-/// Any method for the runs in all lanes.
-pub type AnyMethod<R = f64> = Box<dyn Integrator<R, SceneEquations<R>, Failure = Unsolved> + Send + Sync>;
-/// Any method that can choose the length of its steps.
-pub type AnyAdaptiveMethod<R = f64> =
-    Box<dyn Adaptive<R, SceneEquations<R>, Failure = Unsolved> + Send + Sync>;
+pub type AnyMethod<R = f64> = Box<dyn Integrator<R, SceneEquations<R>> + Send + Sync>;
+pub type AnyAdaptiveMethod<R = f64> = Box<dyn Adaptive<R, SceneEquations<R>> + Send + Sync>;
 
 /// A method whose computations are called, each compiled with the instructions of the lanes.
 pub struct Called<M> {
     pub(super) instructions: Instructions,
-    /// The method.
     pub(super) method: M,
     /// Renews what depends on the parameters of the runs.
-    renew: fn(&mut M, Runs<'_>),
+    pub(super) renew: fn(&mut M, Runs<'_>),
 }
 
 impl<M> Called<M> {
     pub(super) fn new(runs: Runs<'_>, method: M) -> Self {
         Self { instructions: runs.instructions, method, renew: |_, _| {} }
-    }
-
-    /// A method that depends on the parameters of the runs.
-    pub(super) fn renewed_by(runs: Runs<'_>, method: M, renew: fn(&mut M, Runs<'_>)) -> Self {
-        Self { renew, ..Self::new(runs, method) }
     }
 }
 
@@ -56,7 +47,7 @@ macro_rules! task {
 task! {
     TakeStep<Integrator>(&'a mut M, step: &'a Step<'a, R>, next: &'a mut States<R>, stats: &'a mut Stats)
         -> Result<(), Unsolved>,
-    method => method.step(step, next, stats).map_err(Into::into)
+    method => method.step(step, next, stats)
 }
 task! {
     TakeJacobian<Integrator>(&'a mut M, drive: &'a SegmentDrive<R>, tau: R, y: &'a States<R>) -> (),
@@ -76,8 +67,6 @@ task! {
 }
 
 impl<R: Lanes, M: Integrator<R, SceneEquations<R>>> Integrator<R, SceneEquations<R>> for Called<M> {
-    type Failure = Unsolved;
-
     fn step(&mut self, step: &Step<'_, R>, next: &mut States<R>, stats: &mut Stats) -> Result<(), Unsolved> {
         let Self { instructions, method, .. } = self;
         R::call(*instructions, TakeStep { method, step, next, stats })
@@ -110,14 +99,6 @@ impl<R: Lanes, M: Integrator<R, SceneEquations<R>>> Integrator<R, SceneEquations
 }
 
 impl<R: Lanes, M: Adaptive<R, SceneEquations<R>>> Adaptive<R, SceneEquations<R>> for Called<M> {
-    fn error_order(&self) -> f64 {
-        self.method.error_order()
-    }
-
-    fn min_growth(&self) -> f64 {
-        self.method.min_growth()
-    }
-
     fn error(&mut self, step: &Step<'_, R>, retried: Bits, stats: &mut Stats) -> R {
         let Self { instructions, method, .. } = self;
         R::call(*instructions, EstimateError { method, step, retried, stats })

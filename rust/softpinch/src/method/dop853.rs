@@ -5,7 +5,6 @@
 
 mod tableau;
 
-use std::convert::Infallible;
 use std::sync::LazyLock;
 
 use nalgebra::Complex;
@@ -13,28 +12,23 @@ use nalgebra::Complex;
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{BLOCK, Size, StageState, System};
 use crate::method::called::Called;
-use crate::method::entry::{AdaptiveLaneMethod, LaneMethod, MethodEntry};
-use crate::method::traits::{Adaptive, Integrator, Stats, Step, largest};
+use crate::method::table::MethodEntry;
+use crate::method::traits::{Adaptive, Integrator, Stats, Step, Unsolved, largest};
 use crate::number::lanes::{Bits, Lanes};
 use tableau::{A, A_EXTRA, ALL, B, C, C_EXTRA, DENSE, E3, E5, EXTRA, STAGES};
 
-/// The properties of the method.
 pub const ENTRY: MethodEntry = MethodEntry {
-    name: "dop853",
     order: 8,
-    real_stability_limit: Some(REAL_STABILITY_LIMIT),
+    // R has degree 12 and follows from the tableau.
+    real_stability_limit: Some(6.393_65),
     stability_function,
     keeps_jacobian: false,
     alone: |runs, _| Box::new(Called::new(runs, Dop853::default())),
     adaptive: Some(|runs, _| Box::new(Called::new(runs, Dop853::default()))),
-    lanes: Some(LaneMethod::Adaptive(AdaptiveLaneMethod::Dop853)),
+    error_order: 8.0,
+    min_growth: 1.0,
 };
 
-/// |R(z)| <= 1 on the real axis from minus this number to 0. R has degree 12 and follows from the tableau.
-pub const REAL_STABILITY_LIMIT: f64 = 6.393_65;
-
-/// The method, with the slopes of the last step.
-#[derive(Debug, Clone, Copy)]
 pub struct Dop853<R = f64> {
     slopes: [States<R>; ALL],
     /// The direction from the start of the step to the current stage.
@@ -43,24 +37,6 @@ pub struct Dop853<R = f64> {
     terms: [States<R>; 7],
 }
 
-impl<R: Lanes> Dop853<R> {
-    /// The error estimate h e5^2 / sqrt(e5^2 + (e3 / 10)^2) of a step of length `h`, from the estimates of
-    /// orders five and three.
-    #[inline(always)]
-    fn estimate(&self, size: Size, h: R, weights: &States<R>) -> R {
-        let mut sum = [R::zero(); MAX_COMPONENTS];
-        let mut estimate = |by: &[f64; STAGES]| {
-            weighted(size, &self.slopes, by, &mut sum);
-            largest(size, &sum, weights)
-        };
-        let (five, three) = (estimate(&E5), estimate(&E3));
-        let ratio = R::constant(0.1) * three / five;
-        let better = h * five / ratio.mul_add(ratio, R::constant(1.0)).sqrt();
-        R::select(five.is_zero(), five, better)
-    }
-}
-
-/// The method before its first step.
 impl<R: Lanes> Default for Dop853<R> {
     #[inline(always)]
     fn default() -> Self {
@@ -103,15 +79,13 @@ macro_rules! each_stage {
 }
 
 impl<R: Lanes, S: System<R>> Integrator<R, S> for Dop853<R> {
-    type Failure = Infallible;
-
     #[inline(always)]
     fn step(
         &mut self,
         step: &Step<'_, R, S>,
         next: &mut States<R>,
         stats: &mut Stats,
-    ) -> Result<(), Infallible> {
+    ) -> Result<(), Unsolved> {
         let &Step { system, drive, tau, h, y, rate, .. } = step;
         let Self { slopes, along, .. } = self;
         let size = system.size();
@@ -132,14 +106,19 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Dop853<R> {
 }
 
 impl<R: Lanes, S: System<R>> Adaptive<R, S> for Dop853<R> {
-    #[inline(always)]
-    fn error_order(&self) -> f64 {
-        8.0
-    }
-
+    /// The error estimate h e5^2 / sqrt(e5^2 + (e3 / 10)^2), from the estimates of orders five and three.
     #[inline(always)]
     fn error(&mut self, step: &Step<'_, R, S>, _: Bits, _: &mut Stats) -> R {
-        self.estimate(step.system.size(), step.h, &step.weights())
+        let (size, weights) = (step.system.size(), step.weights());
+        let mut sum = [R::zero(); MAX_COMPONENTS];
+        let mut estimate = |by: &[f64; STAGES]| {
+            weighted(size, &self.slopes, by, &mut sum);
+            largest(size, &sum, &weights)
+        };
+        let (five, three) = (estimate(&E5), estimate(&E3));
+        let ratio = R::constant(0.1) * three / five;
+        let better = step.h * five / ratio.mul_add(ratio, R::constant(1.0)).sqrt();
+        R::select(five.is_zero(), five, better)
     }
 
     #[inline(always)]

@@ -13,14 +13,12 @@ use crate::formulation::equations::MAX_COMPONENTS;
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
 use crate::method::called::Called;
-use crate::method::entry::MethodEntry;
 use crate::method::linearize::{Factors, Linearization};
 use crate::method::newton::{Iteration, Newton, Problem, Scheme, Solved, newton};
+use crate::method::table::MethodEntry;
 use crate::method::traits::{Runs, Stats};
 
-/// The properties of the method.
 pub const ENTRY: MethodEntry = MethodEntry {
-    name: "implicit_midpoint",
     order: 2,
     real_stability_limit: None,
     stability_function: |z| {
@@ -30,10 +28,10 @@ pub const ENTRY: MethodEntry = MethodEntry {
     keeps_jacobian: true,
     alone: |runs, system| Box::new(implicit_midpoint(runs, system)),
     adaptive: None,
-    lanes: None,
+    error_order: 0.0,
+    min_growth: 1.0,
 };
 
-/// The method of a single run, before its first step.
 pub(super) fn implicit_midpoint(
     runs: Runs<'_>,
     system: &SceneEquations<f64>,
@@ -41,8 +39,6 @@ pub(super) fn implicit_midpoint(
     newton(runs, system, ImplicitMidpoint)
 }
 
-/// The method.
-#[derive(Debug, Clone, Copy)]
 pub struct ImplicitMidpoint;
 
 impl<S: System<f64>> Scheme<S> for ImplicitMidpoint {

@@ -32,7 +32,6 @@ macro_rules! unrolled {
 }
 
 /// A Jacobian, with the matrices that remain after coordinates and remaining states are eliminated.
-#[derive(Debug, Clone, Copy)]
 pub struct Linearization<R = f64> {
     size: Size,
     pub(super) jacobian: Jacobian<R>,
@@ -59,7 +58,6 @@ fn reduce<R: Lanes>(states: usize, d: usize, of: &mut Linearization<R>) {
     }
 }
 
-/// Decomposes g I - J.
 #[inline(always)]
 fn factor<T: Entry>(_: usize, d: usize, of: &Linearization<T::Part>, g: T) -> Factors<T>
 where
@@ -78,7 +76,6 @@ where
     Factors { inverse, lu: Lu::new(d, matrix) }
 }
 
-/// Solves (g I - J) x = b for the states.
 #[inline(always)]
 fn solve<T: Entry>(
     states: usize,
@@ -129,14 +126,12 @@ where
 }
 
 impl<R: Lanes> Linearization<R> {
-    /// A linearisation before any Jacobian is taken.
     #[inline(always)]
     pub fn new(size: Size) -> Self {
         let zero = [[R::zero(); MOST_ROWS]; MOST_ROWS];
         Self { size, jacobian: Jacobian::zero(), stiffness: zero, delayed: zero }
     }
 
-    /// The linearisation with this Jacobian.
     #[inline(always)]
     pub fn of(size: Size, jacobian: Jacobian<R>) -> Self {
         let mut found = Self { jacobian, ..Self::new(size) };

@@ -24,7 +24,6 @@ const STALLED: f64 = 1e-11;
 const REUSE_RATE: f64 = 1e-3;
 
 /// One iteration, judged by the sizes of its corrections.
-#[derive(Debug, Clone, Copy)]
 pub struct Iteration {
     tolerance: f64,
     stalled: f64,
@@ -77,13 +76,10 @@ impl Iteration {
 }
 
 /// The equations of a step in the form that an iteration needs.
-#[derive(Debug, Clone, Copy)]
 pub struct Problem<'a, S, F> {
-    /// The start and the length of the step.
     pub step: &'a Step<'a, f64, S>,
     /// One over the unit in which the correction of each state is measured.
     weights: States<f64>,
-    /// The linearisation in use.
     pub linearization: &'a Linearization,
     /// The factors of the linearisation for the length of the step.
     pub factors: &'a F,
@@ -124,30 +120,25 @@ pub type Solved = Result<(States<f64>, f64), Unsolved>;
 pub trait Scheme<S: System<f64>> {
     /// The decompositions that a step needs.
     type Factors: Copy;
-    /// The number of these decompositions.
     const FACTORISATIONS: u64;
 
-    /// Computes the decompositions for a step of length `h`.
     fn factor(linearization: &Linearization, h: f64) -> Self::Factors;
 
     /// Iterates until the stages have converged. Returns the state at the end of the step, and the rate of
     /// convergence.
     fn solve(&mut self, problem: &Problem<'_, S, Self::Factors>, stats: &mut Stats) -> Solved;
 
-    /// Forgets the data of the last step.
     #[inline(always)]
     fn restart(&mut self) {}
 }
 
 /// A scheme with the Jacobian and the factors that it keeps while they are of use.
-#[derive(Debug, Clone, Copy)]
 pub struct Newton<M, F, T = Tangent<f64, DIRECTIONS>> {
     /// The numbers of components of a state, and their typical magnitudes.
     size: Size,
     magnitudes: States<f64>,
     /// The system in dual numbers.
     pub(super) tangent: T,
-    /// The method.
     pub scheme: M,
     linearization: Linearization,
     /// Whether the next step uses the linearisation too.
@@ -165,7 +156,6 @@ impl<M, F: Copy, T> Newton<M, F, T> {
         Self { size, magnitudes, tangent, scheme, linearization, reusable: false, factors: None }
     }
 
-    /// The linearisation and the factors of the last step.
     #[inline(always)]
     pub fn last(&self) -> Option<(&Linearization, &F)> {
         self.factors.as_ref().map(|(_, factors)| (&self.linearization, factors))
@@ -199,8 +189,6 @@ where
     T: Linear<f64>,
     S: System<f64>,
 {
-    type Failure = Unsolved;
-
     #[inline(always)]
     fn step(
         &mut self,

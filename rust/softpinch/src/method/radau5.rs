@@ -9,15 +9,13 @@ use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::{Linear, Size, StageState, System};
 use crate::method::called::Called;
-use crate::method::entry::MethodEntry;
 use crate::method::linearize::{Factors, Linearization};
 use crate::method::newton::{Iteration, Newton, Problem, Scheme, Solved, newton};
+use crate::method::table::MethodEntry;
 use crate::method::traits::{Adaptive, Runs, Stats, Step, largest};
 use crate::number::lanes::Bits;
 
-/// The properties of the method.
 pub const ENTRY: MethodEntry = MethodEntry {
-    name: "radau5",
     order: 5,
     real_stability_limit: None,
     // Hairer and Wanner IV.5, (5.18): the Pade approximation (2, 3).
@@ -28,10 +26,11 @@ pub const ENTRY: MethodEntry = MethodEntry {
     keeps_jacobian: true,
     alone: |runs, system| Box::new(radau5(runs, system)),
     adaptive: Some(|runs, system| Box::new(radau5(runs, system))),
-    lanes: None,
+    error_order: 4.0,
+    // A step that would grow by less keeps its factors, too.
+    min_growth: 1.2,
 };
 
-/// The method of a single run, before its first step.
 pub(super) fn radau5(runs: Runs<'_>, system: &SceneEquations<f64>) -> Called<Newton<Radau5, Pair>> {
     newton(runs, system, Radau5::default())
 }
@@ -78,8 +77,6 @@ const P: [[f64; 3]; 3] = [
     [1.0 / 3.0, -8.0 / 3.0, 10.0 / 3.0],
 ];
 
-/// The method, with the stages of the last step.
-#[derive(Debug, Clone, Copy)]
 pub struct Radau5 {
     /// Each stage's difference from the state at the step's start.
     pub(super) stages: [States<f64>; 3],
@@ -87,7 +84,6 @@ pub struct Radau5 {
     length: Option<f64>,
 }
 
-/// The method before its first step.
 impl Default for Radau5 {
     #[inline(always)]
     fn default() -> Self {
@@ -95,14 +91,12 @@ impl Default for Radau5 {
     }
 }
 
-/// The decompositions that a step needs.
 #[derive(Debug, Clone, Copy)]
 pub struct Pair {
     real: Factors<f64>,
     complex: Factors<Complex<f64>>,
 }
 
-/// The rates at the three stages.
 #[inline(always)]
 fn slopes<S: System<f64>, F>(
     problem: &Problem<'_, S, F>,
@@ -243,17 +237,6 @@ impl<S: System<f64>> Scheme<S> for Radau5 {
 }
 
 impl<S: System<f64>, T: Linear<f64>> Adaptive<f64, S> for Newton<Radau5, Pair, T> {
-    #[inline(always)]
-    fn error_order(&self) -> f64 {
-        4.0
-    }
-
-    /// A step that would grow by less keeps its length, and with it its factors.
-    #[inline(always)]
-    fn min_growth(&self) -> f64 {
-        1.2
-    }
-
     /// (REAL/h - J)^-1 (f_0 + sum of e_i z_i / h). After a rejected step this estimate is added to the state,
     /// and a second estimate is computed there, which damps the stiff part of the first.
     #[inline(always)]

@@ -9,22 +9,19 @@
 //!     | 1/6 1/3 1/3 1/6
 //! ```
 
-use std::convert::Infallible;
-
 use nalgebra::Complex;
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{StageState, Stages, System};
 use crate::method::called::Called;
-use crate::method::entry::{LaneMethod, MethodEntry};
-use crate::method::traits::{Integrator, Stats, Step};
+use crate::method::table::MethodEntry;
+use crate::method::traits::{Integrator, Stats, Step, Unsolved};
 use crate::number::lanes::Lanes;
 
-/// The properties of the method.
 pub const ENTRY: MethodEntry = MethodEntry {
-    name: "rk4",
     order: 4,
-    real_stability_limit: Some(REAL_STABILITY_LIMIT),
+    // |R(z)| = |1 + z + z^2/2 + z^3/6 + z^4/24| <= 1 (Hairer and Wanner, "Solving Ordinary Differential Equations II", IV.2).
+    real_stability_limit: Some(2.785_293_563_405_28),
     stability_function: |z| {
         let one = Complex::new(1.0, 0.0);
         one + z * (one + z / 2.0 * (one + z / 3.0 * (one + z / 4.0)))
@@ -32,23 +29,14 @@ pub const ENTRY: MethodEntry = MethodEntry {
     keeps_jacobian: false,
     alone: |runs, _| Box::new(Called::new(runs, Rk4::default())),
     adaptive: None,
-    lanes: Some(LaneMethod::Rk4),
+    error_order: 0.0,
+    min_growth: 1.0,
 };
 
-/// |R(z)| = |1 + z + z^2/2 + z^3/6 + z^4/24| <= 1 on the real axis from -2.785... to 0 (Hairer and Wanner,
-/// "Solving Ordinary Differential Equations II", IV.2).
-pub const REAL_STABILITY_LIMIT: f64 = 2.785_293_563_405_28;
-
-/// Evaluations in a step, not counting the one at its start.
-const EVALUATIONS: u64 = 3;
-
-/// The method, with the slopes of the last step.
-#[derive(Debug, Clone, Copy)]
 pub struct Rk4<R = f64> {
     slopes: [States<R>; 3],
 }
 
-/// The method before its first step.
 impl<R: Lanes> Default for Rk4<R> {
     #[inline(always)]
     fn default() -> Self {
@@ -57,16 +45,14 @@ impl<R: Lanes> Default for Rk4<R> {
 }
 
 impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
-    type Failure = Infallible;
-
     #[inline(always)]
     fn step(
         &mut self,
         step: &Step<'_, R, S>,
         next: &mut States<R>,
         stats: &mut Stats,
-    ) -> Result<(), Infallible> {
-        stats.evaluations += EVALUATIONS;
+    ) -> Result<(), Unsolved> {
+        stats.evaluations += 3;
         step.system.evaluate_stages(Rk4Stages { slopes: &mut self.slopes, step, next });
         Ok(())
     }

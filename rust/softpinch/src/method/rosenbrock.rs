@@ -7,7 +7,6 @@
 //! (1/(gamma h) - J) u_i = f(t + c_i h, y + sum of a_ij u_j) + sum of (C_ij / h) u_j + d_i h df/dt,
 //! y_1 = y + sum of a_6j u_j + u_6, and u_6 is the error estimate.
 
-use std::convert::Infallible;
 use std::marker::PhantomData;
 
 use nalgebra::Complex;
@@ -16,15 +15,13 @@ use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::scene_equations::{SceneEquations, Tangent};
 use crate::formulation::system::{Linear, Size, StageState, System};
 use crate::method::called::Called;
-use crate::method::entry::{AdaptiveLaneMethod, LaneMethod, MethodEntry};
 use crate::method::linearize::{DIRECTIONS, Linearization};
-use crate::method::traits::{Adaptive, Integrator, Runs, Stats, Step, largest};
+use crate::method::table::MethodEntry;
+use crate::method::traits::{Adaptive, Integrator, Runs, Stats, Step, Unsolved, largest};
 use crate::number::lanes::{Bits, Lanes};
 use crate::number::linear::Entry;
 
-/// The properties of the method.
 pub const ENTRY: MethodEntry = MethodEntry {
-    name: "rosenbrock",
     order: 4,
     real_stability_limit: None,
     // Hairer and Wanner IV.7: a polynomial over (1 - gamma z)^6, of degree five because of L-stability. Order four
@@ -37,10 +34,10 @@ pub const ENTRY: MethodEntry = MethodEntry {
     keeps_jacobian: false,
     alone: |runs, system| Box::new(rosenbrock(runs, system)),
     adaptive: Some(|runs, system| Box::new(rosenbrock(runs, system))),
-    lanes: Some(LaneMethod::Adaptive(AdaptiveLaneMethod::Rosenbrock)),
+    error_order: 4.0,
+    min_growth: 1.0,
 };
 
-/// The method of a single run, before its first step.
 pub(super) fn rosenbrock(
     runs: Runs<'_>,
     system: &SceneEquations<f64>,
@@ -83,8 +80,6 @@ const DENSE: [[f64; STAGES - 1]; 2] = [
     [6.984505741529879, 6.914061169603662, -0.849178943070653, 18.104410789349338, -3.516963011559032],
 ];
 
-/// The method, with the stages of the last step.
-#[derive(Debug, Clone, Copy)]
 pub struct Rosenbrock<T, R = f64, E = f64> {
     /// The system in dual numbers.
     pub(super) tangent: T,
@@ -99,7 +94,6 @@ pub struct Rosenbrock<T, R = f64, E = f64> {
 }
 
 impl<T, R: Lanes, E> Rosenbrock<T, R, E> {
-    /// The method for a system that is given in dual numbers and whose states have this size.
     #[inline(always)]
     pub fn new(size: Size, tangent: T) -> Self {
         let (linearization, stages) = (Linearization::new(size), [[R::zero(); MAX_COMPONENTS]; STAGES]);
@@ -124,15 +118,13 @@ fn plus<R: Lanes>(
 }
 
 impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> for Rosenbrock<T, R, E> {
-    type Failure = Infallible;
-
     #[inline(always)]
     fn step(
         &mut self,
         step: &Step<'_, R, S>,
         next: &mut States<R>,
         stats: &mut Stats,
-    ) -> Result<(), Infallible> {
+    ) -> Result<(), Unsolved> {
         let &Step { system, drive, tau, h, y, rate, .. } = step;
         let size = system.size();
         // A lane without a run has a step of length zero. A division by it would give NaN, which would slow
@@ -180,11 +172,6 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
 }
 
 impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Adaptive<R, S> for Rosenbrock<T, R, E> {
-    #[inline(always)]
-    fn error_order(&self) -> f64 {
-        4.0
-    }
-
     #[inline(always)]
     fn error(&mut self, step: &Step<'_, R, S>, _: Bits, _: &mut Stats) -> R {
         largest(step.system.size(), &self.stages[STAGES - 1], &step.weights())

@@ -69,20 +69,17 @@ const UNIT: f64 = 4_503_599_627_370_496.0;
 /// The step control of the runs in all lanes.
 #[derive(Debug, Clone, Copy)]
 pub struct StepControl<R = f64> {
-    /// The error grows with this power of the length of the step.
     order: f64,
-    /// Growth by a smaller factor than this does not change the length.
     min_growth: f64,
     /// The errors of the last accepted steps.
     previous: R,
     /// Lanes in which the attempt before this one was rejected.
-    rejected: Bits,
+    pub rejected: Bits,
     /// Lanes in which no step of the segment has been accepted yet.
     starting: Bits,
 }
 
 impl<R: Lanes> StepControl<R> {
-    /// The control for a method whose error grows with the power `order` of the length.
     #[inline(always)]
     pub fn new(order: f64, min_growth: f64) -> Self {
         Self { order, min_growth, previous: R::constant(BEFORE), rejected: 0, starting: R::ALL }
@@ -94,12 +91,6 @@ impl<R: Lanes> StepControl<R> {
         self.starting |= lanes;
         self.rejected &= !lanes;
         self.previous = R::select(lanes, R::constant(BEFORE), self.previous);
-    }
-
-    /// Lanes in which this attempt follows a rejected one.
-    #[inline(always)]
-    pub fn retries(&self) -> Bits {
-        self.rejected
     }
 
     /// The factor by which the next attempt is shorter after an iteration that did not converge.
@@ -178,7 +169,7 @@ mod tests {
         assert!(judged(&mut guess, 1e-6).unwrap() <= GROW);
         let shorter = judged(&mut control, 16.0).unwrap_err();
         assert!((shorter - 0.45).abs() < 1e-8, "{shorter}");
-        assert_eq!(control.retries(), 1);
+        assert_eq!(control.rejected, 1);
         // The step after a rejected one does not grow. The steps after it grow as the error allows.
         assert!(judged(&mut control, 0.1).unwrap() <= 1.0);
         assert!(judged(&mut control, 1e-9).unwrap() > 2.0);
@@ -197,7 +188,7 @@ mod tests {
             for lane in 0..4 {
                 let (ours, growth) = alone[lane].judge(own(lane));
                 assert_eq!((accepted >> lane & 1, factor.lane(lane).to_bits()), (ours, growth.to_bits()));
-                assert_eq!(together.retries() >> lane & 1, alone[lane].retries());
+                assert_eq!(together.rejected >> lane & 1, alone[lane].rejected);
             }
             if step % 9 == 8 {
                 together.restart(0b0100);

@@ -1,40 +1,60 @@
-//! The table of the methods, and those of them that can be made for lanes.
+//! The table of the methods, the entry with which each states its properties, and the methods that can be made for lanes.
+
+use nalgebra::Complex;
 
 use crate::formulation::scene_equations::{SceneEquations, Tangent};
 use crate::formulation::system::System;
-use crate::method::called::{AnyAdaptiveMethod, Called};
+use crate::method::called::{AnyAdaptiveMethod, AnyMethod, Called};
 use crate::method::dop853::Dop853;
-use crate::method::entry::{AdaptiveLaneMethod, MethodEntry};
 use crate::method::linearize::DIRECTIONS_IN_LANES;
 use crate::method::rosenbrock::Rosenbrock;
 use crate::method::traits::Runs;
 use crate::method::{dop853, implicit_midpoint, radau5, rk4, rosenbrock};
+use crate::names::named;
 use crate::number::lanes::{LaneTask, Lanes};
 use crate::number::linear::LaneEntry;
 
-/// The methods.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Method {
-    /// The classical Runge-Kutta method of order four.
-    Rk4,
-    /// Dormand and Prince's explicit method of order eight.
-    Dop853,
-    /// The implicit midpoint rule of order two.
-    ImplicitMidpoint,
-    /// The three-stage Radau IIA method of order five.
-    Radau5,
-    /// Rodas4P2, linearly implicit, of order four.
-    Rosenbrock,
+named! {
+    /// The methods.
+    Method;
+    /// The methods by their public names.
+    METHODS = {
+        /// The classical Runge-Kutta method of order four.
+        Rk4 = "rk4",
+        /// Dormand and Prince's explicit method of order eight.
+        Dop853 = "dop853",
+        /// The implicit midpoint rule of order two.
+        ImplicitMidpoint = "implicit_midpoint",
+        /// The three-stage Radau IIA method of order five.
+        Radau5 = "radau5",
+        /// Rodas4P2, linearly implicit, of order four.
+        Rosenbrock = "rosenbrock",
+    }
 }
 
-/// The methods by their public names.
-pub const METHODS: [(&str, Method); 5] = [
-    (rk4::ENTRY.name, Method::Rk4),
-    (dop853::ENTRY.name, Method::Dop853),
-    (implicit_midpoint::ENTRY.name, Method::ImplicitMidpoint),
-    (radau5::ENTRY.name, Method::Radau5),
-    (rosenbrock::ENTRY.name, Method::Rosenbrock),
-];
+/// Makes a method of a single run that chooses the length of its steps, before its first step.
+pub type MakeAdaptiveMethod = fn(Runs<'_>, &SceneEquations<f64>) -> AnyAdaptiveMethod;
+
+/// The properties of a method.
+pub struct MethodEntry {
+    /// Its order: the error falls with this power of the step if nothing is stiff.
+    pub order: u32,
+    /// The end of its stability region on the negative real axis, without its sign; `None` if the region has no end
+    /// there.
+    pub real_stability_limit: Option<f64>,
+    /// R(z): the factor by which a step of length h multiplies a mode of eigenvalue z / h.
+    pub stability_function: fn(Complex<f64>) -> Complex<f64>,
+    /// Whether its steps keep a Jacobian for the steps that follow.
+    pub keeps_jacobian: bool,
+    /// Makes the method of a single run, before its first step, for the equations of the run.
+    pub alone: fn(Runs<'_>, &SceneEquations<f64>) -> AnyMethod,
+    /// Makes the method as one that chooses the length of its steps, if it estimates its error.
+    pub adaptive: Option<MakeAdaptiveMethod>,
+    /// The error estimate grows with this power of the length of the step; zero if there is none.
+    pub error_order: f64,
+    /// Growth by a smaller factor than this does not change the length of the step.
+    pub min_growth: f64,
+}
 
 impl Method {
     /// The properties of the method.
@@ -47,16 +67,11 @@ impl Method {
             Self::Rosenbrock => &rosenbrock::ENTRY,
         }
     }
-
-    /// The public name of the method.
-    pub const fn name(self) -> &'static str {
-        self.entry().name
-    }
 }
 
 /// Makes a method in lanes. The zeros of its vectors need the instructions of the lanes.
 struct MakeInLanes<'a, R> {
-    method: AdaptiveLaneMethod,
+    method: Method,
     runs: Runs<'a>,
     system: &'a SceneEquations<R>,
 }
@@ -68,21 +83,58 @@ impl<R: Lanes> LaneTask<R> for MakeInLanes<'_, R> {
     fn run(self) -> AnyAdaptiveMethod<R> {
         let Self { method, runs, system } = self;
         match method {
-            AdaptiveLaneMethod::Dop853 => Box::new(Called::new(runs, Dop853::default())),
-            AdaptiveLaneMethod::Rosenbrock => {
+            Method::Rosenbrock => {
                 type InLanes<R> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, LaneEntry<R>>;
                 let method = InLanes::<R>::new(system.size(), runs.tangent());
-                Box::new(Called::renewed_by(runs, method, |method, runs| method.tangent = runs.tangent()))
+                let renew = |method: &mut InLanes<R>, runs: Runs<'_>| method.tangent = runs.tangent();
+                Box::new(Called { renew, ..Called::new(runs, method) })
             }
+            _ => Box::new(Called::new(runs, Dop853::default())),
         }
     }
 }
 
-/// A method whose lanes choose the length of their own steps, before its first step.
+/// A method whose lanes choose the length of their own steps, before its first step: `Rosenbrock` or `Dop853`.
 pub fn adaptive_in_lanes<R: Lanes>(
-    method: AdaptiveLaneMethod,
+    method: Method,
     runs: Runs<'_>,
     system: &SceneEquations<R>,
 ) -> AnyAdaptiveMethod<R> {
     R::call(runs.instructions, MakeInLanes { method, runs, system })
+}
+
+/// The steps in |z| by which the edge of a stability region is searched along a ray.
+const STRIDE: f64 = 0.01;
+/// Beyond this |z| every explicit method of the crate is outside of its stability region.
+const OUTSIDE: f64 = 10.0;
+/// If |R| exceeds one by no more than this, that is round-off: R is a sum of terms up to 10^5 in size.
+const ROUND_OFF: f64 = 1e-10;
+
+impl Method {
+    /// The longest step with which a mode of this eigenvalue does not grow: there the ray through the
+    /// eigenvalue first leaves the region |R| <= 1. The step is infinite for a method that is stable in the
+    /// whole left half-plane. It is infinite for an eigenvalue in the right half-plane too, because a mode
+    /// that grows by itself limits no step.
+    pub fn longest_stable_step(self, rate: Complex<f64>) -> f64 {
+        let size = rate.norm();
+        if self.entry().real_stability_limit.is_none() || size == 0.0 || rate.re > 0.0 {
+            return f64::INFINITY;
+        }
+        let direction = rate / size;
+        // Overflow counts as growth.
+        let grows = |r: f64| {
+            let growth = (self.entry().stability_function)(direction * r).norm_sqr();
+            growth > 1.0 + 2.0 * ROUND_OFF || growth.is_nan()
+        };
+        let mut inside = 0.0;
+        while inside < OUTSIDE && !grows(inside + STRIDE) {
+            inside += STRIDE;
+        }
+        let mut outside = inside + STRIDE;
+        for _ in 0..30 {
+            let middle = 0.5 * (inside + outside);
+            if grows(middle) { outside = middle } else { inside = middle }
+        }
+        inside / size
+    }
 }

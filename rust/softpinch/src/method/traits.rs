@@ -1,10 +1,5 @@
 //! The methods as step loops use them.
 
-// Loops over several arrays at once are clearer with an index.
-#![allow(clippy::needless_range_loop)]
-
-use std::convert::Infallible;
-
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::scene_equations::{Choice, SceneEquations, Tangent};
 use crate::formulation::system::{Size, System};
@@ -17,17 +12,9 @@ use crate::number::simd::level::Instructions;
 /// An iteration that did not converge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unsolved {
-    /// The number of iterations of the last attempt.
     pub iterations: u32,
     /// The last correction, as a share of the states' magnitudes; not finite if a number overflowed.
     pub correction: f64,
-}
-
-/// A method that solves no equations cannot fail.
-impl From<Infallible> for Unsolved {
-    fn from(never: Infallible) -> Self {
-        match never {}
-    }
 }
 
 /// The largest of the states' `values`, each times its weight; NaN if any is NaN.
@@ -44,20 +31,16 @@ pub fn largest<R: Lanes>(size: Size, values: &States<R>, weights: &States<R>) ->
 /// Counts of the work that was done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Stats {
-    /// Steps that were taken.
     pub steps: u64,
     /// Attempts of a step of free length whose error was too large, or whose iteration did not converge.
     pub rejected: u64,
-    /// Evaluations of the right-hand side.
     pub evaluations: u64,
     /// Evaluations of the Jacobian of the right-hand side.
     pub jacobians: u64,
     /// Decompositions of matrices that have one row for each degree of freedom. A complex decomposition
     /// counts as one.
     pub factorisations: u64,
-    /// Iterations of Newton's method.
     pub iterations: u64,
-    /// Segments between breakpoints.
     pub segments: u64,
 }
 
@@ -88,19 +71,15 @@ pub struct Allowed<R = f64> {
 /// The start and the length of a step, and the equations that it solves.
 #[derive(Debug, Clone, Copy)]
 pub struct Step<'a, R = f64, S = SceneEquations<R>> {
-    /// The equations.
     pub system: &'a S,
-    /// The inputs of the segment.
     pub drive: &'a SegmentDrive<R>,
     /// Time since the segment's start.
     pub tau: R,
-    /// Length of the step.
     pub h: R,
     /// The state at the start of the step.
     pub y: &'a States<R>,
     /// The derivative of this state.
     pub rate: &'a States<R>,
-    /// The allowed error if the length is free.
     pub allowed: Option<&'a Allowed<R>>,
 }
 
@@ -114,17 +93,14 @@ impl<R: Lanes, S> Step<'_, R, S> {
 
 /// A one-step method for the runs in all lanes, with the data that it keeps between steps.
 pub trait Integrator<R: Lanes, S: System<R>> {
-    /// The type of a failed step: [`std::convert::Infallible`] if the method solves no equations.
-    type Failure: Into<Unsolved>;
-
     /// Takes a step and writes the state at its end into `next`. `stats` counts the evaluations, but not the
-    /// one at the start of the step.
+    /// one at the start of the step. A method that solves no equations cannot fail.
     fn step(
         &mut self,
         step: &Step<'_, R, S>,
         next: &mut States<R>,
         stats: &mut Stats,
-    ) -> Result<(), Self::Failure>;
+    ) -> Result<(), Unsolved>;
 
     /// Forgets the data of the last step, because there is a breakpoint before the next one.
     #[inline(always)]
@@ -160,15 +136,6 @@ pub trait Integrator<R: Lanes, S: System<R>> {
 
 /// A method that can choose the length of its steps.
 pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
-    /// The error estimate grows with this power of the length of the step.
-    fn error_order(&self) -> f64;
-
-    /// Growth by a smaller factor than this does not change the length of the step.
-    #[inline(always)]
-    fn min_growth(&self) -> f64 {
-        1.0
-    }
-
     /// The error of the step just taken, in units of the allowed error. `retried` is the set of lanes in
     /// which the attempt before was rejected.
     fn error(&mut self, step: &Step<'_, R, S>, retried: Bits, stats: &mut Stats) -> R;
@@ -187,9 +154,7 @@ pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
 /// The equations of the runs in all lanes, for which a method is made.
 #[derive(Clone, Copy)]
 pub struct Runs<'a> {
-    /// The instructions to use.
     pub instructions: Instructions,
-    /// The choice of equations.
     pub choice: Choice,
     /// The parameters of the run in each lane.
     pub parameters: &'a [&'a Parameters; MOST],
@@ -198,7 +163,6 @@ pub struct Runs<'a> {
 }
 
 impl Runs<'_> {
-    /// Builds the equations.
     pub fn system<R: Lanes>(&self) -> SceneEquations<R> {
         let Self { instructions, choice, parameters, gains } = *self;
         SceneEquations::new(instructions, choice, parameters, gains)

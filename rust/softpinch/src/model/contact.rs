@@ -18,7 +18,7 @@ pub mod law;
 pub mod mechanism;
 pub mod shape;
 
-use crate::model::contact::mechanism::{Arm, Mechanism, OneLink};
+use crate::model::contact::mechanism::{Arm, Jaw, Mechanism, OneLink};
 use crate::model::contact::shape::{Frame, ParallelFace, Surface};
 use crate::model::coordinates::Coordinates;
 use crate::model::source::Source;
@@ -97,12 +97,12 @@ impl<R: Real> Side<R> {
         self.radius
     }
 
-    /// The height of the finger's mass as a share of its lever: cos theta_i (16), or that of another mechanism.
+    /// The jaw, if the finger is one.
     #[inline(always)]
-    pub fn height(&self, papers: bool, coordinate: R) -> R {
+    pub(crate) fn jaw(&self) -> Option<&Jaw<R>> {
         match &self.others {
-            Some((Mechanism::Jaw(jaw), _)) if R::ANY_PARTS && !papers => jaw.height(coordinate),
-            _ => coordinate.sin_cos().1,
+            Some((Mechanism::Jaw(jaw), _)) if R::ANY_PARTS => Some(jaw),
+            _ => None,
         }
     }
 
@@ -139,8 +139,11 @@ pub struct Contact<R> {
     pub cos_tilt: R,
     /// The rate of theta_pi.
     pub tilt_rate: R,
-    /// sin theta_i, by which gravity turns the finger (43), or what another mechanism has in its place.
-    pub lever: R,
+    /// sin theta_i and cos theta_i, by which gravity (43) and the hand's motion turn the finger; of a jaw its travel, and
+    /// zero.
+    pub sin_finger: R,
+    /// See [`Contact::sin_finger`].
+    pub cos_finger: R,
     /// The place of the contact along the side, up to its sign; on a parallel face s_i G_i (11).
     pub place: R,
     /// What another contact than the paper's has beside it.
@@ -192,7 +195,7 @@ impl<R: Real> Contact<R> {
     ) -> Self {
         let Frame { omega, u, v, .. } = *frame;
         // `normal` and `across` are -t.O' and s_i n.O', the way of the tip's centre for a unit of the coordinate.
-        let Arm { tilt, sin_tilt, cos_tilt, lever, normal, across, sx, g, turn } = *arm;
+        let Arm { tilt, sin_tilt, cos_tilt, sin_finger, cos_finger, normal, across, sx, g, turn } = *arm;
         let thickness = side.radius - d_n;
         let (a, b) = (signed(i, g), -across);
         let (e, f) = (signed(i, thickness - sx), normal + thickness);
@@ -206,7 +209,8 @@ impl<R: Real> Contact<R> {
             sin_tilt,
             cos_tilt,
             tilt_rate,
-            lever,
+            sin_finger,
+            cos_finger,
             place: a,
             others: None,
             a,
@@ -411,7 +415,8 @@ impl<R: Real> Parts<'_, R> {
             sin_tilt: sin_base.dot2(cos_normal, signed(i, cos_base), sin_normal),
             cos_tilt: cos_base.dot2(cos_normal, -signed(i, sin_base), sin_normal),
             tilt_rate: k.mul_add(speed_t, turn),
-            lever: base.lever,
+            sin_finger: base.gravity[0],
+            cos_finger: base.gravity[1],
             place: signed(i, -foot.place),
             others: Some(Others {
                 normal: foot.normal,

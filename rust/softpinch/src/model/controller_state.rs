@@ -2,6 +2,7 @@
 //! in force.
 
 use crate::error::Error;
+use crate::model::frame::FrameMotion;
 use crate::model::measures::Measure;
 use crate::model::motion::Motion;
 use crate::model::noise::normals;
@@ -214,11 +215,13 @@ pub struct Measured<'a> {
     pub multipliers: &'a [f64; 4],
     /// The target angles, rad, and their rates, rad/s.
     pub target: [[f64; 2]; 2],
+    /// The motion of the hand's frame, and g in m/s^2.
+    pub frame: (FrameMotion<f64>, f64),
 }
 
 /// Measures y: each number with noise, and rounded to its resolution.
 fn measure(controller: &SampledController, number: u64, seen: &Measured<'_>, y: &mut Vec<f64>) {
-    let Measured { motion: Motion { q, p, .. }, multipliers, target: [target, target_rate] } = seen;
+    let Measured { motion: Motion { q, p, .. }, multipliers, target: [target, target_rate], frame } = seen;
     y.clear();
     for measure in &controller.measures {
         match measure {
@@ -233,6 +236,8 @@ fn measure(controller: &SampledController, number: u64, seen: &Measured<'_>, y: 
             Measure::Compression => y.extend(&q.compression),
             Measure::Shear => y.extend(&q.shear),
             Measure::Multipliers => y.extend(multipliers.iter()),
+            Measure::Accelerometer => y.extend(frame.0.felt(frame.1)),
+            Measure::Gyroscope => y.push(frame.0.turning.map_or(0.0, |[rate, _]| rate)),
         }
     }
     let mut first = 0;
@@ -297,7 +302,8 @@ mod tests {
     fn sample(state: &mut ControllerState, controller: &SampledController, y: [f64; 4]) {
         let mut motion = Motion::zero();
         (motion.q.finger, motion.p.finger) = ([y[0], y[1]], [y[2], y[3]]);
-        let seen = Measured { motion: &motion, multipliers: &[0.0; 4], target: [[0.0; 2]; 2] };
+        let frame = (FrameMotion::still(), 9.81);
+        let seen = Measured { motion: &motion, multipliers: &[0.0; 4], target: [[0.0; 2]; 2], frame };
         state.sample(controller, &seen, &mut Scratch::new(controller));
     }
 

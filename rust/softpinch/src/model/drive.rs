@@ -6,7 +6,6 @@ use crate::model::contact_modes::Contacts;
 use crate::model::frame::FrameMotion;
 use crate::number::dual::Dual;
 use crate::number::lanes::{Bits, LaneTask, Lanes, Lift, MOST};
-use crate::number::real::Real;
 use crate::number::simd::level::Instructions;
 
 /// Highest degree of a polynomial.
@@ -83,7 +82,7 @@ pub(crate) struct SegmentFrame<R> {
     pub(super) swings: bool,
     /// Whether the tilt changes in any lane.
     pub(super) turns: bool,
-    pub(super) instructions: Instructions,
+    pub(crate) instructions: Instructions,
 }
 
 impl<R: Lanes> SegmentFrame<R> {
@@ -121,49 +120,53 @@ impl<R: Lanes> SegmentFrame<R> {
     }
 }
 
-/// The motion of the hand at an instant. It is called, because so many places need it.
-struct FrameAt<'a, R, T> {
-    frame: &'a SegmentFrame<R>,
-    tau: T,
-}
+/// Computes the motion of the hand at an instant.
+struct FrameAt<'a>(&'a SegmentFrame<f64>, f64);
 
-impl<R: Lanes, T: Lift<R>> LaneTask<T> for FrameAt<'_, R, T> {
-    type Output = FrameMotion<T>;
+impl LaneTask<f64> for FrameAt<'_> {
+    type Output = FrameMotion<f64>;
 
     #[inline(always)]
-    fn run(self) -> FrameMotion<T> {
-        let Self { frame: segment, tau } = self;
-        let [x, y, tilt] = &segment.channels;
-        let mut acceleration = [T::zero(); 2];
-        for k in (0..=segment.degree.min(MAX_DEGREE)).rev() {
+    fn run(self) -> FrameMotion<f64> {
+        self.0.motion(self.1)
+    }
+}
+
+impl SegmentFrame<f64> {
+    /// The motion at time `tau` since the segment's start.
+    pub(crate) fn at(&self, tau: f64) -> FrameMotion<f64> {
+        f64::call(self.instructions, FrameAt(self, tau))
+    }
+}
+
+impl<R: Lanes> SegmentFrame<R> {
+    /// The motion at time `tau` since the segment's start, compiled with the instructions of the caller.
+    #[inline(always)]
+    pub(crate) fn motion<T: Lift<R>>(&self, tau: T) -> FrameMotion<T> {
+        let [x, y, tilt] = &self.channels;
+        let (zero, mut acceleration) = (T::zero(), [T::zero(); 2]);
+        for k in (0..=self.degree.min(MAX_DEGREE)).rev() {
             acceleration =
                 [acceleration[0].mul_add(tau, T::lift(x[k])), acceleration[1].mul_add(tau, T::lift(y[k]))];
         }
-        if !(segment.swings | segment.turns) {
-            let [sin, cos] = segment.direction.map(T::lift);
+        if !(self.swings | self.turns) {
+            let [sin, cos] = self.direction.map(T::lift);
             return FrameMotion::new(acceleration, (sin, cos), None);
         }
         let series = value_and_rates(tilt, MAX_DEGREE, tau);
-        let omega = T::lift(segment.wave.omega);
-        let (sin, cos) = omega.mul_add(tau, T::lift(segment.wave.phase)).sin_cos();
-        let [x, y, tilt] = segment.wave.amplitude;
+        let omega = T::lift(self.wave.omega);
+        let phase = omega.mul_add(tau, T::lift(self.wave.phase));
+        let (sin, cos) = if self.swings { phase.sin_cos() } else { (zero, zero) };
+        let [x, y, tilt] = self.wave.amplitude;
         let swing = T::lift(tilt);
         let phi = swing.mul_add(sin, series[0]);
-        let turning = segment.turns.then(|| {
+        let turning = self.turns.then(|| {
             let rate = (omega * swing).mul_add(cos, series[1]);
             [rate, (omega * omega * swing).neg_mul_add(sin, series[2])]
         });
         let acceleration =
             [T::lift(x).mul_add(sin, acceleration[0]), T::lift(y).mul_add(sin, acceleration[1])];
         FrameMotion::new(acceleration, phi.sin_cos(), turning)
-    }
-}
-
-impl<R: Lanes> SegmentFrame<R> {
-    /// The motion at time `tau` since the segment's start.
-    #[inline(never)]
-    pub(crate) fn at<T: Lift<R>>(&self, tau: T) -> FrameMotion<T> {
-        T::call(self.instructions, FrameAt { frame: self, tau })
     }
 }
 
@@ -234,10 +237,50 @@ impl<R: Lanes, const W: usize> SegmentDrive<Dual<R, W>> {
             degrees: [degree; MOST],
             degree,
             waves: value.waves.iter().enumerate().map(|(k, own)| wave(k, own)).collect(),
-            // No direction changes the motion of the hand.
-            frame: value.frame.as_ref().map(|frame| frame.lifted(<Dual<R, W> as Real>::constant).into()),
+            frame: value.frame.as_ref().map(|own| {
+                let joined = |of: &dyn Fn(&SegmentFrame<f64>) -> f64| {
+                    joined(of(own), &|slope| slope.frame.as_deref().map_or(0.0, of))
+                };
+                SegmentFrame::varied(own, slopes.iter().filter_map(|slope| slope.frame.as_deref()), joined)
+                    .into()
+            }),
             contacts: Contacts::sticking(),
         }
+    }
+}
+
+impl<R: Lanes> SegmentFrame<R> {
+    /// The motion `own` with the derivatives `slopes`. `joined` makes a number with its derivatives.
+    fn varied<'a>(
+        own: &SegmentFrame<f64>,
+        slopes: impl Iterator<Item = &'a SegmentFrame<f64>>,
+        joined: impl Fn(&dyn Fn(&SegmentFrame<f64>) -> f64) -> R,
+    ) -> Self {
+        let [sin, cos] = own.direction;
+        let number = |of: &dyn Fn(&Wave<f64>) -> f64| joined(&|frame| of(&frame.wave));
+        let mut frame = Self {
+            channels: std::array::from_fn(|c| std::array::from_fn(|k| joined(&|frame| frame.channels[c][k]))),
+            wave: Wave {
+                omega: number(&|wave| wave.omega),
+                phase: number(&|wave| wave.phase),
+                amplitude: std::array::from_fn(|c| number(&|wave| wave.amplitude[c])),
+                active: R::ALL,
+            },
+            // The derivatives of sine and cosine of the tilt; the motion itself is not among the slopes.
+            direction: [(sin, cos), (cos, -sin)].map(|(value, by_tilt)| {
+                joined(&|frame| if std::ptr::eq(frame, own) { value } else { by_tilt * frame.channels[2][0] })
+            }),
+            degree: own.degree,
+            swings: own.swings,
+            turns: own.turns,
+            instructions: own.instructions,
+        };
+        for slope in slopes {
+            frame.degree = frame.degree.max(slope.degree);
+            frame.swings |= slope.swings;
+            frame.turns |= slope.turns;
+        }
+        frame
     }
 }
 

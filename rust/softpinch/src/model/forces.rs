@@ -38,38 +38,17 @@ pub struct Plant<R> {
     pub driven: bool,
     /// Weight M g of the object; zero if the hand moves, because then the forces of its motion include gravity.
     weight: R,
-    /// Weights of the fingers times their lengths, M_i g L_i, or those of jaws; zero if the hand moves.
-    finger_weights: [R; 2],
+    /// Gravity's torques on the fingers, as [`FrameLoads::fingers`] has forces; zero if the hand moves.
+    finger_weights: [[R; 3]; 2],
     /// What moves with the frame of a hand that moves.
-    pub carried: Carried<R>,
+    pub(super) carried: Carried<R>,
     /// Whether the hand moves.
     pub moves: bool,
 }
 
-/// The forces from outside on the object, N and N m along the hand's axes, and the generalised ones on the fingers, N m,
-/// beside weights and torques. References, so that choosing them costs no instructions.
-#[derive(Debug, Clone, Copy)]
-pub struct Loads<'a, R> {
-    /// F_x, F_y and the moment.
-    pub force: &'a [R; 3],
-    /// [`no_finger_forces`] unless the hand moves.
-    pub fingers: &'a [R; 2],
-}
-
-/// No forces on the fingers: -0.0 changes no bit of a sum.
-#[inline(always)]
-pub fn no_finger_forces<R: Real>() -> [R; 2] {
-    [R::constant(-0.0); 2]
-}
-
-impl<'a, R> Loads<'a, R> {
-    /// Those of a hand that moves, or the external force alone with [`no_finger_forces`].
-    #[inline(always)]
-    pub fn of(force: &'a [R; 3], none: &'a [R; 2], moving: Option<&'a FrameLoads<R>>) -> Self {
-        moving
-            .map_or(Loads { force, fingers: none }, |own| Loads { force: &own.force, fingers: &own.fingers })
-    }
-}
+/// The inputs of an instant and, if the hand moves, the forces of its motion, which then include weights and the
+/// external force.
+pub type Applied<'a, R> = (&'a Input<R>, Option<&'a FrameLoads<R>>);
 
 /// The applied forces at a state, sorted by their origin.
 #[derive(Debug, Clone, Copy)]
@@ -106,18 +85,20 @@ impl<R: Real> Plant<R> {
         if driven {
             inverse_masses.finger = [R::zero(); 2];
         }
-        let (mut inverse_driven_masses, mut finger_weights) = ([one; 2], [one; 2]);
+        // -0.0 changes no bit of a sum.
+        let (mut inverse_driven_masses, mut finger_weights) = ([one; 2], [[R::constant(-0.0); 3]; 2]);
         for i in 0..2 {
             let pushed = source.number(|p| {
                 let [right, left] = [p.masses().compression, p.masses().shear][i];
                 p.grasped.mass + (right + left)
             });
             inverse_driven_masses[i] = one / pushed;
-            let mut lever = one;
-            if source.kinds().mechanism(i) != MechanismKind::Jaw {
-                lever = source.number(|p| p.fingers[i].length);
+            let weight = source.number(|p| p.fingers[i].mass) * gravity;
+            if source.kinds().mechanism(i) == MechanismKind::Jaw {
+                finger_weights[i][2] = -weight * source.number(|p| p.mechanisms[i].direction).sin_cos().0;
+            } else {
+                finger_weights[i][0] = weight * source.number(|p| p.fingers[i].length);
             }
-            finger_weights[i] = source.number(|p| p.fingers[i].mass) * gravity * lever;
         }
         Self {
             sides: Side::both(source),
@@ -153,17 +134,22 @@ impl<R: Real> Plant<R> {
         elastic: [ElasticGradient<R>; 2],
         geometry: &Geometry<R>,
         motion: &Motion<R>,
-        (input, loads): (&Input<R>, Loads<'_, R>),
+        applied: Applied<'_, R>,
     ) -> Forces<R> {
-        let right = self.side_forces(driven, 0, &elastic[0], geometry, motion, (input, loads));
-        let left = self.side_forces(driven, 1, &elastic[1], geometry, motion, (input, loads));
+        // References, so that choosing them costs no instructions.
+        let (input, force, fingers) = match applied {
+            (input, None) => (input, &input.force, &self.finger_weights),
+            (input, Some(moving)) => (input, &moving.force, &moving.fingers),
+        };
+        let right = self.side_forces(driven, 0, &elastic[0], geometry, motion, (input, fingers));
+        let left = self.side_forces(driven, 1, &elastic[1], geometry, motion, (input, fingers));
         Forces {
             elastic,
             finger_gravity: [right.0, left.0],
             weight: self.weight,
             resistance: [right.1, left.1, right.2, left.2],
             torque: [right.3, left.3],
-            external: *loads.force,
+            external: *force,
         }
     }
 
@@ -177,16 +163,17 @@ impl<R: Real> Plant<R> {
         elastic: &ElasticGradient<R>,
         geometry: &Geometry<R>,
         Motion { q, p, memory }: &Motion<R>,
-        (input, loads): (&Input<R>, Loads<'_, R>),
+        (input, fingers): (&Input<R>, &[[R; 3]; 2]),
     ) -> (R, R, R, R) {
-        let (tip, control) = (&self.tips[i], &self.controllers[i]);
+        let (tip, control, contact) = (&self.tips[i], &self.controllers[i], &geometry.contacts[i]);
+        let [sin, cos, constant] = fingers[i];
         let torque = if driven {
             R::zero()
         } else {
             control.torque(q.finger[i], p.finger[i], memory[i], input.target[i])
         };
         (
-            self.finger_weights[i] * geometry.contacts[i].lever + loads.fingers[i],
+            sin.mul_add(contact.sin_finger, cos.mul_add(contact.cos_finger, constant)),
             tip.normal_viscosity.mul_add(p.compression[i], elastic.normal),
             tip.tangential_viscosity.mul_add(p.shear[i], elastic.tangential),
             torque,
@@ -219,7 +206,10 @@ impl<R: Real> Plant<R> {
             let (_, sin_tilt, cos_tilt) = self.sides[i].tilt(papers, i, q);
             let at = [sin_tilt, cos_tilt, q.compression[i], q.shear[i]];
             elastic = elastic + self.tips[i].energy(papers, at);
-            gravity = self.finger_weights[i].mul_add(self.sides[i].height(papers, q.finger[i]), gravity);
+            gravity = match self.sides[i].jaw() {
+                Some(_) if !papers => self.finger_weights[i][2].neg_mul_add(q.finger[i], gravity),
+                _ => self.finger_weights[i][0].mul_add(q.finger[i].sin_cos().1, gravity),
+            };
         }
         Energies { kinetic: R::constant(0.5) * doubled, elastic, gravity }
     }

@@ -18,8 +18,7 @@
 //! which its mass is thought has no Coriolis force either along its circle. A jaw of the mass M_i has the component of the
 //! same forces along its travel.
 
-use crate::model::contact::mechanism::Mechanism;
-use crate::model::coordinates::Coordinates;
+use crate::model::forces::Plant;
 use crate::model::source::Source;
 use crate::number::real::{Real, dot, signed};
 
@@ -37,6 +36,12 @@ pub struct FrameMotion<R> {
 }
 
 impl<R: Real> FrameMotion<R> {
+    /// A frame at rest.
+    pub fn still() -> Self {
+        let zero = R::zero();
+        Self { acceleration: [zero; 2], sin: zero, cos: R::constant(1.0), turning: None }
+    }
+
     /// The motion with an acceleration along fixed axes.
     #[inline(always)]
     pub(crate) fn new(acceleration: [R; 2], (sin, cos): (R, R), turning: Option<[R; 2]>) -> Self {
@@ -56,6 +61,13 @@ impl<R: Real> FrameMotion<R> {
         [x.dot2(self.cos, -y, self.sin), y.dot2(self.cos, x, self.sin)]
     }
 
+    /// What an accelerometer at the frame's origin reads, (a^_x, a^_y): that of a hand at rest reads (0, g).
+    #[inline(always)]
+    pub fn felt(&self, gravity: R) -> [R; 2] {
+        let [x, y] = self.acceleration;
+        [gravity.mul_add(self.sin, x), gravity.mul_add(self.cos, y)]
+    }
+
     /// The motion in numbers that do not vary.
     pub fn constant(own: &FrameMotion<f64>) -> Self {
         own.map(R::constant)
@@ -69,75 +81,54 @@ impl<R: Real> FrameMotion<R> {
     }
 }
 
-/// The masses and lengths on which the forces of the frame's motion depend.
+/// The numbers on which the forces of the frame's motion depend beside the mass matrix (14).
 #[derive(Debug, Clone, Copy)]
 pub struct Carried<R> {
     gravity: R,
-    /// M and I of the object.
-    object: [R; 2],
-    /// I_i, M_i, L_i and W_i of both fingers.
-    inertias: [R; 2],
-    finger_masses: [R; 2],
+    /// M_i, L_i and W_i of both fingers.
+    masses: [R; 2],
     lengths: [R; 2],
     root_offsets: [R; 2],
-    /// The mechanisms, if the contacts are not the paper's.
-    mechanisms: Option<[Mechanism<R>; 2]>,
 }
 
 impl<R: Real> Carried<R> {
     #[inline(always)]
     pub(super) fn new(source: &impl Source<R>) -> Self {
         let zero = [R::zero(); 2];
-        let (mut inertias, mut finger_masses, mut lengths, mut root_offsets) = (zero, zero, zero, zero);
+        let (mut masses, mut lengths, mut root_offsets) = (zero, zero, zero);
         for i in 0..2 {
-            inertias[i] = source.number(|p| p.fingers[i].inertia);
-            finger_masses[i] = source.number(|p| p.fingers[i].mass);
+            masses[i] = source.number(|p| p.fingers[i].mass);
             lengths[i] = source.number(|p| p.fingers[i].length);
             root_offsets[i] = source.number(|p| p.fingers[i].root_offset);
         }
-        let gravity = source.number(|p| p.surroundings.gravity);
-        let object = [source.number(|p| p.grasped.mass), source.number(|p| p.grasped.inertia)];
-        let mut mechanisms = None;
-        if !source.kinds().has_the_papers_parts() {
-            mechanisms = Some([Mechanism::new(source, 0), Mechanism::new(source, 1)]);
-        }
-        Self { gravity, object, inertias, finger_masses, lengths, root_offsets, mechanisms }
+        Self { gravity: source.number(|p| p.surroundings.gravity), masses, lengths, root_offsets }
     }
+}
 
-    /// The forces of the frame's motion, (M1) to (M4), with `force` along fixed axes on the object added, for
-    /// coordinates and velocities of which only the object's and the fingers' are read.
+impl<R: Real> Plant<R> {
+    /// The forces of the frame's motion, (M1) to (M4), with `force` along fixed axes on the object added, for the object's
+    /// coordinates (x, y, theta) and their rates.
     #[inline(always)]
-    pub fn loads(
-        &self,
-        frame: &FrameMotion<R>,
-        force: &[R; 3],
-        q: &Coordinates<R>,
-        p: &Coordinates<R>,
-    ) -> FrameLoads<R> {
-        let ([x, y, _], [u, v, _]) = (q.object, p.object);
-        let [ax, ay] = frame.acceleration;
-        let (ax, ay) = (self.gravity.mul_add(frame.sin, ax), self.gravity.mul_add(frame.cos, ay));
+    pub fn loads(&self, frame: &FrameMotion<R>, force: &[R; 3], q: [R; 3], p: [R; 3]) -> FrameLoads<R> {
+        let ([x, y, _], [u, v, _], [mass, _, inertia]) = (q, p, self.masses.object);
+        let Carried { gravity, masses, lengths, root_offsets } = self.carried;
+        let [ax, ay] = frame.felt(gravity);
         let (mut along, mut across, mut moment) = (ax, ay, R::zero());
-        let (theta, mut fingers) = (q.object[2], [R::zero(); 2]);
-        let (sin_theta, cos_theta) = theta.sin_cos();
-        for (i, finger) in fingers.iter_mut().enumerate() {
-            let (mass, length) = (self.finger_masses[i], self.lengths[i]);
-            if let Some(Mechanism::Jaw(jaw)) = self.mechanisms.map(|both| both[i]) {
-                *finger = -(mass * jaw.drawn(i, [ax, ay], frame.turning, q.finger[i]));
+        let mut fingers = [[R::zero(); 3]; 2];
+        for (i, [sin, cos, constant]) in fingers.iter_mut().enumerate() {
+            let (mass, length) = (masses[i], lengths[i]);
+            if let Some(jaw) = self.sides[i].jaw() {
+                (*sin, *constant) = jaw.drawn(i, mass, [ax, ay], frame.turning);
                 continue;
             }
-            // As the contact computes them from theta_p, so that an acceleration upwards has the bits of a gravity.
-            let (sin_tilt, cos_tilt) = (q.finger[i] + signed(i, theta)).sin_cos();
-            let sin = sin_tilt.dot2(cos_theta, signed(i, -cos_tilt), sin_theta);
-            let cos = cos_tilt.dot2(cos_theta, signed(i, sin_tilt), sin_theta);
-            *finger = (mass * ay * length) * sin - signed(i, (mass * ax * length) * cos);
+            // In the order of the weights' products, so that an acceleration upwards has the bits of a gravity.
+            (*sin, *cos) = (mass * ay * length, -signed(i, mass * ax * length));
             if let Some([omega, omega_rate]) = frame.turning {
-                let lever = (mass * self.root_offsets[i]) * length;
-                *finger = *finger + signed(i, omega_rate * lever.neg_mul_add(sin, self.inertias[i]));
-                *finger = (omega * omega * lever).neg_mul_add(cos, *finger);
+                let (lever, turned) = ((mass * root_offsets[i]) * length, signed(i, omega_rate));
+                (*sin, *cos) = (turned.neg_mul_add(lever, *sin), (omega * omega).neg_mul_add(lever, *cos));
+                *constant = turned * self.masses.finger[i];
             }
         }
-        let [mass, inertia] = self.object;
         if let Some([omega, omega_rate]) = frame.turning {
             let (square, twice) = (omega * omega, omega + omega);
             along = along - omega_rate.dot2(y, twice, v) - square * x;
@@ -146,13 +137,11 @@ impl<R: Real> Carried<R> {
         }
         let object = [-(mass * along), -(mass * across), moment];
         let [x, y] = frame.into_hand([force[0], force[1]]);
-        let external = [x, y, force[2]];
         FrameLoads {
-            force: [external[0] + object[0], external[1] + object[1], external[2] + object[2]],
+            force: [x + object[0], y + object[1], force[2] + object[2]],
             fingers,
             object,
-            external: dot(&external, &p.object),
-            motion: dot(&object, &p.object) + fingers[0].dot2(p.finger[0], fingers[1], p.finger[1]),
+            external: dot(&[x, y, force[2]], &p),
         }
     }
 }
@@ -162,12 +151,10 @@ impl<R: Real> Carried<R> {
 pub struct FrameLoads<R> {
     /// Those on the object and the external force, along the hand's axes, and the moments.
     pub force: [R; 3],
-    /// Generalised forces on the fingers, N m (M4).
-    pub fingers: [R; 2],
+    /// Generalised forces on the fingers, N m (M4): the factors of sin theta_i and cos theta_i, and a constant.
+    pub fingers: [[R; 3]; 2],
     /// Those on the object alone, (M1) to (M3).
     pub object: [R; 3],
     /// The power of the external force, W.
     pub external: R,
-    /// The power of the forces of the motion, W.
-    pub motion: R,
 }

@@ -97,9 +97,13 @@ impl HandMotion {
         }
     }
 
-    /// The motion in the segment from `anchor` on.
-    fn segment(&self, anchor: f64) -> SegmentFrame<f64> {
-        let ([x, y], [tilt]) = (self.acceleration.shifted(anchor), self.tilt.shifted(anchor));
+    /// The motion in the segment from `anchor` on, with the accelerations that are held, if there are any.
+    fn segment(&self, anchor: f64, held: Option<[f64; 2]>) -> SegmentFrame<f64> {
+        let [x, y] = held.map_or_else(
+            || self.acceleration.shifted(anchor),
+            |own| own.map(|value| std::array::from_fn(|k| if k == 0 { value } else { 0.0 })),
+        );
+        let [tilt] = self.tilt.shifted(anchor);
         let [omega, phase, ref amplitude @ ..] = self.sine;
         let wave = Wave { omega, phase: omega.mul_add(anchor, phase), amplitude: *amplitude, active: 1 };
         // Adding zero turns -0.0 into 0.0, as in the other channels.
@@ -135,6 +139,9 @@ pub struct Held {
     pub target: [f64; 2],
     /// F_x and F_y in N and the moment in N m, beside the disturbances of the scene.
     pub force: [f64; 3],
+    /// The acceleration of the hand's frame along fixed axes, m/s^2, instead of that of its motion. A scene without a
+    /// motion has none.
+    pub acceleration: Option<[f64; 2]>,
 }
 
 impl Inputs {
@@ -184,6 +191,19 @@ impl Inputs {
         self.frame.is_some()
     }
 
+    /// The motion of the hand's frame in the segment from `anchor` on, if it moves.
+    pub(crate) fn frame_from(&self, anchor: f64) -> Option<SegmentFrame<f64>> {
+        let acceleration = self.held.and_then(|held| held.acceleration);
+        self.frame.as_ref().map(|frame| {
+            let mut frame = frame.segment(anchor, acceleration);
+            for [x, y] in self.noises.iter().map(|noise| noise.acceleration_at(anchor)) {
+                frame.channels[0][0] += x;
+                frame.channels[1][0] += y;
+            }
+            frame
+        })
+    }
+
     /// The same inputs, and a force on the object from `time` on that ends after `duration`, s: F_x and F_y in N and
     /// the moment in N m.
     pub fn with_pulse(mut self, time: f64, duration: f64, force: [f64; 3]) -> Result<Self, Error> {
@@ -229,7 +249,7 @@ impl Inputs {
     /// whose mean is zero, and impulses are left out.
     pub fn frozen(&self, t: f64) -> Self {
         let (target, mut force) = match self.held {
-            Some(Held { target, force }) => (target, force),
+            Some(Held { target, force, .. }) => (target, force),
             None => (self.schedule.value_and_rate(t)[0], [0.0; 3]),
         };
         for own in &self.forces {
@@ -283,13 +303,18 @@ impl Inputs {
 
     /// The impulses at exactly `time`, along the hand's axes.
     pub fn impulses_at(&self, time: f64) -> impl Iterator<Item = [f64; 3]> {
-        let here = self.impulses[self.impulses_before(time)..].iter();
-        here.take_while(move |impulse| impulse.time == time).map(move |impulse| {
-            let [x, y, moment] = impulse.impulse;
-            let Some(frame) = self.segment(time).frame else { return impulse.impulse };
+        self.fixed_impulses_at(time).map(move |impulse| {
+            let Some(frame) = self.frame_from(time) else { return impulse };
+            let [x, y, moment] = impulse;
             let [x, y] = frame.at(0.0).into_hand([x, y]);
             [x, y, moment]
         })
+    }
+
+    /// The same along fixed axes.
+    pub fn fixed_impulses_at(&self, time: f64) -> impl Iterator<Item = [f64; 3]> {
+        let here = self.impulses[self.impulses_before(time)..].iter();
+        here.take_while(move |impulse| impulse.time == time).map(|impulse| impulse.impulse)
     }
 
     /// The number of impulses before `time`.
@@ -337,7 +362,7 @@ impl Inputs {
         }
         let degree =
             (0..COEFFICIENTS).rev().find(|&d| channels.iter().any(|channel| channel[d] != 0.0)).unwrap_or(0);
-        let frame = self.frame.as_ref().map(|frame| frame.segment(anchor).into());
+        let frame = self.frame_from(anchor).map(Box::new);
         SegmentDrive { channels, degrees: [degree; MOST], degree, waves, frame, ..SegmentDrive::still() }
     }
 }
@@ -408,8 +433,15 @@ mod tests {
         let sine =
             Sinusoid { start: 0.5, end: f64::INFINITY, omega: 2.0, phase: 0.25, amplitude: [1.0, 0.0, 0.0] };
         let impulse = Impulse { time: 1.5, impulse: [1.0, 0.0, 0.0] };
-        let noise =
-            Noise { std: [1.0; 3], rate: 100.0, start: 0.0, end: f64::INFINITY, key: [0, 0], stream: 0 };
+        let noise = Noise {
+            std: [1.0; 3],
+            acceleration: [0.0; 2],
+            rate: 100.0,
+            start: 0.0,
+            end: f64::INFINITY,
+            key: [0, 0],
+            stream: 0,
+        };
         let forces = vec![force(3.0).into(), force(4.0).into()];
         let inputs = Inputs::new(ramp.into(), forces, vec![sine], vec![impulse], vec![noise]).unwrap();
         let frozen = inputs.frozen(1.0);

@@ -32,6 +32,10 @@ named! {
         Shear = "shear",
         /// lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N, N, under the torques before the sample.
         Multipliers = "multipliers",
+        /// The acceleration of the hand's frame along its own axes, with gravity as an accelerometer feels it, m/s^2.
+        Accelerometer = "accelerometer",
+        /// Rate of the tilt of the hand's frame, rad/s.
+        Gyroscope = "gyroscope",
     }
 }
 
@@ -39,7 +43,7 @@ impl Measure {
     /// Number of numbers.
     pub fn width(self) -> usize {
         match self {
-            Self::Rotation | Self::RotationRate => 1,
+            Self::Rotation | Self::RotationRate | Self::Gyroscope => 1,
             Self::Multipliers => 4,
             _ => 2,
         }

@@ -19,6 +19,8 @@ pub(super) const MOST_SAMPLES: f64 = 1e7;
 pub struct Noise {
     /// Standard deviations of F_x, F_y, N, and moment, N m.
     pub std: [f64; 3],
+    /// Standard deviations of the acceleration of the hand's frame along fixed axes, m/s^2; for a hand that moves.
+    pub acceleration: [f64; 2],
     /// Samples a second, 1/s.
     pub rate: f64,
     /// First instant, s.
@@ -68,6 +70,7 @@ impl Noise {
     pub fn check(&self, k: usize) -> Result<(), Error> {
         let name = |field: &str| format!("noises[{k}].{field}");
         Rule::NonNegative.check_all(|| name("std"), &self.std)?;
+        Rule::NonNegative.check_all(|| name("acceleration"), &self.acceleration)?;
         Rule::Positive.check_named(|| name("rate"), self.rate)?;
         Rule::Finite.check_named(|| name("start"), self.start)?;
         if self.end.is_nan() || self.end < self.start {
@@ -81,6 +84,16 @@ impl Noise {
     pub fn sample(&self, number: u64) -> [f64; 3] {
         let [x, y, moment, _] = normals([number, self.stream, 0, 0], self.key);
         [self.std[0] * x, self.std[1] * y, self.std[2] * moment]
+    }
+
+    /// The acceleration that the noise adds to that of the hand's frame from `t` until the next sample.
+    pub fn acceleration_at(&self, t: f64) -> [f64; 2] {
+        let [std_x, std_y] = self.acceleration;
+        if (std_x == 0.0 && std_y == 0.0) || t < self.start || t >= self.end {
+            return [0.0; 2];
+        }
+        let [x, y, ..] = normals([self.number(t), self.stream, 1, 0], self.key);
+        [std_x * x, std_y * y]
     }
 
     /// The time at which a sample begins.
@@ -170,7 +183,15 @@ mod tests {
 
     #[test]
     fn each_sample_holds_from_one_break_to_the_next() {
-        let noise = Noise { std: [1.0; 3], rate: 700.0, start: 0.1, end: 0.9, key: [3, 4], stream: 0 };
+        let noise = Noise {
+            std: [1.0; 3],
+            acceleration: [0.0; 2],
+            rate: 700.0,
+            start: 0.1,
+            end: 0.9,
+            key: [3, 4],
+            stream: 0,
+        };
         assert_eq!(noise.at(0.0999), [0.0; 3]);
         assert_eq!(noise.at(0.9), [0.0; 3]);
         let next = |t: &f64| Some(noise.next_break(*t)).filter(|time| time.is_finite());
@@ -187,8 +208,15 @@ mod tests {
     /// by one.
     #[test]
     fn samples_that_begin_at_the_same_instant_are_skipped_together() {
-        let noise =
-            Noise { std: [1.0; 3], rate: 6.4e13, start: 1e15, end: 1e15 + 1.0, key: [3, 4], stream: 0 };
+        let noise = Noise {
+            std: [1.0; 3],
+            acceleration: [0.0; 2],
+            rate: 6.4e13,
+            start: 1e15,
+            end: 1e15 + 1.0,
+            key: [3, 4],
+            stream: 0,
+        };
         let next = |t: &f64| Some(noise.next_break(*t)).filter(|time| time.is_finite());
         let breaks: Vec<f64> = std::iter::successors(next(&0.0), next).collect();
         assert_eq!(breaks, (0..=8).map(|k| 1e15 + 0.125 * f64::from(k)).collect::<Vec<_>>());

@@ -11,9 +11,7 @@ use crate::number::simd::level::Instructions;
 /// A value and its derivatives in `W` directions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dual<R, const W: usize> {
-    /// The value.
     pub value: R,
-    /// Its derivatives.
     pub slope: [R; W],
 }
 

@@ -3,9 +3,6 @@
 //! implicit methods use an LU decomposition with row pivots. The tests compare both with nalgebra's
 //! decompositions.
 
-// Loops over several arrays at once are clearer with an index.
-#![allow(clippy::needless_range_loop)]
-
 use std::ops::{Add, Div, Mul, Sub};
 
 use nalgebra::Complex;
@@ -165,10 +162,6 @@ impl Entry for Complex<f64> {
     scalar_pivots!(magnitude);
 }
 
-/// For each row, the set of lanes that exchanged row `k` with it.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct LaneExchange([Bits; MOST_ROWS]);
-
 /// Lanes as matrix entries, where each lane chooses its own pivots.
 #[derive(Debug, Clone, Copy)]
 pub struct LaneEntry<R>(pub R);
@@ -188,7 +181,8 @@ lane_operator! { Add, add; Sub, sub; Mul, mul; Div, div; }
 
 impl<R: Lanes> Entry for LaneEntry<R> {
     type Part = R;
-    type Exchange = LaneExchange;
+    /// For each row, the set of lanes that exchanged row `k` with it.
+    type Exchange = [Bits; MOST_ROWS];
 
     #[inline(always)]
     fn of(part: R) -> Self {
@@ -211,7 +205,7 @@ impl<R: Lanes> Entry for LaneEntry<R> {
     }
 
     #[inline(always)]
-    fn pivot(rows: &mut Square<Self>, size: usize, k: usize) -> LaneExchange {
+    fn pivot(rows: &mut Square<Self>, size: usize, k: usize) -> [Bits; MOST_ROWS] {
         let mut chosen = [0; MOST_ROWS];
         let mut largest = rows[k][k].0.abs();
         for r in k + 1..size {
@@ -232,13 +226,13 @@ impl<R: Lanes> Entry for LaneEntry<R> {
                 }
             }
         }
-        LaneExchange(chosen)
+        chosen
     }
 
     #[inline(always)]
-    fn exchange(column: &mut [Self; MOST_ROWS], size: usize, k: usize, exchanged: &LaneExchange) {
+    fn exchange(column: &mut [Self; MOST_ROWS], size: usize, k: usize, exchanged: &[Bits; MOST_ROWS]) {
         for r in k + 1..size {
-            let (bits, top, own) = (exchanged.0[r], column[k].0, column[r].0);
+            let (bits, top, own) = (exchanged[r], column[k].0, column[r].0);
             column[k] = Self(R::select(bits, own, top));
             column[r] = Self(R::select(bits, top, own));
         }
@@ -256,7 +250,6 @@ pub struct Lu<T: Entry> {
 }
 
 impl<T: Entry> Lu<T> {
-    /// Decomposes a matrix with `size` rows.
     #[inline(always)]
     pub fn new(size: usize, mut rows: Square<T>) -> Self {
         let mut exchanged = [T::Exchange::default(); MOST_ROWS];
@@ -276,7 +269,6 @@ impl<T: Entry> Lu<T> {
         Self { rows, exchanged }
     }
 
-    /// The solution of A x = b.
     #[inline(always)]
     pub fn solve(&self, size: usize, b: &[T; MOST_ROWS]) -> [T; MOST_ROWS] {
         let mut x = *b;

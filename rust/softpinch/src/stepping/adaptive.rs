@@ -11,23 +11,19 @@ use crate::method::step_control::StepControl;
 use crate::method::traits::{Runs, Step, largest};
 use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::stepping::adaptive_events::Enter;
-use crate::stepping::adaptive_lanes::{AdaptiveLanes, Progress, StepStart, merged};
+use crate::stepping::adaptive_lanes::{AdaptiveLanes, LookInside, Progress, StepStart, merged};
 use crate::stepping::batch::{LaneBatch, LoopSetup};
-use crate::stepping::ending::{interruption, too_many, too_small};
-use crate::stepping::inside_step::LookInside;
+use crate::stepping::ending::{Status, interruption, too_many, too_small};
 use crate::stepping::instant::watched;
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::{POLL, RunQueue};
 use crate::stepping::sizes::{Sizes, is_unresolved, next_length};
-use crate::stepping::status::Status;
 
 /// The adaptive loop before it runs.
 pub struct AdaptiveSteps<'a, Q, B> {
-    /// What it needs before it runs.
     pub setup: LoopSetup<'a, Q>,
     /// Largest error of a step, as a share of each state's magnitude.
     pub tolerance: f64,
-    /// Makes the method for the runs in all lanes.
     pub build: B,
 }
 
@@ -41,15 +37,15 @@ where
     type Output = Result<Q, Error>;
 
     #[inline(always)]
-    #[allow(clippy::too_many_lines)] // one step, from one attempt to the next
     fn run(self) -> Result<Q, Error> {
         let Self { setup, tolerance, build } = self;
         let LoopSetup { instructions, options, .. } = setup;
+        let entry = options.method.entry();
         let zero = R::zero();
         let mut lanes = AdaptiveLanes {
             batch: LaneBatch::new(setup),
             progress: Progress::new(),
-            control: StepControl::new(1.0, 1.0),
+            control: StepControl::new(entry.error_order, entry.min_growth),
             unsolved: None,
             saved: 0,
             events: [None; MOST],
@@ -66,12 +62,9 @@ where
             (system, method)
         };
         let (mut system, mut method) = lanes.batch.build(both, &mut start.y);
-        // Runs are loaded before the method can be made.
-        lanes.control = StepControl::new(method.error_order(), method.min_growth());
         lanes.size(&system, R::ALL, &mut start);
         let (mut next, mut end_state, mut corrected) = ([zero; MAX_COMPONENTS], Evaluation::nothing(), None);
         let mut attempts = 0u64;
-        #[allow(clippy::cast_precision_loss)] // so many attempts would take centuries
         let most = R::constant(options.max_steps as f64);
         let (one, size) = (R::constant(1.0), system.size());
 
@@ -111,7 +104,7 @@ where
                     let end = if stops {
                         interruption(t)
                     } else if unresolved >> lane & 1 != 0 {
-                        too_small(t, h, lanes.attempt(lane))
+                        too_small(t, h, (lanes.unsolved, lanes.progress.errors.lane(lane)))
                     } else {
                         too_many(t, h, options.max_steps)
                     };
@@ -134,7 +127,7 @@ where
                 stats.rejected += 1;
                 continue;
             }
-            let mut errors = method.error(&step, lanes.control.retries(), stats);
+            let mut errors = method.error(&step, lanes.control.rejected, stats);
             // The correction that puts a step back on the constraints is an error of the step, too.
             let mut arrived = &next;
             if system.corrects() {

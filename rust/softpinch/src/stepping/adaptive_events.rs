@@ -12,10 +12,10 @@ use crate::number::lanes::{Bits, LaneTask, Lanes, each};
 use crate::stepping::adaptive_lanes::{AdaptiveLanes, StepStart, merged};
 use crate::stepping::contact_events::{ContactEnd, EventResult, MOST_EVENTS, Reason};
 use crate::stepping::contact_lane::{LaneContact, Moment};
+use crate::stepping::ending::Status;
 use crate::stepping::instant::{column, put, watched};
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::RunQueue;
-use crate::stepping::status::Status;
 
 /// The share of a segment that stands in for the length of a step where none is known yet.
 const FIRST: f64 = 1.0 / 1024.0;
@@ -108,7 +108,6 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         }
     }
 
-    /// Ends the run in a lane at an event of its contacts.
     fn end_at_event(
         &mut self,
         system: &impl System<R>,

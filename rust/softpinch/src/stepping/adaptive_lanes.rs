@@ -1,20 +1,26 @@
 //! The lanes of the adaptive loop: the places of their runs, and the rare work at starts of segments, at
 //! instants inside a step, and at ends of runs.
+//!
+//! The instants inside a step are those to record, and those at which a tip seems to violate a limit and to come back.
+//! Dense output gives their states.
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, States};
+use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
+use crate::method::called::AnyAdaptiveMethod;
 use crate::method::step_control::StepControl;
-use crate::method::traits::Unsolved;
+use crate::method::traits::{Step, Unsolved};
 use crate::model::coordinates::Coordinates;
 use crate::model::motion::Motion;
 use crate::model::scene::Scene;
-use crate::number::lanes::{Bits, Lanes, MOST};
+use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::stepping::batch::{LaneBatch, Seen};
 use crate::stepping::contact_events::Event;
-use crate::stepping::ending::{Attempt, End, full, overflow};
+use crate::stepping::ending::{End, full, overflow};
 use crate::stepping::grid::Span;
 use crate::stepping::instant::{Instant, watched};
+use crate::stepping::monitor::ViolatingTurningPoint;
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::RunQueue;
 use crate::stepping::sizes::Sizes;
@@ -31,7 +37,6 @@ pub(super) struct Progress<R> {
     pub(super) watched: R,
     /// The lengths of the next attempts.
     pub(super) h: R,
-    /// Steps and attempts so far.
     pub(super) steps: R,
     pub(super) attempts: R,
     /// Errors of the last attempts, in units of the allowed error; negative before the first attempt of a
@@ -42,7 +47,6 @@ pub(super) struct Progress<R> {
 }
 
 impl<R: Lanes> Progress<R> {
-    /// Progress without any run.
     #[inline(always)]
     pub(super) fn new() -> Self {
         let [from, to, length, t, tau, watched, h, steps, attempts, errors] = [R::zero(); 10];
@@ -71,7 +75,6 @@ impl<R: Lanes> Progress<R> {
     }
 }
 
-/// The lanes of the adaptive loop.
 pub(super) struct AdaptiveLanes<'a, R: Lanes, Q> {
     pub(super) batch: LaneBatch<'a, R, Span, Q>,
     pub(super) progress: Progress<R>,
@@ -90,9 +93,7 @@ pub(super) struct AdaptiveLanes<'a, R: Lanes, Q> {
 /// The states from which the steps of all lanes start.
 pub(super) struct StepStart<R> {
     pub(super) y: States<R>,
-    /// The evaluation of `y`.
     pub(super) now: Evaluation<R>,
-    /// The errors that are allowed at `y`.
     pub(super) sizes: Sizes<R>,
 }
 
@@ -127,8 +128,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     /// Counts the steps that the run in a lane has taken.
     pub(super) fn count(&mut self, lane: usize) {
         if let Some(run) = &mut self.batch.runs[lane] {
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a whole number
-            (run.steps = self.progress.steps.lane(lane) as u64);
+            run.steps = self.progress.steps.lane(lane) as u64;
         }
     }
 
@@ -140,7 +140,6 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         start.sizes.begin(changed, &usual, &slow);
     }
 
-    /// Ends the run in a lane at its last instant.
     pub(super) fn retire(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Instant) {
         self.count(lane);
         self.batch.retire_lane(system, lane, end, last);
@@ -156,20 +155,10 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         Some(watched(system.size(), (lane, contact), &start.now, &start.y, t, (t, 0)))
     }
 
-    /// Saves the last watched instant of a lane in its run.
     pub(super) fn save(&mut self, lane: usize, last: Option<Instant>) {
         self.saved |= 1 << lane;
         if let Some(run) = &mut self.batch.runs[lane] {
             run.saved_instant = last;
-        }
-    }
-
-    /// The result of the last attempt of a lane.
-    pub(super) fn attempt(&self, lane: usize) -> Attempt {
-        match (self.unsolved, self.progress.errors.lane(lane)) {
-            (Some(unsolved), _) => Attempt::Unsolved(unsolved),
-            (None, error) if error < 0.0 => Attempt::None,
-            (None, error) => Attempt::Error(error),
         }
     }
 
@@ -234,5 +223,101 @@ pub(super) fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>)
         places: each(bits, &a.places, &b.places),
         torque: each(bits, &a.torque, &b.torque),
         share: each(bits, &a.share, &b.share),
+    }
+}
+
+impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
+    /// For each lane, the time inside the step at which a tip seems to violate a limit and to come back;
+    /// infinity if there is none.
+    #[inline(always)]
+    pub(super) fn violating_turning_points(
+        &self,
+        before: &Motion<R>,
+        after: &Motion<R>,
+        (accepted, h): (Bits, R),
+    ) -> [f64; MOST] {
+        let mut turning_times = [f64::INFINITY; MOST];
+        for lane in each(self.batch.limits.turning_points(before, after) & accepted) {
+            let Some(run) = &self.batch.runs[lane] else { continue };
+            let (taken, from, tau) =
+                (h.lane(lane), self.progress.from.lane(lane), self.progress.tau.lane(lane));
+            let (ends, parameters) = ([&before.lane(lane), &after.lane(lane)], &run.scene.parameters);
+            let task = ViolatingTurningPoint { parameters, ends, h: taken };
+            if let Some(x) = f64::call(self.batch.instructions, task) {
+                turning_times[lane] = from + x.mul_add(taken, tau);
+            }
+        }
+        turning_times
+    }
+}
+
+/// In the lanes of `accepted`, looks at the instants inside the step that are to be recorded, and at those of
+/// `turning_times`. Returns the lanes whose runs go on. This is rare, so the code is called, not inlined.
+pub(super) struct LookInside<'b, 'a, R: Lanes, Q> {
+    pub(super) lanes: &'b mut AdaptiveLanes<'a, R, Q>,
+    pub(super) system: &'b SceneEquations<R>,
+    pub(super) method: &'b mut AnyAdaptiveMethod<R>,
+    pub(super) start: &'b StepStart<R>,
+    /// The time of the step's start since that of the segment, and the length of the step.
+    pub(super) step: (R, R),
+    /// The states at the end of the method's step, before any correction.
+    pub(super) next: &'b States<R>,
+    pub(super) accepted: Bits,
+    /// The times at which the steps end.
+    pub(super) ends: R,
+    pub(super) turning_times: [f64; MOST],
+}
+
+impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for LookInside<'_, 'a, R, Q> {
+    type Output = Bits;
+
+    #[inline(always)]
+    fn run(self) -> Bits {
+        let Self { lanes, system, method, start, step, next, mut accepted, ends, mut turning_times } = self;
+        let size = system.size();
+        let ((tau, h), y, drive) = (step, &start.y, &lanes.batch.drive);
+        let allowed = Some(&start.sizes.allowed);
+        let step = Step { system, drive, tau, h, y, rate: &start.now.rate, allowed };
+        method.prepare(&step, next, &mut lanes.batch.stats);
+        loop {
+            let mut inside: Bits = 0;
+            let (from, mut time, mut share) = (lanes.progress.from, lanes.progress.from, R::zero());
+            for lane in each(accepted) {
+                let (tau, taken, from) = (tau.lane(lane), h.lane(lane), from.lane(lane));
+                let asked = lanes.batch.queue.next_time();
+                let asked = if asked < ends.lane(lane) { asked } else { f64::INFINITY };
+                let at = turning_times[lane].min(asked);
+                if at.is_finite() {
+                    time.set(lane, at);
+                    share.set(lane, (((at - from) - tau) / taken).clamp(0.0, 1.0));
+                    inside |= 1 << lane;
+                }
+            }
+            if inside == 0 {
+                return accepted;
+            }
+            let since = time - from;
+            let mut between = method.interpolate(y, next, share);
+            system.correct(&lanes.batch.drive, since, &mut between);
+            let then = system.evaluate(&lanes.batch.drive, since, &between);
+            lanes.batch.stats.evaluations += 1;
+            let seen = lanes.batch.watch(system, &then, &between, time, inside);
+            for lane in each(inside) {
+                let t = time.lane(lane);
+                if turning_times[lane] <= t {
+                    turning_times[lane] = f64::INFINITY;
+                }
+                if seen.finite >> lane & 1 == 0 {
+                    lanes.stop(system, lane, start, None);
+                } else {
+                    let contact = lanes.batch.contact_row(lane);
+                    let instant = watched(size, (lane, contact), &then, &between, t, (t, 0));
+                    lanes.save(lane, Some(instant));
+                    let due = lanes.batch.queue.is_due(t, true);
+                    lanes.goes_on(system, lane, due, &seen, &instant);
+                }
+            }
+            accepted &= !lanes.batch.phases.at(Phase::Ended);
+        }
     }
 }

@@ -4,8 +4,9 @@
 use std::borrow::Cow;
 
 use crate::error::Error;
-use crate::formulation::equations::{Evaluation, States};
-use crate::formulation::scene_equations::Choice;
+use crate::formulation::equations::{Equations, Evaluation, States};
+use crate::formulation::inlined::Inlined;
+use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::System;
 use crate::method::traits::{Integrator, Runs, Stats};
 use crate::model::contact_modes::ContactModel;
@@ -20,16 +21,14 @@ use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::number::simd::level::Instructions;
 use crate::stepping::contact_events::EventResult;
 use crate::stepping::contact_lane::{LaneContact, Moment};
-use crate::stepping::ending::{End, after_violation, unstable};
+use crate::stepping::ending::{End, Status, after_violation, unstable};
 use crate::stepping::instant::{Instant, all_finite, column, energies, put, put_motion};
 use crate::stepping::lane_controller::LaneController;
-use crate::stepping::loop_system::LoopSystem;
 use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet, explain};
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::phase::{Phase, Phases};
 use crate::stepping::queue::{Finished, LaneParameters, RunQueue, Taken};
 use crate::stepping::record::{Recording, Run};
-use crate::stepping::status::Status;
 use crate::stepping::summary::{RunEnd, Summaries, SummaryInstant};
 
 /// A closure error of the ledger below this share of the energy of gravity, whose zero is arbitrary, is round-off. So is
@@ -38,41 +37,29 @@ const ROUND_OFF: f64 = 1e-9;
 
 /// What a step loop needs before it runs.
 pub struct LoopSetup<'a, Q> {
-    /// Instructions to use.
     pub instructions: Instructions,
-    /// The options of every run.
     pub options: &'a Options,
-    /// The equations of every run.
     pub choice: Choice,
-    /// The source and the destination of the runs.
     pub queue: Q,
 }
 
-/// The run in a lane.
 pub struct LaneRun<'a, P> {
-    /// Number of the run.
     pub number: usize,
-    /// The scene that is simulated.
     pub scene: Cow<'a, Scene>,
     /// The time at which each violation was first seen, s; NaN if it was not.
     pub first_times: [f64; VIOLATIONS.len()],
     /// The last watched instant, if it is not the last one that the loop evaluated: the start of the run
     /// before any evaluation, the instant before an impulse, or an instant inside a step.
     pub saved_instant: Option<Instant>,
-    /// Steps that the run has taken.
     pub steps: u64,
-    /// Segments that the run has entered.
     pub segments: u64,
-    /// Its contacts, in unilateral contact.
     pub contact: Option<Box<LaneContact>>,
-    /// Its discrete controller, if it has one.
     pub controller: Option<Box<LaneController>>,
     /// The place of the run in time, in the form that its loop needs.
     pub place: P,
 }
 
 /// The findings at an instant of the runs in all lanes.
-#[derive(Debug, Clone, Copy)]
 pub struct Seen {
     /// Lanes in which all numbers are finite.
     pub finite: Bits,
@@ -87,19 +74,14 @@ pub struct Seen {
 /// The runs in the lanes, and the data that both step loops need of them. `P` is the place of a run in time,
 /// in the form that its loop needs.
 pub struct LaneBatch<'a, R: Lanes, P, Q> {
-    /// The source and the destination of the runs.
     pub queue: Q,
-    /// The options of every run, and the equations of all of them.
     pub options: &'a Options,
     choice: Choice,
     pub(super) instructions: Instructions,
-    /// The run in each lane.
     pub runs: [Option<LaneRun<'a, P>>; MOST],
-    /// The phases of the lanes.
     pub phases: Phases,
     /// The inputs of each lane's segment.
     pub drive: SegmentDrive<R>,
-    /// Counts of the work that was done.
     pub stats: Stats,
     /// Parameters for lanes without a run.
     resting: Parameters,
@@ -107,7 +89,6 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
     start: Motion<R>,
     pub(super) limits: Limits<R>,
     half_width: R,
-    /// The energies at the starts of the runs.
     initial_energies: Energies<R>,
     /// Lanes whose steps may be unstable, the energy that their motion was given at most so far, and the closure
     /// error of their ledger at the last watched instant.
@@ -132,7 +113,6 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
 }
 
 impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
-    /// A batch without any run.
     #[inline(always)]
     pub fn new(setup: LoopSetup<'a, Q>) -> Self {
         let LoopSetup { instructions, options, choice, queue } = setup;
@@ -267,7 +247,6 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         controller.sample(scene, (self.instructions, self.options), t, (now, lane));
     }
 
-    /// The lanes that have runs.
     #[inline(always)]
     pub fn active(&self) -> Bits {
         R::ALL & self.phases.active()
@@ -291,7 +270,6 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         built
     }
 
-    /// The equations of runs with these parameters.
     fn equations_of<'b>(&self, parameters: &'b LaneParameters<'b>) -> Runs<'b>
     where
         'a: 'b,
@@ -436,7 +414,9 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             let h = dt.min(scene.duration) / f64::from(self.options.refine);
             return Some(unstable(instant.t, h, found, self.options.surely_stable_step(scene)));
         }
-        let violation = ViolationSet::of(&seen.found, lane).intersection(self.options.stop_on).first()?;
+        let (shown, stop_on) = (ViolationSet::of(&seen.found, lane), self.options.stop_on);
+        let ends = |&violation: &Violation| shown.contains(violation) && stop_on.contains(violation);
+        let violation = VIOLATIONS.into_iter().map(|(_, violation)| violation).find(ends)?;
         let begins = run.steps == 0;
         let mut instant = *instant;
         if self.unilateral && matches!(violation, Violation::Slipping | Violation::Opened) {
@@ -559,4 +539,36 @@ impl<R: Lanes, S: System<R>> LaneTask<R> for Jump<'_, R, S> {
         let Self(system, (drive, tau), y, impulse) = self;
         system.jump(&drive.at(tau), y, &impulse.map(R::constant));
     }
+}
+
+/// Equations for a step loop. The loop of RK4 has them inlined; its rare work calls them, so that its code exists once.
+pub trait LoopSystem<R: Lanes>: System<R> {
+    /// The same equations, called.
+    fn called(&self) -> &SceneEquations<R>;
+
+    /// Renews the equations after some of the runs have changed.
+    fn renew(&mut self, runs: Runs<'_>);
+}
+
+impl<R: Lanes> LoopSystem<R> for SceneEquations<R> {
+    #[inline(always)]
+    fn called(&self) -> &SceneEquations<R> {
+        self
+    }
+
+    #[inline(always)]
+    fn renew(&mut self, runs: Runs<'_>) {
+        *self = runs.system();
+    }
+}
+
+impl<E: Equations<f64>, const DRIVEN: bool> LoopSystem<f64> for Inlined<'_, f64, E, DRIVEN> {
+    #[inline(always)]
+    fn called(&self) -> &SceneEquations<f64> {
+        self.called
+    }
+
+    /// The equations are those of a single run, whose loop has no other one.
+    #[inline(always)]
+    fn renew(&mut self, _: Runs<'_>) {}
 }

@@ -6,7 +6,7 @@ use crate::model::coordinates::Coordinates;
 use crate::model::energy::work;
 use crate::model::motion::Motion;
 use crate::stepping::contact_events::{Cause, Change, ContactRun, Event, EventResult, Loss, Reason};
-use crate::stepping::event_stepper::{EventStepper, SegmentState};
+use crate::stepping::event_search::{EventStepper, SegmentState};
 
 /// The share of a step after which the choice of modes is checked on a border.
 const MOMENT: f64 = 1.0 / 8192.0;
@@ -206,11 +206,17 @@ impl EventStepper<'_> {
         }
     }
 
-    /// Chooses the modes.
     fn rechoose(&mut self, place: &mut SegmentState, causes: [Cause; 2]) -> EventResult {
         let before = *place;
         let mut motion = self.motion(place);
         let energy = self.energy(&motion);
+        // Nothing holds the surface of a tip that grazes along the face: one that stuck before may slip by now.
+        let rates = self.geometry(&motion).constraint_velocity();
+        for (i, contact) in self.run.contacts.iter_mut().enumerate() {
+            if contact.mode == Mode::Graze && contact.slip.is_none() {
+                contact.slip = Slip::of(rates[2 + i], 0.0);
+            }
+        }
         self.absorb(&mut motion);
         self.book(place, work::CONSTRAINT, self.energy(&motion) - energy);
         self.store(place, &motion);

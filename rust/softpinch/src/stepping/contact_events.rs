@@ -50,11 +50,11 @@ pub struct Change {
 }
 
 /// Largest number of events within one step of the run.
-pub const MOST_EVENTS: usize = 64;
+pub(crate) const MOST_EVENTS: usize = 64;
 
 /// How the object is lost. A finger is 0 for the right one, 1 for the left one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Loss {
+pub(crate) enum Loss {
     /// The closed contact of this finger left its face.
     OffFace(usize),
     /// The free tip of this finger met the end of the face.
@@ -65,37 +65,31 @@ pub enum Loss {
 
 /// Why a run ends at an event of its contacts.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Reason {
-    /// The object is lost.
+pub(crate) enum Reason {
     Lost(Loss),
     /// More than [`MOST_EVENTS`] events within one step.
     Chattering,
-    /// No mode of the contacts is admissible.
     NoMode,
     /// The equations of a step were not solved.
     Unsolved(Unsolved),
-    /// A number overflowed.
     NotFinite,
 }
 
 /// The end of a run at an event of its contacts.
 #[derive(Debug, Clone, Copy)]
-pub struct ContactEnd {
-    /// Why the run ends.
+pub(crate) struct ContactEnd {
     pub reason: Reason,
     /// The time since the start of the segment, s.
     pub tau: f64,
-    /// The state at this time.
     pub y: States<f64>,
 }
 
 /// The result of work at events, or the end of the run there.
-pub type EventResult<T = ()> = Result<T, Box<ContactEnd>>;
+pub(crate) type EventResult<T = ()> = Result<T, Box<ContactEnd>>;
 
 /// The contacts of one run, and the changes of their modes.
 #[derive(Debug, Clone)]
-pub struct ContactRun {
-    /// Both contacts.
+pub(crate) struct ContactRun {
     pub contacts: [Contact; 2],
     /// The start of the segment to which times refer, s.
     pub anchor: f64,
@@ -104,12 +98,10 @@ pub struct ContactRun {
 }
 
 impl ContactRun {
-    /// The contacts at the start of a run.
     pub fn new(contacts: [Contact; 2]) -> Self {
         Self { contacts, anchor: 0.0, changes: Vec::new() }
     }
 
-    /// The modes of both contacts.
     pub fn modes(&self) -> [Mode; 2] {
         self.contacts.map(|contact| contact.mode)
     }
@@ -129,9 +121,7 @@ impl ContactRun {
 
 /// An event of one contact, which is due where its value is negative.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Event {
-    /// 0 for the right finger, 1 for the left one.
+pub(crate) struct Event {
     pub finger: usize,
-    /// What happens.
     pub cause: Cause,
 }

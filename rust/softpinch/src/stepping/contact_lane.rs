@@ -1,5 +1,6 @@
 //! The contacts of the run in a lane, in unilateral contact. The work at events is done here for this run alone,
 //! with a step of the run's own method, so that its result does not depend on the runs beside it.
+//! The work of both step loops on these contacts comes after them.
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, States};
@@ -14,25 +15,26 @@ use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;
 use crate::model::start::{State, allowed_residuals};
+use crate::number::lanes::{Bits, Lanes};
 use crate::number::simd::level::Instructions;
+use crate::stepping::batch::LaneBatch;
 use crate::stepping::contact_events::{Change, ContactEnd, ContactRun, EventResult, Reason};
-use crate::stepping::event_stepper::{EventStepper, SegmentState};
+use crate::stepping::ending::{self, End};
+use crate::stepping::event_search::{EventStepper, SegmentState};
 use crate::stepping::instant::{Instant, watched};
 use crate::stepping::lone_steps::LoneSteps;
-use crate::stepping::monitor::Limits;
+use crate::stepping::monitor::{Limits, VIOLATIONS, Violation};
 use crate::stepping::options::{Options, Steps};
+use crate::stepping::queue::RunQueue;
 
 /// The inputs of a segment.
 struct Segment {
-    /// The start of the segment, s.
     anchor: f64,
     drive: SegmentDrive,
 }
 
-/// The contacts of the run in a lane.
 pub struct LaneContact {
     instructions: Instructions,
-    /// The contacts and the changes of their modes.
     pub run: ContactRun,
     steps: LoneSteps,
     limits: Limits<f64>,
@@ -59,35 +61,44 @@ pub struct Moment<'a> {
     pub tau: f64,
     /// The length of the step from there, s.
     pub h: f64,
-    /// The state.
     pub y: &'a States<f64>,
 }
 
 impl LaneContact {
-    /// The contacts of a run before it begins.
     pub fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Result<Self, Error> {
-        let (contacts, unset) = start_of(&scene.parameters, &scene.initial)?;
-        Ok(Self {
+        let still = || Segment { anchor: 0.0, drive: SegmentDrive::still() };
+        let mut contact = Self {
             instructions,
-            run: ContactRun::new(contacts),
+            run: ContactRun::new([Contact::touching(); 2]),
             steps: LoneSteps::new(instructions, options, scene),
             limits: Limits::new(&scene.parameters),
-            segment: Segment { anchor: 0.0, drive: SegmentDrive::still() },
-            earlier: Segment { anchor: 0.0, drive: SegmentDrive::still() },
+            segment: still(),
+            earlier: still(),
             in_earlier: false,
-            unset,
-            fresh: is_fresh(options, scene),
+            unset: None,
+            fresh: false,
             free_time: 0.0,
-            counted: options.summaries.after.max(scene.initial.time),
-        })
+            counted: 0.0,
+        };
+        contact.restart(options, scene)?;
+        Ok(contact)
     }
 
-    /// The same for another run with the same parameters and options, whose equations are kept.
-    pub fn restart(&mut self, options: &Options, scene: &Scene) -> Result<(), Error> {
-        let (contacts, unset) = start_of(&scene.parameters, &scene.initial)?;
+    /// Puts the contacts at the start of a run with the same parameters and options, whose equations are kept.
+    pub fn restart(
+        &mut self,
+        options: &Options,
+        Scene { parameters, initial, .. }: &Scene,
+    ) -> Result<(), Error> {
+        let (contacts, unset) = match &initial.contact {
+            Some(row) => (Contact::of_row(row)?, None),
+            None => contacts_at(parameters, initial),
+        };
         self.run = ContactRun::new(contacts);
-        (self.in_earlier, self.unset, self.fresh) = (false, unset, is_fresh(options, scene));
-        (self.free_time, self.counted) = (0.0, options.summaries.after.max(scene.initial.time));
+        // A run in equal steps that goes on from another one takes its bits, residuals included.
+        self.fresh = initial.grid.is_none() || !matches!(options.steps, Steps::Fixed(_));
+        (self.in_earlier, self.unset, self.free_time) = (false, unset, 0.0);
+        self.counted = options.summaries.after.max(initial.time);
         Ok(())
     }
 
@@ -253,25 +264,10 @@ impl LaneContact {
     }
 }
 
-/// Whether a run may start from a state that another formulation has left. A run in equal steps that goes on from
-/// another one takes its bits, residuals included.
-fn is_fresh(options: &Options, scene: &Scene) -> bool {
-    scene.initial.grid.is_none() || !matches!(options.steps, Steps::Fixed(_))
-}
-
-/// The contacts at the start of a run; and, if they follow from its state, whether a closed one approaches.
-fn start_of(parameters: &Parameters, initial: &State) -> Result<([Contact; 2], Option<bool>), Error> {
-    let Some(row) = &initial.contact else {
-        let (contacts, approaches) = contacts_at(parameters, initial);
-        return Ok((contacts, Some(approaches)));
-    };
-    Ok((Contact::of_row(row)?, None))
-}
-
 /// The contacts that follow from a state, and whether a closed one approaches its face. A contact is closed
 /// unless it has a gap or opens, or its surface would have to be stretched; its face slips unless the velocity of the
 /// slip is round-off.
-fn contacts_at(parameters: &Parameters, State { motion, .. }: &State) -> ([Contact; 2], bool) {
+fn contacts_at(parameters: &Parameters, State { motion, .. }: &State) -> ([Contact; 2], Option<bool>) {
     let Motion { q, p, .. } = motion;
     let geometry = Geometry::new(&Side::both(parameters), q, p);
     let (gaps, rates) = (geometry.residuals(), geometry.constraint_velocity());
@@ -290,5 +286,110 @@ fn contacts_at(parameters: &Parameters, State { motion, .. }: &State) -> ([Conta
         };
         Contact { mode, closed, slip, frozen_tilt: geometry.contacts[i].tilt, left: None }
     });
-    (contacts, approaches)
+    (contacts, Some(approaches))
+}
+
+impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
+    /// The lanes in which an event of unilateral contact is due.
+    #[inline(always)]
+    pub fn due(&self, now: &Evaluation<R>) -> Bits {
+        self.limits.due(now, &self.drive.contacts) & self.active()
+    }
+
+    /// The violations of unilateral contact at an instant, with those that events have shown before it.
+    #[inline(always)]
+    pub(super) fn violated(&mut self, now: &Evaluation<R>, watched: Bits) -> [Bits; VIOLATIONS.len()] {
+        let mut found = self.limits.violated(now, Some(&self.drive.contacts));
+        for (found, occurred) in found.iter_mut().zip(&mut self.occurred) {
+            *found |= *occurred & watched;
+            *occurred &= !watched;
+        }
+        found
+    }
+
+    /// The sum of |v| over both contacts where they slip or graze.
+    #[inline(always)]
+    pub(super) fn slip_speed(&self, residuals: &[R; 4]) -> R {
+        let mut sum = R::zero();
+        if self.unilateral {
+            let contacts = &self.drive.contacts;
+            for i in 0..2 {
+                let moves = contacts.slip(i) | contacts.graze[i];
+                sum = sum + R::select(moves, residuals[2 + i].abs(), R::zero());
+            }
+        }
+        sum
+    }
+
+    /// The contacts of the run in a lane in the form of results, in unilateral contact.
+    #[inline(always)]
+    pub fn contact_row(&self, lane: usize) -> Option<ContactRow> {
+        if !self.unilateral {
+            return None;
+        }
+        self.runs[lane].as_ref()?.contact.as_ref().map(|contact| contact.row())
+    }
+
+    /// Lets `work` act on the contacts of the run in a lane, and notes what it changes; `None` if there are none.
+    pub(super) fn act<T>(
+        &mut self,
+        lane: usize,
+        work: impl FnOnce(&mut LaneContact, &Scene) -> EventResult<T>,
+    ) -> Option<EventResult<T>> {
+        let run = self.runs[lane].as_mut()?;
+        let found = work(run.contact.as_mut()?, &run.scene);
+        self.note_changes(lane);
+        Some(found)
+    }
+
+    fn note_changes(&mut self, lane: usize) {
+        let Some(run) = &mut self.runs[lane] else { return };
+        let Some(contact) = &mut run.contact else { return };
+        let (changes, work) = contact.take_changes();
+        contact.run.put_into(&mut self.drive.contacts, lane);
+        self.stats.evaluations += work.evaluations;
+        self.stats.jacobians += work.jacobians;
+        self.stats.factorisations += work.factorisations;
+        self.stats.iterations += work.iterations;
+        let bit = 1 << lane;
+        for change in &changes {
+            let violation = match change.after {
+                Mode::Slip(_) => Violation::Slipping,
+                Mode::Free => Violation::Opened,
+                Mode::Stick | Mode::Graze => continue,
+            } as usize;
+            self.occurred[violation] |= bit;
+            if self.noted[violation] & bit == 0 {
+                self.noted[violation] |= bit;
+                run.first_times[violation] = change.time;
+            }
+        }
+        for change in &changes {
+            self.queue.note_contacts(change.time, &contact.run.contacts, Some(change));
+        }
+    }
+
+    /// The end of the run in a lane at an event of its contacts, and its last instant. `before` is the last
+    /// watched instant, `h` the length of the step.
+    pub fn contact_end(
+        &self,
+        lane: usize,
+        end: &ContactEnd,
+        (before, h): (Instant, f64),
+    ) -> Option<(End, Instant)> {
+        let run = self.runs[lane].as_ref()?;
+        let contact = run.contact.as_ref()?;
+        let modes = contact.run.modes();
+        let (reason, last) = match end.reason {
+            Reason::Unsolved(_) | Reason::NotFinite => (end.reason, before),
+            reason => match contact.last(end) {
+                // The row at an impulse has the state before it. A run that ends as it starts has not been
+                // evaluated before.
+                last if last.t == before.t && before.is_finite() => (reason, before),
+                last if last.is_finite() => (reason, last),
+                _ => (Reason::NotFinite, before),
+            },
+        };
+        Some((ending::contact(&run.scene, &last, reason, modes, h), last))
+    }
 }

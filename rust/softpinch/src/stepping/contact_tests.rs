@@ -11,10 +11,10 @@ use crate::model::piecewise::PiecewisePolynomial;
 use crate::model::scene::Scene;
 use crate::model::start::{State, contact};
 use crate::stepping::contact_events::Cause;
+use crate::stepping::ending::Status;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::record::Run;
 use crate::stepping::record::Selection;
-use crate::stepping::status::Status;
 
 const TARGETS: [f64; 2] = [0.104_719_755_119_659_77; 2];
 

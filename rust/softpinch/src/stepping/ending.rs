@@ -1,4 +1,5 @@
-//! The ends of runs in words. Each message gives the cause with its numbers, and then advice.
+//! The ways in which a run ends, and the ends of runs in words. Each message gives the cause with its numbers, and then
+//! advice.
 
 use crate::error::{Error, seconds};
 use crate::method::traits::Unsolved;
@@ -8,25 +9,65 @@ use crate::model::coordinates::Coordinates;
 use crate::model::geometry::Geometry;
 use crate::model::parameters::SIDES;
 use crate::model::scene::Scene;
+use crate::names::named;
 use crate::number::real::signed;
 use crate::stepping::contact_events::{Loss, MOST_EVENTS, Reason};
 use crate::stepping::instant::Instant;
-use crate::stepping::monitor::{STOP_ON, VIOLATIONS, half_length};
-use crate::stepping::status::Status;
+use crate::stepping::monitor::{STOP_ON, VIOLATIONS, Violation, half_length};
+
+named! {
+    /// How a run ended.
+    Status;
+    /// The statuses by their public names.
+    STATUSES = {
+        /// The run reached its end.
+        Completed = "completed",
+        /// A tip left the object.
+        Separated = "separated",
+        /// A tip was pressed flat.
+        Crushed = "crushed",
+        /// A tip was tilted by 90 degrees.
+        Folded = "folded",
+        /// A tip pulled, and the run was to end there.
+        Pulling = "pulling",
+        /// A tip needed more friction than there is, and the run was to end there.
+        Slipping = "slipping",
+        /// A contact reached the rim of its tip, and the run was to end there.
+        Rim = "rim",
+        /// A contact left its face, and the run was to end there.
+        OffFace = "off_face",
+        /// A tip opened, and the run was to end there.
+        Opened = "opened",
+        /// Unilateral contact: a contact left its face, or the object is beside neither tip.
+        Lost = "lost",
+        /// Unilateral contact: the modes changed too often within one step.
+        Chattering = "chattering",
+        /// Unilateral contact: no modes were admissible.
+        NoMode = "no_mode",
+        /// A number overflowed.
+        NotFinite = "not_finite",
+        /// The equations of an implicit step were not solved.
+        NewtonFailed = "newton_failed",
+        /// No step was short enough for the allowed error.
+        StepTooSmall = "step_too_small",
+        /// The run used up its steps.
+        TooManySteps = "too_many_steps",
+        /// The caller stopped the run.
+        Interrupted = "interrupted",
+        /// The steps were beyond the stability limit of the method.
+        Unstable = "unstable",
+    }
+}
+
+impl Status {
+    /// The status of a run that ends because of a violation. The violations follow `Completed` in their own order.
+    pub(crate) fn of(violation: Violation) -> Self {
+        STATUSES[1 + violation as usize].1
+    }
+}
 
 /// The status with which a run ended, and its message.
-pub type End = (Status, String);
-
-/// The result of the last attempt of an adaptive step.
-#[derive(Debug, Clone, Copy)]
-pub enum Attempt {
-    /// There has been no attempt.
-    None,
-    /// The error, in units of the allowed error; at most one if the step was accepted.
-    Error(f64),
-    /// The equations of the step were not solved.
-    Unsolved(Unsolved),
-}
+pub(crate) type End = (Status, String);
 
 /// The message of a run that reached its end.
 pub fn arrival(t: f64) -> String {
@@ -35,21 +76,21 @@ pub fn arrival(t: f64) -> String {
 
 /// The end of a run that the caller stopped.
 #[cold]
-pub fn interruption(t: f64) -> End {
+pub(crate) fn interruption(t: f64) -> End {
     let t = seconds(t);
     (Status::Interrupted, format!("stopped from outside at t = {t}; run.state(-1) goes on from there"))
 }
 
 /// The end of a run whose recording found no more memory.
 #[cold]
-pub fn full(t: f64, error: &Error) -> End {
+pub(crate) fn full(t: f64, error: &Error) -> End {
     let t = seconds(t);
     (Status::Interrupted, format!("stopped at t = {t}: {error}; run.state(-1) goes on from there"))
 }
 
 /// The end of a run in which a number overflowed, in the step that started at `from`.
 #[cold]
-pub fn overflow(from: f64) -> End {
+pub(crate) fn overflow(from: f64) -> End {
     let from = seconds(from);
     let message = format!(
         "a number overflowed in the step from t = {from}; the last row is the last finite instant. Shorter steps (a \
@@ -61,7 +102,7 @@ pub fn overflow(from: f64) -> End {
 /// The end of a run with steps of length `h` whose energy ledger is open by `error` at time `t`, which is more than
 /// the energy `supplied` to the motion so far. Steps up to `stable` are surely stable.
 #[cold]
-pub fn unstable(t: f64, h: f64, (error, supplied): (f64, f64), stable: f64) -> End {
+pub(crate) fn unstable(t: f64, h: f64, (error, supplied): (f64, f64), stable: f64) -> End {
     let message = format!(
         "the energy ledger is open by {error:.3e} J at t = {}, where only {supplied:.3e} J were ever put in: steps of {h:.3e} s are \
          too long for the method to be stable, and the run is not the motion. dt <= {stable:.2e} s is surely short enough, \
@@ -71,7 +112,6 @@ pub fn unstable(t: f64, h: f64, (error, supplied): (f64, f64), stable: f64) -> E
     (Status::Unstable, message)
 }
 
-/// Describes an iteration that did not converge.
 fn failure(Unsolved { iterations, correction }: Unsolved) -> String {
     if correction.is_finite() {
         format!(
@@ -84,7 +124,7 @@ fn failure(Unsolved { iterations, correction }: Unsolved) -> String {
 
 /// The end of a run in which the equations of a step of fixed length were not solved.
 #[cold]
-pub fn unsolved(t: f64, h: f64, unsolved: Unsolved) -> End {
+pub(crate) fn unsolved(t: f64, h: f64, unsolved: Unsolved) -> End {
     let message = format!(
         "Newton's iteration did not converge in the step of {h:.3e} s from t = {}: {}. A smaller dt may help, or tolerance= \
          with a method that has it",
@@ -94,21 +134,22 @@ pub fn unsolved(t: f64, h: f64, unsolved: Unsolved) -> End {
     (Status::NewtonFailed, message)
 }
 
-/// The end of a run whose adaptive steps became shorter than double precision resolves.
+/// The end of a run whose adaptive steps became shorter than double precision resolves. The last attempt was `unsolved`, or
+/// had this error in units of the allowed one; a negative error stands for no attempt.
 #[cold]
-pub fn too_small(t: f64, h: f64, last: Attempt) -> End {
-    let reason = match last {
-        Attempt::None => {
-            "the clock does not resolve a first step there; start at a time nearer to zero".to_owned()
-        }
-        Attempt::Error(error) if !error.is_finite() => "a number overflowed in the last attempt".to_owned(),
-        Attempt::Error(error) if error > 1.0 => {
-            format!("the last attempt's error was still {error:.1e} times what tolerance allows")
-        }
-        Attempt::Error(_) => "the error control kept shortening the steps".to_owned(),
-        Attempt::Unsolved(unsolved) => {
+pub(crate) fn too_small(t: f64, h: f64, (unsolved, error): (Option<Unsolved>, f64)) -> End {
+    let reason = match unsolved {
+        Some(unsolved) => {
             format!("in the last attempt Newton's iteration did not converge, {}", failure(unsolved))
         }
+        None if error < 0.0 => {
+            "the clock does not resolve a first step there; start at a time nearer to zero".to_owned()
+        }
+        None if !error.is_finite() => "a number overflowed in the last attempt".to_owned(),
+        None if error > 1.0 => {
+            format!("the last attempt's error was still {error:.1e} times what tolerance allows")
+        }
+        None => "the error control kept shortening the steps".to_owned(),
     };
     let t = seconds(t);
     let message = format!(
@@ -120,7 +161,7 @@ pub fn too_small(t: f64, h: f64, last: Attempt) -> End {
 
 /// The end of a run that used up its steps.
 #[cold]
-pub fn too_many(t: f64, h: f64, most: u64) -> End {
+pub(crate) fn too_many(t: f64, h: f64, most: u64) -> End {
     let t = seconds(t);
     let message = format!(
         "{most} steps, rejected ones too, were not enough: the run reached t = {t} with a step length of {h:.3e} s. If the method is \
@@ -131,7 +172,13 @@ pub fn too_many(t: f64, h: f64, most: u64) -> End {
 
 /// The end of a run at an event of its contacts, which have these modes at the `last` instant.
 #[cold]
-pub fn contact(scene: &Scene, last: &Instant, reason: Reason, [right, left]: [Mode; 2], h: f64) -> End {
+pub(crate) fn contact(
+    scene: &Scene,
+    last: &Instant,
+    reason: Reason,
+    [right, left]: [Mode; 2],
+    h: f64,
+) -> End {
     let t = seconds(last.t);
     let modes = format!("the right tip {}, the left tip {}", right.word(), left.word());
     match reason {
@@ -209,7 +256,7 @@ fn lost(scene: &Scene, last: &Instant, loss: Loss, modes: [Mode; 2]) -> String {
 
 /// The end, at time `last`, of a run that first went on after a violation and then failed. No other step helps then,
 /// only a stop at the violation. The message keeps its cause, but this advice replaces its own.
-pub fn after_violation(end: End, last: f64, first_times: &[f64; VIOLATIONS.len()]) -> End {
+pub(crate) fn after_violation(end: End, last: f64, first_times: &[f64; VIOLATIONS.len()]) -> End {
     use Status::{NewtonFailed, NotFinite, StepTooSmall, TooManySteps, Unstable};
     let (status, message) = end;
     let first = STOP_ON
@@ -229,4 +276,17 @@ pub fn after_violation(end: End, last: f64, first_times: &[f64; VIOLATIONS.len()
         seconds(t)
     );
     (status, message)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stepping::monitor::VIOLATIONS;
+
+    #[test]
+    fn a_run_that_a_violation_ends_has_its_name() {
+        for (name, violation) in VIOLATIONS {
+            assert_eq!(Status::of(violation).name(), name);
+        }
+    }
 }

@@ -8,20 +8,17 @@ use crate::error::Error;
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
 use crate::method::traits::{Integrator, Runs};
 use crate::number::lanes::{LaneTask, Lanes};
-use crate::stepping::batch::{LaneBatch, LoopSetup};
+use crate::stepping::batch::{LaneBatch, LoopSetup, LoopSystem};
 use crate::stepping::ending::full;
 use crate::stepping::equal_lanes::{EqualLanes, Instants};
 use crate::stepping::grid::GridOf;
-use crate::stepping::loop_system::LoopSystem;
+use crate::stepping::lone_steps::RowsInside;
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::{POLL, RunQueue};
-use crate::stepping::rows_inside::RowsInside;
 
 /// The loop of equal steps before it runs.
 pub struct EqualSteps<'g, 'a, Q, B> {
-    /// What it needs before it runs.
     pub setup: LoopSetup<'a, Q>,
-    /// Finds the times of the steps of a run.
     pub grid: &'g GridOf<'g>,
     /// Makes the equations and the method for the runs in all lanes. The method is behind a pointer.
     pub build: B,
@@ -39,7 +36,6 @@ where
     type Output = Result<Q, Error>;
 
     #[inline(always)]
-    #[allow(clippy::too_many_lines)] // one step, from one evaluation to the next
     fn run(self) -> Result<Q, Error> {
         let Self { setup, grid, build } = self;
         let zero = R::zero();

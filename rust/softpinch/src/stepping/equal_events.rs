@@ -12,12 +12,11 @@ use crate::number::lanes::{Bits, Lanes, each};
 use crate::stepping::batch::Seen;
 use crate::stepping::contact_events::ContactEnd;
 use crate::stepping::contact_lane::Moment;
-use crate::stepping::ending::{interruption, overflow};
+use crate::stepping::ending::{Status, interruption, overflow};
 use crate::stepping::equal_lanes::{EqualLanes, Instants};
 use crate::stepping::instant::{Instant, all_finite, column};
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::{POLL, RunQueue};
-use crate::stepping::status::Status;
 
 impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     /// Lets events happen and controllers measure, which `held` lanes do instead of a step. Returns the lanes into which

@@ -7,18 +7,92 @@ use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
 use crate::method::traits::{Integrator, Step, Unsolved};
 use crate::model::motion::{Linearized, Motion, unpacked};
+use crate::model::scene::Scene;
 use crate::number::lanes::{Bits, Lanes, each};
-use crate::stepping::batch::LaneBatch;
+use crate::stepping::batch::{LaneBatch, LoopSystem};
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::ending::{self, End, full};
-use crate::stepping::grid::{GridOf, Segment};
+use crate::stepping::grid::{Grid, GridOf, Segment};
 use crate::stepping::instant::{Instant, put, watched};
 use crate::stepping::lane_controller::LaneController;
-use crate::stepping::loop_system::LoopSystem;
+use crate::stepping::lone_steps::RowsInside;
 use crate::stepping::phase::Phase;
-use crate::stepping::place::Place;
 use crate::stepping::queue::RunQueue;
-use crate::stepping::rows_inside::RowsInside;
+
+pub(super) struct Place {
+    pub(super) grid: Grid,
+    /// The current segment, the segment before it, and the number of steps before the current segment.
+    pub(super) segment: Segment,
+    pub(super) earlier: Option<Segment>,
+    pub(super) steps_before: u64,
+    /// The clock at the end of the segment.
+    pub(super) arrival: u64,
+    /// The clock until which the saved instant of the run is its last watched one.
+    pub(super) saved_until: u64,
+    /// The clock at which the run's discrete controller took its last sample.
+    pub(super) sampled: Option<u64>,
+}
+
+impl Place {
+    /// The place at the start of a run, whose first instant is evaluated at the clock `from`.
+    pub(super) fn new(grid: Grid, from: u64) -> Self {
+        Self {
+            segment: grid.first,
+            earlier: None,
+            steps_before: 0,
+            arrival: 0,
+            saved_until: from,
+            sampled: None,
+            grid,
+        }
+    }
+
+    /// The phase in which a run begins the current segment, once the modes of its contacts are chosen. A run that is resumed
+    /// inside a segment has already had the impulses at the start of the segment.
+    pub(super) fn phase_at_start(&self, scene: &Scene) -> Phase {
+        let Segment { first, start, .. } = self.segment;
+        let struck = first == 0 && scene.inputs.impulses_at(start).next().is_some();
+        if struck { Phase::Impulse } else { Phase::Step }
+    }
+
+    /// Goes on in the segment after the current one.
+    pub(super) fn go_on(&mut self, next: Segment) {
+        self.steps_before += self.segment.steps();
+        self.earlier = Some(std::mem::replace(&mut self.segment, next));
+    }
+
+    /// Number of steps in the current segment at this clock, including those of a run that this one resumes.
+    pub(super) fn step(&self, clock: u64) -> u64 {
+        self.segment.count - (self.arrival - clock)
+    }
+
+    /// The time and the grid point at this clock.
+    pub(super) fn now(&self, clock: u64) -> (f64, (f64, u64)) {
+        let step = self.step(clock);
+        (self.segment.time(step), (self.segment.anchor, step))
+    }
+
+    /// The segment of the step that ends at this clock, and the number of steps in it up to there.
+    pub(super) fn last_step(&self, clock: u64) -> (Segment, u64) {
+        let step = self.step(clock);
+        match self.earlier {
+            Some(earlier) if step == self.segment.first => (earlier, earlier.count),
+            _ => (self.segment, step),
+        }
+    }
+
+    /// The time and the grid point of the run's first instant in the current segment.
+    pub(super) fn first(&self) -> (f64, (f64, u64)) {
+        (self.segment.start, (self.segment.anchor, self.segment.first))
+    }
+
+    /// The time and the grid point of the instant before this clock.
+    pub(super) fn before(&self, clock: u64) -> (f64, (f64, u64)) {
+        let (segment, step) = self.last_step(clock);
+        let step = step.saturating_sub(1).max(segment.first);
+        (segment.time(step), (segment.anchor, step))
+    }
+}
 
 /// The last two instants of the runs in all lanes: the states and their evaluations.
 pub(super) struct Instants<'a, R> {
@@ -28,7 +102,6 @@ pub(super) struct Instants<'a, R> {
     pub(super) y_before: &'a States<R>,
 }
 
-/// The lanes of the loop of equal steps.
 pub(super) struct EqualLanes<'g, 'a, R: Lanes, Q> {
     pub(super) batch: LaneBatch<'a, R, Place, Q>,
     pub(super) grid: &'g GridOf<'g>,
@@ -77,8 +150,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         run.place.arrival = from + (count - first);
         self.anchor.set(lane, anchor);
         self.h.set(lane, h);
-        #[allow(clippy::cast_precision_loss)] // at most 1e11
-        self.taken.set(lane, first as f64);
+        self.taken.set(lane, first as f64); // at most 1e11
         self.at_start |= 1 << lane;
         self.entered = true;
         if run.controller.as_ref().is_some_and(|controller| controller.is_due(start)) {
@@ -136,12 +208,11 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
                 continue;
             }
             let sampled = |controller: &LaneController| controller.is_due(place.segment.end);
-            if run.controller.as_deref().is_some_and(sampled) && !place.grid.is_last(&place.segment) {
-                // The controller measures at the end of the segment, before another one begins.
-                self.batch.phases.set(1 << lane, Phase::Sample);
-                continue;
-            }
             match place.grid.after(&run.scene.inputs, &place.segment) {
+                // The controller measures at the end of the segment, before another one begins.
+                Some(_) if run.controller.as_deref().is_some_and(sampled) => {
+                    self.batch.phases.set(1 << lane, Phase::Sample);
+                }
                 Some(next) => {
                     place.go_on(next);
                     self.enter(lane, self.clock);
@@ -218,7 +289,6 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         self.batch.active() & !(self.batch.phases.at(Phase::Struck) | self.held)
     }
 
-    /// Ends the run in a lane at its last instant.
     pub(super) fn retire(&mut self, system: &SceneEquations<R>, lane: usize, end: End, last: &Instant) {
         self.count(lane);
         if self.has_rows_inside() && !self.record_inside(system, last.t) {
@@ -232,7 +302,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     #[cold]
     #[inline(never)]
     pub(super) fn record_inside(&mut self, system: &SceneEquations<R>, until: f64) -> bool {
-        for row in self.inside.take_until(until) {
+        let rows = std::mem::take(&mut self.inside.rows);
+        for row in rows.into_iter().take_while(|row| row.t < until) {
             if let Err(error) = self.batch.record(system, &row) {
                 self.retire(system, 0, full(row.t, &error), &row);
                 return false;
@@ -241,10 +312,9 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         true
     }
 
-    /// Whether there are rows to record.
     #[inline(always)]
     pub(super) fn has_rows_inside(&self) -> bool {
-        R::WIDTH == 1 && !self.inside.is_empty()
+        R::WIDTH == 1 && !self.inside.rows.is_empty()
     }
 
     /// Replaces the state of a lane, which is evaluated again. Until the run has been watched again, after so many
@@ -296,7 +366,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         let (drive, stats) = (&self.batch.drive, &mut self.batch.stats);
         let step = Step { system, drive, tau, h: self.h, y, rate: &now.rate, allowed: None };
         let jacobians = stats.jacobians;
-        method.step(&step, after, stats).map_err(Into::into)?;
+        method.step(&step, after, stats)?;
         if keeps_jacobian {
             if stats.jacobians > jacobians {
                 self.taken_at = Some(pack(tau, &now.motion));

@@ -23,9 +23,7 @@ pub struct Segment {
     pub anchor: f64,
     /// The first instant of this run in the segment: the anchor, unless the run resumes another one.
     pub start: f64,
-    /// The end of the segment.
     pub end: f64,
-    /// Length of a step.
     pub h: f64,
     /// Steps that the resumed run has already taken in the segment.
     pub first: u64,
@@ -41,15 +39,13 @@ impl Segment {
         let whole = (length / dt * (1.0 - 1e-12)).ceil().max(1.0);
         // The steps are then dt itself, to the bit, however the run is divided.
         let h = if whole.mul_add(dt, -length).abs() <= round_off(anchor, end) { dt } else { length / whole };
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a whole number, saturating
-        let count = whole as u64;
+        let count = whole as u64; // a whole number, saturating
         Self { anchor, start: anchor + 0.0, end, h, first: 0, count }
     }
 
     /// Refuses steps that are too many to count, or so short that double precision does not tell their times
     /// apart.
     fn require_countable(&self, dt: f64) -> Result<(), Error> {
-        #[allow(clippy::cast_precision_loss)] // compared with a limit, no more
         let steps = self.count as f64;
         if steps > MOST_STEPS {
             return Err(too_many((self.end - self.anchor) / dt));
@@ -64,8 +60,7 @@ impl Segment {
     /// The time since the anchor after `step` steps.
     #[inline(always)]
     pub fn tau(&self, step: u64) -> f64 {
-        #[allow(clippy::cast_precision_loss)] // at most 1e11
-        let steps = step as f64;
+        let steps = step as f64; // at most 1e11
         steps * self.h
     }
 
@@ -112,9 +107,7 @@ fn too_many(needed: f64) -> Error {
 /// The start and the end of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Span {
-    /// The first instant, s.
     pub start: f64,
-    /// The last instant, s.
     pub end: f64,
 }
 
@@ -138,7 +131,6 @@ impl Span {
         inputs.next_breakpoint(from).min(self.end)
     }
 
-    /// Number of segments.
     pub fn segment_count(&self, inputs: &Inputs) -> u64 {
         let (mut from, mut count) = (self.start, 0);
         while from < self.end {
@@ -159,11 +151,8 @@ pub struct Grid {
     refine: u32,
     /// The segment in which the run starts.
     pub first: Segment,
-    /// Number of segments.
     pub segments: u64,
-    /// Number of steps.
     pub steps: u64,
-    /// The longest step, s.
     pub longest: f64,
 }
 
@@ -192,7 +181,6 @@ impl Grid {
         let mut grid = Self { span, dt, refine, first, segments: 0, steps: 0, longest: 0.0 };
         let (mut next, mut total) = (Some(first), 0.0);
         while let Some(segment) = next {
-            #[allow(clippy::cast_precision_loss)] // compared with a limit, no more
             let steps = segment.steps() as f64;
             total += steps;
             grid.segments += 1;
@@ -203,11 +191,6 @@ impl Grid {
             next = coarse.map(|coarse| coarse.refined(refine));
         }
         if total > MOST_STEPS { Err(too_many(total)) } else { Ok(grid) }
-    }
-
-    /// Whether a segment is the last one.
-    pub fn is_last(&self, segment: &Segment) -> bool {
-        segment.end >= self.span.end
     }
 
     /// The segment after this one; `None` after the last.

@@ -9,22 +9,17 @@ use crate::model::start::State;
 use crate::number::lanes::{Bits, Lanes};
 use crate::number::real::Real;
 
-/// One instant of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Instant {
     /// Time, s.
     pub t: f64,
     /// Start of its segment and steps since then, so that a resumed run gives the same bits.
     pub grid: (f64, u64),
-    /// The motion.
     pub motion: Motion<f64>,
-    /// Multipliers.
     pub multipliers: [f64; 4],
-    /// Residuals.
     pub residuals: [f64; 4],
     /// Torques on the fingers, N m.
     pub torque: [f64; 2],
-    /// The contacts, in unilateral contact.
     pub contact: Option<ContactRow>,
     /// The works of the ledger; zeros if they are not carried.
     pub works: [f64; WORKS],
@@ -51,7 +46,6 @@ impl Instant {
         }
     }
 
-    /// Whether all numbers of the instant are finite.
     pub fn is_finite(&self) -> bool {
         let Self { motion: Motion { q, p, memory }, multipliers, residuals, torque, works, .. } = self;
         [&q.row()[..], &p.row(), memory, multipliers, residuals, torque, works]

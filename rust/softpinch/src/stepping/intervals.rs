@@ -7,12 +7,10 @@ use crate::stepping::monitor::{VIOLATIONS, ViolationSet};
 use crate::stepping::record::MOST_VALUES;
 
 /// Largest number of intervals of one violation, as far as the size of a recording is limited.
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a small whole number
-const MOST_INTERVALS: usize = (MOST_VALUES / 2.0) as usize;
+const MOST_INTERVALS: usize = (MOST_VALUES / 2.0) as usize; // a small whole number
 
 /// The intervals of a run so far. An interval has the times of the first and of the last of consecutive
 /// watched instants that show the violation.
-#[derive(Debug, Clone)]
 pub struct Intervals {
     /// The violations at the last watched instant, and its time.
     found: ViolationSet,
@@ -32,7 +30,6 @@ impl Default for Intervals {
 }
 
 impl Intervals {
-    /// Notes the violations at the instant `t`.
     #[inline(always)]
     pub fn note(&mut self, t: f64, found: ViolationSet) {
         if found != self.found {
@@ -118,31 +115,18 @@ fn end(intervals: &mut [[f64; 2]], t: f64) {
     }
 }
 
-/// Adds one more interval, if there is room for it.
+/// Adds one more interval. If there is no room for it, the refusal says so.
 fn keep<T>(intervals: &mut Vec<T>, interval: T, limit: usize, refusal: &mut Option<Error>) {
-    match make_room(intervals, limit) {
-        Ok(()) => intervals.push(interval),
-        Err(error) => *refusal = Some(error),
-    }
-}
-
-/// Makes room for one more interval. The error says that there is none.
-fn make_room<T>(intervals: &mut Vec<T>, limit: usize) -> Result<(), Error> {
     let count = intervals.len();
-    if count < intervals.capacity() {
-        return Ok(());
+    if count < limit && intervals.try_reserve(1).is_ok() {
+        return intervals.push(interval);
     }
-    #[allow(clippy::cast_precision_loss)] // only its size matters
-    let refused = || Error::TooLarge {
+    *refusal = Some(Error::TooLarge {
         what: "the violations' intervals, in numbers,",
         needed: 2.0 * (count + 1) as f64,
         limit: 2.0 * limit as f64,
         advice: "simulate a shorter time, or stop_on= the violation that comes and goes",
-    };
-    if count >= limit {
-        return Err(refused());
-    }
-    intervals.try_reserve_exact((count + 4).min(limit - count)).map_err(|_| refused())
+    });
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use crate::error::Error;
 use crate::formulation::equations::Evaluation;
 use crate::model::controller_state::{ControllerState, Kept, Measured, Scratch};
+use crate::model::frame::FrameMotion;
 use crate::model::inputs::Sampled;
 use crate::model::measures::Measure;
 use crate::model::sampled::SampledController;
@@ -16,7 +17,6 @@ use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::instant::{Instant, column};
 use crate::stepping::options::Options;
 
-/// The discrete controller of a run.
 pub struct LaneController {
     controller: Arc<SampledController>,
     now: ControllerState,
@@ -51,7 +51,6 @@ impl LaneController {
         })))
     }
 
-    /// Whether a sample is to be taken at the instant `t`.
     pub fn is_due(&self, t: f64) -> bool {
         self.now.is_due(&self.controller, t)
     }
@@ -88,7 +87,10 @@ impl LaneController {
             let found = LaneContact::first_multipliers(how.0, how.1, scene, drive, h);
             multipliers = found.unwrap_or(multipliers);
         }
-        let seen = Measured { motion: &motion, multipliers: &multipliers, target: scene.inputs.target(t) };
+        let frame = scene.inputs.frame_from(t).map_or_else(FrameMotion::still, |frame| frame.at(0.0));
+        let frame = (frame, scene.parameters.surroundings.gravity);
+        let target = scene.inputs.target(t);
+        let seen = Measured { motion: &motion, multipliers: &multipliers, target, frame };
         self.keep(t);
         self.now.sample(&self.controller, &seen, &mut self.scratch);
     }

@@ -1,5 +1,6 @@
 //! Steps of one run outside of its loop, by a method of its own: those that locate the events of its contacts, and
-//! those that end inside a step, where a row was asked for. Taking them leaves the loop's method as it is.
+//! those that end inside a step, where a row was asked for. Taking them leaves the loop's method as it is, and a row is as
+//! accurate as the ends of steps, whatever the method.
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::scene_equations::SceneEquations;
@@ -9,9 +10,15 @@ use crate::method::traits::{Runs, Stats, Step, Unsolved};
 use crate::model::contact_modes::Contacts;
 use crate::model::drive::SegmentDrive;
 use crate::model::scene::Scene;
-use crate::number::lanes::MOST;
+use crate::number::lanes::{Lanes, MOST};
 use crate::number::simd::level::Instructions;
+use crate::stepping::batch::LaneBatch;
+use crate::stepping::contact_lane::Moment;
+use crate::stepping::equal_lanes::Place;
+use crate::stepping::grid::round_off;
+use crate::stepping::instant::{Instant, column, watched};
 use crate::stepping::options::Options;
+use crate::stepping::queue::RunQueue;
 
 /// The start of the last step, with the derivative of its state.
 struct KnownStart {
@@ -64,14 +71,12 @@ impl LoneMethod {
     }
 }
 
-/// The equations of one run and its method.
 pub(super) struct LoneSteps {
     pub(super) system: SceneEquations<f64>,
     pub(super) method: LoneMethod,
 }
 
 impl LoneSteps {
-    /// The equations and the method of a run with these parameters.
     pub(super) fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Self {
         let parameters = &[&scene.parameters; MOST];
         let choice = options.choice(&scene.inputs);
@@ -84,6 +89,69 @@ impl LoneSteps {
     /// The work that was done since the last call.
     pub(super) fn take_stats(&mut self) -> Stats {
         std::mem::take(&mut self.method.stats)
+    }
+}
+
+/// A row closer to the start of its step than this share of the step has the state there.
+const SLIVER: f64 = 1.0 / (1u64 << 44) as f64;
+
+/// The rows inside the last step, and the steps that lead to them.
+#[derive(Default)]
+pub(super) struct RowsInside {
+    /// The equations and the method, once there was a row; runs with unilateral contact have their own.
+    steps: Option<Box<LoneSteps>>,
+    /// The rows, until it is known how far the run gets in this step.
+    pub(super) rows: Vec<Instant>,
+}
+
+impl RowsInside {
+    /// Computes the instants that were asked for before the end of the step that the run in lane 0 takes from the time
+    /// `tau` of its segment and the state `y`.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn look_inside<'a, R: Lanes, Q: RunQueue<'a>>(
+        &mut self,
+        batch: &mut LaneBatch<'a, R, Place, Q>,
+        clock: u64,
+        system: &SceneEquations<R>,
+        (tau, y): (R, &States<R>),
+    ) -> Result<(), Unsolved> {
+        let (tau, y) = (tau.lane(0), column(y, 0));
+        let Some(run) = &mut batch.runs[0] else { return Ok(()) };
+        let (start, end) = (run.place.now(clock).0, run.place.now(clock + 1).0);
+        if let Some(steps) = &mut self.steps {
+            steps.method.forget_start();
+        }
+        loop {
+            let time = batch.queue.next_time();
+            if time >= end {
+                return Ok(());
+            }
+            batch.queue.is_due(time, true);
+            // A step as short as round-off might not be solved.
+            let shortest = round_off(start, end).max(SLIVER * (end - start));
+            let length = if time - start <= shortest { 0.0 } else { time - start };
+            let row = if let Some(contact) = &mut run.contact {
+                contact.inside(&Moment { earlier: false, tau, h: length, y: &y })?
+            } else {
+                let mut drive = run.scene.inputs.segment(run.place.segment.anchor);
+                if let Some(controller) = &run.controller {
+                    drive.hold(controller.held());
+                }
+                let how = (batch.instructions, batch.options);
+                let new = || Box::new(LoneSteps::new(how.0, how.1, &run.scene));
+                let steps = self.steps.get_or_insert_with(new);
+                let LoneSteps { system: alone, method } = &mut **steps;
+                let next = if length > 0.0 { method.step(alone, &drive, (tau, &y), length)? } else { y };
+                let now = alone.evaluate(&drive, tau + length, &next);
+                batch.stats.evaluations += 1 + steps.take_stats().evaluations;
+                watched(system.size(), (0, None), &now, &next, time, (time, 0))
+            };
+            // After an overflow the run ends at this step.
+            if row.is_finite() {
+                self.rows.push(Instant { t: time, grid: (time, 0), ..row });
+            }
+        }
     }
 }
 

@@ -1,47 +1,37 @@
-//! The step loops, written over lanes. [`equal`] takes equal steps between breakpoints, [`adaptive`] takes
-//! steps as long as the error allows. A single run is one lane, and a [`recorder`] records it. [`batch`] has
+//! The step loops, written over lanes. `equal` takes equal steps between breakpoints, `adaptive` takes
+//! steps as long as the error allows. A single run is one lane, and a `recorder` records it. `batch` has
 //! the work of both loops on the runs in their lanes.
 //!
 //! Events of unilateral contact: [`monitor`] has the conditions that end a mode, `event_search.rs` locates events on
-//! the method's own step, `contact_changes.rs` lets them happen. [`contact_lane`] does this for the run in a lane,
+//! the method's own step, `contact_changes.rs` lets them happen. `contact_lane` does this for the run in a lane,
 //! `equal_events.rs` and `adaptive_events.rs` are its use in the two loops.
 
-// Loops over several arrays at once are clearer with an index.
-#![allow(clippy::needless_range_loop)]
-
-pub mod adaptive;
+pub(crate) mod adaptive;
 mod adaptive_events;
 mod adaptive_lanes;
-pub mod batch;
-mod contact_batch;
+pub(crate) mod batch;
 mod contact_changes;
 pub mod contact_events;
-pub mod contact_lane;
+pub(crate) mod contact_lane;
 #[cfg(test)]
 mod contact_tests;
 pub mod ending;
-pub mod equal;
+pub(crate) mod equal;
 mod equal_events;
 mod equal_lanes;
 mod event_search;
-pub mod event_stepper;
-pub mod grid;
-mod inside_step;
-pub mod instant;
-pub mod intervals;
-pub mod lane_controller;
+pub(crate) mod grid;
+pub(crate) mod instant;
+pub(crate) mod intervals;
+pub(crate) mod lane_controller;
 mod lone_steps;
-pub mod loop_system;
 pub mod monitor;
 pub mod options;
-pub mod phase;
-mod place;
-pub mod queue;
+pub(crate) mod phase;
+pub(crate) mod queue;
 pub mod record;
-pub mod recorder;
-mod rows_inside;
-pub mod sizes;
-pub mod status;
+pub(crate) mod recorder;
+pub(crate) mod sizes;
 pub mod summary;
 #[cfg(test)]
 mod tests;

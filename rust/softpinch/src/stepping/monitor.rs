@@ -62,21 +62,10 @@ impl ViolationSet {
         self.0 & (1 << violation as u8) != 0
     }
 
-    /// The violations that are in both sets.
-    #[inline(always)]
-    pub fn intersection(self, other: Self) -> Self {
-        Self(self.0 & other.0)
-    }
-
     /// The violations in `found` that hold in one lane.
     pub fn of(found: &[Bits; VIOLATIONS.len()], lane: usize) -> Self {
         let set = found.iter().enumerate().fold(0, |set, (k, bits)| set | (bits >> lane & 1) << k);
         Self(set)
-    }
-
-    /// The first violation of the set in the order of [`VIOLATIONS`].
-    pub fn first(self) -> Option<Violation> {
-        VIOLATIONS.iter().map(|&(_, violation)| violation).find(|&violation| self.contains(violation))
     }
 }
 
@@ -154,7 +143,7 @@ const ROUND_OFF: f64 = 16.0 * f64::EPSILON;
 
 /// The limits with which the model's quantities are compared.
 #[derive(Debug, Clone, Copy)]
-pub struct Limits<R> {
+pub(crate) struct Limits<R> {
     sides: [Side<R>; 2],
     /// The compression below which a tip has left the object.
     least: [R; 2],
@@ -345,12 +334,9 @@ fn curvature<R: Real>(source: &impl Source<R>, i: usize) -> R {
 /// The point at which a tip seems to leave the object, to be pressed flat or to fold, and then to come back
 /// between two states. It is a share of the step of length `h` between them. It is found on the cubic through
 /// values and rates at both ends, because a step may be long. This is rare, so the code is called.
-pub struct ViolatingTurningPoint<'a> {
-    /// The parameters of the run.
+pub(crate) struct ViolatingTurningPoint<'a> {
     pub parameters: &'a Parameters,
-    /// The states.
     pub ends: [&'a Motion<f64>; 2],
-    /// The length of the step.
     pub h: f64,
 }
 
@@ -382,7 +368,12 @@ impl LaneTask<f64> for ViolatingTurningPoint<'_> {
 
 /// Explains, with numbers, why a run ends on `violation` at an instant. `begins` is true at the first instant
 /// of the run.
-pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, instant: &Instant) -> String {
+pub(crate) fn explain(
+    parameters: &Parameters,
+    violation: Violation,
+    begins: bool,
+    instant: &Instant,
+) -> String {
     let Instant { motion, multipliers, contact, .. } = instant;
     let Motion { q, p, .. } = motion;
     let t = seconds(instant.t);

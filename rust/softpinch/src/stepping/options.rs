@@ -85,11 +85,6 @@ impl Default for Options {
 }
 
 impl Options {
-    /// Whether the state carries the works of the ledger.
-    pub(crate) fn carries_ledger(&self) -> bool {
-        self.record.energy || self.guard || self.summaries.contains(Summary::EnergyClosure)
-    }
-
     /// Whether the steps of a run may be beyond the stability limit of its method, by a bound on the rates of the
     /// motion. Methods with error control, and those that are stable for every step, need no such bound.
     pub fn may_be_unstable(&self, scene: &Scene) -> bool {
@@ -109,6 +104,7 @@ impl Options {
     pub(crate) fn choice(&self, inputs: &Inputs) -> Choice {
         let Self { formulation, contact, .. } = *self;
         let (fingers, moves) = (inputs.fingers(), inputs.moves());
-        Choice { formulation, contact, fingers, moves, ledger: self.carries_ledger() }
+        let ledger = self.record.energy || self.guard || self.summaries.contains(Summary::EnergyClosure);
+        Choice { formulation, contact, fingers, moves, ledger }
     }
 }

@@ -22,43 +22,36 @@ pub enum Phase {
     /// In the adaptive loop: the event happens. In the loop of equal steps events happen after the step, and its lanes are
     /// a set that lasts for one evaluation.
     Event,
-    /// It takes a step.
     Step,
     /// It has arrived at its end.
     End,
 }
 
-/// Number of phases.
 const PHASES: usize = Phase::End as usize + 1;
 
 /// The phases of all lanes. Vector code needs sets of lanes, so that each phase has the set of its lanes; every lane is in
 /// exactly one of them.
-#[derive(Debug, Clone, Copy)]
 pub struct Phases {
     lanes: [Bits; PHASES],
 }
 
 impl Phases {
-    /// Lanes without runs.
     pub fn idle() -> Self {
         let mut lanes = [0; PHASES];
         lanes[Phase::Idle as usize] = Bits::MAX;
         Self { lanes }
     }
 
-    /// The lanes in a phase.
     #[inline(always)]
     pub fn at(&self, phase: Phase) -> Bits {
         self.lanes[phase as usize]
     }
 
-    /// The lanes that have runs.
     #[inline(always)]
     pub fn active(&self) -> Bits {
         !(self.at(Phase::Idle) | self.at(Phase::Ended))
     }
 
-    /// Puts lanes into a phase.
     pub fn set(&mut self, lanes: Bits, phase: Phase) {
         for of_phase in &mut self.lanes {
             *of_phase &= !lanes;

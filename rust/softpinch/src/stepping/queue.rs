@@ -21,9 +21,7 @@ pub const POLL: u64 = 1 << 12;
 
 /// A run before it begins.
 pub struct Taken<'a> {
-    /// Number of the run.
     pub number: usize,
-    /// The scene that is simulated.
     pub scene: Cow<'a, Scene>,
     /// The contacts of an earlier run with the same parameters, if they were kept.
     pub contact: Option<Box<LaneContact>>,
@@ -34,7 +32,6 @@ pub trait RunQueue<'a> {
     /// The next run, or `None` if there is none.
     fn take(&mut self) -> Result<Option<Taken<'a>>, Error>;
 
-    /// Whether the loop should stop its runs.
     fn stops(&mut self) -> bool;
 
     /// Takes a run that has ended. `energies` computes those of its last instant.
@@ -70,9 +67,7 @@ pub trait RunQueue<'a> {
     }
 }
 
-/// A run that has ended.
 pub struct Finished {
-    /// Number of the run.
     pub number: usize,
     /// The run, which the loop itself does not record.
     pub run: Run,
@@ -80,5 +75,4 @@ pub struct Finished {
     pub contact: Option<Box<LaneContact>>,
 }
 
-/// The parameters of the runs in all lanes.
 pub type LaneParameters<'a> = [&'a Parameters; MOST];

@@ -5,11 +5,10 @@ use crate::method::traits::Stats;
 use crate::model::contact_modes::ContactRow;
 use crate::model::energy::{BILATERAL_WORKS, CONTACT_WORKS, Energies, WORKS};
 use crate::model::motion::Linearized;
-use crate::names::named;
 use crate::stepping::contact_events::Change;
+use crate::stepping::ending::Status;
 use crate::stepping::instant::Instant;
 use crate::stepping::monitor::VIOLATIONS;
-use crate::stepping::status::Status;
 use crate::stepping::summary::COUNT;
 
 /// The contacts of bilateral contact.
@@ -21,7 +20,6 @@ pub(super) const MOST_VALUES: f64 = 2_147_483_648.0;
 /// An empty vector with room for `entries`, a number that comes from a user. The error says that no machine
 /// has so much memory, or that this one has not; `what` names the numbers in it.
 pub fn reserved<T>(what: &'static str, entries: usize) -> Result<Vec<T>, Error> {
-    #[allow(clippy::cast_precision_loss)] // only its size matters
     let needed = entries as f64 * (size_of::<T>() as f64 / size_of::<f64>() as f64);
     let refused = |advice| Error::TooLarge { what, needed, limit: MOST_VALUES, advice };
     if needed > MOST_VALUES {
@@ -31,26 +29,6 @@ pub fn reserved<T>(what: &'static str, entries: usize) -> Result<Vec<T>, Error> 
     room.try_reserve_exact(entries)
         .map_err(|_| refused("this machine has no room for them at present, ask for fewer"))?;
     Ok(room)
-}
-
-named! {
-    /// A quantity that a run can record.
-    Quantity;
-    /// The quantities that can be recorded, by their public names.
-    RECORDABLE = {
-        /// q, p and the controllers' memories.
-        State = "state",
-        /// lambda.
-        Multipliers = "multipliers",
-        /// C^H and C^N.
-        Residuals = "residuals",
-        /// The energy ledger.
-        Energy = "energy",
-        /// The torques on the fingers.
-        Torque = "torque",
-        /// The modes of the contacts.
-        Contact = "contact",
-    }
 }
 
 /// What the rows of a run have because of its method and its contacts.
@@ -113,18 +91,24 @@ impl Selection {
     }
 }
 
+/// Finds whether a quantity is selected.
+pub type Quantity = fn(&mut Selection) -> &mut bool;
+
+/// The quantities that can be recorded, by their public names.
+pub const RECORDABLE: [(&str, Quantity); 6] = [
+    ("state", |selection| &mut selection.state),
+    ("multipliers", |selection| &mut selection.multipliers),
+    ("residuals", |selection| &mut selection.residuals),
+    ("energy", |selection| &mut selection.energy),
+    ("torque", |selection| &mut selection.torque),
+    ("contact", |selection| &mut selection.contact),
+];
+
 impl FromIterator<Quantity> for Selection {
     fn from_iter<I: IntoIterator<Item = Quantity>>(quantities: I) -> Self {
         let mut selection = Self::default();
         for quantity in quantities {
-            match quantity {
-                Quantity::State => selection.state = true,
-                Quantity::Multipliers => selection.multipliers = true,
-                Quantity::Residuals => selection.residuals = true,
-                Quantity::Energy => selection.energy = true,
-                Quantity::Torque => selection.torque = true,
-                Quantity::Contact => selection.contact = true,
-            }
+            *quantity(&mut selection) = true;
         }
         selection
     }
@@ -166,25 +150,6 @@ pub struct Recording {
     pub controller: Vec<f64>,
 }
 
-#[cfg(test)]
-impl Recording {
-    /// The state at a row, from which a run without a discrete controller goes on.
-    pub(crate) fn state_at(&self, k: usize) -> crate::model::start::State {
-        crate::model::start::State {
-            time: self.t[k],
-            motion: crate::model::motion::Motion {
-                q: self.q[k].into(),
-                p: self.p[k].into(),
-                memory: self.memory[k],
-            },
-            grid: Some((self.grid_anchor[k], self.grid_step[k])),
-            linearized: self.linearized.get(k).filter(|point| !point[0].is_nan()).copied(),
-            contact: self.contact.get(k).copied(),
-            controller: None,
-        }
-    }
-}
-
 impl Recording {
     /// A recording with room for `rows` rows. The error says that there is no memory for them.
     pub fn with_capacity(selection: Selection, layout: Layout, rows: u64) -> Result<Self, Error> {
@@ -206,7 +171,6 @@ impl Recording {
         let selection = self.selection;
         let layout = self.layout;
         let width = selection.width(layout);
-        #[allow(clippy::cast_precision_loss)] // only its size matters
         let needed = rows as f64 * width as f64;
         let (what, advice) = ("the recording, in numbers,", "raise every= or record less");
         let too_large = || Error::TooLarge { what, needed, limit: MOST_VALUES, advice };

@@ -11,36 +11,30 @@ use crate::model::energy::Energies;
 use crate::model::scene::Scene;
 use crate::stepping::contact_events::Change;
 use crate::stepping::contact_lane::LaneContact;
-use crate::stepping::ending::arrival;
+use crate::stepping::ending::{Status, arrival};
 use crate::stepping::instant::Instant;
 use crate::stepping::intervals::{Intervals, of_changes};
 use crate::stepping::monitor::{VIOLATIONS, Violation, ViolationSet};
 use crate::stepping::queue::{Finished, RunQueue, Taken};
 use crate::stepping::record::{Recording, Run};
-use crate::stepping::status::Status;
 use crate::stepping::summary::COUNT;
 
 /// The instants that are recorded.
 pub enum Due<'a> {
-    /// None.
     Never,
     /// The start of the run, and then one instant after every so many steps.
     Steps {
-        /// Number of steps between rows.
         every: u64,
         /// Number of steps until the next row.
         left: u64,
     },
-    /// The instants that were asked for.
     Times(&'a [f64]),
 }
 
-/// One run and its recording.
 pub struct Recorder<'a> {
     scene: Option<&'a Scene>,
     due: Due<'a>,
     interrupted: &'a dyn Fn() -> bool,
-    /// The time of the last row.
     last_row: f64,
     intervals: Intervals,
     /// The contacts of an earlier run with the same parameters; after the run, its own.
@@ -54,7 +48,6 @@ pub struct Recorder<'a> {
 }
 
 impl<'a> Recorder<'a> {
-    /// A recorder before its run.
     pub fn new(
         scene: &'a Scene,
         recording: Recording,

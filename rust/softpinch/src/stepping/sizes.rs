@@ -34,7 +34,6 @@ pub fn is_unresolved<R: Lanes>(taken: R, t: R, length: R) -> Bits {
 }
 
 /// The error that is allowed of each state, from the largest magnitude that the state has reached so far.
-#[derive(Debug, Clone, Copy)]
 pub struct Sizes<R> {
     largest: States<R>,
     /// The smallest errors that are allowed.
@@ -44,7 +43,6 @@ pub struct Sizes<R> {
 }
 
 impl<R: Lanes> Sizes<R> {
-    /// Sizes before any state is known.
     #[inline(always)]
     pub fn new(tolerance: f64) -> Self {
         let one = [R::constant(1.0); MAX_COMPONENTS];

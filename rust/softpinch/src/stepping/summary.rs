@@ -12,11 +12,8 @@ use crate::number::lanes::{Bits, Lanes};
 type Memory<R> = [R; 3];
 
 /// One instant of the runs in all lanes.
-#[derive(Debug, Clone, Copy)]
-pub struct SummaryInstant<'a, R> {
-    /// Time, s.
+pub(crate) struct SummaryInstant<'a, R> {
     pub t: R,
-    /// The evaluation of the states.
     pub now: &'a Evaluation<R>,
     /// The sum of |v| over both contacts where they slip or graze, m/s.
     pub slip_speed: R,
@@ -27,11 +24,9 @@ pub struct SummaryInstant<'a, R> {
 }
 
 /// The end of a run, as far as summaries need it.
-#[derive(Debug, Clone, Copy)]
-pub struct RunEnd {
+pub(crate) struct RunEnd {
     /// The first instant that the summaries look at: the start of the run, or a later instant, s.
     pub from: f64,
-    /// Whether the run reached its end.
     pub completed: bool,
     /// The time during which a tip was free, s.
     pub free_time: f64,
@@ -73,7 +68,6 @@ macro_rules! summaries {
         pub const UNITS: [&str; COUNT] = [$($unit),*];
 
         impl<R: Lanes> Summaries<R> {
-            /// Takes an instant of the lanes in `seen`.
             #[inline(always)]
             pub fn watch(&mut self, instant: &SummaryInstant<'_, R>, seen: Bits) {
                 let seen = seen & self.after.at_most(instant.t);
@@ -82,7 +76,6 @@ macro_rules! summaries {
                 })*
             }
 
-            /// Resets the summaries of a lane.
             #[inline(always)]
             pub fn restart(&mut self, lane: usize) {
                 $(for (number, start) in self.memory[Summary::$kind as usize].iter_mut().zip($kind::START) {
@@ -115,9 +108,7 @@ macro_rules! summaries {
 
             /// Whether the summary has a derivative.
             pub fn is_differentiable(self) -> bool {
-                match self {
-                    $(Self::$kind => $kind::SMOOTH,)*
-                }
+                self.slope([0.0; 3], [0.0; 3]).is_some()
             }
         }
 
@@ -336,18 +327,15 @@ impl Default for Wanted {
 }
 
 /// The summaries of the runs in all lanes while they are computed.
-#[derive(Debug, Clone, Copy)]
-pub struct Summaries<R> {
-    /// The summaries that are computed.
+pub(crate) struct Summaries<R> {
     pub wanted: Wanted,
-    /// Instants before this one are left out, s.
     pub after: R,
     band: R,
-    memory: [Memory<R>; COUNT],
+    /// The numbers that each summary keeps.
+    pub memory: [Memory<R>; COUNT],
 }
 
 impl<R: Lanes> Summaries<R> {
-    /// Summaries before the first instant.
     pub fn new(wanted: &Wanted) -> Self {
         let mut summaries = Self {
             wanted: *wanted,
@@ -359,12 +347,6 @@ impl<R: Lanes> Summaries<R> {
             summaries.restart(lane);
         }
         summaries
-    }
-
-    /// The numbers that a summary keeps.
-    #[inline(always)]
-    pub fn memory(&self, summary: Summary) -> [R; 3] {
-        self.memory[summary as usize]
     }
 }
 

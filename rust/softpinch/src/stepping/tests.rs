@@ -3,7 +3,7 @@
 
 use allocation_counter::measure;
 
-use crate::driver::queue::Shared;
+use crate::driver::ensemble::Shared;
 use crate::driver::simulate::simulate;
 use crate::driver::simulator::Simulator;
 use crate::driver::tests::portable;
@@ -14,6 +14,7 @@ use crate::method::table::{METHODS, Method};
 use crate::model::contact_modes::ContactModel;
 use crate::model::control::{FINGERS, Fingers};
 use crate::model::inputs::{Impulse, Inputs, Sinusoid};
+use crate::model::motion::Motion;
 use crate::model::noise::Noise;
 use crate::model::parameters::{Friction, Parameters};
 use crate::model::piecewise::PiecewisePolynomial;
@@ -26,7 +27,7 @@ use crate::number::row::Row4;
 use crate::stepping::instant::all_finite;
 use crate::stepping::monitor::ViolationSet;
 use crate::stepping::options::{Options, Steps};
-use crate::stepping::record::{Quantity, Selection};
+use crate::stepping::record::{RECORDABLE, Recording, Selection};
 
 const DURATION: f64 = 0.02;
 
@@ -58,13 +59,11 @@ fn allocations(scene: &Scene, options: &Options) -> (u64, u64) {
 
 #[test]
 fn a_step_allocates_nothing() {
-    let everything =
-        [Quantity::State, Quantity::Multipliers, Quantity::Residuals, Quantity::Energy, Quantity::Torque];
     for (_, fingers) in FINGERS {
         let scene = scene(fingers).expect("the scene is valid");
         for (name, formulation) in FORMULATIONS {
             for (_, method) in METHODS {
-                let record: Selection = everything.into_iter().collect();
+                let record: Selection = RECORDABLE[..5].iter().map(|&(_, quantity)| quantity).collect();
                 let of = |steps: Steps| {
                     let times = matches!(steps, Steps::Free { .. }).then(|| vec![DURATION]);
                     let options = Options { formulation, method, record, steps, times, ..Options::default() };
@@ -115,7 +114,7 @@ fn a_period_from_outside_allocates_its_method_at_most() {
                 let scenes = (0..runs).map(scene).collect::<Result<Vec<_>, _>>().expect("valid");
                 let mut simulator = Simulator::new(scenes, &options, 1e-3, 1).expect("the scenes are valid");
                 let targets = vec![[0.1, 0.08]; runs as usize];
-                let mut step = || simulator.step(&targets, &|| false);
+                let mut step = || simulator.step(&targets, &[], &|| false);
                 for _ in 0..3 {
                     assert_eq!(step(), Ok(true));
                 }
@@ -137,6 +136,7 @@ fn a_period_from_outside_allocates_its_method_at_most() {
 fn noisy(segments: f64) -> Result<Scene, Error> {
     let scene = scene(Fingers::Pid)?;
     let noise = Noise {
+        acceleration: [0.0; 2],
         std: [0.1; 3],
         rate: segments / DURATION,
         start: 0.0,
@@ -229,5 +229,19 @@ fn every_number_of_an_instant_that_is_not_finite_is_found() {
             assert_eq!(at(change), 0b1011, "{bad} {k}");
         }
         assert_eq!(all_finite(&Evaluation::<Row4>::nothing(), number), 0b1011, "{bad}");
+    }
+}
+
+impl Recording {
+    /// The state at a row, from which a run without a discrete controller goes on.
+    pub(crate) fn state_at(&self, k: usize) -> State {
+        State {
+            time: self.t[k],
+            motion: Motion { q: self.q[k].into(), p: self.p[k].into(), memory: self.memory[k] },
+            grid: Some((self.grid_anchor[k], self.grid_step[k])),
+            linearized: self.linearized.get(k).filter(|point| !point[0].is_nan()).copied(),
+            contact: self.contact.get(k).copied(),
+            controller: None,
+        }
     }
 }

@@ -3,7 +3,7 @@
 
 use proptest::prelude::*;
 
-use crate::driver::direction::{COMPONENTS, Direction};
+use crate::driver::sensitivities::{COMPONENTS, Direction};
 use crate::driver::sensitivities::{Wanted, sensitivities};
 use crate::driver::simulate::simulate;
 use crate::formulation::table::FORMULATIONS;

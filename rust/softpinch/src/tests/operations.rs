@@ -5,7 +5,6 @@
 //! numbers are equal by chance: equal operations on equal numbers count once, but the equations, which do not
 //! know that two polynomials are equal, compute both.
 
-use std::convert::Infallible;
 use std::fmt::Write;
 
 use super::counted::{Count, Counted, OPERATIONS, Operation, count};
@@ -139,10 +138,7 @@ impl Case {
     }
 
     /// One step of a run, with its monitors.
-    fn step(
-        &self,
-        mut method: impl Integrator<Counted, SceneEquations<Counted>, Failure = Infallible>,
-    ) -> Count {
+    fn step(&self, mut method: impl Integrator<Counted, SceneEquations<Counted>>) -> Count {
         count(|| {
             let Start { parameters, system, drive, tau, y } = self.start();
             let size = system.size();
@@ -160,7 +156,7 @@ impl Case {
             let h = Counted::given(1e-4);
             let at = Step { system: &system, drive: &drive, tau, h, y: &y, rate: &now.rate, allowed: None };
             let mut next = y;
-            let Ok(()) = method.step(&at, &mut next, &mut Stats::default());
+            method.step(&at, &mut next, &mut Stats::default()).unwrap();
             system.correct(&drive, tau + h, &mut next);
             next[..size.all()].to_vec()
         })

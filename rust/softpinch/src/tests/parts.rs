@@ -31,9 +31,9 @@ use crate::model::scene::Scene;
 use crate::model::start::{State, consistent};
 use crate::number::real::signed;
 use crate::number::simd::level::Level;
+use crate::stepping::ending::Status;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::record::Run;
-use crate::stepping::status::Status;
 
 /// A hand without any symmetry.
 fn uneven() -> Parameters {

@@ -1,15 +1,9 @@
 //! The derivatives of the steps of methods that solve equations. Explicit methods take their steps in dual numbers
 //! themselves; here the step is taken in plain numbers, as in any run, and the equations of its solved stages are
-//! differentiated after that.
-//!
-//! | file | contents |
-//! |---|---|
-//! | `implicit_midpoint.rs`, `radau5.rs` | the derivatives of the stages, by the Jacobian at each of them |
-//! | `rosenbrock.rs` | the same for the linearly implicit stages, with the derivative of the Jacobian |
+//! differentiated after that: by the Jacobian at each stage, and for linearly implicit stages by the
+//! derivative of the Jacobian, too.
 
-mod implicit_midpoint;
 mod radau5;
-mod rosenbrock;
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::run_dual::{RunDual, RunDualEquations};
@@ -17,11 +11,12 @@ use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::{Jacobian, Linear, StageState, System};
 use crate::method::called::{AnyMethod, Called};
 use crate::method::dop853::Dop853;
-use crate::method::implicit_midpoint::implicit_midpoint;
+use crate::method::implicit_midpoint::{ImplicitMidpoint, implicit_midpoint};
 use crate::method::linearize::{Factors, Linearization};
+use crate::method::newton::Newton;
 use crate::method::radau5::radau5;
 use crate::method::rk4::Rk4;
-use crate::method::rosenbrock::rosenbrock;
+use crate::method::rosenbrock::{A, BY_TIME, C, COUPLING, GAMMA, Rosenbrock, STAGES, rosenbrock};
 use crate::method::table::Method;
 use crate::method::traits::{Integrator, Runs, Stats, Step, Unsolved};
 use crate::model::drive::SegmentDrive;
@@ -34,9 +29,7 @@ pub struct SolvedStep<'a, R: Lanes> {
     equations: &'a RunDualEquations<R>,
     /// The inputs of the segment, without their derivatives.
     plain_drive: &'a SegmentDrive,
-    /// The start of the step, with its derivatives.
     step: &'a Step<'a, RunDual<R>>,
-    /// The state at the end of the step.
     end: &'a States<f64>,
 }
 
@@ -64,7 +57,6 @@ pub trait Differentiable<R: Lanes>: Integrator<f64, SceneEquations<f64>> {
     fn differentiate(&self, solved: &SolvedStep<'_, R>) -> States<RunDual<R>>;
 }
 
-/// The derivative of a step.
 struct Differentiate<'a, R: Lanes, M>(&'a M, &'a SolvedStep<'a, R>);
 
 impl<R: Lanes, M: Differentiable<R>> LaneTask<R> for Differentiate<'_, R, M> {
@@ -92,14 +84,13 @@ pub enum RunDualMethod<R: Lanes> {
 
 /// A method that takes each step in plain numbers and differentiates it after that.
 pub struct Solved<R> {
-    method: Box<dyn Differentiable<R, Failure = Unsolved>>,
+    method: Box<dyn Differentiable<R>>,
     system: SceneEquations<f64>,
     /// The inputs of the segment.
     drive: SegmentDrive,
 }
 
 impl<R: Lanes> RunDualMethod<R> {
-    /// The method before its first step.
     pub fn new(runs: Runs<'_>, method: Method) -> Self {
         // Called, so that a stack frame has one method at most: methods that keep a Jacobian are large.
         #[inline(never)]
@@ -124,15 +115,12 @@ impl<R: Lanes> RunDualMethod<R> {
     pub fn begin(&mut self, drive: SegmentDrive, linearized: Option<(f64, States<f64>)>) {
         let Self::Solved(solved) = self else { return };
         solved.method.restart();
-        if let Some((tau, y)) = linearized
-            && solved.method.keeps_jacobian()
-        {
+        if let Some((tau, y)) = linearized {
             solved.method.take_jacobian(&drive, tau, &y);
         }
         solved.drive = drive;
     }
 
-    /// Takes a step ([`Integrator::step`]).
     pub fn step(
         &mut self,
         equations: &RunDualEquations<R>,
@@ -157,7 +145,6 @@ impl<R: Lanes> RunDualMethod<R> {
     }
 }
 
-/// The values of numbers with derivatives.
 #[inline(always)]
 pub fn values<R: Lanes>(numbers: &States<RunDual<R>>) -> States<f64> {
     let mut values = [0.0; MAX_COMPONENTS];
@@ -205,5 +192,78 @@ fn add_scaled<R: Lanes>(sum: &mut RunDual<R>, weight: R, of: &RunDual<R>) {
     sum.value = weight.mul_add(of.value, sum.value);
     for k in 0..sum.slope.len() {
         sum.slope[k] = weight.mul_add(of.slope[k], sum.slope[k]);
+    }
+}
+
+impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Newton<ImplicitMidpoint, Factors<f64>, T> {
+    /// The stage is y + z with z = h/2 f(y + z), so (2/h I - J) dz is the derivative of f(y + z) for constant z.
+    #[inline(always)]
+    fn differentiate(&self, solved: &SolvedStep<'_, R>) -> States<RunDual<R>> {
+        let SolvedStep { equations, step, end, .. } = solved;
+        let size = equations.system.size();
+        let y = values(step.y);
+        let mut z = [0.0; MAX_COMPONENTS];
+        for n in 0..size.states {
+            z[n] = 0.5 * (end[n] - y[n]);
+        }
+        let (loads, jacobian) = solved.stage(&self.tangent, 0.5, &z);
+        let linearization = Linearization::of(size, jacobian.everywhere());
+        let factors = linearization.factor(LaneEntry(R::constant(2.0 / step.h.lane(0))));
+        let dz = solve_slopes(&linearization, &factors, &loads);
+        let mut next = *step.y;
+        for n in 0..size.all() {
+            add_scaled(&mut next[n], R::constant(2.0), &dz[n]);
+        }
+        next
+    }
+}
+
+/// `sum` plus the weighted stages times `by`.
+#[inline(always)]
+fn plus<R: Lanes>(sum: &mut States<RunDual<R>>, stages: &[States<RunDual<R>>], weights: &[f64], by: f64) {
+    for (stage, weight) in stages.iter().zip(weights) {
+        let weight = R::constant(weight * by);
+        for n in 0..MAX_COMPONENTS {
+            add_scaled(&mut sum[n], weight, &stage[n]);
+        }
+    }
+}
+
+impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Rosenbrock<T> {
+    /// (1/(gamma h) - J) du_i is the derivative of the right-hand side of the stage, plus dJ u_i and the derivative
+    /// of d_i h df/dt. Both are the derivative of J u_i + d_i h df/dt for constant u_i, which is the derivative of
+    /// the rates along u_i in the state and d_i h in time.
+    #[inline(always)]
+    fn differentiate(&self, solved: &SolvedStep<'_, R>) -> States<RunDual<R>> {
+        let &SolvedStep { equations, step: &Step { system, drive, tau, h, y, rate, .. }, .. } = solved;
+        let size = system.size();
+        let h = h.lane(0);
+        let linearization = Linearization::of(size, self.linearization.jacobian.everywhere());
+        let factors = linearization.factor(LaneEntry(R::constant(1.0 / (GAMMA * h))));
+        let mut stages = [[RunDual::zero(); MAX_COMPONENTS]; STAGES];
+        let (mut load, mut at) = (*rate, *y);
+        for i in 0..STAGES {
+            if i > 0 {
+                at = *y;
+                plus(&mut at, &stages, &A[i][..i], 1.0);
+                let state = StageState { from: &at, by: RunDual::zero(), along: y };
+                let input = drive.at(tau + RunDual::constant(C[i] * h));
+                system.rates(&input, drive, state, &mut load);
+            }
+            plus(&mut load, &stages, &COUPLING[i][..i], 1.0 / h);
+            let own = &self.stages[i];
+            let change = equations.along(drive, (tau, y), (own, BY_TIME[i] * h));
+            for n in 0..size.all() {
+                load[n] = load[n] + change[n];
+            }
+            let slopes = solve_slopes(&linearization, &factors, &load);
+            for n in 0..size.all() {
+                stages[i][n] = RunDual { value: R::constant(own[n]), ..slopes[n] };
+            }
+        }
+        for n in 0..size.all() {
+            at[n] = at[n] + stages[STAGES - 1][n];
+        }
+        at
     }
 }

@@ -37,7 +37,9 @@ pub struct Arm<R> {
     /// cos theta_pi.
     pub cos_tilt: R,
     /// sin theta_i, by which gravity turns the finger (43).
-    pub lever: R,
+    pub sin_finger: R,
+    /// cos theta_i.
+    pub cos_finger: R,
     /// n_i, from the finger's root to the tip's centre along the side's normal.
     pub normal: R,
     /// t_i, from the finger's root to the tip's centre across the side's normal.
@@ -64,8 +66,9 @@ pub struct Placed<R> {
     pub angle: R,
     /// phi', a constant of each kind.
     pub turn: R,
-    /// The force of gravity on the coordinate, as a share of the finger's weight times its lever.
-    pub lever: R,
+    /// The numbers to which the forces of gravity and of the hand's motion have factors: sine and cosine of an angle, or
+    /// the travel of a jaw and zero.
+    pub gravity: [R; 2],
 }
 
 /// The mechanism of one finger.

@@ -28,30 +28,25 @@ impl<R: Real> Jaw<R> {
         }
     }
 
-    /// The acceleration along its travel of a place of the frame that has the tip's: `acceleration` is that of the frame
-    /// along the hand's axes, with gravity, and `turning` has omega and its rate.
+    /// The force along the travel of a jaw of this mass in a frame with `acceleration` along the hand's axes, gravity
+    /// included, and with omega and its rate: the factor of the travel, and a constant.
     #[inline(always)]
     pub(in crate::model) fn drawn(
         &self,
         i: usize,
+        mass: R,
         acceleration: [R; 2],
         turning: Option<[R; 2]>,
-        travel: R,
-    ) -> R {
-        let Placed { centre: [inwards, y], way: [along, up], .. } = self.placed(travel);
-        let (x, along) = (signed(i, inwards), signed(i, along));
-        let mut drawn = acceleration[0].dot2(along, acceleration[1], up);
+    ) -> (R, R) {
+        let (up, inwards) = self.direction.sin_cos();
+        let (along, [x, y]) = (signed(i, inwards), self.start);
+        let (mut factor, mut drawn) = (R::zero(), acceleration[0].dot2(along, acceleration[1], up));
         if let Some([omega, omega_rate]) = turning {
-            drawn = omega_rate.mul_add(x.dot2(up, -y, along), drawn);
-            drawn = (omega * omega).neg_mul_add(x.dot2(along, y, up), drawn);
+            drawn = signed(i, omega_rate).mul_add(x.dot2(up, -y, inwards), drawn);
+            drawn = (omega * omega).neg_mul_add(x.dot2(inwards, y, up), drawn);
+            factor = mass * omega * omega;
         }
-        drawn
-    }
-
-    /// The height of the tip's centre, m.
-    #[inline(always)]
-    pub(in crate::model::contact) fn height(&self, travel: R) -> R {
-        travel.mul_add(self.direction.sin_cos().0, self.start[1])
+        (factor, -(mass * drawn))
     }
 
     #[inline(always)]
@@ -64,7 +59,7 @@ impl<R: Real> Jaw<R> {
             bend: [zero; 2],
             angle: self.angle,
             turn: zero,
-            lever: -sin,
+            gravity: [travel, zero],
         }
     }
 }

@@ -36,9 +36,10 @@ impl<R: Real> OneLink<R> {
         let across = self.length.dot2(cos_tilt, -self.half_thickness, sin_tilt);
         let sx = signed(i, frame.x) + self.root_offset.mul_add(frame.cos, -normal);
         let g = signed(i, self.root_offset).neg_mul_add(frame.sin, frame.y) - across;
-        // theta_i = theta_pi - s_i theta, so its sine follows from sines and cosines that are already known.
-        let lever = sin_tilt.dot2(frame.cos, signed(i, -cos_tilt), frame.sin);
-        Arm { tilt, sin_tilt, cos_tilt, lever, normal, across, sx, g, turn }
+        // theta_i = theta_pi - s_i theta, so its sine and cosine follow from sines and cosines that are already known.
+        let sin_finger = sin_tilt.dot2(frame.cos, signed(i, -cos_tilt), frame.sin);
+        let cos_finger = cos_tilt.dot2(frame.cos, signed(i, sin_tilt), frame.sin);
+        Arm { tilt, sin_tilt, cos_tilt, sin_finger, cos_finger, normal, across, sx, g, turn }
     }
 
     /// The tip's base at the finger's `angle`.
@@ -53,7 +54,7 @@ impl<R: Real> OneLink<R> {
             bend: [-inwards, -up],
             angle,
             turn: R::constant(1.0),
-            lever: sin,
+            gravity: [sin, cos],
         }
     }
 }

@@ -34,7 +34,7 @@ impl<R: Real> Parallelogram<R> {
             bend: [-along, -up],
             angle: self.angle,
             turn: R::zero(),
-            lever: sin,
+            gravity: [sin, cos],
         }
     }
 }
