@@ -74,6 +74,19 @@ def test_the_terms_at_a_state_are_the_published_ones() -> None:
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
 
 
+def test_the_forces_of_a_tilted_hand_sum_to_its_accelerations() -> None:
+    load = sp.Step(time=0.0, force=(3.0, 1.0), moment=0.01)
+    scene = replace(UNLIKE, motion=sp.HandMotion.constant((1.0, 2.0), 0.5), disturbances=(load,))
+    found = sp.evaluate(scene, scene.start())
+    pushed = found.constraint_matrix.T @ found.multipliers
+    balance = found.mass_matrix @ found.accelerations - found.forces.total - pushed
+    assert np.abs(balance).max() < 1e-12
+    np.testing.assert_allclose(
+        found.forces.external[:2],
+        [3 * np.cos(0.5) + np.sin(0.5), np.cos(0.5) - 3 * np.sin(0.5)],
+    )
+
+
 @pytest.mark.parametrize("scene", [UNLIKE, SHOVED], ids=["bilateral", "unilateral"])
 @pytest.mark.parametrize("upwards", [4.0, -G])
 def test_an_acceleration_upwards_is_another_gravity_to_the_bit(
