@@ -10,7 +10,7 @@ use crate::model::contact::Side;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::Coordinates;
 use crate::model::energy::Energies;
-use crate::model::forces::Plant;
+use crate::model::forces::{Carriage, Plant};
 use crate::model::geometry::Geometry;
 use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
@@ -55,8 +55,13 @@ pub fn evaluate(
     }
     let geometry = Geometry::new(&plant.sides, q, p);
     let csm = Csm::new(plant, stabilization);
-    let equations::Terms { forces, response, .. } =
-        csm.terms(plant.driven, (&input, moving.as_ref()), &Contacts::sticking(), motion, geometry);
+    let equations::Terms { forces, response, .. } = csm.terms(
+        plant.driven,
+        (&input, Carriage::Either(moving.as_ref())),
+        &Contacts::sticking(),
+        motion,
+        geometry,
+    );
     let Response { multipliers, acceleration: accelerations, .. } = response;
     let [right, left] = forces.elastic;
     let elastic = vector(

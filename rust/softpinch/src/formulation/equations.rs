@@ -274,7 +274,7 @@ pub trait Equations<R: Real>: Copy + Debug {
             for_fingers!(driven, driven => {
                 let states = Self::states(driven);
                 rate[states..states + Self::WORKS].copy_from_slice(&powers[..Self::WORKS]);
-                if let Some(moving) = moving {
+                if let Some(moving) = moving.loads() {
                     let (fingers, turns) = (&terms.forces.finger_gravity, &motion.p.finger);
                     rate[states + work::EXTERNAL] = moving.external;
                     rate[states + Self::WORKS] = dot(&moving.object, &motion.p.object)
