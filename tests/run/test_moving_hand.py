@@ -74,6 +74,20 @@ def test_the_terms_at_a_state_are_the_published_ones() -> None:
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
 
 
+def test_the_forces_of_a_tilted_hand_sum_to_its_accelerations() -> None:
+    load = sp.Step(time=0.0, force=(3.0, 1.0), moment=0.01)
+    scene = replace(UNLIKE, motion=sp.HandMotion.constant((1.0, 2.0), 0.5), disturbances=(load,))
+    start = scene.start()
+    found = sp.evaluate(scene, 0.0, start.q, start.p)
+    pushed = found.constraint_matrix.T @ found.multipliers
+    balance = found.mass_matrix @ found.accelerations - found.forces.total - pushed
+    assert np.abs(balance).max() < 1e-12
+    np.testing.assert_allclose(
+        found.forces.external[:2],
+        [3 * np.cos(0.5) + np.sin(0.5), np.cos(0.5) - 3 * np.sin(0.5)],
+    )
+
+
 @pytest.mark.parametrize("scene", [UNLIKE, SHOVED], ids=["bilateral", "unilateral"])
 @pytest.mark.parametrize("upwards", [4.0, -G])
 def test_an_acceleration_upwards_is_another_gravity_to_the_bit(
@@ -315,8 +329,10 @@ VARIED = {
 def test_derivatives_by_the_numbers_of_a_motion_are_differences_of_runs(name: str) -> None:
     motion, paths = VARIED[name]
     kick = sp.Impulse(time=0.03, impulse=(0.004, 0.002))
-    scene = replace(UNLIKE, motion=motion, disturbances=(kick,), duration=0.06)
+    shaking = sp.Noise(acceleration_std=2.0, rate_hz=200.0)
+    scene = replace(UNLIKE, motion=motion, disturbances=(kick, shaking), duration=0.06)
     paths = (*paths, "disturbances.0.impulse.0", "disturbances.0.time")
+    paths = (*paths, "disturbances.1.acceleration_std")
     options: dict[str, Any] = {"dt": 5e-5, "formulation": "nullspace"}
     run = sp.simulate(scene, **options, sensitivities=paths)
     for path in paths:

@@ -216,7 +216,7 @@ def _derivative(
     if isinstance(record, Schedule):
         compiled = Compiled(forces=(compiled,))
     derivative: Compiled = compiled.map(_imaginary_part)
-    if any(row[3:].any() for row, _, _ in derivative.noises):
+    if any(row[3:6].any() for row, _, _ in derivative.noises):
         raise ValueError(
             f"sensitivities: {path!r}: there is no derivative by the rate or the times of a noise: "
             "its samples would change at random"
@@ -271,7 +271,7 @@ def _motion_slopes(
     scene: Scene, entries: Sequence[tuple[str, tuple[int, ...]]]
 ) -> tuple[Piecewise, Piecewise, Floats] | None:
     """Returns the derivatives of the hand's motion, as the motions of as many runs."""
-    if scene.motion is None or not any(path.startswith("motion.") for path, _ in entries):
+    if scene.motion is None:
         return None
 
     def one(array: Any) -> Any:
@@ -331,7 +331,8 @@ def _inputs(
             impulses.append(rows)
         for j, (row, seed, run) in enumerate(load.noises):
             rows = np.array([one.noises[j][0] for one in own])
-            rows[:, 3:] = row[3:]
+            rows[:, 3:6] = row[3:6]
+            rows = np.pad(rows, ((0, 0), (0, 8 - len(row))))
             noises.append((rows, seed, np.array([run], np.uint64), place - 1))
     return _core.Inputs(forces[0], forces[1:], sines, impulses, noises, scene.law, motion=motion)
 

@@ -26,7 +26,7 @@ use crate::model::control::Fingers;
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::drive::{Input, SegmentDrive};
 use crate::model::energy::Energies;
-use crate::model::forces::Plant;
+use crate::model::forces::{Carriage, Plant};
 use crate::model::frame::FrameMotion;
 use crate::model::geometry::Geometry;
 use crate::model::inputs::{HandMotion, Inputs};
@@ -108,7 +108,7 @@ impl<R: Real> Balance<R> {
         let geometry = Geometry::constrained(false, &plant.sides, &mut motion.q, &mut motion.p);
         let q = motion.q;
         let moving = frame.map(|own| plant.loads(own, &input.force, q.object, motion.p.object));
-        let applied = (input, moving.as_ref());
+        let applied = (input, Carriage::Either(moving.as_ref()));
         // Driven fingers are held, so that the torques are left out again below.
         let forces = plant.forces(false, plant.elastic(&geometry, &q), &geometry, &motion, applied);
         // At rest the multipliers balance the resistances of the deformations.

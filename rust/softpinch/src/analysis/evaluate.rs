@@ -11,7 +11,7 @@ use crate::model::contact::mechanism::Mechanism;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::Coordinates;
 use crate::model::energy::Energies;
-use crate::model::forces::Plant;
+use crate::model::forces::{Carriage, Plant};
 use crate::model::geometry::Geometry;
 use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
@@ -49,11 +49,21 @@ pub fn evaluate(
     let input = drive.at(0.0);
     let plant = Plant::<f64>::new(parameters, inputs.fingers(), inputs.moves());
     let Motion { q, p, .. } = motion;
-    let moving = drive.frame.map(|own| plant.loads(&own.at(0.0), &input.force, q.object, p.object));
+    let frame = drive.frame.map(|own| own.at(0.0));
+    let moving = frame.map(|frame| plant.loads(&frame, &input.force, q.object, p.object));
+    let mut outside = input.force;
+    if let Some(frame) = frame {
+        [outside[0], outside[1]] = frame.into_hand([outside[0], outside[1]]);
+    }
     let geometry = Geometry::new(&plant.sides, q, p);
     let csm = Csm::new(plant, stabilization);
-    let equations::Terms { forces, response, .. } =
-        csm.terms(plant.driven, (&input, moving.as_ref()), &Contacts::sticking(), motion, geometry);
+    let equations::Terms { forces, response, .. } = csm.terms(
+        plant.driven,
+        (&input, Carriage::Either(moving.as_ref())),
+        &Contacts::sticking(),
+        motion,
+        geometry,
+    );
     let Response { multipliers, acceleration: accelerations, .. } = response;
     let [right, left] = forces.elastic;
     let (object, fingers) = geometry.couples([right.tilt, left.tilt]);
@@ -72,7 +82,7 @@ pub fn evaluate(
         ("viscous", vector([0.0; 3], [0.0; 2], plant.drags(p).map(|drag| -drag))),
         // (39), or the torques that driven fingers need.
         ("control", vector([0.0; 3], forces.torque, [0.0; 4])),
-        ("external", vector(input.force, [0.0; 2], [0.0; 4])),
+        ("external", vector(outside, [0.0; 2], [0.0; 4])),
         ("multipliers", multipliers.to_vec()),
         ("accelerations", accelerations.row().to_vec()),
         // The target angles of the instant, or the torques.

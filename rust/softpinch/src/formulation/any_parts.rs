@@ -4,7 +4,7 @@
 //! formulations. So the code of the paper's contacts has no branch for others, and loops, methods and solves are not
 //! multiplied by their kinds.
 
-use crate::formulation::equations::{Equations, Terms};
+use crate::formulation::equations::{Equations, Evaluation, States, Terms, evaluated};
 use crate::formulation::unilateral::Unilateral;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::Coordinates;
@@ -12,7 +12,7 @@ use crate::model::energy::{CONTACT_WORKS, Energies};
 use crate::model::forces::{Applied, Plant};
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
-use crate::number::real::Real;
+use crate::number::real::{LaneTask, Real};
 
 /// The equations of any parts.
 #[derive(Debug, Clone, Copy)]
@@ -23,6 +23,19 @@ pub struct AnyParts<R> {
     pub(crate) drifts: bool,
     /// Whether contacts can slip and open.
     pub(crate) opens: bool,
+}
+
+/// Evaluates a state.
+struct Evaluate<'a, R>(&'a AnyParts<R>, (bool, bool), Applied<'a, R>, &'a Contacts<R>, &'a States<R>);
+
+impl<R: Real> LaneTask<R> for Evaluate<'_, R> {
+    type Output = Evaluation<R>;
+
+    #[inline(always)]
+    fn run(self) -> Evaluation<R> {
+        let Self(equations, (driven, ledger), applied, contacts, y) = self;
+        evaluated(equations, driven, applied, contacts, y, ledger)
+    }
 }
 
 impl<R: Real> Equations<R> for AnyParts<R> {
@@ -68,6 +81,19 @@ impl<R: Real> Equations<R> for AnyParts<R> {
         geometry: Geometry<R>,
     ) -> Terms<R> {
         self.unilateral.terms(driven, applied, contacts, motion, geometry)
+    }
+
+    /// Called, because steps, Jacobians and linear models need the same large code.
+    #[inline(always)]
+    fn evaluate(
+        &self,
+        driven: bool,
+        applied: Applied<'_, R>,
+        contacts: &Contacts<R>,
+        y: &States<R>,
+        ledger: bool,
+    ) -> Evaluation<R> {
+        R::outlined(Evaluate(self, (driven, ledger), applied, contacts, y))
     }
 
     #[inline(always)]

@@ -7,6 +7,7 @@ use crate::model::contact::Side;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::Coordinates;
 use crate::model::drive::{Input, SegmentFrame};
+use crate::model::forces::Carriage;
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
 use crate::number::lanes::{LaneTask, Lanes};
@@ -40,7 +41,7 @@ impl LaneTask<f64> for TermsAt<'_> {
         let moving =
             frame.as_ref().map(|frame| plant.loads(&frame.at(input.tau), &input.force, q.object, p.object));
         let geometry = Geometry::new(&plant.sides, &motion.q, &motion.p);
-        equations.terms(plant.driven, (input, moving.as_ref()), contacts, motion, geometry)
+        equations.terms(plant.driven, (input, Carriage::Either(moving.as_ref())), contacts, motion, geometry)
     }
 }
 

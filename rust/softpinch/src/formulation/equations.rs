@@ -291,41 +291,12 @@ pub trait Equations<R: Real>: Copy + Debug {
     fn evaluate(
         &self,
         driven: bool,
-        (input, moving): Applied<'_, R>,
+        applied: Applied<'_, R>,
         contacts: &Contacts<R>,
         y: &States<R>,
         ledger: bool,
     ) -> Evaluation<R> {
-        let mut motion = self.unpack(driven, input, y);
-        let geometry = self.geometry(&mut motion);
-        let terms = self.terms(driven, (input, moving), contacts, &motion, geometry);
-        let Response { multipliers, share, acceleration, .. } = terms.response;
-        let memory = self.plant().memory_rates(&motion.q, input);
-        let mut rate = self.begin(driven, &Motion { q: motion.p, p: acceleration, memory });
-        if ledger {
-            let powers = self.powers(&terms, contacts, &motion.p);
-            for_fingers!(driven, driven => {
-                let states = self.states(driven);
-                rate[states..states + self.works()].copy_from_slice(&powers[..self.works()]);
-                if let Some(moving) = moving {
-                    let (fingers, turns) = (&terms.forces.finger_gravity, &motion.p.finger);
-                    rate[states + work::EXTERNAL] = moving.external;
-                    rate[states + self.works()] = dot(&moving.object, &motion.p.object)
-                        + fingers[0].dot2(turns[0], fingers[1], turns[1]);
-                }
-            });
-        }
-        Evaluation {
-            rate,
-            motion,
-            multipliers,
-            residuals: terms.geometry.residuals(),
-            tilt: terms.geometry.tilt(),
-            sin_tilt: terms.geometry.sin_tilt(),
-            places: terms.geometry.places(),
-            torque: terms.forces.torque,
-            share,
-        }
+        evaluated(self, driven, applied, contacts, y, ledger)
     }
 
     /// Adds the velocity jump that an impulse (J_x, J_y, J_theta) makes while both tips stick. It keeps the
@@ -367,5 +338,47 @@ pub trait Equations<R: Real>: Copy + Debug {
     #[inline(always)]
     fn energies(&self, _: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
         self.plant().energies(true, &motion.q, &motion.p)
+    }
+}
+
+/// Derivative and multipliers of a state, by the equations' own terms.
+#[inline(always)]
+pub(super) fn evaluated<R: Real, E: Equations<R>>(
+    equations: &E,
+    driven: bool,
+    (input, moving): Applied<'_, R>,
+    contacts: &Contacts<R>,
+    y: &States<R>,
+    ledger: bool,
+) -> Evaluation<R> {
+    let mut motion = equations.unpack(driven, input, y);
+    let geometry = equations.geometry(&mut motion);
+    let terms = equations.terms(driven, (input, moving), contacts, &motion, geometry);
+    let Response { multipliers, share, acceleration, .. } = terms.response;
+    let memory = equations.plant().memory_rates(&motion.q, input);
+    let mut rate = equations.begin(driven, &Motion { q: motion.p, p: acceleration, memory });
+    if ledger {
+        let powers = equations.powers(&terms, contacts, &motion.p);
+        for_fingers!(driven, driven => {
+            let states = equations.states(driven);
+            rate[states..states + equations.works()].copy_from_slice(&powers[..equations.works()]);
+            if let Some(moving) = moving.loads() {
+                let (fingers, turns) = (&terms.forces.finger_gravity, &motion.p.finger);
+                rate[states + work::EXTERNAL] = moving.external;
+                rate[states + equations.works()] = dot(&moving.object, &motion.p.object)
+                    + fingers[0].dot2(turns[0], fingers[1], turns[1]);
+            }
+        });
+    }
+    Evaluation {
+        rate,
+        motion,
+        multipliers,
+        residuals: terms.geometry.residuals(),
+        tilt: terms.geometry.tilt(),
+        sin_tilt: terms.geometry.sin_tilt(),
+        places: terms.geometry.places(),
+        torque: terms.forces.torque,
+        share,
     }
 }

@@ -11,6 +11,7 @@ use crate::formulation::system::{Size, StageState, System};
 use crate::model::contact_modes::Contacts;
 use crate::model::drive::{Input, SegmentDrive};
 use crate::model::energy::Energies;
+use crate::model::forces::Carriage;
 use crate::model::motion::Motion;
 use crate::number::lanes::Lanes;
 
@@ -41,12 +42,12 @@ impl<R: Lanes, E: Equations<R>, const DRIVEN: bool> System<R> for Inlined<'_, R,
     #[inline(always)]
     fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>) {
         let input = drive.at(tau);
-        evaluate_into(self.equations, (DRIVEN, false), ((&input, None), &drive.contacts), y, now);
+        evaluate_into(self.equations, (DRIVEN, false), ((&input, Carriage::AtRest), &drive.contacts), y, now);
     }
 
     #[inline(always)]
     fn rates(&self, input: &Input<R>, drive: &SegmentDrive<R>, at: StageState<'_, R>, rate: &mut States<R>) {
-        rates_into(self.equations, (DRIVEN, false), ((input, None), &drive.contacts), at, rate);
+        rates_into(self.equations, (DRIVEN, false), ((input, Carriage::AtRest), &drive.contacts), at, rate);
     }
 
     fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]) {

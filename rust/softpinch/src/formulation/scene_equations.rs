@@ -20,7 +20,7 @@ use crate::model::contact_modes::{ContactModel, Contacts};
 use crate::model::control::Fingers;
 use crate::model::drive::{Input, SegmentDrive, SegmentFrame};
 use crate::model::energy::Energies;
-use crate::model::forces::{Applied, Plant};
+use crate::model::forces::{Applied, Carriage, Plant};
 use crate::model::frame::{FrameLoads, FrameMotion};
 use crate::model::motion::Motion;
 use crate::model::parameters::Stabilization;
@@ -256,13 +256,13 @@ macro_rules! for_fingers_of {
 task! {
     Evaluate(drive: &'a SegmentDrive<R>, tau: R, moving: Option<&'a FrameLoads<R>>, y: &'a States<R>, now: &'a mut Evaluation<R>, ledger: bool) -> (),
     equations => for_fingers_of!(equations, driven [R::ORDER < 2 && E::BY_FINGERS] => {
-        evaluate_into(equations, (driven, ledger), ((&drive.at(tau), moving), &drive.contacts), y, now);
+        evaluate_into(equations, (driven, ledger), ((&drive.at(tau), Carriage::Either(moving)), &drive.contacts), y, now);
     })
 }
 task! {
     Rates(input: &'a Input<R>, moving: Option<&'a FrameLoads<R>>, contacts: &'a Contacts<R>, from: &'a States<R>, by: R, along: &'a States<R>, rate: &'a mut States<R>, ledger: bool) -> (),
     equations => for_fingers_of!(equations, driven [R::ORDER < 2 && E::BY_FINGERS] => {
-        rates_into(equations, (driven, ledger), ((input, moving), contacts), StageState { from, by, along }, rate);
+        rates_into(equations, (driven, ledger), ((input, Carriage::Either(moving)), contacts), StageState { from, by, along }, rate);
     })
 }
 
@@ -506,7 +506,7 @@ impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<Dual<R, W>> fo
                     let at = StageState { from: &state, by: Dual::zero(), along: &state };
                     moving = Some(Load { frame, plant, input, at }.loads());
                 }
-                let applied = (&input, moving.as_ref());
+                let applied = (&input, Carriage::Either(moving.as_ref()));
                 let rate = equations.evaluate(driven, applied, &contacts, &duals, ledger).rate;
                 for n in 0..all {
                     jacobian.rows[n][first..first + W].copy_from_slice(&rate[n].slope);
@@ -597,7 +597,7 @@ task! {
         let first = equations.degrees(driven);
         let (pose, rates) = ([y[0], y[1], y[2]], [y[first], y[first + 1], y[first + 2]]);
         let moving = plant.loads(frame, &input.force, pose, rates);
-        equations.evaluate(driven, (input, Some(&moving)), &Contacts::sticking(), y, false)
+        equations.evaluate(driven, (input, Carriage::Either(Some(&moving))), &Contacts::sticking(), y, false)
     }
 }
 

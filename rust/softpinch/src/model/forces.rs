@@ -46,9 +46,28 @@ pub struct Plant<R> {
     pub moves: bool,
 }
 
-/// The inputs of an instant and, if the hand moves, the forces of its motion, which then include weights and the
-/// external force.
-pub type Applied<'a, R> = (&'a Input<R>, Option<&'a FrameLoads<R>>);
+/// The forces of the hand's motion, if it moves. They then include weights and the external force.
+#[derive(Debug, Clone, Copy)]
+pub enum Carriage<'a, R> {
+    /// The hand does not move. A caller that says so has the code for this alone.
+    AtRest,
+    /// The hand may move.
+    Either(Option<&'a FrameLoads<R>>),
+}
+
+impl<'a, R> Carriage<'a, R> {
+    /// The forces, if the hand moves.
+    #[inline(always)]
+    pub fn loads(self) -> Option<&'a FrameLoads<R>> {
+        match self {
+            Self::AtRest => None,
+            Self::Either(loads) => loads,
+        }
+    }
+}
+
+/// The inputs of an instant, and the forces of the hand's motion.
+pub type Applied<'a, R> = (&'a Input<R>, Carriage<'a, R>);
 
 /// The applied forces at a state, sorted by their origin.
 #[derive(Debug, Clone, Copy)]
@@ -137,12 +156,14 @@ impl<R: Real> Plant<R> {
         applied: Applied<'_, R>,
     ) -> Forces<R> {
         // References, so that choosing them costs no instructions.
-        let (input, force, fingers) = match applied {
-            (input, None) => (input, &input.force, &self.finger_weights),
-            (input, Some(moving)) => (input, &moving.force, &moving.fingers),
+        let (input, carriage) = applied;
+        let (force, fingers) = match carriage.loads() {
+            None => (&input.force, &self.finger_weights),
+            Some(moving) => (&moving.force, &moving.fingers),
         };
-        let right = self.side_forces(driven, 0, &elastic[0], geometry, motion, (input, fingers));
-        let left = self.side_forces(driven, 1, &elastic[1], geometry, motion, (input, fingers));
+        let kinds = (driven, matches!(carriage, Carriage::AtRest));
+        let right = self.side_forces(kinds, 0, &elastic[0], geometry, motion, (input, fingers));
+        let left = self.side_forces(kinds, 1, &elastic[1], geometry, motion, (input, fingers));
         Forces {
             elastic,
             finger_gravity: [right.0, left.0],
@@ -158,7 +179,7 @@ impl<R: Real> Plant<R> {
     #[inline(always)]
     fn side_forces(
         &self,
-        driven: bool,
+        (driven, at_rest): (bool, bool),
         i: usize,
         elastic: &ElasticGradient<R>,
         geometry: &Geometry<R>,
@@ -172,8 +193,13 @@ impl<R: Real> Plant<R> {
         } else {
             control.torque(q.finger[i], p.finger[i], memory[i], input.target[i])
         };
+        let gravity = if at_rest {
+            sin * contact.sin_finger
+        } else {
+            sin.mul_add(contact.sin_finger, cos.mul_add(contact.cos_finger, constant))
+        };
         (
-            sin.mul_add(contact.sin_finger, cos.mul_add(contact.cos_finger, constant)),
+            gravity,
             tip.normal_viscosity.mul_add(p.compression[i], elastic.normal),
             tip.tangential_viscosity.mul_add(p.shear[i], elastic.tangential),
             torque,
