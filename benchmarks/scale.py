@@ -10,6 +10,7 @@ docs/scale-out.md.
 from __future__ import annotations
 
 import argparse
+import hashlib
 import os
 import subprocess
 import sys
@@ -28,7 +29,7 @@ from scale_driver import Driver, driver
 from scale_folder import found, make, reading
 from scale_paper import Rates, project
 from scale_work import Timed, engines, file_system, in_turns, push, short, size, stopwatch
-from softpinch.store import files, folder
+from softpinch.store import files
 from softpinch.store.folder import Writer
 from softpinch.study.engine import how_many_threads
 from softpinch.study.sampling import Draws
@@ -97,8 +98,8 @@ def store(given: argparse.Namespace, scratch: Path) -> Text:
     short(min(runs, 4 * BLOCK), store=scratch / "warm")
     turn = iter(range(given.rounds))
     with stopwatch(
-        ("encode", folder, "encode"),
-        ("hash", files, "sha256"),
+        ("encode", files, "encode"),
+        ("hash", hashlib, "sha256"),
         ("bring to the disk", os, "fsync"),
         ("flush", Writer, "flush"),
         ("draw", Draws, "rows"),

@@ -157,7 +157,9 @@ def carried(draw: st.DrawFn) -> sp.Scene:
 @settings(max_examples=40, **UNHURRIED)
 @given(carried())
 def test_many_grasps_move_as_in_inertial_coordinates(scene: sp.Scene) -> None:
-    assume(calm(scene, simulated(scene, **METHODS[1])))
+    run = simulated(scene, **METHODS[1])
+    # Tips that throw each other off in ever shorter flights: see the status's limits.
+    assume(run.status != "chattering" and run.t[-1] > TIMES[0] and calm(scene, run))
     follows(scene, in_inertial_coordinates(scene), METHODS[1], 1e-8, 1e-8)
 
 
