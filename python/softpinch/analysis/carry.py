@@ -144,17 +144,17 @@ def carry_limits(
     rest = equilibrium_of(grasp, time=time, shear=shear, near=near, grip=grip)
     if profile is not None and rest.scene.contact != "unilateral":
         raise ValueError('profile: needs contact = "unilateral", a bilateral one is never lost')
+    if rest.scene.motion is not None:
+        tilt = float(rest.scene.motion.at(rest.time).tilt)
     limit, cause, _ = limits_of(
         rest, len(rows), lambda q: rest_scene(rest.scene, rest.time).carry_limits(q, rows)
     )
     if profile is not None:
         found = [
-            _fastest(_move(rest, row, profile, distance, settle), slow)
+            _fastest(_move(rest, row, profile, distance, settle, tilt), slow)
             for row, slow in zip(rows, limit, strict=True)
         ]
         limit, cause = np.array([a for a, _ in found]), [name for _, name in found]
-    if rest.scene.motion is not None:
-        tilt = float(rest.scene.motion.at(rest.time).tilt)
     return CarryLimits(
         equilibrium=rest,
         direction=rows,
@@ -166,11 +166,15 @@ def carry_limits(
 
 
 def _move(
-    rest: Equilibrium, direction: Floats, profile: Profile, distance: float, settle: float
+    rest: Equilibrium,
+    direction: Floats,
+    profile: Profile,
+    distance: float,
+    settle: float,
+    tilt: float,
 ) -> Callable[[float], Run]:
     """The run of a move with a given peak acceleration."""
     begin = rest.time
-    tilt = 0.0 if rest.scene.motion is None else float(rest.scene.motion.at(begin).tilt)
     points = np.outer([0.0, distance], direction)
 
     def run(acceleration: float) -> Run:
