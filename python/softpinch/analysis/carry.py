@@ -19,7 +19,7 @@ from ..support import checks
 from ..support.arrays import Floats, Texts
 from ..support.result import Result
 from .rest import Equilibrium
-from .wrench import equilibrium_of, limits_of, unit_directions
+from .wrench import checked_directions, equilibrium_of, limits_of, unit_directions
 
 Profile: TypeAlias = Literal["trapezoid", "minimum_jerk"]
 # The duration of a move over a distance D with the peak acceleration a is this times sqrt(D / a).
@@ -115,11 +115,8 @@ def carry_limits(
     if directions is None:
         rows = unit_directions()
     else:
-        rows = checks.array("directions", directions, ("n", 2))
-        lengths = np.hypot(*rows.T)
-        if not lengths.all():
-            raise ValueError(f"directions[{np.argmin(lengths)}] = (0, 0): must not be zero")
-        rows = rows / lengths[:, None]
+        rows = checked_directions(directions, 2)
+        rows = rows / np.hypot(*rows.T)[:, None]
     tilts = checks.array("tilt", tilt, ("m",) if np.ndim(tilt) else ())
     if tilts.ndim:
         how: dict[str, Any] = {"time": time, "shear": shear, "near": near, "grip": grip}
