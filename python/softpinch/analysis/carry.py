@@ -19,7 +19,7 @@ from ..support import checks
 from ..support.arrays import Floats, Texts
 from ..support.result import Result
 from .rest import Equilibrium
-from .wrench import equilibrium_of, limits_of, unit_directions
+from .wrench import checked_directions, equilibrium_of, limits_of, unit_directions
 
 Profile: TypeAlias = Literal["trapezoid", "minimum_jerk"]
 # The duration of a move over a distance D with the peak acceleration a is this times sqrt(D / a).
@@ -115,11 +115,8 @@ def carry_limits(
     if directions is None:
         rows = unit_directions()
     else:
-        rows = checks.array("directions", directions, ("n", 2))
-        lengths = np.hypot(*rows.T)
-        if not lengths.all():
-            raise ValueError(f"directions[{np.argmin(lengths)}] = (0, 0): must not be zero")
-        rows = rows / lengths[:, None]
+        rows = checked_directions(directions, 2)
+        rows = rows / np.hypot(*rows.T)[:, None]
     tilts = checks.array("tilt", tilt, ("m",) if np.ndim(tilt) else ())
     if tilts.ndim:
         how: dict[str, Any] = {"time": time, "shear": shear, "near": near, "grip": grip}
@@ -144,17 +141,17 @@ def carry_limits(
     rest = equilibrium_of(grasp, time=time, shear=shear, near=near, grip=grip)
     if profile is not None and rest.scene.contact != "unilateral":
         raise ValueError('profile: needs contact = "unilateral", a bilateral one is never lost')
+    if rest.scene.motion is not None:
+        tilt = float(rest.scene.motion.at(rest.time).tilt)
     limit, cause, _ = limits_of(
         rest, len(rows), lambda q: rest_scene(rest.scene, rest.time).carry_limits(q, rows)
     )
     if profile is not None:
         found = [
-            _fastest(_move(rest, row, profile, distance, settle), slow)
+            _fastest(_move(rest, row, profile, distance, settle, tilt), slow)
             for row, slow in zip(rows, limit, strict=True)
         ]
         limit, cause = np.array([a for a, _ in found]), [name for _, name in found]
-    if rest.scene.motion is not None:
-        tilt = float(rest.scene.motion.at(rest.time).tilt)
     return CarryLimits(
         equilibrium=rest,
         direction=rows,
@@ -166,11 +163,15 @@ def carry_limits(
 
 
 def _move(
-    rest: Equilibrium, direction: Floats, profile: Profile, distance: float, settle: float
+    rest: Equilibrium,
+    direction: Floats,
+    profile: Profile,
+    distance: float,
+    settle: float,
+    tilt: float,
 ) -> Callable[[float], Run]:
     """The run of a move with a given peak acceleration."""
     begin = rest.time
-    tilt = 0.0 if rest.scene.motion is None else float(rest.scene.motion.at(begin).tilt)
     points = np.outer([0.0, distance], direction)
 
     def run(acceleration: float) -> Run:

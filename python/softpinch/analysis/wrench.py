@@ -120,7 +120,7 @@ def wrench_limits(
     Returns:
         The limits. A scene without equilibrium bears nothing: see `WrenchLimits`.
     """
-    given = None if directions is None else _checked_directions(directions)
+    given = None if directions is None else checked_directions(directions, 3)
     if length is not None:
         length = checks.positive("length", length)
     rest = equilibrium_of(grasp, time=time, shear=shear, near=near, grip=grip)
@@ -172,14 +172,14 @@ def unit_directions() -> Floats:
     return np.vstack([np.column_stack(quarter) for quarter in quarters]) + 0.0
 
 
-def _checked_directions(directions: ArrayLike) -> Floats:
-    """A user's directions (n, 3)."""
-    rows = checks.array("directions", directions, ("n", 3))
+def checked_directions(directions: ArrayLike, width: int) -> Floats:
+    """A user's directions (n, width), none of them zero."""
+    rows = checks.array("directions", directions, ("n", width))
     if len(rows) > _MOST:
         raise ValueError(f"directions has {len(rows)} rows: must have at most {_MOST}")
     zero = np.flatnonzero((rows == 0.0).all(axis=1))
     if zero.size:
-        raise ValueError(f"directions[{zero[0]}] = (0, 0, 0): must not be zero")
+        raise ValueError(f"directions[{zero[0]}] = {(0,) * width}: must not be zero")
     return rows
 
 
