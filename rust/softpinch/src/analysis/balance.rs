@@ -105,7 +105,7 @@ impl<R: Real> Balance<R> {
     ) -> (Self, Geometry<R>) {
         let zero = R::zero();
         let mut motion = Motion { q: coordinates(z), ..Motion::zero() };
-        let geometry = Geometry::constrained(false, &plant.sides, &mut motion.q, &mut motion.p);
+        let geometry = <Geometry<R>>::constrained(&plant.sides, &mut motion.q, &mut motion.p);
         let q = motion.q;
         let moving = frame.map(|own| plant.loads(own, &input.force, q.object, motion.p.object));
         let applied = (input, Carriage::Either(moving.as_ref()));
@@ -209,6 +209,12 @@ fn slopes<const N: usize>(duals: &[Directions; N]) -> [Unknowns; N] {
     duals.each_ref().map(|dual| std::array::from_fn(|k| dual.slope[k]))
 }
 
+/// The plant of a scene, in plain numbers and in those of the derivatives.
+#[inline(never)]
+fn plants(parameters: &Parameters, fingers: Fingers, moves: bool) -> (Plant<f64>, Plant<Directions>) {
+    (Plant::new(parameters, fingers, moves), Plant::new(parameters, fingers, moves))
+}
+
 /// A scene at rest under constant inputs.
 #[derive(Debug, Clone)]
 pub struct RestScene {
@@ -221,8 +227,6 @@ pub struct RestScene {
     instructions: Instructions,
     pub(super) plant: Plant<f64>,
     dual: Plant<Directions>,
-    /// The same in one direction, for parts that are not the paper's.
-    single: Plant<Dual<f64, 1>>,
 }
 
 /// The balance at one set of unknowns, with its derivatives by the unknowns.
@@ -247,27 +251,23 @@ impl RestScene {
         fingers: Fingers,
         drive: &SegmentDrive,
     ) -> Result<Self, Error> {
-        let moves = drive.frame.is_some();
+        let (plant, dual) = plants(parameters, fingers, drive.frame.is_some());
         Ok(Self {
             fingers,
             input: drive.at(0.0),
             frame: drive.frame.as_ref().map(|frame| frame.at(0.0)),
             level,
             instructions: level.require()?,
-            plant: Plant::new(parameters, fingers, moves),
-            dual: Plant::new(parameters, fingers, moves),
-            single: Plant::new(parameters, fingers, moves),
-            parameters: parameters.clone(),
+            plant,
+            dual,
+            parameters: *parameters,
         })
     }
 
     /// The same scene with other parameters.
     pub fn with(&self, parameters: Parameters) -> Self {
-        let (fingers, moves) = (self.fingers, self.frame.is_some());
-        let plant = Plant::new(&parameters, fingers, moves);
-        let (dual, single) =
-            (Plant::new(&parameters, fingers, moves), Plant::new(&parameters, fingers, moves));
-        Self { parameters, plant, dual, single, ..self.clone() }
+        let (plant, dual) = plants(&parameters, self.fingers, self.frame.is_some());
+        Self { parameters, plant, dual, ..self.clone() }
     }
 
     /// The same scene under other inputs.
@@ -279,7 +279,7 @@ impl RestScene {
     pub fn accelerated(&self, acceleration: [f64; 2]) -> Self {
         let (sin, cos) = self.frame.map_or((0.0, 1.0), |frame| (frame.sin, frame.cos));
         let moving = Self { frame: Some(FrameMotion::new(acceleration, (sin, cos), None)), ..self.clone() };
-        if self.frame.is_some() { moving } else { moving.with(self.parameters.clone()) }
+        if self.frame.is_some() { moving } else { moving.with(self.parameters) }
     }
 
     /// The inputs of this scene at all times.
@@ -409,10 +409,11 @@ impl LaneTask<f64> for Evaluate<'_> {
         let (found, no_slip) = if scene.parameters.has_the_papers_parts() {
             seeded(scene, &scene.dual, &unknowns)
         } else {
+            let single = Plant::new(&scene.parameters, scene.fingers, scene.frame.is_some());
             let mut found = Balance::nothing();
             let mut no_slip = [[0.0; 5]; 2];
             for k in 0..UNKNOWNS {
-                let (own, rows) = seeded(scene, &scene.single, &unknowns.map(|own| own.only(k)));
+                let (own, rows) = seeded(scene, &single, &unknowns.map(|own| own.only(k)));
                 found.set_direction(k, &own);
                 no_slip = rows;
             }

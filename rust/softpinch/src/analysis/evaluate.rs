@@ -5,8 +5,8 @@ use nalgebra::SMatrix;
 use crate::error::Error;
 use crate::formulation::contact_solve::Response;
 use crate::formulation::csm::Csm;
-use crate::formulation::equations::{self, Equations};
-use crate::model::contact::Side;
+use crate::formulation::equations;
+use crate::formulation::unilateral::Unilateral;
 use crate::model::contact::mechanism::Mechanism;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::Coordinates;
@@ -55,9 +55,10 @@ pub fn evaluate(
     if let Some(frame) = frame {
         [outside[0], outside[1]] = frame.into_hand([outside[0], outside[1]]);
     }
-    let geometry = Geometry::new(&plant.sides, q, p);
-    let csm = Csm::new(plant, stabilization);
-    let equations::Terms { forces, response, .. } = csm.terms(
+    let geometry = Geometry::of_scene(parameters, q, p);
+    // With tips that stick these are the equations of bilateral contact.
+    let equations = Unilateral::<f64>::new(parameters, Csm::new(plant, stabilization));
+    let equations::Terms { forces, response, .. } = equations.terms_of(
         plant.driven,
         (&input, Carriage::Either(moving.as_ref())),
         &Contacts::sticking(),
@@ -105,10 +106,10 @@ fn vector(object: [f64; 3], fingers: [f64; 2], tips: [f64; 4]) -> Vec<f64> {
 /// Both contacts at one state, for drawings and checks: theta_p; the places along the sides from their middles, upwards; for
 /// each contact the side's normal from the left finger to the right one, and the tip's centre. Along the axes of the hand.
 pub fn contacts(parameters: &Parameters, q: &Coordinates) -> [f64; 12] {
-    let geometry = Geometry::new(&Side::both(parameters), q, &Coordinates::zero());
+    let geometry = Geometry::of_scene(parameters, q, &Coordinates::zero());
     let mut found = [0.0; 12];
     for (i, contact) in geometry.contacts.iter().enumerate() {
-        let [along, across] = contact.out_of_side([1.0, 0.0]);
+        let [along, across] = contact.in_object_axes([1.0, 0.0]);
         let [inwards, up] = Mechanism::<f64>::new(parameters, i).placed(q.finger[i]).centre;
         (found[i], found[2 + i]) = (contact.tilt, signed(i, contact.place));
         found[4 + 2 * i..6 + 2 * i].copy_from_slice(&geometry.outward(along, across));
@@ -119,5 +120,5 @@ pub fn contacts(parameters: &Parameters, q: &Coordinates) -> [f64; 12] {
 
 /// (C_1^H, C_2^H, C_1^N, C_2^N) at one state.
 pub fn residuals(parameters: &Parameters, q: &Coordinates, p: &Coordinates) -> [f64; 4] {
-    Geometry::new(&Side::both(parameters), q, p).residuals()
+    Geometry::of_scene(parameters, q, p).residuals()
 }

@@ -6,6 +6,7 @@
 
 use crate::formulation::equations::{Equations, Evaluation, States, Terms, evaluated};
 use crate::formulation::unilateral::Unilateral;
+use crate::model::contact::Any;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::Coordinates;
 use crate::model::energy::{CONTACT_WORKS, Energies};
@@ -39,7 +40,7 @@ impl<R: Real> LaneTask<R> for Evaluate<'_, R> {
 }
 
 impl<R: Real> Equations<R> for AnyParts<R> {
-    const BY_FINGERS: bool = false;
+    type Parts = Any;
 
     #[inline(always)]
     fn drifts(&self) -> bool {
@@ -62,13 +63,13 @@ impl<R: Real> Equations<R> for AnyParts<R> {
         if self.drifts {
             Geometry::new(sides, &motion.q, &motion.p)
         } else {
-            Geometry::constrained(false, sides, &mut motion.q, &mut motion.p)
+            Geometry::constrained(sides, &mut motion.q, &mut motion.p)
         }
     }
 
     #[inline(always)]
     fn bias(&self, geometry: &Geometry<R>) -> [R; 4] {
-        if self.drifts { self.unilateral.bias(geometry) } else { geometry.bias() }
+        if self.drifts { self.unilateral.csm.gamma(geometry) } else { geometry.bias() }
     }
 
     #[inline(always)]
@@ -80,7 +81,7 @@ impl<R: Real> Equations<R> for AnyParts<R> {
         motion: &Motion<R>,
         geometry: Geometry<R>,
     ) -> Terms<R> {
-        self.unilateral.terms(driven, applied, contacts, motion, geometry)
+        self.unilateral.terms_of(driven, applied, contacts, motion, geometry)
     }
 
     /// Called, because steps, Jacobians and linear models need the same large code.
@@ -103,6 +104,6 @@ impl<R: Real> Equations<R> for AnyParts<R> {
 
     #[inline(always)]
     fn powers(&self, terms: &Terms<R>, contacts: &Contacts<R>, p: &Coordinates<R>) -> [R; CONTACT_WORKS] {
-        self.unilateral.powers(terms, contacts, p)
+        self.unilateral.powers_of(terms, contacts, p)
     }
 }

@@ -10,7 +10,7 @@
 //! a form in which nothing cancels. Then a 3 x 3 system for the object remains. Driven fingers do not give way:
 //! for them N_i = [m_n 0; . m_t], and their accelerations are added to b.
 
-use crate::model::contact::Contact;
+use crate::model::contact::{Contact, Parts};
 use crate::model::coordinates::Coordinates;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
@@ -31,7 +31,7 @@ pub struct Constrained<R> {
 #[inline(always)]
 pub fn constrained<R: Real>(
     driven: bool,
-    geometry: &Geometry<R>,
+    geometry: &Geometry<R, impl Parts>,
     plant: &Plant<R>,
     f: &Coordinates<R>,
     b: &[R; 4],
@@ -85,7 +85,7 @@ impl<R: Real> Eliminated<R> {
     fn new(
         driven: bool,
         i: usize,
-        contact: &Contact<R>,
+        contact: &Contact<R, impl Parts>,
         (inertia, torque): (R, R),
         [m_n, m_t]: [R; 2],
     ) -> Self {
@@ -111,12 +111,12 @@ impl<R: Real> Eliminated<R> {
         let turn = [normal.dot2(contact.a, mixed, contact.e), mixed.dot2(contact.a, tangential, contact.e)];
         let inertia = turn[0].dot2(contact.a, turn[1], contact.e);
         let (mut along, mut beside, mut across) = (normal, signed(i, mixed), tangential);
-        if contact.others.is_some() {
+        if !contact.is_the_papers() {
             // The columns of N_i along the axes of the side become rows along the object's.
-            let [normal, mixed] = contact.out_of_side([along, beside]);
-            let [other, tangential] = contact.out_of_side([beside, across]);
-            [along, beside] = contact.out_of_side([normal, other]);
-            [_, across] = contact.out_of_side([mixed, tangential]);
+            let [normal, mixed] = contact.in_object_axes([along, beside]);
+            let [other, tangential] = contact.in_object_axes([beside, across]);
+            [along, beside] = contact.in_object_axes([normal, other]);
+            [_, across] = contact.in_object_axes([mixed, tangential]);
         }
         let turn = contact.push(i, turn);
         Self { inverse, free_acceleration, column, along, mixed: beside, across, turn, inertia }
@@ -135,7 +135,7 @@ impl<R: Real> Eliminated<R> {
 #[inline(always)]
 fn pose_acceleration<R: Real>(
     driven: bool,
-    geometry: &Geometry<R>,
+    geometry: &Geometry<R, impl Parts>,
     plant: &Plant<R>,
     f: &Coordinates<R>,
     b: &[R; 4],

@@ -41,7 +41,13 @@ impl LaneTask<f64> for TermsAt<'_> {
         let moving =
             frame.as_ref().map(|frame| plant.loads(&frame.at(input.tau), &input.force, q.object, p.object));
         let geometry = Geometry::new(&plant.sides, &motion.q, &motion.p);
-        equations.terms(plant.driven, (input, Carriage::Either(moving.as_ref())), contacts, motion, geometry)
+        equations.terms_of(
+            plant.driven,
+            (input, Carriage::Either(moving.as_ref())),
+            contacts,
+            motion,
+            geometry,
+        )
     }
 }
 

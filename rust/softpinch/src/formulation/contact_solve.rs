@@ -14,6 +14,7 @@
 //! below the critical coefficient, the leading minors are positive. The system is not symmetric.
 
 use crate::formulation::constrained::Constrained;
+use crate::model::contact::Parts;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::forces::Plant;
@@ -76,7 +77,7 @@ fn select_block<R: Real>(bits: u8, a: &Block<R>, b: &Block<R>) -> Block<R> {
 #[inline(always)]
 pub fn response<R: Real>(
     driven: bool,
-    geometry: &Geometry<R>,
+    geometry: &Geometry<R, impl Parts>,
     plant: &Plant<R>,
     contacts: &Contacts<R>,
     load: &Load<R>,
@@ -153,7 +154,7 @@ pub fn response<R: Real>(
 /// The rows h_i and n_i times M^-1, times the columns h_j (or c_j where finger j grazes) and n_j.
 #[inline(always)]
 fn own_block<R: Real>(
-    geometry: &Geometry<R>,
+    geometry: &Geometry<R, impl Parts>,
     w: &Coordinates<R>,
     (i, j): (usize, usize),
     graze: u8,
@@ -180,7 +181,7 @@ fn own_block<R: Real>(
     let ([x, y], turned, finger) = other.tilt_by(j);
     let mut by_couple = [a * turned, e * turned];
     if !geometry.is_the_papers() {
-        let [along, across] = own.into_side([x, y]);
+        let [along, across] = own.in_side_axes([x, y]);
         by_couple = [w_x.mul_add(signed(i, along), by_couple[0]), w_x.mul_add(across, by_couple[1])];
     }
     if same {

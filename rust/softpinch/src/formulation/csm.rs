@@ -4,6 +4,7 @@
 //! (24) is solved for the accelerations, with gamma in place of Phi-dot p (`constrained.rs`).
 
 use crate::formulation::equations::Equations;
+use crate::model::contact::{Papers, Parts};
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
 use crate::model::parameters::Stabilization;
@@ -30,17 +31,10 @@ impl<R: Real> Csm<R> {
             beta: R::constant(beta),
         }
     }
-}
-
-impl<R: Real> Equations<R> for Csm<R> {
-    #[inline(always)]
-    fn plant(&self) -> &Plant<R> {
-        &self.plant
-    }
 
     /// gamma of (22) and (23).
     #[inline(always)]
-    fn bias(&self, geometry: &Geometry<R>) -> [R; 4] {
+    pub(super) fn gamma(&self, geometry: &Geometry<R, impl Parts>) -> [R; 4] {
         let [c1, c2, c3, c4] = geometry.residuals();
         let [v1, v2, _, _] = geometry.constraint_velocity();
         let [b1, b2, b3, b4] = geometry.bias();
@@ -50,5 +44,19 @@ impl<R: Real> Equations<R> for Csm<R> {
             self.beta.mul_add(c3, b3),
             self.beta.mul_add(c4, b4),
         ]
+    }
+}
+
+impl<R: Real> Equations<R> for Csm<R> {
+    type Parts = Papers;
+
+    #[inline(always)]
+    fn plant(&self) -> &Plant<R> {
+        &self.plant
+    }
+
+    #[inline(always)]
+    fn bias(&self, geometry: &Geometry<R, Papers>) -> [R; 4] {
+        self.gamma(geometry)
     }
 }

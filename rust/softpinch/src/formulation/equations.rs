@@ -5,6 +5,7 @@ use std::fmt::Debug;
 
 use crate::formulation::constrained::{Constrained, constrained};
 use crate::formulation::contact_solve::Response;
+use crate::model::contact::{Any, Parts};
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::drive::Input;
@@ -70,7 +71,7 @@ impl<R: Real> Evaluation<R> {
     pub(crate) fn of_contacts(
         motion: &Motion<R>,
         multipliers: &[R; 4],
-        geometry: &Geometry<R>,
+        geometry: &Geometry<R, impl Parts>,
         share: [R; 2],
     ) -> Self {
         Self {
@@ -106,9 +107,9 @@ impl<R: Real, const W: usize> Evaluation<Dual<R, W>> {
 
 /// All terms at one state.
 #[derive(Debug, Clone, Copy)]
-pub struct Terms<R> {
+pub struct Terms<R, P = Any> {
     /// The geometry. Its residuals C^H and C^N are the gap of a free tip and the velocity of one that slips.
-    pub geometry: Geometry<R>,
+    pub geometry: Geometry<R, P>,
     /// The applied forces. The couples of tips that graze or are free are left out.
     pub forces: Forces<R>,
     /// Multipliers, shares of the couples, and accelerations.
@@ -140,8 +141,8 @@ pub(crate) use for_fingers;
 ///
 /// A formulation says what its states are and what bias its accelerations have. The rest is common to all.
 pub trait Equations<R: Real>: Copy + Debug {
-    /// Whether the code is compiled for each kind of fingers alone.
-    const BY_FINGERS: bool = true;
+    /// The contacts for which the code is compiled.
+    type Parts: Parts;
 
     /// Whether the states can leave the constraints. If so, they have all deformations with their rates; if not, they
     /// have the shears, and the constraints determine the rest.
@@ -236,12 +237,12 @@ pub trait Equations<R: Real>: Copy + Debug {
 
     /// The geometry of a motion. A formulation whose states are on the constraints sets what these determine.
     #[inline(always)]
-    fn geometry(&self, motion: &mut Motion<R>) -> Geometry<R> {
-        Geometry::of_the_papers(&self.plant().sides, &motion.q, &motion.p)
+    fn geometry(&self, motion: &mut Motion<R>) -> Geometry<R, Self::Parts> {
+        Geometry::of(&self.plant().sides, &motion.q, &motion.p)
     }
 
     /// The bias b of the constraints on the accelerations, Phi a = -b.
-    fn bias(&self, geometry: &Geometry<R>) -> [R; 4];
+    fn bias(&self, geometry: &Geometry<R, Self::Parts>) -> [R; 4];
 
     /// All terms of (24) at one state.
     #[inline(always)]
@@ -251,8 +252,8 @@ pub trait Equations<R: Real>: Copy + Debug {
         applied: Applied<'_, R>,
         _: &Contacts<R>,
         motion: &Motion<R>,
-        geometry: Geometry<R>,
-    ) -> Terms<R> {
+        geometry: Geometry<R, Self::Parts>,
+    ) -> Terms<R, Self::Parts> {
         let plant = self.plant();
         let elastic = plant.elastic(&geometry, &motion.q);
         let mut forces = plant.forces(driven, elastic, &geometry, motion, applied);
@@ -274,7 +275,12 @@ pub trait Equations<R: Real>: Copy + Debug {
 
     /// The powers whose integrals are the works of the ledger.
     #[inline(always)]
-    fn powers(&self, terms: &Terms<R>, _: &Contacts<R>, p: &Coordinates<R>) -> [R; CONTACT_WORKS] {
+    fn powers(
+        &self,
+        terms: &Terms<R, Self::Parts>,
+        _: &Contacts<R>,
+        p: &Coordinates<R>,
+    ) -> [R; CONTACT_WORKS] {
         let Terms { geometry, forces, response, .. } = terms;
         let mut powers = [R::zero(); CONTACT_WORKS];
         powers[..BILATERAL_WORKS].copy_from_slice(&forces.powers(
@@ -337,7 +343,7 @@ pub trait Equations<R: Real>: Copy + Debug {
     /// The energies of a motion, for the ledger.
     #[inline(always)]
     fn energies(&self, _: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        self.plant().energies(true, &motion.q, &motion.p)
+        self.plant().energies(Self::Parts::PAPERS, &motion.q, &motion.p)
     }
 }
 

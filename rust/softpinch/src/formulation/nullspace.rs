@@ -7,6 +7,7 @@
 //! and eight states.
 
 use crate::formulation::equations::Equations;
+use crate::model::contact::Papers;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
@@ -27,6 +28,8 @@ impl<R: Real> Nullspace<R> {
 }
 
 impl<R: Real> Equations<R> for Nullspace<R> {
+    type Parts = Papers;
+
     #[inline(always)]
     fn drifts(&self) -> bool {
         false
@@ -38,12 +41,12 @@ impl<R: Real> Equations<R> for Nullspace<R> {
     }
 
     #[inline(always)]
-    fn geometry(&self, motion: &mut Motion<R>) -> Geometry<R> {
-        Geometry::constrained(true, &self.plant.sides, &mut motion.q, &mut motion.p)
+    fn geometry(&self, motion: &mut Motion<R>) -> Geometry<R, Papers> {
+        Geometry::constrained(&self.plant.sides, &mut motion.q, &mut motion.p)
     }
 
     #[inline(always)]
-    fn bias(&self, geometry: &Geometry<R>) -> [R; 4] {
+    fn bias(&self, geometry: &Geometry<R, Papers>) -> [R; 4] {
         geometry.bias()
     }
 }

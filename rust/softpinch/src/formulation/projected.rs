@@ -9,6 +9,7 @@
 use crate::formulation::constrained::constrained;
 use crate::formulation::contact_solve::{Load, response};
 use crate::formulation::equations::{Equations, States};
+use crate::model::contact::Parts;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::drive::Input;
@@ -26,9 +27,9 @@ const NEWTON_STEPS: usize = 2;
 /// Moves q by one Newton step towards C^H = 0 along M^-1 Phi_H^T. The constraints of the contacts in `free` are
 /// left out.
 #[inline(always)]
-fn newton_step<R: Real>(plant: &Plant<R>, q: &Coordinates<R>, free: [Bits; 2]) -> Coordinates<R> {
+fn newton_step<R: Real, P: Parts>(plant: &Plant<R>, q: &Coordinates<R>, free: [Bits; 2]) -> Coordinates<R> {
     let zero = R::zero();
-    let geometry = Geometry::new(&plant.sides, q, &Coordinates::zero());
+    let geometry = Geometry::<R, P>::of(&plant.sides, q, &Coordinates::zero());
     let w = &plant.inverse_masses;
     let ([w_x, _, w_theta], [r, l]) = (w.object, &geometry.contacts);
     let mut facing = -w_x;
@@ -53,10 +54,14 @@ fn newton_step<R: Real>(plant: &Plant<R>, q: &Coordinates<R>, free: [Bits; 2]) -
 
 /// The position after the correction. The constraints of the contacts in `free` are left out.
 #[inline(always)]
-fn corrected_position<R: Real>(plant: &Plant<R>, left: &Coordinates<R>, free: [Bits; 2]) -> Coordinates<R> {
+fn corrected_position<R: Real, P: Parts>(
+    plant: &Plant<R>,
+    left: &Coordinates<R>,
+    free: [Bits; 2],
+) -> Coordinates<R> {
     let mut q = *left;
     for _ in 0..NEWTON_STEPS {
-        q = newton_step(plant, &q, free);
+        q = newton_step::<R, P>(plant, &q, free);
     }
     q
 }
@@ -73,8 +78,12 @@ pub fn correct<R: Real, E: Equations<R>>(
 ) {
     let plant = equations.plant();
     let Motion { q: left_q, p: left_p, memory } = equations.unpack(driven, input, y);
-    let q = corrected_position(plant, &left_q, if equations.opens() { contacts.free } else { [0; 2] });
-    let geometry = Geometry::new(&plant.sides, &q, &left_p);
+    let q = corrected_position::<R, E::Parts>(
+        plant,
+        &left_q,
+        if equations.opens() { contacts.free } else { [0; 2] },
+    );
+    let geometry = Geometry::<R, E::Parts>::of(&plant.sides, &q, &left_p);
     let (zero, finger_acceleration) = (R::zero(), [R::zero(); 2]);
     // Phi dp = -Phi p and M dp = Phi^T nu: this is the solve of (24) without a force.
     let drift = geometry.constraint_velocity();

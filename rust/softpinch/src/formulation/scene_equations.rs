@@ -16,6 +16,7 @@ use crate::formulation::projected;
 use crate::formulation::system::{Jacobian, Linear, Size, StageState, Stages, System};
 use crate::formulation::table::Formulation;
 use crate::formulation::unilateral::Unilateral;
+use crate::model::contact::Parts;
 use crate::model::contact_modes::{ContactModel, Contacts};
 use crate::model::control::Fingers;
 use crate::model::drive::{Input, SegmentDrive, SegmentFrame};
@@ -118,7 +119,6 @@ pub struct SceneEquations<R> {
 /// The equations of a scene in dual numbers with `W` directions; those of parts that are not the paper's in one direction
 /// after the other, which takes little code.
 #[derive(Debug, Clone, Copy)]
-#[expect(clippy::large_enum_variant, reason = "a method holds one of them, for all of a run")]
 pub enum Tangent<R, const W: usize> {
     /// With the paper's parts.
     Papers(SceneEquations<Dual<R, W>>),
@@ -255,13 +255,13 @@ macro_rules! for_fingers_of {
 
 task! {
     Evaluate(drive: &'a SegmentDrive<R>, tau: R, moving: Option<&'a FrameLoads<R>>, y: &'a States<R>, now: &'a mut Evaluation<R>, ledger: bool) -> (),
-    equations => for_fingers_of!(equations, driven [R::ORDER < 2 && E::BY_FINGERS] => {
+    equations => for_fingers_of!(equations, driven [R::ORDER < 2 && E::Parts::PAPERS] => {
         evaluate_into(equations, (driven, ledger), ((&drive.at(tau), Carriage::Either(moving)), &drive.contacts), y, now);
     })
 }
 task! {
     Rates(input: &'a Input<R>, moving: Option<&'a FrameLoads<R>>, contacts: &'a Contacts<R>, from: &'a States<R>, by: R, along: &'a States<R>, rate: &'a mut States<R>, ledger: bool) -> (),
-    equations => for_fingers_of!(equations, driven [R::ORDER < 2 && E::BY_FINGERS] => {
+    equations => for_fingers_of!(equations, driven [R::ORDER < 2 && E::Parts::PAPERS] => {
         rates_into(equations, (driven, ledger), ((input, Carriage::Either(moving)), contacts), StageState { from, by, along }, rate);
     })
 }
@@ -321,7 +321,7 @@ task! {
 task! {
     Correct(drive: &'a SegmentDrive<R>, tau: R, y: &'a mut States<R>, ledger: bool) -> (),
     equations => if equations.drifts() {
-        for_fingers_of!(equations, driven [R::ORDER == 0 && E::BY_FINGERS && !equations.opens()] => {
+        for_fingers_of!(equations, driven [R::ORDER == 0 && E::Parts::PAPERS && !equations.opens()] => {
             projected::correct(equations, (driven, ledger), &drive.at(tau), &drive.contacts, y);
         });
     }
@@ -487,7 +487,7 @@ impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<Dual<R, W>> fo
     fn run(self) {
         let Self { equations, drive, tau, y, ledger, jacobian } = self;
         let contacts = drive.contacts.lifted();
-        for_fingers_of!(equations, driven [E::BY_FINGERS && (R::WIDTH > 1 || !equations.opens())] => {
+        for_fingers_of!(equations, driven [E::Parts::PAPERS && (R::WIDTH > 1 || !equations.opens())] => {
             let size = size_of(equations, driven, ledger);
             let (states, all) = (size.states, size.all());
             let mut first = 0;

@@ -9,6 +9,7 @@ use crate::formulation::contact_solve::{Load, Response, response};
 use crate::formulation::csm::Csm;
 use crate::formulation::equations::{Equations, Terms};
 use crate::model::contact::law::ElasticGradient;
+use crate::model::contact::{Papers, Parts};
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::Coordinates;
 use crate::model::energy::{CONTACT_WORKS, Energies};
@@ -85,34 +86,17 @@ impl<R: Real> Unilateral<R> {
         }
         energies
     }
-}
-
-impl<R: Real> Equations<R> for Unilateral<R> {
-    #[inline(always)]
-    fn opens(&self) -> bool {
-        true
-    }
-
-    #[inline(always)]
-    fn plant(&self) -> &Plant<R> {
-        &self.csm.plant
-    }
-
-    #[inline(always)]
-    fn bias(&self, geometry: &Geometry<R>) -> [R; 4] {
-        self.csm.bias(geometry)
-    }
 
     /// All terms at one state, in the modes of the contacts.
     #[inline(always)]
-    fn terms(
+    pub(crate) fn terms_of<P: Parts>(
         &self,
         driven: bool,
         applied: Applied<'_, R>,
         contacts: &Contacts<R>,
         motion: &Motion<R>,
-        geometry: Geometry<R>,
-    ) -> Terms<R> {
+        geometry: Geometry<R, P>,
+    ) -> Terms<R, P> {
         let plant = &self.csm.plant;
         let elastic = plant.elastic(&geometry, &motion.q);
         let couple = [elastic[0].tilt, elastic[1].tilt];
@@ -123,7 +107,7 @@ impl<R: Real> Equations<R> for Unilateral<R> {
             self.released(geometry.is_the_papers(), contacts, elastic, &motion.q)
         };
         let mut forces = plant.forces(driven, elastic, &geometry, motion, applied);
-        let (force, bias) = (forces.total(&geometry), self.bias(&geometry));
+        let (force, bias) = (forces.total(&geometry), self.csm.gamma(&geometry));
         let finger_acceleration = applied.0.target_acceleration;
         let mut found =
             Response::from(constrained(driven, &geometry, plant, &force, &bias, &finger_acceleration));
@@ -143,15 +127,15 @@ impl<R: Real> Equations<R> for Unilateral<R> {
         Terms { geometry, forces, response: found, couple, friction: self.friction }
     }
 
-    #[inline(always)]
-    fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        self.energies_of(true, contacts, motion)
-    }
-
     /// The powers whose integrals are the works of the ledger. Friction's is the loss mu lambda^H |v|. While a
     /// tip grazes, its tilt changes (5) by tau theta_p-dot, but only the part psi of its couple acts.
     #[inline(always)]
-    fn powers(&self, terms: &Terms<R>, contacts: &Contacts<R>, p: &Coordinates<R>) -> [R; CONTACT_WORKS] {
+    pub(super) fn powers_of(
+        &self,
+        terms: &Terms<R, impl Parts>,
+        contacts: &Contacts<R>,
+        p: &Coordinates<R>,
+    ) -> [R; CONTACT_WORKS] {
         let Terms { geometry, forces, response, couple, .. } = terms;
         let drift = geometry.constraint_velocity();
         let zero = R::zero();
@@ -167,6 +151,52 @@ impl<R: Real> Equations<R> for Unilateral<R> {
         let drags = self.csm.plant.drags(p);
         let [control, external, viscous, constraint] = forces.powers(geometry, &drags, p, &held);
         [control, external, viscous, constraint, friction, zero, relaxation]
+    }
+}
+
+impl<R: Real> Equations<R> for Unilateral<R> {
+    type Parts = Papers;
+
+    #[inline(always)]
+    fn opens(&self) -> bool {
+        true
+    }
+
+    #[inline(always)]
+    fn plant(&self) -> &Plant<R> {
+        &self.csm.plant
+    }
+
+    #[inline(always)]
+    fn bias(&self, geometry: &Geometry<R, Papers>) -> [R; 4] {
+        self.csm.gamma(geometry)
+    }
+
+    #[inline(always)]
+    fn terms(
+        &self,
+        driven: bool,
+        applied: Applied<'_, R>,
+        contacts: &Contacts<R>,
+        motion: &Motion<R>,
+        geometry: Geometry<R, Papers>,
+    ) -> Terms<R, Papers> {
+        self.terms_of(driven, applied, contacts, motion, geometry)
+    }
+
+    #[inline(always)]
+    fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
+        self.energies_of(true, contacts, motion)
+    }
+
+    #[inline(always)]
+    fn powers(
+        &self,
+        terms: &Terms<R, Papers>,
+        contacts: &Contacts<R>,
+        p: &Coordinates<R>,
+    ) -> [R; CONTACT_WORKS] {
+        self.powers_of(terms, contacts, p)
     }
 }
 

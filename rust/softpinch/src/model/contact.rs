@@ -18,6 +18,9 @@ pub mod law;
 pub mod mechanism;
 pub mod shape;
 
+use std::fmt::Debug;
+use std::marker::PhantomData;
+
 use crate::model::contact::mechanism::{Arm, Jaw, Mechanism, OneLink};
 use crate::model::contact::shape::{Frame, ParallelFace, Surface};
 use crate::model::coordinates::Coordinates;
@@ -52,6 +55,28 @@ macro_rules! numbered {
     };
 }
 pub(crate) use numbered;
+
+/// The contacts for which code is compiled: the paper's alone, or any.
+pub trait Parts: Copy + Debug {
+    /// Whether they are the paper's alone.
+    const PAPERS: bool;
+}
+
+/// The paper's contacts.
+#[derive(Debug, Clone, Copy)]
+pub struct Papers;
+
+impl Parts for Papers {
+    const PAPERS: bool = true;
+}
+
+/// Any contacts, among them the paper's.
+#[derive(Debug, Clone, Copy)]
+pub struct Any;
+
+impl Parts for Any {
+    const PAPERS: bool = false;
+}
 
 /// The parts of a contact that say where it is: all but the law of the tip.
 #[derive(Debug, Clone, Copy)]
@@ -130,7 +155,7 @@ impl<R: Real> Side<R> {
 
 /// One contact at one state: residuals, the row entries of (25), and Phi-dot p.
 #[derive(Debug, Clone, Copy)]
-pub struct Contact<R> {
+pub struct Contact<R, P = Any> {
     /// theta_pi (6).
     pub tilt: R,
     /// sin theta_pi.
@@ -147,7 +172,8 @@ pub struct Contact<R> {
     /// The place of the contact along the side, up to its sign; on a parallel face s_i G_i (11).
     pub place: R,
     /// What another contact than the paper's has beside it.
-    pub others: Option<Others<R>>,
+    others: Option<Others<R>>,
+    parts: PhantomData<P>,
     /// A_i (26).
     pub a: R,
     /// B_i (27).
@@ -178,10 +204,18 @@ pub struct Others<R> {
     pub tilt_by: [R; 3],
 }
 
+impl<R: Real> Contact<R> {
+    /// [`Contact::anywhere`] for a single contact.
+    #[inline(always)]
+    fn alone(i: usize, side: &Side<R>, q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
+        Self::anywhere(i, side, &Frame::of_object(q.object, p.object), q, p)
+    }
+}
+
 /// Where the contact is on the constraints: d_n, then the rates of d_n and d_t.
 type Determined<R> = (R, [R; 2]);
 
-impl<R: Real> Contact<R> {
+impl<R: Real, P: Parts> Contact<R, P> {
     /// The contact of a link and a parallel face, in the object's own frame, where finger i has the tilt
     /// theta_pi = theta_i + s_i theta (6).
     #[inline(always)]
@@ -213,6 +247,7 @@ impl<R: Real> Contact<R> {
             cos_finger,
             place: a,
             others: None,
+            parts: PhantomData,
             a,
             b,
             e,
@@ -228,7 +263,6 @@ impl<R: Real> Contact<R> {
     /// The contact at any q and p, on the constraints or off them.
     #[inline(always)]
     pub(super) fn anywhere(
-        papers: bool,
         i: usize,
         side: &Side<R>,
         object: &Frame<R>,
@@ -237,27 +271,20 @@ impl<R: Real> Contact<R> {
     ) -> Self {
         let deformation = (q.compression[i], [p.compression[i], p.shear[i]]);
         if R::ANY_PARTS
-            && !papers
+            && !P::PAPERS
             && let Some(parts) = &side.others
         {
             let finger = [q.finger[i], p.finger[i]];
-            let at = Parts { i, parts, radius: side.radius, object: *object, finger };
-            return R::outlined(InParts(at, Some(deformation))).0;
+            let at = PartsAt { i, parts, radius: side.radius, object: *object, finger };
+            return R::outlined(InParts(at, Some(deformation), PhantomData)).0;
         }
         let arm = side.link.arm(i, object, q.finger[i], p.finger[i]);
         Self::new(i, side, object, &arm, deformation.0, deformation.1)
     }
 
-    /// [`Contact::anywhere`] for a single contact.
-    #[inline(always)]
-    fn alone(i: usize, side: &Side<R>, q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
-        Self::anywhere(false, i, side, &Frame::of_object(q.object, p.object), q, p)
-    }
-
     /// The contact on the constraints, with the d_n, d_n-dot and d_t-dot that the constraints determine.
     #[inline(always)]
     pub(super) fn constrained(
-        papers: bool,
         i: usize,
         side: &Side<R>,
         object: &Frame<R>,
@@ -265,11 +292,11 @@ impl<R: Real> Contact<R> {
         turn: R,
     ) -> (Self, R, [R; 2]) {
         if R::ANY_PARTS
-            && !papers
+            && !P::PAPERS
             && let Some(parts) = &side.others
         {
-            let at = Parts { i, parts, radius: side.radius, object: *object, finger: [angle, turn] };
-            let (contact, (d_n, rates)) = R::outlined(InParts(at, None));
+            let at = PartsAt { i, parts, radius: side.radius, object: *object, finger: [angle, turn] };
+            let (contact, (d_n, rates)) = R::outlined(InParts(at, None, PhantomData));
             return (contact, d_n, rates);
         }
         let arm = side.link.arm(i, object, angle, turn);
@@ -279,12 +306,24 @@ impl<R: Real> Contact<R> {
         (Self::new(i, side, object, &arm, d_n, rates), d_n, rates)
     }
 
+    /// What another contact than the paper's has beside it.
+    #[inline(always)]
+    fn others(&self) -> Option<&Others<R>> {
+        if P::PAPERS || !R::ANY_PARTS { None } else { self.others.as_ref() }
+    }
+
+    /// Whether the contact is the paper's.
+    #[inline(always)]
+    pub(crate) fn is_the_papers(&self) -> bool {
+        self.others().is_none()
+    }
+
     /// The components along the axes of the side of a vector along the object's axes.
     #[inline(always)]
-    pub(crate) fn into_side(&self, [along, across]: [R; 2]) -> [R; 2] {
-        match self.others {
+    pub(crate) fn in_side_axes(&self, [along, across]: [R; 2]) -> [R; 2] {
+        match self.others() {
             None => [along, across],
-            Some(Others { normal: [cos, sin], .. }) => {
+            Some(&Others { normal: [cos, sin], .. }) => {
                 [along.dot2(cos, across, sin), across.dot2(cos, -along, sin)]
             }
         }
@@ -292,10 +331,10 @@ impl<R: Real> Contact<R> {
 
     /// The components along the object's axes of a vector along the axes of the side.
     #[inline(always)]
-    pub(crate) fn out_of_side(&self, [along, across]: [R; 2]) -> [R; 2] {
-        match self.others {
+    pub(crate) fn in_object_axes(&self, [along, across]: [R; 2]) -> [R; 2] {
+        match self.others() {
             None => [along, across],
-            Some(Others { normal: [cos, sin], .. }) => {
+            Some(&Others { normal: [cos, sin], .. }) => {
                 [along.dot2(cos, -across, sin), across.dot2(cos, along, sin)]
             }
         }
@@ -306,7 +345,7 @@ impl<R: Real> Contact<R> {
     /// belong to the two deformations of the tip.
     #[inline(always)]
     pub(super) fn rows(&self, i: usize, [along, across, object, finger]: [R; 4], d_n: R, d_t: R) -> (R, R) {
-        let [along, across] = self.into_side([along, across]);
+        let [along, across] = self.in_side_axes([along, across]);
         (
             (signed(i, along) + d_n) + self.a.dot2(object, self.b, finger),
             (across + d_t) + self.e.dot2(object, self.f, finger),
@@ -316,17 +355,17 @@ impl<R: Real> Contact<R> {
     /// The components, along the object's own axes, of the force on the object that these multipliers are.
     #[inline(always)]
     pub(crate) fn push(&self, i: usize, [normal, tangential]: [R; 2]) -> [R; 2] {
-        self.out_of_side([signed(i, normal), tangential])
+        self.in_object_axes([signed(i, normal), tangential])
     }
 
     /// The derivatives of theta_pi by the object's way along its own axes, by its turn and by the finger's coordinate.
     #[inline(always)]
     pub(crate) fn tilt_by(&self, i: usize) -> ([R; 2], R, R) {
         let (zero, one) = (R::zero(), R::constant(1.0));
-        match self.others {
+        match self.others() {
             None => ([zero; 2], signed(i, one), one),
-            Some(Others { tilt_by: [along, turn, finger], .. }) => {
-                (self.out_of_side([zero, along]), turn, finger)
+            Some(&Others { tilt_by: [along, turn, finger], .. }) => {
+                (self.in_object_axes([zero, along]), turn, finger)
             }
         }
     }
@@ -345,7 +384,7 @@ impl<R: Real> Contact<R> {
 }
 
 /// A contact of any parts: parts.md, "One contact, whatever the parts".
-struct Parts<'a, R> {
+struct PartsAt<'a, R> {
     i: usize,
     parts: &'a (Mechanism<R>, Surface<R>),
     radius: R,
@@ -355,10 +394,10 @@ struct Parts<'a, R> {
 }
 
 /// Computes a contact, on the constraints unless a deformation is given.
-struct InParts<'a, R>(Parts<'a, R>, Option<Determined<R>>);
+struct InParts<'a, R, P>(PartsAt<'a, R>, Option<Determined<R>>, PhantomData<P>);
 
-impl<R: Real> LaneTask<R> for InParts<'_, R> {
-    type Output = (Contact<R>, Determined<R>);
+impl<R: Real, P: Parts> LaneTask<R> for InParts<'_, R, P> {
+    type Output = (Contact<R, P>, Determined<R>);
 
     #[inline(always)]
     fn run(self) -> Self::Output {
@@ -366,29 +405,29 @@ impl<R: Real> LaneTask<R> for InParts<'_, R> {
     }
 }
 
-impl<R: Real> Parts<'_, R> {
+impl<R: Real> PartsAt<'_, R> {
     /// The components along the object's axes of a vector inwards and upwards.
     #[inline(always)]
-    fn into_object(&self, [inwards, up]: [R; 2]) -> [R; 2] {
+    fn along_object(&self, [inwards, up]: [R; 2]) -> [R; 2] {
         let (sin, cos, x) = (self.object.sin, self.object.cos, signed(self.i, inwards));
         [x.dot2(cos, up, sin), up.dot2(cos, -x, sin)]
     }
 
     /// The contact at this deformation, or at the one that the constraints determine.
     #[inline(always)]
-    fn contact(&self, deformation: Option<Determined<R>>) -> (Contact<R>, Determined<R>) {
+    fn contact<P>(&self, deformation: Option<Determined<R>>) -> (Contact<R, P>, Determined<R>) {
         let (i, [z, z_rate]) = (self.i, self.finger);
         let (mechanism, surface) = self.parts;
         let Frame { sin, cos, theta, omega, x, y, u, v } = self.object;
         let base = mechanism.placed(z);
-        let centre = self.into_object(base.centre);
+        let centre = self.along_object(base.centre);
         let (rx, ry) = (x - centre[0], y - centre[1]);
         let foot = surface.foot(i, [-rx, -ry]);
         let [n_cos, n_sin] = foot.normal;
         let (k, one) = (foot.curvature, R::constant(1.0));
         // Components along n and t; a vector r is from the tip's centre to the centre of gravity.
         let (r_n, r_t) = (rx.dot2(n_cos, ry, n_sin), ry.dot2(n_cos, -rx, n_sin));
-        let ([way_x, way_y], [bend_x, bend_y]) = (self.into_object(base.way), self.into_object(base.bend));
+        let ([way_x, way_y], [bend_x, bend_y]) = (self.along_object(base.way), self.along_object(base.bend));
         let (way_n, way_t) = (way_x.dot2(n_cos, way_y, n_sin), way_y.dot2(n_cos, -way_x, n_sin));
         let (bend_n, bend_t) = (bend_x.dot2(n_cos, bend_y, n_sin), bend_y.dot2(n_cos, -bend_x, n_sin));
         let r_n_rate = way_n.neg_mul_add(z_rate, u.dot2(n_cos, v, n_sin));
@@ -422,6 +461,7 @@ impl<R: Real> Parts<'_, R> {
                 normal: foot.normal,
                 tilt_by: [k, k.neg_mul_add(r_n, signed(i, one)), k.neg_mul_add(way_t, base.turn)],
             }),
+            parts: PhantomData,
             a: signed(i, r_t),
             b: signed(i, -way_n),
             e: signed(i, thickness) - r_n,

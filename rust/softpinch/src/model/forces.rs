@@ -1,8 +1,8 @@
 //! The forces of (24), and the constants of a scene that all formulations share.
 
-use crate::model::contact::Side;
 use crate::model::contact::law::{ElasticGradient, Tip};
 use crate::model::contact::mechanism::MechanismKind;
+use crate::model::contact::{Parts, Side};
 use crate::model::control::{Controller, Fingers};
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::drive::Input;
@@ -136,7 +136,7 @@ impl<R: Real> Plant<R> {
 
     /// The gradients of (5).
     #[inline(always)]
-    pub fn elastic(&self, geometry: &Geometry<R>, q: &Coordinates<R>) -> [ElasticGradient<R>; 2] {
+    pub fn elastic(&self, geometry: &Geometry<R, impl Parts>, q: &Coordinates<R>) -> [ElasticGradient<R>; 2] {
         // A closure would be compiled without the instructions of the lanes.
         let (papers, [right, left]) = (geometry.is_the_papers(), &geometry.contacts);
         [
@@ -151,7 +151,7 @@ impl<R: Real> Plant<R> {
         &self,
         driven: bool,
         elastic: [ElasticGradient<R>; 2],
-        geometry: &Geometry<R>,
+        geometry: &Geometry<R, impl Parts>,
         motion: &Motion<R>,
         applied: Applied<'_, R>,
     ) -> Forces<R> {
@@ -182,7 +182,7 @@ impl<R: Real> Plant<R> {
         (driven, at_rest): (bool, bool),
         i: usize,
         elastic: &ElasticGradient<R>,
-        geometry: &Geometry<R>,
+        geometry: &Geometry<R, impl Parts>,
         Motion { q, p, memory }: &Motion<R>,
         (input, fingers): (&Input<R>, &[[R; 3]; 2]),
     ) -> (R, R, R, R) {
@@ -252,7 +252,12 @@ impl<R: Real> Plant<R> {
     /// The work of the torques that hold driven fingers at their speed during an impulse.
     /// `constraint_impulse` has the impulses of the constraints, in the order of the multipliers.
     #[inline(always)]
-    pub fn driving_work(&self, geometry: &Geometry<R>, constraint_impulse: &[R; 4], p: &Coordinates<R>) -> R {
+    pub fn driving_work(
+        &self,
+        geometry: &Geometry<R, impl Parts>,
+        constraint_impulse: &[R; 4],
+        p: &Coordinates<R>,
+    ) -> R {
         let [right, left] = &geometry.contacts;
         let [h1, h2, n1, n2] = *constraint_impulse;
         -right.torque([h1, n1]).dot2(p.finger[0], left.torque([h2, n2]), p.finger[1])
@@ -263,7 +268,7 @@ impl<R: Real> Plant<R> {
     #[inline(always)]
     pub fn driving_torque(
         &self,
-        geometry: &Geometry<R>,
+        geometry: &Geometry<R, impl Parts>,
         forces: &Forces<R>,
         acceleration: &[R; 2],
         multipliers: &[R; 4],
@@ -285,7 +290,7 @@ impl<R: Real> Plant<R> {
 impl<R: Real> Forces<R> {
     /// The sum of the forces.
     #[inline(always)]
-    pub fn total(&self, geometry: &Geometry<R>) -> Coordinates<R> {
+    pub fn total(&self, geometry: &Geometry<R, impl Parts>) -> Coordinates<R> {
         let ([right, left], [mut x, mut y, moment]) = (&self.elastic, self.external);
         let (object, finger) = geometry.couples([right.tilt, left.tilt]);
         if !geometry.is_the_papers() {
@@ -308,7 +313,7 @@ impl<R: Real> Forces<R> {
     #[inline(always)]
     pub fn powers(
         &self,
-        geometry: &Geometry<R>,
+        geometry: &Geometry<R, impl Parts>,
         drags: &[R; 4],
         p: &Coordinates<R>,
         multipliers: &[R; 4],

@@ -3,57 +3,50 @@
 use nalgebra::SMatrix;
 
 use crate::model::contact::shape::Frame;
-use crate::model::contact::{Contact, Side};
+use crate::model::contact::{Any, Contact, Parts, Side};
 use crate::model::coordinates::Coordinates;
+use crate::model::parameters::Parameters;
 use crate::number::real::Real;
 
 /// The whole geometry at one state.
 #[derive(Debug, Clone, Copy)]
-pub struct Geometry<R> {
+pub struct Geometry<R, P = Any> {
     /// S = sin theta.
     pub sin: R,
     /// C = cos theta.
     pub cos: R,
     /// Right and left contact.
-    pub contacts: [Contact<R>; 2],
+    pub contacts: [Contact<R, P>; 2],
 }
 
 impl<R: Real> Geometry<R> {
     /// The geometry at coordinates `q` and velocities `p`.
     #[inline(always)]
     pub fn new(sides: &[Side<R>; 2], q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
-        Self::anywhere(false, sides, q, p)
+        Self::of(sides, q, p)
     }
+}
 
-    /// [`Geometry::new`] for the paper's parts, without code for others.
+impl<R: Real, P: Parts> Geometry<R, P> {
+    /// [`Geometry::new`] for the contacts `P`.
     #[inline(always)]
-    pub fn of_the_papers(sides: &[Side<R>; 2], q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
-        Self::anywhere(true, sides, q, p)
-    }
-
-    #[inline(always)]
-    fn anywhere(papers: bool, sides: &[Side<R>; 2], q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
+    pub fn of(sides: &[Side<R>; 2], q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
         let object = Frame::of_object(q.object, p.object);
-        let right = Contact::anywhere(papers, 0, &sides[0], &object, q, p);
-        let left = Contact::anywhere(papers, 1, &sides[1], &object, q, p);
+        let right = Contact::anywhere(0, &sides[0], &object, q, p);
+        let left = Contact::anywhere(1, &sides[1], &object, q, p);
         Self { sin: object.sin, cos: object.cos, contacts: [right, left] }
     }
 
     /// The geometry on the constraints at the object, the fingers and the shears of `q` and the rates of object and
-    /// fingers in `p`. `papers` says that the parts are the paper's. Sets d_n, which follows from C^H = 0 (9), and the rates of d_n and d_t, which follow from
+    /// fingers in `p`. Sets d_n, which follows from C^H = 0 (9), and the rates of d_n and d_t, which follow from
     /// Phi p = 0 (25).
     #[inline(always)]
-    pub fn constrained(
-        papers: bool,
-        sides: &[Side<R>; 2],
-        q: &mut Coordinates<R>,
-        p: &mut Coordinates<R>,
-    ) -> Self {
+    pub fn constrained(sides: &[Side<R>; 2], q: &mut Coordinates<R>, p: &mut Coordinates<R>) -> Self {
         let object = Frame::of_object(q.object, p.object);
         let (right, n1, [n1_rate, t1_rate]) =
-            Contact::constrained(papers, 0, &sides[0], &object, q.finger[0], p.finger[0]);
+            Contact::constrained(0, &sides[0], &object, q.finger[0], p.finger[0]);
         let (left, n2, [n2_rate, t2_rate]) =
-            Contact::constrained(papers, 1, &sides[1], &object, q.finger[1], p.finger[1]);
+            Contact::constrained(1, &sides[1], &object, q.finger[1], p.finger[1]);
         q.compression = [n1, n2];
         (p.compression, p.shear) = ([n1_rate, n2_rate], [t1_rate, t2_rate]);
         Self { sin: object.sin, cos: object.cos, contacts: [right, left] }
@@ -129,7 +122,7 @@ impl<R: Real> Geometry<R> {
     /// Whether the contacts are the paper's. Either both are, or none.
     #[inline(always)]
     pub fn is_the_papers(&self) -> bool {
-        !R::ANY_PARTS || self.contacts[0].others.is_none()
+        self.contacts[0].is_the_papers()
     }
 
     /// The generalised forces -tau_i T_i of couples tau_i = dP/d theta_pi on the tips: on the object, and on the fingers.
@@ -164,6 +157,18 @@ impl<R: Real> Geometry<R> {
 }
 
 impl Geometry<f64> {
+    /// [`Geometry::new`] of a scene, in code that is called.
+    #[inline(never)]
+    pub fn of_scene(parameters: &Parameters, q: &Coordinates, p: &Coordinates) -> Self {
+        Self::new(&Side::both(parameters), q, p)
+    }
+
+    /// [`Geometry::constrained`] likewise.
+    #[inline(never)]
+    pub fn constrain_scene(parameters: &Parameters, q: &mut Coordinates, p: &mut Coordinates) {
+        Self::constrained(&Side::both(parameters), q, p);
+    }
+
     /// Phi (25): a row for each constraint in the order (H_1, H_2, N_1, N_2), a column for each coordinate of q.
     pub fn constraint_matrix(&self) -> SMatrix<f64, 4, 9> {
         let mut rows = [Coordinates::zero(); 4];

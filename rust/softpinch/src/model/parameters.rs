@@ -195,7 +195,7 @@ pub const PAPERS: usize = 38;
 pub const PARAMETER_COUNT: usize = PAPERS + 36 + 2 * WEIGHTS;
 
 /// The physics of a scene. [`Parameters::from_array`] and [`Parameters::checked`] validate it.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Parameters {
     /// Right and left finger.
     pub fingers: [Finger; 2],
@@ -524,7 +524,7 @@ mod tests {
     fn parameters_written_field_by_field_can_be_checked() {
         let light = GraspedObject { mass: 0.01, ..GraspedObject::default() };
         let mut parameters = Parameters { grasped: light, ..Parameters::default() };
-        assert_eq!(parameters.clone().checked().as_ref(), Ok(&parameters));
+        assert_eq!(parameters.checked().as_ref(), Ok(&parameters));
         parameters.tips[1].radius = -0.02;
         let message = parameters.checked().unwrap_err().to_string();
         assert_eq!(message, "hand.tip.left.radius = -0.02: must be finite and > 0");

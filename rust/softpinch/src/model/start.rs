@@ -2,9 +2,9 @@
 //! pose on the constraints.
 
 use crate::error::Error;
-use crate::model::contact::Side;
 use crate::model::contact::mechanism::{Mechanism, MechanismKind};
 use crate::model::contact::shape::Surface;
+use crate::model::contact::{Papers, Side};
 use crate::model::contact_modes::{ContactModel, ContactRow};
 use crate::model::coordinates::Coordinates;
 use crate::model::drive::Input;
@@ -62,16 +62,16 @@ impl State {
 /// Coordinates with the fingers at `angles`, the object upright in the middle at the mean height of the tips,
 /// and the compressions that follow from C^H = 0.
 fn upright(parameters: &Parameters, angles: [f64; 2]) -> Coordinates {
+    if !parameters.has_the_papers_parts() {
+        return upright_between(parameters, angles, angles);
+    }
     upright_at(parameters, angles, angles.map(|angle| (libm::sin(angle), libm::cos(angle))))
 }
 
-/// [`upright`] in numbers of any type. `turns` are the sines and cosines of the fingers' angles.
+/// [`upright`] for the paper's parts, in numbers of any type. `turns` are the sines and cosines of the fingers' angles.
 #[inline(always)]
 fn upright_at<R: Real>(source: &impl Source<R>, finger: [R; 2], turns: [(R, R); 2]) -> Coordinates<R> {
     let zero = R::zero();
-    if !source.kinds().has_the_papers_parts() {
-        return upright_between(source, finger, finger);
-    }
     let mut heights = [zero; 2];
     for i in 0..2 {
         let (sin, cos) = turns[i];
@@ -80,24 +80,23 @@ fn upright_at<R: Real>(source: &impl Source<R>, finger: [R; 2], turns: [(R, R); 
     }
     let (x, y) = (source.number(|p| p.grasped.com_offset), R::constant(0.5) * (heights[0] + heights[1]));
     let mut q = Coordinates { object: [x, y, zero], finger, ..Coordinates::zero() };
-    let [right, left, ..] = Geometry::new(&Side::both(source), &q, &Coordinates::zero()).residuals();
+    let [right, left, ..] =
+        Geometry::<R, Papers>::of(&Side::both(source), &q, &Coordinates::zero()).residuals();
     q.compression = [-right, -left];
     q
 }
 
 /// The same for any mechanisms and sides, at the mean height of the tips above the apexes of the sides where the fingers
 /// have the coordinates `level`.
-#[inline(always)]
-fn upright_between<R: Real>(source: &impl Source<R>, finger: [R; 2], level: [R; 2]) -> Coordinates<R> {
-    let (zero, half) = (R::zero(), R::constant(0.5));
-    let (mut heights, mut apexes) = ([zero; 2], [[zero; 2]; 2]);
+fn upright_between(parameters: &Parameters, finger: [f64; 2], level: [f64; 2]) -> Coordinates {
+    let (mut heights, mut apexes) = ([0.0; 2], [[0.0; 2]; 2]);
     for i in 0..2 {
-        apexes[i] = Surface::new(source, i).apex();
-        heights[i] = Mechanism::new(source, i).placed(level[i]).centre[1] - apexes[i][1];
+        apexes[i] = Surface::<f64>::new(parameters, i).apex();
+        heights[i] = Mechanism::<f64>::new(parameters, i).placed(level[i]).centre[1] - apexes[i][1];
     }
-    let (x, y) = (half * (-apexes[0][0] - apexes[1][0]), half * (heights[0] + heights[1]));
-    let mut q = Coordinates { object: [x, y, zero], finger, ..Coordinates::zero() };
-    let [right, left, ..] = Geometry::new(&Side::both(source), &q, &Coordinates::zero()).residuals();
+    let (x, y) = (0.5 * (-apexes[0][0] - apexes[1][0]), 0.5 * (heights[0] + heights[1]));
+    let mut q = Coordinates { object: [x, y, 0.0], finger, ..Coordinates::zero() };
+    let [right, left, ..] = Geometry::of_scene(parameters, &q, &Coordinates::zero()).residuals();
     q.compression = [-right, -left];
     q
 }
@@ -117,25 +116,11 @@ named! {
 }
 
 impl Start {
-    /// The derivatives of a start in the directions of the parameters and of the inputs at its instant. `q` has its
-    /// coordinates.
+    /// The derivatives of a start of the paper's parts in the directions of the parameters and of the inputs at its instant.
+    /// `q` has its coordinates.
     #[inline(always)]
     pub fn varied<R: Real>(self, source: &impl Source<R>, input: &Input<R>, q: &Coordinates) -> Motion<R> {
         let zero = R::zero();
-        let others = !source.kinds().has_the_papers_parts();
-        if others && self == Self::Touching {
-            // One step of Newton's method from the solution, for what `coordinate_at` solves.
-            let at = [R::constant(q.finger[0]), R::constant(q.finger[1])];
-            let mut there = upright_between(source, at, [zero; 2]);
-            let rates = Coordinates { finger: [R::constant(1.0); 2], ..Coordinates::zero() };
-            let still = Coordinates { compression: [zero; 2], ..there };
-            let slopes = Geometry::new(&Side::both(source), &still, &rates).constraint_velocity();
-            for i in 0..2 {
-                there.finger[i] = at[i] + there.compression[i] / slopes[i];
-            }
-            let q = upright_between(source, there.finger, [zero; 2]);
-            return Motion { q, ..Motion::zero() };
-        }
         let mut angles = [zero; 2];
         for (i, angle) in angles.iter_mut().enumerate() {
             *angle = match self {
@@ -160,7 +145,7 @@ impl Start {
         if self == Self::Driven {
             p.finger = input.target_rate;
             let mut pressed = q;
-            Geometry::constrained(false, &Side::both(source), &mut pressed, &mut p);
+            Geometry::<R, Papers>::constrained(&Side::both(source), &mut pressed, &mut p);
         }
         Motion { q, p, memory: [zero; 2] }
     }
@@ -203,7 +188,6 @@ pub fn coordinate_at(parameters: &Parameters, i: usize, compression: f64) -> Opt
     if parameters.has_the_papers_parts() {
         return angle_at(&parameters.fingers[i], &parameters.tips[i], parameters.grasped.width, compression);
     }
-    let sides = Side::both(parameters);
     let mut q = upright_between(parameters, [0.0; 2], [0.0; 2]);
     q.compression = [compression; 2];
     let rates = Coordinates { finger: [1.0; 2], ..Coordinates::zero() };
@@ -216,7 +200,7 @@ pub fn coordinate_at(parameters: &Parameters, i: usize, compression: f64) -> Opt
     };
     q.finger[i] = -far;
     for _ in 0..ADVANCES {
-        let geometry = Geometry::new(&sides, &q, &rates);
+        let geometry = Geometry::of_scene(parameters, &q, &rates);
         let (gap, slope) = (geometry.residuals()[i], geometry.constraint_velocity()[i]);
         let newton = -gap / slope;
         let near = gap.abs() < 1e-2 * parameters.tips[i].radius && slope < 0.0;
@@ -279,7 +263,7 @@ pub fn driven(
         require_reach(parameters, &q, true)?;
     }
     let (mut pressed, mut p) = (q, Coordinates { finger: target_rate, ..Coordinates::zero() });
-    Geometry::constrained(false, &Side::both(parameters), &mut pressed, &mut p);
+    Geometry::constrain_scene(parameters, &mut pressed, &mut p);
     for i in 0..2 {
         if q.compression[i] < -GAP * parameters.tips[i].radius {
             (q.compression[i], p.compression[i], p.shear[i]) = (0.0, 0.0, 0.0);
@@ -321,7 +305,7 @@ pub fn consistent(
         ..Coordinates::zero()
     });
     q.shear = *shear;
-    Geometry::constrained(false, &Side::both(parameters), &mut q, &mut p);
+    Geometry::constrain_scene(parameters, &mut q, &mut p);
     (q, p)
 }
 
@@ -337,7 +321,7 @@ pub fn require_held(
     p: &Coordinates,
     held: impl Fn(usize, usize) -> bool,
 ) -> Result<(), Error> {
-    let geometry = Geometry::new(&Side::both(parameters), q, p);
+    let geometry = Geometry::of_scene(parameters, q, p);
     let residuals = geometry.residuals();
     let drift = geometry.constraint_velocity();
     let allowed = allowed_residuals(parameters, &geometry, q, p);

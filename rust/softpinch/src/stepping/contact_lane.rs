@@ -7,7 +7,6 @@ use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::mode_selection::Contact;
 use crate::formulation::system::System;
 use crate::method::traits::{Stats, Unsolved};
-use crate::model::contact::Side;
 use crate::model::contact_modes::{ContactRow, Mode, Slip};
 use crate::model::drive::SegmentDrive;
 use crate::model::geometry::Geometry;
@@ -269,7 +268,7 @@ impl LaneContact {
 /// slip is round-off.
 fn contacts_at(parameters: &Parameters, State { motion, .. }: &State) -> ([Contact; 2], Option<bool>) {
     let Motion { q, p, .. } = motion;
-    let geometry = Geometry::new(&Side::both(parameters), q, p);
+    let geometry = Geometry::of_scene(parameters, q, p);
     let (gaps, rates) = (geometry.residuals(), geometry.constraint_velocity());
     let allowed = allowed_residuals(parameters, &geometry, q, p);
     let mut approaches = false;

@@ -3,7 +3,6 @@
 
 use crate::error::{Error, seconds};
 use crate::method::traits::Unsolved;
-use crate::model::contact::Side;
 use crate::model::contact_modes::Mode;
 use crate::model::coordinates::Coordinates;
 use crate::model::geometry::Geometry;
@@ -213,9 +212,9 @@ pub(crate) fn contact(
 /// Describes how the object was lost: which tip, how far it is from the middle of its face, and how far the face has
 /// slipped over it.
 fn lost(scene: &Scene, last: &Instant, loss: Loss, modes: [Mode; 2]) -> String {
-    let sides = Side::both(&scene.parameters);
     let (initial, last) = (&scene.initial.motion, &last.motion);
-    let [start, now] = [initial, last].map(|motion| Geometry::new(&sides, &motion.q, &motion.p).contacts);
+    let [start, now] =
+        [initial, last].map(|motion| Geometry::of_scene(&scene.parameters, &motion.q, &motion.p).contacts);
     let halves = [0, 1].map(|i| half_length::<f64>(&scene.parameters, i));
     let of = |i: usize| {
         // The integral of C^N (12), in which a - d_n in front of theta_p-dot is taken by the trapezoidal rule.

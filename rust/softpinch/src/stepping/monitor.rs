@@ -377,7 +377,7 @@ pub(crate) fn explain(
     let Instant { motion, multipliers, contact, .. } = instant;
     let Motion { q, p, .. } = motion;
     let t = seconds(instant.t);
-    let geometry = Geometry::new(&Side::both(parameters), q, p);
+    let geometry = Geometry::of_scene(parameters, q, p);
     let limits = Limits::<f64>::new(parameters);
     let state = Evaluation::of_contacts(motion, multipliers, &geometry, [0.0; 2]);
     let mut i = 1;

@@ -337,7 +337,7 @@ fn run_to(
         PiecewisePolynomial::steps("push", [0.0; 3], &[0.05, 0.06], &[force, [0.0; 3]]).expect("valid");
     let schedule = PiecewisePolynomial::constant(target);
     let scene = Scene {
-        parameters: parameters.clone().checked().expect("valid"),
+        parameters: parameters.checked().expect("valid"),
         inputs: Inputs::new(schedule.into(), vec![push.into()], vec![], vec![], vec![]).expect("valid"),
         initial: State::at_rest(q),
         check: true,
