@@ -20,6 +20,7 @@
 use std::sync::Arc;
 
 use crate::error::Error;
+use crate::model::contact::Any;
 use crate::model::contact::mechanism::MechanismKind;
 use crate::model::contact::shape::ShapeKind;
 use crate::model::control::Fingers;
@@ -315,7 +316,7 @@ impl RestScene {
 
     /// The energies of a state at rest.
     pub fn energies(&self, balance: &Balance<f64>) -> Energies {
-        self.plant.energies(self.parameters.has_the_papers_parts(), &balance.q, &Coordinates::zero())
+        self.plant.energies::<Any>(&balance.q, &Coordinates::zero())
     }
 
     /// The stiffness that a finger's law has, N m/rad.

@@ -7,6 +7,7 @@ use crate::formulation::contact_solve::Response;
 use crate::formulation::csm::Csm;
 use crate::formulation::equations;
 use crate::formulation::unilateral::Unilateral;
+use crate::model::contact::Any;
 use crate::model::contact::mechanism::Mechanism;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::Coordinates;
@@ -90,12 +91,7 @@ pub fn evaluate(
         ("target", input.target.to_vec()),
     ];
     let (mass_matrix, constraint_matrix) = (parameters.mass_matrix(), geometry.constraint_matrix());
-    Ok(Terms {
-        mass_matrix,
-        constraint_matrix,
-        vectors,
-        energies: plant.energies(geometry.is_the_papers(), q, p),
-    })
+    Ok(Terms { mass_matrix, constraint_matrix, vectors, energies: plant.energies::<Any>(q, p) })
 }
 
 /// A vector over q, from its parts for the object, the fingers, and d_n1, d_n2, d_t1 and d_t2.

@@ -6,7 +6,7 @@
 
 use crate::formulation::equations::{Equations, Evaluation, States, Terms, evaluated};
 use crate::formulation::unilateral::Unilateral;
-use crate::model::contact::Any;
+use crate::model::contact::Others;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::Coordinates;
 use crate::model::energy::{CONTACT_WORKS, Energies};
@@ -40,7 +40,7 @@ impl<R: Real> LaneTask<R> for Evaluate<'_, R> {
 }
 
 impl<R: Real> Equations<R> for AnyParts<R> {
-    type Parts = Any;
+    type Parts = Others;
 
     #[inline(always)]
     fn drifts(&self) -> bool {
@@ -58,17 +58,17 @@ impl<R: Real> Equations<R> for AnyParts<R> {
     }
 
     #[inline(always)]
-    fn geometry(&self, motion: &mut Motion<R>) -> Geometry<R> {
+    fn geometry(&self, motion: &mut Motion<R>) -> Geometry<R, Others> {
         let sides = &self.plant().sides;
         if self.drifts {
-            Geometry::new(sides, &motion.q, &motion.p)
+            Geometry::of(sides, &motion.q, &motion.p)
         } else {
             Geometry::constrained(sides, &mut motion.q, &mut motion.p)
         }
     }
 
     #[inline(always)]
-    fn bias(&self, geometry: &Geometry<R>) -> [R; 4] {
+    fn bias(&self, geometry: &Geometry<R, Others>) -> [R; 4] {
         if self.drifts { self.unilateral.csm.gamma(geometry) } else { geometry.bias() }
     }
 
@@ -79,8 +79,8 @@ impl<R: Real> Equations<R> for AnyParts<R> {
         applied: Applied<'_, R>,
         contacts: &Contacts<R>,
         motion: &Motion<R>,
-        geometry: Geometry<R>,
-    ) -> Terms<R> {
+        geometry: Geometry<R, Others>,
+    ) -> Terms<R, Others> {
         self.unilateral.terms_of(driven, applied, contacts, motion, geometry)
     }
 
@@ -99,11 +99,16 @@ impl<R: Real> Equations<R> for AnyParts<R> {
 
     #[inline(always)]
     fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        self.unilateral.energies_of(false, contacts, motion)
+        self.unilateral.energies_of::<Others>(contacts, motion)
     }
 
     #[inline(always)]
-    fn powers(&self, terms: &Terms<R>, contacts: &Contacts<R>, p: &Coordinates<R>) -> [R; CONTACT_WORKS] {
+    fn powers(
+        &self,
+        terms: &Terms<R, Others>,
+        contacts: &Contacts<R>,
+        p: &Coordinates<R>,
+    ) -> [R; CONTACT_WORKS] {
         self.unilateral.powers_of(terms, contacts, p)
     }
 }

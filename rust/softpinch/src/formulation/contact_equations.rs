@@ -3,6 +3,7 @@
 use crate::formulation::equations::{Equations, States, Terms};
 use crate::formulation::impact::{Impact, impact};
 use crate::formulation::unilateral::Unilateral;
+use crate::model::contact::Any;
 use crate::model::contact::Side;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::Coordinates;
@@ -126,7 +127,7 @@ impl<'a> ContactEquations<'a> {
 
     /// theta_p of both tips.
     pub fn tilts(&self, q: &Coordinates) -> [f64; 2] {
-        std::array::from_fn(|i| self.sides()[i].tilt(false, i, q).0)
+        std::array::from_fn(|i| self.sides()[i].tilt::<Any>(i, q).0)
     }
 
     /// The lengths of both sides.

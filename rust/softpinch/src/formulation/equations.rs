@@ -343,7 +343,7 @@ pub trait Equations<R: Real>: Copy + Debug {
     /// The energies of a motion, for the ledger.
     #[inline(always)]
     fn energies(&self, _: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        self.plant().energies(Self::Parts::PAPERS, &motion.q, &motion.p)
+        self.plant().energies::<Self::Parts>(&motion.q, &motion.p)
     }
 }
 

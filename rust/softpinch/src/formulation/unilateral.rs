@@ -42,9 +42,8 @@ impl<R: Real> Unilateral<R> {
     /// The gradients of (5) in the modes of the contacts: with frozen tilts where tips are free, and without
     /// the couples of tips that graze or are free.
     #[inline(always)]
-    fn released(
+    fn released<P: Parts>(
         &self,
-        papers: bool,
         contacts: &Contacts<R>,
         mut elastic: [ElasticGradient<R>; 2],
         q: &Coordinates<R>,
@@ -52,7 +51,7 @@ impl<R: Real> Unilateral<R> {
         for i in 0..2 {
             let (sin, cos) = contacts.frozen_tilt[i].sin_cos();
             let at = [sin, cos, q.compression[i], q.shear[i]];
-            let frozen = self.csm.plant.tips[i].gradient(papers, at);
+            let frozen = self.csm.plant.tips[i].gradient::<P>(at);
             let (free, live) = (contacts.free[i], elastic[i]);
             elastic[i] = ElasticGradient {
                 tilt: R::select(contacts.unloaded(i), R::zero(), live.tilt),
@@ -65,21 +64,16 @@ impl<R: Real> Unilateral<R> {
 
     /// The energies of a motion. The elastic energy of a free tip is that at its frozen tilt.
     #[inline(always)]
-    pub(super) fn energies_of(
-        &self,
-        papers: bool,
-        contacts: &Contacts<R>,
-        motion: &Motion<R>,
-    ) -> Energies<R> {
+    pub(super) fn energies_of<P: Parts>(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
         let (plant, Motion { q, p, .. }) = (&self.csm.plant, motion);
-        let mut energies = plant.energies(papers, q, p);
+        let mut energies = plant.energies::<P>(q, p);
         if contacts.free[0] | contacts.free[1] != 0 {
             for i in 0..2 {
-                let (_, sin, cos) = plant.sides[i].tilt(papers, i, q);
+                let (_, sin, cos) = plant.sides[i].tilt::<P>(i, q);
                 let (frozen_sin, frozen_cos) = contacts.frozen_tilt[i].sin_cos();
                 let (d_n, d_t) = (q.compression[i], q.shear[i]);
-                let live = plant.tips[i].energy(papers, [sin, cos, d_n, d_t]);
-                let frozen = plant.tips[i].energy(papers, [frozen_sin, frozen_cos, d_n, d_t]);
+                let live = plant.tips[i].energy::<P>([sin, cos, d_n, d_t]);
+                let frozen = plant.tips[i].energy::<P>([frozen_sin, frozen_cos, d_n, d_t]);
                 let gain = R::select(contacts.free[i], frozen - live, R::zero());
                 energies.elastic = energies.elastic + gain;
             }
@@ -101,11 +95,7 @@ impl<R: Real> Unilateral<R> {
         let elastic = plant.elastic(&geometry, &motion.q);
         let couple = [elastic[0].tilt, elastic[1].tilt];
         let special = contacts.special();
-        let elastic = if special == 0 {
-            elastic
-        } else {
-            self.released(geometry.is_the_papers(), contacts, elastic, &motion.q)
-        };
+        let elastic = if special == 0 { elastic } else { self.released::<P>(contacts, elastic, &motion.q) };
         let mut forces = plant.forces(driven, elastic, &geometry, motion, applied);
         let (force, bias) = (forces.total(&geometry), self.csm.gamma(&geometry));
         let finger_acceleration = applied.0.target_acceleration;
@@ -186,7 +176,7 @@ impl<R: Real> Equations<R> for Unilateral<R> {
 
     #[inline(always)]
     fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        self.energies_of(true, contacts, motion)
+        self.energies_of::<Papers>(contacts, motion)
     }
 
     #[inline(always)]

@@ -60,6 +60,19 @@ pub(crate) use numbered;
 pub trait Parts: Copy + Debug {
     /// Whether they are the paper's alone.
     const PAPERS: bool;
+    /// Whether they are others alone.
+    const OTHERS: bool;
+
+    /// The numbers of other parts, if there are any.
+    #[inline(always)]
+    fn numbers<R: Real, T>(numbers: &Option<T>) -> Option<&T> {
+        match numbers {
+            _ if Self::PAPERS || !R::ANY_PARTS => None,
+            Some(numbers) => Some(numbers),
+            None if Self::OTHERS => unreachable!("equations of other parts have their numbers"),
+            None => None,
+        }
+    }
 }
 
 /// The paper's contacts.
@@ -68,6 +81,16 @@ pub struct Papers;
 
 impl Parts for Papers {
     const PAPERS: bool = true;
+    const OTHERS: bool = false;
+}
+
+/// Contacts of which not all parts are the paper's.
+#[derive(Debug, Clone, Copy)]
+pub struct Others;
+
+impl Parts for Others {
+    const PAPERS: bool = false;
+    const OTHERS: bool = true;
 }
 
 /// Any contacts, among them the paper's.
@@ -76,6 +99,7 @@ pub struct Any;
 
 impl Parts for Any {
     const PAPERS: bool = false;
+    const OTHERS: bool = false;
 }
 
 /// The parts of a contact that say where it is: all but the law of the tip.
@@ -89,12 +113,24 @@ pub struct Side<R> {
     others: Option<(Mechanism<R>, Surface<R>)>,
 }
 
+/// Builds the parts of a contact.
+struct Build<'a, S>(&'a S, usize);
+
+impl<R: Real, S: Source<R>> LaneTask<R> for Build<'_, S> {
+    type Output = (Mechanism<R>, Surface<R>);
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        (Mechanism::new(self.0, self.1), Surface::new(self.0, self.1))
+    }
+}
+
 impl<R: Real> Side<R> {
     #[inline(always)]
     fn new(source: &impl Source<R>, i: usize) -> Self {
         let mut others = None;
         if R::ANY_PARTS && !source.kinds().has_the_papers_parts() {
-            others = Some((Mechanism::new(source, i), Surface::new(source, i)));
+            others = Some(R::outlined(Build(source, i)));
         }
         Self {
             link: OneLink::new(source, i),
@@ -133,9 +169,9 @@ impl<R: Real> Side<R> {
 
     /// theta_pi (6), the angle between the tip's base and the side, with its sine and cosine.
     #[inline(always)]
-    pub fn tilt(&self, papers: bool, i: usize, q: &Coordinates<R>) -> (R, R, R) {
-        if R::ANY_PARTS && !papers && self.others.is_some() {
-            let contact = Contact::alone(i, self, q, &Coordinates::zero());
+    pub fn tilt<P: Parts>(&self, i: usize, q: &Coordinates<R>) -> (R, R, R) {
+        if P::numbers::<R, _>(&self.others).is_some() {
+            let contact = Contact::<R, P>::alone(i, self, q, &Coordinates::zero());
             return (contact.tilt, contact.sin_tilt, contact.cos_tilt);
         }
         let tilt = q.finger[i] + signed(i, q.object[2]);
@@ -146,8 +182,8 @@ impl<R: Real> Side<R> {
     /// The rate of theta_pi.
     #[inline(always)]
     pub fn tilt_rate(&self, i: usize, q: &Coordinates<R>, p: &Coordinates<R>) -> R {
-        if R::ANY_PARTS && self.others.is_some() {
-            return Contact::alone(i, self, q, p).tilt_rate;
+        if Any::numbers::<R, _>(&self.others).is_some() {
+            return Contact::<R, Any>::alone(i, self, q, p).tilt_rate;
         }
         p.finger[i] + signed(i, p.object[2])
     }
@@ -171,8 +207,10 @@ pub struct Contact<R, P = Any> {
     pub cos_finger: R,
     /// The place of the contact along the side, up to its sign; on a parallel face s_i G_i (11).
     pub place: R,
+    /// Whether the contact is the paper's.
+    papers: bool,
     /// What another contact than the paper's has beside it.
-    others: Option<Others<R>>,
+    beside: Beside<R>,
     parts: PhantomData<P>,
     /// A_i (26).
     pub a: R,
@@ -196,20 +234,12 @@ pub struct Contact<R, P = Any> {
 
 /// What a contact has whose parts are not the paper's.
 #[derive(Debug, Clone, Copy)]
-pub struct Others<R> {
+pub struct Beside<R> {
     /// The side's normal at the contact, along the object's axes: cosine and sine of its angle.
     pub normal: [R; 2],
     /// T_i of parts.md, the derivatives of theta_pi: by the object's way along the side, by its turn, and by the finger's
     /// coordinate. A couple tau of the tip is the generalised force -tau T_i. The paper's are 0, s_i and 1.
     pub tilt_by: [R; 3],
-}
-
-impl<R: Real> Contact<R> {
-    /// [`Contact::anywhere`] for a single contact.
-    #[inline(always)]
-    fn alone(i: usize, side: &Side<R>, q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
-        Self::anywhere(i, side, &Frame::of_object(q.object, p.object), q, p)
-    }
 }
 
 /// Where the contact is on the constraints: d_n, then the rates of d_n and d_t.
@@ -246,7 +276,8 @@ impl<R: Real, P: Parts> Contact<R, P> {
             sin_finger,
             cos_finger,
             place: a,
-            others: None,
+            papers: true,
+            beside: Beside { normal: [R::zero(); 2], tilt_by: [R::zero(); 3] },
             parts: PhantomData,
             a,
             b,
@@ -270,16 +301,19 @@ impl<R: Real, P: Parts> Contact<R, P> {
         p: &Coordinates<R>,
     ) -> Self {
         let deformation = (q.compression[i], [p.compression[i], p.shear[i]]);
-        if R::ANY_PARTS
-            && !P::PAPERS
-            && let Some(parts) = &side.others
-        {
+        if let Some(parts) = P::numbers::<R, _>(&side.others) {
             let finger = [q.finger[i], p.finger[i]];
             let at = PartsAt { i, parts, radius: side.radius, object: *object, finger };
             return R::outlined(InParts(at, Some(deformation), PhantomData)).0;
         }
         let arm = side.link.arm(i, object, q.finger[i], p.finger[i]);
         Self::new(i, side, object, &arm, deformation.0, deformation.1)
+    }
+
+    /// [`Contact::anywhere`] for a single contact.
+    #[inline(always)]
+    fn alone(i: usize, side: &Side<R>, q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
+        Self::anywhere(i, side, &Frame::of_object(q.object, p.object), q, p)
     }
 
     /// The contact on the constraints, with the d_n, d_n-dot and d_t-dot that the constraints determine.
@@ -291,10 +325,7 @@ impl<R: Real, P: Parts> Contact<R, P> {
         angle: R,
         turn: R,
     ) -> (Self, R, [R; 2]) {
-        if R::ANY_PARTS
-            && !P::PAPERS
-            && let Some(parts) = &side.others
-        {
+        if let Some(parts) = P::numbers::<R, _>(&side.others) {
             let at = PartsAt { i, parts, radius: side.radius, object: *object, finger: [angle, turn] };
             let (contact, (d_n, rates)) = R::outlined(InParts(at, None, PhantomData));
             return (contact, d_n, rates);
@@ -306,24 +337,23 @@ impl<R: Real, P: Parts> Contact<R, P> {
         (Self::new(i, side, object, &arm, d_n, rates), d_n, rates)
     }
 
-    /// What another contact than the paper's has beside it.
     #[inline(always)]
-    fn others(&self) -> Option<&Others<R>> {
-        if P::PAPERS || !R::ANY_PARTS { None } else { self.others.as_ref() }
+    fn beside(&self) -> Option<&Beside<R>> {
+        if self.is_the_papers() { None } else { Some(&self.beside) }
     }
 
     /// Whether the contact is the paper's.
     #[inline(always)]
     pub(crate) fn is_the_papers(&self) -> bool {
-        self.others().is_none()
+        P::PAPERS || !R::ANY_PARTS || (!P::OTHERS && self.papers)
     }
 
     /// The components along the axes of the side of a vector along the object's axes.
     #[inline(always)]
     pub(crate) fn in_side_axes(&self, [along, across]: [R; 2]) -> [R; 2] {
-        match self.others() {
+        match self.beside() {
             None => [along, across],
-            Some(&Others { normal: [cos, sin], .. }) => {
+            Some(&Beside { normal: [cos, sin], .. }) => {
                 [along.dot2(cos, across, sin), across.dot2(cos, -along, sin)]
             }
         }
@@ -332,9 +362,9 @@ impl<R: Real, P: Parts> Contact<R, P> {
     /// The components along the object's axes of a vector along the axes of the side.
     #[inline(always)]
     pub(crate) fn in_object_axes(&self, [along, across]: [R; 2]) -> [R; 2] {
-        match self.others() {
+        match self.beside() {
             None => [along, across],
-            Some(&Others { normal: [cos, sin], .. }) => {
+            Some(&Beside { normal: [cos, sin], .. }) => {
                 [along.dot2(cos, -across, sin), across.dot2(cos, along, sin)]
             }
         }
@@ -362,9 +392,9 @@ impl<R: Real, P: Parts> Contact<R, P> {
     #[inline(always)]
     pub(crate) fn tilt_by(&self, i: usize) -> ([R; 2], R, R) {
         let (zero, one) = (R::zero(), R::constant(1.0));
-        match self.others() {
+        match self.beside() {
             None => ([zero; 2], signed(i, one), one),
-            Some(&Others { tilt_by: [along, turn, finger], .. }) => {
+            Some(&Beside { tilt_by: [along, turn, finger], .. }) => {
                 (self.in_object_axes([zero, along]), turn, finger)
             }
         }
@@ -457,10 +487,11 @@ impl<R: Real> PartsAt<'_, R> {
             sin_finger: base.gravity[0],
             cos_finger: base.gravity[1],
             place: signed(i, -foot.place),
-            others: Some(Others {
+            papers: false,
+            beside: Beside {
                 normal: foot.normal,
                 tilt_by: [k, k.neg_mul_add(r_n, signed(i, one)), k.neg_mul_add(way_t, base.turn)],
-            }),
+            },
             parts: PhantomData,
             a: signed(i, r_t),
             b: signed(i, -way_n),

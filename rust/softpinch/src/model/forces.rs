@@ -96,28 +96,34 @@ impl<R: Real> Plant<R> {
         // Loops, because closures that compute would be compiled without the instructions of the lanes.
         let mut masses = [one; 9];
         for (k, mass) in masses.iter_mut().enumerate() {
-            *mass = source.number(|p| p.masses().row()[k]);
+            *mass = source.number(|p| p.masses_with([p.fingers[0].inertia, p.fingers[1].inertia]).row()[k]);
         }
-        let masses = Coordinates::from(masses);
+        let mut masses = Coordinates::from(masses);
+        // -0.0 changes no bit of a sum.
+        let mut finger_weights = [[R::constant(-0.0); 3]; 2];
+        for i in 0..2 {
+            let mass = source.number(|p| p.fingers[i].mass);
+            if R::ANY_PARTS && source.kinds().mechanism(i) == MechanismKind::Jaw {
+                masses.finger[i] = mass;
+                let sin = source.number(|p| p.mechanisms[i].direction).sin_cos().0;
+                finger_weights[i][2] = -(mass * gravity) * sin;
+            } else {
+                finger_weights[i][0] = (mass * gravity) * source.number(|p| p.fingers[i].length);
+            }
+        }
         let mut inverse_masses = each_coordinate!([masses] => one / masses);
         let driven = fingers == Fingers::Driven;
         if driven {
             inverse_masses.finger = [R::zero(); 2];
         }
-        // -0.0 changes no bit of a sum.
-        let (mut inverse_driven_masses, mut finger_weights) = ([one; 2], [[R::constant(-0.0); 3]; 2]);
+        let mut inverse_driven_masses = [one; 2];
         for i in 0..2 {
             let pushed = source.number(|p| {
-                let [right, left] = [p.masses().compression, p.masses().shear][i];
-                p.grasped.mass + (right + left)
+                let [right, left] = &p.tips;
+                let normal = right.normal_mass + left.normal_mass;
+                p.grasped.mass + [normal, right.tangential_mass + left.tangential_mass][i]
             });
             inverse_driven_masses[i] = one / pushed;
-            let weight = source.number(|p| p.fingers[i].mass) * gravity;
-            if source.kinds().mechanism(i) == MechanismKind::Jaw {
-                finger_weights[i][2] = -weight * source.number(|p| p.mechanisms[i].direction).sin_cos().0;
-            } else {
-                finger_weights[i][0] = weight * source.number(|p| p.fingers[i].length);
-            }
         }
         Self {
             sides: Side::both(source),
@@ -136,12 +142,16 @@ impl<R: Real> Plant<R> {
 
     /// The gradients of (5).
     #[inline(always)]
-    pub fn elastic(&self, geometry: &Geometry<R, impl Parts>, q: &Coordinates<R>) -> [ElasticGradient<R>; 2] {
+    pub fn elastic<P: Parts>(
+        &self,
+        geometry: &Geometry<R, P>,
+        q: &Coordinates<R>,
+    ) -> [ElasticGradient<R>; 2] {
         // A closure would be compiled without the instructions of the lanes.
-        let (papers, [right, left]) = (geometry.is_the_papers(), &geometry.contacts);
+        let [right, left] = &geometry.contacts;
         [
-            self.tips[0].gradient(papers, [right.sin_tilt, right.cos_tilt, q.compression[0], q.shear[0]]),
-            self.tips[1].gradient(papers, [left.sin_tilt, left.cos_tilt, q.compression[1], q.shear[1]]),
+            self.tips[0].gradient::<P>([right.sin_tilt, right.cos_tilt, q.compression[0], q.shear[0]]),
+            self.tips[1].gradient::<P>([left.sin_tilt, left.cos_tilt, q.compression[1], q.shear[1]]),
         ]
     }
 
@@ -218,10 +228,9 @@ impl<R: Real> Plant<R> {
         ]
     }
 
-    /// The energies at (q, p): (5), (16) and p M p / 2. `papers` says whether the parts are the paper's, which a caller with
-    /// code for these alone knows.
+    /// The energies at (q, p): (5), (16) and p M p / 2.
     #[inline(always)]
-    pub fn energies(&self, papers: bool, q: &Coordinates<R>, p: &Coordinates<R>) -> Energies<R> {
+    pub fn energies<P: Parts>(&self, q: &Coordinates<R>, p: &Coordinates<R>) -> Energies<R> {
         let mut doubled = R::zero();
         for (&mass, &rate) in self.masses.row().iter().zip(&p.row()) {
             doubled = (mass * rate).mul_add(rate, doubled);
@@ -229,11 +238,11 @@ impl<R: Real> Plant<R> {
         let mut elastic = R::zero();
         let mut gravity = self.weight * q.object[1];
         for i in 0..2 {
-            let (_, sin_tilt, cos_tilt) = self.sides[i].tilt(papers, i, q);
+            let (_, sin_tilt, cos_tilt) = self.sides[i].tilt::<P>(i, q);
             let at = [sin_tilt, cos_tilt, q.compression[i], q.shear[i]];
-            elastic = elastic + self.tips[i].energy(papers, at);
+            elastic = elastic + self.tips[i].energy::<P>(at);
             gravity = match self.sides[i].jaw() {
-                Some(_) if !papers => self.finger_weights[i][2].neg_mul_add(q.finger[i], gravity),
+                Some(_) if !P::PAPERS => self.finger_weights[i][2].neg_mul_add(q.finger[i], gravity),
                 _ => self.finger_weights[i][0].mul_add(q.finger[i].sin_cos().1, gravity),
             };
         }

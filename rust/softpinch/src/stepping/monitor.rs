@@ -3,6 +3,7 @@
 
 use crate::error::seconds;
 use crate::formulation::equations::Evaluation;
+use crate::model::contact::Any;
 use crate::model::contact::shape::ShapeKind;
 use crate::model::contact::{Contact, Side};
 use crate::model::contact_modes::Contacts;
@@ -350,7 +351,7 @@ impl LaneTask<f64> for ViolatingTurningPoint<'_> {
         for i in 0..2 {
             let a = parameters.tips[i].radius;
             let tilt = |motion: &Motion<f64>| {
-                (sides[i].tilt(false, i, &motion.q).0, sides[i].tilt_rate(i, &motion.q, &motion.p))
+                (sides[i].tilt::<Any>(i, &motion.q).0, sides[i].tilt_rate(i, &motion.q, &motion.p))
             };
             let compression = |motion: &Motion<f64>| (motion.q.compression[i], motion.p.compression[i]);
             let compression = TurningPoint::of(compression(before), compression(after), h);

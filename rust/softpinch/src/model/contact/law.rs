@@ -13,7 +13,7 @@ pub use inoue_hirai::InoueHirai;
 pub use measured::WEIGHTS;
 pub use springs::Springs;
 
-use crate::model::contact::numbered;
+use crate::model::contact::{Parts, numbered};
 use crate::model::parameters::Parameters;
 use crate::model::source::Source;
 use crate::number::real::{LaneTask, Real};
@@ -63,6 +63,18 @@ pub struct Tip<R> {
     pub tangential_viscosity: R,
 }
 
+/// Builds another law.
+struct Build<'a, S>(&'a S, usize);
+
+impl<R: Real, S: Source<R>> LaneTask<R> for Build<'_, S> {
+    type Output = Springs<R>;
+
+    #[inline(always)]
+    fn run(self) -> Springs<R> {
+        Springs::new(self.0, self.1)
+    }
+}
+
 /// Computes the energy of another law, and its gradient.
 struct Elastic<'a, R>(&'a Springs<R>, [R; 4]);
 
@@ -82,7 +94,7 @@ impl<R: Real> Tip<R> {
         let kinds = source.kinds();
         let mut other = None;
         if R::ANY_PARTS && !kinds.has_the_papers_parts() {
-            other = Some(Springs::new(source, i));
+            other = Some(R::outlined(Build(source, i)));
         }
         Self {
             law: InoueHirai::new(source, i),
@@ -92,20 +104,20 @@ impl<R: Real> Tip<R> {
         }
     }
 
-    /// The elastic energy, J, for sin theta_p, cos theta_p, d_n and d_t. `papers` says that the law is (5).
+    /// The elastic energy, J, for sin theta_p, cos theta_p, d_n and d_t.
     #[inline(always)]
-    pub fn energy(&self, papers: bool, at: [R; 4]) -> R {
-        match &self.other {
-            Some(law) if R::ANY_PARTS && !papers => R::outlined(Elastic(law, at)).0,
+    pub fn energy<P: Parts>(&self, at: [R; 4]) -> R {
+        match P::numbers::<R, _>(&self.other) {
+            Some(law) => R::outlined(Elastic(law, at)).0,
             _ => self.law.energy(at[0], at[1], at[2], at[3]),
         }
     }
 
     /// The gradient of [`Tip::energy`] in theta_p, d_n and d_t.
     #[inline(always)]
-    pub fn gradient(&self, papers: bool, at: [R; 4]) -> ElasticGradient<R> {
-        match &self.other {
-            Some(law) if R::ANY_PARTS && !papers => R::outlined(Elastic(law, at)).1,
+    pub fn gradient<P: Parts>(&self, at: [R; 4]) -> ElasticGradient<R> {
+        match P::numbers::<R, _>(&self.other) {
+            Some(law) => R::outlined(Elastic(law, at)).1,
             _ => self.law.gradient(at[0], at[1], at[2], at[3]),
         }
     }
