@@ -213,11 +213,11 @@ fn slopes<const N: usize>(duals: &[Directions; N]) -> [Unknowns; N] {
 /// The plant of a scene, in plain numbers and in those of the derivatives.
 #[inline(never)]
 fn plants(parameters: &Parameters, fingers: Fingers, moves: bool) -> (Plant<f64>, Plant<Directions>) {
-    (Plant::new(parameters, fingers, moves), Plant::new(parameters, fingers, moves))
+    (Plant::of_scene(parameters, fingers, moves), Plant::new(parameters, fingers, moves))
 }
 
 /// A scene at rest under constant inputs.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
 pub struct RestScene {
     pub(super) parameters: Parameters,
     pub(super) fingers: Fingers,
@@ -268,18 +268,18 @@ impl RestScene {
     /// The same scene with other parameters.
     pub fn with(&self, parameters: Parameters) -> Self {
         let (plant, dual) = plants(&parameters, self.fingers, self.frame.is_some());
-        Self { parameters, plant, dual, ..self.clone() }
+        Self { parameters, plant, dual, ..*self }
     }
 
     /// The same scene under other inputs.
     pub fn under(&self, input: Input<f64>) -> Self {
-        Self { input, ..self.clone() }
+        Self { input, ..*self }
     }
 
     /// The same scene in a hand that moves with this acceleration along fixed axes, in its present tilt.
     pub fn accelerated(&self, acceleration: [f64; 2]) -> Self {
         let (sin, cos) = self.frame.map_or((0.0, 1.0), |frame| (frame.sin, frame.cos));
-        let moving = Self { frame: Some(FrameMotion::new(acceleration, (sin, cos), None)), ..self.clone() };
+        let moving = Self { frame: Some(FrameMotion::new(acceleration, (sin, cos), None)), ..*self };
         if self.frame.is_some() { moving } else { moving.with(self.parameters) }
     }
 

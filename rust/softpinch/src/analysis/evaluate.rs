@@ -3,6 +3,7 @@
 use nalgebra::SMatrix;
 
 use crate::error::Error;
+use crate::formulation::contact_equations::ContactEquations;
 use crate::formulation::contact_solve::Response;
 use crate::formulation::csm::Csm;
 use crate::formulation::equations;
@@ -12,13 +13,14 @@ use crate::model::contact::mechanism::Mechanism;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::Coordinates;
 use crate::model::energy::Energies;
-use crate::model::forces::{Carriage, Plant};
+use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
 use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
 use crate::model::parameters::{Parameters, Stabilization};
 use crate::model::rule::Rule;
 use crate::number::real::signed;
+use crate::number::simd::level::Level;
 
 /// A matrix over coordinates or constraints.
 pub type Matrix<const R: usize, const C: usize> = SMatrix<f64, R, C>;
@@ -48,24 +50,20 @@ pub fn evaluate(
     Rule::Finite.check("t", t)?;
     let drive = inputs.segment(t);
     let input = drive.at(0.0);
-    let plant = Plant::<f64>::new(parameters, inputs.fingers(), inputs.moves());
+    // With tips that stick the equations of unilateral contact are those of bilateral contact.
+    let plant = Plant::<f64>::of_scene(parameters, inputs.fingers(), inputs.moves());
+    let equations = Unilateral::<f64>::new(parameters, Csm::new(plant, stabilization));
+    let instructions = Level::detect().require()?;
+    let own = drive.frame.as_deref().copied();
+    let equations::Terms { geometry, forces, response, .. } =
+        ContactEquations::new(instructions, &equations, own).terms(&input, &Contacts::sticking(), motion);
     let Motion { q, p, .. } = motion;
-    let frame = drive.frame.map(|own| own.at(0.0));
+    let frame = own.map(|own| own.at(0.0));
     let moving = frame.map(|frame| plant.loads(&frame, &input.force, q.object, p.object));
     let mut outside = input.force;
     if let Some(frame) = frame {
         [outside[0], outside[1]] = frame.into_hand([outside[0], outside[1]]);
     }
-    let geometry = Geometry::of_scene(parameters, q, p);
-    // With tips that stick these are the equations of bilateral contact.
-    let equations = Unilateral::<f64>::new(parameters, Csm::new(plant, stabilization));
-    let equations::Terms { forces, response, .. } = equations.terms_of(
-        plant.driven,
-        (&input, Carriage::Either(moving.as_ref())),
-        &Contacts::sticking(),
-        motion,
-        geometry,
-    );
     let Response { multipliers, acceleration: accelerations, .. } = response;
     let [right, left] = forces.elastic;
     let (object, fingers) = geometry.couples([right.tilt, left.tilt]);

@@ -18,7 +18,9 @@ use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
 use crate::model::parameters::{Parameters, Stabilization};
 use crate::model::rule::Rule;
+use crate::model::source::Constants;
 use crate::number::dual::Dual;
+use crate::number::lanes::MOST;
 use crate::number::simd::level::{Instructions, Level};
 
 /// Number of outputs: the coordinates q (9), the multipliers (4), the torques on the fingers (2), and the rates
@@ -104,11 +106,11 @@ impl Problem {
     }
 
     fn equations(&self, parameters: &Parameters) -> SceneEquations<f64> {
-        SceneEquations::new(self.instructions, self.choice, parameters, &self.gains)
+        SceneEquations::new(self.instructions, self.choice, &[parameters; MOST], &self.gains)
     }
 
     fn tangent(&self, parameters: &Parameters) -> Tangent<f64, DIRECTIONS> {
-        Tangent::new(self.instructions, self.choice, parameters, &self.gains)
+        Tangent::new(self.instructions, self.choice, &Constants(&[parameters; MOST]), &self.gains)
     }
 
     /// The number of states of these equations. Nothing depends on the memories of fingers that torques turn,

@@ -15,7 +15,7 @@ use crate::model::coordinates::Coordinates;
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
 use crate::number::linear::solve3;
-use crate::number::real::{Real, signed};
+use crate::number::real::{LaneTask, Real, signed};
 
 /// The solution.
 #[derive(Debug, Clone, Copy)]
@@ -29,35 +29,56 @@ pub struct Constrained<R> {
 /// Multipliers and accelerations for the forces `f` and the bias `b`. `finger_acceleration` has those that
 /// the schedule prescribes for driven fingers.
 #[inline(always)]
-pub fn constrained<R: Real>(
+pub fn constrained<R: Real, P: Parts>(
     driven: bool,
-    geometry: &Geometry<R, impl Parts>,
+    geometry: &Geometry<R, P>,
     plant: &Plant<R>,
     f: &Coordinates<R>,
     b: &[R; 4],
     finger_acceleration: &[R; 2],
 ) -> Constrained<R> {
-    let mut whole = *b;
-    if driven {
-        let share = geometry.driven_bias(*finger_acceleration);
-        for k in 0..4 {
-            whole[k] = b[k] + share[k];
+    let solve = Solve { driven, geometry, plant, f, b, finger_acceleration };
+    // Steps, impulses and corrections of other parts share one piece of code.
+    if P::OTHERS { R::outlined(solve) } else { solve.run() }
+}
+
+struct Solve<'a, R, P> {
+    driven: bool,
+    geometry: &'a Geometry<R, P>,
+    plant: &'a Plant<R>,
+    f: &'a Coordinates<R>,
+    b: &'a [R; 4],
+    finger_acceleration: &'a [R; 2],
+}
+
+impl<R: Real, P: Parts> LaneTask<R> for Solve<'_, R, P> {
+    type Output = Constrained<R>;
+
+    #[inline(always)]
+    fn run(self) -> Constrained<R> {
+        let Self { driven, geometry, plant, f, b, finger_acceleration } = self;
+        let mut whole = *b;
+        if driven {
+            let share = geometry.driven_bias(*finger_acceleration);
+            for k in 0..4 {
+                whole[k] = b[k] + share[k];
+            }
         }
+        let (object, mut finger) = pose_acceleration(driven, geometry, plant, f, &whole);
+        if driven {
+            finger = *finger_acceleration;
+        }
+        let mut a = Coordinates { object, finger, ..Coordinates::zero() };
+        // lambda = M_d a_d - f_d.
+        let swept = geometry.phi_times(&a);
+        let (masses, mut multipliers) = (&plant.masses, swept);
+        for i in 0..2 {
+            (a.compression[i], a.shear[i]) = (-(swept[i] + b[i]), -(swept[2 + i] + b[2 + i]));
+            multipliers[i] = masses.compression[i].mul_add(a.compression[i], -f.compression[i]);
+            multipliers[2 + i] = masses.shear[i].mul_add(a.shear[i], -f.shear[i]);
+        }
+        Constrained { multipliers, acceleration: a }
     }
-    let (object, mut finger) = pose_acceleration(driven, geometry, plant, f, &whole);
-    if driven {
-        finger = *finger_acceleration;
-    }
-    let mut a = Coordinates { object, finger, ..Coordinates::zero() };
-    // lambda = M_d a_d - f_d.
-    let swept = geometry.phi_times(&a);
-    let (masses, mut multipliers) = (&plant.masses, swept);
-    for i in 0..2 {
-        (a.compression[i], a.shear[i]) = (-(swept[i] + b[i]), -(swept[2 + i] + b[2 + i]));
-        multipliers[i] = masses.compression[i].mul_add(a.compression[i], -f.compression[i]);
-        multipliers[2 + i] = masses.shear[i].mul_add(a.shear[i], -f.shear[i]);
-    }
-    Constrained { multipliers, acceleration: a }
 }
 
 /// An eliminated finger: the contact's share of the object's 3 x 3 system, along the object's own axes.

@@ -19,7 +19,7 @@ use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::{Coordinates, each_coordinate};
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
-use crate::number::real::{Real, signed};
+use crate::number::real::{LaneTask, Real, signed};
 
 /// Forces, couples and friction at one state.
 #[derive(Debug, Clone, Copy)]
@@ -75,80 +75,100 @@ fn select_block<R: Real>(bits: u8, a: &Block<R>, b: &Block<R>) -> Block<R> {
 
 /// Multipliers, shares of the couples and accelerations.
 #[inline(always)]
-pub fn response<R: Real>(
+pub fn response<R: Real, P: Parts>(
     driven: bool,
-    geometry: &Geometry<R, impl Parts>,
+    geometry: &Geometry<R, P>,
     plant: &Plant<R>,
     contacts: &Contacts<R>,
     load: &Load<R>,
 ) -> Response<R> {
-    let (force, w) = (&load.force, &plant.inverse_masses);
-    let (zero, one) = (R::zero(), R::constant(1.0));
-    let mut unforced = each_coordinate!([force, w] => force * w);
-    if driven {
-        unforced.finger = load.finger_acceleration;
-    }
-    let [h1, h2, n1, n2] = geometry.phi_times(&unforced);
-    let swept = [[h1, n1], [h2, n2]];
-    // Rows of finger i, columns of finger j.
-    let mut blocks = [[[[zero; 2]; 2]; 2]; 2];
-    let mut right = [[zero; 2]; 2];
-    for i in 0..2 {
-        let (free, graze, slip) = (contacts.free[i], contacts.graze[i], contacts.slip(i));
-        for j in 0..2 {
-            let mut block = own_block(geometry, w, (i, j), contacts.graze[j], load.couple[j]);
-            let (unit, friction) = if i == j {
-                (one, R::select(contacts.down[i], -load.friction[i], load.friction[i]))
-            } else {
-                (zero, zero)
-            };
-            // The row H of a free tip, and the rows N of all tips that do not stick.
-            block[0][0] = R::select(free, unit, block[0][0]);
-            block[0][1] = R::select(free, zero, block[0][1]);
-            block[1][0] = R::select(slip, friction, R::select(free | graze, zero, block[1][0]));
-            block[1][1] = R::select(slip | free | graze, unit, block[1][1]);
-            blocks[i][j] = block;
+    let solve = Solve { driven, geometry, plant, contacts, load };
+    // Steps and corrections of other parts share one piece of code.
+    if P::OTHERS { R::outlined(solve) } else { solve.run() }
+}
+
+struct Solve<'a, R, P> {
+    driven: bool,
+    geometry: &'a Geometry<R, P>,
+    plant: &'a Plant<R>,
+    contacts: &'a Contacts<R>,
+    load: &'a Load<R>,
+}
+
+impl<R: Real, P: Parts> LaneTask<R> for Solve<'_, R, P> {
+    type Output = Response<R>;
+
+    #[inline(always)]
+    fn run(self) -> Response<R> {
+        let Self { driven, geometry, plant, contacts, load } = self;
+        let (force, w) = (&load.force, &plant.inverse_masses);
+        let (zero, one) = (R::zero(), R::constant(1.0));
+        let mut unforced = each_coordinate!([force, w] => force * w);
+        if driven {
+            unforced.finger = load.finger_acceleration;
         }
-        right[i][0] = R::select(free, zero, -(load.bias[i] + swept[i][0]));
-        right[i][1] = R::select(slip | free | graze, zero, -(load.bias[2 + i] + swept[i][1]));
-    }
-    let swapped = contacts.graze[0] & !contacts.graze[1];
-    let (first, second, pivots) = solve(&blocks, &right, swapped);
-    let unknowns = [
-        [R::select(swapped, second[0], first[0]), R::select(swapped, second[1], first[1])],
-        [R::select(swapped, first[0], second[0]), R::select(swapped, first[1], second[1])],
-    ];
-    let (mut multipliers, mut share) = ([zero; 4], [one; 2]);
-    for i in 0..2 {
-        let (graze, slip, unloaded) = (contacts.graze[i], contacts.slip(i), contacts.unloaded(i));
-        let [along, solved] = unknowns[i];
-        // Friction is mu lambda^H to the bit, not up to the solve's round-off.
-        let sliding = load.friction[i] * along;
-        let sliding = R::select(contacts.down[i], sliding, -sliding);
-        let across = R::select(slip, sliding, solved);
-        multipliers[i] = R::select(unloaded, zero, along);
-        multipliers[2 + i] = R::select(unloaded, zero, across);
-        share[i] = R::select(graze, along, R::select(contacts.free[i], zero, one));
-    }
-    let mut total = geometry.phi_transposed_times(&multipliers);
-    let mut parts = [zero; 2];
-    for i in 0..2 {
-        let part = R::select(contacts.graze[i], -(load.couple[i] * share[i]), zero);
-        parts[i] = -part;
-        if geometry.is_the_papers() {
-            total.object[2] = total.object[2] + signed(i, part);
-            total.finger[i] = total.finger[i] + part;
+        let [h1, h2, n1, n2] = geometry.phi_times(&unforced);
+        let swept = [[h1, n1], [h2, n2]];
+        // Rows of finger i, columns of finger j.
+        let mut blocks = [[[[zero; 2]; 2]; 2]; 2];
+        let mut right = [[zero; 2]; 2];
+        for i in 0..2 {
+            let (free, graze, slip) = (contacts.free[i], contacts.graze[i], contacts.slip(i));
+            for j in 0..2 {
+                let mut block = own_block(geometry, w, (i, j), contacts.graze[j], load.couple[j]);
+                let (unit, friction) = if i == j {
+                    (one, R::select(contacts.down[i], -load.friction[i], load.friction[i]))
+                } else {
+                    (zero, zero)
+                };
+                // The row H of a free tip, and the rows N of all tips that do not stick.
+                block[0][0] = R::select(free, unit, block[0][0]);
+                block[0][1] = R::select(free, zero, block[0][1]);
+                block[1][0] = R::select(slip, friction, R::select(free | graze, zero, block[1][0]));
+                block[1][1] = R::select(slip | free | graze, unit, block[1][1]);
+                blocks[i][j] = block;
+            }
+            right[i][0] = R::select(free, zero, -(load.bias[i] + swept[i][0]));
+            right[i][1] = R::select(slip | free | graze, zero, -(load.bias[2 + i] + swept[i][1]));
         }
-    }
-    if !geometry.is_the_papers() {
-        let (object, finger) = geometry.couples(parts);
-        for k in 0..3 {
-            total.object[k] = total.object[k] + object[k];
+        let swapped = contacts.graze[0] & !contacts.graze[1];
+        let (first, second, pivots) = solve(&blocks, &right, swapped);
+        let unknowns = [
+            [R::select(swapped, second[0], first[0]), R::select(swapped, second[1], first[1])],
+            [R::select(swapped, first[0], second[0]), R::select(swapped, first[1], second[1])],
+        ];
+        let (mut multipliers, mut share) = ([zero; 4], [one; 2]);
+        for i in 0..2 {
+            let (graze, slip, unloaded) = (contacts.graze[i], contacts.slip(i), contacts.unloaded(i));
+            let [along, solved] = unknowns[i];
+            // Friction is mu lambda^H to the bit, not up to the solve's round-off.
+            let sliding = load.friction[i] * along;
+            let sliding = R::select(contacts.down[i], sliding, -sliding);
+            let across = R::select(slip, sliding, solved);
+            multipliers[i] = R::select(unloaded, zero, along);
+            multipliers[2 + i] = R::select(unloaded, zero, across);
+            share[i] = R::select(graze, along, R::select(contacts.free[i], zero, one));
         }
-        total.finger = [total.finger[0] + finger[0], total.finger[1] + finger[1]];
+        let mut total = geometry.phi_transposed_times(&multipliers);
+        let mut parts = [zero; 2];
+        for i in 0..2 {
+            let part = R::select(contacts.graze[i], -(load.couple[i] * share[i]), zero);
+            parts[i] = -part;
+            if geometry.is_the_papers() {
+                total.object[2] = total.object[2] + signed(i, part);
+                total.finger[i] = total.finger[i] + part;
+            }
+        }
+        if !geometry.is_the_papers() {
+            let (object, finger) = geometry.couples(parts);
+            for k in 0..3 {
+                total.object[k] = total.object[k] + object[k];
+            }
+            total.finger = [total.finger[0] + finger[0], total.finger[1] + finger[1]];
+        }
+        let acceleration = each_coordinate!([total, w, unforced] => total.mul_add(w, unforced));
+        Response { multipliers, share, acceleration, pivots }
     }
-    let acceleration = each_coordinate!([total, w, unforced] => total.mul_add(w, unforced));
-    Response { multipliers, share, acceleration, pivots }
 }
 
 /// The rows h_i and n_i times M^-1, times the columns h_j (or c_j where finger j grazes) and n_j.

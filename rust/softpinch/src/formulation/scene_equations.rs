@@ -321,9 +321,8 @@ task! {
 task! {
     Correct(drive: &'a SegmentDrive<R>, tau: R, y: &'a mut States<R>, ledger: bool) -> (),
     equations => if equations.drifts() {
-        for_fingers_of!(equations, driven [R::ORDER == 0 && E::Parts::PAPERS && !equations.opens()] => {
-            projected::correct(equations, (driven, ledger), &drive.at(tau), &drive.contacts, y);
-        });
+        let driven = equations.plant().driven;
+        projected::correct(equations, (driven, ledger), &drive.at(tau), &drive.contacts, y);
     }
 }
 

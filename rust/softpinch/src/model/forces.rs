@@ -10,6 +10,7 @@ use crate::model::energy::{BILATERAL_WORKS, Energies};
 use crate::model::frame::{Carried, FrameLoads};
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
+use crate::model::parameters::Parameters;
 use crate::model::source::Source;
 use crate::number::real::{Real, dot};
 
@@ -85,6 +86,14 @@ pub struct Forces<R> {
     pub torque: [R; 2],
     /// External force and moment on the object.
     pub external: [R; 3],
+}
+
+impl Plant<f64> {
+    /// [`Plant::new`] in code that is called.
+    #[inline(never)]
+    pub fn of_scene(parameters: &Parameters, fingers: Fingers, moves: bool) -> Self {
+        Self::new(parameters, fingers, moves)
+    }
 }
 
 impl<R: Real> Plant<R> {
