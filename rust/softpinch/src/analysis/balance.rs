@@ -33,9 +33,11 @@ use crate::model::geometry::Geometry;
 use crate::model::inputs::{HandMotion, Inputs};
 use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
-use crate::number::dual::Dual;
-use crate::number::lanes::{LaneTask, Lanes};
+use crate::model::source::Constants;
+use crate::number::dual::{Dual, gather};
+use crate::number::lanes::{LaneTask, Lanes, MOST};
 use crate::number::real::{Real, signed};
+use crate::number::simd::dispatch::{LaneKernel, call_four_lanes};
 use crate::number::simd::level::{Instructions, Level};
 
 /// Number of unknowns: the pose (x, y, theta, theta_1, theta_2) and two shears.
@@ -131,11 +133,11 @@ impl<R: Real> Balance<R> {
 
 /// The balance of unknowns with derivatives, and the derivatives of the shears by the pose under the no-slip constraint.
 #[inline(always)]
-fn seeded<const W: usize>(
+fn seeded<R: Lanes, const W: usize>(
     scene: &RestScene,
-    plant: &Plant<Dual<f64, W>>,
-    z: &Unknowns<Dual<f64, W>>,
-) -> (Balance<Dual<f64, W>>, [[f64; 5]; 2]) {
+    plant: &Plant<Dual<R, W>>,
+    z: &Unknowns<Dual<R, W>>,
+) -> (Balance<Dual<R, W>>, [[f64; 5]; 2]) {
     let Input { target, force, .. } = scene.input;
     let none = Dual::constant(0.0);
     let input = Input {
@@ -152,8 +154,8 @@ fn seeded<const W: usize>(
         let contact = &geometry.contacts[i];
         let [along, across] = contact.push(i, [none, Dual::constant(1.0)]);
         let [x, y] = geometry.outward(along, across);
-        *row = [-x.value, -y.value, -contact.e.value, 0.0, 0.0];
-        row[FINGER + i] = -contact.f.value;
+        *row = [-x.value.lane(0), -y.value.lane(0), -contact.e.value.lane(0), 0.0, 0.0];
+        row[FINGER + i] = -contact.f.value.lane(0);
     }
     (found, no_slip)
 }
@@ -166,20 +168,15 @@ impl Balance<Directions> {
         Self { q, tilt: pair, sigma: pair, forces, torque: pair, multipliers: [zero; 4] }
     }
 
-    /// Takes values and derivatives in one direction.
-    fn set_direction(&mut self, k: usize, own: &Balance<Dual<f64, 1>>) {
+    /// Takes values and derivatives in the directions from `first` on.
+    fn gather<X: Lanes>(&mut self, first: usize, own: &Balance<Dual<X, 1>>) {
         let mut q = self.q.row();
-        let parts: [(&mut [Directions], &[Dual<f64, 1>]); 6] = [
-            (&mut q, &own.q.row()),
-            (&mut self.tilt, &own.tilt),
-            (&mut self.sigma, &own.sigma),
-            (&mut self.forces, &own.forces),
-            (&mut self.torque, &own.torque),
-            (&mut self.multipliers, &own.multipliers),
-        ];
-        for (all, own) in parts {
-            all.iter_mut().zip(own).for_each(|(all, own)| all.set_direction(k, *own));
-        }
+        gather(&mut q, first, &own.q.row());
+        gather(&mut self.tilt, first, &own.tilt);
+        gather(&mut self.sigma, first, &own.sigma);
+        gather(&mut self.forces, first, &own.forces);
+        gather(&mut self.torque, first, &own.torque);
+        gather(&mut self.multipliers, first, &own.multipliers);
         self.q = q.into();
     }
 
@@ -213,7 +210,7 @@ fn slopes<const N: usize>(duals: &[Directions; N]) -> [Unknowns; N] {
 /// The plant of a scene, in plain numbers and in those of the derivatives.
 #[inline(never)]
 fn plants(parameters: &Parameters, fingers: Fingers, moves: bool) -> (Plant<f64>, Plant<Directions>) {
-    (Plant::of_scene(parameters, fingers, moves), Plant::new(parameters, fingers, moves))
+    (Plant::called(parameters, fingers, moves), Plant::new(parameters, fingers, moves))
 }
 
 /// A scene at rest under constant inputs.
@@ -390,6 +387,27 @@ impl RestScene {
     }
 }
 
+/// Evaluates the balance of other parts than the paper's, with one direction in each lane.
+struct OtherParts<'a>(&'a RestScene, &'a Unknowns<Directions>);
+
+impl LaneKernel for OtherParts<'_> {
+    type Output = (Balance<Directions>, [[f64; 5]; 2]);
+
+    #[inline(always)]
+    fn run<X: Lanes>(self, _: Instructions) -> Self::Output {
+        let Self(scene, unknowns) = self;
+        let parameters = [&scene.parameters; MOST];
+        let plant = Plant::called(&Constants(&parameters), scene.fingers, scene.frame.is_some());
+        let (mut found, mut no_slip) = (Balance::nothing(), [[0.0; 5]; 2]);
+        for first in (0..UNKNOWNS).step_by(X::WIDTH) {
+            let own;
+            (own, no_slip) = seeded::<X, 1>(scene, &plant, &unknowns.map(|own| own.spread(first)));
+            found.gather(first, &own);
+        }
+        (found, no_slip)
+    }
+}
+
 /// Evaluates the balance in dual numbers, compiled with the instructions of the lanes.
 struct Evaluate<'a> {
     scene: &'a RestScene,
@@ -408,17 +426,9 @@ impl LaneTask<f64> for Evaluate<'_> {
             unknowns[k] = Dual::variable(z[k], k);
         }
         let (found, no_slip) = if scene.parameters.has_the_papers_parts() {
-            seeded(scene, &scene.dual, &unknowns)
+            seeded::<f64, _>(scene, &scene.dual, &unknowns)
         } else {
-            let single = Plant::new(&scene.parameters, scene.fingers, scene.frame.is_some());
-            let mut found = Balance::nothing();
-            let mut no_slip = [[0.0; 5]; 2];
-            for k in 0..UNKNOWNS {
-                let (own, rows) = seeded(scene, &single, &unknowns.map(|own| own.only(k)));
-                found.set_direction(k, &own);
-                no_slip = rows;
-            }
-            (found, no_slip)
+            call_four_lanes(scene.instructions, OtherParts(scene, &unknowns))
         };
         let input: Input<Directions> = scene.input.map(Directions::constant);
         let held = scene.held();

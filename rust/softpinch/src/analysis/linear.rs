@@ -6,9 +6,10 @@ use nalgebra::{DMatrix, DVector, Schur};
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
-use crate::formulation::scene_equations::{Choice, SceneEquations, Tangent};
+use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::{Linear, System};
 use crate::formulation::table::Formulation;
+use crate::formulation::tangent::Tangent;
 use crate::method::linearize::DIRECTIONS;
 use crate::model::contact_modes::ContactModel;
 use crate::model::control::Fingers;
@@ -18,7 +19,6 @@ use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
 use crate::model::parameters::{Parameters, Stabilization};
 use crate::model::rule::Rule;
-use crate::model::source::Constants;
 use crate::number::dual::Dual;
 use crate::number::lanes::MOST;
 use crate::number::simd::level::{Instructions, Level};
@@ -110,7 +110,7 @@ impl Problem {
     }
 
     fn tangent(&self, parameters: &Parameters) -> Tangent<f64, DIRECTIONS> {
-        Tangent::new(self.instructions, self.choice, &Constants(&[parameters; MOST]), &self.gains)
+        Tangent::new(self.instructions, self.choice, &[parameters; MOST], &self.gains)
     }
 
     /// The number of states of these equations. Nothing depends on the memories of fingers that torques turn,

@@ -4,15 +4,20 @@
 //! formulations. So the code of the paper's contacts has no branch for others, and loops, methods and solves are not
 //! multiplied by their kinds.
 
+use crate::formulation::csm::Csm;
 use crate::formulation::equations::{Equations, Evaluation, States, Terms, evaluated};
+use crate::formulation::scene_equations::Choice;
+use crate::formulation::table::Formulation;
 use crate::formulation::unilateral::Unilateral;
 use crate::model::contact::Others;
-use crate::model::contact_modes::Contacts;
+use crate::model::contact_modes::{ContactModel, Contacts};
 use crate::model::coordinates::Coordinates;
 use crate::model::energy::{CONTACT_WORKS, Energies};
 use crate::model::forces::{Applied, Plant};
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
+use crate::model::parameters::Stabilization;
+use crate::model::source::Source;
 use crate::number::real::{LaneTask, Real};
 
 /// The equations of any parts.
@@ -36,6 +41,17 @@ impl<R: Real> LaneTask<R> for Evaluate<'_, R> {
     fn run(self) -> Evaluation<R> {
         let Self(equations, (driven, ledger), applied, contacts, y) = self;
         evaluated(equations, driven, applied, contacts, y, ledger)
+    }
+}
+
+impl<R: Real> AnyParts<R> {
+    /// The equations of a scene, or of one scene for each lane.
+    #[inline(always)]
+    pub(super) fn new(choice: Choice, source: &impl Source<R>, gains: &Stabilization) -> Self {
+        let plant = Plant::called(source, choice.fingers, choice.moves);
+        let unilateral = Unilateral::new(source, Csm::new(plant, &choice.formulation.gains(gains)));
+        let opens = choice.contact == ContactModel::Unilateral;
+        Self { unilateral, drifts: opens || choice.formulation != Formulation::Nullspace, opens }
     }
 }
 

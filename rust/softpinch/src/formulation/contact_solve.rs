@@ -75,16 +75,15 @@ fn select_block<R: Real>(bits: u8, a: &Block<R>, b: &Block<R>) -> Block<R> {
 
 /// Multipliers, shares of the couples and accelerations.
 #[inline(always)]
-pub fn response<R: Real, P: Parts>(
+pub fn response<R: Real>(
     driven: bool,
-    geometry: &Geometry<R, P>,
+    geometry: &Geometry<R, impl Parts>,
     plant: &Plant<R>,
     contacts: &Contacts<R>,
     load: &Load<R>,
 ) -> Response<R> {
-    let solve = Solve { driven, geometry, plant, contacts, load };
-    // Steps and corrections of other parts share one piece of code.
-    if P::OTHERS { R::outlined(solve) } else { solve.run() }
+    // Called, because contacts are in other modes than stick for short times only.
+    R::outlined(Solve { driven, geometry, plant, contacts, load })
 }
 
 struct Solve<'a, R, P> {

@@ -13,7 +13,8 @@ use crate::model::energy::{BILATERAL_WORKS, CONTACT_WORKS, Energies, work};
 use crate::model::forces::{Applied, Forces, Plant};
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
-use crate::number::dual::Dual;
+use crate::number::dual::{Dual, gather};
+use crate::number::lanes::Lanes;
 use crate::number::real::{Real, dot};
 
 /// Number of components of the largest state: nine coordinates, their rates, two memories, and the eight works of
@@ -87,20 +88,16 @@ impl<R: Real> Evaluation<R> {
     }
 }
 
-impl<R: Real, const W: usize> Evaluation<Dual<R, W>> {
-    /// Takes values and derivatives in one direction: of the rate, the motion, the multipliers and the torques.
-    pub(super) fn set_direction(&mut self, direction: usize, own: &Evaluation<Dual<R, 1>>) {
-        fn each<R: Real, const W: usize>(k: usize, all: &mut [Dual<R, W>], own: &[Dual<R, 1>]) {
-            for (all, own) in all.iter_mut().zip(own) {
-                all.set_direction(k, *own);
-            }
-        }
-        each(direction, &mut self.rate, &own.rate);
-        each(direction, &mut self.multipliers, &own.multipliers);
-        each(direction, &mut self.torque, &own.torque);
+impl<R: Lanes, const W: usize> Evaluation<Dual<R, W>> {
+    /// Takes values and derivatives in the directions from `first` on: of the rate, the motion, the multipliers and the
+    /// torques.
+    pub(super) fn gather<X: Lanes>(&mut self, first: usize, own: &Evaluation<Dual<X, 1>>) {
+        gather(&mut self.rate, first, &own.rate);
+        gather(&mut self.multipliers, first, &own.multipliers);
+        gather(&mut self.torque, first, &own.torque);
         let (mut q, mut p) = (self.motion.q.row(), self.motion.p.row());
-        each(direction, &mut q, &own.motion.q.row());
-        each(direction, &mut p, &own.motion.p.row());
+        gather(&mut q, first, &own.motion.q.row());
+        gather(&mut p, first, &own.motion.p.row());
         (self.motion.q, self.motion.p) = (q.into(), p.into());
     }
 }

@@ -34,4 +34,5 @@ pub mod run_dual;
 pub mod scene_equations;
 pub mod system;
 pub mod table;
+pub mod tangent;
 pub mod unilateral;

@@ -13,7 +13,7 @@ use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, State
 use crate::formulation::inlined::Inlined;
 use crate::formulation::nullspace::Nullspace;
 use crate::formulation::projected;
-use crate::formulation::system::{Jacobian, Linear, Size, StageState, Stages, System};
+use crate::formulation::system::{Size, StageState, Stages, System};
 use crate::formulation::table::Formulation;
 use crate::formulation::unilateral::Unilateral;
 use crate::model::contact::Parts;
@@ -22,11 +22,10 @@ use crate::model::control::Fingers;
 use crate::model::drive::{Input, SegmentDrive, SegmentFrame};
 use crate::model::energy::Energies;
 use crate::model::forces::{Applied, Carriage, Plant};
-use crate::model::frame::{FrameLoads, FrameMotion};
+use crate::model::frame::FrameLoads;
 use crate::model::motion::Motion;
 use crate::model::parameters::Stabilization;
 use crate::model::source::Source;
-use crate::number::dual::Dual;
 use crate::number::lanes::{LaneTask, Lanes, Lift};
 use crate::number::real::Real;
 use crate::number::simd::level::Instructions;
@@ -64,23 +63,17 @@ impl<R: Real> EquationKind<R> {
     #[inline(always)]
     fn new(choice: Choice, source: &impl Source<R>, gains: &Stabilization) -> Self {
         let Choice { formulation, contact, fingers, moves, .. } = choice;
-        let gains = match formulation {
-            Formulation::Csm => *gains,
-            Formulation::Nullspace | Formulation::Projected => Stabilization { alpha: 0.0, beta: 0.0 },
-        };
-        let plant = Plant::new(source, fingers, moves);
+        let gains = &formulation.gains(gains);
         if R::ANY_PARTS && !source.kinds().has_the_papers_parts() {
-            let opens = contact == ContactModel::Unilateral;
-            let drifts = opens || formulation != Formulation::Nullspace;
-            let unilateral = Unilateral::new(source, Csm::new(plant, &gains));
-            return Self::AnyParts(AnyParts { unilateral, drifts, opens });
+            return Self::AnyParts(AnyParts::new(choice, source, gains));
         }
+        let plant = Plant::called(source, fingers, moves);
         match (contact, formulation) {
             (ContactModel::Unilateral, _) => {
-                Self::Unilateral(Unilateral::new(source, Csm::new(plant, &gains)))
+                Self::Unilateral(Unilateral::new(source, Csm::new(plant, gains)))
             }
             (_, Formulation::Nullspace) => Self::Nullspace(Nullspace::new(plant)),
-            _ => Self::Csm(Csm::new(plant, &gains)),
+            _ => Self::Csm(Csm::new(plant, gains)),
         }
     }
 }
@@ -110,20 +103,10 @@ pub struct Choice {
 /// The equations of a scene, or of one scene for each lane, after the choice.
 #[derive(Debug, Clone, Copy)]
 pub struct SceneEquations<R> {
-    instructions: Instructions,
-    ledger: bool,
+    pub(super) instructions: Instructions,
+    pub(super) ledger: bool,
     projected: bool,
     pub(crate) kind: EquationKind<R>,
-}
-
-/// The equations of a scene in dual numbers with `W` directions; those of parts that are not the paper's in one direction
-/// after the other, which takes little code.
-#[derive(Debug, Clone, Copy)]
-pub enum Tangent<R, const W: usize> {
-    /// With the paper's parts.
-    Papers(SceneEquations<Dual<R, W>>),
-    /// With others.
-    AnyParts(SceneEquations<Dual<R, 1>>),
 }
 
 /// Builds equations. Lanes need this whenever one of their runs changes. The code is called, not inlined.
@@ -253,6 +236,8 @@ macro_rules! for_fingers_of {
     }};
 }
 
+pub(super) use {for_fingers_of, task};
+
 task! {
     Evaluate(drive: &'a SegmentDrive<R>, tau: R, moving: Option<&'a FrameLoads<R>>, y: &'a States<R>, now: &'a mut Evaluation<R>, ledger: bool) -> (),
     equations => for_fingers_of!(equations, driven [R::ORDER < 2 && E::Parts::PAPERS] => {
@@ -279,12 +264,12 @@ impl<R: Lanes> LaneTask<R> for InputAt<'_, R> {
 }
 
 /// Computes the forces of the hand's motion at a stage.
-struct Load<'a, R, T> {
-    frame: &'a SegmentFrame<R>,
+pub(super) struct Load<'a, R, T> {
+    pub(super) frame: &'a SegmentFrame<R>,
     /// The plant, and the number of coordinates among the states.
-    plant: (&'a Plant<T>, usize),
-    input: &'a Input<T>,
-    at: StageState<'a, T>,
+    pub(super) plant: (&'a Plant<T>, usize),
+    pub(super) input: &'a Input<T>,
+    pub(super) at: StageState<'a, T>,
 }
 
 impl<R: Lanes, T: Lift<R>> LaneTask<T> for Load<'_, R, T> {
@@ -305,7 +290,7 @@ impl<R: Lanes, T: Lift<R>> LaneTask<T> for Load<'_, R, T> {
 impl<R: Lanes, T: Lift<R>> Load<'_, R, T> {
     /// Calls it, so that equations of a hand at rest have little code for it.
     #[inline(never)]
-    fn loads(self) -> FrameLoads<T> {
+    pub(super) fn loads(self) -> FrameLoads<T> {
         T::call(self.frame.instructions, self)
     }
 }
@@ -466,137 +451,6 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
         with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
             R::call(instructions, Correct { equations, drive, tau, y, ledger });
         });
-    }
-}
-
-/// Computes a Jacobian in sweeps, each with `W` directions.
-struct Sweeps<'a, R, E, const W: usize> {
-    equations: &'a E,
-    drive: &'a SegmentDrive<R>,
-    tau: R,
-    y: &'a States<R>,
-    ledger: bool,
-    jacobian: &'a mut Jacobian<R>,
-}
-
-impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<Dual<R, W>> for Sweeps<'_, R, E, W> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { equations, drive, tau, y, ledger, jacobian } = self;
-        let contacts = drive.contacts.lifted();
-        for_fingers_of!(equations, driven [E::Parts::PAPERS && (R::WIDTH > 1 || !equations.opens())] => {
-            let size = size_of(equations, driven, ledger);
-            let (states, all) = (size.states, size.all());
-            let mut first = 0;
-            while first <= states {
-                let mut duals = [Dual::constant(0.0); MAX_COMPONENTS];
-                for (n, (dual, &number)) in duals.iter_mut().zip(y).take(all).enumerate() {
-                    let direction = if n < states { n.wrapping_sub(first) } else { W };
-                    *dual = Dual::variable(number, direction);
-                }
-                let tau = Dual::variable(tau, states.wrapping_sub(first));
-                let input = drive.at(tau);
-                let mut moving = None;
-                if let Some(frame) = &drive.frame {
-                    // Only copies are passed on, so that states and inputs of a hand at rest stay in registers.
-                    let (state, input, plant) = (duals, &{ input }, (equations.plant(), size.degrees));
-                    let at = StageState { from: &state, by: Dual::zero(), along: &state };
-                    moving = Some(Load { frame, plant, input, at }.loads());
-                }
-                let applied = (&input, Carriage::Either(moving.as_ref()));
-                let rate = equations.evaluate(driven, applied, &contacts, &duals, ledger).rate;
-                for n in 0..all {
-                    jacobian.rows[n][first..first + W].copy_from_slice(&rate[n].slope);
-                }
-                first += W;
-            }
-        });
-    }
-}
-
-impl<R: Lanes, const W: usize> Linear<R> for Tangent<R, W> {
-    fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>) {
-        match self {
-            Self::Papers(system) => {
-                let SceneEquations { instructions, ledger, .. } = *system;
-                with!(system.kind, equations [true, false] => {
-                    Dual::call(instructions, Sweeps::<R, _, W> { equations, drive, tau, y, ledger, jacobian });
-                });
-            }
-            Self::AnyParts(system) => {
-                let SceneEquations { instructions, ledger, .. } = *system;
-                if let EquationKind::AnyParts(equations) = &system.kind
-                    && R::ANY_PARTS
-                {
-                    Dual::call(
-                        instructions,
-                        Sweeps::<R, _, 1> { equations, drive, tau, y, ledger, jacobian },
-                    );
-                }
-            }
-        }
-    }
-}
-
-impl<R: Lanes, const W: usize> Tangent<R, W> {
-    /// Builds the equations of a scene, or of one scene for each lane.
-    pub fn new<S>(instructions: Instructions, choice: Choice, source: &S, gains: &Stabilization) -> Self
-    where
-        S: Source<Dual<R, W>> + Source<Dual<R, 1>>,
-    {
-        if R::ANY_PARTS && !<S as Source<Dual<R, 1>>>::kinds(source).has_the_papers_parts() {
-            Self::AnyParts(SceneEquations::new(instructions, choice, source, gains))
-        } else {
-            Self::Papers(SceneEquations::new(instructions, choice, source, gains))
-        }
-    }
-}
-
-impl<const W: usize> Tangent<f64, W> {
-    /// Evaluates the state `y` under the inputs and the hand's motion of an instant, without the works of the ledger. The
-    /// directions of state, inputs and motion are the caller's, so this differentiates every result by whatever is wanted. `None`
-    /// for formulations other than `nullspace`: only its minimal coordinates are linearised with inputs and
-    /// outputs, and this code is not compiled for the other formulations.
-    pub fn evaluate_seeded(
-        &self,
-        (input, frame): (&Input<Dual<f64, W>>, &FrameMotion<Dual<f64, W>>),
-        y: &States<Dual<f64, W>>,
-    ) -> Option<Evaluation<Dual<f64, W>>> {
-        match self {
-            Self::Papers(system) => {
-                let EquationKind::Nullspace(equations) = &system.kind else { return None };
-                Some(Dual::call(system.instructions, Seeded { equations, input, frame, y }))
-            }
-            Self::AnyParts(system) => {
-                let EquationKind::AnyParts(equations) = &system.kind else { return None };
-                if equations.drifts {
-                    return None;
-                }
-                let mut found = Evaluation::nothing();
-                for k in 0..W {
-                    let (input, frame) = (&input.map(|own| own.only(k)), &frame.map(|own| own.only(k)));
-                    let y = &y.map(|own| own.only(k));
-                    found.set_direction(
-                        k,
-                        &Dual::call(system.instructions, Seeded { equations, input, frame, y }),
-                    );
-                }
-                Some(found)
-            }
-        }
-    }
-}
-
-task! {
-    Seeded(input: &'a Input<R>, frame: &'a FrameMotion<R>, y: &'a States<R>) -> Evaluation<R>,
-    equations => {
-        let (plant, driven) = (equations.plant(), equations.plant().driven);
-        let first = equations.degrees(driven);
-        let (pose, rates) = ([y[0], y[1], y[2]], [y[first], y[first + 1], y[first + 2]]);
-        let moving = plant.loads(frame, &input.force, pose, rates);
-        equations.evaluate(driven, (input, Carriage::Either(Some(&moving))), &Contacts::sticking(), y, false)
     }
 }
 

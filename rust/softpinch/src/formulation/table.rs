@@ -1,5 +1,6 @@
 //! The table of the formulations.
 
+use crate::model::parameters::Stabilization;
 use crate::names::named;
 
 named! {
@@ -13,5 +14,15 @@ named! {
         Nullspace = "nullspace",
         /// Accelerations without stabilisation. After each step the state is put back on the constraints.
         Projected = "projected",
+    }
+}
+
+impl Formulation {
+    /// The gains of (19) and (20) that it uses.
+    pub(super) fn gains(self, given: &Stabilization) -> Stabilization {
+        match self {
+            Self::Csm => *given,
+            Self::Nullspace | Self::Projected => Stabilization { alpha: 0.0, beta: 0.0 },
+        }
     }
 }

@@ -65,14 +65,21 @@ fn weighted<R: Lanes>(size: Size, slopes: &[States<R>], weights: &[f64], sum: &m
     }
 }
 
-/// Repeats code for each stage but the first. The number of the stage is a constant in this code.
+/// Repeats code for each stage but the first. The number of the stage is a constant in this code, but for numbers with
+/// derivatives, with which it is large.
 macro_rules! each_stage {
-    ($stage:ident => $body:expr) => {
-        each_stage!($stage => $body; 1 2 3 4 5 6 7 8 9 10 11)
+    ($numbers:ident, $stage:ident => $body:expr) => {
+        if $numbers::ORDER > 0 {
+            for $stage in 1..STAGES {
+                $body
+            }
+        } else {
+            each_stage!($stage => $body; 1 2 3 4 5 6 7 8 9 10 11);
+        }
     };
     ($stage:ident => $body:expr; $($number:literal)*) => {
         $({
-            const $stage: usize = $number;
+            let $stage: usize = $number;
             $body
         })*
     };
@@ -91,10 +98,10 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Dop853<R> {
         let size = system.size();
         stats.evaluations += STAGES as u64 - 1;
         slopes[0] = *rate;
-        each_stage!(STAGE => {
-            weighted(size, slopes, &A[STAGE][..STAGE], along);
-            let input = drive.at(R::constant(C[STAGE]).mul_add(h, tau));
-            system.rates(&input, drive, StageState { from: y, by: h, along }, &mut slopes[STAGE]);
+        each_stage!(R, stage => {
+            weighted(size, slopes, &A[stage][..stage], along);
+            let input = drive.at(R::constant(C[stage]).mul_add(h, tau));
+            system.rates(&input, drive, StageState { from: y, by: h, along }, &mut slopes[stage]);
         });
         weighted(size, slopes, &B, along);
         // A closure might be compiled without the instructions of the lanes.

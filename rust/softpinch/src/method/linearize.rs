@@ -195,9 +195,10 @@ mod tests {
     use nalgebra::{Complex, DMatrix, DVector, SMatrix, Vector3};
 
     use super::*;
-    use crate::formulation::scene_equations::{Choice, SceneEquations, Tangent};
+    use crate::formulation::scene_equations::{Choice, SceneEquations};
     use crate::formulation::system::{Linear, System};
     use crate::formulation::table::Formulation;
+    use crate::formulation::tangent::Tangent;
     use crate::model::contact::Side;
     use crate::model::contact_modes::ContactModel;
     use crate::model::control::Fingers;

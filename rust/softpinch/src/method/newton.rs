@@ -2,8 +2,9 @@
 //! factors are used.
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::scene_equations::{SceneEquations, Tangent};
+use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::{Linear, Size, StageState, System};
+use crate::formulation::tangent::Tangent;
 use crate::method::called::Called;
 use crate::method::linearize::{DIRECTIONS, Linearization};
 use crate::method::traits::{Allowed, Integrator, Runs, Stats, Step, Unsolved, largest};

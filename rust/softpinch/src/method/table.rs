@@ -2,8 +2,9 @@
 
 use nalgebra::Complex;
 
-use crate::formulation::scene_equations::{SceneEquations, Tangent};
+use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
+use crate::formulation::tangent::Tangent;
 use crate::method::called::{AnyAdaptiveMethod, AnyMethod, Called};
 use crate::method::dop853::Dop853;
 use crate::method::linearize::DIRECTIONS_IN_LANES;

@@ -1,11 +1,11 @@
 //! The methods as step loops use them.
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::scene_equations::{Choice, SceneEquations, Tangent};
+use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::{Size, System};
+use crate::formulation::tangent::Tangent;
 use crate::model::drive::SegmentDrive;
 use crate::model::parameters::{Parameters, Stabilization};
-use crate::model::source::Constants;
 use crate::number::lanes::{Bits, Lanes, MOST};
 use crate::number::simd::level::Instructions;
 
@@ -171,6 +171,6 @@ impl Runs<'_> {
     /// Builds the same equations in dual numbers with `W` directions.
     pub fn tangent<R: Lanes, const W: usize>(&self) -> Tangent<R, W> {
         let Self { instructions, choice, parameters, gains } = *self;
-        Tangent::new(instructions, choice, &Constants(parameters), gains)
+        Tangent::new(instructions, choice, parameters, gains)
     }
 }

@@ -14,6 +14,7 @@
 //! ([`SegmentDrive`](crate::model::drive::SegmentDrive)). In the bilateral model both tips stick for ever.
 
 use crate::names::named;
+use crate::number::dual::{Dual, spread};
 use crate::number::lanes::{Bits, Lanes, Lift};
 
 named! {
@@ -164,6 +165,17 @@ impl<R: Lanes> Contacts<R> {
     pub fn lifted<T: Lift<R>>(&self) -> Contacts<T> {
         let Self { up, down, graze, free, frozen_tilt: [right, left] } = *self;
         Contacts { up, down, graze, free, frozen_tilt: [T::lift(right), T::lift(left)] }
+    }
+
+    /// The same contacts for vectors that hold these lanes several times.
+    #[inline(always)]
+    pub fn spread<X: Lanes>(&self) -> Contacts<Dual<X, 1>> {
+        let each = |bits: [Bits; 2]| {
+            bits.map(|bits| (0..X::WIDTH).fold(0, |all, lane| all | (bits >> (lane % R::WIDTH) & 1) << lane))
+        };
+        let frozen_tilt = self.frozen_tilt.map(|tilt| spread(tilt, |_| R::zero()));
+        let Self { up, down, graze, free, .. } = *self;
+        Contacts { up: each(up), down: each(down), graze: each(graze), free: each(free), frozen_tilt }
     }
 
     /// Sets the modes of one lane, and the frozen tilts of its free tips.

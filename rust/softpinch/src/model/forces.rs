@@ -10,9 +10,8 @@ use crate::model::energy::{BILATERAL_WORKS, Energies};
 use crate::model::frame::{Carried, FrameLoads};
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
-use crate::model::parameters::Parameters;
 use crate::model::source::Source;
-use crate::number::real::{Real, dot};
+use crate::number::real::{LaneTask, Real, dot};
 
 /// The physics of a scene in the form that the kernel needs: lengths, stiffnesses, masses and controllers.
 #[derive(Debug, Clone, Copy)]
@@ -88,15 +87,25 @@ pub struct Forces<R> {
     pub external: [R; 3],
 }
 
-impl Plant<f64> {
-    /// [`Plant::new`] in code that is called.
-    #[inline(never)]
-    pub fn of_scene(parameters: &Parameters, fingers: Fingers, moves: bool) -> Self {
-        Self::new(parameters, fingers, moves)
+/// Compiles the parameters of a scene.
+struct Compile<'a, S>(&'a S, Fingers, bool);
+
+impl<R: Real, S: Source<R>> LaneTask<R> for Compile<'_, S> {
+    type Output = Plant<R>;
+
+    #[inline(always)]
+    fn run(self) -> Plant<R> {
+        Plant::new(self.0, self.1, self.2)
     }
 }
 
 impl<R: Real> Plant<R> {
+    /// [`Plant::new`] in code that is called.
+    #[inline(always)]
+    pub fn called(source: &impl Source<R>, fingers: Fingers, moves: bool) -> Self {
+        R::outlined(Compile(source, fingers, moves))
+    }
+
     /// Compiles the parameters of a scene whose fingers move in this way, and whose hand may move.
     #[inline(always)]
     pub fn new(source: &impl Source<R>, fingers: Fingers, moves: bool) -> Self {

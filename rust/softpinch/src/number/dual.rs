@@ -26,16 +26,6 @@ impl<R: Real, const W: usize> Dual<R, W> {
         Self { value, slope }
     }
 
-    /// The number with its derivative in one direction.
-    pub fn only(self, direction: usize) -> Dual<R, 1> {
-        Dual { value: self.value, slope: [self.slope[direction]] }
-    }
-
-    /// Takes the value and the derivative in one direction.
-    pub fn set_direction(&mut self, direction: usize, own: Dual<R, 1>) {
-        (self.value, self.slope[direction]) = (own.value, own.slope[0]);
-    }
-
     /// A number with this value, whose derivative in each direction is `a` times the derivative of `self`
     /// (the chain rule).
     #[inline(always)]
@@ -45,6 +35,40 @@ impl<R: Real, const W: usize> Dual<R, W> {
             *s = a * *s;
         }
         Self { value, slope }
+    }
+}
+
+impl<R: Lanes, const W: usize> Dual<R, W> {
+    /// [`spread`] in the directions from `first` on.
+    #[inline(always)]
+    pub fn spread<X: Lanes>(self, first: usize) -> Dual<X, 1> {
+        spread(self.value, |k| self.slope.get(first + k).copied().unwrap_or_else(R::zero))
+    }
+}
+
+/// A number in vectors `X` that hold the lanes of `R` once for each of several directions, with the derivative in this
+/// direction.
+#[inline(always)]
+pub fn spread<R: Lanes, X: Lanes>(value: R, slope: impl Fn(usize) -> R) -> Dual<X, 1> {
+    Dual {
+        value: X::from_fn(|lane| value.lane(lane % R::WIDTH)),
+        slope: [X::from_fn(|lane| slope(lane / R::WIDTH).lane(lane % R::WIDTH))],
+    }
+}
+
+/// The lanes of `R` in the direction `k` of such a vector.
+#[inline(always)]
+pub fn gathered<R: Lanes, X: Lanes>(of: X, k: usize) -> R {
+    R::from_fn(|lane| of.lane(k * R::WIDTH + lane))
+}
+
+/// Takes values of such numbers, and their derivatives in the directions from `first` on.
+pub fn gather<R: Lanes, X: Lanes, const W: usize>(all: &mut [Dual<R, W>], first: usize, own: &[Dual<X, 1>]) {
+    for (all, own) in all.iter_mut().zip(own) {
+        all.value = gathered(own.value, 0);
+        for (k, slope) in all.slope.iter_mut().skip(first).take(X::WIDTH / R::WIDTH).enumerate() {
+            *slope = gathered(own.slope[0], k);
+        }
     }
 }
 

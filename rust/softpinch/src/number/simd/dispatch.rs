@@ -54,12 +54,16 @@ pub fn dispatch_lanes<K: LaneKernel>(level: Level, kernel: K) -> Result<K::Outpu
 /// Runs `kernel` on vectors of four lanes at every level. Code that is not the fastest part of anything is compiled for
 /// one kind of vectors only.
 pub fn dispatch_four_lanes<K: LaneKernel>(level: Level, kernel: K) -> Result<K::Output, Error> {
-    let instructions = level.require()?;
+    Ok(call_four_lanes(level.require()?, kernel))
+}
+
+/// The same for a caller that has the proof of a level.
+pub fn call_four_lanes<K: LaneKernel>(proof: Instructions, kernel: K) -> K::Output {
     #[cfg(target_arch = "x86_64")]
-    // SAFETY: every level has AVX2 and FMA, and `require` has just found that the processor has the level.
-    return Ok(unsafe { avx2_lanes(kernel, instructions) });
+    // SAFETY: every level has AVX2 and FMA, and `proof` shows that this processor has a level.
+    return unsafe { avx2_lanes(kernel, proof) };
     #[cfg(not(target_arch = "x86_64"))]
-    Ok(kernel.run::<crate::number::row::Row4>(instructions))
+    kernel.run::<crate::number::row::Row4>(proof)
 }
 
 #[cfg(target_arch = "x86_64")]

@@ -1,0 +1,272 @@
+//! The equations of a scene in dual numbers, and the Jacobians and other derivatives that these give.
+
+use std::marker::PhantomData;
+
+use crate::formulation::any_parts::AnyParts;
+use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, States, for_fingers};
+use crate::formulation::scene_equations::{
+    Choice, EquationKind, Load, SceneEquations, for_fingers_of, size_of, task, with,
+};
+use crate::formulation::system::{Jacobian, Linear, StageState};
+use crate::formulation::unilateral::Unilateral;
+use crate::model::contact::Parts;
+use crate::model::contact_modes::Contacts;
+use crate::model::drive::{Input, SegmentDrive};
+use crate::model::forces::Carriage;
+use crate::model::frame::FrameMotion;
+use crate::model::parameters::{Parameters, Stabilization};
+use crate::model::source::{Constants, DIRECTIONS};
+use crate::number::dual::{Dual, gathered, spread};
+use crate::number::lanes::{LaneTask, Lanes, MOST};
+use crate::number::real::Real;
+use crate::number::simd::dispatch::{LaneKernel, call_four_lanes};
+use crate::number::simd::level::Instructions;
+
+/// The equations of a scene in dual numbers with `W` directions.
+pub enum Tangent<R, const W: usize> {
+    /// With the paper's parts.
+    Papers(SceneEquations<Dual<R, W>>),
+    /// With others, in one direction, or in four lanes in four directions, which takes little code.
+    Others(Box<dyn Derivatives<R>>),
+}
+
+/// Computes a Jacobian in sweeps, each with `W` directions.
+struct Sweeps<'a, R, E, const W: usize> {
+    equations: &'a E,
+    drive: &'a SegmentDrive<R>,
+    tau: R,
+    y: &'a States<R>,
+    ledger: bool,
+    jacobian: &'a mut Jacobian<R>,
+}
+
+impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<Dual<R, W>> for Sweeps<'_, R, E, W> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { equations, drive, tau, y, ledger, jacobian } = self;
+        let contacts = drive.contacts.lifted();
+        for_fingers_of!(equations, driven [E::Parts::PAPERS && (R::WIDTH > 1 || !equations.opens())] => {
+            let size = size_of(equations, driven, ledger);
+            let (states, all) = (size.states, size.all());
+            let mut first = 0;
+            while first <= states {
+                let mut duals = [Dual::constant(0.0); MAX_COMPONENTS];
+                for (n, (dual, &number)) in duals.iter_mut().zip(y).take(all).enumerate() {
+                    let direction = if n < states { n.wrapping_sub(first) } else { W };
+                    *dual = Dual::variable(number, direction);
+                }
+                let tau = Dual::variable(tau, states.wrapping_sub(first));
+                let input = drive.at(tau);
+                let mut moving = None;
+                if let Some(frame) = &drive.frame {
+                    // Only copies are passed on, so that states and inputs of a hand at rest stay in registers.
+                    let (state, input, plant) = (duals, &{ input }, (equations.plant(), size.degrees));
+                    let at = StageState { from: &state, by: Dual::zero(), along: &state };
+                    moving = Some(Load { frame, plant, input, at }.loads());
+                }
+                let applied = (&input, Carriage::Either(moving.as_ref()));
+                let rate = equations.evaluate(driven, applied, &contacts, &duals, ledger).rate;
+                for n in 0..all {
+                    jacobian.rows[n][first..first + W].copy_from_slice(&rate[n].slope);
+                }
+                first += W;
+            }
+        });
+    }
+}
+
+/// The derivatives of a single run's Jacobian that are computed at once.
+type Directions = Dual<f64, DIRECTIONS>;
+/// Inputs, motion of the hand, and state with derivatives.
+type Seeds<'a> = (&'a Input<Directions>, &'a FrameMotion<Directions>, &'a States<Directions>);
+
+/// Derivatives of the equations of other parts.
+pub trait Derivatives<R: Lanes>: Send + Sync {
+    /// Writes a Jacobian, as [`Linear::jacobian_into`] does.
+    fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>);
+
+    /// Evaluates a state of a single run that has derivatives, as [`Tangent::evaluate_seeded`] does.
+    fn seeded(&self, at: Seeds<'_>) -> Option<Evaluation<Directions>>;
+}
+
+/// The equations of other parts in vectors that hold the lanes of a run, or of several, once for each of several
+/// directions.
+struct Swept<X> {
+    instructions: Instructions,
+    ledger: bool,
+    equations: AnyParts<Dual<X, 1>>,
+}
+
+/// What such equations evaluate.
+struct Spread<X> {
+    input: Input<Dual<X, 1>>,
+    frame: Option<FrameMotion<Dual<X, 1>>>,
+    contacts: Contacts<Dual<X, 1>>,
+    y: States<Dual<X, 1>>,
+}
+
+/// Evaluates them.
+struct Evaluate<'a, X>(&'a Swept<X>, Spread<X>);
+
+impl<X: Lanes> LaneTask<Dual<X, 1>> for Evaluate<'_, X> {
+    type Output = Evaluation<Dual<X, 1>>;
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let Self(Swept { equations, ledger, .. }, Spread { input, frame, contacts, y }) = self;
+        let (plant, driven) = (equations.plant(), equations.plant().driven);
+        let first = equations.degrees(driven);
+        let (pose, rates) = ([y[0], y[1], y[2]], [y[first], y[first + 1], y[first + 2]]);
+        let moving = frame.map(|frame| plant.loads(&frame, &input.force, pose, rates));
+        equations.evaluate(driven, (&input, Carriage::Either(moving.as_ref())), &contacts, &y, *ledger)
+    }
+}
+
+impl<X: Lanes> Swept<X> {
+    fn evaluate_seeds(&self, (input, frame, y): Seeds<'_>) -> Evaluation<Directions> {
+        let mut found = Evaluation::nothing();
+        for first in (0..DIRECTIONS).step_by(X::WIDTH) {
+            let own = |own: Directions| own.spread(first);
+            let (input, frame, y) = (input.map(own), Some(frame.map(own)), y.map(own));
+            found.gather(first, &self.evaluate(Spread { input, frame, contacts: Contacts::sticking(), y }));
+        }
+        found
+    }
+
+    fn evaluate(&self, at: Spread<X>) -> Evaluation<Dual<X, 1>> {
+        Dual::call(self.instructions, Evaluate(self, at))
+    }
+}
+
+/// Computes a Jacobian of other parts.
+struct SweptJacobian<'a, R, X> {
+    swept: &'a Swept<X>,
+    drive: &'a SegmentDrive<R>,
+    tau: R,
+    y: &'a States<R>,
+    jacobian: &'a mut Jacobian<R>,
+}
+
+impl<R: Lanes, X: Lanes> LaneTask<R> for SweptJacobian<'_, R, X> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { swept, drive, tau, y, jacobian } = self;
+        let size = size_of(&swept.equations, swept.equations.plant().driven, swept.ledger);
+        let (states, all, zero) = (size.states, size.all(), R::zero());
+        let tau = Dual::<R, 1>::variable(tau, 0);
+        let (input, frame) = (drive.at(tau), drive.frame.as_ref().map(|frame| frame.motion(tau)));
+        for first in (0..=states).step_by(X::WIDTH / R::WIDTH) {
+            let in_time = |own: Dual<R, 1>| {
+                spread(own.value, |k| if first + k == states { own.slope[0] } else { zero })
+            };
+            let mut state = [Dual::constant(0.0); MAX_COMPONENTS];
+            for n in 0..all {
+                let own = |k| if n < states && first + k == n { R::constant(1.0) } else { zero };
+                state[n] = spread(y[n], own);
+            }
+            let found = swept.evaluate(Spread {
+                input: input.map(in_time),
+                frame: frame.map(|frame| frame.map(in_time)),
+                contacts: drive.contacts.spread(),
+                y: state,
+            });
+            for n in 0..all {
+                for k in 0..X::WIDTH / R::WIDTH {
+                    jacobian.rows[n][first + k] = gathered(found.rate[n].slope[0], k);
+                }
+            }
+        }
+    }
+}
+
+impl<R: Lanes, X: Lanes> Derivatives<R> for Swept<X> {
+    fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>) {
+        R::call(self.instructions, SweptJacobian { swept: self, drive, tau, y, jacobian });
+    }
+
+    fn seeded(&self, at: Seeds<'_>) -> Option<Evaluation<Directions>> {
+        if self.equations.drifts { None } else { Some(self.evaluate_seeds(at)) }
+    }
+}
+
+/// Builds the equations of other parts in vectors, and for the runs of which they give derivatives.
+struct BuildFor<'a, R>(Choice, &'a [&'a Parameters; MOST], &'a Stabilization, PhantomData<R>);
+
+impl<R: Lanes> LaneKernel for BuildFor<'_, R> {
+    type Output = Box<dyn Derivatives<R>>;
+
+    #[inline(always)]
+    fn run<X: Lanes>(self, instructions: Instructions) -> Self::Output {
+        let Self(choice, parameters, gains, _) = self;
+        let equations = AnyParts::<Dual<X, 1>>::new(choice, &Constants(parameters), gains);
+        Box::new(Swept { instructions, ledger: choice.ledger, equations })
+    }
+}
+
+impl<R: Lanes, const W: usize> Linear<R> for Tangent<R, W> {
+    fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>) {
+        let system = match self {
+            Self::Papers(system) => system,
+            Self::Others(others) => return others.jacobian_into(drive, tau, y, jacobian),
+        };
+        let (instructions, ledger) = (system.instructions, system.ledger);
+        with!(system.kind, equations [true, false] => {
+            Dual::call(instructions, Sweeps::<R, _, W> { equations, drive, tau, y, ledger, jacobian });
+        });
+    }
+}
+
+impl<R: Lanes, const W: usize> Tangent<R, W> {
+    /// Builds the equations of a scene, or of one scene for each lane.
+    pub fn new(
+        instructions: Instructions,
+        choice: Choice,
+        parameters: &[&Parameters; MOST],
+        gains: &Stabilization,
+    ) -> Self {
+        if !R::ANY_PARTS || parameters[0].has_the_papers_parts() {
+            return Self::Papers(SceneEquations::new(instructions, choice, &Constants(parameters), gains));
+        }
+        let build = BuildFor(choice, parameters, gains, PhantomData);
+        Self::Others(if R::WIDTH == 1 {
+            call_four_lanes(instructions, build)
+        } else {
+            build.run::<R>(instructions)
+        })
+    }
+}
+
+impl Tangent<f64, DIRECTIONS> {
+    /// Evaluates the state `y` under the inputs and the hand's motion of an instant, without the works of the ledger. The
+    /// directions of state, inputs and motion are the caller's, so this differentiates every result by whatever is wanted. `None`
+    /// for formulations other than `nullspace`: only its minimal coordinates are linearised with inputs and
+    /// outputs, and this code is not compiled for the other formulations.
+    pub fn evaluate_seeded(
+        &self,
+        (input, frame): (&Input<Directions>, &FrameMotion<Directions>),
+        y: &States<Directions>,
+    ) -> Option<Evaluation<Directions>> {
+        match self {
+            Self::Others(others) => others.seeded((input, frame, y)),
+            Self::Papers(SceneEquations {
+                kind: EquationKind::Nullspace(equations), instructions, ..
+            }) => Some(Dual::call(*instructions, Seeded { equations, input, frame, y })),
+            Self::Papers(_) => None,
+        }
+    }
+}
+
+task! {
+    Seeded(input: &'a Input<R>, frame: &'a FrameMotion<R>, y: &'a States<R>) -> Evaluation<R>,
+    equations => {
+        let (plant, driven) = (equations.plant(), equations.plant().driven);
+        let first = equations.degrees(driven);
+        let (pose, rates) = ([y[0], y[1], y[2]], [y[first], y[first + 1], y[first + 2]]);
+        let moving = plant.loads(frame, &input.force, pose, rates);
+        equations.evaluate(driven, (input, Carriage::Either(Some(&moving))), &Contacts::sticking(), y, false)
+    }
+}
