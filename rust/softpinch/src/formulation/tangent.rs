@@ -202,6 +202,8 @@ impl<R: Lanes> LaneKernel for BuildFor<'_, R> {
     #[inline(always)]
     fn run<X: Lanes>(self, instructions: Instructions) -> Self::Output {
         let Self(choice, parameters, gains, _) = self;
+        // The lanes of the runs come once for each direction.
+        let parameters = &std::array::from_fn(|lane| parameters[lane % R::WIDTH]);
         let equations = AnyParts::<Dual<X, 1>>::new(choice, &Constants(parameters), gains);
         Box::new(Swept { instructions, ledger: choice.ledger, equations })
     }

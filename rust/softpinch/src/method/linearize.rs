@@ -209,6 +209,7 @@ mod tests {
     use crate::model::parameters::{Parameters, Stabilization};
     use crate::model::piecewise::PiecewisePolynomial;
     use crate::model::start::consistent;
+    use crate::number::lanes::MOST;
     use crate::number::simd::level::Level;
 
     const KP: [f64; 2] = [90.0, 110.0];
@@ -265,7 +266,7 @@ mod tests {
         let choice = Choice { formulation, contact: ContactModel::Bilateral, fingers, moves: false, ledger };
         (
             SceneEquations::new(instructions, choice, &parameters(), &gains),
-            Tangent::new(instructions, choice, &parameters(), &gains),
+            Tangent::new(instructions, choice, &[&parameters(); MOST], &gains),
         )
     }
 

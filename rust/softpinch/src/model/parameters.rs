@@ -279,6 +279,7 @@ impl Parameters {
     }
 
     /// Builds parameters from the flat array without a check: they lie between others that keep every rule.
+    #[inline(never)]
     pub(crate) fn unchecked(values: &[f64; PARAMETER_COUNT]) -> Self {
         let mut rest = &values[..];
         let rest = &mut rest;

@@ -12,10 +12,10 @@ use crate::formulation::system::{Linear, System};
 use crate::formulation::table::Formulation;
 use crate::formulation::tangent::Tangent;
 use crate::method::table::Method;
-use crate::model::contact::Side;
 use crate::model::contact::law::{LawKind, Tip, WEIGHTS};
 use crate::model::contact::mechanism::{Mechanism as Base, MechanismKind};
 use crate::model::contact::shape::{Counterface, ShapeKind};
+use crate::model::contact::{Any, Others, Papers, Side};
 use crate::model::contact_modes::{ContactModel, Contacts, Mode};
 use crate::model::control::Fingers;
 use crate::model::coordinates::{Coordinates, each_coordinate};
@@ -30,6 +30,7 @@ use crate::model::parameters::{
 use crate::model::piecewise::PiecewisePolynomial;
 use crate::model::scene::Scene;
 use crate::model::start::{State, consistent};
+use crate::number::lanes::MOST;
 use crate::number::real::signed;
 use crate::number::simd::level::Level;
 use crate::stepping::ending::Status;
@@ -146,7 +147,7 @@ fn relative_velocity(parameters: &Parameters, i: usize, q: &Coordinates, p: &Coo
 
 /// theta_p of both tips moves with the rates that [`Geometry::couples`] has as its rows.
 fn tilts(sides: &[Side<f64>; 2], q: &Coordinates) -> [f64; 2] {
-    [0, 1].map(|i| sides[i].tilt(false, i, q).0)
+    [0, 1].map(|i| sides[i].tilt::<Any>(i, q).0)
 }
 
 proptest! {
@@ -243,17 +244,17 @@ proptest! {
             Counterface::Cylinder => (1.0 + 0.02 / 0.03_f64).sqrt().recip(),
             Counterface::Sphere => (1.0 + 0.02 / 0.03_f64).recip(),
         };
-        let found = plain.gradient(true, [tilt.sin(), tilt.cos(), d_n, d_t]);
+        let found = plain.gradient::<Papers>([tilt.sin(), tilt.cos(), d_n, d_t]);
         let [size, sixth] = [found.normal.abs() + found.tangential.abs() + 1e-3, 0.02];
         for (other, factor) in [(same, 1.0), (tip(Law::default(), curved, weights), share)] {
-            let other = other.gradient(false, [tilt.sin(), tilt.cos(), d_n, d_t]);
+            let other = other.gradient::<Others>([tilt.sin(), tilt.cos(), d_n, d_t]);
             prop_assert!((other.tilt - factor * found.tilt).abs() <= 1e-12 * size * sixth);
             prop_assert!((other.normal - factor * found.normal).abs() <= 1e-12 * size);
             prop_assert!((other.tangential - factor * found.tangential).abs() <= 1e-12 * size);
         }
         for tip in [plain, tip(power, Shape::default(), weights), tip(measured, curved, weights)] {
-            let at = |tilt: f64, d_n: f64, d_t: f64| tip.energy(false, [tilt.sin(), tilt.cos(), d_n, d_t]);
-            let found = tip.gradient(false, [tilt.sin(), tilt.cos(), d_n, d_t]);
+            let at = |tilt: f64, d_n: f64, d_t: f64| tip.energy::<Any>([tilt.sin(), tilt.cos(), d_n, d_t]);
+            let found = tip.gradient::<Any>([tilt.sin(), tilt.cos(), d_n, d_t]);
             let size = at(tilt, d_n, d_t).abs() + found.normal.abs() * d_n.abs() + 1e-9;
             let (e, h) = (1e-5, 1e-4 * d_n.abs().max(1e-5));
             let by_tilt = (at(tilt + e, d_n, d_t) - at(tilt - e, d_n, d_t)) / (2.0 * e);
@@ -576,7 +577,7 @@ proptest! {
             let choice = Choice { formulation, contact: ContactModel::Bilateral, fingers: Fingers::Pid, moves: false, ledger: false };
             let instructions = Level::detect().require().unwrap();
             let system = SceneEquations::<f64>::new(instructions, choice, &hand, &gains);
-            let tangent = Tangent::<f64, 8>::new(instructions, choice, &hand, &gains);
+            let tangent = Tangent::<f64, 8>::new(instructions, choice, &[&hand; MOST], &gains);
             let y = system.begin(&Motion { q, p, memory: [1e-3, -1e-3] });
             let found = tangent.jacobian(&drive, 0.0, &y).rows;
             let states = system.size().states;
