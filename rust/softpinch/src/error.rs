@@ -159,6 +159,9 @@ pub enum Error {
     },
 }
 
+/// What a function gives that may refuse its input.
+pub type Result<T = (), E = Error> = std::result::Result<T, E>;
+
 impl Error {
     /// The error of a run of an ensemble. One that names a run already stays.
     pub fn of_run(self, run: usize) -> Self {
@@ -170,12 +173,7 @@ impl Error {
 }
 
 /// Refuses a quantity that is larger than its limit. Errors call it `what` and give the advice.
-pub fn require_at_most(
-    what: &'static str,
-    needed: f64,
-    limit: f64,
-    advice: &'static str,
-) -> Result<(), Error> {
+pub fn require_at_most(what: &'static str, needed: f64, limit: f64, advice: &'static str) -> Result {
     if needed > limit { Err(Error::TooLarge { what, needed, limit, advice }) } else { Ok(()) }
 }
 
@@ -191,7 +189,7 @@ pub(crate) fn seconds(t: f64) -> String {
 }
 
 /// Finds `name` in a table of names. The error lists the names of the table.
-pub fn lookup<T: Copy>(field: &'static str, name: &str, table: &[(&'static str, T)]) -> Result<T, Error> {
+pub fn lookup<T: Copy>(field: &'static str, name: &str, table: &[(&'static str, T)]) -> Result<T> {
     table.iter().find(|(known, _)| *known == name).map(|&(_, value)| value).ok_or_else(|| Error::Unknown {
         field,
         name: name.to_owned(),

@@ -4,7 +4,7 @@
 
 use nalgebra::{DMatrix, DVector, Schur};
 
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
 use crate::formulation::scene_equations::{Choice, SceneEquations, Tangent};
 use crate::formulation::system::{Linear, System};
@@ -84,7 +84,7 @@ impl Problem {
         setting: &Setting,
         t: f64,
         motion: &Motion<f64>,
-    ) -> Result<Self, Error> {
+    ) -> Result<Self> {
         Rule::Finite.check("t", t)?;
         let Setting { formulation, gains, level, open_loop, frozen } = *setting;
         let instructions = level.require()?;
@@ -125,7 +125,7 @@ pub fn jacobian(
     setting: &Setting,
     t: f64,
     motion: &Motion<f64>,
-) -> Result<DMatrix<f64>, Error> {
+) -> Result<DMatrix<f64>> {
     let problem = Problem::new(parameters, inputs, setting, t, motion)?;
     let system = problem.equations(parameters);
     let y = system.begin(&problem.motion);
@@ -183,7 +183,7 @@ pub fn linearize(
     setting: &Setting,
     t: f64,
     motion: &Motion<f64>,
-) -> Result<LinearModel, Error> {
+) -> Result<LinearModel> {
     let mut problem = Problem::new(parameters, inputs, setting, t, motion)?;
     let system = problem.equations(parameters);
     let (states, y) = (problem.states(&system), system.begin(&problem.motion));

@@ -4,7 +4,7 @@
 use std::mem::swap;
 
 use crate::driver::sensitivities::{COMPONENTS, Direction, Shift};
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS, States};
 use crate::formulation::run_dual::{RunDual, RunDualEquations, RunDualSystem};
 use crate::formulation::system::{StageState, System};
@@ -224,7 +224,7 @@ pub(super) struct FollowRun<'w, 's, R: Lanes>(
 );
 
 impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
-    type Output = Result<(), Error>;
+    type Output = Result;
 
     #[inline(always)]
     fn run(self) -> Self::Output {
@@ -370,7 +370,7 @@ impl<R: Lanes> LaneTask<R> for Pass<'_, '_, R> {
 
 impl<R: Lanes> DifferentiatedRun<'_, R> {
     /// The segments of the run, and the ends of its steps if these are free.
-    fn times(&self) -> Result<(Grid, Option<&[f64]>), Error> {
+    fn times(&self) -> Result<(Grid, Option<&[f64]>)> {
         let Scene { inputs, initial, duration, .. } = self.request.scene;
         match self.request.options.steps {
             Steps::Fixed(dt) => {

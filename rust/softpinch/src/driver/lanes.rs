@@ -1,6 +1,6 @@
 //! The step loops of many runs in lanes, compiled for each SIMD level.
 
-use crate::error::Error;
+use crate::error::Result;
 use crate::formulation::scene_equations::Choice;
 use crate::method::called::AnyMethod;
 use crate::method::rk4::Rk4;
@@ -19,13 +19,13 @@ use crate::stepping::queue::{Finished, RunQueue, Taken};
 
 /// The source and the destination of runs in lanes, whose step loops are compiled once for all of them.
 pub(super) struct LaneQueue<'q, 'a> {
-    pub(super) take: &'q mut dyn FnMut() -> Result<Option<Taken<'a>>, Error>,
+    pub(super) take: &'q mut dyn FnMut() -> Result<Option<Taken<'a>>>,
     pub(super) stops: &'q dyn Fn() -> bool,
     pub(super) finish: &'q mut dyn FnMut(Finished),
 }
 
 impl<'a> RunQueue<'a> for LaneQueue<'_, 'a> {
-    fn take(&mut self) -> Result<Option<Taken<'a>>, Error> {
+    fn take(&mut self) -> Result<Option<Taken<'a>>> {
         (self.take)()
     }
 
@@ -48,7 +48,7 @@ pub(super) struct RunsInLanes<'q, 'a> {
 
 /// Computes the runs. Returns `None` if the steps of the method have no lanes.
 impl LaneKernel for RunsInLanes<'_, '_> {
-    type Output = Result<Option<()>, Error>;
+    type Output = Result<Option<()>>;
 
     #[inline(always)]
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {

@@ -4,7 +4,7 @@
 
 use crate::driver::differentiated_run::{DifferentiatedRun, Ends, FollowRun, Request, Rows, Sink};
 use crate::driver::simulate::simulate;
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::formulation::run_dual::RunDualEquations;
 use crate::method::run_dual::RunDualMethod;
 use crate::method::table::Method;
@@ -95,7 +95,7 @@ pub fn sensitivities(
     directions: &[Direction],
     wanted: Wanted<'_>,
     interrupted: &dyn Fn() -> bool,
-) -> Result<Option<Derivatives>, Error> {
+) -> Result<Option<Derivatives>> {
     let ends = &ends(scene, options, interrupted)?;
     let mut numbers = Vec::new();
     if let Wanted::Rows(times) = wanted {
@@ -109,7 +109,7 @@ pub fn sensitivities(
 }
 
 /// The ends of free steps, from the run itself. Refuses scenes whose derivatives are not computed.
-fn ends(scene: &Scene, options: &Options, interrupted: &dyn Fn() -> bool) -> Result<Vec<f64>, Error> {
+fn ends(scene: &Scene, options: &Options, interrupted: &dyn Fn() -> bool) -> Result<Vec<f64>> {
     if options.contact != ContactModel::Bilateral || scene.inputs.sampled().is_some() {
         let allowed = "those with contact = \"bilateral\" and without a SampledController".to_owned();
         return Err(Error::Unknown { field: "sensitivities", name: "of this scene".to_owned(), allowed });
@@ -132,7 +132,7 @@ struct All<'a> {
 }
 
 impl LaneKernel for All<'_> {
-    type Output = Result<Option<Derivatives>, Error>;
+    type Output = Result<Option<Derivatives>>;
 
     #[inline(always)]
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {

@@ -1,7 +1,7 @@
 //! One run: the checks before it, its result, and the choice of the code that computes it.
 
 use crate::driver::ensemble::whole_run;
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::formulation::inlined::Inlined;
 use crate::formulation::mode_selection::Contact;
 use crate::formulation::scene_equations::{EquationKind, SceneEquations, with};
@@ -56,7 +56,7 @@ pub fn simulate(
     scene: &Scene,
     options: &Options,
     interrupted: &dyn Fn() -> bool,
-) -> Result<(Run, Option<String>), Error> {
+) -> Result<(Run, Option<String>)> {
     let guard = options.guard || options.may_be_unstable(scene);
     let options = &Options { guard, ..options.clone() };
     let (grid, times) = prepare(scene, options)?;
@@ -82,7 +82,7 @@ pub(super) fn advance(
     options: &Options,
     grid: Grid,
     interrupted: &dyn Fn() -> bool,
-) -> Result<(Run, Option<Box<LaneContact>>), Error> {
+) -> Result<(Run, Option<Box<LaneContact>>)> {
     let mut recorder = Recorder::new(scene, Recording::default(), Due::Never, interrupted);
     recorder.contact = contact;
     let Recorder { run, contact, .. } = run(scene, options, &|_, _| Ok(grid.clone()), recorder)?;
@@ -91,7 +91,7 @@ pub(super) fn advance(
 
 /// Checks a scene and options without computing the run. Returns the longest step if steps are fixed, else
 /// zero.
-pub fn check(scene: &Scene, options: &Options) -> Result<f64, Error> {
+pub fn check(scene: &Scene, options: &Options) -> Result<f64> {
     prepare(scene, options).map(|(grid, ..)| longest(grid.as_ref()))
 }
 
@@ -112,7 +112,7 @@ pub struct Outline {
 }
 
 /// Outlines a run. Bad input is the only error.
-pub fn outline(scene: &Scene, options: &Options) -> Result<Outline, Error> {
+pub fn outline(scene: &Scene, options: &Options) -> Result<Outline> {
     let (grid, times) = prepare(scene, options)?;
     let row = 8 * options.record.width(layout(scene, options));
     let (start, end) = (scene.initial.time, scene.initial.time + scene.duration);
@@ -130,7 +130,7 @@ pub fn outline(scene: &Scene, options: &Options) -> Result<Outline, Error> {
 
 /// Refuses a scene or options with which no run can begin. The times of the run are checked elsewhere. Single
 /// runs and runs of an ensemble are checked here.
-pub(crate) fn require_valid(scene: &Scene, options: &Options) -> Result<(), Error> {
+pub(crate) fn require_valid(scene: &Scene, options: &Options) -> Result {
     options.simd.require()?;
     if options.every == 0 {
         return Err(Error::Field { field: "every".to_owned(), value: 0.0, rule: "must be at least 1" });
@@ -160,7 +160,7 @@ pub(crate) fn require_valid(scene: &Scene, options: &Options) -> Result<(), Erro
 
 /// Refuses a scene with unilateral contact that has no friction, and a formulation whose states are always on
 /// all constraints.
-fn require_unilateral(scene: &Scene, options: &Options) -> Result<(), Error> {
+fn require_unilateral(scene: &Scene, options: &Options) -> Result {
     if options.formulation == Formulation::Nullspace {
         let allowed = "\"csm\" or \"projected\" where contact = \"unilateral\": the states of nullspace are on the constraints of both \
                        contacts always";
@@ -189,7 +189,7 @@ fn require_unilateral(scene: &Scene, options: &Options) -> Result<(), Error> {
 }
 
 /// The method as one that chooses the length of its steps. The error lists the methods that do.
-fn adaptive(method: Method) -> Result<MakeAdaptiveMethod, Error> {
+fn adaptive(method: Method) -> Result<MakeAdaptiveMethod> {
     method.entry().adaptive.ok_or_else(|| {
         let adaptive = METHODS.iter().filter(|(_, method)| method.entry().adaptive.is_some());
         let names: Vec<_> = adaptive.map(|(name, _)| format!("{name:?}")).collect();
@@ -209,7 +209,7 @@ fn layout(scene: &Scene, options: &Options) -> Layout {
 }
 
 /// Checks a run. Returns the times of equal steps, and the instants to record if these were asked for.
-fn prepare(scene: &Scene, options: &Options) -> Result<(Option<Grid>, Option<Vec<f64>>), Error> {
+fn prepare(scene: &Scene, options: &Options) -> Result<(Option<Grid>, Option<Vec<f64>>)> {
     require_valid(scene, options)?;
     let Scene { inputs, initial, duration, .. } = scene;
     let span = Span::new(inputs, initial, *duration)?;
@@ -223,7 +223,7 @@ fn prepare(scene: &Scene, options: &Options) -> Result<(Option<Grid>, Option<Vec
 
 /// Checks the instants to record. An instant that is outside of the run by round-off becomes the start or the
 /// end of the run.
-fn instants(times: &[f64], Span { start, end }: Span) -> Result<Vec<f64>, Error> {
+fn instants(times: &[f64], Span { start, end }: Span) -> Result<Vec<f64>> {
     let near = 4.0 * f64::EPSILON * start.abs().max(end.abs());
     let mut before = f64::NEG_INFINITY;
     let mut instants = reserved("times, in numbers,", times.len())?;
@@ -252,7 +252,7 @@ fn run<'a>(
     options: &'a Options,
     grid: &GridOf<'_>,
     queue: Recorder<'a>,
-) -> Result<Recorder<'a>, Error> {
+) -> Result<Recorder<'a>> {
     let instructions = options.simd.require()?;
     let choice = options.choice(&scene.inputs);
     let setup = LoopSetup { instructions, options, choice, queue };

@@ -14,7 +14,7 @@ use rayon::ThreadPool;
 use crate::driver::lanes::{LaneQueue, RunsInLanes};
 use crate::driver::simulate::{advance, require_valid};
 use crate::driver::threads::{share, waiting};
-use crate::error::{Error, require_at_most};
+use crate::error::{Error, Result, require_at_most};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
 use crate::model::contact_modes::ContactModel;
@@ -48,7 +48,7 @@ pub struct Simulator {
 impl Simulator {
     /// Runs of these scenes, each at its initial state. A period lasts `period`, s; the last one of a run ends with
     /// its duration. `threads` threads share the work of a step.
-    pub fn new(scenes: Vec<Scene>, options: &Options, period: f64, threads: usize) -> Result<Self, Error> {
+    pub fn new(scenes: Vec<Scene>, options: &Options, period: f64, threads: usize) -> Result<Self> {
         Rule::Positive.check("period", period)?;
         if scenes.is_empty() {
             let found = "no scenes".to_owned();
@@ -96,7 +96,7 @@ impl Simulator {
 
     /// Puts a run back to its start, or to the start of another run from `state`. There is no external force
     /// from outside then. `check` says whether a state off the constraints is refused.
-    pub fn reset(&mut self, run: usize, state: Option<(&State, bool)>) -> Result<(), Error> {
+    pub fn reset(&mut self, run: usize, state: Option<(&State, bool)>) -> Result {
         let Self { options, dt, period, environments, .. } = self;
         let environment = &mut environments[run];
         let (start, check) = environment.start.clone();
@@ -104,7 +104,7 @@ impl Simulator {
     }
 
     /// Goes on from a state, at its time. The run's end and the external force stay.
-    pub fn set_state(&mut self, run: usize, (state, check): (&State, bool)) -> Result<(), Error> {
+    pub fn set_state(&mut self, run: usize, (state, check): (&State, bool)) -> Result {
         let Self { options, dt, period, environments, .. } = self;
         let environment = &mut environments[run];
         let span @ Span { start, end } = environment.span;
@@ -125,7 +125,7 @@ impl Simulator {
 
     /// Sets the external force on the object, which is held from the next period on: F_x and F_y in N and the
     /// moment in N m, beside the disturbances of the scene.
-    pub fn set_force(&mut self, run: usize, force: [f64; 3]) -> Result<(), Error> {
+    pub fn set_force(&mut self, run: usize, force: [f64; 3]) -> Result {
         for (name, value) in ["force[0]", "force[1]", "moment"].into_iter().zip(force) {
             Rule::Finite.check(name, value)?;
         }
@@ -142,7 +142,7 @@ impl Simulator {
         targets: &[[f64; 2]],
         accelerations: &[[f64; 2]],
         interrupted: &dyn Fn() -> bool,
-    ) -> Result<bool, Error> {
+    ) -> Result<bool> {
         let Self { options, dt, period, environments, runs, pool } = self;
         let given = [("actions", targets), ("acceleration", accelerations)];
         for (name, rows) in given.into_iter().take(1 + usize::from(!accelerations.is_empty())) {
@@ -223,7 +223,7 @@ impl Environment {
         (start, check): (&State, bool),
         options: &Options,
         (dt, period): (f64, f64),
-    ) -> Result<(), Error> {
+    ) -> Result {
         let Self { scene, .. } = self;
         let span = Span::new(&scene.inputs, start, scene.duration)?;
         let first = Span { end: span.end.min(span.start + period), ..span };
@@ -246,13 +246,7 @@ impl Environment {
 
     /// Goes on from a state in a run over this span. `check` says whether a state off the constraints is refused.
     /// The multipliers are those under the schedule's own inputs.
-    fn place(
-        &mut self,
-        (state, check): (&State, bool),
-        span: Span,
-        options: &Options,
-        dt: f64,
-    ) -> Result<(), Error> {
+    fn place(&mut self, (state, check): (&State, bool), span: Span, options: &Options, dt: f64) -> Result {
         let Self { scene, .. } = self;
         scene.inputs.hold(None);
         scene.check = check;
@@ -286,7 +280,7 @@ impl Environment {
 }
 
 /// Refuses more periods than a run can be divided into, and periods that the clock does not resolve.
-fn require_periods(Span { start, end }: Span, period: f64) -> Result<(), Error> {
+fn require_periods(Span { start, end }: Span, period: f64) -> Result {
     let needed = (end - start) / period;
     let what = "the periods (duration / period)";
     require_at_most(what, needed, MOST_STEPS, "lengthen the period or shorten the run")?;
@@ -298,7 +292,7 @@ fn require_periods(Span { start, end }: Span, period: f64) -> Result<(), Error> 
 }
 
 /// The multipliers at the initial state of a scene.
-fn multipliers(scene: &Scene, options: &Options, dt: f64) -> Result<[f64; 4], Error> {
+fn multipliers(scene: &Scene, options: &Options, dt: f64) -> Result<[f64; 4]> {
     let instructions = options.simd.require()?;
     let choice = options.choice(&scene.inputs);
     let equations =
@@ -333,7 +327,7 @@ fn compute_part(
     (options, dt): (&Options, f64),
     (environments, runs): Part<'_>,
     stops: &dyn Fn() -> bool,
-) -> Result<(), Error> {
+) -> Result {
     // The grid, the source and the destination of a loop use them by turns.
     let runs = RefCell::new(runs);
     let grid = |number: usize, Scene { inputs, initial, .. }: &Scene| {
@@ -377,7 +371,7 @@ fn compute(
     runs: &mut [PeriodRun],
     pool: Option<&ThreadPool>,
     interrupted: &dyn Fn() -> bool,
-) -> Result<(), Error> {
+) -> Result {
     let Some(pool) = pool else { return compute_part(how, (environments, runs), interrupted) };
     // Whole vectors of lanes, as far as there are enough runs.
     let size = environments.len().div_ceil(pool.current_num_threads() + 1).next_multiple_of(MOST);

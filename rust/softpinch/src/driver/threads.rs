@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::error::Error;
+use crate::error::{Error, Result};
 
 /// Interval at which the caller is asked whether to stop.
 const WATCH: Duration = Duration::from_millis(50);
@@ -23,7 +23,7 @@ impl Drop for StopOnPanic<'_> {
 }
 
 /// Threads that wait for work. Steps of runs from outside need them, because their periods take microseconds.
-pub(super) fn waiting(threads: usize) -> Result<ThreadPool, Error> {
+pub(super) fn waiting(threads: usize) -> Result<ThreadPool> {
     let pool = ThreadPoolBuilder::new().num_threads(threads).build();
     pool.map_err(|error| Error::Threads { threads, reason: error.to_string() })
 }
@@ -34,8 +34,8 @@ pub(super) fn share<P: Send, T: Send, O>(
     pool: &ThreadPool,
     parts: impl Iterator<Item = P>,
     stop: &AtomicBool,
-    work: impl Fn(P) -> Result<T, Error> + Sync,
-    own: impl FnOnce(&Receiver<Result<T, Error>>) -> O,
+    work: impl Fn(P) -> Result<T> + Sync,
+    own: impl FnOnce(&Receiver<Result<T>>) -> O,
 ) -> O {
     let work = &work;
     let (sender, results) = channel();
@@ -63,10 +63,10 @@ pub(super) fn share<P: Send, T: Send, O>(
 pub(super) fn share_watched<T: Send>(
     threads: usize,
     stop: &AtomicBool,
-    work: impl Fn() -> Result<T, Error> + Sync,
+    work: impl Fn() -> Result<T> + Sync,
     watch: &mut dyn FnMut() -> bool,
-) -> Result<Vec<T>, Error> {
-    let mut watched = |results: &Receiver<Result<T, Error>>| {
+) -> Result<Vec<T>> {
+    let mut watched = |results: &Receiver<Result<T>>| {
         let mut all = Vec::with_capacity(threads);
         loop {
             match results.recv_timeout(WATCH) {

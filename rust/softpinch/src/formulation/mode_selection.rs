@@ -6,7 +6,7 @@
 //! tried in the order of the fingers that they change, then stick, slip, graze, free. On a border, where
 //! several are consistent up to round-off, the first one is taken that is still consistent a moment later.
 
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::formulation::contact_equations::ContactEquations;
 use crate::formulation::equations::Terms;
 use crate::model::contact_modes::{ContactRow, Contacts, Mode, Slip};
@@ -37,7 +37,7 @@ impl Contact {
     }
 
     /// The contacts of a row. The error names the entry that is none of the codes.
-    pub fn of_row([right, left, right_tilt, left_tilt]: &ContactRow) -> Result<[Self; 2], Error> {
+    pub fn of_row([right, left, right_tilt, left_tilt]: &ContactRow) -> Result<[Self; 2]> {
         let one = |k: usize, code: f64, frozen_tilt: f64| {
             let slip = match code {
                 2.0 | 4.0 => Some(Slip::Up),

@@ -6,7 +6,7 @@ use crate::formulation::scene_equations::{SceneEquations, Tangent};
 use crate::formulation::system::{Linear, Size, StageState, System};
 use crate::method::called::Called;
 use crate::method::linearize::{DIRECTIONS, Linearization};
-use crate::method::traits::{Allowed, Integrator, Runs, Stats, Step, Unsolved, largest};
+use crate::method::traits::{Allowed, Integrator, Runs, Stats, Step, StepResult, Unsolved, largest};
 use crate::model::drive::SegmentDrive;
 use crate::model::motion::Motion;
 
@@ -190,12 +190,7 @@ where
     S: System<f64>,
 {
     #[inline(always)]
-    fn step(
-        &mut self,
-        step: &Step<'_, f64, S>,
-        next: &mut States<f64>,
-        stats: &mut Stats,
-    ) -> Result<(), Unsolved> {
+    fn step(&mut self, step: &Step<'_, f64, S>, next: &mut States<f64>, stats: &mut Stats) -> StepResult {
         let weights = self.weights(step);
         loop {
             let renewed = !self.reusable;

@@ -15,7 +15,7 @@ use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{StageState, Stages, System};
 use crate::method::called::Called;
 use crate::method::table::MethodEntry;
-use crate::method::traits::{Integrator, Stats, Step, Unsolved};
+use crate::method::traits::{Integrator, Stats, Step, StepResult};
 use crate::number::lanes::Lanes;
 
 pub const ENTRY: MethodEntry = MethodEntry {
@@ -46,12 +46,7 @@ impl<R: Lanes> Default for Rk4<R> {
 
 impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
     #[inline(always)]
-    fn step(
-        &mut self,
-        step: &Step<'_, R, S>,
-        next: &mut States<R>,
-        stats: &mut Stats,
-    ) -> Result<(), Unsolved> {
+    fn step(&mut self, step: &Step<'_, R, S>, next: &mut States<R>, stats: &mut Stats) -> StepResult {
         stats.evaluations += 3;
         step.system.evaluate_stages(Rk4Stages { slopes: &mut self.slopes, step, next });
         Ok(())

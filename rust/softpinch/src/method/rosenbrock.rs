@@ -17,7 +17,7 @@ use crate::formulation::system::{Linear, Size, StageState, System};
 use crate::method::called::Called;
 use crate::method::linearize::{DIRECTIONS, Linearization};
 use crate::method::table::MethodEntry;
-use crate::method::traits::{Adaptive, Integrator, Runs, Stats, Step, Unsolved, largest};
+use crate::method::traits::{Adaptive, Integrator, Runs, Stats, Step, StepResult, largest};
 use crate::number::lanes::{Bits, Lanes};
 use crate::number::linear::Entry;
 
@@ -119,12 +119,7 @@ fn plus<R: Lanes>(
 
 impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> for Rosenbrock<T, R, E> {
     #[inline(always)]
-    fn step(
-        &mut self,
-        step: &Step<'_, R, S>,
-        next: &mut States<R>,
-        stats: &mut Stats,
-    ) -> Result<(), Unsolved> {
+    fn step(&mut self, step: &Step<'_, R, S>, next: &mut States<R>, stats: &mut Stats) -> StepResult {
         let &Step { system, drive, tau, h, y, rate, .. } = step;
         let size = system.size();
         // A lane without a run has a step of length zero. A division by it would give NaN, which would slow

@@ -17,6 +17,9 @@ pub struct Unsolved {
     pub correction: f64,
 }
 
+/// The result of a step.
+pub type StepResult = Result<(), Unsolved>;
+
 /// The largest of the states' `values`, each times its weight; NaN if any is NaN.
 #[inline(always)]
 pub fn largest<R: Lanes>(size: Size, values: &States<R>, weights: &States<R>) -> R {
@@ -95,12 +98,7 @@ impl<R: Lanes, S> Step<'_, R, S> {
 pub trait Integrator<R: Lanes, S: System<R>> {
     /// Takes a step and writes the state at its end into `next`. `stats` counts the evaluations, but not the
     /// one at the start of the step. A method that solves no equations cannot fail.
-    fn step(
-        &mut self,
-        step: &Step<'_, R, S>,
-        next: &mut States<R>,
-        stats: &mut Stats,
-    ) -> Result<(), Unsolved>;
+    fn step(&mut self, step: &Step<'_, R, S>, next: &mut States<R>, stats: &mut Stats) -> StepResult;
 
     /// Forgets the data of the last step, because there is a breakpoint before the next one.
     #[inline(always)]

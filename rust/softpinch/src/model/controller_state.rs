@@ -1,7 +1,7 @@
 //! The state of a discrete controller: measuring with noise and finite resolution, taking samples, and putting their torques
 //! in force.
 
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::model::frame::FrameMotion;
 use crate::model::measures::Measure;
 use crate::model::motion::Motion;
@@ -51,7 +51,7 @@ impl ControllerState {
     }
 
     /// The state from the numbers of [`row`](Self::row).
-    pub fn from_row(controller: &SampledController, row: &[f64]) -> Result<Self, Error> {
+    pub fn from_row(controller: &SampledController, row: &[f64]) -> Result<Self> {
         let refused = |rule| {
             let found = format!("{} numbers", row.len());
             Error::Shape { field: "State.controller".to_owned(), found, rule }

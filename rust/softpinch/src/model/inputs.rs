@@ -7,7 +7,7 @@
 
 use std::sync::Arc;
 
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::model::control::Fingers;
 use crate::model::drive::{CHANNELS, COEFFICIENTS, SegmentDrive, SegmentFrame, Wave};
 use crate::model::frame::FrameMotion;
@@ -76,12 +76,12 @@ impl HandMotion {
         acceleration: PiecewisePolynomial<2>,
         tilt: PiecewisePolynomial<1>,
         sine: [f64; 5],
-    ) -> Result<Self, Error> {
+    ) -> Result<Self> {
         Ok(Self { acceleration, tilt, sine, instructions: Level::detect().require()? })
     }
 
     /// The motion at all times with the acceleration and the tilt of an instant, without turning.
-    pub fn constant(frame: &FrameMotion<f64>) -> Result<Self, Error> {
+    pub fn constant(frame: &FrameMotion<f64>) -> Result<Self> {
         let [x, y] = frame.into_fixed(frame.acceleration);
         let tilt = frame.sin.atan2(frame.cos);
         Self::new(PiecewisePolynomial::constant([x, y]), PiecewisePolynomial::constant([tilt]), [0.0; 5])
@@ -152,7 +152,7 @@ impl Inputs {
         sines: Vec<Sinusoid>,
         mut impulses: Vec<Impulse>,
         noises: Vec<Noise>,
-    ) -> Result<Self, Error> {
+    ) -> Result<Self> {
         for (k, sine) in sines.iter().enumerate() {
             let name = |field: &str| format!("sines[{k}].{field}");
             Rule::Finite.check_named(|| name("start"), sine.start)?;
@@ -206,7 +206,7 @@ impl Inputs {
 
     /// The same inputs, and a force on the object from `time` on that ends after `duration`, s: F_x and F_y in N and
     /// the moment in N m.
-    pub fn with_pulse(mut self, time: f64, duration: f64, force: [f64; 3]) -> Result<Self, Error> {
+    pub fn with_pulse(mut self, time: f64, duration: f64, force: [f64; 3]) -> Result<Self> {
         Rule::Positive.check("pulse.duration", duration)?;
         // An end that overflows is never reached.
         let times = [time, (time + duration).min(f64::MAX)];
@@ -268,12 +268,12 @@ impl Inputs {
     }
 
     /// Refuses a schedule that driven fingers cannot follow between `from` and `until`.
-    pub fn require_smooth(&self, from: f64, until: f64) -> Result<(), Error> {
+    pub fn require_smooth(&self, from: f64, until: f64) -> Result {
         self.schedule.require_smooth("schedule", from, until)
     }
 
     /// Refuses more samples of noise than a run can be divided into.
-    pub fn require_countable(&self, from: f64, until: f64) -> Result<(), Error> {
+    pub fn require_countable(&self, from: f64, until: f64) -> Result {
         if let Some(Sampled { controller, .. }) = &self.sampled {
             controller.require_countable(from, until)?;
         }

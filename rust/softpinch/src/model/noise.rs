@@ -5,7 +5,7 @@
 //! easy as 1, 2, 3", 2011), with the seed and the run's number as its key. Box and Muller's transform makes
 //! its numbers normal.
 
-use crate::error::{Error, require_at_most};
+use crate::error::{Error, Result, require_at_most};
 use crate::model::rule::Rule;
 use crate::number::trigonometry::sin_cos;
 
@@ -67,7 +67,7 @@ pub fn normals(counter: [u64; 4], key: [u64; 2]) -> [f64; 4] {
 
 impl Noise {
     /// Checks the noise, which has the number `k` in its scene.
-    pub fn check(&self, k: usize) -> Result<(), Error> {
+    pub fn check(&self, k: usize) -> Result {
         let name = |field: &str| format!("noises[{k}].{field}");
         Rule::NonNegative.check_all(|| name("std"), &self.std)?;
         Rule::NonNegative.check_all(|| name("acceleration"), &self.acceleration)?;
@@ -153,7 +153,7 @@ impl Noise {
 
 /// Refuses more samples than a run can be cut into, and samples whose number, counted from the noise's start,
 /// is too large to be exact.
-pub fn require_countable(noises: &[Noise], from: f64, until: f64) -> Result<(), Error> {
+pub fn require_countable(noises: &[Noise], from: f64, until: f64) -> Result {
     let count = |noise: &Noise| (until.min(noise.end) - from.max(noise.start)) * noise.rate;
     let needed: f64 = noises.iter().map(|noise| count(noise).max(0.0)).sum();
     let (what, advice) = ("the noise's samples (duration * rate_hz)", "lower rate_hz or shorten the noise");

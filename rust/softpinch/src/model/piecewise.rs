@@ -1,6 +1,6 @@
 //! Piecewise polynomials: schedules and forces.
 
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::model::drive::{COEFFICIENTS, MAX_DEGREE};
 use crate::model::rule::Rule;
 
@@ -17,7 +17,7 @@ pub struct PiecewisePolynomial<const C: usize> {
 
 impl<const C: usize> PiecewisePolynomial<C> {
     /// Checks breaks and rows. Errors use `name` for the polynomial.
-    pub fn new(name: &str, breaks: Vec<f64>, rows: Vec<[[f64; COEFFICIENTS]; C]>) -> Result<Self, Error> {
+    pub fn new(name: &str, breaks: Vec<f64>, rows: Vec<[[f64; COEFFICIENTS]; C]>) -> Result<Self> {
         for (k, &time) in breaks.iter().enumerate() {
             Rule::Finite.check_named(|| format!("{name}.times[{k}]"), time)?;
             if k > 0 && time <= breaks[k - 1] {
@@ -48,14 +48,14 @@ impl<const C: usize> PiecewisePolynomial<C> {
     }
 
     /// Steps to `values[k]` at `times[k]`, with the value `before` until the first step.
-    pub fn steps(name: &str, before: [f64; C], times: &[f64], values: &[[f64; C]]) -> Result<Self, Error> {
+    pub fn steps(name: &str, before: [f64; C], times: &[f64], values: &[[f64; C]]) -> Result<Self> {
         let rows = std::iter::once(&before).chain(values).map(|row| Self::constant(*row).rows[0]).collect();
         Self::new(name, times.to_vec(), rows)
     }
 
     /// Refuses a jump or a kink between `from` and `until`: a finger that follows the polynomials exactly
     /// cannot make one. Round-off of the terms of the pieces is allowed.
-    pub(super) fn require_smooth(&self, name: &'static str, from: f64, until: f64) -> Result<(), Error> {
+    pub(super) fn require_smooth(&self, name: &'static str, from: f64, until: f64) -> Result {
         let mut origin = None;
         for (k, &time) in self.breaks.iter().enumerate() {
             let length = origin.map_or(0.0, |origin: f64| time - origin);

@@ -1,6 +1,6 @@
 //! The rules that numbers of a scene must keep.
 
-use crate::error::Error;
+use crate::error::{Error, Result};
 
 /// A rule that a number must keep.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,13 +45,13 @@ impl Rule {
     }
 
     /// `value`, or an error that names the field.
-    pub fn check(self, field: impl Into<String>, value: f64) -> Result<f64, Error> {
+    pub fn check(self, field: impl Into<String>, value: f64) -> Result<f64> {
         self.check_named(|| field.into(), value)
     }
 
     /// The same check, with a name that is built only if the value breaks the rule.
     #[inline]
-    pub fn check_named(self, field: impl FnOnce() -> String, value: f64) -> Result<f64, Error> {
+    pub fn check_named(self, field: impl FnOnce() -> String, value: f64) -> Result<f64> {
         if self.holds(value) {
             Ok(value)
         } else {
@@ -60,7 +60,7 @@ impl Rule {
     }
 
     /// The same check of all values of a field.
-    pub fn check_all(self, field: impl Fn() -> String, values: &[f64]) -> Result<(), Error> {
+    pub fn check_all(self, field: impl Fn() -> String, values: &[f64]) -> Result {
         values.iter().try_for_each(|&value| self.check_named(&field, value).map(|_| ()))
     }
 }

@@ -6,7 +6,7 @@
 //!
 //! v_k acts from t_k + delay until v_(k+1) does. With a delay that is longer than a period several v are under way.
 
-use crate::error::{Error, require_at_most};
+use crate::error::{Error, Result, require_at_most};
 use crate::model::measures::Measure;
 use crate::model::noise::MOST_SAMPLES;
 use crate::model::rule::Rule;
@@ -59,7 +59,7 @@ impl SampledController {
     }
 
     /// Checks numbers and sizes.
-    pub fn check(&self) -> Result<(), Error> {
+    pub fn check(&self) -> Result {
         let name = |field: &str| format!("control.{field}");
         Rule::Positive.check_named(|| name("period"), self.period)?;
         Rule::NonNegative.check_named(|| name("delay"), self.delay)?;
@@ -93,7 +93,7 @@ impl SampledController {
     }
 
     /// Refuses more samples than a run can be divided into, and samples that the clock cannot tell apart.
-    pub fn require_countable(&self, from: f64, until: f64) -> Result<(), Error> {
+    pub fn require_countable(&self, from: f64, until: f64) -> Result {
         let needed = (until - from) / self.period;
         let what = "the controller's samples (duration / period)";
         require_at_most(what, needed, MOST_SAMPLES, "lengthen the period or shorten the run")?;

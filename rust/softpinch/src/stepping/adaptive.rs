@@ -2,7 +2,7 @@
 //! has a step of its own, which is accepted or rejected alone. A single run is one lane. Steps end on each
 //! breakpoint, where a new segment begins with a cautious first step.
 
-use crate::error::Error;
+use crate::error::Result;
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
@@ -34,10 +34,10 @@ where
     Q: RunQueue<'a>,
     B: FnOnce(Runs<'_>, &SceneEquations<R>) -> AnyAdaptiveMethod<R>,
 {
-    type Output = Result<Q, Error>;
+    type Output = Result<Q>;
 
     #[inline(always)]
-    fn run(self) -> Result<Q, Error> {
+    fn run(self) -> Result<Q> {
         let Self { setup, tolerance, build } = self;
         let LoopSetup { instructions, options, .. } = setup;
         let entry = options.method.entry();

@@ -4,7 +4,7 @@
 //! The instants inside a step are those to record, and those at which a tip seems to violate a limit and to come back.
 //! Dense output gives their states.
 
-use crate::error::Error;
+use crate::error::Result;
 use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
@@ -99,7 +99,7 @@ pub(super) struct StepStart<R> {
 
 impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     /// Loads the next run, if there is one, into a lane, and puts the lane at the start of its first segment.
-    pub(super) fn load(&mut self, lane: usize, start: &mut StepStart<R>) -> Result<(), Error> {
+    pub(super) fn load(&mut self, lane: usize, start: &mut StepStart<R>) -> Result {
         let place = |_, scene: &Scene| Span::new(&scene.inputs, &scene.initial, scene.duration);
         let loaded = self.batch.load_lane(lane, place)?;
         let from = self.batch.runs[lane].as_ref().map_or(0.0, |run| run.place.start);

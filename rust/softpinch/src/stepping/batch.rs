@@ -3,7 +3,7 @@
 
 use std::borrow::Cow;
 
-use crate::error::Error;
+use crate::error::Result;
 use crate::formulation::equations::{Equations, Evaluation, States};
 use crate::formulation::inlined::Inlined;
 use crate::formulation::scene_equations::{Choice, SceneEquations};
@@ -151,11 +151,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     /// Loads the next run into a lane, at the place that `place` gives for its number and scene. Returns `false` if
     /// there is no next run. If there are several lanes, this one then gets numbers that never overflow:
     /// after an overflow it would need the exact sine, which would slow down all lanes.
-    pub fn load_lane(
-        &mut self,
-        lane: usize,
-        place: impl FnOnce(usize, &Scene) -> Result<P, Error>,
-    ) -> Result<bool, Error> {
+    pub fn load_lane(&mut self, lane: usize, place: impl FnOnce(usize, &Scene) -> Result<P>) -> Result<bool> {
         let bit = 1 << lane;
         self.phases.set(bit, Phase::Idle);
         self.runs[lane] = None;
@@ -493,7 +489,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
 
     /// Records a watched instant. The error says that there is no memory for it.
     #[inline(always)]
-    pub fn record(&mut self, system: &impl System<R>, watched: &Instant) -> Result<(), Error> {
+    pub fn record(&mut self, system: &impl System<R>, watched: &Instant) -> Result {
         // A recorded run has a loop of its own, in lane 0.
         if self.options.record.state
             && let Some(LaneRun { controller: Some(controller), .. }) = &self.runs[0]

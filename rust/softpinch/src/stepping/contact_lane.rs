@@ -2,7 +2,7 @@
 //! with a step of the run's own method, so that its result does not depend on the runs beside it.
 //! The work of both step loops on these contacts comes after them.
 
-use crate::error::Error;
+use crate::error::Result;
 use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::mode_selection::Contact;
 use crate::formulation::system::System;
@@ -65,7 +65,7 @@ pub struct Moment<'a> {
 }
 
 impl LaneContact {
-    pub fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Result<Self, Error> {
+    pub fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Result<Self> {
         let still = || Segment { anchor: 0.0, drive: SegmentDrive::still() };
         let mut contact = Self {
             instructions,
@@ -85,11 +85,7 @@ impl LaneContact {
     }
 
     /// Puts the contacts at the start of a run with the same parameters and options, whose equations are kept.
-    pub fn restart(
-        &mut self,
-        options: &Options,
-        Scene { parameters, initial, .. }: &Scene,
-    ) -> Result<(), Error> {
+    pub fn restart(&mut self, options: &Options, Scene { parameters, initial, .. }: &Scene) -> Result {
         let (contacts, unset) = match &initial.contact {
             Some(row) => (Contact::of_row(row)?, None),
             None => contacts_at(parameters, initial),
@@ -110,7 +106,7 @@ impl LaneContact {
         scene: &Scene,
         drive: SegmentDrive,
         h: f64,
-    ) -> Result<[f64; 4], Error> {
+    ) -> Result<[f64; 4]> {
         let mut contact = Self::new(instructions, options, scene)?;
         let State { time, motion, .. } = &scene.initial;
         contact.enter(*time, drive);

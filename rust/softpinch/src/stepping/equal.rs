@@ -4,7 +4,7 @@
 use std::mem::swap;
 use std::ops::DerefMut;
 
-use crate::error::Error;
+use crate::error::Result;
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
 use crate::method::traits::{Integrator, Runs};
 use crate::number::lanes::{LaneTask, Lanes};
@@ -33,10 +33,10 @@ where
     B: FnOnce(Runs<'_>) -> (S, M),
     M: DerefMut<Target: Integrator<R, S>>,
 {
-    type Output = Result<Q, Error>;
+    type Output = Result<Q>;
 
     #[inline(always)]
-    fn run(self) -> Result<Q, Error> {
+    fn run(self) -> Result<Q> {
         let Self { setup, grid, build } = self;
         let zero = R::zero();
         let mut lanes = EqualLanes {

@@ -4,7 +4,7 @@
 //! A lane in which an event is due repeats its last step alone, up to the event and on from there, while the other lanes
 //! take their next step. Its new state replaces the old one.
 
-use crate::error::Error;
+use crate::error::Result;
 use crate::formulation::equations::States;
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
@@ -28,7 +28,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         tau: R,
         at: &Instants<'_, R>,
         replacement: &mut States<R>,
-    ) -> Result<Bits, Error> {
+    ) -> Result<Bits> {
         let mut loaded = 0;
         self.held = 0;
         let due = if self.batch.unilateral { self.batch.due(at.now) & self.stepped } else { 0 };
@@ -57,7 +57,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         (due, certain, tau): (Bits, Bits, R),
         at: &Instants<'_, R>,
         replacement: &mut States<R>,
-    ) -> Result<Bits, Error> {
+    ) -> Result<Bits> {
         let mut loaded = 0;
         let starting = self.batch.phases.at(Phase::Start);
         for lane in each(due | starting) {
@@ -110,7 +110,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         lane: usize,
         end: &ContactEnd,
         before: Instant,
-    ) -> Result<(), Error> {
+    ) -> Result {
         if let Some((end, last)) = self.batch.contact_end(lane, end, (before, self.h.lane(lane))) {
             self.retire(system, lane, end, &last);
         }
@@ -128,7 +128,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         (seen, leaving, tau): (&Seen, Bits, R),
         at: &Instants<'_, R>,
         replacement: &mut States<R>,
-    ) -> Result<(Bits, Bits), Error> {
+    ) -> Result<(Bits, Bits)> {
         let mut leaving = leaving;
         for lane in each(leaving) {
             let finite = seen.finite >> lane & 1 != 0;

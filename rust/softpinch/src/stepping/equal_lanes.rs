@@ -1,11 +1,11 @@
 //! The lanes of the loop of equal steps: the places of their runs, and the rare work at breakpoints, impulses
 //! and ends of runs.
 
-use crate::error::Error;
+use crate::error::Result;
 use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
-use crate::method::traits::{Integrator, Step, Unsolved};
+use crate::method::traits::{Integrator, Step, StepResult, Unsolved};
 use crate::model::motion::{Linearized, Motion, unpacked};
 use crate::model::scene::Scene;
 use crate::number::lanes::{Bits, Lanes, each};
@@ -131,7 +131,7 @@ pub(super) struct EqualLanes<'g, 'a, R: Lanes, Q> {
 
 impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     /// Loads the next run, if there is one, into a lane. The run starts at the clock `from`.
-    pub(super) fn load(&mut self, lane: usize, from: u64) -> Result<(), Error> {
+    pub(super) fn load(&mut self, lane: usize, from: u64) -> Result {
         let grid = self.grid;
         if self.batch.load_lane(lane, |number, scene| Ok(Place::new(grid(number, scene)?, from)))? {
             self.enter(lane, from);
@@ -341,7 +341,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         system: &SceneEquations<R>,
         (failed, unsolved): (Bits, Unsolved),
         at: &Instants<'_, R>,
-    ) -> Result<(), Error> {
+    ) -> Result {
         for lane in each(failed) {
             let watched = self.watched_now() >> lane & 1 != 0;
             let Some(last) = self.last(system, lane, watched, at) else { continue };
@@ -362,7 +362,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         (system, method, keeps_jacobian): (&S, &mut (impl Integrator<R, S> + ?Sized), bool),
         (tau, now, y): (R, &Evaluation<R>, &States<R>),
         after: &mut States<R>,
-    ) -> Result<(), Unsolved> {
+    ) -> StepResult {
         let (drive, stats) = (&self.batch.drive, &mut self.batch.stats);
         let step = Step { system, drive, tau, h: self.h, y, rate: &now.rate, allowed: None };
         let jacobians = stats.jacobians;

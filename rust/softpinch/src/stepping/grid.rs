@@ -4,7 +4,7 @@
 //! A run finds its segments one at a time when it reaches them, because held noise may divide it into
 //! millions.
 
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::model::inputs::Inputs;
 use crate::model::rule::Rule;
 use crate::model::scene::Scene;
@@ -14,7 +14,7 @@ use crate::model::start::State;
 pub(crate) const MOST_STEPS: f64 = 1e11;
 
 /// Finds the times of the steps of a run, from its number and its scene.
-pub type GridOf<'a> = dyn Fn(usize, &Scene) -> Result<Grid, Error> + 'a;
+pub type GridOf<'a> = dyn Fn(usize, &Scene) -> Result<Grid> + 'a;
 
 /// A segment of a run: a stretch of time without a breakpoint inside.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,7 +45,7 @@ impl Segment {
 
     /// Refuses steps that are too many to count, or so short that double precision does not tell their times
     /// apart.
-    fn require_countable(&self, dt: f64) -> Result<(), Error> {
+    fn require_countable(&self, dt: f64) -> Result {
         let steps = self.count as f64;
         if steps > MOST_STEPS {
             return Err(too_many((self.end - self.anchor) / dt));
@@ -113,7 +113,7 @@ pub struct Span {
 
 impl Span {
     /// The span of a run from `state` over `duration`, after a check of both.
-    pub fn new(inputs: &Inputs, state: &State, duration: f64) -> Result<Self, Error> {
+    pub fn new(inputs: &Inputs, state: &State, duration: f64) -> Result<Self> {
         Rule::Positive.check("duration", duration)?;
         Rule::Finite.check("initial.time", state.time)?;
         let start = state.time;
@@ -158,13 +158,13 @@ pub struct Grid {
 
 impl Grid {
     /// The grid of a run from `state` over `duration`. Every segment is checked.
-    pub fn new(inputs: &Inputs, state: &State, duration: f64, dt: f64, refine: u32) -> Result<Self, Error> {
+    pub fn new(inputs: &Inputs, state: &State, duration: f64, dt: f64, refine: u32) -> Result<Self> {
         Rule::Positive.check("dt", dt)?;
         Self::over(inputs, state, Span::new(inputs, state, duration)?, dt, refine)
     }
 
     /// The grid of a run from `state` over a span that has been checked.
-    pub fn over(inputs: &Inputs, state: &State, span: Span, dt: f64, refine: u32) -> Result<Self, Error> {
+    pub fn over(inputs: &Inputs, state: &State, span: Span, dt: f64, refine: u32) -> Result<Self> {
         let refine = refine.max(1);
         let to = span.segment_end(inputs, span.start);
         let first = Segment::new(span.start, to, dt);

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::formulation::equations::Evaluation;
 use crate::model::controller_state::{ControllerState, Kept, Measured, Scratch};
 use crate::model::frame::FrameMotion;
@@ -28,7 +28,7 @@ pub struct LaneController {
 
 impl LaneController {
     /// The controller of a run before it begins; `None` if the scene has none.
-    pub fn new(scene: &Scene) -> Result<Option<Box<Self>>, Error> {
+    pub fn new(scene: &Scene) -> Result<Option<Box<Self>>> {
         let Some(Sampled { controller, origin }) = scene.inputs.sampled() else { return Ok(None) };
         let now = match &scene.initial.controller {
             Some(row) => {

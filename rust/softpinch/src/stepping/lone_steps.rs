@@ -6,7 +6,7 @@ use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
 use crate::method::called::AnyMethod;
-use crate::method::traits::{Runs, Stats, Step, Unsolved};
+use crate::method::traits::{Runs, Stats, Step, StepResult, Unsolved};
 use crate::model::contact_modes::Contacts;
 use crate::model::drive::SegmentDrive;
 use crate::model::scene::Scene;
@@ -115,7 +115,7 @@ impl RowsInside {
         clock: u64,
         system: &SceneEquations<R>,
         (tau, y): (R, &States<R>),
-    ) -> Result<(), Unsolved> {
+    ) -> StepResult {
         let (tau, y) = (tau.lane(0), column(y, 0));
         let Some(run) = &mut batch.runs[0] else { return Ok(()) };
         let (start, end) = (run.place.now(clock).0, run.place.now(clock + 1).0);

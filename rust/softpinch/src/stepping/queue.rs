@@ -3,7 +3,7 @@
 
 use std::borrow::Cow;
 
-use crate::error::Error;
+use crate::error::Result;
 use crate::formulation::mode_selection::Contact;
 use crate::model::controller_state::ControllerState;
 use crate::model::energy::Energies;
@@ -30,7 +30,7 @@ pub struct Taken<'a> {
 /// The source and the destination of the runs of a step loop. Only loops of one lane record runs.
 pub trait RunQueue<'a> {
     /// The next run, or `None` if there is none.
-    fn take(&mut self) -> Result<Option<Taken<'a>>, Error>;
+    fn take(&mut self) -> Result<Option<Taken<'a>>>;
 
     fn stops(&mut self) -> bool;
 
@@ -56,7 +56,7 @@ pub trait RunQueue<'a> {
     fn keep_controller(&mut self, _state: &ControllerState) {}
 
     /// Records an instant. The error says that there is no memory for it.
-    fn record(&mut self, _watched: &Instant, _energies: impl FnOnce() -> Energies) -> Result<(), Error> {
+    fn record(&mut self, _watched: &Instant, _energies: impl FnOnce() -> Energies) -> Result {
         Ok(())
     }
 

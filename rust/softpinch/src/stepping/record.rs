@@ -1,6 +1,6 @@
 //! A finished run, and its recording, which keeps only the quantities that were asked for, row by row.
 
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::method::traits::Stats;
 use crate::model::contact_modes::ContactRow;
 use crate::model::energy::{BILATERAL_WORKS, CONTACT_WORKS, Energies, WORKS};
@@ -19,7 +19,7 @@ pub(super) const MOST_VALUES: f64 = 2_147_483_648.0;
 
 /// An empty vector with room for `entries`, a number that comes from a user. The error says that no machine
 /// has so much memory, or that this one has not; `what` names the numbers in it.
-pub fn reserved<T>(what: &'static str, entries: usize) -> Result<Vec<T>, Error> {
+pub fn reserved<T>(what: &'static str, entries: usize) -> Result<Vec<T>> {
     let needed = entries as f64 * (size_of::<T>() as f64 / size_of::<f64>() as f64);
     let refused = |advice| Error::TooLarge { what, needed, limit: MOST_VALUES, advice };
     if needed > MOST_VALUES {
@@ -152,7 +152,7 @@ pub struct Recording {
 
 impl Recording {
     /// A recording with room for `rows` rows. The error says that there is no memory for them.
-    pub fn with_capacity(selection: Selection, layout: Layout, rows: u64) -> Result<Self, Error> {
+    pub fn with_capacity(selection: Selection, layout: Layout, rows: u64) -> Result<Self> {
         let mut recording = Self { selection, layout, ..Self::default() };
         recording.reserve(rows)?;
         Ok(recording)
@@ -161,13 +161,13 @@ impl Recording {
     /// Makes room for one more row, and for the last row after it, if the number of rows is not known
     /// beforehand.
     #[inline(always)]
-    pub fn make_room(&mut self) -> Result<(), Error> {
+    pub fn make_room(&mut self) -> Result {
         let rows = self.t.len();
         if rows + 1 < self.t.capacity() { Ok(()) } else { self.reserve(2 * rows as u64 + 64) }
     }
 
     /// Makes room for `rows` rows in all.
-    fn reserve(&mut self, rows: u64) -> Result<(), Error> {
+    fn reserve(&mut self, rows: u64) -> Result {
         let selection = self.selection;
         let layout = self.layout;
         let width = selection.width(layout);

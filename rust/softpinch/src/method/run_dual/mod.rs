@@ -18,7 +18,7 @@ use crate::method::radau5::radau5;
 use crate::method::rk4::Rk4;
 use crate::method::rosenbrock::{A, BY_TIME, C, COUPLING, GAMMA, Rosenbrock, STAGES, rosenbrock};
 use crate::method::table::Method;
-use crate::method::traits::{Integrator, Runs, Stats, Step, Unsolved};
+use crate::method::traits::{Integrator, Runs, Stats, Step, StepResult};
 use crate::model::drive::SegmentDrive;
 use crate::number::lanes::{LaneTask, Lanes, Lift};
 use crate::number::linear::{Entry, LaneEntry};
@@ -126,7 +126,7 @@ impl<R: Lanes> RunDualMethod<R> {
         equations: &RunDualEquations<R>,
         step: &Step<'_, RunDual<R>>,
         next: &mut States<RunDual<R>>,
-    ) -> Result<(), Unsolved> {
+    ) -> StepResult {
         let stats = &mut Stats::default();
         let Solved { method, system, drive: plain_drive } = match self {
             Self::Explicit(method) => return method.step(step, next, stats),
