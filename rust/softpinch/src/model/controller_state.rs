@@ -42,9 +42,7 @@ impl ControllerState {
     /// The state as numbers: origin, the numbers of samples that have been taken and that have acted, the torques in
     /// force, xi, and the outputs under way.
     pub fn row(&self) -> impl Iterator<Item = f64> + '_ {
-        #[allow(clippy::cast_precision_loss)] // far below 2^53
-        let counts = [self.taken as f64, self.acted as f64];
-        [self.origin, counts[0], counts[1], self.torque[0], self.torque[1]]
+        [self.origin, self.taken as f64, self.acted as f64, self.torque[0], self.torque[1]]
             .into_iter()
             .chain(self.xi.iter().copied())
             .chain(self.under_way.as_flattened().iter().copied())
@@ -65,7 +63,6 @@ impl ControllerState {
         if !(whole(head[1]) && whole(head[2]) && head[2] <= head[1] && head[0].is_finite()) {
             return Err(refused("must begin with the origin, s, and the numbers of samples"));
         }
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // whole numbers, as just checked
         let (taken, acted) = (head[1] as u64, head[2] as u64);
         let (pairs, _) = under_way.as_chunks::<2>();
         if taken - acted > pairs.len() as u64 {
@@ -201,9 +198,7 @@ impl Scratch {
 
 /// The entry of a sample among `length` outputs under way.
 fn place(number: u64, length: usize) -> usize {
-    #[allow(clippy::cast_possible_truncation)] // less than the length
-    let place = (number % length as u64) as usize;
-    place
+    (number % length as u64) as usize
 }
 
 /// The measured system at the instant of a sample.

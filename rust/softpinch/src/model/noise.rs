@@ -40,7 +40,6 @@ const WEYL: [u64; 2] = [0x9E37_79B9_7F4A_7C15, 0xBB67_AE85_84CA_A73B];
 fn philox(mut counter: [u64; 4], mut key: [u64; 2]) -> [u64; 4] {
     for _ in 0..10 {
         let wide = |k: usize| u128::from(MULTIPLIERS[k]) * u128::from(counter[2 * k]);
-        #[allow(clippy::cast_possible_truncation)] // the halves of a product
         let [(high0, low0), (high1, low1)] = [0, 1].map(|k| ((wide(k) >> 64) as u64, wide(k) as u64));
         counter = [high1 ^ counter[1] ^ key[0], low1, high0 ^ counter[3] ^ key[1], low0];
         key = [key[0].wrapping_add(WEYL[0]), key[1].wrapping_add(WEYL[1])];
@@ -50,7 +49,7 @@ fn philox(mut counter: [u64; 4], mut key: [u64; 2]) -> [u64; 4] {
 
 /// Two independent standard normal numbers.
 fn normal(a: u64, b: u64) -> (f64, f64) {
-    #[allow(clippy::cast_precision_loss)] // 53 bits
+    // 53 bits.
     let unit = |bits: u64| (bits >> 11) as f64 * (0.5 * f64::EPSILON);
     // 1 - u is in (0, 1], where the logarithm is finite.
     let radius = (-2.0 * libm::log(1.0 - unit(a))).sqrt();
@@ -98,15 +97,12 @@ impl Noise {
 
     /// The time at which a sample begins.
     fn time(&self, number: u64) -> f64 {
-        #[allow(clippy::cast_precision_loss)] // far below 2^53
-        let number = number as f64;
-        number / self.rate + self.start
+        number as f64 / self.rate + self.start
     }
 
     /// The number of the sample that holds at `t`. `t` must not be before the start.
     fn number(&self, t: f64) -> u64 {
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a whole number, saturating
-        let near = ((t - self.start) * self.rate).floor() as u64;
+        let near = ((t - self.start) * self.rate).floor() as u64; // a whole number, saturating
         // Division and product are rounded, so the right number may be one lower or higher.
         let first = near.saturating_sub(1);
         (first..=near.saturating_add(1)).rev().find(|&number| self.time(number) <= t).unwrap_or(first)

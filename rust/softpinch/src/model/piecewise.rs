@@ -65,7 +65,6 @@ impl<const C: usize> PiecewisePolynomial<C> {
                     for (n, &c) in before.iter().enumerate() {
                         place = [c.mul_add(power, place[0]), (c * power).abs() + place[1]];
                         if let Some(&next) = before.get(n + 1) {
-                            #[allow(clippy::cast_precision_loss)] // up to five
                             let slope = (n + 1) as f64 * next * power;
                             pace = [pace[0] + slope, pace[1] + slope.abs()];
                         }

@@ -107,9 +107,7 @@ impl SampledController {
 
     /// The instant of a sample.
     pub(super) fn sampled(&self, origin: f64, number: u64) -> f64 {
-        #[allow(clippy::cast_precision_loss)] // far below 2^53
-        let number = number as f64;
-        number * self.period + origin
+        number as f64 * self.period + origin
     }
 
     /// The instant from which a sample's torques act.
@@ -125,8 +123,6 @@ impl SampledController {
     fn whole_periods(&self) -> Option<u64> {
         let periods = (self.delay / self.period).round();
         let whole = (self.delay - periods * self.period).abs() <= 1e-9 * self.period;
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        // a whole number, at most MOST_UNDER_WAY
         whole.then_some(periods as u64)
     }
 
@@ -141,8 +137,7 @@ impl SampledController {
 
     /// The first instant after `t` that is later than a sample by `delay`.
     fn first_after(&self, origin: f64, delay: f64, t: f64) -> f64 {
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a whole number, saturating
-        let mut number = ((t - origin - delay) / self.period) as u64;
+        let mut number = ((t - origin - delay) / self.period) as u64; // a whole number, saturating
         // Quotient and product are rounded, so the right number may be one lower or higher.
         while number > 0 && self.sampled(origin, number - 1) + delay > t {
             number -= 1;
@@ -155,9 +150,7 @@ impl SampledController {
 
     /// Largest number of outputs that are under way at a time.
     pub(super) fn under_way(&self) -> usize {
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // at most MOST_UNDER_WAY
-        let periods = (self.delay / self.period).ceil() as usize;
-        periods + 1
+        (self.delay / self.period).ceil() as usize + 1
     }
 
     /// The length of [`ControllerState::row`](crate::model::controller_state::ControllerState::row).
