@@ -1,6 +1,8 @@
 //! The errors with which the core refuses input. They name the field, the value and the rule. A run that goes
 //! wrong is not an error but a result with a status.
 
+use std::fmt::Display;
+
 use thiserror::Error;
 
 /// Input that breaks a rule. It is found before any computation.
@@ -163,6 +165,16 @@ pub enum Error {
 pub type Result<T = (), E = Error> = std::result::Result<T, E>;
 
 impl Error {
+    /// The error of a number that breaks a rule.
+    pub(crate) fn field(field: impl Display, value: f64, rule: &'static str) -> Self {
+        Self::Field { field: field.to_string(), value, rule }
+    }
+
+    /// The error of an array of the wrong shape.
+    pub(crate) fn shape(field: impl Display, found: impl Display, rule: &'static str) -> Self {
+        Self::Shape { field: field.to_string(), found: found.to_string(), rule }
+    }
+
     /// The error of a run of an ensemble. One that names a run already stays.
     pub fn of_run(self, run: usize) -> Self {
         match self {
@@ -170,6 +182,11 @@ impl Error {
             error => Self::Run { run, error: Box::new(error) },
         }
     }
+}
+
+/// Refuses the number of a field if a rule does not hold. The name of the field is written only then.
+pub(crate) fn require(holds: bool, field: impl Display, value: f64, rule: &'static str) -> Result {
+    if holds { Ok(()) } else { Err(Error::field(field, value, rule)) }
 }
 
 /// Refuses a quantity that is larger than its limit. Errors call it `what` and give the advice.

@@ -99,8 +99,8 @@ impl<'a> Shared<'a> {
         if *self.fingers.get_or_init(|| fingers) == fingers {
             return Ok(Some((run, scene)));
         }
-        let (field, found) = (format!("run {run}"), format!("fingers = {:?}", fingers.name()));
-        Err(Error::Shape { field, found, rule: "must be the same in all runs" })
+        let (field, found) = (format_args!("run {run}"), format_args!("fingers = {:?}", fingers.name()));
+        Err(Error::shape(field, found, "must be the same in all runs"))
     }
 
     fn stops(&self) -> bool {

@@ -1,7 +1,7 @@
 //! One run: the checks before it, its result, and the choice of the code that computes it.
 
 use crate::driver::ensemble::whole_run;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require};
 use crate::formulation::inlined::Inlined;
 use crate::formulation::mode_selection::Contact;
 use crate::formulation::scene_equations::{EquationKind, SceneEquations, with};
@@ -132,11 +132,9 @@ pub fn outline(scene: &Scene, options: &Options) -> Result<Outline> {
 /// runs and runs of an ensemble are checked here.
 pub(crate) fn require_valid(scene: &Scene, options: &Options) -> Result {
     options.simd.require()?;
-    if options.every == 0 {
-        return Err(Error::Field { field: "every".to_owned(), value: 0.0, rule: "must be at least 1" });
-    }
+    require(options.every != 0, "every", 0.0, "must be at least 1")?;
     for ((name, rule), value) in Stabilization::FIELDS.iter().zip(options.stabilization.fields()) {
-        rule.check_named(|| format!("stabilization.{name}"), value)?;
+        rule.check(format_args!("stabilization.{name}"), value)?;
     }
     let initial = &scene.initial;
     if scene.inputs.fingers() == Fingers::Driven {
@@ -170,10 +168,7 @@ fn require_unilateral(scene: &Scene, options: &Options) -> Result {
     for (name, value) in
         ["friction.right", "friction.left"].into_iter().zip(scene.parameters.friction.fields())
     {
-        if !value.is_finite() {
-            let rule = "must be finite where contact = \"unilateral\"";
-            return Err(Error::Field { field: name.to_owned(), value, rule });
-        }
+        require(value.is_finite(), name, value, "must be finite where contact = \"unilateral\"")?;
     }
     let Some(row) = &scene.initial.contact else { return Ok(()) };
     let contacts = Contact::of_row(row)?;
@@ -233,13 +228,9 @@ fn instants(times: &[f64], Span { start, end }: Span) -> Result<Vec<f64>> {
             _ if given > end && given - end <= near => end,
             _ => given,
         };
-        let refused = |rule| Err(Error::Field { field: format!("times[{k}]"), value: given, rule });
-        if !(start..=end).contains(&time) {
-            return refused("must lie between the run's start and its end");
-        }
-        if time <= before {
-            return refused("must be greater than the time before it");
-        }
+        let require = |holds, rule| require(holds, format_args!("times[{k}]"), given, rule);
+        require((start..=end).contains(&time), "must lie between the run's start and its end")?;
+        require(time > before, "must be greater than the time before it")?;
         instants.push(time);
         before = time;
     }

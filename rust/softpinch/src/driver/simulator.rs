@@ -14,7 +14,7 @@ use rayon::ThreadPool;
 use crate::driver::lanes::{LaneQueue, RunsInLanes};
 use crate::driver::simulate::{advance, require_valid};
 use crate::driver::threads::{share, waiting};
-use crate::error::{Error, Result, require_at_most};
+use crate::error::{Error, Result, require, require_at_most};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
 use crate::model::contact_modes::ContactModel;
@@ -51,12 +51,11 @@ impl Simulator {
     pub fn new(scenes: Vec<Scene>, options: &Options, period: f64, threads: usize) -> Result<Self> {
         Rule::Positive.check("period", period)?;
         if scenes.is_empty() {
-            let found = "no scenes".to_owned();
-            return Err(Error::Shape { field: "n".to_owned(), found, rule: "must be at least one" });
+            return Err(Error::shape("n", "no scenes", "must be at least one"));
         }
         let Steps::Fixed(dt) = options.steps else {
-            let (found, rule) = (format!("{:?}", options.steps), "a simulator takes equal steps");
-            return Err(Error::Shape { field: "tolerance".to_owned(), found, rule });
+            let found = format_args!("{:?}", options.steps);
+            return Err(Error::shape("tolerance", found, "a simulator takes equal steps"));
         };
         let guard = scenes.iter().any(|scene| options.may_be_unstable(scene));
         let options = &Options { guard, ..options.clone() };
@@ -108,10 +107,8 @@ impl Simulator {
         let Self { options, dt, period, environments, .. } = self;
         let environment = &mut environments[run];
         let span @ Span { start, end } = environment.span;
-        if !(start..=end).contains(&state.time) {
-            let rule = "must be between the run's start and its end; reset with a state begins another run";
-            return Err(Error::Field { field: "State.time".to_owned(), value: state.time, rule });
-        }
+        let rule = "must be between the run's start and its end; reset with a state begins another run";
+        require((start..=end).contains(&state.time), "State.time", state.time, rule)?;
         environment.place((state, check), span, options, *dt)?;
         // Periods go on at the instants at which they would have begun anyway, if the state is at one of them.
         let periods = ((state.time - environment.origin) / *period).round();
@@ -147,11 +144,11 @@ impl Simulator {
         let given = [("actions", targets), ("acceleration", accelerations)];
         for (name, rows) in given.into_iter().take(1 + usize::from(!accelerations.is_empty())) {
             if rows.len() != environments.len() {
-                let (found, rule) = (format!("{} rows", rows.len()), "must have one for each run");
-                return Err(Error::Shape { field: name.to_owned(), found, rule });
+                let found = format_args!("{} rows", rows.len());
+                return Err(Error::shape(name, found, "must have one for each run"));
             }
             for (k, value) in rows.as_flattened().iter().enumerate() {
-                Rule::Finite.check_named(|| format!("{name}[{}, {}]", k / 2, k % 2), *value)?;
+                Rule::Finite.check(format_args!("{name}[{}, {}]", k / 2, k % 2), *value)?;
             }
         }
         for (k, (environment, run)) in environments.iter_mut().zip(&mut *runs).enumerate() {
@@ -284,11 +281,8 @@ fn require_periods(Span { start, end }: Span, period: f64) -> Result {
     let needed = (end - start) / period;
     let what = "the periods (duration / period)";
     require_at_most(what, needed, MOST_STEPS, "lengthen the period or shorten the run")?;
-    if period <= round_off(start, end) {
-        let rule = "must be more than round-off of the times of the run";
-        return Err(Error::Field { field: "period".to_owned(), value: period, rule });
-    }
-    Ok(())
+    let rule = "must be more than round-off of the times of the run";
+    require(period > round_off(start, end), "period", period, rule)
 }
 
 /// The multipliers at the initial state of a scene.

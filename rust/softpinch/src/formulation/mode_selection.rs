@@ -51,12 +51,11 @@ impl Contact {
                 (3.0, _) if code > 0.0 => Mode::Graze,
                 (4.0, _) => Mode::Graze,
                 _ => {
-                    let field = format!("initial.contact[{k}]");
-                    return Err(Error::Field { field, value: code, rule: "must be 0, 1, 2, -2, 3, 4 or -4" });
+                    let field = format_args!("initial.contact[{k}]");
+                    return Err(Error::field(field, code, "must be 0, 1, 2, -2, 3, 4 or -4"));
                 }
             };
-            let frozen_tilt =
-                Rule::Finite.check_named(|| format!("initial.contact[{}]", 2 + k), frozen_tilt)?;
+            let frozen_tilt = Rule::Finite.check(format_args!("initial.contact[{}]", 2 + k), frozen_tilt)?;
             Ok(Self { mode, closed: mode.is_closed(), slip, frozen_tilt, left: None })
         };
         Ok([one(0, *right, *right_tilt)?, one(1, *left, *left_tilt)?])

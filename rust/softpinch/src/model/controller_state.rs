@@ -1,7 +1,7 @@
 //! The state of a discrete controller: measuring with noise and finite resolution, taking samples, and putting their torques
 //! in force.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require};
 use crate::model::frame::FrameMotion;
 use crate::model::measures::Measure;
 use crate::model::motion::Motion;
@@ -50,10 +50,8 @@ impl ControllerState {
 
     /// The state from the numbers of [`row`](Self::row).
     pub fn from_row(controller: &SampledController, row: &[f64]) -> Result<Self> {
-        let refused = |rule| {
-            let found = format!("{} numbers", row.len());
-            Error::Shape { field: "State.controller".to_owned(), found, rule }
-        };
+        const FIELD: &str = "State.controller";
+        let refused = |rule| Error::shape(FIELD, format_args!("{} numbers", row.len()), rule);
         if row.len() != controller.width() {
             return Err(refused("must fit the controller's states and its samples under way"));
         }
@@ -71,10 +69,8 @@ impl ControllerState {
         let outputs = (acted..taken).map(|number| pairs[place(number, pairs.len())]);
         for torques in outputs.chain([[head[3], head[4]]]) {
             for (torque, [low, high]) in torques.into_iter().zip(controller.limits) {
-                if torque < low || torque > high {
-                    let rule = "its torques must be within the controller's limits";
-                    return Err(Error::Field { field: "State.controller".to_owned(), value: torque, rule });
-                }
+                let within = !(torque < low || torque > high);
+                require(within, FIELD, torque, "its torques must be within the controller's limits")?;
             }
         }
         Ok(Self {

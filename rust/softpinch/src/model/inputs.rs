@@ -7,11 +7,11 @@
 
 use std::sync::Arc;
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::model::control::Fingers;
 use crate::model::drive::{CHANNELS, COEFFICIENTS, SegmentDrive, SegmentFrame, Wave};
 use crate::model::frame::FrameMotion;
-use crate::model::noise::{Noise, require_countable};
+use crate::model::noise::{Noise, require_countable, require_end};
 use crate::model::piecewise::PiecewisePolynomial;
 use crate::model::rule::Rule;
 use crate::model::sampled::SampledController;
@@ -154,20 +154,16 @@ impl Inputs {
         noises: Vec<Noise>,
     ) -> Result<Self> {
         for (k, sine) in sines.iter().enumerate() {
-            let name = |field: &str| format!("sines[{k}].{field}");
-            Rule::Finite.check_named(|| name("start"), sine.start)?;
-            Rule::Finite.check_named(|| name("omega"), sine.omega)?;
-            Rule::Finite.check_named(|| name("phase"), sine.phase)?;
+            Rule::Finite.check(format_args!("sines[{k}].start"), sine.start)?;
+            Rule::Finite.check(format_args!("sines[{k}].omega"), sine.omega)?;
+            Rule::Finite.check(format_args!("sines[{k}].phase"), sine.phase)?;
             // Only `end` may be infinite.
-            if sine.end.is_nan() || sine.end < sine.start {
-                let field = name("end");
-                return Err(Error::Field { field, value: sine.end, rule: "must not be before the start" });
-            }
-            Rule::Finite.check_all(|| name("amplitude"), &sine.amplitude)?;
+            require_end(format_args!("sines[{k}].end"), sine.start, sine.end)?;
+            Rule::Finite.check_all(format_args!("sines[{k}].amplitude"), &sine.amplitude)?;
         }
         for (k, impulse) in impulses.iter().enumerate() {
-            Rule::Finite.check_named(|| format!("impulses[{k}].time"), impulse.time)?;
-            Rule::Finite.check_all(|| format!("impulses[{k}].impulse"), &impulse.impulse)?;
+            Rule::Finite.check(format_args!("impulses[{k}].time"), impulse.time)?;
+            Rule::Finite.check_all(format_args!("impulses[{k}].impulse"), &impulse.impulse)?;
         }
         for (k, noise) in noises.iter().enumerate() {
             noise.check(k)?;

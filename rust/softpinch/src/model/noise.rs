@@ -5,7 +5,9 @@
 //! easy as 1, 2, 3", 2011), with the seed and the run's number as its key. Box and Muller's transform makes
 //! its numbers normal.
 
-use crate::error::{Error, Result, require_at_most};
+use std::fmt::Display;
+
+use crate::error::{Result, require, require_at_most};
 use crate::model::rule::Rule;
 use crate::number::trigonometry::sin_cos;
 
@@ -67,16 +69,11 @@ pub fn normals(counter: [u64; 4], key: [u64; 2]) -> [f64; 4] {
 impl Noise {
     /// Checks the noise, which has the number `k` in its scene.
     pub fn check(&self, k: usize) -> Result {
-        let name = |field: &str| format!("noises[{k}].{field}");
-        Rule::NonNegative.check_all(|| name("std"), &self.std)?;
-        Rule::NonNegative.check_all(|| name("acceleration"), &self.acceleration)?;
-        Rule::Positive.check_named(|| name("rate"), self.rate)?;
-        Rule::Finite.check_named(|| name("start"), self.start)?;
-        if self.end.is_nan() || self.end < self.start {
-            let field = name("end");
-            return Err(Error::Field { field, value: self.end, rule: "must not be before the start" });
-        }
-        Ok(())
+        Rule::NonNegative.check_all(format_args!("noises[{k}].std"), &self.std)?;
+        Rule::NonNegative.check_all(format_args!("noises[{k}].acceleration"), &self.acceleration)?;
+        Rule::Positive.check(format_args!("noises[{k}].rate"), self.rate)?;
+        Rule::Finite.check(format_args!("noises[{k}].start"), self.start)?;
+        require_end(format_args!("noises[{k}].end"), self.start, self.end)
     }
 
     /// The force and moment of a sample.
@@ -145,6 +142,11 @@ impl Noise {
         }
         self.time(after).min(self.end)
     }
+}
+
+/// Refuses an `end` before the `start`. It may be infinite.
+pub(super) fn require_end(field: impl Display, start: f64, end: f64) -> Result {
+    require(start <= end, field, end, "must not be before the start")
 }
 
 /// Refuses more samples than a run can be cut into, and samples whose number, counted from the noise's start,

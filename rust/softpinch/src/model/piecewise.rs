@@ -1,6 +1,6 @@
 //! Piecewise polynomials: schedules and forces.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require};
 use crate::model::drive::{COEFFICIENTS, MAX_DEGREE};
 use crate::model::rule::Rule;
 
@@ -19,20 +19,18 @@ impl<const C: usize> PiecewisePolynomial<C> {
     /// Checks breaks and rows. Errors use `name` for the polynomial.
     pub fn new(name: &str, breaks: Vec<f64>, rows: Vec<[[f64; COEFFICIENTS]; C]>) -> Result<Self> {
         for (k, &time) in breaks.iter().enumerate() {
-            Rule::Finite.check_named(|| format!("{name}.times[{k}]"), time)?;
-            if k > 0 && time <= breaks[k - 1] {
-                let rule = "must be greater than the time before it";
-                return Err(Error::Field { field: format!("{name}.times[{k}]"), value: time, rule });
-            }
+            let field = format_args!("{name}.times[{k}]");
+            Rule::Finite.check(field, time)?;
+            require(k == 0 || time > breaks[k - 1], field, time, "must be greater than the time before it")?;
         }
         if rows.len() != breaks.len() + 1 {
             let found = format!("{} rows for {} breaks", rows.len(), breaks.len());
-            let rule = "there must be one row more than breaks";
-            return Err(Error::Shape { field: format!("{name}.coefficients"), found, rule });
+            let (field, rule) =
+                (format_args!("{name}.coefficients"), "there must be one row more than breaks");
+            return Err(Error::shape(field, found, rule));
         }
         for (k, value) in rows.iter().flatten().flatten().enumerate() {
-            Rule::Finite
-                .check_named(|| format!("{name}.coefficients[{}]", k / (C * COEFFICIENTS)), *value)?;
+            Rule::Finite.check(format_args!("{name}.coefficients[{}]", k / (C * COEFFICIENTS)), *value)?;
         }
         Ok(Self { breaks, rows })
     }

@@ -6,7 +6,7 @@
 //!
 //! v_k acts from t_k + delay until v_(k+1) does. With a delay that is longer than a period several v are under way.
 
-use crate::error::{Error, Result, require_at_most};
+use crate::error::{Error, Result, require, require_at_most};
 use crate::model::measures::Measure;
 use crate::model::noise::MOST_SAMPLES;
 use crate::model::rule::Rule;
@@ -60,9 +60,8 @@ impl SampledController {
 
     /// Checks numbers and sizes.
     pub fn check(&self) -> Result {
-        let name = |field: &str| format!("control.{field}");
-        Rule::Positive.check_named(|| name("period"), self.period)?;
-        Rule::NonNegative.check_named(|| name("delay"), self.delay)?;
+        Rule::Positive.check("control.period", self.period)?;
+        Rule::NonNegative.check("control.delay", self.delay)?;
         let under_way = self.delay / self.period;
         let what = "the samples under way (delay / period)";
         require_at_most(what, under_way, MOST_UNDER_WAY, "shorten the delay")?;
@@ -76,20 +75,17 @@ impl SampledController {
             ("measure_noise", &self.noise, m, Rule::NonNegative),
             ("resolution", &self.resolution, m, Rule::NonNegative),
         ] {
+            let field = format_args!("control.{field}");
             if values.len() != length {
                 let found = format!("{} numbers", values.len());
-                let rule = "must fit the numbers of states and measures";
-                return Err(Error::Shape { field: name(field), found, rule });
+                return Err(Error::shape(field, found, "must fit the numbers of states and measures"));
             }
-            rule.check_all(|| name(field), values)?;
+            rule.check_all(field, values)?;
         }
         for [low, high] in self.limits {
-            if low.is_nan() || high.is_nan() || low > high {
-                let rule = "must not be above the largest torque";
-                return Err(Error::Field { field: name("limits"), value: low, rule });
-            }
+            require(low <= high, "control.limits", low, "must not be above the largest torque")?;
         }
-        Rule::Finite.check_all(|| name("initial_torque"), &self.initial_torque)
+        Rule::Finite.check_all("control.initial_torque", &self.initial_torque)
     }
 
     /// Refuses more samples than a run can be divided into, and samples that the clock cannot tell apart.
@@ -98,11 +94,8 @@ impl SampledController {
         let what = "the controller's samples (duration / period)";
         require_at_most(what, needed, MOST_SAMPLES, "lengthen the period or shorten the run")?;
         let size = from.abs().max(until.abs());
-        if size + 0.25 * self.period == size {
-            let rule = "must be more than round-off of the times of the run";
-            return Err(Error::Field { field: "control.period".to_owned(), value: self.period, rule });
-        }
-        Ok(())
+        let rule = "must be more than round-off of the times of the run";
+        require(size + 0.25 * self.period != size, "control.period", self.period, rule)
     }
 
     /// The instant of a sample.

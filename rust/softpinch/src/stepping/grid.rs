@@ -4,7 +4,7 @@
 //! A run finds its segments one at a time when it reaches them, because held noise may divide it into
 //! millions.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require};
 use crate::model::inputs::Inputs;
 use crate::model::rule::Rule;
 use crate::model::scene::Scene;
@@ -50,11 +50,8 @@ impl Segment {
         if steps > MOST_STEPS {
             return Err(too_many((self.end - self.anchor) / dt));
         }
-        if self.count > 1 && self.h <= round_off(self.anchor, self.end) {
-            let rule = "must be more than round-off of the times that it steps between";
-            return Err(Error::Field { field: "dt".to_owned(), value: dt, rule });
-        }
-        Ok(())
+        let resolved = self.count <= 1 || self.h > round_off(self.anchor, self.end);
+        require(resolved, "dt", dt, "must be more than round-off of the times that it steps between")
     }
 
     /// The time since the anchor after `step` steps.
@@ -118,10 +115,8 @@ impl Span {
         Rule::Finite.check("initial.time", state.time)?;
         let start = state.time;
         let end = start + duration;
-        if !end.is_finite() || end <= start {
-            let rule = "must reach a later, finite instant from initial.time";
-            return Err(Error::Field { field: "duration".to_owned(), value: duration, rule });
-        }
+        let rule = "must reach a later, finite instant from initial.time";
+        require(end.is_finite() && end > start, "duration", duration, rule)?;
         inputs.require_countable(start, end)?;
         Ok(Self { start, end })
     }

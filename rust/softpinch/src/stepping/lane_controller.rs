@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use crate::error::{Error, Result};
+use crate::error::{Result, require};
 use crate::formulation::equations::Evaluation;
 use crate::model::controller_state::{ControllerState, Kept, Measured, Scratch};
 use crate::model::frame::FrameMotion;
@@ -33,11 +33,11 @@ impl LaneController {
         let now = match &scene.initial.controller {
             Some(row) => {
                 let state = ControllerState::from_row(controller, row)?;
-                if !state.holds_at(controller, scene.initial.time) {
-                    let rule = "must be between the last sample of State.controller and the next one";
-                    let (field, value) = ("State.time".to_owned(), scene.initial.time);
-                    return Err(Error::Field { field, value, rule });
-                }
+                let (time, rule) = (
+                    scene.initial.time,
+                    "must be between the last sample of State.controller and the next one",
+                );
+                require(state.holds_at(controller, time), "State.time", time, rule)?;
                 state
             }
             None => ControllerState::new(controller, *origin),

@@ -35,7 +35,7 @@ struct Curve<R> {
 /// d_n = 0.
 pub(super) fn check(coefficient: f64, exponent: u32, side: &str) -> Result<(), Error> {
     let field = |name: &str| format!("hand.tip.{side}.law.{name}");
-    Rule::Positive.check_named(|| field("coefficient"), coefficient)?;
+    Rule::Positive.check(field("coefficient"), coefficient)?;
     if exponent >= 2 {
         return Ok(());
     }
