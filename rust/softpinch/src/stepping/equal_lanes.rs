@@ -94,8 +94,9 @@ impl Place {
     }
 }
 
-/// The last two instants of the runs in all lanes: the states and their evaluations.
+/// The last two instants of the runs in all lanes: the states and their evaluations by the equations.
 pub(super) struct Instants<'a, R> {
+    pub(super) system: &'a SceneEquations<R>,
     pub(super) now: &'a Evaluation<R>,
     pub(super) y: &'a States<R>,
     pub(super) before: &'a Evaluation<R>,
@@ -240,28 +241,17 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
 
     /// The instant that was just watched, in one lane.
     #[inline(always)]
-    pub(super) fn now(
-        &self,
-        system: &SceneEquations<R>,
-        lane: usize,
-        at: &Instants<'_, R>,
-    ) -> Option<Instant> {
+    pub(super) fn now(&self, lane: usize, at: &Instants<'_, R>) -> Option<Instant> {
         let (t, grid) = self.batch.runs[lane].as_ref()?.place.now(self.clock);
         let contact = self.batch.contact_row(lane);
-        let found = watched(system.size(), (lane, contact), at.now, at.y, t, grid);
+        let found = watched(at.system.size(), (lane, contact), at.now, at.y, t, grid);
         Some(Instant { linearized: self.in_use_last, ..found })
     }
 
     /// The last watched instant of a lane: the current one if it is `finite`, else one before it.
-    pub(super) fn last(
-        &self,
-        system: &SceneEquations<R>,
-        lane: usize,
-        finite: bool,
-        at: &Instants<'_, R>,
-    ) -> Option<Instant> {
+    pub(super) fn last(&self, lane: usize, finite: bool, at: &Instants<'_, R>) -> Option<Instant> {
         if finite {
-            return self.now(system, lane, at);
+            return self.now(lane, at);
         }
         let run = self.batch.runs[lane].as_ref()?;
         let place = &run.place;
@@ -273,7 +263,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         let (t, grid) = if since_sample <= 1 { place.first() } else { place.before(self.clock) };
         let (evaluation, y) = if since_sample == 0 { (at.now, at.y) } else { (at.before, at.y_before) };
         let contact = self.batch.contact_row(lane);
-        let found = watched(system.size(), (lane, contact), evaluation, y, t, grid);
+        let found = watched(at.system.size(), (lane, contact), evaluation, y, t, grid);
         Some(Instant { linearized: self.in_use_last, before_sample: since_sample <= 1, ..found })
     }
 
@@ -336,18 +326,13 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     /// Ends the runs in the lanes of `failed`, where the equations of the step were not solved, and loads the
     /// next runs.
     #[cold]
-    pub(super) fn fail(
-        &mut self,
-        system: &SceneEquations<R>,
-        (failed, unsolved): (Bits, Unsolved),
-        at: &Instants<'_, R>,
-    ) -> Result {
+    pub(super) fn fail(&mut self, (failed, unsolved): (Bits, Unsolved), at: &Instants<'_, R>) -> Result {
         for lane in each(failed) {
             let watched = self.watched_now() >> lane & 1 != 0;
-            let Some(last) = self.last(system, lane, watched, at) else { continue };
+            let Some(last) = self.last(lane, watched, at) else { continue };
             let Some(run) = &self.batch.runs[lane] else { continue };
             let end = ending::unsolved(run.place.now(self.clock).0, self.h.lane(lane), unsolved);
-            self.retire(system, lane, end, &last);
+            self.retire(at.system, lane, end, &last);
             self.load(lane, self.clock + 1)?;
         }
         self.schedule();
