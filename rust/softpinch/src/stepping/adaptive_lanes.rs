@@ -90,16 +90,18 @@ pub(super) struct AdaptiveLanes<'a, R: Lanes, Q> {
     pub(super) events_in_a_row: [usize; MOST],
 }
 
-/// The states from which the steps of all lanes start.
+/// The states from which the steps of all lanes start, and the equations of the steps.
 pub(super) struct StepStart<R> {
+    pub(super) system: SceneEquations<R>,
     pub(super) y: States<R>,
     pub(super) now: Evaluation<R>,
     pub(super) sizes: Sizes<R>,
 }
 
 impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
-    /// Loads the next run, if there is one, into a lane, and puts the lane at the start of its first segment.
-    pub(super) fn load(&mut self, lane: usize, start: &mut StepStart<R>) -> Result {
+    /// Loads the next run, if there is one, into a lane, and puts the lane at the start of its first segment. Returns
+    /// whether there is one.
+    pub(super) fn load(&mut self, lane: usize) -> Result<bool> {
         let place = |_, scene: &Scene| Span::new(&scene.inputs, &scene.initial, scene.duration);
         let loaded = self.batch.load_lane(lane, place)?;
         let from = self.batch.runs[lane].as_ref().map_or(0.0, |run| run.place.start);
@@ -109,14 +111,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         if self.batch.runs[lane].as_ref().is_some_and(|run| run.controller.is_some()) {
             self.batch.enter_sample(lane, from);
         }
-        if loaded {
-            self.saved |= 1 << lane;
-        } else {
-            for rate in &mut start.now.rate {
-                rate.set(lane, 0.0);
-            }
-        }
-        Ok(())
+        self.saved |= Bits::from(loaded) << lane;
+        Ok(loaded)
     }
 
     /// The lanes at the start of a segment, or at an event, from which they go on as from such a start.
@@ -134,25 +130,25 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
 
     /// Sets the typical magnitudes of the states in the lanes of `changed`, which have new runs.
     #[inline(always)]
-    pub(super) fn size(&self, system: &impl System<R>, changed: Bits, start: &mut StepStart<R>) {
-        let usual = system.begin(&self.batch.gathered(Motion::typical_magnitudes));
-        let slow = system.begin(&self.batch.gathered(Motion::slow_magnitudes));
+    pub(super) fn size(&self, changed: Bits, start: &mut StepStart<R>) {
+        let usual = start.system.begin(&self.batch.gathered(Motion::typical_magnitudes));
+        let slow = start.system.begin(&self.batch.gathered(Motion::slow_magnitudes));
         start.sizes.begin(changed, &usual, &slow);
     }
 
-    pub(super) fn retire(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Instant) {
+    pub(super) fn retire(&mut self, start: &StepStart<R>, lane: usize, end: End, last: &Instant) {
         self.count(lane);
-        self.batch.retire_lane(system, lane, end, last);
+        self.batch.retire_lane(&start.system, lane, end, last);
     }
 
     /// The last watched instant of a lane.
-    pub(super) fn last(&self, system: &impl System<R>, lane: usize, start: &StepStart<R>) -> Option<Instant> {
+    pub(super) fn last(&self, lane: usize, start: &StepStart<R>) -> Option<Instant> {
         if self.saved >> lane & 1 != 0 {
             return self.batch.runs[lane].as_ref()?.saved_instant;
         }
         let t = self.progress.watched.lane(lane);
         let contact = self.batch.contact_row(lane);
-        Some(watched(system.size(), (lane, contact), &start.now, &start.y, t, (t, 0)))
+        Some(watched(start.system.size(), (lane, contact), &start.now, &start.y, t, (t, 0)))
     }
 
     pub(super) fn save(&mut self, lane: usize, last: Option<Instant>) {
@@ -165,16 +161,10 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     /// Ends the run in a lane at the last watched instant. An `end` of `None` means that a number overflowed.
     #[cold]
     #[inline(never)]
-    pub(super) fn stop(
-        &mut self,
-        system: &impl System<R>,
-        lane: usize,
-        start: &StepStart<R>,
-        end: Option<End>,
-    ) {
-        let Some(last) = self.last(system, lane, start) else { return };
+    pub(super) fn stop(&mut self, lane: usize, start: &StepStart<R>, end: Option<End>) {
+        let Some(last) = self.last(lane, start) else { return };
         let end = end.unwrap_or_else(|| overflow(last.t));
-        self.retire(system, lane, end, &last);
+        self.retire(start, lane, end, &last);
     }
 
     /// Records an instant that was just watched, if it is `due`. Ends the run there if a violation or a lack
@@ -182,13 +172,13 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     #[inline(always)]
     pub(super) fn goes_on(
         &mut self,
-        system: &impl System<R>,
+        start: &StepStart<R>,
         lane: usize,
         due: bool,
         seen: &Seen,
         instant: &Instant,
     ) -> bool {
-        let recorded = if due { self.batch.record(system, instant) } else { Ok(()) };
+        let recorded = if due { self.batch.record(&start.system, instant) } else { Ok(()) };
         let end = match recorded {
             Err(error) => Some(full(instant.t, &error)),
             Ok(()) if seen.ended >> lane & 1 != 0 => {
@@ -198,7 +188,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
             Ok(()) => None,
         };
         let Some(end) = end else { return true };
-        self.retire(system, lane, end, instant);
+        self.retire(start, lane, end, instant);
         false
     }
 }
@@ -255,7 +245,6 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
 /// `turning_times`. Returns the lanes whose runs go on. This is rare, so the code is called, not inlined.
 pub(super) struct LookInside<'b, 'a, R: Lanes, Q> {
     pub(super) lanes: &'b mut AdaptiveLanes<'a, R, Q>,
-    pub(super) system: &'b SceneEquations<R>,
     pub(super) method: &'b mut AnyAdaptiveMethod<R>,
     pub(super) start: &'b StepStart<R>,
     /// The time of the step's start since that of the segment, and the length of the step.
@@ -273,9 +262,9 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for LookInside<'_, 'a, R, Q> {
 
     #[inline(always)]
     fn run(self) -> Bits {
-        let Self { lanes, system, method, start, step, next, mut accepted, ends, mut turning_times } = self;
+        let Self { lanes, method, start, step, next, mut accepted, ends, mut turning_times } = self;
+        let (system, y, (tau, h), drive) = (&start.system, &start.y, step, &lanes.batch.drive);
         let size = system.size();
-        let ((tau, h), y, drive) = (step, &start.y, &lanes.batch.drive);
         let allowed = Some(&start.sizes.allowed);
         let step = Step { system, drive, tau, h, y, rate: &start.now.rate, allowed };
         method.prepare(&step, next, &mut lanes.batch.stats);
@@ -308,13 +297,13 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for LookInside<'_, 'a, R, Q> {
                     turning_times[lane] = f64::INFINITY;
                 }
                 if seen.finite >> lane & 1 == 0 {
-                    lanes.stop(system, lane, start, None);
+                    lanes.stop(lane, start, None);
                 } else {
                     let contact = lanes.batch.contact_row(lane);
                     let instant = watched(size, (lane, contact), &then, &between, t, (t, 0));
                     lanes.save(lane, Some(instant));
                     let due = lanes.batch.queue.is_due(t, true);
-                    lanes.goes_on(system, lane, due, &seen, &instant);
+                    lanes.goes_on(start, lane, due, &seen, &instant);
                 }
             }
             accepted &= !lanes.batch.phases.at(Phase::Ended);
