@@ -235,7 +235,7 @@ impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
         let inputs = &scene.inputs;
         let mut segment = grid.first;
         let mut drive = run.drive(segment.anchor);
-        let mut y = system.begin(&R::call(run.instructions, Begin(run, &drive)));
+        let mut y = system.begin(&run.start(&drive));
         let mut next = [RunDual::zero(); MAX_COMPONENTS];
         let mut rate = next;
         let mut steps = 0u64;
@@ -248,7 +248,7 @@ impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
             let mut tau = RunDual::constant(segment.tau(segment.first));
             run.visit(segment.start, &drive, (tau, &y), &mut rate, sink);
             // A run that is resumed inside a segment has already had what happens at the start of the segment.
-            if segment.first == 0 && R::call(run.instructions, Pass(run, segment.start, &drive, &mut y)) {
+            if segment.first == 0 && run.pass(segment.start, &drive, &mut y) {
                 rate = run.rates((&drive.at(tau), &drive), &y);
             }
             let mut taken = 0;
@@ -294,80 +294,6 @@ impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
     }
 }
 
-/// Finds the start of a run.
-struct Begin<'a, 'w, R>(&'a DifferentiatedRun<'w, R>, &'a SegmentDrive<RunDual<R>>);
-
-impl<R: Lanes> LaneTask<R> for Begin<'_, '_, R> {
-    type Output = Motion<RunDual<R>>;
-
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        let Self(run, drive) = self;
-        let initial = &run.request.scene.initial;
-        let Motion { q, p, mut memory } = Motion::<RunDual<R>>::constant(&initial.motion);
-        let (mut q, mut p) = (q.row(), p.row());
-        if let Some(start) = run.request.start {
-            let derived = start.varied(&run.source, &drive.at(RunDual::zero()), &initial.motion.q);
-            let (derived_q, derived_p) = (derived.q.row(), derived.p.row());
-            for n in 0..9 {
-                (q[n].slope, p[n].slope) = (derived_q[n].slope, derived_p[n].slope);
-            }
-        }
-        for n in 0..9 {
-            q[n] = q[n] + run.varied(0.0, |one| one.initial.q.row()[n]);
-            p[n] = p[n] + run.varied(0.0, |one| one.initial.p.row()[n]);
-        }
-        for i in 0..2 {
-            memory[i] = memory[i] + run.varied(0.0, |one| one.initial.memory[i]);
-        }
-        Motion { q: q.into(), p: p.into(), memory }
-    }
-}
-
-/// Applies what happens at a breakpoint: the shifts of inputs whose jump moves, then the impulses. Returns whether
-/// anything does.
-struct Pass<'a, 'w, R>(
-    &'a DifferentiatedRun<'w, R>,
-    f64,
-    &'a SegmentDrive<RunDual<R>>,
-    &'a mut States<RunDual<R>>,
-);
-
-impl<R: Lanes> LaneTask<R> for Pass<'_, '_, R> {
-    type Output = bool;
-
-    #[inline(always)]
-    fn run(self) -> bool {
-        let Self(run, time, drive, y) = self;
-        let input = drive.at(RunDual::zero());
-        let mut passes = run.directions.iter().any(|one| one.shifts.iter().any(|shift| shift.time == time));
-        if passes {
-            run.shift(time, (&input, drive), y);
-        }
-        let inputs = &run.request.scene.inputs;
-        for (place, impulse) in inputs.fixed_impulses_at(time).enumerate() {
-            passes = true;
-            let slope = |one: &Direction, c: usize| {
-                one.inputs.fixed_impulses_at(time).nth(place).map_or(0.0, |slope| slope[c])
-            };
-            let component = |c: usize| run.varied(impulse[c], |one| slope(one, c));
-            let number = inputs.impulses_before(time) + place;
-            // An impulse that comes later by dt acts on the state that the rates before it reach in dt, and the
-            // rates after it act for dt less.
-            let by = run.varied(0.0, |one| one.impulse_times.get(number).copied().unwrap_or(0.0));
-            run.carry((&input, drive), y, by);
-            // The angles of driven fingers are those of the instant to which the impulse moves.
-            let mut impulse = std::array::from_fn(component);
-            if let Some(frame) = &drive.frame {
-                [impulse[0], impulse[1]] = frame.motion(by).into_hand([impulse[0], impulse[1]]);
-            }
-            run.equations.system.jump(&drive.at(by), y, &impulse);
-            run.carry((&input, drive), y, -by);
-        }
-        passes
-    }
-}
-
 impl<R: Lanes> DifferentiatedRun<'_, R> {
     /// The segments of the run, and the ends of its steps if these are free.
     fn times(&self) -> Result<(Grid, Option<&[f64]>)> {
@@ -383,6 +309,61 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
                 Ok((Grid::over(inputs, initial, span, f64::INFINITY, 1)?, Some(self.request.ends)))
             }
         }
+    }
+
+    /// The motion at the start of the run.
+    #[inline(always)]
+    fn start(&self, drive: &SegmentDrive<RunDual<R>>) -> Motion<RunDual<R>> {
+        let initial = &self.request.scene.initial;
+        let Motion { q, p, mut memory } = Motion::<RunDual<R>>::constant(&initial.motion);
+        let (mut q, mut p) = (q.row(), p.row());
+        if let Some(start) = self.request.start {
+            let derived = start.varied(&self.source, &drive.at(RunDual::zero()), &initial.motion.q);
+            let (derived_q, derived_p) = (derived.q.row(), derived.p.row());
+            for n in 0..9 {
+                (q[n].slope, p[n].slope) = (derived_q[n].slope, derived_p[n].slope);
+            }
+        }
+        for n in 0..9 {
+            q[n] = q[n] + self.varied(0.0, |one| one.initial.q.row()[n]);
+            p[n] = p[n] + self.varied(0.0, |one| one.initial.p.row()[n]);
+        }
+        for i in 0..2 {
+            memory[i] = memory[i] + self.varied(0.0, |one| one.initial.memory[i]);
+        }
+        Motion { q: q.into(), p: p.into(), memory }
+    }
+
+    /// Applies what happens at a breakpoint: the shifts of inputs whose jump moves, then the impulses. Returns whether
+    /// anything does.
+    #[inline(always)]
+    fn pass(&self, time: f64, drive: &SegmentDrive<RunDual<R>>, y: &mut States<RunDual<R>>) -> bool {
+        let input = drive.at(RunDual::zero());
+        let mut passes = self.directions.iter().any(|one| one.shifts.iter().any(|shift| shift.time == time));
+        if passes {
+            self.shift(time, (&input, drive), y);
+        }
+        let inputs = &self.request.scene.inputs;
+        for (place, impulse) in inputs.fixed_impulses_at(time).enumerate() {
+            passes = true;
+            let slope = |one: &Direction, c: usize| {
+                one.inputs.fixed_impulses_at(time).nth(place).map_or(0.0, |slope| slope[c])
+            };
+            let component = |c: usize| self.varied(impulse[c], |one| slope(one, c));
+            let number = inputs.impulses_before(time) + place;
+            // An impulse that comes later by dt acts on the state that the rates before it reach in dt, and the
+            // rates after it act for dt less.
+            let by = self.varied(0.0, |one| one.impulse_times.get(number).copied().unwrap_or(0.0));
+            self.carry((&input, drive), y, by);
+            // The angles of driven fingers are those of the instant to which the impulse moves.
+            let mut impulse = std::array::from_fn(component);
+            if let Some(frame) = &drive.frame {
+                [impulse[0], impulse[1]] = frame.motion(by).into_hand([impulse[0], impulse[1]]);
+            }
+            self.equations.system.jump(&drive.at(by), y, &impulse);
+            self.carry((&input, drive), y, -by);
+        }
+        passes
     }
 
     fn drive(&self, anchor: f64) -> SegmentDrive<RunDual<R>> {
