@@ -35,14 +35,19 @@ use crate::stepping::record::Run;
 
 /// Runs that are stepped from outside.
 pub struct Simulator {
-    options: Options,
-    dt: f64,
-    period: f64,
+    how: Stepping,
     environments: Vec<Environment>,
     /// The runs in the period that is computed now.
     runs: Vec<PeriodRun>,
     /// Threads beside the caller's, if there are any.
     pool: Option<ThreadPool>,
+}
+
+/// The options of all runs, and the lengths of their steps and of their periods, s.
+struct Stepping {
+    options: Options,
+    dt: f64,
+    period: f64,
 }
 
 impl Simulator {
@@ -58,19 +63,19 @@ impl Simulator {
             return Err(Error::shape("tolerance", found, "a simulator takes equal steps"));
         };
         let guard = scenes.iter().any(|scene| options.may_be_unstable(scene));
-        let options = &Options { guard, ..options.clone() };
+        let how = Stepping { options: Options { guard, ..options.clone() }, dt, period };
         let mut environments = Vec::with_capacity(scenes.len());
         for (run, scene) in scenes.into_iter().enumerate() {
             let mut environment = Environment::new(scene);
             let (start, check) = environment.start.clone();
-            environment.begin((&start, check), options, (dt, period)).map_err(|error| error.of_run(run))?;
+            environment.begin((&start, check), &how).map_err(|error| error.of_run(run))?;
             environments.push(environment);
         }
         let runs = environments.iter().map(|_| PeriodRun::default()).collect();
         // More threads than vectors of lanes have nothing to do.
         let threads = threads.min(environments.len().div_ceil(MOST));
         let pool = (threads > 1).then(|| waiting(threads - 1)).transpose()?;
-        Ok(Self { options: options.clone(), dt, period, environments, runs, pool })
+        Ok(Self { how, environments, runs, pool })
     }
 
     /// Number of runs.
@@ -96,23 +101,22 @@ impl Simulator {
     /// Puts a run back to its start, or to the start of another run from `state`. There is no external force
     /// from outside then. `check` says whether a state off the constraints is refused.
     pub fn reset(&mut self, run: usize, state: Option<(&State, bool)>) -> Result {
-        let Self { options, dt, period, environments, .. } = self;
-        let environment = &mut environments[run];
+        let environment = &mut self.environments[run];
         let (start, check) = environment.start.clone();
-        environment.begin(state.unwrap_or((&start, check)), options, (*dt, *period))
+        environment.begin(state.unwrap_or((&start, check)), &self.how)
     }
 
     /// Goes on from a state, at its time. The run's end and the external force stay.
     pub fn set_state(&mut self, run: usize, (state, check): (&State, bool)) -> Result {
-        let Self { options, dt, period, environments, .. } = self;
-        let environment = &mut environments[run];
+        let environment = &mut self.environments[run];
         let span @ Span { start, end } = environment.span;
         let rule = "must be between the run's start and its end; reset with a state begins another run";
         require((start..=end).contains(&state.time), "State.time", state.time, rule)?;
-        environment.place((state, check), span, options, *dt)?;
+        environment.place((state, check), span, &self.how)?;
         // Periods go on at the instants at which they would have begun anyway, if the state is at one of them.
-        let periods = ((state.time - environment.origin) / *period).round();
-        if periods >= 0.0 && periods * *period + environment.origin == state.time {
+        let period = self.how.period;
+        let periods = ((state.time - environment.origin) / period).round();
+        if periods >= 0.0 && periods * period + environment.origin == state.time {
             environment.periods = periods as u64;
         } else {
             (environment.origin, environment.periods) = (state.time, 0);
@@ -140,7 +144,7 @@ impl Simulator {
         accelerations: &[[f64; 2]],
         interrupted: &dyn Fn() -> bool,
     ) -> Result<bool> {
-        let Self { options, dt, period, environments, runs, pool } = self;
+        let Self { how, environments, runs, pool } = self;
         let given = [("actions", targets), ("acceleration", accelerations)];
         for (name, rows) in given.into_iter().take(1 + usize::from(!accelerations.is_empty())) {
             if rows.len() != environments.len() {
@@ -154,13 +158,13 @@ impl Simulator {
         for (k, (environment, run)) in environments.iter_mut().zip(&mut *runs).enumerate() {
             run.outcome = None;
             if environment.observed.status.is_none() {
-                run.end = environment.next(*period);
+                run.end = environment.next(how.period);
                 let (target, force) = (targets[k], environment.force);
                 let acceleration = accelerations.get(k).copied();
                 environment.scene.inputs.hold(Some(Held { target, force, acceleration }));
             }
         }
-        compute((options, *dt), environments, runs, pool.as_ref(), interrupted)?;
+        compute(how, environments, runs, pool.as_ref(), interrupted)?;
         let stopped = |run: &Run| run.status == Status::Interrupted;
         if runs.iter().any(|run| run.outcome.as_ref().is_some_and(stopped)) {
             return Ok(false);
@@ -215,18 +219,13 @@ impl Environment {
     }
 
     /// Puts the run at its start. Refuses a start that a run refuses, and steps that are too many or too short.
-    fn begin(
-        &mut self,
-        (start, check): (&State, bool),
-        options: &Options,
-        (dt, period): (f64, f64),
-    ) -> Result {
+    fn begin(&mut self, (start, check): (&State, bool), how: &Stepping) -> Result {
         let Self { scene, .. } = self;
         let span = Span::new(&scene.inputs, start, scene.duration)?;
-        let first = Span { end: span.end.min(span.start + period), ..span };
-        Grid::over(&scene.inputs, start, first, dt, options.refine)?;
-        require_periods(span, period)?;
-        self.place((start, check), span, options, dt)?;
+        let first = Span { end: span.end.min(span.start + how.period), ..span };
+        Grid::over(&scene.inputs, start, first, how.dt, how.options.refine)?;
+        require_periods(span, how.period)?;
+        self.place((start, check), span, how)?;
         (self.origin, self.periods, self.force) = (start.time, 0, [0.0; 3]);
         Ok(())
     }
@@ -243,7 +242,7 @@ impl Environment {
 
     /// Goes on from a state in a run over this span. `check` says whether a state off the constraints is refused.
     /// The multipliers are those under the schedule's own inputs.
-    fn place(&mut self, (state, check): (&State, bool), span: Span, options: &Options, dt: f64) -> Result {
+    fn place(&mut self, (state, check): (&State, bool), span: Span, how: &Stepping) -> Result {
         let Self { scene, .. } = self;
         scene.inputs.hold(None);
         scene.check = check;
@@ -252,7 +251,7 @@ impl Environment {
         if let Some(grid) = &mut scene.initial.grid {
             *grid = (state.time, 0);
         }
-        let found = require_valid(scene, options).and_then(|()| multipliers(scene, options, dt));
+        let found = require_valid(scene, &how.options).and_then(|()| multipliers(scene, how));
         let multipliers = found.inspect_err(|_| scene.initial = before)?;
         let State { time: t, motion, .. } = *state;
         self.span = span;
@@ -286,7 +285,7 @@ fn require_periods(Span { start, end }: Span, period: f64) -> Result {
 }
 
 /// The multipliers at the initial state of a scene.
-fn multipliers(scene: &Scene, options: &Options, dt: f64) -> Result<[f64; 4]> {
+fn multipliers(scene: &Scene, Stepping { options, dt, .. }: &Stepping) -> Result<[f64; 4]> {
     let instructions = options.simd.require()?;
     let choice = options.choice(&scene.inputs);
     let equations =
@@ -295,7 +294,7 @@ fn multipliers(scene: &Scene, options: &Options, dt: f64) -> Result<[f64; 4]> {
     let mut drive = scene.inputs.segment(time);
     if options.contact == ContactModel::Unilateral {
         if scene.initial.contact.is_none() {
-            return LaneContact::first_multipliers(instructions, options, scene, drive, dt);
+            return LaneContact::first_multipliers(instructions, options, scene, drive, *dt);
         }
         LaneContact::new(instructions, options, scene)?.run.put_into(&mut drive.contacts, 0);
     }
@@ -318,7 +317,7 @@ type Part<'a> = (&'a [Environment], &'a mut [PeriodRun]);
 /// Computes the period of some runs in steps of at most `dt`. A single run, and a method whose steps have no lanes, take
 /// the code of lone runs.
 fn compute_part(
-    (options, dt): (&Options, f64),
+    Stepping { options, dt, .. }: &Stepping,
     (environments, runs): Part<'_>,
     stops: &dyn Fn() -> bool,
 ) -> Result {
@@ -326,7 +325,7 @@ fn compute_part(
     let runs = RefCell::new(runs);
     let grid = |number: usize, Scene { inputs, initial, .. }: &Scene| {
         let span = Span { start: initial.time, end: runs.borrow()[number].end };
-        Grid::over(inputs, initial, span, dt, options.refine)
+        Grid::over(inputs, initial, span, *dt, options.refine)
     };
     let mut under_way =
         (0..).zip(environments).filter(|(_, environment)| environment.observed.status.is_none());
@@ -360,7 +359,7 @@ fn compute_part(
 
 /// Computes the period of all runs. The caller's thread does a part of the work beside those of the pool.
 fn compute(
-    how: (&Options, f64),
+    how: &Stepping,
     environments: &[Environment],
     runs: &mut [PeriodRun],
     pool: Option<&ThreadPool>,
