@@ -26,32 +26,32 @@ use crate::stepping::queue::POLL;
 use crate::stepping::summary::{Summaries, Summary, SummaryInstant, Wanted};
 
 /// The place of the derivatives of some directions among those of all.
-pub(super) struct Rows<'a> {
-    pub(super) times: &'a [f64],
+pub struct Rows<'a> {
+    pub times: &'a [f64],
     /// The components of all rows, each with one number for every direction.
-    pub(super) numbers: &'a mut [f64],
+    pub numbers: &'a mut [f64],
     /// The first of the directions, and the number of all directions.
-    pub(super) first: usize,
-    pub(super) width: usize,
-    pub(super) taken: usize,
+    pub first: usize,
+    pub width: usize,
+    pub taken: usize,
 }
 
 /// The summaries of a run and its last state, with their derivatives.
-pub(super) struct Ends<R> {
+pub struct Ends<R> {
     summaries: Summaries<RunDual<R>>,
     until: f64,
     last: Option<Motion<RunDual<R>>>,
 }
 
 /// What takes the instants of a run with derivatives.
-pub(super) enum Sink<'a, R> {
+pub enum Sink<'a, R> {
     Rows(Rows<'a>),
     Ends(Ends<R>),
 }
 
 impl<R: Lanes> Sink<'_, R> {
     /// Whether it needs no further instant.
-    pub(super) fn is_full(&self) -> bool {
+    pub fn is_full(&self) -> bool {
         match self {
             Self::Rows(rows) => rows.taken == rows.times.len(),
             Self::Ends(ends) => ends.last.is_some(),
@@ -60,7 +60,7 @@ impl<R: Lanes> Sink<'_, R> {
 
     /// Whether it wants the instant at this end of a step.
     #[inline(always)]
-    pub(super) fn wants(&self, time: f64) -> bool {
+    pub fn wants(&self, time: f64) -> bool {
         match self {
             Self::Rows(rows) => rows.times.get(rows.taken) == Some(&time),
             Self::Ends(ends) => ends.last.is_none(),
@@ -68,7 +68,7 @@ impl<R: Lanes> Sink<'_, R> {
     }
 
     /// The next instant that it wants inside a step that ends at `end`.
-    pub(super) fn next_before(&self, end: f64) -> Option<f64> {
+    pub fn next_before(&self, end: f64) -> Option<f64> {
         match self {
             Self::Rows(rows) => rows.times.get(rows.taken).copied().filter(|&time| time < end),
             Self::Ends(_) => None,
@@ -76,7 +76,7 @@ impl<R: Lanes> Sink<'_, R> {
     }
 
     /// Writes NaN for the rows that are missing, because the run cannot be followed to them.
-    pub(super) fn give_up(&mut self) {
+    pub fn give_up(&mut self) {
         if let Self::Rows(rows) = self {
             let Rows { times, numbers, first, width, taken } = rows;
             let columns = *first..(*width).min(*first + DIRECTIONS);
@@ -88,12 +88,12 @@ impl<R: Lanes> Sink<'_, R> {
 }
 
 /// Gives an instant to a sink.
-pub(super) struct Take<'a, 's, R> {
-    pub(super) sink: &'a mut Sink<'s, R>,
-    pub(super) system: &'a RunDualSystem<R>,
-    pub(super) time: f64,
-    pub(super) now: &'a Evaluation<RunDual<R>>,
-    pub(super) y: &'a States<RunDual<R>>,
+pub struct Take<'a, 's, R> {
+    pub sink: &'a mut Sink<'s, R>,
+    pub system: &'a RunDualSystem<R>,
+    pub time: f64,
+    pub now: &'a Evaluation<RunDual<R>>,
+    pub y: &'a States<RunDual<R>>,
 }
 
 impl<R: Lanes> LaneTask<R> for Take<'_, '_, R> {
@@ -140,7 +140,7 @@ impl Rows<'_> {
 
 impl<R: Lanes> Ends<R> {
     /// Takes the summaries of a run until the time of its last instant.
-    pub(super) fn new(wanted: &Wanted, until: f64) -> Self {
+    pub fn new(wanted: &Wanted, until: f64) -> Self {
         Self { summaries: Summaries::new(wanted), until, last: None }
     }
 
@@ -156,14 +156,14 @@ impl<R: Lanes> Ends<R> {
     }
 
     /// The derivatives of the last state; NaN if the run did not get so far.
-    pub(super) fn state(&self, direction: usize) -> [f64; 18] {
+    pub fn state(&self, direction: usize) -> [f64; 18] {
         let Some(Motion { q, p, .. }) = self.last else { return [f64::NAN; 18] };
         let (q, p) = (q.row(), p.row());
         std::array::from_fn(|n| if n < 9 { q[n] } else { p[n - 9] }.direction(direction))
     }
 
     /// The derivative of a summary; NaN if it has none, or has seen no instant.
-    pub(super) fn slope(&self, summary: Summary, direction: usize) -> f64 {
+    pub fn slope(&self, summary: Summary, direction: usize) -> f64 {
         let memory = self.summaries.memory[summary as usize];
         let values = memory.map(|number| number.lane(0));
         if self.last.is_none() || !values[0].is_finite() {
@@ -198,29 +198,29 @@ fn next_step(segment: &Segment, taken: u64, ends: Option<&[f64]>) -> Option<Step
     (end <= segment.end).then_some(StepTimes { tau, h: end - from, tau_end, end })
 }
 
-pub(super) struct Request<'a> {
-    pub(super) scene: &'a Scene,
-    pub(super) options: &'a Options,
-    pub(super) start: Option<Start>,
+pub struct Request<'a> {
+    pub scene: &'a Scene,
+    pub options: &'a Options,
+    pub start: Option<Start>,
     /// The ends of free steps.
-    pub(super) ends: &'a [f64],
-    pub(super) interrupted: &'a dyn Fn() -> bool,
+    pub ends: &'a [f64],
+    pub interrupted: &'a dyn Fn() -> bool,
 }
 
 /// A run with its derivatives in some directions, at most eight.
-pub(super) struct DifferentiatedRun<'a, R> {
-    pub(super) instructions: Instructions,
-    pub(super) request: &'a Request<'a>,
-    pub(super) directions: &'a [Direction],
-    pub(super) source: VariedParameters<'a>,
-    pub(super) equations: RunDualEquations<R>,
+pub struct DifferentiatedRun<'a, R> {
+    pub instructions: Instructions,
+    pub request: &'a Request<'a>,
+    pub directions: &'a [Direction],
+    pub source: VariedParameters<'a>,
+    pub equations: RunDualEquations<R>,
 }
 
 /// Follows a run with a method until its sink needs no more.
-pub(super) struct FollowRun<'w, 's, R: Lanes>(
-    pub(super) &'w DifferentiatedRun<'w, R>,
-    pub(super) &'w mut RunDualMethod<R>,
-    pub(super) &'w mut Sink<'s, R>,
+pub struct FollowRun<'w, 's, R: Lanes>(
+    pub &'w DifferentiatedRun<'w, R>,
+    pub &'w mut RunDualMethod<R>,
+    pub &'w mut Sink<'s, R>,
 );
 
 impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {

@@ -18,10 +18,10 @@ use crate::stepping::options::{Options, Steps};
 use crate::stepping::queue::{Finished, RunQueue, Taken};
 
 /// The source and the destination of runs in lanes, whose step loops are compiled once for all of them.
-pub(super) struct LaneQueue<'q, 'a> {
-    pub(super) take: &'q mut dyn FnMut() -> Result<Option<Taken<'a>>>,
-    pub(super) stops: &'q dyn Fn() -> bool,
-    pub(super) finish: &'q mut dyn FnMut(Finished),
+pub struct LaneQueue<'q, 'a> {
+    pub take: &'q mut dyn FnMut() -> Result<Option<Taken<'a>>>,
+    pub stops: &'q dyn Fn() -> bool,
+    pub finish: &'q mut dyn FnMut(Finished),
 }
 
 impl<'a> RunQueue<'a> for LaneQueue<'_, 'a> {
@@ -39,11 +39,11 @@ impl<'a> RunQueue<'a> for LaneQueue<'_, 'a> {
 }
 
 /// The runs of one thread in lanes.
-pub(super) struct RunsInLanes<'q, 'a> {
-    pub(super) queue: LaneQueue<'q, 'a>,
-    pub(super) grid: &'q GridOf<'q>,
-    pub(super) options: &'a Options,
-    pub(super) choice: Choice,
+pub struct RunsInLanes<'q, 'a> {
+    pub queue: LaneQueue<'q, 'a>,
+    pub grid: &'q GridOf<'q>,
+    pub options: &'a Options,
+    pub choice: Choice,
 }
 
 /// Computes the runs. Returns `None` if the steps of the method have no lanes.

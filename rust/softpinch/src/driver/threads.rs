@@ -23,14 +23,14 @@ impl Drop for StopOnPanic<'_> {
 }
 
 /// Threads that wait for work. Steps of runs from outside need them, because their periods take microseconds.
-pub(super) fn waiting(threads: usize) -> Result<ThreadPool> {
+pub fn waiting(threads: usize) -> Result<ThreadPool> {
     let pool = ThreadPoolBuilder::new().num_threads(threads).build();
     pool.map_err(|error| Error::Threads { threads, reason: error.to_string() })
 }
 
 /// Does `work` for each of `parts` on a thread of the pool, and meanwhile `own` on the caller's thread, which gets the
 /// results in any order. An error or a panic sets `stop`, at which work is expected to end.
-pub(super) fn share<P: Send, T: Send, O>(
+pub fn share<P: Send, T: Send, O>(
     pool: &ThreadPool,
     parts: impl Iterator<Item = P>,
     stop: &AtomicBool,
@@ -60,7 +60,7 @@ pub(super) fn share<P: Send, T: Send, O>(
 /// Does `work` on each of `threads` new threads, and returns their results in any order. The work takes what is left to
 /// do from a common source until there is nothing, or until `stop` is set: by an error or a panic of another thread, or
 /// because `watch`, which is called from time to time on the caller's own thread, says so.
-pub(super) fn share_watched<T: Send>(
+pub fn share_watched<T: Send>(
     threads: usize,
     stop: &AtomicBool,
     work: impl Fn() -> Result<T> + Sync,

@@ -90,7 +90,7 @@ fn in_pairs<R: Real>(k: &[f64; 6], z: R) -> R {
 #[cfg(test)]
 thread_local! {
     /// How many lanes of this thread have taken their sine and cosine from `libm`.
-    pub(crate) static LIBM_LANES: std::cell::Cell<u64> = const { std::cell::Cell::new(0) };
+    pub static LIBM_LANES: std::cell::Cell<u64> = const { std::cell::Cell::new(0) };
 }
 
 /// Replaces the results in the lanes of `wild`, whose angles are too large to reduce or not finite. `libm` is

@@ -24,12 +24,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     /// not take this step: they take a shorter one that ends at the event, or their run has ended.
     #[cold]
     #[inline(never)]
-    pub(super) fn find_events(
-        &mut self,
-        due: Bits,
-        start: &StepStart<R>,
-        (h, arrived): (R, &States<R>),
-    ) -> Bits {
+    pub fn find_events(&mut self, due: Bits, start: &StepStart<R>, (h, arrived): (R, &States<R>)) -> Bits {
         let mut retakes = 0;
         for lane in each(due) {
             let (bit, h) = (1 << lane, h.lane(lane));
@@ -61,7 +56,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
 
     /// Lets the events happen at which steps have just ended.
     #[cold]
-    pub(super) fn meet_events(&mut self, start: &mut StepStart<R>) {
+    pub fn meet_events(&mut self, start: &mut StepStart<R>) {
         for lane in each(self.batch.phases.at(Phase::Event)) {
             let Some((event, h)) = self.events[lane].take() else { continue };
             let tau = self.progress.tau.lane(lane);
@@ -78,7 +73,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
 
     /// Chooses the modes in the lanes of `begins`, which begin a segment.
     #[cold]
-    pub(super) fn choose_modes(&mut self, begins: Bits, start: &mut StepStart<R>) {
+    pub fn choose_modes(&mut self, begins: Bits, start: &mut StepStart<R>) {
         for lane in each(begins & self.entering()) {
             let length = self.progress.length.lane(lane);
             let last = self.progress.h.lane(lane);
@@ -136,10 +131,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
 
 /// Begins a segment in the lanes that enter one, or goes on in it after an event, and computes the length of the first
 /// step. This is rare, so the code is called, not inlined.
-pub(super) struct Enter<'b, 'a, R: Lanes, Q>(
-    pub(super) &'b mut AdaptiveLanes<'a, R, Q>,
-    pub(super) &'b mut StepStart<R>,
-);
+pub struct Enter<'b, 'a, R: Lanes, Q>(pub &'b mut AdaptiveLanes<'a, R, Q>, pub &'b mut StepStart<R>);
 
 impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for Enter<'_, 'a, R, Q> {
     type Output = ();

@@ -26,36 +26,36 @@ use crate::stepping::queue::RunQueue;
 use crate::stepping::sizes::Sizes;
 
 /// The places of the runs in time. In a lane without a run all numbers are zero.
-pub(super) struct Progress<R> {
+pub struct Progress<R> {
     /// Start, end and length of the segments between breakpoints.
-    pub(super) from: R,
-    pub(super) to: R,
-    pub(super) length: R,
+    pub from: R,
+    pub to: R,
+    pub length: R,
     /// The times, the times since the starts of the segments, and the times of the last watched instants.
-    pub(super) t: R,
-    pub(super) tau: R,
-    pub(super) watched: R,
+    pub t: R,
+    pub tau: R,
+    pub watched: R,
     /// The lengths of the next attempts.
-    pub(super) h: R,
-    pub(super) steps: R,
-    pub(super) attempts: R,
+    pub h: R,
+    pub steps: R,
+    pub attempts: R,
     /// Errors of the last attempts, in units of the allowed error; negative before the first attempt of a
     /// segment.
-    pub(super) errors: R,
+    pub errors: R,
     /// Lanes in their last segment.
-    pub(super) last: Bits,
+    pub last: Bits,
 }
 
 impl<R: Lanes> Progress<R> {
     #[inline(always)]
-    pub(super) fn new() -> Self {
+    pub fn new() -> Self {
         let [from, to, length, t, tau, watched, h, steps, attempts, errors] = [R::zero(); 10];
         Self { from, to, length, t, tau, watched, h, steps, attempts, errors, last: 0 }
     }
 
     /// Puts a lane at the start of a run, as if a segment without length ended there. A lane without a run is
     /// put at zero.
-    pub(super) fn begin(&mut self, lane: usize, start: f64) {
+    pub fn begin(&mut self, lane: usize, start: f64) {
         for number in [&mut self.h, &mut self.steps, &mut self.attempts] {
             number.set(lane, 0.0);
         }
@@ -64,7 +64,7 @@ impl<R: Lanes> Progress<R> {
     }
 
     /// Puts a lane at the start of a segment.
-    pub(super) fn enter(&mut self, lane: usize, (from, to): (f64, f64), last: bool) {
+    pub fn enter(&mut self, lane: usize, (from, to): (f64, f64), last: bool) {
         self.from.set(lane, from);
         self.to.set(lane, to);
         self.length.set(lane, to - from);
@@ -75,33 +75,33 @@ impl<R: Lanes> Progress<R> {
     }
 }
 
-pub(super) struct AdaptiveLanes<'a, R: Lanes, Q> {
-    pub(super) batch: LaneBatch<'a, R, Span, Q>,
-    pub(super) progress: Progress<R>,
-    pub(super) control: StepControl<R>,
+pub struct AdaptiveLanes<'a, R: Lanes, Q> {
+    pub batch: LaneBatch<'a, R, Span, Q>,
+    pub progress: Progress<R>,
+    pub control: StepControl<R>,
     /// Why the equations of the last attempt were not solved, if that is so. Methods that solve equations for
     /// their stages have one lane.
-    pub(super) unsolved: Option<Unsolved>,
+    pub unsolved: Option<Unsolved>,
     /// Lanes whose last watched instant is saved in their run.
-    pub(super) saved: Bits,
+    pub saved: Bits,
     /// In unilateral contact: the event at which the next step ends or the last one has ended, with the length of the step
     /// in which it was found; and the number of steps in a row that ended at an event.
-    pub(super) events: [Option<(Event, f64)>; MOST],
-    pub(super) events_in_a_row: [usize; MOST],
+    pub events: [Option<(Event, f64)>; MOST],
+    pub events_in_a_row: [usize; MOST],
 }
 
 /// The states from which the steps of all lanes start, and the equations of the steps.
-pub(super) struct StepStart<R> {
-    pub(super) system: SceneEquations<R>,
-    pub(super) y: States<R>,
-    pub(super) now: Evaluation<R>,
-    pub(super) sizes: Sizes<R>,
+pub struct StepStart<R> {
+    pub system: SceneEquations<R>,
+    pub y: States<R>,
+    pub now: Evaluation<R>,
+    pub sizes: Sizes<R>,
 }
 
 impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     /// Loads the next run, if there is one, into a lane, and puts the lane at the start of its first segment. Returns
     /// whether there is one.
-    pub(super) fn load(&mut self, lane: usize) -> Result<bool> {
+    pub fn load(&mut self, lane: usize) -> Result<bool> {
         let place = |_, scene: &Scene| Span::new(&scene.inputs, &scene.initial, scene.duration);
         let loaded = self.batch.load_lane(lane, place)?;
         let from = self.batch.runs[lane].as_ref().map_or(0.0, |run| run.place.start);
@@ -117,12 +117,12 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
 
     /// The lanes at the start of a segment, or at an event, from which they go on as from such a start.
     #[inline(always)]
-    pub(super) fn entering(&self) -> Bits {
+    pub fn entering(&self) -> Bits {
         self.batch.phases.at(Phase::Start) | self.batch.phases.at(Phase::Event)
     }
 
     /// Counts the steps that the run in a lane has taken.
-    pub(super) fn count(&mut self, lane: usize) {
+    pub fn count(&mut self, lane: usize) {
         if let Some(run) = &mut self.batch.runs[lane] {
             run.steps = self.progress.steps.lane(lane) as u64;
         }
@@ -130,19 +130,19 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
 
     /// Sets the typical magnitudes of the states in the lanes of `changed`, which have new runs.
     #[inline(always)]
-    pub(super) fn size(&self, changed: Bits, start: &mut StepStart<R>) {
+    pub fn size(&self, changed: Bits, start: &mut StepStart<R>) {
         let usual = start.system.begin(&self.batch.gathered(Motion::typical_magnitudes));
         let slow = start.system.begin(&self.batch.gathered(Motion::slow_magnitudes));
         start.sizes.begin(changed, &usual, &slow);
     }
 
-    pub(super) fn retire(&mut self, start: &StepStart<R>, lane: usize, end: End, last: &Instant) {
+    pub fn retire(&mut self, start: &StepStart<R>, lane: usize, end: End, last: &Instant) {
         self.count(lane);
         self.batch.retire_lane(&start.system, lane, end, last);
     }
 
     /// The last watched instant of a lane.
-    pub(super) fn last(&self, lane: usize, start: &StepStart<R>) -> Option<Instant> {
+    pub fn last(&self, lane: usize, start: &StepStart<R>) -> Option<Instant> {
         if self.saved >> lane & 1 != 0 {
             return self.batch.runs[lane].as_ref()?.saved_instant;
         }
@@ -151,7 +151,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         Some(watched(start.system.size(), (lane, contact), &start.now, &start.y, t, (t, 0)))
     }
 
-    pub(super) fn save(&mut self, lane: usize, last: Option<Instant>) {
+    pub fn save(&mut self, lane: usize, last: Option<Instant>) {
         self.saved |= 1 << lane;
         if let Some(run) = &mut self.batch.runs[lane] {
             run.saved_instant = last;
@@ -161,7 +161,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     /// Ends the run in a lane at the last watched instant. An `end` of `None` means that a number overflowed.
     #[cold]
     #[inline(never)]
-    pub(super) fn stop(&mut self, lane: usize, start: &StepStart<R>, end: Option<End>) {
+    pub fn stop(&mut self, lane: usize, start: &StepStart<R>, end: Option<End>) {
         let Some(last) = self.last(lane, start) else { return };
         let end = end.unwrap_or_else(|| overflow(last.t));
         self.retire(start, lane, end, &last);
@@ -170,7 +170,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     /// Records an instant that was just watched, if it is `due`. Ends the run there if a violation or a lack
     /// of memory requires it. Returns whether the run goes on.
     #[inline(always)]
-    pub(super) fn goes_on(
+    pub fn goes_on(
         &mut self,
         start: &StepStart<R>,
         lane: usize,
@@ -195,7 +195,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
 
 /// The evaluation `a` in the lanes of `bits`, `b` in all other lanes.
 #[inline(always)]
-pub(super) fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>) -> Evaluation<R> {
+pub fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>) -> Evaluation<R> {
     fn each<R: Lanes, const N: usize>(bits: Bits, a: &[R; N], b: &[R; N]) -> [R; N] {
         std::array::from_fn(|n| R::select(bits, a[n], b[n]))
     }
@@ -220,7 +220,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     /// For each lane, the time inside the step at which a tip seems to violate a limit and to come back;
     /// infinity if there is none.
     #[inline(always)]
-    pub(super) fn violating_turning_points(
+    pub fn violating_turning_points(
         &self,
         before: &Motion<R>,
         after: &Motion<R>,
@@ -243,18 +243,18 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
 
 /// In the lanes of `accepted`, looks at the instants inside the step that are to be recorded, and at those of
 /// `turning_times`. Returns the lanes whose runs go on. This is rare, so the code is called, not inlined.
-pub(super) struct LookInside<'b, 'a, R: Lanes, Q> {
-    pub(super) lanes: &'b mut AdaptiveLanes<'a, R, Q>,
-    pub(super) method: &'b mut AnyAdaptiveMethod<R>,
-    pub(super) start: &'b StepStart<R>,
+pub struct LookInside<'b, 'a, R: Lanes, Q> {
+    pub lanes: &'b mut AdaptiveLanes<'a, R, Q>,
+    pub method: &'b mut AnyAdaptiveMethod<R>,
+    pub start: &'b StepStart<R>,
     /// The time of the step's start since that of the segment, and the length of the step.
-    pub(super) step: (R, R),
+    pub step: (R, R),
     /// The states at the end of the method's step, before any correction.
-    pub(super) next: &'b States<R>,
-    pub(super) accepted: Bits,
+    pub next: &'b States<R>,
+    pub accepted: Bits,
     /// The times at which the steps end.
-    pub(super) ends: R,
-    pub(super) turning_times: [f64; MOST],
+    pub ends: R,
+    pub turning_times: [f64; MOST],
 }
 
 impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for LookInside<'_, 'a, R, Q> {

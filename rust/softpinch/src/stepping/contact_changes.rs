@@ -20,13 +20,13 @@ const OVERLAP: f64 = 1e-6;
 
 impl EventStepper<'_> {
     /// Chooses the modes at a breakpoint or after an impulse.
-    pub(super) fn begin(&mut self, place: &mut SegmentState) -> EventResult {
+    pub fn begin(&mut self, place: &mut SegmentState) -> EventResult {
         self.rechoose(place, [Cause::Input; 2])
     }
 
     /// Puts the state from which a run starts on the constraints of its closed contacts, with an impact if they
     /// approach each other, and chooses the modes. Surfaces of contacts that open take an overlap too.
-    pub(super) fn start(&mut self, place: &mut SegmentState, approaches: bool) -> EventResult {
+    pub fn start(&mut self, place: &mut SegmentState, approaches: bool) -> EventResult {
         let mut motion = self.motion(place);
         let before = self.energy(&motion);
         let sides = self.equations.sides();
@@ -54,7 +54,7 @@ impl EventStepper<'_> {
 
     /// Puts a state that another formulation has left on the constraints of its closed contacts, unless it is there up to
     /// round-off.
-    pub(super) fn put_on_constraints(&mut self, place: &mut SegmentState) {
+    pub fn put_on_constraints(&mut self, place: &mut SegmentState) {
         let mut motion = self.motion(place);
         let (before, from) = (self.energy(&motion), motion);
         self.absorb(&mut motion);
@@ -70,7 +70,7 @@ impl EventStepper<'_> {
     }
 
     /// Applies an impulse to the object, and chooses the modes.
-    pub(super) fn strike(&mut self, place: &mut SegmentState, impulse: &[f64; 3]) -> EventResult {
+    pub fn strike(&mut self, place: &mut SegmentState, impulse: &[f64; 3]) -> EventResult {
         let mut motion = self.motion(place);
         self.collide(place, &mut motion, impulse);
         self.store(place, &motion);
@@ -78,11 +78,7 @@ impl EventStepper<'_> {
     }
 
     /// Lets an event happen: velocities jump where it is an impact, and the modes are chosen anew.
-    pub(super) fn happen(
-        &mut self,
-        place: &mut SegmentState,
-        Event { finger: i, cause }: Event,
-    ) -> EventResult {
+    pub fn happen(&mut self, place: &mut SegmentState, Event { finger: i, cause }: Event) -> EventResult {
         let mut motion = self.motion(place);
         let left = self.run.contacts[i].mode;
         let mut causes = [Cause::Other; 2];

@@ -22,12 +22,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     /// Lets events happen and controllers measure, which `held` lanes do instead of a step. Returns the lanes into which
     /// another run was loaded because an event ended theirs.
     #[inline(always)]
-    pub(super) fn hold_lanes(
-        &mut self,
-        tau: R,
-        at: &Instants<'_, R>,
-        replacement: &mut States<R>,
-    ) -> Result<Bits> {
+    pub fn hold_lanes(&mut self, tau: R, at: &Instants<'_, R>, replacement: &mut States<R>) -> Result<Bits> {
         let mut loaded = 0;
         self.held = 0;
         let due = if self.batch.unilateral { self.batch.due(at.now) & self.stepped } else { 0 };
@@ -120,7 +115,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     /// was loaded. The states after impulses are in `replacement`.
     #[cold]
     #[inline(never)]
-    pub(super) fn end_runs_and_apply_impulses(
+    pub fn end_runs_and_apply_impulses(
         &mut self,
         (seen, leaving, tau): (&Seen, Bits, R),
         at: &Instants<'_, R>,

@@ -11,7 +11,7 @@ use crate::model::scene::Scene;
 use crate::model::start::State;
 
 /// Largest number of steps of one run. At a few million steps a second they take hours.
-pub(crate) const MOST_STEPS: f64 = 1e11;
+pub const MOST_STEPS: f64 = 1e11;
 
 /// Finds the times of the steps of a run, from its number and its scene.
 pub type GridOf<'a> = dyn Fn(usize, &Scene) -> Result<Grid> + 'a;
@@ -92,7 +92,7 @@ impl Segment {
 }
 
 /// The round-off that times as large as these may have.
-pub(crate) fn round_off(a: f64, b: f64) -> f64 {
+pub fn round_off(a: f64, b: f64) -> f64 {
     4.0 * f64::EPSILON * a.abs().max(b.abs())
 }
 

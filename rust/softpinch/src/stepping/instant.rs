@@ -96,7 +96,7 @@ pub(super) fn energies<R: Lanes>(
 
 /// The works of the ledger in a state; zeros if the state does not carry them.
 #[inline(always)]
-pub(crate) fn works<R: Real>(size: Size, y: &States<R>) -> [R; WORKS] {
+pub fn works<R: Real>(size: Size, y: &States<R>) -> [R; WORKS] {
     let mut works = [R::zero(); WORKS];
     let carried = &y[size.states..size.all()];
     works[..carried.len()].copy_from_slice(carried);
@@ -112,7 +112,7 @@ pub(crate) fn works<R: Real>(size: Size, y: &States<R>) -> [R; WORKS] {
 /// If a sum of products is finite, so are its factors. If it is not, a product of finite factors may have
 /// overflowed, so each number is checked alone.
 #[inline(always)]
-pub(crate) fn all_finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
+pub fn all_finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
     let Evaluation { motion: Motion { q, p, memory }, multipliers, residuals, torque, .. } = now;
     let (mut first, mut second) = (closure, torque[0] * torque[1]);
     let (q, p) = (q.row(), p.row());

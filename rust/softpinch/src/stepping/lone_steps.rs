@@ -29,7 +29,7 @@ struct KnownStart {
 }
 
 /// The method of one run, with the start of its last step.
-pub(super) struct LoneMethod {
+pub struct LoneMethod {
     method: AnyMethod,
     start: Option<KnownStart>,
     stats: Stats,
@@ -38,7 +38,7 @@ pub(super) struct LoneMethod {
 impl LoneMethod {
     /// The state a step of length `h` after the state `y`, which is at the time `tau` of the segment. Steps from the
     /// same start share its evaluation and its Jacobian; nothing else is kept from one step to the next.
-    pub(super) fn step(
+    pub fn step(
         &mut self,
         system: &SceneEquations<f64>,
         drive: &SegmentDrive,
@@ -66,18 +66,18 @@ impl LoneMethod {
     }
 
     /// Forgets the start of the last step, because the inputs may be others.
-    pub(super) fn forget_start(&mut self) {
+    pub fn forget_start(&mut self) {
         self.start = None;
     }
 }
 
-pub(super) struct LoneSteps {
-    pub(super) system: SceneEquations<f64>,
-    pub(super) method: LoneMethod,
+pub struct LoneSteps {
+    pub system: SceneEquations<f64>,
+    pub method: LoneMethod,
 }
 
 impl LoneSteps {
-    pub(super) fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Self {
+    pub fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Self {
         let parameters = &[&scene.parameters; MOST];
         let choice = options.choice(&scene.inputs);
         let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
@@ -87,7 +87,7 @@ impl LoneSteps {
     }
 
     /// The work that was done since the last call.
-    pub(super) fn take_stats(&mut self) -> Stats {
+    pub fn take_stats(&mut self) -> Stats {
         std::mem::take(&mut self.method.stats)
     }
 }
@@ -97,11 +97,11 @@ const SLIVER: f64 = 1.0 / (1u64 << 44) as f64;
 
 /// The rows inside the last step, and the steps that lead to them.
 #[derive(Default)]
-pub(super) struct RowsInside {
+pub struct RowsInside {
     /// The equations and the method, once there was a row; runs with unilateral contact have their own.
     steps: Option<Box<LoneSteps>>,
     /// The rows, until it is known how far the run gets in this step.
-    pub(super) rows: Vec<Instant>,
+    pub rows: Vec<Instant>,
 }
 
 impl RowsInside {
@@ -109,7 +109,7 @@ impl RowsInside {
     /// `tau` of its segment and the state `y`.
     #[cold]
     #[inline(never)]
-    pub(super) fn look_inside<'a, R: Lanes, Q: RunQueue<'a>>(
+    pub fn look_inside<'a, R: Lanes, Q: RunQueue<'a>>(
         &mut self,
         batch: &mut LaneBatch<'a, R, Place, Q>,
         clock: u64,

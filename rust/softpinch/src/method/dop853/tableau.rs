@@ -1,6 +1,6 @@
 //! The coefficients of Hairer's DOP853, with its error estimates and its dense output.
 
-pub(super) const STAGES: usize = 12;
+pub const STAGES: usize = 12;
 
 /// A row of weights that has zeros after the first of the `weights`, so many as `ZEROS`, and at its end.
 const fn row<const ZEROS: usize, const N: usize>(weights: &[f64]) -> [f64; N] {
@@ -14,19 +14,19 @@ const fn row<const ZEROS: usize, const N: usize>(weights: &[f64]) -> [f64; N] {
 }
 
 /// The nodes: the position of each stage within the step.
-pub(super) const C: [f64; STAGES] = [
+pub const C: [f64; STAGES] = [
     0.0, 0.05260015195876773, 0.0789002279381516, 0.1183503419072274, 0.2816496580927726, 0.3333333333333333,
     0.25, 0.3076923076923077, 0.6512820512820513, 0.6, 0.8571428571428571, 1.0,
 ];
 
 /// The weights of the stages.
-pub(super) const B: [f64; STAGES] = row::<4, _>(&[
+pub const B: [f64; STAGES] = row::<4, _>(&[
     0.054293734116568765, 4.450312892752409, 1.8915178993145003, -5.801203960010585, 0.3111643669578199,
     -0.1521609496625161, 0.20136540080403034, 0.04471061572777259,
 ]);
 
 /// The weights of the earlier slopes in each stage, row by row.
-pub(super) const A: [[f64; STAGES - 1]; STAGES] = [
+pub const A: [[f64; STAGES - 1]; STAGES] = [
     row::<0, _>(&[0.0]),
     row::<0, _>(&[0.05260015195876773]),
     row::<0, _>(&[0.0197250569845379, 0.0591751709536137]),
@@ -58,21 +58,21 @@ pub(super) const A: [[f64; STAGES - 1]; STAGES] = [
 
 /// The weights of the error estimates of orders five and three. E3 has the method's weights less those of the
 /// embedded formula of order three.
-pub(super) const E5: [f64; STAGES] = row::<4, _>(&[
+pub const E5: [f64; STAGES] = row::<4, _>(&[
     0.01312004499419488, -1.2251564463762044, -0.4957589496572502, 1.6643771824549864, -0.35032884874997366,
     0.3341791187130175, 0.08192320648511571, -0.022355307863886294,
 ]);
-pub(super) const E3: [f64; STAGES] = row::<4, _>(&[
+pub const E3: [f64; STAGES] = row::<4, _>(&[
     -0.18980075407240762, 4.450312892752409, 1.8915178993145003, -5.801203960010585, -0.4226823213237919,
     -0.1521609496625161, 0.20136540080403034, 0.02265179219836082,
 ]);
 
 /// Number of additional stages for dense output. They follow the slope at the end of the step.
-pub(super) const EXTRA: usize = 3;
+pub const EXTRA: usize = 3;
 /// The nodes of the additional stages.
-pub(super) const C_EXTRA: [f64; EXTRA] = [0.1, 0.2, 0.7777777777777778];
+pub const C_EXTRA: [f64; EXTRA] = [0.1, 0.2, 0.7777777777777778];
 /// The weights of the earlier slopes in each additional stage, row by row.
-pub(super) const A_EXTRA: [[f64; ALL - 1]; EXTRA] = [
+pub const A_EXTRA: [[f64; ALL - 1]; EXTRA] = [
     row::<5, _>(&[
         0.056167502283047954, 0.25350021021662483, -0.2462390374708025, -0.12419142326381637,
         0.15329179827876568, 0.00820105229563469, 0.007567897660545699, -0.008298,
@@ -87,7 +87,7 @@ pub(super) const A_EXTRA: [[f64; ALL - 1]; EXTRA] = [
     ]),
 ];
 /// The weights of the slopes in the last four terms of the dense output.
-pub(super) const DENSE: [[f64; ALL]; 4] = [
+pub const DENSE: [[f64; ALL]; 4] = [
     row::<4, _>(&[
         -8.428938276109013, 0.5667149535193777, -3.0689499459498917, 2.38466765651207, 2.117034582445028,
         -0.871391583777973, 2.2404374302607883, 0.6315787787694688, -0.08899033645133331, 18.148505520854727,
@@ -111,4 +111,4 @@ pub(super) const DENSE: [[f64; ALL]; 4] = [
 ];
 
 /// Number of slopes of a step with dense output: the stages, the end of the step, the additional stages.
-pub(super) const ALL: usize = STAGES + 1 + EXTRA;
+pub const ALL: usize = STAGES + 1 + EXTRA;
