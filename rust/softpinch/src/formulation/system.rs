@@ -1,7 +1,5 @@
 //! The equations as step loops and methods use them.
 
-use std::ops::Range;
-
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS, States};
 use crate::model::contact_modes::Contacts;
 use crate::model::drive::{Input, SegmentDrive};
@@ -70,22 +68,6 @@ pub trait Stages<R: Lanes> {
 pub trait System<R: Lanes>: Sized {
     /// The numbers of components of the states.
     fn size(&self) -> Size;
-
-    /// The numbers of the components of a state, in two ranges.
-    #[inline(always)]
-    fn components(&self) -> [Range<usize>; 2] {
-        [0..BLOCK * self.size().blocks(), 0..0]
-    }
-
-    /// Calls `work` for each component of a state.
-    #[inline(always)]
-    fn each(&self, mut work: impl FnMut(usize)) {
-        for range in self.components() {
-            for n in range {
-                work(n);
-            }
-        }
-    }
 
     /// The state of a motion, with works of zero.
     fn begin(&self, motion: &Motion<R>) -> States<R>;

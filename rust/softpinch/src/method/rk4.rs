@@ -12,7 +12,7 @@
 use nalgebra::Complex;
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::system::{StageState, Stages, System};
+use crate::formulation::system::{BLOCK, StageState, Stages, System};
 use crate::method::called::Called;
 use crate::method::table::MethodEntry;
 use crate::method::traits::{Integrator, Stats, Step, StepResult};
@@ -73,12 +73,10 @@ impl<R: Lanes, S: System<R>> Stages<R> for Rk4Stages<'_, R, S> {
         let sixth = R::constant(1.0 / 6.0) * h;
         let third = R::constant(1.0 / 3.0) * h;
         // A closure might be compiled without the instructions of the lanes.
-        for range in system.components() {
-            for n in range {
-                // The increment is added up first, then added to the larger state.
-                let outer = sixth * (k1[n] + k4[n]);
-                next[n] = y[n] + third.mul_add(k2[n] + k3[n], outer);
-            }
+        for n in 0..BLOCK * system.size().blocks() {
+            // The increment is added up first, then added to the larger state.
+            let outer = sixth * (k1[n] + k4[n]);
+            next[n] = y[n] + third.mul_add(k2[n] + k3[n], outer);
         }
     }
 }

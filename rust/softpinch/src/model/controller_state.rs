@@ -83,17 +83,10 @@ impl ControllerState {
         })
     }
 
-    /// The numbers that the next sample may change.
-    pub fn keep(&self) -> Kept {
-        let mut kept = Kept { taken: 0, acted: 0, torque: [0.0; 2], xi: self.xi.clone(), output: [0.0; 2] };
-        self.keep_into(&mut kept);
-        kept
-    }
-
-    /// The same without an allocation.
-    pub fn keep_into(&self, kept: &mut Kept) {
+    /// Keeps the numbers that the next sample may change.
+    pub fn keep(&self, kept: &mut Kept) {
         (kept.taken, kept.acted, kept.torque) = (self.taken, self.acted, self.torque);
-        kept.xi.copy_from_slice(&self.xi);
+        kept.xi.clone_from(&self.xi);
         kept.output = self.under_way[place(self.taken, self.under_way.len())];
     }
 
@@ -167,7 +160,7 @@ impl ControllerState {
 }
 
 /// The numbers of a state that one sample may change.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Kept {
     taken: u64,
     acted: u64,
@@ -356,7 +349,8 @@ mod tests {
                     resumed = ControllerState::from_row(&controller, &row).unwrap();
                     prop_assert_eq!(&resumed, &whole);
                 }
-                let (before, kept) = (whole.clone(), whole.keep());
+                let (before, mut kept) = (whole.clone(), Kept::default());
+                whole.keep(&mut kept);
                 for state in [&mut whole, &mut resumed] {
                     sample(state, &controller, y);
                     state.act(&controller, 0.3 + k as f64 * PERIOD);

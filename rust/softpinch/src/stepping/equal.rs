@@ -138,7 +138,7 @@ where
             }
             swap(&mut y, &mut after);
             if skipping != 0 {
-                system.each(|n| y[n] = R::select(skipping, replacement[n], y[n]));
+                system.size().each(|n| y[n] = R::select(skipping, replacement[n], y[n]));
             }
             lanes.stepped = !skipping;
             lanes.at_start &= skipping;

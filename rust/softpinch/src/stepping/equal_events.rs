@@ -35,7 +35,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
             // A lane that is not finite is watched, and ends.
             let sampling = sampling & all_finite(at.now, R::zero());
             self.take_samples(sampling, at.now);
-            at.system.each(|n| replacement[n] = R::select(sampling, at.y[n], replacement[n]));
+            at.system.size().each(|n| replacement[n] = R::select(sampling, at.y[n], replacement[n]));
         }
         Ok(loaded)
     }

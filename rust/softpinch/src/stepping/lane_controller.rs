@@ -44,7 +44,7 @@ impl LaneController {
         };
         Ok(Some(Box::new(Self {
             controller: controller.clone(),
-            before: now.keep(),
+            before: Kept::default(),
             changed: f64::NEG_INFINITY,
             scratch: Scratch::new(controller),
             now,
@@ -58,7 +58,7 @@ impl LaneController {
     /// Keeps the state before a change at the instant `t`.
     fn keep(&mut self, t: f64) {
         if t > self.changed {
-            self.now.keep_into(&mut self.before);
+            self.now.keep(&mut self.before);
             self.changed = t;
         }
     }
