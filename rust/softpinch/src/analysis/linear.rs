@@ -6,10 +6,11 @@ use nalgebra::{DMatrix, DVector, Schur};
 
 use crate::error::{Error, Result};
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
-use crate::formulation::scene_equations::{Choice, SceneEquations, Tangent};
+use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::{Linear, System};
 use crate::formulation::table::Formulation;
 use crate::method::linearize::DIRECTIONS;
+use crate::method::traits::Runs;
 use crate::model::contact_modes::ContactModel;
 use crate::model::control::Fingers;
 use crate::model::drive::{Input, SegmentDrive};
@@ -19,6 +20,7 @@ use crate::model::motion::Motion;
 use crate::model::parameters::{Parameters, Stabilization};
 use crate::model::rule::Rule;
 use crate::number::dual::Dual;
+use crate::number::lanes::MOST;
 use crate::number::simd::level::{Instructions, Level};
 
 /// Number of outputs: the coordinates q (9), the multipliers (4), the torques on the fingers (2), and the rates
@@ -68,18 +70,19 @@ pub struct LinearModel {
 }
 
 /// The equations that are linearised, and the point about which they are.
-struct Problem {
+struct Problem<'a> {
     instructions: Instructions,
     choice: Choice,
+    parameters: &'a Parameters,
     gains: Stabilization,
     drive: SegmentDrive,
     motion: Motion<f64>,
 }
 
-impl Problem {
+impl<'a> Problem<'a> {
     /// At time `t`; if an input jumps there, its value after the jump is used.
     fn new(
-        parameters: &Parameters,
+        parameters: &'a Parameters,
         inputs: &Inputs,
         setting: &Setting,
         t: f64,
@@ -92,9 +95,9 @@ impl Problem {
         let (contact, fingers) = (ContactModel::Bilateral, inputs.fingers());
         let moves = drive.frame.is_some();
         let choice = Choice { formulation, contact, fingers, moves, ledger: false };
-        let mut problem = Self { instructions, choice, gains, drive, motion: *motion };
+        let mut problem = Self { instructions, choice, parameters, gains, drive, motion: *motion };
         if open_loop {
-            let system = problem.equations(parameters);
+            let system = problem.runs().system();
             let now = system.evaluate(&problem.drive, 0.0, &system.begin(motion));
             problem.drive.hold(now.torque);
             problem.motion = now.motion;
@@ -103,12 +106,9 @@ impl Problem {
         Ok(problem)
     }
 
-    fn equations(&self, parameters: &Parameters) -> SceneEquations<f64> {
-        SceneEquations::new(self.instructions, self.choice, parameters, &self.gains)
-    }
-
-    fn tangent(&self, parameters: &Parameters) -> Tangent<f64, DIRECTIONS> {
-        Tangent::new(self.instructions, self.choice, parameters, &self.gains)
+    fn runs(&self) -> Runs<'_> {
+        let Self { instructions, choice, parameters, ref gains, .. } = *self;
+        Runs { instructions, choice, parameters: [parameters; MOST], gains }
     }
 
     /// The number of states of these equations. Nothing depends on the memories of fingers that torques turn,
@@ -127,9 +127,9 @@ pub fn jacobian(
     motion: &Motion<f64>,
 ) -> Result<DMatrix<f64>> {
     let problem = Problem::new(parameters, inputs, setting, t, motion)?;
-    let system = problem.equations(parameters);
+    let system = problem.runs().system();
     let y = system.begin(&problem.motion);
-    let rows = problem.tangent(parameters).jacobian(&problem.drive, 0.0, &y).rows;
+    let rows = problem.runs().tangent::<f64, DIRECTIONS>().jacobian(&problem.drive, 0.0, &y).rows;
     let states = problem.states(&system);
     Ok(DMatrix::from_fn(states, states, |row, column| rows[row][column]))
 }
@@ -185,7 +185,7 @@ pub fn linearize(
     motion: &Motion<f64>,
 ) -> Result<LinearModel> {
     let mut problem = Problem::new(parameters, inputs, setting, t, motion)?;
-    let system = problem.equations(parameters);
+    let system = problem.runs().system();
     let (states, y) = (problem.states(&system), system.begin(&problem.motion));
     let input = problem.drive.at(0.0_f64);
     let driven = problem.choice.fingers == Fingers::Driven;
@@ -193,7 +193,7 @@ pub fn linearize(
     let values = list(&input, &frame, driven);
     // The weights are forces of the motion, which may be that of a hand at rest.
     problem.choice.moves = true;
-    let tangent = problem.tangent(parameters);
+    let tangent = problem.runs().tangent::<f64, DIRECTIONS>();
 
     let all = states + values.len();
     let mut rates = DMatrix::zeros(states, all);

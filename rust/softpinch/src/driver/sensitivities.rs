@@ -140,7 +140,7 @@ impl LaneKernel for All<'_> {
         let Request { scene, options, .. } = *request;
         let choice = options.choice(&scene.inputs);
         let gains = &options.stabilization;
-        let parameters = &[&scene.parameters; MOST];
+        let parameters = [&scene.parameters; MOST];
         let runs = Runs { instructions, choice, parameters, gains };
         let mut failed = None;
         for (chunk, directions) in all.chunks(DIRECTIONS).enumerate() {

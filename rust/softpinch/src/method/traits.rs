@@ -149,13 +149,15 @@ pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
     fn interpolate(&self, y: &States<R>, next: &States<R>, x: R) -> States<R>;
 }
 
+/// The parameters of the run in each lane.
+pub type LaneParameters<'a> = [&'a Parameters; MOST];
+
 /// The equations of the runs in all lanes, for which a method is made.
 #[derive(Clone, Copy)]
 pub struct Runs<'a> {
     pub instructions: Instructions,
     pub choice: Choice,
-    /// The parameters of the run in each lane.
-    pub parameters: &'a [&'a Parameters; MOST],
+    pub parameters: LaneParameters<'a>,
     /// Gains of (19) and (20).
     pub gains: &'a Stabilization,
 }
@@ -163,12 +165,12 @@ pub struct Runs<'a> {
 impl Runs<'_> {
     pub fn system<R: Lanes>(&self) -> SceneEquations<R> {
         let Self { instructions, choice, parameters, gains } = *self;
-        SceneEquations::new(instructions, choice, parameters, gains)
+        SceneEquations::new(instructions, choice, &parameters, gains)
     }
 
     /// Builds the same equations in dual numbers with `W` directions.
     pub fn tangent<R: Lanes, const W: usize>(&self) -> Tangent<R, W> {
         let Self { instructions, choice, parameters, gains } = *self;
-        Tangent::new(instructions, choice, &Constants(parameters), gains)
+        Tangent::new(instructions, choice, &Constants(&parameters), gains)
     }
 }

@@ -8,7 +8,7 @@ use crate::formulation::equations::{Equations, Evaluation, States};
 use crate::formulation::inlined::Inlined;
 use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::System;
-use crate::method::traits::{Integrator, Runs, Stats};
+use crate::method::traits::{Integrator, LaneParameters, Runs, Stats};
 use crate::model::contact_modes::ContactModel;
 use crate::model::drive::SegmentDrive;
 use crate::model::energy::{self, BILATERAL_WORKS, Energies, WORKS};
@@ -27,7 +27,7 @@ use crate::stepping::lane_controller::LaneController;
 use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet, explain};
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::phase::{Phase, Phases};
-use crate::stepping::queue::{Finished, LaneParameters, RunQueue, Taken};
+use crate::stepping::queue::{Finished, RunQueue, Taken};
 use crate::stepping::record::{Recording, Run};
 use crate::stepping::summary::{RunEnd, Summaries, SummaryInstant};
 
@@ -257,17 +257,14 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         build: impl FnOnce(Runs<'_>) -> (S, I),
         y: &mut States<R>,
     ) -> (S, I) {
-        let built = build(self.equations_of(&self.parameters()));
+        let built = build(self.lane_runs());
         self.begin(&built.0, R::ALL, y);
         built
     }
 
-    fn equations_of<'b>(&self, parameters: &'b LaneParameters<'b>) -> Runs<'b>
-    where
-        'a: 'b,
-    {
+    fn lane_runs(&self) -> Runs<'_> {
         let Self { instructions, choice, options, .. } = *self;
-        Runs { instructions, choice, parameters, gains: &options.stabilization }
+        Runs { instructions, choice, parameters: self.parameters(), gains: &options.stabilization }
     }
 
     /// Renews the equations and the method in place, after the lanes of `changed` have got new runs, and sets
@@ -279,8 +276,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         changed: Bits,
         y: &mut States<R>,
     ) {
-        let parameters = self.parameters();
-        let runs = self.equations_of(&parameters);
+        let runs = self.lane_runs();
         system.renew(runs);
         method.renew(runs);
         self.begin(system, changed, y);

@@ -78,7 +78,7 @@ pub struct LoneSteps {
 
 impl LoneSteps {
     pub fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Self {
-        let parameters = &[&scene.parameters; MOST];
+        let parameters = [&scene.parameters; MOST];
         let choice = options.choice(&scene.inputs);
         let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
         let system = runs.system();

@@ -7,9 +7,7 @@ use crate::error::Result;
 use crate::formulation::mode_selection::Contact;
 use crate::model::controller_state::ControllerState;
 use crate::model::energy::Energies;
-use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;
-use crate::number::lanes::MOST;
 use crate::stepping::contact_events::Change;
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::instant::Instant;
@@ -74,5 +72,3 @@ pub struct Finished {
     /// Its contacts, in unilateral contact.
     pub contact: Option<Box<LaneContact>>,
 }
-
-pub type LaneParameters<'a> = [&'a Parameters; MOST];
