@@ -105,15 +105,16 @@ impl HandMotion {
         );
         let [tilt] = self.tilt.shifted(anchor);
         let [omega, phase, ref amplitude @ ..] = self.sine;
-        let wave = Wave { omega, phase: omega.mul_add(anchor, phase), amplitude: *amplitude, active: 1 };
+        let [x_swing, y_swing, swing] = *amplitude;
+        let numbers = [omega, omega.mul_add(anchor, phase), x_swing, y_swing, swing];
         // Adding zero turns -0.0 into 0.0, as in the other channels.
         let channels = [x, y, tilt].map(|channel| channel.map(|coefficient| coefficient + 0.0));
-        let turns = amplitude[2] != 0.0 || tilt[1..].iter().any(|&coefficient| coefficient != 0.0);
+        let turns = swing != 0.0 || tilt[1..].iter().any(|&coefficient| coefficient != 0.0);
         let degree = (0..COEFFICIENTS).rev().find(|&k| x[k] != 0.0 || y[k] != 0.0).unwrap_or(0);
         let (sin, cos) = Real::sin_cos(channels[2][0]);
         SegmentFrame {
             channels,
-            wave,
+            wave: Wave { numbers, active: 1 },
             degree,
             direction: [sin, cos],
             swings: *amplitude != [0.0; 3],
@@ -344,11 +345,9 @@ impl Inputs {
             .sines
             .iter()
             .filter(|sine| sine.start <= anchor && anchor < sine.end)
-            .map(|sine| Wave {
-                omega: sine.omega,
-                phase: sine.omega.mul_add(anchor - sine.start, sine.phase),
-                amplitude: sine.amplitude,
-                active: 1,
+            .map(|&Sinusoid { start, omega, phase, amplitude: [x, y, moment], .. }| {
+                let phase = omega.mul_add(anchor - start, phase);
+                Wave { numbers: [omega, phase, x, y, moment], active: 1 }
             })
             .collect();
         // Adding zero turns -0.0 into 0.0. Evaluated beside a lane of higher degree, -0.0 would become 0.0 as
