@@ -5,7 +5,7 @@
 use nalgebra::{DMatrix, DVector, Schur};
 
 use crate::error::{Error, Result};
-use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
+use crate::formulation::equations::MAX_COMPONENTS;
 use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::{Linear, System};
 use crate::formulation::table::Formulation;
@@ -211,7 +211,9 @@ pub fn linearize(
             name: format!("{:?}", setting.formulation).to_lowercase(),
             allowed: "\"nullspace\", for a model with inputs and outputs".to_owned(),
         })?;
-        let found = output_list(&now);
+        // The outputs in their order.
+        let (q, p) = (now.motion.q.row(), now.motion.p.row());
+        let found = [&q[..], &now.multipliers, &now.torque, &p[..5]].concat();
         for column in first..all.min(first + DIRECTIONS) {
             for row in 0..states {
                 rates[(row, column)] = now.rate[row].slope[column - first];
@@ -269,12 +271,6 @@ fn seed(
     };
     let acceleration = frame.acceleration.map(|value| variable(value, true));
     (input, FrameMotion { acceleration, ..FrameMotion::constant(frame) })
-}
-
-/// The outputs in their order.
-fn output_list(now: &Evaluation<Dual<f64, DIRECTIONS>>) -> Vec<Dual<f64, DIRECTIONS>> {
-    let (q, p) = (now.motion.q.row(), now.motion.p.row());
-    [&q[..], &now.multipliers, &now.torque, &p[..5]].concat()
 }
 
 #[cfg(test)]

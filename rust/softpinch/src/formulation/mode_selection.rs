@@ -204,17 +204,13 @@ fn margin(equations: ContactEquations<'_>, terms: &Terms<f64>, modes: [Mode; 2],
             Mode::Stick => (friction[i] * along - across) / size,
             Mode::Slip(_) if now[i].slip.is_some() => along / size,
             Mode::Slip(direction) => (along / size).min(direction.sign() * rate(2 + i)),
-            Mode::Graze => part(terms.response.share[i]),
+            // The margin of 0 <= psi <= 1.
+            Mode::Graze => terms.response.share[i].min(1.0 - terms.response.share[i]),
             Mode::Free if !now[i].closed => 1.0,
             Mode::Free => rate(i),
         }
     };
     own(0).min(own(1))
-}
-
-/// The margin of 0 <= psi <= 1.
-fn part(share: f64) -> f64 {
-    share.min(1.0 - share)
 }
 
 #[cfg(test)]

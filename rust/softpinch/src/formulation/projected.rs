@@ -51,16 +51,6 @@ fn newton_step<R: Real>(plant: &Plant<R>, q: &Coordinates<R>, free: [Bits; 2]) -
     each_coordinate!([push, w, q] => push.neg_mul_add(w, q))
 }
 
-/// The position after the correction. The constraints of the contacts in `free` are left out.
-#[inline(always)]
-fn corrected_position<R: Real>(plant: &Plant<R>, left: &Coordinates<R>, free: [Bits; 2]) -> Coordinates<R> {
-    let mut q = *left;
-    for _ in 0..NEWTON_STEPS {
-        q = newton_step(plant, &q, free);
-    }
-    q
-}
-
 /// Puts a state back on the constraints that the modes of the contacts hold. It is a state of
 /// [`Csm`](super::csm::Csm) or of unilateral contact.
 #[inline(always)]
@@ -73,7 +63,11 @@ pub fn correct<R: Real, E: Equations<R>>(
 ) {
     let plant = equations.plant();
     let Motion { q: left_q, p: left_p, memory } = equations.unpack(driven, input, y);
-    let q = corrected_position(plant, &left_q, if E::UNILATERAL { contacts.free } else { [0; 2] });
+    let free = if E::UNILATERAL { contacts.free } else { [0; 2] };
+    let mut q = left_q;
+    for _ in 0..NEWTON_STEPS {
+        q = newton_step(plant, &q, free);
+    }
     let geometry = Geometry::new(&plant.sides, &q, &left_p);
     let (zero, finger_acceleration) = (R::zero(), [R::zero(); 2]);
     // Phi dp = -Phi p and M dp = Phi^T nu: this is the solve of (24) without a force.

@@ -268,11 +268,6 @@ impl<R: Lanes> SegmentDrive<R> {
         }
     }
 
-    /// The same inputs with contacts in other modes.
-    pub fn with_contacts(&self, contacts: Contacts<R>) -> Self {
-        Self { contacts, ..self.clone() }
-    }
-
     /// Sets the inputs of one lane.
     pub fn set(&mut self, lane: usize, own: &SegmentDrive) {
         set_channels(&mut self.channels, lane, &own.channels);

@@ -37,11 +37,7 @@ impl<const C: usize> PiecewisePolynomial<C> {
 
     /// Values that are constant at all times.
     pub fn constant(values: [f64; C]) -> Self {
-        let row = values.map(|value| {
-            let mut coefficients = [0.0; COEFFICIENTS];
-            coefficients[0] = value;
-            coefficients
-        });
+        let row = values.map(|value| std::array::from_fn(|k| if k == 0 { value } else { 0.0 }));
         Self { breaks: Vec::new(), rows: vec![row] }
     }
 

@@ -118,9 +118,9 @@ impl LaneContact {
     /// Evaluates a state in the last segment with an event, in the present modes.
     fn evaluate(&self, tau: f64, y: &States<f64>) -> Evaluation<f64> {
         let Segment { drive, .. } = if self.in_earlier { &self.earlier } else { &self.segment };
-        let mut contacts = drive.contacts;
-        self.run.put_into(&mut contacts, 0);
-        self.steps.system.evaluate(&drive.with_contacts(contacts), tau, y)
+        let mut drive = drive.clone();
+        self.run.put_into(&mut drive.contacts, 0);
+        self.steps.system.evaluate(&drive, tau, y)
     }
 
     /// Begins a segment with these inputs, which starts at `anchor`.

@@ -11,9 +11,9 @@ use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::{Jacobian, Linear, StageState, System};
 use crate::method::called::{AnyMethod, Called};
 use crate::method::dop853::Dop853;
-use crate::method::implicit_midpoint::{ImplicitMidpoint, implicit_midpoint};
+use crate::method::implicit_midpoint::ImplicitMidpoint;
 use crate::method::linearize::{Factors, Linearization};
-use crate::method::newton::Newton;
+use crate::method::newton::{Newton, newton};
 use crate::method::radau5::radau5;
 use crate::method::rk4::Rk4;
 use crate::method::rosenbrock::{A, BY_TIME, C, COUPLING, GAMMA, Rosenbrock, STAGES, rosenbrock};
@@ -105,7 +105,9 @@ impl<R: Lanes> RunDualMethod<R> {
         match method {
             Method::Rk4 => Self::Explicit(Box::new(Called::new(runs, Rk4::default()))),
             Method::Dop853 => Self::Explicit(Box::new(Called::new(runs, Dop853::default()))),
-            Method::ImplicitMidpoint => solved(runs, implicit_midpoint),
+            Method::ImplicitMidpoint => {
+                solved(runs, |runs, system| newton::<_, Factors<f64>>(runs, system, ImplicitMidpoint))
+            }
             Method::Radau5 => solved(runs, radau5),
             Method::Rosenbrock => solved(runs, rosenbrock),
         }
