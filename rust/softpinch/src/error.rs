@@ -8,17 +8,11 @@ use thiserror::Error;
 /// Input that breaks a rule. It is found before any computation.
 #[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
+#[allow(missing_docs)] // of fields that the messages explain
 pub enum Error {
     /// A number breaks the rule of its field.
     #[error("{field} = {value:?}: {rule}")]
-    Field {
-        /// Dotted path of the field.
-        field: String,
-        /// The value that was given.
-        value: f64,
-        /// The rule that the value breaks.
-        rule: &'static str,
-    },
+    Field { field: String, value: f64, rule: &'static str },
     /// A fingertip does not reach the object at the start.
     #[error(
         "the {finger} fingertip does not reach the object: gap {} mm at the start. It touches at {} degrees: \
@@ -56,11 +50,8 @@ pub enum Error {
          State.consistent() makes a consistent one; State(check=False) starts off the constraints"
     )]
     Inconsistent {
-        /// Name of the constraint.
         constraint: &'static str,
-        /// The residual of the constraint.
         value: f64,
-        /// Unit of the residual.
         unit: &'static str,
         /// Largest residual that counts as round-off.
         allowed: f64,
@@ -72,7 +63,6 @@ pub enum Error {
         seconds(*time)
     )]
     NotSmooth {
-        /// Path of the schedule.
         name: &'static str,
         /// Time of the jump or the kink, s.
         time: f64,
@@ -83,24 +73,10 @@ pub enum Error {
     #[error(
         "{place} = {value:?}: with fingers=\"driven\" must be what the schedule has at the start, {asked:?}"
     )]
-    Unscheduled {
-        /// Path of the number.
-        place: String,
-        /// The value that was given.
-        value: f64,
-        /// The value of the schedule.
-        asked: f64,
-    },
+    Unscheduled { place: String, value: f64, asked: f64 },
     /// An array of the wrong shape.
     #[error("{field}: {found}; {rule}")]
-    Shape {
-        /// Dotted path of the field.
-        field: String,
-        /// The shape or the number of entries that was found.
-        found: String,
-        /// The rule that it breaks.
-        rule: &'static str,
-    },
+    Shape { field: String, found: String, rule: &'static str },
     /// The equations of a step that a run took could not be solved again for its derivatives.
     #[error(
         "sensitivities: the equations of the step before t = {} were not solved to round-off, the correction was \
@@ -115,50 +91,21 @@ pub enum Error {
     },
     /// A name that is not in a table.
     #[error("{field} = {name:?}: must be one of {allowed}")]
-    Unknown {
-        /// Dotted path of the field.
-        field: &'static str,
-        /// The name that was given.
-        name: String,
-        /// The names that are allowed.
-        allowed: String,
-    },
+    Unknown { field: &'static str, name: String, allowed: String },
     /// A run of an ensemble is refused.
     #[error("run {run}: {error}")]
-    Run {
-        /// Number of the run.
-        run: usize,
-        /// The reason.
-        error: Box<Error>,
-    },
+    Run { run: usize, error: Box<Error> },
     /// The processor lacks the instructions that the code is compiled for.
     #[error(
         "this processor lacks the instructions of {level:?}: softpinch needs AVX2 and FMA, as x86-64 processors since 2013 have them"
     )]
-    Processor {
-        /// The level that was asked for.
-        level: &'static str,
-    },
+    Processor { level: &'static str },
     /// The operating system cannot start the threads.
     #[error("threads = {threads}: {reason}")]
-    Threads {
-        /// The number of threads that were asked for.
-        threads: usize,
-        /// The message of the operating system.
-        reason: String,
-    },
+    Threads { threads: usize, reason: String },
     /// The input asks for more work or memory than a machine can give.
     #[error("{what} would need {needed:.3e}, the limit is {limit:.1e}: {advice}")]
-    TooLarge {
-        /// The quantity that is too large.
-        what: &'static str,
-        /// The size that it would have.
-        needed: f64,
-        /// The largest size that is allowed.
-        limit: f64,
-        /// Advice on how to make it smaller.
-        advice: &'static str,
-    },
+    TooLarge { what: &'static str, needed: f64, limit: f64, advice: &'static str },
 }
 
 /// What a function gives that may refuse its input.
