@@ -31,18 +31,14 @@ pub const MAX_STEPS: u64 = 10_000_000;
 
 /// The options of a simulation.
 #[derive(Debug, Clone, PartialEq)]
+#[allow(missing_docs)] // of fields that their types explain
 pub struct Options {
-    /// The length of the steps.
     pub steps: Steps,
-    /// The method that steps time.
     pub method: Method,
-    /// The formulation of the constraints.
     pub formulation: Formulation,
-    /// What the contacts can do.
     pub contact: ContactModel,
     /// Gains of (19) and (20).
     pub stabilization: Stabilization,
-    /// The quantities to record.
     pub record: Selection,
     /// Number of steps between rows. The last instant is always recorded.
     pub every: u64,
@@ -50,7 +46,6 @@ pub struct Options {
     pub times: Option<Vec<f64>>,
     /// Violations that end the run.
     pub stop_on: ViolationSet,
-    /// The summaries to compute.
     pub summaries: Wanted,
     /// Largest number of attempted steps in a run with free steps.
     pub max_steps: u64,
@@ -59,7 +54,6 @@ pub struct Options {
     /// Whether runs whose steps [may be unstable](Options::may_be_unstable) end where their energy ledger shows that
     /// they are. This carries the ledger.
     pub guard: bool,
-    /// Instructions to use.
     pub simd: Level,
 }
 

@@ -116,10 +116,9 @@ impl FromIterator<Quantity> for Selection {
 
 /// The rows of a run. Quantities that were not selected stay empty.
 #[derive(Debug, Clone, Default)]
+#[allow(missing_docs)] // of what is named as everywhere
 pub struct Recording {
-    /// The recorded quantities.
     pub selection: Selection,
-    /// What else the rows have.
     pub layout: Layout,
     /// Time of each row.
     pub t: Vec<f64>,
@@ -127,24 +126,17 @@ pub struct Recording {
     pub grid_anchor: Vec<f64>,
     /// Steps from the start of the segment to each row.
     pub grid_step: Vec<u64>,
-    /// Coordinates.
     pub q: Vec<[f64; 9]>,
-    /// Velocities.
     pub p: Vec<[f64; 9]>,
-    /// Memories.
     pub memory: Vec<[f64; 2]>,
     /// The point of the Jacobian in use, NaN if there is none. Empty for methods that keep no Jacobian.
     pub linearized: Vec<Linearized>,
-    /// Multipliers.
     pub multipliers: Vec<[f64; 4]>,
-    /// Residuals.
     pub residuals: Vec<[f64; 4]>,
     /// The energies and the works, row by row: seven numbers in bilateral contact, ten in unilateral contact, and eleven
     /// if the hand moves.
     pub energy: Vec<f64>,
-    /// Torques on the fingers.
     pub torque: Vec<[f64; 2]>,
-    /// The contacts.
     pub contact: Vec<ContactRow>,
     /// The states of the run's discrete controller, row by row.
     pub controller: Vec<f64>,
