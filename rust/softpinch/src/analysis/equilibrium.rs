@@ -1,10 +1,9 @@
 //! Where a scene comes to rest under constant inputs.
 //!
 //! The search begins with Newton's method from the middle between the tips. If that finds no grasp in which the energy
-//! has a minimum, the object is found without its load, and the load is put on slowly
-//! (`continuation`); if that fails too, many other starts are tried. From a state
-//! that is given, Newton's method is tried first; if it finds no minimum, the object is held there and released slowly;
-//! and if that fails too, the search begins as without a state.
+//! has a minimum, the object is found without its load, and the load is put on slowly (`continuation`); if that fails
+//! too, many other starts are tried. From a state that is given, Newton's method is tried first; if it finds no
+//! minimum, the object is held there and released slowly; and if that fails too, the search begins as without a state.
 
 use std::fmt::{self, Display, Formatter};
 

@@ -57,8 +57,7 @@ pub struct LinearModel {
     pub c: DMatrix<f64>,
     /// The derivatives of the outputs with respect to the inputs.
     pub d: DMatrix<f64>,
-    /// The states at the operating point: coordinates, their rates, d_t1 and d_t2, and the memories of PID
-    /// controllers.
+    /// The states at the operating point: coordinates, their rates, d_t1 and d_t2, and the memories of PID controllers.
     pub state: DVector<f64>,
     /// The rates of the states at the operating point; zero at an equilibrium.
     pub rate: DVector<f64>,

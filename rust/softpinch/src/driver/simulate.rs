@@ -89,8 +89,7 @@ pub(super) fn advance(
     Ok((run, contact))
 }
 
-/// Checks a scene and options without computing the run. Returns the longest step if steps are fixed, else
-/// zero.
+/// Checks a scene and options without computing the run. Returns the longest step if steps are fixed, else zero.
 pub fn check(scene: &Scene, options: &Options) -> Result<f64> {
     prepare(scene, options).map(|(grid, ..)| longest(grid.as_ref()))
 }

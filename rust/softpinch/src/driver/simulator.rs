@@ -1,9 +1,8 @@
 //! Runs that are stepped from outside, period by period, with inputs that are held in each of them.
 //!
 //! Each period is a run that goes on from the one before it, in equal steps. So n periods have the bits of one run
-//! whose schedule steps at the same instants: both begin a segment there. At the end of a period the instant is
-//! watched under the inputs of the period, as at the end of a run, and at the start of the next period under its
-//! inputs.
+//! whose schedule steps at the same instants: both begin a segment there. At the end of a period the instant is watched
+//! under the inputs of the period, as at the end of a run, and at the start of the next period under its inputs.
 
 use std::borrow::Cow;
 use std::cell::RefCell;

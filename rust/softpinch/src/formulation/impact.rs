@@ -88,8 +88,7 @@ pub fn impact(
     Impact { p: changed, impulses, modes, loss, work: dot(&impulse, &mean), driving }
 }
 
-/// How far the conditions of a mode are from holding, as a share of the sizes that are compared; zero if they
-/// hold.
+/// How far the conditions of a mode are from holding, as a share of the sizes that are compared; zero if they hold.
 fn violation(i: usize, mode: Mode, friction: f64, found: &Response<f64>, after: &[f64; 4]) -> f64 {
     let (along, across) = (found.multipliers[i], found.multipliers[2 + i]);
     let (gap_rate, slip) = (after[i], after[2 + i]);

@@ -19,8 +19,7 @@ use crate::model::rule::Rule;
 pub struct Contact {
     /// Its mode so far.
     pub mode: Mode,
-    /// Whether it is closed now: a free tip that has just met the face is, and a contact that an impact opens
-    /// is not.
+    /// Whether it is closed now: a free tip that has just met the face is, and a contact that an impact opens is not.
     pub closed: bool,
     /// The direction in which a closed contact slips; `None` if its slip velocity counts as zero.
     pub slip: Option<Slip>,

@@ -72,8 +72,7 @@ pub trait System<R: Lanes>: Sized {
     /// The state of a motion, with works of zero.
     fn begin(&self, motion: &Motion<R>) -> States<R>;
 
-    /// Evaluates the state `y` at time `tau` of a segment. The zeros that fill the derivative are left as
-    /// they are.
+    /// Evaluates the state `y` at time `tau` of a segment. The zeros that fill the derivative are left as they are.
     fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>);
 
     /// Evaluates the state `y` at time `tau` of a segment and returns the result.

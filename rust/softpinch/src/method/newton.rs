@@ -19,8 +19,7 @@ const FIXED: f64 = 1e-17;
 /// An iteration that stops shrinking, or that uses up its iterations, has reached round-off if its last
 /// correction is below this share.
 const STALLED: f64 = 1e-11;
-/// A Jacobian is used for the next step too if each correction is at most this share of the correction before
-/// it.
+/// A Jacobian is used for the next step too if each correction is at most this share of the correction before it.
 const REUSE_RATE: f64 = 1e-3;
 
 /// One iteration, judged by the sizes of its corrections.
@@ -51,8 +50,7 @@ impl Iteration {
         Self { tolerance, stalled, unit, most, last: f64::INFINITY, count: 0, rate: 0.0 }
     }
 
-    /// Whether a correction of this size was the last one. The error says that the iteration does not
-    /// converge.
+    /// Whether a correction of this size was the last one. The error says that the iteration does not converge.
     #[inline(always)]
     pub fn judge(&mut self, size: f64) -> Result<bool, Unsolved> {
         self.count += 1;
@@ -103,8 +101,7 @@ impl<S: System<f64>, F> Problem<'_, S, F> {
         largest(self.step.system.size(), correction, &self.weights)
     }
 
-    /// Whether the rates at the start of the step predict its change. They do not if a stiff part is still
-    /// decaying.
+    /// Whether the rates at the start of the step predict its change. They do not if a stiff part is still decaying.
     #[inline(always)]
     pub fn is_smooth(&self) -> bool {
         const SMALL: f64 = 0.1;
@@ -124,8 +121,7 @@ pub trait Scheme<S: System<f64>> {
 
     fn factor(linearization: &Linearization, h: f64) -> Self::Factors;
 
-    /// Iterates until the stages have converged. Returns the state at the end of the step, and the rate of
-    /// convergence.
+    /// Iterates until the stages have converged. Returns the state at the end of the step, and the rate of convergence.
     fn solve(&mut self, problem: &Problem<'_, S, Self::Factors>, stats: &mut Stats) -> Solved;
 
     #[inline(always)]
@@ -214,8 +210,7 @@ where
                     *next = end;
                     return Ok(());
                 }
-                // With a Jacobian of this step the iteration may converge although it did not with an older
-                // one.
+                // With a Jacobian of this step the iteration may converge although it did not with an older one.
                 Err(unsolved) => {
                     self.reusable = false;
                     if renewed {

@@ -1,8 +1,7 @@
-//! Steinebach's Rodas4P2: a linearly implicit method of order four with six stages, L-stable and stiffly
-//! accurate (Steinebach, "Improvement of Rosenbrock-Wanner method RODASP", in "Progress in
-//! Differential-Algebraic Equations II", 2020, with his coefficients; Hairer and Wanner, "Solving Ordinary
-//! Differential Equations II", IV.7, for the form). A step takes one Jacobian and one decomposition, and no
-//! iteration, so that its work is fixed.
+//! Steinebach's Rodas4P2: a linearly implicit method of order four with six stages, L-stable and stiffly accurate
+//! (Steinebach, "Improvement of Rosenbrock-Wanner method RODASP", in "Progress in Differential-Algebraic Equations II",
+//! 2020, with his coefficients; Hairer and Wanner, "Solving Ordinary Differential Equations II", IV.7, for the form). A
+//! step takes one Jacobian and one decomposition, and no iteration, so that its work is fixed.
 //!
 //! (1/(gamma h) - J) u_i = f(t + c_i h, y + sum of a_ij u_j) + sum of (C_ij / h) u_j + d_i h df/dt,
 //! y_1 = y + sum of a_6j u_j + u_6, and u_6 is the error estimate.

@@ -6,8 +6,7 @@
 
 use crate::number::lanes::{Bits, Lanes};
 
-/// The next length is this much shorter than the control asks for, so that the error stays below the allowed
-/// one.
+/// The next length is this much shorter than the control asks for, so that the error stays below the allowed one.
 const SAFETY: f64 = 0.9;
 /// Smallest and largest ratio of the length of a step to that of the step before it.
 const SHRINK: f64 = 0.2;

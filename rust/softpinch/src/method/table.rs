@@ -111,10 +111,9 @@ const OUTSIDE: f64 = 10.0;
 const ROUND_OFF: f64 = 1e-10;
 
 impl Method {
-    /// The longest step with which a mode of this eigenvalue does not grow: there the ray through the
-    /// eigenvalue first leaves the region |R| <= 1. The step is infinite for a method that is stable in the
-    /// whole left half-plane. It is infinite for an eigenvalue in the right half-plane too, because a mode
-    /// that grows by itself limits no step.
+    /// The longest step with which a mode of this eigenvalue does not grow: there the ray through the eigenvalue first
+    /// leaves the region |R| <= 1. The step is infinite for a method that is stable in the whole left half-plane. It is
+    /// infinite for an eigenvalue in the right half-plane too, because a mode that grows by itself limits no step.
     pub fn longest_stable_step(self, rate: Complex<f64>) -> f64 {
         let size = rate.norm();
         if self.entry().real_stability_limit.is_none() || size == 0.0 || rate.re > 0.0 {

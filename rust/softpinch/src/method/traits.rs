@@ -40,8 +40,7 @@ pub struct Stats {
     pub evaluations: u64,
     /// Evaluations of the Jacobian of the right-hand side.
     pub jacobians: u64,
-    /// Decompositions of matrices that have one row for each degree of freedom. A complex decomposition
-    /// counts as one.
+    /// Decompositions of matrices that have one row for each degree of freedom. A complex decomposition counts as one.
     pub factorisations: u64,
     pub iterations: u64,
     pub segments: u64,

@@ -308,8 +308,7 @@ impl<R: Lanes> SegmentDrive<R> {
                 *v = sum;
             }
         }
-        // Horner's scheme for both derivatives. The compiler drops them after inlining where nothing uses
-        // them.
+        // Horner's scheme for both derivatives. The compiler drops them after inlining where nothing uses them.
         let (mut target_rate, mut target_acceleration) = ([T::zero(); 2], [T::zero(); 2]);
         if self.degree > 0 {
             for i in 0..2 {

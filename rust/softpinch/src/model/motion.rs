@@ -41,10 +41,9 @@ impl<R: Lanes> Motion<R> {
 }
 
 impl Motion<f64> {
-    /// The typical magnitude of each component in a scene. For lengths it is the larger tip's radius, for
-    /// angles one, and for rates these magnitudes times sqrt(E a / M), the rate at which such a tip moves the
-    /// object. A PID integral without a gain drives nothing, so its error does not matter and its magnitude
-    /// is infinite.
+    /// The typical magnitude of each component in a scene. For lengths it is the larger tip's radius, for angles one,
+    /// and for rates these magnitudes times sqrt(E a / M), the rate at which such a tip moves the object. A PID
+    /// integral without a gain drives nothing, so its error does not matter and its magnitude is infinite.
     pub fn typical_magnitudes(parameters: &Parameters) -> Self {
         let [right, left] = &parameters.tips;
         let length = right.radius.max(left.radius);

@@ -1,9 +1,8 @@
 //! Gaussian forces, each held until the next sample. The random numbers are functions of a counter, so that a
 //! sample does not depend on the order in which samples are drawn, or on the process that draws it.
 //!
-//! The generator is Philox 4x64 with ten rounds (Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as
-//! easy as 1, 2, 3", 2011), with the seed and the run's number as its key. Box and Muller's transform makes
-//! its numbers normal.
+//! The generator is Philox 4x64 with ten rounds (Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as easy as 1,
+//! 2, 3", 2011), with the seed and the run's number as its key. Box and Muller's transform makes its numbers normal.
 
 use std::fmt::Display;
 

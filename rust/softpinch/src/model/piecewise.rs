@@ -7,8 +7,7 @@ use crate::model::rule::Rule;
 /// Jumps below this share of a polynomial's terms count as round-off.
 const SMOOTH: f64 = 1e-9;
 /// `C` channels, each a polynomial of degree five or less on every piece. Row 0 holds before the first break
-/// and has only a constant. Row k + 1 holds from break k on, in ascending powers of the time since that
-/// break.
+/// and has only a constant. Row k + 1 holds from break k on, in ascending powers of the time since that break.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PiecewisePolynomial<const C: usize> {
     breaks: Vec<f64>,
@@ -112,8 +111,7 @@ impl<const C: usize> PiecewisePolynomial<C> {
     }
 }
 
-/// The coefficients of the same polynomial about an origin that is later by `by` (repeated synthetic
-/// division).
+/// The coefficients of the same polynomial about an origin that is later by `by` (repeated synthetic division).
 fn taylor_shift(mut c: [f64; COEFFICIENTS], by: f64) -> [f64; COEFFICIENTS] {
     for low in 0..MAX_DEGREE {
         for k in (low..MAX_DEGREE).rev() {

@@ -1,7 +1,6 @@
 //! Small linear systems, with the operations written out. The system of every evaluation is solved by a
-//! square-root-free LDL^T decomposition in a fixed order, so that scaling by powers of two is exact. The
-//! implicit methods use an LU decomposition with row pivots. The tests compare both with nalgebra's
-//! decompositions.
+//! square-root-free LDL^T decomposition in a fixed order, so that scaling by powers of two is exact. The implicit
+//! methods use an LU decomposition with row pivots. The tests compare both with nalgebra's decompositions.
 
 use std::ops::{Add, Div, Mul, Sub};
 
@@ -243,8 +242,7 @@ impl<R: Lanes> Entry for LaneEntry<R> {
 /// must check the solution for them.
 #[derive(Debug, Clone, Copy)]
 pub struct Lu<T: Entry> {
-    /// Row by row: the factors of the elimination below the diagonal, the inverse pivots on it, and U above
-    /// it.
+    /// Row by row: the factors of the elimination below the diagonal, the inverse pivots on it, and U above it.
     rows: Square<T>,
     exchanged: [T::Exchange; MOST_ROWS],
 }

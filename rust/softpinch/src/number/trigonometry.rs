@@ -66,9 +66,8 @@ fn sin_cos_mixed<R: Lanes>(x: R, large: Bits) -> (R, R) {
     if wild == 0 { (sin, cos) } else { replace_with_libm(x, wild, (sin, cos)) }
 }
 
-/// Both kernels without a reduction, in shorter forms: x - x^3 (1/6 - ...) and 1 - z (1/2 - z (1/24 - ...))
-/// with z = x^2. The polynomials are added up in pairs of terms. The errors stay below 0.74 and 0.87 units in
-/// the last place.
+/// Both kernels without a reduction, in shorter forms: x - x^3 (1/6 - ...) and 1 - z (1/2 - z (1/24 - ...)) with z =
+/// x^2. The polynomials are added up in pairs of terms. The errors stay below 0.74 and 0.87 units in the last place.
 #[inline(always)]
 fn sin_cos_small<R: Real>(x: R) -> (R, R) {
     let c = R::constant;

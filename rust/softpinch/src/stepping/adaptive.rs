@@ -69,8 +69,7 @@ where
         let (one, size) = (R::constant(1.0), start.system.size());
 
         loop {
-            // Here lanes leave the vector code: runs that have ended make room for others, and segments
-            // begin.
+            // Here lanes leave the vector code: runs that have ended make room for others, and segments begin.
             while lanes.batch.phases.at(Phase::Ended) | lanes.entering() != 0 {
                 let ended = lanes.batch.phases.at(Phase::Ended);
                 for lane in each(ended) {

@@ -39,8 +39,7 @@ pub struct Progress<R> {
     pub h: R,
     pub steps: R,
     pub attempts: R,
-    /// Errors of the last attempts, in units of the allowed error; negative before the first attempt of a
-    /// segment.
+    /// Errors of the last attempts, in units of the allowed error; negative before the first attempt of a segment.
     pub errors: R,
     /// Lanes in their last segment.
     pub last: Bits,

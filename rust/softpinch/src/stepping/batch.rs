@@ -1,5 +1,4 @@
-//! The runs in the lanes of a step loop, and the work of both loops on them: loading, watching and retiring
-//! runs.
+//! The runs in the lanes of a step loop, and the work of both loops on them: loading, watching and retiring runs.
 
 use std::borrow::Cow;
 

@@ -118,8 +118,7 @@ impl EventStepper<'_> {
         Ok(())
     }
 
-    /// A free tip meets the face. At the located event its gap is zero up to round-off; the surface takes the
-    /// rest.
+    /// A free tip meets the face. At the located event its gap is zero up to round-off; the surface takes the rest.
     fn meet(&mut self, place: &mut SegmentState, motion: &mut Motion<f64>, i: usize) -> EventResult {
         let geometry = self.geometry(motion);
         let gap = geometry.residuals()[i];

@@ -156,8 +156,7 @@ impl LaneContact {
         self.act(at, |stepper, place| work(stepper, place).map(|()| place.y))
     }
 
-    /// Chooses the modes at the start of the run or at a breakpoint. Returns the state from which the run goes
-    /// on.
+    /// Chooses the modes at the start of the run or at a breakpoint. Returns the state from which the run goes on.
     pub fn begin(&mut self, at: &Moment<'_>) -> EventResult<States<f64>> {
         let (unset, fresh) = (self.unset.take(), std::mem::take(&mut self.fresh));
         let corrects = self.steps.system.corrects();

@@ -155,8 +155,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
             let Some(run) = &self.batch.runs[lane] else { continue };
             let (mut y, anchor) = (*at.y, run.place.segment.anchor);
             match self.batch.strike(at.system, lane, (anchor, tau, self.h.lane(lane)), &mut y) {
-                // The instant after the impulses is evaluated but not watched again. The next step starts from
-                // it.
+                // The instant after the impulses is evaluated but not watched again. The next step starts from it.
                 Ok(_) => self.hold(lane, now, (&column(&y, lane), 2), replacement),
                 Err(end) => {
                     self.end_at_event(at.system, lane, &end, now)?;

@@ -117,8 +117,7 @@ pub struct EqualLanes<'g, 'a, R: Lanes, Q> {
     /// do not take the next step.
     pub stepped: Bits,
     pub held: Bits,
-    /// The clock, which counts the evaluations of the loop, and its reading when the next segment of any lane
-    /// ends.
+    /// The clock, which counts the evaluations of the loop, and its reading when the next segment of any lane ends.
     pub clock: u64,
     pub arrival: u64,
     /// For methods that keep a Jacobian, which have one lane: the point at which it was last taken, the point
@@ -197,8 +196,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         self.arrival = runs.map(|run| run.place.arrival).min().unwrap_or(u64::MAX);
     }
 
-    /// Puts lanes at the end of a segment into the next segment. A lane at the end of its last segment has
-    /// arrived.
+    /// Puts lanes at the end of a segment into the next segment. A lane at the end of its last segment has arrived.
     #[cold]
     #[inline(never)]
     pub fn arrive(&mut self) {

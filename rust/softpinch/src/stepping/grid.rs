@@ -1,8 +1,7 @@
 //! The times of a run: segments between breakpoints, each divided into equal steps. The time of a step is
 //! computed from its number, not by adding up steps.
 //!
-//! A run finds its segments one at a time when it reaches them, because held noise may divide it into
-//! millions.
+//! A run finds its segments one at a time when it reaches them, because held noise may divide it into millions.
 
 use crate::error::{Error, Result, require};
 use crate::model::inputs::Inputs;
@@ -43,8 +42,7 @@ impl Segment {
         Self { anchor, start: anchor + 0.0, end, h, first: 0, count }
     }
 
-    /// Refuses steps that are too many to count, or so short that double precision does not tell their times
-    /// apart.
+    /// Refuses steps that are too many to count, or so short that double precision does not tell their times apart.
     fn require_countable(&self, dt: f64) -> Result {
         let steps = self.count as f64;
         if steps > MOST_STEPS {
@@ -136,9 +134,8 @@ impl Span {
     }
 }
 
-/// The segments of a run in steps of at most `dt`, with each step then divided into `refine` equal ones. In
-/// this way the instants of the coarse grid are instants of the fine one, whatever the lengths of the
-/// segments.
+/// The segments of a run in steps of at most `dt`, with each step then divided into `refine` equal ones. In this way
+/// the instants of the coarse grid are instants of the fine one, whatever the lengths of the segments.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Grid {
     span: Span,
@@ -165,8 +162,7 @@ impl Grid {
         let first = Segment::new(span.start, to, dt);
         first.require_countable(dt)?;
         let resumed = state.grid.and_then(|(anchor, step)| {
-            // There is no breakpoint between the anchor and the start, so the segment of the resumed run goes
-            // on.
+            // There is no breakpoint between the anchor and the start, so the segment of the resumed run goes on.
             let unbroken = anchor < span.start && inputs.next_breakpoint(anchor) > span.start;
             let whole = unbroken.then(|| Segment::new(anchor, to, dt))?;
             whole.require_countable(dt).ok()?;

@@ -150,8 +150,7 @@ impl Recording {
         Ok(recording)
     }
 
-    /// Makes room for one more row, and for the last row after it, if the number of rows is not known
-    /// beforehand.
+    /// Makes room for one more row, and for the last row after it, if the number of rows is not known beforehand.
     #[inline(always)]
     pub fn make_room(&mut self) -> Result {
         let rows = self.t.len();

@@ -59,8 +59,7 @@ impl<R: Lanes> Sizes<R> {
         }
     }
 
-    /// Takes note of the states in the lanes of `bits`. Of these lanes, those of `entering` have just begun
-    /// a segment.
+    /// Takes note of the states in the lanes of `bits`. Of these lanes, those of `entering` have just begun a segment.
     #[inline(always)]
     pub fn note(&mut self, size: Size, y: &States<R>, bits: Bits, entering: Bits) {
         let tolerance = R::constant(self.allowed.tolerance);

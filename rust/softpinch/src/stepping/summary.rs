@@ -275,8 +275,7 @@ impl Fold for SlipDistance {
     }
 }
 
-/// The events know the time to the round-off of their own times. The memory only says that an instant was
-/// seen.
+/// The events know the time to the round-off of their own times. The memory only says that an instant was seen.
 impl Fold for FreeTime {
     const SMOOTH: bool = false;
 

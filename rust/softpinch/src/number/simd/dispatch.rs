@@ -38,12 +38,10 @@ pub trait LaneKernel {
 pub fn dispatch_lanes<K: LaneKernel>(level: Level, kernel: K) -> Result<K::Output> {
     let instructions = level.require()?;
     match level {
-        // SAFETY: `require` has just found that the processor has the features that this function is compiled
-        // for.
+        // SAFETY: `require` has just found that the processor has the features that this function is compiled for.
         #[cfg(target_arch = "x86_64")]
         Level::Avx512 => Ok(unsafe { avx512_lanes(kernel, instructions) }),
-        // SAFETY: `require` has just found that the processor has the features that this function is compiled
-        // for.
+        // SAFETY: `require` has just found that the processor has the features that this function is compiled for.
         #[cfg(target_arch = "x86_64")]
         Level::Avx2 => Ok(unsafe { avx2_lanes(kernel, instructions) }),
         #[cfg(not(target_arch = "x86_64"))]
