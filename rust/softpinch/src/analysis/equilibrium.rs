@@ -29,8 +29,7 @@ pub enum Reason {
     Apart(f64),
     /// The state near which an equilibrium is sought is outside the range of the model.
     Outside(Violation),
-    /// The scene changes slowly, and at this share of the change the equilibrium ends in a fold, or leaves the range of
-    /// the model.
+    /// At this share of a slow change of the scene the equilibrium ends in a fold, or leaves the range of the model.
     Ends(Way, f64, Option<Violation>),
     /// No start leads to an equilibrium, or not the one that is given.
     NotFound {

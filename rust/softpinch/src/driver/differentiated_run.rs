@@ -184,8 +184,7 @@ struct StepTimes {
     end: f64,
 }
 
-/// The step of a segment after `taken` steps of it. `ends` has the ends of free steps, if steps are free: the start of the
-/// step, and those after it.
+/// The step of a segment after `taken` steps of it. `ends` has the start of a free step, and the ends from there on.
 fn next_step(segment: &Segment, taken: u64, ends: Option<&[f64]>) -> Option<StepTimes> {
     let Some(ends) = ends else {
         let step = segment.first + taken;
@@ -334,8 +333,7 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
         Motion { q: q.into(), p: p.into(), memory }
     }
 
-    /// Applies what happens at a breakpoint: the shifts of inputs whose jump moves, then the impulses. Returns whether
-    /// anything does.
+    /// Applies the shifts of inputs whose jump moves at a breakpoint, then its impulses. Returns whether there are any.
     #[inline(always)]
     fn pass(&self, time: f64, drive: &SegmentDrive<RunDual<R>>, y: &mut States<RunDual<R>>) -> bool {
         let input = drive.at(RunDual::zero());

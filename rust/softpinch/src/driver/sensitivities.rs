@@ -29,8 +29,7 @@ use crate::stepping::summary::Summary;
 pub struct Direction {
     /// The derivatives of the parameters.
     pub parameters: [f64; PARAMETER_COUNT],
-    /// The derivatives of the inputs while the breakpoints stay: pieces, sinusoids and impulses as many as those of
-    /// the scene, at the same times.
+    /// The derivatives of the inputs while the breakpoints stay, with as many pieces, sinusoids and impulses.
     pub inputs: Inputs,
     /// The derivative of the start, besides what [`Start::varied`](crate::model::start::Start::varied) gives.
     pub initial: Motion<f64>,
@@ -40,8 +39,7 @@ pub struct Direction {
     pub impulse_times: Vec<f64>,
 }
 
-/// The derivative of inputs that jump at a breakpoint by the breakpoint's time is an impulse of the inputs:
-/// minus the jump.
+/// The derivative of inputs by the time of a breakpoint at which they jump: an impulse of minus the jump.
 #[derive(Debug, Clone, Copy)]
 pub struct Shift {
     /// The time of the breakpoint, s.
@@ -86,8 +84,7 @@ pub enum Wanted<'a> {
     },
 }
 
-/// The derivatives of a run. `start` says what the scene's start follows from; `None` if it is given. Returns `None` if
-/// `interrupted` says so.
+/// The derivatives of a run; `None` if it is interrupted. `start` says what the scene's start follows from, if not given.
 pub fn sensitivities(
     scene: &Scene,
     options: &Options,

@@ -155,8 +155,7 @@ pub(crate) fn require_valid(scene: &Scene, options: &Options) -> Result {
     adaptive(options.method).map(|_| ())
 }
 
-/// Refuses a scene with unilateral contact that has no friction, and a formulation whose states are always on
-/// all constraints.
+/// Refuses unilateral contact without friction, and with a formulation whose states are always on all constraints.
 fn require_unilateral(scene: &Scene, options: &Options) -> Result {
     if options.formulation == Formulation::Nullspace {
         let allowed = "\"csm\" or \"projected\" where contact = \"unilateral\": the states of nullspace are on the constraints of both \
@@ -215,8 +214,7 @@ fn prepare(scene: &Scene, options: &Options) -> Result<(Option<Grid>, Option<Vec
     Ok((grid, times))
 }
 
-/// Checks the instants to record. An instant that is outside of the run by round-off becomes the start or the
-/// end of the run.
+/// Checks the instants to record. One that is outside of the run by round-off becomes the run's start or end.
 fn instants(times: &[f64], Span { start, end }: Span) -> Result<Vec<f64>> {
     let near = 4.0 * f64::EPSILON * start.abs().max(end.abs());
     let mut before = f64::NEG_INFINITY;

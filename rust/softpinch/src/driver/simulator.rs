@@ -313,8 +313,7 @@ struct PeriodRun {
 /// Some of the runs of a simulator, for one thread.
 type Part<'a> = (&'a [Environment], &'a mut [PeriodRun]);
 
-/// Computes the period of some runs in steps of at most `dt`. A single run, and a method whose steps have no lanes, take
-/// the code of lone runs.
+/// Computes the period of some runs. A single run, and a method whose steps have no lanes, take the code of lone runs.
 fn compute_part(
     Stepping { options, dt, .. }: &Stepping,
     (environments, runs): Part<'_>,

@@ -13,8 +13,7 @@ use crate::model::motion::Motion;
 use crate::number::lanes::{LaneTask, Lanes};
 use crate::number::simd::level::Instructions;
 
-/// The equations of one run with unilateral contact, and the instructions for which their long computations are
-/// compiled.
+/// The equations of one run with unilateral contact, and the instructions of their long computations.
 #[derive(Debug, Clone, Copy)]
 pub struct ContactEquations<'a> {
     instructions: Instructions,

@@ -92,8 +92,7 @@ impl Contact {
 /// Conditions that fail by less than this share of their terms count as a border.
 const BORDER: f64 = 1e-9;
 
-/// The contacts of one run in given modes at the present tilts. A contact that opens gets its present tilt as the frozen
-/// one.
+/// The contacts of one run in given modes at the present tilts. A contact that opens freezes its present tilt.
 pub fn contacts_in(modes: [Mode; 2], now: &[Contact; 2], tilts: [f64; 2]) -> Contacts<f64> {
     let tilt = |i: usize| {
         if now[i].mode == Mode::Free && !now[i].closed { now[i].frozen_tilt } else { tilts[i] }

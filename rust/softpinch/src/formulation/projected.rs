@@ -23,8 +23,7 @@ use crate::number::real::{Bits, Real};
 /// limit; the second Newton step then reaches round-off.
 const NEWTON_STEPS: usize = 2;
 
-/// Moves q by one Newton step towards C^H = 0 along M^-1 Phi_H^T. The constraints of the contacts in `free` are
-/// left out.
+/// Moves q by one Newton step towards C^H = 0 along M^-1 Phi_H^T, without the constraints of the contacts in `free`.
 #[inline(always)]
 fn newton_step<R: Real>(plant: &Plant<R>, q: &Coordinates<R>, free: [Bits; 2]) -> Coordinates<R> {
     let zero = R::zero();

@@ -46,8 +46,7 @@ impl Size {
     }
 }
 
-/// The state `from` + `by` * `along`. Methods pass their stages in this form, so that the equations read only
-/// these parts.
+/// The state `from` + `by` * `along`. Methods pass their stages so, and the equations read only these parts.
 #[derive(Clone, Copy)]
 pub struct StageState<'a, R> {
     /// The state from which the stage starts.
@@ -112,8 +111,7 @@ pub trait System<R: Lanes>: Sized {
 
 /// The derivatives of a system's rates with respect to its states and to time.
 pub trait Linear<R: Lanes> {
-    /// Writes the Jacobian at time `tau` of a segment and state `y` into `jacobian`. The zeros that fill it
-    /// are left as they are.
+    /// Writes the Jacobian at time `tau` of a segment and state `y`. The zeros that fill it are left as they are.
     fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>);
 
     /// Returns the Jacobian at time `tau` of a segment and state `y`.

@@ -16,8 +16,7 @@ const UNSOLVED: f64 = 0.25;
 /// The gains of the control, times the order of the error.
 const INTEGRAL: f64 = 0.7;
 const PROPORTIONAL: f64 = 0.4;
-/// An error below this share of the allowed one counts as this share, because very small errors say nothing
-/// about the trend.
+/// An error below this share of the allowed one counts as this share: very small errors say nothing about the trend.
 const LEAST: f64 = 1e-8;
 /// The first step of a segment is a cautious guess. The step after it may be longer by the first factor, and
 /// the error of the guess counts as no smaller than the second number.

@@ -39,8 +39,7 @@ pub type MakeAdaptiveMethod = fn(Runs<'_>, &SceneEquations<f64>) -> AnyAdaptiveM
 pub struct MethodEntry {
     /// Its order: the error falls with this power of the step if nothing is stiff.
     pub order: u32,
-    /// The end of its stability region on the negative real axis, without its sign; `None` if the region has no end
-    /// there.
+    /// The end of its stability region on the negative real axis, without its sign; `None` if there is none.
     pub real_stability_limit: Option<f64>,
     /// R(z): the factor by which a step of length h multiplies a mode of eigenvalue z / h.
     pub stability_function: fn(Complex<f64>) -> Complex<f64>,

@@ -125,8 +125,7 @@ pub trait Integrator<R: Lanes, S: System<R>> {
         false
     }
 
-    /// Takes the Jacobian at time `tau` of the segment and state `y`. A run does this to resume another run
-    /// that had taken it there.
+    /// Takes the Jacobian at time `tau` of the segment and state `y`, as the run had done that is resumed.
     #[inline(always)]
     fn take_jacobian(&mut self, _drive: &SegmentDrive<R>, _tau: R, _y: &States<R>) {}
 }

@@ -116,8 +116,7 @@ impl Mode {
     }
 }
 
-/// The contacts of the runs in all lanes: for each finger the lanes in which it slips, grazes or is free. In
-/// all other lanes it sticks.
+/// The contacts in all lanes: for each finger the lanes in which it slips, grazes or is free. In all others it sticks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contacts<R> {
     /// Lanes in which the face slips up over the tip.

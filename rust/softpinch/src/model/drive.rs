@@ -1,6 +1,5 @@
 //! The inputs of one segment between breakpoints. Every channel is one polynomial in the time since the
-//! segment's start, so an evaluation takes a few multiply-adds, or none if all channels are constant. Sines
-//! are added to the polynomials.
+//! segment's start, and sines: an evaluation takes a few multiply-adds, or none if all channels are constant.
 
 use crate::model::contact_modes::Contacts;
 use crate::model::frame::FrameMotion;

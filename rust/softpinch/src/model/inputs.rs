@@ -139,8 +139,7 @@ pub struct Held {
     pub target: [f64; 2],
     /// F_x and F_y in N and the moment in N m, beside the disturbances of the scene.
     pub force: [f64; 3],
-    /// The acceleration of the hand's frame along fixed axes, m/s^2, instead of that of its motion. A scene without a
-    /// motion has none.
+    /// The acceleration of the hand's frame along fixed axes, m/s^2, instead of that of its motion, if it moves.
     pub acceleration: Option<[f64; 2]>,
 }
 
@@ -200,8 +199,7 @@ impl Inputs {
         })
     }
 
-    /// The same inputs, and a force on the object from `time` on that ends after `duration`, s: F_x and F_y in N and
-    /// the moment in N m.
+    /// The same inputs, and a force on the object from `time` on for `duration`, s: F_x and F_y, N, and the moment, N m.
     pub fn with_pulse(mut self, time: f64, duration: f64, force: [f64; 3]) -> Result<Self> {
         Rule::Positive.check("pulse.duration", duration)?;
         // An end that overflows is never reached.

@@ -55,8 +55,7 @@ impl Motion<f64> {
         Self { q, p: each_coordinate!([q] => q * pace), memory }
     }
 
-    /// [`Motion::typical_magnitudes`] with smaller rates if viscosity slows the scene down: E a / c is the
-    /// rate at which a tip gives way.
+    /// The same with smaller rates if viscosity slows the scene down: E a / c is the rate at which a tip gives way.
     pub fn slow_magnitudes(parameters: &Parameters) -> Self {
         let usual = Self::typical_magnitudes(parameters);
         let [.., mut pace] = usual.p.object;
@@ -69,8 +68,7 @@ impl Motion<f64> {
     }
 }
 
-/// The point at which an implicit method took the Jacobian that it still uses: time since the segment's
-/// start, q, p, memories.
+/// The point of the Jacobian that an implicit method still uses: time since the segment's start, q, p, memories.
 pub type Linearized = [f64; 21];
 
 /// The time and the motion of such a point.

@@ -148,8 +148,7 @@ pub(super) fn require_end(field: impl Display, start: f64, end: f64) -> Result {
     require(start <= end, field, end, "must not be before the start")
 }
 
-/// Refuses more samples than a run can be cut into, and samples whose number, counted from the noise's start,
-/// is too large to be exact.
+/// Refuses more samples than a run can be cut into, and samples whose number since the noise's start is not exact.
 pub fn require_countable(noises: &[Noise], from: f64, until: f64) -> Result {
     let count = |noise: &Noise| (until.min(noise.end) - from.max(noise.start)) * noise.rate;
     let needed: f64 = noises.iter().map(|noise| count(noise).max(0.0)).sum();

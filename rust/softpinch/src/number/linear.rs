@@ -32,8 +32,7 @@ pub fn solve3<R: Real>(a: &Lower3<R>, b: &[R; 3], scale: R) -> [R; 3] {
     let i0 = one / a00;
     let (l10, l20) = (a10 * i0, a20 * i0);
     let m21 = l20.neg_mul_add(a10, a21);
-    // The second pivot is multiplied by the first one, so that this division does not have to wait for the
-    // division above.
+    // The second pivot is multiplied by the first one, so that this division need not wait for the one above.
     let (s00, s10) = (a00 * scale, a10 * scale);
     let i1 = s00 / s10.neg_mul_add(a10, s00 * a11);
     let l21 = m21 * i1;

@@ -114,8 +114,7 @@ fn sin_cos_reduced<R: Lanes>(x: R) -> (R, R) {
     let k = rounded - rounder;
     // x - k PIO2_1 is a multiple of 2^-53 below 1, so the first step is exact.
     let r1 = k.neg_mul_add(R::constant(PIO2_1), x);
-    // The following differences may cancel near a multiple of pi/2, so the rounding errors of the product and
-    // of the difference are kept.
+    // These differences may cancel near a multiple of pi/2, so the errors of the product and of the difference are kept.
     let product = k * R::constant(PIO2_2);
     let product_error = k.mul_add(R::constant(PIO2_2), -product);
     let hi = r1 - product;

@@ -1,5 +1,4 @@
-//! What takes lanes out of the vector code of the adaptive loop: starts of segments, with their samples and impulses, and
-//! events of unilateral contact.
+//! What takes lanes out of the vector code of the adaptive loop: starts of segments, and events of unilateral contact.
 //!
 //! A step in which an event is due is taken again with the length that leads to the event. There the run goes on as at the
 //! start of a segment, with a cautious first step.
@@ -107,8 +106,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         }
     }
 
-    /// Lets the discrete controllers measure, in those of the lanes in `begins` in which a sample is due at the end of
-    /// the segment.
+    /// Lets the discrete controllers measure, in the lanes of `begins` with a sample due at the end of the segment.
     #[inline(always)]
     fn take_samples(&mut self, begins: Bits, start: &StepStart<R>) {
         let mut due = 0;

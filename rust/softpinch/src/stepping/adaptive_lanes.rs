@@ -52,8 +52,7 @@ impl<R: Lanes> Progress<R> {
         Self { from, to, length, t, tau, watched, h, steps, attempts, errors, last: 0 }
     }
 
-    /// Puts a lane at the start of a run, as if a segment without length ended there. A lane without a run is
-    /// put at zero.
+    /// Puts a lane at the start of a run, as if a segment without length ended there; at zero if it has no run.
     pub fn begin(&mut self, lane: usize, start: f64) {
         for number in [&mut self.h, &mut self.steps, &mut self.attempts] {
             number.set(lane, 0.0);
@@ -78,8 +77,7 @@ pub struct AdaptiveLanes<'a, R: Lanes, Q> {
     pub batch: LaneBatch<'a, R, Span, Q>,
     pub progress: Progress<R>,
     pub control: StepControl<R>,
-    /// Why the equations of the last attempt were not solved, if that is so. Methods that solve equations for
-    /// their stages have one lane.
+    /// Why the equations of the last attempt were not solved, if so. Methods that solve equations have one lane.
     pub unsolved: Option<Unsolved>,
     /// Lanes whose last watched instant is saved in their run.
     pub saved: Bits,
@@ -98,8 +96,7 @@ pub struct StepStart<R> {
 }
 
 impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
-    /// Loads the next run, if there is one, into a lane, and puts the lane at the start of its first segment. Returns
-    /// whether there is one.
+    /// Loads the next run into a lane, and puts it at the start of its first segment. Returns whether there is one.
     pub fn load(&mut self, lane: usize) -> Result<bool> {
         let place = |_, scene: &Scene| Span::new(&scene.inputs, &scene.initial, scene.duration);
         let loaded = self.batch.load_lane(lane, place)?;
@@ -216,8 +213,7 @@ pub fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>) -> Eva
 }
 
 impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
-    /// For each lane, the time inside the step at which a tip seems to violate a limit and to come back;
-    /// infinity if there is none.
+    /// The time inside each lane's step at which a tip seems to violate a limit and to come back; infinity if none.
     #[inline(always)]
     pub fn violating_turning_points(
         &self,

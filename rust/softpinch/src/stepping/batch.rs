@@ -101,8 +101,7 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
     shown: Bits,
     /// Whether contacts can slip and open.
     pub unilateral: bool,
-    /// Whether a lane may have to hold its state at an instant that is evaluated again: because of its contacts, or
-    /// of a discrete controller.
+    /// Whether contacts or a discrete controller may make a lane hold its state while an instant is evaluated again.
     pub holds: bool,
     /// For each of [`VIOLATIONS`] the lanes in which an event has shown it since the last watched instant.
     pub(super) occurred: [Bits; VIOLATIONS.len()],
@@ -281,8 +280,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         self.begin(system, changed, y);
     }
 
-    /// Renews the data that depend on the runs, and sets the states with which the runs in the lanes of
-    /// `changed` start.
+    /// Renews what depends on the runs, and sets the states with which the runs in the lanes of `changed` start.
     #[inline(always)]
     fn begin(&mut self, system: &impl System<R>, changed: Bits, y: &mut States<R>) {
         let round_off;

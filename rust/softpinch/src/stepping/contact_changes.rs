@@ -52,8 +52,7 @@ impl EventStepper<'_> {
         self.begin(place)
     }
 
-    /// Puts a state that another formulation has left on the constraints of its closed contacts, unless it is there up to
-    /// round-off.
+    /// Puts a state of another formulation on the constraints of its closed contacts, unless it is there up to round-off.
     pub fn put_on_constraints(&mut self, place: &mut SegmentState) {
         let mut motion = self.motion(place);
         let (before, from) = (self.energy(&motion), motion);

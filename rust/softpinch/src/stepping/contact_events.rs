@@ -28,8 +28,7 @@ named! {
         Relaxed = "relaxed",
         /// An event of the other contact.
         Other = "other",
-        /// The object is lost: a closed contact left its face, a free tip met the end of the face, or neither tip is
-        /// beside its face.
+        /// The object is lost: a closed contact left its face, a free tip met its end, or neither tip is beside it.
         Lost = "lost",
     }
 }

@@ -42,8 +42,7 @@ pub struct LaneContact {
     segment: Segment,
     earlier: Segment,
     in_earlier: bool,
-    /// Before the run has begun: whether its contacts still follow from the state, and then whether a closed one
-    /// approaches.
+    /// Before the run has begun: whether its contacts follow from the state, and then whether a closed one approaches.
     unset: Option<bool>,
     /// Whether the run has not begun, and may start from a state that another formulation has left.
     fresh: bool,

@@ -1,5 +1,4 @@
-//! The ways in which a run ends, and the ends of runs in words. Each message gives the cause with its numbers, and then
-//! advice.
+//! The ways in which a run ends, also in words: each message gives the cause with its numbers, and then advice.
 
 use crate::error::{Error, seconds};
 use crate::method::traits::Unsolved;
@@ -204,8 +203,7 @@ pub(crate) fn contact(scene: &Scene, last: &Instant, reason: Reason, modes: [Mod
     }
 }
 
-/// Describes how the object was lost: which tip, how far it is from the middle of its face, and how far the face has
-/// slipped over it.
+/// Describes how the object was lost: which tip, how far from the middle of its face, and how far the face has slipped.
 fn lost(scene: &Scene, last: &Instant, loss: Loss, modes: [Mode; 2]) -> String {
     let sides = Side::both(&scene.parameters);
     let (initial, last) = (&scene.initial.motion, &last.motion);

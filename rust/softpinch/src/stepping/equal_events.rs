@@ -1,5 +1,4 @@
-//! What takes lanes out of the vector code of the loop of equal steps: events of unilateral contact, impulses, and ends of
-//! runs.
+//! What takes lanes out of the vector code of the loop of equal steps: events of contact, impulses, and ends of runs.
 //!
 //! A lane in which an event is due repeats its last step alone, up to the event and on from there, while the other lanes
 //! take their next step. Its new state replaces the old one.

@@ -1,5 +1,4 @@
-//! The lanes of the loop of equal steps: the places of their runs, and the rare work at breakpoints, impulses
-//! and ends of runs.
+//! The lanes of the loop of equal steps: the places of their runs, and the rare work at breakpoints and ends of runs.
 
 use crate::error::Result;
 use crate::formulation::equations::{Evaluation, States};
@@ -113,8 +112,7 @@ pub struct EqualLanes<'g, 'a, R: Lanes, Q> {
     /// Lanes that have not yet stepped in their segment, and whether one of them has just entered it.
     pub at_start: Bits,
     pub entered: bool,
-    /// Lanes that took the last step, and lanes whose state an event or whose torque a sample replaces now, so that they
-    /// do not take the next step.
+    /// Lanes that took the last step, and lanes that do not take the next one, because an event or a sample acts now.
     pub stepped: Bits,
     pub held: Bits,
     /// The clock, which counts the evaluations of the loop, and its reading when the next segment of any lane ends.
@@ -337,8 +335,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         Ok(())
     }
 
-    /// Takes a step from the state `y`, evaluated as `now`, and computes the rows inside it. The error says that its
-    /// equations were not solved.
+    /// Takes a step from the state `y`, evaluated as `now`, and the rows inside it, unless it is not solved.
     #[inline(always)]
     pub fn step<S: LoopSystem<R>>(
         &mut self,
@@ -363,8 +360,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         Ok(())
     }
 
-    /// At a breakpoint, a method that keeps a Jacobian forgets it, or takes the Jacobian of the run that this
-    /// run resumes.
+    /// At a breakpoint, a method that keeps a Jacobian forgets it, or takes that of the run that this one resumes.
     #[cold]
     pub fn restart_jacobian<S: System<R>>(
         &mut self,

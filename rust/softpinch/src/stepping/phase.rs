@@ -29,8 +29,7 @@ pub enum Phase {
 
 const PHASES: usize = Phase::End as usize + 1;
 
-/// The phases of all lanes. Vector code needs sets of lanes, so that each phase has the set of its lanes; every lane is in
-/// exactly one of them.
+/// The phases of all lanes: for each phase the set of its lanes, as vector code needs it. Every lane is in just one.
 pub struct Phases {
     lanes: [Bits; PHASES],
 }

@@ -35,8 +35,7 @@ pub trait RunQueue<'a> {
     /// Takes a run that has ended. `energies` computes those of its last instant.
     fn finish(&mut self, finished: Finished, energies: impl FnOnce() -> Energies);
 
-    /// Whether to record the instant `t`, which was just watched. An instant inside a step is recorded only
-    /// if it was asked for.
+    /// Whether to record the instant `t`, which was just watched. One inside a step is recorded only if asked for.
     #[inline(always)]
     fn is_due(&mut self, _t: f64, _inside: bool) -> bool {
         false

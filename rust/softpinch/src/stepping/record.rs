@@ -133,8 +133,7 @@ pub struct Recording {
     pub linearized: Vec<Linearized>,
     pub multipliers: Vec<[f64; 4]>,
     pub residuals: Vec<[f64; 4]>,
-    /// The energies and the works, row by row: seven numbers in bilateral contact, ten in unilateral contact, and eleven
-    /// if the hand moves.
+    /// Energies and works, row by row: 7 numbers in bilateral contact, 10 in unilateral contact, 11 if the hand moves.
     pub energy: Vec<f64>,
     pub torque: Vec<[f64; 2]>,
     pub contact: Vec<ContactRow>,

@@ -166,8 +166,7 @@ fn constants<R: Lanes>(values: &States<f64>) -> States<RunDual<R>> {
     constants
 }
 
-/// For each direction the solution of (g I - J) x = b, where `loads` have the directions' b as derivatives. The
-/// solutions are derivatives too.
+/// For each direction the solution of (g I - J) x = b. The derivatives of `loads` are b, those of the result x.
 #[inline(always)]
 fn solve_slopes<R: Lanes>(
     linearization: &Linearization<R>,

@@ -49,8 +49,7 @@ pub fn dispatch_lanes<K: LaneKernel>(level: Level, kernel: K) -> Result<K::Outpu
     }
 }
 
-/// Runs `kernel` on vectors of four lanes at every level. Code that is not the fastest part of anything is compiled for
-/// one kind of vectors only.
+/// Runs `kernel` on vectors of four lanes at every level: code that is rarely needed is compiled for these only.
 pub fn dispatch_four_lanes<K: LaneKernel>(level: Level, kernel: K) -> Result<K::Output> {
     let instructions = level.require()?;
     #[cfg(target_arch = "x86_64")]

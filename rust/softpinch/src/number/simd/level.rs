@@ -32,8 +32,7 @@ pub const VARIABLE: &str = "SOFTPINCH_SIMD";
 pub struct Instructions(());
 
 impl Level {
-    /// The best level that this processor has. On a processor without any level it is the lowest one, which
-    /// [`Level::require`] refuses.
+    /// The best level that this processor has. If it has none, the lowest one, which [`Level::require`] refuses.
     pub fn detect() -> Self {
         let best = LEVELS.iter().rev().find(|(_, level)| level.is_available());
         best.map_or(LEVELS[0].1, |&(_, level)| level)
