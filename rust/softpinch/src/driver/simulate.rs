@@ -114,10 +114,12 @@ pub struct Outline {
 pub fn outline(scene: &Scene, options: &Options) -> Result<Outline> {
     let (grid, times) = prepare(scene, options)?;
     let row = 8 * options.record.width(layout(scene, options));
-    let (start, end) = (scene.initial.time, scene.initial.time + scene.duration);
+    let Scene { inputs, initial, duration, .. } = scene;
+    let end = initial.time + duration;
     let (segments, steps) = match grid {
         Some(Grid { segments, steps, .. }) => (segments, Some(steps)),
-        None => (Span { start, end }.segment_count(&scene.inputs), None),
+        // One step to each segment, of which only the segments count.
+        None => (Grid::new(inputs, initial, *duration, f64::MAX, 1)?.segments, None),
     };
     // The rows are those that were asked for, or the start and one for every `every` steps; and always the end.
     let rows = match times {

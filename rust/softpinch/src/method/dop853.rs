@@ -67,10 +67,7 @@ fn weighted<R: Lanes>(size: Size, slopes: &[States<R>], weights: &[f64], sum: &m
 
 /// Repeats code for each stage but the first. The number of the stage is a constant in this code.
 macro_rules! each_stage {
-    ($stage:ident => $body:expr) => {
-        each_stage!($stage => $body; 1 2 3 4 5 6 7 8 9 10 11)
-    };
-    ($stage:ident => $body:expr; $($number:literal)*) => {
+    ($stage:ident in $($number:literal)* => $body:expr) => {
         $({
             const $stage: usize = $number;
             $body
@@ -86,7 +83,7 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Dop853<R> {
         let size = system.size();
         stats.evaluations += STAGES as u64 - 1;
         slopes[0] = *rate;
-        each_stage!(STAGE => {
+        each_stage!(STAGE in 1 2 3 4 5 6 7 8 9 10 11 => {
             weighted(size, slopes, &A[STAGE][..STAGE], along);
             let input = drive.at(R::constant(C[STAGE]).mul_add(h, tau));
             system.rates(&input, drive, StageState { from: y, by: h, along }, &mut slopes[STAGE]);

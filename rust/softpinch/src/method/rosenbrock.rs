@@ -175,15 +175,9 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Adaptive<R, S> fo
     fn interpolate(&self, y: &States<R>, next: &States<R>, x: R) -> States<R> {
         let [low, high] = DENSE;
         let one = R::constant(1.0);
-        let mut inner = [R::zero(); MAX_COMPONENTS];
-        for (weights, by) in [(&low, one), (&high, x)] {
-            for (stage, weight) in self.stages.iter().zip(weights) {
-                let weight = R::constant(*weight) * by;
-                for n in 0..MAX_COMPONENTS {
-                    inner[n] = weight.mul_add(stage[n], inner[n]);
-                }
-            }
-        }
+        let size = self.linearization.size;
+        let inner = plus(size, [R::zero(); MAX_COMPONENTS], &self.stages, &low, one);
+        let inner = plus(size, inner, &self.stages, &high, x);
         let mut at = *y;
         for n in 0..MAX_COMPONENTS {
             at[n] = (one - x).mul_add(y[n], x * (one - x).mul_add(inner[n], next[n]));

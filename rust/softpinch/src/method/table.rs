@@ -55,19 +55,6 @@ pub struct MethodEntry {
     pub min_growth: f64,
 }
 
-impl Method {
-    /// The properties of the method.
-    pub const fn entry(self) -> &'static MethodEntry {
-        match self {
-            Self::Rk4 => &rk4::ENTRY,
-            Self::Dop853 => &dop853::ENTRY,
-            Self::ImplicitMidpoint => &implicit_midpoint::ENTRY,
-            Self::Radau5 => &radau5::ENTRY,
-            Self::Rosenbrock => &rosenbrock::ENTRY,
-        }
-    }
-}
-
 /// Makes a method in lanes. The zeros of its vectors need the instructions of the lanes.
 struct MakeInLanes<'a, R> {
     method: Method,
@@ -110,6 +97,17 @@ const OUTSIDE: f64 = 10.0;
 const ROUND_OFF: f64 = 1e-10;
 
 impl Method {
+    /// The properties of the method.
+    pub const fn entry(self) -> &'static MethodEntry {
+        match self {
+            Self::Rk4 => &rk4::ENTRY,
+            Self::Dop853 => &dop853::ENTRY,
+            Self::ImplicitMidpoint => &implicit_midpoint::ENTRY,
+            Self::Radau5 => &radau5::ENTRY,
+            Self::Rosenbrock => &rosenbrock::ENTRY,
+        }
+    }
+
     /// The longest step with which a mode of this eigenvalue does not grow: there the ray through the eigenvalue first
     /// leaves the region |R| <= 1. The step is infinite for a method that is stable in the whole left half-plane. It is
     /// infinite for an eigenvalue in the right half-plane too, because a mode that grows by itself limits no step.

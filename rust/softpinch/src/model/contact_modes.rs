@@ -72,18 +72,6 @@ impl Slip {
     }
 }
 
-impl Mode {
-    /// Whether the tip touches the object.
-    pub fn is_closed(self) -> bool {
-        self != Self::Free
-    }
-
-    /// The direction in which the face slips; `None` if it does not slip.
-    pub fn slip(self) -> Option<Slip> {
-        if let Self::Slip(direction) = self { Some(direction) } else { None }
-    }
-}
-
 /// The contacts of a run at one instant, from which another run can go on: for each contact a code of its
 /// mode, then for each contact the tilt that is frozen while its tip is free, rad.
 ///
@@ -100,6 +88,16 @@ pub type ContactRow = [f64; 4];
 pub const CONTACT_MODES: [(&str, u8); 4] = [("FREE", 0), ("STICK", 1), ("SLIP", 2), ("GRAZE", 3)];
 
 impl Mode {
+    /// Whether the tip touches the object.
+    pub fn is_closed(self) -> bool {
+        self != Self::Free
+    }
+
+    /// The direction in which the face slips; `None` if it does not slip.
+    pub fn slip(self) -> Option<Slip> {
+        if let Self::Slip(direction) = self { Some(direction) } else { None }
+    }
+
     /// The code of the mode in results.
     pub fn code(self) -> u8 {
         match self {

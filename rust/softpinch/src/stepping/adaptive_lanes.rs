@@ -187,6 +187,28 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         self.retire(start, lane, end, instant);
         false
     }
+
+    /// The time inside each lane's step at which a tip seems to violate a limit and to come back; infinity if none.
+    #[inline(always)]
+    pub fn violating_turning_points(
+        &self,
+        before: &Motion<R>,
+        after: &Motion<R>,
+        (accepted, h): (Bits, R),
+    ) -> [f64; MOST] {
+        let mut turning_times = [f64::INFINITY; MOST];
+        for lane in each(self.batch.limits.turning_points(before, after) & accepted) {
+            let Some(run) = &self.batch.runs[lane] else { continue };
+            let (taken, from, tau) =
+                (h.lane(lane), self.progress.from.lane(lane), self.progress.tau.lane(lane));
+            let (ends, parameters) = ([&before.lane(lane), &after.lane(lane)], &run.scene.parameters);
+            let task = ViolatingTurningPoint { parameters, ends, h: taken };
+            if let Some(x) = f64::call(self.batch.instructions, task) {
+                turning_times[lane] = from + x.mul_add(taken, tau);
+            }
+        }
+        turning_times
+    }
 }
 
 /// The evaluation `a` in the lanes of `bits`, `b` in all other lanes.
@@ -209,30 +231,6 @@ pub fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>) -> Eva
         places: each(bits, &a.places, &b.places),
         torque: each(bits, &a.torque, &b.torque),
         share: each(bits, &a.share, &b.share),
-    }
-}
-
-impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
-    /// The time inside each lane's step at which a tip seems to violate a limit and to come back; infinity if none.
-    #[inline(always)]
-    pub fn violating_turning_points(
-        &self,
-        before: &Motion<R>,
-        after: &Motion<R>,
-        (accepted, h): (Bits, R),
-    ) -> [f64; MOST] {
-        let mut turning_times = [f64::INFINITY; MOST];
-        for lane in each(self.batch.limits.turning_points(before, after) & accepted) {
-            let Some(run) = &self.batch.runs[lane] else { continue };
-            let (taken, from, tau) =
-                (h.lane(lane), self.progress.from.lane(lane), self.progress.tau.lane(lane));
-            let (ends, parameters) = ([&before.lane(lane), &after.lane(lane)], &run.scene.parameters);
-            let task = ViolatingTurningPoint { parameters, ends, h: taken };
-            if let Some(x) = f64::call(self.batch.instructions, task) {
-                turning_times[lane] = from + x.mul_add(taken, tau);
-            }
-        }
-        turning_times
     }
 }
 

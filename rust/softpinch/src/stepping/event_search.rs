@@ -18,6 +18,18 @@ use crate::stepping::contact_events::{
 use crate::stepping::lone_steps::LoneMethod;
 use crate::stepping::monitor::{Condition, Failure, Limits};
 
+/// Largest number of repeated steps that locate one event. Most take about ten.
+const MOST_TRIALS: usize = 60;
+/// Where a condition is zero when its mode begins, such as the gap, it is looked at after this share of the step;
+/// if it fails there, after this share of that time, and so on, at most so many times.
+const EARLY: f64 = 1.0 / 1024.0;
+const EARLIEST: i32 = 4;
+/// A rest of a step below this share of it is taken without a look at its events: round-off could make them up.
+/// The next step finds them.
+const SLIVER: f64 = 1.0 / (1u64 << 40) as f64;
+/// An event is located to this share of the step.
+const RESOLUTION: f64 = 1.0 / (1u64 << 50) as f64;
+
 /// A state within a segment.
 #[derive(Debug, Clone, Copy)]
 pub struct SegmentState {
@@ -103,21 +115,7 @@ impl EventStepper<'_> {
         }
         self.system.energies(&self.run.held(self.equations.tilts(&motion.q)), motion).total()
     }
-}
 
-/// Largest number of repeated steps that locate one event. Most take about ten.
-const MOST_TRIALS: usize = 60;
-/// Where a condition is zero when its mode begins, such as the gap, it is looked at after this share of the step;
-/// if it fails there, after this share of that time, and so on, at most so many times.
-const EARLY: f64 = 1.0 / 1024.0;
-const EARLIEST: i32 = 4;
-/// A rest of a step below this share of it is taken without a look at its events: round-off could make them up.
-/// The next step finds them.
-const SLIVER: f64 = 1.0 / (1u64 << 40) as f64;
-/// An event is located to this share of the step.
-const RESOLUTION: f64 = 1.0 / (1u64 << 50) as f64;
-
-impl EventStepper<'_> {
     /// The state at the end of a step, after all events in it. `arrived` is the state without any. The modes of the
     /// drive are those at the end.
     pub fn advance(&mut self, from: SegmentState, arrived: &States<f64>) -> EventResult<States<f64>> {

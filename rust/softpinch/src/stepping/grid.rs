@@ -123,15 +123,6 @@ impl Span {
     pub fn segment_end(&self, inputs: &Inputs, from: f64) -> f64 {
         inputs.next_breakpoint(from).min(self.end)
     }
-
-    pub fn segment_count(&self, inputs: &Inputs) -> u64 {
-        let (mut from, mut count) = (self.start, 0);
-        while from < self.end {
-            from = self.segment_end(inputs, from);
-            count += 1;
-        }
-        count
-    }
 }
 
 /// The segments of a run in steps of at most `dt`, with each step then divided into `refine` equal ones. In this way

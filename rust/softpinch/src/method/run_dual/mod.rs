@@ -20,7 +20,7 @@ use crate::method::rosenbrock::{A, BY_TIME, C, COUPLING, GAMMA, Rosenbrock, STAG
 use crate::method::table::Method;
 use crate::method::traits::{Integrator, Runs, Stats, Step, StepResult};
 use crate::model::drive::SegmentDrive;
-use crate::number::lanes::{LaneTask, Lanes, Lift};
+use crate::number::lanes::{LaneTask, Lanes};
 use crate::number::linear::{Entry, LaneEntry};
 use crate::number::real::Real;
 
@@ -149,21 +149,13 @@ impl<R: Lanes> RunDualMethod<R> {
 
 #[inline(always)]
 pub fn values<R: Lanes>(numbers: &States<RunDual<R>>) -> States<f64> {
-    let mut values = [0.0; MAX_COMPONENTS];
-    for n in 0..MAX_COMPONENTS {
-        values[n] = numbers[n].lane(0);
-    }
-    values
+    std::array::from_fn(|n| numbers[n].lane(0))
 }
 
 /// Numbers with these values and with derivatives of zero.
 #[inline(always)]
 fn constants<R: Lanes>(values: &States<f64>) -> States<RunDual<R>> {
-    let mut constants = [RunDual::zero(); MAX_COMPONENTS];
-    for n in 0..MAX_COMPONENTS {
-        constants[n] = RunDual::lift(R::constant(values[n]));
-    }
-    constants
+    std::array::from_fn(|n| RunDual::constant(values[n]))
 }
 
 /// For each direction the solution of (g I - J) x = b. The derivatives of `loads` are b, those of the result x.
