@@ -64,7 +64,7 @@ pub fn simulate(
     let rows = grid.as_ref().map_or(0, |grid| grid.steps / options.every + 2);
     let rows = times.as_ref().map_or(rows, |times| times.len() as u64 + 1);
     let recording = Recording::with_capacity(options.record, layout(scene, options), rows)?;
-    let warning = stability_warning(options, longest(grid.as_ref()));
+    let warning = stability_warning(options, grid.as_ref().map_or(0.0, |grid| grid.longest));
     let due = match &times {
         Some(times) => Due::Times(times),
         None => Due::Steps { every: options.every, left: 0 },
@@ -91,12 +91,7 @@ pub(super) fn advance(
 
 /// Checks a scene and options without computing the run. Returns the longest step if steps are fixed, else zero.
 pub fn check(scene: &Scene, options: &Options) -> Result<f64> {
-    prepare(scene, options).map(|(grid, ..)| longest(grid.as_ref()))
-}
-
-/// The longest step of a grid; zero if steps are free.
-fn longest(grid: Option<&Grid>) -> f64 {
-    grid.map_or(0.0, |grid| grid.longest)
+    prepare(scene, options).map(|(grid, ..)| grid.map_or(0.0, |grid| grid.longest))
 }
 
 /// The size of a run before it is computed.

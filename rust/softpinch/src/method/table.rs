@@ -17,7 +17,6 @@ use crate::number::linear::LaneEntry;
 named! {
     /// The methods.
     Method;
-    /// The methods by their public names.
     METHODS = {
         /// The classical Runge-Kutta method of order four.
         Rk4 = "rk4",

@@ -20,7 +20,6 @@ named! {
     /// What the contacts can do.
     #[derive(Default)]
     ContactModel;
-    /// The models of contact by their public names.
     CONTACT_MODELS = {
         /// The tips never slip, and they pull where they have to: the paper's model.
         #[default]

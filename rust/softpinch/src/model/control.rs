@@ -8,7 +8,6 @@ named! {
     /// How the fingers of a scene move.
     #[derive(Default)]
     Fingers;
-    /// The kinds of fingers by their public names.
     FINGERS = {
         /// A PID torque (39) turns the fingers towards the angles of the schedule.
         #[default]

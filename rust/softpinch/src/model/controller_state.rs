@@ -177,14 +177,6 @@ pub struct Scratch {
     next: Vec<f64>,
 }
 
-impl Scratch {
-    /// Room for a controller's samples.
-    pub fn new(controller: &SampledController) -> Self {
-        let room = Vec::with_capacity;
-        Self { measured: room(controller.inputs()), next: room(controller.states()) }
-    }
-}
-
 /// The entry of a sample among `length` outputs under way.
 fn place(number: u64, length: usize) -> usize {
     (number % length as u64) as usize
@@ -288,7 +280,7 @@ mod tests {
         (motion.q.finger, motion.p.finger) = ([y[0], y[1]], [y[2], y[3]]);
         let frame = (FrameMotion::still(), 9.81);
         let seen = Measured { motion: &motion, multipliers: &[0.0; 4], target: [[0.0; 2]; 2], frame };
-        state.sample(controller, &seen, &mut Scratch::new(controller));
+        state.sample(controller, &seen, &mut Scratch::default());
     }
 
     proptest! {

@@ -5,7 +5,6 @@ use crate::names::named;
 named! {
     /// A quantity that a controller measures. Those of the fingers and tips are of the right one, then of the left one.
     Measure;
-    /// The measures by their public names.
     MEASURES = {
         /// theta_1 and theta_2, rad.
         Angle = "angle",

@@ -10,7 +10,7 @@ use crate::number::lanes::Lanes;
 named! {
     /// What ends a mode.
     Cause;
-    /// The causes by their public names. No change of a mode has the last one, which ends the run.
+    /// No change of a mode has the last one, which ends the run.
     CAUSES = {
         /// The start of the run, a breakpoint of an input, or an impulse: the modes were chosen anew.
         Input = "input",

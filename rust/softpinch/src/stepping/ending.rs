@@ -17,7 +17,6 @@ use crate::stepping::monitor::{STOP_ON, VIOLATIONS, Violation};
 named! {
     /// How a run ended.
     Status;
-    /// The statuses by their public names.
     STATUSES = {
         /// The run reached its end.
         Completed = "completed",

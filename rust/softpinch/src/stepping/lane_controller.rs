@@ -46,7 +46,7 @@ impl LaneController {
             controller: controller.clone(),
             before: Kept::default(),
             changed: f64::NEG_INFINITY,
-            scratch: Scratch::new(controller),
+            scratch: Scratch::default(),
             now,
         })))
     }

@@ -55,7 +55,6 @@ macro_rules! summaries {
         named! {
             /// A summary.
             Summary;
-            /// The summaries by their public names.
             SUMMARIES = { $($(#[$doc])* $kind = $name,)* }
         }
 
