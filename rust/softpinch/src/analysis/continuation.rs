@@ -14,7 +14,6 @@ use nalgebra::{SMatrix, SVector};
 use crate::analysis::balance::{Member, RestScene, UNKNOWNS, Unknowns};
 use crate::analysis::rest::{Rest, largest};
 
-/// Unknowns and share.
 const SIZE: usize = UNKNOWNS + 1;
 type Vector = SVector<f64, SIZE>;
 type Matrix = SMatrix<f64, SIZE, SIZE>;

@@ -87,7 +87,6 @@ impl<R: Lanes> Sink<'_, R> {
     }
 }
 
-/// Gives an instant to a sink.
 pub struct Take<'a, 's, R> {
     pub sink: &'a mut Sink<'s, R>,
     pub system: &'a RunDualSystem<R>,
@@ -201,7 +200,6 @@ pub struct Request<'a> {
     pub scene: &'a Scene,
     pub options: &'a Options,
     pub start: Option<Start>,
-    /// The ends of free steps.
     pub ends: &'a [f64],
     pub interrupted: &'a dyn Fn() -> bool,
 }
@@ -310,7 +308,6 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
         }
     }
 
-    /// The motion at the start of the run.
     #[inline(always)]
     fn start(&self, drive: &SegmentDrive<RunDual<R>>) -> Motion<RunDual<R>> {
         let initial = &self.request.scene.initial;

@@ -137,7 +137,6 @@ pub struct Newton<M, F, T = Tangent<f64, DIRECTIONS>> {
     pub(super) tangent: T,
     pub scheme: M,
     linearization: Linearization,
-    /// Whether the next step uses the linearisation too.
     reusable: bool,
     /// The factors, after the length of the step that they are for.
     factors: Option<(f64, F)>,

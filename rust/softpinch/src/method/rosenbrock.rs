@@ -86,7 +86,6 @@ pub struct Rosenbrock<T, R = f64, E = f64> {
     pub(super) linearization: Linearization<R>,
     /// Whether the next step has the start of the last one, and so its linearisation.
     repeats: bool,
-    /// The stages u_i of the last step.
     pub(super) stages: [States<R>; STAGES],
     /// The type of number in which linear systems are solved.
     entry: PhantomData<E>,

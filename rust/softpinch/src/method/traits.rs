@@ -17,7 +17,6 @@ pub struct Unsolved {
     pub correction: f64,
 }
 
-/// The result of a step.
 pub type StepResult = Result<(), Unsolved>;
 
 /// The largest of the states' `values`, each times its weight; NaN if any is NaN.
@@ -80,7 +79,6 @@ pub struct Step<'a, R = f64, S = SceneEquations<R>> {
     pub h: R,
     /// The state at the start of the step.
     pub y: &'a States<R>,
-    /// The derivative of this state.
     pub rate: &'a States<R>,
     pub allowed: Option<&'a Allowed<R>>,
 }

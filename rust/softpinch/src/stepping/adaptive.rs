@@ -22,7 +22,6 @@ use crate::stepping::sizes::{Sizes, is_unresolved, next_length};
 /// The adaptive loop before it runs.
 pub struct AdaptiveSteps<'a, Q, B> {
     pub setup: LoopSetup<'a, Q>,
-    /// Largest error of a step, as a share of each state's magnitude.
     pub tolerance: f64,
     pub build: B,
 }

@@ -45,7 +45,6 @@ pub struct LoopSetup<'a, Q> {
 pub struct LaneRun<'a, P> {
     pub number: usize,
     pub scene: Cow<'a, Scene>,
-    /// The time at which each violation was first seen, s; NaN if it was not.
     pub first_times: [f64; VIOLATIONS.len()],
     /// The last watched instant, if it is not the last one that the loop evaluated: the start of the run
     /// before any evaluation, the instant before an impulse, or an instant inside a step.
@@ -60,11 +59,9 @@ pub struct LaneRun<'a, P> {
 
 /// The findings at an instant of the runs in all lanes.
 pub struct Seen {
-    /// Lanes in which all numbers are finite.
     pub finite: Bits,
     /// Lanes whose run ends because of a violation, or because its steps are unstable.
     pub ended: Bits,
-    /// Lanes whose steps are unstable.
     unstable: Bits,
     /// For each of [`VIOLATIONS`] the lanes in which it holds.
     pub found: [Bits; VIOLATIONS.len()],
@@ -99,7 +96,6 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
     stop_on: [Bits; VIOLATIONS.len()],
     /// In a loop of one lane: whether the last watched instant showed any violation.
     shown: Bits,
-    /// Whether contacts can slip and open.
     pub unilateral: bool,
     /// Whether contacts or a discrete controller may make a lane hold its state while an instant is evaluated again.
     pub holds: bool,

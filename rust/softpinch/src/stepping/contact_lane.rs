@@ -214,12 +214,10 @@ impl LaneContact {
         self.unset.is_some()
     }
 
-    /// The contacts in the form of results.
     pub fn row(&self) -> ContactRow {
         Contact::row(&self.run.contacts)
     }
 
-    /// Whether neither tip is free.
     pub fn is_closed(&self) -> bool {
         self.run.contacts.iter().all(|contact| contact.closed)
     }

@@ -58,7 +58,6 @@ pub struct EventStepper<'a> {
     pub h: f64,
 }
 
-/// Computes the geometry of a motion.
 struct GeometryOf<'a>(&'a [Side<f64>; 2], &'a Motion<f64>);
 
 impl LaneTask<f64> for GeometryOf<'_> {

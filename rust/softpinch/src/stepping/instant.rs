@@ -11,7 +11,6 @@ use crate::number::real::Real;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Instant {
-    /// Time, s.
     pub t: f64,
     /// Start of its segment and steps since then, so that a resumed run gives the same bits.
     pub grid: (f64, u64),
@@ -80,7 +79,6 @@ pub fn watched<R: Lanes>(
     }
 }
 
-/// The energies at an instant.
 pub(super) fn energies<R: Lanes>(
     system: &impl System<R>,
     Instant { motion, contact, .. }: &Instant,
@@ -153,7 +151,6 @@ pub fn column<R: Lanes, const N: usize>(y: &[R; N], lane: usize) -> [f64; N] {
     column
 }
 
-/// Sets the motion of one lane.
 pub fn put_motion<R: Lanes>(motion: &mut Motion<R>, lane: usize, own: &Motion<f64>) {
     for (x, own) in [(&mut motion.q, &own.q), (&mut motion.p, &own.p)] {
         put(&mut x.object, lane, &own.object);
