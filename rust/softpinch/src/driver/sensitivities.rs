@@ -8,7 +8,6 @@ use crate::error::{Error, Result};
 use crate::formulation::run_dual::RunDualEquations;
 use crate::method::run_dual::RunDualMethod;
 use crate::method::table::Method;
-use crate::method::traits::Runs;
 use crate::model::contact_modes::ContactModel;
 use crate::model::energy::BILATERAL_WORKS;
 use crate::model::inputs::Inputs;
@@ -17,7 +16,7 @@ use crate::model::parameters::{PARAMETER_COUNT, Parameters};
 use crate::model::scene::Scene;
 use crate::model::source::{DIRECTIONS, VariedParameters};
 use crate::model::start::Start;
-use crate::number::lanes::{Lanes, MOST};
+use crate::number::lanes::Lanes;
 use crate::number::simd::dispatch::{LaneKernel, dispatch_four_lanes};
 use crate::number::simd::level::Instructions;
 use crate::stepping::options::{Options, Steps};
@@ -135,10 +134,7 @@ impl LaneKernel for All<'_> {
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
         let Self { ref request, directions: all, wanted, mut numbers } = self;
         let Request { scene, options, .. } = *request;
-        let choice = options.choice(&scene.inputs);
-        let gains = &options.stabilization;
-        let parameters = [&scene.parameters; MOST];
-        let runs = Runs { instructions, choice, parameters, gains };
+        let runs = options.runs(instructions, scene);
         let mut failed = None;
         for (chunk, directions) in all.chunks(DIRECTIONS).enumerate() {
             let slopes = std::array::from_fn(|k| {
@@ -147,7 +143,7 @@ impl LaneKernel for All<'_> {
             });
             let source = VariedParameters { parameters: &scene.parameters, slopes };
             let twice = options.method == Method::Rosenbrock;
-            let equations = RunDualEquations::<R>::new(instructions, choice, &source, gains, twice);
+            let equations = RunDualEquations::<R>::new(instructions, runs.choice, &source, runs.gains, twice);
             let run = DifferentiatedRun { instructions, request, directions, source, equations };
             let mut sink = match wanted {
                 Wanted::Rows(times) => {

@@ -4,7 +4,7 @@ use crate::driver::ensemble::whole_run;
 use crate::error::{Error, Result, require};
 use crate::formulation::inlined::Inlined;
 use crate::formulation::mode_selection::Contact;
-use crate::formulation::scene_equations::{EquationKind, SceneEquations, with};
+use crate::formulation::scene_equations::{EquationKind, with};
 use crate::formulation::table::Formulation;
 use crate::formulation::unilateral::Unilateral;
 use crate::method::rk4::Rk4;
@@ -249,8 +249,7 @@ fn run<'a>(
         && options.contact == ContactModel::Bilateral
         && !(choice.ledger || choice.moves)
     {
-        let gains = &options.stabilization;
-        let called = &SceneEquations::new(instructions, choice, &scene.parameters, gains);
+        let called = &options.runs(instructions, scene).system();
         let method = &mut Rk4::default();
         return with!(called.kind, equations [false] => if choice.fingers == Fingers::Driven {
             let system = Inlined::<_, _, true> { equations, called };

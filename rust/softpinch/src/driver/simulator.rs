@@ -14,7 +14,6 @@ use crate::driver::lanes::{LaneQueue, RunsInLanes};
 use crate::driver::simulate::{advance, require_valid};
 use crate::driver::threads::{share, waiting};
 use crate::error::{Error, Result, require, require_at_most};
-use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
 use crate::model::contact_modes::ContactModel;
 use crate::model::inputs::Held;
@@ -286,9 +285,7 @@ fn require_periods(Span { start, end }: Span, period: f64) -> Result {
 /// The multipliers at the initial state of a scene.
 fn multipliers(scene: &Scene, Stepping { options, dt, .. }: &Stepping) -> Result<[f64; 4]> {
     let instructions = options.simd.require()?;
-    let choice = options.choice(&scene.inputs);
-    let equations =
-        SceneEquations::<f64>::new(instructions, choice, &scene.parameters, &options.stabilization);
+    let equations = options.runs(instructions, scene).system::<f64>();
     let State { time, motion, .. } = scene.initial;
     let mut drive = scene.inputs.segment(time);
     if options.contact == ContactModel::Unilateral {

@@ -285,12 +285,8 @@ impl Inputs {
             .chain(waves)
             .chain(self.impulses.get(impulse).map(|impulse| impulse.time))
             .chain(self.noises.iter().map(|noise| noise.next_break(t)))
-            .chain(
-                self.frame.iter().map(|frame| frame.acceleration.next_break(t).min(frame.tilt.next_break(t))),
-            )
-            .chain(
-                self.sampled.iter().map(|Sampled { controller, origin }| controller.next_break(*origin, t)),
-            )
+            .chain(self.frame.iter().map(|own| own.acceleration.next_break(t).min(own.tilt.next_break(t))))
+            .chain(self.sampled.iter().map(|own| own.controller.next_break(own.origin, t)))
             .min_by(f64::total_cmp)
             .unwrap_or(f64::INFINITY)
     }

@@ -153,10 +153,9 @@ pub fn column<R: Lanes, const N: usize>(y: &[R; N], lane: usize) -> [f64; N] {
 
 pub fn put_motion<R: Lanes>(motion: &mut Motion<R>, lane: usize, own: &Motion<f64>) {
     for (x, own) in [(&mut motion.q, &own.q), (&mut motion.p, &own.p)] {
-        put(&mut x.object, lane, &own.object);
-        put(&mut x.finger, lane, &own.finger);
-        put(&mut x.compression, lane, &own.compression);
-        put(&mut x.shear, lane, &own.shear);
+        let mut row = x.row();
+        put(&mut row, lane, &own.row());
+        *x = row.into();
     }
     put(&mut motion.memory, lane, &own.memory);
 }

@@ -6,11 +6,11 @@ use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
 use crate::method::called::AnyMethod;
-use crate::method::traits::{Runs, Stats, Step, StepResult, Unsolved};
+use crate::method::traits::{Stats, Step, StepResult, Unsolved};
 use crate::model::contact_modes::Contacts;
 use crate::model::drive::SegmentDrive;
 use crate::model::scene::Scene;
-use crate::number::lanes::{Lanes, MOST};
+use crate::number::lanes::Lanes;
 use crate::number::simd::level::Instructions;
 use crate::stepping::batch::LaneBatch;
 use crate::stepping::contact_lane::Moment;
@@ -78,9 +78,7 @@ pub struct LoneSteps {
 
 impl LoneSteps {
     pub fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Self {
-        let parameters = [&scene.parameters; MOST];
-        let choice = options.choice(&scene.inputs);
-        let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
+        let runs = options.runs(instructions, scene);
         let system = runs.system();
         let method = (options.method.entry().alone)(runs, &system);
         Self { system, method: LoneMethod { method, start: None, stats: Stats::default() } }

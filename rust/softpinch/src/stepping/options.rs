@@ -3,12 +3,14 @@
 use crate::formulation::scene_equations::Choice;
 use crate::formulation::table::Formulation;
 use crate::method::table::Method;
+use crate::method::traits::Runs;
 use crate::model::contact_modes::ContactModel;
 use crate::model::inputs::Inputs;
 use crate::model::parameters::Stabilization;
 use crate::model::rates::fastest_rate;
 use crate::model::scene::Scene;
-use crate::number::simd::level::Level;
+use crate::number::lanes::MOST;
+use crate::number::simd::level::{Instructions, Level};
 use crate::stepping::monitor::{STOP_ON, ViolationSet};
 use crate::stepping::record::Selection;
 use crate::stepping::summary::{Summary, Wanted};
@@ -92,6 +94,12 @@ impl Options {
         let rate = fastest_rate(&scene.parameters, scene.inputs.fingers());
         let Stabilization { alpha, beta } = self.stabilization;
         limit / if self.formulation == Formulation::Csm { rate.max(alpha).max(beta) } else { rate }
+    }
+
+    /// The equations of a scene.
+    pub(crate) fn runs<'a>(&'a self, instructions: Instructions, scene: &'a Scene) -> Runs<'a> {
+        let (choice, parameters) = (self.choice(&scene.inputs), [&scene.parameters; MOST]);
+        Runs { instructions, choice, parameters, gains: &self.stabilization }
     }
 
     /// The choice of equations for a scene with these inputs.
