@@ -21,7 +21,7 @@ use crate::model::parameters::{Parameters, Stabilization};
 use crate::model::rule::Rule;
 use crate::number::dual::Dual;
 use crate::number::lanes::MOST;
-use crate::number::simd::level::{Instructions, Level};
+use crate::number::simd::level::Level;
 
 /// Number of outputs: the coordinates q (9), the multipliers (4), the torques on the fingers (2), and the rates
 /// of x, y, theta, theta_1 and theta_2 (5).
@@ -70,10 +70,7 @@ pub struct LinearModel {
 
 /// The equations that are linearised, and the point about which they are.
 struct Problem<'a> {
-    instructions: Instructions,
-    choice: Choice,
-    parameters: &'a Parameters,
-    gains: Stabilization,
+    runs: Runs<'a>,
     drive: SegmentDrive,
     motion: Motion<f64>,
 }
@@ -83,37 +80,33 @@ impl<'a> Problem<'a> {
     fn new(
         parameters: &'a Parameters,
         inputs: &Inputs,
-        setting: &Setting,
+        setting: &'a Setting,
         t: f64,
         motion: &Motion<f64>,
     ) -> Result<Self> {
         Rule::Finite.check("t", t)?;
-        let Setting { formulation, gains, level, open_loop, frozen } = *setting;
+        let Setting { formulation, ref gains, level, open_loop, frozen } = *setting;
         let instructions = level.require()?;
         let drive = if frozen { inputs.frozen(t).segment(t) } else { inputs.segment(t) };
         let (contact, fingers) = (ContactModel::Bilateral, inputs.fingers());
         let moves = drive.frame.is_some();
         let choice = Choice { formulation, contact, fingers, moves, ledger: false };
-        let mut problem = Self { instructions, choice, parameters, gains, drive, motion: *motion };
+        let runs = Runs { instructions, choice, parameters: [parameters; MOST], gains };
+        let mut problem = Self { runs, drive, motion: *motion };
         if open_loop {
-            let system = problem.runs().system();
+            let system = runs.system();
             let now = system.evaluate(&problem.drive, 0.0, &system.begin(motion));
             problem.drive.hold(now.torque);
             problem.motion = now.motion;
-            problem.choice.fingers = Fingers::Torque;
+            problem.runs.choice.fingers = Fingers::Torque;
         }
         Ok(problem)
-    }
-
-    fn runs(&self) -> Runs<'_> {
-        let Self { instructions, choice, parameters, ref gains, .. } = *self;
-        Runs { instructions, choice, parameters: [parameters; MOST], gains }
     }
 
     /// The number of states of these equations. Nothing depends on the memories of fingers that torques turn,
     /// which are the last two states, so they are left out.
     fn states(&self, system: &SceneEquations<f64>) -> usize {
-        system.size().states - if self.choice.fingers == Fingers::Torque { 2 } else { 0 }
+        system.size().states - if self.runs.choice.fingers == Fingers::Torque { 2 } else { 0 }
     }
 }
 
@@ -126,9 +119,9 @@ pub fn jacobian(
     motion: &Motion<f64>,
 ) -> Result<DMatrix<f64>> {
     let problem = Problem::new(parameters, inputs, setting, t, motion)?;
-    let system = problem.runs().system();
+    let system = problem.runs.system();
     let y = system.begin(&problem.motion);
-    let rows = problem.runs().tangent::<f64, DIRECTIONS>().jacobian(&problem.drive, 0.0, &y).rows;
+    let rows = problem.runs.tangent::<f64, DIRECTIONS>().jacobian(&problem.drive, 0.0, &y).rows;
     let states = problem.states(&system);
     Ok(DMatrix::from_fn(states, states, |row, column| rows[row][column]))
 }
@@ -184,15 +177,15 @@ pub fn linearize(
     motion: &Motion<f64>,
 ) -> Result<LinearModel> {
     let mut problem = Problem::new(parameters, inputs, setting, t, motion)?;
-    let system = problem.runs().system();
+    let system = problem.runs.system();
     let (states, y) = (problem.states(&system), system.begin(&problem.motion));
     let input = problem.drive.at(0.0_f64);
-    let driven = problem.choice.fingers == Fingers::Driven;
+    let driven = problem.runs.choice.fingers == Fingers::Driven;
     let frame = problem.drive.frame.as_ref().map_or_else(FrameMotion::still, |frame| frame.at(0.0));
     let values = list(&input, &frame, driven);
     // The weights are forces of the motion, which may be that of a hand at rest.
-    problem.choice.moves = true;
-    let tangent = problem.runs().tangent::<f64, DIRECTIONS>();
+    problem.runs.choice.moves = true;
+    let tangent = problem.runs.tangent::<f64, DIRECTIONS>();
 
     let all = states + values.len();
     let mut rates = DMatrix::zeros(states, all);

@@ -142,7 +142,7 @@ impl Simulator {
         accelerations: &[[f64; 2]],
         interrupted: &dyn Fn() -> bool,
     ) -> Result<bool> {
-        let Self { how, environments, runs, pool } = self;
+        let Self { how, environments, runs, .. } = self;
         let given = [("actions", targets), ("acceleration", accelerations)];
         for (name, rows) in given.into_iter().take(1 + usize::from(!accelerations.is_empty())) {
             if rows.len() != environments.len() {
@@ -153,7 +153,7 @@ impl Simulator {
                 Rule::Finite.check(format_args!("{name}[{}, {}]", k / 2, k % 2), *value)?;
             }
         }
-        for (k, (environment, run)) in environments.iter_mut().zip(&mut *runs).enumerate() {
+        for (k, (environment, run)) in environments.iter_mut().zip(runs).enumerate() {
             run.outcome = None;
             if environment.observed.status.is_none() {
                 run.end = environment.next(how.period);
@@ -162,17 +162,39 @@ impl Simulator {
                 environment.scene.inputs.hold(Some(Held { target, force, acceleration }));
             }
         }
-        compute(how, environments, runs, pool.as_ref(), interrupted)?;
+        self.compute(interrupted)?;
         let stopped = |run: &Run| run.status == Status::Interrupted;
-        if runs.iter().any(|run| run.outcome.as_ref().is_some_and(stopped)) {
+        if self.runs.iter().any(|run| run.outcome.as_ref().is_some_and(stopped)) {
             return Ok(false);
         }
-        for (environment, run) in environments.iter_mut().zip(runs) {
+        for (environment, run) in self.environments.iter_mut().zip(&mut self.runs) {
             if let Some(outcome) = run.outcome.take() {
                 environment.take(outcome, run.end);
             }
         }
         Ok(true)
+    }
+
+    /// Computes the period of all runs. The caller's thread does a part of the work beside those of the pool.
+    fn compute(&mut self, interrupted: &dyn Fn() -> bool) -> Result {
+        let Self { how, environments, runs, pool } = self;
+        let Some(pool) = pool else { return compute_part(how, (environments, runs), interrupted) };
+        // Whole vectors of lanes, as far as there are enough runs.
+        let size = environments.len().div_ceil(pool.current_num_threads() + 1).next_multiple_of(MOST);
+        let mut parts = environments.chunks(size).zip(runs.chunks_mut(size));
+        let Some(own) = parts.next() else { return Ok(()) };
+        let stop = AtomicBool::new(false);
+        let stopped = || stop.load(Ordering::Relaxed);
+        let stops = || {
+            stop.fetch_or(interrupted(), Ordering::Relaxed);
+            stopped()
+        };
+        let work = |part: Part<'_>| compute_part(how, part, &stopped);
+        share(pool, parts, &stop, work, |results| {
+            let found = compute_part(how, own, &stops);
+            stop.fetch_or(found.is_err(), Ordering::Relaxed);
+            results.iter().chain([found]).collect()
+        })
     }
 }
 
@@ -350,31 +372,4 @@ fn compute_part(
         finish(Finished { number, run, contact });
     }
     Ok(())
-}
-
-/// Computes the period of all runs. The caller's thread does a part of the work beside those of the pool.
-fn compute(
-    how: &Stepping,
-    environments: &[Environment],
-    runs: &mut [PeriodRun],
-    pool: Option<&ThreadPool>,
-    interrupted: &dyn Fn() -> bool,
-) -> Result {
-    let Some(pool) = pool else { return compute_part(how, (environments, runs), interrupted) };
-    // Whole vectors of lanes, as far as there are enough runs.
-    let size = environments.len().div_ceil(pool.current_num_threads() + 1).next_multiple_of(MOST);
-    let mut parts = environments.chunks(size).zip(runs.chunks_mut(size));
-    let Some(own) = parts.next() else { return Ok(()) };
-    let stop = AtomicBool::new(false);
-    let stopped = || stop.load(Ordering::Relaxed);
-    let stops = || {
-        stop.fetch_or(interrupted(), Ordering::Relaxed);
-        stopped()
-    };
-    let work = |part: Part<'_>| compute_part(how, part, &stopped);
-    share(pool, parts, &stop, work, |results| {
-        let found = compute_part(how, own, &stops);
-        stop.fetch_or(found.is_err(), Ordering::Relaxed);
-        results.iter().chain([found]).collect()
-    })
 }

@@ -48,7 +48,7 @@ pub fn impact(
     let force = Coordinates { object: impulse, ..Coordinates::zero() };
     let load = Load { force, couple: [0.0; 2], friction, bias: before, finger_acceleration: [0.0; 2] };
     let choices = |i: usize| if closed[i] { &CHOICES[..] } else { &CHOICES[3..] };
-    let mut best: Option<(f64, [Mode; 2], Response<f64>, [f64; 4])> = None;
+    let mut best: Option<(f64, _, Response<f64>, [f64; 4])> = None;
     for &right in choices(0) {
         for &left in choices(1) {
             let modes = [right, left];

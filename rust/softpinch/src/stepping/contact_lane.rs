@@ -225,19 +225,12 @@ impl LaneContact {
     /// Takes the changes of the modes since the last call, and the work that was done.
     pub fn take_changes(&mut self) -> (Vec<Change>, Stats) {
         let changes = std::mem::take(&mut self.run.changes);
-        // Changes are counted back from the modes after the last of them.
-        let mut free = self.run.modes().map(|mode| mode == Mode::Free);
-        let mut before: Vec<bool> = changes
-            .iter()
-            .rev()
-            .map(|change| {
-                free[change.finger] = change.before == Mode::Free;
-                free[0] || free[1]
-            })
-            .collect();
-        before.reverse();
-        for (change, was_free) in changes.iter().zip(before) {
-            self.count_until(change.time, was_free);
+        for (k, change) in changes.iter().enumerate() {
+            let was_free = |i: usize| {
+                let next = changes[k..].iter().find(|later| later.finger == i);
+                next.map_or(self.run.contacts[i].mode, |next| next.before) == Mode::Free
+            };
+            self.count_until(change.time, was_free(0) || was_free(1));
         }
         (changes, self.steps.take_stats())
     }
@@ -345,6 +338,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         self.stats.iterations += work.iterations;
         let bit = 1 << lane;
         for change in &changes {
+            self.queue.note_contacts(change.time, &contact.run.contacts, Some(change));
             let violation = match change.after {
                 Mode::Slip(_) => Violation::Slipping,
                 Mode::Free => Violation::Opened,
@@ -355,9 +349,6 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
                 self.noted[violation] |= bit;
                 run.first_times[violation] = change.time;
             }
-        }
-        for change in &changes {
-            self.queue.note_contacts(change.time, &contact.run.contacts, Some(change));
         }
     }
 
