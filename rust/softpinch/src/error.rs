@@ -20,11 +20,8 @@ pub enum Error {
         brief(*gap_mm), brief(*touches), if *driven { "" } else { "; initial = \"touching\" starts the run at that angle" }
     )]
     Gap {
-        /// Name of the finger.
         finger: &'static str,
-        /// Distance between tip and face, in millimetres.
         gap_mm: f64,
-        /// The angle of the finger at which the tip touches, in degrees.
         touches: f64,
         /// Whether the fingers are driven, so that the schedule sets their initial angles as well.
         driven: bool,
@@ -36,14 +33,7 @@ pub enum Error {
         brief(*distance_mm),
         brief(*reach_mm)
     )]
-    OutOfReach {
-        /// Name of the finger.
-        finger: &'static str,
-        /// The distance that the finger would have to span, in millimetres.
-        distance_mm: f64,
-        /// The largest distance that it spans, in millimetres.
-        reach_mm: f64,
-    },
+    OutOfReach { finger: &'static str, distance_mm: f64, reach_mm: f64 },
     /// The initial state is off the constraints, and the scene or the formulation does not allow that.
     #[error(
         "initial state is inconsistent: {constraint} = {value:.3e} {unit}, allowed is {allowed:.1e}. \
@@ -83,12 +73,7 @@ pub enum Error {
          still {correction:.1e} of the states' sizes: a smaller dt or tolerance may help",
         seconds(*time)
     )]
-    NoDerivative {
-        /// The end of the step, s.
-        time: f64,
-        /// The last correction, as a share of the states' magnitudes.
-        correction: f64,
-    },
+    NoDerivative { time: f64, correction: f64 },
     /// A name that is not in a table.
     #[error("{field} = {name:?}: must be one of {allowed}")]
     Unknown { field: &'static str, name: String, allowed: String },

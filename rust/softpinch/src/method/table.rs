@@ -55,18 +55,14 @@ pub struct MethodEntry {
 }
 
 /// Makes a method in lanes. The zeros of its vectors need the instructions of the lanes.
-struct MakeInLanes<'a, R> {
-    method: Method,
-    runs: Runs<'a>,
-    system: &'a SceneEquations<R>,
-}
+struct MakeInLanes<'a, R>(Method, Runs<'a>, &'a SceneEquations<R>);
 
 impl<R: Lanes> LaneTask<R> for MakeInLanes<'_, R> {
     type Output = AnyAdaptiveMethod<R>;
 
     #[inline(always)]
     fn run(self) -> AnyAdaptiveMethod<R> {
-        let Self { method, runs, system } = self;
+        let Self(method, runs, system) = self;
         match method {
             Method::Rosenbrock => {
                 type InLanes<R> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, LaneEntry<R>>;
@@ -85,7 +81,7 @@ pub fn adaptive_in_lanes<R: Lanes>(
     runs: Runs<'_>,
     system: &SceneEquations<R>,
 ) -> AnyAdaptiveMethod<R> {
-    R::call(runs.instructions, MakeInLanes { method, runs, system })
+    R::call(runs.instructions, MakeInLanes(method, runs, system))
 }
 
 /// The steps in |z| by which the edge of a stability region is searched along a ray.

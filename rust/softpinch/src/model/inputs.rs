@@ -1,8 +1,6 @@
 //! The inputs of a scene: finger targets and external forces as piecewise polynomials and sinusoids on
 //! breakpoints, held noise, ideal impulses, and torques from a discrete controller or from outside.
-//!
-//! Integration goes segment by segment between breakpoints. Inside a segment every channel is one polynomial in the
-//! time since the segment's start, so an evaluation takes a few multiply-adds, or none if all channels are constant.
+//! Integration goes segment by segment between breakpoints ([`SegmentDrive`]).
 
 use std::sync::Arc;
 

@@ -80,11 +80,6 @@ impl Place {
         }
     }
 
-    /// The time and the grid point of the run's first instant in the current segment.
-    pub fn first(&self) -> (f64, (f64, u64)) {
-        (self.segment.start, (self.segment.anchor, self.segment.first))
-    }
-
     /// The time and the grid point of the instant before this clock.
     pub fn before(&self, clock: u64) -> (f64, (f64, u64)) {
         let (segment, step) = self.last_step(clock);
@@ -251,12 +246,13 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         }
         let run = self.batch.runs[lane].as_ref()?;
         let place = &run.place;
+        let Segment { anchor, start, first, .. } = place.segment;
         let since_sample = place.sampled.map_or(u64::MAX, |clock| self.clock - clock);
         if since_sample > 1 && run.saved_instant.is_some() && self.clock <= place.saved_until {
             return run.saved_instant;
         }
         // The instant of a sample is evaluated twice, first under the torques before it.
-        let (t, grid) = if since_sample <= 1 { place.first() } else { place.before(self.clock) };
+        let (t, grid) = if since_sample <= 1 { (start, (anchor, first)) } else { place.before(self.clock) };
         let (evaluation, y) = if since_sample == 0 { (at.now, at.y) } else { (at.before, at.y_before) };
         let contact = self.batch.contact_row(lane);
         let found = watched(at.system.size(), (lane, contact), evaluation, y, t, grid);
