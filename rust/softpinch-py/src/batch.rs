@@ -43,8 +43,8 @@ enum Start {
 }
 
 /// The entry of a run, or the entry that all runs share.
-fn own<T: Clone>(values: &[T], run: usize) -> T {
-    values[if values.len() == 1 { 0 } else { run }].clone()
+fn own<T>(values: &[T], run: usize) -> &T {
+    &values[if values.len() == 1 { 0 } else { run }]
 }
 
 /// The checked runs of one block.
@@ -71,7 +71,7 @@ impl Batch {
         let origin = match &self.start {
             Start::At(states) => {
                 let State { time, controller, .. } = own(states, run);
-                controller.map_or(time, |row| row.first().copied().unwrap_or(0.0))
+                controller.as_ref().map_or(*time, |row| row.first().copied().unwrap_or(0.0))
             }
             Start::Made(..) => 0.0,
         };
@@ -81,9 +81,9 @@ impl Batch {
                 start::driven(&parameters, &inputs, 0.0, self.options.contact)?
             }
             Start::Made(make, _) => State::at_rest(make(&parameters)?),
-            Start::At(states) => own(states, run),
+            Start::At(states) => own(states, run).clone(),
         };
-        let duration = own(&self.duration, run);
+        let duration = *own(&self.duration, run);
         Ok(Scene { parameters, inputs, initial, check: self.check, duration })
     }
 }
@@ -150,15 +150,15 @@ impl Batch {
                 ];
                 lengths.iter().try_for_each(|&(name, found)| length(name, found))?;
                 let state = |run: usize| State {
-                    time: own(&time, run),
+                    time: *own(&time, run),
                     motion: Motion {
-                        q: own(&q, run).into(),
-                        p: own(&p, run).into(),
-                        memory: own(&memory, run),
+                        q: (*own(&q, run)).into(),
+                        p: (*own(&p, run)).into(),
+                        memory: *own(&memory, run),
                     },
                     grid,
                     linearized,
-                    contact: contact.as_ref().map(|rows| own(rows, run)),
+                    contact: contact.as_ref().map(|rows| *own(rows, run)),
                     controller: controller.clone(),
                 };
                 let count = if lengths.iter().all(|&(_, found)| found == 1) { 1 } else { runs };

@@ -101,14 +101,8 @@ pub fn sensitivities(
     interrupted: &dyn Fn() -> bool,
 ) -> Result<Option<Derivatives>> {
     let ends = &ends(scene, options, interrupted)?;
-    let mut numbers = Vec::new();
-    if let Wanted::Rows(times) = wanted {
-        let count = times.len().saturating_mul(COMPONENTS * directions.len());
-        numbers = reserved("the derivatives, in numbers,", count)?;
-        numbers.resize(count, 0.0);
-    }
     let request = Request { scene, options, start, ends, directions, wanted, interrupted };
-    dispatch_four_lanes(options.simd, Compute(request, numbers)).flatten()
+    dispatch_four_lanes(options.simd, request).flatten()
 }
 
 /// The ends of free steps, from the run itself. Refuses scenes whose derivatives are not computed.
@@ -126,16 +120,20 @@ fn ends(scene: &Scene, options: &Options, interrupted: &dyn Fn() -> bool) -> Res
     }
 }
 
-/// Computes the derivatives, the rows among them in place.
-struct Compute<'a>(Request<'a>, Vec<f64>);
-
-impl LaneKernel for Compute<'_> {
+impl LaneKernel for Request<'_> {
     type Output = Result<Option<Derivatives>>;
 
     #[inline(always)]
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
-        let Self(ref request, mut numbers) = self;
-        let Request { scene, options, directions: all, wanted, .. } = *request;
+        let request = &self;
+        let Self { scene, options, directions: all, wanted, .. } = self;
+        let mut numbers = Vec::new();
+        if let Wanted::Rows(times) = wanted {
+            // They are written in place.
+            let count = times.len().saturating_mul(COMPONENTS * all.len());
+            numbers = reserved("the derivatives, in numbers,", count)?;
+            numbers.resize(count, 0.0);
+        }
         let runs = options.runs(instructions, scene);
         let mut failed = None;
         for (chunk, directions) in all.chunks(DIRECTIONS).enumerate() {

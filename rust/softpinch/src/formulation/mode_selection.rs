@@ -186,7 +186,7 @@ fn margin(equations: ContactEquations<'_>, terms: &Terms<f64>, modes: [Mode; 2],
     if !(oriented && sound) {
         return f64::NEG_INFINITY;
     }
-    let (masses, friction) = (equations.masses().compression, equations.friction());
+    let (masses, friction) = (equations.plant().masses.compression, equations.friction());
     let (acceleration, multipliers) = (&terms.response.acceleration, &terms.response.multipliers);
     let (swept, bias) = (equations.swept(terms), terms.geometry.bias());
     let own = |i: usize| {

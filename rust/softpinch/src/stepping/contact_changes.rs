@@ -29,7 +29,7 @@ impl EventStepper<'_> {
     pub fn start(&mut self, place: &mut SegmentState, approaches: bool) -> EventResult {
         let mut motion = self.motion(place);
         let before = self.energy(&motion);
-        let sides = self.equations.sides();
+        let sides = &self.equations.plant().sides;
         for i in 0..2 {
             let geometry = self.geometry(&motion);
             let (gap, beside) =
@@ -94,7 +94,7 @@ impl EventStepper<'_> {
                 self.settle(place, touching, &mut motion);
             }
             Cause::Relaxed => {
-                let (masses, p) = (self.equations.masses(), &motion.p);
+                let (masses, p) = (&self.equations.plant().masses, &motion.p);
                 for (mass, rate) in [(masses.compression[i], p.compression[i]), (masses.shear[i], p.shear[i])]
                 {
                     self.book(place, work::IMPACT, 0.5 * mass * rate * rate);

@@ -232,7 +232,7 @@ impl LaneContact {
             };
             self.count_until(change.time, was_free(0) || was_free(1));
         }
-        (changes, self.steps.take_stats())
+        (changes, std::mem::take(&mut self.steps.method.stats))
     }
 
     /// The time during which a tip was free, until `t`, s.

@@ -80,7 +80,7 @@ impl EventStepper<'_> {
     }
 
     pub fn geometry(&self, motion: &Motion<f64>) -> Geometry<f64> {
-        f64::call(self.instructions, GeometryOf(self.equations.sides(), motion))
+        f64::call(self.instructions, GeometryOf(&self.equations.plant().sides, motion))
     }
 
     /// The terms and the motion of a state.

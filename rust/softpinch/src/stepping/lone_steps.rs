@@ -2,6 +2,8 @@
 //! those that end inside a step, where a row was asked for. Taking them leaves the loop's method as it is, and a row is as
 //! accurate as the ends of steps, whatever the method.
 
+use std::mem::take;
+
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
@@ -32,7 +34,8 @@ struct KnownStart {
 pub struct LoneMethod {
     method: AnyMethod,
     start: Option<KnownStart>,
-    stats: Stats,
+    /// The work that was done and has not been counted yet.
+    pub stats: Stats,
 }
 
 impl LoneMethod {
@@ -82,11 +85,6 @@ impl LoneSteps {
         let system = runs.system();
         let method = (options.method.entry().alone)(runs, &system);
         Self { system, method: LoneMethod { method, start: None, stats: Stats::default() } }
-    }
-
-    /// The work that was done since the last call.
-    pub fn take_stats(&mut self) -> Stats {
-        std::mem::take(&mut self.method.stats)
     }
 }
 
@@ -142,7 +140,7 @@ impl RowsInside {
                 let LoneSteps { system: alone, method } = &mut **steps;
                 let next = if length > 0.0 { method.step(alone, &drive, (tau, &y), length)? } else { y };
                 let now = alone.evaluate(&drive, tau + length, &next);
-                batch.stats.evaluations += 1 + steps.take_stats().evaluations;
+                batch.stats.evaluations += 1 + take(&mut method.stats).evaluations;
                 watched(system.size(), (0, None), &now, &next, time, (time, 0))
             };
             // After an overflow the run ends at this step.

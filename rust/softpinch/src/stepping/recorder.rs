@@ -100,7 +100,7 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
 
     #[inline(always)]
     fn is_due(&mut self, t: f64, inside: bool) -> bool {
-        if self.intervals.is_refused() {
+        if self.intervals.refusal.is_some() {
             return true;
         }
         match &mut self.due {
@@ -153,7 +153,7 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
     }
 
     fn record(&mut self, watched: &Instant, energies: impl FnOnce() -> Energies) -> Result {
-        if let Some(error) = self.intervals.refusal() {
+        if let Some(error) = self.intervals.refusal.take() {
             return Err(error);
         }
         self.run.recording.make_room()?;
