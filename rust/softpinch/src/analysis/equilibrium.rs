@@ -118,13 +118,7 @@ pub fn violations(scene: &RestScene, rest: &Rest) -> ViolationSet {
     let balance = &rest.rows.balance;
     let motion = Motion { q: balance.q, ..Motion::zero() };
     let geometry = Geometry::new(&scene.plant.sides, &motion.q, &motion.p);
-    let now = Evaluation {
-        motion,
-        multipliers: balance.multipliers,
-        sin_tilt: geometry.sin_tilt(),
-        places: geometry.places(),
-        ..Evaluation::nothing()
-    };
+    let now = Evaluation::of_contacts(&motion, &balance.multipliers, &geometry, [0.0; 2]);
     let found: [_; VIOLATIONS.len()] = Limits::<f64>::new(&scene.parameters).violated(&now, None);
     ViolationSet::of(&found, 0)
 }
