@@ -151,6 +151,8 @@ pub fn column<R: Lanes, const N: usize>(y: &[R; N], lane: usize) -> [f64; N] {
     column
 }
 
+/// Sets the motion of one lane. Twenty rare stores, so that the code exists once.
+#[inline(never)]
 pub fn put_motion<R: Lanes>(motion: &mut Motion<R>, lane: usize, own: &Motion<f64>) {
     for (x, own) in [(&mut motion.q, &own.q), (&mut motion.p, &own.p)] {
         let mut row = x.row();
