@@ -78,8 +78,8 @@ MUTANTS = (
     ),
     Mutant(
         "formulation/projected.rs",
-        "corrected_position(plant, &left_q, if E::UNILATERAL { contacts.free } else { [0; 2] })",
-        "left_q",
+        "q = newton_step(plant, &q, free);",
+        "let _ = (newton_step(plant, &q, free), &mut q);",
         "formulations",
     ),
     Mutant("method/dop853/tableau.rs", "0.2413651341592667", "0.2413651441592667", CARGO),
@@ -435,7 +435,7 @@ MUTANTS = (
     ),
     Mutant(
         "stepping/adaptive_events.rs",
-        "let now = system.evaluate(&self.batch.drive, self.progress.tau, &start.y);",
+        "let now = start.system.evaluate(&self.batch.drive, self.progress.tau, &start.y);",
         "let now = start.now;",
         "test_sampled",
     ),

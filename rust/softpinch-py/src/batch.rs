@@ -7,17 +7,18 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
-use crate::convert::{GivenRow, GivenRows, columns, dictionary, entries, fixed, raise, require, rows};
+use crate::convert::{
+    GivenRow, GivenRows, collected, columns, dictionary, entries, fixed, raise, require, rows,
+};
 use crate::inputs::Inputs;
 use crate::signals::{Failure, Signals};
 use crate::simulation::GivenOptions;
 use softpinch::driver::ensemble::{Row, ensemble};
 use softpinch::driver::simulate::{check as check_scene, stability_warning};
 use softpinch::error::{Error, lookup};
-use softpinch::model::contact_modes::ContactRow;
 use softpinch::model::control::Fingers;
 use softpinch::model::coordinates::Coordinates;
-use softpinch::model::motion::{Linearized, Motion};
+use softpinch::model::motion::Motion;
 use softpinch::model::parameters::{PARAMETER_COUNT, Parameters, parameter_table};
 use softpinch::model::scene::Scene;
 use softpinch::model::start::{self, State};
@@ -34,26 +35,16 @@ pub const STARTS: [(&str, MakeStart); 3] =
     [("contact", start::contact), ("apart", start::apart), ("touching", start::touching)];
 
 /// The initial states of the runs.
-#[allow(clippy::large_enum_variant)] // there is one in a batch
 enum Start {
     /// One that follows from the parameters, and whether driven fingers begin where the schedule has them instead.
     Made(MakeStart, bool),
-    /// q, p and integrals, of each run or of all runs.
-    At {
-        q: Vec<[f64; 9]>,
-        p: Vec<[f64; 9]>,
-        memory: Vec<[f64; 2]>,
-        time: Vec<f64>,
-        grid: Option<(f64, u64)>,
-        linearized: Option<Linearized>,
-        contact: Option<Vec<ContactRow>>,
-        controller: Option<Vec<f64>>,
-    },
+    /// That of each run, or of all runs.
+    At(Vec<State>),
 }
 
 /// The entry of a run, or the entry that all runs share.
-fn own<T: Copy>(values: &[T], run: usize) -> T {
-    values[if values.len() == 1 { 0 } else { run }]
+fn own<T>(values: &[T], run: usize) -> &T {
+    &values[if values.len() == 1 { 0 } else { run }]
 }
 
 /// The checked runs of one block.
@@ -78,8 +69,10 @@ impl Batch {
         }
         let parameters = Parameters::from_array(&values)?;
         let origin = match &self.start {
-            Start::At { controller: Some(row), .. } => row.first().copied().unwrap_or(0.0),
-            Start::At { time, .. } => own(time, run),
+            Start::At(states) => {
+                let State { time, controller, .. } = own(states, run);
+                controller.as_ref().map_or(*time, |row| row.first().copied().unwrap_or(0.0))
+            }
             Start::Made(..) => 0.0,
         };
         let inputs = self.inputs.get().of(run, origin)?;
@@ -88,16 +81,9 @@ impl Batch {
                 start::driven(&parameters, &inputs, 0.0, self.options.contact)?
             }
             Start::Made(make, _) => State::at_rest(make(&parameters)?),
-            Start::At { q, p, memory, time, grid, linearized, contact, controller } => State {
-                time: own(time, run),
-                motion: Motion { q: own(q, run).into(), p: own(p, run).into(), memory: own(memory, run) },
-                grid: *grid,
-                linearized: *linearized,
-                contact: contact.as_ref().map(|rows| own(rows, run)),
-                controller: controller.clone(),
-            },
+            Start::At(states) => own(states, run).clone(),
         };
-        let duration = own(&self.duration, run);
+        let duration = *own(&self.duration, run);
         Ok(Scene { parameters, inputs, initial, check: self.check, duration })
     }
 }
@@ -155,16 +141,28 @@ impl Batch {
                 let linearized = linearized.map(|point| fixed("initial.linearized", &point)).transpose()?;
                 let contact = contacts.map(|rows| self::columns("initial.contact", &rows)).transpose()?;
                 let controller = controller.map(|row| entries("initial.controller", &row)).transpose()?;
-                for (name, found) in [
+                let lengths = [
                     ("initial.contact", contact.as_ref().map_or(1, Vec::len)),
                     ("initial.q", q.len()),
                     ("initial.p", p.len()),
                     ("initial.integral", memory.len()),
                     ("initial.time", time.len()),
-                ] {
-                    length(name, found)?;
-                }
-                Start::At { q, p, memory, time, grid, linearized, contact, controller }
+                ];
+                lengths.iter().try_for_each(|&(name, found)| length(name, found))?;
+                let state = |run: usize| State {
+                    time: *own(&time, run),
+                    motion: Motion {
+                        q: (*own(&q, run)).into(),
+                        p: (*own(&p, run)).into(),
+                        memory: *own(&memory, run),
+                    },
+                    grid,
+                    linearized,
+                    contact: contact.as_ref().map(|rows| *own(rows, run)),
+                    controller: controller.clone(),
+                };
+                let count = if lengths.iter().all(|&(_, found)| found == 1) { 1 } else { runs };
+                Start::At(collected("the initial states", (0..count).map(state))?)
             }
         };
         let duration = entries("duration", &duration)?;

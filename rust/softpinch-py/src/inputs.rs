@@ -193,12 +193,12 @@ fn part<T, const N: usize>(
     Ok(Part(columns(name, rows)?.into_iter().map(make).collect()))
 }
 
-fn sinusoid([start, end, omega, phase, x, y, moment]: [f64; 7]) -> Sinusoid {
-    Sinusoid { start, end, omega, phase, amplitude: [x, y, moment] }
+fn sinusoid([start, end, omega, phase, amplitude @ ..]: [f64; 7]) -> Sinusoid {
+    Sinusoid { start, end, omega, phase, amplitude }
 }
 
-fn impulse([time, x, y, moment]: [f64; 4]) -> Impulse {
-    Impulse { time, impulse: [x, y, moment] }
+fn impulse([time, impulse @ ..]: [f64; 4]) -> Impulse {
+    Impulse { time, impulse }
 }
 
 fn noise([x, y, moment, rate, start, end, u, v]: [f64; 8], seed: u64, stream: u64) -> Noise {

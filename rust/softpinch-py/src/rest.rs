@@ -33,9 +33,7 @@ type Limits<'py> = (Row<'py>, Vec<&'static str>, Rows<'py>);
 
 /// A scene at rest under the inputs of one instant.
 #[pyclass(frozen, module = "softpinch._core")]
-pub struct RestScene {
-    scene: CoreRestScene,
-}
+pub struct RestScene(CoreRestScene);
 
 fn unknowns(q: &[f64; 9]) -> Unknowns {
     let [x, y, theta, right, left, _, _, shear1, shear2] = *q;
@@ -44,7 +42,7 @@ fn unknowns(q: &[f64; 9]) -> Unknowns {
 
 impl RestScene {
     fn member(&self, kind: &str, values: &GivenRow<'_>) -> PyResult<Member> {
-        lookup("member", kind, &KINDS).map_err(raise)?(&self.scene, values)
+        lookup("member", kind, &KINDS).map_err(raise)?(&self.0, values)
     }
 
     /// The result as a dictionary; without an equilibrium it has only status and message.
@@ -55,7 +53,7 @@ impl RestScene {
                 return Ok(dictionary!(py, { "status": reason.name(), "message": reason.to_string() }));
             }
         };
-        let (scene, balance) = (&self.scene, &rest.rows.balance);
+        let (scene, balance) = (&self.0, &rest.rows.balance);
         let (found, energies) = (violations(scene, &rest), scene.energies(balance));
         let names = VIOLATIONS.into_iter().filter(|&(_, violation)| found.contains(violation));
         Ok(dictionary!(py, {
@@ -77,10 +75,10 @@ impl RestScene {
     /// The largest multiples of loads that the equilibrium at the coordinates `q` bears.
     fn limits<'py>(&self, py: Python<'py>, q: &GivenRow<'py>, loads: Vec<Load>) -> PyResult<Limits<'py>> {
         let z = unknowns(&fixed("q", q)?);
-        let member = Member::From(self.scene.origin(&z));
-        let rest = Rest::solve(&self.scene, &member, &z)
+        let member = Member::From(self.0.origin(&z));
+        let rest = Rest::solve(&self.0, &member, &z)
             .ok_or_else(|| PyValueError::new_err("q: the forces do not balance there"))?;
-        let limits = loads.into_iter().map(|load| largest_multiple(&self.scene, &rest, load));
+        let limits = loads.into_iter().map(|load| largest_multiple(&self.0, &rest, load));
         let found = computed(py, "the limits, in numbers,", limits)?;
         let multiples = found.iter().map(|(multiple, ..)| *multiple);
         let names = found.iter().map(|(_, limit, _)| limit.name());
@@ -102,7 +100,7 @@ impl RestScene {
         let level = Level::from_environment().map_err(raise)?;
         let drive = inputs.segment(time);
         let scene = CoreRestScene::new(level, &parameters, inputs.fingers(), &drive).map_err(raise)?;
-        Ok(Self { scene })
+        Ok(Self(scene))
     }
 
     /// The equilibrium of a member of the family, near the coordinates `start` if they are given.
@@ -116,7 +114,7 @@ impl RestScene {
     ) -> PyResult<Bound<'py, PyDict>> {
         let member = self.member(kind, &values)?;
         let start = start.map(|q| fixed("near", &q)).transpose()?.map(|q| unknowns(&q));
-        self.result(py, find(&self.scene, &member, start.as_ref()))
+        self.result(py, find(&self.0, &member, start.as_ref()))
     }
 
     /// The equilibrium that continues that of another scene, near its coordinates `start`, while that scene becomes
@@ -132,7 +130,7 @@ impl RestScene {
     ) -> PyResult<Bound<'py, PyDict>> {
         let (first, last) = (before.member(kind, &values_before)?, self.member(kind, &values)?);
         let start = unknowns(&fixed("start", &start)?);
-        self.result(py, continued((&before.scene, &first), &start, (&self.scene, &last)))
+        self.result(py, continued((&before.0, &first), &start, (&self.0, &last)))
     }
 
     /// For each wrench (n, 3) the largest multiple that the equilibrium at the coordinates `q` bears (n,), the names of

@@ -98,8 +98,7 @@ pub fn sensitivities<'py>(
 
 /// The derivatives of the last states and of the summaries of the runs of a batch, (runs, directions, 18 + summaries).
 /// `directions` are those of all runs, or of each run. `until` has the times of the runs' last instants. With the
-/// derivatives come the runs that could not be followed to their ends, whose derivatives are NaN, with the reasons.
-/// Ctrl-C is raised.
+/// derivatives come the runs that could not be followed, whose derivatives are NaN, with the reasons. Ctrl-C is raised.
 #[pyfunction]
 pub fn gradients<'py>(
     py: Python<'py>,

@@ -42,8 +42,7 @@ impl Failure {
         })
     }
 
-    /// Whether Ctrl-C was pressed, which ends a run with a status. Any other exception is passed on to the
-    /// caller.
+    /// Whether Ctrl-C was pressed, which ends a run with a status. Any other exception is passed on to the caller.
     pub fn interrupted(self, py: Python<'_>) -> PyResult<bool> {
         match self.0.into_inner() {
             Some(error) if !error.is_instance_of::<PyKeyboardInterrupt>(py) => Err(error),

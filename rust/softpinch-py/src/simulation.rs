@@ -122,8 +122,7 @@ impl Simulation {
         Ok(Self { scene, options })
     }
 
-    /// Simulates the run. After Ctrl-C it returns the run so far; any other exception of a signal handler is
-    /// raised.
+    /// Simulates the run. After Ctrl-C it returns the run so far; any other exception of a signal handler is raised.
     fn run<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let result = detached(py, |stops| simulate(&self.scene, &self.options, stops))?;
         let (run, warning) = result.map_err(raise)?;

@@ -27,8 +27,7 @@ type GivenState<'py> =
 /// are borrowed once no other thread uses the simulator.
 type Arrays<'py> = (Row<'py>, Rows<'py>, Rows<'py>, Rows<'py>, Row<'py, u8>);
 
-/// Runs that are stepped from outside. The code of a status is its place in `STATUSES` plus one; 0 means that the
-/// run goes on.
+/// Runs that are stepped from outside. The code of a status is its place in `STATUSES` plus one; 0 for a run under way.
 #[pyclass(frozen, module = "softpinch._core")]
 pub struct Simulator(Mutex<Runs>);
 
@@ -162,8 +161,7 @@ impl Simulator {
         runs.observation(py, 0)
     }
 
-    /// Steps all runs that have not ended by one period, in which their hands may have these accelerations, and writes
-    /// what was seen of them.
+    /// Steps all runs that have not ended by one period, with these accelerations of the hands, and writes what is seen.
     fn step_all(
         &self,
         py: Python<'_>,

@@ -1,22 +1,18 @@
 //! The errors with which the core refuses input. They name the field, the value and the rule. A run that goes
 //! wrong is not an error but a result with a status.
 
+use std::fmt::Display;
+
 use thiserror::Error;
 
 /// Input that breaks a rule. It is found before any computation.
 #[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
+#[allow(missing_docs)] // of fields that the messages explain
 pub enum Error {
     /// A number breaks the rule of its field.
     #[error("{field} = {value:?}: {rule}")]
-    Field {
-        /// Dotted path of the field.
-        field: String,
-        /// The value that was given.
-        value: f64,
-        /// The rule that the value breaks.
-        rule: &'static str,
-    },
+    Field { field: String, value: f64, rule: &'static str },
     /// A fingertip does not reach the object at the start.
     #[error(
         "the {finger} fingertip does not reach the object: gap {} mm at the start. It touches at {} {unit}: \
@@ -25,11 +21,8 @@ pub enum Error {
         what = if *unit == "mm" { "travels" } else { "angles" }
     )]
     Gap {
-        /// Name of the finger.
         finger: &'static str,
-        /// Distance between tip and face, in millimetres.
         gap_mm: f64,
-        /// The coordinate of the finger at which the tip touches.
         touches: f64,
         /// The unit of this coordinate: degrees, or mm of a jaw.
         unit: &'static str,
@@ -51,25 +44,15 @@ pub enum Error {
         brief(*distance_mm),
         brief(*reach_mm)
     )]
-    OutOfReach {
-        /// Name of the finger.
-        finger: &'static str,
-        /// The distance that the finger would have to span, in millimetres.
-        distance_mm: f64,
-        /// The largest distance that it spans, in millimetres.
-        reach_mm: f64,
-    },
+    OutOfReach { finger: &'static str, distance_mm: f64, reach_mm: f64 },
     /// The initial state is off the constraints, and the scene or the formulation does not allow that.
     #[error(
         "initial state is inconsistent: {constraint} = {value:.3e} {unit}, allowed is {allowed:.1e}. \
          State.consistent() makes a consistent one; State(check=False) starts off the constraints"
     )]
     Inconsistent {
-        /// Name of the constraint.
         constraint: &'static str,
-        /// The residual of the constraint.
         value: f64,
-        /// Unit of the residual.
         unit: &'static str,
         /// Largest residual that counts as round-off.
         allowed: f64,
@@ -81,7 +64,6 @@ pub enum Error {
         seconds(*time)
     )]
     NotSmooth {
-        /// Path of the schedule.
         name: &'static str,
         /// Time of the jump or the kink, s.
         time: f64,
@@ -92,85 +74,50 @@ pub enum Error {
     #[error(
         "{place} = {value:?}: with fingers=\"driven\" must be what the schedule has at the start, {asked:?}"
     )]
-    Unscheduled {
-        /// Path of the number.
-        place: String,
-        /// The value that was given.
-        value: f64,
-        /// The value of the schedule.
-        asked: f64,
-    },
+    Unscheduled { place: String, value: f64, asked: f64 },
     /// An array of the wrong shape.
     #[error("{field}: {found}; {rule}")]
-    Shape {
-        /// Dotted path of the field.
-        field: String,
-        /// The shape or the number of entries that was found.
-        found: String,
-        /// The rule that it breaks.
-        rule: &'static str,
-    },
+    Shape { field: String, found: String, rule: &'static str },
     /// The equations of a step that a run took could not be solved again for its derivatives.
     #[error(
         "sensitivities: the equations of the step before t = {} were not solved to round-off, the correction was \
          still {correction:.1e} of the states' sizes: a smaller dt or tolerance may help",
         seconds(*time)
     )]
-    NoDerivative {
-        /// The end of the step, s.
-        time: f64,
-        /// The last correction, as a share of the states' magnitudes.
-        correction: f64,
-    },
+    NoDerivative { time: f64, correction: f64 },
     /// A name that is not in a table.
     #[error("{field} = {name:?}: must be one of {allowed}")]
-    Unknown {
-        /// Dotted path of the field.
-        field: &'static str,
-        /// The name that was given.
-        name: String,
-        /// The names that are allowed.
-        allowed: String,
-    },
+    Unknown { field: &'static str, name: String, allowed: String },
     /// A run of an ensemble is refused.
     #[error("run {run}: {error}")]
-    Run {
-        /// Number of the run.
-        run: usize,
-        /// The reason.
-        error: Box<Error>,
-    },
+    Run { run: usize, error: Box<Error> },
     /// The processor lacks the instructions that the code is compiled for.
     #[error(
         "this processor lacks the instructions of {level:?}: softpinch needs AVX2 and FMA, as x86-64 processors since 2013 have them"
     )]
-    Processor {
-        /// The level that was asked for.
-        level: &'static str,
-    },
+    Processor { level: &'static str },
     /// The operating system cannot start the threads.
     #[error("threads = {threads}: {reason}")]
-    Threads {
-        /// The number of threads that were asked for.
-        threads: usize,
-        /// The message of the operating system.
-        reason: String,
-    },
+    Threads { threads: usize, reason: String },
     /// The input asks for more work or memory than a machine can give.
     #[error("{what} would need {needed:.3e}, the limit is {limit:.1e}: {advice}")]
-    TooLarge {
-        /// The quantity that is too large.
-        what: &'static str,
-        /// The size that it would have.
-        needed: f64,
-        /// The largest size that is allowed.
-        limit: f64,
-        /// Advice on how to make it smaller.
-        advice: &'static str,
-    },
+    TooLarge { what: &'static str, needed: f64, limit: f64, advice: &'static str },
 }
 
+/// What a function gives that may refuse its input.
+pub type Result<T = (), E = Error> = std::result::Result<T, E>;
+
 impl Error {
+    /// The error of a number that breaks a rule.
+    pub(crate) fn field(field: impl Display, value: f64, rule: &'static str) -> Self {
+        Self::Field { field: field.to_string(), value, rule }
+    }
+
+    /// The error of an array of the wrong shape.
+    pub(crate) fn shape(field: impl Display, found: impl Display, rule: &'static str) -> Self {
+        Self::Shape { field: field.to_string(), found: found.to_string(), rule }
+    }
+
     /// The error of a run of an ensemble. One that names a run already stays.
     pub fn of_run(self, run: usize) -> Self {
         match self {
@@ -180,13 +127,13 @@ impl Error {
     }
 }
 
+/// Refuses the number of a field if a rule does not hold. The name of the field is written only then.
+pub(crate) fn require(holds: bool, field: impl Display, value: f64, rule: &'static str) -> Result {
+    if holds { Ok(()) } else { Err(Error::field(field, value, rule)) }
+}
+
 /// Refuses a quantity that is larger than its limit. Errors call it `what` and give the advice.
-pub fn require_at_most(
-    what: &'static str,
-    needed: f64,
-    limit: f64,
-    advice: &'static str,
-) -> Result<(), Error> {
+pub fn require_at_most(what: &'static str, needed: f64, limit: f64, advice: &'static str) -> Result {
     if needed > limit { Err(Error::TooLarge { what, needed, limit, advice }) } else { Ok(()) }
 }
 
@@ -202,7 +149,7 @@ pub(crate) fn seconds(t: f64) -> String {
 }
 
 /// Finds `name` in a table of names. The error lists the names of the table.
-pub fn lookup<T: Copy>(field: &'static str, name: &str, table: &[(&'static str, T)]) -> Result<T, Error> {
+pub fn lookup<T: Copy>(field: &'static str, name: &str, table: &[(&'static str, T)]) -> Result<T> {
     table.iter().find(|(known, _)| *known == name).map(|&(_, value)| value).ok_or_else(|| Error::Unknown {
         field,
         name: name.to_owned(),

@@ -12,6 +12,7 @@ macro_rules! named {
             $($(#[$member_doc])* $member,)*
         }
 
+        #[doc = concat!("The members of [`", stringify!($kind), "`] by their public names.")]
         $(#[$table_doc])*
         pub const $table: [(&str, $kind); [$($name),*].len()] = [$(($name, $kind::$member)),*];
 

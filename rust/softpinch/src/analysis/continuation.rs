@@ -14,7 +14,6 @@ use nalgebra::{SMatrix, SVector};
 use crate::analysis::balance::{Member, RestScene, UNKNOWNS, Unknowns};
 use crate::analysis::rest::{Rest, largest};
 
-/// Unknowns and share.
 const SIZE: usize = UNKNOWNS + 1;
 type Vector = SVector<f64, SIZE>;
 type Matrix = SMatrix<f64, SIZE, SIZE>;
@@ -29,14 +28,12 @@ const STEPS: usize = 5_000;
 const ITERATIONS: usize = 8;
 /// The cosine of the largest turn of the tangent in a step.
 const STRAIGHT: f64 = 0.98;
-/// Largest distance from the point that the tangent predicts, as a share of the step. On an arc that turns as far as
-/// `STRAIGHT` allows, it is 0.1.
+/// Largest distance from the predicted point, as a share of the step: that on an arc that turns as far as `STRAIGHT`.
 const AWAY: f64 = 0.1;
 /// Largest change of a compression in a step, as a share of the compression, or of the tip's radius if that is larger.
 const COMPRESSED: f64 = 0.2;
 const NEARLY_SEPARATED: f64 = 1e-3;
-/// Change of the share by which the derivatives by it are found. They steer the search; the solution does not depend
-/// on their error.
+/// Change of the share for the derivatives by it, which steer the search; the solution does not depend on their error.
 const DIFFERENCE: f64 = 1e-6;
 /// Longest step in which an event is searched.
 const CLOSE: f64 = 1e-4;

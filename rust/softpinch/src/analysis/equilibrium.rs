@@ -1,10 +1,9 @@
 //! Where a scene comes to rest under constant inputs.
 //!
 //! The search begins with Newton's method from the middle between the tips. If that finds no grasp in which the energy
-//! has a minimum, the object is found without its load, and the load is put on slowly
-//! (`continuation`); if that fails too, many other starts are tried. From a state
-//! that is given, Newton's method is tried first; if it finds no minimum, the object is held there and released slowly;
-//! and if that fails too, the search begins as without a state.
+//! has a minimum, the object is found without its load, and the load is put on slowly (`continuation`); if that fails
+//! too, many other starts are tried. From a state that is given, Newton's method is tried first; if it finds no
+//! minimum, the object is held there and released slowly; and if that fails too, the search begins as without a state.
 
 use std::fmt::{self, Display, Formatter};
 
@@ -30,8 +29,7 @@ pub enum Reason {
     Apart(f64),
     /// The state near which an equilibrium is sought is outside the range of the model.
     Outside(Violation),
-    /// The scene changes slowly, and at this share of the change the equilibrium ends in a fold, or leaves the range of
-    /// the model.
+    /// At this share of a slow change of the scene the equilibrium ends in a fold, or leaves the range of the model.
     Ends(Way, f64, Option<Violation>),
     /// No start leads to an equilibrium, or not the one that is given.
     NotFound {
@@ -120,13 +118,7 @@ pub fn violations(scene: &RestScene, rest: &Rest) -> ViolationSet {
     let balance = &rest.rows.balance;
     let motion = Motion { q: balance.q, ..Motion::zero() };
     let geometry = Geometry::new(&scene.plant.sides, &motion.q, &motion.p);
-    let now = Evaluation {
-        motion,
-        multipliers: balance.multipliers,
-        sin_tilt: geometry.sin_tilt(),
-        places: geometry.places(),
-        ..Evaluation::nothing()
-    };
+    let now = Evaluation::of_contacts(&motion, &balance.multipliers, &geometry, [0.0; 2]);
     let found: [_; VIOLATIONS.len()] = Limits::<f64>::new(&scene.parameters).violated(&now, None);
     ViolationSet::of(&found, 0)
 }

@@ -4,13 +4,13 @@
 
 use nalgebra::{DMatrix, DVector, Schur};
 
-use crate::error::Error;
-use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
+use crate::error::{Error, Result};
+use crate::formulation::equations::MAX_COMPONENTS;
 use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::{Linear, System};
 use crate::formulation::table::Formulation;
-use crate::formulation::tangent::Tangent;
 use crate::method::linearize::DIRECTIONS;
+use crate::method::traits::Runs;
 use crate::model::contact_modes::ContactModel;
 use crate::model::control::Fingers;
 use crate::model::drive::{Input, SegmentDrive};
@@ -21,7 +21,7 @@ use crate::model::parameters::{Parameters, Stabilization};
 use crate::model::rule::Rule;
 use crate::number::dual::Dual;
 use crate::number::lanes::MOST;
-use crate::number::simd::level::{Instructions, Level};
+use crate::number::simd::level::Level;
 
 /// Number of outputs: the coordinates q (9), the multipliers (4), the torques on the fingers (2), and the rates
 /// of x, y, theta, theta_1 and theta_2 (5).
@@ -57,8 +57,7 @@ pub struct LinearModel {
     pub c: DMatrix<f64>,
     /// The derivatives of the outputs with respect to the inputs.
     pub d: DMatrix<f64>,
-    /// The states at the operating point: coordinates, their rates, d_t1 and d_t2, and the memories of PID
-    /// controllers.
+    /// The states at the operating point: coordinates, their rates, d_t1 and d_t2, and the memories of PID controllers.
     pub state: DVector<f64>,
     /// The rates of the states at the operating point; zero at an equilibrium.
     pub rate: DVector<f64>,
@@ -70,53 +69,44 @@ pub struct LinearModel {
 }
 
 /// The equations that are linearised, and the point about which they are.
-struct Problem {
-    instructions: Instructions,
-    choice: Choice,
-    gains: Stabilization,
+struct Problem<'a> {
+    runs: Runs<'a>,
     drive: SegmentDrive,
     motion: Motion<f64>,
 }
 
-impl Problem {
+impl<'a> Problem<'a> {
     /// At time `t`; if an input jumps there, its value after the jump is used.
     fn new(
-        parameters: &Parameters,
+        parameters: &'a Parameters,
         inputs: &Inputs,
-        setting: &Setting,
+        setting: &'a Setting,
         t: f64,
         motion: &Motion<f64>,
-    ) -> Result<Self, Error> {
+    ) -> Result<Self> {
         Rule::Finite.check("t", t)?;
-        let Setting { formulation, gains, level, open_loop, frozen } = *setting;
+        let Setting { formulation, ref gains, level, open_loop, frozen } = *setting;
         let instructions = level.require()?;
         let drive = if frozen { inputs.frozen(t).segment(t) } else { inputs.segment(t) };
         let (contact, fingers) = (ContactModel::Bilateral, inputs.fingers());
         let moves = drive.frame.is_some();
         let choice = Choice { formulation, contact, fingers, moves, ledger: false };
-        let mut problem = Self { instructions, choice, gains, drive, motion: *motion };
+        let runs = Runs { instructions, choice, parameters: [parameters; MOST], gains };
+        let mut problem = Self { runs, drive, motion: *motion };
         if open_loop {
-            let system = problem.equations(parameters);
+            let system = runs.system();
             let now = system.evaluate(&problem.drive, 0.0, &system.begin(motion));
             problem.drive.hold(now.torque);
             problem.motion = now.motion;
-            problem.choice.fingers = Fingers::Torque;
+            problem.runs.choice.fingers = Fingers::Torque;
         }
         Ok(problem)
-    }
-
-    fn equations(&self, parameters: &Parameters) -> SceneEquations<f64> {
-        SceneEquations::new(self.instructions, self.choice, &[parameters; MOST], &self.gains)
-    }
-
-    fn tangent(&self, parameters: &Parameters) -> Tangent<f64, DIRECTIONS> {
-        Tangent::new(self.instructions, self.choice, &[parameters; MOST], &self.gains)
     }
 
     /// The number of states of these equations. Nothing depends on the memories of fingers that torques turn,
     /// which are the last two states, so they are left out.
     fn states(&self, system: &SceneEquations<f64>) -> usize {
-        system.size().states - if self.choice.fingers == Fingers::Torque { 2 } else { 0 }
+        system.size().states - if self.runs.choice.fingers == Fingers::Torque { 2 } else { 0 }
     }
 }
 
@@ -127,11 +117,11 @@ pub fn jacobian(
     setting: &Setting,
     t: f64,
     motion: &Motion<f64>,
-) -> Result<DMatrix<f64>, Error> {
+) -> Result<DMatrix<f64>> {
     let problem = Problem::new(parameters, inputs, setting, t, motion)?;
-    let system = problem.equations(parameters);
+    let system = problem.runs.system();
     let y = system.begin(&problem.motion);
-    let rows = problem.tangent(parameters).jacobian(&problem.drive, 0.0, &y).rows;
+    let rows = problem.runs.tangent::<f64, DIRECTIONS>().jacobian(&problem.drive, 0.0, &y).rows;
     let states = problem.states(&system);
     Ok(DMatrix::from_fn(states, states, |row, column| rows[row][column]))
 }
@@ -185,17 +175,17 @@ pub fn linearize(
     setting: &Setting,
     t: f64,
     motion: &Motion<f64>,
-) -> Result<LinearModel, Error> {
+) -> Result<LinearModel> {
     let mut problem = Problem::new(parameters, inputs, setting, t, motion)?;
-    let system = problem.equations(parameters);
+    let system = problem.runs.system();
     let (states, y) = (problem.states(&system), system.begin(&problem.motion));
     let input = problem.drive.at(0.0_f64);
-    let driven = problem.choice.fingers == Fingers::Driven;
+    let driven = problem.runs.choice.fingers == Fingers::Driven;
     let frame = problem.drive.frame.as_ref().map_or_else(FrameMotion::still, |frame| frame.at(0.0));
     let values = list(&input, &frame, driven);
     // The weights are forces of the motion, which may be that of a hand at rest.
-    problem.choice.moves = true;
-    let tangent = problem.tangent(parameters);
+    problem.runs.choice.moves = true;
+    let tangent = problem.runs.tangent::<f64, DIRECTIONS>();
 
     let all = states + values.len();
     let mut rates = DMatrix::zeros(states, all);
@@ -213,7 +203,9 @@ pub fn linearize(
             name: format!("{:?}", setting.formulation).to_lowercase(),
             allowed: "\"nullspace\", for a model with inputs and outputs".to_owned(),
         })?;
-        let found = output_list(&now);
+        // The outputs in their order.
+        let (q, p) = (now.motion.q.row(), now.motion.p.row());
+        let found = [&q[..], &now.multipliers, &now.torque, &p[..5]].concat();
         for column in first..all.min(first + DIRECTIONS) {
             for row in 0..states {
                 rates[(row, column)] = now.rate[row].slope[column - first];
@@ -271,12 +263,6 @@ fn seed(
     };
     let acceleration = frame.acceleration.map(|value| variable(value, true));
     (input, FrameMotion { acceleration, ..FrameMotion::constant(frame) })
-}
-
-/// The outputs in their order.
-fn output_list(now: &Evaluation<Dual<f64, DIRECTIONS>>) -> Vec<Dual<f64, DIRECTIONS>> {
-    let (q, p) = (now.motion.q.row(), now.motion.p.row());
-    [&q[..], &now.multipliers, &now.torque, &p[..5]].concat()
 }
 
 #[cfg(test)]

@@ -76,8 +76,7 @@ pub enum Load {
     Acceleration([f64; 2]),
 }
 
-/// The largest multiple of a load that the equilibrium bears, its limit, and the coordinates there. A load of zero is
-/// borne without limit.
+/// The largest multiple of a load that the equilibrium bears, its limit, and the coordinates there. Zero has no limit.
 pub fn largest_multiple(scene: &RestScene, rest: &Rest, load: Load) -> (f64, Limit, Coordinates) {
     let q = rest.rows.balance.q;
     let (_, scale) = scene.scales();

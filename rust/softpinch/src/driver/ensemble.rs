@@ -10,7 +10,7 @@ use crate::driver::lanes::{LaneQueue, RunsInLanes};
 use crate::driver::sensitivities::Derivatives;
 use crate::driver::simulate::{require_valid, simulate};
 use crate::driver::threads::share_watched;
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::model::control::Fingers;
 use crate::model::motion::Motion;
 use crate::model::scene::Scene;
@@ -63,7 +63,7 @@ impl Row {
 }
 
 /// A function that makes the scene of each run.
-pub type Scenes<'a> = dyn Fn(usize) -> Result<Scene, Error> + Sync + 'a;
+pub type Scenes<'a> = dyn Fn(usize) -> Result<Scene> + Sync + 'a;
 
 pub(crate) struct Shared<'a> {
     scenes: &'a Scenes<'a>,
@@ -83,7 +83,7 @@ impl<'a> Shared<'a> {
     }
 
     /// Takes the next run, unless there is none or the caller wants to stop.
-    pub(crate) fn take(&self) -> Result<Option<(usize, Scene)>, Error> {
+    pub(crate) fn take(&self) -> Result<Option<(usize, Scene)>> {
         if self.stops() {
             return Ok(None);
         }
@@ -98,8 +98,8 @@ impl<'a> Shared<'a> {
         if *self.fingers.get_or_init(|| fingers) == fingers {
             return Ok(Some((run, scene)));
         }
-        let (field, found) = (format!("run {run}"), format!("fingers = {:?}", fingers.name()));
-        Err(Error::Shape { field, found, rule: "must be the same in all runs" })
+        let (field, found) = (format_args!("run {run}"), format_args!("fingers = {:?}", fingers.name()));
+        Err(Error::shape(field, found, "must be the same in all runs"))
     }
 
     fn stops(&self) -> bool {
@@ -116,7 +116,7 @@ pub fn ensemble(
     options: &Options,
     threads: usize,
     watch: &mut dyn FnMut(usize) -> bool,
-) -> Result<Vec<Row>, Error> {
+) -> Result<Vec<Row>> {
     let shared = &Shared::new(scenes, runs, options);
     let mut rows = reserved("the rows of an ensemble, in numbers,", runs)?;
     let mut watch = || watch(shared.done.load(Ordering::Relaxed));
@@ -132,9 +132,9 @@ pub fn ensemble(
 pub fn derivatives(
     runs: usize,
     threads: usize,
-    one: impl Fn(usize, &dyn Fn() -> bool) -> Result<Option<Derivatives>, Error> + Sync,
+    one: impl Fn(usize, &dyn Fn() -> bool) -> Result<Option<Derivatives>> + Sync,
     watch: &mut dyn FnMut() -> bool,
-) -> Result<Option<Vec<Derivatives>>, Error> {
+) -> Result<Option<Vec<Derivatives>>> {
     let (next, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
     let stops = || stop.load(Ordering::Relaxed);
     let work = || {
@@ -155,15 +155,15 @@ pub fn derivatives(
     Ok((found.len() == runs).then(|| found.into_iter().map(|(_, own)| own).collect()))
 }
 
-pub(super) fn work(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
+pub(super) fn work(shared: &Shared<'_>) -> Result<Vec<Row>> {
     in_lanes(shared, |runs| runs.compute())?.map_or_else(|| one_by_one(shared), Ok)
 }
 
 /// Lets `compute` take runs into lanes, and returns the rows of those that it finishes.
 pub(super) fn in_lanes(
     shared: &Shared<'_>,
-    compute: impl FnOnce(RunsInLanes<'_, '_>) -> Result<Option<()>, Error>,
-) -> Result<Option<Vec<Row>>, Error> {
+    compute: impl FnOnce(RunsInLanes<'_, '_>) -> Result<Option<()>>,
+) -> Result<Option<Vec<Row>>> {
     let mut rows = Vec::new();
     if shared.runs == 0 {
         return Ok(Some(rows));
@@ -188,7 +188,7 @@ pub(super) fn in_lanes(
 }
 
 /// The times of the steps of a run from its start to its end, in equal steps.
-pub(crate) fn whole_run(options: &Options) -> impl Fn(usize, &Scene) -> Result<Grid, Error> + '_ {
+pub(crate) fn whole_run(options: &Options) -> impl Fn(usize, &Scene) -> Result<Grid> + '_ {
     // Adaptive steps have no such times, and do not ask for them.
     let dt = if let Steps::Fixed(dt) = options.steps { dt } else { f64::NAN };
     move |_, Scene { inputs, initial, duration, .. }| {
@@ -197,7 +197,7 @@ pub(crate) fn whole_run(options: &Options) -> impl Fn(usize, &Scene) -> Result<G
 }
 
 /// Simulates the runs one after the other, for methods whose steps have no lanes.
-fn one_by_one(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
+fn one_by_one(shared: &Shared<'_>) -> Result<Vec<Row>> {
     let mut rows = Vec::new();
     while let Some((number, scene)) = shared.take()? {
         let (run, _) = simulate(&scene, shared.options, &|| shared.stops())?;

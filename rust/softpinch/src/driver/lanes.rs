@@ -1,6 +1,6 @@
 //! The step loops of many runs in lanes, compiled for each SIMD level.
 
-use crate::error::Error;
+use crate::error::Result;
 use crate::formulation::scene_equations::Choice;
 use crate::method::called::AnyMethod;
 use crate::method::rk4::Rk4;
@@ -18,14 +18,14 @@ use crate::stepping::options::{Options, Steps};
 use crate::stepping::queue::{Finished, RunQueue, Taken};
 
 /// The source and the destination of runs in lanes, whose step loops are compiled once for all of them.
-pub(super) struct LaneQueue<'q, 'a> {
-    pub(super) take: &'q mut dyn FnMut() -> Result<Option<Taken<'a>>, Error>,
-    pub(super) stops: &'q dyn Fn() -> bool,
-    pub(super) finish: &'q mut dyn FnMut(Finished),
+pub struct LaneQueue<'q, 'a> {
+    pub take: &'q mut dyn FnMut() -> Result<Option<Taken<'a>>>,
+    pub stops: &'q dyn Fn() -> bool,
+    pub finish: &'q mut dyn FnMut(Finished),
 }
 
 impl<'a> RunQueue<'a> for LaneQueue<'_, 'a> {
-    fn take(&mut self) -> Result<Option<Taken<'a>>, Error> {
+    fn take(&mut self) -> Result<Option<Taken<'a>>> {
         (self.take)()
     }
 
@@ -39,18 +39,18 @@ impl<'a> RunQueue<'a> for LaneQueue<'_, 'a> {
 }
 
 /// The runs of one thread in lanes.
-pub(super) struct RunsInLanes<'q, 'a> {
-    pub(super) queue: LaneQueue<'q, 'a>,
-    pub(super) grid: &'q GridOf<'q>,
-    pub(super) options: &'a Options,
-    pub(super) choice: Choice,
+pub struct RunsInLanes<'q, 'a> {
+    pub queue: LaneQueue<'q, 'a>,
+    pub grid: &'q GridOf<'q>,
+    pub options: &'a Options,
+    pub choice: Choice,
     /// Whether the parts of all runs are the paper's.
-    pub(super) papers: bool,
+    pub papers: bool,
 }
 
 impl RunsInLanes<'_, '_> {
     /// Computes the runs. Returns `None` if the steps of the method have no lanes.
-    pub(super) fn compute(self) -> Result<Option<()>, Error> {
+    pub fn compute(self) -> Result<Option<()>> {
         if self.papers {
             dispatch_lanes(self.options.simd, self)?
         } else {
@@ -61,7 +61,7 @@ impl RunsInLanes<'_, '_> {
 }
 
 impl LaneKernel for RunsInLanes<'_, '_> {
-    type Output = Result<Option<()>, Error>;
+    type Output = Result<Option<()>>;
 
     #[inline(always)]
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {

@@ -1,6 +1,5 @@
 //! The drivers of simulations: one run, many runs, and runs that are stepped from outside.
 
-mod differentiated_run;
 pub mod ensemble;
 mod lanes;
 pub mod sensitivities;

@@ -2,35 +2,41 @@
 //! breakpoints and impulses. They are the derivatives of the numbers that the run computes, with the lengths of
 //! its steps held.
 
-use crate::driver::differentiated_run::{DifferentiatedRun, Ends, FollowRun, Request, Rows, Sink};
+use std::mem::swap;
+
 use crate::driver::simulate::simulate;
-use crate::error::Error;
-use crate::formulation::run_dual::RunDualEquations;
-use crate::method::run_dual::RunDualMethod;
+use crate::error::{Error, Result};
+use crate::formulation::equations::{Evaluation, MAX_COMPONENTS, States};
+use crate::formulation::run_dual::{RunDual, RunDualEquations, RunDualSystem};
+use crate::formulation::system::{StageState, System};
+use crate::method::run_dual::{RunDualMethod, values};
 use crate::method::table::Method;
-use crate::method::traits::Runs;
-use crate::model::contact_modes::ContactModel;
+use crate::method::traits::{Step, Unsolved};
+use crate::model::contact_modes::{ContactModel, Contacts};
+use crate::model::drive::{Input, SegmentDrive};
 use crate::model::energy::BILATERAL_WORKS;
 use crate::model::inputs::Inputs;
-use crate::model::motion::Motion;
+use crate::model::motion::{Motion, unpacked};
 use crate::model::parameters::{PARAMETER_COUNT, Parameters};
 use crate::model::scene::Scene;
 use crate::model::source::{DIRECTIONS, VariedParameters};
-use crate::model::start::Start;
-use crate::number::lanes::{Lanes, MOST};
+use crate::model::start::{Start, State};
+use crate::number::lanes::{LaneTask, Lanes};
+use crate::number::real::Real;
 use crate::number::simd::dispatch::{LaneKernel, dispatch_four_lanes};
 use crate::number::simd::level::Instructions;
+use crate::stepping::grid::{Grid, Segment, Span};
 use crate::stepping::options::{Options, Steps};
+use crate::stepping::queue::POLL;
 use crate::stepping::record::{Selection, reserved};
-use crate::stepping::summary::Summary;
+use crate::stepping::summary::{Summaries, Summary, SummaryInstant};
 
 /// A direction in which a run is differentiated.
 #[derive(Debug, Clone)]
 pub struct Direction {
     /// The derivatives of the parameters.
     pub parameters: [f64; PARAMETER_COUNT],
-    /// The derivatives of the inputs while the breakpoints stay: pieces, sinusoids and impulses as many as those of
-    /// the scene, at the same times.
+    /// The derivatives of the inputs while the breakpoints stay, with as many pieces, sinusoids and impulses.
     pub inputs: Inputs,
     /// The derivative of the start, besides what [`Start::varied`](crate::model::start::Start::varied) gives.
     pub initial: Motion<f64>,
@@ -40,8 +46,7 @@ pub struct Direction {
     pub impulse_times: Vec<f64>,
 }
 
-/// The derivative of inputs that jump at a breakpoint by the breakpoint's time is an impulse of the inputs:
-/// minus the jump.
+/// The derivative of inputs by the time of a breakpoint at which they jump: an impulse of minus the jump.
 #[derive(Debug, Clone, Copy)]
 pub struct Shift {
     /// The time of the breakpoint, s.
@@ -86,8 +91,7 @@ pub enum Wanted<'a> {
     },
 }
 
-/// The derivatives of a run. `start` says what the scene's start follows from; `None` if it is given. Returns `None` if
-/// `interrupted` says so.
+/// The derivatives of a run; `None` if it is interrupted. `start` says what the scene's start follows from, if not given.
 pub fn sensitivities(
     scene: &Scene,
     options: &Options,
@@ -95,21 +99,14 @@ pub fn sensitivities(
     directions: &[Direction],
     wanted: Wanted<'_>,
     interrupted: &dyn Fn() -> bool,
-) -> Result<Option<Derivatives>, Error> {
+) -> Result<Option<Derivatives>> {
     let ends = &ends(scene, options, interrupted)?;
-    let mut numbers = Vec::new();
-    if let Wanted::Rows(times) = wanted {
-        let count = times.len().saturating_mul(COMPONENTS * directions.len());
-        numbers = reserved("the derivatives, in numbers,", count)?;
-        numbers.resize(count, 0.0);
-    }
-    let request = Request { scene, options, start, ends, interrupted };
-    let all = All { request, directions, wanted, numbers };
-    dispatch_four_lanes(options.simd, all).flatten()
+    let request = Request { scene, options, start, ends, directions, wanted, interrupted };
+    dispatch_four_lanes(options.simd, request).flatten()
 }
 
 /// The ends of free steps, from the run itself. Refuses scenes whose derivatives are not computed.
-fn ends(scene: &Scene, options: &Options, interrupted: &dyn Fn() -> bool) -> Result<Vec<f64>, Error> {
+fn ends(scene: &Scene, options: &Options, interrupted: &dyn Fn() -> bool) -> Result<Vec<f64>> {
     if options.contact != ContactModel::Bilateral || scene.inputs.sampled().is_some() {
         let allowed = "those with contact = \"bilateral\" and without a SampledController".to_owned();
         return Err(Error::Unknown { field: "sensitivities", name: "of this scene".to_owned(), allowed });
@@ -127,25 +124,21 @@ fn ends(scene: &Scene, options: &Options, interrupted: &dyn Fn() -> bool) -> Res
     }
 }
 
-/// All directions, in chunks of eight.
-struct All<'a> {
-    request: Request<'a>,
-    directions: &'a [Direction],
-    wanted: Wanted<'a>,
-    numbers: Vec<f64>,
-}
-
-impl LaneKernel for All<'_> {
-    type Output = Result<Option<Derivatives>, Error>;
+impl LaneKernel for Request<'_> {
+    type Output = Result<Option<Derivatives>>;
 
     #[inline(always)]
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
-        let Self { ref request, directions: all, wanted, mut numbers } = self;
-        let Request { scene, options, .. } = *request;
-        let choice = options.choice(&scene.inputs);
-        let gains = &options.stabilization;
-        let parameters = &[&scene.parameters; MOST];
-        let runs = Runs { instructions, choice, parameters, gains };
+        let request = &self;
+        let Self { scene, options, directions: all, wanted, .. } = self;
+        let mut numbers = Vec::new();
+        if let Wanted::Rows(times) = wanted {
+            // They are written in place.
+            let count = times.len().saturating_mul(COMPONENTS * all.len());
+            numbers = reserved("the derivatives, in numbers,", count)?;
+            numbers.resize(count, 0.0);
+        }
+        let runs = options.runs(instructions, scene);
         let mut failed = None;
         for (chunk, directions) in all.chunks(DIRECTIONS).enumerate() {
             let slopes = std::array::from_fn(|k| {
@@ -154,14 +147,16 @@ impl LaneKernel for All<'_> {
             });
             let source = VariedParameters { parameters: &scene.parameters, slopes };
             let twice = options.method == Method::Rosenbrock;
-            let equations = RunDualEquations::<R>::new(instructions, choice, &source, gains, twice);
+            let equations = RunDualEquations::<R>::new(instructions, runs.choice, &source, runs.gains, twice);
             let run = DifferentiatedRun { instructions, request, directions, source, equations };
             let mut sink = match wanted {
                 Wanted::Rows(times) => {
                     let (numbers, first) = (&mut numbers[..], chunk * DIRECTIONS);
                     Sink::Rows(Rows { times, numbers, first, width: all.len(), taken: 0 })
                 }
-                Wanted::Ends { until, .. } => Sink::Ends(Ends::new(&options.summaries, until)),
+                Wanted::Ends { until, .. } => {
+                    Sink::Ends(Ends { summaries: Summaries::new(&options.summaries), until, last: None })
+                }
             };
             let mut method = RunDualMethod::new(runs, options.method);
             match R::call(instructions, FollowRun(&run, &mut method, &mut sink)) {
@@ -181,5 +176,415 @@ impl LaneKernel for All<'_> {
             }
         }
         Ok(Some(Derivatives { numbers, failed }))
+    }
+}
+
+/// The place of the derivatives of some directions among those of all.
+struct Rows<'a> {
+    times: &'a [f64],
+    /// The components of all rows, each with one number for every direction.
+    numbers: &'a mut [f64],
+    /// The first of the directions, and the number of all directions.
+    first: usize,
+    width: usize,
+    taken: usize,
+}
+
+/// The summaries of a run and its last state, with their derivatives.
+struct Ends<R> {
+    summaries: Summaries<RunDual<R>>,
+    until: f64,
+    last: Option<Motion<RunDual<R>>>,
+}
+
+/// What takes the instants of a run with derivatives.
+enum Sink<'a, R> {
+    Rows(Rows<'a>),
+    Ends(Ends<R>),
+}
+
+impl<R: Lanes> Sink<'_, R> {
+    /// Whether it needs no further instant.
+    fn is_full(&self) -> bool {
+        match self {
+            Self::Rows(rows) => rows.taken == rows.times.len(),
+            Self::Ends(ends) => ends.last.is_some(),
+        }
+    }
+
+    /// Whether it wants the instant at this end of a step.
+    #[inline(always)]
+    fn wants(&self, time: f64) -> bool {
+        match self {
+            Self::Rows(rows) => rows.times.get(rows.taken) == Some(&time),
+            Self::Ends(ends) => ends.last.is_none(),
+        }
+    }
+
+    /// The next instant that it wants inside a step that ends at `end`.
+    fn next_before(&self, end: f64) -> Option<f64> {
+        match self {
+            Self::Rows(rows) => rows.times.get(rows.taken).copied().filter(|&time| time < end),
+            Self::Ends(_) => None,
+        }
+    }
+
+    /// Writes NaN for the rows that are missing, because the run cannot be followed to them.
+    fn give_up(&mut self) {
+        if let Self::Rows(rows) = self {
+            let Rows { times, numbers, first, width, taken } = rows;
+            let columns = *first..(*width).min(*first + DIRECTIONS);
+            for component in *taken * COMPONENTS..times.len() * COMPONENTS {
+                numbers[component * *width..][columns.clone()].fill(f64::NAN);
+            }
+        }
+    }
+}
+
+struct Take<'a, 's, R> {
+    sink: &'a mut Sink<'s, R>,
+    system: &'a RunDualSystem<R>,
+    time: f64,
+    now: &'a Evaluation<RunDual<R>>,
+    y: &'a States<RunDual<R>>,
+}
+
+impl<R: Lanes> LaneTask<R> for Take<'_, '_, R> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { sink, system, time, now, y } = self;
+        match sink {
+            Sink::Rows(rows) => rows.take(system, now, y),
+            Sink::Ends(ends) => ends.take(time, now),
+        }
+    }
+}
+
+impl Rows<'_> {
+    #[inline(always)]
+    fn take<R: Lanes>(
+        &mut self,
+        system: &RunDualSystem<R>,
+        now: &Evaluation<RunDual<R>>,
+        y: &States<RunDual<R>>,
+    ) {
+        let mut energy = [RunDual::zero(); 3 + BILATERAL_WORKS];
+        let size = system.size();
+        if size.works > 0 {
+            let energies = system.energies(&Contacts::sticking(), &now.motion);
+            energy[..3].copy_from_slice(&[energies.kinetic, energies.elastic, energies.gravity]);
+            energy[3..].copy_from_slice(&y[size.states..size.all()]);
+        }
+        let Motion { q, p, memory } = now.motion;
+        let motion = q.row().into_iter().chain(p.row()).chain(memory);
+        let row = motion.chain(now.multipliers).chain(now.torque).chain(energy);
+        let Self { first, width, .. } = *self;
+        for (component, number) in row.enumerate() {
+            let from = (self.taken * COMPONENTS + component) * width;
+            for k in first..width.min(first + DIRECTIONS) {
+                self.numbers[from + k] = number.direction(k - first);
+            }
+        }
+        self.taken += 1;
+    }
+}
+
+impl<R: Lanes> Ends<R> {
+    #[inline(always)]
+    fn take(&mut self, time: f64, now: &Evaluation<RunDual<R>>) {
+        let zero = RunDual::zero();
+        let t = RunDual::constant(time);
+        let instant = SummaryInstant { t, now, slip_speed: zero, closure: zero, half_width: zero };
+        self.summaries.watch(&instant, R::ALL);
+        if time >= self.until {
+            self.last = Some(now.motion);
+        }
+    }
+
+    /// The derivatives of the last state; NaN if the run did not get so far.
+    fn state(&self, direction: usize) -> [f64; 18] {
+        let Some(Motion { q, p, .. }) = self.last else { return [f64::NAN; 18] };
+        let (q, p) = (q.row(), p.row());
+        std::array::from_fn(|n| if n < 9 { q[n] } else { p[n - 9] }.direction(direction))
+    }
+
+    /// The derivative of a summary; NaN if it has none, or has seen no instant.
+    fn slope(&self, summary: Summary, direction: usize) -> f64 {
+        let memory = self.summaries.memory[summary as usize];
+        let values = memory.map(|number| number.lane(0));
+        if self.last.is_none() || !values[0].is_finite() {
+            return f64::NAN;
+        }
+        summary.slope(values, memory.map(|number| number.direction(direction))).unwrap_or(f64::NAN)
+    }
+}
+
+/// The inputs of an instant and their segment.
+type InputIn<'a, R> = (&'a Input<RunDual<R>>, &'a SegmentDrive<RunDual<R>>);
+
+/// A step: its start since the segment's, its length, and the times at its end.
+struct StepTimes {
+    tau: f64,
+    h: f64,
+    tau_end: f64,
+    end: f64,
+}
+
+/// The step of a segment after `taken` steps of it. `ends` has the start of a free step, and the ends from there on.
+fn next_step(segment: &Segment, taken: u64, ends: Option<&[f64]>) -> Option<StepTimes> {
+    let Some(ends) = ends else {
+        let step = segment.first + taken;
+        let (tau, tau_end, end) = (segment.tau(step), segment.tau(step + 1), segment.time(step + 1));
+        return (step < segment.count).then_some(StepTimes { tau, h: segment.h, tau_end, end });
+    };
+    let &[from, end, ..] = ends else { return None };
+    let from = if taken == 0 { segment.anchor } else { from };
+    let (tau, tau_end) = (from - segment.anchor, end - segment.anchor);
+    (end <= segment.end).then_some(StepTimes { tau, h: end - from, tau_end, end })
+}
+
+/// What is computed: all directions, in chunks of eight.
+struct Request<'a> {
+    scene: &'a Scene,
+    options: &'a Options,
+    start: Option<Start>,
+    /// The ends of free steps.
+    ends: &'a [f64],
+    directions: &'a [Direction],
+    wanted: Wanted<'a>,
+    interrupted: &'a dyn Fn() -> bool,
+}
+
+/// A run with its derivatives in some directions, at most eight.
+struct DifferentiatedRun<'a, R> {
+    instructions: Instructions,
+    request: &'a Request<'a>,
+    directions: &'a [Direction],
+    source: VariedParameters<'a>,
+    equations: RunDualEquations<R>,
+}
+
+/// Follows a run with a method until its sink needs no more.
+struct FollowRun<'w, 's, R: Lanes>(
+    &'w DifferentiatedRun<'w, R>,
+    &'w mut RunDualMethod<R>,
+    &'w mut Sink<'s, R>,
+);
+
+impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
+    type Output = Result;
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let Self(run, method, sink) = self;
+        let (grid, mut ends) = run.times()?;
+        let DifferentiatedRun { request: Request { scene, interrupted, .. }, equations, .. } = run;
+        let system = &equations.system;
+        let inputs = &scene.inputs;
+        let mut segment = grid.first;
+        let mut drive = run.drive(segment.anchor);
+        let mut y = system.begin(&run.start(&drive));
+        let mut next = [RunDual::zero(); MAX_COMPONENTS];
+        let mut rate = next;
+        let mut steps = 0u64;
+        loop {
+            let linearized = scene.initial.linearized.filter(|_| segment.first > 0).map(|point| {
+                let (tau, motion) = unpacked(&point);
+                (tau, values(&system.begin(&Motion::constant(&motion))))
+            });
+            method.begin(inputs.segment(segment.anchor), linearized);
+            let mut tau = RunDual::constant(segment.tau(segment.first));
+            run.visit(segment.start, &drive, (tau, &y), &mut rate, sink);
+            // A run that is resumed inside a segment has already had what happens at the start of the segment.
+            if segment.first == 0 && run.pass(segment.start, &drive, &mut y) {
+                rate = run.rates((&drive.at(tau), &drive), &y);
+            }
+            let mut taken = 0;
+            while let Some(times) = next_step(&segment, taken, ends) {
+                if sink.is_full() {
+                    return Ok(());
+                }
+                let from = RunDual::constant(times.tau);
+                loop {
+                    // A row may be inside a step: a step that ends there has its derivatives.
+                    let row = sink.next_before(times.end);
+                    let h = row.map_or(times.h, |row| (row - segment.anchor) - times.tau);
+                    let (tau, h) = (from, RunDual::constant(h));
+                    let step = Step { system, drive: &drive, tau, h, y: &y, rate: &rate, allowed: None };
+                    let attempt = method.step(equations, &step, &mut next);
+                    // The equations were solved in the run, but not again to round-off.
+                    let time = row.unwrap_or(times.end);
+                    attempt
+                        .map_err(|Unsolved { correction, .. }| Error::NoDerivative { time, correction })?;
+                    system.correct(&drive, tau + h, &mut next);
+                    let Some(row) = row else { break };
+                    run.visit(row, &drive, (tau + h, &next), &mut { rate }, sink);
+                }
+                swap(&mut y, &mut next);
+                tau = RunDual::constant(times.tau_end);
+                taken += 1;
+                ends = ends.map(|ends| &ends[1..]);
+                steps += 1;
+                if steps.is_multiple_of(POLL) && interrupted() {
+                    return Ok(());
+                }
+                if times.end < segment.end {
+                    run.visit(times.end, &drive, (tau, &y), &mut rate, sink);
+                }
+            }
+            let Some(later) = grid.after(inputs, &segment).filter(|_| !sink.is_full()) else {
+                run.visit(segment.end, &drive, (tau, &y), &mut rate, sink);
+                return Ok(());
+            };
+            segment = later;
+            drive = run.drive(segment.anchor);
+        }
+    }
+}
+
+impl<R: Lanes> DifferentiatedRun<'_, R> {
+    /// The segments of the run, and the ends of its steps if these are free.
+    fn times(&self) -> Result<(Grid, Option<&[f64]>)> {
+        let Scene { inputs, initial, duration, .. } = self.request.scene;
+        match self.request.options.steps {
+            Steps::Fixed(dt) => {
+                Ok((Grid::new(inputs, initial, *duration, dt, self.request.options.refine)?, None))
+            }
+            Steps::Free { .. } => {
+                let span = Span::new(inputs, initial, *duration)?;
+                // One step to each segment, of which only the segments count.
+                let initial = &State { grid: None, ..initial.clone() };
+                Ok((Grid::over(inputs, initial, span, f64::INFINITY, 1)?, Some(self.request.ends)))
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn start(&self, drive: &SegmentDrive<RunDual<R>>) -> Motion<RunDual<R>> {
+        let initial = &self.request.scene.initial;
+        let Motion { q, p, mut memory } = Motion::<RunDual<R>>::constant(&initial.motion);
+        let (mut q, mut p) = (q.row(), p.row());
+        if let Some(start) = self.request.start {
+            let derived = start.varied(&self.source, &drive.at(RunDual::zero()), &initial.motion.q);
+            let (derived_q, derived_p) = (derived.q.row(), derived.p.row());
+            for n in 0..9 {
+                (q[n].slope, p[n].slope) = (derived_q[n].slope, derived_p[n].slope);
+            }
+        }
+        for n in 0..9 {
+            q[n] = q[n] + self.varied(0.0, |one| one.initial.q.row()[n]);
+            p[n] = p[n] + self.varied(0.0, |one| one.initial.p.row()[n]);
+        }
+        for i in 0..2 {
+            memory[i] = memory[i] + self.varied(0.0, |one| one.initial.memory[i]);
+        }
+        Motion { q: q.into(), p: p.into(), memory }
+    }
+
+    /// Applies the shifts of inputs whose jump moves at a breakpoint, then its impulses. Returns whether there are any.
+    #[inline(always)]
+    fn pass(&self, time: f64, drive: &SegmentDrive<RunDual<R>>, y: &mut States<RunDual<R>>) -> bool {
+        let input = drive.at(RunDual::zero());
+        let mut passes = self.directions.iter().any(|one| one.shifts.iter().any(|shift| shift.time == time));
+        if passes {
+            self.shift(time, (&input, drive), y);
+        }
+        let inputs = &self.request.scene.inputs;
+        for (place, impulse) in inputs.fixed_impulses_at(time).enumerate() {
+            passes = true;
+            let slope = |one: &Direction, c: usize| {
+                one.inputs.fixed_impulses_at(time).nth(place).map_or(0.0, |slope| slope[c])
+            };
+            let component = |c: usize| self.varied(impulse[c], |one| slope(one, c));
+            let number = inputs.impulses_before(time) + place;
+            // An impulse that comes later by dt acts on the state that the rates before it reach in dt, and the
+            // rates after it act for dt less.
+            let by = self.varied(0.0, |one| one.impulse_times.get(number).copied().unwrap_or(0.0));
+            self.carry((&input, drive), y, by);
+            // The angles of driven fingers are those of the instant to which the impulse moves.
+            let mut impulse = std::array::from_fn(component);
+            if let Some(frame) = &drive.frame {
+                [impulse[0], impulse[1]] = frame.motion(by).into_hand([impulse[0], impulse[1]]);
+            }
+            self.equations.system.jump(&drive.at(by), y, &impulse);
+            self.carry((&input, drive), y, -by);
+        }
+        passes
+    }
+
+    fn drive(&self, anchor: f64) -> SegmentDrive<RunDual<R>> {
+        let slopes: Vec<_> = self.directions.iter().map(|one| one.inputs.segment(anchor)).collect();
+        SegmentDrive::varied(&self.request.scene.inputs.segment(anchor), &slopes)
+    }
+
+    /// A number with its derivative in each direction.
+    fn varied(&self, value: f64, of: impl Fn(&Direction) -> f64) -> RunDual<R> {
+        RunDual::varied(value, &self.directions.iter().map(of).collect::<Vec<_>>())
+    }
+
+    /// Evaluates a state at time `tau` of the segment, and gives it to the sink if that wants it.
+    #[inline(always)]
+    fn visit(
+        &self,
+        time: f64,
+        drive: &SegmentDrive<RunDual<R>>,
+        (tau, y): (RunDual<R>, &States<RunDual<R>>),
+        rate: &mut States<RunDual<R>>,
+        sink: &mut Sink<'_, R>,
+    ) {
+        if sink.wants(time) {
+            let now = self.equations.system.evaluate(drive, tau, y);
+            *rate = now.rate;
+            R::call(self.instructions, Take { sink, system: &self.equations.system, time, now: &now, y });
+        } else {
+            let at = StageState { from: y, by: RunDual::zero(), along: y };
+            self.equations.system.rates(&drive.at(tau), drive, at, rate);
+        }
+    }
+
+    /// Adds the effect of the shifts at a breakpoint. The rates are affine in the inputs, so that the difference of
+    /// the derivatives with and without a shift is exact.
+    #[inline(always)]
+    fn shift(&self, time: f64, (input, drive): InputIn<'_, R>, y: &mut States<RunDual<R>>) {
+        let shift = |of: &dyn Fn(&Shift) -> f64| {
+            let here = |one: &Direction| one.shifts.iter().filter(|shift| shift.time == time).map(of).sum();
+            self.varied(0.0, here)
+        };
+        let mut moved = *input;
+        for i in 0..2 {
+            moved.target[i] = moved.target[i] + shift(&|shift| shift.target[i]);
+            moved.target_acceleration[i] =
+                moved.target_acceleration[i] + shift(&|shift| shift.acceleration[i]);
+        }
+        for c in 0..3 {
+            moved.force[c] = moved.force[c] + shift(&|shift| shift.force[c]);
+        }
+        let (with, without) = (self.rates((&moved, drive), y), self.rates((input, drive), y));
+        for n in 0..MAX_COMPONENTS {
+            y[n] = y[n] + (with[n] - without[n]);
+        }
+    }
+
+    /// Carries the state on by the times `by` of the directions.
+    #[inline(always)]
+    fn carry(&self, instant: InputIn<'_, R>, y: &mut States<RunDual<R>>, by: RunDual<R>) {
+        if by.slope.iter().all(|by| by.is_zero() & R::ALL == R::ALL) {
+            return;
+        }
+        let rate = self.rates(instant, y);
+        for n in 0..MAX_COMPONENTS {
+            // `by` has the value zero, so that only the derivatives of the state change.
+            y[n] = y[n] + by * rate[n];
+        }
+    }
+
+    #[inline(always)]
+    fn rates(&self, (input, drive): InputIn<'_, R>, y: &States<RunDual<R>>) -> States<RunDual<R>> {
+        let mut rate = [RunDual::zero(); MAX_COMPONENTS];
+        let at = StageState { from: y, by: RunDual::zero(), along: y };
+        self.equations.system.rates(input, drive, at, &mut rate);
+        rate
     }
 }

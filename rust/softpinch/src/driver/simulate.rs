@@ -1,11 +1,11 @@
 //! One run: the checks before it, its result, and the choice of the code that computes it.
 
 use crate::driver::ensemble::whole_run;
-use crate::error::Error;
+use crate::error::{Error, Result, require};
 use crate::formulation::any_parts::AnyParts;
 use crate::formulation::inlined::Inlined;
 use crate::formulation::mode_selection::Contact;
-use crate::formulation::scene_equations::{EquationKind, SceneEquations, with};
+use crate::formulation::scene_equations::{EquationKind, with};
 use crate::formulation::table::Formulation;
 use crate::formulation::unilateral::Unilateral;
 use crate::method::rk4::Rk4;
@@ -57,7 +57,7 @@ pub fn simulate(
     scene: &Scene,
     options: &Options,
     interrupted: &dyn Fn() -> bool,
-) -> Result<(Run, Option<String>), Error> {
+) -> Result<(Run, Option<String>)> {
     let guard = options.guard || options.may_be_unstable(scene);
     let options = &Options { guard, ..options.clone() };
     let (grid, times) = prepare(scene, options)?;
@@ -65,7 +65,7 @@ pub fn simulate(
     let rows = grid.as_ref().map_or(0, |grid| grid.steps / options.every + 2);
     let rows = times.as_ref().map_or(rows, |times| times.len() as u64 + 1);
     let recording = Recording::with_capacity(options.record, layout(scene, options), rows)?;
-    let warning = stability_warning(options, longest(grid.as_ref()));
+    let warning = stability_warning(options, grid.as_ref().map_or(0.0, |grid| grid.longest));
     let due = match &times {
         Some(times) => Due::Times(times),
         None => Due::Steps { every: options.every, left: 0 },
@@ -83,22 +83,16 @@ pub(super) fn advance(
     options: &Options,
     grid: Grid,
     interrupted: &dyn Fn() -> bool,
-) -> Result<(Run, Option<Box<LaneContact>>), Error> {
+) -> Result<(Run, Option<Box<LaneContact>>)> {
     let mut recorder = Recorder::new(scene, Recording::default(), Due::Never, interrupted);
     recorder.contact = contact;
     let Recorder { run, contact, .. } = run(scene, options, &|_, _| Ok(grid.clone()), recorder)?;
     Ok((run, contact))
 }
 
-/// Checks a scene and options without computing the run. Returns the longest step if steps are fixed, else
-/// zero.
-pub fn check(scene: &Scene, options: &Options) -> Result<f64, Error> {
-    prepare(scene, options).map(|(grid, ..)| longest(grid.as_ref()))
-}
-
-/// The longest step of a grid; zero if steps are free.
-fn longest(grid: Option<&Grid>) -> f64 {
-    grid.map_or(0.0, |grid| grid.longest)
+/// Checks a scene and options without computing the run. Returns the longest step if steps are fixed, else zero.
+pub fn check(scene: &Scene, options: &Options) -> Result<f64> {
+    prepare(scene, options).map(|(grid, ..)| grid.map_or(0.0, |grid| grid.longest))
 }
 
 /// The size of a run before it is computed.
@@ -113,13 +107,15 @@ pub struct Outline {
 }
 
 /// Outlines a run. Bad input is the only error.
-pub fn outline(scene: &Scene, options: &Options) -> Result<Outline, Error> {
+pub fn outline(scene: &Scene, options: &Options) -> Result<Outline> {
     let (grid, times) = prepare(scene, options)?;
     let row = 8 * options.record.width(layout(scene, options));
-    let (start, end) = (scene.initial.time, scene.initial.time + scene.duration);
+    let Scene { inputs, initial, duration, .. } = scene;
+    let end = initial.time + duration;
     let (segments, steps) = match grid {
         Some(Grid { segments, steps, .. }) => (segments, Some(steps)),
-        None => (Span { start, end }.segment_count(&scene.inputs), None),
+        // One step to each segment, of which only the segments count.
+        None => (Grid::new(inputs, initial, *duration, f64::MAX, 1)?.segments, None),
     };
     // The rows are those that were asked for, or the start and one for every `every` steps; and always the end.
     let rows = match times {
@@ -131,13 +127,11 @@ pub fn outline(scene: &Scene, options: &Options) -> Result<Outline, Error> {
 
 /// Refuses a scene or options with which no run can begin. The times of the run are checked elsewhere. Single
 /// runs and runs of an ensemble are checked here.
-pub(crate) fn require_valid(scene: &Scene, options: &Options) -> Result<(), Error> {
+pub(crate) fn require_valid(scene: &Scene, options: &Options) -> Result {
     options.simd.require()?;
-    if options.every == 0 {
-        return Err(Error::Field { field: "every".to_owned(), value: 0.0, rule: "must be at least 1" });
-    }
+    require(options.every != 0, "every", 0.0, "must be at least 1")?;
     for ((name, rule), value) in Stabilization::FIELDS.iter().zip(options.stabilization.fields()) {
-        rule.check_named(|| format!("stabilization.{name}"), value)?;
+        rule.check(format_args!("stabilization.{name}"), value)?;
     }
     let initial = &scene.initial;
     if scene.inputs.fingers() == Fingers::Driven {
@@ -159,9 +153,8 @@ pub(crate) fn require_valid(scene: &Scene, options: &Options) -> Result<(), Erro
     adaptive(options.method).map(|_| ())
 }
 
-/// Refuses a scene with unilateral contact that has no friction, and a formulation whose states are always on
-/// all constraints.
-fn require_unilateral(scene: &Scene, options: &Options) -> Result<(), Error> {
+/// Refuses unilateral contact without friction, and with a formulation whose states are always on all constraints.
+fn require_unilateral(scene: &Scene, options: &Options) -> Result {
     if options.formulation == Formulation::Nullspace {
         let allowed = "\"csm\" or \"projected\" where contact = \"unilateral\": the states of nullspace are on the constraints of both \
                        contacts always";
@@ -171,10 +164,7 @@ fn require_unilateral(scene: &Scene, options: &Options) -> Result<(), Error> {
     for (name, value) in
         ["friction.right", "friction.left"].into_iter().zip(scene.parameters.friction.fields())
     {
-        if !value.is_finite() {
-            let rule = "must be finite where contact = \"unilateral\"";
-            return Err(Error::Field { field: name.to_owned(), value, rule });
-        }
+        require(value.is_finite(), name, value, "must be finite where contact = \"unilateral\"")?;
     }
     let Some(row) = &scene.initial.contact else { return Ok(()) };
     let contacts = Contact::of_row(row)?;
@@ -190,7 +180,7 @@ fn require_unilateral(scene: &Scene, options: &Options) -> Result<(), Error> {
 }
 
 /// The method as one that chooses the length of its steps. The error lists the methods that do.
-fn adaptive(method: Method) -> Result<MakeAdaptiveMethod, Error> {
+fn adaptive(method: Method) -> Result<MakeAdaptiveMethod> {
     method.entry().adaptive.ok_or_else(|| {
         let adaptive = METHODS.iter().filter(|(_, method)| method.entry().adaptive.is_some());
         let names: Vec<_> = adaptive.map(|(name, _)| format!("{name:?}")).collect();
@@ -210,7 +200,7 @@ fn layout(scene: &Scene, options: &Options) -> Layout {
 }
 
 /// Checks a run. Returns the times of equal steps, and the instants to record if these were asked for.
-fn prepare(scene: &Scene, options: &Options) -> Result<(Option<Grid>, Option<Vec<f64>>), Error> {
+fn prepare(scene: &Scene, options: &Options) -> Result<(Option<Grid>, Option<Vec<f64>>)> {
     require_valid(scene, options)?;
     let Scene { inputs, initial, duration, .. } = scene;
     let span = Span::new(inputs, initial, *duration)?;
@@ -222,9 +212,8 @@ fn prepare(scene: &Scene, options: &Options) -> Result<(Option<Grid>, Option<Vec
     Ok((grid, times))
 }
 
-/// Checks the instants to record. An instant that is outside of the run by round-off becomes the start or the
-/// end of the run.
-fn instants(times: &[f64], Span { start, end }: Span) -> Result<Vec<f64>, Error> {
+/// Checks the instants to record. One that is outside of the run by round-off becomes the run's start or end.
+fn instants(times: &[f64], Span { start, end }: Span) -> Result<Vec<f64>> {
     let near = 4.0 * f64::EPSILON * start.abs().max(end.abs());
     let mut before = f64::NEG_INFINITY;
     let mut instants = reserved("times, in numbers,", times.len())?;
@@ -234,13 +223,9 @@ fn instants(times: &[f64], Span { start, end }: Span) -> Result<Vec<f64>, Error>
             _ if given > end && given - end <= near => end,
             _ => given,
         };
-        let refused = |rule| Err(Error::Field { field: format!("times[{k}]"), value: given, rule });
-        if !(start..=end).contains(&time) {
-            return refused("must lie between the run's start and its end");
-        }
-        if time <= before {
-            return refused("must be greater than the time before it");
-        }
+        let require = |holds, rule| require(holds, format_args!("times[{k}]"), given, rule);
+        require((start..=end).contains(&time), "must lie between the run's start and its end")?;
+        require(time > before, "must be greater than the time before it")?;
         instants.push(time);
         before = time;
     }
@@ -253,7 +238,7 @@ fn run<'a>(
     options: &'a Options,
     grid: &GridOf<'_>,
     queue: Recorder<'a>,
-) -> Result<Recorder<'a>, Error> {
+) -> Result<Recorder<'a>> {
     let instructions = options.simd.require()?;
     let choice = options.choice(&scene.inputs);
     let setup = LoopSetup { instructions, options, choice, queue };
@@ -266,8 +251,7 @@ fn run<'a>(
         && !(choice.ledger || choice.moves)
         && scene.parameters.has_the_papers_parts()
     {
-        let gains = &options.stabilization;
-        let called = &SceneEquations::new(instructions, choice, &scene.parameters, gains);
+        let called = &options.runs(instructions, scene).system();
         let method = &mut Rk4::default();
         return with!(called.kind, equations [false, false] => if choice.fingers == Fingers::Driven {
             let system = Inlined::<_, _, true> { equations, called };

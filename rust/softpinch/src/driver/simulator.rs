@@ -1,9 +1,8 @@
 //! Runs that are stepped from outside, period by period, with inputs that are held in each of them.
 //!
 //! Each period is a run that goes on from the one before it, in equal steps. So n periods have the bits of one run
-//! whose schedule steps at the same instants: both begin a segment there. At the end of a period the instant is
-//! watched under the inputs of the period, as at the end of a run, and at the start of the next period under its
-//! inputs.
+//! whose schedule steps at the same instants: both begin a segment there. At the end of a period the instant is watched
+//! under the inputs of the period, as at the end of a run, and at the start of the next period under its inputs.
 
 use std::borrow::Cow;
 use std::cell::RefCell;
@@ -14,8 +13,7 @@ use rayon::ThreadPool;
 use crate::driver::lanes::{LaneQueue, RunsInLanes};
 use crate::driver::simulate::{advance, require_valid};
 use crate::driver::threads::{share, waiting};
-use crate::error::{Error, require_at_most};
-use crate::formulation::scene_equations::SceneEquations;
+use crate::error::{Error, Result, require, require_at_most};
 use crate::formulation::system::System;
 use crate::model::contact_modes::ContactModel;
 use crate::model::inputs::Held;
@@ -34,9 +32,7 @@ use crate::stepping::record::Run;
 
 /// Runs that are stepped from outside.
 pub struct Simulator {
-    options: Options,
-    dt: f64,
-    period: f64,
+    how: Stepping,
     environments: Vec<Environment>,
     /// The runs in the period that is computed now.
     runs: Vec<PeriodRun>,
@@ -44,33 +40,39 @@ pub struct Simulator {
     pool: Option<ThreadPool>,
 }
 
+/// The options of all runs, and the lengths of their steps and of their periods, s.
+struct Stepping {
+    options: Options,
+    dt: f64,
+    period: f64,
+}
+
 impl Simulator {
     /// Runs of these scenes, each at its initial state. A period lasts `period`, s; the last one of a run ends with
     /// its duration. `threads` threads share the work of a step.
-    pub fn new(scenes: Vec<Scene>, options: &Options, period: f64, threads: usize) -> Result<Self, Error> {
+    pub fn new(scenes: Vec<Scene>, options: &Options, period: f64, threads: usize) -> Result<Self> {
         Rule::Positive.check("period", period)?;
         if scenes.is_empty() {
-            let found = "no scenes".to_owned();
-            return Err(Error::Shape { field: "n".to_owned(), found, rule: "must be at least one" });
+            return Err(Error::shape("n", "no scenes", "must be at least one"));
         }
         let Steps::Fixed(dt) = options.steps else {
-            let (found, rule) = (format!("{:?}", options.steps), "a simulator takes equal steps");
-            return Err(Error::Shape { field: "tolerance".to_owned(), found, rule });
+            let found = format_args!("{:?}", options.steps);
+            return Err(Error::shape("tolerance", found, "a simulator takes equal steps"));
         };
         let guard = scenes.iter().any(|scene| options.may_be_unstable(scene));
-        let options = &Options { guard, ..options.clone() };
+        let how = Stepping { options: Options { guard, ..options.clone() }, dt, period };
         let mut environments = Vec::with_capacity(scenes.len());
         for (run, scene) in scenes.into_iter().enumerate() {
             let mut environment = Environment::new(scene);
             let (start, check) = environment.start.clone();
-            environment.begin((&start, check), options, (dt, period)).map_err(|error| error.of_run(run))?;
+            environment.begin((&start, check), &how).map_err(|error| error.of_run(run))?;
             environments.push(environment);
         }
         let runs = environments.iter().map(|_| PeriodRun::default()).collect();
         // More threads than vectors of lanes have nothing to do.
         let threads = threads.min(environments.len().div_ceil(MOST));
         let pool = (threads > 1).then(|| waiting(threads - 1)).transpose()?;
-        Ok(Self { options: options.clone(), dt, period, environments, runs, pool })
+        Ok(Self { how, environments, runs, pool })
     }
 
     /// Number of runs.
@@ -95,26 +97,23 @@ impl Simulator {
 
     /// Puts a run back to its start, or to the start of another run from `state`. There is no external force
     /// from outside then. `check` says whether a state off the constraints is refused.
-    pub fn reset(&mut self, run: usize, state: Option<(&State, bool)>) -> Result<(), Error> {
-        let Self { options, dt, period, environments, .. } = self;
-        let environment = &mut environments[run];
+    pub fn reset(&mut self, run: usize, state: Option<(&State, bool)>) -> Result {
+        let environment = &mut self.environments[run];
         let (start, check) = environment.start.clone();
-        environment.begin(state.unwrap_or((&start, check)), options, (*dt, *period))
+        environment.begin(state.unwrap_or((&start, check)), &self.how)
     }
 
     /// Goes on from a state, at its time. The run's end and the external force stay.
-    pub fn set_state(&mut self, run: usize, (state, check): (&State, bool)) -> Result<(), Error> {
-        let Self { options, dt, period, environments, .. } = self;
-        let environment = &mut environments[run];
+    pub fn set_state(&mut self, run: usize, (state, check): (&State, bool)) -> Result {
+        let environment = &mut self.environments[run];
         let span @ Span { start, end } = environment.span;
-        if !(start..=end).contains(&state.time) {
-            let rule = "must be between the run's start and its end; reset with a state begins another run";
-            return Err(Error::Field { field: "State.time".to_owned(), value: state.time, rule });
-        }
-        environment.place((state, check), span, options, *dt)?;
+        let rule = "must be between the run's start and its end; reset with a state begins another run";
+        require((start..=end).contains(&state.time), "State.time", state.time, rule)?;
+        environment.place((state, check), span, &self.how)?;
         // Periods go on at the instants at which they would have begun anyway, if the state is at one of them.
-        let periods = ((state.time - environment.origin) / *period).round();
-        if periods >= 0.0 && periods * *period + environment.origin == state.time {
+        let period = self.how.period;
+        let periods = ((state.time - environment.origin) / period).round();
+        if periods >= 0.0 && periods * period + environment.origin == state.time {
             environment.periods = periods as u64;
         } else {
             (environment.origin, environment.periods) = (state.time, 0);
@@ -124,7 +123,7 @@ impl Simulator {
 
     /// Sets the external force on the object, which is held from the next period on: F_x and F_y in N and the
     /// moment in N m, beside the disturbances of the scene.
-    pub fn set_force(&mut self, run: usize, force: [f64; 3]) -> Result<(), Error> {
+    pub fn set_force(&mut self, run: usize, force: [f64; 3]) -> Result {
         for (name, value) in ["force[0]", "force[1]", "moment"].into_iter().zip(force) {
             Rule::Finite.check(name, value)?;
         }
@@ -141,38 +140,60 @@ impl Simulator {
         targets: &[[f64; 2]],
         accelerations: &[[f64; 2]],
         interrupted: &dyn Fn() -> bool,
-    ) -> Result<bool, Error> {
-        let Self { options, dt, period, environments, runs, pool } = self;
+    ) -> Result<bool> {
+        let Self { how, environments, runs, .. } = self;
         let given = [("actions", targets), ("acceleration", accelerations)];
         for (name, rows) in given.into_iter().take(1 + usize::from(!accelerations.is_empty())) {
             if rows.len() != environments.len() {
-                let (found, rule) = (format!("{} rows", rows.len()), "must have one for each run");
-                return Err(Error::Shape { field: name.to_owned(), found, rule });
+                let found = format_args!("{} rows", rows.len());
+                return Err(Error::shape(name, found, "must have one for each run"));
             }
             for (k, value) in rows.as_flattened().iter().enumerate() {
-                Rule::Finite.check_named(|| format!("{name}[{}, {}]", k / 2, k % 2), *value)?;
+                Rule::Finite.check(format_args!("{name}[{}, {}]", k / 2, k % 2), *value)?;
             }
         }
-        for (k, (environment, run)) in environments.iter_mut().zip(&mut *runs).enumerate() {
+        for (k, (environment, run)) in environments.iter_mut().zip(runs).enumerate() {
             run.outcome = None;
             if environment.observed.status.is_none() {
-                run.end = environment.next(*period);
+                run.end = environment.next(how.period);
                 let (target, force) = (targets[k], environment.force);
                 let acceleration = accelerations.get(k).copied();
                 environment.scene.inputs.hold(Some(Held { target, force, acceleration }));
             }
         }
-        compute((options, *dt), environments, runs, pool.as_ref(), interrupted)?;
+        self.compute(interrupted)?;
         let stopped = |run: &Run| run.status == Status::Interrupted;
-        if runs.iter().any(|run| run.outcome.as_ref().is_some_and(stopped)) {
+        if self.runs.iter().any(|run| run.outcome.as_ref().is_some_and(stopped)) {
             return Ok(false);
         }
-        for (environment, run) in environments.iter_mut().zip(runs) {
+        for (environment, run) in self.environments.iter_mut().zip(&mut self.runs) {
             if let Some(outcome) = run.outcome.take() {
                 environment.take(outcome, run.end);
             }
         }
         Ok(true)
+    }
+
+    /// Computes the period of all runs. The caller's thread does a part of the work beside those of the pool.
+    fn compute(&mut self, interrupted: &dyn Fn() -> bool) -> Result {
+        let Self { how, environments, runs, pool } = self;
+        let Some(pool) = pool else { return compute_part(how, (environments, runs), interrupted) };
+        // Whole vectors of lanes, as far as there are enough runs.
+        let size = environments.len().div_ceil(pool.current_num_threads() + 1).next_multiple_of(MOST);
+        let mut parts = environments.chunks(size).zip(runs.chunks_mut(size));
+        let Some(own) = parts.next() else { return Ok(()) };
+        let stop = AtomicBool::new(false);
+        let stopped = || stop.load(Ordering::Relaxed);
+        let stops = || {
+            stop.fetch_or(interrupted(), Ordering::Relaxed);
+            stopped()
+        };
+        let work = |part: Part<'_>| compute_part(how, part, &stopped);
+        share(pool, parts, &stop, work, |results| {
+            let found = compute_part(how, own, &stops);
+            stop.fetch_or(found.is_err(), Ordering::Relaxed);
+            results.iter().chain([found]).collect()
+        })
     }
 }
 
@@ -217,18 +238,13 @@ impl Environment {
     }
 
     /// Puts the run at its start. Refuses a start that a run refuses, and steps that are too many or too short.
-    fn begin(
-        &mut self,
-        (start, check): (&State, bool),
-        options: &Options,
-        (dt, period): (f64, f64),
-    ) -> Result<(), Error> {
+    fn begin(&mut self, (start, check): (&State, bool), how: &Stepping) -> Result {
         let Self { scene, .. } = self;
         let span = Span::new(&scene.inputs, start, scene.duration)?;
-        let first = Span { end: span.end.min(span.start + period), ..span };
-        Grid::over(&scene.inputs, start, first, dt, options.refine)?;
-        require_periods(span, period)?;
-        self.place((start, check), span, options, dt)?;
+        let first = Span { end: span.end.min(span.start + how.period), ..span };
+        Grid::over(&scene.inputs, start, first, how.dt, how.options.refine)?;
+        require_periods(span, how.period)?;
+        self.place((start, check), span, how)?;
         (self.origin, self.periods, self.force) = (start.time, 0, [0.0; 3]);
         Ok(())
     }
@@ -245,13 +261,7 @@ impl Environment {
 
     /// Goes on from a state in a run over this span. `check` says whether a state off the constraints is refused.
     /// The multipliers are those under the schedule's own inputs.
-    fn place(
-        &mut self,
-        (state, check): (&State, bool),
-        span: Span,
-        options: &Options,
-        dt: f64,
-    ) -> Result<(), Error> {
+    fn place(&mut self, (state, check): (&State, bool), span: Span, how: &Stepping) -> Result {
         let Self { scene, .. } = self;
         scene.inputs.hold(None);
         scene.check = check;
@@ -260,7 +270,7 @@ impl Environment {
         if let Some(grid) = &mut scene.initial.grid {
             *grid = (state.time, 0);
         }
-        let found = require_valid(scene, options).and_then(|()| multipliers(scene, options, dt));
+        let found = require_valid(scene, &how.options).and_then(|()| multipliers(scene, how));
         let multipliers = found.inspect_err(|_| scene.initial = before)?;
         let State { time: t, motion, .. } = *state;
         self.span = span;
@@ -285,28 +295,23 @@ impl Environment {
 }
 
 /// Refuses more periods than a run can be divided into, and periods that the clock does not resolve.
-fn require_periods(Span { start, end }: Span, period: f64) -> Result<(), Error> {
+fn require_periods(Span { start, end }: Span, period: f64) -> Result {
     let needed = (end - start) / period;
     let what = "the periods (duration / period)";
     require_at_most(what, needed, MOST_STEPS, "lengthen the period or shorten the run")?;
-    if period <= round_off(start, end) {
-        let rule = "must be more than round-off of the times of the run";
-        return Err(Error::Field { field: "period".to_owned(), value: period, rule });
-    }
-    Ok(())
+    let rule = "must be more than round-off of the times of the run";
+    require(period > round_off(start, end), "period", period, rule)
 }
 
 /// The multipliers at the initial state of a scene.
-fn multipliers(scene: &Scene, options: &Options, dt: f64) -> Result<[f64; 4], Error> {
+fn multipliers(scene: &Scene, Stepping { options, dt, .. }: &Stepping) -> Result<[f64; 4]> {
     let instructions = options.simd.require()?;
-    let choice = options.choice(&scene.inputs);
-    let equations =
-        SceneEquations::<f64>::new(instructions, choice, &scene.parameters, &options.stabilization);
+    let equations = options.runs(instructions, scene).system::<f64>();
     let State { time, motion, .. } = scene.initial;
     let mut drive = scene.inputs.segment(time);
     if options.contact == ContactModel::Unilateral {
         if scene.initial.contact.is_none() {
-            return LaneContact::first_multipliers(instructions, options, scene, drive, dt);
+            return LaneContact::first_multipliers(instructions, options, scene, drive, *dt);
         }
         LaneContact::new(instructions, options, scene)?.run.put_into(&mut drive.contacts, 0);
     }
@@ -326,18 +331,17 @@ struct PeriodRun {
 /// Some of the runs of a simulator, for one thread.
 type Part<'a> = (&'a [Environment], &'a mut [PeriodRun]);
 
-/// Computes the period of some runs in steps of at most `dt`. A single run, and a method whose steps have no lanes, take
-/// the code of lone runs.
+/// Computes the period of some runs. A single run, and a method whose steps have no lanes, take the code of lone runs.
 fn compute_part(
-    (options, dt): (&Options, f64),
+    Stepping { options, dt, .. }: &Stepping,
     (environments, runs): Part<'_>,
     stops: &dyn Fn() -> bool,
-) -> Result<(), Error> {
+) -> Result {
     // The grid, the source and the destination of a loop use them by turns.
     let runs = RefCell::new(runs);
     let grid = |number: usize, Scene { inputs, initial, .. }: &Scene| {
         let span = Span { start: initial.time, end: runs.borrow()[number].end };
-        Grid::over(inputs, initial, span, dt, options.refine)
+        Grid::over(inputs, initial, span, *dt, options.refine)
     };
     let mut under_way =
         (0..).zip(environments).filter(|(_, environment)| environment.observed.status.is_none());
@@ -367,31 +371,4 @@ fn compute_part(
         finish(Finished { number, run, contact });
     }
     Ok(())
-}
-
-/// Computes the period of all runs. The caller's thread does a part of the work beside those of the pool.
-fn compute(
-    how: (&Options, f64),
-    environments: &[Environment],
-    runs: &mut [PeriodRun],
-    pool: Option<&ThreadPool>,
-    interrupted: &dyn Fn() -> bool,
-) -> Result<(), Error> {
-    let Some(pool) = pool else { return compute_part(how, (environments, runs), interrupted) };
-    // Whole vectors of lanes, as far as there are enough runs.
-    let size = environments.len().div_ceil(pool.current_num_threads() + 1).next_multiple_of(MOST);
-    let mut parts = environments.chunks(size).zip(runs.chunks_mut(size));
-    let Some(own) = parts.next() else { return Ok(()) };
-    let stop = AtomicBool::new(false);
-    let stopped = || stop.load(Ordering::Relaxed);
-    let stops = || {
-        stop.fetch_or(interrupted(), Ordering::Relaxed);
-        stopped()
-    };
-    let work = |part: Part<'_>| compute_part(how, part, &stopped);
-    share(pool, parts, &stop, work, |results| {
-        let found = compute_part(how, own, &stops);
-        stop.fetch_or(found.is_err(), Ordering::Relaxed);
-        results.iter().chain([found]).collect()
-    })
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::error::Error;
+use crate::error::{Error, Result};
 
 /// Interval at which the caller is asked whether to stop.
 const WATCH: Duration = Duration::from_millis(50);
@@ -23,19 +23,19 @@ impl Drop for StopOnPanic<'_> {
 }
 
 /// Threads that wait for work. Steps of runs from outside need them, because their periods take microseconds.
-pub(super) fn waiting(threads: usize) -> Result<ThreadPool, Error> {
+pub fn waiting(threads: usize) -> Result<ThreadPool> {
     let pool = ThreadPoolBuilder::new().num_threads(threads).build();
     pool.map_err(|error| Error::Threads { threads, reason: error.to_string() })
 }
 
 /// Does `work` for each of `parts` on a thread of the pool, and meanwhile `own` on the caller's thread, which gets the
 /// results in any order. An error or a panic sets `stop`, at which work is expected to end.
-pub(super) fn share<P: Send, T: Send, O>(
+pub fn share<P: Send, T: Send, O>(
     pool: &ThreadPool,
     parts: impl Iterator<Item = P>,
     stop: &AtomicBool,
-    work: impl Fn(P) -> Result<T, Error> + Sync,
-    own: impl FnOnce(&Receiver<Result<T, Error>>) -> O,
+    work: impl Fn(P) -> Result<T> + Sync,
+    own: impl FnOnce(&Receiver<Result<T>>) -> O,
 ) -> O {
     let work = &work;
     let (sender, results) = channel();
@@ -60,13 +60,13 @@ pub(super) fn share<P: Send, T: Send, O>(
 /// Does `work` on each of `threads` new threads, and returns their results in any order. The work takes what is left to
 /// do from a common source until there is nothing, or until `stop` is set: by an error or a panic of another thread, or
 /// because `watch`, which is called from time to time on the caller's own thread, says so.
-pub(super) fn share_watched<T: Send>(
+pub fn share_watched<T: Send>(
     threads: usize,
     stop: &AtomicBool,
-    work: impl Fn() -> Result<T, Error> + Sync,
+    work: impl Fn() -> Result<T> + Sync,
     watch: &mut dyn FnMut() -> bool,
-) -> Result<Vec<T>, Error> {
-    let mut watched = |results: &Receiver<Result<T, Error>>| {
+) -> Result<Vec<T>> {
+    let mut watched = |results: &Receiver<Result<T>>| {
         let mut all = Vec::with_capacity(threads);
         loop {
             match results.recv_timeout(WATCH) {

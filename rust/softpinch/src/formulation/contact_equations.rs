@@ -4,18 +4,16 @@ use crate::formulation::equations::{Equations, States, Terms};
 use crate::formulation::impact::{Impact, impact};
 use crate::formulation::unilateral::Unilateral;
 use crate::model::contact::Any;
-use crate::model::contact::Side;
 use crate::model::contact_modes::Contacts;
 use crate::model::coordinates::Coordinates;
 use crate::model::drive::{Input, SegmentFrame};
-use crate::model::forces::Carriage;
+use crate::model::forces::{Carriage, Plant};
 use crate::model::geometry::Geometry;
 use crate::model::motion::Motion;
 use crate::number::lanes::{LaneTask, Lanes};
 use crate::number::simd::level::Instructions;
 
-/// The equations of one run with unilateral contact, and the instructions for which their long computations are
-/// compiled.
+/// The equations of one run with unilateral contact, and the instructions of their long computations.
 #[derive(Debug, Clone, Copy)]
 pub struct ContactEquations<'a> {
     instructions: Instructions,
@@ -25,19 +23,14 @@ pub struct ContactEquations<'a> {
 }
 
 /// Computes the terms at one state.
-struct TermsAt<'a> {
-    equations: &'a ContactEquations<'a>,
-    input: &'a Input<f64>,
-    contacts: &'a Contacts<f64>,
-    motion: &'a Motion<f64>,
-}
+struct TermsAt<'a>(&'a ContactEquations<'a>, &'a Input<f64>, &'a Contacts<f64>, &'a Motion<f64>);
 
 impl LaneTask<f64> for TermsAt<'_> {
     type Output = Terms<f64>;
 
     #[inline(always)]
     fn run(self) -> Terms<f64> {
-        let Self { equations: ContactEquations { equations, frame, .. }, input, contacts, motion } = self;
+        let Self(ContactEquations { equations, frame, .. }, input, contacts, motion) = self;
         let (plant, Motion { q, p, .. }) = (equations.plant(), motion);
         let moving =
             frame.as_ref().map(|frame| plant.loads(&frame.at(input.tau), &input.force, q.object, p.object));
@@ -53,20 +46,14 @@ impl LaneTask<f64> for TermsAt<'_> {
 }
 
 /// Computes an impact.
-struct Collision<'a> {
-    equations: &'a Unilateral<f64>,
-    geometry: &'a Geometry<f64>,
-    p: &'a Coordinates,
-    closed: [bool; 2],
-    impulse: [f64; 3],
-}
+struct Collision<'a>(&'a Unilateral<f64>, &'a Geometry<f64>, &'a Coordinates, [bool; 2], [f64; 3]);
 
 impl LaneTask<f64> for Collision<'_> {
     type Output = Impact;
 
     #[inline(always)]
     fn run(self) -> Impact {
-        let Self { equations, geometry, p, closed, impulse } = self;
+        let Self(equations, geometry, p, closed, impulse) = self;
         impact(geometry, equations.plant(), p, (closed, equations.friction()), impulse)
     }
 }
@@ -95,7 +82,7 @@ impl<'a> ContactEquations<'a> {
 
     /// All terms at one state, in the modes of the contacts.
     pub fn terms(&self, input: &Input<f64>, contacts: &Contacts<f64>, motion: &Motion<f64>) -> Terms<f64> {
-        f64::call(self.instructions, TermsAt { equations: self, input, contacts, motion })
+        f64::call(self.instructions, TermsAt(self, input, contacts, motion))
     }
 
     /// The velocities `p` after an impact of the contacts that are `closed`, with an impulse on the object.
@@ -107,17 +94,17 @@ impl<'a> ContactEquations<'a> {
         impulse: [f64; 3],
     ) -> Impact {
         let Self { instructions, equations, .. } = *self;
-        f64::call(instructions, Collision { equations, geometry, p, closed, impulse })
+        f64::call(instructions, Collision(equations, geometry, p, closed, impulse))
     }
 
     /// The state of a motion, with works of zero.
     pub fn begin(&self, motion: &Motion<f64>) -> States<f64> {
-        self.equations.begin(self.equations.plant().driven, motion)
+        self.equations.begin(self.plant().driven, motion)
     }
 
     /// The motion of a state.
     pub fn motion(&self, input: &Input<f64>, y: &States<f64>) -> Motion<f64> {
-        self.equations.unpack(self.equations.plant().driven, input, y)
+        self.equations.unpack(self.plant().driven, input, y)
     }
 
     /// The rates of the constraints' velocities that the accelerations make: Phi times the accelerations.
@@ -127,17 +114,12 @@ impl<'a> ContactEquations<'a> {
 
     /// theta_p of both tips.
     pub fn tilts(&self, q: &Coordinates) -> [f64; 2] {
-        std::array::from_fn(|i| self.sides()[i].tilt::<Any>(i, q).0)
+        std::array::from_fn(|i| self.plant().sides[i].tilt::<Any>(i, q).0)
     }
 
-    /// The lengths of both sides.
-    pub fn sides(&self) -> &[Side<f64>; 2] {
-        &self.equations.plant().sides
-    }
-
-    /// The diagonal of the mass matrix (14).
-    pub fn masses(&self) -> &Coordinates {
-        &self.equations.plant().masses
+    /// The constants of the bodies.
+    pub fn plant(&self) -> &Plant<f64> {
+        self.equations.plant()
     }
 
     /// mu of both contacts.

@@ -48,7 +48,7 @@ pub fn impact(
     let force = Coordinates { object: impulse, ..Coordinates::zero() };
     let load = Load { force, couple: [0.0; 2], friction, bias: before, finger_acceleration: [0.0; 2] };
     let choices = |i: usize| if closed[i] { &CHOICES[..] } else { &CHOICES[3..] };
-    let mut best: Option<(f64, Impact)> = None;
+    let mut best: Option<(f64, _, Response<f64>, [f64; 4])> = None;
     for &right in choices(0) {
         for &left in choices(1) {
             let modes = [right, left];
@@ -57,30 +57,38 @@ pub fn impact(
             let found = response(plant.driven, geometry, plant, &contacts, &load);
             let change = geometry.phi_times(&found.acceleration);
             let after: [f64; 4] = std::array::from_fn(|k| before[k] + change[k]);
-            let off = (0..2).fold(0.0, |off, i| {
-                if closed[i] {
-                    f64::max(off, violation(i, modes[i], friction[i], &found, &after))
-                } else {
-                    off
-                }
-            });
+            let off = (0..2)
+                .filter(|&i| closed[i])
+                .fold(0.0, |off, i| f64::max(off, violation(i, modes[i], friction[i], &found, &after)));
             // NaN is never better.
-            if best.as_ref().is_none_or(|(least, _)| off < *least) {
-                best = Some((off, result((geometry, plant), p, impulse, modes, &found, (&before, &after))));
+            if best.as_ref().is_none_or(|(least, ..)| off < *least) {
+                best = Some((off, modes, found, after));
             }
             if off == 0.0 {
                 break;
             }
         }
     }
-    best.map_or(
-        Impact { p: *p, impulses: [0.0; 4], modes: [Mode::Free; 2], loss: 0.0, work: 0.0, driving: 0.0 },
-        |(_, it)| it,
-    )
+    let Some((_, modes, found, after)) = best else {
+        return Impact {
+            p: *p,
+            impulses: [0.0; 4],
+            modes: [Mode::Free; 2],
+            loss: 0.0,
+            work: 0.0,
+            driving: 0.0,
+        };
+    };
+    let change = &found.acceleration;
+    let changed = each_coordinate!([p, change] => p + change);
+    let impulses = found.multipliers;
+    let loss = -(0..4).map(|k| impulses[k] * 0.5 * (before[k] + after[k])).sum::<f64>();
+    let mean = std::array::from_fn(|k| 0.5 * (p.object[k] + changed.object[k]));
+    let driving = if plant.driven { plant.driving_work(geometry, &impulses, p) } else { 0.0 };
+    Impact { p: changed, impulses, modes, loss, work: dot(&impulse, &mean), driving }
 }
 
-/// How far the conditions of a mode are from holding, as a share of the sizes that are compared; zero if they
-/// hold.
+/// How far the conditions of a mode are from holding, as a share of the sizes that are compared; zero if they hold.
 fn violation(i: usize, mode: Mode, friction: f64, found: &Response<f64>, after: &[f64; 4]) -> f64 {
     let (along, across) = (found.multipliers[i], found.multipliers[2 + i]);
     let (gap_rate, slip) = (after[i], after[2 + i]);
@@ -92,24 +100,6 @@ fn violation(i: usize, mode: Mode, friction: f64, found: &Response<f64>, after: 
         Mode::Slip(direction) => f64::max(short(along, size), short(direction.sign() * slip, speed)),
         Mode::Free | Mode::Graze => short(gap_rate, speed),
     }
-}
-
-/// The result for modes that hold.
-fn result(
-    (geometry, plant): (&Geometry<f64>, &Plant<f64>),
-    p: &Coordinates,
-    impulse: [f64; 3],
-    modes: [Mode; 2],
-    found: &Response<f64>,
-    (before, after): (&[f64; 4], &[f64; 4]),
-) -> Impact {
-    let change = &found.acceleration;
-    let changed = each_coordinate!([p, change] => p + change);
-    let impulses = found.multipliers;
-    let loss = -(0..4).map(|k| impulses[k] * 0.5 * (before[k] + after[k])).sum::<f64>();
-    let mean = std::array::from_fn(|k| 0.5 * (p.object[k] + changed.object[k]));
-    let driving = if plant.driven { plant.driving_work(geometry, &impulses, p) } else { 0.0 };
-    Impact { p: changed, impulses, modes, loss, work: dot(&impulse, &mean), driving }
 }
 
 #[cfg(test)]

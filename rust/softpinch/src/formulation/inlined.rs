@@ -3,8 +3,6 @@
 //! RK4 does so, because its step does little besides evaluating them: if the equations were called, a step of a single
 //! run would take 20 to 25 % longer (measured: docs/what-a-scene-pays.md).
 
-use std::ops::Range;
-
 use crate::formulation::equations::{Equations, Evaluation, States};
 use crate::formulation::scene_equations::{SceneEquations, evaluate_into, rates_into, size_of};
 use crate::formulation::system::{Size, StageState, System};
@@ -28,11 +26,6 @@ impl<R: Lanes, E: Equations<R>, const DRIVEN: bool> System<R> for Inlined<'_, R,
     #[inline(always)]
     fn size(&self) -> Size {
         size_of(self.equations, DRIVEN, false)
-    }
-
-    #[inline(always)]
-    fn components(&self) -> [Range<usize>; 2] {
-        [0..self.equations.states(DRIVEN), 0..0]
     }
 
     fn begin(&self, motion: &Motion<R>) -> States<R> {

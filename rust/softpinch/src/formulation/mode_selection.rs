@@ -6,7 +6,7 @@
 //! tried in the order of the fingers that they change, then stick, slip, graze, free. On a border, where
 //! several are consistent up to round-off, the first one is taken that is still consistent a moment later.
 
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::formulation::contact_equations::ContactEquations;
 use crate::formulation::equations::Terms;
 use crate::model::contact_modes::{ContactRow, Contacts, Mode, Slip};
@@ -19,8 +19,7 @@ use crate::model::rule::Rule;
 pub struct Contact {
     /// Its mode so far.
     pub mode: Mode,
-    /// Whether it is closed now: a free tip that has just met the face is, and a contact that an impact opens
-    /// is not.
+    /// Whether it is closed now: a free tip that has just met the face is, and a contact that an impact opens is not.
     pub closed: bool,
     /// The direction in which a closed contact slips; `None` if its slip velocity counts as zero.
     pub slip: Option<Slip>,
@@ -37,7 +36,7 @@ impl Contact {
     }
 
     /// The contacts of a row. The error names the entry that is none of the codes.
-    pub fn of_row([right, left, right_tilt, left_tilt]: &ContactRow) -> Result<[Self; 2], Error> {
+    pub fn of_row([right, left, right_tilt, left_tilt]: &ContactRow) -> Result<[Self; 2]> {
         let one = |k: usize, code: f64, frozen_tilt: f64| {
             let slip = match code {
                 2.0 | 4.0 => Some(Slip::Up),
@@ -51,12 +50,11 @@ impl Contact {
                 (3.0, _) if code > 0.0 => Mode::Graze,
                 (4.0, _) => Mode::Graze,
                 _ => {
-                    let field = format!("initial.contact[{k}]");
-                    return Err(Error::Field { field, value: code, rule: "must be 0, 1, 2, -2, 3, 4 or -4" });
+                    let field = format_args!("initial.contact[{k}]");
+                    return Err(Error::field(field, code, "must be 0, 1, 2, -2, 3, 4 or -4"));
                 }
             };
-            let frozen_tilt =
-                Rule::Finite.check_named(|| format!("initial.contact[{}]", 2 + k), frozen_tilt)?;
+            let frozen_tilt = Rule::Finite.check(format_args!("initial.contact[{}]", 2 + k), frozen_tilt)?;
             Ok(Self { mode, closed: mode.is_closed(), slip, frozen_tilt, left: None })
         };
         Ok([one(0, *right, *right_tilt)?, one(1, *left, *left_tilt)?])
@@ -94,8 +92,7 @@ impl Contact {
 /// Conditions that fail by less than this share of their terms count as a border.
 const BORDER: f64 = 1e-9;
 
-/// The contacts of one run in given modes at the present tilts. A contact that opens gets its present tilt as the frozen
-/// one.
+/// The contacts of one run in given modes at the present tilts. A contact that opens freezes its present tilt.
 pub fn contacts_in(modes: [Mode; 2], now: &[Contact; 2], tilts: [f64; 2]) -> Contacts<f64> {
     let tilt = |i: usize| {
         if now[i].mode == Mode::Free && !now[i].closed { now[i].frozen_tilt } else { tilts[i] }
@@ -189,7 +186,7 @@ fn margin(equations: ContactEquations<'_>, terms: &Terms<f64>, modes: [Mode; 2],
     if !(oriented && sound) {
         return f64::NEG_INFINITY;
     }
-    let (masses, friction) = (equations.masses().compression, equations.friction());
+    let (masses, friction) = (equations.plant().masses.compression, equations.friction());
     let (acceleration, multipliers) = (&terms.response.acceleration, &terms.response.multipliers);
     let (swept, bias) = (equations.swept(terms), terms.geometry.bias());
     let own = |i: usize| {
@@ -205,17 +202,13 @@ fn margin(equations: ContactEquations<'_>, terms: &Terms<f64>, modes: [Mode; 2],
             Mode::Stick => (friction[i] * along - across) / size,
             Mode::Slip(_) if now[i].slip.is_some() => along / size,
             Mode::Slip(direction) => (along / size).min(direction.sign() * rate(2 + i)),
-            Mode::Graze => part(terms.response.share[i]),
+            // The margin of 0 <= psi <= 1.
+            Mode::Graze => terms.response.share[i].min(1.0 - terms.response.share[i]),
             Mode::Free if !now[i].closed => 1.0,
             Mode::Free => rate(i),
         }
     };
     own(0).min(own(1))
-}
-
-/// The margin of 0 <= psi <= 1.
-fn part(share: f64) -> f64 {
-    share.min(1.0 - share)
 }
 
 #[cfg(test)]

@@ -24,8 +24,7 @@ use crate::number::real::{Bits, Real};
 /// limit; the second Newton step then reaches round-off.
 const NEWTON_STEPS: usize = 2;
 
-/// Moves q by one Newton step towards C^H = 0 along M^-1 Phi_H^T. The constraints of the contacts in `free` are
-/// left out.
+/// Moves q by one Newton step towards C^H = 0 along M^-1 Phi_H^T, without the constraints of the contacts in `free`.
 #[inline(always)]
 fn newton_step<R: Real, P: Parts>(plant: &Plant<R>, q: &Coordinates<R>, free: [Bits; 2]) -> Coordinates<R> {
     let zero = R::zero();
@@ -52,20 +51,6 @@ fn newton_step<R: Real, P: Parts>(plant: &Plant<R>, q: &Coordinates<R>, free: [B
     each_coordinate!([push, w, q] => push.neg_mul_add(w, q))
 }
 
-/// The position after the correction. The constraints of the contacts in `free` are left out.
-#[inline(always)]
-fn corrected_position<R: Real, P: Parts>(
-    plant: &Plant<R>,
-    left: &Coordinates<R>,
-    free: [Bits; 2],
-) -> Coordinates<R> {
-    let mut q = *left;
-    for _ in 0..NEWTON_STEPS {
-        q = newton_step::<R, P>(plant, &q, free);
-    }
-    q
-}
-
 /// Puts a state back on the constraints that the modes of the contacts hold. It is a state of
 /// [`Csm`](super::csm::Csm) or of unilateral contact.
 #[inline(always)]
@@ -78,11 +63,11 @@ pub fn correct<R: Real, E: Equations<R>>(
 ) {
     let plant = equations.plant();
     let Motion { q: left_q, p: left_p, memory } = equations.unpack(driven, input, y);
-    let q = corrected_position::<R, E::Parts>(
-        plant,
-        &left_q,
-        if equations.opens() { contacts.free } else { [0; 2] },
-    );
+    let free = if equations.opens() { contacts.free } else { [0; 2] };
+    let mut q = left_q;
+    for _ in 0..NEWTON_STEPS {
+        q = newton_step::<R, E::Parts>(plant, &q, free);
+    }
     let geometry = Geometry::<R, E::Parts>::of(&plant.sides, &q, &left_p);
     let (zero, finger_acceleration) = (R::zero(), [R::zero(); 2]);
     // Phi dp = -Phi p and M dp = Phi^T nu: this is the solve of (24) without a force.

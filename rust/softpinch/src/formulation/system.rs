@@ -1,7 +1,5 @@
 //! The equations as step loops and methods use them.
 
-use std::ops::Range;
-
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS, States};
 use crate::model::contact_modes::Contacts;
 use crate::model::drive::{Input, SegmentDrive};
@@ -48,8 +46,7 @@ impl Size {
     }
 }
 
-/// The state `from` + `by` * `along`. Methods pass their stages in this form, so that the equations read only
-/// these parts.
+/// The state `from` + `by` * `along`. Methods pass their stages so, and the equations read only these parts.
 #[derive(Clone, Copy)]
 pub struct StageState<'a, R> {
     /// The state from which the stage starts.
@@ -71,27 +68,10 @@ pub trait System<R: Lanes>: Sized {
     /// The numbers of components of the states.
     fn size(&self) -> Size;
 
-    /// The numbers of the components of a state, in two ranges.
-    #[inline(always)]
-    fn components(&self) -> [Range<usize>; 2] {
-        [0..BLOCK * self.size().blocks(), 0..0]
-    }
-
-    /// Calls `work` for each component of a state.
-    #[inline(always)]
-    fn each(&self, mut work: impl FnMut(usize)) {
-        for range in self.components() {
-            for n in range {
-                work(n);
-            }
-        }
-    }
-
     /// The state of a motion, with works of zero.
     fn begin(&self, motion: &Motion<R>) -> States<R>;
 
-    /// Evaluates the state `y` at time `tau` of a segment. The zeros that fill the derivative are left as
-    /// they are.
+    /// Evaluates the state `y` at time `tau` of a segment. The zeros that fill the derivative are left as they are.
     fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>);
 
     /// Evaluates the state `y` at time `tau` of a segment and returns the result.
@@ -131,8 +111,7 @@ pub trait System<R: Lanes>: Sized {
 
 /// The derivatives of a system's rates with respect to its states and to time.
 pub trait Linear<R: Lanes> {
-    /// Writes the Jacobian at time `tau` of a segment and state `y` into `jacobian`. The zeros that fill it
-    /// are left as they are.
+    /// Writes the Jacobian at time `tau` of a segment and state `y`. The zeros that fill it are left as they are.
     fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>);
 
     /// Returns the Jacobian at time `tau` of a segment and state `y`.

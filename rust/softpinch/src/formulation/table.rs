@@ -6,7 +6,6 @@ use crate::names::named;
 named! {
     /// The formulations of the constraints.
     Formulation;
-    /// The formulations by their public names.
     FORMULATIONS = {
         /// The constraint stabilisation method (19)-(24).
         Csm = "csm",

@@ -3,7 +3,7 @@
 
 use crate::formulation::equations::States;
 use crate::formulation::scene_equations::SceneEquations;
-use crate::method::traits::{Adaptive, Integrator, Runs, Stats, Step, Unsolved};
+use crate::method::traits::{Adaptive, Integrator, Runs, Stats, Step, StepResult};
 use crate::model::drive::SegmentDrive;
 use crate::number::lanes::{Bits, LaneTask, Lanes};
 use crate::number::simd::level::Instructions;
@@ -46,7 +46,7 @@ macro_rules! task {
 }
 task! {
     TakeStep<Integrator>(&'a mut M, step: &'a Step<'a, R>, next: &'a mut States<R>, stats: &'a mut Stats)
-        -> Result<(), Unsolved>,
+        -> StepResult,
     method => method.step(step, next, stats)
 }
 task! {
@@ -67,7 +67,7 @@ task! {
 }
 
 impl<R: Lanes, M: Integrator<R, SceneEquations<R>>> Integrator<R, SceneEquations<R>> for Called<M> {
-    fn step(&mut self, step: &Step<'_, R>, next: &mut States<R>, stats: &mut Stats) -> Result<(), Unsolved> {
+    fn step(&mut self, step: &Step<'_, R>, next: &mut States<R>, stats: &mut Stats) -> StepResult {
         let Self { instructions, method, .. } = self;
         R::call(*instructions, TakeStep { method, step, next, stats })
     }

@@ -13,7 +13,7 @@ use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{BLOCK, Size, StageState, System};
 use crate::method::called::Called;
 use crate::method::table::MethodEntry;
-use crate::method::traits::{Adaptive, Integrator, Stats, Step, Unsolved, largest};
+use crate::method::traits::{Adaptive, Integrator, Stats, Step, StepResult, largest};
 use crate::number::lanes::{Bits, Lanes};
 use tableau::{A, A_EXTRA, ALL, B, C, C_EXTRA, DENSE, E3, E5, EXTRA, STAGES};
 
@@ -87,12 +87,7 @@ macro_rules! each_stage {
 
 impl<R: Lanes, S: System<R>> Integrator<R, S> for Dop853<R> {
     #[inline(always)]
-    fn step(
-        &mut self,
-        step: &Step<'_, R, S>,
-        next: &mut States<R>,
-        stats: &mut Stats,
-    ) -> Result<(), Unsolved> {
+    fn step(&mut self, step: &Step<'_, R, S>, next: &mut States<R>, stats: &mut Stats) -> StepResult {
         let &Step { system, drive, tau, h, y, rate, .. } = step;
         let Self { slopes, along, .. } = self;
         let size = system.size();

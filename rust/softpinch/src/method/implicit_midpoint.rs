@@ -10,13 +10,11 @@
 use nalgebra::Complex;
 
 use crate::formulation::equations::MAX_COMPONENTS;
-use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
-use crate::method::called::Called;
 use crate::method::linearize::{Factors, Linearization};
-use crate::method::newton::{Iteration, Newton, Problem, Scheme, Solved, newton};
+use crate::method::newton::{Iteration, Problem, Scheme, Solved, newton};
 use crate::method::table::MethodEntry;
-use crate::method::traits::{Runs, Stats};
+use crate::method::traits::Stats;
 
 pub const ENTRY: MethodEntry = MethodEntry {
     order: 2,
@@ -26,18 +24,11 @@ pub const ENTRY: MethodEntry = MethodEntry {
         (one + z / 2.0) / (one - z / 2.0)
     },
     keeps_jacobian: true,
-    alone: |runs, system| Box::new(implicit_midpoint(runs, system)),
+    alone: |runs, system| Box::new(newton::<_, Factors<f64>>(runs, system, ImplicitMidpoint)),
     adaptive: None,
     error_order: 0.0,
     min_growth: 1.0,
 };
-
-pub(super) fn implicit_midpoint(
-    runs: Runs<'_>,
-    system: &SceneEquations<f64>,
-) -> Called<Newton<ImplicitMidpoint, Factors<f64>>> {
-    newton(runs, system, ImplicitMidpoint)
-}
 
 pub struct ImplicitMidpoint;
 

@@ -33,7 +33,7 @@ macro_rules! unrolled {
 
 /// A Jacobian, with the matrices that remain after coordinates and remaining states are eliminated.
 pub struct Linearization<R = f64> {
-    size: Size,
+    pub(super) size: Size,
     pub(super) jacobian: Jacobian<R>,
     /// V_x + V_r R_v.
     stiffness: Square<R>,

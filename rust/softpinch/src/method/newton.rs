@@ -7,7 +7,7 @@ use crate::formulation::system::{Linear, Size, StageState, System};
 use crate::formulation::tangent::Tangent;
 use crate::method::called::Called;
 use crate::method::linearize::{DIRECTIONS, Linearization};
-use crate::method::traits::{Allowed, Integrator, Runs, Stats, Step, Unsolved, largest};
+use crate::method::traits::{Allowed, Integrator, Runs, Stats, Step, StepResult, Unsolved, largest};
 use crate::model::drive::SegmentDrive;
 use crate::model::motion::Motion;
 
@@ -20,8 +20,7 @@ const FIXED: f64 = 1e-17;
 /// An iteration that stops shrinking, or that uses up its iterations, has reached round-off if its last
 /// correction is below this share.
 const STALLED: f64 = 1e-11;
-/// A Jacobian is used for the next step too if each correction is at most this share of the correction before
-/// it.
+/// A Jacobian is used for the next step too if each correction is at most this share of the correction before it.
 const REUSE_RATE: f64 = 1e-3;
 
 /// One iteration, judged by the sizes of its corrections.
@@ -52,8 +51,7 @@ impl Iteration {
         Self { tolerance, stalled, unit, most, last: f64::INFINITY, count: 0, rate: 0.0 }
     }
 
-    /// Whether a correction of this size was the last one. The error says that the iteration does not
-    /// converge.
+    /// Whether a correction of this size was the last one. The error says that the iteration does not converge.
     #[inline(always)]
     pub fn judge(&mut self, size: f64) -> Result<bool, Unsolved> {
         self.count += 1;
@@ -104,8 +102,7 @@ impl<S: System<f64>, F> Problem<'_, S, F> {
         largest(self.step.system.size(), correction, &self.weights)
     }
 
-    /// Whether the rates at the start of the step predict its change. They do not if a stiff part is still
-    /// decaying.
+    /// Whether the rates at the start of the step predict its change. They do not if a stiff part is still decaying.
     #[inline(always)]
     pub fn is_smooth(&self) -> bool {
         const SMALL: f64 = 0.1;
@@ -125,8 +122,7 @@ pub trait Scheme<S: System<f64>> {
 
     fn factor(linearization: &Linearization, h: f64) -> Self::Factors;
 
-    /// Iterates until the stages have converged. Returns the state at the end of the step, and the rate of
-    /// convergence.
+    /// Iterates until the stages have converged. Returns the state at the end of the step, and the rate of convergence.
     fn solve(&mut self, problem: &Problem<'_, S, Self::Factors>, stats: &mut Stats) -> Solved;
 
     #[inline(always)]
@@ -142,7 +138,6 @@ pub struct Newton<M, F, T = Tangent<f64, DIRECTIONS>> {
     pub(super) tangent: T,
     pub scheme: M,
     linearization: Linearization,
-    /// Whether the next step uses the linearisation too.
     reusable: bool,
     /// The factors, after the length of the step that they are for.
     factors: Option<(f64, F)>,
@@ -191,12 +186,7 @@ where
     S: System<f64>,
 {
     #[inline(always)]
-    fn step(
-        &mut self,
-        step: &Step<'_, f64, S>,
-        next: &mut States<f64>,
-        stats: &mut Stats,
-    ) -> Result<(), Unsolved> {
+    fn step(&mut self, step: &Step<'_, f64, S>, next: &mut States<f64>, stats: &mut Stats) -> StepResult {
         let weights = self.weights(step);
         loop {
             let renewed = !self.reusable;
@@ -220,8 +210,7 @@ where
                     *next = end;
                     return Ok(());
                 }
-                // With a Jacobian of this step the iteration may converge although it did not with an older
-                // one.
+                // With a Jacobian of this step the iteration may converge although it did not with an older one.
                 Err(unsolved) => {
                     self.reusable = false;
                     if renewed {

@@ -1,7 +1,6 @@
-//! The three-stage Radau IIA method of order five, L-stable and stiffly accurate, with the transformation of
-//! Hairer and Wanner: the eigenvectors of the inverse tableau split the Newton system into a real and a
-//! complex one (Hairer and Wanner, "Solving Ordinary Differential Equations II", IV.8, which also has the
-//! error estimate and the dense output).
+//! The three-stage Radau IIA method of order five, L-stable and stiffly accurate, with the transformation of Hairer and
+//! Wanner: the eigenvectors of the inverse tableau split the Newton system into a real and a complex one (Hairer and
+//! Wanner, "Solving Ordinary Differential Equations II", IV.8, which also has the error estimate and the dense output).
 
 use nalgebra::Complex;
 

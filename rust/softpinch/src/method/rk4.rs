@@ -12,10 +12,10 @@
 use nalgebra::Complex;
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::system::{StageState, Stages, System};
+use crate::formulation::system::{BLOCK, StageState, Stages, System};
 use crate::method::called::Called;
 use crate::method::table::MethodEntry;
-use crate::method::traits::{Integrator, Stats, Step, Unsolved};
+use crate::method::traits::{Integrator, Stats, Step, StepResult};
 use crate::number::lanes::Lanes;
 
 pub const ENTRY: MethodEntry = MethodEntry {
@@ -46,12 +46,7 @@ impl<R: Lanes> Default for Rk4<R> {
 
 impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
     #[inline(always)]
-    fn step(
-        &mut self,
-        step: &Step<'_, R, S>,
-        next: &mut States<R>,
-        stats: &mut Stats,
-    ) -> Result<(), Unsolved> {
+    fn step(&mut self, step: &Step<'_, R, S>, next: &mut States<R>, stats: &mut Stats) -> StepResult {
         stats.evaluations += 3;
         step.system.evaluate_stages(Rk4Stages { slopes: &mut self.slopes, step, next });
         Ok(())
@@ -78,12 +73,10 @@ impl<R: Lanes, S: System<R>> Stages<R> for Rk4Stages<'_, R, S> {
         let sixth = R::constant(1.0 / 6.0) * h;
         let third = R::constant(1.0 / 3.0) * h;
         // A closure might be compiled without the instructions of the lanes.
-        for range in system.components() {
-            for n in range {
-                // The increment is added up first, then added to the larger state.
-                let outer = sixth * (k1[n] + k4[n]);
-                next[n] = y[n] + third.mul_add(k2[n] + k3[n], outer);
-            }
+        for n in 0..BLOCK * system.size().blocks() {
+            // The increment is added up first, then added to the larger state.
+            let outer = sixth * (k1[n] + k4[n]);
+            next[n] = y[n] + third.mul_add(k2[n] + k3[n], outer);
         }
     }
 }

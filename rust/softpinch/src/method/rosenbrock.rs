@@ -1,8 +1,7 @@
-//! Steinebach's Rodas4P2: a linearly implicit method of order four with six stages, L-stable and stiffly
-//! accurate (Steinebach, "Improvement of Rosenbrock-Wanner method RODASP", in "Progress in
-//! Differential-Algebraic Equations II", 2020, with his coefficients; Hairer and Wanner, "Solving Ordinary
-//! Differential Equations II", IV.7, for the form). A step takes one Jacobian and one decomposition, and no
-//! iteration, so that its work is fixed.
+//! Steinebach's Rodas4P2: a linearly implicit method of order four with six stages, L-stable and stiffly accurate
+//! (Steinebach, "Improvement of Rosenbrock-Wanner method RODASP", in "Progress in Differential-Algebraic Equations II",
+//! 2020, with his coefficients; Hairer and Wanner, "Solving Ordinary Differential Equations II", IV.7, for the form). A
+//! step takes one Jacobian and one decomposition, and no iteration, so that its work is fixed.
 //!
 //! (1/(gamma h) - J) u_i = f(t + c_i h, y + sum of a_ij u_j) + sum of (C_ij / h) u_j + d_i h df/dt,
 //! y_1 = y + sum of a_6j u_j + u_6, and u_6 is the error estimate.
@@ -18,7 +17,7 @@ use crate::formulation::tangent::Tangent;
 use crate::method::called::Called;
 use crate::method::linearize::{DIRECTIONS, Linearization};
 use crate::method::table::MethodEntry;
-use crate::method::traits::{Adaptive, Integrator, Runs, Stats, Step, Unsolved, largest};
+use crate::method::traits::{Adaptive, Integrator, Runs, Stats, Step, StepResult, largest};
 use crate::number::lanes::{Bits, Lanes};
 use crate::number::linear::Entry;
 
@@ -88,7 +87,6 @@ pub struct Rosenbrock<T, R = f64, E = f64> {
     pub(super) linearization: Linearization<R>,
     /// Whether the next step has the start of the last one, and so its linearisation.
     repeats: bool,
-    /// The stages u_i of the last step.
     pub(super) stages: [States<R>; STAGES],
     /// The type of number in which linear systems are solved.
     entry: PhantomData<E>,
@@ -120,12 +118,7 @@ fn plus<R: Lanes>(
 
 impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> for Rosenbrock<T, R, E> {
     #[inline(always)]
-    fn step(
-        &mut self,
-        step: &Step<'_, R, S>,
-        next: &mut States<R>,
-        stats: &mut Stats,
-    ) -> Result<(), Unsolved> {
+    fn step(&mut self, step: &Step<'_, R, S>, next: &mut States<R>, stats: &mut Stats) -> StepResult {
         let &Step { system, drive, tau, h, y, rate, .. } = step;
         let size = system.size();
         // A lane without a run has a step of length zero. A division by it would give NaN, which would slow
@@ -182,15 +175,9 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Adaptive<R, S> fo
     fn interpolate(&self, y: &States<R>, next: &States<R>, x: R) -> States<R> {
         let [low, high] = DENSE;
         let one = R::constant(1.0);
-        let mut inner = [R::zero(); MAX_COMPONENTS];
-        for (weights, by) in [(&low, one), (&high, x)] {
-            for (stage, weight) in self.stages.iter().zip(weights) {
-                let weight = R::constant(*weight) * by;
-                for n in 0..MAX_COMPONENTS {
-                    inner[n] = weight.mul_add(stage[n], inner[n]);
-                }
-            }
-        }
+        let size = self.linearization.size;
+        let inner = plus(size, [R::zero(); MAX_COMPONENTS], &self.stages, &low, one);
+        let inner = plus(size, inner, &self.stages, &high, x);
         let mut at = *y;
         for n in 0..MAX_COMPONENTS {
             at[n] = (one - x).mul_add(y[n], x * (one - x).mul_add(inner[n], next[n]));

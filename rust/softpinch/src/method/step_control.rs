@@ -6,8 +6,7 @@
 
 use crate::number::lanes::{Bits, Lanes};
 
-/// The next length is this much shorter than the control asks for, so that the error stays below the allowed
-/// one.
+/// The next length is this much shorter than the control asks for, so that the error stays below the allowed one.
 const SAFETY: f64 = 0.9;
 /// Smallest and largest ratio of the length of a step to that of the step before it.
 const SHRINK: f64 = 0.2;
@@ -17,8 +16,7 @@ const UNSOLVED: f64 = 0.25;
 /// The gains of the control, times the order of the error.
 const INTEGRAL: f64 = 0.7;
 const PROPORTIONAL: f64 = 0.4;
-/// An error below this share of the allowed one counts as this share, because very small errors say nothing
-/// about the trend.
+/// An error below this share of the allowed one counts as this share: very small errors say nothing about the trend.
 const LEAST: f64 = 1e-8;
 /// The first step of a segment is a cautious guess. The step after it may be longer by the first factor, and
 /// the error of the guess counts as no smaller than the second number.

@@ -18,7 +18,6 @@ use crate::number::linear::LaneEntry;
 named! {
     /// The methods.
     Method;
-    /// The methods by their public names.
     METHODS = {
         /// The classical Runge-Kutta method of order four.
         Rk4 = "rk4",
@@ -40,8 +39,7 @@ pub type MakeAdaptiveMethod = fn(Runs<'_>, &SceneEquations<f64>) -> AnyAdaptiveM
 pub struct MethodEntry {
     /// Its order: the error falls with this power of the step if nothing is stiff.
     pub order: u32,
-    /// The end of its stability region on the negative real axis, without its sign; `None` if the region has no end
-    /// there.
+    /// The end of its stability region on the negative real axis, without its sign; `None` if there is none.
     pub real_stability_limit: Option<f64>,
     /// R(z): the factor by which a step of length h multiplies a mode of eigenvalue z / h.
     pub stability_function: fn(Complex<f64>) -> Complex<f64>,
@@ -57,32 +55,15 @@ pub struct MethodEntry {
     pub min_growth: f64,
 }
 
-impl Method {
-    /// The properties of the method.
-    pub const fn entry(self) -> &'static MethodEntry {
-        match self {
-            Self::Rk4 => &rk4::ENTRY,
-            Self::Dop853 => &dop853::ENTRY,
-            Self::ImplicitMidpoint => &implicit_midpoint::ENTRY,
-            Self::Radau5 => &radau5::ENTRY,
-            Self::Rosenbrock => &rosenbrock::ENTRY,
-        }
-    }
-}
-
 /// Makes a method in lanes. The zeros of its vectors need the instructions of the lanes.
-struct MakeInLanes<'a, R> {
-    method: Method,
-    runs: Runs<'a>,
-    system: &'a SceneEquations<R>,
-}
+struct MakeInLanes<'a, R>(Method, Runs<'a>, &'a SceneEquations<R>);
 
 impl<R: Lanes> LaneTask<R> for MakeInLanes<'_, R> {
     type Output = AnyAdaptiveMethod<R>;
 
     #[inline(always)]
     fn run(self) -> AnyAdaptiveMethod<R> {
-        let Self { method, runs, system } = self;
+        let Self(method, runs, system) = self;
         match method {
             Method::Rosenbrock => {
                 type InLanes<R> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, LaneEntry<R>>;
@@ -101,7 +82,7 @@ pub fn adaptive_in_lanes<R: Lanes>(
     runs: Runs<'_>,
     system: &SceneEquations<R>,
 ) -> AnyAdaptiveMethod<R> {
-    R::call(runs.instructions, MakeInLanes { method, runs, system })
+    R::call(runs.instructions, MakeInLanes(method, runs, system))
 }
 
 /// The steps in |z| by which the edge of a stability region is searched along a ray.
@@ -112,10 +93,20 @@ const OUTSIDE: f64 = 10.0;
 const ROUND_OFF: f64 = 1e-10;
 
 impl Method {
-    /// The longest step with which a mode of this eigenvalue does not grow: there the ray through the
-    /// eigenvalue first leaves the region |R| <= 1. The step is infinite for a method that is stable in the
-    /// whole left half-plane. It is infinite for an eigenvalue in the right half-plane too, because a mode
-    /// that grows by itself limits no step.
+    /// The properties of the method.
+    pub const fn entry(self) -> &'static MethodEntry {
+        match self {
+            Self::Rk4 => &rk4::ENTRY,
+            Self::Dop853 => &dop853::ENTRY,
+            Self::ImplicitMidpoint => &implicit_midpoint::ENTRY,
+            Self::Radau5 => &radau5::ENTRY,
+            Self::Rosenbrock => &rosenbrock::ENTRY,
+        }
+    }
+
+    /// The longest step with which a mode of this eigenvalue does not grow: there the ray through the eigenvalue first
+    /// leaves the region |R| <= 1. The step is infinite for a method that is stable in the whole left half-plane. It is
+    /// infinite for an eigenvalue in the right half-plane too, because a mode that grows by itself limits no step.
     pub fn longest_stable_step(self, rate: Complex<f64>) -> f64 {
         let size = rate.norm();
         if self.entry().real_stability_limit.is_none() || size == 0.0 || rate.re > 0.0 {

@@ -17,6 +17,8 @@ pub struct Unsolved {
     pub correction: f64,
 }
 
+pub type StepResult = Result<(), Unsolved>;
+
 /// The largest of the states' `values`, each times its weight; NaN if any is NaN.
 #[inline(always)]
 pub fn largest<R: Lanes>(size: Size, values: &States<R>, weights: &States<R>) -> R {
@@ -37,8 +39,7 @@ pub struct Stats {
     pub evaluations: u64,
     /// Evaluations of the Jacobian of the right-hand side.
     pub jacobians: u64,
-    /// Decompositions of matrices that have one row for each degree of freedom. A complex decomposition
-    /// counts as one.
+    /// Decompositions of matrices that have one row for each degree of freedom. A complex decomposition counts as one.
     pub factorisations: u64,
     pub iterations: u64,
     pub segments: u64,
@@ -78,7 +79,6 @@ pub struct Step<'a, R = f64, S = SceneEquations<R>> {
     pub h: R,
     /// The state at the start of the step.
     pub y: &'a States<R>,
-    /// The derivative of this state.
     pub rate: &'a States<R>,
     pub allowed: Option<&'a Allowed<R>>,
 }
@@ -95,12 +95,7 @@ impl<R: Lanes, S> Step<'_, R, S> {
 pub trait Integrator<R: Lanes, S: System<R>> {
     /// Takes a step and writes the state at its end into `next`. `stats` counts the evaluations, but not the
     /// one at the start of the step. A method that solves no equations cannot fail.
-    fn step(
-        &mut self,
-        step: &Step<'_, R, S>,
-        next: &mut States<R>,
-        stats: &mut Stats,
-    ) -> Result<(), Unsolved>;
+    fn step(&mut self, step: &Step<'_, R, S>, next: &mut States<R>, stats: &mut Stats) -> StepResult;
 
     /// Forgets the data of the last step, because there is a breakpoint before the next one.
     #[inline(always)]
@@ -128,8 +123,7 @@ pub trait Integrator<R: Lanes, S: System<R>> {
         false
     }
 
-    /// Takes the Jacobian at time `tau` of the segment and state `y`. A run does this to resume another run
-    /// that had taken it there.
+    /// Takes the Jacobian at time `tau` of the segment and state `y`, as the run had done that is resumed.
     #[inline(always)]
     fn take_jacobian(&mut self, _drive: &SegmentDrive<R>, _tau: R, _y: &States<R>) {}
 }
@@ -151,13 +145,15 @@ pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
     fn interpolate(&self, y: &States<R>, next: &States<R>, x: R) -> States<R>;
 }
 
+/// The parameters of the run in each lane.
+pub type LaneParameters<'a> = [&'a Parameters; MOST];
+
 /// The equations of the runs in all lanes, for which a method is made.
 #[derive(Clone, Copy)]
 pub struct Runs<'a> {
     pub instructions: Instructions,
     pub choice: Choice,
-    /// The parameters of the run in each lane.
-    pub parameters: &'a [&'a Parameters; MOST],
+    pub parameters: LaneParameters<'a>,
     /// Gains of (19) and (20).
     pub gains: &'a Stabilization,
 }
@@ -165,12 +161,12 @@ pub struct Runs<'a> {
 impl Runs<'_> {
     pub fn system<R: Lanes>(&self) -> SceneEquations<R> {
         let Self { instructions, choice, parameters, gains } = *self;
-        SceneEquations::new(instructions, choice, parameters, gains)
+        SceneEquations::new(instructions, choice, &parameters, gains)
     }
 
     /// Builds the same equations in dual numbers with `W` directions.
     pub fn tangent<R: Lanes, const W: usize>(&self) -> Tangent<R, W> {
         let Self { instructions, choice, parameters, gains } = *self;
-        Tangent::new(instructions, choice, parameters, gains)
+        Tangent::new(instructions, choice, &parameters, gains)
     }
 }

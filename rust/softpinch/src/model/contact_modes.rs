@@ -21,7 +21,6 @@ named! {
     /// What the contacts can do.
     #[derive(Default)]
     ContactModel;
-    /// The models of contact by their public names.
     CONTACT_MODELS = {
         /// The tips never slip, and they pull where they have to: the paper's model.
         #[default]
@@ -73,18 +72,6 @@ impl Slip {
     }
 }
 
-impl Mode {
-    /// Whether the tip touches the object.
-    pub fn is_closed(self) -> bool {
-        self != Self::Free
-    }
-
-    /// The direction in which the face slips; `None` if it does not slip.
-    pub fn slip(self) -> Option<Slip> {
-        if let Self::Slip(direction) = self { Some(direction) } else { None }
-    }
-}
-
 /// The contacts of a run at one instant, from which another run can go on: for each contact a code of its
 /// mode, then for each contact the tilt that is frozen while its tip is free, rad.
 ///
@@ -101,6 +88,16 @@ pub type ContactRow = [f64; 4];
 pub const CONTACT_MODES: [(&str, u8); 4] = [("FREE", 0), ("STICK", 1), ("SLIP", 2), ("GRAZE", 3)];
 
 impl Mode {
+    /// Whether the tip touches the object.
+    pub fn is_closed(self) -> bool {
+        self != Self::Free
+    }
+
+    /// The direction in which the face slips; `None` if it does not slip.
+    pub fn slip(self) -> Option<Slip> {
+        if let Self::Slip(direction) = self { Some(direction) } else { None }
+    }
+
     /// The code of the mode in results.
     pub fn code(self) -> u8 {
         match self {
@@ -117,8 +114,7 @@ impl Mode {
     }
 }
 
-/// The contacts of the runs in all lanes: for each finger the lanes in which it slips, grazes or is free. In
-/// all other lanes it sticks.
+/// The contacts in all lanes: for each finger the lanes in which it slips, grazes or is free. In all others it sticks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contacts<R> {
     /// Lanes in which the face slips up over the tip.

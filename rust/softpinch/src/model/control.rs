@@ -8,7 +8,6 @@ named! {
     /// How the fingers of a scene move.
     #[derive(Default)]
     Fingers;
-    /// The kinds of fingers by their public names.
     FINGERS = {
         /// A PID torque (39) turns the fingers towards the angles of the schedule.
         #[default]
@@ -25,9 +24,8 @@ named! {
 /// PID (39): u = -K_P (theta - theta^d) - K_D theta-dot - K_I integral(theta - theta^d). Its memory is the integral,
 /// in rad s; it is not reset where the target switches.
 ///
-/// Where the schedule is the torque itself, u is the target: K_P = 1, K_D = K_I = 0, and no angle is fed back. So
-/// both laws are the same code, which is compiled once; the factor of the angle costs a PID nothing, and changes
-/// no bit.
+/// Where the schedule is the torque itself, u is the target: K_P = 1, K_D = K_I = 0, and no angle is fed back. So both
+/// laws are the same code, which is compiled once; the factor of the angle costs a PID nothing, and changes no bit.
 #[derive(Debug, Clone, Copy)]
 pub struct Controller<R> {
     kp: R,

@@ -1,7 +1,7 @@
 //! The state of a discrete controller: measuring with noise and finite resolution, taking samples, and putting their torques
 //! in force.
 
-use crate::error::Error;
+use crate::error::{Error, Result, require};
 use crate::model::frame::FrameMotion;
 use crate::model::measures::Measure;
 use crate::model::motion::Motion;
@@ -42,20 +42,16 @@ impl ControllerState {
     /// The state as numbers: origin, the numbers of samples that have been taken and that have acted, the torques in
     /// force, xi, and the outputs under way.
     pub fn row(&self) -> impl Iterator<Item = f64> + '_ {
-        #[allow(clippy::cast_precision_loss)] // far below 2^53
-        let counts = [self.taken as f64, self.acted as f64];
-        [self.origin, counts[0], counts[1], self.torque[0], self.torque[1]]
+        [self.origin, self.taken as f64, self.acted as f64, self.torque[0], self.torque[1]]
             .into_iter()
             .chain(self.xi.iter().copied())
             .chain(self.under_way.as_flattened().iter().copied())
     }
 
     /// The state from the numbers of [`row`](Self::row).
-    pub fn from_row(controller: &SampledController, row: &[f64]) -> Result<Self, Error> {
-        let refused = |rule| {
-            let found = format!("{} numbers", row.len());
-            Error::Shape { field: "State.controller".to_owned(), found, rule }
-        };
+    pub fn from_row(controller: &SampledController, row: &[f64]) -> Result<Self> {
+        const FIELD: &str = "State.controller";
+        let refused = |rule| Error::shape(FIELD, format_args!("{} numbers", row.len()), rule);
         if row.len() != controller.width() {
             return Err(refused("must fit the controller's states and its samples under way"));
         }
@@ -65,7 +61,6 @@ impl ControllerState {
         if !(whole(head[1]) && whole(head[2]) && head[2] <= head[1] && head[0].is_finite()) {
             return Err(refused("must begin with the origin, s, and the numbers of samples"));
         }
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // whole numbers, as just checked
         let (taken, acted) = (head[1] as u64, head[2] as u64);
         let (pairs, _) = under_way.as_chunks::<2>();
         if taken - acted > pairs.len() as u64 {
@@ -74,10 +69,8 @@ impl ControllerState {
         let outputs = (acted..taken).map(|number| pairs[place(number, pairs.len())]);
         for torques in outputs.chain([[head[3], head[4]]]) {
             for (torque, [low, high]) in torques.into_iter().zip(controller.limits) {
-                if torque < low || torque > high {
-                    let rule = "its torques must be within the controller's limits";
-                    return Err(Error::Field { field: "State.controller".to_owned(), value: torque, rule });
-                }
+                let within = !(torque < low || torque > high);
+                require(within, FIELD, torque, "its torques must be within the controller's limits")?;
             }
         }
         Ok(Self {
@@ -90,17 +83,10 @@ impl ControllerState {
         })
     }
 
-    /// The numbers that the next sample may change.
-    pub fn keep(&self) -> Kept {
-        let mut kept = Kept { taken: 0, acted: 0, torque: [0.0; 2], xi: self.xi.clone(), output: [0.0; 2] };
-        self.keep_into(&mut kept);
-        kept
-    }
-
-    /// The same without an allocation.
-    pub fn keep_into(&self, kept: &mut Kept) {
+    /// Keeps the numbers that the next sample may change.
+    pub fn keep(&self, kept: &mut Kept) {
         (kept.taken, kept.acted, kept.torque) = (self.taken, self.acted, self.torque);
-        kept.xi.copy_from_slice(&self.xi);
+        kept.xi.clone_from(&self.xi);
         kept.output = self.under_way[place(self.taken, self.under_way.len())];
     }
 
@@ -174,7 +160,7 @@ impl ControllerState {
 }
 
 /// The numbers of a state that one sample may change.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Kept {
     taken: u64,
     acted: u64,
@@ -191,19 +177,9 @@ pub struct Scratch {
     next: Vec<f64>,
 }
 
-impl Scratch {
-    /// Room for a controller's samples.
-    pub fn new(controller: &SampledController) -> Self {
-        let room = Vec::with_capacity;
-        Self { measured: room(controller.inputs()), next: room(controller.states()) }
-    }
-}
-
 /// The entry of a sample among `length` outputs under way.
 fn place(number: u64, length: usize) -> usize {
-    #[allow(clippy::cast_possible_truncation)] // less than the length
-    let place = (number % length as u64) as usize;
-    place
+    (number % length as u64) as usize
 }
 
 /// The measured system at the instant of a sample.
@@ -304,7 +280,7 @@ mod tests {
         (motion.q.finger, motion.p.finger) = ([y[0], y[1]], [y[2], y[3]]);
         let frame = (FrameMotion::still(), 9.81);
         let seen = Measured { motion: &motion, multipliers: &[0.0; 4], target: [[0.0; 2]; 2], frame };
-        state.sample(controller, &seen, &mut Scratch::new(controller));
+        state.sample(controller, &seen, &mut Scratch::default());
     }
 
     proptest! {
@@ -365,7 +341,8 @@ mod tests {
                     resumed = ControllerState::from_row(&controller, &row).unwrap();
                     prop_assert_eq!(&resumed, &whole);
                 }
-                let (before, kept) = (whole.clone(), whole.keep());
+                let (before, mut kept) = (whole.clone(), Kept::default());
+                whole.keep(&mut kept);
                 for state in [&mut whole, &mut resumed] {
                     sample(state, &controller, y);
                     state.act(&controller, 0.3 + k as f64 * PERIOD);

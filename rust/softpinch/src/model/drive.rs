@@ -1,6 +1,5 @@
 //! The inputs of one segment between breakpoints. Every channel is one polynomial in the time since the
-//! segment's start, so an evaluation takes a few multiply-adds, or none if all channels are constant. Sines
-//! are added to the polynomials.
+//! segment's start, and sines: an evaluation takes a few multiply-adds, or none if all channels are constant.
 
 use crate::model::contact_modes::Contacts;
 use crate::model::frame::FrameMotion;
@@ -48,9 +47,8 @@ impl<R: Copy> Input<R> {
 /// amplitude * sin(omega tau + phase), in the lanes of `active`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Wave<R> {
-    pub(super) omega: R,
-    pub(super) phase: R,
-    pub(super) amplitude: [R; 3],
+    /// omega, phase, and the amplitudes.
+    pub(super) numbers: [R; 5],
     pub(super) active: Bits,
 }
 
@@ -88,10 +86,9 @@ pub(crate) struct SegmentFrame<R> {
 impl<R: Lanes> SegmentFrame<R> {
     /// The motion in other numbers.
     pub(crate) fn lifted<T: Lanes>(&self, lift: impl Fn(R) -> T) -> SegmentFrame<T> {
-        let Wave { omega, phase, amplitude, active } = self.wave;
         SegmentFrame {
             channels: self.channels.map(|channel| channel.map(&lift)),
-            wave: Wave { omega: lift(omega), phase: lift(phase), amplitude: amplitude.map(&lift), active },
+            wave: Wave { numbers: self.wave.numbers.map(&lift), active: self.wave.active },
             direction: self.direction.map(&lift),
             degree: self.degree,
             swings: self.swings,
@@ -102,7 +99,7 @@ impl<R: Lanes> SegmentFrame<R> {
 
     fn still(instructions: Instructions) -> Self {
         let zero = R::zero();
-        let wave = Wave { omega: zero, phase: zero, amplitude: [zero; 3], active: R::ALL };
+        let wave = Wave { numbers: [zero; 5], active: R::ALL };
         let (degree, swings, turns) = (0, false, false);
         let channels = [[zero; COEFFICIENTS]; FRAME_CHANNELS];
         Self { channels, wave, degree, direction: [zero; 2], swings, turns, instructions }
@@ -117,6 +114,65 @@ impl<R: Lanes> SegmentFrame<R> {
         }
         self.degree = self.degree.max(own.degree);
         (self.swings, self.turns) = (self.swings | own.swings, self.turns | own.turns);
+    }
+
+    /// The motion at time `tau` since the segment's start, compiled with the instructions of the caller.
+    #[inline(always)]
+    pub(crate) fn motion<T: Lift<R>>(&self, tau: T) -> FrameMotion<T> {
+        let [x, y, tilt] = &self.channels;
+        let (zero, mut acceleration) = (T::zero(), [T::zero(); 2]);
+        for k in (0..=self.degree.min(MAX_DEGREE)).rev() {
+            acceleration =
+                [acceleration[0].mul_add(tau, T::lift(x[k])), acceleration[1].mul_add(tau, T::lift(y[k]))];
+        }
+        if !(self.swings | self.turns) {
+            let [sin, cos] = self.direction.map(T::lift);
+            return FrameMotion::new(acceleration, (sin, cos), None);
+        }
+        let series = value_and_rates(tilt, MAX_DEGREE, tau);
+        let [omega, phase, x, y, tilt] = self.wave.numbers;
+        let omega = T::lift(omega);
+        let phase = omega.mul_add(tau, T::lift(phase));
+        let (sin, cos) = if self.swings { phase.sin_cos() } else { (zero, zero) };
+        let swing = T::lift(tilt);
+        let phi = swing.mul_add(sin, series[0]);
+        let turning = self.turns.then(|| {
+            let rate = (omega * swing).mul_add(cos, series[1]);
+            [rate, (omega * omega * swing).neg_mul_add(sin, series[2])]
+        });
+        let acceleration =
+            [T::lift(x).mul_add(sin, acceleration[0]), T::lift(y).mul_add(sin, acceleration[1])];
+        FrameMotion::new(acceleration, phi.sin_cos(), turning)
+    }
+
+    /// The motion `own` with the derivatives `slopes`. `joined` makes a number with its derivatives.
+    fn varied<'a>(
+        own: &SegmentFrame<f64>,
+        slopes: impl Iterator<Item = &'a SegmentFrame<f64>>,
+        joined: impl Fn(&dyn Fn(&SegmentFrame<f64>) -> f64) -> R,
+    ) -> Self {
+        let [sin, cos] = own.direction;
+        let mut frame = Self {
+            channels: std::array::from_fn(|c| std::array::from_fn(|k| joined(&|frame| frame.channels[c][k]))),
+            wave: Wave {
+                numbers: std::array::from_fn(|n| joined(&|frame| frame.wave.numbers[n])),
+                active: R::ALL,
+            },
+            // The derivatives of sine and cosine of the tilt; the motion itself is not among the slopes.
+            direction: [(sin, cos), (cos, -sin)].map(|(value, by_tilt)| {
+                joined(&|frame| if std::ptr::eq(frame, own) { value } else { by_tilt * frame.channels[2][0] })
+            }),
+            degree: own.degree,
+            swings: own.swings,
+            turns: own.turns,
+            instructions: own.instructions,
+        };
+        for slope in slopes {
+            frame.degree = frame.degree.max(slope.degree);
+            frame.swings |= slope.swings;
+            frame.turns |= slope.turns;
+        }
+        frame
     }
 }
 
@@ -136,37 +192,6 @@ impl SegmentFrame<f64> {
     /// The motion at time `tau` since the segment's start.
     pub(crate) fn at(&self, tau: f64) -> FrameMotion<f64> {
         f64::call(self.instructions, FrameAt(self, tau))
-    }
-}
-
-impl<R: Lanes> SegmentFrame<R> {
-    /// The motion at time `tau` since the segment's start, compiled with the instructions of the caller.
-    #[inline(always)]
-    pub(crate) fn motion<T: Lift<R>>(&self, tau: T) -> FrameMotion<T> {
-        let [x, y, tilt] = &self.channels;
-        let (zero, mut acceleration) = (T::zero(), [T::zero(); 2]);
-        for k in (0..=self.degree.min(MAX_DEGREE)).rev() {
-            acceleration =
-                [acceleration[0].mul_add(tau, T::lift(x[k])), acceleration[1].mul_add(tau, T::lift(y[k]))];
-        }
-        if !(self.swings | self.turns) {
-            let [sin, cos] = self.direction.map(T::lift);
-            return FrameMotion::new(acceleration, (sin, cos), None);
-        }
-        let series = value_and_rates(tilt, MAX_DEGREE, tau);
-        let omega = T::lift(self.wave.omega);
-        let phase = omega.mul_add(tau, T::lift(self.wave.phase));
-        let (sin, cos) = if self.swings { phase.sin_cos() } else { (zero, zero) };
-        let [x, y, tilt] = self.wave.amplitude;
-        let swing = T::lift(tilt);
-        let phi = swing.mul_add(sin, series[0]);
-        let turning = self.turns.then(|| {
-            let rate = (omega * swing).mul_add(cos, series[1]);
-            [rate, (omega * omega * swing).neg_mul_add(sin, series[2])]
-        });
-        let acceleration =
-            [T::lift(x).mul_add(sin, acceleration[0]), T::lift(y).mul_add(sin, acceleration[1])];
-        FrameMotion::new(acceleration, phi.sin_cos(), turning)
     }
 }
 
@@ -196,10 +221,8 @@ fn set_channels<R: Lanes, const C: usize>(
 
 impl<R: Lanes> Wave<R> {
     fn set(&mut self, lane: usize, own: &Wave<f64>) {
-        self.omega.set(lane, own.omega);
-        self.phase.set(lane, own.phase);
-        for (amplitude, number) in self.amplitude.iter_mut().zip(own.amplitude) {
-            amplitude.set(lane, number);
+        for (number, own) in self.numbers.iter_mut().zip(own.numbers) {
+            number.set(lane, own);
         }
     }
 }
@@ -222,14 +245,9 @@ impl<R: Lanes, const W: usize> SegmentDrive<Dual<R, W>> {
             Dual::<R, W>::varied(number, &slopes.iter().map(slope).collect::<Vec<_>>())
         };
         let wave = |k: usize, own: &Wave<f64>| {
-            let numbers =
-                |of: &dyn Fn(&Wave<f64>) -> f64| joined(of(own), &|slope| slope.waves.get(k).map_or(0.0, of));
-            Wave {
-                omega: numbers(&|wave| wave.omega),
-                phase: numbers(&|wave| wave.phase),
-                amplitude: std::array::from_fn(|c| numbers(&|wave| wave.amplitude[c])),
-                active: R::ALL,
-            }
+            let slope =
+                |n: usize| move |slope: &SegmentDrive| slope.waves.get(k).map_or(0.0, |wave| wave.numbers[n]);
+            Wave { numbers: std::array::from_fn(|n| joined(own.numbers[n], &slope(n))), active: R::ALL }
         };
         let channel = |c: usize, k: usize| joined(value.channels[c][k], &|slope| slope.channels[c][k]);
         Self {
@@ -249,41 +267,6 @@ impl<R: Lanes, const W: usize> SegmentDrive<Dual<R, W>> {
     }
 }
 
-impl<R: Lanes> SegmentFrame<R> {
-    /// The motion `own` with the derivatives `slopes`. `joined` makes a number with its derivatives.
-    fn varied<'a>(
-        own: &SegmentFrame<f64>,
-        slopes: impl Iterator<Item = &'a SegmentFrame<f64>>,
-        joined: impl Fn(&dyn Fn(&SegmentFrame<f64>) -> f64) -> R,
-    ) -> Self {
-        let [sin, cos] = own.direction;
-        let number = |of: &dyn Fn(&Wave<f64>) -> f64| joined(&|frame| of(&frame.wave));
-        let mut frame = Self {
-            channels: std::array::from_fn(|c| std::array::from_fn(|k| joined(&|frame| frame.channels[c][k]))),
-            wave: Wave {
-                omega: number(&|wave| wave.omega),
-                phase: number(&|wave| wave.phase),
-                amplitude: std::array::from_fn(|c| number(&|wave| wave.amplitude[c])),
-                active: R::ALL,
-            },
-            // The derivatives of sine and cosine of the tilt; the motion itself is not among the slopes.
-            direction: [(sin, cos), (cos, -sin)].map(|(value, by_tilt)| {
-                joined(&|frame| if std::ptr::eq(frame, own) { value } else { by_tilt * frame.channels[2][0] })
-            }),
-            degree: own.degree,
-            swings: own.swings,
-            turns: own.turns,
-            instructions: own.instructions,
-        };
-        for slope in slopes {
-            frame.degree = frame.degree.max(slope.degree);
-            frame.swings |= slope.swings;
-            frame.turns |= slope.turns;
-        }
-        frame
-    }
-}
-
 impl<R: Lanes> SegmentDrive<R> {
     /// Inputs that are zero in every lane.
     pub fn still() -> Self {
@@ -297,11 +280,6 @@ impl<R: Lanes> SegmentDrive<R> {
         }
     }
 
-    /// The same inputs with contacts in other modes.
-    pub fn with_contacts(&self, contacts: Contacts<R>) -> Self {
-        Self { contacts, ..self.clone() }
-    }
-
     /// Sets the inputs of one lane.
     pub fn set(&mut self, lane: usize, own: &SegmentDrive) {
         set_channels(&mut self.channels, lane, &own.channels);
@@ -312,7 +290,7 @@ impl<R: Lanes> SegmentDrive<R> {
         self.degrees[lane] = own.degree;
         self.degree = self.degrees.into_iter().max().unwrap_or(0);
 
-        let nothing = Wave { omega: R::zero(), phase: R::zero(), amplitude: [R::zero(); 3], active: 0 };
+        let nothing = Wave { numbers: [R::zero(); 5], active: 0 };
         self.waves.resize(self.waves.len().max(own.waves.len()), nothing);
         for (k, wave) in self.waves.iter_mut().enumerate() {
             wave.active &= !(1 << lane);
@@ -342,8 +320,7 @@ impl<R: Lanes> SegmentDrive<R> {
                 *v = sum;
             }
         }
-        // Horner's scheme for both derivatives. The compiler drops them after inlining where nothing uses
-        // them.
+        // Horner's scheme for both derivatives. The compiler drops them after inlining where nothing uses them.
         let (mut target_rate, mut target_acceleration) = ([T::zero(); 2], [T::zero(); 2]);
         if self.degree > 0 {
             for i in 0..2 {
@@ -352,8 +329,9 @@ impl<R: Lanes> SegmentDrive<R> {
             }
         }
         for wave in &self.waves {
-            let (shape, _) = T::lift(wave.omega).mul_add(tau, T::lift(wave.phase)).sin_cos();
-            for (v, amplitude) in value[2..].iter_mut().zip(wave.amplitude) {
+            let [omega, phase, amplitudes @ ..] = wave.numbers;
+            let (shape, _) = T::lift(omega).mul_add(tau, T::lift(phase)).sin_cos();
+            for (v, amplitude) in value[2..].iter_mut().zip(amplitudes) {
                 *v = T::select(wave.active, T::lift(amplitude).mul_add(shape, *v), *v);
             }
         }

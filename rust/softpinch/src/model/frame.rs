@@ -94,14 +94,12 @@ pub struct Carried<R> {
 impl<R: Real> Carried<R> {
     #[inline(always)]
     pub(super) fn new(source: &impl Source<R>) -> Self {
-        let zero = [R::zero(); 2];
-        let (mut masses, mut lengths, mut root_offsets) = (zero, zero, zero);
-        for i in 0..2 {
-            masses[i] = source.number(|p| p.fingers[i].mass);
-            lengths[i] = source.number(|p| p.fingers[i].length);
-            root_offsets[i] = source.number(|p| p.fingers[i].root_offset);
+        Self {
+            gravity: source.number(|p| p.surroundings.gravity),
+            masses: [0, 1].map(|i| source.number(|p| p.fingers[i].mass)),
+            lengths: [0, 1].map(|i| source.number(|p| p.fingers[i].length)),
+            root_offsets: [0, 1].map(|i| source.number(|p| p.fingers[i].root_offset)),
         }
-        Self { gravity: source.number(|p| p.surroundings.gravity), masses, lengths, root_offsets }
     }
 }
 

@@ -1,17 +1,14 @@
 //! The inputs of a scene: finger targets and external forces as piecewise polynomials and sinusoids on
 //! breakpoints, held noise, ideal impulses, and torques from a discrete controller or from outside.
-//!
-//! Integration goes segment by segment between breakpoints. Inside a segment every channel is one polynomial
-//! in the time since the segment's start, so an evaluation takes a few multiply-adds, or none if all channels
-//! are constant.
+//! Integration goes segment by segment between breakpoints ([`SegmentDrive`]).
 
 use std::sync::Arc;
 
-use crate::error::Error;
+use crate::error::Result;
 use crate::model::control::Fingers;
 use crate::model::drive::{CHANNELS, COEFFICIENTS, SegmentDrive, SegmentFrame, Wave};
 use crate::model::frame::FrameMotion;
-use crate::model::noise::{Noise, require_countable};
+use crate::model::noise::{Noise, require_countable, require_end};
 use crate::model::piecewise::PiecewisePolynomial;
 use crate::model::rule::Rule;
 use crate::model::sampled::SampledController;
@@ -76,12 +73,12 @@ impl HandMotion {
         acceleration: PiecewisePolynomial<2>,
         tilt: PiecewisePolynomial<1>,
         sine: [f64; 5],
-    ) -> Result<Self, Error> {
+    ) -> Result<Self> {
         Ok(Self { acceleration, tilt, sine, instructions: Level::detect().require()? })
     }
 
     /// The motion at all times with the acceleration and the tilt of an instant, without turning.
-    pub fn constant(frame: &FrameMotion<f64>) -> Result<Self, Error> {
+    pub fn constant(frame: &FrameMotion<f64>) -> Result<Self> {
         let [x, y] = frame.into_fixed(frame.acceleration);
         let tilt = frame.sin.atan2(frame.cos);
         Self::new(PiecewisePolynomial::constant([x, y]), PiecewisePolynomial::constant([tilt]), [0.0; 5])
@@ -105,15 +102,16 @@ impl HandMotion {
         );
         let [tilt] = self.tilt.shifted(anchor);
         let [omega, phase, ref amplitude @ ..] = self.sine;
-        let wave = Wave { omega, phase: omega.mul_add(anchor, phase), amplitude: *amplitude, active: 1 };
+        let [x_swing, y_swing, swing] = *amplitude;
+        let numbers = [omega, omega.mul_add(anchor, phase), x_swing, y_swing, swing];
         // Adding zero turns -0.0 into 0.0, as in the other channels.
         let channels = [x, y, tilt].map(|channel| channel.map(|coefficient| coefficient + 0.0));
-        let turns = amplitude[2] != 0.0 || tilt[1..].iter().any(|&coefficient| coefficient != 0.0);
+        let turns = swing != 0.0 || tilt[1..].iter().any(|&coefficient| coefficient != 0.0);
         let degree = (0..COEFFICIENTS).rev().find(|&k| x[k] != 0.0 || y[k] != 0.0).unwrap_or(0);
         let (sin, cos) = Real::sin_cos(channels[2][0]);
         SegmentFrame {
             channels,
-            wave,
+            wave: Wave { numbers, active: 1 },
             degree,
             direction: [sin, cos],
             swings: *amplitude != [0.0; 3],
@@ -139,8 +137,7 @@ pub struct Held {
     pub target: [f64; 2],
     /// F_x and F_y in N and the moment in N m, beside the disturbances of the scene.
     pub force: [f64; 3],
-    /// The acceleration of the hand's frame along fixed axes, m/s^2, instead of that of its motion. A scene without a
-    /// motion has none.
+    /// The acceleration of the hand's frame along fixed axes, m/s^2, instead of that of its motion, if it moves.
     pub acceleration: Option<[f64; 2]>,
 }
 
@@ -152,22 +149,18 @@ impl Inputs {
         sines: Vec<Sinusoid>,
         mut impulses: Vec<Impulse>,
         noises: Vec<Noise>,
-    ) -> Result<Self, Error> {
+    ) -> Result<Self> {
         for (k, sine) in sines.iter().enumerate() {
-            let name = |field: &str| format!("sines[{k}].{field}");
-            Rule::Finite.check_named(|| name("start"), sine.start)?;
-            Rule::Finite.check_named(|| name("omega"), sine.omega)?;
-            Rule::Finite.check_named(|| name("phase"), sine.phase)?;
+            Rule::Finite.check(format_args!("sines[{k}].start"), sine.start)?;
+            Rule::Finite.check(format_args!("sines[{k}].omega"), sine.omega)?;
+            Rule::Finite.check(format_args!("sines[{k}].phase"), sine.phase)?;
             // Only `end` may be infinite.
-            if sine.end.is_nan() || sine.end < sine.start {
-                let field = name("end");
-                return Err(Error::Field { field, value: sine.end, rule: "must not be before the start" });
-            }
-            Rule::Finite.check_all(|| name("amplitude"), &sine.amplitude)?;
+            require_end(format_args!("sines[{k}].end"), sine.start, sine.end)?;
+            Rule::Finite.check_all(format_args!("sines[{k}].amplitude"), &sine.amplitude)?;
         }
         for (k, impulse) in impulses.iter().enumerate() {
-            Rule::Finite.check_named(|| format!("impulses[{k}].time"), impulse.time)?;
-            Rule::Finite.check_all(|| format!("impulses[{k}].impulse"), &impulse.impulse)?;
+            Rule::Finite.check(format_args!("impulses[{k}].time"), impulse.time)?;
+            Rule::Finite.check_all(format_args!("impulses[{k}].impulse"), &impulse.impulse)?;
         }
         for (k, noise) in noises.iter().enumerate() {
             noise.check(k)?;
@@ -204,9 +197,8 @@ impl Inputs {
         })
     }
 
-    /// The same inputs, and a force on the object from `time` on that ends after `duration`, s: F_x and F_y in N and
-    /// the moment in N m.
-    pub fn with_pulse(mut self, time: f64, duration: f64, force: [f64; 3]) -> Result<Self, Error> {
+    /// The same inputs, and a force on the object from `time` on for `duration`, s: F_x and F_y, N, and the moment, N m.
+    pub fn with_pulse(mut self, time: f64, duration: f64, force: [f64; 3]) -> Result<Self> {
         Rule::Positive.check("pulse.duration", duration)?;
         // An end that overflows is never reached.
         let times = [time, (time + duration).min(f64::MAX)];
@@ -268,12 +260,12 @@ impl Inputs {
     }
 
     /// Refuses a schedule that driven fingers cannot follow between `from` and `until`.
-    pub fn require_smooth(&self, from: f64, until: f64) -> Result<(), Error> {
+    pub fn require_smooth(&self, from: f64, until: f64) -> Result {
         self.schedule.require_smooth("schedule", from, until)
     }
 
     /// Refuses more samples of noise than a run can be divided into.
-    pub fn require_countable(&self, from: f64, until: f64) -> Result<(), Error> {
+    pub fn require_countable(&self, from: f64, until: f64) -> Result {
         if let Some(Sampled { controller, .. }) = &self.sampled {
             controller.require_countable(from, until)?;
         }
@@ -291,12 +283,8 @@ impl Inputs {
             .chain(waves)
             .chain(self.impulses.get(impulse).map(|impulse| impulse.time))
             .chain(self.noises.iter().map(|noise| noise.next_break(t)))
-            .chain(
-                self.frame.iter().map(|frame| frame.acceleration.next_break(t).min(frame.tilt.next_break(t))),
-            )
-            .chain(
-                self.sampled.iter().map(|Sampled { controller, origin }| controller.next_break(*origin, t)),
-            )
+            .chain(self.frame.iter().map(|own| own.acceleration.next_break(t).min(own.tilt.next_break(t))))
+            .chain(self.sampled.iter().map(|own| own.controller.next_break(own.origin, t)))
             .min_by(f64::total_cmp)
             .unwrap_or(f64::INFINITY)
     }
@@ -348,11 +336,9 @@ impl Inputs {
             .sines
             .iter()
             .filter(|sine| sine.start <= anchor && anchor < sine.end)
-            .map(|sine| Wave {
-                omega: sine.omega,
-                phase: sine.omega.mul_add(anchor - sine.start, sine.phase),
-                amplitude: sine.amplitude,
-                active: 1,
+            .map(|&Sinusoid { start, omega, phase, amplitude: [x, y, moment], .. }| {
+                let phase = omega.mul_add(anchor - start, phase);
+                Wave { numbers: [omega, phase, x, y, moment], active: 1 }
             })
             .collect();
         // Adding zero turns -0.0 into 0.0. Evaluated beside a lane of higher degree, -0.0 would become 0.0 as

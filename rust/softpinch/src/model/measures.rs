@@ -3,10 +3,8 @@
 use crate::names::named;
 
 named! {
-    /// A quantity that a controller measures. Quantities of the fingers and their tips are those of the right one and
-    /// then of the left one.
+    /// A quantity that a controller measures. Those of the fingers and tips are of the right one, then of the left one.
     Measure;
-    /// The measures by their public names.
     MEASURES = {
         /// theta_1 and theta_2, rad.
         Angle = "angle",

@@ -41,10 +41,9 @@ impl<R: Lanes> Motion<R> {
 }
 
 impl Motion<f64> {
-    /// The typical magnitude of each component in a scene. For lengths it is the larger tip's radius, for
-    /// angles one, and for rates these magnitudes times sqrt(E a / M), the rate at which such a tip moves the
-    /// object. A PID integral without a gain drives nothing, so its error does not matter and its magnitude
-    /// is infinite.
+    /// The typical magnitude of each component in a scene. For lengths it is the larger tip's radius, for angles one,
+    /// and for rates these magnitudes times sqrt(E a / M), the rate at which such a tip moves the object. A PID
+    /// integral without a gain drives nothing, so its error does not matter and its magnitude is infinite.
     pub fn typical_magnitudes(parameters: &Parameters) -> Self {
         let [right, left] = &parameters.tips;
         let length = right.radius.max(left.radius);
@@ -58,8 +57,7 @@ impl Motion<f64> {
         Self { q, p: each_coordinate!([q] => q * pace), memory }
     }
 
-    /// [`Motion::typical_magnitudes`] with smaller rates if viscosity slows the scene down: E a / c is the
-    /// rate at which a tip gives way.
+    /// The same with smaller rates if viscosity slows the scene down: E a / c is the rate at which a tip gives way.
     pub fn slow_magnitudes(parameters: &Parameters) -> Self {
         let usual = Self::typical_magnitudes(parameters);
         let [.., mut pace] = usual.p.object;
@@ -72,8 +70,7 @@ impl Motion<f64> {
     }
 }
 
-/// The point at which an implicit method took the Jacobian that it still uses: time since the segment's
-/// start, q, p, memories.
+/// The point of the Jacobian that an implicit method still uses: time since the segment's start, q, p, memories.
 pub type Linearized = [f64; 21];
 
 /// The time and the motion of such a point.

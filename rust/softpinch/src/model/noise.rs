@@ -1,11 +1,12 @@
 //! Gaussian forces, each held until the next sample. The random numbers are functions of a counter, so that a
 //! sample does not depend on the order in which samples are drawn, or on the process that draws it.
 //!
-//! The generator is Philox 4x64 with ten rounds (Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as
-//! easy as 1, 2, 3", 2011), with the seed and the run's number as its key. Box and Muller's transform makes
-//! its numbers normal.
+//! The generator is Philox 4x64 with ten rounds (Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as easy as 1,
+//! 2, 3", 2011), with the seed and the run's number as its key. Box and Muller's transform makes its numbers normal.
 
-use crate::error::{Error, require_at_most};
+use std::fmt::Display;
+
+use crate::error::{Result, require, require_at_most};
 use crate::model::rule::Rule;
 use crate::number::trigonometry::sin_cos;
 
@@ -40,7 +41,6 @@ const WEYL: [u64; 2] = [0x9E37_79B9_7F4A_7C15, 0xBB67_AE85_84CA_A73B];
 fn philox(mut counter: [u64; 4], mut key: [u64; 2]) -> [u64; 4] {
     for _ in 0..10 {
         let wide = |k: usize| u128::from(MULTIPLIERS[k]) * u128::from(counter[2 * k]);
-        #[allow(clippy::cast_possible_truncation)] // the halves of a product
         let [(high0, low0), (high1, low1)] = [0, 1].map(|k| ((wide(k) >> 64) as u64, wide(k) as u64));
         counter = [high1 ^ counter[1] ^ key[0], low1, high0 ^ counter[3] ^ key[1], low0];
         key = [key[0].wrapping_add(WEYL[0]), key[1].wrapping_add(WEYL[1])];
@@ -50,7 +50,7 @@ fn philox(mut counter: [u64; 4], mut key: [u64; 2]) -> [u64; 4] {
 
 /// Two independent standard normal numbers.
 fn normal(a: u64, b: u64) -> (f64, f64) {
-    #[allow(clippy::cast_precision_loss)] // 53 bits
+    // 53 bits.
     let unit = |bits: u64| (bits >> 11) as f64 * (0.5 * f64::EPSILON);
     // 1 - u is in (0, 1], where the logarithm is finite.
     let radius = (-2.0 * libm::log(1.0 - unit(a))).sqrt();
@@ -67,17 +67,12 @@ pub fn normals(counter: [u64; 4], key: [u64; 2]) -> [f64; 4] {
 
 impl Noise {
     /// Checks the noise, which has the number `k` in its scene.
-    pub fn check(&self, k: usize) -> Result<(), Error> {
-        let name = |field: &str| format!("noises[{k}].{field}");
-        Rule::NonNegative.check_all(|| name("std"), &self.std)?;
-        Rule::NonNegative.check_all(|| name("acceleration"), &self.acceleration)?;
-        Rule::Positive.check_named(|| name("rate"), self.rate)?;
-        Rule::Finite.check_named(|| name("start"), self.start)?;
-        if self.end.is_nan() || self.end < self.start {
-            let field = name("end");
-            return Err(Error::Field { field, value: self.end, rule: "must not be before the start" });
-        }
-        Ok(())
+    pub fn check(&self, k: usize) -> Result {
+        Rule::NonNegative.check_all(format_args!("noises[{k}].std"), &self.std)?;
+        Rule::NonNegative.check_all(format_args!("noises[{k}].acceleration"), &self.acceleration)?;
+        Rule::Positive.check(format_args!("noises[{k}].rate"), self.rate)?;
+        Rule::Finite.check(format_args!("noises[{k}].start"), self.start)?;
+        require_end(format_args!("noises[{k}].end"), self.start, self.end)
     }
 
     /// The force and moment of a sample.
@@ -98,15 +93,12 @@ impl Noise {
 
     /// The time at which a sample begins.
     fn time(&self, number: u64) -> f64 {
-        #[allow(clippy::cast_precision_loss)] // far below 2^53
-        let number = number as f64;
-        number / self.rate + self.start
+        number as f64 / self.rate + self.start
     }
 
     /// The number of the sample that holds at `t`. `t` must not be before the start.
     fn number(&self, t: f64) -> u64 {
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a whole number, saturating
-        let near = ((t - self.start) * self.rate).floor() as u64;
+        let near = ((t - self.start) * self.rate).floor() as u64; // a whole number, saturating
         // Division and product are rounded, so the right number may be one lower or higher.
         let first = near.saturating_sub(1);
         (first..=near.saturating_add(1)).rev().find(|&number| self.time(number) <= t).unwrap_or(first)
@@ -151,9 +143,13 @@ impl Noise {
     }
 }
 
-/// Refuses more samples than a run can be cut into, and samples whose number, counted from the noise's start,
-/// is too large to be exact.
-pub fn require_countable(noises: &[Noise], from: f64, until: f64) -> Result<(), Error> {
+/// Refuses an `end` before the `start`. It may be infinite.
+pub(super) fn require_end(field: impl Display, start: f64, end: f64) -> Result {
+    require(start <= end, field, end, "must not be before the start")
+}
+
+/// Refuses more samples than a run can be cut into, and samples whose number since the noise's start is not exact.
+pub fn require_countable(noises: &[Noise], from: f64, until: f64) -> Result {
     let count = |noise: &Noise| (until.min(noise.end) - from.max(noise.start)) * noise.rate;
     let needed: f64 = noises.iter().map(|noise| count(noise).max(0.0)).sum();
     let (what, advice) = ("the noise's samples (duration * rate_hz)", "lower rate_hz or shorten the noise");

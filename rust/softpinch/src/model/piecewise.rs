@@ -1,14 +1,13 @@
 //! Piecewise polynomials: schedules and forces.
 
-use crate::error::Error;
+use crate::error::{Error, Result, require};
 use crate::model::drive::{COEFFICIENTS, MAX_DEGREE};
 use crate::model::rule::Rule;
 
 /// Jumps below this share of a polynomial's terms count as round-off.
 const SMOOTH: f64 = 1e-9;
 /// `C` channels, each a polynomial of degree five or less on every piece. Row 0 holds before the first break
-/// and has only a constant. Row k + 1 holds from break k on, in ascending powers of the time since that
-/// break.
+/// and has only a constant. Row k + 1 holds from break k on, in ascending powers of the time since that break.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PiecewisePolynomial<const C: usize> {
     breaks: Vec<f64>,
@@ -17,45 +16,39 @@ pub struct PiecewisePolynomial<const C: usize> {
 
 impl<const C: usize> PiecewisePolynomial<C> {
     /// Checks breaks and rows. Errors use `name` for the polynomial.
-    pub fn new(name: &str, breaks: Vec<f64>, rows: Vec<[[f64; COEFFICIENTS]; C]>) -> Result<Self, Error> {
+    pub fn new(name: &str, breaks: Vec<f64>, rows: Vec<[[f64; COEFFICIENTS]; C]>) -> Result<Self> {
         for (k, &time) in breaks.iter().enumerate() {
-            Rule::Finite.check_named(|| format!("{name}.times[{k}]"), time)?;
-            if k > 0 && time <= breaks[k - 1] {
-                let rule = "must be greater than the time before it";
-                return Err(Error::Field { field: format!("{name}.times[{k}]"), value: time, rule });
-            }
+            let field = format_args!("{name}.times[{k}]");
+            Rule::Finite.check(field, time)?;
+            require(k == 0 || time > breaks[k - 1], field, time, "must be greater than the time before it")?;
         }
         if rows.len() != breaks.len() + 1 {
             let found = format!("{} rows for {} breaks", rows.len(), breaks.len());
-            let rule = "there must be one row more than breaks";
-            return Err(Error::Shape { field: format!("{name}.coefficients"), found, rule });
+            let (field, rule) =
+                (format_args!("{name}.coefficients"), "there must be one row more than breaks");
+            return Err(Error::shape(field, found, rule));
         }
         for (k, value) in rows.iter().flatten().flatten().enumerate() {
-            Rule::Finite
-                .check_named(|| format!("{name}.coefficients[{}]", k / (C * COEFFICIENTS)), *value)?;
+            Rule::Finite.check(format_args!("{name}.coefficients[{}]", k / (C * COEFFICIENTS)), *value)?;
         }
         Ok(Self { breaks, rows })
     }
 
     /// Values that are constant at all times.
     pub fn constant(values: [f64; C]) -> Self {
-        let row = values.map(|value| {
-            let mut coefficients = [0.0; COEFFICIENTS];
-            coefficients[0] = value;
-            coefficients
-        });
+        let row = values.map(|value| std::array::from_fn(|k| if k == 0 { value } else { 0.0 }));
         Self { breaks: Vec::new(), rows: vec![row] }
     }
 
     /// Steps to `values[k]` at `times[k]`, with the value `before` until the first step.
-    pub fn steps(name: &str, before: [f64; C], times: &[f64], values: &[[f64; C]]) -> Result<Self, Error> {
+    pub fn steps(name: &str, before: [f64; C], times: &[f64], values: &[[f64; C]]) -> Result<Self> {
         let rows = std::iter::once(&before).chain(values).map(|row| Self::constant(*row).rows[0]).collect();
         Self::new(name, times.to_vec(), rows)
     }
 
     /// Refuses a jump or a kink between `from` and `until`: a finger that follows the polynomials exactly
     /// cannot make one. Round-off of the terms of the pieces is allowed.
-    pub(super) fn require_smooth(&self, name: &'static str, from: f64, until: f64) -> Result<(), Error> {
+    pub(super) fn require_smooth(&self, name: &'static str, from: f64, until: f64) -> Result {
         let mut origin = None;
         for (k, &time) in self.breaks.iter().enumerate() {
             let length = origin.map_or(0.0, |origin: f64| time - origin);
@@ -65,7 +58,6 @@ impl<const C: usize> PiecewisePolynomial<C> {
                     for (n, &c) in before.iter().enumerate() {
                         place = [c.mul_add(power, place[0]), (c * power).abs() + place[1]];
                         if let Some(&next) = before.get(n + 1) {
-                            #[allow(clippy::cast_precision_loss)] // up to five
                             let slope = (n + 1) as f64 * next * power;
                             pace = [pace[0] + slope, pace[1] + slope.abs()];
                         }
@@ -119,8 +111,7 @@ impl<const C: usize> PiecewisePolynomial<C> {
     }
 }
 
-/// The coefficients of the same polynomial about an origin that is later by `by` (repeated synthetic
-/// division).
+/// The coefficients of the same polynomial about an origin that is later by `by` (repeated synthetic division).
 fn taylor_shift(mut c: [f64; COEFFICIENTS], by: f64) -> [f64; COEFFICIENTS] {
     for low in 0..MAX_DEGREE {
         for k in (low..MAX_DEGREE).rev() {

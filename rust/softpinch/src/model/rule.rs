@@ -1,6 +1,8 @@
 //! The rules that numbers of a scene must keep.
 
-use crate::error::Error;
+use std::fmt::Display;
+
+use crate::error::{Error, Result};
 
 /// A rule that a number must keep.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -60,23 +62,14 @@ impl Rule {
         }
     }
 
-    /// `value`, or an error that names the field.
-    pub fn check(self, field: impl Into<String>, value: f64) -> Result<f64, Error> {
-        self.check_named(|| field.into(), value)
-    }
-
-    /// The same check, with a name that is built only if the value breaks the rule.
+    /// `value`, or an error that names the field. The name is written only for the error.
     #[inline]
-    pub fn check_named(self, field: impl FnOnce() -> String, value: f64) -> Result<f64, Error> {
-        if self.holds(value) {
-            Ok(value)
-        } else {
-            Err(Error::Field { field: field(), value, rule: self.text() })
-        }
+    pub fn check(self, field: impl Display, value: f64) -> Result<f64> {
+        if self.holds(value) { Ok(value) } else { Err(Error::field(field, value, self.text())) }
     }
 
     /// The same check of all values of a field.
-    pub fn check_all(self, field: impl Fn() -> String, values: &[f64]) -> Result<(), Error> {
-        values.iter().try_for_each(|&value| self.check_named(&field, value).map(|_| ()))
+    pub fn check_all(self, field: impl Display, values: &[f64]) -> Result {
+        values.iter().try_for_each(|&value| self.check(&field, value).map(|_| ()))
     }
 }

@@ -6,7 +6,7 @@
 //!
 //! v_k acts from t_k + delay until v_(k+1) does. With a delay that is longer than a period several v are under way.
 
-use crate::error::{Error, require_at_most};
+use crate::error::{Error, Result, require, require_at_most};
 use crate::model::measures::Measure;
 use crate::model::noise::MOST_SAMPLES;
 use crate::model::rule::Rule;
@@ -59,10 +59,9 @@ impl SampledController {
     }
 
     /// Checks numbers and sizes.
-    pub fn check(&self) -> Result<(), Error> {
-        let name = |field: &str| format!("control.{field}");
-        Rule::Positive.check_named(|| name("period"), self.period)?;
-        Rule::NonNegative.check_named(|| name("delay"), self.delay)?;
+    pub fn check(&self) -> Result {
+        Rule::Positive.check("control.period", self.period)?;
+        Rule::NonNegative.check("control.delay", self.delay)?;
         let under_way = self.delay / self.period;
         let what = "the samples under way (delay / period)";
         require_at_most(what, under_way, MOST_UNDER_WAY, "shorten the delay")?;
@@ -76,40 +75,32 @@ impl SampledController {
             ("measure_noise", &self.noise, m, Rule::NonNegative),
             ("resolution", &self.resolution, m, Rule::NonNegative),
         ] {
+            let field = format_args!("control.{field}");
             if values.len() != length {
                 let found = format!("{} numbers", values.len());
-                let rule = "must fit the numbers of states and measures";
-                return Err(Error::Shape { field: name(field), found, rule });
+                return Err(Error::shape(field, found, "must fit the numbers of states and measures"));
             }
-            rule.check_all(|| name(field), values)?;
+            rule.check_all(field, values)?;
         }
         for [low, high] in self.limits {
-            if low.is_nan() || high.is_nan() || low > high {
-                let rule = "must not be above the largest torque";
-                return Err(Error::Field { field: name("limits"), value: low, rule });
-            }
+            require(low <= high, "control.limits", low, "must not be above the largest torque")?;
         }
-        Rule::Finite.check_all(|| name("initial_torque"), &self.initial_torque)
+        Rule::Finite.check_all("control.initial_torque", &self.initial_torque)
     }
 
     /// Refuses more samples than a run can be divided into, and samples that the clock cannot tell apart.
-    pub fn require_countable(&self, from: f64, until: f64) -> Result<(), Error> {
+    pub fn require_countable(&self, from: f64, until: f64) -> Result {
         let needed = (until - from) / self.period;
         let what = "the controller's samples (duration / period)";
         require_at_most(what, needed, MOST_SAMPLES, "lengthen the period or shorten the run")?;
         let size = from.abs().max(until.abs());
-        if size + 0.25 * self.period == size {
-            let rule = "must be more than round-off of the times of the run";
-            return Err(Error::Field { field: "control.period".to_owned(), value: self.period, rule });
-        }
-        Ok(())
+        let rule = "must be more than round-off of the times of the run";
+        require(size + 0.25 * self.period != size, "control.period", self.period, rule)
     }
 
     /// The instant of a sample.
     pub(super) fn sampled(&self, origin: f64, number: u64) -> f64 {
-        #[allow(clippy::cast_precision_loss)] // far below 2^53
-        let number = number as f64;
-        number * self.period + origin
+        number as f64 * self.period + origin
     }
 
     /// The instant from which a sample's torques act.
@@ -125,8 +116,6 @@ impl SampledController {
     fn whole_periods(&self) -> Option<u64> {
         let periods = (self.delay / self.period).round();
         let whole = (self.delay - periods * self.period).abs() <= 1e-9 * self.period;
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        // a whole number, at most MOST_UNDER_WAY
         whole.then_some(periods as u64)
     }
 
@@ -141,8 +130,7 @@ impl SampledController {
 
     /// The first instant after `t` that is later than a sample by `delay`.
     fn first_after(&self, origin: f64, delay: f64, t: f64) -> f64 {
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a whole number, saturating
-        let mut number = ((t - origin - delay) / self.period) as u64;
+        let mut number = ((t - origin - delay) / self.period) as u64; // a whole number, saturating
         // Quotient and product are rounded, so the right number may be one lower or higher.
         while number > 0 && self.sampled(origin, number - 1) + delay > t {
             number -= 1;
@@ -155,9 +143,7 @@ impl SampledController {
 
     /// Largest number of outputs that are under way at a time.
     pub(super) fn under_way(&self) -> usize {
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // at most MOST_UNDER_WAY
-        let periods = (self.delay / self.period).ceil() as usize;
-        periods + 1
+        (self.delay / self.period).ceil() as usize + 1
     }
 
     /// The length of [`ControllerState::row`](crate::model::controller_state::ControllerState::row).
@@ -167,49 +153,4 @@ impl SampledController {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
-    use super::*;
-    use crate::model::measures::Measure;
-
-    /// A damped spring towards the targets.
-    pub(crate) fn spring(period: f64, delay: f64) -> SampledController {
-        SampledController {
-            period,
-            delay,
-            a: Vec::new(),
-            b: Vec::new(),
-            c: Vec::new(),
-            d: vec![-4.0, 0.0, -0.05, 0.0, 0.0, -4.0, 0.0, -0.05],
-            measures: vec![Measure::AngleError, Measure::AngleRate],
-            limits: [[f64::NEG_INFINITY, f64::INFINITY]; 2],
-            anti_windup: false,
-            initial_torque: [0.4; 2],
-            initial_state: Vec::new(),
-            noise: vec![0.0; 4],
-            resolution: vec![0.0; 4],
-            key: [0; 2],
-        }
-    }
-
-    #[test]
-    fn breaks_are_the_samples_and_the_instants_from_which_they_act() {
-        for (origin, period, delay) in
-            [(0.0, 1e-3, 0.0), (0.1, 1e-3, 1.4e-3), (0.0, 1e-3, 3e-3), (-3.7, 0.3, 0.6), (1e6, 0.1, 0.05)]
-        {
-            let controller = spring(period, delay);
-            let mut expected: Vec<f64> = (0..200)
-                .flat_map(|k| [controller.sampled(origin, k), controller.applied(origin, k)])
-                .collect();
-            expected.sort_by(f64::total_cmp);
-            expected.dedup();
-            let shortest = expected.windows(2).map(|pair| pair[1] - pair[0]).fold(period, f64::min);
-            assert!(shortest > 0.1 * period, "{origin} {period} {delay}: {shortest}");
-            let mut t = origin.next_down();
-            for &instant in &expected[..150] {
-                assert_eq!(controller.next_break(origin, t), instant, "{origin} {period} {delay}");
-                assert_eq!(controller.next_break(origin, instant.next_down()), instant);
-                t = instant;
-            }
-        }
-    }
-}
+pub(crate) mod tests;

@@ -1,7 +1,6 @@
 //! Small linear systems, with the operations written out. The system of every evaluation is solved by a
-//! square-root-free LDL^T decomposition in a fixed order, so that scaling by powers of two is exact. The
-//! implicit methods use an LU decomposition with row pivots. The tests compare both with nalgebra's
-//! decompositions.
+//! square-root-free LDL^T decomposition in a fixed order, so that scaling by powers of two is exact. The implicit
+//! methods use an LU decomposition with row pivots. The tests compare both with nalgebra's decompositions.
 
 use std::ops::{Add, Div, Mul, Sub};
 
@@ -33,8 +32,7 @@ pub fn solve3<R: Real>(a: &Lower3<R>, b: &[R; 3], scale: R) -> [R; 3] {
     let i0 = one / a00;
     let (l10, l20) = (a10 * i0, a20 * i0);
     let m21 = l20.neg_mul_add(a10, a21);
-    // The second pivot is multiplied by the first one, so that this division does not have to wait for the
-    // division above.
+    // The second pivot is multiplied by the first one, so that this division need not wait for the one above.
     let (s00, s10) = (a00 * scale, a10 * scale);
     let i1 = s00 / s10.neg_mul_add(a10, s00 * a11);
     let l21 = m21 * i1;
@@ -243,8 +241,7 @@ impl<R: Lanes> Entry for LaneEntry<R> {
 /// must check the solution for them.
 #[derive(Debug, Clone, Copy)]
 pub struct Lu<T: Entry> {
-    /// Row by row: the factors of the elimination below the diagonal, the inverse pivots on it, and U above
-    /// it.
+    /// Row by row: the factors of the elimination below the diagonal, the inverse pivots on it, and U above it.
     rows: Square<T>,
     exchanged: [T::Exchange; MOST_ROWS],
 }

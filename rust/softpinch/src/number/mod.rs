@@ -1,5 +1,4 @@
-//! Number types: the operations that the mechanics need, for one run, for several runs side by side, and for
-//! derivatives.
+//! Number types: the operations of the mechanics for one run, for several runs side by side, and for derivatives.
 
 pub(crate) mod dual;
 pub mod lanes;

@@ -66,9 +66,8 @@ fn sin_cos_mixed<R: Lanes>(x: R, large: Bits) -> (R, R) {
     if wild == 0 { (sin, cos) } else { replace_with_libm(x, wild, (sin, cos)) }
 }
 
-/// Both kernels without a reduction, in shorter forms: x - x^3 (1/6 - ...) and 1 - z (1/2 - z (1/24 - ...))
-/// with z = x^2. The polynomials are added up in pairs of terms. The errors stay below 0.74 and 0.87 units in
-/// the last place.
+/// Both kernels without a reduction, in shorter forms: x - x^3 (1/6 - ...) and 1 - z (1/2 - z (1/24 - ...)) with z =
+/// x^2. The polynomials are added up in pairs of terms. The errors stay below 0.74 and 0.87 units in the last place.
 #[inline(always)]
 fn sin_cos_small<R: Real>(x: R) -> (R, R) {
     let c = R::constant;
@@ -90,7 +89,7 @@ fn in_pairs<R: Real>(k: &[f64; 6], z: R) -> R {
 #[cfg(test)]
 thread_local! {
     /// How many lanes of this thread have taken their sine and cosine from `libm`.
-    pub(crate) static LIBM_LANES: std::cell::Cell<u64> = const { std::cell::Cell::new(0) };
+    pub static LIBM_LANES: std::cell::Cell<u64> = const { std::cell::Cell::new(0) };
 }
 
 /// Replaces the results in the lanes of `wild`, whose angles are too large to reduce or not finite. `libm` is
@@ -115,8 +114,7 @@ fn sin_cos_reduced<R: Lanes>(x: R) -> (R, R) {
     let k = rounded - rounder;
     // x - k PIO2_1 is a multiple of 2^-53 below 1, so the first step is exact.
     let r1 = k.neg_mul_add(R::constant(PIO2_1), x);
-    // The following differences may cancel near a multiple of pi/2, so the rounding errors of the product and
-    // of the difference are kept.
+    // These differences may cancel near a multiple of pi/2, so the errors of the product and of the difference are kept.
     let product = k * R::constant(PIO2_2);
     let product_error = k.mul_add(R::constant(PIO2_2), -product);
     let hi = r1 - product;

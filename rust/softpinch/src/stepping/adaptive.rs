@@ -2,7 +2,7 @@
 //! has a step of its own, which is accepted or rejected alone. A single run is one lane. Steps end on each
 //! breakpoint, where a new segment begins with a cautious first step.
 
-use crate::error::Error;
+use crate::error::Result;
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
@@ -22,7 +22,6 @@ use crate::stepping::sizes::{Sizes, is_unresolved, next_length};
 /// The adaptive loop before it runs.
 pub struct AdaptiveSteps<'a, Q, B> {
     pub setup: LoopSetup<'a, Q>,
-    /// Largest error of a step, as a share of each state's magnitude.
     pub tolerance: f64,
     pub build: B,
 }
@@ -34,10 +33,10 @@ where
     Q: RunQueue<'a>,
     B: FnOnce(Runs<'_>, &SceneEquations<R>) -> AnyAdaptiveMethod<R>,
 {
-    type Output = Result<Q, Error>;
+    type Output = Result<Q>;
 
     #[inline(always)]
-    fn run(self) -> Result<Q, Error> {
+    fn run(self) -> Result<Q> {
         let Self { setup, tolerance, build } = self;
         let LoopSetup { instructions, options, .. } = setup;
         let entry = options.method.entry();
@@ -51,38 +50,39 @@ where
             events: [None; MOST],
             events_in_a_row: [0; MOST],
         };
-        let mut start =
-            StepStart { y: [zero; MAX_COMPONENTS], now: Evaluation::nothing(), sizes: Sizes::new(tolerance) };
         for lane in 0..R::WIDTH {
-            lanes.load(lane, &mut start)?;
+            lanes.load(lane)?;
         }
         let both = |runs: Runs<'_>| {
             let system = runs.system();
             let method = build(runs, &system);
             (system, method)
         };
-        let (mut system, mut method) = lanes.batch.build(both, &mut start.y);
-        lanes.size(&system, R::ALL, &mut start);
+        let mut y = [zero; MAX_COMPONENTS];
+        let (system, mut method) = lanes.batch.build(both, &mut y);
+        let mut start = StepStart { system, y, now: Evaluation::nothing(), sizes: Sizes::new(tolerance) };
+        lanes.size(R::ALL, &mut start);
         let (mut next, mut end_state, mut corrected) = ([zero; MAX_COMPONENTS], Evaluation::nothing(), None);
         let mut attempts = 0u64;
         let most = R::constant(options.max_steps as f64);
-        let (one, size) = (R::constant(1.0), system.size());
+        let (one, size) = (R::constant(1.0), start.system.size());
 
         loop {
-            // Here lanes leave the vector code: runs that have ended make room for others, and segments
-            // begin.
+            // Here lanes leave the vector code: runs that have ended make room for others, and segments begin.
             while lanes.batch.phases.at(Phase::Ended) | lanes.entering() != 0 {
                 let ended = lanes.batch.phases.at(Phase::Ended);
                 for lane in each(ended) {
-                    lanes.load(lane, &mut start)?;
+                    if !lanes.load(lane)? {
+                        start.now.rate.iter_mut().for_each(|rate| rate.set(lane, 0.0));
+                    }
                 }
                 if ended != 0 && lanes.batch.active() != 0 {
-                    lanes.batch.renew((&mut system, &mut *method), ended, &mut start.y);
-                    lanes.size(&system, ended, &mut start);
+                    lanes.batch.renew((&mut start.system, &mut *method), ended, &mut start.y);
+                    lanes.size(ended, &mut start);
                 }
                 if lanes.entering() != 0 {
                     method.restart();
-                    R::call(instructions, Enter(&mut lanes, &system, &mut start));
+                    R::call(instructions, Enter(&mut lanes, &mut start));
                 }
             }
             if lanes.batch.active() == 0 {
@@ -108,7 +108,7 @@ where
                     } else {
                         too_many(t, h, options.max_steps)
                     };
-                    lanes.stop(&system, lane, &start, Some(end));
+                    lanes.stop(lane, &start, Some(end));
                 }
                 // The other lanes repeat their attempt, with the next run beside them.
                 continue;
@@ -118,7 +118,8 @@ where
             let active = lanes.batch.active();
             let allowed = Some(&start.sizes.allowed);
             let (drive, stats) = (&lanes.batch.drive, &mut lanes.batch.stats);
-            let step = Step { system: &system, drive, tau, h, y: &start.y, rate: &start.now.rate, allowed };
+            let system = &start.system;
+            let step = Step { system, drive, tau, h, y: &start.y, rate: &start.now.rate, allowed };
             let attempted = method.step(&step, &mut next, stats);
             lanes.unsolved = attempted.err();
             if lanes.unsolved.is_some() {
@@ -155,7 +156,7 @@ where
             if lanes.batch.unilateral {
                 let due = lanes.batch.due(&end_state) & accepted & !lanes.batch.phases.at(Phase::Event);
                 if due != 0 {
-                    let retakes = lanes.find_events(&system, due, &start, (h, arrived));
+                    let retakes = lanes.find_events(due, &start, (h, arrived));
                     accepted &= !retakes;
                     if accepted == 0 {
                         continue;
@@ -176,10 +177,8 @@ where
                 lanes.violating_turning_points(&start.now.motion, &end_state.motion, (accepted, h));
             let asked = R::constant(lanes.batch.queue.next_time()).less(ends);
             if each(accepted).any(|lane| asked >> lane & 1 != 0 || turning_times[lane].is_finite()) {
-                let (lanes, system, method) = (&mut lanes, &system, &mut method);
-                let (start, step, next) = (&start, (tau, h), &next);
-                let look =
-                    LookInside { lanes, system, method, start, step, next, accepted, ends, turning_times };
+                let (lanes, method, start, step, next) = (&mut lanes, &mut method, &start, (tau, h), &next);
+                let look = LookInside { lanes, method, start, step, next, accepted, ends, turning_times };
                 accepted = R::call(instructions, look);
             }
 
@@ -196,13 +195,13 @@ where
             }
             let entering = begins | at_event;
             for lane in each(entering) {
-                let last = lanes.last(&system, lane, &start);
+                let last = lanes.last(lane, &start);
                 lanes.save(lane, last);
             }
             let watching = accepted & !entering;
-            let seen = lanes.batch.watch(&system, &end_state, arrived, ends, watching);
+            let seen = lanes.batch.watch(system, &end_state, arrived, ends, watching);
             for lane in each(watching & !seen.finite) {
-                lanes.stop(&system, lane, &start, None);
+                lanes.stop(lane, &start, None);
             }
             let finite = watching & seen.finite;
             lanes.progress.watched = R::select(finite, ends, lanes.progress.watched);
@@ -212,8 +211,8 @@ where
                 let t = ends.lane(lane);
                 let contact = lanes.batch.contact_row(lane);
                 let instant = watched(size, (lane, contact), &end_state, arrived, t, (t, 0));
-                if lanes.goes_on(&system, lane, due, &seen, &instant) && at_end >> lane & 1 != 0 {
-                    lanes.retire(&system, lane, (Status::Completed, String::new()), &instant);
+                if lanes.goes_on(&start, lane, due, &seen, &instant) && at_end >> lane & 1 != 0 {
+                    lanes.retire(&start, lane, (Status::Completed, String::new()), &instant);
                 }
             }
             start.now = merged(watching, &end_state, &start.now);

@@ -1,11 +1,9 @@
-//! What takes lanes out of the vector code of the adaptive loop: starts of segments, with their samples and impulses, and
-//! events of unilateral contact.
+//! What takes lanes out of the vector code of the adaptive loop: starts of segments, and events of unilateral contact.
 //!
 //! A step in which an event is due is taken again with the length that leads to the event. There the run goes on as at the
 //! start of a segment, with a cautious first step.
 
 use crate::formulation::equations::States;
-use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
 use crate::model::scene::Scene;
 use crate::number::lanes::{Bits, LaneTask, Lanes, each};
@@ -25,13 +23,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     /// not take this step: they take a shorter one that ends at the event, or their run has ended.
     #[cold]
     #[inline(never)]
-    pub(super) fn find_events(
-        &mut self,
-        system: &impl System<R>,
-        due: Bits,
-        start: &StepStart<R>,
-        (h, arrived): (R, &States<R>),
-    ) -> Bits {
+    pub fn find_events(&mut self, due: Bits, start: &StepStart<R>, (h, arrived): (R, &States<R>)) -> Bits {
         let mut retakes = 0;
         for lane in each(due) {
             let (bit, h) = (1 << lane, h.lane(lane));
@@ -52,7 +44,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
                     }
                 }
                 Some(Err(end)) => {
-                    self.end_at_event(system, lane, start, (&end, h));
+                    self.end_at_event(lane, start, (&end, h));
                     retakes |= bit;
                 }
                 _ => {}
@@ -63,13 +55,13 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
 
     /// Lets the events happen at which steps have just ended.
     #[cold]
-    pub(super) fn meet_events(&mut self, system: &impl System<R>, start: &mut StepStart<R>) {
+    pub fn meet_events(&mut self, start: &mut StepStart<R>) {
         for lane in each(self.batch.phases.at(Phase::Event)) {
             let Some((event, h)) = self.events[lane].take() else { continue };
             let tau = self.progress.tau.lane(lane);
             self.events_in_a_row[lane] += 1;
             let chatters = self.events_in_a_row[lane] > MOST_EVENTS;
-            self.act(system, lane, start, (tau, h), |contact, at| {
+            self.act(lane, start, (tau, h), |contact, at| {
                 if chatters {
                     return Err(Box::new(ContactEnd { reason: Reason::Chattering, tau, y: *at.y }));
                 }
@@ -80,12 +72,12 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
 
     /// Chooses the modes in the lanes of `begins`, which begin a segment.
     #[cold]
-    pub(super) fn choose_modes(&mut self, system: &impl System<R>, begins: Bits, start: &mut StepStart<R>) {
+    pub fn choose_modes(&mut self, begins: Bits, start: &mut StepStart<R>) {
         for lane in each(begins & self.entering()) {
             let length = self.progress.length.lane(lane);
             let last = self.progress.h.lane(lane);
             let h = if last > 0.0 { last.min(length) } else { FIRST * length };
-            self.act(system, lane, start, (0.0, h), |contact, at| contact.begin(at));
+            self.act(lane, start, (0.0, h), |contact, at| contact.begin(at));
         }
     }
 
@@ -93,7 +85,6 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     /// after it, or ends the run there.
     fn act(
         &mut self,
-        system: &impl System<R>,
         lane: usize,
         start: &mut StepStart<R>,
         (tau, h): (f64, f64),
@@ -103,28 +94,21 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         let at = Moment { earlier: false, tau, h, y: &y };
         match self.batch.act(lane, |contact, _| work(contact, &at)) {
             Some(Ok(y)) => put(&mut start.y, lane, &y),
-            Some(Err(end)) => self.end_at_event(system, lane, start, (&end, h)),
+            Some(Err(end)) => self.end_at_event(lane, start, (&end, h)),
             None => {}
         }
     }
 
-    fn end_at_event(
-        &mut self,
-        system: &impl System<R>,
-        lane: usize,
-        start: &StepStart<R>,
-        (end, h): (&ContactEnd, f64),
-    ) {
-        let Some(before) = self.last(system, lane, start) else { return };
+    fn end_at_event(&mut self, lane: usize, start: &StepStart<R>, (end, h): (&ContactEnd, f64)) {
+        let Some(before) = self.last(lane, start) else { return };
         if let Some((end, last)) = self.batch.contact_end(lane, end, (before, h)) {
-            self.retire(system, lane, end, &last);
+            self.retire(start, lane, end, &last);
         }
     }
 
-    /// Lets the discrete controllers measure, in those of the lanes in `begins` in which a sample is due at the end of
-    /// the segment.
+    /// Lets the discrete controllers measure, in the lanes of `begins` with a sample due at the end of the segment.
     #[inline(always)]
-    fn take_samples(&mut self, system: &impl System<R>, begins: Bits, start: &StepStart<R>) {
+    fn take_samples(&mut self, begins: Bits, start: &StepStart<R>) {
         let mut due = 0;
         for lane in each(begins) {
             let Some(run) = &self.batch.runs[lane] else { continue };
@@ -135,7 +119,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         if due == 0 {
             return;
         }
-        let now = system.evaluate(&self.batch.drive, self.progress.tau, &start.y);
+        let now = start.system.evaluate(&self.batch.drive, self.progress.tau, &start.y);
         self.batch.stats.evaluations += 1;
         for lane in each(due) {
             self.batch.take_sample(lane, self.progress.to.lane(lane), &now);
@@ -145,19 +129,15 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
 
 /// Begins a segment in the lanes that enter one, or goes on in it after an event, and computes the length of the first
 /// step. This is rare, so the code is called, not inlined.
-pub(super) struct Enter<'b, 'a, R: Lanes, Q>(
-    pub(super) &'b mut AdaptiveLanes<'a, R, Q>,
-    pub(super) &'b SceneEquations<R>,
-    pub(super) &'b mut StepStart<R>,
-);
+pub struct Enter<'b, 'a, R: Lanes, Q>(pub &'b mut AdaptiveLanes<'a, R, Q>, pub &'b mut StepStart<R>);
 
 impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for Enter<'_, 'a, R, Q> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let Self(lanes, system, start) = self;
-        let size = system.size();
+        let Self(lanes, start) = self;
+        let size = start.system.size();
         let entering = lanes.entering();
         lanes.control.restart(entering);
         lanes.unsolved = None;
@@ -165,9 +145,9 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for Enter<'_, 'a, R, Q> {
         let ends = over & lanes.progress.last;
         let begins = entering & over & !lanes.progress.last;
         if lanes.batch.unilateral {
-            lanes.meet_events(system, start);
+            lanes.meet_events(start);
         }
-        lanes.take_samples(system, begins & lanes.entering(), start);
+        lanes.take_samples(begins & lanes.entering(), start);
         for lane in each(begins & lanes.entering()) {
             let Some(run) = &lanes.batch.runs[lane] else { continue };
             let from = lanes.progress.to.lane(lane);
@@ -176,37 +156,37 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for Enter<'_, 'a, R, Q> {
             lanes.batch.enter_segment(lane, from, from);
         }
         if lanes.batch.unilateral {
-            lanes.choose_modes(system, begins, start);
+            lanes.choose_modes(begins, start);
         }
         let (times, tau) = (lanes.progress.t, lanes.progress.tau);
-        let mut now = system.evaluate(&lanes.batch.drive, tau, &start.y);
+        let mut now = start.system.evaluate(&lanes.batch.drive, tau, &start.y);
         lanes.batch.stats.evaluations += 1;
-        let seen = lanes.batch.watch(system, &now, &start.y, times, lanes.entering());
+        let seen = lanes.batch.watch(&start.system, &now, &start.y, times, lanes.entering());
         let (mut stays, mut jumped): (Bits, Bits) = (0, 0);
         for lane in each(lanes.entering()) {
             let bit = 1 << lane;
             let t = times.lane(lane);
             if seen.finite & bit == 0 {
-                lanes.stop(system, lane, start, None);
+                lanes.stop(lane, start, None);
                 continue;
             }
             let contact = lanes.batch.contact_row(lane);
             let instant = watched(size, (lane, contact), &now, &start.y, t, (t, 0));
             let due = lanes.batch.queue.is_due(t, false);
-            if !lanes.goes_on(system, lane, due, &seen, &instant) {
+            if !lanes.goes_on(start, lane, due, &seen, &instant) {
                 continue;
             }
             if ends & bit != 0 {
-                lanes.retire(system, lane, (Status::Completed, String::new()), &instant);
+                lanes.retire(start, lane, (Status::Completed, String::new()), &instant);
                 continue;
             }
             let mut jumps = false;
             if begins & bit != 0 {
                 let h = FIRST * lanes.progress.length.lane(lane);
-                match lanes.batch.strike(system, lane, (t, tau, h), &mut start.y) {
+                match lanes.batch.strike(&start.system, lane, (t, tau, h), &mut start.y) {
                     Ok(struck) => jumps = struck,
                     Err(end) => {
-                        lanes.end_at_event(system, lane, start, (&end, h));
+                        lanes.end_at_event(lane, start, (&end, h));
                         continue;
                     }
                 }
@@ -224,13 +204,13 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for Enter<'_, 'a, R, Q> {
             return;
         }
         if jumped != 0 {
-            now = system.evaluate(&lanes.batch.drive, tau, &start.y);
+            now = start.system.evaluate(&lanes.batch.drive, tau, &start.y);
             lanes.batch.stats.evaluations += 1;
         }
         start.now = merged(stays, &now, &start.now);
         start.sizes.note(size, &start.y, stays, stays);
         lanes.batch.stats.evaluations += 1;
-        let (equations, states) = ((system, &lanes.batch.drive), (&start.y, &start.now.rate));
+        let (equations, states) = ((&start.system, &lanes.batch.drive), (&start.y, &start.now.rate));
         let rest = lanes.progress.length - tau;
         let h = start.sizes.first_step(equations, &lanes.control, states, (stays, tau, rest));
         lanes.progress.h = R::select(stays, h, lanes.progress.h);

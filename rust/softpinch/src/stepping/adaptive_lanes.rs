@@ -4,7 +4,7 @@
 //! The instants inside a step are those to record, and those at which a tip seems to violate a limit and to come back.
 //! Dense output gives their states.
 
-use crate::error::Error;
+use crate::error::Result;
 use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
@@ -26,36 +26,34 @@ use crate::stepping::queue::RunQueue;
 use crate::stepping::sizes::Sizes;
 
 /// The places of the runs in time. In a lane without a run all numbers are zero.
-pub(super) struct Progress<R> {
+pub struct Progress<R> {
     /// Start, end and length of the segments between breakpoints.
-    pub(super) from: R,
-    pub(super) to: R,
-    pub(super) length: R,
+    pub from: R,
+    pub to: R,
+    pub length: R,
     /// The times, the times since the starts of the segments, and the times of the last watched instants.
-    pub(super) t: R,
-    pub(super) tau: R,
-    pub(super) watched: R,
+    pub t: R,
+    pub tau: R,
+    pub watched: R,
     /// The lengths of the next attempts.
-    pub(super) h: R,
-    pub(super) steps: R,
-    pub(super) attempts: R,
-    /// Errors of the last attempts, in units of the allowed error; negative before the first attempt of a
-    /// segment.
-    pub(super) errors: R,
+    pub h: R,
+    pub steps: R,
+    pub attempts: R,
+    /// Errors of the last attempts, in units of the allowed error; negative before the first attempt of a segment.
+    pub errors: R,
     /// Lanes in their last segment.
-    pub(super) last: Bits,
+    pub last: Bits,
 }
 
 impl<R: Lanes> Progress<R> {
     #[inline(always)]
-    pub(super) fn new() -> Self {
+    pub fn new() -> Self {
         let [from, to, length, t, tau, watched, h, steps, attempts, errors] = [R::zero(); 10];
         Self { from, to, length, t, tau, watched, h, steps, attempts, errors, last: 0 }
     }
 
-    /// Puts a lane at the start of a run, as if a segment without length ended there. A lane without a run is
-    /// put at zero.
-    pub(super) fn begin(&mut self, lane: usize, start: f64) {
+    /// Puts a lane at the start of a run, as if a segment without length ended there; at zero if it has no run.
+    pub fn begin(&mut self, lane: usize, start: f64) {
         for number in [&mut self.h, &mut self.steps, &mut self.attempts] {
             number.set(lane, 0.0);
         }
@@ -64,7 +62,7 @@ impl<R: Lanes> Progress<R> {
     }
 
     /// Puts a lane at the start of a segment.
-    pub(super) fn enter(&mut self, lane: usize, (from, to): (f64, f64), last: bool) {
+    pub fn enter(&mut self, lane: usize, (from, to): (f64, f64), last: bool) {
         self.from.set(lane, from);
         self.to.set(lane, to);
         self.length.set(lane, to - from);
@@ -75,31 +73,31 @@ impl<R: Lanes> Progress<R> {
     }
 }
 
-pub(super) struct AdaptiveLanes<'a, R: Lanes, Q> {
-    pub(super) batch: LaneBatch<'a, R, Span, Q>,
-    pub(super) progress: Progress<R>,
-    pub(super) control: StepControl<R>,
-    /// Why the equations of the last attempt were not solved, if that is so. Methods that solve equations for
-    /// their stages have one lane.
-    pub(super) unsolved: Option<Unsolved>,
+pub struct AdaptiveLanes<'a, R: Lanes, Q> {
+    pub batch: LaneBatch<'a, R, Span, Q>,
+    pub progress: Progress<R>,
+    pub control: StepControl<R>,
+    /// Why the equations of the last attempt were not solved, if so. Methods that solve equations have one lane.
+    pub unsolved: Option<Unsolved>,
     /// Lanes whose last watched instant is saved in their run.
-    pub(super) saved: Bits,
+    pub saved: Bits,
     /// In unilateral contact: the event at which the next step ends or the last one has ended, with the length of the step
     /// in which it was found; and the number of steps in a row that ended at an event.
-    pub(super) events: [Option<(Event, f64)>; MOST],
-    pub(super) events_in_a_row: [usize; MOST],
+    pub events: [Option<(Event, f64)>; MOST],
+    pub events_in_a_row: [usize; MOST],
 }
 
-/// The states from which the steps of all lanes start.
-pub(super) struct StepStart<R> {
-    pub(super) y: States<R>,
-    pub(super) now: Evaluation<R>,
-    pub(super) sizes: Sizes<R>,
+/// The states from which the steps of all lanes start, and the equations of the steps.
+pub struct StepStart<R> {
+    pub system: SceneEquations<R>,
+    pub y: States<R>,
+    pub now: Evaluation<R>,
+    pub sizes: Sizes<R>,
 }
 
 impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
-    /// Loads the next run, if there is one, into a lane, and puts the lane at the start of its first segment.
-    pub(super) fn load(&mut self, lane: usize, start: &mut StepStart<R>) -> Result<(), Error> {
+    /// Loads the next run into a lane, and puts it at the start of its first segment. Returns whether there is one.
+    pub fn load(&mut self, lane: usize) -> Result<bool> {
         let place = |_, scene: &Scene| Span::new(&scene.inputs, &scene.initial, scene.duration);
         let loaded = self.batch.load_lane(lane, place)?;
         let from = self.batch.runs[lane].as_ref().map_or(0.0, |run| run.place.start);
@@ -109,24 +107,18 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         if self.batch.runs[lane].as_ref().is_some_and(|run| run.controller.is_some()) {
             self.batch.enter_sample(lane, from);
         }
-        if loaded {
-            self.saved |= 1 << lane;
-        } else {
-            for rate in &mut start.now.rate {
-                rate.set(lane, 0.0);
-            }
-        }
-        Ok(())
+        self.saved |= Bits::from(loaded) << lane;
+        Ok(loaded)
     }
 
     /// The lanes at the start of a segment, or at an event, from which they go on as from such a start.
     #[inline(always)]
-    pub(super) fn entering(&self) -> Bits {
+    pub fn entering(&self) -> Bits {
         self.batch.phases.at(Phase::Start) | self.batch.phases.at(Phase::Event)
     }
 
     /// Counts the steps that the run in a lane has taken.
-    pub(super) fn count(&mut self, lane: usize) {
+    pub fn count(&mut self, lane: usize) {
         if let Some(run) = &mut self.batch.runs[lane] {
             run.steps = self.progress.steps.lane(lane) as u64;
         }
@@ -134,28 +126,28 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
 
     /// Sets the typical magnitudes of the states in the lanes of `changed`, which have new runs.
     #[inline(always)]
-    pub(super) fn size(&self, system: &impl System<R>, changed: Bits, start: &mut StepStart<R>) {
-        let usual = system.begin(&self.batch.gathered(Motion::typical_magnitudes));
-        let slow = system.begin(&self.batch.gathered(Motion::slow_magnitudes));
+    pub fn size(&self, changed: Bits, start: &mut StepStart<R>) {
+        let usual = start.system.begin(&self.batch.gathered(Motion::typical_magnitudes));
+        let slow = start.system.begin(&self.batch.gathered(Motion::slow_magnitudes));
         start.sizes.begin(changed, &usual, &slow);
     }
 
-    pub(super) fn retire(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Instant) {
+    pub fn retire(&mut self, start: &StepStart<R>, lane: usize, end: End, last: &Instant) {
         self.count(lane);
-        self.batch.retire_lane(system, lane, end, last);
+        self.batch.retire_lane(&start.system, lane, end, last);
     }
 
     /// The last watched instant of a lane.
-    pub(super) fn last(&self, system: &impl System<R>, lane: usize, start: &StepStart<R>) -> Option<Instant> {
+    pub fn last(&self, lane: usize, start: &StepStart<R>) -> Option<Instant> {
         if self.saved >> lane & 1 != 0 {
             return self.batch.runs[lane].as_ref()?.saved_instant;
         }
         let t = self.progress.watched.lane(lane);
         let contact = self.batch.contact_row(lane);
-        Some(watched(system.size(), (lane, contact), &start.now, &start.y, t, (t, 0)))
+        Some(watched(start.system.size(), (lane, contact), &start.now, &start.y, t, (t, 0)))
     }
 
-    pub(super) fn save(&mut self, lane: usize, last: Option<Instant>) {
+    pub fn save(&mut self, lane: usize, last: Option<Instant>) {
         self.saved |= 1 << lane;
         if let Some(run) = &mut self.batch.runs[lane] {
             run.saved_instant = last;
@@ -165,30 +157,24 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     /// Ends the run in a lane at the last watched instant. An `end` of `None` means that a number overflowed.
     #[cold]
     #[inline(never)]
-    pub(super) fn stop(
-        &mut self,
-        system: &impl System<R>,
-        lane: usize,
-        start: &StepStart<R>,
-        end: Option<End>,
-    ) {
-        let Some(last) = self.last(system, lane, start) else { return };
+    pub fn stop(&mut self, lane: usize, start: &StepStart<R>, end: Option<End>) {
+        let Some(last) = self.last(lane, start) else { return };
         let end = end.unwrap_or_else(|| overflow(last.t));
-        self.retire(system, lane, end, &last);
+        self.retire(start, lane, end, &last);
     }
 
     /// Records an instant that was just watched, if it is `due`. Ends the run there if a violation or a lack
     /// of memory requires it. Returns whether the run goes on.
     #[inline(always)]
-    pub(super) fn goes_on(
+    pub fn goes_on(
         &mut self,
-        system: &impl System<R>,
+        start: &StepStart<R>,
         lane: usize,
         due: bool,
         seen: &Seen,
         instant: &Instant,
     ) -> bool {
-        let recorded = if due { self.batch.record(system, instant) } else { Ok(()) };
+        let recorded = if due { self.batch.record(&start.system, instant) } else { Ok(()) };
         let end = match recorded {
             Err(error) => Some(full(instant.t, &error)),
             Ok(()) if seen.ended >> lane & 1 != 0 => {
@@ -198,39 +184,13 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
             Ok(()) => None,
         };
         let Some(end) = end else { return true };
-        self.retire(system, lane, end, instant);
+        self.retire(start, lane, end, instant);
         false
     }
-}
 
-/// The evaluation `a` in the lanes of `bits`, `b` in all other lanes.
-#[inline(always)]
-pub(super) fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>) -> Evaluation<R> {
-    fn each<R: Lanes, const N: usize>(bits: Bits, a: &[R; N], b: &[R; N]) -> [R; N] {
-        std::array::from_fn(|n| R::select(bits, a[n], b[n]))
-    }
-    Evaluation {
-        rate: each(bits, &a.rate, &b.rate),
-        motion: Motion {
-            q: Coordinates::select(bits, &a.motion.q, &b.motion.q),
-            p: Coordinates::select(bits, &a.motion.p, &b.motion.p),
-            memory: each(bits, &a.motion.memory, &b.motion.memory),
-        },
-        multipliers: each(bits, &a.multipliers, &b.multipliers),
-        residuals: each(bits, &a.residuals, &b.residuals),
-        tilt: each(bits, &a.tilt, &b.tilt),
-        sin_tilt: each(bits, &a.sin_tilt, &b.sin_tilt),
-        places: each(bits, &a.places, &b.places),
-        torque: each(bits, &a.torque, &b.torque),
-        share: each(bits, &a.share, &b.share),
-    }
-}
-
-impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
-    /// For each lane, the time inside the step at which a tip seems to violate a limit and to come back;
-    /// infinity if there is none.
+    /// The time inside each lane's step at which a tip seems to violate a limit and to come back; infinity if none.
     #[inline(always)]
-    pub(super) fn violating_turning_points(
+    pub fn violating_turning_points(
         &self,
         before: &Motion<R>,
         after: &Motion<R>,
@@ -251,21 +211,43 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     }
 }
 
+/// The evaluation `a` in the lanes of `bits`, `b` in all other lanes.
+#[inline(always)]
+pub fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>) -> Evaluation<R> {
+    fn each<R: Lanes, const N: usize>(bits: Bits, a: &[R; N], b: &[R; N]) -> [R; N] {
+        std::array::from_fn(|n| R::select(bits, a[n], b[n]))
+    }
+    Evaluation {
+        rate: each(bits, &a.rate, &b.rate),
+        motion: Motion {
+            q: Coordinates::select(bits, &a.motion.q, &b.motion.q),
+            p: Coordinates::select(bits, &a.motion.p, &b.motion.p),
+            memory: each(bits, &a.motion.memory, &b.motion.memory),
+        },
+        multipliers: each(bits, &a.multipliers, &b.multipliers),
+        residuals: each(bits, &a.residuals, &b.residuals),
+        tilt: each(bits, &a.tilt, &b.tilt),
+        sin_tilt: each(bits, &a.sin_tilt, &b.sin_tilt),
+        places: each(bits, &a.places, &b.places),
+        torque: each(bits, &a.torque, &b.torque),
+        share: each(bits, &a.share, &b.share),
+    }
+}
+
 /// In the lanes of `accepted`, looks at the instants inside the step that are to be recorded, and at those of
 /// `turning_times`. Returns the lanes whose runs go on. This is rare, so the code is called, not inlined.
-pub(super) struct LookInside<'b, 'a, R: Lanes, Q> {
-    pub(super) lanes: &'b mut AdaptiveLanes<'a, R, Q>,
-    pub(super) system: &'b SceneEquations<R>,
-    pub(super) method: &'b mut AnyAdaptiveMethod<R>,
-    pub(super) start: &'b StepStart<R>,
+pub struct LookInside<'b, 'a, R: Lanes, Q> {
+    pub lanes: &'b mut AdaptiveLanes<'a, R, Q>,
+    pub method: &'b mut AnyAdaptiveMethod<R>,
+    pub start: &'b StepStart<R>,
     /// The time of the step's start since that of the segment, and the length of the step.
-    pub(super) step: (R, R),
+    pub step: (R, R),
     /// The states at the end of the method's step, before any correction.
-    pub(super) next: &'b States<R>,
-    pub(super) accepted: Bits,
+    pub next: &'b States<R>,
+    pub accepted: Bits,
     /// The times at which the steps end.
-    pub(super) ends: R,
-    pub(super) turning_times: [f64; MOST],
+    pub ends: R,
+    pub turning_times: [f64; MOST],
 }
 
 impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for LookInside<'_, 'a, R, Q> {
@@ -273,9 +255,9 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for LookInside<'_, 'a, R, Q> {
 
     #[inline(always)]
     fn run(self) -> Bits {
-        let Self { lanes, system, method, start, step, next, mut accepted, ends, mut turning_times } = self;
+        let Self { lanes, method, start, step, next, mut accepted, ends, mut turning_times } = self;
+        let (system, y, (tau, h), drive) = (&start.system, &start.y, step, &lanes.batch.drive);
         let size = system.size();
-        let ((tau, h), y, drive) = (step, &start.y, &lanes.batch.drive);
         let allowed = Some(&start.sizes.allowed);
         let step = Step { system, drive, tau, h, y, rate: &start.now.rate, allowed };
         method.prepare(&step, next, &mut lanes.batch.stats);
@@ -308,13 +290,13 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for LookInside<'_, 'a, R, Q> {
                     turning_times[lane] = f64::INFINITY;
                 }
                 if seen.finite >> lane & 1 == 0 {
-                    lanes.stop(system, lane, start, None);
+                    lanes.stop(lane, start, None);
                 } else {
                     let contact = lanes.batch.contact_row(lane);
                     let instant = watched(size, (lane, contact), &then, &between, t, (t, 0));
                     lanes.save(lane, Some(instant));
                     let due = lanes.batch.queue.is_due(t, true);
-                    lanes.goes_on(system, lane, due, &seen, &instant);
+                    lanes.goes_on(start, lane, due, &seen, &instant);
                 }
             }
             accepted &= !lanes.batch.phases.at(Phase::Ended);

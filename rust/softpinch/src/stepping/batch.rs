@@ -1,14 +1,13 @@
-//! The runs in the lanes of a step loop, and the work of both loops on them: loading, watching and retiring
-//! runs.
+//! The runs in the lanes of a step loop, and the work of both loops on them: loading, watching and retiring runs.
 
 use std::borrow::Cow;
 
-use crate::error::Error;
+use crate::error::Result;
 use crate::formulation::equations::{Equations, Evaluation, States};
 use crate::formulation::inlined::Inlined;
 use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::System;
-use crate::method::traits::{Integrator, Runs, Stats};
+use crate::method::traits::{Integrator, LaneParameters, Runs, Stats};
 use crate::model::contact_modes::ContactModel;
 use crate::model::drive::SegmentDrive;
 use crate::model::energy::{self, BILATERAL_WORKS, Energies, WORKS};
@@ -27,7 +26,7 @@ use crate::stepping::lane_controller::LaneController;
 use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet, explain};
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::phase::{Phase, Phases};
-use crate::stepping::queue::{Finished, LaneParameters, RunQueue, Taken};
+use crate::stepping::queue::{Finished, RunQueue, Taken};
 use crate::stepping::record::{Recording, Run};
 use crate::stepping::summary::{RunEnd, Summaries, SummaryInstant};
 
@@ -46,7 +45,6 @@ pub struct LoopSetup<'a, Q> {
 pub struct LaneRun<'a, P> {
     pub number: usize,
     pub scene: Cow<'a, Scene>,
-    /// The time at which each violation was first seen, s; NaN if it was not.
     pub first_times: [f64; VIOLATIONS.len()],
     /// The last watched instant, if it is not the last one that the loop evaluated: the start of the run
     /// before any evaluation, the instant before an impulse, or an instant inside a step.
@@ -61,11 +59,9 @@ pub struct LaneRun<'a, P> {
 
 /// The findings at an instant of the runs in all lanes.
 pub struct Seen {
-    /// Lanes in which all numbers are finite.
     pub finite: Bits,
     /// Lanes whose run ends because of a violation, or because its steps are unstable.
     pub ended: Bits,
-    /// Lanes whose steps are unstable.
     unstable: Bits,
     /// For each of [`VIOLATIONS`] the lanes in which it holds.
     pub found: [Bits; VIOLATIONS.len()],
@@ -100,10 +96,8 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
     stop_on: [Bits; VIOLATIONS.len()],
     /// In a loop of one lane: whether the last watched instant showed any violation.
     shown: Bits,
-    /// Whether contacts can slip and open.
     pub unilateral: bool,
-    /// Whether a lane may have to hold its state at an instant that is evaluated again: because of its contacts, or
-    /// of a discrete controller.
+    /// Whether contacts or a discrete controller may make a lane hold its state while an instant is evaluated again.
     pub holds: bool,
     /// For each of [`VIOLATIONS`] the lanes in which an event has shown it since the last watched instant.
     pub(super) occurred: [Bits; VIOLATIONS.len()],
@@ -151,11 +145,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     /// Loads the next run into a lane, at the place that `place` gives for its number and scene. Returns `false` if
     /// there is no next run. If there are several lanes, this one then gets numbers that never overflow:
     /// after an overflow it would need the exact sine, which would slow down all lanes.
-    pub fn load_lane(
-        &mut self,
-        lane: usize,
-        place: impl FnOnce(usize, &Scene) -> Result<P, Error>,
-    ) -> Result<bool, Error> {
+    pub fn load_lane(&mut self, lane: usize, place: impl FnOnce(usize, &Scene) -> Result<P>) -> Result<bool> {
         let bit = 1 << lane;
         self.phases.set(bit, Phase::Idle);
         self.runs[lane] = None;
@@ -265,17 +255,14 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         build: impl FnOnce(Runs<'_>) -> (S, I),
         y: &mut States<R>,
     ) -> (S, I) {
-        let built = build(self.equations_of(&self.parameters()));
+        let built = build(self.lane_runs());
         self.begin(&built.0, R::ALL, y);
         built
     }
 
-    fn equations_of<'b>(&self, parameters: &'b LaneParameters<'b>) -> Runs<'b>
-    where
-        'a: 'b,
-    {
+    fn lane_runs(&self) -> Runs<'_> {
         let Self { instructions, choice, options, .. } = *self;
-        Runs { instructions, choice, parameters, gains: &options.stabilization }
+        Runs { instructions, choice, parameters: self.parameters(), gains: &options.stabilization }
     }
 
     /// Renews the equations and the method in place, after the lanes of `changed` have got new runs, and sets
@@ -287,15 +274,13 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         changed: Bits,
         y: &mut States<R>,
     ) {
-        let parameters = self.parameters();
-        let runs = self.equations_of(&parameters);
+        let runs = self.lane_runs();
         system.renew(runs);
         method.renew(runs);
         self.begin(system, changed, y);
     }
 
-    /// Renews the data that depend on the runs, and sets the states with which the runs in the lanes of
-    /// `changed` start.
+    /// Renews what depends on the runs, and sets the states with which the runs in the lanes of `changed` start.
     #[inline(always)]
     fn begin(&mut self, system: &impl System<R>, changed: Bits, y: &mut States<R>) {
         let round_off;
@@ -497,7 +482,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
 
     /// Records a watched instant. The error says that there is no memory for it.
     #[inline(always)]
-    pub fn record(&mut self, system: &impl System<R>, watched: &Instant) -> Result<(), Error> {
+    pub fn record(&mut self, system: &impl System<R>, watched: &Instant) -> Result {
         // A recorded run has a loop of its own, in lane 0.
         if self.options.record.state
             && let Some(LaneRun { controller: Some(controller), .. }) = &self.runs[0]

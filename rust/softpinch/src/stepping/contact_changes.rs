@@ -20,16 +20,16 @@ const OVERLAP: f64 = 1e-6;
 
 impl EventStepper<'_> {
     /// Chooses the modes at a breakpoint or after an impulse.
-    pub(super) fn begin(&mut self, place: &mut SegmentState) -> EventResult {
+    pub fn begin(&mut self, place: &mut SegmentState) -> EventResult {
         self.rechoose(place, [Cause::Input; 2])
     }
 
     /// Puts the state from which a run starts on the constraints of its closed contacts, with an impact if they
     /// approach each other, and chooses the modes. Surfaces of contacts that open take an overlap too.
-    pub(super) fn start(&mut self, place: &mut SegmentState, approaches: bool) -> EventResult {
+    pub fn start(&mut self, place: &mut SegmentState, approaches: bool) -> EventResult {
         let mut motion = self.motion(place);
         let before = self.energy(&motion);
-        let sides = self.equations.sides();
+        let sides = &self.equations.plant().sides;
         for i in 0..2 {
             let geometry = self.geometry(&motion);
             let (gap, beside) =
@@ -52,9 +52,8 @@ impl EventStepper<'_> {
         self.begin(place)
     }
 
-    /// Puts a state that another formulation has left on the constraints of its closed contacts, unless it is there up to
-    /// round-off.
-    pub(super) fn put_on_constraints(&mut self, place: &mut SegmentState) {
+    /// Puts a state of another formulation on the constraints of its closed contacts, unless it is there up to round-off.
+    pub fn put_on_constraints(&mut self, place: &mut SegmentState) {
         let mut motion = self.motion(place);
         let (before, from) = (self.energy(&motion), motion);
         self.absorb(&mut motion);
@@ -70,7 +69,7 @@ impl EventStepper<'_> {
     }
 
     /// Applies an impulse to the object, and chooses the modes.
-    pub(super) fn strike(&mut self, place: &mut SegmentState, impulse: &[f64; 3]) -> EventResult {
+    pub fn strike(&mut self, place: &mut SegmentState, impulse: &[f64; 3]) -> EventResult {
         let mut motion = self.motion(place);
         self.collide(place, &mut motion, impulse);
         self.store(place, &motion);
@@ -78,11 +77,7 @@ impl EventStepper<'_> {
     }
 
     /// Lets an event happen: velocities jump where it is an impact, and the modes are chosen anew.
-    pub(super) fn happen(
-        &mut self,
-        place: &mut SegmentState,
-        Event { finger: i, cause }: Event,
-    ) -> EventResult {
+    pub fn happen(&mut self, place: &mut SegmentState, Event { finger: i, cause }: Event) -> EventResult {
         let mut motion = self.motion(place);
         let left = self.run.contacts[i].mode;
         let mut causes = [Cause::Other; 2];
@@ -99,7 +94,7 @@ impl EventStepper<'_> {
                 self.settle(place, touching, &mut motion);
             }
             Cause::Relaxed => {
-                let (masses, p) = (self.equations.masses(), &motion.p);
+                let (masses, p) = (&self.equations.plant().masses, &motion.p);
                 for (mass, rate) in [(masses.compression[i], p.compression[i]), (masses.shear[i], p.shear[i])]
                 {
                     self.book(place, work::IMPACT, 0.5 * mass * rate * rate);
@@ -122,8 +117,7 @@ impl EventStepper<'_> {
         Ok(())
     }
 
-    /// A free tip meets the face. At the located event its gap is zero up to round-off; the surface takes the
-    /// rest.
+    /// A free tip meets the face. At the located event its gap is zero up to round-off; the surface takes the rest.
     fn meet(&mut self, place: &mut SegmentState, motion: &mut Motion<f64>, i: usize) -> EventResult {
         let geometry = self.geometry(motion);
         let gap = geometry.residuals()[i];

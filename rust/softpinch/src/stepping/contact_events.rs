@@ -10,7 +10,7 @@ use crate::number::lanes::Lanes;
 named! {
     /// What ends a mode.
     Cause;
-    /// The causes by their public names. No change of a mode has the last one, which ends the run.
+    /// No change of a mode has the last one, which ends the run.
     CAUSES = {
         /// The start of the run, a breakpoint of an input, or an impulse: the modes were chosen anew.
         Input = "input",
@@ -28,8 +28,7 @@ named! {
         Relaxed = "relaxed",
         /// An event of the other contact.
         Other = "other",
-        /// The object is lost: a closed contact left its face, a free tip met the end of the face, or neither tip is
-        /// beside its face.
+        /// The object is lost: a closed contact left its face, a free tip met its end, or neither tip is beside it.
         Lost = "lost",
     }
 }

@@ -2,7 +2,7 @@
 //! with a step of the run's own method, so that its result does not depend on the runs beside it.
 //! The work of both step loops on these contacts comes after them.
 
-use crate::error::Error;
+use crate::error::Result;
 use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::mode_selection::Contact;
 use crate::formulation::system::System;
@@ -41,8 +41,7 @@ pub struct LaneContact {
     segment: Segment,
     earlier: Segment,
     in_earlier: bool,
-    /// Before the run has begun: whether its contacts still follow from the state, and then whether a closed one
-    /// approaches.
+    /// Before the run has begun: whether its contacts follow from the state, and then whether a closed one approaches.
     unset: Option<bool>,
     /// Whether the run has not begun, and may start from a state that another formulation has left.
     fresh: bool,
@@ -64,7 +63,7 @@ pub struct Moment<'a> {
 }
 
 impl LaneContact {
-    pub fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Result<Self, Error> {
+    pub fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Result<Self> {
         let still = || Segment { anchor: 0.0, drive: SegmentDrive::still() };
         let mut contact = Self {
             instructions,
@@ -84,11 +83,7 @@ impl LaneContact {
     }
 
     /// Puts the contacts at the start of a run with the same parameters and options, whose equations are kept.
-    pub fn restart(
-        &mut self,
-        options: &Options,
-        Scene { parameters, initial, .. }: &Scene,
-    ) -> Result<(), Error> {
+    pub fn restart(&mut self, options: &Options, Scene { parameters, initial, .. }: &Scene) -> Result {
         let (contacts, unset) = match &initial.contact {
             Some(row) => (Contact::of_row(row)?, None),
             None => contacts_at(parameters, initial),
@@ -109,7 +104,7 @@ impl LaneContact {
         scene: &Scene,
         drive: SegmentDrive,
         h: f64,
-    ) -> Result<[f64; 4], Error> {
+    ) -> Result<[f64; 4]> {
         let mut contact = Self::new(instructions, options, scene)?;
         let State { time, motion, .. } = &scene.initial;
         contact.enter(*time, drive);
@@ -121,9 +116,9 @@ impl LaneContact {
     /// Evaluates a state in the last segment with an event, in the present modes.
     fn evaluate(&self, tau: f64, y: &States<f64>) -> Evaluation<f64> {
         let Segment { drive, .. } = if self.in_earlier { &self.earlier } else { &self.segment };
-        let mut contacts = drive.contacts;
-        self.run.put_into(&mut contacts, 0);
-        self.steps.system.evaluate(&drive.with_contacts(contacts), tau, y)
+        let mut drive = drive.clone();
+        self.run.put_into(&mut drive.contacts, 0);
+        self.steps.system.evaluate(&drive, tau, y)
     }
 
     /// Begins a segment with these inputs, which starts at `anchor`.
@@ -159,8 +154,7 @@ impl LaneContact {
         self.act(at, |stepper, place| work(stepper, place).map(|()| place.y))
     }
 
-    /// Chooses the modes at the start of the run or at a breakpoint. Returns the state from which the run goes
-    /// on.
+    /// Chooses the modes at the start of the run or at a breakpoint. Returns the state from which the run goes on.
     pub fn begin(&mut self, at: &Moment<'_>) -> EventResult<States<f64>> {
         let (unset, fresh) = (self.unset.take(), std::mem::take(&mut self.fresh));
         let corrects = self.steps.system.corrects();
@@ -219,12 +213,10 @@ impl LaneContact {
         self.unset.is_some()
     }
 
-    /// The contacts in the form of results.
     pub fn row(&self) -> ContactRow {
         Contact::row(&self.run.contacts)
     }
 
-    /// Whether neither tip is free.
     pub fn is_closed(&self) -> bool {
         self.run.contacts.iter().all(|contact| contact.closed)
     }
@@ -232,21 +224,14 @@ impl LaneContact {
     /// Takes the changes of the modes since the last call, and the work that was done.
     pub fn take_changes(&mut self) -> (Vec<Change>, Stats) {
         let changes = std::mem::take(&mut self.run.changes);
-        // Changes are counted back from the modes after the last of them.
-        let mut free = self.run.modes().map(|mode| mode == Mode::Free);
-        let mut before: Vec<bool> = changes
-            .iter()
-            .rev()
-            .map(|change| {
-                free[change.finger] = change.before == Mode::Free;
-                free[0] || free[1]
-            })
-            .collect();
-        before.reverse();
-        for (change, was_free) in changes.iter().zip(before) {
-            self.count_until(change.time, was_free);
+        for (k, change) in changes.iter().enumerate() {
+            let was_free = |i: usize| {
+                let next = changes[k..].iter().find(|later| later.finger == i);
+                next.map_or(self.run.contacts[i].mode, |next| next.before) == Mode::Free
+            };
+            self.count_until(change.time, was_free(0) || was_free(1));
         }
-        (changes, self.steps.take_stats())
+        (changes, std::mem::take(&mut self.steps.method.stats))
     }
 
     /// The time during which a tip was free, until `t`, s.
@@ -352,6 +337,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         self.stats.iterations += work.iterations;
         let bit = 1 << lane;
         for change in &changes {
+            self.queue.note_contacts(change.time, &contact.run.contacts, Some(change));
             let violation = match change.after {
                 Mode::Slip(_) => Violation::Slipping,
                 Mode::Free => Violation::Opened,
@@ -362,9 +348,6 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
                 self.noted[violation] |= bit;
                 run.first_times[violation] = change.time;
             }
-        }
-        for change in &changes {
-            self.queue.note_contacts(change.time, &contact.run.contacts, Some(change));
         }
     }
 

@@ -1,5 +1,4 @@
-//! The ways in which a run ends, and the ends of runs in words. Each message gives the cause with its numbers, and then
-//! advice.
+//! The ways in which a run ends, also in words: each message gives the cause with its numbers, and then advice.
 
 use crate::error::{Error, seconds};
 use crate::method::traits::Unsolved;
@@ -17,7 +16,6 @@ use crate::stepping::monitor::{STOP_ON, VIOLATIONS, Violation, half_length};
 named! {
     /// How a run ended.
     Status;
-    /// The statuses by their public names.
     STATUSES = {
         /// The run reached its end.
         Completed = "completed",
@@ -171,28 +169,22 @@ pub(crate) fn too_many(t: f64, h: f64, most: u64) -> End {
 
 /// The end of a run at an event of its contacts, which have these modes at the `last` instant.
 #[cold]
-pub(crate) fn contact(
-    scene: &Scene,
-    last: &Instant,
-    reason: Reason,
-    [right, left]: [Mode; 2],
-    h: f64,
-) -> End {
+pub(crate) fn contact(scene: &Scene, last: &Instant, reason: Reason, modes: [Mode; 2], h: f64) -> End {
     let t = seconds(last.t);
-    let modes = format!("the right tip {}, the left tip {}", right.word(), left.word());
+    let words = format!("the right tip {}, the left tip {}", modes[0].word(), modes[1].word());
     match reason {
         Reason::Lost(loss) => (
             Status::Lost,
             format!(
                 "the object was lost at t = {t}: {}; more friction, angles that close the fingers further, a smaller disturbance or \
                  higher faces would keep it",
-                lost(scene, last, loss, [right, left])
+                lost(scene, last, loss, modes)
             ),
         ),
         Reason::Chattering => (
             Status::Chattering,
             format!(
-                "the modes of the contacts changed more than {MOST_EVENTS} times within one step at t = {t} ({modes}): as a rule two \
+                "the modes of the contacts changed more than {MOST_EVENTS} times within one step at t = {t} ({words}): as a rule two \
                  contacts open each other in turn, ever faster. Another dt, method or formulation seldom helps; tips of another \
                  normal_mass (half of it, say), or less friction, may avoid it"
             ),
@@ -200,7 +192,7 @@ pub(crate) fn contact(
         Reason::NoMode => (
             Status::NoMode,
             format!(
-                "no modes of the contacts were admissible at t = {t} (so far {modes}). Friction is beyond the critical coefficient there; \
+                "no modes of the contacts were admissible at t = {t} (so far {words}). Friction is beyond the critical coefficient there; \
                  less friction or less mass of the tips would avoid it"
             ),
         ),
@@ -209,8 +201,7 @@ pub(crate) fn contact(
     }
 }
 
-/// Describes how the object was lost: which tip, how far it is from the middle of its face, and how far the face has
-/// slipped over it.
+/// Describes how the object was lost: which tip, how far from the middle of its face, and how far the face has slipped.
 fn lost(scene: &Scene, last: &Instant, loss: Loss, modes: [Mode; 2]) -> String {
     let (initial, last) = (&scene.initial.motion, &last.motion);
     let [start, now] =

@@ -4,7 +4,7 @@
 use std::mem::swap;
 use std::ops::DerefMut;
 
-use crate::error::Error;
+use crate::error::Result;
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
 use crate::method::traits::{Integrator, Runs};
 use crate::number::lanes::{LaneTask, Lanes};
@@ -33,10 +33,10 @@ where
     B: FnOnce(Runs<'_>) -> (S, M),
     M: DerefMut<Target: Integrator<R, S>>,
 {
-    type Output = Result<Q, Error>;
+    type Output = Result<Q>;
 
     #[inline(always)]
-    fn run(self) -> Result<Q, Error> {
+    fn run(self) -> Result<Q> {
         let Self { setup, grid, build } = self;
         let zero = R::zero();
         let mut lanes = EqualLanes {
@@ -80,11 +80,11 @@ where
             swap(&mut now, &mut before);
             system.evaluate_into(&lanes.batch.drive, tau, y, now);
             lanes.batch.stats.evaluations += 1;
-            let at = Instants { now, y, before, y_before: after };
+            let at = Instants { system: system.called(), now, y, before, y_before: after };
             // Lanes that do not take the step, and those among them into which another run was loaded.
             let (mut skipping, mut loaded) = (0, 0);
             if lanes.batch.holds {
-                loaded = lanes.hold_lanes(system.called(), tau, &at, &mut replacement)?;
+                loaded = lanes.hold_lanes(tau, &at, &mut replacement)?;
                 if lanes.held != 0 && keeps_jacobian {
                     method.restart();
                     lanes.in_use = None;
@@ -103,7 +103,7 @@ where
             }
             if watching & seen.finite & 1 != 0
                 && lanes.batch.queue.is_due(t.lane(0), false)
-                && let Some(row) = lanes.now(system.called(), 0, &at)
+                && let Some(row) = lanes.now(0, &at)
                 && let Err(error) = lanes.batch.record(system.called(), &row)
             {
                 lanes.retire(system.called(), 0, full(row.t, &error), &row);
@@ -117,12 +117,8 @@ where
             let impulses = phases.at(Phase::Impulse) | phases.at(Phase::Struck);
             let polls = (lanes.clock + 1).is_multiple_of(POLL);
             if leaving | impulses != 0 || polls {
-                let (skipped, reloaded) = lanes.end_runs_and_apply_impulses(
-                    system.called(),
-                    (&seen, leaving, tau),
-                    &at,
-                    &mut replacement,
-                )?;
+                let (skipped, reloaded) =
+                    lanes.end_runs_and_apply_impulses((&seen, leaving, tau), &at, &mut replacement)?;
                 (skipping, loaded) = (skipping | skipped, loaded | reloaded);
             }
             if skipping != R::ALL
@@ -130,8 +126,8 @@ where
                     lanes.step((&system, &mut *method, keeps_jacobian), (tau, now, y), after)
             {
                 let failed = R::ALL & !skipping;
-                let at = Instants { now, y, before, y_before: y };
-                lanes.fail(system.called(), (failed, unsolved), &at)?;
+                let at = Instants { system: system.called(), now, y, before, y_before: y };
+                lanes.fail((failed, unsolved), &at)?;
                 (skipping, loaded) = (skipping | failed, loaded | failed);
             }
             if loaded != 0 {
@@ -142,7 +138,7 @@ where
             }
             swap(&mut y, &mut after);
             if skipping != 0 {
-                system.each(|n| y[n] = R::select(skipping, replacement[n], y[n]));
+                system.size().each(|n| y[n] = R::select(skipping, replacement[n], y[n]));
             }
             lanes.stepped = !skipping;
             lanes.at_start &= skipping;

@@ -1,10 +1,9 @@
-//! What takes lanes out of the vector code of the loop of equal steps: events of unilateral contact, impulses, and ends of
-//! runs.
+//! What takes lanes out of the vector code of the loop of equal steps: events of contact, impulses, and ends of runs.
 //!
 //! A lane in which an event is due repeats its last step alone, up to the event and on from there, while the other lanes
 //! take their next step. Its new state replaces the old one.
 
-use crate::error::Error;
+use crate::error::Result;
 use crate::formulation::equations::States;
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
@@ -22,26 +21,20 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     /// Lets events happen and controllers measure, which `held` lanes do instead of a step. Returns the lanes into which
     /// another run was loaded because an event ended theirs.
     #[inline(always)]
-    pub(super) fn hold_lanes(
-        &mut self,
-        system: &SceneEquations<R>,
-        tau: R,
-        at: &Instants<'_, R>,
-        replacement: &mut States<R>,
-    ) -> Result<Bits, Error> {
+    pub fn hold_lanes(&mut self, tau: R, at: &Instants<'_, R>, replacement: &mut States<R>) -> Result<Bits> {
         let mut loaded = 0;
         self.held = 0;
         let due = if self.batch.unilateral { self.batch.due(at.now) & self.stepped } else { 0 };
         if due | self.batch.phases.at(Phase::Start) != 0 {
             let certain = self.batch.limits.modes_certain(at.now, &self.batch.drive.contacts);
-            loaded = self.meet_events(system, (due, certain, tau), at, replacement)?;
+            loaded = self.meet_events((due, certain, tau), at, replacement)?;
         }
         let sampling = self.batch.phases.at(Phase::Sample) & !self.held;
         if sampling != 0 {
             // A lane that is not finite is watched, and ends.
             let sampling = sampling & all_finite(at.now, R::zero());
             self.take_samples(sampling, at.now);
-            system.each(|n| replacement[n] = R::select(sampling, at.y[n], replacement[n]));
+            at.system.size().each(|n| replacement[n] = R::select(sampling, at.y[n], replacement[n]));
         }
         Ok(loaded)
     }
@@ -53,16 +46,15 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     #[inline(never)]
     fn meet_events(
         &mut self,
-        system: &SceneEquations<R>,
         (due, certain, tau): (Bits, Bits, R),
         at: &Instants<'_, R>,
         replacement: &mut States<R>,
-    ) -> Result<Bits, Error> {
+    ) -> Result<Bits> {
         let mut loaded = 0;
         let starting = self.batch.phases.at(Phase::Start);
         for lane in each(due | starting) {
             let bit = 1 << lane;
-            let Some(before) = self.last(system, lane, false, at) else { continue };
+            let Some(before) = self.last(lane, false, at) else { continue };
             let (arrived, h) = (column(at.y, lane), self.h.lane(lane));
             let (starts, certain) = (starting & bit != 0, certain & bit != 0);
             let Some(run) = &self.batch.runs[lane] else { continue };
@@ -92,7 +84,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
                     self.held |= bit;
                 }
                 Some(Err(end)) => {
-                    self.end_at_event(system, lane, &end, before)?;
+                    self.end_at_event(at.system, lane, &end, before)?;
                     loaded |= bit;
                 }
                 _ => {}
@@ -110,7 +102,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         lane: usize,
         end: &ContactEnd,
         before: Instant,
-    ) -> Result<(), Error> {
+    ) -> Result {
         if let Some((end, last)) = self.batch.contact_end(lane, end, (before, self.h.lane(lane))) {
             self.retire(system, lane, end, &last);
         }
@@ -122,17 +114,16 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     /// was loaded. The states after impulses are in `replacement`.
     #[cold]
     #[inline(never)]
-    pub(super) fn end_runs_and_apply_impulses(
+    pub fn end_runs_and_apply_impulses(
         &mut self,
-        system: &SceneEquations<R>,
         (seen, leaving, tau): (&Seen, Bits, R),
         at: &Instants<'_, R>,
         replacement: &mut States<R>,
-    ) -> Result<(Bits, Bits), Error> {
+    ) -> Result<(Bits, Bits)> {
         let mut leaving = leaving;
         for lane in each(leaving) {
             let finite = seen.finite >> lane & 1 != 0;
-            let Some(last) = self.last(system, lane, finite, at) else { continue };
+            let Some(last) = self.last(lane, finite, at) else { continue };
             let end = if finite {
                 self.count(lane);
                 let violation = self.batch.violation(lane, seen, &last);
@@ -140,15 +131,15 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
             } else {
                 overflow(last.t)
             };
-            self.retire(system, lane, end, &last);
+            self.retire(at.system, lane, end, &last);
         }
         if (self.clock + 1).is_multiple_of(POLL) && self.batch.queue.stops() {
             for lane in each(self.batch.active()) {
                 let watched = self.watched_now() >> lane & 1 != 0;
-                let Some(last) = self.last(system, lane, watched, at) else { continue };
+                let Some(last) = self.last(lane, watched, at) else { continue };
                 let Some(run) = &self.batch.runs[lane] else { continue };
                 let end = interruption(run.place.now(self.clock).0);
-                self.retire(system, lane, end, &last);
+                self.retire(at.system, lane, end, &last);
                 leaving |= 1 << lane;
             }
         }
@@ -159,15 +150,14 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         self.batch.phases.set(struck, Phase::Step);
         let jumping = self.batch.phases.at(Phase::Impulse) & !(leaving | self.held);
         for lane in each(jumping) {
-            let Some(now) = self.now(system, lane, at) else { continue };
+            let Some(now) = self.now(lane, at) else { continue };
             let Some(run) = &self.batch.runs[lane] else { continue };
             let (mut y, anchor) = (*at.y, run.place.segment.anchor);
-            match self.batch.strike(system, lane, (anchor, tau, self.h.lane(lane)), &mut y) {
-                // The instant after the impulses is evaluated but not watched again. The next step starts from
-                // it.
+            match self.batch.strike(at.system, lane, (anchor, tau, self.h.lane(lane)), &mut y) {
+                // The instant after the impulses is evaluated but not watched again. The next step starts from it.
                 Ok(_) => self.hold(lane, now, (&column(&y, lane), 2), replacement),
                 Err(end) => {
-                    self.end_at_event(system, lane, &end, now)?;
+                    self.end_at_event(at.system, lane, &end, now)?;
                     leaving |= 1 << lane;
                 }
             }

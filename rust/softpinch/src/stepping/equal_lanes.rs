@@ -1,11 +1,10 @@
-//! The lanes of the loop of equal steps: the places of their runs, and the rare work at breakpoints, impulses
-//! and ends of runs.
+//! The lanes of the loop of equal steps: the places of their runs, and the rare work at breakpoints and ends of runs.
 
-use crate::error::Error;
+use crate::error::Result;
 use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
-use crate::method::traits::{Integrator, Step, Unsolved};
+use crate::method::traits::{Integrator, Step, StepResult, Unsolved};
 use crate::model::motion::{Linearized, Motion, unpacked};
 use crate::model::scene::Scene;
 use crate::number::lanes::{Bits, Lanes, each};
@@ -19,23 +18,23 @@ use crate::stepping::lone_steps::RowsInside;
 use crate::stepping::phase::Phase;
 use crate::stepping::queue::RunQueue;
 
-pub(super) struct Place {
-    pub(super) grid: Grid,
+pub struct Place {
+    pub grid: Grid,
     /// The current segment, the segment before it, and the number of steps before the current segment.
-    pub(super) segment: Segment,
-    pub(super) earlier: Option<Segment>,
-    pub(super) steps_before: u64,
+    pub segment: Segment,
+    pub earlier: Option<Segment>,
+    pub steps_before: u64,
     /// The clock at the end of the segment.
-    pub(super) arrival: u64,
+    pub arrival: u64,
     /// The clock until which the saved instant of the run is its last watched one.
-    pub(super) saved_until: u64,
+    pub saved_until: u64,
     /// The clock at which the run's discrete controller took its last sample.
-    pub(super) sampled: Option<u64>,
+    pub sampled: Option<u64>,
 }
 
 impl Place {
     /// The place at the start of a run, whose first instant is evaluated at the clock `from`.
-    pub(super) fn new(grid: Grid, from: u64) -> Self {
+    pub fn new(grid: Grid, from: u64) -> Self {
         Self {
             segment: grid.first,
             earlier: None,
@@ -49,31 +48,31 @@ impl Place {
 
     /// The phase in which a run begins the current segment, once the modes of its contacts are chosen. A run that is resumed
     /// inside a segment has already had the impulses at the start of the segment.
-    pub(super) fn phase_at_start(&self, scene: &Scene) -> Phase {
+    pub fn phase_at_start(&self, scene: &Scene) -> Phase {
         let Segment { first, start, .. } = self.segment;
         let struck = first == 0 && scene.inputs.impulses_at(start).next().is_some();
         if struck { Phase::Impulse } else { Phase::Step }
     }
 
     /// Goes on in the segment after the current one.
-    pub(super) fn go_on(&mut self, next: Segment) {
+    pub fn go_on(&mut self, next: Segment) {
         self.steps_before += self.segment.steps();
         self.earlier = Some(std::mem::replace(&mut self.segment, next));
     }
 
     /// Number of steps in the current segment at this clock, including those of a run that this one resumes.
-    pub(super) fn step(&self, clock: u64) -> u64 {
+    pub fn step(&self, clock: u64) -> u64 {
         self.segment.count - (self.arrival - clock)
     }
 
     /// The time and the grid point at this clock.
-    pub(super) fn now(&self, clock: u64) -> (f64, (f64, u64)) {
+    pub fn now(&self, clock: u64) -> (f64, (f64, u64)) {
         let step = self.step(clock);
         (self.segment.time(step), (self.segment.anchor, step))
     }
 
     /// The segment of the step that ends at this clock, and the number of steps in it up to there.
-    pub(super) fn last_step(&self, clock: u64) -> (Segment, u64) {
+    pub fn last_step(&self, clock: u64) -> (Segment, u64) {
         let step = self.step(clock);
         match self.earlier {
             Some(earlier) if step == self.segment.first => (earlier, earlier.count),
@@ -81,57 +80,51 @@ impl Place {
         }
     }
 
-    /// The time and the grid point of the run's first instant in the current segment.
-    pub(super) fn first(&self) -> (f64, (f64, u64)) {
-        (self.segment.start, (self.segment.anchor, self.segment.first))
-    }
-
     /// The time and the grid point of the instant before this clock.
-    pub(super) fn before(&self, clock: u64) -> (f64, (f64, u64)) {
+    pub fn before(&self, clock: u64) -> (f64, (f64, u64)) {
         let (segment, step) = self.last_step(clock);
         let step = step.saturating_sub(1).max(segment.first);
         (segment.time(step), (segment.anchor, step))
     }
 }
 
-/// The last two instants of the runs in all lanes: the states and their evaluations.
-pub(super) struct Instants<'a, R> {
-    pub(super) now: &'a Evaluation<R>,
-    pub(super) y: &'a States<R>,
-    pub(super) before: &'a Evaluation<R>,
-    pub(super) y_before: &'a States<R>,
+/// The last two instants of the runs in all lanes: the states and their evaluations by the equations.
+pub struct Instants<'a, R> {
+    pub system: &'a SceneEquations<R>,
+    pub now: &'a Evaluation<R>,
+    pub y: &'a States<R>,
+    pub before: &'a Evaluation<R>,
+    pub y_before: &'a States<R>,
 }
 
-pub(super) struct EqualLanes<'g, 'a, R: Lanes, Q> {
-    pub(super) batch: LaneBatch<'a, R, Place, Q>,
-    pub(super) grid: &'g GridOf<'g>,
+pub struct EqualLanes<'g, 'a, R: Lanes, Q> {
+    pub batch: LaneBatch<'a, R, Place, Q>,
+    pub grid: &'g GridOf<'g>,
     /// Starts of the lanes' segments, steps taken since then, and lengths of the steps.
-    pub(super) anchor: R,
-    pub(super) taken: R,
-    pub(super) h: R,
+    pub anchor: R,
+    pub taken: R,
+    pub h: R,
     /// Lanes that have not yet stepped in their segment, and whether one of them has just entered it.
-    pub(super) at_start: Bits,
-    pub(super) entered: bool,
-    /// Lanes that took the last step, and lanes whose state an event or whose torque a sample replaces now, so that they
-    /// do not take the next step.
-    pub(super) stepped: Bits,
-    pub(super) held: Bits,
-    /// The clock, which counts the evaluations of the loop, and its reading when the next segment of any lane
-    /// ends.
-    pub(super) clock: u64,
-    pub(super) arrival: u64,
+    pub at_start: Bits,
+    pub entered: bool,
+    /// Lanes that took the last step, and lanes that do not take the next one, because an event or a sample acts now.
+    pub stepped: Bits,
+    pub held: Bits,
+    /// The clock, which counts the evaluations of the loop, and its reading when the next segment of any lane ends.
+    pub clock: u64,
+    pub arrival: u64,
     /// For methods that keep a Jacobian, which have one lane: the point at which it was last taken, the point
     /// of the Jacobian that the next step uses, and that point at the last watched instant.
-    pub(super) taken_at: Option<Linearized>,
-    pub(super) in_use: Option<Linearized>,
-    pub(super) in_use_last: Option<Linearized>,
+    pub taken_at: Option<Linearized>,
+    pub in_use: Option<Linearized>,
+    pub in_use_last: Option<Linearized>,
     /// For a recorded run, which has lane 0: the rows inside its last step.
-    pub(super) inside: RowsInside,
+    pub inside: RowsInside,
 }
 
 impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     /// Loads the next run, if there is one, into a lane. The run starts at the clock `from`.
-    pub(super) fn load(&mut self, lane: usize, from: u64) -> Result<(), Error> {
+    pub fn load(&mut self, lane: usize, from: u64) -> Result {
         let grid = self.grid;
         if self.batch.load_lane(lane, |number, scene| Ok(Place::new(grid(number, scene)?, from)))? {
             self.enter(lane, from);
@@ -144,7 +137,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     }
 
     /// Puts a lane at the start of its segment, which it reaches at the clock `from`.
-    pub(super) fn enter(&mut self, lane: usize, from: u64) {
+    pub fn enter(&mut self, lane: usize, from: u64) {
         let Some(run) = &mut self.batch.runs[lane] else { return };
         let Segment { anchor, start, h, first, count, .. } = run.place.segment;
         run.place.arrival = from + (count - first);
@@ -172,7 +165,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     /// begins their next segment. It is evaluated again under the new torques, and watched then.
     #[cold]
     #[inline(never)]
-    pub(super) fn take_samples(&mut self, sampling: Bits, now: &Evaluation<R>) {
+    pub fn take_samples(&mut self, sampling: Bits, now: &Evaluation<R>) {
         self.held |= sampling;
         for lane in each(sampling) {
             let Some(run) = &mut self.batch.runs[lane] else { continue };
@@ -190,17 +183,16 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     }
 
     /// Finds the clock at which the next segment ends.
-    pub(super) fn schedule(&mut self) {
+    pub fn schedule(&mut self) {
         let under_way = self.batch.active() & !self.batch.phases.at(Phase::End);
         let runs = each(under_way).filter_map(|lane| self.batch.runs[lane].as_ref());
         self.arrival = runs.map(|run| run.place.arrival).min().unwrap_or(u64::MAX);
     }
 
-    /// Puts lanes at the end of a segment into the next segment. A lane at the end of its last segment has
-    /// arrived.
+    /// Puts lanes at the end of a segment into the next segment. A lane at the end of its last segment has arrived.
     #[cold]
     #[inline(never)]
-    pub(super) fn arrive(&mut self) {
+    pub fn arrive(&mut self) {
         for lane in each(self.batch.active() & !self.batch.phases.at(Phase::End)) {
             let Some(run) = &mut self.batch.runs[lane] else { continue };
             let place = &mut run.place;
@@ -225,7 +217,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
 
     /// The times of all lanes, which are exact at breakpoints and at starts and ends of runs.
     #[inline(always)]
-    pub(super) fn times(&self, tau: R) -> R {
+    pub fn times(&self, tau: R) -> R {
         let mut t = self.anchor + tau;
         let exact = self.batch.phases.at(Phase::End) | self.at_start;
         if exact != 0 {
@@ -240,56 +232,46 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
 
     /// The instant that was just watched, in one lane.
     #[inline(always)]
-    pub(super) fn now(
-        &self,
-        system: &SceneEquations<R>,
-        lane: usize,
-        at: &Instants<'_, R>,
-    ) -> Option<Instant> {
+    pub fn now(&self, lane: usize, at: &Instants<'_, R>) -> Option<Instant> {
         let (t, grid) = self.batch.runs[lane].as_ref()?.place.now(self.clock);
         let contact = self.batch.contact_row(lane);
-        let found = watched(system.size(), (lane, contact), at.now, at.y, t, grid);
+        let found = watched(at.system.size(), (lane, contact), at.now, at.y, t, grid);
         Some(Instant { linearized: self.in_use_last, ..found })
     }
 
     /// The last watched instant of a lane: the current one if it is `finite`, else one before it.
-    pub(super) fn last(
-        &self,
-        system: &SceneEquations<R>,
-        lane: usize,
-        finite: bool,
-        at: &Instants<'_, R>,
-    ) -> Option<Instant> {
+    pub fn last(&self, lane: usize, finite: bool, at: &Instants<'_, R>) -> Option<Instant> {
         if finite {
-            return self.now(system, lane, at);
+            return self.now(lane, at);
         }
         let run = self.batch.runs[lane].as_ref()?;
         let place = &run.place;
+        let Segment { anchor, start, first, .. } = place.segment;
         let since_sample = place.sampled.map_or(u64::MAX, |clock| self.clock - clock);
         if since_sample > 1 && run.saved_instant.is_some() && self.clock <= place.saved_until {
             return run.saved_instant;
         }
         // The instant of a sample is evaluated twice, first under the torques before it.
-        let (t, grid) = if since_sample <= 1 { place.first() } else { place.before(self.clock) };
+        let (t, grid) = if since_sample <= 1 { (start, (anchor, first)) } else { place.before(self.clock) };
         let (evaluation, y) = if since_sample == 0 { (at.now, at.y) } else { (at.before, at.y_before) };
         let contact = self.batch.contact_row(lane);
-        let found = watched(system.size(), (lane, contact), evaluation, y, t, grid);
+        let found = watched(at.system.size(), (lane, contact), evaluation, y, t, grid);
         Some(Instant { linearized: self.in_use_last, before_sample: since_sample <= 1, ..found })
     }
 
     /// Counts the steps that the run in a lane has taken.
-    pub(super) fn count(&mut self, lane: usize) {
+    pub fn count(&mut self, lane: usize) {
         let Some(run) = &mut self.batch.runs[lane] else { return };
         run.steps = run.place.steps_before + run.place.step(self.clock) - run.place.segment.first;
     }
 
     /// The lanes whose present instant is watched: the state of the others has just been replaced.
     #[inline(always)]
-    pub(super) fn watched_now(&self) -> Bits {
+    pub fn watched_now(&self) -> Bits {
         self.batch.active() & !(self.batch.phases.at(Phase::Struck) | self.held)
     }
 
-    pub(super) fn retire(&mut self, system: &SceneEquations<R>, lane: usize, end: End, last: &Instant) {
+    pub fn retire(&mut self, system: &SceneEquations<R>, lane: usize, end: End, last: &Instant) {
         self.count(lane);
         if self.has_rows_inside() && !self.record_inside(system, last.t) {
             return;
@@ -301,7 +283,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     /// run goes on: it ends if there is no memory for a row.
     #[cold]
     #[inline(never)]
-    pub(super) fn record_inside(&mut self, system: &SceneEquations<R>, until: f64) -> bool {
+    pub fn record_inside(&mut self, system: &SceneEquations<R>, until: f64) -> bool {
         let rows = std::mem::take(&mut self.inside.rows);
         for row in rows.into_iter().take_while(|row| row.t < until) {
             if let Err(error) = self.batch.record(system, &row) {
@@ -313,13 +295,13 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     }
 
     #[inline(always)]
-    pub(super) fn has_rows_inside(&self) -> bool {
+    pub fn has_rows_inside(&self) -> bool {
         R::WIDTH == 1 && !self.inside.rows.is_empty()
     }
 
     /// Replaces the state of a lane, which is evaluated again. Until the run has been watched again, after so many
     /// evaluations, its last watched instant is `before`.
-    pub(super) fn hold(
+    pub fn hold(
         &mut self,
         lane: usize,
         before: Instant,
@@ -336,33 +318,27 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     /// Ends the runs in the lanes of `failed`, where the equations of the step were not solved, and loads the
     /// next runs.
     #[cold]
-    pub(super) fn fail(
-        &mut self,
-        system: &SceneEquations<R>,
-        (failed, unsolved): (Bits, Unsolved),
-        at: &Instants<'_, R>,
-    ) -> Result<(), Error> {
+    pub fn fail(&mut self, (failed, unsolved): (Bits, Unsolved), at: &Instants<'_, R>) -> Result {
         for lane in each(failed) {
             let watched = self.watched_now() >> lane & 1 != 0;
-            let Some(last) = self.last(system, lane, watched, at) else { continue };
+            let Some(last) = self.last(lane, watched, at) else { continue };
             let Some(run) = &self.batch.runs[lane] else { continue };
             let end = ending::unsolved(run.place.now(self.clock).0, self.h.lane(lane), unsolved);
-            self.retire(system, lane, end, &last);
+            self.retire(at.system, lane, end, &last);
             self.load(lane, self.clock + 1)?;
         }
         self.schedule();
         Ok(())
     }
 
-    /// Takes a step from the state `y`, evaluated as `now`, and computes the rows inside it. The error says that its
-    /// equations were not solved.
+    /// Takes a step from the state `y`, evaluated as `now`, and the rows inside it, unless it is not solved.
     #[inline(always)]
-    pub(super) fn step<S: LoopSystem<R>>(
+    pub fn step<S: LoopSystem<R>>(
         &mut self,
         (system, method, keeps_jacobian): (&S, &mut (impl Integrator<R, S> + ?Sized), bool),
         (tau, now, y): (R, &Evaluation<R>, &States<R>),
         after: &mut States<R>,
-    ) -> Result<(), Unsolved> {
+    ) -> StepResult {
         let (drive, stats) = (&self.batch.drive, &mut self.batch.stats);
         let step = Step { system, drive, tau, h: self.h, y, rate: &now.rate, allowed: None };
         let jacobians = stats.jacobians;
@@ -380,10 +356,9 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
         Ok(())
     }
 
-    /// At a breakpoint, a method that keeps a Jacobian forgets it, or takes the Jacobian of the run that this
-    /// run resumes.
+    /// At a breakpoint, a method that keeps a Jacobian forgets it, or takes that of the run that this one resumes.
     #[cold]
-    pub(super) fn restart_jacobian<S: System<R>>(
+    pub fn restart_jacobian<S: System<R>>(
         &mut self,
         system: &SceneEquations<R>,
         method: &mut (impl Integrator<R, S> + ?Sized),

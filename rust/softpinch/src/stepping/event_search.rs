@@ -18,93 +18,6 @@ use crate::stepping::contact_events::{
 use crate::stepping::lone_steps::LoneMethod;
 use crate::stepping::monitor::{Condition, Failure, Limits};
 
-/// A state within a segment.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct SegmentState {
-    pub(super) tau: f64,
-    pub(super) y: States<f64>,
-}
-
-impl SegmentState {
-    pub(super) fn end(&self, reason: Reason) -> Box<ContactEnd> {
-        Box::new(ContactEnd { reason, tau: self.tau, y: self.y })
-    }
-}
-
-/// One run within a step.
-pub(super) struct EventStepper<'a> {
-    /// The instructions of the code that computes, which is called. The search itself only compares numbers.
-    pub(super) instructions: Instructions,
-    pub(super) system: &'a SceneEquations<f64>,
-    pub(super) equations: ContactEquations<'a>,
-    pub(super) method: &'a mut LoneMethod,
-    pub(super) limits: &'a Limits<f64>,
-    pub(super) run: &'a mut ContactRun,
-    /// The inputs of the segment, with the modes of the contacts.
-    pub(super) drive: &'a mut SegmentDrive,
-    /// The length of the run's own step.
-    pub(super) h: f64,
-}
-
-/// Computes the geometry of a motion.
-struct GeometryOf<'a>(&'a [Side<f64>; 2], &'a Motion<f64>);
-
-impl LaneTask<f64> for GeometryOf<'_> {
-    type Output = Geometry<f64>;
-
-    #[inline(always)]
-    fn run(self) -> Geometry<f64> {
-        Geometry::new(self.0, &self.1.q, &self.1.p)
-    }
-}
-
-impl EventStepper<'_> {
-    pub(super) fn step_from(&mut self, from: &SegmentState, h: f64) -> EventResult<States<f64>> {
-        let step = self.method.step(self.system, self.drive, (from.tau, &from.y), h);
-        step.map_err(|unsolved| from.end(Reason::Unsolved(unsolved)))
-    }
-
-    pub(super) fn input(&self, tau: f64) -> Input<f64> {
-        f64::call(self.instructions, InputAt(self.drive, tau))
-    }
-
-    pub(super) fn geometry(&self, motion: &Motion<f64>) -> Geometry<f64> {
-        f64::call(self.instructions, GeometryOf(self.equations.sides(), motion))
-    }
-
-    /// The terms and the motion of a state.
-    pub(super) fn terms_at(&self, tau: f64, y: &States<f64>) -> (Terms<f64>, Motion<f64>) {
-        let input = self.input(tau);
-        let motion = self.equations.motion(&input, y);
-        (self.equations.terms(&input, &self.drive.contacts, &motion), motion)
-    }
-
-    pub(super) fn motion(&self, place: &SegmentState) -> Motion<f64> {
-        self.equations.motion(&self.input(place.tau), &place.y)
-    }
-
-    /// Writes a motion into a state, whose works stay.
-    pub(super) fn store(&self, place: &mut SegmentState, motion: &Motion<f64>) {
-        let states = self.system.size().states;
-        place.y[..states].copy_from_slice(&self.equations.begin(motion)[..states]);
-    }
-
-    /// Adds to a work of the ledger, if it is carried.
-    pub(super) fn book(&self, place: &mut SegmentState, which: usize, amount: f64) {
-        if self.system.size().works > 0 {
-            place.y[self.system.size().states + which] += amount;
-        }
-    }
-
-    /// The energy of a motion, if the ledger is carried.
-    pub(super) fn energy(&self, motion: &Motion<f64>) -> f64 {
-        if self.system.size().works == 0 {
-            return 0.0;
-        }
-        self.system.energies(&self.run.held(self.equations.tilts(&motion.q)), motion).total()
-    }
-}
-
 /// Largest number of repeated steps that locate one event. Most take about ten.
 const MOST_TRIALS: usize = 60;
 /// Where a condition is zero when its mode begins, such as the gap, it is looked at after this share of the step;
@@ -117,10 +30,94 @@ const SLIVER: f64 = 1.0 / (1u64 << 40) as f64;
 /// An event is located to this share of the step.
 const RESOLUTION: f64 = 1.0 / (1u64 << 50) as f64;
 
+/// A state within a segment.
+#[derive(Debug, Clone, Copy)]
+pub struct SegmentState {
+    pub tau: f64,
+    pub y: States<f64>,
+}
+
+impl SegmentState {
+    pub fn end(&self, reason: Reason) -> Box<ContactEnd> {
+        Box::new(ContactEnd { reason, tau: self.tau, y: self.y })
+    }
+}
+
+/// One run within a step.
+pub struct EventStepper<'a> {
+    /// The instructions of the code that computes, which is called. The search itself only compares numbers.
+    pub instructions: Instructions,
+    pub system: &'a SceneEquations<f64>,
+    pub equations: ContactEquations<'a>,
+    pub method: &'a mut LoneMethod,
+    pub limits: &'a Limits<f64>,
+    pub run: &'a mut ContactRun,
+    /// The inputs of the segment, with the modes of the contacts.
+    pub drive: &'a mut SegmentDrive,
+    /// The length of the run's own step.
+    pub h: f64,
+}
+
+struct GeometryOf<'a>(&'a [Side<f64>; 2], &'a Motion<f64>);
+
+impl LaneTask<f64> for GeometryOf<'_> {
+    type Output = Geometry<f64>;
+
+    #[inline(always)]
+    fn run(self) -> Geometry<f64> {
+        Geometry::new(self.0, &self.1.q, &self.1.p)
+    }
+}
+
 impl EventStepper<'_> {
+    pub fn step_from(&mut self, from: &SegmentState, h: f64) -> EventResult<States<f64>> {
+        let step = self.method.step(self.system, self.drive, (from.tau, &from.y), h);
+        step.map_err(|unsolved| from.end(Reason::Unsolved(unsolved)))
+    }
+
+    pub fn input(&self, tau: f64) -> Input<f64> {
+        f64::call(self.instructions, InputAt(self.drive, tau))
+    }
+
+    pub fn geometry(&self, motion: &Motion<f64>) -> Geometry<f64> {
+        f64::call(self.instructions, GeometryOf(&self.equations.plant().sides, motion))
+    }
+
+    /// The terms and the motion of a state.
+    pub fn terms_at(&self, tau: f64, y: &States<f64>) -> (Terms<f64>, Motion<f64>) {
+        let input = self.input(tau);
+        let motion = self.equations.motion(&input, y);
+        (self.equations.terms(&input, &self.drive.contacts, &motion), motion)
+    }
+
+    pub fn motion(&self, place: &SegmentState) -> Motion<f64> {
+        self.equations.motion(&self.input(place.tau), &place.y)
+    }
+
+    /// Writes a motion into a state, whose works stay.
+    pub fn store(&self, place: &mut SegmentState, motion: &Motion<f64>) {
+        let states = self.system.size().states;
+        place.y[..states].copy_from_slice(&self.equations.begin(motion)[..states]);
+    }
+
+    /// Adds to a work of the ledger, if it is carried.
+    pub fn book(&self, place: &mut SegmentState, which: usize, amount: f64) {
+        if self.system.size().works > 0 {
+            place.y[self.system.size().states + which] += amount;
+        }
+    }
+
+    /// The energy of a motion, if the ledger is carried.
+    pub fn energy(&self, motion: &Motion<f64>) -> f64 {
+        if self.system.size().works == 0 {
+            return 0.0;
+        }
+        self.system.energies(&self.run.held(self.equations.tilts(&motion.q)), motion).total()
+    }
+
     /// The state at the end of a step, after all events in it. `arrived` is the state without any. The modes of the
     /// drive are those at the end.
-    pub(super) fn advance(&mut self, from: SegmentState, arrived: &States<f64>) -> EventResult<States<f64>> {
+    pub fn advance(&mut self, from: SegmentState, arrived: &States<f64>) -> EventResult<States<f64>> {
         let (mut place, mut rest, mut arrived) = (from, self.h, *arrived);
         let end = place.tau + self.h;
         for _ in 0..=MOST_EVENTS {
@@ -148,7 +145,7 @@ impl EventStepper<'_> {
     /// At the event that is found, another one may be due that is over at the end of the step: lambda^H of a slipping
     /// tip turns negative, and then positive again once the tip's surface is stretched. So the shorter step is looked at in its
     /// turn.
-    pub(super) fn earliest(
+    pub fn earliest(
         &mut self,
         from: &SegmentState,
         (h, arrived): (f64, &States<f64>),

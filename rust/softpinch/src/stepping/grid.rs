@@ -1,20 +1,19 @@
 //! The times of a run: segments between breakpoints, each divided into equal steps. The time of a step is
 //! computed from its number, not by adding up steps.
 //!
-//! A run finds its segments one at a time when it reaches them, because held noise may divide it into
-//! millions.
+//! A run finds its segments one at a time when it reaches them, because held noise may divide it into millions.
 
-use crate::error::Error;
+use crate::error::{Error, Result, require};
 use crate::model::inputs::Inputs;
 use crate::model::rule::Rule;
 use crate::model::scene::Scene;
 use crate::model::start::State;
 
 /// Largest number of steps of one run. At a few million steps a second they take hours.
-pub(crate) const MOST_STEPS: f64 = 1e11;
+pub const MOST_STEPS: f64 = 1e11;
 
 /// Finds the times of the steps of a run, from its number and its scene.
-pub type GridOf<'a> = dyn Fn(usize, &Scene) -> Result<Grid, Error> + 'a;
+pub type GridOf<'a> = dyn Fn(usize, &Scene) -> Result<Grid> + 'a;
 
 /// A segment of a run: a stretch of time without a breakpoint inside.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,18 +42,14 @@ impl Segment {
         Self { anchor, start: anchor + 0.0, end, h, first: 0, count }
     }
 
-    /// Refuses steps that are too many to count, or so short that double precision does not tell their times
-    /// apart.
-    fn require_countable(&self, dt: f64) -> Result<(), Error> {
+    /// Refuses steps that are too many to count, or so short that double precision does not tell their times apart.
+    fn require_countable(&self, dt: f64) -> Result {
         let steps = self.count as f64;
         if steps > MOST_STEPS {
             return Err(too_many((self.end - self.anchor) / dt));
         }
-        if self.count > 1 && self.h <= round_off(self.anchor, self.end) {
-            let rule = "must be more than round-off of the times that it steps between";
-            return Err(Error::Field { field: "dt".to_owned(), value: dt, rule });
-        }
-        Ok(())
+        let resolved = self.count <= 1 || self.h > round_off(self.anchor, self.end);
+        require(resolved, "dt", dt, "must be more than round-off of the times that it steps between")
     }
 
     /// The time since the anchor after `step` steps.
@@ -95,7 +90,7 @@ impl Segment {
 }
 
 /// The round-off that times as large as these may have.
-pub(crate) fn round_off(a: f64, b: f64) -> f64 {
+pub fn round_off(a: f64, b: f64) -> f64 {
     4.0 * f64::EPSILON * a.abs().max(b.abs())
 }
 
@@ -113,15 +108,13 @@ pub struct Span {
 
 impl Span {
     /// The span of a run from `state` over `duration`, after a check of both.
-    pub fn new(inputs: &Inputs, state: &State, duration: f64) -> Result<Self, Error> {
+    pub fn new(inputs: &Inputs, state: &State, duration: f64) -> Result<Self> {
         Rule::Positive.check("duration", duration)?;
         Rule::Finite.check("initial.time", state.time)?;
         let start = state.time;
         let end = start + duration;
-        if !end.is_finite() || end <= start {
-            let rule = "must reach a later, finite instant from initial.time";
-            return Err(Error::Field { field: "duration".to_owned(), value: duration, rule });
-        }
+        let rule = "must reach a later, finite instant from initial.time";
+        require(end.is_finite() && end > start, "duration", duration, rule)?;
         inputs.require_countable(start, end)?;
         Ok(Self { start, end })
     }
@@ -130,20 +123,10 @@ impl Span {
     pub fn segment_end(&self, inputs: &Inputs, from: f64) -> f64 {
         inputs.next_breakpoint(from).min(self.end)
     }
-
-    pub fn segment_count(&self, inputs: &Inputs) -> u64 {
-        let (mut from, mut count) = (self.start, 0);
-        while from < self.end {
-            from = self.segment_end(inputs, from);
-            count += 1;
-        }
-        count
-    }
 }
 
-/// The segments of a run in steps of at most `dt`, with each step then divided into `refine` equal ones. In
-/// this way the instants of the coarse grid are instants of the fine one, whatever the lengths of the
-/// segments.
+/// The segments of a run in steps of at most `dt`, with each step then divided into `refine` equal ones. In this way
+/// the instants of the coarse grid are instants of the fine one, whatever the lengths of the segments.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Grid {
     span: Span,
@@ -158,20 +141,19 @@ pub struct Grid {
 
 impl Grid {
     /// The grid of a run from `state` over `duration`. Every segment is checked.
-    pub fn new(inputs: &Inputs, state: &State, duration: f64, dt: f64, refine: u32) -> Result<Self, Error> {
+    pub fn new(inputs: &Inputs, state: &State, duration: f64, dt: f64, refine: u32) -> Result<Self> {
         Rule::Positive.check("dt", dt)?;
         Self::over(inputs, state, Span::new(inputs, state, duration)?, dt, refine)
     }
 
     /// The grid of a run from `state` over a span that has been checked.
-    pub fn over(inputs: &Inputs, state: &State, span: Span, dt: f64, refine: u32) -> Result<Self, Error> {
+    pub fn over(inputs: &Inputs, state: &State, span: Span, dt: f64, refine: u32) -> Result<Self> {
         let refine = refine.max(1);
         let to = span.segment_end(inputs, span.start);
         let first = Segment::new(span.start, to, dt);
         first.require_countable(dt)?;
         let resumed = state.grid.and_then(|(anchor, step)| {
-            // There is no breakpoint between the anchor and the start, so the segment of the resumed run goes
-            // on.
+            // There is no breakpoint between the anchor and the start, so the segment of the resumed run goes on.
             let unbroken = anchor < span.start && inputs.next_breakpoint(anchor) > span.start;
             let whole = unbroken.then(|| Segment::new(anchor, to, dt))?;
             whole.require_countable(dt).ok()?;

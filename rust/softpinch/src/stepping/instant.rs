@@ -11,7 +11,6 @@ use crate::number::real::Real;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Instant {
-    /// Time, s.
     pub t: f64,
     /// Start of its segment and steps since then, so that a resumed run gives the same bits.
     pub grid: (f64, u64),
@@ -80,7 +79,6 @@ pub fn watched<R: Lanes>(
     }
 }
 
-/// The energies at an instant.
 pub(super) fn energies<R: Lanes>(
     system: &impl System<R>,
     Instant { motion, contact, .. }: &Instant,
@@ -96,7 +94,7 @@ pub(super) fn energies<R: Lanes>(
 
 /// The works of the ledger in a state; zeros if the state does not carry them.
 #[inline(always)]
-pub(crate) fn works<R: Real>(size: Size, y: &States<R>) -> [R; WORKS] {
+pub fn works<R: Real>(size: Size, y: &States<R>) -> [R; WORKS] {
     let mut works = [R::zero(); WORKS];
     let carried = &y[size.states..size.all()];
     works[..carried.len()].copy_from_slice(carried);
@@ -112,7 +110,7 @@ pub(crate) fn works<R: Real>(size: Size, y: &States<R>) -> [R; WORKS] {
 /// If a sum of products is finite, so are its factors. If it is not, a product of finite factors may have
 /// overflowed, so each number is checked alone.
 #[inline(always)]
-pub(crate) fn all_finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
+pub fn all_finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
     let Evaluation { motion: Motion { q, p, memory }, multipliers, residuals, torque, .. } = now;
     let (mut first, mut second) = (closure, torque[0] * torque[1]);
     let (q, p) = (q.row(), p.row());
@@ -153,13 +151,13 @@ pub fn column<R: Lanes, const N: usize>(y: &[R; N], lane: usize) -> [f64; N] {
     column
 }
 
-/// Sets the motion of one lane.
+/// Sets the motion of one lane. Twenty rare stores, so that the code exists once.
+#[inline(never)]
 pub fn put_motion<R: Lanes>(motion: &mut Motion<R>, lane: usize, own: &Motion<f64>) {
     for (x, own) in [(&mut motion.q, &own.q), (&mut motion.p, &own.p)] {
-        put(&mut x.object, lane, &own.object);
-        put(&mut x.finger, lane, &own.finger);
-        put(&mut x.compression, lane, &own.compression);
-        put(&mut x.shear, lane, &own.shear);
+        let mut row = x.row();
+        put(&mut row, lane, &own.row());
+        *x = row.into();
     }
     put(&mut motion.memory, lane, &own.memory);
 }

@@ -18,7 +18,8 @@ pub struct Intervals {
     /// For each of [`VIOLATIONS`] the intervals, s; the end of one that lasts is NaN.
     intervals: [Vec<[f64; 2]>; VIOLATIONS.len()],
     limit: usize,
-    refusal: Option<Error>,
+    /// The error that says that there is no memory for an interval. The run has to end then.
+    pub refusal: Option<Error>,
 }
 
 /// No intervals, before the first instant.
@@ -54,18 +55,6 @@ impl Intervals {
     /// Adds one more change of a contact. If there is no room for it, the run has to end.
     pub fn keep_change(&mut self, changes: &mut Vec<Change>, change: Change) {
         keep(changes, change, self.limit, &mut self.refusal);
-    }
-
-    /// Whether there is no memory for an interval, so that the run has to end.
-    #[inline(always)]
-    pub fn is_refused(&self) -> bool {
-        self.refusal.is_some()
-    }
-
-    /// The error that says that there is no memory for an interval, once.
-    #[inline(always)]
-    pub fn refusal(&mut self) -> Option<Error> {
-        self.refusal.take()
     }
 
     /// The intervals at the end of the run, which ends those that last.
@@ -159,15 +148,14 @@ mod tests {
     fn a_violation_that_comes_and_goes_too_often_is_refused_and_the_rest_is_kept() {
         let mut intervals = Intervals { limit: 3, ..Intervals::default() };
         let mut t = 0.0;
-        while !intervals.is_refused() {
+        while intervals.refusal.is_none() {
             intervals.note(t, [Pulling].into_iter().collect());
             intervals.note(t + 1.0, ViolationSet::default());
             t += 2.0;
         }
         assert_eq!(t, 8.0);
-        let message = intervals.refusal().map(|error| error.to_string()).unwrap_or_default();
+        let message = intervals.refusal.take().map(|error| error.to_string()).unwrap_or_default();
         assert!(message.contains("the violations' intervals"), "{message}");
-        assert!(!intervals.is_refused());
         assert_eq!(intervals.finish()[Pulling as usize], [[0.0, 0.0], [2.0, 2.0], [4.0, 4.0]]);
     }
 }

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use crate::error::Error;
+use crate::error::{Result, require};
 use crate::formulation::equations::Evaluation;
 use crate::model::controller_state::{ControllerState, Kept, Measured, Scratch};
 use crate::model::frame::FrameMotion;
@@ -28,25 +28,25 @@ pub struct LaneController {
 
 impl LaneController {
     /// The controller of a run before it begins; `None` if the scene has none.
-    pub fn new(scene: &Scene) -> Result<Option<Box<Self>>, Error> {
+    pub fn new(scene: &Scene) -> Result<Option<Box<Self>>> {
         let Some(Sampled { controller, origin }) = scene.inputs.sampled() else { return Ok(None) };
         let now = match &scene.initial.controller {
             Some(row) => {
                 let state = ControllerState::from_row(controller, row)?;
-                if !state.holds_at(controller, scene.initial.time) {
-                    let rule = "must be between the last sample of State.controller and the next one";
-                    let (field, value) = ("State.time".to_owned(), scene.initial.time);
-                    return Err(Error::Field { field, value, rule });
-                }
+                let (time, rule) = (
+                    scene.initial.time,
+                    "must be between the last sample of State.controller and the next one",
+                );
+                require(state.holds_at(controller, time), "State.time", time, rule)?;
                 state
             }
             None => ControllerState::new(controller, *origin),
         };
         Ok(Some(Box::new(Self {
             controller: controller.clone(),
-            before: now.keep(),
+            before: Kept::default(),
             changed: f64::NEG_INFINITY,
-            scratch: Scratch::new(controller),
+            scratch: Scratch::default(),
             now,
         })))
     }
@@ -58,7 +58,7 @@ impl LaneController {
     /// Keeps the state before a change at the instant `t`.
     fn keep(&mut self, t: f64) {
         if t > self.changed {
-            self.now.keep_into(&mut self.before);
+            self.now.keep(&mut self.before);
             self.changed = t;
         }
     }

@@ -2,15 +2,17 @@
 //! those that end inside a step, where a row was asked for. Taking them leaves the loop's method as it is, and a row is as
 //! accurate as the ends of steps, whatever the method.
 
+use std::mem::take;
+
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
 use crate::method::called::AnyMethod;
-use crate::method::traits::{Runs, Stats, Step, Unsolved};
+use crate::method::traits::{Stats, Step, StepResult, Unsolved};
 use crate::model::contact_modes::Contacts;
 use crate::model::drive::SegmentDrive;
 use crate::model::scene::Scene;
-use crate::number::lanes::{Lanes, MOST};
+use crate::number::lanes::Lanes;
 use crate::number::simd::level::Instructions;
 use crate::stepping::batch::LaneBatch;
 use crate::stepping::contact_lane::Moment;
@@ -29,16 +31,17 @@ struct KnownStart {
 }
 
 /// The method of one run, with the start of its last step.
-pub(super) struct LoneMethod {
+pub struct LoneMethod {
     method: AnyMethod,
     start: Option<KnownStart>,
-    stats: Stats,
+    /// The work that was done and has not been counted yet.
+    pub stats: Stats,
 }
 
 impl LoneMethod {
     /// The state a step of length `h` after the state `y`, which is at the time `tau` of the segment. Steps from the
     /// same start share its evaluation and its Jacobian; nothing else is kept from one step to the next.
-    pub(super) fn step(
+    pub fn step(
         &mut self,
         system: &SceneEquations<f64>,
         drive: &SegmentDrive,
@@ -66,29 +69,22 @@ impl LoneMethod {
     }
 
     /// Forgets the start of the last step, because the inputs may be others.
-    pub(super) fn forget_start(&mut self) {
+    pub fn forget_start(&mut self) {
         self.start = None;
     }
 }
 
-pub(super) struct LoneSteps {
-    pub(super) system: SceneEquations<f64>,
-    pub(super) method: LoneMethod,
+pub struct LoneSteps {
+    pub system: SceneEquations<f64>,
+    pub method: LoneMethod,
 }
 
 impl LoneSteps {
-    pub(super) fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Self {
-        let parameters = &[&scene.parameters; MOST];
-        let choice = options.choice(&scene.inputs);
-        let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
+    pub fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Self {
+        let runs = options.runs(instructions, scene);
         let system = runs.system();
         let method = (options.method.entry().alone)(runs, &system);
         Self { system, method: LoneMethod { method, start: None, stats: Stats::default() } }
-    }
-
-    /// The work that was done since the last call.
-    pub(super) fn take_stats(&mut self) -> Stats {
-        std::mem::take(&mut self.method.stats)
     }
 }
 
@@ -97,11 +93,11 @@ const SLIVER: f64 = 1.0 / (1u64 << 44) as f64;
 
 /// The rows inside the last step, and the steps that lead to them.
 #[derive(Default)]
-pub(super) struct RowsInside {
+pub struct RowsInside {
     /// The equations and the method, once there was a row; runs with unilateral contact have their own.
     steps: Option<Box<LoneSteps>>,
     /// The rows, until it is known how far the run gets in this step.
-    pub(super) rows: Vec<Instant>,
+    pub rows: Vec<Instant>,
 }
 
 impl RowsInside {
@@ -109,13 +105,13 @@ impl RowsInside {
     /// `tau` of its segment and the state `y`.
     #[cold]
     #[inline(never)]
-    pub(super) fn look_inside<'a, R: Lanes, Q: RunQueue<'a>>(
+    pub fn look_inside<'a, R: Lanes, Q: RunQueue<'a>>(
         &mut self,
         batch: &mut LaneBatch<'a, R, Place, Q>,
         clock: u64,
         system: &SceneEquations<R>,
         (tau, y): (R, &States<R>),
-    ) -> Result<(), Unsolved> {
+    ) -> StepResult {
         let (tau, y) = (tau.lane(0), column(y, 0));
         let Some(run) = &mut batch.runs[0] else { return Ok(()) };
         let (start, end) = (run.place.now(clock).0, run.place.now(clock + 1).0);
@@ -144,7 +140,7 @@ impl RowsInside {
                 let LoneSteps { system: alone, method } = &mut **steps;
                 let next = if length > 0.0 { method.step(alone, &drive, (tau, &y), length)? } else { y };
                 let now = alone.evaluate(&drive, tau + length, &next);
-                batch.stats.evaluations += 1 + steps.take_stats().evaluations;
+                batch.stats.evaluations += 1 + take(&mut method.stats).evaluations;
                 watched(system.size(), (0, None), &now, &next, time, (time, 0))
             };
             // After an overflow the run ends at this step.

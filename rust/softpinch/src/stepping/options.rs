@@ -3,12 +3,14 @@
 use crate::formulation::scene_equations::Choice;
 use crate::formulation::table::Formulation;
 use crate::method::table::Method;
+use crate::method::traits::Runs;
 use crate::model::contact_modes::ContactModel;
 use crate::model::inputs::Inputs;
 use crate::model::parameters::Stabilization;
 use crate::model::rates::fastest_rate;
 use crate::model::scene::Scene;
-use crate::number::simd::level::Level;
+use crate::number::lanes::MOST;
+use crate::number::simd::level::{Instructions, Level};
 use crate::stepping::monitor::{STOP_ON, ViolationSet};
 use crate::stepping::record::Selection;
 use crate::stepping::summary::{Summary, Wanted};
@@ -31,18 +33,14 @@ pub const MAX_STEPS: u64 = 10_000_000;
 
 /// The options of a simulation.
 #[derive(Debug, Clone, PartialEq)]
+#[allow(missing_docs)] // of fields that their types explain
 pub struct Options {
-    /// The length of the steps.
     pub steps: Steps,
-    /// The method that steps time.
     pub method: Method,
-    /// The formulation of the constraints.
     pub formulation: Formulation,
-    /// What the contacts can do.
     pub contact: ContactModel,
     /// Gains of (19) and (20).
     pub stabilization: Stabilization,
-    /// The quantities to record.
     pub record: Selection,
     /// Number of steps between rows. The last instant is always recorded.
     pub every: u64,
@@ -50,7 +48,6 @@ pub struct Options {
     pub times: Option<Vec<f64>>,
     /// Violations that end the run.
     pub stop_on: ViolationSet,
-    /// The summaries to compute.
     pub summaries: Wanted,
     /// Largest number of attempted steps in a run with free steps.
     pub max_steps: u64,
@@ -59,7 +56,6 @@ pub struct Options {
     /// Whether runs whose steps [may be unstable](Options::may_be_unstable) end where their energy ledger shows that
     /// they are. This carries the ledger.
     pub guard: bool,
-    /// Instructions to use.
     pub simd: Level,
 }
 
@@ -98,6 +94,12 @@ impl Options {
         let rate = fastest_rate(&scene.parameters, scene.inputs.fingers());
         let Stabilization { alpha, beta } = self.stabilization;
         limit / if self.formulation == Formulation::Csm { rate.max(alpha).max(beta) } else { rate }
+    }
+
+    /// The equations of a scene.
+    pub(crate) fn runs<'a>(&'a self, instructions: Instructions, scene: &'a Scene) -> Runs<'a> {
+        let (choice, parameters) = (self.choice(&scene.inputs), [&scene.parameters; MOST]);
+        Runs { instructions, choice, parameters, gains: &self.stabilization }
     }
 
     /// The choice of equations for a scene with these inputs.

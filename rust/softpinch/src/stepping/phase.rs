@@ -29,22 +29,19 @@ pub enum Phase {
 
 const PHASES: usize = Phase::End as usize + 1;
 
-/// The phases of all lanes. Vector code needs sets of lanes, so that each phase has the set of its lanes; every lane is in
-/// exactly one of them.
-pub struct Phases {
-    lanes: [Bits; PHASES],
-}
+/// The phases of all lanes: for each phase the set of its lanes, as vector code needs it. Every lane is in just one.
+pub struct Phases([Bits; PHASES]);
 
 impl Phases {
     pub fn idle() -> Self {
         let mut lanes = [0; PHASES];
         lanes[Phase::Idle as usize] = Bits::MAX;
-        Self { lanes }
+        Self(lanes)
     }
 
     #[inline(always)]
     pub fn at(&self, phase: Phase) -> Bits {
-        self.lanes[phase as usize]
+        self.0[phase as usize]
     }
 
     #[inline(always)]
@@ -53,10 +50,10 @@ impl Phases {
     }
 
     pub fn set(&mut self, lanes: Bits, phase: Phase) {
-        for of_phase in &mut self.lanes {
+        for of_phase in &mut self.0 {
             *of_phase &= !lanes;
         }
-        self.lanes[phase as usize] |= lanes;
+        self.0[phase as usize] |= lanes;
     }
 }
 
@@ -74,6 +71,6 @@ mod tests {
         assert_eq!(phases.at(Phase::Step), 0b0010);
         assert_eq!(phases.at(Phase::End), 0b0001);
         assert_eq!(phases.active(), 0b0111);
-        assert_eq!(phases.lanes.iter().map(|lanes| lanes.count_ones()).sum::<u32>(), Bits::BITS);
+        assert_eq!(phases.0.iter().map(|lanes| lanes.count_ones()).sum::<u32>(), Bits::BITS);
     }
 }

@@ -3,13 +3,11 @@
 
 use std::borrow::Cow;
 
-use crate::error::Error;
+use crate::error::Result;
 use crate::formulation::mode_selection::Contact;
 use crate::model::controller_state::ControllerState;
 use crate::model::energy::Energies;
-use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;
-use crate::number::lanes::MOST;
 use crate::stepping::contact_events::Change;
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::instant::Instant;
@@ -30,15 +28,14 @@ pub struct Taken<'a> {
 /// The source and the destination of the runs of a step loop. Only loops of one lane record runs.
 pub trait RunQueue<'a> {
     /// The next run, or `None` if there is none.
-    fn take(&mut self) -> Result<Option<Taken<'a>>, Error>;
+    fn take(&mut self) -> Result<Option<Taken<'a>>>;
 
     fn stops(&mut self) -> bool;
 
     /// Takes a run that has ended. `energies` computes those of its last instant.
     fn finish(&mut self, finished: Finished, energies: impl FnOnce() -> Energies);
 
-    /// Whether to record the instant `t`, which was just watched. An instant inside a step is recorded only
-    /// if it was asked for.
+    /// Whether to record the instant `t`, which was just watched. One inside a step is recorded only if asked for.
     #[inline(always)]
     fn is_due(&mut self, _t: f64, _inside: bool) -> bool {
         false
@@ -56,7 +53,7 @@ pub trait RunQueue<'a> {
     fn keep_controller(&mut self, _state: &ControllerState) {}
 
     /// Records an instant. The error says that there is no memory for it.
-    fn record(&mut self, _watched: &Instant, _energies: impl FnOnce() -> Energies) -> Result<(), Error> {
+    fn record(&mut self, _watched: &Instant, _energies: impl FnOnce() -> Energies) -> Result {
         Ok(())
     }
 
@@ -74,5 +71,3 @@ pub struct Finished {
     /// Its contacts, in unilateral contact.
     pub contact: Option<Box<LaneContact>>,
 }
-
-pub type LaneParameters<'a> = [&'a Parameters; MOST];

@@ -1,6 +1,6 @@
 //! A finished run, and its recording, which keeps only the quantities that were asked for, row by row.
 
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::method::traits::Stats;
 use crate::model::contact_modes::ContactRow;
 use crate::model::energy::{BILATERAL_WORKS, CONTACT_WORKS, Energies, WORKS};
@@ -19,7 +19,7 @@ pub(super) const MOST_VALUES: f64 = 2_147_483_648.0;
 
 /// An empty vector with room for `entries`, a number that comes from a user. The error says that no machine
 /// has so much memory, or that this one has not; `what` names the numbers in it.
-pub fn reserved<T>(what: &'static str, entries: usize) -> Result<Vec<T>, Error> {
+pub fn reserved<T>(what: &'static str, entries: usize) -> Result<Vec<T>> {
     let needed = entries as f64 * (size_of::<T>() as f64 / size_of::<f64>() as f64);
     let refused = |advice| Error::TooLarge { what, needed, limit: MOST_VALUES, advice };
     if needed > MOST_VALUES {
@@ -116,10 +116,9 @@ impl FromIterator<Quantity> for Selection {
 
 /// The rows of a run. Quantities that were not selected stay empty.
 #[derive(Debug, Clone, Default)]
+#[allow(missing_docs)] // of what is named as everywhere
 pub struct Recording {
-    /// The recorded quantities.
     pub selection: Selection,
-    /// What else the rows have.
     pub layout: Layout,
     /// Time of each row.
     pub t: Vec<f64>,
@@ -127,24 +126,16 @@ pub struct Recording {
     pub grid_anchor: Vec<f64>,
     /// Steps from the start of the segment to each row.
     pub grid_step: Vec<u64>,
-    /// Coordinates.
     pub q: Vec<[f64; 9]>,
-    /// Velocities.
     pub p: Vec<[f64; 9]>,
-    /// Memories.
     pub memory: Vec<[f64; 2]>,
     /// The point of the Jacobian in use, NaN if there is none. Empty for methods that keep no Jacobian.
     pub linearized: Vec<Linearized>,
-    /// Multipliers.
     pub multipliers: Vec<[f64; 4]>,
-    /// Residuals.
     pub residuals: Vec<[f64; 4]>,
-    /// The energies and the works, row by row: seven numbers in bilateral contact, ten in unilateral contact, and eleven
-    /// if the hand moves.
+    /// Energies and works, row by row: 7 numbers in bilateral contact, 10 in unilateral contact, 11 if the hand moves.
     pub energy: Vec<f64>,
-    /// Torques on the fingers.
     pub torque: Vec<[f64; 2]>,
-    /// The contacts.
     pub contact: Vec<ContactRow>,
     /// The states of the run's discrete controller, row by row.
     pub controller: Vec<f64>,
@@ -152,22 +143,21 @@ pub struct Recording {
 
 impl Recording {
     /// A recording with room for `rows` rows. The error says that there is no memory for them.
-    pub fn with_capacity(selection: Selection, layout: Layout, rows: u64) -> Result<Self, Error> {
+    pub fn with_capacity(selection: Selection, layout: Layout, rows: u64) -> Result<Self> {
         let mut recording = Self { selection, layout, ..Self::default() };
         recording.reserve(rows)?;
         Ok(recording)
     }
 
-    /// Makes room for one more row, and for the last row after it, if the number of rows is not known
-    /// beforehand.
+    /// Makes room for one more row, and for the last row after it, if the number of rows is not known beforehand.
     #[inline(always)]
-    pub fn make_room(&mut self) -> Result<(), Error> {
+    pub fn make_room(&mut self) -> Result {
         let rows = self.t.len();
         if rows + 1 < self.t.capacity() { Ok(()) } else { self.reserve(2 * rows as u64 + 64) }
     }
 
     /// Makes room for `rows` rows in all.
-    fn reserve(&mut self, rows: u64) -> Result<(), Error> {
+    fn reserve(&mut self, rows: u64) -> Result {
         let selection = self.selection;
         let layout = self.layout;
         let width = selection.width(layout);

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use crate::error::Error;
+use crate::error::Result;
 use crate::formulation::mode_selection::Contact;
 use crate::method::traits::Stats;
 use crate::model::contact_modes::Mode;
@@ -88,7 +88,7 @@ impl<'a> Recorder<'a> {
 }
 
 impl<'a> RunQueue<'a> for Recorder<'a> {
-    fn take(&mut self) -> Result<Option<Taken<'a>>, Error> {
+    fn take(&mut self) -> Result<Option<Taken<'a>>> {
         let Self { scene, contact, .. } = self;
         let taken = |scene| Taken { number: 0, scene: Cow::Borrowed(scene), contact: contact.take() };
         Ok(scene.take().map(taken))
@@ -100,7 +100,7 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
 
     #[inline(always)]
     fn is_due(&mut self, t: f64, inside: bool) -> bool {
-        if self.intervals.is_refused() {
+        if self.intervals.refusal.is_some() {
             return true;
         }
         match &mut self.due {
@@ -152,8 +152,8 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
         self.controller.extend(state.row());
     }
 
-    fn record(&mut self, watched: &Instant, energies: impl FnOnce() -> Energies) -> Result<(), Error> {
-        if let Some(error) = self.intervals.refusal() {
+    fn record(&mut self, watched: &Instant, energies: impl FnOnce() -> Energies) -> Result {
+        if let Some(error) = self.intervals.refusal.take() {
             return Err(error);
         }
         self.run.recording.make_room()?;

@@ -1,5 +1,4 @@
-//! The limits of an adaptive step: the error that is allowed of each state, and the shortest step that double
-//! precision resolves.
+//! The limits of an adaptive step: the allowed error of each state, and the shortest step that doubles resolve.
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{Size, StageState, System};
@@ -13,8 +12,7 @@ use crate::number::lanes::{Bits, Lanes, each};
 const LEAST_SIZE: f64 = 1e-3;
 /// The allowed error of a state is no less than this share of its typical magnitude.
 const ROUND_OFF: f64 = 100.0 * f64::EPSILON;
-/// The shortest step, as a share of the time. Close to time zero, a billionth of the segment's length stands
-/// in for the time.
+/// The shortest step, as a share of the time, or close to time zero of a billionth of the segment's length.
 const SHORTEST: f64 = 16.0 * f64::EPSILON;
 const NEXT_TO_ZERO: f64 = 1e-9;
 
@@ -49,8 +47,7 @@ impl<R: Lanes> Sizes<R> {
         Self { largest: one, round_off: one, allowed: Allowed { tolerance, weights: one } }
     }
 
-    /// Begins runs in the lanes of `changed`. `usual` has the typical magnitudes of their states, `slow`
-    /// those that viscosity leaves.
+    /// Begins runs in the lanes of `changed`. `usual` has their typical magnitudes, `slow` those that viscosity leaves.
     #[inline(always)]
     pub fn begin(&mut self, changed: Bits, usual: &States<R>, slow: &States<R>) {
         for n in 0..MAX_COMPONENTS {
@@ -59,8 +56,7 @@ impl<R: Lanes> Sizes<R> {
         }
     }
 
-    /// Takes note of the states in the lanes of `bits`. Of these lanes, those of `entering` have just begun
-    /// a segment.
+    /// Takes note of the states in the lanes of `bits`. Of these lanes, those of `entering` have just begun a segment.
     #[inline(always)]
     pub fn note(&mut self, size: Size, y: &States<R>, bits: Bits, entering: Bits) {
         let tolerance = R::constant(self.allowed.tolerance);

@@ -36,13 +36,11 @@ pub(crate) struct RunEnd {
 trait Fold {
     /// The memory before the first instant. While its first number is unchanged, no instant has been seen.
     const START: [f64; 3] = [NOTHING; 3];
-    /// Whether the value has a derivative that means anything. A sum of times, or of errors, does not follow the motion
-    /// smoothly.
+    /// Whether the value has a derivative that means anything. Sums of times or errors do not follow the motion smoothly.
     const SMOOTH: bool = true;
     /// Takes an instant of the lanes in `seen`.
     fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, band: R, seen: Bits);
-    /// The value at the end of a run of which an instant was seen: the first number of the memory, unless a summary says
-    /// otherwise.
+    /// The value at the end of a run of which an instant was seen.
     fn value(memory: [f64; 3], _end: &RunEnd) -> f64 {
         memory[0]
     }
@@ -57,7 +55,6 @@ macro_rules! summaries {
         named! {
             /// A summary.
             Summary;
-            /// The summaries by their public names.
             SUMMARIES = { $($(#[$doc])* $kind = $name,)* }
         }
 
@@ -83,8 +80,7 @@ macro_rules! summaries {
                 })*
             }
 
-            /// The summaries of a lane, in the order of [`SUMMARIES`]; NaN for one that was not asked for or
-            /// that has seen no instant.
+            /// The summaries of a lane, in the order of [`SUMMARIES`]; NaN where not asked for, or without an instant.
             pub fn values(&self, lane: usize, end: &RunEnd) -> [f64; COUNT] {
                 let mut values = [f64::NAN; COUNT];
                 $(if self.wanted.contains(Summary::$kind) {
@@ -98,8 +94,7 @@ macro_rules! summaries {
         }
 
         impl Summary {
-            /// The derivative of the summary, from its memory and the derivatives of that; `None` if it has none that
-            /// means anything.
+            /// The derivative of the summary, from its memory and the derivatives of that; `None` if it means nothing.
             pub fn slope(self, memory: [f64; 3], slopes: [f64; 3]) -> Option<f64> {
                 match self {
                     $(Self::$kind => $kind::SMOOTH.then(|| $kind::slope(memory, slopes)),)*
@@ -215,8 +210,7 @@ impl Fold for PeakFrictionRatio {
 /// The memory of an integral before the first instant.
 const NO_INTEGRAL: [f64; 3] = [NOTHING, 0.0, 0.0];
 
-/// Integrates a rate by the trapezoidal rule. The memory has the integral so far, the last instant, and half of the rate
-/// there.
+/// Integrates a rate by the trapezoidal rule. The memory has the integral, the last instant, and half of the rate there.
 #[inline(always)]
 fn integrate<R: Lanes>(memory: &mut Memory<R>, t: R, half: R, seen: Bits) {
     let [so_far, last, before] = *memory;
@@ -275,8 +269,7 @@ impl Fold for SlipDistance {
     }
 }
 
-/// The events know the time to the round-off of their own times. The memory only says that an instant was
-/// seen.
+/// The events know the time to the round-off of their own times. The memory only says that an instant was seen.
 impl Fold for FreeTime {
     const SMOOTH: bool = false;
 

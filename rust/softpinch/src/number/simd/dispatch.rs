@@ -1,6 +1,6 @@
 //! Calls code that is compiled with the instructions of a SIMD level.
 
-use crate::error::Error;
+use crate::error::Result;
 use crate::number::lanes::{LaneTask, Lanes};
 use crate::number::simd::level::{Instructions, Level};
 #[cfg(target_arch = "x86_64")]
@@ -35,15 +35,13 @@ pub trait LaneKernel {
 
 /// Runs `kernel` with the instructions and the vectors of `level`. On a processor without these instructions
 /// it returns an error that names the level.
-pub fn dispatch_lanes<K: LaneKernel>(level: Level, kernel: K) -> Result<K::Output, Error> {
+pub fn dispatch_lanes<K: LaneKernel>(level: Level, kernel: K) -> Result<K::Output> {
     let instructions = level.require()?;
     match level {
-        // SAFETY: `require` has just found that the processor has the features that this function is compiled
-        // for.
+        // SAFETY: `require` has just found that the processor has the features that this function is compiled for.
         #[cfg(target_arch = "x86_64")]
         Level::Avx512 => Ok(unsafe { avx512_lanes(kernel, instructions) }),
-        // SAFETY: `require` has just found that the processor has the features that this function is compiled
-        // for.
+        // SAFETY: `require` has just found that the processor has the features that this function is compiled for.
         #[cfg(target_arch = "x86_64")]
         Level::Avx2 => Ok(unsafe { avx2_lanes(kernel, instructions) }),
         #[cfg(not(target_arch = "x86_64"))]
@@ -53,7 +51,7 @@ pub fn dispatch_lanes<K: LaneKernel>(level: Level, kernel: K) -> Result<K::Outpu
 
 /// Runs `kernel` on vectors of four lanes at every level. Code that is not the fastest part of anything is compiled for
 /// one kind of vectors only.
-pub fn dispatch_four_lanes<K: LaneKernel>(level: Level, kernel: K) -> Result<K::Output, Error> {
+pub fn dispatch_four_lanes<K: LaneKernel>(level: Level, kernel: K) -> Result<K::Output> {
     Ok(call_four_lanes(level.require()?, kernel))
 }
 

@@ -1,6 +1,6 @@
 //! The SIMD levels, and the proof that a processor has one.
 
-use crate::error::{Error, lookup};
+use crate::error::{Error, Result, lookup};
 
 /// A SIMD level: a set of instructions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,15 +39,14 @@ impl Instructions {
 }
 
 impl Level {
-    /// The best level that this processor has. On a processor without any level it is the lowest one, which
-    /// [`Level::require`] refuses.
+    /// The best level that this processor has. If it has none, the lowest one, which [`Level::require`] refuses.
     pub fn detect() -> Self {
         let best = LEVELS.iter().rev().find(|(_, level)| level.is_available());
         best.map_or(LEVELS[0].1, |&(_, level)| level)
     }
 
     /// The level that [`VARIABLE`] selects, or the best one if the variable is not set.
-    pub fn from_environment() -> Result<Self, Error> {
+    pub fn from_environment() -> Result<Self> {
         let Ok(name) = std::env::var(VARIABLE) else { return Ok(Self::detect()) };
         let level = lookup(VARIABLE, &name, &LEVELS)?;
         if level.is_available() {
@@ -80,7 +79,7 @@ impl Level {
     }
 
     /// Proves that this processor has the instructions of the level. Otherwise the error names the level.
-    pub fn require(self) -> Result<Instructions, Error> {
+    pub fn require(self) -> Result<Instructions> {
         if self.is_available() { Ok(Instructions(())) } else { Err(Error::Processor { level: self.name() }) }
     }
 }
