@@ -25,6 +25,7 @@ import numpy as np
 
 from .scene import Finger, Fingertip, GraspedObject, Hand, Pid, outline, usual
 from .scene.disturbance import DISTURBANCES, Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
+from .scene.hand import links
 from .scene.motion import MOTIONS, HandMotion
 from .scene.scene import Scene, State
 from .scene.schedule import HOLDS, KINDS, Schedule
@@ -70,7 +71,7 @@ def _scaled(value: float, spread: float) -> SearchStrategy[float]:
     return _number(-1.0, lambda u: value * 10.0 ** (spread * u)) if spread else st.just(value)
 
 
-def _near(draw: DrawFn, paper: Any, names: Sequence[str], spread: float) -> dict[str, float]:
+def _near(draw: DrawFn, paper: Any, names: Sequence[str], spread: float) -> dict[str, Any]:
     """Numbers of a record, each drawn within `spread` decades of the paper's value."""
     return {name: draw(_scaled(getattr(paper, name), spread)) for name in names}
 
@@ -335,6 +336,7 @@ def scenes(
     fitted: list[Finger] = []
     begun = [0.0, 0.0]
     for finger, tip in zip((hand.right, hand.left), tips, strict=True):
+        assert isinstance(finger, Finger)
         reach = tip.radius + 0.5 * grasped.width
         if fitted and symmetric:
             fitted *= 2
@@ -395,14 +397,14 @@ def consistent_states(
         speed: Largest speed of the object in each of x and y, m/s.
         rate: Largest angular rate of the object and of each finger, rad/s.
     """
-    hand, grasped = scene.hand, scene.grasped
-    tips = hand.tips
+    hand, grasped = links(scene, "consistent_states"), scene.grasped
+    tips = scene.hand.tips
     here = State.consistent(scene).q
     reach = offset * min(tip.radius for tip in tips)
     x, y = here[0] + draw(_within(reach)), here[1] + draw(_within(reach))
     theta = draw(_within(rotation))
     angles = []
-    for sign, finger, tip in zip(outline.SIGNS, (hand.right, hand.left), tips, strict=True):
+    for sign, finger, tip in zip(outline.SIGNS, hand, tips, strict=True):
         d_n = tip.radius * draw(_between(0.0, compression))
         # With (7, 8), (9) becomes L sin(theta_p) + d_f cos(theta_p) = span. Solve it for theta_i.
         along = sign * (x * math.cos(theta) + y * math.sin(theta))

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..scene.control import WRITTEN, Pid, pids_of
-from ..scene.outline import closing_angle
+from ..scene.outline import closing
+from ..scene.parts import in_words, others
 from ..scene.scene import Scene
 from ..scene.schedule import Schedule
 from ..support import checks
@@ -47,9 +48,9 @@ class Grip(Result):
     scene: Scene
 
     def __repr__(self) -> str:
-        right, left = np.degrees(self.targets)
+        targets = in_words(self.scene, self.targets, ".4f", same=False)
         return (
-            f"<Grip of {self.force:.6g} N: targets {right:.4f} and {left:.4f} degrees, "
+            f"<Grip of {self.force:.6g} N: targets {targets}, "
             f"compression {1e3 * self.compression:.6g} mm; {self.equilibrium.message}>"
         )
 
@@ -158,12 +159,17 @@ class _Search:
     def __init__(self, scene: Scene, name: str, unit: str, wanted: float) -> None:
         self.scene, self.name, self.wanted = scene, name, wanted
         self.unit, self.asked = unit, f"{name} = {wanted:g} {unit}"
-        low = closing_angle(scene, 0.0)
-        if low is None:
+        touching = closing(scene, 0.0)
+        if touching is None:
             raise ValueError("scene: no angle of the fingers brings the tips to the object")
-        high = closing_angle(scene, sum(tip.radius for tip in scene.hand.tips))
+        depth = 0.5 * sum(tip.radius for tip in scene.hand.tips)
+        # Other parts than the paper's are searched by the depth of both tips, not by an angle.
+        self.by_depth = bool(others(scene))
+        high = closing(scene, depth)
         # Where no angle crushes the tips, fingers may close up to a right angle.
-        self.ends = [low, 0.5 * math.pi if high is None else high]
+        self.ends = [touching[0], 0.5 * math.pi if high is None else high[0]]
+        if self.by_depth:
+            self.ends = [0.0, depth]
         # At each end: the size there, if it is known, and the state at rest or why there is none.
         self.sizes: list[float | None] = [0.0 if name == "compression" else None, None]
         self.rests: list[Equilibrium | None] = [None, None]
@@ -194,14 +200,21 @@ class _Search:
 
     def _rest_at(self, angle: float) -> tuple[float | None, Equilibrium]:
         """The equilibrium with both fingers at an angle, and its size, None where there is none."""
-        schedule = Schedule.steps([0.0], [[angle, angle]])
+        schedule = Schedule.steps([0.0], [self._targets(angle)])
         rest = equilibrium(replace(self.scene, schedule=schedule), 0.0)
         if rest.state is not None:
             return _size(rest, self.name), rest
         if rest.status not in _LOOSE + _TIGHT:
             # No other angle removes the reason.
-            raise ValueError(f"{self.asked}: at {math.degrees(angle):.4g} degrees {rest.message}")
+            raise ValueError(f"{self.asked}: at {self._place(angle)} {rest.message}")
         return None, rest
+
+    def _targets(self, angle: float) -> tuple[float, float]:
+        """The fingers' coordinates at an angle, or at a depth, which they may not reach."""
+        return (closing(self.scene, angle) or (0.0, 0.0)) if self.by_depth else (angle, angle)
+
+    def _place(self, angle: float) -> str:
+        return in_words(self.scene, self._targets(angle))
 
     def _nearest(self) -> Equilibrium:
         """Returns an end of the interval that is close enough, or says why there is none."""
@@ -216,5 +229,5 @@ class _Search:
             if size is not None and abs(size - self.wanted) <= _HELD * self.wanted:
                 return rest
             there = rest.message if size is None else f"it is {size:.4g} {self.unit}"
-            words.append(f"at {math.degrees(angle):.4g} degrees {there}")
+            words.append(f"at {self._place(angle)} {there}")
         raise ValueError("; ".join(words))

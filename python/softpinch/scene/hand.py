@@ -10,11 +10,24 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from ..support import checks
 from ..support.record import SIDES, Kinded, Parser, Record
-from .parts import Arc, Face, Mechanism, ObjectSide, ParallelSprings, TipLaw
+from .parts import (
+    Arc,
+    Face,
+    Jaw,
+    Mechanism,
+    ObjectSide,
+    Parallelogram,
+    ParallelSprings,
+    TipLaw,
+    refuse_others,
+)
+
+if TYPE_CHECKING:
+    from .scene import Scene
 
 
 def one_or_pair(cls: type[Record]) -> Parser:
@@ -26,6 +39,15 @@ def one_or_pair(cls: type[Record]) -> Parser:
         return tuple(cls._parse(data.get(side, {}), checks.below(path, side)) for side in SIDES)
 
     return parse
+
+
+def links(scene: Scene, name: str) -> tuple[Finger, Finger]:
+    """The fingers of a scene with the paper's parts; refuses others, in the name of the caller."""
+    refuse_others(scene, name)
+    right, left = scene.hand.right, scene.hand.left
+    assert isinstance(right, Finger)
+    assert isinstance(left, Finger)
+    return right, left
 
 
 def name_sides(value: Any, data: dict[str, Any], name: str) -> dict[str, Any]:
@@ -123,8 +145,8 @@ class Hand(Record):
         tip: One fingertip for both fingers, or a pair (right, left).
     """
 
-    right: Finger | Mechanism = field(default_factory=Finger)
-    left: Finger | Mechanism = field(default_factory=Finger)
+    right: Finger | Jaw | Parallelogram = field(default_factory=Finger)
+    left: Finger | Jaw | Parallelogram = field(default_factory=Finger)
     tip: Fingertip | tuple[Fingertip, Fingertip] = field(default_factory=Fingertip)
 
     _parsers: ClassVar[Mapping[str, Parser]] = {

@@ -504,7 +504,8 @@ class Scene(Record):
     def _start_position(self) -> tuple[float, float]:
         """Returns the object's x and y at the start, even if straight fingers do not reach it."""
         if self.initial is None and self.fingers == "pid":
-            return self.grasped.com_offset, 0.5 * (self.hand.right.length + self.hand.left.length)
+            apart = _core.start(self.parameters(), "apart")
+            return float(apart[0]), float(apart[1])
         x, y = self.start().q[:2].tolist()
         return x, y
 

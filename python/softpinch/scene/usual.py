@@ -21,7 +21,8 @@ from .contact import coefficients
 from .control import SampledController
 from .fields import COORDINATE_RANGES, COORDINATE_UNITS, USUAL, without_places
 from .loop_matrix import growth
-from .outline import closing_angle, compression
+from .outline import closing, compression
+from .parts import in_words, width
 from .schedule import default_schedule
 
 if TYPE_CHECKING:
@@ -113,17 +114,16 @@ def _opening(scene: Scene) -> Iterator[str]:
     pids = scene.control if isinstance(scene.control, tuple) else (scene.control,)
     if not any(getattr(pid, "kp", 1.0) or getattr(pid, "ki", 1.0) for pid in pids):
         return  # no target turns a finger
-    touching = closing_angle(scene, 0.0)
+    touching = closing(scene, 0.0)
     targets = scene.schedule.target(start.time)
     gap = -compression(scene, targets.tolist())
     apart = compression(scene, start.q[3:5].tolist()) < -_ROUND_OFF
     if touching is None or gap <= _ROUND_OFF or apart:
         return
-    asked = " and ".join(f"{angle:.4g}" for angle in dict.fromkeys(np.degrees(targets).tolist()))
-    touch = round(math.degrees(touching), 6)
     yield (
-        f"schedule.angles: touching is at {touch:.4g} degrees, the schedule asks "
-        f"for {asked} at the start: it opens the fingers, to a gap of {1e3 * gap:.3g} mm"
+        f"schedule.angles: touching is at {in_words(scene, touching)}, the schedule asks for "
+        f"{in_words(scene, targets).removesuffix(' degrees')} at the start: it opens the fingers, "
+        f"to a gap of {1e3 * gap:.3g} mm"
     )
 
 
@@ -141,13 +141,14 @@ def inertias(width: float, mass: float, height: float | None) -> tuple[float, fl
 def _other_inertia(scene: Scene) -> Iterator[str]:
     """Yields a message about an inertia unlike those of bodies with this mass and these faces."""
     grasped = scene.grasped
-    least, most = inertias(grasped.width, grasped.mass, grasped.height)
+    across = width(scene)
+    least, most = inertias(across, grasped.mass, grasped.height)
     if _SMALLER * least <= grasped.inertia <= most / _SMALLER:
         return
     tall = "" if grasped.height is None else f" and {grasped.height:g} m tall"
     yield (
         f"grasped.inertia = {grasped.inertia:g} kg m^2: usual for {grasped.mass:g} kg, "
-        f"{grasped.width:g} m wide{tall}, is from {least:.3g} to {most:.3g} kg m^2; was it given "
+        f"{across:g} m wide{tall}, is from {least:.3g} to {most:.3g} kg m^2; was it given "
         "for another mass or width? GraspedObject.box(width, height, mass) computes it"
     )
 
