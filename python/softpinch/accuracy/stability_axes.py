@@ -23,6 +23,7 @@ from ..scene.control import WRITTEN, Pid, pids_of
 from ..scene.disturbance import Impulse
 from ..scene.fields import label as label_of
 from ..scene.hand import Finger, Fingertip, links
+from ..scene.parts import jaws
 from ..scene.scene import Scene, State
 from ..scene.schedule import Schedule
 from ..scene.stabilization import Stabilization
@@ -87,7 +88,7 @@ def choose(
             )
         varied = SceneTemplate(scene, [path], 0)
         varied.require_numbers("axis")
-        unit = units.units(path, ())
+        unit = units.units(path, (), jaws(scene))
         assert isinstance(unit, str)
         found = Axis(
             path, label_of(path), unit, "linear", (), lambda _, value: varied.changed({path: value})

@@ -15,6 +15,7 @@ from .. import _core
 from ..run.request import rest_scene
 from ..scene.control import require_known_torque
 from ..scene.fields import COORDINATE_UNITS, COORDINATES, QUANTITIES, units
+from ..scene.parts import jaws
 from ..scene.paths import resolve
 from ..scene.scene import Scene
 from ..scene.template import SceneTemplate
@@ -287,7 +288,9 @@ class _Search:
             raise ValueError(f"axes: the map has {np.prod(self.shape)} cells: at most {_MOST}")
         self.kind, self._base = self._member(grip, shear)
         self._template = self._varied([name for name in axes if name not in FAMILY])
-        self.units = tuple("m" if name in FAMILY else str(units(name, ())) for name in axes)
+        self.units = tuple(
+            "m" if name in FAMILY else str(units(name, (), jaws(scene))) for name in axes
+        )
         self.branch = np.full(self.shape, -1, dtype=np.int64)
         self.seams: Integers = np.empty((0, 2, len(self.shape)), dtype=np.int64)
         self._found: dict[Cell, Any] = {}

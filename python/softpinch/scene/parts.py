@@ -390,6 +390,23 @@ def jaws(scene: Scene) -> tuple[bool, bool]:
     return isinstance(scene.hand.right, Jaw), isinstance(scene.hand.left, Jaw)
 
 
+def why_fixed(scene: Scene, path: str) -> str | None:
+    """Why a number of a scene has no effect, or cannot differ between runs; None if it can."""
+    *owner, name = path.split(".")
+    sides = [side for side in SIDES if side in owner] or SIDES
+    laws = [tip.law for side, tip in zip(SIDES, scene.hand.tips, strict=True) if side in sides]
+    if name == "youngs_modulus" and any(laws):
+        return "a tip has a law of its own, without this modulus"
+    if "law" in owner and {"compression", "force"} & {*owner, name}:
+        return "all runs share a measured curve; its shear_factor can differ"
+    if owner[:1] == ["grasped"] and name == "center":
+        return f"is a pair; {path}.0 and {path}.1 can differ"
+    arcs = all(isinstance(side, Arc) for side in sides_of(scene.grasped))
+    if arcs and path in ("grasped.width", "grasped.com_offset", "grasped.height"):
+        return "both sides of the object are arcs, which have places and ends of their own"
+    return None
+
+
 def in_words(
     scene: Scene, coordinates: Sequence[float] | Floats, digits: str = ".4g", *, same: bool = True
 ) -> str:

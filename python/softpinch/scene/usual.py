@@ -19,10 +19,10 @@ from ..support.record import SIDES
 from ..support.suggest import places
 from .contact import coefficients
 from .control import SampledController
-from .fields import COORDINATE_RANGES, COORDINATE_UNITS, USUAL, without_places
+from .fields import COORDINATE_RANGES, COORDINATE_UNITS, Unit, of_coordinates, usual_range
 from .loop_matrix import growth
 from .outline import closing, compression
-from .parts import in_words, width
+from .parts import in_words, jaws, width
 from .schedule import default_schedule
 
 if TYPE_CHECKING:
@@ -155,28 +155,31 @@ def _other_inertia(scene: Scene) -> Iterator[str]:
 
 def _unusual(scene: Scene) -> Iterator[str]:
     """Yields a message about each field with a number outside its usual range."""
+    own = jaws(scene)
     for path, value in places(scene):
         if path == "initial.q":
             # One message for the whole state: about its first number outside the usual range.
-            ranges = enumerate(zip(COORDINATE_RANGES, COORDINATE_UNITS, strict=True))
+            units = of_coordinates(COORDINATE_UNITS, own)
+            ranges = enumerate(zip(COORDINATE_RANGES, units, strict=True))
             for k, (usual, unit) in ranges:
                 if found := list(_outside(f"{path}.{k}", np.asarray(value[k]), *usual, unit)):
                     yield found[0]
                     break
         elif isinstance(value, float | tuple | np.ndarray):
-            known = USUAL.get(without_places(path))
+            known = usual_range(path, own)
             sides = path == "friction" and isinstance(value, tuple)
-            if known is not None and known.usual is not None and not sides:
-                yield from _outside(path, np.asarray(value), *known.usual, str(known.unit))
+            if known is not None and not sides:
+                yield from _outside(path, np.asarray(value), *known[0], known[1])
 
 
-def _outside(path: str, values: NDArray[Any], low: float, high: float, unit: str) -> Iterator[str]:
+def _outside(path: str, values: NDArray[Any], low: float, high: float, unit: Unit) -> Iterator[str]:
     # An infinite value is intentional: infinite friction means that the tips never slide.
     wrong = np.isfinite(values) & ((values < low) | (values > high))
     if not wrong.any():
         return
     index = np.unravel_index(np.argmax(np.where(wrong, np.abs(values), -1.0)), values.shape)
     where = ".".join([path, *(str(int(k)) for k in index)])
+    unit = unit if isinstance(unit, str) else unit[int(index[-1])]
     unit = "" if unit == "1" else f" {unit}"
     advice = "; is it in another unit?"
     if unit == " rad":
