@@ -48,7 +48,7 @@ _Compiled: TypeAlias = tuple[Compiled, ...]
 
 def require_derivatives(scene: Scene) -> None:
     """Refuses a scene whose runs have no derivatives."""
-    refuse_others(scene, "sensitivities")
+    refuse_others(scene, "a run with sensitivities")
     if scene.contact == "unilateral":
         raise ValueError(
             'sensitivities need contact = "bilateral": the derivative jumps at every change of a '

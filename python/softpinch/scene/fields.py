@@ -175,6 +175,13 @@ def of_fingers(unit: str, jaws: Jaws) -> tuple[str, str]:
     return right, left
 
 
+def of_column(name: str, unit: str, jaws: Jaws) -> str:
+    """The unit of a column or of a linear model's port, by its name, such as "rate of theta_1"."""
+    stem, _, finger = name.rpartition(" ")[2].rpartition("_")
+    own = stem in ("theta", "integral", "torque", "target")
+    return of_fingers(unit, jaws)[int(finger) - 1] if own else unit
+
+
 def of_coordinates(units: Sequence[str], jaws: Jaws) -> tuple[str, ...]:
     """The units of coordinates, rates or both: of each nine, 3 and 4 are the fingers'."""
     return tuple(
@@ -330,17 +337,14 @@ def _with_jaws(name: str, field: str, unit: Unit, jaws: Jaws) -> Unit:
     sides = [own[k] for k, side in enumerate(SIDES) if side in name.split(".")]
     if sides or own[0] == own[1]:
         return (sides or own)[0]
-    return own if FIELDS[field].axes == _FINGER else " or ".join(own)
+    return own if field in FIELDS and FIELDS[field].axes == _FINGER else " or ".join(own)
 
 
 def quantity(name: str, jaws: Jaws = _NONE) -> Quantity:
     """The columns of an array of a run, with their units in a hand that may have jaws."""
     found = QUANTITIES[name]
-    if name in ("q", "p"):
-        return found._replace(units=of_coordinates(found.units, jaws))
-    if name in ("integral", "torque"):
-        return found._replace(units=of_fingers(found.units[0], jaws))
-    return found
+    pairs = zip(found.columns, found.units, strict=True)
+    return found._replace(units=tuple(of_column(column, unit, jaws) for column, unit in pairs))
 
 
 def headers(name: str, jaws: Jaws) -> tuple[str, ...] | None:
