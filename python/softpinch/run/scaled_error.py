@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ..scene.fields import ESTIMATED, QUANTITIES
-from ..scene.parts import others, stiffness
+from ..scene.fields import ESTIMATED, QUANTITIES, quantity
+from ..scene.parts import jaws, others, stiffness
 from ..scene.scene import Scene
 from ..support.arrays import Floats
 
@@ -48,7 +48,7 @@ def usual(scene: Scene) -> dict[str, Floats]:
         else max(tip.youngs_modulus for tip in tips)
     )
     places = np.full(9, radius)
-    places[list(UNITS["q"][1])] = 1.0
+    places[[k for k, unit in enumerate(quantity("q", jaws(scene)).units) if unit == "rad"]] = 1.0
     pace = np.sqrt(modulus * radius / scene.grasped.mass)
     force = np.full(4, modulus * radius * radius)
     return {"q": places, "p": pace * places, "multipliers": force}

@@ -364,12 +364,16 @@ def axes(name: str, shape: Sequence[int]) -> tuple[str | None, ...]:
     return (*[None] * (len(shape) - len(kept)), *kept)
 
 
-def label(name: str, unit: str = "") -> str:
+def label(name: str, unit: str = "", jaws: Jaws = _NONE) -> str:
     """The label of a column: its name in words, and its unit in brackets if one is given.
+
+    The coordinate of a jaw is called z.
 
     For example, "disturbances.0.force.1" becomes "force y (disturbance 0)".
     """
     text = _name(name)
+    for k in [k for jaw, k in zip(jaws, "12", strict=True) if jaw]:
+        text = text.replace(rf"\theta_{k}", f"z_{k}").replace(rf"\tau_{k}", f"u_{k}")
     unit = unit.replace("^2", "$^2$")
     return f"{text} [{unit}]" if unit else text
 

@@ -158,17 +158,17 @@ def _mechanism(scene: Scene, q: Floats, side: int, centre: Floats) -> FingerOutl
         bars = [_beam(foot, foot + arm, 0.6 * thick) for foot in (root + apart, root)]
         coupler = _beam(ends + apart, ends + 0.5 * half * towards, 0.9 * thick)
         joints = (root, root + apart, ends, ends + apart)
-        return FingerOutline(root, (*bars, pad, coupler), joints, none, centre, none, ())
+        return FingerOutline(root + apart, (*bars, pad, coupler), joints, none, centre, none, ())
     assert isinstance(finger, Jaw)
     way = np.array([sign * np.cos(finger.direction), np.sin(finger.direction)])
     # The carriage stands on a rail as far below the tip as the hand's origin, or below the pad.
     below = max(finger.height, 1.8 * a)
     foot = middle - below * up
-    stand = _beam(foot, middle - a * up, half)
+    pad = _beam(foot, middle + 1.15 * a * up, half)
     carriage = _beam(foot - 2.5 * thick * way, foot + 2.5 * thick * way, 1.3 * thick)
     fixed = foot - float(q[3 + side]) * way
     rail = np.array([fixed - 0.3 * finger.root_offset * way, fixed + finger.root_offset * way])
-    return FingerOutline(fixed, (stand, pad, carriage), (), rail, centre, none, ())
+    return FingerOutline(fixed, (pad, carriage), (), rail, centre, none, ())
 
 
 def finger_outline(scene: Scene, q: Floats, side: int) -> FingerOutline:

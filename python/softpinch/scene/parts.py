@@ -342,7 +342,7 @@ def others(scene: Scene) -> list[str]:
 
 def stiffness(scene: Scene, side: int, compression: Floats) -> Floats:
     """The normal stiffness of an upright tip at compressions d_n >= 0, N/m: 2 pi E d_n by (5)."""
-    tip, shape, d = scene.hand.tips[side], sides_of(scene.grasped)[side], np.asarray(compression)
+    tip, d = scene.hand.tips[side], np.asarray(compression)
     if isinstance(tip.law, PowerLaw):
         foot, power = tip.law.foot or 0.0, tip.law.exponent - 1.0
         change = np.abs(d + foot) ** power - foot**power
@@ -351,9 +351,18 @@ def stiffness(scene: Scene, side: int, compression: Floats) -> Floats:
         found = tip.law._stiffness(d)
     else:
         found = 2.0 * np.pi * tip.youngs_modulus * d
-    if isinstance(shape, Arc) and shape.counterface != "flat":
-        found = found * (1.0 + tip.radius / shape.radius) ** _SOFTER[shape.counterface]
-    return np.asarray(found)
+    return np.asarray(softened(scene)[side] * found)
+
+
+def softened(scene: Scene) -> tuple[float, float]:
+    """The shares of their energy (4) that the right and the left tip have on arcs."""
+    right, left = (
+        (1.0 + tip.radius / side.radius) ** _SOFTER[side.counterface]
+        if isinstance(side, Arc)
+        else 1.0
+        for tip, side in zip(scene.hand.tips, sides_of(scene.grasped), strict=True)
+    )
+    return right, left
 
 
 def shear_factor(tip: Fingertip) -> float:
@@ -429,6 +438,6 @@ Mechanism._kinds = {"jaw": Jaw, "parallelogram": Parallelogram}
 ObjectSide._kinds = {"face": Face, "arc": Arc}
 TipLaw._kinds = {"springs": ParallelSprings, "power": PowerLaw, "measured": MeasuredLaw}
 # The exponents of (1 + a/R) by which an arc softens a tip.
-_SOFTER = {"cylinder": -0.5, "sphere": -1.0}
+_SOFTER = {"flat": 0.0, "cylinder": -0.5, "sphere": -1.0}
 # The numbers of the kinds, as the core has them.
 COUNTERFACES: Mapping[str, float] = {"flat": 0.0, "cylinder": 1.0, "sphere": 2.0}

@@ -308,6 +308,11 @@ class Scene(Record):
         checks.instance("Scene.grasped", self.grasped, GraspedObject)
         made = "a Schedule, such as Schedule.steps(times, angles)"
         checks.instance("Scene.schedule", self.schedule, Schedule, made)
+        if self.schedule.given_in_degrees and any(parts.jaws(self)):
+            raise ValueError(
+                "Scene.schedule: is in degrees, but the coordinate of a Jaw is its travel, m; use "
+                "Schedule.steps, .ramps, .minimum_jerk or .sampled"
+            )
         self._set("control", take_control(self.control))
         if not isinstance(self.disturbances, tuple | list):
             raise TypeError(

@@ -50,6 +50,11 @@ def warn(scene: Scene, schedule_replaced: bool = False) -> None:
             "angles; with control=Torque() they are torques in N m. Give schedule= in N m, such as "
             "Schedule.steps([0.0], [[1.2, 1.2]])",
         )
+    elif any(jaws(scene)) and scene.schedules_angles and scene.schedule == default_schedule():
+        texts += (
+            "schedule: this is the default schedule, whose angles of 6 degrees would be 105 mm of "
+            "a Jaw. Give schedule= in m, such as Schedule.steps([0.0], [[4e-3, 4e-3]])",
+        )
     for text in texts:
         errors.warn(text, SuspiciousValueWarning)
 
