@@ -240,7 +240,9 @@ class GraspedObject(Record):
             angle: Tilt of each face, positive where the object is wider at its upper end, rad.
         """
         width, height = checks.positive("width", width), checks.positive("height", height)
-        mass, face = checks.positive("mass", mass), Face(tilt=angle)
+        mass, rule = checks.positive("mass", mass), "must be between -pi/2 and pi/2"
+        angle = checks.number_that("angle", angle, lambda x: abs(x) < 0.5 * math.pi, rule)
+        face = Face(tilt=angle)
         rise = math.tan(face.tilt) * height
         # W = m + rise^2 / (3 m), where the width halfway up is m.
         root = width * width - 4.0 / 3.0 * rise * rise

@@ -209,7 +209,7 @@ class MeasuredLaw(TipLaw):
 
         One line of headings is allowed.
         """
-        text = Path(path).read_text(encoding="utf-8").splitlines()
+        text = checks.path("path", path).read_text(encoding="utf-8").splitlines()
         rows = [line.split(",")[:2] for line in text if line.strip()]
         try:
             float(rows[0][0])
@@ -237,8 +237,9 @@ class MeasuredLaw(TipLaw):
 
     def predicted(self, compression: Floats) -> Floats:
         """The fitted force at compressions within the range, N."""
-        reach = self.compression[-1]
-        return np.asarray(_integrals(np.asarray(compression) / reach, 2) @ self.weights * reach**2)
+        reach, given = self.compression[-1], checks.numbers("compression", compression)
+        checks.require_finite("compression", given)
+        return np.asarray(_integrals(given / reach, 2) @ self.weights * reach**2)
 
     def _stiffness(self, compression: Floats) -> Floats:
         """F' at compressions >= 0, N/m."""
