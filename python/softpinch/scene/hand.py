@@ -233,6 +233,8 @@ class GraspedObject(Record):
     def wedge(cls, width: float, height: float, mass: float, angle: float) -> Self:
         """A uniform wedge, whose faces are both tilted.
 
+        Contacts are on the faces up to half the height above and below the centre of gravity.
+
         Args:
             width: Distance between the faces at the height of the centre of gravity, m.
             height: H, from its lower to its upper end, m.
