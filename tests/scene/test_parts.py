@@ -25,7 +25,14 @@ from other_hands import (
     scenes,
 )
 from softpinch import _core
-from softpinch.scene.outline import contact_point, contacts, object_outline
+from softpinch.scene.outline import (
+    closing,
+    contact_point,
+    contacts,
+    finger_outline,
+    object_outline,
+)
+from softpinch.scene.parts import half_lengths, stiffness, width
 from softpinch.scene.parts import jaws as which_are_jaws
 from transforms import MIRROR_MULTIPLIERS, Units, mirrored, mirrored_coordinates, require_scaled
 
@@ -377,3 +384,99 @@ def test_a_power_law_without_a_foot_keeps_its_force() -> None:
     tilt = contacts(scene, state.q).tilts
     expected = -POWER.coefficient * state.q[5:7] ** 1.67 / np.cos(tilt) ** 2
     np.testing.assert_allclose(terms.forces.elastic[5:7], expected, rtol=1e-12)
+
+
+LAWS = {"springs": None, "power": POWER, "no foot": replace(POWER, foot=None), "measured": MEASURED}
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("counterface", ["flat", "cylinder", "sphere"])
+def test_the_stiffness_is_the_slope_of_the_core_s_force(law: str, counterface: str) -> None:
+    """Also beyond the last measured compression, 8 mm."""
+    arc = sp.Arc(0.025, counterface=counterface)
+    tip = sp.Fingertip(law=LAWS[law], tilt_coupling=0.0)
+    hand = sp.Hand(right=sp.Jaw(), left=sp.Jaw(), tip=tip)
+    scene = jaws(hand=hand, grasped=replace(BOTTLE, right=arc, left=arc))
+    touching = scene.start().q[3]
+
+    def force(depth: float) -> float:
+        state = sp.State.consistent(scene, fingers=(touching + depth, touching + depth))
+        assert state.q[5] == pytest.approx(depth, rel=1e-12)
+        return -float(sp.evaluate(scene, 0.0, state.q, state.p).forces.elastic[5])
+
+    for depth in (2e-3, 5e-3, 7.9e-3, 9e-3):
+        slope = (force(depth + 1e-6) - force(depth - 1e-6)) / 2e-6
+        found = float(stiffness(scene, 0, np.array([depth]))[0])
+        assert found == pytest.approx(slope, rel=1e-6)
+
+
+def test_swings_of_a_free_jaw_grow_by_its_mass() -> None:
+    """With u = -K_D v held for T, v grows by 1 - K_D T / m: beyond -1 for K_D T > 2 m."""
+    for kd, grows in ((190.0, False), (250.0, True)):
+        scene = jaws(control=sp.SampledController.pid(1e-3, kp=0.0, kd=kd, ki=0.0))
+        assert any("swings ever wider" in text for text in scene._suspicions) == grows
+
+
+@pytest.mark.parametrize(
+    "side", [None, sp.Face(tilt=0.05), sp.Face(height=0.01), sp.Arc(0.025, span=0.5)]
+)
+def test_contacts_are_off_their_sides_where_these_end(side: Any) -> None:
+    grasped = sp.GraspedObject(width=0.05, height=0.02, right=side, left=side)
+    scene = jaws(grasped=grasped, duration=1e-4, friction=0.5)
+    half = half_lengths(scene)[0]
+    for share in (0.95, 1.05):
+        # Higher up the object its contact is lower down the side.
+        shift = 0.025 * np.sin(share * half / 0.025) if isinstance(side, sp.Arc) else share * half
+        y = scene.start().q[1] + shift * (45 / 25 if isinstance(side, sp.Arc) else 1.0)
+        state = sp.State.consistent(scene, y=y, fingers=scene.start().q[3:5])
+        place = np.abs(contacts(scene, state.q).places).max()
+        run = sp.simulate(replace(scene, initial=state), stop_on=())
+        assert ("off_face" in run.violations) == (place > half)
+        if not isinstance(side, sp.Face) or not side.tilt:
+            assert (place > half) == (share > 1.0)
+
+
+UNEVEN = linked(
+    grasped=sp.GraspedObject(
+        com_offset=3e-3, right=sp.Face(tilt=0.05), left=sp.Arc(0.03, (0.004, 0.0))
+    )
+)
+
+
+def test_the_middles_of_sides_are_where_the_object_says() -> None:
+    scene = replace(UNEVEN, friction=0.8)
+    # W/2 - w to the right, R - K_x to the left.
+    assert width(scene) == pytest.approx((0.0245 - 0.003) + (0.03 - 0.004))
+    assert sp.wrench_limits(scene, [[1.0, 0.0, 0.0]]).length == pytest.approx(0.5 * width(scene))
+    q = sp.simulate(scene).q[-1]
+    outline = object_outline(scene, q)
+    start, way = outline[:2]
+    share = (contact_point(scene, q, 0) - start) @ (way - start) / ((way - start) @ (way - start))
+    assert 0.0 < share < 1.0
+    away = contact_point(scene, q, 0) - start - share * (way - start)
+    assert np.abs(away).max() < 1e-9
+
+
+@each_scene
+def test_fingers_close_until_both_tips_are_compressed_so_far(name: str) -> None:
+    scene = replace(SCENES[name], initial="touching")
+    x, y = scene.start().q[:2]
+    for depth in (0.0, 2e-3, 5e-3):
+        fingers = closing(scene, depth)
+        assert fingers is not None
+        state = sp.State.consistent(scene, x=x, y=y, fingers=fingers)
+        # The heights of links change a little, and with them those of places on slopes.
+        assert np.mean(state.q[5:7]) == pytest.approx(depth, abs=2e-4)
+        if "jaws" in name:
+            np.testing.assert_allclose(state.q[5:7], depth, atol=1e-12)
+
+
+def test_the_drawn_tip_lies_on_the_arc() -> None:
+    scene = jaws(grasped=BOTTLE)
+    q = sp.simulate(scene).q[-1]
+    for side in (0, 1):
+        tip = finger_outline(scene, q, side).tip
+        away = np.hypot(*(tip - q[:2]).T) - 0.025
+        # The shear is drawn along the tangent.
+        assert (np.abs(away) < 1e-4).sum() > 10
+        assert away.min() > -1e-4

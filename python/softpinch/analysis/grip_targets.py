@@ -1,4 +1,4 @@
-"""`grip`, which finds the angles to which the fingers must close to press with a given force."""
+"""`grip`, which finds the targets to which the fingers must close to press with a given force."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Grip(Result):
     """The targets of the fingers that press on the object with a given force at rest.
 
     Attributes:
-        targets: The target angles of the fingers (2,), right and left, rad.
+        targets: The targets of the fingers (2,), right and left, rad, or m of a jaw.
         force: The mean of lambda_1^H and lambda_2^H at rest, N.
         compression: The mean of d_n1 and d_n2 at rest, m.
         equilibrium: The rest under these targets, without disturbances.
@@ -59,9 +59,10 @@ class Grip(Result):
 
 
 def grip(scene: Scene, force: float | None = None, compression: float | None = None) -> Grip:
-    """Finds the target angles with which the fingers press on the object so hard at rest.
+    """Finds the targets with which the fingers press on the object so hard at rest.
 
-    Both fingers stand at the same angle at rest. A PID with K_I stands at its targets, so both
+    Both fingers stand at the same angle at rest; where parts are not the paper's, where they would
+    compress both tips alike on an upright object. A PID with K_I stands at its targets, so both
     targets are this angle; without K_I each target is ahead of the finger by torque / K_P. The
     angle is searched on the equilibrium (`equilibrium`), in which both tips hold the object at the
     height of its centre of gravity, between the angle at which the tips touch the object and the
@@ -139,7 +140,7 @@ def _require_targets(scene: Scene) -> None:
     for side, pid in zip(SIDES, pids_of(scene.control), strict=True):
         if scene.law == "pid" and pid.kp == 0.0 and pid.ki == 0.0:
             raise ValueError(
-                f"Scene.control.{side}: kp and ki are zero, so no target angle turns the finger"
+                f"Scene.control.{side}: kp and ki are zero, so no target moves the finger"
             )
 
 
@@ -161,7 +162,7 @@ class _Search:
         self.unit, self.asked = unit, f"{name} = {wanted:g} {unit}"
         touching = closing(scene, 0.0)
         if touching is None:
-            raise ValueError("scene: no angle of the fingers brings the tips to the object")
+            raise ValueError("scene: no position of the fingers brings the tips to the object")
         depth = 0.5 * sum(tip.radius for tip in scene.hand.tips)
         # Other parts than the paper's are searched by the depth of both tips, not by an angle.
         self.by_depth = bool(others(scene))

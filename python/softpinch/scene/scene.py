@@ -36,7 +36,8 @@ class State(Record):
     """The state of the system at one instant, from which a run can start.
 
     Attributes:
-        q: Coordinates (9,): x, y, theta, theta_1, theta_2, d_n1, d_n2, d_t1, d_t2, m and rad.
+        q: Coordinates (9,): x, y, theta, theta_1, theta_2, d_n1, d_n2, d_t1, d_t2, m and rad; of a
+            `Jaw` theta_i is its travel, m.
         p: Rates of the coordinates (9,), m/s and rad/s.
         integral: The integrals of the angle errors in (39), (right, left), rad s.
         time: Time on the clock of schedule and disturbances, s.
@@ -247,7 +248,8 @@ class Scene(Record):
         grasped: The grasped object.
         control: The PID gains of both fingers, or a pair (right, left); or `Torque()`, with which
             the schedule's values are the torques on the fingers; or a `SampledController`.
-        schedule: The target angles of the fingers, rad; with `Torque()` their torques, N m.
+        schedule: The target angles of the fingers, rad, or travels of jaws, m; with `Torque()` the
+            torques on them, N m, or forces, N.
         fingers: "pid" moves the fingers with the torques of `control`. "driven" prescribes their
             angles: they equal the schedule at every instant, as under ideal position control. Then
             `control` and the fingers' inertia do not affect the motion, and the driving torque is

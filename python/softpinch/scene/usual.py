@@ -19,7 +19,7 @@ from ..support.record import SIDES
 from ..support.suggest import places
 from .contact import coefficients
 from .control import SampledController
-from .fields import COORDINATE_RANGES, COORDINATE_UNITS, Unit, of_coordinates, usual_range
+from .fields import COORDINATE_RANGES, COORDINATE_UNITS, Unit, of_coordinates, units, usual_range
 from .loop_matrix import growth
 from .outline import closing, compression
 from .parts import in_words, jaws, width
@@ -44,10 +44,11 @@ def warn(scene: Scene, schedule_replaced: bool = False) -> None:
     """Warns once for each field with an unusual number, but not of torques that are replaced."""
     texts = scene._suspicions
     if scene.law == "torque" and scene.schedule == default_schedule() and not schedule_replaced:
-        angle = scene.schedule.angles[0, 0]
+        angle, unit = scene.schedule.angles[0, 0], units("control.limits", (), jaws(scene))
+        what = "forces in N" if unit == "N" else f"torques in {unit}"
         texts += (
-            f"schedule: this is the default schedule, whose {angle:.3g} rad are meant as "
-            "angles; with control=Torque() they are torques in N m. Give schedule= in N m, such as "
+            f"schedule: this is the default schedule, whose {angle:.3g} rad are meant as angles; "
+            f"with control=Torque() they are {what}. Give schedule= in {unit}, such as "
             "Schedule.steps([0.0], [[1.2, 1.2]])",
         )
     elif any(jaws(scene)) and scene.schedules_angles and scene.schedule == default_schedule():
@@ -164,8 +165,8 @@ def _unusual(scene: Scene) -> Iterator[str]:
     for path, value in places(scene):
         if path == "initial.q":
             # One message for the whole state: about its first number outside the usual range.
-            units = of_coordinates(COORDINATE_UNITS, own)
-            ranges = enumerate(zip(COORDINATE_RANGES, units, strict=True))
+            of_each = of_coordinates(COORDINATE_UNITS, own)
+            ranges = enumerate(zip(COORDINATE_RANGES, of_each, strict=True))
             for k, (usual, unit) in ranges:
                 if found := list(_outside(f"{path}.{k}", np.asarray(value[k]), *usual, unit)):
                     yield found[0]
