@@ -450,7 +450,7 @@ def test_the_middles_of_sides_are_where_the_object_says() -> None:
     assert sp.wrench_limits(scene, [[1.0, 0.0, 0.0]]).length == pytest.approx(0.5 * width(scene))
     q = sp.simulate(scene).q[-1]
     outline = object_outline(scene, q)
-    start, way = outline[:2]
+    start, way = outline[1:3]
     share = (contact_point(scene, q, 0) - start) @ (way - start) / ((way - start) @ (way - start))
     assert 0.0 < share < 1.0
     away = contact_point(scene, q, 0) - start - share * (way - start)

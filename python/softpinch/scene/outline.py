@@ -79,10 +79,10 @@ def object_height(scene: Scene) -> float:
 
 
 def object_outline(scene: Scene, q: Floats) -> Floats:
-    """The object's outline (n, 2), m: its right side upwards, then its left one downwards."""
+    """The object's outline (n, 2), m, counter-clockwise from the lower end of its left side."""
     right, left = (_side(scene, k) for k in (0, 1))
     across, along = object_axes(q[2])
-    local = np.concatenate([right, left[::-1]])
+    local = np.concatenate([left[:1], right, left[:0:-1]])
     return np.asarray(q[:2] + local[:, :1] * across + local[:, 1:] * along)
 
 
