@@ -22,9 +22,8 @@ from other_hands import (
     jaws,
     linked,
     scene_of,
-    scenes,
 )
-from softpinch import _core
+from softpinch import _core, strategies
 from softpinch.scene.outline import (
     closing,
     contact_point,
@@ -73,7 +72,23 @@ def test_runs_keep_every_invariant(name: str, formulation: str) -> None:
         run.check()
 
 
-@given(scenes(), formulations)
+@given(strategies.other_hands(0.05, contact="unilateral"), st.floats(0.1, 1.0), st.booleans())
+@settings(max_examples=30)
+def test_what_slips_and_opens_keeps_every_invariant(
+    scene: sp.Scene, friction: float, projected: bool
+) -> None:
+    blow = sp.Impulse(time=0.02, impulse=(0.5, 0.2), angular_impulse=5e-3)
+    own = replace(scene.hand.tips[0], normal_mass=0.02, tangential_mass=0.02)
+    scene = replace(
+        scene, friction=friction, disturbances=[blow], hand=replace(scene.hand, tip=own)
+    )
+    formulation: Any = "projected" if projected else "csm"
+    run = sp.simulate(scene, dt=2e-5, formulation=formulation, record=EVERYTHING)
+    assert run.status in ("completed", "lost", "crushed", "folded")
+    run.check(residual=1e-4)
+
+
+@given(strategies.other_hands(), formulations)
 @settings(max_examples=25)
 def test_mirror_images_mirror_to_round_off(scene: sp.Scene, formulation: str) -> None:
     options: Any = {"dt": 5e-4, "formulation": formulation, "record": EVERYTHING}
@@ -86,7 +101,7 @@ def test_mirror_images_mirror_to_round_off(scene: sp.Scene, formulation: str) ->
     assert np.abs(forces).max() <= 1e-9 * np.abs(run.multipliers).max()
 
 
-@given(scenes(laws=False), formulations, exponents, exponents, exponents)
+@given(strategies.other_hands(laws=False), formulations, exponents, exponents, exponents)
 @settings(max_examples=25)
 def test_powers_of_two_of_length_mass_and_time_scale_a_run_to_the_bit(
     scene: sp.Scene, formulation: str, length: int, mass: int, time: int

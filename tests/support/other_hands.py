@@ -5,11 +5,8 @@ and rigid velocities, DOP853 with a relative tolerance of 1e-12.
 """
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
-
-from hypothesis import strategies as st
 
 import softpinch as sp
 
@@ -125,56 +122,3 @@ SCENES: dict[str, sp.Scene] = {
         schedule=sp.Schedule.steps([0.0], [[0.08, 6e-3]]),
     ),
 }
-
-
-_MECHANISMS = st.one_of(
-    st.builds(sp.Finger),
-    st.builds(sp.Jaw, direction=st.floats(-0.2, 0.2), angle=st.floats(-0.1, 0.1)),
-    st.builds(sp.Parallelogram, angle=st.floats(-0.1, 0.1)),
-)
-_FACES = st.one_of(st.none(), st.builds(sp.Face, tilt=st.floats(-0.1, 0.1)))
-
-
-@st.composite
-def _arcs(draw: st.DrawFn, sign: float) -> sp.Arc:
-    """Arcs that are about as far from the centre of gravity as the faces of the default object."""
-    radius = draw(st.floats(0.02, 0.2))
-    across = sign * (draw(st.floats(0.022, 0.027)) - radius)
-    counterface = draw(st.sampled_from(["cylinder", "sphere", "flat"]))
-    return sp.Arc(radius, (across, draw(st.floats(-5e-3, 5e-3))), counterface=counterface)
-
-
-_LAWS = st.one_of(
-    st.none(),
-    st.builds(
-        sp.PowerLaw,
-        coefficient=st.just(164033.0),
-        exponent=st.floats(1.6, 2.5),
-        foot=st.floats(1e-4, 1e-3),
-        shear_factor=st.floats(0.5, 1.0),
-    ),
-    st.just(MEASURED),
-)
-
-
-@st.composite
-def scenes(draw: st.DrawFn, laws: bool = True, **fields: Any) -> sp.Scene:
-    """Any mechanisms and sides, and with `laws` any laws, that press on the object."""
-    fingers = draw(st.tuples(_MECHANISMS, _MECHANISMS))
-    tips = [sp.Fingertip(law=draw(_LAWS) if laws else None) for _ in fingers]
-    sides = [draw(st.one_of(_FACES, _arcs(sign))) for sign in (1.0, -1.0)]
-    scene = sp.Scene(
-        hand=sp.Hand(right=fingers[0], left=fingers[1], tip=(tips[0], tips[1])),
-        grasped=sp.GraspedObject(
-            com_offset=draw(st.floats(-3e-3, 3e-3)), right=sides[0], left=sides[1]
-        ),
-        control=tuple(STIFF if isinstance(finger, sp.Jaw) else sp.Pid() for finger in fingers),
-        disturbances=[sp.Pulse(time=0.01, duration=0.01, force=(3.0, 2.0), moment=0.01)],
-        **{"duration": 0.03, "initial": "touching"} | fields,
-    )
-    press = [draw(st.floats(1e-3, 6e-3)) for _ in fingers]
-    target = scene.start().q[3:5] + [
-        depth if isinstance(finger, sp.Jaw) else depth / 0.0762
-        for finger, depth in zip(fingers, press, strict=True)
-    ]
-    return replace(scene, schedule=sp.Schedule.steps([0.0], [target]))
