@@ -202,9 +202,10 @@ def usual_range(path: str, jaws: Jaws) -> tuple[tuple[float, float], Unit] | Non
     field = USUAL.get(short)
     if field is None or field.usual is None:
         return None
-    unit = units(path, (2,), jaws)
-    least, most = field.usual
-    if any(jaws) and short in _USUAL_OF_JAWS and unit != field.unit:
+    if not any(jaws):
+        return field.usual, field.unit
+    unit, (least, most) = units(path, (2,), jaws), field.usual
+    if short in _USUAL_OF_JAWS and unit != field.unit:
         low, high = _USUAL_OF_JAWS[short]
         least, most = (low, high) if all(jaws) else (min(least, low), max(most, high))
     return (least, most), unit

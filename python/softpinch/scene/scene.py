@@ -123,10 +123,10 @@ class State(Record):
             x: Horizontal position of the centre of gravity, m; None takes the scene's start.
             y: Vertical position of the centre of gravity, m, upwards; None takes the scene's start.
             rotation: theta, rad.
-            fingers: theta_1 and theta_2 (2,), rad.
+            fingers: theta_1 and theta_2 (2,), rad, or travels of jaws, m.
             shear: d_t1 and d_t2 (2,), m.
             velocity: Rates of x, y and theta (3,), m/s and rad/s.
-            finger_rates: Rates of theta_1 and theta_2 (2,), rad/s.
+            finger_rates: Rates of theta_1 and theta_2 (2,), rad/s, or m/s.
             integral: Integrals of the angle errors (2,), rad s.
             time: Time on the clock of schedule and disturbances, s.
         """
@@ -258,7 +258,7 @@ class Scene(Record):
         disturbances: Forces, moments and impulses on the object; they add up.
         gravity: g, downwards, m/s^2.
         duration: Length of the run, s.
-        initial: None starts at rest with straight fingers, in point contact or pressed; with
+        initial: None starts at rest with fingers at zero, in point contact or pressed; with
             "driven" fingers it starts at the schedule's angles, with the object still. "touching"
             closes the fingers until both tips touch the object. A `State` starts from that state.
         friction: Coefficient of friction mu of both contacts, or a pair (right, left). With
@@ -419,12 +419,9 @@ class Scene(Record):
     @cached_property
     def _parameters(self) -> NDArray[np.float64]:
         found = _core.DEFAULTS.copy()
-        own = parts.numbers(self)
-        for k, path in enumerate(_core.PARAMETERS):
-            if path in own:
-                found[k] = own[path]
-            elif k < PAPERS:
-                found[k] = self._parameter(path)
+        found[:PAPERS] = [self._parameter(path) for path in _core.PARAMETERS[:PAPERS]]
+        for path, number in parts.numbers(self).items():
+            found[_core.PARAMETERS.index(path)] = number
         for side, tip in zip(SIDES, self.hand.tips, strict=True):
             if isinstance(tip.law, parts.MeasuredLaw):
                 place = _core.PARAMETERS.index(f"hand.tip.{side}.law.weights")
