@@ -100,10 +100,10 @@ def _growing_swings(scene: Scene) -> Iterator[str]:
     periods = scene.duration / control.period
     if factor <= 1.0 or periods * math.log(factor) <= math.log(_GROWN):
         return
-    time = control.period / math.log(factor)
+    time, gain = control.period / math.log(factor), units("control.ki", (), jaws(scene))
     yield (
         f"control: with this SampledController a finger that touches nothing swings ever wider, by "
-        f"a factor of 2.7 in each {time:.3g} s; smaller gains, most of all ki (1000 N m/(rad s) in "
+        f"a factor of 2.7 in each {time:.3g} s; smaller gains, most of all ki (1000 {gain} in "
         f"pid unless given), or a shorter period ({control.period:g} s) or delay "
         f"({control.delay:g} s) make it stable"
     )
