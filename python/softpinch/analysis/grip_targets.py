@@ -9,7 +9,7 @@ import numpy as np
 
 from ..scene.control import WRITTEN, Pid, pids_of
 from ..scene.outline import closing
-from ..scene.parts import in_words, others
+from ..scene.parts import in_words, jaws, others
 from ..scene.scene import Scene
 from ..scene.schedule import Schedule
 from ..support import checks
@@ -137,11 +137,10 @@ def _require_targets(scene: Scene) -> None:
         raise ValueError(
             f"Scene.{WRITTEN[scene.law]}: grip finds target angles, which these fingers do not have"
         )
-    for side, pid in zip(SIDES, pids_of(scene.control), strict=True):
+    for side, pid, jaw in zip(SIDES, pids_of(scene.control), jaws(scene), strict=True):
+        moves = "travel moves the jaw" if jaw else "angle turns the finger"
         if scene.law == "pid" and pid.kp == 0.0 and pid.ki == 0.0:
-            raise ValueError(
-                f"Scene.control.{side}: kp and ki are zero, so no target moves the finger"
-            )
+            raise ValueError(f"Scene.control.{side}: kp and ki are zero, so no target {moves}")
 
 
 def _size(rest: Equilibrium, name: str) -> float:
