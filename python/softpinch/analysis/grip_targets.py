@@ -161,7 +161,8 @@ class _Search:
         self.unit, self.asked = unit, f"{name} = {wanted:g} {unit}"
         touching = closing(scene, 0.0)
         if touching is None:
-            raise ValueError("scene: no position of the fingers brings the tips to the object")
+            place = "position" if others(scene) else "angle"
+            raise ValueError(f"scene: no {place} of the fingers brings the tips to the object")
         depth = 0.5 * sum(tip.radius for tip in scene.hand.tips)
         # Other parts than the paper's are searched by the depth of both tips, not by an angle.
         self.by_depth = bool(others(scene))
