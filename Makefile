@@ -55,6 +55,7 @@ figures: build ## Make the pictures of README and docs again
 	$(BIN)/python tools/architecture.py
 	$(BIN)/python tools/model_drawing.py
 	$(BIN)/python tools/contact_modes.py
+	$(BIN)/python tools/own_hands.py
 	$(BIN)/python tools/equilibria.py
 	$(BIN)/python examples/05_train_a_policy.py docs/figures/learning_curve.png
 	$(BIN)/python examples/06_computed_torque.py docs/figures/computed_torque.png

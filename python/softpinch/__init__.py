@@ -31,7 +31,7 @@ _LAZY = {
         *("CarryLimits", "Equilibrium", "EquilibriumMap", "Grip", "LinearModel", "WrenchLimits"),
         *("carry_limits", "equilibrium", "equilibrium_map", "grip", "linearize", "wrench_limits"),
     ),
-    "fitting": ("Fit", "fit"),
+    "fitting": ("Fit", "LawFit", "fit", "fit_law"),
     "montecarlo": ("monte_carlo",),
     "simulator": ("Observation", "Observations", "Simulator", "VectorSimulator"),
     "store": ("Study",),

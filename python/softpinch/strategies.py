@@ -23,8 +23,22 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .scene import Finger, Fingertip, GraspedObject, Hand, Pid, outline, usual
+from .scene import (
+    Arc,
+    Face,
+    Finger,
+    Fingertip,
+    GraspedObject,
+    Hand,
+    Jaw,
+    Parallelogram,
+    Pid,
+    PowerLaw,
+    outline,
+    usual,
+)
 from .scene.disturbance import DISTURBANCES, Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
+from .scene.hand import links
 from .scene.motion import MOTIONS, HandMotion
 from .scene.scene import Scene, State
 from .scene.schedule import HOLDS, KINDS, Schedule
@@ -34,7 +48,7 @@ from .support.extras import require
 
 require("hypothesis", extra="testing", purpose="softpinch.strategies")
 
-from hypothesis import assume  # noqa: E402
+from hypothesis import assume, reject  # noqa: E402
 from hypothesis import strategies as st  # noqa: E402
 from hypothesis.strategies import DrawFn, SearchStrategy  # noqa: E402
 
@@ -70,7 +84,7 @@ def _scaled(value: float, spread: float) -> SearchStrategy[float]:
     return _number(-1.0, lambda u: value * 10.0 ** (spread * u)) if spread else st.just(value)
 
 
-def _near(draw: DrawFn, paper: Any, names: Sequence[str], spread: float) -> dict[str, float]:
+def _near(draw: DrawFn, paper: Any, names: Sequence[str], spread: float) -> dict[str, Any]:
     """Numbers of a record, each drawn within `spread` decades of the paper's value."""
     return {name: draw(_scaled(getattr(paper, name), spread)) for name in names}
 
@@ -335,6 +349,7 @@ def scenes(
     fitted: list[Finger] = []
     begun = [0.0, 0.0]
     for finger, tip in zip((hand.right, hand.left), tips, strict=True):
+        assert isinstance(finger, Finger)
         reach = tip.radius + 0.5 * grasped.width
         if fitted and symmetric:
             fitted *= 2
@@ -370,6 +385,64 @@ def scenes(
 
 
 @st.composite
+def _arcs(draw: DrawFn, sign: float) -> Arc:
+    """Arcs about as far from the centre of gravity as the sides of the default object."""
+    radius = draw(_between(0.02, 0.2))
+    across = sign * (draw(_between(0.022, 0.027)) - radius)
+    counterface = draw(st.sampled_from(["cylinder", "sphere", "flat"]))
+    return Arc(radius, (across, draw(_within(5e-3))), counterface=counterface)
+
+
+@st.composite
+def other_hands(
+    draw: DrawFn, duration: float = 0.03, laws: bool = True, contact: ContactModel = "bilateral"
+) -> Scene:
+    """Scenes with any mechanisms, sides and laws, whose fingers press on a pushed object.
+
+    Lengths, masses and gains are near the default values; the run starts where the tips touch.
+    Examples shrink towards links, faces and parallel springs.
+
+    Args:
+        duration: Length of the runs, s.
+        laws: Whether a tip may have a `PowerLaw`.
+        contact: The contact model; with "unilateral" the coefficient of friction is 0.8.
+    """
+    angle = _within(0.1)
+    kinds = st.one_of(
+        st.builds(Finger),
+        st.builds(Jaw, direction=_within(0.2), angle=angle),
+        st.builds(Parallelogram, angle=angle),
+    )
+    law = st.builds(
+        PowerLaw,
+        coefficient=st.just(1.64e5),
+        exponent=_between(1.6, 2.5),
+        foot=_between(1e-4, 1e-3),
+        shear_factor=_between(0.5, 1.0),
+    )
+    fingers = [draw(kinds) for _ in (0, 1)]
+    faces = st.one_of(st.none(), st.builds(Face, tilt=angle))
+    right, left = (draw(st.one_of(faces, _arcs(sign))) for sign in (1.0, -1.0))
+    tips = [Fingertip(law=draw(st.one_of(st.none(), law)) if laws else None) for _ in fingers]
+    jaw = Pid(kp=2e4, kd=200.0, ki=2e5)
+    gains = [jaw if isinstance(finger, Jaw) else Pid() for finger in fingers]
+    scene = Scene(
+        hand=Hand(right=fingers[0], left=fingers[1], tip=(tips[0], tips[1])),
+        grasped=GraspedObject(com_offset=draw(_within(3e-3)), right=right, left=left),
+        control=(gains[0], gains[1]),
+        disturbances=[Pulse(time=0.3 * duration, duration=0.3 * duration, force=(3.0, 2.0))],
+        duration=duration,
+        initial="touching",
+        friction=0.8 if contact == "unilateral" else None,
+        contact=contact,
+    )
+    closed = outline.closing(scene, draw(_between(1e-3, 6e-3)))
+    if closed is None:
+        reject()
+    return replace(scene, schedule=Schedule.steps([0.0], [closed]))
+
+
+@st.composite
 def consistent_states(
     draw: DrawFn,
     scene: Scene,
@@ -395,14 +468,14 @@ def consistent_states(
         speed: Largest speed of the object in each of x and y, m/s.
         rate: Largest angular rate of the object and of each finger, rad/s.
     """
-    hand, grasped = scene.hand, scene.grasped
-    tips = hand.tips
+    hand, grasped = links(scene, "consistent_states"), scene.grasped
+    tips = scene.hand.tips
     here = State.consistent(scene).q
     reach = offset * min(tip.radius for tip in tips)
     x, y = here[0] + draw(_within(reach)), here[1] + draw(_within(reach))
     theta = draw(_within(rotation))
     angles = []
-    for sign, finger, tip in zip(outline.SIGNS, (hand.right, hand.left), tips, strict=True):
+    for sign, finger, tip in zip(outline.SIGNS, hand, tips, strict=True):
         d_n = tip.radius * draw(_between(0.0, compression))
         # With (7, 8), (9) becomes L sin(theta_p) + d_f cos(theta_p) = span. Solve it for theta_i.
         along = sign * (x * math.cos(theta) + y * math.sin(theta))

@@ -41,7 +41,7 @@ def test_fingers_that_do_not_reach_are_told_at_which_angle_they_touch() -> None:
     degrees = float(str(caught.value).partition("touches at ")[2].split()[0])
     start = sp.Scene(grasped=narrow, initial="touching").start()
     assert degrees == pytest.approx(math.degrees(start.q[3]), rel=1e-5)
-    assert 'initial = "touching" starts the run at that angle' in str(caught.value)
+    assert 'initial = "touching" starts the run there' in str(caught.value)
     for share, status in ((0.5, "separated"), (1.3, "completed")):
         angle = share * math.radians(degrees)
         schedule = sp.Schedule.steps([0.0], [[angle, angle]])

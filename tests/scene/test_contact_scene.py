@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import softpinch as sp
+from softpinch import _core
 from softpinch.scene import fields, paths, usual
 from softpinch.scene.template import SceneTemplate
 
@@ -42,7 +43,8 @@ def test_two_coefficients_are_a_list_or_a_table_and_are_written_as_a_table(text:
         assert again == UNEVEN
     assert repr(scene) == "Scene(friction=(0.5, 0.8), contact='unilateral')"
     assert scene != replace(scene, friction=(0.8, 0.5)) != replace(scene, contact="bilateral")
-    assert scene.parameters()[-2:].tolist() == [0.5, 0.8]
+    values = dict(zip(_core.PARAMETERS, scene.parameters().tolist(), strict=True))
+    assert (values["friction.right"], values["friction.left"]) == (0.5, 0.8)
 
 
 REFUSED = [

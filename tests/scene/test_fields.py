@@ -11,6 +11,7 @@ from softpinch import _core
 from softpinch.scene.disturbance import DISTURBANCES
 from softpinch.scene.fields import PARAMETERS, QUANTITIES, SYMBOLS, units
 from softpinch.scene.motion import MOTIONS
+from softpinch.scene.parts import PAPERS
 from softpinch.scene.paths import locate
 
 PAGE = (Path(__file__).parents[2] / "docs" / "symbols.md").read_text("utf-8")
@@ -39,7 +40,7 @@ def test_the_page_has_symbol_unit_and_default_of_every_parameter() -> None:
         if symbol:
             symbols[symbol.replace("\\", "")] = path
     assert symbols == SYMBOLS
-    of_right = {path for path in _core.PARAMETERS if "left" not in path}
+    of_right = {path for path in _core.PARAMETERS[:PAPERS] if "left" not in path}
     shared = {re.sub(r"(control|hand\.tip|friction)\.right", r"\1", path) for path in of_right}
     assert paths == shared | {"duration"}
 
@@ -62,7 +63,9 @@ def test_the_page_has_the_unit_of_every_recorded_quantity() -> None:
 
 # Owner of a path -> the records that it may be.
 OWNERS: dict[str, list[Any]] = {
-    "hand.right": [sp.Finger],
+    "hand.right": [sp.Finger, sp.Jaw, sp.Parallelogram],
+    "hand.tip.law": [sp.PowerLaw, sp.MeasuredLaw],
+    "grasped.right": [sp.Face, sp.Arc],
     "hand.tip": [sp.Fingertip],
     "grasped": [sp.GraspedObject],
     "control": [sp.Pid, sp.SampledController],

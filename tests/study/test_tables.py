@@ -18,7 +18,8 @@ from softpinch.support.record import Record
 # Fields that are no numbers of a unit, or records themselves.
 NO_UNIT = {"hand", "grasped", "control", "schedule", "disturbances", "initial", "right", "left",
            "tip", "kind", "hold", "check", "grid", "linearized", "seed", "run",
-           "fingers", "contact", "motion", "controller", "measures", "anti_windup"}  # fmt: skip
+           "fingers", "contact", "motion", "controller", "measures", "anti_windup",
+           "law"}  # fmt: skip
 RECORDS: list[type[Record]] = [sp.Scene, sp.Hand, sp.Finger, sp.Fingertip, sp.GraspedObject,
     sp.Pid, sp.SampledController, sp.Schedule, sp.State, *DISTURBANCES.values()]  # fmt: skip
 

@@ -163,6 +163,7 @@ def objects() -> dict[str, Any]:
         "EquilibriumMap": equilibria(),
         "WorkPrecision": precision(),
         "Capsule": capsule(),
+        "MeasuredLaw": sp.MeasuredLaw(**CURVE),
         "Scene": SCENE,
         "Schedule": sp.Schedule.steps([0.0], [[0.1, 0.1]]),
         "HandMotion": sp.HandMotion.constant(),
@@ -214,6 +215,17 @@ def special() -> dict[str, dict[str, Any]]:
     pair = {"dt": [STEP], "pairs": [("csm", "rk4")]}
     gains = {name: [[0.1, 0.0], [0.0, 0.1]] for name in "ABCD"}
     own: dict[str, dict[str, Any]] = {
+        "Arc.from_dict": {"data": {"kind": "arc", "radius": 0.03}},
+        "GraspedObject.disc": {"diameter": 0.06},
+        "GraspedObject.wedge": {"angle": 0.05},
+        "MeasuredLaw": CURVE,
+        "MeasuredLaw.from_csv": {"path": _curve()},
+        "MeasuredLaw.from_dict": {"data": sp.MeasuredLaw(**CURVE).to_dict()},
+        "MeasuredLaw.predicted": {"compression": [1e-3, 2e-3]},
+        "ParallelSprings": {"youngs_modulus": 1e5},
+        "PowerLaw": {"coefficient": 1e5, "exponent": 2.0},
+        "fit_law": {**CURVE, "kind": "power"},
+        "plot.law": {"fit": sp.fit_law(**CURVE)},
         "HandMotion.breakpoints": {"begin": 0.0, "end": 1.0},
         "HandMotion.jerk_limited": {"points": ANGLES, "acceleration": 100.0, "jerk": 1e6},
         "HandMotion.minimum_jerk": {"points": ANGLES},
@@ -272,6 +284,8 @@ def special() -> dict[str, dict[str, Any]]:
     own |= {f"VectorSimulator.{method}": {"run": 0} for method in ("message", "scene", "state")}
     law = sp.SampledController.pid(1e-3)
     records = [SCENE, SCENE.hand, SCENE.hand.right, sp.Fingertip(), SCENE.grasped, sp.Pid(), law]
+    records += [sp.Jaw(), sp.Parallelogram(), sp.Face(), sp.PowerLaw(1e5, 2.0)]
+    records += [sp.ParallelSprings(1e5)]
     records += [sp.Torque(), sp.Stabilization(), SCENE.start(), SCENE.schedule, *DRAWS.values()]
     records += [getattr(sp, kind)(**arguments(kind)) for kind in LOADS]
     own |= {f"{type(one).__name__}.from_dict": {"data": one.to_dict()} for one in records}
@@ -279,6 +293,17 @@ def special() -> dict[str, dict[str, Any]]:
     own["HandMotion.from_dict"] = {"data": sp.HandMotion.constant().to_dict()}
     own["Distribution.from_dict"] = own["Normal.from_dict"]
     return own
+
+
+CURVE: dict[str, Any] = {"compression": [1e-3, 2e-3, 3e-3], "force": [1.0, 4.0, 9.0]}
+
+
+def _curve() -> Path:
+    """A file with a measured curve of a tip."""
+    path = Path(tempfile.mkdtemp()) / "curve.csv"
+    rows = [f"{d},{f}" for d, f in zip(CURVE["compression"], CURVE["force"], strict=True)]
+    path.write_text("compression,force\n" + "\n".join(rows))
+    return path
 
 
 LOADS = ("Impulse", "Noise", "Pulse", "Sampled", "Sine", "Step")

@@ -8,12 +8,13 @@ import numpy as np
 
 import softpinch as sp
 from softpinch import _core
+from softpinch.scene.parts import PAPERS
 from softpinch.scene.paths import resolve
 
 # Numbers of the core that do not enter into the motion in bilateral contact.
 UNUSED = ("grasped.height", "friction.right", "friction.left")
 # All numbers that both fingers have of their own, of the object, and gravity.
-SIDED = tuple(name for name in _core.PARAMETERS if name not in UNUSED)
+SIDED = tuple(name for name in _core.PARAMETERS[:PAPERS] if name not in UNUSED)
 # Those that both tips or both controllers share.
 SHARED = (
     *("hand.tip.radius", "hand.tip.youngs_modulus", "hand.tip.normal_viscosity"),

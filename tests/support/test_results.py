@@ -47,6 +47,7 @@ def results() -> dict[str, Any]:
         rest,
         callables.equilibria(),
         callables.fitted(),
+        sp.fit_law(**callables.CURVE),
         callables.differentiated().sensitivity.at(1),
         sp.grip(scene, 5.0),
         sp.carry_limits(rest, [[1.0, 0.0]]),

@@ -59,6 +59,13 @@ def _mirrored_initial(initial: Any) -> Any:
     )
 
 
+def _mirrored_side(side: Any) -> Any:
+    if not isinstance(side, sp.Arc):
+        return side
+    x, y = side.center
+    return replace(side, center=(-x, y))
+
+
 def mirrored(scene: sp.Scene) -> sp.Scene:
     """The scene as a mirror on the y axis shows it."""
     scene = without_noise(scene)
@@ -66,7 +73,12 @@ def mirrored(scene: sp.Scene) -> sp.Scene:
     return replace(
         scene,
         hand=replace(hand, right=hand.left, left=hand.right, tip=_swap(hand.tip)),
-        grasped=replace(scene.grasped, com_offset=-scene.grasped.com_offset),
+        grasped=replace(
+            scene.grasped,
+            com_offset=-scene.grasped.com_offset,
+            right=_mirrored_side(scene.grasped.left),
+            left=_mirrored_side(scene.grasped.right),
+        ),
         control=_swap(scene.control),
         friction=_swap(scene.friction),
         schedule=replace(scene.schedule, angles=np.asarray(scene.schedule.angles)[:, ::-1]),
@@ -94,8 +106,12 @@ class Units:
 
     @property
     def coordinates(self) -> Floats:
+        return self.of_coordinates((False, False))
+
+    def of_coordinates(self, jaws: tuple[bool, bool]) -> Floats:
+        """The factors of the coordinates, of which those of jaws are lengths."""
         a = self.length
-        return np.array([a, a, 1, 1, 1, a, a, a, a])
+        return np.array([a, a, 1, *(a if jaw else 1 for jaw in jaws), a, a, a, a])
 
     def factor(self, unit: str) -> float:
         """The factor of a quantity with a unit of the package, such as "N s/m"."""
@@ -124,13 +140,16 @@ class Units:
         return scene.with_(changes)
 
 
-def require_scaled(run: sp.Run, other: sp.Run, units: Units) -> None:
+def require_scaled(
+    run: sp.Run, other: sp.Run, units: Units, jaws: tuple[bool, bool] = (False, False)
+) -> None:
     """The other run is that of the same scene in other units, to the bit."""
     assert other.status == run.status
-    rate = units.coordinates / units.time
+    coordinates = units.of_coordinates(jaws)
+    rate = coordinates / units.time
     pairs = {
         "t": units.time,
-        "q": units.coordinates,
+        "q": coordinates,
         "p": rate,
         "multipliers": units.of(1, 1, -2),
         "residuals": units.length / np.array([1, 1, units.time, units.time]),

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from .. import _core
+from ..scene.parts import refuse_others
 from ..scene.scene import Scene
 from ..support import checks
 
@@ -62,6 +63,7 @@ class Equations(NamedTuple):
 def parameters(scene: Scene) -> tuple[float, ...]:
     """The scene's numbers in the order of `PARAMETERS` (35,), SI."""
     checks.instance("scene", scene, Scene)
+    refuse_others(scene, "a reference solution")
     numbers = dict(zip(_core.PARAMETERS, scene.parameters().tolist(), strict=True))
     return tuple(numbers[name] for name in PARAMETERS)
 

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,8 +22,8 @@ from ..scene.contact import as_bilateral
 from ..scene.control import WRITTEN, Pid, pids_of
 from ..scene.disturbance import Impulse
 from ..scene.fields import label as label_of
-from ..scene.hand import Finger, Fingertip
-from ..scene.outline import finger_of
+from ..scene.hand import Finger, Fingertip, links
+from ..scene.parts import jaws
 from ..scene.scene import Scene, State
 from ..scene.schedule import Schedule
 from ..scene.stabilization import Stabilization
@@ -87,7 +88,7 @@ def choose(
             )
         varied = SceneTemplate(scene, [path], 0)
         varied.require_numbers("axis")
-        unit = units.units(path, ())
+        unit = units.units(path, (), jaws(scene))
         assert isinstance(unit, str)
         found = Axis(
             path, label_of(path), unit, "linear", (), lambda _, value: varied.changed({path: value})
@@ -136,7 +137,7 @@ def _grasp_depth(scene: Scene, share: float) -> Scene:
 
 def _closed(scene: Scene, k: int, share: float) -> float:
     """The angle of finger `k` at which a centred object compresses its tip by a share (9), rad."""
-    finger, radius = finger_of(scene, k), scene.hand.tips[k].radius
+    finger, radius = links(scene, 'the axis "grasp_depth"')[k], scene.hand.tips[k].radius
     # C^H = 0 at theta = 0 and x = w requires L sin(theta_i) + d_f cos(theta_i) to equal `inwards`.
     inwards = finger.root_offset - radius + share * radius - 0.5 * scene.grasped.width
     angle = outline.angle_at(finger.length, finger.half_thickness, inwards)
@@ -160,8 +161,8 @@ def _tilt(scene: Scene, degrees: float) -> Scene:
         reach = inwards + 0.5 * scene.grasped.width + (1.0 - _TILTED_DEPTH) * tip.radius
         return replace(finger, root_offset=reach)
 
-    hand = scene.hand
-    moved = replace(hand, right=apart(hand.right, tips[0]), left=apart(hand.left, tips[1]))
+    right, left = links(scene, 'the axis "tilt"')
+    moved = replace(scene.hand, right=apart(right, tips[0]), left=apart(left, tips[1]))
     return _held_at(replace(scene, hand=moved), [angle, angle])
 
 
@@ -175,7 +176,8 @@ def _held_at(scene: Scene, angles: list[float]) -> Scene:
     """The scene at rest, with PID integrals in balance, at these angles, which are the targets."""
     time = _begin(scene)
     scene = replace(scene, schedule=Schedule.steps([time], [angles]))
-    heights = [outline.upward(finger_of(scene, k), angle) for k, angle in enumerate(angles)]
+    fingers = links(scene, "a grasp at given angles")
+    heights = map(outline.upward, fingers, angles)
     start = State.consistent(
         scene, x=scene.grasped.com_offset, y=sum(heights) / 2, fingers=angles, time=time
     )
@@ -202,7 +204,7 @@ def _of_tips(*names: str) -> Callable[[Scene, float], Scene]:
     """A function that sets parameters of both fingertips."""
 
     def at(scene: Scene, value: float) -> Scene:
-        values = dict.fromkeys(names, value)
+        values: dict[str, Any] = dict.fromkeys(names, value)
         right, left = (replace(tip, **values) for tip in scene.hand.tips)
         return replace(scene, hand=replace(scene.hand, tip=(right, left)))
 

@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..run.request import rest_scene
 from ..scene.control import require_known_torque
-from ..scene.fields import COORDINATE_UNITS, COORDINATES, QUANTITIES, units
+from ..scene.fields import COORDINATE_UNITS, COORDINATES, QUANTITIES, of_column, units
+from ..scene.parts import jaws
 from ..scene.paths import resolve
 from ..scene.scene import Scene
 from ..scene.template import SceneTemplate
@@ -188,8 +189,9 @@ class EquilibriumMap(Result):
     def save(self, path: str | Path) -> Path:
         """Writes the map as .csv, with a row for each cell, or as .npz with `to_dict()`."""
         header = [f"{name} [{unit}]" for name, unit in zip(self.axes, self.units, strict=True)]
-        for entry in _ENTRIES.values():
-            header += [f"{n} [{u}]" if u else n for n, u in zip(*entry, strict=True)]
+        for names, plain in _ENTRIES.values():
+            own = [of_column(n, u, jaws(self.scene)) for n, u in zip(names, plain, strict=True)]
+            header += [f"{n} [{u}]" if u else n for n, u in zip(names, own, strict=True)]
 
         def row(index: tuple[int, ...]) -> list[Any]:
             found = [float(v[k]) for v, k in zip(self.values, index, strict=True)]
@@ -287,7 +289,9 @@ class _Search:
             raise ValueError(f"axes: the map has {np.prod(self.shape)} cells: at most {_MOST}")
         self.kind, self._base = self._member(grip, shear)
         self._template = self._varied([name for name in axes if name not in FAMILY])
-        self.units = tuple("m" if name in FAMILY else str(units(name, ())) for name in axes)
+        self.units = tuple(
+            "m" if name in FAMILY else str(units(name, (), jaws(scene))) for name in axes
+        )
         self.branch = np.full(self.shape, -1, dtype=np.int64)
         self.seams: Integers = np.empty((0, 2, len(self.shape)), dtype=np.int64)
         self._found: dict[Cell, Any] = {}

@@ -1,4 +1,4 @@
-"""`grip`, which finds the angles to which the fingers must close to press with a given force."""
+"""`grip`, which finds the targets to which the fingers must close to press with a given force."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..scene.control import WRITTEN, Pid, pids_of
-from ..scene.outline import closing_angle
+from ..scene.outline import closing
+from ..scene.parts import in_words, jaws, others
 from ..scene.scene import Scene
 from ..scene.schedule import Schedule
 from ..support import checks
@@ -33,7 +34,7 @@ class Grip(Result):
     """The targets of the fingers that press on the object with a given force at rest.
 
     Attributes:
-        targets: The target angles of the fingers (2,), right and left, rad.
+        targets: The targets of the fingers (2,), right and left, rad, or m of a jaw.
         force: The mean of lambda_1^H and lambda_2^H at rest, N.
         compression: The mean of d_n1 and d_n2 at rest, m.
         equilibrium: The rest under these targets, without disturbances.
@@ -47,9 +48,9 @@ class Grip(Result):
     scene: Scene
 
     def __repr__(self) -> str:
-        right, left = np.degrees(self.targets)
+        targets = in_words(self.scene, self.targets, ".4f", same=False)
         return (
-            f"<Grip of {self.force:.6g} N: targets {right:.4f} and {left:.4f} degrees, "
+            f"<Grip of {self.force:.6g} N: targets {targets}, "
             f"compression {1e3 * self.compression:.6g} mm; {self.equilibrium.message}>"
         )
 
@@ -58,9 +59,10 @@ class Grip(Result):
 
 
 def grip(scene: Scene, force: float | None = None, compression: float | None = None) -> Grip:
-    """Finds the target angles with which the fingers press on the object so hard at rest.
+    """Finds the targets with which the fingers press on the object so hard at rest.
 
-    Both fingers stand at the same angle at rest. A PID with K_I stands at its targets, so both
+    Both fingers stand at the same angle at rest; where parts are not the paper's, where they would
+    compress both tips alike on an upright object. A PID with K_I stands at its targets, so both
     targets are this angle; without K_I each target is ahead of the finger by torque / K_P. The
     angle is searched on the equilibrium (`equilibrium`), in which both tips hold the object at the
     height of its centre of gravity, between the angle at which the tips touch the object and the
@@ -135,11 +137,10 @@ def _require_targets(scene: Scene) -> None:
         raise ValueError(
             f"Scene.{WRITTEN[scene.law]}: grip finds target angles, which these fingers do not have"
         )
-    for side, pid in zip(SIDES, pids_of(scene.control), strict=True):
+    for side, pid, jaw in zip(SIDES, pids_of(scene.control), jaws(scene), strict=True):
+        moves = "travel moves the jaw" if jaw else "angle turns the finger"
         if scene.law == "pid" and pid.kp == 0.0 and pid.ki == 0.0:
-            raise ValueError(
-                f"Scene.control.{side}: kp and ki are zero, so no target angle turns the finger"
-            )
+            raise ValueError(f"Scene.control.{side}: kp and ki are zero, so no target {moves}")
 
 
 def _size(rest: Equilibrium, name: str) -> float:
@@ -158,12 +159,18 @@ class _Search:
     def __init__(self, scene: Scene, name: str, unit: str, wanted: float) -> None:
         self.scene, self.name, self.wanted = scene, name, wanted
         self.unit, self.asked = unit, f"{name} = {wanted:g} {unit}"
-        low = closing_angle(scene, 0.0)
-        if low is None:
-            raise ValueError("scene: no angle of the fingers brings the tips to the object")
-        high = closing_angle(scene, sum(tip.radius for tip in scene.hand.tips))
+        touching = closing(scene, 0.0)
+        if touching is None:
+            place = "position" if others(scene) else "angle"
+            raise ValueError(f"scene: no {place} of the fingers brings the tips to the object")
+        depth = 0.5 * sum(tip.radius for tip in scene.hand.tips)
+        # Other parts than the paper's are searched by the depth of both tips, not by an angle.
+        self.by_depth = bool(others(scene))
+        high = closing(scene, depth)
         # Where no angle crushes the tips, fingers may close up to a right angle.
-        self.ends = [low, 0.5 * math.pi if high is None else high]
+        self.ends = [touching[0], 0.5 * math.pi if high is None else high[0]]
+        if self.by_depth:
+            self.ends = [0.0, depth]
         # At each end: the size there, if it is known, and the state at rest or why there is none.
         self.sizes: list[float | None] = [0.0 if name == "compression" else None, None]
         self.rests: list[Equilibrium | None] = [None, None]
@@ -194,14 +201,21 @@ class _Search:
 
     def _rest_at(self, angle: float) -> tuple[float | None, Equilibrium]:
         """The equilibrium with both fingers at an angle, and its size, None where there is none."""
-        schedule = Schedule.steps([0.0], [[angle, angle]])
+        schedule = Schedule.steps([0.0], [self._targets(angle)])
         rest = equilibrium(replace(self.scene, schedule=schedule), 0.0)
         if rest.state is not None:
             return _size(rest, self.name), rest
         if rest.status not in _LOOSE + _TIGHT:
             # No other angle removes the reason.
-            raise ValueError(f"{self.asked}: at {math.degrees(angle):.4g} degrees {rest.message}")
+            raise ValueError(f"{self.asked}: at {self._place(angle)} {rest.message}")
         return None, rest
+
+    def _targets(self, angle: float) -> tuple[float, float]:
+        """The fingers' coordinates at an angle, or at a depth, which they may not reach."""
+        return (closing(self.scene, angle) or (0.0, 0.0)) if self.by_depth else (angle, angle)
+
+    def _place(self, angle: float) -> str:
+        return in_words(self.scene, self._targets(angle))
 
     def _nearest(self) -> Equilibrium:
         """Returns an end of the interval that is close enough, or says why there is none."""
@@ -216,5 +230,5 @@ class _Search:
             if size is not None and abs(size - self.wanted) <= _HELD * self.wanted:
                 return rest
             there = rest.message if size is None else f"it is {size:.4g} {self.unit}"
-            words.append(f"at {math.degrees(angle):.4g} degrees {there}")
+            words.append(f"at {self._place(angle)} {there}")
         raise ValueError("; ".join(words))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,8 @@ import numpy as np
 from .. import _core
 from ..scene.contact import as_bilateral, require_bilateral
 from ..scene.control import WRITTEN, require_known_torque
+from ..scene.fields import Jaws, of_column
+from ..scene.parts import jaws
 from ..scene.scene import Scene, State, require_fit
 from ..scene.scene import inputs as compiled_inputs
 from ..scene.schedule import Schedule
@@ -219,7 +222,7 @@ def linearize(
         scene, state, inputs=_inputs(scene, state), whole=True, open_loop=open_loop, frozen=frozen
     )
     _require_sound(scene, state, found)
-    model = _selected(found, state, law, input_ports(chosen, law), wanted)
+    model = _selected(found, state, law, input_ports(chosen, law), wanted, jaws(scene))
     return _without_neutral(model) if reduced else model
 
 
@@ -269,7 +272,9 @@ def _require_sound(scene: Scene, state: State, found: _core._Linear) -> None:
         )
 
 
-def _selected(found: _core._Linear, state: State, law: str, ins: Ports, outs: Ports) -> LinearModel:
+def _selected(
+    found: _core._Linear, state: State, law: str, ins: Ports, outs: Ports, own: Jaws
+) -> LinearModel:
     """The model with the chosen rows and columns."""
     columns, rows = list(ins.places), list(outs.places)
     names = state_names(law, "nullspace")
@@ -287,9 +292,9 @@ def _selected(found: _core._Linear, state: State, law: str, ins: Ports, outs: Po
         states=names,
         inputs=ins.names,
         outputs=outs.names,
-        state_units=tuple(map(unit_of, names)),
-        input_units=ins.units,
-        output_units=outs.units,
+        state_units=tuple(of_column(name, unit_of(name), own) for name in names),
+        input_units=tuple(map(of_column, ins.names, ins.units, repeat(own))),
+        output_units=tuple(map(of_column, outs.names, outs.units, repeat(own))),
         state_values=found["state"][0],
         input_values=found["input"][0, columns],
         output_values=found["output"][0, rows],

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..run.request import rest_scene
 from ..run.run import Run
+from ..scene.parts import width
 from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import Floats, Texts
@@ -124,7 +125,7 @@ def wrench_limits(
     if length is not None:
         length = checks.positive("length", length)
     rest = equilibrium_of(grasp, time=time, shear=shear, near=near, grip=grip)
-    length = 0.5 * rest.scene.grasped.width if length is None else length
+    length = 0.5 * width(rest.scene) if length is None else length
     rows = _default_directions(length) if given is None else given
     magnitude, limit, q = limits_of(
         rest,

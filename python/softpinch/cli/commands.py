@@ -18,7 +18,8 @@ from ..run.contact import ContactMode
 from ..run.options import Options, in_place
 from ..run.run import Run
 from ..run.simulate import simulate
-from ..scene.fields import COORDINATE_UNITS, DISPLAY_UNITS
+from ..scene.fields import COORDINATE_UNITS, DISPLAY_UNITS, of_coordinates
+from ..scene.parts import jaws
 from ..study.capsule import Capsule
 from ..support.extras import require
 from ..support.files import FORMATS
@@ -252,14 +253,16 @@ def contact_lines(run: Run) -> list[str]:
 def summary(run: Run) -> list[str]:
     """Lines that describe a finished run: how it ended, its final state, and its errors."""
     last = run.state(-1)
-    units = [DISPLAY_UNITS[unit] for unit in COORDINATE_UNITS]
+    units = [DISPLAY_UNITS[unit] for unit in of_coordinates(COORDINATE_UNITS, jaws(run.scene))]
     shown = last.q * [per_si for _, per_si in units]
     x, y, theta, right, left, d_n1, d_n2, _, _ = (f"{number:z.3f}" for number in shown)
     length, angle = units[0][0], units[2][0]
+    first, second = units[3][0], units[4][0]
+    right = right if first == second else f"{right} {first}"
     lines = [
         f"{run.status}: {run.message}",
         f"at t = {last.time:.6g} s: x = {x} {length}, y = {y} {length}, theta = {theta} {angle}",
-        f"fingers: {right} and {left} {angle} (right, left); d_n = {d_n1} and {d_n2} {length}",
+        f"fingers: {right} and {left} {second} (right, left); d_n = {d_n1} and {d_n2} {length}",
     ]
     noted = ", ".join(f"{name} first at {time:.6g} s" for name, time in run.violations.items())
     lines.append(f"violations: {noted or 'none'}")

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..run.options import Options
 from ..scene.fields import units
+from ..scene.parts import jaws
 from ..scene.paths import resolve
 from ..scene.scene import Scene
 from ..scene.template import SceneTemplate
@@ -141,7 +142,7 @@ def _parameter(
         span = math.log(high) - math.log(low) if finite else math.log(_DECADES)
     else:
         span = high - low if math.isfinite(high - low) else abs(value) or 1.0
-    unit = units(path, ())
+    unit = units(path, (), jaws(scene))
     assert isinstance(unit, str)
     return Parameter(path=path, unit=unit, low=low, high=high, start=value, log=log, span=span)
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..run.options import Options
 from ..scene.directions import move_breakpoints, require_derivatives, shapes
+from ..scene.parts import refuse_others
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
@@ -144,6 +145,7 @@ def fit(
         )
     paths = [each.path for each in found]
     for each in scenes:
+        refuse_others(each, "fit")
         require_derivatives(each)
         shapes(each, paths)
         if options.tolerance is None and move_breakpoints(each, paths):

@@ -16,6 +16,7 @@ from ..run.simulate import simulate as run_of
 from ..scene.control import SampledController
 from ..scene.disturbance import Noise
 from ..scene.fields import QUANTITIES
+from ..scene.parts import refuse_others
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..scene.template import SceneTemplate
@@ -205,6 +206,7 @@ def _prepared(
     """Checks the arguments that both kinds of layers have."""
     require_float64()
     checks.instance("scene", scene, Scene)
+    refuse_others(scene, "softpinch.jax")
     options = Options.checked(**given)
     paths = [vary] if isinstance(vary, str) else checks.several("vary", vary, "paths")
     if not paths:

@@ -15,7 +15,7 @@ from .comparison_plots import contact_models, disturbances, tilt_coupling
 from .ensemble_plot import failure_times, histogram, importance, success_map
 from .equilibrium_plots import carry_limits, equilibria, wrench_limits
 from .film import animate, snapshot, snapshots
-from .fit_plot import fit
+from .fit_plot import fit, law
 from .mode_shapes import compliance, modes
 from .run_plots import contact, forces, motion, residuals, run
 from .style import save, styled
@@ -33,6 +33,7 @@ __all__ = [
     "forces",
     "histogram",
     "importance",
+    "law",
     "modes",
     "motion",
     "residuals",

@@ -13,7 +13,6 @@ from ..support.arrays import Floats
 from ..support.checks import instance, shown
 from .style import COLUMN, LETTERS, LINES, PAGE, Unit, styled
 from .timeline import (
-    ANGLES,
     COMPRESSIONS,
     POSE,
     Column,
@@ -21,6 +20,7 @@ from .timeline import (
     Panel,
     axis_name,
     draw,
+    fingers,
     number_operations,
 )
 
@@ -57,11 +57,12 @@ def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None 
     stays = {name: run for name, run in named.items() if measures.lasting(run)}
     passes = {name: run for name, run in named.items() if name not in stays}
     columns: list[Column] = []
+    coordinates = fingers(next(iter(runs.values())).scene) + POSE
     for title, group in (("forces that stay", stays), ("forces that pass", passes)):
         if not group:
             continue
         some = {name: responses[name] for name in group}
-        drawn = [_change(some, styles, *quantity) for quantity in ANGLES + POSE]
+        drawn = [_change(some, styles, *quantity) for quantity in coordinates]
         until = max(measures.busy(*each) for each in some.values())
         letters = LETTERS[len(columns) * len(drawn) :]
         title, onsets = f"{title}: {', '.join(group)}", _onsets(group)

@@ -17,7 +17,7 @@ from ..run.contact import ContactMode
 from ..run.evaluate import evaluate
 from ..run.request import Request
 from ..run.run import Run
-from ..scene import outline
+from ..scene import outline, parts
 from ..scene.control import Pid
 from ..scene.fields import words
 from ..scene.motion import HandMotion
@@ -114,7 +114,7 @@ def instants(run: Run, times: Floats, forces: bool, fixed: bool = False) -> list
     contact, external = np.zeros((len(times), 2, 2)), np.zeros((len(times), 3))
     pushes: dict[float, Floats] = {}
     if forces:
-        contact = _contact_forces(found["multipliers"][place], q[:, 2])
+        contact = _contact_forces(run.scene, found["multipliers"][place], q)
         external = _external(run.scene, times)
         pushes = measures.impulses(run)
     modes: list[Any] = [None] * len(times)
@@ -134,15 +134,12 @@ def instants(run: Run, times: Floats, forces: bool, fixed: bool = False) -> list
     return seen
 
 
-def _contact_forces(multipliers: Floats, theta: Floats) -> Floats:
+def _contact_forces(scene: Scene, multipliers: Floats, q: Floats) -> Floats:
     """Forces of the tips on the object (k, 2, 2), N: the rows of (25) for x and y."""
-    across = np.column_stack([np.cos(theta), np.sin(theta)])
-    along = np.column_stack([-np.sin(theta), np.cos(theta)])
-    sides = [
-        outline.SIGNS[k] * multipliers[:, k, None] * across + multipliers[:, 2 + k, None] * along
-        for k in (0, 1)
-    ]
-    return np.stack(sides, axis=1)
+    across = outline.contacts(scene, q).normals
+    along = np.stack([-across[..., 1], across[..., 0]], axis=-1)
+    pressing = np.array(outline.SIGNS) * multipliers[:, :2]
+    return np.asarray(pressing[..., None] * across + multipliers[:, 2:, None] * along)
 
 
 def _external(scene: Scene, times: Floats) -> Floats:
@@ -193,7 +190,7 @@ class Frame(NamedTuple):
         some = np.linspace(0, len(q) - 1, min(len(q), _SAMPLES)).astype(int)
         rows = np.unique(np.concatenate([some, q.argmin(axis=0), q.argmax(axis=0)]))
         left, right, bottom, top = outline.extent(run.scene, q[rows])
-        longest = _LONGEST * run.scene.grasped.width * MM.per_si
+        longest = _LONGEST * parts.width(run.scene) * MM.per_si
         longest = np.clip(longest, _LEAST * (right - left), _MOST * (right - left))
         corners = [(x, y) for x in (left, right) for y in (bottom, top)]
         moved = np.concatenate([_placed(each.place).transform(corners) for each in shown])

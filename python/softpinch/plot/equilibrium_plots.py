@@ -12,6 +12,7 @@ from ..analysis.equilibrium_maps import EquilibriumMap
 from ..analysis.wrench import WrenchLimits
 from ..scene.contact import coefficients
 from ..scene.fields import label, words
+from ..scene.parts import width
 from ..study.results import Results
 from ..study.rows import Column
 from ..study.tables import booleans, number, shown
@@ -236,7 +237,7 @@ def _maps(map: EquilibriumMap) -> Figure:
 
 def _smallest(map: EquilibriumMap) -> Floats:
     """The least eigenvalue of the stiffness' symmetric part (m, n), N/m; angles as lengths."""
-    lengths = np.reshape([0.5 * cell.scene.grasped.width for cell in map.cells], map.shape)
+    lengths = np.reshape([0.5 * width(cell.scene) for cell in map.cells], map.shape)
     scale = np.ones((*map.shape, 3))
     scale[..., 2] = 1.0 / lengths
     stiffness = map.stiffness * scale[..., :, None] * scale[..., None, :]

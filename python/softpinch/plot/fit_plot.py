@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..fitting.experiment import Experiment
+from ..fitting.law import LawFit
 from ..fitting.result import Fit
 from ..scene.fields import label
 from ..study.rows import Column
 from ..study.tables import shown
 from ..support import checks
-from .style import BLACK, GREY, LETTERS, PAGE, RED, panels, shared_legend, styled, tag
+from .style import BLACK, COLUMN, GREY, LETTERS, MM, PAGE, RED, panels, shared_legend, styled, tag
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,6 +71,24 @@ def fit(fit: Fit) -> Figure:
     for each in axes[-1]:
         each.set_xlabel("$t$ [s]")
     shared_legend(figure, axes[0], "outside upper left")
+    return figure
+
+
+@styled()
+def law(fit: LawFit) -> Figure:
+    """Measured forces of a tip over its compression, and the fitted law.
+
+    Args:
+        fit: The fitted law.
+    """
+    checks.instance("fit", fit, LawFit)
+    figure, axes = panels(1, 1, COLUMN, 2.4)
+    depth = MM.per_si * fit.compression
+    axes[0, 0].plot(depth, fit.force, "o", markersize=3.0, color=BLACK, label="measured")
+    axes[0, 0].plot(depth, fit.fitted, color=RED, label=f"misfit {100.0 * fit.misfit:.2g} %")
+    axes[0, 0].set_xlabel("$d_n$ [mm]")
+    axes[0, 0].set_ylabel("force [N]")
+    axes[0, 0].legend()
     return figure
 
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from ..analysis.linearization import linearize
 from ..analysis.rest import Equilibrium
 from ..scene import outline
+from ..scene.parts import lever, width
 from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import Floats
@@ -98,8 +99,8 @@ def _shapes(found: Equilibrium) -> list[_Mode]:
 def _size(scene: Scene) -> Floats:
     """The factors that turn changes of q into displacements in radii of a tip (9,)."""
     radius = max(tip.radius for tip in scene.hand.tips)
-    arms = [outline.finger_of(scene, side).length for side in (0, 1)]
-    return np.array([1.0, 1.0, 0.5 * scene.grasped.width, *arms, *[1.0] * 4]) / radius
+    arms = [lever(outline.finger_of(scene, side)) for side in (0, 1)]
+    return np.array([1.0, 1.0, 0.5 * width(scene), *arms, *[1.0] * 4]) / radius
 
 
 def _moved(scene: Scene, q: Floats, direction: Floats) -> Floats:
@@ -115,7 +116,7 @@ def _outline(axes: Axes, scene: Scene, q: Floats) -> None:
     lines = [outline.object_outline(scene, q)]
     for side in (0, 1):
         finger = outline.finger_outline(scene, q, side)
-        lines += [finger.link, finger.tip]
+        lines += [*finger.links, finger.tip]
     for line in lines:
         closed = np.concatenate([line, line[:1]]) * MM.per_si
         axes.plot(*closed.T, color=GREY, linewidth=0.6, linestyle=(0, (3, 2)), zorder=5.0)

@@ -14,17 +14,18 @@ from ..run.contact import ContactMode
 from ..run.run import Run
 from ..scene import outline
 from ..scene.fields import QUANTITIES, label
+from ..scene.parts import jaws
 from ..support.checks import instance
 from ..support.errors import NotRecordedError
 from .style import BLACK, COLUMN, DEG, GREY, LETTERS, LINES, MM, PAGE, RED, TARGET, styled
 from .timeline import (
-    ANGLES,
     POSE,
     Column,
     Curve,
     Panel,
     axis_name,
     draw,
+    fingers,
     lines,
     number_operations,
     recorded,
@@ -62,7 +63,7 @@ def motion(run: Run) -> Figure:
     instance("run", run, Run)
     target = measures.target_angles(run)
     drawn = []
-    for index, symbol, unit in ANGLES + POSE:
+    for index, symbol, unit in fingers(run.scene) + POSE:
         curves = [Curve(run.t, run.q[:, index] * unit.per_si, {"color": BLACK}, "simulated")]
         if index >= 3 and target is not None:
             curves.append(Curve(run.t, target[:, index - 3] * unit.per_si, TARGET, "target"))
@@ -260,9 +261,9 @@ def _overview(run: Run) -> Iterator[Panel]:
         angles, target = recorded(run, "q", (3, 4)), measures.target_angles(run)
         if target is not None:
             dotted = {**TARGET, "color": BLACK, "linestyle": ":"}
-            for k, name in enumerate(("target", "")):
-                angles.append(Curve(run.t, target[:, k] * DEG.per_si, dotted, name))
-        yield Panel("angle [deg]", angles, "fingers")
+            for (k, _, unit), name in zip(fingers(run.scene), ("target", ""), strict=True):
+                angles.append(Curve(run.t, target[:, k - 3] * unit.per_si, dotted, name))
+        yield Panel(_of_fingers(run, "angle [deg]", "travel [mm]"), angles, "fingers")
         moved = recorded(run, "q", (0, 1), since_start=True)
         yield Panel("displacement [mm]", moved, "object")
         (tilt,) = recorded(run, "q", (2,))
@@ -271,7 +272,9 @@ def _overview(run: Run) -> Iterator[Panel]:
     if "multipliers" in run.record:
         yield Panel("force [N]", recorded(run, "multipliers"), "forces", zero=True)
     if "torque" in run.record:
-        yield Panel("torque [N m]", recorded(run, "torque"), "torques", zero=True)
+        name = _of_fingers(run, "torque [N m]", "force [N]")
+        title = "drives" if any(jaws(run.scene)) else "torques"
+        yield Panel(name, recorded(run, "torque"), title, zero=True)
     if "residuals" in run.record:
         sizes = [
             _residual(run, [0, 1], LINES[0]["color"], "$|C^H|$ [m]"),
@@ -289,6 +292,11 @@ def _overview(run: Run) -> Iterator[Panel]:
         taken = [energy.friction_loss, energy.impact_loss, energy.relaxation_work]
         curves = lines(run.t, np.stack(taken, axis=1), ["friction", "impacts", "relaxation"])
         yield Panel("energy [J]", curves, "by contact")
+
+
+def _of_fingers(run: Run, link: str, jaw: str) -> str:
+    """The name of an axis for links, for jaws, or for one of each."""
+    return " or ".join(dict.fromkeys(jaw if each else link for each in jaws(run.scene)))
 
 
 def _carried(run: Run) -> Iterator[Panel]:

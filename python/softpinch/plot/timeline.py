@@ -17,8 +17,18 @@ from numpy.typing import NDArray
 from ..run import measures as measures
 from ..run.contact import ContactMode
 from ..run.run import Run
-from ..scene.fields import COORDINATE_UNITS, COORDINATES, DISPLAY_UNITS, QUANTITIES, label
+from ..scene.fields import (
+    COORDINATE_UNITS,
+    COORDINATES,
+    DISPLAY_UNITS,
+    Jaws,
+    label,
+    of_coordinates,
+    quantity,
+)
 from ..scene.outline import SKIN
+from ..scene.parts import jaws
+from ..scene.scene import Scene
 from ..support.arrays import Floats
 from ..support.record import SIDES
 from .style import (
@@ -42,17 +52,22 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def _coordinates(*names: str) -> tuple[tuple[int, str, Unit], ...]:
+def _coordinates(*names: str, jaws: Jaws = (False, False)) -> tuple[tuple[int, str, Unit], ...]:
     """Column of q, its symbol, and the unit to plot it in."""
     columns = [COORDINATES.index(name) for name in names]
+    units = of_coordinates(COORDINATE_UNITS, jaws)
     return tuple(
-        (k, label(name).strip("$"), Unit(*DISPLAY_UNITS[COORDINATE_UNITS[k]]))
+        (k, label(name, jaws=jaws).strip("$"), Unit(*DISPLAY_UNITS[units[k]]))
         for k, name in zip(columns, names, strict=True)
     )
 
 
+def fingers(scene: Scene) -> tuple[tuple[int, str, Unit], ...]:
+    """The coordinates of both fingers, as `_coordinates` has them: angles, or travels of jaws."""
+    return _coordinates("theta_1", "theta_2", jaws=jaws(scene))
+
+
 POSE = _coordinates("x", "y", "theta")
-ANGLES = _coordinates("theta_1", "theta_2")
 COMPRESSIONS = _coordinates("d_n1", "d_n2")
 
 # Colours of the modes, which differ for every colour vision and, by their lightness, in grey.
@@ -95,13 +110,13 @@ def recorded(
     run: Run, array: str, columns: Sequence[int] = (), since_start: bool = False
 ) -> list[Curve]:
     """Curves of some columns of an array of the run, all without `columns`, in units of figures."""
-    quantity, values = QUANTITIES[array], getattr(run, array)
-    chosen = list(columns or range(len(quantity.columns)))
-    names = [label(quantity.columns[k]) for k in chosen]
+    own, values = quantity(array, jaws(run.scene)), getattr(run, array)
+    chosen = list(columns or range(len(own.columns)))
+    names = [label(own.columns[k], jaws=jaws(run.scene)) for k in chosen]
     if since_start:
         values = values - values[0]
         names = [rf"$\Delta {name.strip('$')}$" for name in names]
-    units = [quantity.units[k] for k in chosen]
+    units = [own.units[k] for k in chosen]
     per_si = [DISPLAY_UNITS.get(unit, (unit, 1.0))[1] for unit in units]
     return lines(run.t, values[:, chosen] * per_si, names)
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from .. import _core
 from ..scene.fields import QUANTITIES
-from ..scene.outline import arm, contact_heights, tilts
+from ..scene.outline import contact_heights, contacts
+from ..scene.parts import half_lengths, lever
 from ..support import checks
 from ..support.record import SIDES
 from .contact import ContactMode, Modes, active
@@ -77,7 +78,7 @@ def _check_residuals(run: Run, modes: Modes | None, tolerance: float) -> None:
     held = active(modes, len(run.t))
     if has_state:
         # The largest speed of the object or of a fingertip's centre.
-        arms = [arm(finger) for finger in (run.scene.hand.right, run.scene.hand.left)]
+        arms = [lever(finger) for finger in (run.scene.hand.right, run.scene.hand.left)]
         speed = max(np.hypot(*run.p[:, :2].T).max(), (np.abs(run.p[:, 3:5]) * arms).max())
     for k, name in enumerate(_RESIDUALS):
         if k < 2:
@@ -95,7 +96,9 @@ def _check_residuals(run: Run, modes: Modes | None, tolerance: float) -> None:
         if modes is not None and k < 2 and has_state:
             # A free tip is outside of the object, unless it passes beside the face.
             reach = np.abs(contact_heights(run.scene, run.q)[:, k])
-            free = (modes[:, k] == ContactMode.FREE) & (reach < (1.0 - AT_END) * half_height(run))
+            free = (modes[:, k] == ContactMode.FREE) & (
+                reach < (1.0 - AT_END) * half_lengths(run.scene)[k]
+            )
             for row in _first(free & (residuals[:, k] < -allowed)):
                 where = f"the free tip is at {residuals[row, k]:.3e} m"
                 fail(run, f"gap >= 0 ({name})", row, where)
@@ -123,7 +126,7 @@ def _shown(run: Run, modes: Modes | None) -> dict[str, NDArray[np.bool_]]:
     radii = np.array([tip.radius for tip in run.scene.hand.tips])
     by_side: dict[str, NDArray[np.bool_]] = {
         "crushed": q[:, 5:7] >= radii,
-        "folded": np.abs(tilts(q)) >= np.pi / 2,
+        "folded": np.abs(contacts(run.scene, q).tilts) >= np.pi / 2,
     }
     if modes is not None:
         closed = modes[-len(q) :] != ContactMode.FREE
@@ -161,12 +164,6 @@ def _check_status(run: Run, modes: Modes | None) -> None:
     end = run.scene.start().time + run.scene.duration
     if run.success and last != end:
         fail(run, "status completed", -1, f"the run should have reached {end} s")
-
-
-def half_height(run: Run) -> float:
-    """Returns half the height of the object's faces, m; inf if they are endless."""
-    height = run.scene.grasped.height
-    return np.inf if height is None else 0.5 * height
 
 
 def _check_modes(run: Run, modes: Modes) -> None:
@@ -223,8 +220,9 @@ def _check_end(run: Run) -> None:
             fail(run, f"status {run.status}", -1, f"{name} at {time} s should have ended the run")
         if name == run.status and not time >= before:
             fail(run, f"status {name}", -1, f"it began at {time} s, before the last step")
-    reach = np.abs(contact_heights(run.scene, run.state(-1).q[None])).max()
-    if run.status == "lost" and not reach >= (1.0 - AT_END) * half_height(run):
+    reach = np.abs(contact_heights(run.scene, run.state(-1).q))
+    least = (1.0 - AT_END) * np.array(half_lengths(run.scene))
+    if run.status == "lost" and not (reach >= least).any():
         fail(run, "status lost", -1, "both contacts are within the faces")
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
+from ..scene import parts
 from ..scene.control import WRITTEN, Pid
 from ..scene.piecewise import Piecewise
 from ..scene.scene import Scene
@@ -190,10 +191,11 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str], ledger: boo
     unilateral = scene.contact == "unilateral"
     turns = "(39)" if scene.law == "pid" else WRITTEN[scene.law]
     driver = "the schedule drives the fingers"
+    moved = "coordinates" if any(parts.jaws(scene)) else "angles"
     name = options.formulation
     # Name, whether it is computed, the reason if it is, and the reason if it is not.
     before = [
-        ("finger angles and PID", not driven, f"{turns} turns the fingers", driver),
+        (f"finger {moved} and PID", not driven, f"{turns} turns the fingers", driver),
         ("integral state", not driven, "K_I is not zero" if integrates else _ZERO, driver),
         ("viscosity", True, "(44, 45)" if viscous else _ZERO, ""),
         ("tilt coupling", True, "kappa in (5)" if coupled else _ZERO, ""),
@@ -211,6 +213,11 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str], ledger: boo
             "bilateral contact: both tips always stick",
         ),
     ]
+    if found := parts.others(scene):
+        shares = parts.softened(scene)
+        arcs = f"; arcs soften the tips to {shares[0]:.3g} and {shares[1]:.3g} of their force"
+        words = ", ".join(found) + (arcs if min(shares) < 1.0 else "")
+        before.insert(0, ("other parts", True, words, ""))
     works = "six works are integrated, and the losses of impacts added up"
     after = [
         ("stabilisation", name == "csm", "(19, 20)", f"{name} has no gains"),

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..scene import fields
 from ..scene.motion import HandMotion, HandState
+from ..scene.parts import jaws
 from ..scene.scene import Scene, State
 from ..scene.svg import drawings
 from ..support import checks
@@ -377,8 +378,9 @@ class Run(Shown):
         if self._error is not None:
             bars = {name: getattr(self._error, name) for name in QUANTITIES}
             arrays |= {f"error_{name}": bar for name, bar in bars.items() if bar is not None}
-        # Arrays that `COLUMNS` lacks are those of the energy ledger, which have one column each.
-        columns = [fields.COLUMNS.get(name, (f"{name} [J]",)) for name in arrays]
+        # Arrays without headers are those of the energy ledger, which have one column each.
+        own = jaws(self.scene)
+        columns = [fields.headers(name, own) or (f"{name} [J]",) for name in arrays]
         header = ["t [s]", *(column for group in columns for column in group)]
         arrays = {"t": self.t, **arrays}
         return save_map(path, header, _rows(arrays.values()), arrays, self.provenance())

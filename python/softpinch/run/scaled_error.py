@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ..scene.fields import ESTIMATED, QUANTITIES
+from ..scene.fields import ESTIMATED, QUANTITIES, quantity
+from ..scene.parts import jaws, others, stiffness
 from ..scene.scene import Scene
 from ..support.arrays import Floats
 
@@ -37,9 +38,17 @@ def usual(scene: Scene) -> dict[str, Floats]:
     """
     tips = scene.hand.tips
     radius = max(tip.radius for tip in tips)
-    modulus = max(tip.youngs_modulus for tip in tips)
+    # With it (5) is as stiff as the tip's law is at full compression.
+    modulus = (
+        max(
+            float(stiffness(scene, k, np.array([tip.radius]))[0]) / (2.0 * np.pi * tip.radius)
+            for k, tip in enumerate(tips)
+        )
+        if others(scene)
+        else max(tip.youngs_modulus for tip in tips)
+    )
     places = np.full(9, radius)
-    places[list(UNITS["q"][1])] = 1.0
+    places[[k for k, unit in enumerate(quantity("q", jaws(scene)).units) if unit == "rad"]] = 1.0
     pace = np.sqrt(modulus * radius / scene.grasped.mass)
     force = np.full(4, modulus * radius * radius)
     return {"q": places, "p": pace * places, "multipliers": force}

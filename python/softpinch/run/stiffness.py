@@ -18,6 +18,7 @@ from .. import _core
 from ..scene.contact import without_drift
 from ..scene.control import SampledController, pids_of
 from ..scene.loop_matrix import MOST_UNDER_WAY, measured, spectral_radius
+from ..scene.parts import inertia_of, shear_factor, stiffness
 from ..scene.scene import Scene, inputs
 from ..scene.schedule import Schedule
 from ..support.arrays import Complexes, Floats
@@ -96,7 +97,8 @@ def surfaces(scene: Scene, q: Floats, contact: Modes) -> Floats:
     They are the derivatives of (rate, acceleration) by (coordinate, rate), for the coordinates
     `ALONE`, at q (n, 9) with the modes (n, 2). Where a tip does not stick, its shear obeys
     m d'' + c d' + k d = force of friction, by (U3) and (U5); where it is free, so does its
-    compression, without that force. By (5) k is 2 pi E d_n, of the compression but for the tilt.
+    compression, without that force. By (5) k is 2 pi E d_n, of the compression but for the tilt;
+    another law has its own stiffness.
     The finger of a free tip turns under its PID (39), here without the integral.
     """
     found = np.zeros((len(q), len(ALONE), 2, 2))
@@ -107,13 +109,15 @@ def surfaces(scene: Scene, q: Floats, contact: Modes) -> Floats:
         mass = getattr(tip, f"{kind}_mass")
         mass = scene.grasped.mass if mass is None else mass
         found[:, k, 0, 1] = 1.0
-        found[:, k, 1, 0] = -2.0 * np.pi * tip.youngs_modulus * q[:, 5 + k % 2] / mass
+        stiff = stiffness(scene, k % 2, q[:, 5 + k % 2])
+        found[:, k, 1, 0] = -(stiff if k < 2 else shear_factor(tip) * stiff) / mass
         found[:, k, 1, 1] = -getattr(tip, f"{kind}_viscosity") / mass
     if scene.law == "pid":
         fingers = scene.hand.right, scene.hand.left
         for k, (pid, finger) in enumerate(zip(pids_of(scene.control), fingers, strict=True)):
             found[:, 4 + k, 0, 1] = 1.0
-            found[:, 4 + k, 1] = -pid.kp / finger.inertia, -pid.kd / finger.inertia
+            inertia = inertia_of(finger)
+            found[:, 4 + k, 1] = -pid.kp / inertia, -pid.kd / inertia
     return np.where(moves[:, :, None, None], found, 0.0)
 
 

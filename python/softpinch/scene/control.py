@@ -29,7 +29,9 @@ Compiled: TypeAlias = tuple[list[str], int, bool, Floats, int, NDArray[np.uint64
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Pid(Record):
-    """The gains of the PID controller (39) of a finger's angle.
+    """The gains of the PID controller (39) of a finger's angle, or of a jaw's travel.
+
+    Those of a `Jaw` are in N/m, N s/m and N/(m s).
 
     Attributes:
         kp: K_P, proportional gain, N m/rad.
@@ -53,7 +55,8 @@ class Torque(Law):
 
     A positive torque closes its finger. Between the instants of the schedule the torques are what
     the schedule says: constant for `Schedule.steps`, linear for `Schedule.ramps`. No angle is fed
-    back. Give a schedule too: the default one, 0.105 rad for a PID, would be 0.105 N m.
+    back. Give a schedule too: the default one, 0.105 rad for a PID, would be 0.105 N m. What moves
+    a `Jaw` is a force, N.
     """
 
 
@@ -74,7 +77,8 @@ class SampledController(Law):
 
     Measures, with the number of their entries in y:
 
-    - "angle" (2), rad; "angle_rate" (2), rad/s: theta_i of the right and the left finger;
+    - "angle" (2), rad; "angle_rate" (2), rad/s: theta_i of the right and the left finger; this and
+      what belongs to it is of a `Jaw` its travel in m, with forces in N for torques;
     - "angle_error" (2), rad: theta_i minus its target, as in the PID (39);
     - "target" (2), rad; "target_rate" (2), rad/s: the schedule's;
     - "position" (2), m; "velocity" (2), m/s: x and y of the object;

@@ -24,6 +24,7 @@ from ..support import checks
 from ..support.arrays import Floats
 from .disturbance import DISTURBANCES, Compiled, Disturbance
 from .motion import MOTIONS
+from .parts import refuse_others
 from .piecewise import Piecewise
 from .scene import Scene, State
 from .schedule import Schedule
@@ -47,6 +48,7 @@ _Compiled: TypeAlias = tuple[Compiled, ...]
 
 def require_derivatives(scene: Scene) -> None:
     """Refuses a scene whose runs have no derivatives."""
+    refuse_others(scene, "a run with sensitivities")
     if scene.contact == "unilateral":
         raise ValueError(
             'sensitivities need contact = "bilateral": the derivative jumps at every change of a '

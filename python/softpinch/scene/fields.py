@@ -75,12 +75,20 @@ PARAMETERS = (
     Parameter("hand.right.mass", "kg", (0.0, 100.0), "M_i"),
     # The fingers of a micro-gripper, 5 mm long, weigh milligrams, and their tips micrograms.
     Parameter("hand.right.inertia", "kg m^2", (1e-13, 100.0), "I_i"),
+    # Of a jaw, and of a parallelogram.
+    Parameter("hand.right.height", "m", (-10.0, 10.0)),
+    Parameter("hand.right.direction", "rad", (-_TURN, _TURN)),
+    Parameter("hand.right.angle", "rad", (-_TURN, _TURN)),
     Parameter("hand.tip.radius", "m", (1e-5, 1.0), "a"),
     # From a tenth of the softest gel to ten times the modulus of the stiffest materials.
     Parameter("hand.tip.youngs_modulus", "Pa", (100.0, 1e13), "E"),
     Parameter("hand.tip.normal_viscosity", "N s/m", (0.0, 1e6), "c_n"),
     Parameter("hand.tip.tangential_viscosity", "N s/m", (0.0, 1e6), "c_t"),
     Parameter("hand.tip.tilt_coupling", "1", (-10.0, 10.0), "kappa"),
+    Parameter("hand.tip.law.coefficient", "N/m^n"),
+    Parameter("hand.tip.law.exponent", "1", (1.0, 20.0)),
+    Parameter("hand.tip.law.foot", "m", (0.0, 0.1)),
+    Parameter("hand.tip.law.shear_factor", "1", (0.0, 10.0)),
     Parameter("hand.tip.normal_mass", "kg", (1e-9, 1e3), "m_n"),
     Parameter("hand.tip.tangential_mass", "kg", (1e-9, 1e3), "m_t"),
     Parameter("grasped.width", "m", (1e-5, 10.0), "W"),
@@ -88,6 +96,10 @@ PARAMETERS = (
     Parameter("grasped.inertia", "kg m^2", (1e-17, 1e3), "I"),
     Parameter("grasped.com_offset", "m", (-10.0, 10.0), "w"),
     Parameter("grasped.height", "m", (1e-5, 10.0)),
+    Parameter("grasped.right.tilt", "rad", (-_TURN, _TURN)),
+    Parameter("grasped.right.radius", "m", (1e-5, 1e9)),
+    Parameter("grasped.right.center", "m", (-1e9, 1e9), axes=_AXIS),
+    Parameter("grasped.right.span", "rad", (0.0, math.pi)),
     Parameter("control.kp", "N m/rad", (0.0, 1e6), "K_P"),
     Parameter("control.kd", "N m s/rad", (0.0, 1e4), "K_D"),
     Parameter("control.ki", "N m/(rad s)", (0.0, 1e8), "K_I"),
@@ -142,11 +154,61 @@ SYMBOLS = {field.symbol: field.path for field in PARAMETERS if field.symbol}
 # Name -> field. Fields of one name, such as the masses of finger and object, have the same unit.
 FIELDS = {field.name: field for field in PARAMETERS}
 
+# Unit of a link's coordinate, and of what belongs to it -> unit of that of a jaw.
+_OF_JAWS = {
+    **{f"rad{rate}": f"m{rate}" for rate in ("", "/s", "/s^2", " s")},
+    **{"N m": "N", "N m/rad": "N/m", "N m s/rad": "N s/m", "N m/(rad s)": "N/(m s)"},
+}
+# Path without sides and indices -> usual range of what is a length or a force of a jaw.
+_USUAL_OF_JAWS = {
+    **{"control.kp": (0.0, 1e8), "control.kd": (0.0, 1e6), "control.ki": (0.0, 1e10)},
+    "schedule.angles": (-1.0, 1.0),
+}
+# Whether the right and the left finger is a jaw, whose coordinate is a length.
+Jaws: TypeAlias = tuple[bool, bool]
+_NONE: Jaws = (False, False)
+
+
+def of_fingers(unit: str, jaws: Jaws) -> tuple[str, str]:
+    """The units of the right and the left finger, of a unit that links have."""
+    right, left = (_OF_JAWS.get(unit, unit) if jaw else unit for jaw in jaws)
+    return right, left
+
+
+def of_column(name: str, unit: str, jaws: Jaws) -> str:
+    """The unit of a column or of a linear model's port, by its name, such as "rate of theta_1"."""
+    stem, _, finger = name.rpartition(" ")[2].rpartition("_")
+    own = stem in ("theta", "integral", "torque", "target")
+    return of_fingers(unit, jaws)[int(finger) - 1] if own else unit
+
+
+def of_coordinates(units: Sequence[str], jaws: Jaws) -> tuple[str, ...]:
+    """The units of coordinates, rates or both: of each nine, 3 and 4 are the fingers'."""
+    return tuple(
+        of_fingers(unit, jaws)[k % 9 - 3] if k % 9 in (3, 4) else unit
+        for k, unit in enumerate(units)
+    )
+
 
 def without_places(path: str) -> str:
     """Returns a path without sides and indices: "hand.length" for "hand.right.length"."""
     names = path.split(".")
     return ".".join(name for name in names if name not in SIDES and not name.isdecimal())
+
+
+def usual_range(path: str, jaws: Jaws) -> tuple[tuple[float, float], Unit] | None:
+    """The usual range of the number at a path, and its unit; None if any value is usual."""
+    short = without_places(path)
+    field = USUAL.get(short)
+    if field is None or field.usual is None:
+        return None
+    if not any(jaws):
+        return field.usual, field.unit
+    unit, (least, most) = units(path, (2,), jaws), field.usual
+    if short in _USUAL_OF_JAWS and unit != field.unit:
+        low, high = _USUAL_OF_JAWS[short]
+        least, most = (low, high) if all(jaws) else (min(least, low), max(most, high))
+    return (least, most), unit
 
 
 # Path without sides and indices -> its field, of those with a usual range.
@@ -248,19 +310,51 @@ def field_of(path: str) -> tuple[str, tuple[int, ...]]:
     return names[-1], tuple(index)
 
 
-def units(name: str, shape: Sequence[int]) -> Unit:
+def units(name: str, shape: Sequence[int], jaws: Jaws = _NONE) -> Unit:
     """Returns the unit of a result or of the field at a path, or one for each last index.
 
     `shape` is that of one run's value. A field of a user's own class has the unit "unknown".
     """
-    if name in RESULTS:
-        return RESULTS[name][0]
     field, index = field_of(name)
-    if field not in FIELDS:
+    if name in RESULTS:
+        unit, index = RESULTS[name][0], ()
+    elif field in FIELDS:
+        unit = FIELDS[field].unit
+    else:
         return "unknown"
-    unit = FIELDS[field].unit
+    if any(jaws):
+        unit = _with_jaws(name, field, unit, jaws)
     # A path that ends in an index, such as "initial.q.2", has the unit of that entry alone.
     return unit if isinstance(unit, str) or shape else unit[index[-1]]
+
+
+def _with_jaws(name: str, field: str, unit: Unit, jaws: Jaws) -> Unit:
+    if not isinstance(unit, str):
+        return of_coordinates(unit, jaws)
+    owner = name.partition(".")[0]
+    if owner not in ("control", "peak_torque") and field not in ("angles", "integral"):
+        return unit
+    own = of_fingers(unit, jaws)
+    sides = [own[k] for k, side in enumerate(SIDES) if side in name.split(".")]
+    if sides or own[0] == own[1]:
+        return (sides or own)[0]
+    return own if field in FIELDS and FIELDS[field].axes == _FINGER else " or ".join(own)
+
+
+def quantity(name: str, jaws: Jaws = _NONE) -> Quantity:
+    """The columns of an array of a run, with their units in a hand that may have jaws."""
+    found = QUANTITIES[name]
+    pairs = zip(found.columns, found.units, strict=True)
+    return found._replace(units=tuple(of_column(column, unit, jaws) for column, unit in pairs))
+
+
+def headers(name: str, jaws: Jaws) -> tuple[str, ...] | None:
+    """The headers of an array that a run saves, with units; None of arrays that have none."""
+    plain = name.removeprefix("error_")
+    if plain not in QUANTITIES:
+        return None
+    own = quantity(plain, jaws).headers
+    return own if name == plain else tuple(f"error of {header}" for header in own)
 
 
 def axes(name: str, shape: Sequence[int]) -> tuple[str | None, ...]:
@@ -271,12 +365,16 @@ def axes(name: str, shape: Sequence[int]) -> tuple[str | None, ...]:
     return (*[None] * (len(shape) - len(kept)), *kept)
 
 
-def label(name: str, unit: str = "") -> str:
+def label(name: str, unit: str = "", jaws: Jaws = _NONE) -> str:
     """The label of a column: its name in words, and its unit in brackets if one is given.
+
+    The coordinate of a jaw is called z.
 
     For example, "disturbances.0.force.1" becomes "force y (disturbance 0)".
     """
     text = _name(name)
+    for k in [k for jaw, k in zip(jaws, "12", strict=True) if jaw]:
+        text = text.replace(rf"\theta_{k}", f"z_{k}").replace(rf"\tau_{k}", f"u_{k}")
     unit = unit.replace("^2", "$^2$")
     return f"{text} [{unit}]" if unit else text
 

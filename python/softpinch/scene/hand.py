@@ -10,11 +10,24 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from ..support import checks
 from ..support.record import SIDES, Kinded, Parser, Record
-from .parts import Arc, Face, Mechanism, ObjectSide, ParallelSprings, TipLaw
+from .parts import (
+    Arc,
+    Face,
+    Jaw,
+    Mechanism,
+    ObjectSide,
+    Parallelogram,
+    ParallelSprings,
+    TipLaw,
+    refuse_others,
+)
+
+if TYPE_CHECKING:
+    from .scene import Scene
 
 
 def one_or_pair(cls: type[Record]) -> Parser:
@@ -26,6 +39,15 @@ def one_or_pair(cls: type[Record]) -> Parser:
         return tuple(cls._parse(data.get(side, {}), checks.below(path, side)) for side in SIDES)
 
     return parse
+
+
+def links(scene: Scene, name: str) -> tuple[Finger, Finger]:
+    """The fingers of a scene with the paper's parts; refuses others, in the name of the caller."""
+    refuse_others(scene, name)
+    right, left = scene.hand.right, scene.hand.left
+    assert isinstance(right, Finger)
+    assert isinstance(left, Finger)
+    return right, left
 
 
 def name_sides(value: Any, data: dict[str, Any], name: str) -> dict[str, Any]:
@@ -123,8 +145,8 @@ class Hand(Record):
         tip: One fingertip for both fingers, or a pair (right, left).
     """
 
-    right: Finger | Mechanism = field(default_factory=Finger)
-    left: Finger | Mechanism = field(default_factory=Finger)
+    right: Finger | Jaw | Parallelogram = field(default_factory=Finger)
+    left: Finger | Jaw | Parallelogram = field(default_factory=Finger)
     tip: Fingertip | tuple[Fingertip, Fingertip] = field(default_factory=Fingertip)
 
     _parsers: ClassVar[Mapping[str, Parser]] = {
@@ -211,6 +233,8 @@ class GraspedObject(Record):
     def wedge(cls, width: float, height: float, mass: float, angle: float) -> Self:
         """A uniform wedge, whose faces are both tilted.
 
+        Contacts are on the faces up to half the height above and below the centre of gravity.
+
         Args:
             width: Distance between the faces at the height of the centre of gravity, m.
             height: H, from its lower to its upper end, m.
@@ -218,7 +242,9 @@ class GraspedObject(Record):
             angle: Tilt of each face, positive where the object is wider at its upper end, rad.
         """
         width, height = checks.positive("width", width), checks.positive("height", height)
-        mass, face = checks.positive("mass", mass), Face(tilt=angle)
+        mass, rule = checks.positive("mass", mass), "must be between -pi/2 and pi/2"
+        angle = checks.number_that("angle", angle, lambda x: abs(x) < 0.5 * math.pi, rule)
+        face = Face(tilt=angle)
         rise = math.tan(face.tilt) * height
         # W = m + rise^2 / (3 m), where the width halfway up is m.
         root = width * width - 4.0 / 3.0 * rise * rise

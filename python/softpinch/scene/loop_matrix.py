@@ -17,6 +17,7 @@ import numpy as np
 from .. import _core
 from ..support.arrays import Floats
 from .control import SampledController
+from .parts import inertia_of
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -127,7 +128,8 @@ def growth(scene: Scene, control: SampledController) -> float:
     a, b = np.zeros((4, 4)), np.zeros((4, 2))
     a[:2, 2:] = np.eye(2)
     with np.errstate(all="ignore"):
-        b[2:] = np.diag([1.0 / scene.hand.right.inertia, 1.0 / scene.hand.left.inertia])
+        hand = scene.hand
+        b[2:] = np.diag([1.0 / inertia_of(finger) for finger in (hand.right, hand.left)])
     h, j = measured(control, _OF_FINGERS, np.eye(4), np.zeros((4, 2)))
     factor = spectral_radius(control, a, b, h, j)
     return 0.0 if math.isnan(factor) else factor

@@ -1,7 +1,6 @@
 """Geometry of the hand and the object: places, directions and outlines at one instant.
 
-The compressions d_n1 and d_n2 depend on where the object is, but for an upright object their sum
-does not (9): each finger adds L sin(theta_i) + d_f cos(theta_i) - (W_f - a - W/2).
+Tilts, places of contact, normals and tips' centres of any parts come from the core (`contacts`).
 """
 
 from __future__ import annotations
@@ -12,8 +11,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from .. import _core
 from ..support.arrays import Floats
-from .hand import Finger
+from ..support.record import SIDES
+from .hand import Finger, links
+from .parts import Arc, Face, Jaw, Parallelogram, half_widths, others
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -33,14 +35,34 @@ _FIBRES = (-0.72, -0.36, 0.0, 0.36, 0.72)
 class FingerOutline(NamedTuple):
     """The outline of one finger, in m, in the hand's frame."""
 
-    root: Floats  # the joint (2,)
-    link: Floats  # corners of the rigid finger (4, 2)
+    root: Floats  # where it is fixed to the hand (2,)
+    links: tuple[Floats, ...]  # corners of the rigid parts (4, 2), from back to front
+    joints: tuple[Floats, ...]  # their joints (2,)
+    rail: Floats  # the ends of the line on which a jaw travels (2, 2), or (0, 2)
     centre: Floats  # centre of the fingertip, O_i of (7, 8) (2,)
     tip: Floats  # outline of the deformed fingertip (n, 2)
     fibres: tuple[Floats, ...]  # lines (m, 2) in the tip, straight and normal to its base at first
 
 
-def finger_of(scene: Scene, side: int) -> Finger:
+class Contacts(NamedTuple):
+    """Both contacts at states q (..., 9), along the hand's axes."""
+
+    tilts: Floats  # theta_p of both tips (6), (..., 2), rad
+    places: Floats  # of the contacts along the sides from their middles, upwards (..., 2), m
+    normals: Floats  # of the sides there, from the left finger to the right one (..., 2, 2)
+    centres: Floats  # of the tips, O_i of (7, 8) (..., 2, 2), m
+
+
+def contacts(scene: Scene, q: Floats) -> Contacts:
+    """Both contacts at states q (..., 9), as the core finds them for any parts."""
+    q = np.asarray(q, dtype=np.float64)
+    found = _core.contacts(scene.parameters(), np.ascontiguousarray(q.reshape(-1, 9)))
+    found = found.reshape(*q.shape[:-1], 12)
+    pairs = found[..., 4:].reshape(*q.shape[:-1], 2, 2, 2)
+    return Contacts(found[..., :2], found[..., 2:4], pairs[..., 0, :, :], pairs[..., 1, :, :])
+
+
+def finger_of(scene: Scene, side: int) -> Finger | Jaw | Parallelogram:
     """Finger 1 (side 0) or 2 (side 1)."""
     return scene.hand.right if side == 0 else scene.hand.left
 
@@ -53,20 +75,37 @@ def object_axes(theta: float | Floats) -> tuple[Floats, Floats]:
 
 def object_height(scene: Scene) -> float:
     """The height of the drawn object, m."""
-    height = scene.grasped.height
-    return OBJECT_HEIGHT if height is None or not np.isfinite(height) else height
+    return float(np.ptp(object_outline(scene, np.zeros(9))[:, 1]))
 
 
 def object_outline(scene: Scene, q: Floats) -> Floats:
-    """The object's corners (4, 2), m; its middle is off the centre of gravity by w."""
+    """The object's outline (n, 2), m, counter-clockwise from the lower end of its left side."""
+    right, left = (_side(scene, k) for k in (0, 1))
     across, along = object_axes(q[2])
-    # w is measured from the middle towards finger 1, the right one.
-    middle = q[:2] - scene.grasped.com_offset * across
-    half = 0.5 * scene.grasped.width * across, 0.5 * object_height(scene) * along
-    return np.array([middle + i * half[0] + j * half[1] for i, j in _CORNERS])
+    local = np.concatenate([left[:1], right, left[:0:-1]])
+    return np.asarray(q[:2] + local[:, :1] * across + local[:, 1:] * along)
 
 
-_CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+def _side(scene: Scene, side: int) -> Floats:
+    """One side of the object from its lower to its upper end (n, 2), along the object's axes, m."""
+    sign, grasped = SIGNS[side], scene.grasped
+    shape = grasped.right if side == 0 else grasped.left
+    if isinstance(shape, Arc):
+        turn = _SWEEP * (np.pi if shape.span is None else shape.span)
+        arc = np.column_stack([-sign * np.cos(turn), np.sin(turn)])
+        return np.asarray(shape.center + shape.radius * arc)
+    own = shape.height if isinstance(shape, Face) else None
+    height, tilt = own or grasped.height, shape.tilt if isinstance(shape, Face) else 0.0
+    # Endless faces are drawn so that their ends are level.
+    endless = height is None or not np.isfinite(height)
+    half = 0.5 * (OBJECT_HEIGHT / np.cos(tilt) if endless else height)  # type: ignore[operator]
+    up = np.array([-np.sin(sign * tilt), np.cos(tilt)])
+    middle = np.array([-sign * half_widths(scene)[side], 0.0])
+    return np.array([middle - half * up, middle + half * up])
+
+
+# From the lower to the upper end of an arc, as shares of its span.
+_SWEEP = np.linspace(-0.5, 0.5, 61)
 # Half of an arrow's shaft and of its head, and the head's length, as shares of the longest arrow.
 _SHAFT, _WIDE, _HEAD = 0.04, 0.12, 0.3
 
@@ -83,26 +122,67 @@ def arrow(start: Floats, along: Floats, length: float, longest: float) -> Floats
     return np.array([start + u * along + v * up for u, v in points])
 
 
-def finger_axes(scene: Scene, q: Floats, side: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """Root and O_i of (7, 8), m, and the unit vectors along the finger and inward (each (2,))."""
-    sign, finger, angle = SIGNS[side], finger_of(scene, side), float(q[3 + side])
-    root = np.array([-sign * finger.root_offset, 0.0])
+def _base_axes(scene: Scene, q: Floats, side: int) -> tuple[Floats, Floats]:
+    """Unit vectors along the base of a tip and inward from it (each (2,))."""
+    sign, finger = SIGNS[side], finger_of(scene, side)
+    angle = float(q[3 + side]) if isinstance(finger, Finger) else finger.angle
     up = np.array([sign * np.sin(angle), np.cos(angle)])
-    inward = np.array([sign * np.cos(angle), -np.sin(angle)])
-    return root, root + finger.length * up + finger.half_thickness * inward, up, inward
+    return up, np.array([up[1] * sign, -up[0] * sign])
+
+
+def _beam(start: Floats, end: Floats, half: float) -> Floats:
+    """The corners of a beam between two points, `half` of its thickness to either side (4, 2)."""
+    along = end - start
+    across = half * np.array([along[1], -along[0]]) / max(np.hypot(*along), 1e-300)
+    return np.array([start - across, start + across, end + across, end - across])
+
+
+def _mechanism(scene: Scene, q: Floats, side: int, centre: Floats) -> FingerOutline:
+    """The rigid parts of a finger whose tip has this centre; the tip is added later."""
+    sign, finger, a = SIGNS[side], finger_of(scene, side), scene.hand.tips[side].radius
+    up, inward = _base_axes(scene, q, side)
+    half, towards, none = finger.half_thickness, np.array([sign, 0.0]), np.empty((0, 2))
+    root = np.array([-sign * finger.root_offset, 0.0])
+    middle = centre - half * inward
+    if isinstance(finger, Finger):
+        link = _beam(root, root + (finger.length + a) * up, half)
+        return FingerOutline(root, (link,), (root,), none, centre, none, ())
+    # A pad that carries the tip. Lines of no thickness are drawn a little thicker.
+    thick = max(half, 0.12 * a)
+    pad = _beam(middle - 1.15 * a * up, middle + 1.15 * a * up, half)
+    if isinstance(finger, Parallelogram):
+        swing = float(q[3 + side])
+        arm = finger.length * np.array([sign * np.sin(swing), np.cos(swing)])
+        ends = root + arm
+        apart = -max(1.1 * a, 3.0 * half) * towards
+        bars = [_beam(foot, foot + arm, 0.6 * thick) for foot in (root + apart, root)]
+        coupler = _beam(ends + apart, ends + 0.5 * half * towards, 0.9 * thick)
+        joints = (root, root + apart, ends, ends + apart)
+        return FingerOutline(root + apart, (*bars, pad, coupler), joints, none, centre, none, ())
+    assert isinstance(finger, Jaw)
+    way = np.array([sign * np.cos(finger.direction), np.sin(finger.direction)])
+    # The carriage stands on a rail as far below the tip as the hand's origin, or below the pad.
+    below = max(finger.height, 1.8 * a)
+    foot = middle - below * up
+    pad = _beam(foot, middle + 1.15 * a * up, half)
+    carriage = _beam(foot - 2.5 * thick * way, foot + 2.5 * thick * way, 1.3 * thick)
+    fixed = foot - float(q[3 + side]) * way
+    rail = np.array([fixed - 0.3 * finger.root_offset * way, fixed + finger.root_offset * way])
+    return FingerOutline(fixed, (pad, carriage), (), rail, centre, none, ())
 
 
 def finger_outline(scene: Scene, q: Floats, side: int) -> FingerOutline:
-    """Finger 1 (side 0) or 2 (side 1), its tip compressed by d_n and sheared by d_t at the face."""
-    sign, finger = SIGNS[side], finger_of(scene, side)
-    a = scene.hand.tips[side].radius
-    root, centre, up, inward = finger_axes(scene, q, side)
+    """Finger 1 (side 0) or 2 (side 1), its tip compressed by d_n and sheared by d_t at the side."""
+    sign, a = SIGNS[side], scene.hand.tips[side].radius
+    found = contacts(scene, q)
+    centre = found.centres[side]
+    rigid = _mechanism(scene, q, side, centre)
+    up, inward = _base_axes(scene, q, side)
+    shape = scene.grasped.right if side == 0 else scene.grasped.left
+    radius = shape.radius if isinstance(shape, Arc) else np.inf
 
-    # The finger is drawn up to the far end of the tip's base.
-    half, top = finger.half_thickness * inward, root + (finger.length + a) * up
-    link = np.array([root - half, root + half, top + half, top - half])
-
-    across, along_face = object_axes(q[2])
+    across = found.normals[side]
+    along_face = np.array([-across[1], across[0]])
     to_face = sign * across
     d_n, d_t = float(q[5 + side]), float(q[7 + side])
     # Without contact the tip is undeformed.
@@ -112,15 +192,18 @@ def finger_outline(scene: Scene, q: Floats, side: int) -> FingerOutline:
     def place(along: Floats, out: Floats) -> Floats:
         """Deformed positions of points `along` the finger and `out` from it in the tip at first, m.
 
-        The part beyond the object's face is cut off, as in (1)-(3). The shear grows linearly from
-        zero at the base to d_t at the face; d_t > 0 is down along the object (12).
+        The part beyond the object's side is cut off, as in (1)-(3). The shear grows linearly from
+        zero at the base to d_t at the side; d_t > 0 is down along the object (12).
         """
         base = np.multiply.outer(along, up)
         offsets = base + np.multiply.outer(out, inward)
         depth, from_base = offsets @ to_face, base @ to_face
-        way = np.maximum(reach - from_base, 1e-6 * a)
+        # An arc falls back behind its tangent.
+        beside = np.minimum(np.abs(offsets @ along_face), radius)
+        surface = reach + beside**2 / (radius + np.sqrt(radius**2 - beside**2))
+        way = np.maximum(surface - from_base, 1e-6 * a)
         share = np.clip((depth - from_base) / way, 0.0, 1.0)
-        flat = offsets - np.multiply.outer(np.maximum(depth - reach, 0.0), to_face)
+        flat = offsets - np.multiply.outer(np.maximum(depth - surface, 0.0), to_face)
         return np.asarray(centre + flat - np.multiply.outer(share * shear, along_face))
 
     tip_line = place(a * np.sin(_ARC), a * np.cos(_ARC))
@@ -128,7 +211,7 @@ def finger_outline(scene: Scene, q: Floats, side: int) -> FingerOutline:
     for share in _FIBRES:
         out = np.linspace(0.0, a * np.sqrt(1.0 - share**2), 12)
         lines.append(place(np.full_like(out, share * a), out))
-    return FingerOutline(root, link, centre, tip_line, tuple(lines))
+    return rigid._replace(tip=tip_line, fibres=tuple(lines))
 
 
 class Shape(NamedTuple):
@@ -147,11 +230,12 @@ def shapes(scene: Scene, q: Floats, skins: Sequence[str] = (SKIN, SKIN)) -> list
     found.append(Shape(object_outline(scene, q), OBJECT, EDGE, 0.8))
     for side, (finger, skin) in enumerate(zip(fingers, skins, strict=True)):
         fibre = _FIBRE if skin == SKIN else "white"
-        joint = finger.root + 1.25 * finger_of(scene, side).half_thickness * _CIRCLE
+        found += [Shape(finger.rail, "", EDGE, 1.2)] * bool(len(finger.rail))
         found.append(Shape(finger.tip, skin, EDGE, 0.6))
         found += [Shape(points, "", fibre, 0.4) for points in finger.fibres]
-        found.append(Shape(finger.link, LINK, EDGE, 0.6))
-        found.append(Shape(joint, "white", EDGE, 0.8))
+        found += [Shape(link, LINK, EDGE, 0.6) for link in finger.links]
+        size = (1.25 if len(finger.links) == 1 else 0.6) * finger_of(scene, side).half_thickness
+        found += [Shape(joint + size * _CIRCLE, "white", EDGE, 0.8) for joint in finger.joints]
     # The centre of gravity, and a line along the object's upright axis, which shows its rotation.
     height = object_height(scene)
     top = q[:2] + 0.42 * height * object_axes(float(q[2]))[1]
@@ -164,29 +248,15 @@ _TURN = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
 _CIRCLE = np.column_stack([np.cos(_TURN), np.sin(_TURN)])
 
 
-def tilts(q: Floats) -> Floats:
-    """The tilts theta_p of both tips (6), (..., 2), rad."""
-    return np.asarray(q[..., 3:5] + np.array(SIGNS) * q[..., 2:3])
-
-
 def contact_point(scene: Scene, q: Floats, side: int) -> Floats:
-    """The foot of the perpendicular from O_i to the face, where a contact force acts (2,), m."""
-    across, _ = object_axes(q[2])
-    centre = finger_axes(scene, q, side)[1]
-    return np.asarray(centre + (scene.hand.tips[side].radius - q[5 + side]) * SIGNS[side] * across)
+    """The foot of the perpendicular from O_i to the side, where a contact force acts (2,), m."""
+    found, reach = contacts(scene, q), scene.hand.tips[side].radius - q[5 + side]
+    return np.asarray(found.centres[side] + reach * SIGNS[side] * found.normals[side])
 
 
 def contact_heights(scene: Scene, q: Floats) -> Floats:
-    """The places G_i (11) of the contacts on their faces (n, 2), from the middle up, m."""
-    hand, signs, theta = scene.hand, np.array(SIGNS), q[:, 2:3]
-    length, thick, root = (
-        np.array([getattr(finger, name) for finger in (hand.right, hand.left)])
-        for name in ("length", "half_thickness", "root_offset")
-    )
-    tilt = tilts(q)
-    middle = q[:, 1:2] * np.cos(theta) - q[:, :1] * np.sin(theta)
-    tip = length * np.cos(tilt) - thick * np.sin(tilt) + signs * root * np.sin(theta)
-    return np.asarray(middle - tip)
+    """The places of the contacts on their sides (n, 2), from the middle up, m: G_i of (11)."""
+    return contacts(scene, q).places
 
 
 def extent(scene: Scene, q: Floats) -> tuple[float, float, float, float]:
@@ -195,15 +265,20 @@ def extent(scene: Scene, q: Floats) -> tuple[float, float, float, float]:
     Points beyond three times the hand's size are ignored, as of an object that was thrown out.
     """
     fingers = [finger_of(scene, side) for side in (0, 1)]
-    size = max(f.length + f.root_offset + f.half_thickness for f in fingers)
+    lengths = [f.height if isinstance(f, Jaw) else f.length for f in fingers]
+    size = max(
+        abs(length) + f.root_offset + f.half_thickness + tip.radius
+        for length, f, tip in zip(lengths, fingers, scene.hand.tips, strict=True)
+    )
     joints = [
         (-sign * f.root_offset, -1.6 * f.half_thickness)
         for sign, f in zip(SIGNS, fingers, strict=True)
+        if not isinstance(f, Jaw)
     ]
-    clouds = [np.array(joints)]
+    clouds = [np.array(joints).reshape(-1, 2)]
     clouds += [object_outline(scene, row) for row in q]
     for outline in (finger_outline(scene, row, side) for row in q for side in (0, 1)):
-        clouds += [outline.link, outline.tip]
+        clouds += [*outline.links, outline.tip]
     points = np.concatenate(clouds)
     points = points[(np.abs(points) <= 3.0 * size).all(axis=1)] * _MM
     (left, bottom), (right, top) = points.min(axis=0), points.max(axis=0)
@@ -233,29 +308,40 @@ def angle_at(length: float, half_thickness: float, inward: float) -> float | Non
     return math.asin(share) - math.atan2(half_thickness, length)
 
 
-def inward_at_touch(scene: Scene) -> tuple[float, float]:
-    """Returns the `inward` of both fingers at which the tips touch an upright object, m."""
-    right, left = (
-        finger_of(scene, side).root_offset
-        - scene.hand.tips[side].radius
-        - 0.5 * scene.grasped.width
-        for side in (0, 1)
-    )
+def compression(scene: Scene, fingers: Sequence[float]) -> float:
+    """Returns d_n1 + d_n2, m, negative in a gap, of an upright object at the fingers' coordinates.
+
+    The object is where the scene's fingers hold it at first; on flat faces the sum does not depend
+    on that.
+    """
+    pose = np.array([*scene._start_position(), 0.0, *fingers])
+    q, _ = _core.consistent(scene.parameters(), pose, np.zeros(2), np.zeros(5))
+    return float(q[5] + q[6])
+
+
+def closing(scene: Scene, depth: float) -> tuple[float, float] | None:
+    """Returns the fingers' coordinates at which the mean compression is `depth`, m.
+
+    Two `Finger`s at parallel faces have equal angles, others compress their tips equally. A depth
+    of zero is where the tips touch an upright object. None: they do not reach so far.
+    """
+    if not others(scene):
+        fingers = links(scene, "a hand of links")
+        reach = 2.0 * depth - scene.grasped.width
+        reach += sum(
+            f.root_offset - t.radius for f, t in zip(fingers, scene.hand.tips, strict=True)
+        )
+        length, thickness = (sum(f.length for f in fingers), sum(f.half_thickness for f in fingers))
+        angle = angle_at(length, thickness, reach)
+        return None if angle is None else (angle, angle)
+    # A tip that is smaller by the depth touches where the tip itself is compressed by it.
+    numbers = scene.parameters().copy()
+    numbers[_RADII] -= depth
+    try:
+        right, left = _core.start(numbers, "touching")[3:5].tolist()
+    except ValueError:
+        return None
     return right, left
 
 
-def compression(scene: Scene, angles: tuple[float, float]) -> float:
-    """Returns d_n1 + d_n2 of an upright object, m, negative in a gap, at angles of fingers, rad."""
-    touching = inward_at_touch(scene)
-    return sum(inward(finger_of(scene, k), angles[k]) - touching[k] for k in (0, 1))
-
-
-def closing_angle(scene: Scene, total: float) -> float | None:
-    """Returns the equal angle of both fingers, rad, at which the compressions have this sum, m.
-
-    A sum of zero gives the angle at which the tips touch the object. None: no angle does.
-    """
-    fingers = [finger_of(scene, side) for side in (0, 1)]
-    length = sum(finger.length for finger in fingers)
-    thickness = sum(finger.half_thickness for finger in fingers)
-    return angle_at(length, thickness, total + sum(inward_at_touch(scene)))
+_RADII = [_core.PARAMETERS.index(f"hand.tip.{side}.radius") for side in SIDES]

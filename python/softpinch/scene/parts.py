@@ -1,4 +1,4 @@
-"""Other hands and objects than the paper's: jaws and parallelograms, faces and arcs, laws of the tip.
+"""Other hands and objects than the paper's: jaws, parallelograms, faces, arcs, laws of the tip.
 
 docs/own-hand.md says which kind is yours; the mathematics is in the core, `model/contact`. All
 units are SI, angles are radians.
@@ -7,11 +7,11 @@ units are SI, angles are radians.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from ..support.arrays import Floats, read_only
 from ..support.record import SIDES, Kinded
 
 if TYPE_CHECKING:
+    from .hand import Finger, Fingertip, GraspedObject
     from .scene import Scene
 
 # Number of parameters of a scene with the paper's parts, which come first in `_core.PARAMETERS`.
@@ -208,7 +209,7 @@ class MeasuredLaw(TipLaw):
 
         One line of headings is allowed.
         """
-        text = Path(path).read_text(encoding="utf-8").splitlines()
+        text = checks.path("path", path).read_text(encoding="utf-8").splitlines()
         rows = [line.split(",")[:2] for line in text if line.strip()]
         try:
             float(rows[0][0])
@@ -225,15 +226,27 @@ class MeasuredLaw(TipLaw):
         """The density of springs F'' in Bernstein polynomials over the range (10,), N/m^2."""
         optimize = extras.require("scipy.optimize", extra="study", purpose="MeasuredLaw")
         reach, largest = self.compression[-1], self.force[-1]
-        rows = _curve(self.compression / reach) * reach**2 / (self.force + 0.05 * largest)[:, None]
+        rows = (
+            _integrals(self.compression / reach, 2)
+            * reach**2
+            / (self.force + 0.05 * largest)[:, None]
+        )
         smooth = _SMOOTHING * np.diff(np.eye(_WEIGHTS), n=2, axis=0) * reach**2 / largest
         right = np.concatenate([self.force / (self.force + 0.05 * largest), np.zeros(len(smooth))])
         return read_only(optimize.nnls(np.concatenate([rows, smooth]), right)[0])
 
     def predicted(self, compression: Floats) -> Floats:
         """The fitted force at compressions within the range, N."""
+        reach, given = self.compression[-1], checks.numbers("compression", compression)
+        checks.require_finite("compression", given)
+        return np.asarray(_integrals(given / reach, 2) @ self.weights * reach**2)
+
+    def _stiffness(self, compression: Floats) -> Floats:
+        """F' at compressions >= 0, N/m."""
         reach = self.compression[-1]
-        return np.asarray(_curve(np.asarray(compression) / reach) @ self.weights * reach**2)
+        within = np.minimum(compression, reach)
+        found = _integrals(within / reach, 1) @ self.weights * reach
+        return np.asarray(found + (compression - within) * self.weights[-1])
 
     @cached_property
     def misfit(self) -> float:
@@ -241,20 +254,51 @@ class MeasuredLaw(TipLaw):
         return float(np.abs(self.predicted(self.compression) - self.force).max() / self.force[-1])
 
 
-def _curve(x: Floats) -> Floats:
-    """Second integrals of the Bernstein polynomials of degree 9 (k, 10), at 0 <= x <= 1."""
-    n = _WEIGHTS + 1
-    whole = np.array([math.comb(n, k) * x**k * (1.0 - x) ** (n - k) for k in range(n + 1)])
-    # The integral of the k-th polynomial is the sum of those above it, of one degree more.
-    shares = np.tril(np.ones((n + 1, n + 1)), -1)[:, :n] @ np.tril(np.ones((n, n)), -1)[:, : n - 1]
-    return np.asarray(whole.T @ shares / (n * (n - 1)))
+def _integrals(x: Floats, times: int) -> Floats:
+    """Integrals of the Bernstein polynomials of degree 9, so many `times` (k, 10), 0 <= x <= 1."""
+    n = _WEIGHTS - 1 + times
+    found = np.stack([math.comb(n, k) * x**k * (1.0 - x) ** (n - k) for k in range(n + 1)], axis=-1)
+    for degree in range(n, _WEIGHTS - 1, -1):
+        # The integral of the k-th polynomial is the sum of those above it, of one degree more.
+        found = found @ np.tril(np.ones((degree + 1, degree + 1)), -1)[:, :degree] / degree
+    return np.asarray(found)
 
 
-def sides_of(grasped: Any) -> tuple[ObjectSide | None, ObjectSide | None]:
+def sides_of(grasped: GraspedObject) -> tuple[ObjectSide | None, ObjectSide | None]:
     """The right and the left side of an object; None is a face parallel to the other one."""
-    plain = Face()
-    right, left = (None if side == plain else side for side in (grasped.right, grasped.left))
+    return grasped.right, grasped.left
+
+
+def half_widths(scene: Scene) -> tuple[float, float]:
+    """Distances from the centre of gravity to the middles of the right and the left side, m."""
+    grasped = scene.grasped
+    right, left = (
+        side.radius + sign * side.center[0]
+        if isinstance(side, Arc)
+        else 0.5 * grasped.width - sign * grasped.com_offset
+        for sign, side in zip((1.0, -1.0), sides_of(grasped), strict=True)
+    )
     return right, left
+
+
+def width(scene: Scene) -> float:
+    """The distance between the middles of the object's sides, m."""
+    arcs = any(isinstance(side, Arc) for side in sides_of(scene.grasped))
+    return sum(half_widths(scene)) if arcs else scene.grasped.width
+
+
+def half_lengths(scene: Scene) -> tuple[float, float]:
+    """Half the length of the right and the left side, m; infinite of sides without ends."""
+    right, left = (_half_length(side, scene.grasped.height) for side in sides_of(scene.grasped))
+    return right, left
+
+
+def _half_length(side: ObjectSide | None, height: float | None) -> float:
+    if isinstance(side, Arc):
+        return 0.5 * side.radius * (math.pi if side.span is None else side.span)
+    own = side.height if isinstance(side, Face) else None
+    height = height if own is None else own
+    return math.inf if height is None else 0.5 * height
 
 
 def numbers(scene: Scene) -> dict[str, float]:
@@ -297,13 +341,104 @@ def others(scene: Scene) -> list[str]:
     return [name for name in dict.fromkeys(found) if name not in ("Finger", "NoneType")]
 
 
+def stiffness(scene: Scene, side: int, compression: Floats) -> Floats:
+    """The normal stiffness of an upright tip at compressions d_n >= 0, N/m: 2 pi E d_n by (5)."""
+    tip, d = scene.hand.tips[side], np.asarray(compression)
+    if isinstance(tip.law, PowerLaw):
+        foot, power = tip.law.foot or 0.0, tip.law.exponent - 1.0
+        change = np.abs(d + foot) ** power - foot**power
+        found = tip.law.coefficient * tip.law.exponent * change
+    elif isinstance(tip.law, MeasuredLaw):
+        found = tip.law._stiffness(d)
+    else:
+        found = 2.0 * np.pi * tip.youngs_modulus * d
+    return np.asarray(softened(scene)[side] * found)
+
+
+def softened(scene: Scene) -> tuple[float, float]:
+    """The shares of their energy (4) that the right and the left tip have on arcs."""
+    right, left = (
+        (1.0 + tip.radius / side.radius) ** _SOFTER[side.counterface]
+        if isinstance(side, Arc)
+        else 1.0
+        for tip, side in zip(scene.hand.tips, sides_of(scene.grasped), strict=True)
+    )
+    return right, left
+
+
+def shear_factor(tip: Fingertip) -> float:
+    """The stiffness of a tip against shear as a share of the normal one."""
+    return getattr(tip.law, "shear_factor", 1.0)
+
+
+def lever(finger: Finger | Jaw | Parallelogram) -> float:
+    """The most that a tip's centre moves for a unit of the finger's coordinate, m."""
+    if isinstance(finger, Jaw):
+        return 1.0
+    thick = 0.0 if isinstance(finger, Parallelogram) else finger.half_thickness
+    return math.hypot(finger.length, thick)
+
+
+def inertia_of(finger: Finger | Jaw | Parallelogram) -> float:
+    """The inertia of a finger in its coordinate, kg m^2, or kg of a jaw."""
+    return finger.mass if isinstance(finger, Jaw) else finger.inertia
+
+
+def refuse_others(scene: Scene, name: str) -> None:
+    """Refuses a scene with other parts than the paper's, in the name of what lacks them."""
+    found = others(scene)
+    if found:
+        one = f"{'an' if found[0][0] in 'AEIOU' else 'a'} {found[0]}"
+        raise ValueError(
+            f"scene: {name} does not take {one} yet; it has the paper's links, parallel faces and "
+            'springs only (docs/own-hand.md, "What takes what")'
+        )
+
+
 def jaws(scene: Scene) -> tuple[bool, bool]:
     """Whether the right and the left finger is a jaw, whose coordinate is a length."""
     return isinstance(scene.hand.right, Jaw), isinstance(scene.hand.left, Jaw)
 
 
+def why_fixed(scene: Scene, path: str) -> str | None:
+    """Why a number of a scene has no effect, or cannot differ between runs; None if it can."""
+    *owner, name = path.split(".")
+    sides = [side for side in SIDES if side in owner] or SIDES
+    laws = [tip.law for side, tip in zip(SIDES, scene.hand.tips, strict=True) if side in sides]
+    if name == "youngs_modulus" and any(laws):
+        return "a tip has a law of its own, without this modulus"
+    if "law" in owner and {"compression", "force"} & {*owner, name}:
+        return "all runs share a measured curve; its shear_factor can differ"
+    if owner[:1] == ["grasped"] and name == "center":
+        return f"is a pair; {path}.0 and {path}.1 can differ"
+    arcs = all(isinstance(side, Arc) for side in sides_of(scene.grasped))
+    if arcs and path in ("grasped.width", "grasped.com_offset", "grasped.height"):
+        return "both sides of the object are arcs, which have places and ends of their own"
+    return None
+
+
+def in_words(
+    scene: Scene, coordinates: Sequence[float] | Floats, digits: str = ".4g", *, same: bool = True
+) -> str:
+    """The coordinates of both fingers in words, each in degrees, or in millimetres of a jaw.
+
+    Two that look alike are written once if they are the `same`.
+    """
+    own = jaws(scene)
+    units = ["mm" if jaw else "degrees" for jaw in own]
+    shown = [
+        f"{round(1e3 * value if jaw else math.degrees(value), 6):{digits}}"
+        for jaw, value in zip(own, coordinates, strict=True)
+    ]
+    if units[0] == units[1]:
+        return f"{' and '.join(dict.fromkeys(shown) if same else shown)} {units[0]}"
+    return f"{shown[0]} {units[0]} and {shown[1]} {units[1]}"
+
+
 Mechanism._kinds = {"jaw": Jaw, "parallelogram": Parallelogram}
 ObjectSide._kinds = {"face": Face, "arc": Arc}
 TipLaw._kinds = {"springs": ParallelSprings, "power": PowerLaw, "measured": MeasuredLaw}
+# The exponents of (1 + a/R) by which an arc softens a tip.
+_SOFTER = {"flat": 0.0, "cylinder": -0.5, "sphere": -1.0}
 # The numbers of the kinds, as the core has them.
 COUNTERFACES: Mapping[str, float] = {"flat": 0.0, "cylinder": 1.0, "sphere": 2.0}

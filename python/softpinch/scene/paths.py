@@ -23,6 +23,7 @@ from ..support.display import Shown
 from ..support.record import SIDES, Record
 from .control import WRITTEN, SampledController
 from .fields import Unit, spelt_out, units
+from .parts import jaws, why_fixed
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -74,7 +75,12 @@ def resolve(scene: Scene, path: str) -> Any:
         )
     if steps == _FRICTION and isinstance(node, tuple):
         node = node[0]
-    optional = ("normal_mass", "tangential_mass", "friction", "height", "duration")
+    if reason := why_fixed(scene, path):
+        raise ValueError(f"vary: {shown}: {reason}")
+    optional = (
+        *("normal_mass", "tangential_mass", "friction", "height", "duration"),
+        *("foot", "span"),
+    )
     if node is None and (steps[-1] in optional or steps[:-1] == _FRICTION):
         return 0.0
     number = isinstance(node, float | np.floating) or (
@@ -308,10 +314,10 @@ def paths_of(scene: Scene) -> PathTable:
             shape = shapes_of(scene, [path])[path]
         except ValueError:
             continue  # names of choices, whole records, and what all runs share
-        unit = units(path, shape)
+        unit = units(path, shape, jaws(scene))
         if path.startswith("schedule.angles") and not scene.schedules_angles:
             # A controller of one's own may use the schedule for any quantity.
-            unit = "N m" if scene.law == "torque" else "unknown"
+            unit = units("control.limits", (), jaws(scene)) if scene.law == "torque" else "unknown"
         if path == "motion.amplitude" and getattr(scene.motion, "axis", None) == "tilt":
             unit = "rad"
         found[path] = value, unit

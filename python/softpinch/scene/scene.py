@@ -36,7 +36,8 @@ class State(Record):
     """The state of the system at one instant, from which a run can start.
 
     Attributes:
-        q: Coordinates (9,): x, y, theta, theta_1, theta_2, d_n1, d_n2, d_t1, d_t2, m and rad.
+        q: Coordinates (9,): x, y, theta, theta_1, theta_2, d_n1, d_n2, d_t1, d_t2, m and rad; of a
+            `Jaw` theta_i is its travel, m.
         p: Rates of the coordinates (9,), m/s and rad/s.
         integral: The integrals of the angle errors in (39), (right, left), rad s.
         time: Time on the clock of schedule and disturbances, s.
@@ -122,10 +123,10 @@ class State(Record):
             x: Horizontal position of the centre of gravity, m; None takes the scene's start.
             y: Vertical position of the centre of gravity, m, upwards; None takes the scene's start.
             rotation: theta, rad.
-            fingers: theta_1 and theta_2 (2,), rad.
+            fingers: theta_1 and theta_2 (2,), rad, or travels of jaws, m.
             shear: d_t1 and d_t2 (2,), m.
             velocity: Rates of x, y and theta (3,), m/s and rad/s.
-            finger_rates: Rates of theta_1 and theta_2 (2,), rad/s.
+            finger_rates: Rates of theta_1 and theta_2 (2,), rad/s, or m/s.
             integral: Integrals of the angle errors (2,), rad s.
             time: Time on the clock of schedule and disturbances, s.
         """
@@ -247,7 +248,8 @@ class Scene(Record):
         grasped: The grasped object.
         control: The PID gains of both fingers, or a pair (right, left); or `Torque()`, with which
             the schedule's values are the torques on the fingers; or a `SampledController`.
-        schedule: The target angles of the fingers, rad; with `Torque()` their torques, N m.
+        schedule: The target angles of the fingers, rad, or travels of jaws, m; with `Torque()` the
+            torques on them, N m, or forces, N.
         fingers: "pid" moves the fingers with the torques of `control`. "driven" prescribes their
             angles: they equal the schedule at every instant, as under ideal position control. Then
             `control` and the fingers' inertia do not affect the motion, and the driving torque is
@@ -256,7 +258,7 @@ class Scene(Record):
         disturbances: Forces, moments and impulses on the object; they add up.
         gravity: g, downwards, m/s^2.
         duration: Length of the run, s.
-        initial: None starts at rest with straight fingers, in point contact or pressed; with
+        initial: None starts at rest with fingers at zero, in point contact or pressed; with
             "driven" fingers it starts at the schedule's angles, with the object still. "touching"
             closes the fingers until both tips touch the object. A `State` starts from that state.
         friction: Coefficient of friction mu of both contacts, or a pair (right, left). With
@@ -308,6 +310,11 @@ class Scene(Record):
         checks.instance("Scene.grasped", self.grasped, GraspedObject)
         made = "a Schedule, such as Schedule.steps(times, angles)"
         checks.instance("Scene.schedule", self.schedule, Schedule, made)
+        if self.schedule.given_in_degrees and any(parts.jaws(self)):
+            raise ValueError(
+                "Scene.schedule: is in degrees, but the coordinate of a Jaw is its travel, m; use "
+                "Schedule.steps, .ramps, .minimum_jerk or .sampled"
+            )
         self._set("control", take_control(self.control))
         if not isinstance(self.disturbances, tuple | list):
             raise TypeError(
@@ -412,12 +419,9 @@ class Scene(Record):
     @cached_property
     def _parameters(self) -> NDArray[np.float64]:
         found = _core.DEFAULTS.copy()
-        own = parts.numbers(self)
-        for k, path in enumerate(_core.PARAMETERS):
-            if path in own:
-                found[k] = own[path]
-            elif k < PAPERS:
-                found[k] = self._parameter(path)
+        found[:PAPERS] = [self._parameter(path) for path in _core.PARAMETERS[:PAPERS]]
+        for path, number in parts.numbers(self).items():
+            found[_core.PARAMETERS.index(path)] = number
         for side, tip in zip(SIDES, self.hand.tips, strict=True):
             if isinstance(tip.law, parts.MeasuredLaw):
                 place = _core.PARAMETERS.index(f"hand.tip.{side}.law.weights")
@@ -504,7 +508,8 @@ class Scene(Record):
     def _start_position(self) -> tuple[float, float]:
         """Returns the object's x and y at the start, even if straight fingers do not reach it."""
         if self.initial is None and self.fingers == "pid":
-            return self.grasped.com_offset, 0.5 * (self.hand.right.length + self.hand.left.length)
+            apart = _core.start(self.parameters(), "apart")
+            return float(apart[0]), float(apart[1])
         x, y = self.start().q[:2].tolist()
         return x, y
 

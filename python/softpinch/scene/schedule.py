@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -46,6 +46,7 @@ class Schedule(Record):
         kind: "steps", "ramps", "minimum_jerk", "via_points" or "sampled".
         times: Increasing instants (k,), s.
         angles: Target angles (k, 2), rad; columns right and left (theta_1^d and theta_2^d of (39)).
+            Of a `Jaw` the target is its travel, m.
         move_time: Duration of every move, or one for each move (k - 1,), s; only for
             "minimum_jerk".
         hold: "zero" or "linear"; only for "sampled".
@@ -56,6 +57,8 @@ class Schedule(Record):
     angles: NDArray[np.float64]
     move_time: float | NDArray[np.float64] | None = None
     hold: Hold | None = None
+    # Whether degrees were given, which the coordinate of a jaw does not have.
+    given_in_degrees: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -205,13 +208,15 @@ class Schedule(Record):
         elif kind == "minimum_jerk" and move_time is None:
             kind = "via_points"
         radians = np.deg2rad(checks.array("angles", angles, ("k", 2), _ROWS))
-        return cls(kind=kind, times=times, angles=radians, move_time=move_time, hold=hold)  # type: ignore[arg-type]
+        found = cls(kind=kind, times=times, angles=radians, move_time=move_time, hold=hold)  # type: ignore[arg-type]
+        found._set("given_in_degrees", True)
+        return found
 
     def _call(self) -> tuple[str, dict[str, Any]]:
         """A call in degrees, where it makes the same angles to the bit."""
         function, arguments = super()._call()
         degrees = np.rad2deg(self.angles).round(12)
-        if np.array_equal(np.deg2rad(degrees), self.angles):
+        if degrees.any() and np.array_equal(np.deg2rad(degrees), self.angles):
             return f"{function}.in_degrees", {**arguments, "angles": degrees}
         return function, arguments
 
@@ -275,7 +280,9 @@ class Schedule(Record):
                 degrees = checks.array("Schedule.angles_deg", data["angles_deg"], ("k", 2))
             except (TypeError, ValueError) as error:
                 raise type(error)(f"{error}{checks.at(path)}") from None
-            data = {**rest, "angles": np.deg2rad(degrees)}
+            found = super()._parse({**rest, "angles": np.deg2rad(degrees)}, path)
+            found._set("given_in_degrees", True)
+            return found
         return super()._parse(data, path)
 
 

@@ -181,7 +181,7 @@ class SceneTemplate:
         outside += ["control"] if self.scene.law == "sampled" else []
         inner = [path for path in self.shapes if path.split(".")[0] not in outside]
         # Give each path a unique value that satisfies every rule, and find it in the parameters.
-        marks = {path: 0.375_192_837 + k / 8192 for k, path in enumerate(inner)}
+        marks = {path: 1.375_192_837 + k / 8192 for k, path in enumerate(inner)}
         found = self.at(marks, 0).parameters()
         return {path: np.flatnonzero(found == mark).tolist() for path, mark in marks.items()}
 

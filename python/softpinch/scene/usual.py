@@ -19,9 +19,10 @@ from ..support.record import SIDES
 from ..support.suggest import places
 from .contact import coefficients
 from .control import SampledController
-from .fields import COORDINATE_RANGES, COORDINATE_UNITS, USUAL, without_places
+from .fields import COORDINATE_RANGES, COORDINATE_UNITS, Unit, of_coordinates, units, usual_range
 from .loop_matrix import growth
-from .outline import closing_angle, compression
+from .outline import closing, compression
+from .parts import in_words, jaws, width
 from .schedule import default_schedule
 
 if TYPE_CHECKING:
@@ -43,11 +44,17 @@ def warn(scene: Scene, schedule_replaced: bool = False) -> None:
     """Warns once for each field with an unusual number, but not of torques that are replaced."""
     texts = scene._suspicions
     if scene.law == "torque" and scene.schedule == default_schedule() and not schedule_replaced:
-        angle = scene.schedule.angles[0, 0]
+        angle, unit = scene.schedule.angles[0, 0], units("control.limits", (), jaws(scene))
+        what = "forces in N" if unit == "N" else f"torques in {unit}"
         texts += (
-            f"schedule: this is the default schedule, whose {angle:.3g} rad are meant as "
-            "angles; with control=Torque() they are torques in N m. Give schedule= in N m, such as "
+            f"schedule: this is the default schedule, whose {angle:.3g} rad are meant as angles; "
+            f"with control=Torque() they are {what}. Give schedule= in {unit}, such as "
             "Schedule.steps([0.0], [[1.2, 1.2]])",
+        )
+    elif any(jaws(scene)) and scene.schedules_angles and scene.schedule == default_schedule():
+        texts += (
+            "schedule: this is the default schedule, whose angles of 6 degrees would be 105 mm of "
+            "a Jaw. Give schedule= in m, such as Schedule.steps([0.0], [[4e-3, 4e-3]])",
         )
     for text in texts:
         errors.warn(text, SuspiciousValueWarning)
@@ -93,10 +100,10 @@ def _growing_swings(scene: Scene) -> Iterator[str]:
     periods = scene.duration / control.period
     if factor <= 1.0 or periods * math.log(factor) <= math.log(_GROWN):
         return
-    time = control.period / math.log(factor)
+    time, gain = control.period / math.log(factor), units("control.ki", (), jaws(scene))
     yield (
         f"control: with this SampledController a finger that touches nothing swings ever wider, by "
-        f"a factor of 2.7 in each {time:.3g} s; smaller gains, most of all ki (1000 N m/(rad s) in "
+        f"a factor of 2.7 in each {time:.3g} s; smaller gains, most of all ki (1000 {gain} in "
         f"pid unless given), or a shorter period ({control.period:g} s) or delay "
         f"({control.delay:g} s) make it stable"
     )
@@ -113,17 +120,16 @@ def _opening(scene: Scene) -> Iterator[str]:
     pids = scene.control if isinstance(scene.control, tuple) else (scene.control,)
     if not any(getattr(pid, "kp", 1.0) or getattr(pid, "ki", 1.0) for pid in pids):
         return  # no target turns a finger
-    touching = closing_angle(scene, 0.0)
+    touching = closing(scene, 0.0)
     targets = scene.schedule.target(start.time)
     gap = -compression(scene, targets.tolist())
     apart = compression(scene, start.q[3:5].tolist()) < -_ROUND_OFF
     if touching is None or gap <= _ROUND_OFF or apart:
         return
-    asked = " and ".join(f"{angle:.4g}" for angle in dict.fromkeys(np.degrees(targets).tolist()))
-    touch = round(math.degrees(touching), 6)
     yield (
-        f"schedule.angles: touching is at {touch:.4g} degrees, the schedule asks "
-        f"for {asked} at the start: it opens the fingers, to a gap of {1e3 * gap:.3g} mm"
+        f"schedule.angles: touching is at {in_words(scene, touching)}, the schedule asks for "
+        f"{in_words(scene, targets).removesuffix(' degrees')} at the start: it opens the fingers, "
+        f"to a gap of {1e3 * gap:.3g} mm"
     )
 
 
@@ -141,41 +147,45 @@ def inertias(width: float, mass: float, height: float | None) -> tuple[float, fl
 def _other_inertia(scene: Scene) -> Iterator[str]:
     """Yields a message about an inertia unlike those of bodies with this mass and these faces."""
     grasped = scene.grasped
-    least, most = inertias(grasped.width, grasped.mass, grasped.height)
+    across = width(scene)
+    least, most = inertias(across, grasped.mass, grasped.height)
     if _SMALLER * least <= grasped.inertia <= most / _SMALLER:
         return
     tall = "" if grasped.height is None else f" and {grasped.height:g} m tall"
     yield (
         f"grasped.inertia = {grasped.inertia:g} kg m^2: usual for {grasped.mass:g} kg, "
-        f"{grasped.width:g} m wide{tall}, is from {least:.3g} to {most:.3g} kg m^2; was it given "
+        f"{across:g} m wide{tall}, is from {least:.3g} to {most:.3g} kg m^2; was it given "
         "for another mass or width? GraspedObject.box(width, height, mass) computes it"
     )
 
 
 def _unusual(scene: Scene) -> Iterator[str]:
     """Yields a message about each field with a number outside its usual range."""
+    own = jaws(scene)
     for path, value in places(scene):
         if path == "initial.q":
             # One message for the whole state: about its first number outside the usual range.
-            ranges = enumerate(zip(COORDINATE_RANGES, COORDINATE_UNITS, strict=True))
+            of_each = of_coordinates(COORDINATE_UNITS, own)
+            ranges = enumerate(zip(COORDINATE_RANGES, of_each, strict=True))
             for k, (usual, unit) in ranges:
                 if found := list(_outside(f"{path}.{k}", np.asarray(value[k]), *usual, unit)):
                     yield found[0]
                     break
         elif isinstance(value, float | tuple | np.ndarray):
-            known = USUAL.get(without_places(path))
+            known = usual_range(path, own)
             sides = path == "friction" and isinstance(value, tuple)
-            if known is not None and known.usual is not None and not sides:
-                yield from _outside(path, np.asarray(value), *known.usual, str(known.unit))
+            if known is not None and not sides:
+                yield from _outside(path, np.asarray(value), *known[0], known[1])
 
 
-def _outside(path: str, values: NDArray[Any], low: float, high: float, unit: str) -> Iterator[str]:
+def _outside(path: str, values: NDArray[Any], low: float, high: float, unit: Unit) -> Iterator[str]:
     # An infinite value is intentional: infinite friction means that the tips never slide.
     wrong = np.isfinite(values) & ((values < low) | (values > high))
     if not wrong.any():
         return
     index = np.unravel_index(np.argmax(np.where(wrong, np.abs(values), -1.0)), values.shape)
     where = ".".join([path, *(str(int(k)) for k in index)])
+    unit = unit if isinstance(unit, str) else unit[int(index[-1])]
     unit = "" if unit == "1" else f" {unit}"
     advice = "; is it in another unit?"
     if unit == " rad":

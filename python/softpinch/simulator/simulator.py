@@ -219,7 +219,8 @@ class Simulator(Stepped):
 
         Args:
             torque: Torques on the right and the left finger (2,), N m, a positive one closes its
-                finger; or the target angles of the fingers of a PID, rad.
+                finger; or the target angles of the fingers of a PID, rad. Of jaws: forces, N, or
+                travels, m.
             acceleration: Acceleration (a_x, a_y) of the hand along its own axes in this period,
                 m/s^2, instead of that of the scene's motion, a `HandMotion.constant`; None keeps
                 that one.

@@ -20,6 +20,7 @@ from ..run.request import Request
 from ..run.run import Run, computed
 from ..scene.control import Pid, Torque
 from ..scene.hand import Fingertip, GraspedObject, Hand
+from ..scene.parts import jaws
 from ..scene.scene import Scene
 from ..scene.schedule import Schedule
 from ..support import checks
@@ -138,6 +139,8 @@ class Task:
     def __post_init__(self) -> None:
         name = type(self).__name__
         checks.instance(f"{name}.grasp", self.grasp, Scene)
+        if any(jaws(self.grasp)):
+            raise ValueError(f"{name}.grasp: does not take a Jaw yet: it observes angles of links")
         if self.grasp.law != "pid":
             raise ValueError(
                 f"{name}.grasp: its fingers are {checks.shown(self.grasp.law)}: must have a PID, "

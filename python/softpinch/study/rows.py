@@ -185,9 +185,16 @@ class Schema:
     """All entries of a study's results, name -> entry, in the order of `Results.to_dict`."""
 
     def __init__(
-        self, summaries: Iterable[str], shapes: Mapping[str, tuple[int, ...]], law: str
+        self,
+        summaries: Iterable[str],
+        shapes: Mapping[str, tuple[int, ...]],
+        law: str,
+        jaws: units.Jaws = (False, False),
     ) -> None:
-        """Takes the names of the summaries, path -> shape of a run's varied value, and the law."""
+        """Takes the names of the summaries, path -> shape of a run's varied value, and the law.
+
+        `jaws` says which fingers are jaws.
+        """
         self.summaries = tuple(summaries)
         entries = [
             Entry.of("run", np.uint64),
@@ -206,9 +213,15 @@ class Schema:
         ]
         # With the law "torque" the schedule's values are torques, in spite of their name.
         self.entries = {
-            entry.name: entry._replace(unit="N m")
-            if law == "torque" and entry.name.startswith("schedule.angles")
-            else entry
+            entry.name: entry._replace(
+                unit=units.units(
+                    "control.limits"
+                    if law == "torque" and entry.name.startswith("schedule.angles")
+                    else entry.name,
+                    entry.shape,
+                    jaws,
+                )
+            )
             for entry in entries
         }
 

@@ -17,6 +17,7 @@ from .. import _core
 from ..run.options import MOST_STEPS, NUMERICS, Options, names
 from ..run.request import Request
 from ..run.run import Run
+from ..scene.parts import jaws
 from ..scene.paths import shapes_of
 from ..scene.scene import Scene
 from ..scene.template import SceneTemplate
@@ -135,7 +136,7 @@ class StudySpec:
     @cached_property
     def schema(self) -> Schema:
         """The columns of the study's results."""
-        return Schema(self.summaries, self.shapes, self.scene.law)
+        return Schema(self.summaries, self.shapes, self.scene.law, jaws(self.scene))
 
     def described(self) -> Self:
         """The description for workers and results, which have the values and draw none."""
