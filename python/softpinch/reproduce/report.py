@@ -18,10 +18,10 @@ from ..support.arrays import Floats
 from ..support.extras import require
 from ..support.files import FORMATS
 from ..support.table import Table
-from . import energy_minimum, real_hand
+from . import energy_minimum
 from .experiment import Progress, Runs, quietly, simulate_all
 from .finding import BAND, BEYOND, FAILS, HOLDS, POSE, Finding
-from .verdict import find
+from .verdict import case_survived, find, spells, survived
 
 _POSE = ("x [mm]", "y [mm]", "theta [deg]")
 _NOWHERE = np.full(3, np.nan)
@@ -91,7 +91,7 @@ def contact_table(runs: Runs) -> Table:
     """Final poses with bilateral contact beside those of a real hand, and what its tips do."""
     names = ["bilateral", *(f"mu = {mu:g}" for mu in runs.real)]
     ends = [m.settled(run)[:, :3] * POSE for run in (runs.operations, *runs.real.values())]
-    kept = [real_hand.survived(run) for run in runs.real.values()]
+    kept = [survived(run) for run in runs.real.values()]
     rows: list[tuple[Any, ...]] = []
     for k, piece in enumerate(m.operations(runs.operations)):
         poses = _joined([end[k] for end in ends])
@@ -101,8 +101,8 @@ def contact_table(runs: Runs) -> Table:
         each = (runs.cases[case], *cases.values())
         poses = _joined([run.q[-1, :3] * POSE if run.success else _NOWHERE for run in each])
         does = _joined([_longest(run, m.onset(run), np.inf) for run in cases.values()])
-        survived = (_YES[real_hand.case_survived(run)] for run in cases.values())
-        rows.append((f"case ({case})", *poses, *survived, *does))
+        held = (_YES[case_survived(run)] for run in cases.values())
+        rows.append((f"case ({case})", *poses, *held, *does))
     of_tips = ("survived", "opens for [ms]", "slips for [ms]")
     columns = ["what", *(f"{axis}, {name}" for axis in _POSE for name in names)]
     columns += [f"{does}, {name}" for does in of_tips for name in names[1:]]
@@ -112,8 +112,8 @@ def contact_table(runs: Runs) -> Table:
 def _longest(run: Run, begin: float, end: float) -> Floats:
     """The longest opening and the longest slip of a tip in [begin, end] (2,), ms."""
     modes = (ContactMode.FREE, ContactMode.SLIP)
-    spells = [real_hand.spells(run, mode, begin, end) for mode in modes]
-    return np.array([1e3 * max(times, default=0.0) for times in spells])
+    found = [spells(run, mode, begin, end) for mode in modes]
+    return np.array([1e3 * max(times, default=0.0) for times in found])
 
 
 def _joined(found: Sequence[Floats]) -> list[float]:
