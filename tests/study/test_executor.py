@@ -31,7 +31,7 @@ from executors import (
     require_same,
     study,
 )
-from softpinch.study import executor as executors
+from softpinch.study import engine as executors
 from softpinch.study import executor as worker
 from softpinch.study.results import Ensemble
 from softpinch.study.rows import Rows, Spans
