@@ -32,7 +32,7 @@ from executors import (
     study,
 )
 from softpinch.study import engine as executors
-from softpinch.study import executor as worker
+from softpinch.study import engine as worker
 from softpinch.study.results import Ensemble
 from softpinch.study.rows import Rows, Spans
 
