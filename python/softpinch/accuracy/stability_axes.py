@@ -209,8 +209,8 @@ def _of_tips(*names: str) -> Callable[[Scene, float], Scene]:
     return at
 
 
-def _decades(low: float, high: float, count: int = 13) -> tuple[float, ...]:
-    return tuple(np.geomspace(low, high, count).tolist())
+def _decades(low: float, high: float) -> tuple[float, ...]:
+    return tuple(np.geomspace(low, high, 13).tolist())
 
 
 _DEPTHS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 0.6, 0.8, 0.9, 0.97, 0.99, 0.999)

@@ -172,9 +172,7 @@ def stabilization_sweep(results: StabilizationSweep | Sequence[StabilizationSwee
     return figure
 
 
-# Stability maps.
-
-# Colour range of errors, as powers of ten: from round-off to a coordinate's whole magnitude.
+# Colour range of errors in maps, as powers of ten: from round-off to a whole magnitude.
 _BEST, _WORST = -12, 0
 # Face colour and hatch of each kind of cell without an error, distinct in grey too.
 _ENDED = "ends early, as it should"

@@ -79,10 +79,8 @@ def _axis(map: EquilibriumMap, k: int) -> tuple[Floats, str]:
     return np.asarray(column.values), label(map.axes[k], column.unit)
 
 
-# One axis.
-
-
 def _curves(map: EquilibriumMap) -> Figure:
+    """The figure over one axis."""
     figure, axes = s.panels(3, 2, s.PAGE, 5.2, sharex=True)
     values, name = _axis(map, 0)
     stiffness = map.stiffness
@@ -165,10 +163,8 @@ def _friction(axes: Axes, map: EquilibriumMap, values: Floats) -> None:
     axes.set_ylim(bottom=0.0)
 
 
-# Two axes.
-
-
 def _maps(map: EquilibriumMap) -> Figure:
+    """The figure over two axes."""
     figure, axes = s.panels(2, 2, s.PAGE, 5.4, sharex=True, sharey=True)
     (x, across), (y, up) = _axis(map, 0), _axis(map, 1)
     left, bottom = s.cell_edges(x), s.cell_edges(y)
@@ -293,9 +289,7 @@ def _legend(figure: Figure, map: EquilibriumMap, handles: list[Any]) -> None:
         figure.legend(handles=handles, loc="outside upper center", ncols=4, columnspacing=1.4)
 
 
-# Wrench limits.
-
-# Limit -> marker, distinct in grey too; `_OTHER` is that of other limits.
+# Limit of a wrench -> marker, distinct in grey too; `_OTHER` is that of other limits.
 _MARKS: dict[str, dict[str, Any]] = {
     "slipping": {"marker": "o", "color": s.BLUE},
     "pulling": {"marker": "s", "color": s.RED},

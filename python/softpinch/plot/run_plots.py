@@ -142,15 +142,9 @@ def _mark_pulls(whole: Axes, zooms: Iterable[Axes], run: Run) -> None:
     for side in (0, 1):
         pulls = np.reshape(measures.pulling_intervals(run, side), (-1, 2))
         color = LINES[side]["color"]
-        whole.plot(
-            pulls[:, 0],
-            np.full(len(pulls), 0.95),
-            marker="v",
-            color=color,
-            linestyle="none",
-            transform=whole.get_xaxis_transform(),
-            zorder=3.0,
-        )
+        style: dict[str, Any] = {"color": color, "marker": "v", "linestyle": "none", "zorder": 3.0}
+        top = whole.get_xaxis_transform()
+        whole.plot(pulls[:, 0], np.full(len(pulls), 0.95), transform=top, **style)
         for each, (begin, end) in itertools.product(zooms, pulls.tolist()):
             each.axvspan(begin, end, facecolor=color, alpha=0.15, linewidth=0.0, zorder=0.4)
 

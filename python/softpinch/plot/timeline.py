@@ -215,9 +215,6 @@ def axis_name(symbol: str, unit: s.Unit, change: bool = False) -> str:
     return f"${sign}{symbol}$ [{unit.name}]"
 
 
-# Bands of modes.
-
-
 def unilateral(runs: Mapping[str, Run]) -> dict[str, Run]:
     """The runs that have modes, by name."""
     return {label: run for label, run in runs.items() if run.scene.contact == "unilateral"}

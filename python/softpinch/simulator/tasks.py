@@ -233,11 +233,8 @@ class Task:
     @property
     def measures(self) -> tuple[Measure, ...]:
         """The entries of the observation, in their order."""
-        rows = [
-            ("x - target", "m", 2e-3),
-            ("y - target", "m", 2e-3),
-            ("theta - target", "rad", 0.05),
-        ]
+        rows = [("x - target", "m", 2e-3), ("y - target", "m", 2e-3)]
+        rows += [("theta - target", "rad", 0.05)]
         rows += [("rate of x", "m/s", 0.1), ("rate of y", "m/s", 0.1)]
         rows += [("rate of theta", "rad/s", 2.0)]
         kinds = (

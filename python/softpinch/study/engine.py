@@ -226,16 +226,12 @@ class BlockScheduler:
         exhausted = self._exhausted and not self.under_way and not self._retries
         return exhausted or self._enough or bool(self._stopped) or self._ctrl_c.pending
 
-    def advance(self) -> bool:
-        """Submits a block, or waits for one, and processes one; returns whether one finished."""
-        return self._collect(0.0 if self._submit_next() else _POLL_SECONDS)
-
     def end(self) -> None:
         """Cancels blocks that have not started; processes the finished ones, after Ctrl-C more."""
         self.cancel()
         end = time.monotonic() + (_GRACE_SECONDS if self._ctrl_c.pending else 0.0)
         while not self._finished.empty() or (self.under_way and time.monotonic() < end):
-            self._collect(_POLL_SECONDS)
+            self.collect(_POLL_SECONDS)
 
     def cancel(self) -> None:
         """Cancels the blocks that have not started, unless the executor is broken.
@@ -252,7 +248,7 @@ class BlockScheduler:
         stopped = [Lost.of(rest, self._stopped)] if self._stopped and rest.count else []
         return tuple(sorted([*self._lost, *stopped]))
 
-    def _submit_next(self) -> bool:
+    def submit_next(self) -> bool:
         """Submits a block; returns False if there is none, or too many are unfinished."""
         if self._retries:
             task = self._retries.popleft()
@@ -273,7 +269,7 @@ class BlockScheduler:
         future.add_done_callback(self._finished.put)
         return True
 
-    def _collect(self, seconds: float) -> bool:
+    def collect(self, seconds: float) -> bool:
         """Processes a finished block; returns whether one finished within `seconds`."""
         try:
             future = self._finished.get(timeout=seconds)
@@ -375,7 +371,8 @@ def on_executor(
             try:
                 report(0, asked.count)
                 while not scheduler.over:
-                    if not scheduler.advance():
+                    wait = 0.0 if scheduler.submit_next() else _POLL_SECONDS
+                    if not scheduler.collect(wait):
                         accept(spec.empty())
                     report(scheduler.done, asked.count)
             except KeyboardInterrupt:  # the user's progress function may raise it

@@ -26,7 +26,14 @@ if TYPE_CHECKING:
 
 # Entries of the provenance that become separate attributes of a dataset.
 _ATTRIBUTES = (
-    *("softpinch", "numpy", "method", "formulation", "dt", "tolerance", "runs", "requested"),
+    "softpinch",
+    "numpy",
+    "method",
+    "formulation",
+    "dt",
+    "tolerance",
+    "runs",
+    "requested",
 )
 # The largest integer that every netCDF format supports.
 _LARGEST_INTEGER = 2**31 - 1
