@@ -232,9 +232,7 @@ def integrate(
     y = start
     for left, right in pairwise(inputs.edges):
         driven = inputs.between(left, right)
-        after = y
-        if left in inputs.impulses:
-            after = system.jump(y, inputs.impulses[left])
+        after = system.jump(y, inputs.impulses[left]) if left in inputs.impulses else y
         stops = instants[
             np.searchsorted(instants, left, "right") : np.searchsorted(instants, right)
         ]

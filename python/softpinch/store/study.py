@@ -30,8 +30,7 @@ from ..support.interrupt import CtrlC
 from ..support.progress import Report
 from . import manifest as manifests
 from .files import MANIFEST, arrow
-from .folder import Folder, Writer, locked, refuse_other_content
-from .trajectories import Trajectories
+from .folder import Folder, Trajectories, Writer, locked, refuse_other_content
 
 # A call of the core is to take about this long, s.
 PACE_SECONDS = 0.5
