@@ -98,7 +98,6 @@ def _bars(axes: Axes, edges: Floats, values: Floats, completed: NDArray[np.bool_
 
 
 def _quantiles(axes: Axes, values: Floats) -> None:
-    """Draws the median, and the 5 % and 95 % quantiles, as lines."""
     low, middle, high = np.quantile(values, [0.05, 0.5, 0.95])
     axes.axvline(middle, color=s.BLACK, linewidth=1.0, label="median")
     style: dict[str, Any] = {"color": s.BLACK, "linewidth": 0.8, "linestyle": (0, (3, 2))}
@@ -220,7 +219,6 @@ def importance(
 
 
 def _shares(axes: Axes, rows: np.ndarray, effects: list[Effect]) -> None:
-    """Draws bars of the shares, and grey bars of the noise level."""
     values = np.clip(np.nan_to_num([effect.share for effect in effects]), 0.0, 1.0)
     noise = np.nan_to_num([effect.noise for effect in effects])
     bars: dict[str, Any] = {"linewidth": 0.0}

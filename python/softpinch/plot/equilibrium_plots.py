@@ -104,13 +104,18 @@ def _curves(map: EquilibriumMap) -> Figure:
         s.tag(each, "abcdef"[k])
         if len(curves) > 1:
             s.legend(each)
-        _spans(each, map, values)
+        edges = s.cell_edges(values)
+        # Cells without equilibrium are marked over the whole height.
+        for cell, status in enumerate(map.status.tolist()):
+            if status != "at_rest":
+                face, hatch = _FACES[status]
+                each.axvspan(edges[cell], edges[cell + 1], facecolor=face, edgecolor="0.3",
+                             hatch=hatch, linewidth=0.0, zorder=0.3)  # fmt: skip
     s.least_range(axes.flat, _ROUND_OFF)
     _friction(axes[2, 0], map, values)
     axes[2, 1].axhline(0.0, color=s.GREY, linewidth=0.6, zorder=0.8)
     for each in axes[-1]:
         each.set_xlabel(name)
-        edges = s.cell_edges(values)
         each.set_xlim(edges[0], edges[-1])
     _legend(figure, map, [])
     return figure
@@ -141,16 +146,6 @@ def _curve(
 def _among_neighbours(cells: NDArray[np.bool_], itself: bool = True) -> NDArray[np.bool_]:
     """Marks the cells (n,) that are, or have a neighbour, among some cells (n,)."""
     return np.convolve(cells, [1, int(itself), 1])[1:-1] > 0
-
-
-def _spans(axes: Axes, map: EquilibriumMap, values: Floats) -> None:
-    """Marks the cells without equilibrium over the whole height."""
-    edges = s.cell_edges(values)
-    for k, status in enumerate(map.status.tolist()):
-        if status != "at_rest":
-            face, hatch = _FACES[status]
-            axes.axvspan(edges[k], edges[k + 1], facecolor=face, edgecolor="0.3", hatch=hatch,
-                         linewidth=0.0, zorder=0.3)  # fmt: skip
 
 
 def _friction(axes: Axes, map: EquilibriumMap, values: Floats) -> None:
@@ -431,7 +426,6 @@ def _outline(axes: PolarAxes, angle: Floats, size: Floats, style: dict[str, Any]
 
 
 def _marked(axes: PolarAxes, angle: Floats, size: Floats, limit: NDArray[np.str_]) -> None:
-    """Draws a mark for each limit."""
     for name in dict.fromkeys([*_MARKS, *limit.tolist()]):
         some = (limit == name) & np.isfinite(size)
         if some.any():

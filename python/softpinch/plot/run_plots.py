@@ -257,7 +257,6 @@ def run(run: Run) -> Figure:
 
 
 def _overview(run: Run) -> Iterator[Panel]:
-    """The panels of everything that was recorded."""
     unilateral = run.scene.contact == "unilateral"
     if "state" in run.record:
         angles, target = recorded(run, "q", (3, 4)), measures.target_angles(run)
@@ -399,7 +398,6 @@ def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None 
 
 
 def _require_runs(field: str, runs: object, least: int = 0) -> None:
-    """Refuses anything but a dictionary of runs."""
     checks.instance(field, runs, Mapping, "a dictionary of runs")
     assert isinstance(runs, Mapping)
     for name, each in runs.items():

@@ -263,7 +263,7 @@ class BlockScheduler:
         try:
             future = self._submit(task)
         except Exception as error:
-            self._executor_failed(error)
+            self._stop("the executor takes no more blocks", error)
             return False
         self.under_way[future] = task
         future.add_done_callback(self._finished.put)
@@ -293,7 +293,7 @@ class BlockScheduler:
         if isinstance(error, VersionMismatchError):
             raise error
         if isinstance(error, BrokenExecutor):
-            self._executor_failed(error)
+            self._stop("", error)
         elif task.attempt < _ATTEMPTS:
             task.attempt += 1
             self._retries.append(task)
@@ -305,12 +305,9 @@ class BlockScheduler:
             if self._lost_in_a_row == _MOST_LOST_IN_A_ROW:
                 self._stop(f"{_MOST_LOST_IN_A_ROW} blocks in a row were lost", error)
 
-    def _executor_failed(self, error: BaseException) -> None:
-        self._executor_broken = isinstance(error, BrokenExecutor)
-        why = "is broken" if self._executor_broken else "takes no more blocks"
-        self._stop(f"the executor {why}", error)
-
     def _stop(self, why: str, error: BaseException) -> None:
+        self._executor_broken = isinstance(error, BrokenExecutor)
+        why = "the executor is broken" if self._executor_broken else why
         self._stopped = f"{why}: {_error_text(error)}; {_HOW_TO_GO_ON}"
 
     def _settle(self, task: _Task, rows: Rows | None) -> None:

@@ -22,8 +22,7 @@ from ..support.record import plain
 from . import tables
 from .capsule import Capsule
 from .engine import Lost
-from .estimates import Discretisation, Estimate, Mean
-from .estimates import plain as number_or_array
+from .estimates import Discretisation, Estimate, Mean, number_or_array
 from .gradients import Gradients
 from .rows import HOLDS, Numbers, Rows, Spans, checked_event, event_columns, happened, is_friction
 from .spec import StudySpec
