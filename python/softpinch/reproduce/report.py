@@ -19,9 +19,9 @@ from ..support.extras import require
 from ..support.files import FORMATS
 from ..support.table import Table
 from . import energy_minimum
+from . import verdict as v
 from .experiment import Progress, Runs, quietly, simulate_all
-from .finding import BAND, BEYOND, FAILS, HOLDS, POSE, Finding
-from .verdict import case_survived, find, spells, survived
+from .verdict import POSE, Finding, find
 
 _POSE = ("x [mm]", "y [mm]", "theta [deg]")
 _NOWHERE = np.full(3, np.nan)
@@ -31,7 +31,7 @@ _YES = {True: "yes", False: "no"}
 def operations_table(run: Run) -> Table:
     """Final pose, settling time, constraint residuals and contact forces of each operation."""
     settled = m.settled(run)
-    settling = m.settling_times(run, 1e-3 * BAND, np.deg2rad(BAND))
+    settling = m.settling_times(run, 1e-3 * v.BAND, np.deg2rad(v.BAND))
     peak, late, least = (
         m.peak_residuals(run),
         m.peak_residuals(run, 1.0 - m.LAST),
@@ -95,7 +95,7 @@ def contact_table(runs: Runs) -> Table:
     """Final poses with bilateral contact beside those of a real hand, and what its tips do."""
     names = ["bilateral", *(f"mu = {mu:g}" for mu in runs.real)]
     ends = [m.settled(run)[:, :3] * POSE for run in (runs.operations, *runs.real.values())]
-    kept = [survived(run) for run in runs.real.values()]
+    kept = [v.survived(run) for run in runs.real.values()]
     rows: list[tuple[Any, ...]] = []
     for k, piece in enumerate(m.operations(runs.operations)):
         poses = _joined([end[k] for end in ends])
@@ -105,7 +105,7 @@ def contact_table(runs: Runs) -> Table:
         each = (runs.cases[case], *cases.values())
         poses = _joined([run.q[-1, :3] * POSE if run.success else _NOWHERE for run in each])
         does = _joined([_longest(run, m.onset(run), np.inf) for run in cases.values()])
-        held = (_YES[case_survived(run)] for run in cases.values())
+        held = (_YES[v.case_survived(run)] for run in cases.values())
         rows.append((f"case ({case})", *poses, *held, *does))
     of_tips = ("survived", "opens for [ms]", "slips for [ms]")
     columns = ["what", *(f"{axis}, {name}" for axis in _POSE for name in names)]
@@ -116,7 +116,7 @@ def contact_table(runs: Runs) -> Table:
 def _longest(run: Run, begin: float, end: float) -> Floats:
     """The longest opening and the longest slip of a tip in [begin, end] (2,), ms."""
     modes = (ContactMode.FREE, ContactMode.SLIP)
-    found = [spells(run, mode, begin, end) for mode in modes]
+    found = [v.spells(run, mode, begin, end) for mode in modes]
     return np.array([1e3 * max(times, default=0.0) for times in found])
 
 
@@ -125,7 +125,7 @@ def _joined(found: Sequence[Floats]) -> list[float]:
     return np.transpose(found).ravel().tolist()
 
 
-_COLORS = {HOLDS: "green", FAILS: "bold red"}
+_COLORS = {v.HOLDS: "green", v.FAILS: "bold red"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,7 +162,7 @@ class Reproduction:
         for heading, beyond in (("What the paper claims", False), ("What it does not say", True)):
             console.print(Text(f"\n{heading}", style="bold"))
             for finding in self.findings:
-                if (finding.verdict == BEYOND) != beyond:
+                if (finding.verdict == v.BEYOND) != beyond:
                     continue
                 text = Text()
                 if not beyond:

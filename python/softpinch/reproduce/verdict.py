@@ -7,7 +7,8 @@ they have to, and never slip; in the runs with unilateral contact they only push
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,13 +17,42 @@ from ..paper import PARAMETER_NOTE
 from ..run import measures as m
 from ..run.contact import ContactMode
 from ..run.run import Run
+from ..scene.fields import COORDINATE_UNITS, DISPLAY_UNITS
 from ..support import checks
-from . import energy_minimum
+from .energy_minimum import WAYS, Rest, coordinates
 from .experiment import Runs
-from .finding import BAND, BANDS, FAILS, HOLDS, POSE, Finding, observation
 
+HOLDS, FAILS, BEYOND = "holds", "does not hold", "not in the paper"
+
+# From x, y, theta in SI units to the units of tables and figures, mm and degrees.
+POSE = np.array([DISPLAY_UNITS[unit][1] for unit in COORDINATE_UNITS[:3]])
+# Half width of the band for "converges", as far as the paper's figures can be read: for the
+# object's settled pose, mm and degrees, and for the finger angles, degrees.
+BAND = 0.05
+# Half width of the band for x and y, m, and theta, rad.
+BANDS = np.array([1e-3 * BAND, 1e-3 * BAND, np.deg2rad(BAND)])
+# The slope of the energy that counts as zero, N: its error by differences is a tenth of it.
+_FLAT = 1e-4
 # Orders of magnitude that the paper states from its Fig. 6: |C^H| in m, |C^N| in m/s.
 HOLONOMIC, NONHOLONOMIC = 1e-8, 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """A claim of the paper, or an observation beyond it, with its verdict."""
+
+    claim: str  # in a few words
+    source: str = ""  # section or figure of the paper; empty for an observation
+    verdict: str = BEYOND  # "holds", "does not hold", or "not in the paper"
+    measure: str  # description of `value`, with its unit
+    value: float  # the number that decides the verdict
+    limit: float = np.nan  # the number with which `value` is compared; nan for an observation
+    evidence: str  # a sentence with the numbers
+
+
+def observation(claim: str, measure: str, value: float, evidence: str) -> Finding:
+    """An observation beyond the paper."""
+    return Finding(claim=claim, measure=measure, value=value, evidence=evidence)
 
 
 def _at_most(run: Run, value: float, limit: float) -> dict[str, Any]:
@@ -347,9 +377,73 @@ def _end(run: Run) -> str:
     return "not held, a tip is free at the end" if not run.holds else "not at rest at the end"
 
 
+def is_minimum(rest: Rest) -> bool:
+    """True if the operation ended at a minimum of elastic energy and gravity without slip."""
+    arrived = bool((np.abs(rest.moved) <= BANDS).all())
+    return arrived and rest.slope <= _FLAT and rest.curvature > 0.0 and rest.turning > 0.0
+
+
+def without_slipping(run: Run, found: Sequence[Rest]) -> Finding:
+    """LMEE in the sense that holds: elastic energy and gravity, displacements without slip."""
+    every = len(found) == len(m.operations(run)) and all(map(is_minimum, found))
+    curvature = np.array([rest.curvature for rest in found])
+    value = float(curvature.min()) if every else np.nan
+    words = "some operations have no such rest"
+    if every:
+        turning = np.array([rest.turning for rest in found])
+        rise = min(rest.rise for rest in found)
+        off = np.max([np.abs(rest.moved) for rest in found], axis=0) * [1e6, 1e6, 180e3 / np.pi]
+        words = (
+            f"it holds with the energy of gravity, and while no tip slips: on {len(WAYS)} ways "
+            f"from each of the {len(found)} rests elastic energy and gravity have no slope, "
+            f"second derivatives of {1e-3 * value:.1f} to {1e-3 * curvature.max():.1f} N/mm on "
+            f"the softest way, and rise by {1e3 * rise:.1f} mJ or more on 1 mm. Gravity does not "
+            "change where the object only turns about its centre of gravity: there elastic energy "
+            f"alone has the minimum, with {turning.min():.1f} to {turning.max():.1f} N m/rad. The "
+            f"operations end within {off[:2].max():.2g} um and {off[2]:.2g} mdeg of these rests"
+        )
+    return Finding(
+        claim="the object rests in a local minimum of elastic energy (LMEE)",
+        source="VII, by [1], [2]",
+        verdict=HOLDS if every and value > 0.0 else FAILS,
+        measure="smallest second derivative of elastic energy and gravity without slip, N/m",
+        value=value,
+        limit=0.0,
+        evidence=words,
+    )
+
+
+def elastic_alone(found: Sequence[Rest]) -> Finding:
+    """The distance of the rests from the minimum of elastic energy alone."""
+    claim = "elastic energy alone is not stationary at rest: its slope in y is the weight"
+    measure = "how far the rest is below the minimum of elastic energy alone, mm"
+    there = [coordinates(rest.weightless) - rest.q for rest in found]
+    rises = [1e3 * float(move[1]) for move in there]
+    turns = [1e3 * float(np.rad2deg(abs(move[2]))) for move in there]
+    less = [1e3 * (rest.found.elastic_energy - rest.weightless.elastic_energy) for rest in found]
+    weights = [-rest.elastic_slope for rest in found]
+    return observation(
+        claim,
+        measure,
+        max(rises),
+        f"the weight is {_span(weights, '.3f')} N. Without gravity the minimum would be "
+        f"{_span(rises, '.3f')} mm higher, turned by at most {max(turns):.2g} mdeg, with "
+        f"{_span(less, '.3f')} mJ less of the "
+        f"{_span([1e3 * rest.found.elastic_energy for rest in found], '.0f')} mJ: so close that "
+        "it makes little difference",
+    )
+
+
+def _span(values: Sequence[float], style: str) -> str:
+    """The range of numbers in words."""
+    low, high = format(min(values), style), format(max(values), style)
+    return low if low == high else f"{low} to {high}"
+
+
 def find(runs: Runs) -> tuple[Finding, ...]:
     """Judges every claim of the paper by the runs, and adds observations beyond the paper."""
     checks.instance("runs", runs, Runs)
+    known = [rest for rest in runs.rests if rest.found.state and rest.weightless.state]
     return (
         converges(runs.operations),
         fingers_arrive(runs.operations),
@@ -360,7 +454,8 @@ def find(runs: Runs) -> tuple[Finding, ...]:
         light_swings_more(
             (runs.cases["iii"], runs.held["iii"]), (runs.cases["ii"], runs.held["ii"])
         ),
-        *energy_minimum.find(runs),
+        without_slipping(runs.operations, runs.rests),
+        *([elastic_alone(known)] if known else []),
         depends_on_the_way(runs.operations, runs.direct),
         pulls_at_switches(runs.operations),
         only_as_printed(runs.moments),
