@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 
 from .. import _core
+from .. import plot as figures
 from ..fitting import fit_file
 from ..fitting.problem import LOSSES
 from ..fitting.search import fit as fit_numbers
@@ -180,8 +181,6 @@ def run(
         if out is not None:
             result.save(out)
         if plot is not None:
-            from .. import plot as figures
-
             figures.save(figures.run(result), plot)
         for line in summary(result):
             typer.echo(line)
@@ -249,11 +248,9 @@ def fit(
             for path in found.values:
                 low, high = found.profile(path).interval
                 typer.echo(f"{path}, 95 % by its profile: {low:.6g} to {high:.6g}")
-        from .. import plot
-
         out.mkdir(parents=True, exist_ok=True)
         files = [found.save(out / "fit.json"), found.save(out / "fit.csv")]
-        files.append(plot.save(plot.fit(found), out / f"fit.{format}"))
+        files.append(figures.save(figures.fit(found), out / f"fit.{format}"))
         files.append(out / "scene.toml")
         files[-1].write_text(found.scene.to_toml(), encoding="utf-8")
         typer.echo(f"{out}: {', '.join(file.name for file in files)}")

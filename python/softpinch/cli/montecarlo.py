@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from .. import _core
+from .. import _core, plot
 from ..montecarlo import compute
 from ..store.files import MANIFEST, PARTS
 from ..store.study import Study
@@ -228,29 +228,25 @@ def save_figures(ensemble: Results, out: Path, format: str) -> list[Path]:
     for name in names:
         for suffix in FORMATS:
             (out / f"{name}.{suffix}").unlink(missing_ok=True)
-    from ..plot import save
-
-    return [save(figure, out / f"{name}.{format}") for name, figure in _figures(ensemble)]
+    return [plot.save(figure, out / f"{name}.{format}") for name, figure in _figures(ensemble)]
 
 
 def _figures(ensemble: Results) -> Iterator[tuple[str, Any]]:
-    from .. import plot as draw
-
     for name in scalars(ensemble):
-        yield f"histogram_{name}", draw.histogram(ensemble, name)
-    yield "failure_times", draw.failure_times(ensemble)
+        yield f"histogram_{name}", plot.histogram(ensemble, name)
+    yield "failure_times", plot.failure_times(ensemble)
     if not ensemble.parameters:
         return
     for what, name in _MAPS.items():
         if not 0.0 < float(ensemble.probability(what)) < 1.0:
             continue
         found = sensitivity(ensemble, what)
-        yield f"importance_{what}", draw.importance(ensemble, what, found)
+        yield f"importance_{what}", plot.importance(ensemble, what, found)
         if len(found) > 1:
             x, y, *_ = found
-            yield name, draw.success_map(ensemble, x, y, what)
+            yield name, plot.success_map(ensemble, x, y, what)
     for name in scalars(ensemble)[:1]:
-        yield f"importance_{name}", draw.importance(ensemble, name)
+        yield f"importance_{name}", plot.importance(ensemble, name)
 
 
 def lines(study: Results, seconds: float, earlier: int = 0) -> list[str]:

@@ -1,15 +1,19 @@
-"""`reproduce`, its tables for CSV files, and its verdicts on the screen (needs `cli`)."""
+"""`reproduce`: its tables for CSV files, its figures, and its verdicts on the screen (needs `cli`).
+
+The figures are Figures 4 to 7 of the paper, and five that it does not have.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..paper import PARAMETER_NOTE
+from .. import paper, plot
+from ..plot.style import BLACK, DEG, LETTERS, LINES, PAGE, PALE, least_range, panels, styled, tag
 from ..run import measures as m
 from ..run.contact import ContactMode
 from ..run.run import Run
@@ -23,6 +27,11 @@ from . import verdict as v
 from .experiment import Progress, Runs, quietly, simulate_all
 from .verdict import POSE, Finding, find
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Columns of panels in the figure of the energy.
+_COLUMNS = 4
 _POSE = ("x [mm]", "y [mm]", "theta [deg]")
 _NOWHERE = np.full(3, np.nan)
 _YES = {True: "yes", False: "no"}
@@ -125,6 +134,73 @@ def _joined(found: Sequence[Floats]) -> list[float]:
     return np.transpose(found).ravel().tolist()
 
 
+def draw(runs: Runs, out: Path, suffix: str, progress: Progress) -> list[Path]:
+    """Draws and saves every figure."""
+    pieces = m.operations(runs.operations)
+    times = [pieces[0][0], *(end for _, end in pieces)]
+    pairs = (f"({right:g}°, {left:g}°)" for right, left in paper.OPERATIONS)
+    # Titles are printed, so they have a minus sign instead of a hyphen.
+    angles = [pair.replace("-", "\N{MINUS SIGN}") for pair in pairs]
+    titles = ["start", *(f"operation {k}: {pair}" for k, pair in enumerate(angles, 1))]
+    makers: dict[str, Callable[[], Figure]] = {
+        "figure4": lambda: plot.snapshots(runs.operations, times, titles),
+        "figure5": lambda: plot.motion(runs.operations),
+        "figure6": lambda: plot.residuals(runs.operations),
+        "figure7": lambda: plot.disturbances(runs.cases, runs.held),
+        "figure_forces": lambda: plot.forces(runs.operations),
+        "figure_tilt_coupling": lambda: plot.tilt_coupling(
+            runs.operations,
+            runs.other_operations,
+            runs.cases["i"],
+            runs.other_cases["i"],
+            "disturbance (i)",
+        ),
+        "figure_energy_minimum": lambda: energy_minima(energy_minimum.curves(runs.rests, angles)),
+        "figure_contact_operations": lambda: plot.contact_models(
+            {"the eight operations": _models(runs.operations, runs.real)}
+        ),
+        "figure_contact_disturbances": lambda: plot.contact_models(
+            {
+                f"disturbance ({case})": _models(runs.cases[case], real)
+                for case, real in runs.real_cases.items()
+            }
+        ),
+    }
+    files = []
+    for k, (name, make) in enumerate(makers.items()):
+        progress(f"drawing {name}", 0.4 + 0.6 * k / len(makers))
+        files.append(plot.save(make(), out / f"{name}.{suffix}"))
+    return files
+
+
+def energy_minima(curves: Mapping[str, Floats]) -> Figure:
+    """Elastic energy and gravity while the object turns about its rests without slip."""
+    with styled():
+        rows = max(1, -(-len(curves) // _COLUMNS))
+        figure, axes = panels(rows, _COLUMNS, PAGE, 0.5 + 1.75 * rows, sharey=True)
+        for each in axes.ravel()[len(curves) :]:
+            each.set_visible(False)
+        for k, (each, (title, curve)) in enumerate(zip(axes.flat, curves.items(), strict=False)):
+            angle, energy = DEG.per_si * curve[0], 1e3 * curve[1]
+            each.axhline(0.0, color=PALE, linewidth=0.6, zorder=0.5)
+            each.plot(angle, energy, **LINES[0])
+            # The curve's middle is the rest.
+            each.plot(angle[len(angle) // 2], 0.0, "o", color=BLACK)
+            tag(each, LETTERS[k], title)
+            if k >= len(curves) - _COLUMNS:
+                each.set_xlabel(r"$\theta$ [deg]")
+            if k % _COLUMNS == 0:
+                each.set_ylabel(r"$P + P_g$ [mJ]")
+        least_range(axes.flat[: len(curves)])
+        what = r"energy while the object turns about its rest at the targets $(\theta_1, \theta_2)$"
+        figure.suptitle(what, fontsize="medium")
+        return figure
+
+
+def _models(bilateral: Run, real: Mapping[float, Run]) -> dict[str, Run]:
+    return {"bilateral": bilateral} | {f"$\\mu = {mu:g}$": run for mu, run in real.items()}
+
+
 _COLORS = {v.HOLDS: "green", v.FAILS: "bold red"}
 
 
@@ -152,7 +228,7 @@ class Reproduction:
         from rich.text import Text
 
         console = Console(highlight=False, markup=False)
-        console.print(Text(PARAMETER_NOTE, style="italic"))
+        console.print(Text(paper.PARAMETER_NOTE, style="italic"))
         named = {"the operations": self.runs.operations}
         named |= {f"({case})": run for case, run in self.runs.cases.items()}
         for what, run in named.items():
@@ -195,8 +271,6 @@ def reproduce(
     checks.function("progress", progress)
     require("matplotlib", extra="plot", purpose="figures")
     out.mkdir(parents=True, exist_ok=True)
-    from .figures import draw
-
     runs = simulate_all(dt, progress)
     findings = find(runs)
     tables = {
