@@ -20,9 +20,7 @@ from ..scene import outline
 from ..scene.contact import as_bilateral
 from ..scene.control import WRITTEN, Pid, pids_of
 from ..scene.disturbance import Impulse
-from ..scene.fields import label as label_of
 from ..scene.hand import Finger, Fingertip
-from ..scene.outline import finger_of
 from ..scene.scene import Scene, State
 from ..scene.schedule import Schedule
 from ..scene.stabilization import Stabilization
@@ -90,7 +88,12 @@ def choose(
         unit = units.units(path, ())
         assert isinstance(unit, str)
         found = Axis(
-            path, label_of(path), unit, "linear", (), lambda _, value: varied.changed({path: value})
+            path,
+            units.label(path),
+            unit,
+            "linear",
+            (),
+            lambda _, value: varied.changed({path: value}),
         )
     elif callable(axis):
         function = axis
@@ -136,7 +139,7 @@ def _grasp_depth(scene: Scene, share: float) -> Scene:
 
 def _closed(scene: Scene, k: int, share: float) -> float:
     """The angle of finger `k` at which a centred object compresses its tip by a share (9), rad."""
-    finger, radius = finger_of(scene, k), scene.hand.tips[k].radius
+    finger, radius = outline.finger_of(scene, k), scene.hand.tips[k].radius
     # C^H = 0 at theta = 0 and x = w requires L sin(theta_i) + d_f cos(theta_i) to equal `inwards`.
     inwards = finger.root_offset - radius + share * radius - 0.5 * scene.grasped.width
     angle = outline.angle_at(finger.length, finger.half_thickness, inwards)
@@ -175,7 +178,7 @@ def _held_at(scene: Scene, angles: list[float]) -> Scene:
     """The scene at rest, with PID integrals in balance, at these angles, which are the targets."""
     time = _begin(scene)
     scene = replace(scene, schedule=Schedule.steps([time], [angles]))
-    heights = [outline.upward(finger_of(scene, k), angle) for k, angle in enumerate(angles)]
+    heights = [outline.upward(outline.finger_of(scene, k), angle) for k, angle in enumerate(angles)]
     start = State.consistent(
         scene, x=scene.grasped.com_offset, y=sum(heights) / 2, fingers=angles, time=time
     )

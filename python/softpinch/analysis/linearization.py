@@ -21,7 +21,6 @@ from ..support.display import ShownTable
 from ..support.result import Result
 from . import states
 from .rest import Equilibrium, equilibrium
-from .states import Ports
 
 # States that are this far off the constraints or off the schedule, as a share of a tip's radius
 # and in rad, are refused; the drift of `csm` is far smaller.
@@ -256,7 +255,9 @@ def _require_sound(scene: Scene, state: State, found: _core._Linear) -> None:
         )
 
 
-def _selected(found: _core._Linear, state: State, law: str, ins: Ports, outs: Ports) -> LinearModel:
+def _selected(
+    found: _core._Linear, state: State, law: str, ins: states.Ports, outs: states.Ports
+) -> LinearModel:
     """The model with the chosen rows and columns."""
     columns, rows = list(ins.places), list(outs.places)
     names = states.state_names(law, "nullspace")

@@ -14,7 +14,6 @@ from ..support.arrays import Floats
 from ..support.choices import Hold, ScheduleKind
 from ..support.record import Record, bare, runs_of
 from . import piecewise
-from .piecewise import Piecewise
 
 HOLDS = ("zero", "linear")
 KINDS = ("steps", "ramps", "minimum_jerk", "via_points", "sampled")
@@ -212,7 +211,7 @@ class Schedule(Record):
         last = 0.0 if self.move_time is None else np.ravel(self.move_time)[-1]
         return float(self.times[-1] + last)
 
-    def compile(self) -> Piecewise:
+    def compile(self) -> piecewise.Piecewise:
         """Returns the piecewise polynomial (breaks (m,), coefficients (m + 1, 2, degree + 1))."""
         if self.kind in _SMOOTH:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -222,12 +221,12 @@ class Schedule(Record):
         # The first angles also hold before the first time, so it needs no break and no step's end.
         return piecewise.held(self.times[..., 1:], self.angles[..., 1:, :], self.angles[..., 0, :])
 
-    def _smooth(self, angles: Floats) -> Piecewise:
+    def _smooth(self, angles: Floats) -> piecewise.Piecewise:
         if self.move_time is None:
             return piecewise.through(self.times, angles)
         return piecewise.moves(self.times, angles, self.move_time)
 
-    def compile_runs(self, values: Mapping[str, Floats]) -> Piecewise:
+    def compile_runs(self, values: Mapping[str, Floats]) -> piecewise.Piecewise:
         """Returns the piecewise polynomials of many runs, with the runs as the first axis.
 
         Args:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from .. import _core
 from ..scene import fields as units
-from ..scene.fields import DISPLAY_UNITS
 from ..support import checks
 from ..support.display import ShownTable
 from ..support.extras import require
@@ -73,7 +72,7 @@ def drawn_by_magnitude(results: Results, name: str) -> bool:
 
 def shown(column: Column) -> Column:
     """Converts a column to the unit that figures use."""
-    unit, factor = DISPLAY_UNITS.get(column.unit, (column.unit, 1.0))
+    unit, factor = units.DISPLAY_UNITS.get(column.unit, (column.unit, 1.0))
     return Column(column.values * factor, unit)
 
 
