@@ -12,7 +12,6 @@ from __future__ import annotations
 import os
 import pickle
 import time
-import uuid
 from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
@@ -355,7 +354,7 @@ def on_executor(
         )
     # Dask gives calls with equal arguments a common result, even that of a failed attempt or of a
     # cancelled study. A unique name for the call and the attempt's number make arguments distinct.
-    call, version = uuid.uuid4().hex, _core.RESULTS_VERSION
+    call, version = os.urandom(16).hex(), _core.RESULTS_VERSION
     pickled = pickle.dumps(spec.described())
 
     def submit(task: _Task) -> Any:
