@@ -415,18 +415,14 @@ def _onsets(runs: Mapping[str, Run]) -> dict[str, float]:
 
 
 def _change(
-    responses: Mapping[str, _Response],
-    styles: Mapping[str, Any],
-    index: int,
-    symbol: str,
-    unit: Unit,
+    changes: Mapping[str, _Response], styles: Mapping[str, Any], index: int, symbol: str, unit: Unit
 ) -> Panel:
     """The changes of one column of q in several runs, in a unit that fits the largest."""
-    peak = max(float(np.abs(change[:, index]).max()) for _, change in responses.values())
+    peak = max(float(np.abs(change[:, index]).max()) for _, change in changes.values())
     unit = unit.finer(peak)
     curves = [
         Curve(t, change[:, index] * unit.per_si, styles[name], name)
-        for name, (t, change) in responses.items()
+        for name, (t, change) in changes.items()
     ]
     return Panel(axis_name(symbol, unit, change=True), curves, zero=True)
 

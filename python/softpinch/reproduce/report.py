@@ -41,11 +41,8 @@ def operations_table(run: Run) -> Table:
     """Final pose, settling time, constraint residuals and contact forces of each operation."""
     settled = m.settled(run)
     settling = m.settling_times(run, 1e-3 * v.BAND, np.deg2rad(v.BAND))
-    peak, late, least = (
-        m.peak_residuals(run),
-        m.peak_residuals(run, 1.0 - m.LAST),
-        m.least_pressing(run),
-    )
+    peak, late = m.peak_residuals(run), m.peak_residuals(run, 1.0 - m.LAST)
+    least = m.least_pressing(run)
     rows = []
     for k, (begin, end) in enumerate(m.operations(run)):
         target = run.scene.schedule.target(0.5 * (begin + end)) * POSE[2]

@@ -187,12 +187,7 @@ class SampledController(Law):
 
     @classmethod
     def pid(
-        cls,
-        period: float,
-        kp: float = 100.0,
-        kd: float = 1.0,
-        ki: float = 1000.0,
-        **settings: Any,
+        cls, period: float, kp: float = 100.0, kd: float = 1.0, ki: float = 1000.0, **settings: Any
     ) -> Self:
         """Makes the sampled form of the PID (39): u = -K_P e - K_D theta-dot - K_I sum(e) period.
 

@@ -105,23 +105,18 @@ def compute(spec: StudySpec, block: Rows, threads: int, watch: Callable[[int], b
 
 
 def on_threads(
-    spec: StudySpec,
-    blocks: Iterable[Rows],
-    total: int,
-    threads: int,
-    report: Report,
-    accept: Accept,
+    spec: StudySpec, blocks: Iterable[Rows], runs: int, threads: int, report: Report, accept: Accept
 ) -> bool:
-    """Computes blocks with `total` runs on threads, and returns whether Ctrl-C ended it."""
+    """Computes blocks with so many `runs` on threads, and returns whether Ctrl-C ended it."""
     done = 0
 
     def watch(computed: int) -> bool:
-        report(done + computed, total)
+        report(done + computed, runs)
         return ctrl_c.pending
 
     with CtrlC() as ctrl_c:
         try:
-            report(0, total)
+            report(0, runs)
             for block in blocks:
                 # Hold Ctrl-C back until the rows are accepted, so that no computed row is lost.
                 ctrl_c.held = True
@@ -129,7 +124,7 @@ def on_threads(
                 enough = accept(rows.with_values(block))
                 ctrl_c.held = False
                 done += len(rows)
-                report(done, total)
+                report(done, runs)
                 if ctrl_c.pending or rows.interrupted:
                     return True
                 if enough:

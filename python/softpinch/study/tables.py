@@ -24,16 +24,7 @@ if TYPE_CHECKING:
     from .results import Results
 
 # Entries of the provenance that become separate attributes of a dataset.
-_ATTRIBUTES = (
-    "softpinch",
-    "numpy",
-    "method",
-    "formulation",
-    "dt",
-    "tolerance",
-    "runs",
-    "requested",
-)
+_SEPARATE = ("softpinch", "numpy", "method", "formulation", "dt", "tolerance", "runs", "requested")
 # The largest integer that every netCDF format supports.
 _LARGEST_INTEGER = 2**31 - 1
 
@@ -136,7 +127,7 @@ def to_xarray(results: Results) -> Dataset:
             variables[name] = (dims, values, {"units": unit})
     provenance, seed = results.provenance(), results.seed
     attributes = {
-        **{name: provenance[name] for name in _ATTRIBUTES if provenance[name] is not None},
+        **{name: provenance[name] for name in _SEPARATE if provenance[name] is not None},
         "seed": seed if seed <= _LARGEST_INTEGER else str(seed),
         "interrupted": int(provenance["interrupted"]),
         "provenance": json.dumps(provenance),
