@@ -85,7 +85,10 @@ class Run(Shown):
         error: ErrorEstimate | None = None,
         slopes: Sensitivity | None = None,
     ) -> None:
-        # `result` is that of `_core.Simulation.run`.
+        # `result` is that of `_core.Simulation.run`; one that was stored may have writable arrays.
+        for value in (*result.values(), *result["violation_intervals"].values()):
+            if isinstance(value, np.ndarray):
+                read_only(value)
         self._options = options
         self._result = result
         self._error = error
@@ -384,8 +387,8 @@ class Run(Shown):
         return save_map(path, header, _rows(arrays.values()), arrays, self.provenance())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Unpickled arrays would be writable.
-        return restored, (self.scene, self._options, self._result, self._error, self._slopes)
+        # Through the constructor, because an unpickled array would be writable.
+        return Run, (self.scene, self._options, self._result, self._error, self._slopes)
 
     def _picture(self) -> str:
         """Drawings at the first, middle and last row, as SVG; without rows of q, of the start."""
@@ -419,20 +422,6 @@ def _rows(arrays: Iterable[NDArray[Any]]) -> Iterator[tuple[Any, ...]]:
     # Column by column, because the codes of contacts are integers and the others are not.
     columns = (column for each in arrays for column in np.atleast_2d(each.T))
     yield from zip(*(column.tolist() for column in columns), strict=True)
-
-
-def restored(
-    scene: Scene,
-    options: Options,
-    result: Mapping[str, Any],
-    error: ErrorEstimate | None = None,
-    slopes: Sensitivity | None = None,
-) -> Run:
-    """Makes a run from stored arrays and makes these read-only."""
-    for value in (*result.values(), *result["violation_intervals"].values()):
-        if isinstance(value, np.ndarray):
-            read_only(value)
-    return Run(scene, options, result, error, slopes)
 
 
 def computed(request: Request, sensitivities: Sequence[str] = ()) -> Run:

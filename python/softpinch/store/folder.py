@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ..run.ledger import LEDGER
 from ..run.options import Options
-from ..run.run import Run, restored
+from ..run.run import Run
 from ..scene.fields import COLUMNS
 from ..study.compute import MOST_BLOCKS
 from ..study.rows import Edges, Rows, Spans
@@ -159,7 +159,7 @@ class Trajectories(Mapping[int, Run]):
         if run not in self:
             raise KeyError(f"the trajectory of run {run} is not kept: pass trajectories=({run},)")
         options, result = self.read(int(run))
-        return restored(self._scene_of(run), options, result)
+        return Run(self._scene_of(run), options, result)
 
     def missing(self) -> list[int]:
         """The runs whose trajectories were written, and whose files are no longer there."""
