@@ -264,13 +264,9 @@ class Run(Shown):
         if k not in (-1, n - 1):
             at = {"q": self.q[k], "p": self.p[k], "integral": self.integral[k], "t": self.t[k]}
             at |= {"anchor": result["grid_anchor"][k], "step": result["grid_step"][k]}
-            names = {
-                "contacts": "contacts",
-                "controllers": "controller",
-                "linearized": "linearized",
-            }
-            for rows, name in names.items():
-                at[name] = None if result[rows] is None else result[rows][k]
+            for name in ("contacts", "controllers", "linearized"):
+                at[name] = None if result[name] is None else result[name][k]
+            at["controller"] = at["controllers"]
             if at["linearized"] is not None and np.isnan(at["linearized"][0]):
                 at["linearized"] = None
         return State(
