@@ -234,12 +234,11 @@ class Run(Shown):
         The energy ledger gives one array for each column and its closure: "energy_kinetic", ...,
         "energy_closure".
         """
-        found = {
-            name: self._result[name] for name in fields.QUANTITIES if self._result[name] is not None
-        }
-        if self._result["energy"] is not None:
+        result = self._result
+        found = {name: result[name] for name in fields.QUANTITIES if result[name] is not None}
+        if result["energy"] is not None:
             ledger = self.energy
-            recorded = LEDGER[: self._result["energy"].shape[1]]
+            recorded = LEDGER[: result["energy"].shape[1]]
             found |= {f"energy_{name}": getattr(ledger, name) for name in (*recorded, "closure")}
         return found
 
