@@ -17,7 +17,7 @@ from .scene import usual
 from .scene.scene import Scene
 from .scene.stabilization import Stabilization
 from .study.compute import MOST_BLOCKS, Computation, EarlyStopping
-from .study.engine import how_many_threads
+from .study.engine import Engine, how_many_threads
 from .study.gradients import checked_gradients, differentiated
 from .study.results import Ensemble
 from .study.rows import Rows
@@ -28,7 +28,6 @@ from .support.progress import Report
 
 if TYPE_CHECKING:
     from .store.study import Study
-    from .study.executor import Engine
 
 
 class _Settings(TypedDict, total=False):

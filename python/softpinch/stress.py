@@ -49,7 +49,7 @@ class StressCase:
         long: Whether a run takes seconds even with the best method and formulation.
     """
 
-    name: str
+    name: str = ""
     why: str
     scene: Scene
     dt: float
@@ -100,27 +100,23 @@ def _struck(x: float, y: float, angular: float) -> Scene:
     return _held(disturbances=[blow], duration=_MEDIUM)
 
 
-_ALL = (
-    StressCase(
-        name="near_rigid",
+_CASES = {
+    "near_rigid": StressCase(
         why="E = 10 GPa: the tip is a spring that only just gives way, at kilohertz",
         scene=_held(hand=Hand(tip=Fingertip(youngs_modulus=1e10)), duration=_SHORT),
         dt=5e-4,
     ),
-    StressCase(
-        name="feather",
+    "feather": StressCase(
         why="an object and tips of 0.1 g: viscosity stops them within a microsecond",
         scene=_held(grasped=_heavy(1e-4), duration=_SHORT),
         dt=1e-4,
     ),
-    StressCase(
-        name="anvil",
+    "anvil": StressCase(
         why="10 kg between fingers of 0.1 kg: masses far apart, and slow sagging",
         scene=_held(grasped=_heavy(10.0), duration=_MEDIUM),
         dt=2e-4,
     ),
-    StressCase(
-        name="overdamped",
+    "overdamped": StressCase(
         why="c = 1e4 N s/m on 1 g: rates die out in 1e-7 s, a thousandth of a step",
         scene=_held(
             hand=Hand(tip=Fingertip(normal_viscosity=1e4, tangential_viscosity=1e4)),
@@ -129,8 +125,7 @@ _ALL = (
         ),
         dt=1e-4,
     ),
-    StressCase(
-        name="undamped",
+    "undamped": StressCase(
         why="no viscosity: the tips ring on, and so does every error",
         scene=_held(
             hand=Hand(tip=Fingertip(normal_viscosity=0.0, tangential_viscosity=0.0)),
@@ -138,76 +133,67 @@ _ALL = (
         ),
         dt=1e-4,
     ),
-    StressCase(
-        name="deadbeat_gains",
+    "deadbeat_gains": StressCase(
         why="K_P = 1e4, K_D = 20: the fingers arrive within a step",
         scene=_held(control=Pid(kp=1e4, kd=20.0), duration=_MEDIUM),
         dt=1e-4,
     ),
-    StressCase(
-        name="strong_stabilization",
+    "strong_stabilization": StressCase(
         why="alpha = beta = 1e6 1/s: the constraint's own modes are faster than any step",
         scene=_held(duration=_MEDIUM),
         stabilization=Stabilization(alpha=1e6, beta=1e6),
         dt=1e-4,
     ),
-    StressCase(
-        name="barely_touching",
+    "barely_touching": StressCase(
         why="compressed by micrometres, where a tip has next to no stiffness",
         scene=_held(0.02, gravity=0.0, duration=_MEDIUM),
         dt=2e-4,
     ),
-    StressCase(
-        name="nearly_crushed",
+    "nearly_crushed": StressCase(
         why="pressed to within millimetres of the whole radius, in a fraction of a second",
         scene=_held(12.0, hand=Hand(tip=Fingertip(youngs_modulus=3e4)), duration=_MEDIUM),
         dt=2e-4,
     ),
-    StressCase(
-        name="crushed",
+    "crushed": StressCase(
         why="tips so soft that the fingers press them flat: it ends, as a status",
         scene=_held(25.0, hand=Hand(tip=Fingertip(youngs_modulus=3e3)), duration=_MEDIUM),
         dt=1e-4,
         end="crushed",
     ),
-    StressCase(
-        name="folded",
+    "folded": StressCase(
         why="tips thrown at 90 degrees, where their energy is infinite: a long step leaps over",
         scene=_folded(),
         dt=1e-3,
     ),
-    StressCase(
-        name="hammer",
+    "hammer": StressCase(
         why="a blow that changes every velocity at once, in the middle of the motion",
         scene=_struck(0.03, -0.02, 1e-4),
         dt=1e-4,
     ),
-    StressCase(
-        name="thrown_out",
+    "thrown_out": StressCase(
         why="a blow that tears the object from a tip: it ends, as a status",
         scene=_struck(6.0, 0.0, 0.0),
         dt=1e-4,
         end="separated",
     ),
-    StressCase(
-        name="switching_every_step",
+    "switching_every_step": StressCase(
         why="targets that jump every 0.1 ms: no step is longer, and no history helps",
         scene=Scene(schedule=_swinging(), duration=_SHORT),
         dt=1e-4,
     ),
-    StressCase(
-        name="whirled",
+    "whirled": StressCase(
         why="a move of 0.18 m and 57 degrees in 50 ms: forces of forty weights, which jump",
         scene=replace(_held(duration=_MEDIUM), motion=_WHIRL),
         dt=1e-4,
     ),
-    StressCase(
-        name="long",
+    "long": StressCase(
         why="1000 s, 10^7 steps of 0.1 ms: round-off and drift have time",
         scene=_held(duration=1000.0),
         dt=1e-4,
         long=True,
     ),
-)
+}
 # All cases by their names.
-CASES: Mapping[str, StressCase] = MappingProxyType({case.name: case for case in _ALL})
+CASES: Mapping[str, StressCase] = MappingProxyType(
+    {name: replace(case, name=name) for name, case in _CASES.items()}
+)

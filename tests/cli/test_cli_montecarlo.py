@@ -13,7 +13,7 @@ import pytest
 
 import softpinch as sp
 from ensembles import computed
-from softpinch.cli import study_report
+from softpinch.cli import montecarlo as study_report
 from softpinch.study import study_file
 
 pytest.importorskip("typer")

@@ -71,8 +71,8 @@ def test_the_commands_of_accuracy_take_it_too(
         seen.append(scene)
         raise Reached
 
-    monkeypatch.setattr("softpinch.accuracy.advisor.advise", note)
-    monkeypatch.setattr("softpinch.accuracy.precision.work_precision", note)
+    monkeypatch.setattr("softpinch.cli.accuracy.find_advice", note)
+    monkeypatch.setattr("softpinch.cli.accuracy.measure_precision", note)
     monkeypatch.setattr("softpinch.cli.accuracy.max_stable_dt", note)
     for command in ("advise", "work-precision", "stability"):
         out = () if command == "advise" else ("--out", tmp_path)

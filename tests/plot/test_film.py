@@ -15,7 +15,6 @@ import softpinch as sp
 from films import operation, pushed_run, texts
 from softpinch import plot
 from softpinch.plot import film
-from softpinch.run.run import restored
 
 matplotlib = pytest.importorskip("matplotlib")
 from matplotlib.animation import AbstractMovieWriter  # noqa: E402
@@ -34,7 +33,7 @@ def slipping() -> sp.Run:
 
 def changed(run: sp.Run, **arrays: np.ndarray) -> sp.Run:
     """The run with other arrays in its result."""
-    return restored(run.scene, run._options, {**run._result, **arrays})
+    return sp.Run(run.scene, run._options, {**run._result, **arrays})
 
 
 def animated(run: sp.Run, path: Path, **options: Any) -> Path:

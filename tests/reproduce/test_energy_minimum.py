@@ -10,6 +10,7 @@ import scenes
 import softpinch as sp
 from softpinch import paper
 from softpinch.reproduce import energy_minimum as e
+from softpinch.reproduce import verdict as v
 
 pytest.importorskip("scipy")
 from hypothesis import given, settings
@@ -88,7 +89,7 @@ def test_ways_without_slip_are_those_that_scipy_integrates(rest: e.Rest) -> None
 def test_the_rest_is_a_minimum_on_straight_and_on_curved_ways(rest: e.Rest) -> None:
     scene = rest.found.scene
     symmetric = 0.5 * (rest.found.stiffness + rest.found.stiffness.T)
-    assert e.is_minimum(rest) and rest.found.minimum and rest.found.stable
+    assert v.is_minimum(rest) and rest.found.minimum and rest.found.stable
     assert rest.curvature == pytest.approx(softest(rest), rel=1e-6)
     assert rest.turning == pytest.approx(symmetric[2, 2], rel=1e-4)
     # A curve's second derivative at rest depends on its direction alone.
@@ -140,26 +141,26 @@ def test_an_unstable_rest_is_no_minimum() -> None:
     assert held.state is not None and not held.minimum
     rest = e.rest_at(held.scene, held.state.q, held.time)
     np.testing.assert_allclose(rest.q, held.state.q, rtol=0, atol=1e-10)
-    assert not e.is_minimum(rest)
+    assert not v.is_minimum(rest)
     assert rest.slope < 1e-4 and rest.curvature < 0.0
     # Beside a rest there is a slope, and an operation that did not end at one counts for nothing.
     firm = sp.equilibrium(TURNED)
     assert firm.state is not None
     (beside,) = e.without_slip(TURNED, firm.state.q, (1.0, 0.0, 0.0), [1e-4])
     assert e.around(TURNED, beside)[0] > 1.0
-    assert e.is_minimum(e.rest_at(TURNED, firm.state.q, 0.0))
-    assert not e.is_minimum(e.rest_at(TURNED, beside, 0.0))
+    assert v.is_minimum(e.rest_at(TURNED, firm.state.q, 0.0))
+    assert not v.is_minimum(e.rest_at(TURNED, beside, 0.0))
 
 
 def test_the_eight_operations(operations: sp.Run) -> None:
     found = e.rests(operations)
     assert [rest.number for rest in found] == list(range(1, 9))
-    verdict = e.without_slipping(operations, found)
+    verdict = v.without_slipping(operations, found)
     assert verdict.verdict == "holds"
     assert verdict.value == pytest.approx(min(map(softest, found)), rel=1e-5)
     short = sp.simulate(paper.manipulation(duration=4.5), dt=2e-4, record=("state",))
     assert len(e.rests(short)) == 5
-    assert e.without_slipping(operations, found[:5]).verdict == "does not hold"
+    assert v.without_slipping(operations, found[:5]).verdict == "does not hold"
 
 
 def of_random_hands(count: int, seed: int = random_hands.SEED) -> None:
@@ -170,7 +171,7 @@ def of_random_hands(count: int, seed: int = random_hands.SEED) -> None:
         rest = each.rest
         assert rest.found.state is not None and rest.found.stable
         assert (np.abs(rest.q - each.run.q[-1]) <= each.bound).all()
-        assert e.is_minimum(rest) and rest.found.minimum
+        assert v.is_minimum(rest) and rest.found.minimum
     for held in random_hands.equilibria(count, seed):
         assert held.stable == held.minimum
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("matplotlib")
-from softpinch.reproduce.figures import energy_minima
+from softpinch.reproduce.report import energy_minima
 
 
 def test_the_curves_are_in_degrees_and_millijoules() -> None:

@@ -9,7 +9,8 @@ import pytest
 
 import softpinch as sp
 from softpinch import paper
-from softpinch.reproduce import experiment, real_hand, simulate_all
+from softpinch.reproduce import experiment, simulate_all
+from softpinch.reproduce import verdict as v
 from softpinch.reproduce.experiment import FRICTIONS, Runs
 from softpinch.reproduce.report import contact_table
 from softpinch.support.table import Table
@@ -59,17 +60,17 @@ def simulated(scene: sp.Scene, mu: float = 0.5, **changes: Any) -> sp.Run:
 
 def test_an_operation_is_survived_only_if_both_tips_touch_and_the_object_rests() -> None:
     steps = paper.manipulation(duration=1.2)
-    assert real_hand.survived(simulated(steps)) == [True, False]  # 0.2 s are too short to rest
+    assert v.survived(simulated(steps)) == [True, False]  # 0.2 s are too short to rest
     # The tips open at the switch at 1 s: the run ends while one is free.
     cut = simulated(paper.manipulation(duration=1.001))
-    assert real_hand.survived(cut) == [True, False] and not cut.holds
+    assert v.survived(cut) == [True, False] and not cut.holds
     apart = sp.Schedule.steps([0.0, 1.0], np.deg2rad([[6, 6], [-10, -10]]))
     lost = simulated(sp.Scene(schedule=apart, duration=2.0, gravity=0.0), mu=0.0)
-    assert real_hand.survived(lost) == [True, False]
+    assert v.survived(lost) == [True, False]
 
 
 def words(real: Mapping[float, sp.Run], cases: Mapping[str, Mapping[float, sp.Run]]) -> str:
-    return real_hand.which_survive(real, cases).evidence
+    return v.which_survive(real, cases).evidence
 
 
 def test_words_change_with_the_runs(runs: Runs) -> None:
@@ -81,15 +82,15 @@ def test_words_change_with_the_runs(runs: Runs) -> None:
     assert "survived with mu = 0.5 only, of 0.3, 0.5: (ii)" in text
     short = simulated(paper.manipulation(duration=1.2))
     assert "survived with no mu of 0.5: operation 2" in words({0.5: short}, {})
-    dropped = real_hand.operations(runs.operations, {0.3: lost})
+    dropped = v.falls_in_operations(runs.operations, {0.3: lost})
     assert np.isnan(dropped.value) and "lost at 1.0063 s (mu = 0.3)" in dropped.evidence
 
 
 def test_spells_are_cut_to_the_interval(runs: Runs) -> None:
     run = runs.real[0.5]
-    every = real_hand.spells(run, sp.ContactMode.FREE, 0.0, 8.0)
-    pieces = [real_hand.spells(run, sp.ContactMode.FREE, k, k + 1.0) for k in range(8)]
+    every = v.spells(run, sp.ContactMode.FREE, 0.0, 8.0)
+    pieces = [v.spells(run, sp.ContactMode.FREE, k, k + 1.0) for k in range(8)]
     assert [time for piece in pieces for time in piece] == every
     assert [len(piece) for piece in pieces] == [0, 1, 1, 1, 0, 1, 1, 1]
-    assert real_hand.spells(run, sp.ContactMode.FREE, 1.0005, 1.001) == [pytest.approx(5e-4)]
+    assert v.spells(run, sp.ContactMode.FREE, 1.0005, 1.001) == [pytest.approx(5e-4)]
     assert len(FRICTIONS) == len(runs.real)

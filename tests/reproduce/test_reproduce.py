@@ -115,7 +115,7 @@ def test_residuals_hold_up_to_their_order_and_rise_at_switches_only() -> None:
 def test_residuals_of_an_operation_and_of_its_last_quarter() -> None:
     run = made(residuals_1=spike(1.1, -3e-9), residuals_2=spike(0.9, 5e-9))
     np.testing.assert_allclose(m.peak_residuals(run), [[1e-12, 5e-9], [3e-9, 1e-12]])
-    np.testing.assert_allclose(m.settled_residuals(run), [[1e-12, 5e-9], [1e-12, 1e-12]])
+    np.testing.assert_allclose(m.peak_residuals(run, 1.0 - m.LAST), [[1e-12, 5e-9], [1e-12, 1e-12]])
 
 
 def test_a_disturbance_is_survived_or_not() -> None:

@@ -10,7 +10,7 @@ from gymnasium.utils import seeding
 import softpinch as sp
 from softpinch import gym
 from softpinch.gym import FollowPath, HoldAgainstPushes, HoldWithLeastGrip, PinchEnv, PinchVectorEnv
-from softpinch.simulator.episodes import Episodes
+from softpinch.simulator.tasks import Episodes
 
 SHORT: dict[str, Any] = {"duration": 0.06, "dt": 5e-4, "push_force": 5.0}
 

@@ -73,7 +73,7 @@ def test_a_cluster_gives_the_bits_of_one_thread(executor: Any, kind: str) -> Non
 
 def test_a_block_that_fails_is_computed_again(client: Any, executor: Any) -> None:
     def fail_once() -> None:
-        from softpinch.study import executor as worker
+        from softpinch.study import engine as worker
 
         compute = worker.compute
 

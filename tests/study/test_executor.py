@@ -7,6 +7,7 @@ import random
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -31,8 +32,8 @@ from executors import (
     require_same,
     study,
 )
-from softpinch.study import executor as executors
-from softpinch.study import executor as worker
+from softpinch.study import engine as executors
+from softpinch.study import engine as worker
 from softpinch.study.results import Ensemble
 from softpinch.study.rows import Rows, Spans
 
@@ -112,16 +113,12 @@ def test_a_bounded_number_of_blocks_is_drawn_sent_and_kept_waiting(
     def first_block_last(waiting: list[Call]) -> int:
         return 1 if waiting[0].block == 0 and len(waiting) > 1 else 0
 
+    # A study that may stop early accepts its blocks in their order.
+    spec = replace(on_threads("check_dt")._spec, stop_when={"holds": 1e-9} if in_order else {})
+    asked = Spans.upto(blocks * BLOCK)
     with Shuffled(first_block_last) as executor:
         _, lost = executors.on_executor(
-            on_threads("check_dt")._spec,
-            pieces,
-            Spans.upto(blocks * BLOCK),
-            executor,
-            1,
-            lambda *_: None,
-            pieces.accept,
-            in_order,
+            spec, pieces, asked, executor, 1, lambda *_: None, pieces.accept
         )
     assert not lost and pieces.accepted == pieces.drawn == blocks
     assert pieces.ahead == most >= executor.most
@@ -130,7 +127,7 @@ def test_a_bounded_number_of_blocks_is_drawn_sent_and_kept_waiting(
 def test_rows_are_accepted_while_the_first_blocks_are_still_being_submitted() -> None:
     pieces = Drawn(20)
     spec, asked = on_threads("check_dt")._spec, Spans.upto(20 * BLOCK)
-    executors.on_executor(spec, pieces, asked, Inline(), 1, lambda *_: None, pieces.accept, False)
+    executors.on_executor(spec, pieces, asked, Inline(), 1, lambda *_: None, pieces.accept)
     assert pieces.accepted == 20 and pieces.ahead == 1
 
 

@@ -26,7 +26,7 @@ from executors import (
     study,
 )
 from softpinch import _core
-from softpinch.study import executor as executors
+from softpinch.study import engine as executors
 from softpinch.study.engine import Lost
 from softpinch.support.errors import LostRunsWarning, StoreError
 

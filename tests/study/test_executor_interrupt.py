@@ -18,7 +18,7 @@ import pytest
 
 import softpinch as sp
 from executors import BLOCK, Call, Inline, require_rows, require_same, study
-from softpinch.study import executor as worker
+from softpinch.study import engine as worker
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*use of fork:DeprecationWarning")
 CONTEXTS = [name for name in ("fork", "spawn") if name in multiprocessing.get_all_start_methods()]

@@ -57,7 +57,7 @@ def test_a_killed_worker_ends_a_study_with_what_there_is_and_a_store_goes_on(
     context: str, made: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Some blocks are still to be submitted when the worker dies, however fast the others are.
-    monkeypatch.setattr("softpinch.study.executor.MOST_UNDER_WAY", 8)
+    monkeypatch.setattr("softpinch.study.engine.MOST_UNDER_WAY", 8)
     pools: list[Any] = []
 
     def make() -> Any:

@@ -95,7 +95,7 @@ def require_rows(found: Any, numbers: Any, kind: str = "noise", runs: int = RUNS
 
 
 class Call(NamedTuple):
-    """The arguments of `softpinch.study.executor.work`."""
+    """The arguments of `softpinch.study.engine.work`."""
 
     call: str
     attempt: int

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import softpinch as sp
-from softpinch.reproduce.energy_minimum import Rest, coordinates, is_minimum, rest_at
+from softpinch.reproduce.energy_minimum import Rest, coordinates, rest_at
+from softpinch.reproduce.verdict import is_minimum
 
 SEED = 19
 # Long enough for the slowest of these hands to settle, s.

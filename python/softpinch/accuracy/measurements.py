@@ -256,7 +256,5 @@ class StabilizationSweep(Result):
 _COLUMN_UNITS = {
     "holonomic": " [m]",
     "nonholonomic": " [m/s]",
-    "time": " [s]",
-    "lower_quartile": " [s]",
-    "upper_quartile": " [s]",
+    **dict.fromkeys(("time", "lower_quartile", "upper_quartile"), " [s]"),
 }

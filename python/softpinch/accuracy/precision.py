@@ -96,7 +96,6 @@ def work_precision(
         RuntimeError: The reference cannot be computed, usually because the grasp is lost.
     """
     checks.instance("scene", scene, Scene)
-    checks.instance("stabilization", stabilization, Stabilization)
     pairs = pairs_of(scene, formulations, methods)
     longest = checks.positive("longest", longest)
     if dt is None:

@@ -210,12 +210,7 @@ def _compared(first: Reference, second: Reference, evaluations: int) -> Referenc
 
 
 def _reference(
-    scene: Scene,
-    times: Floats,
-    along: Mapping[str, Floats],
-    picked: Any,
-    method: str,
-    evaluations: int,
+    scene: Scene, times: Floats, along: Mapping[str, Floats], picked: Any, method: str, count: int
 ) -> Reference:
     """A reference whose rows are those picked from the whole motion, which gives the scales."""
     usual = scaled_error.usual(scene)
@@ -224,7 +219,7 @@ def _reference(
         name: read_only(scaled_error.scales(name, along[name], usual))
         for name in scaled_error.UNITS
     }
-    return Reference(t=times, **rows, method=method, evaluations=evaluations, scales=scales)
+    return Reference(t=times, **rows, method=method, evaluations=count, scales=scales)
 
 
 class _Problem:

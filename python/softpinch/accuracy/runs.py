@@ -124,20 +124,12 @@ def largest_that_holds(
         if good <= least:
             return None
         good, bad = max(good / factor, least), good
-    while bad == math.inf:
-        if good >= most:
-            return good
-        following = min(good * factor, most)
-        if holds(following):
-            good = following
+    while good < most and bad > (1.0 + accuracy) * good:
+        tried = min(good * factor, most) if bad == math.inf else math.sqrt(good * bad)
+        if holds(tried):
+            good = tried
         else:
-            bad = following
-    while bad > (1.0 + accuracy) * good:
-        middle = math.sqrt(good * bad)
-        if holds(middle):
-            good = middle
-        else:
-            bad = middle
+            bad = tried
     return good
 
 

@@ -232,12 +232,8 @@ def integrate(
     y = start
     for left, right in pairwise(inputs.edges):
         driven = inputs.between(left, right)
-        after = y
-        if left in inputs.impulses:
-            after = system.jump(y, inputs.impulses[left])
-        stops = instants[
-            np.searchsorted(instants, left, "right") : np.searchsorted(instants, right)
-        ]
+        after = system.jump(y, inputs.impulses[left]) if left in inputs.impulses else y
+        stops = instants[(left < instants) & (instants < right)]
         t, rows = solver.segment(left, right, after, driven, stops)
         times += t[:-1].tolist()
         states += [y, *rows[1:-1]]

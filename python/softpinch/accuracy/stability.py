@@ -156,9 +156,7 @@ def modes(
         stabilization: As for `simulate`.
     """
     checks.instance("scene", scene, Scene)
-    checks.instance("stabilization", stabilization, Stabilization)
     require_bilateral(scene, "modes", ONLY_BILATERAL)
-    formulation = checks.choice("formulation", formulation, _core.FORMULATIONS)
     instants = checks.array("t", t, ("n",))
     n = len(instants)
     require_known_torque(scene.law, "the linearisation")
@@ -169,7 +167,7 @@ def modes(
         checks.array("p", p, (n, 9)),
         checks.array("integral", integral, (n, 2)),
     )["A"]
-    states = state_names(scene.law, formulation)
+    states = state_names(scene.law, options.formulation)
     return Modes(t=instants, jacobian=jacobian, rates=eigenvalues(jacobian), states=states)
 
 

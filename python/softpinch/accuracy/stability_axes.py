@@ -21,7 +21,6 @@ from ..scene import outline
 from ..scene.contact import as_bilateral
 from ..scene.control import WRITTEN, Pid, pids_of
 from ..scene.disturbance import Impulse
-from ..scene.fields import label as label_of
 from ..scene.hand import Finger, Fingertip, links
 from ..scene.parts import jaws
 from ..scene.scene import Scene, State
@@ -91,7 +90,12 @@ def choose(
         unit = units.units(path, (), jaws(scene))
         assert isinstance(unit, str)
         found = Axis(
-            path, label_of(path), unit, "linear", (), lambda _, value: varied.changed({path: value})
+            path,
+            units.label(path),
+            unit,
+            "linear",
+            (),
+            lambda _, value: varied.changed({path: value}),
         )
     elif callable(axis):
         function = axis
@@ -211,8 +215,8 @@ def _of_tips(*names: str) -> Callable[[Scene, float], Scene]:
     return at
 
 
-def _decades(low: float, high: float, count: int = 13) -> tuple[float, ...]:
-    return tuple(np.geomspace(low, high, count).tolist())
+def _decades(low: float, high: float) -> tuple[float, ...]:
+    return tuple(np.geomspace(low, high, 13).tolist())
 
 
 _DEPTHS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 0.6, 0.8, 0.9, 0.97, 0.99, 0.999)

@@ -163,16 +163,11 @@ def carry_limits(
 
 
 def _move(
-    rest: Equilibrium,
-    direction: Floats,
-    profile: Profile,
-    distance: float,
-    settle: float,
-    tilt: float,
+    rest: Equilibrium, along: Floats, profile: Profile, distance: float, settle: float, tilt: float
 ) -> Callable[[float], Run]:
     """The run of a move with a given peak acceleration."""
     begin = rest.time
-    points = np.outer([0.0, distance], direction)
+    points = np.outer([0.0, distance], along)
 
     def run(acceleration: float) -> Run:
         duration = _DURATIONS[profile] * math.sqrt(distance / acceleration)

@@ -22,22 +22,8 @@ from ..support import checks, extras
 from ..support.arrays import Complexes, Floats, read_only
 from ..support.display import ShownTable
 from ..support.result import Result
+from . import states
 from .rest import Equilibrium, equilibrium
-from .states import (
-    INPUTS,
-    ONLY_BILATERAL,
-    OUTPUTS,
-    Ports,
-    input_ports,
-    kept,
-    linear_at,
-    output_ports,
-    places,
-    shears_by_pose,
-    state_names,
-    unit_of,
-    without_shears,
-)
 
 # States that are this far off the constraints or off the schedule, as a share of a tip's radius
 # and in rad, are refused; the drift of `csm` is far smaller.
@@ -197,8 +183,8 @@ def linearize(
     """
     checks.instance("scene", scene, Scene)
     scene = _sticking(scene, state)
-    chosen = checks.names("inputs", inputs, INPUTS)
-    wanted = output_ports(checks.names("outputs", outputs, OUTPUTS))
+    chosen = checks.names("inputs", inputs, states.INPUTS)
+    wanted = states.output_ports(checks.names("outputs", outputs, states.OUTPUTS))
     reduced = checks.boolean("reduced", reduced)
     open_loop = "torque" in chosen
     if open_loop and "targets" in chosen:
@@ -218,18 +204,18 @@ def linearize(
         state = rest.state
     require_fit(scene, "state", state)
     law = "torque" if open_loop else scene.law
-    found = linear_at(
+    found = states.linear_at(
         scene, state, inputs=_inputs(scene, state), whole=True, open_loop=open_loop, frozen=frozen
     )
     _require_sound(scene, state, found)
-    model = _selected(found, state, law, input_ports(chosen, law), wanted, jaws(scene))
+    model = _selected(found, state, law, states.input_ports(chosen, law), wanted, jaws(scene))
     return _without_neutral(model) if reduced else model
 
 
 def _sticking(scene: Scene, state: object) -> Scene:
     """The scene while both tips stick. At an equilibrium of it they do, whatever the contact."""
     if not isinstance(state, Equilibrium):
-        require_bilateral(scene, "linearize", ONLY_BILATERAL)
+        require_bilateral(scene, "linearize", states.ONLY_BILATERAL)
         return scene
     if scene != state.scene and as_bilateral(scene) != as_bilateral(state.scene):
         raise ValueError(
@@ -273,15 +259,20 @@ def _require_sound(scene: Scene, state: State, found: _core._Linear) -> None:
 
 
 def _selected(
-    found: _core._Linear, state: State, law: str, ins: Ports, outs: Ports, own: Jaws
+    found: _core._Linear,
+    state: State,
+    law: str,
+    ins: states.Ports,
+    outs: states.Ports,
+    own: Jaws,
 ) -> LinearModel:
     """The model with the chosen rows and columns."""
     columns, rows = list(ins.places), list(outs.places)
-    names = state_names(law, "nullspace")
+    names = states.state_names(law, "nullspace")
     # The rows w of d_t + Phi_N pose (2, N): at rest, d_t changes at -Phi_N times the pose's rates.
-    pose, _, shears = places(names)
+    pose, _, shears = states.places(names)
     slips = np.zeros((2, len(names)))
-    slips[:, pose] = -shears_by_pose(found["A"][0], names)
+    slips[:, pose] = -states.shears_by_pose(found["A"][0], names)
     slips[:, shears] = np.eye(2)
     at_rest = not found["output"][0, 15:].any()
     return LinearModel(
@@ -292,7 +283,7 @@ def _selected(
         states=names,
         inputs=ins.names,
         outputs=outs.names,
-        state_units=tuple(of_column(name, unit_of(name), own) for name in names),
+        state_units=tuple(of_column(name, states.unit_of(name), own) for name in names),
         input_units=tuple(map(of_column, ins.names, ins.units, repeat(own))),
         output_units=tuple(map(of_column, outs.names, outs.units, repeat(own))),
         state_values=found["state"][0],
@@ -309,15 +300,15 @@ def _without_neutral(model: LinearModel) -> LinearModel:
 
     The share of driven angles in it goes from B's columns of their rates to those of the angles.
     """
-    states, inputs = model.states, model.inputs
+    names, inputs = model.states, model.inputs
     if not len(model.neutral):
         raise ValueError(
             "reduced = True: the operating point moves (state.p is not zero), so the no-slip "
             "constraint turns with it and ties no shear to the pose; reduced = False keeps all "
             "states"
         )
-    pose, _, shears = places(states)
-    rows = kept(states)
+    pose, _, shears = states.places(names)
+    rows = states.kept(names)
     # d_t by the pose and by the inputs.
     by_pose = -model.neutral[:, pose]
     by_inputs = np.zeros((2, len(inputs)))
@@ -328,11 +319,11 @@ def _without_neutral(model: LinearModel) -> LinearModel:
     a, c = model.A[rows], model.C
     return replace(
         model,
-        A=without_shears(a, by_pose, states),
+        A=states.without_shears(a, by_pose, names),
         B=model.B[rows] + a[:, shears] @ by_inputs,
-        C=without_shears(c, by_pose, states),
+        C=states.without_shears(c, by_pose, names),
         D=model.D + c[:, shears] @ by_inputs,
-        states=tuple(states[k] for k in rows),
+        states=tuple(names[k] for k in rows),
         state_units=tuple(model.state_units[k] for k in rows),
         state_values=model.state_values[rows],
         state_rates=model.state_rates[rows],

@@ -9,8 +9,10 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from .. import _core
+from .. import _core, plot
+from ..accuracy.advisor import advise as find_advice
 from ..accuracy.measurements import WHERE, Measurement, WorkPrecision
+from ..accuracy.precision import work_precision as measure_precision
 from ..accuracy.stability import max_stable_dt
 from ..accuracy.stability_axes import AXES
 from ..accuracy.stability_maps import PAIRS, MapPlan, Pair, check_pairs
@@ -98,8 +100,6 @@ def stability(
         ]
         if plans:
             require("matplotlib", extra="plot", purpose="figures")
-            from .. import plot
-
             out.mkdir(parents=True, exist_ok=True)
         names = [f"{formulation} + {method}" for formulation, method in wanted]
         wide = max(map(len, names))
@@ -191,12 +191,9 @@ def work_precision(
         steps = _ladder(dt)
         require("matplotlib", extra="plot", purpose="figures")
         require("scipy", extra="study", purpose="the reference")
-        from .. import plot
-        from ..accuracy import precision
-
         out.mkdir(parents=True, exist_ok=True)
         try:
-            found = precision.work_precision(
+            found = measure_precision(
                 described,
                 formulations=kept,  # type: ignore[arg-type]
                 methods=separated(methods),  # type: ignore[arg-type]
@@ -267,9 +264,7 @@ def advise(
     with one_line_errors():
         stabilization = gains(*_core.FORMULATIONS, alpha=alpha, beta=beta)
         described = read_scene(scene, set_)
-        from ..accuracy import advisor
-
-        found = advisor.advise(described, tolerance, stabilization=stabilization, budget=budget)
+        found = find_advice(described, tolerance, stabilization=stabilization, budget=budget)
         typer.echo(found.message)
         for trial in found.trials:
             pair = f"{trial.formulation} {trial.method}"

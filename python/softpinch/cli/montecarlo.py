@@ -1,4 +1,7 @@
-"""`softpinch montecarlo`: computes a study from a file, and writes tables and figures."""
+"""`softpinch montecarlo`: computes a study from a file, and reports it.
+
+A report has tables, arrays, capsules and figures as files, and lines for the screen.
+"""
 
 from __future__ import annotations
 
@@ -8,20 +11,44 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
+from .. import _core, plot
 from ..montecarlo import compute
 from ..store.files import MANIFEST, PARTS
 from ..store.study import Study
 from ..study import study_file
 from ..study.compute import Computation
+from ..study.effects import sensitivity
+from ..study.results import Ensemble, Results
+from ..study.rows import HOLDS, missing
 from ..study.sampling import SAMPLERS
 from ..study.spec import SUMMARIES
 from ..support import checks
 from ..support.extras import require
 from ..support.files import FORMATS
+from ..support.table import Table, save_csv, save_npz
 from .options import Dt, Format, Formulation, Method, Out, Threads, Tolerance, separated
 from .shell import ENDED_EARLY, INTERRUPTED, one_line_errors
+
+_SUMMARY = (
+    *("name", "unit", "runs", "mean", "low (95 %)", "high (95 %)"),
+    *("std", "min", "5 %", "50 %", "95 %", "max"),
+)
+# Half width of a two-sided 95 % interval of a normal distribution, in standard errors.
+_REACH = 1.959963984540054
+# Figures, and files with a row for each run, have at most this many runs.
+LARGEST = 100_000
+# The meaning of holding, for each kind of contact.
+_HOLDS = {
+    "bilateral": "to hold is to complete, without a tip that pulls or needs more friction",
+    "unilateral": "to hold is to complete, with both tips touching the object at the end",
+}
+# Event -> name of the figure with its share of the runs.
+_MAPS = {"completed": "success_map", HOLDS: "success_map_holds"}
+# Capsules are written for at most this many failed runs.
+_CAPSULES = 10
 
 
 def montecarlo(
@@ -91,19 +118,14 @@ def montecarlo(
         if result.interrupted:
             typer.echo(f"{result.interruption}; run the same command again to continue", err=True)
         if result.runs:
-            from . import study_report as report
-
-            for line in report.lines(result, seconds, begun):
+            for line in lines(result, seconds, begun):
                 typer.echo(line)
-            some = report.sample(result)
-            files = [
-                *report.save_tables(result, some, out),
-                *report.save_figures(some, out, format),
-            ]
+            some = sample(result)
+            files = save_tables(result, some, out) + save_figures(some, out, format)
             typer.echo(f"{out}: {', '.join((MANIFEST, PARTS, *(file.name for file in files)))}")
             if some.runs < result.runs:
                 typer.echo(f"(the figures show {some.runs} runs, evenly spread over all)")
-            capsules = report.save_capsules(result, out)
+            capsules = save_capsules(result, out)
             if capsules:
                 typer.echo(f"to repeat the first failures: softpinch run {capsules[0]}, ...")
     if result.interrupted:
@@ -123,3 +145,145 @@ def _executor(dask: str | None) -> Iterator[Any]:
         if not client.nthreads():
             typer.echo(f"{dask} has no workers yet: waiting for them", err=True)
         yield client.get_executor()
+
+
+def sample(study: Results) -> Ensemble:
+    """The runs for the figures: all, or of a large study `LARGEST` evenly spaced ones."""
+    numbers = study._computed.evenly_spaced(LARGEST)
+    return Ensemble(study._spec, study._rows_of(numbers), requested=len(numbers))
+
+
+def scalars(study: Results) -> list[str]:
+    """Names of the summaries that have one number for each run."""
+    entries = study._spec.schema.entries
+    return [name for name in study._spec.summaries if not entries[name].shape]
+
+
+def summary_table(study: Results) -> Table:
+    """Probabilities of statuses, violations and holding, and statistics of each summary.
+
+    Intervals hold for independent draws: of the mean for summaries, Wilson's for probabilities.
+    """
+    rows: list[tuple[Any, ...]] = [(f"model: {study.model}", "", study.runs, *[""] * 9)]
+    happened = dict.fromkeys(["completed", HOLDS, *study.counts()])
+    for name in _core.VIOLATIONS:
+        possible = not missing(name, study.scene, study._spec.shapes)
+        if possible and study.probability(name).happened:
+            happened[name] = None
+    for name in happened:
+        estimate = study.probability(name)
+        numbers = (estimate.value, estimate.low, estimate.high)
+        rows.append((f"probability of {name}", "1", estimate.runs, *numbers, *[""] * 6))
+    entries = [study._spec.schema.entries[name] for name in study._spec.summaries]
+    for name, unit in (column for entry in entries for column in entry.columns.items()):
+        mean = study.mean(name)
+        if not mean.runs:
+            rows.append((name, unit, 0, *[""] * 9))
+            continue
+        reach = _REACH * mean.error
+        interval = (mean.value, mean.value - reach, mean.value + reach)
+        order = study.quantile(name, [0.05, 0.5, 0.95]).tolist()
+        rows.append(
+            (name, unit, mean.runs, *interval, mean.spread, mean.least, *order, mean.greatest)
+        )
+    return Table(columns=_SUMMARY, rows=tuple(rows))
+
+
+def save_tables(study: Results, some: Ensemble, out: Path) -> list[Path]:
+    """Writes summary.csv and, if `some` has all runs, runs.csv and ensemble.npz."""
+    files = [out / "summary.csv", out / "runs.csv", out / "ensemble.npz"]
+    summary_table(study).save(files[0])
+    if some.runs < study.runs:
+        for file in files[1:]:
+            file.unlink(missing_ok=True)
+        return files[:1]
+    columns = some._spec.schema.split(some.to_dict())
+    header = [
+        name if column.unit in ("", "1") else f"{name} [{column.unit}]"
+        for name, column in columns.items()
+    ]
+    numbers = (column.values.tolist() for column in columns.values())
+    save_csv(files[1], header, zip(*numbers, strict=True))
+    # NumPy pickles arrays of objects, and does not load pickles by default.
+    arrays = {**some.to_dict(), "message": some.message.astype(str)}
+    save_npz(files[2], arrays, some.provenance())
+    return files
+
+
+def save_capsules(study: Results, out: Path) -> list[Path]:
+    """Writes the first few failed runs, each as a capsule that `softpinch run` replays."""
+    files = []
+    for capsule in study.failures()[:_CAPSULES]:
+        files.append(out / "failures" / f"{capsule.run}.toml")
+        files[-1].parent.mkdir(exist_ok=True)
+        files[-1].write_text(capsule.to_toml(), encoding="utf-8")
+    return files
+
+
+def save_figures(ensemble: Results, out: Path, format: str) -> list[Path]:
+    """Writes a histogram of each scalar summary, and figures about failures and importance."""
+    names = ["failure_times", *_MAPS.values(), *(f"histogram_{name}" for name in _core.SUMMARIES)]
+    names += [f"importance_{name}" for name in (*_MAPS, *_core.SUMMARIES)]
+    # Nobody shall take figures of an earlier study for this study's.
+    for name in names:
+        for suffix in FORMATS:
+            (out / f"{name}.{suffix}").unlink(missing_ok=True)
+    return [plot.save(figure, out / f"{name}.{format}") for name, figure in _figures(ensemble)]
+
+
+def _figures(ensemble: Results) -> Iterator[tuple[str, Any]]:
+    for name in scalars(ensemble):
+        yield f"histogram_{name}", plot.histogram(ensemble, name)
+    yield "failure_times", plot.failure_times(ensemble)
+    if not ensemble.parameters:
+        return
+    for what, name in _MAPS.items():
+        if not 0.0 < float(ensemble.probability(what)) < 1.0:
+            continue
+        found = sensitivity(ensemble, what)
+        yield f"importance_{what}", plot.importance(ensemble, what, found)
+        if len(found) > 1:
+            x, y, *_ = found
+            yield name, plot.success_map(ensemble, x, y, what)
+    for name in scalars(ensemble)[:1]:
+        yield f"importance_{name}", plot.importance(ensemble, name)
+
+
+def lines(study: Results, seconds: float, earlier: int = 0) -> list[str]:
+    """Lines about a study, whose new runs took `seconds`; `earlier` ones were there before."""
+    counts = ", ".join(f"{count} {name}" for name, count in study.counts().items())
+    new = study.runs - earlier
+    before = f", {earlier} of them before," if earlier else ""
+    # Points of the other samplers are not independent.
+    as_if = "" if study.sampler == "random" else "as if drawn independently"
+    behind = f", {as_if}" if as_if else ""
+    result = [
+        f"{study.runs} runs{before} in {seconds:.2f} s ({new / max(seconds, 1e-9):,.0f} "
+        f"runs/s): {counts}",
+        f"probability of completing: {study.probability('completed')}{behind}",
+        f"probability of holding: {study.probability(HOLDS)}{', likewise' if as_if else ''}",
+        f"(both are of {study.model}; {_HOLDS[study.scene.contact]})",
+    ]
+    found = scalars(study)
+    if not found:
+        return result
+    width = max(map(len, found))
+    header = f"{'':{width}}  {'mean ± standard error':<26} {'5 %':>11} {'95 %':>11}"
+    result.append(f"{header}  (errors {as_if})" if as_if else header)
+    for name in found:
+        mean = study.mean(name)
+        if not mean.runs:
+            result.append(f"{name:{width}}  finite in no run")
+            continue
+        low, high = study.quantile(name, [0.05, 0.95])
+        shown = f"{mean.value:.6g} ± {mean.error:.2g} {study._spec.schema.entries[name].unit}"
+        few = "" if mean.runs == study.runs else f"  ({mean.runs} runs)"
+        result.append(f"{name:{width}}  {shown:<26} {low:>11.4g} {high:>11.4g}{few}")
+    for name, each in (study.discretisation or {}).items():
+        if np.ndim(each.bias) == 0:
+            what = f"the probability of {name}" if name in _MAPS else name
+            result.append(
+                f"the step puts {what} off by {each.bias:.2g} ± {each.bias_error:.1g} "
+                f"(sampling leaves {each.sampling_error:.2g}{behind})"
+            )
+    return result

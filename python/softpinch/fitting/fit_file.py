@@ -21,13 +21,12 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..run.options import NUMERICS, in_place
+from ..run.options import GAINS, NUMERICS, in_place
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..study.study_file import naming, scene_of
@@ -36,7 +35,6 @@ from ..support.arrays import Floats
 from .experiment import GROUPS, INDICES, NAMES, columns
 
 _TOP = ("scene", "paper", "fit", "vary", "start")
-_GAINS = tuple(f.name for f in fields(Stabilization))
 # Entries of [fit] that are arguments of `sp.fit` by these names.
 _SETTINGS = ("measured", "noise", "loss", "multistart", "seed", *NUMERICS)
 _FREE = "unbounded"
@@ -61,7 +59,7 @@ def read(path: Path, **changes: Any) -> tuple[Scene, tuple[str, ...] | None, dic
         settings = {**own, **in_place(**changes)}
         names = settings.pop("measured", None)
         measured = None if names is None else checks.names("[fit].measured", names, NAMES)
-        gains = {name: settings.pop(name) for name in _GAINS if name in settings}
+        gains = {name: settings.pop(name) for name in GAINS if name in settings}
         settings["stabilization"] = Stabilization(**gains)
         settings["vary"] = _bounds(data.get("vary", {}))
         start = data.get("start", {})

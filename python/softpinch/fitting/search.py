@@ -19,17 +19,9 @@ from ..support.arrays import Floats
 from ..support.choices import Formulation, Method, Violation
 from ..support.extras import require
 from ..support.progress import Report, reporting
+from . import problem as problems
 from .experiment import Experiment, FailedRun
-from .problem import (
-    LOSSES,
-    MOST_EVALUATIONS,
-    Minimum,
-    Parameter,
-    Problem,
-    influence,
-    parameters,
-    values,
-)
+from .problem import Minimum, Parameter, Problem
 from .result import LEVEL, Fit, correlations, reach, sandwich, sentences, uncertainty
 
 # Estimates of the noise of several columns are repeated until none changes by more than this
@@ -131,12 +123,12 @@ def fit(
         tolerance=tolerance,
         max_steps=max_steps,
     )
-    loss = checks.choice("loss", loss, LOSSES)
+    loss = checks.choice("loss", loss, problems.LOSSES)
     multistart = checks.integer("multistart", multistart, 0, _MOST_STARTS)
     seed = checks.integer("seed", seed, 0, 2**64 - 1)
     experiments = _experiments(scene, times, measured, noise)
     scenes = [each.scene for each in experiments]
-    found = parameters(scenes, vary, start)
+    found = problems.parameters(scenes, vary, start)
     count = sum(int(each.known.sum()) for each in experiments)
     if any(each.estimated.any() for each in experiments) and count <= len(found):
         raise ValueError(
@@ -154,7 +146,7 @@ def fit(
                 "with dt: between the steps on both sides of it the motion is not smooth"
             )
     require("scipy.optimize", extra="study", purpose="fit")
-    most = MOST_EVALUATIONS * (1 + multistart)
+    most = problems.MOST_EVALUATIONS * (1 + multistart)
     with reporting(progress, "fitting") as report:
         problem = Problem(
             experiments, found, options, loss, lambda done: report(min(done, most), most)
@@ -197,7 +189,7 @@ def _with_first_noise(problem: Problem) -> Problem:
     try:
         motions = problem.motions(u, derivatives=True, warns=True)
     except FailedRun as error:
-        at = ", ".join(f"{k} = {v:g}" for k, v in values(problem.parameters, u).items())
+        at = ", ".join(f"{k} = {v:g}" for k, v in problems.values(problem.parameters, u).items())
         raise ValueError(f"start: the run at {at} fails: {error}") from None
     noise = []
     for each, motion in zip(problem.experiments, motions, strict=True):
@@ -287,7 +279,7 @@ def _result(problem: Problem, best: Minimum, starts: int, same: int) -> Fit:
     loss = problem.loss
     motions = problem.motions(best.u, derivatives=True, warns=True)
     residuals, jacobian = problem.residuals(motions), problem.jacobian(motions)
-    inflation = sandwich(*influence(residuals, loss)) if loss != "linear" else 1.0
+    inflation = sandwich(*problems.influence(residuals, loss)) if loss != "linear" else 1.0
     experiments = tuple(
         replace(each, fitted=motion.table, violations=motion.violations)
         for each, motion in zip(problem.experiments, motions, strict=True)

@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..plot.drawing import Frames
 from ..run.run import Run
-from ..simulator.episodes import LIMIT, Episodes, Outcome, of_one
-from ..simulator.tasks import HoldAgainstPushes, Task
+from ..simulator.tasks import LIMIT, Episodes, HoldAgainstPushes, Outcome, Task, of_one
 from ..support import checks
 from ..support.choices import Recordable
 

@@ -9,7 +9,7 @@
     slope = jax.grad(lambda mass: layer({"grasped.mass": mass}).q[-1, 1])(0.1)
 
 `simulate` gives all rows of a run; `final_state` gives its end, and computes batches in the lanes
-of the core. `callback` has the JAX function of a computation outside of JAX, with its derivatives.
+of the core.
 """
 
 from __future__ import annotations

@@ -5,19 +5,27 @@ can only show recorded quantities: see `simulate(record=...)`. A function with o
 axes to draw on. All need the extra `plot`, and raise an ImportError that names it; an argument of a
 wrong type raises a TypeError.
 
-`timeline` draws curves over time above bands of contact modes, from a description; `run_plots` and
-`comparison_plots` describe their figures in it. `drawing` draws hand, object and forces at any time
-of a run, and `style` has colours, fonts and panels.
+`timeline` draws curves over time above bands of contact modes, from a description, in which
+`run_plots` describes its figures. `drawing` draws hand, object and forces at any time of a run, and
+`style` has colours, fonts and panels.
 """
 
 from .accuracy_plots import stability_map, stabilization_sweep, work_precision
-from .comparison_plots import contact_models, disturbances, tilt_coupling
 from .ensemble_plot import failure_times, histogram, importance, success_map
 from .equilibrium_plots import carry_limits, equilibria, wrench_limits
 from .film import animate, snapshot, snapshots
 from .fit_plot import fit, law
 from .mode_shapes import compliance, modes
-from .run_plots import contact, forces, motion, residuals, run
+from .run_plots import (
+    contact,
+    contact_models,
+    disturbances,
+    forces,
+    motion,
+    residuals,
+    run,
+    tilt_coupling,
+)
 from .style import save, styled
 
 __all__ = [

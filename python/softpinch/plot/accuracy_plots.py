@@ -16,25 +16,7 @@ from ..accuracy.stability_maps import NO_REFERENCE, NOT_RUN, StabilityMap
 from ..scene.fields import words
 from ..support import checks
 from ..support.arrays import Floats
-from .style import (
-    BLACK,
-    BLUE,
-    COLUMN,
-    GREEN,
-    GREY,
-    PAGE,
-    PURPLE,
-    RED,
-    cell_edges,
-    cell_patch,
-    color_cells,
-    colorbar,
-    fill_cells,
-    panels,
-    panels_or_given,
-    shared_legend,
-    styled,
-)
+from . import style as s
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,13 +26,13 @@ if TYPE_CHECKING:
 Curves = dict[tuple[str, str], list[Measurement]]
 # Colour and marker of each method. Curves with adaptive steps are dashed and have hollow markers.
 _METHODS: dict[str, tuple[str, str]] = {
-    "rk4": (BLACK, "o"),
-    "dop853": (BLUE, "s"),
-    "implicit_midpoint": (PURPLE, "^"),
-    "radau5": (RED, "D"),
-    "rosenbrock": (GREEN, "v"),
+    "rk4": (s.BLACK, "o"),
+    "dop853": (s.BLUE, "s"),
+    "implicit_midpoint": (s.PURPLE, "^"),
+    "radau5": (s.RED, "D"),
+    "rosenbrock": (s.GREEN, "v"),
 }
-_PEERS = ("#E69F00", "#56B4E9", "#8C564B", GREY, "#7F3C8D", "#11A579", "#3969AC", "#80BA5A")
+_PEERS = ("#E69F00", "#56B4E9", "#8C564B", s.GREY, "#7F3C8D", "#11A579", "#3969AC", "#80BA5A")
 # Nine markers and eight colours make 72 different combinations for peers.
 _MARKERS = "P*X<>hpd8"
 # The error at which the upper panels, with loose errors, and the lower ones meet.
@@ -59,7 +41,7 @@ _LOOSEST, _TIGHTEST = 1.0, 1e-13
 _LABELS = {"along": r"along the run, of q, p, $\lambda$", "end": "at the end, of q and p"}
 
 
-@styled()
+@s.styled()
 def work_precision(result: WorkPrecision, peers: bool = False, where: str | None = None) -> Figure:
     """Error over CPU time, both logarithmic; loose errors in the upper row, tight ones below.
 
@@ -90,8 +72,8 @@ def work_precision(result: WorkPrecision, peers: bool = False, where: str | None
         others = {key: rows for key, rows in curves.items() if not rows[0].method}
         columns = {"nullspace, and others": parts["nullspace"] | others}
     floor = max(size for name, size in result.floor.items() if along or name != "multipliers")
-    width, height = (COLUMN * 1.35, 6.2) if peers else (PAGE, 5.2)
-    figure, axes = panels(2, len(columns), width, height, sharex=True, sharey="row")
+    width, height = (s.COLUMN * 1.35, 6.2) if peers else (s.PAGE, 5.2)
+    figure, axes = s.panels(2, len(columns), width, height, sharex=True, sharey="row")
     for (upper, lower), (title, part) in zip(axes.T, columns.items(), strict=True):
         _work_precision_panel(upper, part, (_MEET, _LOOSEST), floor, along)
         _work_precision_panel(lower, part, (_TIGHTEST, _MEET), floor, along)
@@ -102,7 +84,7 @@ def work_precision(result: WorkPrecision, peers: bool = False, where: str | None
     if not along:
         figure.suptitle("\n".join(wrap(result.settled(), 60)), fontsize=8.0)
     columns_of_it = 2 if peers else 4
-    shared_legend(figure, axes.flat, "outside lower center", ncols=columns_of_it, fontsize=7.5)
+    s.shared_legend(figure, axes.flat, "outside lower center", ncols=columns_of_it, fontsize=7.5)
     return figure
 
 
@@ -147,7 +129,7 @@ def _work_precision_panel(
     axes.grid(True, which="major", color="0.9", linewidth=0.4)
 
 
-@styled()
+@s.styled()
 def stabilization_sweep(results: StabilizationSweep | Sequence[StabilizationSweep]) -> Figure:
     """Drift of the constraints, and error of the motion, over alpha dt = beta dt.
 
@@ -163,25 +145,25 @@ def stabilization_sweep(results: StabilizationSweep | Sequence[StabilizationSwee
         checks.instance(f"results[{k}]", sweep, StabilizationSweep)
     if not sweeps:
         raise ValueError("results is empty: must have a StabilizationSweep")
-    width = min(PAGE, COLUMN * len(sweeps))
-    figure, axes = panels(2, len(sweeps), width, 4.6, sharex=True, sharey="row")
-    dashed = {"color": RED, "linestyle": "--"}
+    width = min(s.PAGE, s.COLUMN * len(sweeps))
+    figure, axes = s.panels(2, len(sweeps), width, 4.6, sharex=True, sharey="row")
+    dashed = {"color": s.RED, "linestyle": "--"}
     for (drift, motion), sweep in zip(axes.T, sweeps, strict=True):
         finite = np.isfinite(sweep.holonomic)
         x = sweep.product[finite]
-        drift.plot(x, sweep.holonomic[finite], color=BLUE, label="largest $|C^H|$ [m]")
+        drift.plot(x, sweep.holonomic[finite], color=s.BLUE, label="largest $|C^H|$ [m]")
         drift.plot(x, sweep.nonholonomic[finite], **dashed, label="$|C^N|$ [m/s]")
         drift.set_title(f"{sweep.method}, dt = {sweep.dt:g} s")
-        motion.plot(x, sweep.error[finite], color=BLUE, label="q and p")
+        motion.plot(x, sweep.error[finite], color=s.BLUE, label="q and p")
         motion.plot(x, sweep.multipliers[finite], **dashed, label=r"$\lambda$")
         motion.axhline(
-            sweep.without["q and p"], color=GREY, linewidth=0.7, label="q and p of nullspace"
+            sweep.without["q and p"], color=s.GREY, linewidth=0.7, label="q and p of nullspace"
         )
         limit = float(_core.stable_step(sweep.method, np.array([-1.0 + 0.0j]))[0])
         for each in (drift, motion):
             each.set(xscale="log", yscale="log", xlim=(sweep.product[0], sweep.product[-1]))
             if math.isfinite(limit):
-                each.axvline(limit, color=BLACK, linewidth=0.7, linestyle=":")
+                each.axvline(limit, color=s.BLACK, linewidth=0.7, linestyle=":")
         motion.set_xlabel(r"$\alpha\,$dt = $\beta\,$dt")
     axes[0, 0].set_ylabel("drift")
     axes[1, 0].set_ylabel("largest error along the run")
@@ -190,9 +172,7 @@ def stabilization_sweep(results: StabilizationSweep | Sequence[StabilizationSwee
     return figure
 
 
-# Stability maps.
-
-# Colour range of errors, as powers of ten: from round-off to a coordinate's whole magnitude.
+# Colour range of errors in maps, as powers of ten: from round-off to a whole magnitude.
 _BEST, _WORST = -12, 0
 # Face colour and hatch of each kind of cell without an error, distinct in grey too.
 _ENDED = "ends early, as it should"
@@ -212,10 +192,10 @@ _KINDS: dict[str, tuple[str, str]] = {
 }
 # Ticks of the scales that matplotlib's own locators would crowd.
 _TICKS = {"logit": (0.01, 0.5, 0.99), "right_angle": (0.0, 80.0, 89.0)}
-_DOT: dict[str, Any] = {"marker": "o", "markersize": 2.2, "color": RED, "markeredgewidth": 0.0}
+_DOT: dict[str, Any] = {"marker": "o", "markersize": 2.2, "color": s.RED, "markeredgewidth": 0.0}
 # The predicted step: white on black, which is visible on every colour.
 _LINES: tuple[dict[str, Any], ...] = (
-    {"color": BLACK, "linewidth": 2.2, "zorder": 3.0, "solid_capstyle": "butt"},
+    {"color": s.BLACK, "linewidth": 2.2, "zorder": 3.0, "solid_capstyle": "butt"},
     {"color": "white", "linewidth": 1.0, "zorder": 3.1, "solid_capstyle": "butt"},
 )
 
@@ -239,9 +219,11 @@ def stability_map(map: StabilityMap, ax: Axes | None = None) -> Figure:
     with np.errstate(divide="ignore"):
         powers = np.where(map.error == 0.0, _BEST, np.log10(map.error))
     powers = np.ma.masked_invalid(powers)
-    width = PAGE if len(columns) > 2 else COLUMN
+    width = s.PAGE if len(columns) > 2 else s.COLUMN
     height = 1.25 * len(rows) + 1.25
-    grid_of = panels_or_given(ax, len(rows), len(columns), width, height, sharex=True, sharey=True)
+    grid_of = s.panels_or_given(
+        ax, len(rows), len(columns), width, height, sharex=True, sharey=True
+    )
     with grid_of as (figure, axes):
         if ax is None:
             # The panels share their scales, so they need little space between them.
@@ -263,8 +245,8 @@ def stability_map(map: StabilityMap, ax: Axes | None = None) -> Figure:
                           transform=each.transAxes)  # fmt: skip
                 continue
             k = map.pairs.index((row, column))
-            mesh = color_cells(each, (left, bottom), powers[k], _BEST, _WORST)
-            fill_cells(each, kinds[k], left, bottom, _KINDS)
+            mesh = s.color_cells(each, (left, bottom), powers[k], _BEST, _WORST)
+            s.fill_cells(each, kinds[k], left, bottom, _KINDS)
             v, d = np.nonzero(map.misleading()[k] & (map.expected == "completed")[:, None])
             each.plot(map.values[v], map.dt[d], linestyle="", **_DOT)
             _boundary(each, map.values, map.predicted[k], left)
@@ -276,12 +258,12 @@ def stability_map(map: StabilityMap, ax: Axes | None = None) -> Figure:
             axes[0, 0].set_xlabel(across)
             axes[0, 0].set_ylabel(up)
         options = {"pad": 0.01, "aspect": 40, "extend": "both", "fraction": 0.04}
-        bar = colorbar(figure, mesh, axes, "error at the end [1]", **options)
+        bar = s.colorbar(figure, mesh, axes, "error at the end [1]", **options)
         ticks = range(_BEST, _WORST + 1, 3)
         bar.set_ticks(list(ticks), labels=[f"$10^{{{k}}}$" for k in ticks])
         entries = {"handles": list(_legend(kinds, map)), "handlelength": 1.8, "columnspacing": 1.4}
         if ax is None:
-            columns_of_it = 5 if width == PAGE else 2
+            columns_of_it = 5 if width == s.PAGE else 2
             figure.legend(**entries, loc="outside upper center", ncols=columns_of_it)
         else:
             # A legend inside would hide cells.
@@ -342,7 +324,7 @@ def _to_right_angle(place: Floats) -> Floats:
 def _edges(axis: Axis, values: Floats) -> Floats:
     """The edges (n + 1,) of cells around values (n,), halfway between them on the axis' scale."""
     scale = axis.get_transform()
-    return np.asarray(scale.inverted().transform(cell_edges(scale.transform(values))))
+    return np.asarray(scale.inverted().transform(s.cell_edges(scale.transform(values))))
 
 
 def _kinds(map: StabilityMap) -> np.ndarray:
@@ -370,10 +352,10 @@ def _legend(kinds: np.ndarray, map: StabilityMap) -> Iterator[Any]:
     from matplotlib.lines import Line2D
 
     if np.isfinite(map.predicted).any():
-        yield Line2D([], [], **{**_LINES[1], "color": BLACK}, label="predicted longest step")
+        yield Line2D([], [], **{**_LINES[1], "color": s.BLACK}, label="predicted longest step")
     if map.misleading().any():
         yield Line2D([], [], linestyle="", **_DOT, label="completes, error above 0.1")
     seen = set(kinds.ravel().tolist())
     for kind, face in _KINDS.items():
         if kind in seen:
-            yield cell_patch(face, words(kind))
+            yield s.cell_patch(face, words(kind))

@@ -17,22 +17,7 @@ from ..study.rows import finite
 from ..study.tables import booleans, drawn_by_magnitude, number, shown
 from ..support.arrays import Floats
 from ..support.checks import instance, integer
-from .style import (
-    BLACK,
-    BLUE,
-    COLUMN,
-    GREY,
-    LINES,
-    RED,
-    by_magnitude,
-    color_cells,
-    colorbar,
-    one_panel,
-    panels,
-    shared_legend,
-    styled,
-    tag,
-)
+from . import style as s
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,7 +31,7 @@ _MOST_BINS = 10_000
 _WIDE = 0.2
 _DOTS: dict[str, Any] = {
     "linestyle": "none", "marker": "o", "markersize": 2.0, "markerfacecolor": "white",
-    "markeredgecolor": BLACK, "markeredgewidth": 0.4,
+    "markeredgecolor": s.BLACK, "markeredgewidth": 0.4,
 }  # fmt: skip
 
 
@@ -74,7 +59,7 @@ def histogram(
         # Rice's rule, within the resolution of a narrow figure.
         bins = int(np.clip(np.ceil(2.0 * len(values) ** (1 / 3)), 5, 60))
     bins = integer("bins", bins, 1, _MOST_BINS)
-    with one_panel(ax, COLUMN, 2.5) as (figure, each):
+    with s.one_panel(ax, s.COLUMN, 2.5) as (figure, each):
         each.set_xlabel(label(name, column.unit))
         each.set_ylabel("runs in the bin")
         if not len(values):
@@ -83,7 +68,7 @@ def histogram(
         least = 1.0 if drawn_by_magnitude(ensemble, name) else 100.0
         if values.min() > 0.0 and values.max() > least * values.min():
             edges = np.geomspace(values.min(), values.max(), bins + 1)
-            by_magnitude(each, "x", edges[0], edges[-1])
+            s.by_magnitude(each, "x", edges[0], edges[-1])
         else:
             edges = np.histogram_bin_edges(values, bins)
         highest = _bars(each, edges, values, completed)
@@ -103,20 +88,19 @@ def _bars(axes: Axes, edges: Floats, values: Floats, completed: NDArray[np.bool_
     all_runs = np.histogram(values, edges)[0]
     if completed.any():
         name = f"completed ({np.count_nonzero(completed)})"
-        axes.stairs(done, edges, fill=True, color=BLUE, alpha=0.55, linewidth=0.0, label=name)
+        axes.stairs(done, edges, fill=True, color=s.BLUE, alpha=0.55, linewidth=0.0, label=name)
     if not completed.all():
         name = f"ended early ({np.count_nonzero(~completed)})"
-        hatched: dict[str, Any] = {"facecolor": "white", "edgecolor": RED, "hatch": "//////"}
+        hatched: dict[str, Any] = {"facecolor": "white", "edgecolor": s.RED, "hatch": "//////"}
         axes.stairs(all_runs, edges, baseline=done, fill=True, linewidth=0.0, label=name, **hatched)
-    axes.stairs(all_runs, edges, color=BLACK, linewidth=0.6)
+    axes.stairs(all_runs, edges, color=s.BLACK, linewidth=0.6)
     return float(all_runs.max())
 
 
 def _quantiles(axes: Axes, values: Floats) -> None:
-    """Draws the median, and the 5 % and 95 % quantiles, as lines."""
     low, middle, high = np.quantile(values, [0.05, 0.5, 0.95])
-    axes.axvline(middle, color=BLACK, linewidth=1.0, label="median")
-    style: dict[str, Any] = {"color": BLACK, "linewidth": 0.8, "linestyle": (0, (3, 2))}
+    axes.axvline(middle, color=s.BLACK, linewidth=1.0, label="median")
+    style: dict[str, Any] = {"color": s.BLACK, "linewidth": 0.8, "linestyle": (0, (3, 2))}
     axes.axvline(low, **style, label="5 % and 95 %")
     axes.axvline(high, **style)
 
@@ -132,7 +116,7 @@ def failure_times(ensemble: Results, ax: Axes | None = None) -> Figure:
     counts = {name: n for name, n in ensemble.counts().items() if name != "completed"}
     lost = sum(counts.values())
     never = ensemble.runs - lost
-    with one_panel(ax, COLUMN, 2.5) as (figure, each):
+    with s.one_panel(ax, s.COLUMN, 2.5) as (figure, each):
         each.set_xlabel("time [s]")
         each.set_ylabel("share of runs ended early [1]")
         start, end = _spanned(ensemble)
@@ -157,7 +141,11 @@ def failure_times(ensemble: Results, ax: Axes | None = None) -> Figure:
                 some &= ensemble.status == status
             times = np.sort(ensemble.failure_time[some])
             share = np.arange(1, len(times) + 1) / ensemble.runs
-            style = {"color": BLACK, "linewidth": 0.7} if status == "all" else LINES[k % len(LINES)]
+            style = (
+                {"color": s.BLACK, "linewidth": 0.7}
+                if status == "all"
+                else s.LINES[k % len(s.LINES)]
+            )
             each.step(
                 np.concatenate([[start], times, [end]]),
                 np.concatenate([[0.0], share, share[-1:]]),
@@ -181,7 +169,7 @@ def _spanned(ensemble: Results) -> tuple[float, float]:
     return float(start), float(ensemble.end_time.max())
 
 
-@styled()
+@s.styled()
 def importance(
     ensemble: Results,
     name: str | NDArray[np.bool_] = "completed",
@@ -208,7 +196,7 @@ def importance(
         raise ValueError("found is empty: must have an effect")
     effects = dict(list(found.items())[:_MOST_BARS])
     height = 1.15 + 0.24 * max(len(effects), 2)
-    figure, axes = panels(1, 2, COLUMN, height, sharey=True, width_ratios=(1.7, 1.0))
+    figure, axes = s.panels(1, 2, s.COLUMN, height, sharey=True, width_ratios=(1.7, 1.0))
     share, sign = axes[0]
     figure.suptitle(_title(name, found), fontsize=8.0)
     rows = np.arange(len(effects))
@@ -218,31 +206,30 @@ def importance(
     sign.set_xlabel("rank corr. [1]")
     _shares(share, rows, list(effects.values()))
     values = [effect.rank_correlation for effect in effects.values()]
-    sign.barh(rows, values, height=0.08, color=RED, linewidth=0.0)
-    sign.plot(values, rows, color=RED, marker="o", linestyle="")
-    sign.axvline(0.0, color=BLACK, linewidth=0.6)
+    sign.barh(rows, values, height=0.08, color=s.RED, linewidth=0.0)
+    sign.plot(values, rows, color=s.RED, marker="o", linestyle="")
+    sign.axvline(0.0, color=s.BLACK, linewidth=0.6)
     sign.set_xlim(-1.05, 1.05)
     sign.set_xticks([-1, 0, 1])
     for each, letter in ((share, "a"), (sign, "b")):
         each.tick_params(axis="y", length=0.0)
-        tag(each, letter)
-    shared_legend(figure, [share], "outside lower center")
+        s.tag(each, letter)
+    s.shared_legend(figure, [share], "outside lower center")
     return figure
 
 
 def _shares(axes: Axes, rows: np.ndarray, effects: list[Effect]) -> None:
-    """Draws bars of the shares, and grey bars of the noise level."""
     values = np.clip(np.nan_to_num([effect.share for effect in effects]), 0.0, 1.0)
     noise = np.nan_to_num([effect.noise for effect in effects])
     bars: dict[str, Any] = {"linewidth": 0.0}
-    axes.barh(rows, values, height=0.62, color=BLUE, alpha=0.75, label="first order", **bars)
-    axes.barh(rows, noise, height=0.86, color=GREY, alpha=0.6, label="by chance (95 %)", **bars)
+    axes.barh(rows, values, height=0.62, color=s.BLUE, alpha=0.75, label="first order", **bars)
+    axes.barh(rows, noise, height=0.86, color=s.GREY, alpha=0.6, label="by chance (95 %)", **bars)
     top = max(float(values.max()), float(noise.max()), 0.05)
     # Leave room for the numbers to the right of the bars.
     axes.set_xlim(0.0, 1.32 * top)
     for row, value, chance in zip(rows, values, noise, strict=True):
         text = f"{value:.2f}" if value > chance else "noise" if chance > 0.0 else ""
-        at, color = max(value, chance) + 0.02 * top, BLACK if value > chance else "0.4"
+        at, color = max(value, chance) + 0.02 * top, s.BLACK if value > chance else "0.4"
         axes.text(at, row, text, va="center", fontsize=8.0, color=color)
 
 
@@ -263,7 +250,7 @@ def _legend(figure: Figure, axes: Axes, ax: Axes | None) -> None:
     if ax is not None:
         axes.legend(fontsize="small")
         return
-    shared_legend(
+    s.shared_legend(
         figure, [axes], "outside upper left", ncols=2, columnspacing=1.0, handlelength=1.8
     )
 
@@ -310,7 +297,7 @@ def success_map(
         bins = int(np.clip(np.sqrt(len(u) / 12), 3, 30))
     bins = integer("bins", bins, 1, _MOST_BINS)
     magnitude = [drawn_by_magnitude(ensemble, name) for name in (x, y)]
-    with one_panel(ax, COLUMN, 2.9) as (figure, each):
+    with s.one_panel(ax, s.COLUMN, 2.9) as (figure, each):
         each.set_xlabel(label(x, across.unit))
         each.set_ylabel(label(y, up.unit))
         if not len(u):
@@ -328,12 +315,12 @@ def success_map(
         each.set_facecolor("white")
         for which, logarithmic, ends in zip("xy", magnitude, edges, strict=True):
             if logarithmic:
-                by_magnitude(each, which, ends[0], ends[-1])
-        mesh = color_cells(each, edges, share, low, high)
+                s.by_magnitude(each, which, ends[0], ends[-1])
+        mesh = s.color_cells(each, edges, share, low, high)
         vague = (all_runs > 0) & (_reach(some, all_runs) > _WIDE)
         k, m = np.nonzero(vague)
         each.plot(middles[0][k], middles[1][m], **_DOTS)
-        colorbar(figure, mesh, each, share_of)
+        s.colorbar(figure, mesh, each, share_of)
         filled = all_runs[all_runs > 0]
         blank = int((all_runs == 0).sum())
         text = f"{ensemble.model}\n{len(u)} runs, {np.median(filled):.0f} in the median bin"

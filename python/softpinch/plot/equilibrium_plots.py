@@ -18,31 +18,7 @@ from ..study.rows import Column
 from ..study.tables import booleans, number, shown
 from ..support import checks
 from ..support.arrays import Floats
-from .style import (
-    BLACK,
-    BLUE,
-    COLUMN,
-    DEG,
-    GREEN,
-    GREY,
-    HEAT,
-    MM,
-    PAGE,
-    PURPLE,
-    RED,
-    cell_edges,
-    cell_patch,
-    color_cells,
-    colorbar,
-    constant_limits,
-    fill_cells,
-    least_range,
-    legend,
-    panels,
-    panels_or_given,
-    styled,
-    tag,
-)
+from . import style as s
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -67,14 +43,14 @@ _FACES: dict[str, tuple[str, str]] = {
 # Smaller differences, in the units of the panels or as a share of the values, are round-off.
 _ROUND_OFF = 1e-7
 Line = dict[str, Any]
-_ONLY: Line = {"color": BLACK}
+_ONLY: Line = {"color": s.BLACK}
 # The right line is wider, so that it shows below the left one where both are equal.
-_RIGHT: Line = {"color": BLUE, "linewidth": 1.8}
+_RIGHT: Line = {"color": s.BLUE, "linewidth": 1.8}
 _POINTS: Line = {"marker": "o", "markersize": 2.4}
-_LEFT: Line = {"color": RED, "linewidth": 0.8, "markeredgewidth": 0.0, **_POINTS}
+_LEFT: Line = {"color": s.RED, "linewidth": 0.8, "markeredgewidth": 0.0, **_POINTS}
 
 
-@styled()
+@s.styled()
 def equilibria(map: EquilibriumMap) -> Figure:
     """Rest of the grasp over the axes of a map: pose, stiffness, friction and stability.
 
@@ -104,21 +80,19 @@ def _axis(map: EquilibriumMap, k: int) -> tuple[Floats, str]:
     return np.asarray(column.values), label(map.axes[k], column.unit)
 
 
-# One axis.
-
-
 def _curves(map: EquilibriumMap) -> Figure:
-    figure, axes = panels(3, 2, PAGE, 5.2, sharex=True)
+    """The figure over one axis."""
+    figure, axes = s.panels(3, 2, s.PAGE, 5.2, sharex=True)
     values, name = _axis(map, 0)
     stiffness = map.stiffness
-    force, friction = stiffness / MM.per_si, map.friction_needed
+    force, friction = stiffness / s.MM.per_si, map.friction_needed
     # Name of each panel -> its lines: values, style, and a name if there are several.
     plans: dict[str, list[tuple[Floats, Line, str]]] = {
-        "rotation [deg]": [(map.rotation * DEG.per_si, _ONLY, "")],
-        "height $y$ [mm]": [(map.position[:, 1] * MM.per_si, _ONLY, "")],
+        "rotation [deg]": [(map.rotation * s.DEG.per_si, _ONLY, "")],
+        "height $y$ [mm]": [(map.position[:, 1] * s.MM.per_si, _ONLY, "")],
         "stiffness [N/mm]": [
-            (force[:, 0, 0], {"color": BLUE}, "$K_{xx}$"),
-            (force[:, 1, 1], {**_LEFT, "color": GREEN}, "$K_{yy}$"),
+            (force[:, 0, 0], {"color": s.BLUE}, "$K_{xx}$"),
+            (force[:, 1, 1], {**_LEFT, "color": s.GREEN}, "$K_{yy}$"),
         ],
         r"$K_{\theta\theta}$ [N m/rad]": [(stiffness[:, 2, 2], _ONLY, "")],
         "friction needed [1]": [(friction[:, 0], _RIGHT, "right"), (friction[:, 1], _LEFT, "left")],
@@ -128,16 +102,21 @@ def _curves(map: EquilibriumMap) -> Figure:
         for curve in curves:
             _curve(each, map, values, *curve)
         each.set_ylabel(title)
-        tag(each, "abcdef"[k])
+        s.tag(each, "abcdef"[k])
         if len(curves) > 1:
-            legend(each)
-        _spans(each, map, values)
-    least_range(axes.flat, _ROUND_OFF)
+            s.legend(each)
+        edges = s.cell_edges(values)
+        # Cells without equilibrium are marked over the whole height.
+        for cell, status in enumerate(map.status.tolist()):
+            if status != "at_rest":
+                face, hatch = _FACES[status]
+                each.axvspan(edges[cell], edges[cell + 1], facecolor=face, edgecolor="0.3",
+                             hatch=hatch, linewidth=0.0, zorder=0.3)  # fmt: skip
+    s.least_range(axes.flat, _ROUND_OFF)
     _friction(axes[2, 0], map, values)
-    axes[2, 1].axhline(0.0, color=GREY, linewidth=0.6, zorder=0.8)
+    axes[2, 1].axhline(0.0, color=s.GREY, linewidth=0.6, zorder=0.8)
     for each in axes[-1]:
         each.set_xlabel(name)
-        edges = cell_edges(values)
         each.set_xlim(edges[0], edges[-1])
     _legend(figure, map, [])
     return figure
@@ -170,41 +149,29 @@ def _among_neighbours(cells: NDArray[np.bool_], itself: bool = True) -> NDArray[
     return np.convolve(cells, [1, int(itself), 1])[1:-1] > 0
 
 
-def _spans(axes: Axes, map: EquilibriumMap, values: Floats) -> None:
-    """Marks the cells without equilibrium over the whole height."""
-    edges = cell_edges(values)
-    for k, status in enumerate(map.status.tolist()):
-        if status != "at_rest":
-            face, hatch = _FACES[status]
-            axes.axvspan(edges[k], edges[k + 1], facecolor=face, edgecolor="0.3", hatch=hatch,
-                         linewidth=0.0, zorder=0.3)  # fmt: skip
-
-
 def _friction(axes: Axes, map: EquilibriumMap, values: Floats) -> None:
     """Draws the friction of both contacts, where the panel has room for it."""
     limits = [coefficients(cell.scene.friction) for cell in map.cells]
     for tip in (0, 1):
         mu = np.array([pair[tip] for pair in limits])
         if np.isfinite(mu).any():
-            axes.plot(values, np.where(np.isfinite(mu), mu, np.nan), color=GREY, linewidth=0.8)
+            axes.plot(values, np.where(np.isfinite(mu), mu, np.nan), color=s.GREY, linewidth=0.8)
     axes.set_ylim(bottom=0.0)
 
 
-# Two axes.
-
-
 def _maps(map: EquilibriumMap) -> Figure:
-    figure, axes = panels(2, 2, PAGE, 5.4, sharex=True, sharey=True)
+    """The figure over two axes."""
+    figure, axes = s.panels(2, 2, s.PAGE, 5.4, sharex=True, sharey=True)
     (x, across), (y, up) = _axis(map, 0), _axis(map, 1)
-    left, bottom = cell_edges(x), cell_edges(y)
+    left, bottom = s.cell_edges(x), s.cell_edges(y)
     friction, title = map.friction_margin, "margin of friction [1]"
     signed = bool(np.isfinite(friction).any())
     if not signed:
         friction, title = map.friction_needed.max(axis=-1), "friction needed [1]"
     plans = (
-        (map.rotation * DEG.per_si, "rotation [deg]", True),
-        (map.position[..., 1] * MM.per_si, "height $y$ [mm]", False),
-        (_smallest(map) / MM.per_si, "smallest stiffness [N/mm]", False),
+        (map.rotation * s.DEG.per_si, "rotation [deg]", True),
+        (map.position[..., 1] * s.MM.per_si, "height $y$ [mm]", False),
+        (_smallest(map) / s.MM.per_si, "smallest stiffness [N/mm]", False),
         (friction, title, signed),
     )
     extra: list[Any] = []
@@ -212,21 +179,21 @@ def _maps(map: EquilibriumMap) -> Figure:
         drawn = np.ma.masked_invalid(values)
         pulls = np.ma.getmaskarray(drawn) & (map.status == "at_rest")
         kinds = np.where(pulls, "pulling", map.status)
-        fill_cells(each, kinds, left, bottom, _FACES)
+        s.fill_cells(each, kinds, left, bottom, _FACES)
         if drawn.count():
-            low, high = constant_limits(values, _ROUND_OFF) or (drawn.min(), drawn.max())
+            low, high = s.constant_limits(values, _ROUND_OFF) or (drawn.min(), drawn.max())
             if signed:
                 high = max(abs(low), abs(high))
                 low = -high
-            colors = _SIGNED if signed else HEAT
-            mesh = color_cells(each, (left, bottom), drawn, low, high, colors)
-            colorbar(figure, mesh, each, name)
+            colors = _SIGNED if signed else s.HEAT
+            mesh = s.color_cells(each, (left, bottom), drawn, low, high, colors)
+            s.colorbar(figure, mesh, each, name)
         else:
             each.set_title(name)
         extra = _boundaries(each, map, left, bottom)
         each.set_xlim(left[0], left[-1])
         each.set_ylim(bottom[0], bottom[-1])
-        tag(each, "abcd"[k])
+        s.tag(each, "abcd"[k])
     for each in axes[-1]:
         each.set_xlabel(across)
     for each in axes[:, 0]:
@@ -274,9 +241,9 @@ def _boundaries(axes: Axes, map: EquilibriumMap, left: Floats, bottom: Floats) -
     # A single side of stability hardly shows; the dots of unstable cells show where it is.
     stability = stability if len(stability) > 1 else []
     for sides, name, layers in (
-        (friction, "limit of friction", {"white": 0.9, BLACK: 0.4}),
-        (stability, "boundary of stability", {"white": 2.4, BLACK: 1.1}),
-        (branches, "fold between neighbours", {RED: 1.4}),
+        (friction, "limit of friction", {"white": 0.9, s.BLACK: 0.4}),
+        (stability, "boundary of stability", {"white": 2.4, s.BLACK: 1.1}),
+        (branches, "fold between neighbours", {s.RED: 1.4}),
     ):
         if sides:
             for color, width in layers.items():
@@ -287,7 +254,7 @@ def _boundaries(axes: Axes, map: EquilibriumMap, left: Floats, bottom: Floats) -
     if unstable.any():
         i, j = np.nonzero(unstable)
         style: Line = {"marker": ".", "markersize": 1.6, "color": "white", "linestyle": "",
-                       "markeredgecolor": BLACK, "markeredgewidth": 0.25}  # fmt: skip
+                       "markeredgecolor": s.BLACK, "markeredgewidth": 0.25}  # fmt: skip
         middles = 0.5 * (left[1:] + left[:-1]), 0.5 * (bottom[1:] + bottom[:-1])
         axes.plot(middles[0][i], middles[1][j], **style, zorder=1.8)
         entries.append(Line2D([], [], **{**style, "markersize": 4.0}, label="unstable"))
@@ -299,38 +266,38 @@ def _legend(figure: Figure, map: EquilibriumMap, handles: list[Any]) -> None:
 
     if len(map.axes) == 1:
         if map.stable.any():
-            handles.append(Line2D([], [], color=BLACK, label="stable"))
+            handles.append(Line2D([], [], color=s.BLACK, label="stable"))
         if ((map.status == "at_rest") & ~map.stable).any():
-            handles.append(Line2D([], [], color=BLACK, linestyle=_UNSTABLE, label="unstable"))
+            handles.append(Line2D([], [], color=s.BLACK, linestyle=_UNSTABLE, label="unstable"))
         mu = [mu for cell in map.cells for mu in coefficients(cell.scene.friction)]
         if np.isfinite(mu).any():
-            handles.append(Line2D([], [], color=GREY, linewidth=0.8, label="friction of the scene"))
+            handles.append(
+                Line2D([], [], color=s.GREY, linewidth=0.8, label="friction of the scene")
+            )
     pulls = bool(np.isinf(map.friction_needed).any()) and len(map.axes) == 2
     for status, face in _FACES.items():
         if (map.status == status).any() or (status == "pulling" and pulls):
             name = f"no equilibrium: {words(status)}"
             if status == "pulling" and pulls and not (map.status == status).any():
                 name = "a tip pulls"
-            handles.append(cell_patch(face, name))
+            handles.append(s.cell_patch(face, name))
     if handles:
         figure.legend(handles=handles, loc="outside upper center", ncols=4, columnspacing=1.4)
 
 
-# Wrench limits.
-
-# Limit -> marker, distinct in grey too; `_OTHER` is that of other limits.
+# Limit of a wrench -> marker, distinct in grey too; `_OTHER` is that of other limits.
 _MARKS: dict[str, dict[str, Any]] = {
-    "slipping": {"marker": "o", "color": BLUE},
-    "pulling": {"marker": "s", "color": RED},
-    "off_face": {"marker": "^", "color": GREEN},
-    "unstable": {"marker": "D", "color": PURPLE},
+    "slipping": {"marker": "o", "color": s.BLUE},
+    "pulling": {"marker": "s", "color": s.RED},
+    "off_face": {"marker": "^", "color": s.GREEN},
+    "unstable": {"marker": "D", "color": s.PURPLE},
     "separated": {"marker": "P", "color": "#E69F00"},
     "crushed": {"marker": "X", "color": "#56B4E9"},
     "folded": {"marker": "v", "color": "#8C6D31"},
 }
-_OTHER: dict[str, Any] = {"marker": "*", "color": BLACK}
-_HELD: dict[str, Any] = {"marker": ".", "markersize": 3.0, "color": BLUE, "markeredgewidth": 0.0}
-_LOST: dict[str, Any] = {"marker": "x", "markersize": 3.0, "color": RED, "markeredgewidth": 0.7}
+_OTHER: dict[str, Any] = {"marker": "*", "color": s.BLACK}
+_HELD: dict[str, Any] = {"marker": ".", "markersize": 3.0, "color": s.BLUE, "markeredgewidth": 0.0}
+_LOST: dict[str, Any] = {"marker": "x", "markersize": 3.0, "color": s.RED, "markeredgewidth": 0.7}
 # Angles at which the radial axis has room for its name, between the angles that are labelled, rad.
 _RADIAL = np.deg2rad([67.5, 22.5, 112.5, 157.5, 202.5, 247.5, 292.5, 337.5])
 # Directions further apart than this are not joined by a line, rad.
@@ -369,20 +336,20 @@ def wrench_limits(
     points = None if ensemble is None else _points(ensemble, force, what)
     if points is not None:
         shown = np.append(shown, points[1] * np.exp(1j * points[0]))
-    columns, width, height = (1, COLUMN, 3.7) if points is None else (2, PAGE, 3.9)
+    columns, width, height = (1, s.COLUMN, 3.7) if points is None else (2, s.PAGE, 3.9)
     polar = {"projection": "polar"}
-    with panels_or_given(ax, 1, columns, width, height, subplot_kw=polar) as (figure, axes):
+    with s.panels_or_given(ax, 1, columns, width, height, subplot_kw=polar) as (figure, axes):
         first = axes[0, 0]
         if first.name != "polar":
             raise ValueError(f'ax: must have projection="polar", not {first.name!r}')
-        _outline(first, angle, size, {"color": GREY, "linewidth": 0.8})
+        _outline(first, angle, size, {"color": s.GREY, "linewidth": 0.8})
         _marked(first, angle, size, limits.limit[plain])
         first.set_title(_title(limits, plain), fontsize=9.0, pad=8.0)
         if points is not None and ensemble is not None:
             second = axes[0, 1]
             turned, sizes, held = points
             _outline(second, angle, size, {"color": "white", "linewidth": 2.4, "zorder": 2.0})
-            style = {"color": BLACK, "linewidth": 1.1, "zorder": 2.1}
+            style = {"color": s.BLACK, "linewidth": 1.1, "zorder": 2.1}
             _outline(second, angle, size, {**style, "label": "limit of slow forces"})
             for some, mark, name in ((held, _HELD, "held"), (~held, _LOST, "not held")):
                 label = f"{name} ({int(some.sum())})"
@@ -414,12 +381,12 @@ def carry_limits(limits: CarryLimits, ax: Axes | None = None) -> Figure:
     finite, gravity = np.isfinite(sizes), rests[0].scene.gravity
     shown = np.append((sizes * np.exp(1j * angle))[finite], gravity)
     polar = {"projection": "polar"}
-    with panels_or_given(ax, 1, 1, COLUMN, 3.7, subplot_kw=polar) as (figure, axes):
+    with s.panels_or_given(ax, 1, 1, s.COLUMN, 3.7, subplot_kw=polar) as (figure, axes):
         (each,) = axes.flat
         if each.name != "polar":
             raise ValueError(f'ax: must have projection="polar", not {each.name!r}')
         if limits.limit.ndim == 1:
-            _outline(each, angle, limits.limit, {"color": GREY, "linewidth": 0.8})
+            _outline(each, angle, limits.limit, {"color": s.GREY, "linewidth": 0.8})
             _marked(each, angle, limits.limit, limits.cause)
         else:
             colors = colormaps["viridis"](np.linspace(0.0, 0.85, len(sizes)))
@@ -427,7 +394,7 @@ def carry_limits(limits: CarryLimits, ax: Axes | None = None) -> Figure:
                 style = {"color": color, "linewidth": 1.2, "label": f"tilt {tilt:.4g}$^\\circ$"}
                 _outline(each, angle, size, style)
         around = np.linspace(0.0, 2.0 * np.pi, 181)
-        each.plot(around, np.full(181, gravity), color=BLACK, linewidth=0.8, linestyle="--",
+        each.plot(around, np.full(181, gravity), color=s.BLACK, linewidth=0.8, linestyle="--",
                   label="gravity")  # fmt: skip
         how = "growing slowly" if limits.profile is None else words(f"{limits.profile} moves")
         free = f"\n{int((~finite).sum())} directions without limit" if not finite.all() else ""
@@ -460,7 +427,6 @@ def _outline(axes: PolarAxes, angle: Floats, size: Floats, style: dict[str, Any]
 
 
 def _marked(axes: PolarAxes, angle: Floats, size: Floats, limit: NDArray[np.str_]) -> None:
-    """Draws a mark for each limit."""
     for name in dict.fromkeys([*_MARKS, *limit.tolist()]):
         some = (limit == name) & np.isfinite(size)
         if some.any():

@@ -240,7 +240,6 @@ def animate(
 
 
 def _writer(kind: str, fps: Any, settings: Any) -> Any:
-    """Matplotlib's writer of a kind of film."""
     from matplotlib.animation import FFMpegWriter, HTMLWriter, PillowWriter
 
     if kind == ".gif":

@@ -112,7 +112,6 @@ def _moved(scene: Scene, q: Floats, direction: Floats) -> Floats:
 
 
 def _outline(axes: Axes, scene: Scene, q: Floats) -> None:
-    """Draws the outline of the grasp at rest, dashed."""
     lines = [outline.object_outline(scene, q)]
     for side in (0, 1):
         finger = outline.finger_outline(scene, q, side)

@@ -1,11 +1,13 @@
-"""Figures of one run over time: `motion`, `residuals`, `forces`, `contact`, and `run` with all."""
+"""Figures of runs over time: of one run `motion`, `residuals`, `forces`, `contact`, and `run` with
+all; of several `disturbances`, `contact_models` and `tilt_coupling`.
+"""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from textwrap import fill
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,10 +17,12 @@ from ..run.run import Run
 from ..scene import outline
 from ..scene.fields import QUANTITIES, label
 from ..scene.parts import jaws
-from ..support.checks import instance
+from ..support import checks
+from ..support.arrays import Floats
 from ..support.errors import NotRecordedError
-from .style import BLACK, COLUMN, DEG, GREY, LETTERS, LINES, MM, PAGE, RED, TARGET, styled
+from .style import BLACK, COLUMN, DEG, GREY, LETTERS, LINES, MM, PAGE, RED, TARGET, Unit, styled
 from .timeline import (
+    COMPRESSIONS,
     POSE,
     Column,
     Curve,
@@ -51,6 +55,11 @@ _INFINITE, _FRICTION_RANGE = 1e2, (1e-4, 3e2)
 _TOGETHER = 0.02
 # The shortest window around such changes, s, and the room before and after them, as its share.
 _WINDOW, _ROOM = 1e-3, (0.15, 0.35)
+# Start of the time axis of a disturbed run, relative to the onset, s.
+_EARLIER = -0.02
+_SINCE = "time from the onset [s]"
+# Times since the onset (k,), s, and changes of q (k, 9): see `measures.response`.
+_Response = tuple[Floats, Floats]
 
 
 @styled()
@@ -60,7 +69,7 @@ def motion(run: Run) -> Figure:
     Args:
         run: A run with "state" recorded.
     """
-    instance("run", run, Run)
+    checks.instance("run", run, Run)
     target = measures.target_angles(run)
     drawn = []
     for index, symbol, unit in fingers(run.scene) + POSE:
@@ -84,7 +93,7 @@ def residuals(run: Run) -> Figure:
     Args:
         run: A run with "residuals" recorded.
     """
-    instance("run", run, Run)
+    checks.instance("run", run, Run)
     drawn = []
     quantity = QUANTITIES["residuals"]
     for k, (column, unit) in enumerate(zip(quantity.columns, quantity.units, strict=True)):
@@ -116,7 +125,7 @@ def forces(run: Run) -> Figure:
     Args:
         run: A run with "multipliers" and "energy" recorded.
     """
-    instance("run", run, Run)
+    checks.instance("run", run, Run)
     start = float(run.t[int(np.argmin(run.multipliers[:, :2].min(axis=1)))])
     pressing, ledger = _pressing(run), _ledger(run)
     closure = _closure(run)._replace(title="error of the ledger")
@@ -134,15 +143,9 @@ def _mark_pulls(whole: Axes, zooms: Iterable[Axes], run: Run) -> None:
     for side in (0, 1):
         pulls = np.reshape(measures.pulling_intervals(run, side), (-1, 2))
         color = LINES[side]["color"]
-        whole.plot(
-            pulls[:, 0],
-            np.full(len(pulls), 0.95),
-            marker="v",
-            color=color,
-            linestyle="none",
-            transform=whole.get_xaxis_transform(),
-            zorder=3.0,
-        )
+        style: dict[str, Any] = {"color": color, "marker": "v", "linestyle": "none", "zorder": 3.0}
+        top = whole.get_xaxis_transform()
+        whole.plot(pulls[:, 0], np.full(len(pulls), 0.95), transform=top, **style)
         for each, (begin, end) in itertools.product(zooms, pulls.tolist()):
             each.axvspan(begin, end, facecolor=color, alpha=0.15, linewidth=0.0, zorder=0.4)
 
@@ -189,7 +192,7 @@ def contact(run: Run) -> Figure:
     Args:
         run: A run with unilateral contact and "residuals" recorded, best at every step.
     """
-    instance("run", run, Run)
+    checks.instance("run", run, Run)
     if run.scene.contact != "unilateral":
         raise ValueError(
             f"run.scene.contact = {run.scene.contact!r}: must be 'unilateral'; tips in bilateral "
@@ -229,7 +232,7 @@ def run(run: Run) -> Figure:
     Args:
         run: A run with something recorded.
     """
-    instance("run", run, Run)
+    checks.instance("run", run, Run)
     drawn = list(_overview(run))
     if not drawn:
         raise NotRecordedError("no quantity to plot was recorded: pass record=('state',)")
@@ -255,7 +258,6 @@ def run(run: Run) -> Figure:
 
 
 def _overview(run: Run) -> Iterator[Panel]:
-    """The panels of everything that was recorded."""
     unilateral = run.scene.contact == "unilateral"
     if "state" in run.record:
         angles, target = recorded(run, "q", (3, 4)), measures.target_angles(run)
@@ -365,3 +367,180 @@ def _closure(run: Run) -> Panel:
     size = np.abs(run.energy.closure)
     curve = Curve(run.t, np.where(size > 0.0, size, np.nan), {"color": BLACK})
     return Panel("|closure| [J]", [curve], decades=6)
+
+
+@styled()
+def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None = None) -> Figure:
+    """Changes of finger angles and object pose after disturbances (the paper's Fig. 7).
+
+    Time counts from the onset. Lasting forces have a column of their own, left of transient ones,
+    because their effects are larger by one or two orders of magnitude.
+
+    Args:
+        runs: Name of each case -> run with "state" recorded.
+        undisturbed: Name of each case -> run without the disturbance, which the plotted change is
+            relative to. Cases without such a run show the change since the onset, which includes
+            any motion that had not settled by then.
+    """
+    undisturbed = {} if undisturbed is None else undisturbed
+    _require_runs("runs", runs, 1)
+    _require_runs("undisturbed", undisturbed)
+    named = {f"({case})": run for case, run in runs.items()}
+    twins = {f"({case})": run for case, run in undisturbed.items()}
+    responses = {name: measures.response(run, twins.get(name)) for name, run in named.items()}
+    styles = _styles(named)
+    stays = {name: run for name, run in named.items() if measures.lasting(run)}
+    passes = {name: run for name, run in named.items() if name not in stays}
+    columns: list[Column] = []
+    coordinates = fingers(next(iter(runs.values())).scene) + POSE
+    for title, group in (("forces that stay", stays), ("forces that pass", passes)):
+        if not group:
+            continue
+        some = {name: responses[name] for name in group}
+        drawn = [_change(some, styles, *quantity) for quantity in coordinates]
+        until = max(measures.busy(*each) for each in some.values())
+        letters = LETTERS[len(columns) * len(drawn) :]
+        title, onsets = f"{title}: {', '.join(group)}", _onsets(group)
+        columns.append(Column(drawn, group, (0.0, until or None), _SINCE, letters, title, onsets))
+    width = PAGE if len(columns) > 1 else COLUMN
+    return draw(columns, width, 1.28 * len(columns[0].panels))[0]
+
+
+def _require_runs(field: str, runs: object, least: int = 0) -> None:
+    checks.instance(field, runs, Mapping, "a dictionary of runs")
+    assert isinstance(runs, Mapping)
+    for name, each in runs.items():
+        checks.instance(f"{field}[{checks.shown(name)}]", each, Run)
+    if len(runs) < least:
+        raise ValueError(f"{field} is empty: must have a run")
+
+
+def _styles(names: Sequence[str] | Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    return {name: LINES[k % len(LINES)] for k, name in enumerate(names)}
+
+
+def _onsets(runs: Mapping[str, Run]) -> dict[str, float]:
+    return {name: measures.onset(run) for name, run in runs.items()}
+
+
+def _change(
+    changes: Mapping[str, _Response], styles: Mapping[str, Any], index: int, symbol: str, unit: Unit
+) -> Panel:
+    """The changes of one column of q in several runs, in a unit that fits the largest."""
+    peak = max(float(np.abs(change[:, index]).max()) for _, change in changes.values())
+    unit = unit.finer(peak)
+    curves = [
+        Curve(t, change[:, index] * unit.per_si, styles[name], name)
+        for name, (t, change) in changes.items()
+    ]
+    return Panel(axis_name(symbol, unit, change=True), curves, zero=True)
+
+
+def _cross(curve: Curve, name: str = "") -> Curve:
+    """A cross at the end of a curve, where the run ended early."""
+    style = {"color": curve.style["color"], "marker": "x", "markersize": 5.0, "linestyle": "none"}
+    return Curve(curve.t[-1:], curve.values[-1:], style, name)
+
+
+@styled()
+def contact_models(columns: Mapping[str, Mapping[str, Run]]) -> Figure:
+    """The object's motion in scenes with bilateral contact and with several frictions.
+
+    Each column is a scene. Time and change of pose count from the onset of its first disturbance,
+    or from the start of the run without one; a column with a disturbance ends when the pose stays.
+    A cross marks the end of a run that ended early. Below are two bands for each run with
+    unilateral contact: the modes of its right tip above those of its left tip.
+
+    Args:
+        columns: Name of each scene -> name of each contact -> run with "state" recorded. The names
+            of the contacts are those of the lines, and of the bands.
+    """
+    checks.instance("columns", columns, Mapping, "a dictionary of dictionaries of runs")
+    for title, runs in columns.items():
+        _require_runs(f"columns[{checks.shown(title)}]", runs, 1)
+    if not columns:
+        raise ValueError("columns is empty: must have a scene")
+    styles = _styles(list(dict.fromkeys(name for runs in columns.values() for name in runs)))
+    scenes = []
+    for k, (title, runs) in enumerate(columns.items()):
+        responses = {name: measures.response(run) for name, run in runs.items()}
+        drawn = []
+        for quantity in POSE:
+            panel = _change(responses, styles, *quantity)
+            ends = [_cross(curve) for curve in panel.curves if not runs[curve.label].success]
+            drawn.append(panel._replace(curves=[*panel.curves, *ends]))
+        disturbed = any(run.scene.disturbances for run in runs.values())
+        last = max(
+            measures.busy(*each) if disturbed else float(each[0][-1]) for each in responses.values()
+        )
+        letters, time = LETTERS[len(POSE) * k :], _SINCE if disturbed else "time [s]"
+        scenes.append(Column(drawn, runs, (0.0, last or None), time, letters, title, _onsets(runs)))
+    return draw(scenes, PAGE, 4.2)[0]
+
+
+@styled()
+def tilt_coupling(
+    run_plus: Run,
+    run_minus: Run,
+    pushed_plus: Run | None = None,
+    pushed_minus: Run | None = None,
+    disturbance: str = "the disturbance",
+) -> Figure:
+    """The effect of the sign of the shear in (4): kappa = +1, as printed, and kappa = -1.
+
+    Args:
+        run_plus: A run with `tilt_coupling` = 1 and "state" recorded.
+        run_minus: A run of this scene with `tilt_coupling` = -1 and "state" recorded.
+        pushed_plus: A run with `tilt_coupling` = 1 under a disturbance. With `pushed_minus` it adds
+            a second column with tilt and compressions.
+        pushed_minus: A run of that scene with `tilt_coupling` = -1.
+        disturbance: Name of the disturbance, for the second column's title.
+    """
+    pushed = {"pushed_plus": pushed_plus, "pushed_minus": pushed_minus}
+    given = {field: each for field, each in pushed.items() if each is not None}
+    for field, each in {"run_plus": run_plus, "run_minus": run_minus, **given}.items():
+        checks.instance(field, each, Run)
+    if len(given) == 1:
+        missing = next(field for field in pushed if field not in given)
+        raise ValueError(f"{missing} is missing: give both pushed runs, or none")
+    checks.instance("disturbance", disturbance, str, "text")
+    poses = [
+        Panel(
+            axis_name(symbol, unit),
+            [
+                Curve(run.t, run.q[:, index] * unit.per_si, style, _kappa(run))
+                for run, style in zip((run_plus, run_minus), LINES, strict=False)
+            ],
+        )
+        for index, symbol, unit in reversed(POSE)
+    ]
+    columns = [Column.of(run_plus, poses)._replace(runs={})]
+    if pushed_plus is not None and pushed_minus is not None:
+        columns.append(_pushed(pushed_plus, pushed_minus, disturbance))
+    figure, axes = draw(columns, PAGE if len(columns) > 1 else COLUMN, 4.4)
+    number_operations(axes[0, 0], run_plus)
+    for panel in axes[0, 1:]:
+        # This margin keeps tick labels away from the title.
+        panel.margins(y=0.25)
+    return figure
+
+
+def _kappa(run: Run) -> str:
+    return rf"$\kappa = {run.scene.hand.tips[0].tilt_coupling:+g}$"
+
+
+def _pushed(plus: Run, minus: Run, disturbance: str) -> Column:
+    """Tilt and both compressions after a disturbance; a cross marks the loss of the grasp."""
+    onset = measures.onset(plus)
+    drawn = []
+    for index, symbol, unit in (POSE[2], *COMPRESSIONS):
+        curves = []
+        for run, style in ((plus, LINES[0]), (minus, LINES[1])):
+            since = run.t - onset
+            # A run that ended before the onset shows its last row.
+            rows = since >= min(1.2 * _EARLIER, since[-1])
+            curve = Curve(since[rows], run.q[rows, index] * unit.per_si, style, _kappa(run))
+            curves += [curve] if run.success else [curve, _cross(curve, run.status)]
+        drawn.append(Panel(axis_name(symbol, unit), curves))
+    end = max(measures.busy(*measures.response(plus)), 0.05)
+    return Column(drawn, {}, (_EARLIER, end), _SINCE, LETTERS[3:], f"under {disturbance}")

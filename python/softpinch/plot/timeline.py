@@ -31,38 +31,24 @@ from ..scene.parts import jaws
 from ..scene.scene import Scene
 from ..support.arrays import Floats
 from ..support.record import SIDES
-from .style import (
-    BLACK,
-    BLUE,
-    GREY,
-    LETTERS,
-    LINES,
-    PALE,
-    Unit,
-    least_range,
-    legend,
-    panels,
-    shared_legend,
-    tag,
-    whole_decades,
-)
+from . import style as s
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-def _coordinates(*names: str, jaws: Jaws = (False, False)) -> tuple[tuple[int, str, Unit], ...]:
+def _coordinates(*names: str, jaws: Jaws = (False, False)) -> tuple[tuple[int, str, s.Unit], ...]:
     """Column of q, its symbol, and the unit to plot it in."""
     columns = [COORDINATES.index(name) for name in names]
     units = of_coordinates(COORDINATE_UNITS, jaws)
     return tuple(
-        (k, label(name, jaws=jaws).strip("$"), Unit(*DISPLAY_UNITS[units[k]]))
+        (k, label(name, jaws=jaws).strip("$"), s.Unit(*DISPLAY_UNITS[units[k]]))
         for k, name in zip(columns, names, strict=True)
     )
 
 
-def fingers(scene: Scene) -> tuple[tuple[int, str, Unit], ...]:
+def fingers(scene: Scene) -> tuple[tuple[int, str, s.Unit], ...]:
     """The coordinates of both fingers, as `_coordinates` has them: angles, or travels of jaws."""
     return _coordinates("theta_1", "theta_2", jaws=jaws(scene))
 
@@ -74,8 +60,8 @@ COMPRESSIONS = _coordinates("d_n1", "d_n2")
 COLORS: Mapping[ContactMode, str] = {
     ContactMode.STICK: SKIN,
     ContactMode.SLIP: "#E69F00",
-    ContactMode.GRAZE: BLACK,
-    ContactMode.FREE: BLUE,
+    ContactMode.GRAZE: s.BLACK,
+    ContactMode.FREE: s.BLUE,
 }
 LABELS: Mapping[ContactMode, str] = {
     ContactMode.STICK: "tip sticks",
@@ -103,7 +89,7 @@ class Curve(NamedTuple):
 
 def lines(t: Floats, values: Floats, labels: Sequence[str]) -> list[Curve]:
     """A curve for each column of values (n, k), in the usual styles."""
-    return [Curve(t, values[:, k], LINES[k], label) for k, label in enumerate(labels)]
+    return [Curve(t, values[:, k], s.LINES[k], label) for k, label in enumerate(labels)]
 
 
 def recorded(
@@ -143,14 +129,14 @@ class Column(NamedTuple):
     runs: Mapping[str, Run]  # name -> run; the bands are of those with unilateral contact
     limits: tuple[float | None, float | None]  # of the time axis; None chooses one
     time: str = "time [s]"  # name of the time axis, with its unit
-    letters: str = LETTERS  # one for each panel; none for a zoom of the column beside it
+    letters: str = s.LETTERS  # one for each panel; none for a zoom of the column beside it
     title: str = ""  # above the column
     # Name of a run -> the instant that is zero on the time axis, s; 0 of others.
     since: Mapping[str, float] = MappingProxyType({})
     switches: Iterable[float] = ()  # instants that thin lines mark
 
     @classmethod
-    def of(cls, run: Run, panels: Sequence[Panel], letters: str = LETTERS) -> Column:
+    def of(cls, run: Run, panels: Sequence[Panel], letters: str = s.LETTERS) -> Column:
         """The column of a whole run, with the switches of its schedule."""
         limits = (float(run.t[0]), float(run.t[-1])) if len(run) > 1 else (None, None)
         inside = switches(run)
@@ -181,7 +167,7 @@ def draw(
         bands = 2 * most * _BAND
         options["height_ratios"] = [*[1.0] * rows, bands * rows / (_FILLED * height)]
         height += bands + LEGEND
-    figure, axes = panels(rows + bool(most), len(columns), width, height, sharex="col", **options)
+    figure, axes = s.panels(rows + bool(most), len(columns), width, height, sharex="col", **options)
     for column, across in zip(columns, axes.T, strict=True):
         shown = list(across[: len(column.panels)])
         for panel, each in zip(column.panels, shown, strict=True):
@@ -189,14 +175,14 @@ def draw(
                 each.plot(curve.t, curve.values, **curve.style, label=curve.label)
             each.set_ylabel(panel.name)
             if panel.zero:
-                each.axhline(0.0, color=GREY, linewidth=0.6, zorder=0.8)
+                each.axhline(0.0, color=s.GREY, linewidth=0.6, zorder=0.8)
             if panel.decades:
-                whole_decades(each, panel.decades)
+                s.whole_decades(each, panel.decades)
         for each, letter, panel in zip(shown, column.letters, column.panels, strict=False):
-            tag(each, letter, panel.title)
+            s.tag(each, letter, panel.title)
             if legends == "panels":
-                legend(each)
-        least_range(shown)
+                s.legend(each)
+        s.least_range(shown)
         for each in across[len(shown) : rows]:
             each.set_visible(False)
         if column.title:
@@ -210,11 +196,11 @@ def draw(
         else:
             shown[-1].tick_params(labelbottom=True)
         for each, time in itertools.product(shown, column.switches):
-            each.axvline(float(time), color=PALE, linewidth=0.6, zorder=0.5)
+            each.axvline(float(time), color=s.PALE, linewidth=0.6, zorder=0.5)
         shown[0].set_xlim(*column.limits)
         shown[-1].set_xlabel(column.time)
     if legends == "above":
-        shared_legend(figure, axes[:rows].flat)
+        s.shared_legend(figure, axes[:rows].flat)
     if most:
         legend_of_modes(
             figure, occurring(run for column in columns for run in column.runs.values())
@@ -238,13 +224,10 @@ def number_operations(axes: Axes, run: Run) -> None:
         axes.annotate(str(k + 1), *place, ha="center", va="bottom", fontsize=8.0, color="0.35")
 
 
-def axis_name(symbol: str, unit: Unit, change: bool = False) -> str:
+def axis_name(symbol: str, unit: s.Unit, change: bool = False) -> str:
     """An axis label of symbol and unit; with a delta if the axis shows a change."""
     sign = r"\Delta " if change else ""
     return f"${sign}{symbol}$ [{unit.name}]"
-
-
-# Bands of modes.
 
 
 def unilateral(runs: Mapping[str, Run]) -> dict[str, Run]:

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,13 +25,7 @@ from ..scene import outline
 from ..scene.scene import Scene, State
 from ..support.arrays import Floats
 from ..support.table import Table
-from .finding import BANDS, FAILS, HOLDS, Finding, observation
 
-if TYPE_CHECKING:
-    from .experiment import Runs
-
-# The slope of the energy that counts as zero, N: its error by differences is a tenth of it.
-_FLAT = 1e-4
 # How far the curves of the figure reach to both sides of the rests, rad, and their points.
 _MARGIN, _POINTS = np.deg2rad(4.0), 81
 
@@ -151,76 +144,6 @@ def rests(run: Run) -> list[Rest]:
         for k, (q, end) in enumerate(zip(m.settled(run), ends, strict=True))
         if np.isfinite(q).all()
     ]
-
-
-def is_minimum(rest: Rest) -> bool:
-    """True if the operation ended at a minimum of elastic energy and gravity without slip."""
-    arrived = bool((np.abs(rest.moved) <= BANDS).all())
-    return arrived and rest.slope <= _FLAT and rest.curvature > 0.0 and rest.turning > 0.0
-
-
-def without_slipping(run: Run, found: Sequence[Rest]) -> Finding:
-    """LMEE in the sense that holds: elastic energy and gravity, displacements without slip."""
-    every = len(found) == len(m.operations(run)) and all(map(is_minimum, found))
-    curvature = np.array([rest.curvature for rest in found])
-    value = float(curvature.min()) if every else np.nan
-    words = "some operations have no such rest"
-    if every:
-        turning = np.array([rest.turning for rest in found])
-        rise = min(rest.rise for rest in found)
-        off = np.max([np.abs(rest.moved) for rest in found], axis=0) * [1e6, 1e6, 180e3 / np.pi]
-        words = (
-            f"it holds with the energy of gravity, and while no tip slips: on {len(WAYS)} ways "
-            f"from each of the {len(found)} rests elastic energy and gravity have no slope, "
-            f"second derivatives of {1e-3 * value:.1f} to {1e-3 * curvature.max():.1f} N/mm on "
-            f"the softest way, and rise by {1e3 * rise:.1f} mJ or more on 1 mm. Gravity does not "
-            "change where the object only turns about its centre of gravity: there elastic energy "
-            f"alone has the minimum, with {turning.min():.1f} to {turning.max():.1f} N m/rad. The "
-            f"operations end within {off[:2].max():.2g} um and {off[2]:.2g} mdeg of these rests"
-        )
-    return Finding(
-        claim="the object rests in a local minimum of elastic energy (LMEE)",
-        source="VII, by [1], [2]",
-        verdict=HOLDS if every and value > 0.0 else FAILS,
-        measure="smallest second derivative of elastic energy and gravity without slip, N/m",
-        value=value,
-        limit=0.0,
-        evidence=words,
-    )
-
-
-def elastic_alone(found: Sequence[Rest]) -> Finding:
-    """The distance of the rests from the minimum of elastic energy alone."""
-    claim = "elastic energy alone is not stationary at rest: its slope in y is the weight"
-    measure = "how far the rest is below the minimum of elastic energy alone, mm"
-    there = [coordinates(rest.weightless) - rest.q for rest in found]
-    rises = [1e3 * float(move[1]) for move in there]
-    turns = [1e3 * float(np.rad2deg(abs(move[2]))) for move in there]
-    less = [1e3 * (rest.found.elastic_energy - rest.weightless.elastic_energy) for rest in found]
-    weights = [-rest.elastic_slope for rest in found]
-    return observation(
-        claim,
-        measure,
-        max(rises),
-        f"the weight is {_span(weights, '.3f')} N. Without gravity the minimum would be "
-        f"{_span(rises, '.3f')} mm higher, turned by at most {max(turns):.2g} mdeg, with "
-        f"{_span(less, '.3f')} mJ less of the "
-        f"{_span([1e3 * rest.found.elastic_energy for rest in found], '.0f')} mJ: so close that "
-        "it makes little difference",
-    )
-
-
-def _span(values: Sequence[float], style: str) -> str:
-    """The range of numbers in words."""
-    low, high = format(min(values), style), format(max(values), style)
-    return low if low == high else f"{low} to {high}"
-
-
-def find(runs: Runs) -> tuple[Finding, ...]:
-    """The verdict on LMEE, and how much of it is true of elastic energy alone."""
-    verdict = without_slipping(runs.operations, runs.rests)
-    known = [rest for rest in runs.rests if rest.found.state and rest.weightless.state]
-    return (verdict, elastic_alone(known)) if known else (verdict,)
 
 
 def table(found: Sequence[Rest]) -> Table:

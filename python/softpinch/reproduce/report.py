@@ -1,15 +1,19 @@
-"""`reproduce`, its tables for CSV files, and its verdicts on the screen (needs `cli`)."""
+"""`reproduce`: its tables for CSV files, its figures, and its verdicts on the screen (needs `cli`).
+
+The figures are Figures 4 to 7 of the paper, and five that it does not have.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..paper import PARAMETER_NOTE
+from .. import paper, plot
+from ..plot.style import BLACK, DEG, LETTERS, LINES, PAGE, PALE, least_range, panels, styled, tag
 from ..run import measures as m
 from ..run.contact import ContactMode
 from ..run.run import Run
@@ -18,11 +22,16 @@ from ..support.arrays import Floats
 from ..support.extras import require
 from ..support.files import FORMATS
 from ..support.table import Table
-from . import energy_minimum, real_hand
+from . import energy_minimum
+from . import verdict as v
 from .experiment import Progress, Runs, quietly, simulate_all
-from .finding import BAND, BEYOND, FAILS, HOLDS, POSE, Finding
-from .verdict import find
+from .verdict import POSE, Finding, find
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Columns of panels in the figure of the energy.
+_COLUMNS = 4
 _POSE = ("x [mm]", "y [mm]", "theta [deg]")
 _NOWHERE = np.full(3, np.nan)
 _YES = {True: "yes", False: "no"}
@@ -31,8 +40,9 @@ _YES = {True: "yes", False: "no"}
 def operations_table(run: Run) -> Table:
     """Final pose, settling time, constraint residuals and contact forces of each operation."""
     settled = m.settled(run)
-    settling = m.settling_times(run, 1e-3 * BAND, np.deg2rad(BAND))
-    peak, late, least = m.peak_residuals(run), m.settled_residuals(run), m.least_pressing(run)
+    settling = m.settling_times(run, 1e-3 * v.BAND, np.deg2rad(v.BAND))
+    peak, late = m.peak_residuals(run), m.peak_residuals(run, 1.0 - m.LAST)
+    least = m.least_pressing(run)
     rows = []
     for k, (begin, end) in enumerate(m.operations(run)):
         target = run.scene.schedule.target(0.5 * (begin + end)) * POSE[2]
@@ -91,7 +101,7 @@ def contact_table(runs: Runs) -> Table:
     """Final poses with bilateral contact beside those of a real hand, and what its tips do."""
     names = ["bilateral", *(f"mu = {mu:g}" for mu in runs.real)]
     ends = [m.settled(run)[:, :3] * POSE for run in (runs.operations, *runs.real.values())]
-    kept = [real_hand.survived(run) for run in runs.real.values()]
+    kept = [v.survived(run) for run in runs.real.values()]
     rows: list[tuple[Any, ...]] = []
     for k, piece in enumerate(m.operations(runs.operations)):
         poses = _joined([end[k] for end in ends])
@@ -101,8 +111,8 @@ def contact_table(runs: Runs) -> Table:
         each = (runs.cases[case], *cases.values())
         poses = _joined([run.q[-1, :3] * POSE if run.success else _NOWHERE for run in each])
         does = _joined([_longest(run, m.onset(run), np.inf) for run in cases.values()])
-        survived = (_YES[real_hand.case_survived(run)] for run in cases.values())
-        rows.append((f"case ({case})", *poses, *survived, *does))
+        held = (_YES[v.case_survived(run)] for run in cases.values())
+        rows.append((f"case ({case})", *poses, *held, *does))
     of_tips = ("survived", "opens for [ms]", "slips for [ms]")
     columns = ["what", *(f"{axis}, {name}" for axis in _POSE for name in names)]
     columns += [f"{does}, {name}" for does in of_tips for name in names[1:]]
@@ -112,8 +122,8 @@ def contact_table(runs: Runs) -> Table:
 def _longest(run: Run, begin: float, end: float) -> Floats:
     """The longest opening and the longest slip of a tip in [begin, end] (2,), ms."""
     modes = (ContactMode.FREE, ContactMode.SLIP)
-    spells = [real_hand.spells(run, mode, begin, end) for mode in modes]
-    return np.array([1e3 * max(times, default=0.0) for times in spells])
+    found = [v.spells(run, mode, begin, end) for mode in modes]
+    return np.array([1e3 * max(times, default=0.0) for times in found])
 
 
 def _joined(found: Sequence[Floats]) -> list[float]:
@@ -121,7 +131,74 @@ def _joined(found: Sequence[Floats]) -> list[float]:
     return np.transpose(found).ravel().tolist()
 
 
-_COLORS = {HOLDS: "green", FAILS: "bold red"}
+def draw(runs: Runs, out: Path, suffix: str, progress: Progress) -> list[Path]:
+    """Draws and saves every figure."""
+    pieces = m.operations(runs.operations)
+    times = [pieces[0][0], *(end for _, end in pieces)]
+    pairs = (f"({right:g}°, {left:g}°)" for right, left in paper.OPERATIONS)
+    # Titles are printed, so they have a minus sign instead of a hyphen.
+    angles = [pair.replace("-", "\N{MINUS SIGN}") for pair in pairs]
+    titles = ["start", *(f"operation {k}: {pair}" for k, pair in enumerate(angles, 1))]
+    makers: dict[str, Callable[[], Figure]] = {
+        "figure4": lambda: plot.snapshots(runs.operations, times, titles),
+        "figure5": lambda: plot.motion(runs.operations),
+        "figure6": lambda: plot.residuals(runs.operations),
+        "figure7": lambda: plot.disturbances(runs.cases, runs.held),
+        "figure_forces": lambda: plot.forces(runs.operations),
+        "figure_tilt_coupling": lambda: plot.tilt_coupling(
+            runs.operations,
+            runs.other_operations,
+            runs.cases["i"],
+            runs.other_cases["i"],
+            "disturbance (i)",
+        ),
+        "figure_energy_minimum": lambda: energy_minima(energy_minimum.curves(runs.rests, angles)),
+        "figure_contact_operations": lambda: plot.contact_models(
+            {"the eight operations": _models(runs.operations, runs.real)}
+        ),
+        "figure_contact_disturbances": lambda: plot.contact_models(
+            {
+                f"disturbance ({case})": _models(runs.cases[case], real)
+                for case, real in runs.real_cases.items()
+            }
+        ),
+    }
+    files = []
+    for k, (name, make) in enumerate(makers.items()):
+        progress(f"drawing {name}", 0.4 + 0.6 * k / len(makers))
+        files.append(plot.save(make(), out / f"{name}.{suffix}"))
+    return files
+
+
+def energy_minima(curves: Mapping[str, Floats]) -> Figure:
+    """Elastic energy and gravity while the object turns about its rests without slip."""
+    with styled():
+        rows = max(1, -(-len(curves) // _COLUMNS))
+        figure, axes = panels(rows, _COLUMNS, PAGE, 0.5 + 1.75 * rows, sharey=True)
+        for each in axes.ravel()[len(curves) :]:
+            each.set_visible(False)
+        for k, (each, (title, curve)) in enumerate(zip(axes.flat, curves.items(), strict=False)):
+            angle, energy = DEG.per_si * curve[0], 1e3 * curve[1]
+            each.axhline(0.0, color=PALE, linewidth=0.6, zorder=0.5)
+            each.plot(angle, energy, **LINES[0])
+            # The curve's middle is the rest.
+            each.plot(angle[len(angle) // 2], 0.0, "o", color=BLACK)
+            tag(each, LETTERS[k], title)
+            if k >= len(curves) - _COLUMNS:
+                each.set_xlabel(r"$\theta$ [deg]")
+            if k % _COLUMNS == 0:
+                each.set_ylabel(r"$P + P_g$ [mJ]")
+        least_range(axes.flat[: len(curves)])
+        what = r"energy while the object turns about its rest at the targets $(\theta_1, \theta_2)$"
+        figure.suptitle(what, fontsize="medium")
+        return figure
+
+
+def _models(bilateral: Run, real: Mapping[float, Run]) -> dict[str, Run]:
+    return {"bilateral": bilateral} | {f"$\\mu = {mu:g}$": run for mu, run in real.items()}
+
+
+_COLORS = {v.HOLDS: "green", v.FAILS: "bold red"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +225,7 @@ class Reproduction:
         from rich.text import Text
 
         console = Console(highlight=False, markup=False)
-        console.print(Text(PARAMETER_NOTE, style="italic"))
+        console.print(Text(paper.PARAMETER_NOTE, style="italic"))
         named = {"the operations": self.runs.operations}
         named |= {f"({case})": run for case, run in self.runs.cases.items()}
         for what, run in named.items():
@@ -158,7 +235,7 @@ class Reproduction:
         for heading, beyond in (("What the paper claims", False), ("What it does not say", True)):
             console.print(Text(f"\n{heading}", style="bold"))
             for finding in self.findings:
-                if (finding.verdict == BEYOND) != beyond:
+                if (finding.verdict == v.BEYOND) != beyond:
                     continue
                 text = Text()
                 if not beyond:
@@ -191,8 +268,6 @@ def reproduce(
     checks.function("progress", progress)
     require("matplotlib", extra="plot", purpose="figures")
     out.mkdir(parents=True, exist_ok=True)
-    from .figures import draw
-
     runs = simulate_all(dt, progress)
     findings = find(runs)
     tables = {

@@ -1,26 +1,58 @@
 """Verdicts on the paper's claims, by comparison with the runs; and findings beyond the paper.
 
 Each finding is computed from runs only, and every claim can fail: NaN, or a run that ended early,
-never passes.
+never passes. Some findings are of a real hand: the tips of the paper's bilateral contact pull where
+they have to, and never slip; in the runs with unilateral contact they only push, and may slip.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..paper import PARAMETER_NOTE
 from ..run import measures as m
+from ..run.contact import ContactMode
 from ..run.run import Run
+from ..scene.fields import COORDINATE_UNITS, DISPLAY_UNITS
 from ..support import checks
-from . import energy_minimum, real_hand
+from .energy_minimum import WAYS, Rest, coordinates
 from .experiment import Runs
-from .finding import BAND, FAILS, HOLDS, POSE, Finding, observation
 
+HOLDS, FAILS, BEYOND = "holds", "does not hold", "not in the paper"
+
+# From x, y, theta in SI units to the units of tables and figures, mm and degrees.
+POSE = np.array([DISPLAY_UNITS[unit][1] for unit in COORDINATE_UNITS[:3]])
+# Half width of the band for "converges", as far as the paper's figures can be read: for the
+# object's settled pose, mm and degrees, and for the finger angles, degrees.
+BAND = 0.05
+# Half width of the band for x and y, m, and theta, rad.
+BANDS = np.array([1e-3 * BAND, 1e-3 * BAND, np.deg2rad(BAND)])
+# The slope of the energy that counts as zero, N: its error by differences is a tenth of it.
+_FLAT = 1e-4
 # Orders of magnitude that the paper states from its Fig. 6: |C^H| in m, |C^N| in m/s.
 HOLONOMIC, NONHOLONOMIC = 1e-8, 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """A claim of the paper, or an observation beyond it, with its verdict."""
+
+    claim: str  # in a few words
+    source: str = ""  # section or figure of the paper; empty for an observation
+    verdict: str = BEYOND  # "holds", "does not hold", or "not in the paper"
+    measure: str  # description of `value`, with its unit
+    value: float  # the number that decides the verdict
+    limit: float = np.nan  # the number with which `value` is compared; nan for an observation
+    evidence: str  # a sentence with the numbers
+
+
+def observation(claim: str, measure: str, value: float, evidence: str) -> Finding:
+    """An observation beyond the paper."""
+    return Finding(claim=claim, measure=measure, value=value, evidence=evidence)
 
 
 def _at_most(run: Run, value: float, limit: float) -> dict[str, Any]:
@@ -253,9 +285,165 @@ def can_be_believed(run: Run) -> Finding:
     )
 
 
+def spells(run: Run, mode: ContactMode, begin: float, end: float) -> list[float]:
+    """The durations, s, of a mode of either tip, each cut to [begin, end], in the order of time."""
+    found = [
+        (max(first, begin), min(last, end))
+        for side in (0, 1)
+        for first, last, which in m.contact_spans(run, side)
+        if which is mode
+    ]
+    return [last - first for first, last in sorted(found) if last > first]
+
+
+def survived(run: Run) -> list[bool]:
+    """True for each operation at whose end both tips touch the object and it is at rest."""
+    rests = [bool((ranges <= BANDS).all()) for ranges in m.drift(run)]
+    opened = run.violation_intervals.get("opened", np.empty((0, 2)))
+    # An opening at a switch belongs to the operation that begins.
+    free = [((opened[:, 0] < end) & (opened[:, 1] >= end)).any() for _, end in m.operations(run)]
+    return [bool(calm and not opens) for calm, opens in zip(rests, free, strict=True)]
+
+
+def case_survived(run: Run) -> bool:
+    """True if a disturbed grasp holds, and its object comes to rest."""
+    return run.holds and bool((m.drift_since(run) <= BANDS).all())
+
+
+def which_survive(real: Mapping[float, Run], cases: Mapping[str, Mapping[float, Run]]) -> Finding:
+    """The operations and disturbances that hold with each friction."""
+    kept = {mu: survived(run) for mu, run in real.items()}
+    count = len(next(iter(kept.values())))
+    rows = {f"operation {k + 1}": {mu: kept[mu][k] for mu in kept} for k in range(count)}
+    rows |= {
+        f"({case})": {mu: case_survived(run) for mu, run in runs.items()}
+        for case, runs in cases.items()
+    }
+    # Frictions in words -> the operations and disturbances that hold with them.
+    named: dict[str, list[str]] = {}
+    for name, row in rows.items():
+        every = ", ".join(f"{mu:g}" for mu in row)
+        yes = ", ".join(f"{mu:g}" for mu, kept in row.items() if kept)
+        how = f"with mu = {yes} only, of {every}" if yes else f"with no mu of {every}"
+        of_some = named.setdefault(f"with every mu of {every}" if yes == every else how, [])
+        # The word stands once before the numbers of several operations.
+        of_some.append(name.removeprefix("operation ") if of_some else name)
+    return observation(
+        "which of the paper's operations and disturbances a real hand would survive: its tips "
+        "push and never pull, and stick only as far as friction allows",
+        f"operations and disturbances, of {len(rows)}, that are survived with every mu tried",
+        float(sum(all(row.values()) for row in rows.values())),
+        "; ".join(f"survived {how}: {', '.join(names)}" for how, names in named.items()),
+    )
+
+
+def falls_in_operations(paper: Run, real: Mapping[float, Run]) -> Finding:
+    """The openings of tips in the eight operations, and where the object ends."""
+    opened: dict[int, list[float]] = {}
+    for run in real.values():
+        for k, piece in enumerate(m.operations(run)):
+            if times := spells(run, ContactMode.FREE, *piece):
+                opened.setdefault(k + 1, []).extend(times)
+    every = [time for times in opened.values() for time in times]
+    openings = "no tip opens"
+    if every:
+        numbers = ", ".join(map(str, sorted(opened)))
+        openings = (
+            f"tips open for {1e3 * min(every):.2g} to {1e3 * max(every):.2g} ms in operations "
+            f"{numbers}"
+        )
+    lower = {
+        mu: 1e3 * float(m.settled(paper)[-1, 1] - m.settled(run)[-1, 1]) for mu, run in real.items()
+    }
+    ends = ", ".join(
+        f"{_end(run) if np.isnan(lower[mu]) else f'{lower[mu]:.1f} mm'} (mu = {mu:g})"
+        for mu, run in real.items()
+    )
+    slips = [1e3 * sum(spells(run, ContactMode.SLIP, *run.t[[0, -1]])) for run in real.values()]
+    return observation(
+        "how far down the object works its way between the tips of a real hand in the operations",
+        "how much lower than in the paper's model it ends, with the friction that is worst, mm",
+        float(np.max(list(lower.values()))),
+        f"{openings}; they slip for {max(slips):.2g} ms in all with the friction that lets them "
+        f"slip most, for {min(slips):.2g} ms with the one that does least. The object ends lower "
+        f"than in the paper's model by: {ends}",
+    )
+
+
+def _end(run: Run) -> str:
+    """The end of a run that did not hold, in words."""
+    if not run.success:
+        return f"{run.status} at {run.t[-1]:.4f} s"
+    return "not held, a tip is free at the end" if not run.holds else "not at rest at the end"
+
+
+def is_minimum(rest: Rest) -> bool:
+    """True if the operation ended at a minimum of elastic energy and gravity without slip."""
+    arrived = bool((np.abs(rest.moved) <= BANDS).all())
+    return arrived and rest.slope <= _FLAT and rest.curvature > 0.0 and rest.turning > 0.0
+
+
+def without_slipping(run: Run, found: Sequence[Rest]) -> Finding:
+    """LMEE in the sense that holds: elastic energy and gravity, displacements without slip."""
+    every = len(found) == len(m.operations(run)) and all(map(is_minimum, found))
+    curvature = np.array([rest.curvature for rest in found])
+    value = float(curvature.min()) if every else np.nan
+    words = "some operations have no such rest"
+    if every:
+        turning = np.array([rest.turning for rest in found])
+        rise = min(rest.rise for rest in found)
+        off = np.max([np.abs(rest.moved) for rest in found], axis=0) * [1e6, 1e6, 180e3 / np.pi]
+        words = (
+            f"it holds with the energy of gravity, and while no tip slips: on {len(WAYS)} ways "
+            f"from each of the {len(found)} rests elastic energy and gravity have no slope, "
+            f"second derivatives of {1e-3 * value:.1f} to {1e-3 * curvature.max():.1f} N/mm on "
+            f"the softest way, and rise by {1e3 * rise:.1f} mJ or more on 1 mm. Gravity does not "
+            "change where the object only turns about its centre of gravity: there elastic energy "
+            f"alone has the minimum, with {turning.min():.1f} to {turning.max():.1f} N m/rad. The "
+            f"operations end within {off[:2].max():.2g} um and {off[2]:.2g} mdeg of these rests"
+        )
+    return Finding(
+        claim="the object rests in a local minimum of elastic energy (LMEE)",
+        source="VII, by [1], [2]",
+        verdict=HOLDS if every and value > 0.0 else FAILS,
+        measure="smallest second derivative of elastic energy and gravity without slip, N/m",
+        value=value,
+        limit=0.0,
+        evidence=words,
+    )
+
+
+def elastic_alone(found: Sequence[Rest]) -> Finding:
+    """The distance of the rests from the minimum of elastic energy alone."""
+    claim = "elastic energy alone is not stationary at rest: its slope in y is the weight"
+    measure = "how far the rest is below the minimum of elastic energy alone, mm"
+    there = [coordinates(rest.weightless) - rest.q for rest in found]
+    rises = [1e3 * float(move[1]) for move in there]
+    turns = [1e3 * float(np.rad2deg(abs(move[2]))) for move in there]
+    less = [1e3 * (rest.found.elastic_energy - rest.weightless.elastic_energy) for rest in found]
+    weights = [-rest.elastic_slope for rest in found]
+    return observation(
+        claim,
+        measure,
+        max(rises),
+        f"the weight is {_span(weights, '.3f')} N. Without gravity the minimum would be "
+        f"{_span(rises, '.3f')} mm higher, turned by at most {max(turns):.2g} mdeg, with "
+        f"{_span(less, '.3f')} mJ less of the "
+        f"{_span([1e3 * rest.found.elastic_energy for rest in found], '.0f')} mJ: so close that "
+        "it makes little difference",
+    )
+
+
+def _span(values: Sequence[float], style: str) -> str:
+    """The range of numbers in words."""
+    low, high = format(min(values), style), format(max(values), style)
+    return low if low == high else f"{low} to {high}"
+
+
 def find(runs: Runs) -> tuple[Finding, ...]:
     """Judges every claim of the paper by the runs, and adds observations beyond the paper."""
     checks.instance("runs", runs, Runs)
+    known = [rest for rest in runs.rests if rest.found.state and rest.weightless.state]
     return (
         converges(runs.operations),
         fingers_arrive(runs.operations),
@@ -266,12 +454,14 @@ def find(runs: Runs) -> tuple[Finding, ...]:
         light_swings_more(
             (runs.cases["iii"], runs.held["iii"]), (runs.cases["ii"], runs.held["ii"])
         ),
-        *energy_minimum.find(runs),
+        without_slipping(runs.operations, runs.rests),
+        *([elastic_alone(known)] if known else []),
         depends_on_the_way(runs.operations, runs.direct),
         pulls_at_switches(runs.operations),
         only_as_printed(runs.moments),
         reading_of_delta(runs.ideal),
-        *real_hand.find(runs),
+        which_survive(runs.real, runs.real_cases),
+        falls_in_operations(runs.operations, runs.real),
         sign_of_the_shear(runs.operations, runs.other_operations, runs.other_cases["i"]),
         residuals_follow_the_step(runs.operations, runs.coarse),
         can_be_believed(runs.operations),

@@ -11,20 +11,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .. import _core
 from ..scene import fields
 from ..scene.disturbance import Sampled
+from ..scene.scene import Scene
 from ..support.arrays import Floats, read_only
 from ..support.result import Result
 from . import scaled_error
-
-if TYPE_CHECKING:
-    from ..scene.scene import Scene
-    from .request import Request
+from .request import Request
 
 # Quantity with an error estimate -> the entry of `record` that records it.
 QUANTITIES = {name: fields.QUANTITIES[name].record for name in fields.ESTIMATED}

@@ -92,11 +92,6 @@ def held_residuals(run: Run) -> Floats:
     return np.where(active_constraints(run), np.abs(run.residuals), 0.0)
 
 
-def settled_residuals(run: Run) -> Floats:
-    """Returns the largest held residuals in each operation's last quarter (k, 2)."""
-    return peak_residuals(run, 1.0 - LAST)
-
-
 def peak_residuals(run: Run, share: float = 0.0) -> Floats:
     """Returns the largest |C^H|, m, and |C^N|, m/s, after a share of each operation (k, 2)."""
     sizes, found = np.full((len(operations(run)), 2), np.nan), held_residuals(run)

@@ -53,8 +53,8 @@ class Options(Result):
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Options:
         """Makes options from the output of `to_dict`. Omitted entries take their defaults."""
-        gains = {name: value for name, value in data.items() if name in _GAINS}
-        others = {name: value for name, value in data.items() if name not in _GAINS}
+        gains = {name: value for name, value in data.items() if name in GAINS}
+        others = {name: value for name, value in data.items() if name not in GAINS}
         return cls.checked(**others, stabilization=Stabilization(**gains))
 
     def numerics(self) -> dict[str, Any]:
@@ -83,10 +83,10 @@ class Options(Result):
         return {name: plain(value) for name, value in how.items() if value is not None} | gains
 
 
-_GAINS = tuple(f.name for f in fields(Stabilization))
+GAINS = tuple(f.name for f in fields(Stabilization))
 # The names in `Options.to_dict`, and so in study files, manifests and capsules: the names that are
 # always present, and all names, of which "dt", "tolerance" and "max_steps" may be missing.
-ALWAYS = ("method", "formulation", "stop_on", *_GAINS)
+ALWAYS = ("method", "formulation", "stop_on", *GAINS)
 NUMERICS = ("dt", "tolerance", "max_steps", *ALWAYS)
 
 

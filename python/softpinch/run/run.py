@@ -86,7 +86,10 @@ class Run(Shown):
         error: ErrorEstimate | None = None,
         slopes: Sensitivity | None = None,
     ) -> None:
-        # `result` is that of `_core.Simulation.run`.
+        # `result` is that of `_core.Simulation.run`; one that was stored may have writable arrays.
+        for value in (*result.values(), *result["violation_intervals"].values()):
+            if isinstance(value, np.ndarray):
+                read_only(value)
         self._options = options
         self._result = result
         self._error = error
@@ -232,12 +235,11 @@ class Run(Shown):
         The energy ledger gives one array for each column and its closure: "energy_kinetic", ...,
         "energy_closure".
         """
-        found = {
-            name: self._result[name] for name in fields.QUANTITIES if self._result[name] is not None
-        }
-        if self._result["energy"] is not None:
+        result = self._result
+        found = {name: result[name] for name in fields.QUANTITIES if result[name] is not None}
+        if result["energy"] is not None:
             ledger = self.energy
-            recorded = LEDGER[: self._result["energy"].shape[1]]
+            recorded = LEDGER[: result["energy"].shape[1]]
             found |= {f"energy_{name}": getattr(ledger, name) for name in (*recorded, "closure")}
         return found
 
@@ -262,13 +264,9 @@ class Run(Shown):
         if k not in (-1, n - 1):
             at = {"q": self.q[k], "p": self.p[k], "integral": self.integral[k], "t": self.t[k]}
             at |= {"anchor": result["grid_anchor"][k], "step": result["grid_step"][k]}
-            names = {
-                "contacts": "contacts",
-                "controllers": "controller",
-                "linearized": "linearized",
-            }
-            for rows, name in names.items():
-                at[name] = None if result[rows] is None else result[rows][k]
+            for name in ("contacts", "controllers", "linearized"):
+                at[name] = None if result[name] is None else result[name][k]
+            at["controller"] = at["controllers"]
             if at["linearized"] is not None and np.isnan(at["linearized"][0]):
                 at["linearized"] = None
         return State(
@@ -386,8 +384,8 @@ class Run(Shown):
         return save_map(path, header, _rows(arrays.values()), arrays, self.provenance())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Unpickled arrays would be writable.
-        return restored, (self.scene, self._options, self._result, self._error, self._slopes)
+        # Through the constructor, because an unpickled array would be writable.
+        return Run, (self.scene, self._options, self._result, self._error, self._slopes)
 
     def _picture(self) -> str:
         """Drawings at the first, middle and last row, as SVG; without rows of q, of the start."""
@@ -421,20 +419,6 @@ def _rows(arrays: Iterable[NDArray[Any]]) -> Iterator[tuple[Any, ...]]:
     # Column by column, because the codes of contacts are integers and the others are not.
     columns = (column for each in arrays for column in np.atleast_2d(each.T))
     yield from zip(*(column.tolist() for column in columns), strict=True)
-
-
-def restored(
-    scene: Scene,
-    options: Options,
-    result: Mapping[str, Any],
-    error: ErrorEstimate | None = None,
-    slopes: Sensitivity | None = None,
-) -> Run:
-    """Makes a run from stored arrays and makes these read-only."""
-    for value in (*result.values(), *result["violation_intervals"].values()):
-        if isinstance(value, np.ndarray):
-            read_only(value)
-    return Run(scene, options, result, error, slopes)
 
 
 def computed(request: Request, sensitivities: Sequence[str] = ()) -> Run:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,9 +17,7 @@ from ..support.display import Shown, ShownTable
 from ..support.errors import NotRecordedError, StabilityWarning, warn
 from ..support.result import Result
 from .ledger import LEDGER
-
-if TYPE_CHECKING:
-    from .request import Request
+from .request import Request
 
 # The columns of the energy ledger in bilateral contact.
 _ENERGIES = LEDGER[:7]

@@ -128,9 +128,7 @@ def simulate(
     stopped = result["status"] == "interrupted"
     error = estimate(request, result) if estimate_error and not stopped else None
     stopped |= error is not None and error.interrupted
-    slopes = None
-    if wanted[0] and not stopped:
-        slopes = differentiated(request, result["t"], wanted)
+    slopes = differentiated(request, result["t"], wanted) if wanted[0] and not stopped else None
     return Run(scene, options, result, error, slopes)
 
 

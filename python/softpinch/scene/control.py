@@ -131,11 +131,10 @@ class SampledController(Law):
     run: int = 0
 
     def __post_init__(self) -> None:
-        self._set("period", checks.positive("SampledController.period", self.period))
-        self._set("delay", checks.non_negative("SampledController.delay", self.delay))
-        self._set(
-            "measures", checks.names("SampledController.measures", self.measures, _core.MEASURES)
-        )
+        of = "SampledController.{}".format
+        self._set("period", checks.positive(of("period"), self.period))
+        self._set("delay", checks.non_negative(of("delay"), self.delay))
+        self._set("measures", checks.names(of("measures"), self.measures, _core.MEASURES))
         m = sum(_core.MEASURES[name] for name in self.measures)
         n = _states(self.A)
         if n == 0 and any(value is not None and np.size(value) for value in (self.B, self.C)):
@@ -150,11 +149,11 @@ class SampledController(Law):
                 "SampledController: it has no gains; give D, or A, B and C (`pid` makes them)"
             )
         self._set("limits", _limits(self.limits))
-        torque = checks.pair("SampledController.initial_torque", self.initial_torque)
+        torque = checks.pair(of("initial_torque"), self.initial_torque)
         self._set("initial_torque", torque)
         begin = np.zeros(n) if self.initial_state is None else self.initial_state
         if n or np.size(begin):
-            begin = checks.array("SampledController.initial_state", begin, (n,))
+            begin = checks.array(of("initial_state"), begin, (n,))
         self._set("initial_state", begin)
         limits = [] if self.limits is None else self.limits.tolist()
         for side, own, (low, high) in zip(SIDES, torque, limits, strict=False):
@@ -163,12 +162,11 @@ class SampledController(Law):
                     f"SampledController.initial_torque = {checks.shown(torque)}: must be within "
                     f"the limits, from {low} to {high} for the {side} finger"
                 )
-        self._set("anti_windup", checks.boolean("SampledController.anti_windup", self.anti_windup))
+        self._set("anti_windup", checks.boolean(of("anti_windup"), self.anti_windup))
         for name in ("measure_noise", "resolution"):
             self._set(name, self._of_each(name, getattr(self, name)))
         for name in ("seed", "run"):
-            place = f"SampledController.{name}"
-            self._set(name, checks.integer(place, getattr(self, name), 0, 2**64 - 1))
+            self._set(name, checks.integer(of(name), getattr(self, name), 0, 2**64 - 1))
 
     def _of_each(self, name: str, value: object) -> Floats:
         """Returns one number that is not negative for each entry of y."""
@@ -193,12 +191,7 @@ class SampledController(Law):
 
     @classmethod
     def pid(
-        cls,
-        period: float,
-        kp: float = 100.0,
-        kd: float = 1.0,
-        ki: float = 1000.0,
-        **settings: Any,
+        cls, period: float, kp: float = 100.0, kd: float = 1.0, ki: float = 1000.0, **settings: Any
     ) -> Self:
         """Makes the sampled form of the PID (39): u = -K_P e - K_D theta-dot - K_I sum(e) period.
 

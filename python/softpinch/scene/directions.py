@@ -109,14 +109,10 @@ def by_path(whole: Floats, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, F
 
 def _template(scene: Scene, paths: Sequence[str], varied: Sequence[str]) -> SceneTemplate:
     """Makes a template that tells which parameters each path sets, beside the varied ones."""
-    return SceneTemplate(with_start(scene, paths), dict.fromkeys([*paths, *varied]), 0)
-
-
-def with_start(scene: Scene, paths: Sequence[str]) -> Scene:
-    """Returns the scene, with its start as a `State` if a path leads into it."""
-    if isinstance(scene.initial, State) or not any(p.startswith("initial.") for p in paths):
-        return scene
-    return replace(scene, initial=scene.start())
+    # A path into the start needs it as a `State`.
+    if not isinstance(scene.initial, State) and any(p.startswith("initial.") for p in paths):
+        scene = replace(scene, initial=scene.start())
+    return SceneTemplate(scene, dict.fromkeys([*paths, *varied]), 0)
 
 
 def directions(

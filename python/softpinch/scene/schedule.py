@@ -13,17 +13,7 @@ from ..support import checks
 from ..support.arrays import Floats
 from ..support.choices import Hold, ScheduleKind
 from ..support.record import Record, bare, runs_of
-from .piecewise import (
-    ROUND_OFF,
-    Piecewise,
-    evaluate,
-    held,
-    linear,
-    moves,
-    padded,
-    require_finite,
-    through,
-)
+from . import piecewise
 
 HOLDS = ("zero", "linear")
 KINDS = ("steps", "ramps", "minimum_jerk", "via_points", "sampled")
@@ -76,7 +66,7 @@ class Schedule(Record):
             self._refuse_overlaps()
         if self.hold is not None:
             checks.choice("Schedule.hold", self.hold, HOLDS)
-        require_finite(f"Schedule.{_OWN.get(self.kind, 'times')}", self.compile())
+        piecewise.require_finite(f"Schedule.{_OWN.get(self.kind, 'times')}", self.compile())
 
     def _checked_move_time(self) -> float | NDArray[np.float64]:
         name, moved = "Schedule.move_time", len(self.times) - 1
@@ -100,7 +90,7 @@ class Schedule(Record):
         short = np.flatnonzero(ends <= starts)
         if short.size:
             raise ValueError(f"{called(short[0])}: must be long enough to end later than it starts")
-        late = np.flatnonzero(ends[:-1] - starts[1:] > ROUND_OFF * np.abs(starts[1:]))
+        late = np.flatnonzero(ends[:-1] - starts[1:] > piecewise.ROUND_OFF * np.abs(starts[1:]))
         if late.size:
             k = int(late[0])
             raise ValueError(
@@ -226,22 +216,22 @@ class Schedule(Record):
         last = 0.0 if self.move_time is None else np.ravel(self.move_time)[-1]
         return float(self.times[-1] + last)
 
-    def compile(self) -> Piecewise:
+    def compile(self) -> piecewise.Piecewise:
         """Returns the piecewise polynomial (breaks (m,), coefficients (m + 1, 2, degree + 1))."""
         if self.kind in _SMOOTH:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 return self._smooth(self.angles)
         if self.kind == "ramps" or self.hold == "linear":
-            return linear(self.times, self.angles, self.angles[..., 0, :])
+            return piecewise.linear(self.times, self.angles, self.angles[..., 0, :])
         # The first angles also hold before the first time, so it needs no break and no step's end.
-        return held(self.times[..., 1:], self.angles[..., 1:, :], self.angles[..., 0, :])
+        return piecewise.held(self.times[..., 1:], self.angles[..., 1:, :], self.angles[..., 0, :])
 
-    def _smooth(self, angles: Floats) -> Piecewise:
+    def _smooth(self, angles: Floats) -> piecewise.Piecewise:
         if self.move_time is None:
-            return through(self.times, angles)
-        return moves(self.times, angles, self.move_time)
+            return piecewise.through(self.times, angles)
+        return piecewise.moves(self.times, angles, self.move_time)
 
-    def compile_runs(self, values: Mapping[str, Floats]) -> Piecewise:
+    def compile_runs(self, values: Mapping[str, Floats]) -> piecewise.Piecewise:
         """Returns the piecewise polynomials of many runs, with the runs as the first axis.
 
         Args:
@@ -255,7 +245,7 @@ class Schedule(Record):
             return bare(self, values).compile()
         if values.keys() == {"angles"}:
             return self._smooth(values["angles"])
-        return padded([run.compile() for run in runs_of(self, values)])
+        return piecewise.padded([run.compile() for run in runs_of(self, values)])
 
     def target(self, t: ArrayLike) -> NDArray[np.float64]:
         """Returns the target angles (..., 2), rad, at times `t` (...), s.
@@ -264,7 +254,7 @@ class Schedule(Record):
         """
         t = checks.numbers("t", t)
         checks.require_finite("t", t)
-        return evaluate(self.compile(), t)
+        return piecewise.evaluate(self.compile(), t)
 
     @classmethod
     def _parse(cls, data: Any, path: str) -> Self:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from ..run.run import Run
 from ..study import study_file
 from ..study.capsule import Capsule
 from ..study.compute import MOST_BLOCKS, Computation, EarlyStopping
-from ..study.engine import compute
+from ..study.engine import Engine, compute
 from ..study.results import Ensemble, Results
 from ..study.rows import HOLDS, Numbers, Rows, Spans
 from ..study.sampling import Draws
@@ -30,11 +30,7 @@ from ..support.interrupt import CtrlC
 from ..support.progress import Report
 from . import manifest as manifests
 from .files import MANIFEST, arrow
-from .folder import Folder, Writer, locked, refuse_other_content
-from .trajectories import Trajectories
-
-if TYPE_CHECKING:
-    from ..study.executor import Engine
+from .folder import Folder, Trajectories, Writer, locked, refuse_other_content
 
 # A call of the core is to take about this long, s.
 PACE_SECONDS = 0.5

@@ -31,7 +31,7 @@ from ..support.choices import Recordable
 from ..support.display import ShownTable, text_of
 from ..support.record import plain
 from ..support.result import ByValue
-from .estimates import plain as number_or_array
+from .estimates import number_or_array
 
 _TABLES = ("capsule", "simulate", "scene")
 _FACTS = ("run", "seed", "status", "time", "message", "softpinch", "results_version")

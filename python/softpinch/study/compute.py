@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,15 +15,13 @@ from ..support import checks
 from ..support.arrays import Floats
 from ..support.errors import LostRunsWarning, StabilityWarning, warn
 from ..support.progress import Report, reporting
-from .engine import MOST_LANES, Accept, Lost, how_many_threads, on_threads
+from . import engine
+from .engine import Accept, Lost, how_many_threads
 from .estimates import Discretisation, Estimate
 from .results import Results
 from .rows import HOLDS, Numbers, Rows, Spans, happened
 from .sources import BLOCK
 from .spec import RECORDING, StudySpec
-
-if TYPE_CHECKING:
-    from .executor import Engine
 
 # Largest number of blocks per call of the core: all threads are busy, and reports frequent.
 MOST_BLOCKS = 32
@@ -42,7 +40,7 @@ class Computation:
         *,
         only: ArrayLike | None = None,
         threads: int | None = None,
-        executor: Engine | None = None,
+        executor: engine.Engine | None = None,
         progress: bool | Report = True,
     ) -> None:
         """Checks the arguments of `monte_carlo` that say which runs to compute and how."""
@@ -55,9 +53,7 @@ class Computation:
         if threads is not None:
             how_many_threads(threads)
         if executor is not None:
-            from . import executor as executors
-
-            executors.check(executor)
+            engine.check_executor(executor)
         # From the numbers of runs to rows with their varied values.
         self.draw: Callable[[Numbers], Rows] = spec.block
         self.executor = executor
@@ -106,17 +102,14 @@ class Computation:
     ) -> tuple[bool, tuple[Lost, ...]]:
         if self.executor is None:
             threads = how_many_threads(self._threads)
-            return on_threads(spec, blocks, asked.count, threads, report, accept), ()
-        from .executor import on_executor
-
+            return engine.on_threads(spec, blocks, asked.count, threads, report, accept), ()
         threads = 1 if self._threads is None else self._threads
-        in_order = bool(spec.stop_when)
-        return on_executor(spec, blocks, asked, self.executor, threads, report, accept, in_order)
+        return engine.on_executor(spec, blocks, asked, self.executor, threads, report, accept)
 
     def finish(self, results: Results) -> None:
         """Tells the results how the computation ended; repeats runs, and adds trajectories."""
         results.interrupted, results.lost = self.interrupted, self.lost
-        most, unit = (MOST_LANES, "thread") if self.executor is None else (BLOCK, "worker")
+        most, unit = (engine.MOST_LANES, "thread") if self.executor is None else (BLOCK, "worker")
         results._under_way = f"at most {most} a {unit}"
         if results.runs and not results.interrupted and not self._warned:
             self._warn_of_steps(results)

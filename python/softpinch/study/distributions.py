@@ -244,9 +244,7 @@ class TruncatedNormal(Distribution):
         # `scipy.stats.truncnorm.ppf` uses this formula too, but takes three times as long, and a
         # second to import. About half of its draws differ from these by rounding.
         special = _special("TruncatedNormal")
-        mean, std, low, high = (
-            np.broadcast_to(value, self.shape) for value in self._values().values()
-        )
+        mean, std, low, high = np.broadcast_arrays(*self._values().values())
         with np.errstate(over="ignore"):
             bottom, top = (low - mean) / std, (high - mean) / std
         # Mirror an interval above the mean, because only the lower tail has enough digits.

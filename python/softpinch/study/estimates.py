@@ -214,16 +214,16 @@ class Discretisation(Result):
         runs = len(difference)
         nothing = np.full(coarse.shape[1:], np.nan)
         return cls(
-            bias=plain(difference.mean(axis=0) if runs else nothing),
-            bias_error=plain(
+            bias=number_or_array(difference.mean(axis=0) if runs else nothing),
+            bias_error=number_or_array(
                 np.sqrt(difference.var(axis=0, ddof=1) / runs) if runs > 1 else nothing
             ),
-            worst=plain(np.abs(difference).max(axis=0) if runs else nothing),
-            sampling_error=plain(sampling_error),
+            worst=number_or_array(np.abs(difference).max(axis=0) if runs else nothing),
+            sampling_error=number_or_array(sampling_error),
             runs=runs,
         )
 
 
-def plain(value: Any) -> Any:
+def number_or_array(value: Any) -> Any:
     """Converts a number to a float, and makes an array read-only."""
     return float(value) if np.ndim(value) == 0 else read_only(np.asarray(value))

@@ -11,15 +11,7 @@ import numpy as np
 
 from .. import _core
 from ..run.options import names
-from ..scene.directions import (
-    by_path,
-    count,
-    directions,
-    listed,
-    move_inputs,
-    require_derivatives,
-    shapes,
-)
+from ..scene import directions
 from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats, read_only
@@ -59,7 +51,7 @@ class Gradients(Shown, Mapping[str, Mapping[str, Floats]]):
         others = [name for name in self._summaries if name != "final_state"]
         columns = slice(0, _STATE) if summary == "final_state" else _STATE + others.index(summary)
         own = np.moveaxis(self._whole[:, :, columns], 1, -1)
-        return by_path(own, self._shapes)
+        return directions.by_path(own, self._shapes)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._summaries)
@@ -91,7 +83,7 @@ def checked_gradients(
 ) -> tuple[tuple[str, ...], Mapping[str, tuple[int, ...]]]:
     """Checks `gradients` and `sensitivities`, by default the `varied` paths: path -> shape."""
     summaries = names("gradients", gradients, GRADIENTS)
-    paths = listed(sensitivities)
+    paths = directions.listed(sensitivities)
     if not summaries:
         if paths:
             raise ValueError("sensitivities: goes with gradients, the summaries to differentiate")
@@ -102,11 +94,11 @@ def checked_gradients(
                 f"gradients and {name}: give one of them; gradients are computed on threads of "
                 "this process and kept in memory"
             )
-    require_derivatives(scene)
+    directions.require_derivatives(scene)
     paths = paths or list(varied)
     if not paths:
         raise ValueError("gradients: give sensitivities, the paths to differentiate by, or vary")
-    return summaries, shapes(scene, paths, list(varied))
+    return summaries, directions.shapes(scene, paths, list(varied))
 
 
 def differentiated(
@@ -120,9 +112,9 @@ def differentiated(
     wanted = [name for name in summaries if name != "final_state"]
     spec = replace(spec, summaries=tuple(wanted))
     paths, varied = list(by), list(spec.shapes)
-    along = partial(directions, paths=paths, shared=spec.scene, varied=varied)
+    along = partial(directions.directions, paths=paths, shared=spec.scene, varied=varied)
     # Directions of the inputs depend on each run's own inputs.
-    differ = move_inputs(paths)
+    differ = directions.move_inputs(paths)
     shared = [] if differ else [along(spec.scene)]
     parts, failed = [], 0
     for first in range(0, len(rows), _BLOCK):
@@ -142,5 +134,5 @@ def differentiated(
             "gradients are NaN; a smaller dt or tolerance may help",
             StabilityWarning,
         )
-    none = np.zeros((0, count(by), _STATE + len(wanted)))
+    none = np.zeros((0, directions.count(by), _STATE + len(wanted)))
     return Gradients(summaries, by, np.concatenate([none, *parts]))

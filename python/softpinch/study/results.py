@@ -22,12 +22,10 @@ from ..support.record import plain
 from . import tables
 from .capsule import Capsule
 from .engine import Lost
-from .estimates import Discretisation, Estimate, Mean
-from .estimates import plain as number_or_array
+from .estimates import Discretisation, Estimate, Mean, number_or_array
 from .gradients import Gradients
 from .rows import HOLDS, Numbers, Rows, Spans, checked_event, event_columns, happened, is_friction
 from .spec import StudySpec
-from .tables import booleans
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -303,9 +301,9 @@ class Results(Shown, ABC):
             what = checked_event("what", what, self.scene, self._spec.shapes)
             found = [happened(part, what) for part in self._read_by_part(event_columns(what))]
         elif callable(what):
-            found = [booleans("what", what(some), len(some)) for some in self.chunks()]
+            found = [tables.booleans("what", what(some), len(some)) for some in self.chunks()]
         else:
-            found = [booleans("what", what, self.runs)]
+            found = [tables.booleans("what", what, self.runs)]
         count = sum(int(np.count_nonzero(part)) for part in found)
         estimate = Estimate.counted(count, self.runs, confidence)
         return estimate._replace(missing=max(0, self.requested - self.runs))
@@ -351,7 +349,7 @@ class Results(Shown, ABC):
                 computed; the message lists the computed columns.
         """
         if not isinstance(name, str):
-            return Mean.of(booleans("name", name, self.runs).astype(np.float64))
+            return Mean.of(tables.booleans("name", name, self.runs).astype(np.float64))
         return Mean.of(self._numbers(name))
 
     def quantile(self, name: str, q: float | Sequence[float]) -> Any:

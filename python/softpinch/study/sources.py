@@ -136,8 +136,6 @@ class ArraySource(Source):
 
 
 class _OwnDistribution(Source):
-    """A distribution of this package."""
-
     value: Distribution
 
     def __init__(self, key: Key, value: Distribution, shapes: Shapes) -> None:

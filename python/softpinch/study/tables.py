@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from .. import _core
 from ..scene import fields as units
-from ..scene.fields import DISPLAY_UNITS
 from ..support import checks
 from ..support.display import ShownTable
 from ..support.extras import require
@@ -25,9 +24,7 @@ if TYPE_CHECKING:
     from .results import Results
 
 # Entries of the provenance that become separate attributes of a dataset.
-_ATTRIBUTES = (
-    *("softpinch", "numpy", "method", "formulation", "dt", "tolerance", "runs", "requested"),
-)
+_SEPARATE = ("softpinch", "numpy", "method", "formulation", "dt", "tolerance", "runs", "requested")
 # The largest integer that every netCDF format supports.
 _LARGEST_INTEGER = 2**31 - 1
 
@@ -66,7 +63,7 @@ def drawn_by_magnitude(results: Results, name: str) -> bool:
 
 def shown(column: Column) -> Column:
     """Converts a column to the unit that figures use."""
-    unit, factor = DISPLAY_UNITS.get(column.unit, (column.unit, 1.0))
+    unit, factor = units.DISPLAY_UNITS.get(column.unit, (column.unit, 1.0))
     return Column(column.values * factor, unit)
 
 
@@ -130,7 +127,7 @@ def to_xarray(results: Results) -> Dataset:
             variables[name] = (dims, values, {"units": unit})
     provenance, seed = results.provenance(), results.seed
     attributes = {
-        **{name: provenance[name] for name in _ATTRIBUTES if provenance[name] is not None},
+        **{name: provenance[name] for name in _SEPARATE if provenance[name] is not None},
         "seed": seed if seed <= _LARGEST_INTEGER else str(seed),
         "interrupted": int(provenance["interrupted"]),
         "provenance": json.dumps(provenance),

@@ -117,7 +117,6 @@ def short(value: Any) -> str:
 
 
 def _several(entries: list[str]) -> str:
-    """The first entries, and the number of the others."""
     text = ", ".join(entries)
     if len(text) <= _LINE:
         return text or "none"
