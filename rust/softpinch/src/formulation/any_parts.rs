@@ -44,6 +44,18 @@ impl<R: Real> LaneTask<R> for Evaluate<'_, R> {
     }
 }
 
+/// Computes the energies of a motion.
+struct EnergiesOf<'a, R>(&'a AnyParts<R>, &'a Contacts<R>, &'a Motion<R>);
+
+impl<R: Real> LaneTask<R> for EnergiesOf<'_, R> {
+    type Output = Energies<R>;
+
+    #[inline(always)]
+    fn run(self) -> Energies<R> {
+        self.0.unilateral.energies_of::<Others>(self.1, self.2)
+    }
+}
+
 impl<R: Real> AnyParts<R> {
     /// The equations of a scene, or of one scene for each lane.
     #[inline(always)]
@@ -115,7 +127,7 @@ impl<R: Real> Equations<R> for AnyParts<R> {
 
     #[inline(always)]
     fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        self.unilateral.energies_of::<Others>(contacts, motion)
+        R::outlined(EnergiesOf(self, contacts, motion))
     }
 
     #[inline(always)]
