@@ -51,8 +51,8 @@ MUTANTS = (
     Mutant("model/contact.rs", "swept = (u + signed", "swept = (u - signed", "terms"),
     Mutant(
         "model/contact.rs",
-        "(arm.sx - (self.radius - d_n)) - self.shape.distance()",
-        "(arm.sx - (self.radius - d_n)) - self.shape.distance() * R::constant(1.0000001)",
+        "holonomic: (sx - thickness) - side.face.distance,",
+        "holonomic: (sx - thickness) - side.face.distance * R::constant(1.0000001),",
         "terms",
     ),
     Mutant(
@@ -78,8 +78,8 @@ MUTANTS = (
     ),
     Mutant(
         "formulation/projected.rs",
-        "q = newton_step(plant, &q, free);",
-        "let _ = (newton_step(plant, &q, free), &mut q);",
+        "q = newton_step::<R, E::Parts>(plant, &q, free);",
+        "let _ = (newton_step::<R, E::Parts>(plant, &q, free), &mut q);",
         "formulations",
     ),
     Mutant("method/dop853/tableau.rs", "0.2413651341592667", "0.2413651441592667", CARGO),
@@ -148,7 +148,7 @@ MUTANTS = (
         "(self.chain(sin, cos), self.chain(cos, sin))",
         CARGO,
     ),
-    Mutant("formulation/scene_equations.rs", "states.wrapping_sub(first)", "W", CARGO),
+    Mutant("formulation/tangent.rs", "states.wrapping_sub(first)", "W", CARGO),
     Mutant(
         "method/linearize.rs",
         "delayed[i][k] = rate[r].mul_add(rows[r][k], delayed[i][k]);",
@@ -340,7 +340,12 @@ MUTANTS = (
         "driven",
     ),
     Mutant("model/start.rs", "off > CONSISTENCY * size", "off > 1e9 * size", "driven"),
-    Mutant("model/motion.rs", "if pid.ki == 0.0 {", "if pid.ki < 0.0 {", "leaving_out"),
+    Mutant(
+        "model/motion.rs",
+        "parameters.control[i].ki == 0.0 {",
+        "parameters.control[i].ki < 0.0 {",
+        "leaving_out",
+    ),
     Mutant("tests/operations.rs", "(size.degrees, size.all(),", "(size.states, size.all(),", CARGO),
     Mutant(
         "formulation/contact_solve.rs",
@@ -484,8 +489,8 @@ MUTANTS = (
     ),
     Mutant(
         "analysis/balance.rs",
-        "sigma[i] = thickness.mul_add(tilt[i], signed(i, geometry.contacts[i].a)) + q.shear[i];",
-        "sigma[i] = thickness.mul_add(tilt[i], geometry.contacts[i].a) + q.shear[i];",
+        "sigma[i] = thickness.mul_add(tilt[i], signed(i, geometry.contacts[i].place)) + q.shear[i];",
+        "sigma[i] = thickness.mul_add(tilt[i], geometry.contacts[i].place) + q.shear[i];",
         "test_equilibrium",
     ),
     Mutant(

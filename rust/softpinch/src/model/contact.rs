@@ -237,7 +237,7 @@ pub struct Contact<R, P = Any> {
 pub struct Beside<R> {
     /// The side's normal at the contact, along the object's axes: cosine and sine of its angle.
     pub normal: [R; 2],
-    /// T_i of parts.md, the derivatives of theta_pi: by the object's way along the side, by its turn, and by the finger's
+    /// T_i, the derivatives of theta_pi: by the object's way along the side, by its turn, and by the finger's
     /// coordinate. A couple tau of the tip is the generalised force -tau T_i. The paper's are 0, s_i and 1.
     pub tilt_by: [R; 3],
 }
@@ -413,7 +413,7 @@ impl<R: Real, P: Parts> Contact<R, P> {
     }
 }
 
-/// A contact of any parts: parts.md, "One contact, whatever the parts".
+/// A contact of any parts: docs/equations.md, "Other mechanisms, sides and laws".
 struct PartsAt<'a, R> {
     i: usize,
     parts: &'a (Mechanism<R>, Surface<R>),

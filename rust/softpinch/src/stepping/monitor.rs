@@ -245,7 +245,7 @@ impl<R: Lanes> Limits<R> {
         let quarter = R::constant(std::f64::consts::FRAC_PI_2);
         let mut rim = radius * (R::constant(1.0) - at.sin_tilt[i].abs());
         if self.sides[i].is_curved() {
-            // The depth of the rim below a curved side: sin |theta_p| > (2 D + k (a^2 + D^2)) / (2 a (1 + k D)), parts.md.
+            // The depth of the rim below a curved side: sin |theta_p| > (2 D + k (a^2 + D^2)) / (2 a (1 + k D)).
             let (depth, k) = (radius - d_n, self.curvature[i]);
             let rest = k * radius.dot2(radius, depth, depth);
             let most = (depth + depth + rest) / (k.mul_add(depth, R::constant(1.0)) * (radius + radius));
