@@ -1,6 +1,6 @@
 //! Shapes of the object's sides: where the foot of the perpendicular from a tip's centre is, and the side's normal there.
 //!
-//! All kinds but the paper's are one surface with four numbers, which are exact for flat ones (`surface.rs`): its apex, its
+//! All kinds but the paper's are one surface with four numbers, which are exact for flat ones (`shape/surface.rs`): its apex, its
 //! tilt there and its curvature. A new kind of them is an entry of [`ShapeKind`] and a branch of `Surface::new`. The paper's
 //! parallel face is compiled into the equations by the compiler.
 
