@@ -28,27 +28,18 @@ use rest::RestScene;
 use sensitivity::{Directions, gradients, sensitivities};
 use simulation::Simulation;
 use simulator::Simulator;
-use softpinch::driver::sensitivities::QUANTITIES;
+use softpinch::driver::QUANTITIES;
 use softpinch::error::lookup;
-use softpinch::formulation::table::{FORMULATIONS, Formulation};
-use softpinch::method::table::METHODS;
-use softpinch::model::contact_modes::{CONTACT_MODELS, CONTACT_MODES};
-use softpinch::model::control::FINGERS;
-use softpinch::model::measures::MEASURES;
-use softpinch::model::motion::Motion;
-use softpinch::model::noise::Noise;
-use softpinch::model::parameters::{
-    Finger, Fingertip, Friction, GraspedObject, Law, Mechanism, PARAMETER_COUNT, Parameters, PidGains, Side,
-    Stabilization, Surroundings, parameter_table,
-};
-use softpinch::model::rule::Rule;
+use softpinch::formulation::{FORMULATIONS, Formulation};
+use softpinch::method::METHODS;
 use softpinch::model::start;
-use softpinch::number::simd::level::{LEVELS, Level};
-use softpinch::stepping::ending::STATUSES;
-use softpinch::stepping::monitor::VIOLATIONS;
-use softpinch::stepping::options::MAX_STEPS;
-use softpinch::stepping::record::RECORDABLE;
-use softpinch::stepping::summary::{SUMMARIES, UNITS};
+use softpinch::model::{
+    CONTACT_MODELS, CONTACT_MODES, FINGERS, Finger, Fingertip, Friction, GraspedObject, Law, MEASURES,
+    Mechanism, Motion, Noise, PARAMETER_COUNT, Parameters, PidGains, Rule, Side, Stabilization, Surroundings,
+    parameter_table,
+};
+use softpinch::number::{LEVELS, Level};
+use softpinch::stepping::{MAX_STEPS, RECORDABLE, STATUSES, SUMMARIES, UNITS, VIOLATIONS};
 
 /// The public records and the rules of their fields.
 fn records() -> Vec<(&'static str, Vec<(&'static str, Rule)>)> {

@@ -4,21 +4,13 @@
 //! formulations. So the code of the paper's contacts has no branch for others, and loops, methods and solves are not
 //! multiplied by their kinds.
 
-use crate::formulation::csm::Csm;
-use crate::formulation::equations::{Equations, Evaluation, States, Terms, evaluated};
-use crate::formulation::scene_equations::Choice;
-use crate::formulation::table::Formulation;
-use crate::formulation::unilateral::Unilateral;
-use crate::model::contact::Others;
-use crate::model::contact_modes::{ContactModel, Contacts};
-use crate::model::coordinates::Coordinates;
-use crate::model::energy::{CONTACT_WORKS, Energies};
-use crate::model::forces::{Applied, Plant};
-use crate::model::geometry::Geometry;
-use crate::model::motion::Motion;
-use crate::model::parameters::Stabilization;
-use crate::model::source::Source;
-use crate::number::real::{LaneTask, Real};
+use crate::formulation::equations::evaluated;
+use crate::formulation::{Choice, Csm, Equations, Evaluation, Formulation, States, Terms, Unilateral};
+use crate::model::{
+    Applied, CONTACT_WORKS, ContactModel, Contacts, Coordinates, Energies, Geometry, Motion, Others, Plant,
+    Source, Stabilization,
+};
+use crate::number::{LaneTask, Real};
 
 /// The equations of any parts.
 #[derive(Debug, Clone, Copy)]

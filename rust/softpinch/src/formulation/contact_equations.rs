@@ -1,17 +1,9 @@
 //! The equations of unilateral contact as the search for events uses them: for one run.
 
-use crate::formulation::equations::{Equations, States, Terms};
 use crate::formulation::impact::{Impact, impact};
-use crate::formulation::unilateral::Unilateral;
-use crate::model::contact::Any;
-use crate::model::contact_modes::Contacts;
-use crate::model::coordinates::Coordinates;
-use crate::model::drive::{Input, SegmentFrame};
-use crate::model::forces::{Carriage, Plant};
-use crate::model::geometry::Geometry;
-use crate::model::motion::Motion;
-use crate::number::lanes::{LaneTask, Lanes};
-use crate::number::simd::level::Instructions;
+use crate::formulation::{Equations, States, Terms, Unilateral};
+use crate::model::{Any, Carriage, Contacts, Coordinates, Geometry, Input, Motion, Plant, SegmentFrame};
+use crate::number::{Instructions, LaneTask, Lanes};
 
 /// The equations of one run with unilateral contact, and the instructions of their long computations.
 #[derive(Debug, Clone, Copy)]

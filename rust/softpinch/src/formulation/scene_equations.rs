@@ -6,29 +6,17 @@
 //! little (measured: docs/what-a-scene-pays.md), so step loops and methods are compiled once, not once for each
 //! formulation.
 
-use crate::formulation::any_parts::AnyParts;
-use crate::formulation::contact_equations::ContactEquations;
-use crate::formulation::csm::Csm;
-use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, States, for_fingers};
-use crate::formulation::inlined::Inlined;
 use crate::formulation::nullspace::Nullspace;
 use crate::formulation::projected;
-use crate::formulation::system::{Size, StageState, Stages, System};
-use crate::formulation::table::Formulation;
-use crate::formulation::unilateral::Unilateral;
-use crate::model::contact::Parts;
-use crate::model::contact_modes::{ContactModel, Contacts};
-use crate::model::control::Fingers;
-use crate::model::drive::{Input, SegmentDrive, SegmentFrame};
-use crate::model::energy::Energies;
-use crate::model::forces::{Applied, Carriage, Plant};
-use crate::model::frame::FrameLoads;
-use crate::model::motion::Motion;
-use crate::model::parameters::Stabilization;
-use crate::model::source::Source;
-use crate::number::lanes::{LaneTask, Lanes, Lift};
-use crate::number::real::Real;
-use crate::number::simd::level::Instructions;
+use crate::formulation::{
+    AnyParts, ContactEquations, Csm, Equations, Evaluation, Formulation, Inlined, MAX_COMPONENTS, Size,
+    StageState, Stages, States, System, Unilateral, for_fingers,
+};
+use crate::model::{
+    Applied, Carriage, ContactModel, Contacts, Energies, Fingers, FrameLoads, Input, Motion, Parts, Plant,
+    SegmentDrive, SegmentFrame, Source, Stabilization,
+};
+use crate::number::{Instructions, LaneTask, Lanes, Lift, Real};
 
 /// The kinds of equations.
 #[derive(Debug, Clone, Copy)]

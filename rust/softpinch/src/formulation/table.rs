@@ -1,6 +1,6 @@
 //! The table of the formulations.
 
-use crate::model::parameters::Stabilization;
+use crate::model::Stabilization;
 use crate::names::named;
 
 named! {

@@ -2,25 +2,18 @@
 
 use std::marker::PhantomData;
 
-use crate::formulation::any_parts::AnyParts;
-use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, States, for_fingers};
-use crate::formulation::scene_equations::{
-    Choice, EquationKind, Load, SceneEquations, for_fingers_of, size_of, task, with,
+use crate::formulation::scene_equations::{Load, for_fingers_of, size_of, task};
+use crate::formulation::{
+    AnyParts, Choice, EquationKind, Equations, Evaluation, Jacobian, Linear, MAX_COMPONENTS, SceneEquations,
+    StageState, States, Unilateral, for_fingers, with,
 };
-use crate::formulation::system::{Jacobian, Linear, StageState};
-use crate::formulation::unilateral::Unilateral;
-use crate::model::contact::Parts;
-use crate::model::contact_modes::Contacts;
-use crate::model::drive::{Input, SegmentDrive};
-use crate::model::forces::Carriage;
-use crate::model::frame::FrameMotion;
-use crate::model::parameters::{Parameters, Stabilization};
-use crate::model::source::{Constants, DIRECTIONS};
-use crate::number::dual::{Dual, gathered, spread};
-use crate::number::lanes::{LaneTask, Lanes, MOST};
-use crate::number::real::Real;
-use crate::number::simd::dispatch::{LaneKernel, call_four_lanes};
-use crate::number::simd::level::Instructions;
+use crate::model::{
+    Carriage, Constants, Contacts, DIRECTIONS, FrameMotion, Input, Parameters, Parts, SegmentDrive,
+    Stabilization,
+};
+use crate::number::{
+    Dual, Instructions, LaneKernel, LaneTask, Lanes, MOST, Real, call_four_lanes, gathered, spread,
+};
 
 /// The equations of a scene in dual numbers with `W` directions.
 pub enum Tangent<R, const W: usize> {

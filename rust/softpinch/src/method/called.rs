@@ -1,12 +1,10 @@
 //! The methods as step loops call them. The loops do not know which method they call, so that each loop is compiled once,
 //! and so is each step of a method, whatever calls it: a loop, the search for an event, or a run with derivatives.
 
-use crate::formulation::equations::States;
-use crate::formulation::scene_equations::SceneEquations;
-use crate::method::traits::{Adaptive, Integrator, Runs, Stats, Step, StepResult};
-use crate::model::drive::SegmentDrive;
-use crate::number::lanes::{Bits, LaneTask, Lanes};
-use crate::number::simd::level::Instructions;
+use crate::formulation::{SceneEquations, States};
+use crate::method::{Adaptive, Integrator, Runs, Stats, Step, StepResult};
+use crate::model::SegmentDrive;
+use crate::number::{Bits, Instructions, LaneTask, Lanes};
 
 pub type AnyMethod<R = f64> = Box<dyn Integrator<R, SceneEquations<R>> + Send + Sync>;
 pub type AnyAdaptiveMethod<R = f64> = Box<dyn Adaptive<R, SceneEquations<R>> + Send + Sync>;

@@ -22,10 +22,9 @@ use std::fmt::Debug;
 use std::marker::PhantomData;
 
 use crate::model::contact::mechanism::{Arm, Jaw, Mechanism, OneLink};
-use crate::model::contact::shape::{Frame, ParallelFace, Surface};
-use crate::model::coordinates::Coordinates;
-use crate::model::source::Source;
-use crate::number::real::{LaneTask, Real, signed};
+use crate::model::contact::shape::ParallelFace;
+use crate::model::{Coordinates, Frame, Source, Surface};
+use crate::number::{LaneTask, Real, signed};
 
 /// Declares the kinds of a part. The flat array of parameters has the number of the kind.
 macro_rules! numbered {

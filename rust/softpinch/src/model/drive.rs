@@ -1,11 +1,8 @@
 //! The inputs of one segment between breakpoints. Every channel is one polynomial in the time since the
 //! segment's start, and sines: an evaluation takes a few multiply-adds, or none if all channels are constant.
 
-use crate::model::contact_modes::Contacts;
-use crate::model::frame::FrameMotion;
-use crate::number::dual::Dual;
-use crate::number::lanes::{Bits, LaneTask, Lanes, Lift, MOST};
-use crate::number::simd::level::Instructions;
+use crate::model::{Contacts, FrameMotion};
+use crate::number::{Bits, Dual, Instructions, LaneTask, Lanes, Lift, MOST};
 
 /// Highest degree of a polynomial.
 pub const MAX_DEGREE: usize = 5;

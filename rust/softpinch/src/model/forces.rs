@@ -1,17 +1,14 @@
 //! The forces of (24), and the constants of a scene that all formulations share.
 
-use crate::model::contact::law::{ElasticGradient, Tip};
-use crate::model::contact::mechanism::MechanismKind;
-use crate::model::contact::{Parts, Side};
-use crate::model::control::{Controller, Fingers};
-use crate::model::coordinates::{Coordinates, each_coordinate};
-use crate::model::drive::Input;
-use crate::model::energy::{BILATERAL_WORKS, Energies};
-use crate::model::frame::{Carried, FrameLoads};
-use crate::model::geometry::Geometry;
-use crate::model::motion::Motion;
-use crate::model::source::Source;
-use crate::number::real::{LaneTask, Real, dot};
+use crate::model::contact::Side;
+use crate::model::contact::law::Tip;
+use crate::model::control::Controller;
+use crate::model::frame::Carried;
+use crate::model::{
+    BILATERAL_WORKS, Coordinates, ElasticGradient, Energies, Fingers, FrameLoads, Geometry, Input,
+    MechanismKind, Motion, Parts, Source, each_coordinate,
+};
+use crate::number::{LaneTask, Real, dot};
 
 /// The physics of a scene in the form that the kernel needs: lengths, stiffnesses, masses and controllers.
 #[derive(Debug, Clone, Copy)]

@@ -2,11 +2,9 @@
 
 use nalgebra::SMatrix;
 
-use crate::model::contact::shape::Frame;
-use crate::model::contact::{Any, Contact, Parts, Side};
-use crate::model::coordinates::Coordinates;
-use crate::model::parameters::Parameters;
-use crate::number::real::Real;
+use crate::model::contact::Side;
+use crate::model::{Any, Contact, Coordinates, Frame, Parameters, Parts};
+use crate::number::Real;
 
 /// The whole geometry at one state.
 #[derive(Debug, Clone, Copy)]

@@ -6,11 +6,8 @@ use nalgebra::SMatrix;
 
 use crate::error::Error;
 use crate::model::contact::law::{self, LawKind, WEIGHTS};
-use crate::model::contact::mechanism::MechanismKind;
-use crate::model::contact::shape::{Counterface, ShapeKind};
-use crate::model::coordinates::Coordinates;
-use crate::model::rule::Rule;
-use crate::number::real::signed;
+use crate::model::{Coordinates, Counterface, MechanismKind, Rule, ShapeKind};
+use crate::number::signed;
 
 /// Names of the fingers in messages and paths.
 pub const SIDES: [&str; 2] = ["right", "left"];

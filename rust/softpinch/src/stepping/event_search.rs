@@ -2,21 +2,14 @@
 //! located on the method's own step, which is repeated with a shorter length, so that the method keeps its order across
 //! events.
 
-use crate::formulation::contact_equations::ContactEquations;
-use crate::formulation::equations::{Evaluation, States, Terms};
-use crate::formulation::scene_equations::{InputAt, SceneEquations};
-use crate::formulation::system::System;
+use crate::formulation::{ContactEquations, Evaluation, InputAt, SceneEquations, States, System, Terms};
 use crate::model::contact::Side;
-use crate::model::drive::{Input, SegmentDrive};
-use crate::model::geometry::Geometry;
-use crate::model::motion::Motion;
-use crate::number::lanes::{LaneTask, Lanes};
-use crate::number::simd::level::Instructions;
-use crate::stepping::contact_events::{
-    CAUSES, ContactEnd, ContactRun, Event, EventResult, MOST_EVENTS, Reason,
-};
+use crate::model::{Geometry, Input, Motion, SegmentDrive};
+use crate::number::{Instructions, LaneTask, Lanes};
+use crate::stepping::contact_events::CAUSES;
 use crate::stepping::lone_steps::LoneMethod;
-use crate::stepping::monitor::{Condition, Failure, Limits};
+use crate::stepping::monitor::{Condition, Failure};
+use crate::stepping::{ContactEnd, ContactRun, Event, EventResult, Limits, MOST_EVENTS, Reason};
 
 /// Largest number of repeated steps that locate one event. Most take about ten.
 const MOST_TRIALS: usize = 60;

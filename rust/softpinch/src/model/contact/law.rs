@@ -13,10 +13,8 @@ pub use inoue_hirai::InoueHirai;
 pub use measured::WEIGHTS;
 pub use springs::Springs;
 
-use crate::model::contact::{Parts, numbered};
-use crate::model::parameters::Parameters;
-use crate::model::source::Source;
-use crate::number::real::{LaneTask, Real};
+use crate::model::{Parameters, Parts, Source, numbered};
+use crate::number::{LaneTask, Real};
 
 numbered! {
     /// The kinds of laws.
