@@ -30,7 +30,7 @@ use simulation::Simulation;
 use simulator::Simulator;
 use softpinch::driver::QUANTITIES;
 use softpinch::error::lookup;
-use softpinch::formulation::{FORMULATIONS, Formulation};
+use softpinch::formulation::FORMULATIONS;
 use softpinch::method::METHODS;
 use softpinch::model::start;
 use softpinch::model::{
@@ -164,10 +164,7 @@ fn evaluate<'py>(
     alpha: f64,
     beta: f64,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let stabilization = match lookup("formulation", formulation, &FORMULATIONS).map_err(raise)? {
-        Formulation::Csm => Stabilization { alpha, beta },
-        Formulation::Nullspace | Formulation::Projected => Stabilization { alpha: 0.0, beta: 0.0 },
-    };
+    let formulation = lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?;
     let motion = Motion {
         q: fixed("q", &q)?.into(),
         p: fixed("p", &p)?.into(),
@@ -176,7 +173,7 @@ fn evaluate<'py>(
     let terms = softpinch::analysis::evaluate::evaluate(
         &self::parameters(&parameters)?,
         &inputs.of(0, 0.0).map_err(raise)?,
-        &stabilization,
+        &formulation.gains(&Stabilization { alpha, beta }),
         t,
         &motion,
     )

@@ -57,7 +57,7 @@ impl Default for Options {
             method: Method::Rk4,
             formulation: Formulation::Csm,
             contact: ContactModel::Bilateral,
-            stabilization: Stabilization { alpha: 1000.0, beta: 1000.0 },
+            stabilization: Stabilization::default(),
             record: Selection { state: true, ..Selection::default() },
             every: 1,
             times: None,
