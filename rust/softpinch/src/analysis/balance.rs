@@ -371,7 +371,7 @@ impl RestScene {
 
     /// The rows of a member and their derivatives.
     pub fn rows(&self, member: &Member, z: &Unknowns) -> Rows {
-        f64::call(self.instructions, Evaluate { scene: self, member, z })
+        f64::call(self.instructions, Evaluate(self, member, z))
     }
 }
 
@@ -397,18 +397,14 @@ impl LaneKernel for OtherParts<'_> {
 }
 
 /// Evaluates the balance in dual numbers, compiled with the instructions of the lanes.
-struct Evaluate<'a> {
-    scene: &'a RestScene,
-    member: &'a Member,
-    z: &'a Unknowns,
-}
+struct Evaluate<'a>(&'a RestScene, &'a Member, &'a Unknowns);
 
 impl LaneTask<f64> for Evaluate<'_> {
     type Output = Rows;
 
     #[inline(always)]
     fn run(self) -> Rows {
-        let Self { scene, member, z } = self;
+        let Self(scene, member, z) = self;
         let mut unknowns = [Directions::zero(); UNKNOWNS];
         for k in 0..UNKNOWNS {
             unknowns[k] = Dual::variable(z[k], k);

@@ -10,7 +10,7 @@ use crate::model::{
     Applied, CONTACT_WORKS, ContactModel, Contacts, Coordinates, Energies, Geometry, Motion, Others, Plant,
     Source, Stabilization,
 };
-use crate::number::{LaneTask, Real};
+use crate::number::{LaneTask, Real, task};
 
 /// The equations of any parts.
 #[derive(Debug, Clone, Copy)]
@@ -23,17 +23,12 @@ pub struct AnyParts<R> {
     pub(crate) opens: bool,
 }
 
-/// Evaluates a state.
-struct Evaluate<'a, R>(&'a AnyParts<R>, (bool, bool), Applied<'a, R>, &'a Contacts<R>, &'a States<R>);
-
-impl<R: Real> LaneTask<R> for Evaluate<'_, R> {
-    type Output = Evaluation<R>;
-
-    #[inline(always)]
-    fn run(self) -> Evaluation<R> {
-        let Self(equations, (driven, ledger), applied, contacts, y) = self;
-        evaluated(equations, driven, applied, contacts, y, ledger)
-    }
+task! {
+    /// Evaluates a state.
+    ['a, R: Real]
+    Evaluate<'a, R>(equations: &'a AnyParts<R>, driven: bool, applied: Applied<'a, R>,
+        contacts: &'a Contacts<R>, y: &'a States<R>, ledger: bool)
+    for R => Evaluation<R> = evaluated(equations, driven, applied, contacts, y, ledger)
 }
 
 impl<R: Real> AnyParts<R> {
@@ -102,7 +97,7 @@ impl<R: Real> Equations<R> for AnyParts<R> {
         y: &States<R>,
         ledger: bool,
     ) -> Evaluation<R> {
-        R::outlined(Evaluate(self, (driven, ledger), applied, contacts, y))
+        R::outlined(Evaluate { equations: self, driven, applied, contacts, y, ledger })
     }
 
     #[inline(always)]

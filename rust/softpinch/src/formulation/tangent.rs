@@ -2,7 +2,7 @@
 
 use std::marker::PhantomData;
 
-use crate::formulation::scene_equations::{Load, for_fingers_of, size_of, task};
+use crate::formulation::scene_equations::{Load, for_fingers_of, size_of};
 use crate::formulation::{
     AnyParts, Choice, EquationKind, Equations, Evaluation, Jacobian, Linear, MAX_COMPONENTS, SceneEquations,
     StageState, States, Unilateral, for_fingers, with,
@@ -12,7 +12,7 @@ use crate::model::{
     Stabilization,
 };
 use crate::number::{
-    Dual, Instructions, LaneKernel, LaneTask, Lanes, MOST, Real, call_four_lanes, gathered, spread,
+    Dual, Instructions, LaneKernel, LaneTask, Lanes, MOST, Real, call_four_lanes, gathered, spread, task,
 };
 
 /// The equations of a scene in dual numbers with `W` directions.
@@ -256,8 +256,9 @@ impl Tangent<f64, DIRECTIONS> {
 }
 
 task! {
-    Seeded(input: &'a Input<R>, frame: &'a FrameMotion<R>, y: &'a States<R>) -> Evaluation<R>,
-    equations => {
+    ['a, R: Lanes, E: Equations<R>]
+    Seeded<'a, R, E>(equations: &'a E, input: &'a Input<R>, frame: &'a FrameMotion<R>, y: &'a States<R>)
+    for R => Evaluation<R> = {
         let (plant, driven) = (equations.plant(), equations.plant().driven);
         let first = equations.degrees(driven);
         let (pose, rates) = ([y[0], y[1], y[2]], [y[first], y[first + 1], y[first + 2]]);

@@ -8,7 +8,7 @@ use crate::model::{
     BILATERAL_WORKS, Coordinates, ElasticGradient, Energies, Fingers, FrameLoads, Geometry, Input,
     MechanismKind, Motion, Parts, Source, each_coordinate,
 };
-use crate::number::{LaneTask, Real, dot};
+use crate::number::{LaneTask, Real, dot, task};
 
 /// The physics of a scene in the form that the kernel needs: lengths, stiffnesses, masses and controllers.
 #[derive(Debug, Clone, Copy)]
@@ -84,23 +84,17 @@ pub struct Forces<R> {
     pub external: [R; 3],
 }
 
-/// Compiles the parameters of a scene.
-struct Compile<'a, S>(&'a S, Fingers, bool);
-
-impl<R: Real, S: Source<R>> LaneTask<R> for Compile<'_, S> {
-    type Output = Plant<R>;
-
-    #[inline(always)]
-    fn run(self) -> Plant<R> {
-        Plant::new(self.0, self.1, self.2)
-    }
+task! {
+    /// Compiles the parameters of a scene.
+    ['a, R: Real, S: Source<R>] Compile<'a, S>(source: &'a S, fingers: Fingers, moves: bool) for R => Plant<R> =
+        Plant::new(source, fingers, moves)
 }
 
 impl<R: Real> Plant<R> {
     /// [`Plant::new`] in code that is called.
     #[inline(always)]
     pub fn called(source: &impl Source<R>, fingers: Fingers, moves: bool) -> Self {
-        R::outlined(Compile(source, fingers, moves))
+        R::outlined(Compile { source, fingers, moves })
     }
 
     /// Compiles the parameters of a scene whose fingers move in this way, and whose hand may move.

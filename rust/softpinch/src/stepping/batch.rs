@@ -9,7 +9,7 @@ use crate::model::energy;
 use crate::model::{
     BILATERAL_WORKS, ContactModel, Energies, Motion, Parameters, Scene, SegmentDrive, Source, WORKS, apart,
 };
-use crate::number::{Bits, Instructions, LaneTask, Lanes, MOST, each};
+use crate::number::{Bits, Instructions, LaneTask, Lanes, MOST, each, task};
 use crate::stepping::ending::{after_violation, unstable};
 use crate::stepping::instant::{energies, put_motion};
 use crate::stepping::monitor::explain;
@@ -424,7 +424,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         }
         for impulse in run.scene.inputs.impulses_at(t) {
             let mut jumped = *y;
-            R::call(self.instructions, Jump(system, (&self.drive, tau), &mut jumped, impulse));
+            R::call(self.instructions, Jump { system, drive: &self.drive, tau, y: &mut jumped, impulse });
             put(y, lane, &column(&jumped, lane));
         }
         Ok(true)
@@ -504,17 +504,11 @@ impl<R: Lanes> LaneTask<R> for Numbers<'_> {
     }
 }
 
-/// Computes the velocity jumps as if an impulse acted in all lanes.
-struct Jump<'a, R, S>(&'a S, (&'a SegmentDrive<R>, R), &'a mut States<R>, [f64; 3]);
-
-impl<R: Lanes, S: System<R>> LaneTask<R> for Jump<'_, R, S> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self(system, (drive, tau), y, impulse) = self;
-        system.jump(&drive.at(tau), y, &impulse.map(R::constant));
-    }
+task! {
+    /// Computes the velocity jumps as if an impulse acted in all lanes.
+    ['a, R: Lanes, S: System<R>]
+    Jump<'a, R, S>(system: &'a S, drive: &'a SegmentDrive<R>, tau: R, y: &'a mut States<R>, impulse: [f64; 3])
+    for R => () = system.jump(&drive.at(tau), y, &impulse.map(R::constant))
 }
 
 /// Equations for a step loop. The loop of RK4 has them inlined; its rare work calls them, so that its code exists once.

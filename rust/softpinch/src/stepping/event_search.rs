@@ -5,7 +5,7 @@
 use crate::formulation::{ContactEquations, Evaluation, InputAt, SceneEquations, States, System, Terms};
 use crate::model::contact::Side;
 use crate::model::{Geometry, Input, Motion, SegmentDrive};
-use crate::number::{Instructions, LaneTask, Lanes};
+use crate::number::{Instructions, LaneTask, Lanes, task};
 use crate::stepping::contact_events::CAUSES;
 use crate::stepping::lone_steps::LoneMethod;
 use crate::stepping::monitor::{Condition, Failure};
@@ -51,15 +51,9 @@ pub struct EventStepper<'a> {
     pub h: f64,
 }
 
-struct GeometryOf<'a>(&'a [Side<f64>; 2], &'a Motion<f64>);
-
-impl LaneTask<f64> for GeometryOf<'_> {
-    type Output = Geometry<f64>;
-
-    #[inline(always)]
-    fn run(self) -> Geometry<f64> {
-        Geometry::new(self.0, &self.1.q, &self.1.p)
-    }
+task! {
+    ['a] GeometryOf<'a>(sides: &'a [Side<f64>; 2], motion: &'a Motion<f64>) for f64 => Geometry<f64> =
+        Geometry::new(sides, &motion.q, &motion.p)
 }
 
 impl EventStepper<'_> {
@@ -69,11 +63,11 @@ impl EventStepper<'_> {
     }
 
     pub fn input(&self, tau: f64) -> Input<f64> {
-        f64::call(self.instructions, InputAt(self.drive, tau))
+        f64::call(self.instructions, InputAt { drive: self.drive, tau })
     }
 
     pub fn geometry(&self, motion: &Motion<f64>) -> Geometry<f64> {
-        f64::call(self.instructions, GeometryOf(&self.equations.plant().sides, motion))
+        f64::call(self.instructions, GeometryOf { sides: &self.equations.plant().sides, motion })
     }
 
     /// The terms and the motion of a state.
