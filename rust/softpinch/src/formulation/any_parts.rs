@@ -30,6 +30,11 @@ task! {
         contacts: &'a Contacts<R>, y: &'a States<R>, ledger: bool)
     for R => Evaluation<R> = evaluated(equations, driven, applied, contacts, y, ledger)
 }
+task! {
+    /// Computes the energies of a motion.
+    ['a, R: Real] EnergiesOf<'a, R>(equations: &'a AnyParts<R>, contacts: &'a Contacts<R>, motion: &'a Motion<R>)
+    for R => Energies<R> = equations.unilateral.energies_of::<Others>(contacts, motion)
+}
 
 impl<R: Real> AnyParts<R> {
     /// The equations of a scene, or of one scene for each lane.
@@ -102,7 +107,7 @@ impl<R: Real> Equations<R> for AnyParts<R> {
 
     #[inline(always)]
     fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        self.unilateral.energies_of::<Others>(contacts, motion)
+        R::outlined(EnergiesOf { equations: self, contacts, motion })
     }
 
     #[inline(always)]

@@ -18,7 +18,7 @@ use crate::number::{
 /// The equations of a scene in dual numbers with `W` directions.
 pub enum Tangent<R, const W: usize> {
     /// With the paper's parts.
-    Papers(SceneEquations<Dual<R, W>>),
+    Papers(Box<SceneEquations<Dual<R, W>>>),
     /// With others, in one direction, or in four lanes in four directions, which takes little code.
     Others(Box<dyn Derivatives<R>>),
 }
@@ -224,7 +224,12 @@ impl<R: Lanes, const W: usize> Tangent<R, W> {
         gains: &Stabilization,
     ) -> Self {
         if !R::ANY_PARTS || parameters[0].has_the_papers_parts() {
-            return Self::Papers(SceneEquations::new(instructions, choice, &Constants(parameters), gains));
+            return Self::Papers(Box::new(SceneEquations::new(
+                instructions,
+                choice,
+                &Constants(parameters),
+                gains,
+            )));
         }
         let build = BuildFor(choice, parameters, gains, PhantomData);
         Self::Others(if R::WIDTH == 1 {
@@ -247,10 +252,10 @@ impl Tangent<f64, DIRECTIONS> {
     ) -> Option<Evaluation<Directions>> {
         match self {
             Self::Others(others) => others.seeded((input, frame, y)),
-            Self::Papers(SceneEquations {
-                kind: EquationKind::Nullspace(equations), instructions, ..
-            }) => Some(Dual::call(*instructions, Seeded { equations, input, frame, y })),
-            Self::Papers(_) => None,
+            Self::Papers(system) => {
+                let EquationKind::Nullspace(equations) = &system.kind else { return None };
+                Some(Dual::call(system.instructions, Seeded { equations, input, frame, y }))
+            }
         }
     }
 }

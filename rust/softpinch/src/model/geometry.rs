@@ -1,10 +1,12 @@
 //! Both contacts at one state: residuals, the constraint matrix and its rate (25).
 
+use std::marker::PhantomData;
+
 use nalgebra::SMatrix;
 
 use crate::model::contact::Side;
 use crate::model::{Any, Contact, Coordinates, Frame, Parameters, Parts};
-use crate::number::Real;
+use crate::number::{LaneTask, Real};
 
 /// The whole geometry at one state.
 #[derive(Debug, Clone, Copy)]
@@ -25,10 +27,28 @@ impl<R: Real> Geometry<R> {
     }
 }
 
+/// Computes the geometry at coordinates and velocities.
+struct Compute<'a, R, P>(&'a [Side<R>; 2], &'a Coordinates<R>, &'a Coordinates<R>, PhantomData<P>);
+
+impl<R: Real, P: Parts> LaneTask<R> for Compute<'_, R, P> {
+    type Output = Geometry<R, P>;
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        Geometry::inlined(self.0, self.1, self.2)
+    }
+}
+
 impl<R: Real, P: Parts> Geometry<R, P> {
     /// [`Geometry::new`] for the contacts `P`.
     #[inline(always)]
     pub fn of(sides: &[Side<R>; 2], q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
+        // Steps and corrections of other parts share one piece of code.
+        if P::OTHERS { R::outlined(Compute(sides, q, p, PhantomData)) } else { Self::inlined(sides, q, p) }
+    }
+
+    #[inline(always)]
+    fn inlined(sides: &[Side<R>; 2], q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
         let object = Frame::of_object(q.object, p.object);
         let right = Contact::anywhere(0, &sides[0], &object, q, p);
         let left = Contact::anywhere(1, &sides[1], &object, q, p);

@@ -29,14 +29,9 @@ impl<R: Real> Power<R> {
     #[inline(always)]
     pub(super) fn curve(&self, d: R) -> Curve<R> {
         let Self { coefficient: c, exponent: n, foot } = *self;
-        let (one, two) = (R::constant(1.0), R::constant(2.0));
-        let power = |y: R| {
-            let bend = y.power(n - two);
-            let slope = bend * y;
-            (bend, slope, slope * y)
-        };
+        let one = R::constant(1.0);
         let y = d + foot;
-        let ((bend, slope, force), (_, foot_slope, foot_force)) = (power(y), power(foot));
+        let ((bend, slope, force), (_, foot_slope, foot_force)) = (powers(y, n), powers(foot, n));
         let rise = n * foot_slope;
         let integral = (force * y - foot_force * foot) / (n + one);
         Curve {
@@ -46,4 +41,12 @@ impl<R: Real> Power<R> {
             bend: c * n * (n - one) * bend,
         }
     }
+}
+
+/// y to the powers n - 2, n - 1 and n. A closure would be compiled without the instructions of the lanes.
+#[inline(always)]
+fn powers<R: Real>(y: R, n: R) -> (R, R, R) {
+    let bend = y.power(n - R::constant(2.0));
+    let slope = bend * y;
+    (bend, slope, slope * y)
 }
