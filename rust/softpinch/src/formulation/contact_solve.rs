@@ -71,15 +71,16 @@ fn select_block<R: Real>(bits: u8, a: &Block<R>, b: &Block<R>) -> Block<R> {
 
 /// Multipliers, shares of the couples and accelerations.
 #[inline(always)]
-pub fn response<R: Real>(
+pub fn response<R: Real, P: Parts>(
     driven: bool,
-    geometry: &Geometry<R, impl Parts>,
+    geometry: &Geometry<R, P>,
     plant: &Plant<R>,
     contacts: &Contacts<R>,
     load: &Load<R>,
 ) -> Response<R> {
-    // Called, because contacts are in other modes than stick for short times only.
-    R::outlined(Solve { driven, geometry, plant, contacts, load })
+    let solve = Solve { driven, geometry, plant, contacts, load };
+    // Other parts, and numbers with derivatives, have one piece of code for all uses.
+    if P::OTHERS || R::ORDER > 0 { R::outlined(solve) } else { solve.run() }
 }
 
 struct Solve<'a, R, P> {

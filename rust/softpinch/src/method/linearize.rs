@@ -7,7 +7,7 @@
 
 use crate::formulation::{Jacobian, Linear, MAX_COMPONENTS, Size, States};
 use crate::model::SegmentDrive;
-use crate::number::{Entry, Lanes, Lu, MOST_ROWS, Real, Square};
+use crate::number::{Entry, LaneTask, Lanes, Lu, MOST_ROWS, Real, Square};
 
 /// Directions in one sweep of dual numbers for a single run: one vector of AVX-512.
 pub const DIRECTIONS: usize = 8;
@@ -122,6 +122,30 @@ where
     x
 }
 
+/// Decomposes g I - J.
+struct Factor<'a, T: Entry>(&'a Linearization<T::Part>, T);
+
+impl<R: Lanes, T: Entry<Part = R>> LaneTask<R> for Factor<'_, T> {
+    type Output = Factors<T>;
+
+    #[inline(always)]
+    fn run(self) -> Factors<T> {
+        unrolled!(self.0.size, factor(self.0, self.1))
+    }
+}
+
+/// Solves (g I - J) x = b.
+struct Solve<'a, T: Entry>(&'a Linearization<T::Part>, &'a Factors<T>, &'a States<T>);
+
+impl<R: Lanes, T: Entry<Part = R>> LaneTask<R> for Solve<'_, T> {
+    type Output = States<T>;
+
+    #[inline(always)]
+    fn run(self) -> States<T> {
+        unrolled!(self.0.size, solve(self.0, self.1, self.2))
+    }
+}
+
 impl<R: Lanes> Linearization<R> {
     #[inline(always)]
     pub fn new(size: Size) -> Self {
@@ -156,13 +180,14 @@ impl<R: Lanes> Linearization<R> {
     /// Decomposes g I - J.
     #[inline(always)]
     pub fn factor<T: Entry<Part = R>>(&self, g: T) -> Factors<T> {
-        unrolled!(self.size, factor(self, g))
+        // Called by all methods of single runs; inlined into the one method that has lanes.
+        if R::WIDTH == 1 { R::outlined(Factor(self, g)) } else { Factor(self, g).run() }
     }
 
     /// Solves (g I - J) x = b for the states. The other entries of the solution are those of `b`.
     #[inline(always)]
     pub fn solve<T: Entry<Part = R>>(&self, factors: &Factors<T>, b: &States<T>) -> States<T> {
-        unrolled!(self.size, solve(self, factors, b))
+        if R::WIDTH == 1 { R::outlined(Solve(self, factors, b)) } else { Solve(self, factors, b).run() }
     }
 
     /// Solves (g I - J) x = b for the states and the works.

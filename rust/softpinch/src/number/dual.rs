@@ -128,6 +128,7 @@ impl<R: Real, const W: usize> Neg for Dual<R, W> {
 impl<R: Real, const W: usize> Real for Dual<R, W> {
     /// One direction after the other takes little code.
     const ANY_PARTS: bool = R::ANY_PARTS && W == 1;
+    const ORDER: usize = R::ORDER + 1;
 
     #[inline(always)]
     fn constant(x: f64) -> Self {
@@ -221,7 +222,6 @@ impl<R: Real, K: LaneTask<Dual<R, W>>, const W: usize> LaneTask<R> for Wrapped<K
 /// their values.
 impl<R: Lanes, const W: usize> Lanes for Dual<R, W> {
     const WIDTH: usize = R::WIDTH;
-    const ORDER: usize = R::ORDER + 1;
 
     #[inline(always)]
     fn call<K: LaneTask<Self>>(instructions: Instructions, task: K) -> K::Output {

@@ -27,8 +27,6 @@ pub trait Lanes: Real {
     const WIDTH: usize;
     /// The set of all lanes.
     const ALL: Bits = if Self::WIDTH == MOST { Bits::MAX } else { (1 << Self::WIDTH) - 1 };
-    /// The order of the derivatives that the numbers carry.
-    const ORDER: usize = 0;
 
     /// Makes a vector from a function of the lane.
     fn from_fn(f: impl FnMut(usize) -> f64) -> Self;
