@@ -13,19 +13,13 @@ use crate::convert::{
 use crate::inputs::Inputs;
 use crate::signals::{Failure, Signals};
 use crate::simulation::GivenOptions;
-use softpinch::driver::ensemble::{Row, ensemble};
-use softpinch::driver::simulate::{check as check_scene, stability_warning};
+use softpinch::driver::{Row, check as check_scene, ensemble, stability_warning};
 use softpinch::error::{Error, lookup};
-use softpinch::model::control::Fingers;
-use softpinch::model::coordinates::Coordinates;
-use softpinch::model::motion::Motion;
-use softpinch::model::parameters::{PARAMETER_COUNT, Parameters, parameter_table};
-use softpinch::model::scene::Scene;
-use softpinch::model::start::{self, State};
-use softpinch::stepping::ending::{Status, arrival};
-use softpinch::stepping::monitor::VIOLATIONS;
-use softpinch::stepping::options::Options;
-use softpinch::stepping::summary::SUMMARIES;
+use softpinch::model::start;
+use softpinch::model::{
+    Coordinates, Fingers, Motion, PARAMETER_COUNT, Parameters, Scene, State, parameter_table,
+};
+use softpinch::stepping::{Options, SUMMARIES, Status, VIOLATIONS, arrival};
 
 /// Makes the coordinates of a start from the parameters.
 type MakeStart = fn(&Parameters) -> Result<Coordinates, Error>;

@@ -9,11 +9,10 @@ use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
 use crate::signals::Signals;
-use softpinch::analysis::evaluate::Matrix;
+use softpinch::analysis::Matrix;
 use softpinch::error::{Error, lookup};
-use softpinch::model::parameters::SIDES;
-use softpinch::stepping::contact_events::Change;
-use softpinch::stepping::record::{Run, reserved};
+use softpinch::model::SIDES;
+use softpinch::stepping::{Change, Run, reserved};
 
 /// Numbers from Python.
 pub type GivenRow<'py, T = f64> = PyReadonlyArray1<'py, T>;

@@ -9,13 +9,10 @@ use pyo3::prelude::*;
 
 use crate::convert::{GivenRow, GivenRows, collected, columns, entries, raise, require, select};
 use softpinch::error::{Error, lookup};
-use softpinch::model::control::{FINGERS, Fingers};
-use softpinch::model::drive::MAX_DEGREE;
-use softpinch::model::inputs::{HandMotion, Impulse, Inputs as CoreInputs, Sinusoid};
-use softpinch::model::measures::{MEASURES, Measure};
-use softpinch::model::noise::Noise;
-use softpinch::model::piecewise::PiecewisePolynomial;
-use softpinch::model::sampled::SampledController;
+use softpinch::model::{
+    FINGERS, Fingers, HandMotion, Impulse, Inputs as CoreInputs, MAX_DEGREE, MEASURES, Measure, Noise,
+    PiecewisePolynomial, SampledController, Sinusoid,
+};
 
 /// Breaks (runs, m) and coefficients (runs, m + 1, channels, terms).
 type Piecewise<'py> = (GivenRows<'py>, PyReadonlyArray4<'py, f64>);

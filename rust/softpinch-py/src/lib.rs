@@ -28,27 +28,18 @@ use rest::RestScene;
 use sensitivity::{Directions, gradients, sensitivities};
 use simulation::Simulation;
 use simulator::Simulator;
-use softpinch::driver::sensitivities::QUANTITIES;
+use softpinch::driver::QUANTITIES;
 use softpinch::error::lookup;
-use softpinch::formulation::table::{FORMULATIONS, Formulation};
-use softpinch::method::table::METHODS;
-use softpinch::model::contact_modes::{CONTACT_MODELS, CONTACT_MODES};
-use softpinch::model::control::FINGERS;
-use softpinch::model::measures::MEASURES;
-use softpinch::model::motion::Motion;
-use softpinch::model::noise::Noise;
-use softpinch::model::parameters::{
-    Finger, Fingertip, Friction, GraspedObject, Law, Mechanism, PARAMETER_COUNT, Parameters, PidGains, Side,
-    Stabilization, Surroundings, parameter_table,
-};
-use softpinch::model::rule::Rule;
+use softpinch::formulation::FORMULATIONS;
+use softpinch::method::METHODS;
 use softpinch::model::start;
-use softpinch::number::simd::level::{LEVELS, Level};
-use softpinch::stepping::ending::STATUSES;
-use softpinch::stepping::monitor::VIOLATIONS;
-use softpinch::stepping::options::MAX_STEPS;
-use softpinch::stepping::record::RECORDABLE;
-use softpinch::stepping::summary::{SUMMARIES, UNITS};
+use softpinch::model::{
+    CONTACT_MODELS, CONTACT_MODES, FINGERS, Finger, Fingertip, Friction, GraspedObject, Law, MEASURES,
+    Mechanism, Motion, Noise, PARAMETER_COUNT, Parameters, PidGains, Rule, Side, Stabilization, Surroundings,
+    parameter_table,
+};
+use softpinch::number::{LEVELS, Level};
+use softpinch::stepping::{MAX_STEPS, RECORDABLE, STATUSES, SUMMARIES, UNITS, VIOLATIONS};
 
 /// The public records and the rules of their fields.
 fn records() -> Vec<(&'static str, Vec<(&'static str, Rule)>)> {
@@ -173,10 +164,7 @@ fn evaluate<'py>(
     alpha: f64,
     beta: f64,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let stabilization = match lookup("formulation", formulation, &FORMULATIONS).map_err(raise)? {
-        Formulation::Csm => Stabilization { alpha, beta },
-        Formulation::Nullspace | Formulation::Projected => Stabilization { alpha: 0.0, beta: 0.0 },
-    };
+    let formulation = lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?;
     let motion = Motion {
         q: fixed("q", &q)?.into(),
         p: fixed("p", &p)?.into(),
@@ -185,7 +173,7 @@ fn evaluate<'py>(
     let terms = softpinch::analysis::evaluate::evaluate(
         &self::parameters(&parameters)?,
         &inputs.of(0, 0.0).map_err(raise)?,
-        &stabilization,
+        &formulation.gains(&Stabilization { alpha, beta }),
         t,
         &motion,
     )

@@ -7,12 +7,12 @@ use pyo3::types::PyDict;
 use crate::convert::{GivenRow, GivenRows, columns, entries, raise, require, room};
 use crate::inputs::Inputs;
 use crate::signals::Signals;
-use softpinch::analysis::linear::{self, LinearModel, Setting};
+use softpinch::analysis::linear;
+use softpinch::analysis::{LinearModel, Setting};
 use softpinch::error::lookup;
-use softpinch::formulation::table::FORMULATIONS;
-use softpinch::model::motion::Motion;
-use softpinch::model::parameters::Stabilization;
-use softpinch::number::simd::level::Level;
+use softpinch::formulation::FORMULATIONS;
+use softpinch::model::{Motion, Stabilization};
+use softpinch::number::Level;
 
 /// The arrays of a linear model, and the numbers of their axes.
 const ARRAYS: [(&str, usize); 8] =

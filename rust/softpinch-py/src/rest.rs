@@ -9,14 +9,14 @@ use crate::convert::{
     GivenRow, GivenRows, Row, Rows, columns, computed, dictionary, fixed, matrix, raise, rows,
 };
 use crate::inputs::Inputs;
-use softpinch::analysis::balance::{Member, RestScene as CoreRestScene, Unknowns};
-use softpinch::analysis::equilibrium::{Reason, continued, find, neutral, violations};
-use softpinch::analysis::rest::Rest;
-use softpinch::analysis::wrench::{Load, largest_multiple};
+use softpinch::analysis::{
+    Load, Member, Reason, Rest, RestScene as CoreRestScene, Unknowns, continued, find, largest_multiple,
+    neutral, violations,
+};
 use softpinch::error::lookup;
-use softpinch::model::rule::Rule;
-use softpinch::number::simd::level::Level;
-use softpinch::stepping::monitor::VIOLATIONS;
+use softpinch::model::Rule;
+use softpinch::number::Level;
+use softpinch::stepping::VIOLATIONS;
 
 /// Makes a member of the family of equilibria in a scene from its numbers.
 type MakeMember = fn(&CoreRestScene, &GivenRow<'_>) -> PyResult<Member>;

@@ -9,14 +9,11 @@ use crate::convert::{GivenRow, GivenRows, columns, entries, raise, require, room
 use crate::inputs::Inputs;
 use crate::signals::detached;
 use crate::simulation::Simulation;
-use softpinch::driver::ensemble::derivatives;
-use softpinch::driver::sensitivities::{self as core, Derivatives, Wanted};
-use softpinch::driver::sensitivities::{COMPONENTS, Direction, Shift};
+use softpinch::driver::sensitivities as core;
+use softpinch::driver::{COMPONENTS, Derivatives, Direction, Shift, Wanted, derivatives};
 use softpinch::error::lookup;
-use softpinch::model::motion::Motion;
-use softpinch::model::parameters::PARAMETER_COUNT;
-use softpinch::model::start::{STARTS, Start};
-use softpinch::stepping::summary::{SUMMARIES, Summary};
+use softpinch::model::{Motion, PARAMETER_COUNT, STARTS, Start};
+use softpinch::stepping::{SUMMARIES, Summary};
 
 /// Derivatives with three axes.
 type Numbers<'py> = Bound<'py, PyArray<f64, Ix3>>;

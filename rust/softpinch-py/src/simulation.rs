@@ -3,20 +3,13 @@
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use softpinch::driver::simulate::{Outline, outline, simulate};
+use softpinch::driver::{Outline, outline, simulate};
 use softpinch::error::lookup;
-use softpinch::formulation::table::FORMULATIONS;
-use softpinch::method::table::METHODS;
-use softpinch::model::contact_modes::CONTACT_MODELS;
-use softpinch::model::motion::Motion;
-use softpinch::model::parameters::Stabilization;
-use softpinch::model::scene::Scene;
-use softpinch::model::start::State;
-use softpinch::number::simd::level::Level;
-use softpinch::stepping::monitor::VIOLATIONS;
-use softpinch::stepping::options::{Options, Steps};
-use softpinch::stepping::record::{RECORDABLE, Selection};
-use softpinch::stepping::summary::{SUMMARIES, Wanted};
+use softpinch::formulation::FORMULATIONS;
+use softpinch::method::METHODS;
+use softpinch::model::{CONTACT_MODELS, Motion, Scene, Stabilization, State};
+use softpinch::number::Level;
+use softpinch::stepping::{Options, RECORDABLE, SUMMARIES, Selection, Steps, VIOLATIONS, Wanted};
 
 use crate::convert::{self, GivenRow, dictionary, entries, fixed, raise, select};
 use crate::inputs::Inputs;

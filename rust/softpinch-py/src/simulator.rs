@@ -10,11 +10,10 @@ use crate::batch::Batch;
 use crate::convert::{GivenRow, GivenRows, Row, Rows, columns, fixed, raise, require, room};
 use crate::signals::detached;
 use crate::simulation::Simulation;
-use softpinch::driver::simulator::{Observed, Simulator as Core};
+use softpinch::driver::{Observed, Simulator as Core};
 use softpinch::error::Error;
-use softpinch::model::motion::Motion;
-use softpinch::model::start::State;
-use softpinch::stepping::ending::Status;
+use softpinch::model::{Motion, State};
+use softpinch::stepping::Status;
 
 /// Time, coordinates, velocities, multipliers and the code of the status.
 type Observation<'py> = (f64, Row<'py>, Row<'py>, Row<'py>, u8);

@@ -1,8 +1,8 @@
 //! The mechanics of a planar pinch with two soft fingertips (Inoue and Hirai, "Dynamic Stable Manipulation
 //! via Soft-fingered Hand", ICRA 2007), with the errata of the paper corrected.
 //!
-//! A scene consists of [`model::parameters`], [`model::inputs`] and an initial state. [`driver::simulate`]
-//! runs a scene once, [`driver::ensemble`] runs many, [`driver::simulator`] steps runs from outside. This is the paper's
+//! A scene consists of [`model::parameters`], [`model::inputs`] and an initial state. [`driver::simulate()`]
+//! runs a scene once, [`driver::ensemble()`] runs many, [`driver::simulator`] steps runs from outside. This is the paper's
 //! operation 1, from the first contact of the tips to a grip at 6 degrees:
 //!
 //! ```
@@ -26,6 +26,7 @@
 //! no features to choose.
 //!
 //! The modules are listed from the ground up: a top-level module uses only those above it in this list.
+//! The `mod.rs` of each lists the names that other modules use.
 //!
 //! | module | contents | equations |
 //! |---|---|---|

@@ -20,25 +20,13 @@
 use std::sync::Arc;
 
 use crate::error::Error;
-use crate::model::contact::Any;
-use crate::model::contact::mechanism::MechanismKind;
-use crate::model::contact::shape::ShapeKind;
-use crate::model::control::Fingers;
-use crate::model::coordinates::{Coordinates, each_coordinate};
-use crate::model::drive::{Input, SegmentDrive};
-use crate::model::energy::Energies;
-use crate::model::forces::{Carriage, Plant};
-use crate::model::frame::FrameMotion;
-use crate::model::geometry::Geometry;
-use crate::model::inputs::{HandMotion, Inputs};
-use crate::model::motion::Motion;
-use crate::model::parameters::Parameters;
-use crate::model::source::Constants;
-use crate::number::dual::{Dual, gather};
-use crate::number::lanes::{LaneTask, Lanes, MOST};
-use crate::number::real::{Real, signed};
-use crate::number::simd::dispatch::{LaneKernel, call_four_lanes};
-use crate::number::simd::level::{Instructions, Level};
+use crate::model::{
+    Any, Carriage, Constants, Coordinates, Energies, Fingers, FrameMotion, Geometry, HandMotion, Input,
+    Inputs, MechanismKind, Motion, Parameters, Plant, SegmentDrive, ShapeKind, each_coordinate,
+};
+use crate::number::{
+    Dual, Instructions, LaneKernel, LaneTask, Lanes, Level, MOST, Real, call_four_lanes, gather, signed,
+};
 
 /// Number of unknowns: the pose (x, y, theta, theta_1, theta_2) and two shears.
 pub const UNKNOWNS: usize = 7;
@@ -383,7 +371,7 @@ impl RestScene {
 
     /// The rows of a member and their derivatives.
     pub fn rows(&self, member: &Member, z: &Unknowns) -> Rows {
-        f64::call(self.instructions, Evaluate { scene: self, member, z })
+        f64::call(self.instructions, Evaluate(self, member, z))
     }
 }
 
@@ -409,18 +397,14 @@ impl LaneKernel for OtherParts<'_> {
 }
 
 /// Evaluates the balance in dual numbers, compiled with the instructions of the lanes.
-struct Evaluate<'a> {
-    scene: &'a RestScene,
-    member: &'a Member,
-    z: &'a Unknowns,
-}
+struct Evaluate<'a>(&'a RestScene, &'a Member, &'a Unknowns);
 
 impl LaneTask<f64> for Evaluate<'_> {
     type Output = Rows;
 
     #[inline(always)]
     fn run(self) -> Rows {
-        let Self { scene, member, z } = self;
+        let Self(scene, member, z) = self;
         let mut unknowns = [Directions::zero(); UNKNOWNS];
         for k in 0..UNKNOWNS {
             unknowns[k] = Dual::variable(z[k], k);

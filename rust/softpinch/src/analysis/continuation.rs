@@ -11,8 +11,8 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use crate::analysis::balance::{Member, RestScene, UNKNOWNS, Unknowns};
-use crate::analysis::rest::{Rest, largest};
+use crate::analysis::rest::largest;
+use crate::analysis::{Member, Rest, RestScene, UNKNOWNS, Unknowns};
 
 const SIZE: usize = UNKNOWNS + 1;
 type Vector = SVector<f64, SIZE>;

@@ -7,20 +7,14 @@
 
 use std::fmt::{self, Display, Formatter};
 
-use crate::analysis::balance::{FINGER, Member, RestScene, Unknowns, coordinates};
-use crate::analysis::continuation::{End, follow};
-use crate::analysis::rest::{Matrix7, Rest, Vector7};
+use crate::analysis::balance::{FINGER, coordinates};
+use crate::analysis::rest::{Matrix7, Vector7};
 use crate::analysis::starts::{Gap, natural, others};
+use crate::analysis::{End, Member, Rest, RestScene, Unknowns, follow};
 use crate::error::brief;
-use crate::formulation::equations::Evaluation;
-use crate::model::control::Fingers;
-use crate::model::coordinates::Coordinates;
-use crate::model::drive::Input;
-use crate::model::geometry::Geometry;
-use crate::model::motion::Motion;
-use crate::model::parameters::Parameters;
-use crate::stepping::ending::Status;
-use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet};
+use crate::formulation::Evaluation;
+use crate::model::{Coordinates, Fingers, Geometry, Input, Motion, Parameters};
+use crate::stepping::{Limits, Status, VIOLATIONS, Violation, ViolationSet};
 
 /// Why there is no equilibrium; as text, what follows "no equilibrium: ".
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -3,24 +3,13 @@
 use nalgebra::SMatrix;
 
 use crate::error::Error;
-use crate::formulation::contact_equations::ContactEquations;
-use crate::formulation::contact_solve::Response;
-use crate::formulation::csm::Csm;
 use crate::formulation::equations;
-use crate::formulation::unilateral::Unilateral;
-use crate::model::contact::Any;
+use crate::formulation::{ContactEquations, Csm, Response, Unilateral};
 use crate::model::contact::mechanism::Mechanism;
-use crate::model::contact_modes::Contacts;
-use crate::model::coordinates::Coordinates;
-use crate::model::energy::Energies;
-use crate::model::forces::Plant;
-use crate::model::geometry::Geometry;
-use crate::model::inputs::Inputs;
-use crate::model::motion::Motion;
-use crate::model::parameters::{Parameters, Stabilization};
-use crate::model::rule::Rule;
-use crate::number::real::signed;
-use crate::number::simd::level::Level;
+use crate::model::{
+    Any, Contacts, Coordinates, Energies, Geometry, Inputs, Motion, Parameters, Plant, Rule, Stabilization,
+};
+use crate::number::{Level, signed};
 
 /// A matrix over coordinates or constraints.
 pub type Matrix<const R: usize, const C: usize> = SMatrix<f64, R, C>;

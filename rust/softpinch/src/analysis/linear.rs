@@ -5,23 +5,12 @@
 use nalgebra::{DMatrix, DVector, Schur};
 
 use crate::error::{Error, Result};
-use crate::formulation::equations::MAX_COMPONENTS;
-use crate::formulation::scene_equations::{Choice, SceneEquations};
-use crate::formulation::system::{Linear, System};
-use crate::formulation::table::Formulation;
-use crate::method::linearize::DIRECTIONS;
-use crate::method::traits::Runs;
-use crate::model::contact_modes::ContactModel;
-use crate::model::control::Fingers;
-use crate::model::drive::{Input, SegmentDrive};
-use crate::model::frame::FrameMotion;
-use crate::model::inputs::Inputs;
-use crate::model::motion::Motion;
-use crate::model::parameters::{Parameters, Stabilization};
-use crate::model::rule::Rule;
-use crate::number::dual::Dual;
-use crate::number::lanes::MOST;
-use crate::number::simd::level::Level;
+use crate::formulation::{Choice, Formulation, Linear, MAX_COMPONENTS, SceneEquations, System};
+use crate::method::{DIRECTIONS, Runs};
+use crate::model::{
+    ContactModel, Fingers, FrameMotion, Input, Inputs, Motion, Parameters, Rule, SegmentDrive, Stabilization,
+};
+use crate::number::{Dual, Level, MOST};
 
 /// Number of outputs: the coordinates q (9), the multipliers (4), the torques on the fingers (2), and the rates
 /// of x, y, theta, theta_1 and theta_2 (5).

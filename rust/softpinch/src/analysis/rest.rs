@@ -2,7 +2,8 @@
 
 use nalgebra::{DMatrix, SMatrix, SVector};
 
-use crate::analysis::balance::{FINGER, Member, RestScene, Rows, UNKNOWNS, Unknowns};
+use crate::analysis::balance::{FINGER, Rows};
+use crate::analysis::{Member, RestScene, UNKNOWNS, Unknowns};
 
 /// Most iterations from one start.
 const ITERATIONS: usize = 60;

@@ -1,11 +1,9 @@
 //! Starts of the search for an equilibrium.
 
-use crate::analysis::balance::{Member, RestScene, Unknowns};
+use crate::analysis::{Member, RestScene, Unknowns};
 use crate::model::contact::mechanism::Mechanism;
-use crate::model::control::Fingers;
-use crate::model::parameters::Parameters;
-use crate::model::start::coordinate_at;
-use crate::number::real::signed;
+use crate::model::{Fingers, Parameters, coordinate_at};
+use crate::number::signed;
 
 /// Turns of the object away from the line between the tips, rad, and shifts along it and across it as shares of the
 /// tip's radius, from which the search starts again.

@@ -3,16 +3,12 @@
 
 use std::cell::Cell;
 
-use crate::analysis::balance::{Member, RestScene};
-use crate::analysis::continuation::{End, Point, follow};
-use crate::analysis::equilibrium::{leaves, violations};
+use crate::analysis::continuation::Point;
+use crate::analysis::equilibrium::leaves;
 use crate::analysis::linear::growth;
-use crate::analysis::rest::Rest;
-use crate::model::coordinates::Coordinates;
-use crate::model::drive::Input;
-use crate::model::motion::Motion;
-use crate::stepping::ending::Status;
-use crate::stepping::monitor::Violation;
+use crate::analysis::{End, Member, Rest, RestScene, follow, violations};
+use crate::model::{Coordinates, Input, Motion};
+use crate::stepping::{Status, Violation};
 
 /// The violations at which a contact gives way, in the order in which they are named.
 const GIVES_WAY: [Violation; 3] = [Violation::Pulling, Violation::Slipping, Violation::OffFace];

@@ -6,21 +6,11 @@ use std::borrow::Cow;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use crate::driver::lanes::{LaneQueue, RunsInLanes};
-use crate::driver::sensitivities::Derivatives;
-use crate::driver::simulate::{require_valid, simulate};
 use crate::driver::threads::share_watched;
+use crate::driver::{Derivatives, LaneQueue, RunsInLanes, require_valid, simulate};
 use crate::error::{Error, Result};
-use crate::model::control::Fingers;
-use crate::model::motion::Motion;
-use crate::model::scene::Scene;
-use crate::stepping::ending::Status;
-use crate::stepping::grid::Grid;
-use crate::stepping::monitor::VIOLATIONS;
-use crate::stepping::options::{Options, Steps};
-use crate::stepping::queue::{Finished, Taken};
-use crate::stepping::record::{Run, reserved};
-use crate::stepping::summary::COUNT;
+use crate::model::{Fingers, Motion, Scene};
+use crate::stepping::{COUNT, Finished, Grid, Options, Run, Status, Steps, Taken, VIOLATIONS, reserved};
 
 /// The result of one run of an ensemble.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,21 +1,13 @@
 //! The step loops of many runs in lanes, compiled for each SIMD level.
 
 use crate::error::Result;
-use crate::formulation::scene_equations::Choice;
-use crate::method::called::AnyMethod;
-use crate::method::rk4::Rk4;
-use crate::method::table::{Method, adaptive_in_lanes};
-use crate::method::traits::Runs;
-use crate::model::energy::Energies;
-use crate::number::lanes::Lanes;
-use crate::number::simd::dispatch::{LaneKernel, dispatch_four_lanes, dispatch_lanes};
-use crate::number::simd::level::Instructions;
-use crate::stepping::adaptive::AdaptiveSteps;
-use crate::stepping::batch::LoopSetup;
-use crate::stepping::equal::EqualSteps;
-use crate::stepping::grid::GridOf;
-use crate::stepping::options::{Options, Steps};
-use crate::stepping::queue::{Finished, RunQueue, Taken};
+use crate::formulation::Choice;
+use crate::method::{AnyMethod, Method, Rk4, Runs, adaptive_in_lanes};
+use crate::model::Energies;
+use crate::number::{Instructions, LaneKernel, Lanes, dispatch_four_lanes, dispatch_lanes};
+use crate::stepping::{
+    AdaptiveSteps, EqualSteps, Finished, GridOf, LoopSetup, Options, RunQueue, Steps, Taken,
+};
 
 /// The source and the destination of runs in lanes, whose step loops are compiled once for all of them.
 pub struct LaneQueue<'q, 'a> {

@@ -4,32 +4,20 @@
 
 use std::mem::swap;
 
-use crate::driver::simulate::simulate;
+use crate::driver::simulate;
 use crate::error::{Error, Result};
-use crate::formulation::equations::{Evaluation, MAX_COMPONENTS, States};
-use crate::formulation::run_dual::{RunDual, RunDualEquations, RunDualSystem};
-use crate::formulation::system::{StageState, System};
-use crate::method::run_dual::{RunDualMethod, values};
-use crate::method::table::Method;
-use crate::method::traits::{Step, Unsolved};
-use crate::model::contact_modes::{ContactModel, Contacts};
-use crate::model::drive::{Input, SegmentDrive};
-use crate::model::energy::BILATERAL_WORKS;
-use crate::model::inputs::Inputs;
-use crate::model::motion::{Motion, unpacked};
-use crate::model::parameters::{PARAMETER_COUNT, Parameters};
-use crate::model::scene::Scene;
-use crate::model::source::{DIRECTIONS, VariedParameters};
-use crate::model::start::{Start, State};
-use crate::number::lanes::{LaneTask, Lanes};
-use crate::number::real::Real;
-use crate::number::simd::dispatch::{LaneKernel, dispatch_four_lanes};
-use crate::number::simd::level::Instructions;
-use crate::stepping::grid::{Grid, Segment, Span};
-use crate::stepping::options::{Options, Steps};
-use crate::stepping::queue::POLL;
-use crate::stepping::record::{Selection, reserved};
-use crate::stepping::summary::{Summaries, Summary, SummaryInstant};
+use crate::formulation::{
+    Evaluation, MAX_COMPONENTS, RunDual, RunDualEquations, RunDualSystem, StageState, States, System,
+};
+use crate::method::{Method, RunDualMethod, Step, Unsolved, values};
+use crate::model::{
+    BILATERAL_WORKS, ContactModel, Contacts, DIRECTIONS, Input, Inputs, Motion, PARAMETER_COUNT, Parameters,
+    Scene, SegmentDrive, Start, State, VariedParameters, unpacked,
+};
+use crate::number::{Instructions, LaneKernel, LaneTask, Lanes, Real, dispatch_four_lanes};
+use crate::stepping::{
+    Grid, Options, POLL, Segment, Selection, Span, Steps, Summaries, Summary, SummaryInstant, reserved,
+};
 
 /// A direction in which a run is differentiated.
 #[derive(Debug, Clone)]

@@ -2,32 +2,17 @@
 
 use crate::driver::ensemble::whole_run;
 use crate::error::{Error, Result, require};
-use crate::formulation::any_parts::AnyParts;
-use crate::formulation::inlined::Inlined;
-use crate::formulation::mode_selection::Contact;
-use crate::formulation::scene_equations::{EquationKind, with};
-use crate::formulation::table::Formulation;
-use crate::formulation::unilateral::Unilateral;
-use crate::method::rk4::Rk4;
-use crate::method::table::{METHODS, MakeAdaptiveMethod, Method};
-use crate::method::traits::Runs;
-use crate::model::contact_modes::{ContactModel, Mode};
-use crate::model::control::Fingers;
-use crate::model::inputs::Sampled;
-use crate::model::parameters::Stabilization;
-use crate::model::rule::Rule;
-use crate::model::scene::Scene;
-use crate::model::start::{require_consistent, require_held, require_scheduled};
-use crate::number::lanes::Lanes;
-use crate::stepping::adaptive::AdaptiveSteps;
-use crate::stepping::batch::LoopSetup;
-use crate::stepping::contact_lane::LaneContact;
-use crate::stepping::equal::EqualSteps;
-use crate::stepping::grid::{Grid, GridOf, Span};
-use crate::stepping::lane_controller::LaneController;
-use crate::stepping::options::{Options, Steps};
-use crate::stepping::record::{Layout, Recording, Run, reserved};
-use crate::stepping::recorder::{Due, Recorder};
+use crate::formulation::{AnyParts, Contact, EquationKind, Formulation, Inlined, Unilateral, with};
+use crate::method::{METHODS, MakeAdaptiveMethod, Method, Rk4, Runs};
+use crate::model::{
+    ContactModel, Fingers, Mode, Rule, Sampled, Scene, Stabilization, require_consistent, require_held,
+    require_scheduled,
+};
+use crate::number::Lanes;
+use crate::stepping::{
+    AdaptiveSteps, Due, EqualSteps, Grid, GridOf, LaneContact, LaneController, Layout, LoopSetup, Options,
+    Recorder, Recording, Run, Span, Steps, reserved,
+};
 
 /// Advice for steps that are too long for the gains of the stabilisation; `None` if they are not.
 pub fn stability_warning(options: &Options, longest: f64) -> Option<String> {

@@ -10,25 +10,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::ThreadPool;
 
-use crate::driver::lanes::{LaneQueue, RunsInLanes};
-use crate::driver::simulate::{advance, require_valid};
+use crate::driver::simulate::advance;
 use crate::driver::threads::{share, waiting};
+use crate::driver::{LaneQueue, RunsInLanes, require_valid};
 use crate::error::{Error, Result, require, require_at_most};
-use crate::formulation::system::System;
-use crate::model::contact_modes::ContactModel;
-use crate::model::inputs::Held;
-use crate::model::motion::Motion;
-use crate::model::rule::Rule;
-use crate::model::scene::Scene;
-use crate::model::start::State;
-use crate::number::lanes::MOST;
-use crate::stepping::contact_lane::LaneContact;
-use crate::stepping::ending::Status;
-use crate::stepping::grid::{Grid, MOST_STEPS, Span, round_off};
-use crate::stepping::instant::Instant;
-use crate::stepping::options::{Options, Steps};
-use crate::stepping::queue::{Finished, Taken};
-use crate::stepping::record::Run;
+use crate::formulation::System;
+use crate::model::{ContactModel, Held, Motion, Rule, Scene, State};
+use crate::number::MOST;
+use crate::stepping::{
+    Finished, Grid, Instant, LaneContact, MOST_STEPS, Options, Run, Span, Status, Steps, Taken, round_off,
+};
 
 /// Runs that are stepped from outside.
 pub struct Simulator {

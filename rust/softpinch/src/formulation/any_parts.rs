@@ -4,21 +4,13 @@
 //! formulations. So the code of the paper's contacts has no branch for others, and loops, methods and solves are not
 //! multiplied by their kinds.
 
-use crate::formulation::csm::Csm;
-use crate::formulation::equations::{Equations, Evaluation, States, Terms, evaluated};
-use crate::formulation::scene_equations::Choice;
-use crate::formulation::table::Formulation;
-use crate::formulation::unilateral::Unilateral;
-use crate::model::contact::Others;
-use crate::model::contact_modes::{ContactModel, Contacts};
-use crate::model::coordinates::Coordinates;
-use crate::model::energy::{CONTACT_WORKS, Energies};
-use crate::model::forces::{Applied, Plant};
-use crate::model::geometry::Geometry;
-use crate::model::motion::Motion;
-use crate::model::parameters::Stabilization;
-use crate::model::source::Source;
-use crate::number::real::{LaneTask, Real};
+use crate::formulation::equations::evaluated;
+use crate::formulation::{Choice, Csm, Equations, Evaluation, Formulation, States, Terms, Unilateral};
+use crate::model::{
+    Applied, CONTACT_WORKS, ContactModel, Contacts, Coordinates, Energies, Geometry, Motion, Others, Plant,
+    Source, Stabilization,
+};
+use crate::number::{LaneTask, Real, task};
 
 /// The equations of any parts.
 #[derive(Debug, Clone, Copy)]
@@ -31,29 +23,17 @@ pub struct AnyParts<R> {
     pub(crate) opens: bool,
 }
 
-/// Evaluates a state.
-struct Evaluate<'a, R>(&'a AnyParts<R>, (bool, bool), Applied<'a, R>, &'a Contacts<R>, &'a States<R>);
-
-impl<R: Real> LaneTask<R> for Evaluate<'_, R> {
-    type Output = Evaluation<R>;
-
-    #[inline(always)]
-    fn run(self) -> Evaluation<R> {
-        let Self(equations, (driven, ledger), applied, contacts, y) = self;
-        evaluated(equations, driven, applied, contacts, y, ledger)
-    }
+task! {
+    /// Evaluates a state.
+    ['a, R: Real]
+    Evaluate<'a, R>(equations: &'a AnyParts<R>, driven: bool, applied: Applied<'a, R>,
+        contacts: &'a Contacts<R>, y: &'a States<R>, ledger: bool)
+    for R => Evaluation<R> = evaluated(equations, driven, applied, contacts, y, ledger)
 }
-
-/// Computes the energies of a motion.
-struct EnergiesOf<'a, R>(&'a AnyParts<R>, &'a Contacts<R>, &'a Motion<R>);
-
-impl<R: Real> LaneTask<R> for EnergiesOf<'_, R> {
-    type Output = Energies<R>;
-
-    #[inline(always)]
-    fn run(self) -> Energies<R> {
-        self.0.unilateral.energies_of::<Others>(self.1, self.2)
-    }
+task! {
+    /// Computes the energies of a motion.
+    ['a, R: Real] EnergiesOf<'a, R>(equations: &'a AnyParts<R>, contacts: &'a Contacts<R>, motion: &'a Motion<R>)
+    for R => Energies<R> = equations.unilateral.energies_of::<Others>(contacts, motion)
 }
 
 impl<R: Real> AnyParts<R> {
@@ -122,12 +102,12 @@ impl<R: Real> Equations<R> for AnyParts<R> {
         y: &States<R>,
         ledger: bool,
     ) -> Evaluation<R> {
-        R::outlined(Evaluate(self, (driven, ledger), applied, contacts, y))
+        R::outlined(Evaluate { equations: self, driven, applied, contacts, y, ledger })
     }
 
     #[inline(always)]
     fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        R::outlined(EnergiesOf(self, contacts, motion))
+        R::outlined(EnergiesOf { equations: self, contacts, motion })
     }
 
     #[inline(always)]

@@ -10,12 +10,8 @@
 //! a form in which nothing cancels. Then a 3 x 3 system for the object remains. Driven fingers do not give way:
 //! for them N_i = [m_n 0; . m_t], and their accelerations are added to b.
 
-use crate::model::contact::{Contact, Parts};
-use crate::model::coordinates::Coordinates;
-use crate::model::forces::Plant;
-use crate::model::geometry::Geometry;
-use crate::number::linear::solve3;
-use crate::number::real::{LaneTask, Real, signed};
+use crate::model::{Contact, Coordinates, Geometry, Parts, Plant};
+use crate::number::{LaneTask, Real, signed, solve3};
 
 /// The solution.
 #[derive(Debug, Clone, Copy)]

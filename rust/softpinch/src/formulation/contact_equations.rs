@@ -1,17 +1,9 @@
 //! The equations of unilateral contact as the search for events uses them: for one run.
 
-use crate::formulation::equations::{Equations, States, Terms};
 use crate::formulation::impact::{Impact, impact};
-use crate::formulation::unilateral::Unilateral;
-use crate::model::contact::Any;
-use crate::model::contact_modes::Contacts;
-use crate::model::coordinates::Coordinates;
-use crate::model::drive::{Input, SegmentFrame};
-use crate::model::forces::{Carriage, Plant};
-use crate::model::geometry::Geometry;
-use crate::model::motion::Motion;
-use crate::number::lanes::{LaneTask, Lanes};
-use crate::number::simd::level::Instructions;
+use crate::formulation::{Equations, States, Terms, Unilateral};
+use crate::model::{Any, Carriage, Contacts, Coordinates, Geometry, Input, Motion, Plant, SegmentFrame};
+use crate::number::{Instructions, LaneTask, Lanes, task};
 
 /// The equations of one run with unilateral contact, and the instructions of their long computations.
 #[derive(Debug, Clone, Copy)]
@@ -22,52 +14,30 @@ pub struct ContactEquations<'a> {
     frame: Option<SegmentFrame<f64>>,
 }
 
-/// Computes the terms at one state.
-struct TermsAt<'a>(&'a ContactEquations<'a>, &'a Input<f64>, &'a Contacts<f64>, &'a Motion<f64>);
-
-impl LaneTask<f64> for TermsAt<'_> {
-    type Output = Terms<f64>;
-
-    #[inline(always)]
-    fn run(self) -> Terms<f64> {
-        let Self(ContactEquations { equations, frame, .. }, input, contacts, motion) = self;
-        let (plant, Motion { q, p, .. }) = (equations.plant(), motion);
-        let moving =
-            frame.as_ref().map(|frame| plant.loads(&frame.at(input.tau), &input.force, q.object, p.object));
-        let geometry = Geometry::new(&plant.sides, &motion.q, &motion.p);
-        equations.terms_of(
-            plant.driven,
-            (input, Carriage::Either(moving.as_ref())),
-            contacts,
-            motion,
-            geometry,
-        )
+task! {
+    /// Computes the terms at one state.
+    ['a]
+    TermsAt<'a>(at: &'a ContactEquations<'a>, input: &'a Input<f64>, contacts: &'a Contacts<f64>,
+        motion: &'a Motion<f64>)
+    for f64 => Terms<f64> = {
+        let (plant, Motion { q, p, .. }) = (at.plant(), motion);
+        let loads = |frame: &SegmentFrame<f64>| plant.loads(&frame.at(input.tau), &input.force, q.object, p.object);
+        let moving = at.frame.as_ref().map(loads);
+        let applied = (input, Carriage::Either(moving.as_ref()));
+        at.equations.terms_of(plant.driven, applied, contacts, motion, Geometry::new(&plant.sides, q, p))
     }
 }
-
-/// Computes an impact.
-struct Collision<'a>(&'a Unilateral<f64>, &'a Geometry<f64>, &'a Coordinates, [bool; 2], [f64; 3]);
-
-impl LaneTask<f64> for Collision<'_> {
-    type Output = Impact;
-
-    #[inline(always)]
-    fn run(self) -> Impact {
-        let Self(equations, geometry, p, closed, impulse) = self;
-        impact(geometry, equations.plant(), p, (closed, equations.friction()), impulse)
-    }
+task! {
+    /// Computes an impact.
+    ['a]
+    Collision<'a>(equations: &'a Unilateral<f64>, geometry: &'a Geometry<f64>, p: &'a Coordinates,
+        closed: [bool; 2], impulse: [f64; 3])
+    for f64 => Impact = impact(geometry, equations.plant(), p, (closed, equations.friction()), impulse)
 }
-
-/// Computes the part of the constraints' accelerations that the coordinates' accelerations make.
-struct Swept<'a>(&'a Terms<f64>);
-
-impl LaneTask<f64> for Swept<'_> {
-    type Output = [f64; 4];
-
-    #[inline(always)]
-    fn run(self) -> [f64; 4] {
-        self.0.geometry.phi_times(&self.0.response.acceleration)
-    }
+task! {
+    /// Computes the part of the constraints' accelerations that the coordinates' accelerations make.
+    ['a]
+    Swept<'a>(terms: &'a Terms<f64>) for f64 => [f64; 4] = terms.geometry.phi_times(&terms.response.acceleration)
 }
 
 impl<'a> ContactEquations<'a> {
@@ -82,7 +52,7 @@ impl<'a> ContactEquations<'a> {
 
     /// All terms at one state, in the modes of the contacts.
     pub fn terms(&self, input: &Input<f64>, contacts: &Contacts<f64>, motion: &Motion<f64>) -> Terms<f64> {
-        f64::call(self.instructions, TermsAt(self, input, contacts, motion))
+        f64::call(self.instructions, TermsAt { at: self, input, contacts, motion })
     }
 
     /// The velocities `p` after an impact of the contacts that are `closed`, with an impulse on the object.
@@ -94,7 +64,7 @@ impl<'a> ContactEquations<'a> {
         impulse: [f64; 3],
     ) -> Impact {
         let Self { instructions, equations, .. } = *self;
-        f64::call(instructions, Collision(equations, geometry, p, closed, impulse))
+        f64::call(instructions, Collision { equations, geometry, p, closed, impulse })
     }
 
     /// The state of a motion, with works of zero.
@@ -109,7 +79,7 @@ impl<'a> ContactEquations<'a> {
 
     /// The rates of the constraints' velocities that the accelerations make: Phi times the accelerations.
     pub fn swept(&self, terms: &Terms<f64>) -> [f64; 4] {
-        f64::call(self.instructions, Swept(terms))
+        f64::call(self.instructions, Swept { terms })
     }
 
     /// theta_p of both tips.

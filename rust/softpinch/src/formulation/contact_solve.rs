@@ -13,13 +13,9 @@
 //! 4 x 4 system for u. It is solved by LU without pivots, the finger that grazes last: as long as friction is
 //! below the critical coefficient, the leading minors are positive. The system is not symmetric.
 
-use crate::formulation::constrained::Constrained;
-use crate::model::contact::Parts;
-use crate::model::contact_modes::Contacts;
-use crate::model::coordinates::{Coordinates, each_coordinate};
-use crate::model::forces::Plant;
-use crate::model::geometry::Geometry;
-use crate::number::real::{LaneTask, Real, signed};
+use crate::formulation::Constrained;
+use crate::model::{Contacts, Coordinates, Geometry, Parts, Plant, each_coordinate};
+use crate::number::{LaneTask, Real, signed};
 
 /// Forces, couples and friction at one state.
 #[derive(Debug, Clone, Copy)]

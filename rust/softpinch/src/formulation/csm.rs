@@ -3,12 +3,9 @@
 //!
 //! (24) is solved for the accelerations, with gamma in place of Phi-dot p (`constrained.rs`).
 
-use crate::formulation::equations::Equations;
-use crate::model::contact::{Papers, Parts};
-use crate::model::forces::Plant;
-use crate::model::geometry::Geometry;
-use crate::model::parameters::Stabilization;
-use crate::number::real::Real;
+use crate::formulation::Equations;
+use crate::model::{Geometry, Papers, Parts, Plant, Stabilization};
+use crate::number::Real;
 
 /// The equations of the constraint stabilisation method.
 #[derive(Debug, Clone, Copy)]

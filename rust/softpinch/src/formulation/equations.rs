@@ -3,19 +3,12 @@
 
 use std::fmt::Debug;
 
-use crate::formulation::constrained::{Constrained, constrained};
-use crate::formulation::contact_solve::Response;
-use crate::model::contact::{Any, Parts};
-use crate::model::contact_modes::Contacts;
-use crate::model::coordinates::{Coordinates, each_coordinate};
-use crate::model::drive::Input;
-use crate::model::energy::{BILATERAL_WORKS, CONTACT_WORKS, Energies, work};
-use crate::model::forces::{Applied, Forces, Plant};
-use crate::model::geometry::Geometry;
-use crate::model::motion::Motion;
-use crate::number::dual::{Dual, gather};
-use crate::number::lanes::Lanes;
-use crate::number::real::{Real, dot};
+use crate::formulation::{Constrained, Response, constrained};
+use crate::model::{
+    Any, Applied, BILATERAL_WORKS, CONTACT_WORKS, Contacts, Coordinates, Energies, Forces, Geometry, Input,
+    Motion, Parts, Plant, each_coordinate, work,
+};
+use crate::number::{Dual, Lanes, Real, dot, gather};
 
 /// Number of components of the largest state: nine coordinates, their rates, two memories, and the eight works of
 /// the ledger.

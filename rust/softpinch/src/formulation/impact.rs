@@ -9,12 +9,10 @@
 //! linear solve. There is always a consistent combination; below the critical friction there is only one.
 //! J is the impulse of a disturbance, or zero where a tip meets the object.
 
-use crate::formulation::contact_solve::{Load, Response, response};
-use crate::model::contact_modes::{Contacts, Mode, Slip};
-use crate::model::coordinates::{Coordinates, each_coordinate};
-use crate::model::forces::Plant;
-use crate::model::geometry::Geometry;
-use crate::number::real::dot;
+use crate::formulation::contact_solve::Load;
+use crate::formulation::{Response, response};
+use crate::model::{Contacts, Coordinates, Geometry, Mode, Plant, Slip, each_coordinate};
+use crate::number::dot;
 
 /// The result of an impact.
 #[derive(Debug, Clone, Copy, PartialEq)]

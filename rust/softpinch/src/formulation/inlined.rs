@@ -3,15 +3,10 @@
 //! RK4 does so, because its step does little besides evaluating them: if the equations were called, a step of a single
 //! run would take 20 to 25 % longer (measured: docs/what-a-scene-pays.md).
 
-use crate::formulation::equations::{Equations, Evaluation, States};
-use crate::formulation::scene_equations::{SceneEquations, evaluate_into, rates_into, size_of};
-use crate::formulation::system::{Size, StageState, System};
-use crate::model::contact_modes::Contacts;
-use crate::model::drive::{Input, SegmentDrive};
-use crate::model::energy::Energies;
-use crate::model::forces::Carriage;
-use crate::model::motion::Motion;
-use crate::number::lanes::Lanes;
+use crate::formulation::scene_equations::{evaluate_into, rates_into, size_of};
+use crate::formulation::{Equations, Evaluation, SceneEquations, Size, StageState, States, System};
+use crate::model::{Carriage, Contacts, Energies, Input, Motion, SegmentDrive};
+use crate::number::Lanes;
 
 /// The equations without the ledger, inlined wherever their rates are needed instead of called. That there is no
 /// ledger, and how the fingers move, is known at compile time, which saves another 3 to 5 % of a step.

@@ -1,9 +1,8 @@
 //! The formulations of the constraints. Each computes the derivative and the multipliers of a state.
 //!
-//! A new formulation needs one file beside `csm.rs` with its [`Equations`](equations::Equations), one line in
-//! [`FORMULATIONS`](table::FORMULATIONS), and lines in `scene_equations.rs`, where a scene gets its
-//! equations: [`SceneEquations`](scene_equations::SceneEquations), for numbers of every kind. `run_dual.rs` has
-//! those of a run with derivatives.
+//! A new formulation needs one file beside `csm.rs` with its [`Equations`], one line in [`FORMULATIONS`], and lines in
+//! `scene_equations.rs`, where a scene gets its equations: [`SceneEquations`], for numbers of every kind. `run_dual.rs`
+//! has those of a run with derivatives.
 //!
 //! Unilateral contact, which slips and opens:
 //!
@@ -36,3 +35,20 @@ pub mod system;
 pub mod table;
 pub mod tangent;
 pub mod unilateral;
+
+pub use any_parts::AnyParts;
+pub use constrained::{Constrained, constrained};
+pub use contact_equations::ContactEquations;
+pub use contact_solve::{Response, response};
+pub use csm::Csm;
+pub(crate) use equations::for_fingers;
+pub use equations::{Equations, Evaluation, MAX_COMPONENTS, States, Terms};
+pub(crate) use inlined::Inlined;
+pub use mode_selection::{Chosen, Contact, choose, contacts_in};
+pub use run_dual::{RunDual, RunDualEquations, RunDualSystem};
+pub use scene_equations::{Choice, SceneEquations};
+pub(crate) use scene_equations::{EquationKind, InputAt, with};
+pub use system::{BLOCK, Jacobian, Linear, Size, StageState, Stages, System};
+pub use table::{FORMULATIONS, Formulation};
+pub use tangent::Tangent;
+pub use unilateral::Unilateral;

@@ -7,12 +7,8 @@
 //! several are consistent up to round-off, the first one is taken that is still consistent a moment later.
 
 use crate::error::{Error, Result};
-use crate::formulation::contact_equations::ContactEquations;
-use crate::formulation::equations::Terms;
-use crate::model::contact_modes::{ContactRow, Contacts, Mode, Slip};
-use crate::model::drive::Input;
-use crate::model::motion::Motion;
-use crate::model::rule::Rule;
+use crate::formulation::{ContactEquations, Terms};
+use crate::model::{ContactRow, Contacts, Input, Mode, Motion, Rule, Slip};
 
 /// A contact before its mode is chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]

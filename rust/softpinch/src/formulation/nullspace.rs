@@ -6,12 +6,9 @@
 //! formulation has fourteen states, no gain to choose and no drift. With driven fingers it has three velocities
 //! and eight states.
 
-use crate::formulation::equations::Equations;
-use crate::model::contact::Papers;
-use crate::model::forces::Plant;
-use crate::model::geometry::Geometry;
-use crate::model::motion::Motion;
-use crate::number::real::Real;
+use crate::formulation::Equations;
+use crate::model::{Geometry, Motion, Papers, Plant};
+use crate::number::Real;
 
 /// The equations on the null space of Phi.
 #[derive(Debug, Clone, Copy)]

@@ -6,19 +6,10 @@
 //! so that every run does the same work. The velocity becomes p - M^-1 Phi^T nu with Phi p = 0, which takes
 //! one linear solve. The change of energy by the correction counts as work of the constraints in the ledger.
 
-use crate::formulation::constrained::constrained;
-use crate::formulation::contact_solve::{Load, response};
-use crate::formulation::equations::{Equations, States};
-use crate::model::contact::Parts;
-use crate::model::contact_modes::Contacts;
-use crate::model::coordinates::{Coordinates, each_coordinate};
-use crate::model::drive::Input;
-use crate::model::energy::work;
-use crate::model::forces::Plant;
-use crate::model::geometry::Geometry;
-use crate::model::motion::Motion;
-use crate::number::linear::solve2;
-use crate::number::real::{Bits, Real};
+use crate::formulation::contact_solve::Load;
+use crate::formulation::{Equations, States, constrained, response};
+use crate::model::{Contacts, Coordinates, Geometry, Input, Motion, Parts, Plant, each_coordinate, work};
+use crate::number::{Bits, Real, solve2};
 
 /// Newton steps of the correction of the position. RK4 leaves C^H at 1e-6 m even close to its stability
 /// limit; the second Newton step then reaches round-off.

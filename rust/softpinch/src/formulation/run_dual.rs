@@ -1,16 +1,9 @@
 //! The equations of a run with their derivatives in directions of the caller's choice: by parameters, inputs and
 //! start. Methods take their steps with them in dual numbers. Only bilateral contact is compiled for these numbers.
 
-use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::scene_equations::{Choice, SceneEquations};
-use crate::formulation::system::{StageState, System};
-use crate::model::drive::SegmentDrive;
-use crate::model::parameters::Stabilization;
-use crate::model::source::{Constants, VariedParameters};
-use crate::number::dual::Dual;
-use crate::number::lanes::{Lanes, Lift};
-use crate::number::real::Real;
-use crate::number::simd::level::Instructions;
+use crate::formulation::{Choice, MAX_COMPONENTS, SceneEquations, StageState, States, System};
+use crate::model::{Constants, SegmentDrive, Stabilization, VariedParameters};
+use crate::number::{Dual, Instructions, Lanes, Lift, Real};
 
 /// A number of a run, the same in every lane, with its derivatives in [`DIRECTIONS`](crate::model::source::DIRECTIONS)
 /// directions, for vectors of four lanes.

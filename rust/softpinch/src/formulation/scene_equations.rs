@@ -6,29 +6,17 @@
 //! little (measured: docs/what-a-scene-pays.md), so step loops and methods are compiled once, not once for each
 //! formulation.
 
-use crate::formulation::any_parts::AnyParts;
-use crate::formulation::contact_equations::ContactEquations;
-use crate::formulation::csm::Csm;
-use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, States, for_fingers};
-use crate::formulation::inlined::Inlined;
 use crate::formulation::nullspace::Nullspace;
 use crate::formulation::projected;
-use crate::formulation::system::{Size, StageState, Stages, System};
-use crate::formulation::table::Formulation;
-use crate::formulation::unilateral::Unilateral;
-use crate::model::contact::Parts;
-use crate::model::contact_modes::{ContactModel, Contacts};
-use crate::model::control::Fingers;
-use crate::model::drive::{Input, SegmentDrive, SegmentFrame};
-use crate::model::energy::Energies;
-use crate::model::forces::{Applied, Carriage, Plant};
-use crate::model::frame::FrameLoads;
-use crate::model::motion::Motion;
-use crate::model::parameters::Stabilization;
-use crate::model::source::Source;
-use crate::number::lanes::{LaneTask, Lanes, Lift};
-use crate::number::real::Real;
-use crate::number::simd::level::Instructions;
+use crate::formulation::{
+    AnyParts, ContactEquations, Csm, Equations, Evaluation, Formulation, Inlined, MAX_COMPONENTS, Size,
+    StageState, Stages, States, System, Unilateral, for_fingers,
+};
+use crate::model::{
+    Applied, Carriage, ContactModel, Contacts, Energies, Fingers, FrameLoads, Input, Motion, Parts, Plant,
+    SegmentDrive, SegmentFrame, Source, Stabilization,
+};
+use crate::number::{Instructions, LaneTask, Lanes, Lift, Real, task};
 
 /// The kinds of equations.
 #[derive(Debug, Clone, Copy)]
@@ -109,17 +97,11 @@ pub struct SceneEquations<R> {
     pub(crate) kind: EquationKind<R>,
 }
 
-/// Builds equations. Lanes need this whenever one of their runs changes. The code is called, not inlined.
-struct Build<'a, S>(Choice, &'a S, &'a Stabilization);
-
-impl<R: Lanes, S: Source<R>> LaneTask<R> for Build<'_, S> {
-    type Output = EquationKind<R>;
-
-    #[inline(always)]
-    fn run(self) -> EquationKind<R> {
-        let Self(choice, source, gains) = self;
+task! {
+    /// Builds equations. Lanes need this whenever one of their runs changes. The code is called, not inlined.
+    ['a, R: Lanes, S: Source<R>]
+    Build<'a, S>(choice: Choice, source: &'a S, gains: &'a Stabilization) for R => EquationKind<R> =
         EquationKind::new(choice, source, gains)
-    }
 }
 
 impl<R: Lanes> SceneEquations<R> {
@@ -134,7 +116,7 @@ impl<R: Lanes> SceneEquations<R> {
             instructions,
             ledger: choice.ledger,
             projected: choice.formulation == Formulation::Projected,
-            kind: R::call(instructions, Build(choice, source, gains)),
+            kind: R::call(instructions, Build { choice, source, gains }),
         }
     }
 }
@@ -156,27 +138,6 @@ fn copy_computed<R: Real, E: Equations<R>>(
             rate[works.clone()].copy_from_slice(&found[works]);
         }
     });
-}
-
-/// Declares a use of the equations as a task, so that its code is compiled with the instructions of the
-/// lanes.
-macro_rules! task {
-    ($name:ident($($field:ident: $type:ty),*) -> $output:ty, $equations:ident => $body:expr) => {
-        pub(super) struct $name<'a, R, E> {
-            pub(super) equations: &'a E,
-            $(pub(super) $field: $type),*
-        }
-
-        impl<R: Lanes, E: Equations<R>> LaneTask<R> for $name<'_, R, E> {
-            type Output = $output;
-
-            #[inline(always)]
-            fn run(self) -> $output {
-                let Self { equations: $equations, $($field),* } = self;
-                $body
-            }
-        }
-    };
 }
 
 /// Evaluates the equations. A caller that knows how the fingers move has the code for these alone.
@@ -236,31 +197,29 @@ macro_rules! for_fingers_of {
     }};
 }
 
-pub(super) use {for_fingers_of, task};
+pub(super) use for_fingers_of;
 
 task! {
-    Evaluate(drive: &'a SegmentDrive<R>, tau: R, moving: Option<&'a FrameLoads<R>>, y: &'a States<R>, now: &'a mut Evaluation<R>, ledger: bool) -> (),
-    equations => for_fingers_of!(equations, driven [R::ORDER < 2 && E::Parts::PAPERS] => {
+    ['a, R: Lanes, E: Equations<R>]
+    Evaluate<'a, R, E>(equations: &'a E, drive: &'a SegmentDrive<R>, tau: R, moving: Option<&'a FrameLoads<R>>,
+        y: &'a States<R>, now: &'a mut Evaluation<R>, ledger: bool)
+    for R => () = for_fingers_of!(equations, driven [R::ORDER < 2 && E::Parts::PAPERS] => {
         evaluate_into(equations, (driven, ledger), ((&drive.at(tau), Carriage::Either(moving)), &drive.contacts), y, now);
     })
 }
 task! {
-    Rates(input: &'a Input<R>, moving: Option<&'a FrameLoads<R>>, contacts: &'a Contacts<R>, from: &'a States<R>, by: R, along: &'a States<R>, rate: &'a mut States<R>, ledger: bool) -> (),
-    equations => for_fingers_of!(equations, driven [R::ORDER < 2 && E::Parts::PAPERS] => {
+    ['a, R: Lanes, E: Equations<R>]
+    Rates<'a, R, E>(equations: &'a E, input: &'a Input<R>, moving: Option<&'a FrameLoads<R>>,
+        contacts: &'a Contacts<R>, from: &'a States<R>, by: R, along: &'a States<R>, rate: &'a mut States<R>,
+        ledger: bool)
+    for R => () = for_fingers_of!(equations, driven [R::ORDER < 2 && E::Parts::PAPERS] => {
         rates_into(equations, (driven, ledger), ((input, Carriage::Either(moving)), contacts), StageState { from, by, along }, rate);
     })
 }
 
-/// Computes the inputs of an instant.
-pub(crate) struct InputAt<'a, R>(pub(crate) &'a SegmentDrive<R>, pub(crate) R);
-
-impl<R: Lanes> LaneTask<R> for InputAt<'_, R> {
-    type Output = Input<R>;
-
-    #[inline(always)]
-    fn run(self) -> Input<R> {
-        self.0.at(self.1)
-    }
+task! {
+    /// Computes the inputs of an instant.
+    pub(crate) ['a, R: Lanes] InputAt<'a, R>(drive: &'a SegmentDrive<R>, tau: R) for R => Input<R> = drive.at(tau)
 }
 
 /// Computes the forces of the hand's motion at a stage.
@@ -296,36 +255,29 @@ impl<R: Lanes, T: Lift<R>> Load<'_, R, T> {
 }
 
 task! {
-    Jump(input: &'a Input<R>, y: &'a mut States<R>, impulse: &'a [R; 3], ledger: bool) -> (),
-    equations => equations.jump(input, y, impulse, ledger)
+    ['a, R: Lanes, E: Equations<R>]
+    Jump<'a, R, E>(equations: &'a E, input: &'a Input<R>, y: &'a mut States<R>, impulse: &'a [R; 3], ledger: bool)
+    for R => () = equations.jump(input, y, impulse, ledger)
 }
 task! {
-    Energy(contacts: &'a Contacts<R>, motion: &'a Motion<R>) -> Energies<R>,
-    equations => equations.energies(contacts, motion)
+    ['a, R: Lanes, E: Equations<R>]
+    Energy<'a, R, E>(equations: &'a E, contacts: &'a Contacts<R>, motion: &'a Motion<R>)
+    for R => Energies<R> = equations.energies(contacts, motion)
 }
 task! {
-    Correct(drive: &'a SegmentDrive<R>, tau: R, y: &'a mut States<R>, ledger: bool) -> (),
-    equations => if equations.drifts() {
+    ['a, R: Lanes, E: Equations<R>]
+    Correct<'a, R, E>(equations: &'a E, drive: &'a SegmentDrive<R>, tau: R, y: &'a mut States<R>, ledger: bool)
+    for R => () = if equations.drifts() {
         let driven = equations.plant().driven;
         projected::correct(equations, (driven, ledger), &drive.at(tau), &drive.contacts, y);
     }
 }
 
-/// All stages of a step in one piece of code.
-struct Together<'a, R, E, W> {
-    stages: W,
-    equations: &'a E,
-    called: &'a SceneEquations<R>,
-}
-
-impl<R: Lanes, E: Equations<R>, W: Stages<R>> LaneTask<R> for Together<'_, R, E, W> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { stages, equations, called } = self;
-        stages.run(&Inlined::<_, _, false> { equations, called });
-    }
+task! {
+    /// All stages of a step in one piece of code.
+    ['a, R: Lanes, E: Equations<R>, W: Stages<R>]
+    Together<'a, R, E, W>(stages: W, equations: &'a E, called: &'a SceneEquations<R>)
+    for R => () = stages.run(&Inlined::<_, _, false> { equations, called })
 }
 
 impl<R: Lanes> SceneEquations<R> {
@@ -363,7 +315,7 @@ impl<R: Lanes> SceneEquations<R> {
         now: &mut Evaluation<R>,
     ) {
         let Self { instructions, ledger, .. } = *self;
-        let input = &R::call(instructions, InputAt(drive, tau));
+        let input = &R::call(instructions, InputAt { drive, tau });
         with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
             let (plant, by) = ((equations.plant(), self.size().degrees), R::zero());
             let moving = Some(&Load { frame, plant, input, at: StageState { from: y, by, along: y } }.loads());

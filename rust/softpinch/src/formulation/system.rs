@@ -1,11 +1,8 @@
 //! The equations as step loops and methods use them.
 
-use crate::formulation::equations::{Evaluation, MAX_COMPONENTS, States};
-use crate::model::contact_modes::Contacts;
-use crate::model::drive::{Input, SegmentDrive};
-use crate::model::energy::Energies;
-use crate::model::motion::Motion;
-use crate::number::lanes::Lanes;
+use crate::formulation::{Evaluation, MAX_COMPONENTS, States};
+use crate::model::{Contacts, Energies, Input, Motion, SegmentDrive};
+use crate::number::Lanes;
 
 /// The numbers of components of a state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

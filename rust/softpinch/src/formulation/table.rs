@@ -1,6 +1,6 @@
 //! The table of the formulations.
 
-use crate::model::parameters::Stabilization;
+use crate::model::Stabilization;
 use crate::names::named;
 
 named! {
@@ -18,7 +18,7 @@ named! {
 
 impl Formulation {
     /// The gains of (19) and (20) that it uses.
-    pub(super) fn gains(self, given: &Stabilization) -> Stabilization {
+    pub fn gains(self, given: &Stabilization) -> Stabilization {
         match self {
             Self::Csm => *given,
             Self::Nullspace | Self::Projected => Stabilization { alpha: 0.0, beta: 0.0 },

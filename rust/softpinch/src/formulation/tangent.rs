@@ -2,25 +2,18 @@
 
 use std::marker::PhantomData;
 
-use crate::formulation::any_parts::AnyParts;
-use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, States, for_fingers};
-use crate::formulation::scene_equations::{
-    Choice, EquationKind, Load, SceneEquations, for_fingers_of, size_of, task, with,
+use crate::formulation::scene_equations::{Load, for_fingers_of, size_of};
+use crate::formulation::{
+    AnyParts, Choice, EquationKind, Equations, Evaluation, Jacobian, Linear, MAX_COMPONENTS, SceneEquations,
+    StageState, States, Unilateral, for_fingers, with,
 };
-use crate::formulation::system::{Jacobian, Linear, StageState};
-use crate::formulation::unilateral::Unilateral;
-use crate::model::contact::Parts;
-use crate::model::contact_modes::Contacts;
-use crate::model::drive::{Input, SegmentDrive};
-use crate::model::forces::Carriage;
-use crate::model::frame::FrameMotion;
-use crate::model::parameters::{Parameters, Stabilization};
-use crate::model::source::{Constants, DIRECTIONS};
-use crate::number::dual::{Dual, gathered, spread};
-use crate::number::lanes::{LaneTask, Lanes, MOST};
-use crate::number::real::Real;
-use crate::number::simd::dispatch::{LaneKernel, call_four_lanes};
-use crate::number::simd::level::Instructions;
+use crate::model::{
+    Carriage, Constants, Contacts, DIRECTIONS, FrameMotion, Input, Parameters, Parts, SegmentDrive,
+    Stabilization,
+};
+use crate::number::{
+    Dual, Instructions, LaneKernel, LaneTask, Lanes, MOST, Real, call_four_lanes, gathered, spread, task,
+};
 
 /// The equations of a scene in dual numbers with `W` directions.
 pub enum Tangent<R, const W: usize> {
@@ -268,8 +261,9 @@ impl Tangent<f64, DIRECTIONS> {
 }
 
 task! {
-    Seeded(input: &'a Input<R>, frame: &'a FrameMotion<R>, y: &'a States<R>) -> Evaluation<R>,
-    equations => {
+    ['a, R: Lanes, E: Equations<R>]
+    Seeded<'a, R, E>(equations: &'a E, input: &'a Input<R>, frame: &'a FrameMotion<R>, y: &'a States<R>)
+    for R => Evaluation<R> = {
         let (plant, driven) = (equations.plant(), equations.plant().driven);
         let first = equations.degrees(driven);
         let (pose, rates) = ([y[0], y[1], y[2]], [y[first], y[first + 1], y[first + 2]]);

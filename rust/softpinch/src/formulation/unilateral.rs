@@ -4,20 +4,13 @@
 //! free tip keeps its own mass, spring and damper. The tilt in its elastic energy is frozen at its value at
 //! the release, and its couple acts on nothing. Events change the modes.
 
-use crate::formulation::constrained::constrained;
-use crate::formulation::contact_solve::{Load, Response, response};
-use crate::formulation::csm::Csm;
-use crate::formulation::equations::{Equations, Terms};
-use crate::model::contact::law::ElasticGradient;
-use crate::model::contact::{Papers, Parts};
-use crate::model::contact_modes::Contacts;
-use crate::model::coordinates::Coordinates;
-use crate::model::energy::{CONTACT_WORKS, Energies};
-use crate::model::forces::{Applied, Plant};
-use crate::model::geometry::Geometry;
-use crate::model::motion::Motion;
-use crate::model::source::Source;
-use crate::number::real::Real;
+use crate::formulation::contact_solve::Load;
+use crate::formulation::{Csm, Equations, Response, Terms, constrained, response};
+use crate::model::{
+    Applied, CONTACT_WORKS, Contacts, Coordinates, ElasticGradient, Energies, Geometry, Motion, Papers,
+    Parts, Plant, Source,
+};
+use crate::number::Real;
 
 /// The equations of unilateral contact.
 #[derive(Debug, Clone, Copy)]

@@ -1,12 +1,10 @@
 //! The methods as step loops call them. The loops do not know which method they call, so that each loop is compiled once,
 //! and so is each step of a method, whatever calls it: a loop, the search for an event, or a run with derivatives.
 
-use crate::formulation::equations::States;
-use crate::formulation::scene_equations::SceneEquations;
-use crate::method::traits::{Adaptive, Integrator, Runs, Stats, Step, StepResult};
-use crate::model::drive::SegmentDrive;
-use crate::number::lanes::{Bits, LaneTask, Lanes};
-use crate::number::simd::level::Instructions;
+use crate::formulation::{SceneEquations, States};
+use crate::method::{Adaptive, Integrator, Runs, Stats, Step, StepResult};
+use crate::model::SegmentDrive;
+use crate::number::{Bits, Instructions, LaneTask, Lanes, task};
 
 pub type AnyMethod<R = f64> = Box<dyn Integrator<R, SceneEquations<R>> + Send + Sync>;
 pub type AnyAdaptiveMethod<R = f64> = Box<dyn Adaptive<R, SceneEquations<R>> + Send + Sync>;
@@ -25,45 +23,30 @@ impl<M> Called<M> {
     }
 }
 
-/// Declares a computation of a method as a task.
-macro_rules! task {
-    ($name:ident<$bound:ident>($method:ty, $($field:ident: $type:ty),*) -> $output:ty, $this:ident => $body:expr) => {
-        struct $name<'a, R, M> {
-            $this: $method,
-            $($field: $type),*
-        }
-
-        impl<R: Lanes, M: $bound<R, SceneEquations<R>>> LaneTask<R> for $name<'_, R, M> {
-            type Output = $output;
-
-            #[inline(always)]
-            fn run(self) -> $output {
-                let Self { $this, $($field),* } = self;
-                $body
-            }
-        }
-    };
+task! {
+    ['a, R: Lanes, M: Integrator<R, SceneEquations<R>>]
+    TakeStep<'a, R, M>(method: &'a mut M, step: &'a Step<'a, R>, next: &'a mut States<R>, stats: &'a mut Stats)
+    for R => StepResult = method.step(step, next, stats)
 }
 task! {
-    TakeStep<Integrator>(&'a mut M, step: &'a Step<'a, R>, next: &'a mut States<R>, stats: &'a mut Stats)
-        -> StepResult,
-    method => method.step(step, next, stats)
+    ['a, R: Lanes, M: Integrator<R, SceneEquations<R>>]
+    TakeJacobian<'a, R, M>(method: &'a mut M, drive: &'a SegmentDrive<R>, tau: R, y: &'a States<R>)
+    for R => () = method.take_jacobian(drive, tau, y)
 }
 task! {
-    TakeJacobian<Integrator>(&'a mut M, drive: &'a SegmentDrive<R>, tau: R, y: &'a States<R>) -> (),
-    method => method.take_jacobian(drive, tau, y)
+    ['a, R: Lanes, M: Adaptive<R, SceneEquations<R>>]
+    EstimateError<'a, R, M>(method: &'a mut M, step: &'a Step<'a, R>, retried: Bits, stats: &'a mut Stats)
+    for R => R = method.error(step, retried, stats)
 }
 task! {
-    EstimateError<Adaptive>(&'a mut M, step: &'a Step<'a, R>, retried: Bits, stats: &'a mut Stats) -> R,
-    method => method.error(step, retried, stats)
+    ['a, R: Lanes, M: Adaptive<R, SceneEquations<R>>]
+    Prepare<'a, R, M>(method: &'a mut M, step: &'a Step<'a, R>, next: &'a States<R>, stats: &'a mut Stats)
+    for R => () = method.prepare(step, next, stats)
 }
 task! {
-    Prepare<Adaptive>(&'a mut M, step: &'a Step<'a, R>, next: &'a States<R>, stats: &'a mut Stats) -> (),
-    method => method.prepare(step, next, stats)
-}
-task! {
-    Interpolate<Adaptive>(&'a M, y: &'a States<R>, next: &'a States<R>, x: R) -> States<R>,
-    method => method.interpolate(y, next, x)
+    ['a, R: Lanes, M: Adaptive<R, SceneEquations<R>>]
+    Interpolate<'a, R, M>(method: &'a M, y: &'a States<R>, next: &'a States<R>, x: R)
+    for R => States<R> = method.interpolate(y, next, x)
 }
 
 impl<R: Lanes, M: Integrator<R, SceneEquations<R>>> Integrator<R, SceneEquations<R>> for Called<M> {

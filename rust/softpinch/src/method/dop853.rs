@@ -9,12 +9,9 @@ use std::sync::LazyLock;
 
 use nalgebra::Complex;
 
-use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::system::{BLOCK, Size, StageState, System};
-use crate::method::called::Called;
-use crate::method::table::MethodEntry;
-use crate::method::traits::{Adaptive, Integrator, Stats, Step, StepResult, largest};
-use crate::number::lanes::{Bits, Lanes};
+use crate::formulation::{BLOCK, MAX_COMPONENTS, Size, StageState, States, System};
+use crate::method::{Adaptive, Called, Integrator, MethodEntry, Stats, Step, StepResult, largest};
+use crate::number::{Bits, Lanes};
 use tableau::{A, A_EXTRA, ALL, B, C, C_EXTRA, DENSE, E3, E5, EXTRA, STAGES};
 
 pub const ENTRY: MethodEntry = MethodEntry {

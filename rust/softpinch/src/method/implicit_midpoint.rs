@@ -9,12 +9,9 @@
 
 use nalgebra::Complex;
 
-use crate::formulation::equations::MAX_COMPONENTS;
-use crate::formulation::system::System;
-use crate::method::linearize::{Factors, Linearization};
-use crate::method::newton::{Iteration, Problem, Scheme, Solved, newton};
-use crate::method::table::MethodEntry;
-use crate::method::traits::Stats;
+use crate::formulation::{MAX_COMPONENTS, System};
+use crate::method::newton::newton;
+use crate::method::{Factors, Iteration, Linearization, MethodEntry, Problem, Scheme, Solved, Stats};
 
 pub const ENTRY: MethodEntry = MethodEntry {
     order: 2,

@@ -5,12 +5,9 @@
 //! eliminating x and r leaves g I - V_v - (V_x + V_r R_v) / g - V_r R_x / g^2, with one row for each degree of
 //! freedom, 5 instead of 14 in `nullspace`. The works of the ledger follow from all states.
 
-use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::system::{Jacobian, Linear, Size};
-use crate::model::drive::SegmentDrive;
-use crate::number::lanes::{LaneTask, Lanes};
-use crate::number::linear::{Entry, Lu, MOST_ROWS, Square};
-use crate::number::real::Real;
+use crate::formulation::{Jacobian, Linear, MAX_COMPONENTS, Size, States};
+use crate::model::SegmentDrive;
+use crate::number::{Entry, LaneTask, Lanes, Lu, MOST_ROWS, Real, Square};
 
 /// Directions in one sweep of dual numbers for a single run: one vector of AVX-512.
 pub const DIRECTIONS: usize = 8;

@@ -21,3 +21,16 @@ pub(crate) mod traits;
 
 #[cfg(test)]
 mod tests;
+
+pub(crate) use called::{AnyAdaptiveMethod, AnyMethod, Called};
+pub(crate) use dop853::Dop853;
+pub(crate) use linearize::{DIRECTIONS, Factors, Linearization};
+pub(crate) use newton::{Iteration, Newton, Problem, Scheme, Solved};
+pub(crate) use rk4::Rk4;
+pub(crate) use rosenbrock::Rosenbrock;
+pub(crate) use run_dual::{RunDualMethod, values};
+pub(crate) use step_control::StepControl;
+pub use table::{METHODS, MakeAdaptiveMethod, Method, MethodEntry, adaptive_in_lanes};
+pub(crate) use traits::{
+    Adaptive, Allowed, Integrator, LaneParameters, Runs, Stats, Step, StepResult, Unsolved, largest,
+};

@@ -1,15 +1,11 @@
 //! Newton's iteration for the implicit methods: when it has converged, and how long a Jacobian and its
 //! factors are used.
 
-use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::scene_equations::SceneEquations;
-use crate::formulation::system::{Linear, Size, StageState, System};
-use crate::formulation::tangent::Tangent;
-use crate::method::called::Called;
-use crate::method::linearize::{DIRECTIONS, Linearization};
-use crate::method::traits::{Allowed, Integrator, Runs, Stats, Step, StepResult, Unsolved, largest};
-use crate::model::drive::SegmentDrive;
-use crate::model::motion::Motion;
+use crate::formulation::{Linear, MAX_COMPONENTS, SceneEquations, Size, StageState, States, System, Tangent};
+use crate::method::{
+    Allowed, Called, DIRECTIONS, Integrator, Linearization, Runs, Stats, Step, StepResult, Unsolved, largest,
+};
+use crate::model::{Motion, SegmentDrive};
 
 /// The largest number of iterations in a step of free length, where a shorter step costs less than many
 /// iterations, and in a step of fixed length.

@@ -4,15 +4,13 @@
 
 use nalgebra::Complex;
 
-use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::scene_equations::SceneEquations;
-use crate::formulation::system::{Linear, Size, StageState, System};
-use crate::method::called::Called;
-use crate::method::linearize::{Factors, Linearization};
-use crate::method::newton::{Iteration, Newton, Problem, Scheme, Solved, newton};
-use crate::method::table::MethodEntry;
-use crate::method::traits::{Adaptive, Runs, Stats, Step, largest};
-use crate::number::lanes::Bits;
+use crate::formulation::{Linear, MAX_COMPONENTS, SceneEquations, Size, StageState, States, System};
+use crate::method::newton::newton;
+use crate::method::{
+    Adaptive, Called, Factors, Iteration, Linearization, MethodEntry, Newton, Problem, Runs, Scheme, Solved,
+    Stats, Step, largest,
+};
+use crate::number::Bits;
 
 pub const ENTRY: MethodEntry = MethodEntry {
     order: 5,

@@ -11,12 +11,9 @@
 
 use nalgebra::Complex;
 
-use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::system::{BLOCK, StageState, Stages, System};
-use crate::method::called::Called;
-use crate::method::table::MethodEntry;
-use crate::method::traits::{Integrator, Stats, Step, StepResult};
-use crate::number::lanes::Lanes;
+use crate::formulation::{BLOCK, MAX_COMPONENTS, StageState, Stages, States, System};
+use crate::method::{Called, Integrator, MethodEntry, Stats, Step, StepResult};
+use crate::number::Lanes;
 
 pub const ENTRY: MethodEntry = MethodEntry {
     order: 4,

@@ -10,16 +10,12 @@ use std::marker::PhantomData;
 
 use nalgebra::Complex;
 
-use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::scene_equations::SceneEquations;
-use crate::formulation::system::{Linear, Size, StageState, System};
-use crate::formulation::tangent::Tangent;
-use crate::method::called::Called;
-use crate::method::linearize::{DIRECTIONS, Linearization};
-use crate::method::table::MethodEntry;
-use crate::method::traits::{Adaptive, Integrator, Runs, Stats, Step, StepResult, largest};
-use crate::number::lanes::{Bits, Lanes};
-use crate::number::linear::Entry;
+use crate::formulation::{Linear, MAX_COMPONENTS, SceneEquations, Size, StageState, States, System, Tangent};
+use crate::method::{
+    Adaptive, Called, DIRECTIONS, Integrator, Linearization, MethodEntry, Runs, Stats, Step, StepResult,
+    largest,
+};
+use crate::number::{Bits, Entry, Lanes};
 
 pub const ENTRY: MethodEntry = MethodEntry {
     order: 4,

@@ -7,25 +7,19 @@ use std::ops::Range;
 
 use nalgebra::DMatrix;
 
-use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::run_dual::{RunDual, RunDualEquations};
-use crate::formulation::scene_equations::SceneEquations;
-use crate::formulation::system::{Jacobian, Linear, StageState, System};
-use crate::method::called::{AnyMethod, Called};
-use crate::method::dop853::Dop853;
+use crate::formulation::{
+    Jacobian, Linear, MAX_COMPONENTS, RunDual, RunDualEquations, SceneEquations, StageState, States, System,
+};
 use crate::method::implicit_midpoint::ImplicitMidpoint;
-use crate::method::linearize::{Factors, Linearization};
-use crate::method::newton::{Newton, newton};
+use crate::method::newton::newton;
 use crate::method::radau5::{self, Pair, Radau5};
-use crate::method::rk4::Rk4;
-use crate::method::rosenbrock::{A, BY_TIME, C, COUPLING, GAMMA, Rosenbrock, STAGES, rosenbrock};
-use crate::method::table::Method;
-use crate::method::traits::{Integrator, Runs, Stats, Step, StepResult};
-use crate::model::drive::SegmentDrive;
-use crate::model::source::DIRECTIONS;
-use crate::number::lanes::{LaneTask, Lanes};
-use crate::number::linear::{Entry, LaneEntry};
-use crate::number::real::Real;
+use crate::method::rosenbrock::{A, BY_TIME, C, COUPLING, GAMMA, STAGES, rosenbrock};
+use crate::method::{
+    AnyMethod, Called, Dop853, Factors, Integrator, Linearization, Method, Newton, Rk4, Rosenbrock, Runs,
+    Stats, Step, StepResult,
+};
+use crate::model::{DIRECTIONS, SegmentDrive};
+use crate::number::{Entry, LaneEntry, LaneTask, Lanes, Real};
 
 /// A step that was taken in plain numbers, to be differentiated.
 pub struct SolvedStep<'a, R: Lanes> {

@@ -4,7 +4,7 @@
 //! IV.2). The power function is our own, so that every machine takes the same steps. It is short: a library's
 //! function, exact to the last bit, would take as long as a lane's share of a step.
 
-use crate::number::lanes::{Bits, Lanes};
+use crate::number::{Bits, Lanes};
 
 /// The next length is this much shorter than the control asks for, so that the error stays below the allowed one.
 const SAFETY: f64 = 0.9;

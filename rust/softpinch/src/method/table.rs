@@ -2,18 +2,12 @@
 
 use nalgebra::Complex;
 
-use crate::formulation::scene_equations::SceneEquations;
-use crate::formulation::system::System;
-use crate::formulation::tangent::Tangent;
-use crate::method::called::{AnyAdaptiveMethod, AnyMethod, Called};
-use crate::method::dop853::Dop853;
+use crate::formulation::{SceneEquations, System, Tangent};
 use crate::method::linearize::DIRECTIONS_IN_LANES;
-use crate::method::rosenbrock::Rosenbrock;
-use crate::method::traits::Runs;
+use crate::method::{AnyAdaptiveMethod, AnyMethod, Called, Dop853, Rosenbrock, Runs};
 use crate::method::{dop853, implicit_midpoint, radau5, rk4, rosenbrock};
 use crate::names::named;
-use crate::number::lanes::{LaneTask, Lanes};
-use crate::number::linear::LaneEntry;
+use crate::number::{LaneEntry, LaneTask, Lanes};
 
 named! {
     /// The methods.

@@ -1,13 +1,8 @@
 //! The methods as step loops use them.
 
-use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::scene_equations::{Choice, SceneEquations};
-use crate::formulation::system::{Size, System};
-use crate::formulation::tangent::Tangent;
-use crate::model::drive::SegmentDrive;
-use crate::model::parameters::{Parameters, Stabilization};
-use crate::number::lanes::{Bits, Lanes, MOST};
-use crate::number::simd::level::Instructions;
+use crate::formulation::{Choice, MAX_COMPONENTS, SceneEquations, Size, States, System, Tangent};
+use crate::model::{Parameters, SegmentDrive, Stabilization};
+use crate::number::{Bits, Instructions, Lanes, MOST};
 
 /// An iteration that did not converge.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -22,10 +22,9 @@ use std::fmt::Debug;
 use std::marker::PhantomData;
 
 use crate::model::contact::mechanism::{Arm, Jaw, Mechanism, OneLink};
-use crate::model::contact::shape::{Frame, ParallelFace, Surface};
-use crate::model::coordinates::Coordinates;
-use crate::model::source::Source;
-use crate::number::real::{LaneTask, Real, signed};
+use crate::model::contact::shape::ParallelFace;
+use crate::model::{Coordinates, Frame, Source, Surface};
+use crate::number::{LaneTask, Real, signed, task};
 
 /// Declares the kinds of a part. The flat array of parameters has the number of the kind.
 macro_rules! numbered {
@@ -113,16 +112,10 @@ pub struct Side<R> {
     others: Option<(Mechanism<R>, Surface<R>)>,
 }
 
-/// Builds the parts of a contact.
-struct Build<'a, S>(&'a S, usize);
-
-impl<R: Real, S: Source<R>> LaneTask<R> for Build<'_, S> {
-    type Output = (Mechanism<R>, Surface<R>);
-
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        (Mechanism::new(self.0, self.1), Surface::new(self.0, self.1))
-    }
+task! {
+    /// Builds the parts of a contact.
+    ['a, R: Real, S: Source<R>] Build<'a, S>(source: &'a S, i: usize) for R => (Mechanism<R>, Surface<R>) =
+        (Mechanism::new(source, i), Surface::new(source, i))
 }
 
 impl<R: Real> Side<R> {
@@ -130,7 +123,7 @@ impl<R: Real> Side<R> {
     fn new(source: &impl Source<R>, i: usize) -> Self {
         let mut others = None;
         if R::ANY_PARTS && !source.kinds().has_the_papers_parts() {
-            others = Some(R::outlined(Build(source, i)));
+            others = Some(R::outlined(Build { source, i }));
         }
         Self {
             link: OneLink::new(source, i),

@@ -14,8 +14,7 @@
 //! ([`SegmentDrive`](crate::model::drive::SegmentDrive)). In the bilateral model both tips stick for ever.
 
 use crate::names::named;
-use crate::number::dual::{Dual, spread};
-use crate::number::lanes::{Bits, Lanes, Lift};
+use crate::number::{Bits, Dual, Lanes, Lift, spread};
 
 named! {
     /// What the contacts can do.

@@ -1,8 +1,8 @@
 //! The laws that move the fingers: a controller's torque, or the schedule itself.
 
-use crate::model::source::Source;
+use crate::model::Source;
 use crate::names::named;
-use crate::number::real::Real;
+use crate::number::Real;
 
 named! {
     /// How the fingers of a scene move.

@@ -2,11 +2,8 @@
 //! in force.
 
 use crate::error::{Error, Result, require};
-use crate::model::frame::FrameMotion;
-use crate::model::measures::Measure;
-use crate::model::motion::Motion;
 use crate::model::noise::normals;
-use crate::model::sampled::SampledController;
+use crate::model::{FrameMotion, Measure, Motion, SampledController};
 
 /// The stream of the measurements' noise. Those of the disturbances' noises count from 0.
 const STREAM: u64 = u64::MAX;

@@ -1,6 +1,6 @@
 //! The record that has one number for each coordinate.
 
-use crate::number::real::{Bits, Real};
+use crate::number::{Bits, Real};
 
 /// One number for each of the nine coordinates: their values, rates or accelerations, or forces or masses. Rows and
 /// arrays at the border have the numbers in the order of these fields.

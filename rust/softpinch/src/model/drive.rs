@@ -1,11 +1,8 @@
 //! The inputs of one segment between breakpoints. Every channel is one polynomial in the time since the
 //! segment's start, and sines: an evaluation takes a few multiply-adds, or none if all channels are constant.
 
-use crate::model::contact_modes::Contacts;
-use crate::model::frame::FrameMotion;
-use crate::number::dual::Dual;
-use crate::number::lanes::{Bits, LaneTask, Lanes, Lift, MOST};
-use crate::number::simd::level::Instructions;
+use crate::model::{Contacts, FrameMotion};
+use crate::number::{Bits, Dual, Instructions, LaneTask, Lanes, Lift, MOST, task};
 
 /// Highest degree of a polynomial.
 pub const MAX_DEGREE: usize = 5;
@@ -176,22 +173,15 @@ impl<R: Lanes> SegmentFrame<R> {
     }
 }
 
-/// Computes the motion of the hand at an instant.
-struct FrameAt<'a>(&'a SegmentFrame<f64>, f64);
-
-impl LaneTask<f64> for FrameAt<'_> {
-    type Output = FrameMotion<f64>;
-
-    #[inline(always)]
-    fn run(self) -> FrameMotion<f64> {
-        self.0.motion(self.1)
-    }
+task! {
+    /// Computes the motion of the hand at an instant.
+    ['a] FrameAt<'a>(frame: &'a SegmentFrame<f64>, tau: f64) for f64 => FrameMotion<f64> = frame.motion(tau)
 }
 
 impl SegmentFrame<f64> {
     /// The motion at time `tau` since the segment's start.
     pub(crate) fn at(&self, tau: f64) -> FrameMotion<f64> {
-        f64::call(self.instructions, FrameAt(self, tau))
+        f64::call(self.instructions, FrameAt { frame: self, tau })
     }
 }
 

@@ -1,7 +1,6 @@
 //! The energies (5) and (16), and the energy ledger. The elastic energy of a tip is its law's (`contact/law.rs`).
 
-use crate::number::lanes::Lanes;
-use crate::number::real::Real;
+use crate::number::{Lanes, Real};
 
 /// The energies of a state, in joules.
 #[derive(Debug, Clone, Copy, PartialEq)]

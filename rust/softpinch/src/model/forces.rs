@@ -1,17 +1,14 @@
 //! The forces of (24), and the constants of a scene that all formulations share.
 
-use crate::model::contact::law::{ElasticGradient, Tip};
-use crate::model::contact::mechanism::MechanismKind;
-use crate::model::contact::{Parts, Side};
-use crate::model::control::{Controller, Fingers};
-use crate::model::coordinates::{Coordinates, each_coordinate};
-use crate::model::drive::Input;
-use crate::model::energy::{BILATERAL_WORKS, Energies};
-use crate::model::frame::{Carried, FrameLoads};
-use crate::model::geometry::Geometry;
-use crate::model::motion::Motion;
-use crate::model::source::Source;
-use crate::number::real::{LaneTask, Real, dot};
+use crate::model::contact::Side;
+use crate::model::contact::law::Tip;
+use crate::model::control::Controller;
+use crate::model::frame::Carried;
+use crate::model::{
+    BILATERAL_WORKS, Coordinates, ElasticGradient, Energies, Fingers, FrameLoads, Geometry, Input,
+    MechanismKind, Motion, Parts, Source, each_coordinate,
+};
+use crate::number::{LaneTask, Real, dot, task};
 
 /// The physics of a scene in the form that the kernel needs: lengths, stiffnesses, masses and controllers.
 #[derive(Debug, Clone, Copy)]
@@ -87,23 +84,17 @@ pub struct Forces<R> {
     pub external: [R; 3],
 }
 
-/// Compiles the parameters of a scene.
-struct Compile<'a, S>(&'a S, Fingers, bool);
-
-impl<R: Real, S: Source<R>> LaneTask<R> for Compile<'_, S> {
-    type Output = Plant<R>;
-
-    #[inline(always)]
-    fn run(self) -> Plant<R> {
-        Plant::new(self.0, self.1, self.2)
-    }
+task! {
+    /// Compiles the parameters of a scene.
+    ['a, R: Real, S: Source<R>] Compile<'a, S>(source: &'a S, fingers: Fingers, moves: bool) for R => Plant<R> =
+        Plant::new(source, fingers, moves)
 }
 
 impl<R: Real> Plant<R> {
     /// [`Plant::new`] in code that is called.
     #[inline(always)]
     pub fn called(source: &impl Source<R>, fingers: Fingers, moves: bool) -> Self {
-        R::outlined(Compile(source, fingers, moves))
+        R::outlined(Compile { source, fingers, moves })
     }
 
     /// Compiles the parameters of a scene whose fingers move in this way, and whose hand may move.

@@ -18,9 +18,8 @@
 //! which its mass is thought has no Coriolis force either along its circle. A jaw of the mass M_i has the component of the
 //! same forces along its travel.
 
-use crate::model::forces::Plant;
-use crate::model::source::Source;
-use crate::number::real::{Real, dot, signed};
+use crate::model::{Plant, Source};
+use crate::number::{Real, dot, signed};
 
 /// The motion of the frame at one instant.
 #[derive(Debug, Clone, Copy)]

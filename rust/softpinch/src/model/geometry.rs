@@ -4,11 +4,9 @@ use std::marker::PhantomData;
 
 use nalgebra::SMatrix;
 
-use crate::model::contact::shape::Frame;
-use crate::model::contact::{Any, Contact, Parts, Side};
-use crate::model::coordinates::Coordinates;
-use crate::model::parameters::Parameters;
-use crate::number::real::{LaneTask, Real};
+use crate::model::contact::Side;
+use crate::model::{Any, Contact, Coordinates, Frame, Parameters, Parts};
+use crate::number::{LaneTask, Real};
 
 /// The whole geometry at one state.
 #[derive(Debug, Clone, Copy)]

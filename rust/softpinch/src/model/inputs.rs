@@ -5,16 +5,12 @@
 use std::sync::Arc;
 
 use crate::error::Result;
-use crate::model::control::Fingers;
-use crate::model::drive::{CHANNELS, COEFFICIENTS, SegmentDrive, SegmentFrame, Wave};
-use crate::model::frame::FrameMotion;
-use crate::model::noise::{Noise, require_countable, require_end};
-use crate::model::piecewise::PiecewisePolynomial;
-use crate::model::rule::Rule;
-use crate::model::sampled::SampledController;
-use crate::number::lanes::MOST;
-use crate::number::real::Real;
-use crate::number::simd::level::{Instructions, Level};
+use crate::model::drive::{CHANNELS, COEFFICIENTS, Wave};
+use crate::model::noise::{require_countable, require_end};
+use crate::model::{
+    Fingers, FrameMotion, Noise, PiecewisePolynomial, Rule, SampledController, SegmentDrive, SegmentFrame,
+};
+use crate::number::{Instructions, Level, MOST, Real};
 
 /// amplitude * sin(omega (t - start) + phase) from `start` until `end`.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,9 +1,7 @@
 //! A state of the motion, and the typical magnitude of each of its components.
 
-use crate::model::coordinates::{Coordinates, each_coordinate};
-use crate::model::parameters::Parameters;
-use crate::number::lanes::Lanes;
-use crate::number::real::Real;
+use crate::model::{Coordinates, Parameters, each_coordinate};
+use crate::number::{Lanes, Real};
 
 /// A state in the nine coordinates. Every formulation is recorded in this form.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -7,8 +7,8 @@
 use std::fmt::Display;
 
 use crate::error::{Result, require, require_at_most};
-use crate::model::rule::Rule;
-use crate::number::trigonometry::sin_cos;
+use crate::model::Rule;
+use crate::number::sin_cos;
 
 /// Largest number of a sample. Beyond it not every integer is a double.
 const MOST_COUNTED: f64 = 9_007_199_254_740_992.0;

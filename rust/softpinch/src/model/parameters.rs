@@ -6,18 +6,22 @@ use nalgebra::SMatrix;
 
 use crate::error::Error;
 use crate::model::contact::law::{self, LawKind, WEIGHTS};
-use crate::model::contact::mechanism::MechanismKind;
-use crate::model::contact::shape::{Counterface, ShapeKind};
-use crate::model::coordinates::Coordinates;
-use crate::model::rule::Rule;
-use crate::number::real::signed;
+use crate::model::{Coordinates, Counterface, MechanismKind, Rule, ShapeKind};
+use crate::number::signed;
+
+/// The mass of the object in the paper's scenes, kg. The tips' masses are the same, because the paper moves the tip with
+/// the object's mass (14).
+const OBJECT_MASS: f64 = 0.1;
 
 /// Names of the fingers in messages and paths.
 pub const SIDES: [&str; 2] = ["right", "left"];
 
-/// Declares a record of numbers in one place: its fields, their meaning and their rules.
+/// Declares a record of numbers in one place: its fields, their meaning, their rules, and their values in the paper's
+/// scenes. These values are ours, because the paper's Tables I and II are lost.
 macro_rules! record {
-    ($(#[$doc:meta])* $name:ident, $count:literal { $($(#[$field_doc:meta])* $field:ident: $rule:ident,)* }) => {
+    ($(#[$doc:meta])* $name:ident, $count:literal {
+        $($(#[$field_doc:meta])* $field:ident: $rule:ident = $default:expr,)*
+    }) => {
         $(#[$doc])*
         #[derive(Debug, Clone, Copy, PartialEq)]
         pub struct $name<R = f64> {
@@ -39,6 +43,12 @@ macro_rules! record {
                 [$(self.$field),*]
             }
         }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Self { $($field: $default),* }
+            }
+        }
     };
 }
 
@@ -46,15 +56,15 @@ record! {
     /// A rigid finger, turning about its root.
     Finger, 5 {
         /// L, from the root to the fingertip's centre along the finger, m.
-        length: Positive,
+        length: Positive = 0.0762,
         /// W_f, from the middle of the hand to the root, m.
-        root_offset: NonNegative,
+        root_offset: NonNegative = 0.049,
         /// d_f, half the finger's thickness, m.
-        half_thickness: NonNegative,
+        half_thickness: NonNegative = 0.0045,
         /// M_i, for gravity (16), kg.
-        mass: NonNegative,
+        mass: NonNegative = 0.1,
         /// I_i, about the root, kg m^2.
-        inertia: Positive,
+        inertia: Positive = 5.8e-4,
     }
 }
 
@@ -62,19 +72,19 @@ record! {
     /// A hemispherical soft fingertip: elastic energy (5) with Voigt viscosity (44, 45).
     Fingertip, 7 {
         /// a, m.
-        radius: Positive,
+        radius: Positive = 0.020,
         /// E, Pa.
-        youngs_modulus: Positive,
+        youngs_modulus: Positive = 0.30e6,
         /// c_n, N s/m.
-        normal_viscosity: NonNegative,
+        normal_viscosity: NonNegative = 100.0,
         /// c_t, N s/m.
-        tangential_viscosity: NonNegative,
+        tangential_viscosity: NonNegative = 100.0,
         /// kappa in (5): +1 as printed, -1 from the springs and the kinematics, 0 leaves the term out.
-        tilt_coupling: Finite,
+        tilt_coupling: Finite = 1.0,
         /// m_n, the mass that moves with the compression (14), kg.
-        normal_mass: Positive,
+        normal_mass: Positive = OBJECT_MASS,
         /// m_t, the mass that moves with the shear (14), kg.
-        tangential_mass: Positive,
+        tangential_mass: Positive = OBJECT_MASS,
     }
 }
 
@@ -82,15 +92,15 @@ record! {
     /// The grasped object, with parallel faces.
     GraspedObject, 5 {
         /// W, m.
-        width: Positive,
+        width: Positive = 0.049,
         /// M, kg.
-        mass: Positive,
+        mass: Positive = OBJECT_MASS,
         /// I, about the centre of gravity, kg m^2.
-        inertia: Positive,
+        inertia: Positive = 4.0e-5,
         /// w, from the middle of the object to its centre of gravity, towards finger 1, m.
-        com_offset: Finite,
+        com_offset: Finite = 0.0,
         /// The height of the faces, half of it on each side of the centre of gravity, m.
-        height: PositiveOrInfinite,
+        height: PositiveOrInfinite = f64::INFINITY,
     }
 }
 
@@ -98,11 +108,11 @@ record! {
     /// The gains of the PID control (39).
     PidGains, 3 {
         /// K_P, N m/rad.
-        kp: NonNegative,
+        kp: NonNegative = 100.0,
         /// K_D, N m s/rad.
-        kd: NonNegative,
+        kd: NonNegative = 1.0,
         /// K_I, N m/(rad s).
-        ki: NonNegative,
+        ki: NonNegative = 1000.0,
     }
 }
 
@@ -110,17 +120,17 @@ record! {
     /// Gains of the constraint stabilisation (19, 20): numerics, not physics.
     Stabilization, 2 {
         /// alpha, 1/s.
-        alpha: NonNegative,
+        alpha: NonNegative = 1000.0,
         /// beta, 1/s.
-        beta: NonNegative,
+        beta: NonNegative = 1000.0,
     }
 }
 
 record! {
     /// The quantities that belong to the scene as a whole.
     Surroundings, 1 {
-        /// g, m/s^2, downwards (against y).
-        gravity: Finite,
+        /// g, m/s^2, downwards (against y); Earth's unless given.
+        gravity: Finite = 9.81,
     }
 }
 
@@ -128,9 +138,9 @@ record! {
     /// The coefficients of friction mu of both contacts; infinite if the scene gives none.
     Friction, 2 {
         /// That of the right finger's contact.
-        right: NonNegativeOrInfinite,
+        right: NonNegativeOrInfinite = f64::INFINITY,
         /// That of the left finger's contact.
-        left: NonNegativeOrInfinite,
+        left: NonNegativeOrInfinite = f64::INFINITY,
     }
 }
 
@@ -138,13 +148,13 @@ record! {
     /// The numbers of mechanisms that a link of [`Finger`] lacks.
     Mechanism, 4 {
         /// The number of the [`MechanismKind`].
-        kind: Kind,
+        kind: Kind = 0.0,
         /// Y_0, the height of a jaw's tip at the coordinate zero, m.
-        height: Finite,
+        height: Finite = 0.0,
         /// gamma, the direction of a jaw's travel, upwards from the direction to the middle of the hand, rad.
-        direction: Finite,
+        direction: Finite = 0.0,
         /// phi_0, the angle of the tip's base to the upright, for mechanisms that do not turn it, rad.
-        angle: Finite,
+        angle: Finite = 0.0,
     }
 }
 
@@ -152,21 +162,21 @@ record! {
     /// One side of the object.
     Side, 8 {
         /// The number of the [`ShapeKind`].
-        kind: Kind,
+        kind: Kind = 0.0,
         /// The number of the [`Counterface`] by which curvature changes the tip's energy.
-        counterface: Kind,
+        counterface: Kind = 0.0,
         /// beta, the tilt of a face, positive where the object is wider at its upper end, rad.
-        tilt: Tilt,
+        tilt: Tilt = 0.0,
         /// The height of this face, m.
-        height: PositiveOrInfinite,
+        height: PositiveOrInfinite = f64::INFINITY,
         /// R, the radius of an arc, m.
-        radius: Positive,
+        radius: Positive = 1.0,
         /// K_x, from the centre of gravity to the arc's centre, towards finger 1, m.
-        center_x: Finite,
+        center_x: Finite = 0.0,
         /// K_y, likewise upwards, m.
-        center_y: Finite,
+        center_y: Finite = 0.0,
         /// The angle between the ends of an arc, rad.
-        span: Span,
+        span: Span = std::f64::consts::PI,
     }
 }
 
@@ -174,17 +184,17 @@ record! {
     /// The law of a tip, and the numbers that (5) lacks.
     Law, 6 {
         /// The number of the [`LawKind`].
-        kind: Kind,
+        kind: Kind = 0.0,
         /// c of F = c d_n^n, N/m^n.
-        coefficient: Positive,
+        coefficient: Positive = 1.0,
         /// n.
-        exponent: AboveOne,
+        exponent: AboveOne = 2.0,
         /// epsilon, the foot of a power law, m.
-        foot: NonNegative,
+        foot: NonNegative = 0.0,
         /// eta, the stiffness of the shear as a share of F'.
-        shear_factor: NonNegative,
+        shear_factor: NonNegative = 1.0,
         /// The largest compression of a measured law, m.
-        range: Positive,
+        range: Positive = 1.0,
     }
 }
 
@@ -366,77 +376,6 @@ impl Parameters {
     /// The mass matrix (14).
     pub fn mass_matrix(&self) -> SMatrix<f64, 9, 9> {
         SMatrix::from_diagonal(&self.masses().row().into())
-    }
-}
-
-// Default values for the paper's scenes. They are ours, because the paper's Tables I and II are lost.
-
-impl Default for Finger {
-    fn default() -> Self {
-        Self { length: 0.0762, root_offset: 0.049, half_thickness: 0.0045, mass: 0.1, inertia: 5.8e-4 }
-    }
-}
-
-/// The tip's masses are those of the default object, because the paper moves the tip with the object's mass
-/// (14).
-impl Default for Fingertip {
-    fn default() -> Self {
-        let mass = GraspedObject::default().mass;
-        Self {
-            radius: 0.020,
-            youngs_modulus: 0.30e6,
-            normal_viscosity: 100.0,
-            tangential_viscosity: 100.0,
-            tilt_coupling: 1.0,
-            normal_mass: mass,
-            tangential_mass: mass,
-        }
-    }
-}
-
-impl Default for GraspedObject {
-    fn default() -> Self {
-        Self { width: 0.049, mass: 0.1, inertia: 4.0e-5, com_offset: 0.0, height: f64::INFINITY }
-    }
-}
-
-impl Default for PidGains {
-    fn default() -> Self {
-        Self { kp: 100.0, kd: 1.0, ki: 1000.0 }
-    }
-}
-
-impl Default for Mechanism {
-    fn default() -> Self {
-        Self { kind: 0.0, height: 0.0, direction: 0.0, angle: 0.0 }
-    }
-}
-
-impl Default for Side {
-    fn default() -> Self {
-        let endless = f64::INFINITY;
-        let (kind, counterface, tilt, span) = (0.0, 0.0, 0.0, std::f64::consts::PI);
-        Self { kind, counterface, tilt, height: endless, radius: 1.0, center_x: 0.0, center_y: 0.0, span }
-    }
-}
-
-impl Default for Law {
-    fn default() -> Self {
-        Self { kind: 0.0, coefficient: 1.0, exponent: 2.0, foot: 0.0, shear_factor: 1.0, range: 1.0 }
-    }
-}
-
-/// Earth's gravity.
-impl Default for Surroundings {
-    fn default() -> Self {
-        Self { gravity: 9.81 }
-    }
-}
-
-/// No limit to friction.
-impl Default for Friction {
-    fn default() -> Self {
-        Self { right: f64::INFINITY, left: f64::INFINITY }
     }
 }
 

@@ -1,8 +1,8 @@
 //! Piecewise polynomials: schedules and forces.
 
 use crate::error::{Error, Result, require};
-use crate::model::drive::{COEFFICIENTS, MAX_DEGREE};
-use crate::model::rule::Rule;
+use crate::model::drive::COEFFICIENTS;
+use crate::model::{MAX_DEGREE, Rule};
 
 /// Jumps below this share of a polynomial's terms count as round-off.
 const SMOOTH: f64 = 1e-9;

@@ -1,10 +1,7 @@
 //! A bound on the rates at which the scene's fast motions decay or oscillate. It tells before a run, from its
 //! parameters alone, whether the steps of an explicit method can be beyond the method's stability limit.
 
-use crate::model::contact::mechanism::MechanismKind;
-use crate::model::contact::shape::ShapeKind;
-use crate::model::control::Fingers;
-use crate::model::parameters::Parameters;
+use crate::model::{Fingers, MechanismKind, Parameters, ShapeKind};
 
 /// A bound on |eigenvalue| of the motion without the stabilisation's own modes, 1/s.
 ///

@@ -7,9 +7,8 @@
 //! v_k acts from t_k + delay until v_(k+1) does. With a delay that is longer than a period several v are under way.
 
 use crate::error::{Error, Result, require, require_at_most};
-use crate::model::measures::Measure;
 use crate::model::noise::MOST_SAMPLES;
-use crate::model::rule::Rule;
+use crate::model::{Measure, Rule};
 
 /// Largest number of outputs that are under way at a time.
 const MOST_UNDER_WAY: f64 = 1e4;

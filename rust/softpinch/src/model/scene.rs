@@ -1,8 +1,6 @@
 //! The scene that is simulated.
 
-use crate::model::inputs::Inputs;
-use crate::model::parameters::Parameters;
-use crate::model::start::State;
+use crate::model::{Inputs, Parameters, State};
 
 /// The physics, the inputs and the initial state of a simulation.
 #[derive(Debug, Clone, PartialEq)]

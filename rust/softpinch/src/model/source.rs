@@ -1,9 +1,7 @@
 //! The parameters from which the kernel takes its numbers.
 
-use crate::model::parameters::Parameters;
-use crate::number::dual::Dual;
-use crate::number::lanes::{Lanes, Lift, MOST};
-use crate::number::real::Real;
+use crate::model::Parameters;
+use crate::number::{Dual, Lanes, Lift, MOST, Real};
 
 /// A source of the kernel's numbers: the parameters of one run, or those of one run for each lane.
 pub trait Source<R> {

@@ -2,19 +2,14 @@
 //! pose on the constraints.
 
 use crate::error::Error;
-use crate::model::contact::mechanism::{Mechanism, MechanismKind};
-use crate::model::contact::shape::Surface;
-use crate::model::contact::{Papers, Side};
-use crate::model::contact_modes::{ContactModel, ContactRow};
-use crate::model::coordinates::Coordinates;
-use crate::model::drive::Input;
-use crate::model::geometry::Geometry;
-use crate::model::inputs::Inputs;
-use crate::model::motion::{Linearized, Motion};
-use crate::model::parameters::{Finger, Fingertip, Parameters, SIDES};
-use crate::model::source::Source;
+use crate::model::contact::Side;
+use crate::model::contact::mechanism::Mechanism;
+use crate::model::{
+    ContactModel, ContactRow, Coordinates, Finger, Fingertip, Geometry, Input, Inputs, Linearized,
+    MechanismKind, Motion, Papers, Parameters, SIDES, Source, Surface,
+};
 use crate::names::named;
-use crate::number::real::Real;
+use crate::number::Real;
 
 /// A gap below this share of the tip's radius counts as round-off.
 const GAP: f64 = 1e-9;

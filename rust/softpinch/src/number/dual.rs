@@ -4,9 +4,7 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use crate::number::lanes::{Bits, LaneTask, Lanes, Lift};
-use crate::number::real::Real;
-use crate::number::simd::level::Instructions;
+use crate::number::{Bits, Instructions, LaneTask, Lanes, Lift, Real};
 
 /// A value and its derivatives in `W` directions.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -6,8 +6,7 @@ use std::ops::{Add, Div, Mul, Sub};
 
 use nalgebra::Complex;
 
-use crate::number::lanes::{Bits, Lanes};
-use crate::number::real::Real;
+use crate::number::{Bits, Lanes, Real};
 
 /// Solves the symmetric positive definite system with the lower triangle (a00, a10, a11).
 #[inline(always)]

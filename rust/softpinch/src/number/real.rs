@@ -20,6 +20,31 @@ pub trait LaneTask<R> {
     fn run(self) -> Self::Output;
 }
 
+/// Declares a computation as a task with named fields: `[parameters of the implementation]`, the task with its fields, the
+/// numbers of the lanes, the result, and the expression that computes it.
+macro_rules! task {
+    (
+        $(#[$doc:meta])* $visible:vis [$($bounds:tt)*] $name:ident<$($of:tt),*>($($field:ident: $type:ty),*)
+        for $real:ty => $output:ty = $body:expr
+    ) => {
+        $(#[$doc])*
+        $visible struct $name<$($of),*> {
+            $($visible $field: $type),*
+        }
+
+        impl<$($bounds)*> LaneTask<$real> for $name<$($of),*> {
+            type Output = $output;
+
+            #[inline(always)]
+            fn run(self) -> $output {
+                let Self { $($field),* } = self;
+                $body
+            }
+        }
+    };
+}
+pub(crate) use task;
+
 /// A real number with the operations that the mechanics need.
 pub trait Real:
     Copy

@@ -2,9 +2,8 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use crate::number::lanes::{Bits, LaneTask, Lanes};
-use crate::number::real::Real;
 use crate::number::trigonometry;
+use crate::number::{Bits, LaneTask, Lanes, Real};
 
 /// Four lanes in an array, for any processor. The compiler chooses the vector instructions.
 #[derive(Debug, Clone, Copy)]

@@ -1,10 +1,8 @@
 //! `f64` as the number type of one run, and as lanes of width one.
 
-use crate::number::lanes::{Bits, LaneTask, Lanes};
-use crate::number::real::Real;
 use crate::number::simd::dispatch::call_alone;
-use crate::number::simd::level::Instructions;
 use crate::number::trigonometry;
+use crate::number::{Bits, Instructions, LaneTask, Lanes, Real};
 
 impl Real for f64 {
     #[inline(always)]

@@ -9,8 +9,7 @@
 //! Angles below pi/4 need no reduction, and shorter forms of the kernels take a third of the operations:
 //! fingers, tips and object rarely turn further.
 
-use crate::number::lanes::{Bits, Lanes, each};
-use crate::number::real::Real;
+use crate::number::{Bits, Lanes, Real, each};
 
 /// Largest |x| that the three-part reduction serves: k = x / (pi/2) stays below 2^28, far from the size at
 /// which k times the truncation error of pi/2 would show.

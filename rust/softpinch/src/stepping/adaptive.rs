@@ -3,21 +3,17 @@
 //! breakpoint, where a new segment begins with a cautious first step.
 
 use crate::error::Result;
-use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
-use crate::formulation::scene_equations::SceneEquations;
-use crate::formulation::system::System;
-use crate::method::called::AnyAdaptiveMethod;
-use crate::method::step_control::StepControl;
-use crate::method::traits::{Runs, Step, largest};
-use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
+use crate::formulation::{Evaluation, MAX_COMPONENTS, SceneEquations, System};
+use crate::method::{AnyAdaptiveMethod, Runs, Step, StepControl, largest};
+use crate::number::{Bits, LaneTask, Lanes, MOST, each};
 use crate::stepping::adaptive_events::Enter;
-use crate::stepping::adaptive_lanes::{AdaptiveLanes, LookInside, Progress, StepStart, merged};
-use crate::stepping::batch::{LaneBatch, LoopSetup};
-use crate::stepping::ending::{Status, interruption, too_many, too_small};
-use crate::stepping::instant::watched;
-use crate::stepping::phase::Phase;
-use crate::stepping::queue::{POLL, RunQueue};
-use crate::stepping::sizes::{Sizes, is_unresolved, next_length};
+use crate::stepping::adaptive_lanes::{LookInside, Progress};
+use crate::stepping::ending::{too_many, too_small};
+use crate::stepping::sizes::{is_unresolved, next_length};
+use crate::stepping::{
+    AdaptiveLanes, LaneBatch, LoopSetup, POLL, Phase, RunQueue, Sizes, Status, StepStart, interruption,
+    merged, watched,
+};
 
 /// The adaptive loop before it runs.
 pub struct AdaptiveSteps<'a, Q, B> {

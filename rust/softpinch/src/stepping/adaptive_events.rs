@@ -3,17 +3,13 @@
 //! A step in which an event is due is taken again with the length that leads to the event. There the run goes on as at the
 //! start of a segment, with a cautious first step.
 
-use crate::formulation::equations::States;
-use crate::formulation::system::System;
-use crate::model::scene::Scene;
-use crate::number::lanes::{Bits, LaneTask, Lanes, each};
-use crate::stepping::adaptive_lanes::{AdaptiveLanes, StepStart, merged};
-use crate::stepping::contact_events::{ContactEnd, EventResult, MOST_EVENTS, Reason};
-use crate::stepping::contact_lane::{LaneContact, Moment};
-use crate::stepping::ending::Status;
-use crate::stepping::instant::{column, put, watched};
-use crate::stepping::phase::Phase;
-use crate::stepping::queue::RunQueue;
+use crate::formulation::{States, System};
+use crate::model::Scene;
+use crate::number::{Bits, LaneTask, Lanes, each};
+use crate::stepping::{
+    AdaptiveLanes, ContactEnd, EventResult, LaneContact, MOST_EVENTS, Moment, Phase, Reason, RunQueue,
+    Status, StepStart, column, merged, put, watched,
+};
 
 /// The share of a segment that stands in for the length of a step where none is known yet.
 const FIRST: f64 = 1.0 / 1024.0;

@@ -5,25 +5,14 @@
 //! Dense output gives their states.
 
 use crate::error::Result;
-use crate::formulation::equations::{Evaluation, States};
-use crate::formulation::scene_equations::SceneEquations;
-use crate::formulation::system::System;
-use crate::method::called::AnyAdaptiveMethod;
-use crate::method::step_control::StepControl;
-use crate::method::traits::{Step, Unsolved};
-use crate::model::coordinates::Coordinates;
-use crate::model::motion::Motion;
-use crate::model::scene::Scene;
-use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
-use crate::stepping::batch::{LaneBatch, Seen};
-use crate::stepping::contact_events::Event;
-use crate::stepping::ending::{End, full, overflow};
-use crate::stepping::grid::Span;
-use crate::stepping::instant::{Instant, watched};
+use crate::formulation::{Evaluation, SceneEquations, States, System};
+use crate::method::{AnyAdaptiveMethod, Step, StepControl, Unsolved};
+use crate::model::{Coordinates, Motion, Scene};
+use crate::number::{Bits, LaneTask, Lanes, MOST, each};
 use crate::stepping::monitor::ViolatingTurningPoint;
-use crate::stepping::phase::Phase;
-use crate::stepping::queue::RunQueue;
-use crate::stepping::sizes::Sizes;
+use crate::stepping::{
+    End, Event, Instant, LaneBatch, Phase, RunQueue, Seen, Sizes, Span, full, overflow, watched,
+};
 
 /// The places of the runs in time. In a lane without a run all numbers are zero.
 pub struct Progress<R> {

@@ -3,32 +3,23 @@
 use std::borrow::Cow;
 
 use crate::error::Result;
-use crate::formulation::equations::{Equations, Evaluation, States};
-use crate::formulation::inlined::Inlined;
-use crate::formulation::scene_equations::{Choice, SceneEquations};
-use crate::formulation::system::System;
-use crate::method::traits::{Integrator, LaneParameters, Runs, Stats};
-use crate::model::contact_modes::ContactModel;
-use crate::model::drive::SegmentDrive;
-use crate::model::energy::{self, BILATERAL_WORKS, Energies, WORKS};
-use crate::model::motion::Motion;
-use crate::model::parameters::Parameters;
-use crate::model::scene::Scene;
-use crate::model::source::Source;
-use crate::model::start::apart;
-use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
-use crate::number::simd::level::Instructions;
-use crate::stepping::contact_events::EventResult;
-use crate::stepping::contact_lane::{LaneContact, Moment};
-use crate::stepping::ending::{End, Status, after_violation, unstable};
-use crate::stepping::instant::{Instant, all_finite, column, energies, put, put_motion};
-use crate::stepping::lane_controller::LaneController;
-use crate::stepping::monitor::{Limits, VIOLATIONS, Violation, ViolationSet, explain};
-use crate::stepping::options::{Options, Steps};
-use crate::stepping::phase::{Phase, Phases};
-use crate::stepping::queue::{Finished, RunQueue, Taken};
-use crate::stepping::record::{Recording, Run};
-use crate::stepping::summary::{RunEnd, Summaries, SummaryInstant};
+use crate::formulation::{Choice, Equations, Evaluation, Inlined, SceneEquations, States, System};
+use crate::method::{Integrator, LaneParameters, Runs, Stats};
+use crate::model::energy;
+use crate::model::{
+    BILATERAL_WORKS, ContactModel, Energies, Motion, Parameters, Scene, SegmentDrive, Source, WORKS, apart,
+};
+use crate::number::{Bits, Instructions, LaneTask, Lanes, MOST, each, task};
+use crate::stepping::ending::{after_violation, unstable};
+use crate::stepping::instant::{energies, put_motion};
+use crate::stepping::monitor::explain;
+use crate::stepping::phase::Phases;
+use crate::stepping::summary::RunEnd;
+use crate::stepping::{
+    End, EventResult, Finished, Instant, LaneContact, LaneController, Limits, Moment, Options, Phase,
+    Recording, Run, RunQueue, Status, Steps, Summaries, SummaryInstant, Taken, VIOLATIONS, Violation,
+    ViolationSet, all_finite, column, put,
+};
 
 /// A closure error of the ledger below this share of the energy of gravity, whose zero is arbitrary, is round-off. So is
 /// one below its square times E a^3 of the tips, even if the motion was given no energy at all.
@@ -433,7 +424,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         }
         for impulse in run.scene.inputs.impulses_at(t) {
             let mut jumped = *y;
-            R::call(self.instructions, Jump(system, (&self.drive, tau), &mut jumped, impulse));
+            R::call(self.instructions, Jump { system, drive: &self.drive, tau, y: &mut jumped, impulse });
             put(y, lane, &column(&jumped, lane));
         }
         Ok(true)
@@ -513,17 +504,11 @@ impl<R: Lanes> LaneTask<R> for Numbers<'_> {
     }
 }
 
-/// Computes the velocity jumps as if an impulse acted in all lanes.
-struct Jump<'a, R, S>(&'a S, (&'a SegmentDrive<R>, R), &'a mut States<R>, [f64; 3]);
-
-impl<R: Lanes, S: System<R>> LaneTask<R> for Jump<'_, R, S> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self(system, (drive, tau), y, impulse) = self;
-        system.jump(&drive.at(tau), y, &impulse.map(R::constant));
-    }
+task! {
+    /// Computes the velocity jumps as if an impulse acted in all lanes.
+    ['a, R: Lanes, S: System<R>]
+    Jump<'a, R, S>(system: &'a S, drive: &'a SegmentDrive<R>, tau: R, y: &'a mut States<R>, impulse: [f64; 3])
+    for R => () = system.jump(&drive.at(tau), y, &impulse.map(R::constant))
 }
 
 /// Equations for a step loop. The loop of RK4 has them inlined; its rare work calls them, so that its code exists once.

@@ -1,12 +1,10 @@
 //! The changes of the contacts' modes: what happens at an event, and the choice of the next modes.
 
-use crate::formulation::mode_selection::{Chosen, choose, contacts_in};
-use crate::model::contact_modes::{Mode, Slip};
-use crate::model::coordinates::Coordinates;
-use crate::model::energy::work;
-use crate::model::motion::Motion;
-use crate::stepping::contact_events::{Cause, Change, ContactRun, Event, EventResult, Loss, Reason};
-use crate::stepping::event_search::{EventStepper, SegmentState};
+use crate::formulation::{Chosen, choose, contacts_in};
+use crate::model::{Coordinates, Mode, Motion, Slip, work};
+use crate::stepping::{
+    Cause, Change, ContactRun, Event, EventResult, EventStepper, Loss, Reason, SegmentState,
+};
 
 /// The share of a step after which the choice of modes is checked on a border.
 const MOMENT: f64 = 1.0 / 8192.0;

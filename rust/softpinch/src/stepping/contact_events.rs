@@ -1,11 +1,10 @@
 //! The events that end the modes of unilateral contact, and the ends of runs at them.
 
-use crate::formulation::equations::States;
-use crate::formulation::mode_selection::{Contact, contacts_in};
-use crate::method::traits::Unsolved;
-use crate::model::contact_modes::{Contacts, Mode};
+use crate::formulation::{Contact, States, contacts_in};
+use crate::method::Unsolved;
+use crate::model::{Contacts, Mode};
 use crate::names::named;
-use crate::number::lanes::Lanes;
+use crate::number::Lanes;
 
 named! {
     /// What ends a mode.

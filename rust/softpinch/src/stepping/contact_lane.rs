@@ -3,28 +3,18 @@
 //! The work of both step loops on these contacts comes after them.
 
 use crate::error::Result;
-use crate::formulation::equations::{Evaluation, States};
-use crate::formulation::mode_selection::Contact;
-use crate::formulation::system::System;
-use crate::method::traits::{Stats, Unsolved};
-use crate::model::contact_modes::{ContactRow, Mode, Slip};
-use crate::model::drive::SegmentDrive;
-use crate::model::geometry::Geometry;
-use crate::model::motion::Motion;
-use crate::model::parameters::Parameters;
-use crate::model::scene::Scene;
-use crate::model::start::{State, allowed_residuals};
-use crate::number::lanes::{Bits, Lanes};
-use crate::number::simd::level::Instructions;
-use crate::stepping::batch::LaneBatch;
-use crate::stepping::contact_events::{Change, ContactEnd, ContactRun, EventResult, Reason};
-use crate::stepping::ending::{self, End};
-use crate::stepping::event_search::{EventStepper, SegmentState};
-use crate::stepping::instant::{Instant, watched};
+use crate::formulation::{Contact, Evaluation, States, System};
+use crate::method::{Stats, Unsolved};
+use crate::model::{
+    ContactRow, Geometry, Mode, Motion, Parameters, Scene, SegmentDrive, Slip, State, allowed_residuals,
+};
+use crate::number::{Bits, Instructions, Lanes};
+use crate::stepping::ending;
 use crate::stepping::lone_steps::LoneSteps;
-use crate::stepping::monitor::{Limits, VIOLATIONS, Violation};
-use crate::stepping::options::{Options, Steps};
-use crate::stepping::queue::RunQueue;
+use crate::stepping::{
+    Change, ContactEnd, ContactRun, End, EventResult, EventStepper, Instant, LaneBatch, Limits, Options,
+    Reason, RunQueue, SegmentState, Steps, VIOLATIONS, Violation, watched,
+};
 
 /// The inputs of a segment.
 struct Segment {

@@ -1,17 +1,12 @@
 //! The ways in which a run ends, also in words: each message gives the cause with its numbers, and then advice.
 
 use crate::error::{Error, seconds};
-use crate::method::traits::Unsolved;
-use crate::model::contact_modes::Mode;
-use crate::model::coordinates::Coordinates;
-use crate::model::geometry::Geometry;
-use crate::model::parameters::SIDES;
-use crate::model::scene::Scene;
+use crate::method::Unsolved;
+use crate::model::{Coordinates, Geometry, Mode, SIDES, Scene};
 use crate::names::named;
-use crate::number::real::signed;
-use crate::stepping::contact_events::{Loss, MOST_EVENTS, Reason};
-use crate::stepping::instant::Instant;
-use crate::stepping::monitor::{STOP_ON, VIOLATIONS, Violation, half_length};
+use crate::number::signed;
+use crate::stepping::monitor::half_length;
+use crate::stepping::{Instant, Loss, MOST_EVENTS, Reason, STOP_ON, VIOLATIONS, Violation};
 
 named! {
     /// How a run ended.

@@ -5,16 +5,12 @@ use std::mem::swap;
 use std::ops::DerefMut;
 
 use crate::error::Result;
-use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
-use crate::method::traits::{Integrator, Runs};
-use crate::number::lanes::{LaneTask, Lanes};
-use crate::stepping::batch::{LaneBatch, LoopSetup, LoopSystem};
-use crate::stepping::ending::full;
-use crate::stepping::equal_lanes::{EqualLanes, Instants};
-use crate::stepping::grid::GridOf;
-use crate::stepping::lone_steps::RowsInside;
-use crate::stepping::phase::Phase;
-use crate::stepping::queue::{POLL, RunQueue};
+use crate::formulation::{Evaluation, MAX_COMPONENTS};
+use crate::method::{Integrator, Runs};
+use crate::number::{LaneTask, Lanes};
+use crate::stepping::{
+    EqualLanes, GridOf, Instants, LaneBatch, LoopSetup, LoopSystem, POLL, Phase, RowsInside, RunQueue, full,
+};
 
 /// The loop of equal steps before it runs.
 pub struct EqualSteps<'g, 'a, Q, B> {

@@ -4,18 +4,12 @@
 //! take their next step. Its new state replaces the old one.
 
 use crate::error::Result;
-use crate::formulation::equations::States;
-use crate::formulation::scene_equations::SceneEquations;
-use crate::formulation::system::System;
-use crate::number::lanes::{Bits, Lanes, each};
-use crate::stepping::batch::Seen;
-use crate::stepping::contact_events::ContactEnd;
-use crate::stepping::contact_lane::Moment;
-use crate::stepping::ending::{Status, interruption, overflow};
-use crate::stepping::equal_lanes::{EqualLanes, Instants};
-use crate::stepping::instant::{Instant, all_finite, column};
-use crate::stepping::phase::Phase;
-use crate::stepping::queue::{POLL, RunQueue};
+use crate::formulation::{SceneEquations, States, System};
+use crate::number::{Bits, Lanes, each};
+use crate::stepping::{
+    ContactEnd, EqualLanes, Instant, Instants, Moment, POLL, Phase, RunQueue, Seen, Status, all_finite,
+    column, interruption, overflow,
+};
 
 impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
     /// Lets events happen and controllers measure, which `held` lanes do instead of a step. Returns the lanes into which

@@ -1,22 +1,15 @@
 //! The lanes of the loop of equal steps: the places of their runs, and the rare work at breakpoints and ends of runs.
 
 use crate::error::Result;
-use crate::formulation::equations::{Evaluation, States};
-use crate::formulation::scene_equations::SceneEquations;
-use crate::formulation::system::System;
-use crate::method::traits::{Integrator, Step, StepResult, Unsolved};
-use crate::model::motion::{Linearized, Motion, unpacked};
-use crate::model::scene::Scene;
-use crate::number::lanes::{Bits, Lanes, each};
-use crate::stepping::batch::{LaneBatch, LoopSystem};
-use crate::stepping::contact_lane::LaneContact;
-use crate::stepping::ending::{self, End, full};
-use crate::stepping::grid::{Grid, GridOf, Segment};
-use crate::stepping::instant::{Instant, put, watched};
-use crate::stepping::lane_controller::LaneController;
-use crate::stepping::lone_steps::RowsInside;
-use crate::stepping::phase::Phase;
-use crate::stepping::queue::RunQueue;
+use crate::formulation::{Evaluation, SceneEquations, States, System};
+use crate::method::{Integrator, Step, StepResult, Unsolved};
+use crate::model::{Linearized, Motion, Scene, unpacked};
+use crate::number::{Bits, Lanes, each};
+use crate::stepping::ending;
+use crate::stepping::{
+    End, Grid, GridOf, Instant, LaneBatch, LaneContact, LaneController, LoopSystem, Phase, RowsInside,
+    RunQueue, Segment, full, put, watched,
+};
 
 pub struct Place {
     pub grid: Grid,

@@ -2,21 +2,14 @@
 //! located on the method's own step, which is repeated with a shorter length, so that the method keeps its order across
 //! events.
 
-use crate::formulation::contact_equations::ContactEquations;
-use crate::formulation::equations::{Evaluation, States, Terms};
-use crate::formulation::scene_equations::{InputAt, SceneEquations};
-use crate::formulation::system::System;
+use crate::formulation::{ContactEquations, Evaluation, InputAt, SceneEquations, States, System, Terms};
 use crate::model::contact::Side;
-use crate::model::drive::{Input, SegmentDrive};
-use crate::model::geometry::Geometry;
-use crate::model::motion::Motion;
-use crate::number::lanes::{LaneTask, Lanes};
-use crate::number::simd::level::Instructions;
-use crate::stepping::contact_events::{
-    CAUSES, ContactEnd, ContactRun, Event, EventResult, MOST_EVENTS, Reason,
-};
+use crate::model::{Geometry, Input, Motion, SegmentDrive};
+use crate::number::{Instructions, LaneTask, Lanes, task};
+use crate::stepping::contact_events::CAUSES;
 use crate::stepping::lone_steps::LoneMethod;
-use crate::stepping::monitor::{Condition, Failure, Limits};
+use crate::stepping::monitor::{Condition, Failure};
+use crate::stepping::{ContactEnd, ContactRun, Event, EventResult, Limits, MOST_EVENTS, Reason};
 
 /// Largest number of repeated steps that locate one event. Most take about ten.
 const MOST_TRIALS: usize = 60;
@@ -58,15 +51,9 @@ pub struct EventStepper<'a> {
     pub h: f64,
 }
 
-struct GeometryOf<'a>(&'a [Side<f64>; 2], &'a Motion<f64>);
-
-impl LaneTask<f64> for GeometryOf<'_> {
-    type Output = Geometry<f64>;
-
-    #[inline(always)]
-    fn run(self) -> Geometry<f64> {
-        Geometry::new(self.0, &self.1.q, &self.1.p)
-    }
+task! {
+    ['a] GeometryOf<'a>(sides: &'a [Side<f64>; 2], motion: &'a Motion<f64>) for f64 => Geometry<f64> =
+        Geometry::new(sides, &motion.q, &motion.p)
 }
 
 impl EventStepper<'_> {
@@ -76,11 +63,11 @@ impl EventStepper<'_> {
     }
 
     pub fn input(&self, tau: f64) -> Input<f64> {
-        f64::call(self.instructions, InputAt(self.drive, tau))
+        f64::call(self.instructions, InputAt { drive: self.drive, tau })
     }
 
     pub fn geometry(&self, motion: &Motion<f64>) -> Geometry<f64> {
-        f64::call(self.instructions, GeometryOf(&self.equations.plant().sides, motion))
+        f64::call(self.instructions, GeometryOf { sides: &self.equations.plant().sides, motion })
     }
 
     /// The terms and the motion of a state.

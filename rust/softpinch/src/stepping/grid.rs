@@ -4,10 +4,7 @@
 //! A run finds its segments one at a time when it reaches them, because held noise may divide it into millions.
 
 use crate::error::{Error, Result, require};
-use crate::model::inputs::Inputs;
-use crate::model::rule::Rule;
-use crate::model::scene::Scene;
-use crate::model::start::State;
+use crate::model::{Inputs, Rule, Scene, State};
 
 /// Largest number of steps of one run. At a few million steps a second they take hours.
 pub const MOST_STEPS: f64 = 1e11;

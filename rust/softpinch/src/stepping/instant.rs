@@ -1,13 +1,8 @@
 //! One instant of a run as step loops hand it on; reading it from one lane, and checking that all numbers are finite.
 
-use crate::formulation::equations::{Evaluation, States};
-use crate::formulation::system::{Size, System};
-use crate::model::contact_modes::{ContactRow, Contacts};
-use crate::model::energy::{BILATERAL_WORKS, Energies, WORKS, work};
-use crate::model::motion::{Linearized, Motion};
-use crate::model::start::State;
-use crate::number::lanes::{Bits, Lanes};
-use crate::number::real::Real;
+use crate::formulation::{Evaluation, Size, States, System};
+use crate::model::{BILATERAL_WORKS, ContactRow, Contacts, Energies, Linearized, Motion, State, WORKS, work};
+use crate::number::{Bits, Lanes, Real};
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Instant {

@@ -1,10 +1,9 @@
 //! The intervals of time during which the violations hold in one run.
 
 use crate::error::Error;
-use crate::model::contact_modes::Mode;
-use crate::stepping::contact_events::Change;
-use crate::stepping::monitor::{VIOLATIONS, ViolationSet};
+use crate::model::Mode;
 use crate::stepping::record::MOST_VALUES;
+use crate::stepping::{Change, VIOLATIONS, ViolationSet};
 
 /// Largest number of intervals of one violation, as far as the size of a recording is limited.
 const MOST_INTERVALS: usize = (MOST_VALUES / 2.0) as usize; // a small whole number

@@ -4,18 +4,12 @@ use std::borrow::Cow;
 use std::sync::Arc;
 
 use crate::error::{Result, require};
-use crate::formulation::equations::Evaluation;
-use crate::model::controller_state::{ControllerState, Kept, Measured, Scratch};
-use crate::model::frame::FrameMotion;
-use crate::model::inputs::Sampled;
-use crate::model::measures::Measure;
-use crate::model::sampled::SampledController;
-use crate::model::scene::Scene;
-use crate::number::lanes::Lanes;
-use crate::number::simd::level::Instructions;
-use crate::stepping::contact_lane::LaneContact;
-use crate::stepping::instant::{Instant, column};
-use crate::stepping::options::Options;
+use crate::formulation::Evaluation;
+use crate::model::{
+    ControllerState, FrameMotion, Kept, Measure, Measured, Sampled, SampledController, Scene, Scratch,
+};
+use crate::number::{Instructions, Lanes};
+use crate::stepping::{Instant, LaneContact, Options, column};
 
 pub struct LaneController {
     controller: Arc<SampledController>,

@@ -4,23 +4,12 @@
 
 use std::mem::take;
 
-use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::scene_equations::SceneEquations;
-use crate::formulation::system::System;
-use crate::method::called::AnyMethod;
-use crate::method::traits::{Stats, Step, StepResult, Unsolved};
-use crate::model::contact_modes::Contacts;
-use crate::model::drive::SegmentDrive;
-use crate::model::scene::Scene;
-use crate::number::lanes::Lanes;
-use crate::number::simd::level::Instructions;
-use crate::stepping::batch::LaneBatch;
-use crate::stepping::contact_lane::Moment;
+use crate::formulation::{MAX_COMPONENTS, SceneEquations, States, System};
+use crate::method::{AnyMethod, Stats, Step, StepResult, Unsolved};
+use crate::model::{Contacts, Scene, SegmentDrive};
+use crate::number::{Instructions, Lanes};
 use crate::stepping::equal_lanes::Place;
-use crate::stepping::grid::round_off;
-use crate::stepping::instant::{Instant, column, watched};
-use crate::stepping::options::Options;
-use crate::stepping::queue::RunQueue;
+use crate::stepping::{Instant, LaneBatch, Moment, Options, RunQueue, column, round_off, watched};
 
 /// The start of the last step, with the derivative of its state.
 struct KnownStart {

@@ -2,20 +2,12 @@
 //! inside a step that an adaptive run looks at; its first time is noted.
 
 use crate::error::seconds;
-use crate::formulation::equations::Evaluation;
-use crate::model::contact::Any;
-use crate::model::contact::shape::ShapeKind;
-use crate::model::contact::{Contact, Side};
-use crate::model::contact_modes::Contacts;
-use crate::model::geometry::Geometry;
-use crate::model::motion::Motion;
-use crate::model::parameters::{Parameters, SIDES};
-use crate::model::source::Source;
+use crate::formulation::Evaluation;
+use crate::model::contact::Side;
+use crate::model::{Any, Contact, Contacts, Geometry, Motion, Parameters, SIDES, ShapeKind, Source};
 use crate::names::named;
-use crate::number::lanes::{Bits, LaneTask, Lanes};
-use crate::number::real::Real;
-use crate::stepping::contact_events::Cause;
-use crate::stepping::instant::Instant;
+use crate::number::{Bits, LaneTask, Lanes, Real};
+use crate::stepping::{Cause, Instant};
 
 named! {
     /// A way in which the model stops holding.

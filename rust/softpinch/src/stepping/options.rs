@@ -1,19 +1,10 @@
 //! The options of a simulation.
 
-use crate::formulation::scene_equations::Choice;
-use crate::formulation::table::Formulation;
-use crate::method::table::Method;
-use crate::method::traits::Runs;
-use crate::model::contact_modes::ContactModel;
-use crate::model::inputs::Inputs;
-use crate::model::parameters::Stabilization;
-use crate::model::rates::fastest_rate;
-use crate::model::scene::Scene;
-use crate::number::lanes::MOST;
-use crate::number::simd::level::{Instructions, Level};
-use crate::stepping::monitor::{STOP_ON, ViolationSet};
-use crate::stepping::record::Selection;
-use crate::stepping::summary::{Summary, Wanted};
+use crate::formulation::{Choice, Formulation};
+use crate::method::{Method, Runs};
+use crate::model::{ContactModel, Inputs, Scene, Stabilization, fastest_rate};
+use crate::number::{Instructions, Level, MOST};
+use crate::stepping::{STOP_ON, Selection, Summary, ViolationSet, Wanted};
 
 /// The length of the steps.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -66,7 +57,7 @@ impl Default for Options {
             method: Method::Rk4,
             formulation: Formulation::Csm,
             contact: ContactModel::Bilateral,
-            stabilization: Stabilization { alpha: 1000.0, beta: 1000.0 },
+            stabilization: Stabilization::default(),
             record: Selection { state: true, ..Selection::default() },
             every: 1,
             times: None,

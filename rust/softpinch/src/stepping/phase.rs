@@ -1,6 +1,6 @@
 //! The phases of the runs in the lanes of a step loop.
 
-use crate::number::lanes::Bits;
+use crate::number::Bits;
 
 /// What the run in a lane does next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

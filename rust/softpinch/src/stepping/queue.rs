@@ -4,15 +4,9 @@
 use std::borrow::Cow;
 
 use crate::error::Result;
-use crate::formulation::mode_selection::Contact;
-use crate::model::controller_state::ControllerState;
-use crate::model::energy::Energies;
-use crate::model::scene::Scene;
-use crate::stepping::contact_events::Change;
-use crate::stepping::contact_lane::LaneContact;
-use crate::stepping::instant::Instant;
-use crate::stepping::monitor::ViolationSet;
-use crate::stepping::record::Run;
+use crate::formulation::Contact;
+use crate::model::{ControllerState, Energies, Scene};
+use crate::stepping::{Change, Instant, LaneContact, Run, ViolationSet};
 
 /// Number of steps or attempts after which a loop asks whether to stop. They take a few milliseconds.
 pub const POLL: u64 = 1 << 12;

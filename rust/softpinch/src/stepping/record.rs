@@ -1,15 +1,9 @@
 //! A finished run, and its recording, which keeps only the quantities that were asked for, row by row.
 
 use crate::error::{Error, Result};
-use crate::method::traits::Stats;
-use crate::model::contact_modes::ContactRow;
-use crate::model::energy::{BILATERAL_WORKS, CONTACT_WORKS, Energies, WORKS};
-use crate::model::motion::Linearized;
-use crate::stepping::contact_events::Change;
-use crate::stepping::ending::Status;
-use crate::stepping::instant::Instant;
-use crate::stepping::monitor::VIOLATIONS;
-use crate::stepping::summary::COUNT;
+use crate::method::Stats;
+use crate::model::{BILATERAL_WORKS, CONTACT_WORKS, ContactRow, Energies, Linearized, WORKS};
+use crate::stepping::{COUNT, Change, Instant, Status, VIOLATIONS};
 
 /// The contacts of bilateral contact.
 const STICKING: ContactRow = [1.0, 1.0, 0.0, 0.0];

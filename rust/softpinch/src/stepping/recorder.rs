@@ -3,21 +3,14 @@
 use std::borrow::Cow;
 
 use crate::error::Result;
-use crate::formulation::mode_selection::Contact;
-use crate::method::traits::Stats;
-use crate::model::contact_modes::Mode;
-use crate::model::controller_state::ControllerState;
-use crate::model::energy::Energies;
-use crate::model::scene::Scene;
-use crate::stepping::contact_events::Change;
-use crate::stepping::contact_lane::LaneContact;
-use crate::stepping::ending::{Status, arrival};
-use crate::stepping::instant::Instant;
+use crate::formulation::Contact;
+use crate::method::Stats;
+use crate::model::{ControllerState, Energies, Mode, Scene};
 use crate::stepping::intervals::{Intervals, of_changes};
-use crate::stepping::monitor::{VIOLATIONS, Violation, ViolationSet};
-use crate::stepping::queue::{Finished, RunQueue, Taken};
-use crate::stepping::record::{Recording, Run};
-use crate::stepping::summary::COUNT;
+use crate::stepping::{
+    COUNT, Change, Finished, Instant, LaneContact, Recording, Run, RunQueue, Status, Taken, VIOLATIONS,
+    Violation, ViolationSet, arrival,
+};
 
 /// The instants that are recorded.
 pub enum Due<'a> {

@@ -1,11 +1,9 @@
 //! The limits of an adaptive step: the allowed error of each state, and the shortest step that doubles resolve.
 
-use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::system::{Size, StageState, System};
-use crate::method::step_control::StepControl;
-use crate::method::traits::{Allowed, largest};
-use crate::model::drive::SegmentDrive;
-use crate::number::lanes::{Bits, Lanes, each};
+use crate::formulation::{MAX_COMPONENTS, Size, StageState, States, System};
+use crate::method::{Allowed, StepControl, largest};
+use crate::model::SegmentDrive;
+use crate::number::{Bits, Lanes, each};
 
 /// A state's magnitude counts as no less than this share of its typical one, and a rate's as no less than
 /// this share of the rate that viscosity leaves: at rest nothing else is known.

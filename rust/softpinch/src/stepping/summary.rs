@@ -4,9 +4,9 @@
 //! A new summary is a type with `Fold` and a line in the list of [`SUMMARIES`] below. Summaries look at the
 //! instants that the monitors watch.
 
-use crate::formulation::equations::Evaluation;
+use crate::formulation::Evaluation;
 use crate::names::named;
-use crate::number::lanes::{Bits, Lanes};
+use crate::number::{Bits, Lanes};
 
 /// The numbers that a summary keeps from one instant to the next.
 type Memory<R> = [R; 3];

@@ -13,10 +13,8 @@ pub use inoue_hirai::InoueHirai;
 pub use measured::WEIGHTS;
 pub use springs::Springs;
 
-use crate::model::contact::{Parts, numbered};
-use crate::model::parameters::Parameters;
-use crate::model::source::Source;
-use crate::number::real::{LaneTask, Real};
+use crate::model::{Parameters, Parts, Source, numbered};
+use crate::number::{LaneTask, Real, task};
 
 numbered! {
     /// The kinds of laws.
@@ -63,28 +61,14 @@ pub struct Tip<R> {
     pub tangential_viscosity: R,
 }
 
-/// Builds another law.
-struct Build<'a, S>(&'a S, usize);
-
-impl<R: Real, S: Source<R>> LaneTask<R> for Build<'_, S> {
-    type Output = Springs<R>;
-
-    #[inline(always)]
-    fn run(self) -> Springs<R> {
-        Springs::new(self.0, self.1)
-    }
+task! {
+    /// Builds another law.
+    ['a, R: Real, S: Source<R>] Build<'a, S>(source: &'a S, i: usize) for R => Springs<R> = Springs::new(source, i)
 }
-
-/// Computes the energy of another law, and its gradient.
-struct Elastic<'a, R>(&'a Springs<R>, [R; 4]);
-
-impl<R: Real> LaneTask<R> for Elastic<'_, R> {
-    type Output = (R, ElasticGradient<R>);
-
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        self.0.elastic(self.1)
-    }
+task! {
+    /// Computes the energy of another law, and its gradient.
+    ['a, R: Real]
+    Elastic<'a, R>(law: &'a Springs<R>, at: [R; 4]) for R => (R, ElasticGradient<R>) = law.elastic(at)
 }
 
 impl<R: Real> Tip<R> {
@@ -94,7 +78,7 @@ impl<R: Real> Tip<R> {
         let kinds = source.kinds();
         let mut other = None;
         if R::ANY_PARTS && !kinds.has_the_papers_parts() {
-            other = Some(R::outlined(Build(source, i)));
+            other = Some(R::outlined(Build { source, i }));
         }
         Self {
             law: InoueHirai::new(source, i),
@@ -108,7 +92,7 @@ impl<R: Real> Tip<R> {
     #[inline(always)]
     pub fn energy<P: Parts>(&self, at: [R; 4]) -> R {
         match P::numbers::<R, _>(&self.other) {
-            Some(law) => R::outlined(Elastic(law, at)).0,
+            Some(law) => R::outlined(Elastic { law, at }).0,
             _ => self.law.energy(at[0], at[1], at[2], at[3]),
         }
     }
@@ -117,7 +101,7 @@ impl<R: Real> Tip<R> {
     #[inline(always)]
     pub fn gradient<P: Parts>(&self, at: [R; 4]) -> ElasticGradient<R> {
         match P::numbers::<R, _>(&self.other) {
-            Some(law) => R::outlined(Elastic(law, at)).1,
+            Some(law) => R::outlined(Elastic { law, at }).1,
             _ => self.law.gradient(at[0], at[1], at[2], at[3]),
         }
     }

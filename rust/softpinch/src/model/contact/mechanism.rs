@@ -11,9 +11,8 @@ pub use jaw::Jaw;
 pub use one_link::OneLink;
 pub use parallelogram::Parallelogram;
 
-use crate::model::contact::numbered;
-use crate::model::source::Source;
-use crate::number::real::Real;
+use crate::model::{Source, numbered};
+use crate::number::Real;
 
 numbered! {
     /// The kinds of mechanisms.

@@ -10,7 +10,7 @@ mod surface;
 pub use parallel_face::{Frame, ParallelFace};
 pub use surface::{Foot, Surface};
 
-use crate::model::contact::numbered;
+use crate::model::numbered;
 
 numbered! {
     /// The kinds of an object's sides.

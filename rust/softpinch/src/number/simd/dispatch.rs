@@ -1,10 +1,9 @@
 //! Calls code that is compiled with the instructions of a SIMD level.
 
 use crate::error::Result;
-use crate::number::lanes::{LaneTask, Lanes};
-use crate::number::simd::level::{Instructions, Level};
 #[cfg(target_arch = "x86_64")]
 use crate::number::simd::x86::{Ymm, Zmm};
+use crate::number::{Instructions, LaneTask, Lanes, Level};
 
 /// Calls a task on one lane, compiled with the instructions that a single run uses.
 #[inline(always)]

@@ -8,9 +8,8 @@
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use crate::number::lanes::{Bits, LaneTask, Lanes};
-use crate::number::real::Real;
 use crate::number::trigonometry;
+use crate::number::{Bits, LaneTask, Lanes, Real};
 
 macro_rules! vector {
     ($(#[$doc:meta])* $name:ident, $register:ident, $width:literal, $set1:ident, $fma:ident, $fnma:ident, $xor:ident,

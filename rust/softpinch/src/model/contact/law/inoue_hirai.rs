@@ -1,8 +1,8 @@
 //! The paper's law (5): linear springs, all parallel to the finger, in a hemisphere.
 
 use super::ElasticGradient;
-use crate::model::source::Source;
-use crate::number::real::Real;
+use crate::model::Source;
+use crate::number::Real;
 
 /// The constants of (5).
 #[derive(Debug, Clone, Copy)]

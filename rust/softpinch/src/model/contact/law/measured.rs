@@ -5,8 +5,8 @@
 //! every method keeps its order. Beyond the range F'' stays at its last value.
 
 use super::springs::Curve;
-use crate::model::source::Source;
-use crate::number::real::Real;
+use crate::model::Source;
+use crate::number::Real;
 
 /// Number of weights.
 pub const WEIGHTS: usize = 10;

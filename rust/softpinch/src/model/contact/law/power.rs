@@ -4,8 +4,8 @@
 //! pole, in which no shear can be released; it is zero for plain powers.
 
 use super::springs::Curve;
-use crate::model::source::Source;
-use crate::number::real::Real;
+use crate::model::Source;
+use crate::number::Real;
 
 /// The constants of a power law.
 #[derive(Debug, Clone, Copy)]

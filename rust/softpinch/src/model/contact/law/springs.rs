@@ -8,9 +8,8 @@
 use super::measured::Measured;
 use super::power::Power;
 use super::{ElasticGradient, LawKind};
-use crate::model::contact::shape::{Counterface, ShapeKind};
-use crate::model::source::Source;
-use crate::number::real::Real;
+use crate::model::{Counterface, ShapeKind, Source};
+use crate::number::Real;
 
 /// The force of the upright tip, its integral and its first two derivatives.
 #[derive(Debug, Clone, Copy)]

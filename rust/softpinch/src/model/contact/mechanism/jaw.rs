@@ -1,8 +1,8 @@
 //! A jaw: its tip travels along a line and does not turn.
 
 use super::Placed;
-use crate::model::source::Source;
-use crate::number::real::{Real, signed};
+use crate::model::Source;
+use crate::number::{Real, signed};
 
 /// The numbers of a jaw.
 #[derive(Debug, Clone, Copy)]

@@ -5,9 +5,8 @@
 //! at t_i + s_i W_f S along the side.
 
 use super::{Arm, Placed};
-use crate::model::contact::shape::Frame;
-use crate::model::source::Source;
-use crate::number::real::{Real, signed};
+use crate::model::{Frame, Source};
+use crate::number::{Real, signed};
 
 /// The lengths of a link.
 #[derive(Debug, Clone, Copy)]

@@ -1,8 +1,8 @@
 //! A parallelogram: two equal links keep the tip's base at one angle, so that its centre moves on a circle.
 
 use super::Placed;
-use crate::model::source::Source;
-use crate::number::real::Real;
+use crate::model::Source;
+use crate::number::Real;
 
 /// The numbers of a parallelogram.
 #[derive(Debug, Clone, Copy)]

@@ -1,7 +1,7 @@
 //! The paper's side: a face that is parallel to the object's other one (9). Its frame is the object's own.
 
-use crate::model::source::Source;
-use crate::number::real::{Real, signed};
+use crate::model::Source;
+use crate::number::{Real, signed};
 
 /// A face whose normal is the object's first axis.
 #[derive(Debug, Clone, Copy)]

@@ -13,8 +13,8 @@
 //! those of a face, without round-off, and for the smallest curvatures nothing cancels.
 
 use super::ShapeKind;
-use crate::model::source::Source;
-use crate::number::real::{Real, signed};
+use crate::model::Source;
+use crate::number::{Real, signed};
 
 /// The numbers of a side.
 #[derive(Debug, Clone, Copy)]
