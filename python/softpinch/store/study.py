@@ -285,10 +285,9 @@ class Failures(Sequence[Capsule]):
         if not -len(self) <= index < len(self):
             raise IndexError(f"failure {index} of {len(self)}")
         maker = self._study.made_by[-1]
+        made_by = {"version": maker["softpinch"], "results_version": maker["results_version"]}
         (capsule,) = self._study._capsules(self._study._rows_of(self._runs[[index]]))
-        return replace(
-            capsule, version=maker["softpinch"], results_version=maker["results_version"]
-        )
+        return replace(capsule, **made_by)
 
     def __repr__(self) -> str:
         return f"<{len(self)} failures of {self._study!r}>"
@@ -339,7 +338,10 @@ def compute_in_folder(computation: Computation, store: str | Path) -> Study:
         return stopping.enough(rows)
 
     try:
-        enough = bool(spec.stop_when) and any(map(stopping.enough, _events(folder)))
+        # From the columns that determine the events of computed runs (`EVENTS`).
+        events = ("run", "status", HOLDS, *(f"first_{name}" for name in _core.VIOLATIONS))
+        known = (Rows(columns=folder.read(part, events)) for part in folder.parts)
+        enough = bool(spec.stop_when) and any(map(stopping.enough, known))
         alone = bool(spec.stop_when) or computation.executor is not None
         missing = Spans.upto(0) if enough else computation.wanted.without(folder.done)
         computation.compute(missing, accept, lambda: BLOCK * (1 if alone else blocks))
@@ -366,13 +368,6 @@ def _refuse_unrepeatable_draws(draws: Draws, missing: Spans) -> None:
                 )
 
 
-def _events(folder: Folder) -> Iterator[Rows]:
-    """Yields the columns that determine the events of computed runs (`EVENTS`), part by part."""
-    entries = ("run", "status", HOLDS, *(f"first_{name}" for name in _core.VIOLATIONS))
-    for part in folder.parts:
-        yield Rows(columns=folder.read(part, entries))
-
-
 def _matching_manifest(path: Path, given: Mapping[str, Any]) -> dict[str, Any] | None:
     """The manifest of a folder that holds the given study; None if the folder is empty."""
     if not (path / MANIFEST).exists():
@@ -395,11 +390,8 @@ def _continued(there: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, 
         free["trajectories"] = sorted(paths)
     if "trajectories" not in given["study"]:
         free |= {name: there["study"][name] for name in RECORDING if name in there["study"]}
-    return {
-        **there,
-        "study": {**kept, **free},
-        "made_by": known if ours in known else [*known, ours],
-    }
+    makers = known if ours in known else [*known, ours]
+    return {**there, "study": {**kept, **free}, "made_by": makers}
 
 
 def _verify_same_bits(spec: StudySpec, folder: Folder, there: Mapping[str, Any]) -> None:
@@ -413,9 +405,8 @@ def _verify_same_bits(spec: StudySpec, folder: Folder, there: Mapping[str, Any])
     how = "; ".join(changed) or "the versions are the same: was a function of vary changed?"
     for name, values in drawn.items():
         if values.tobytes() != some.columns[name].tobytes():
-            raise StoreError(
-                f"{folder.path}: {name}: a new draw differs from the stored one ({how})"
-            )
+            why = f"a new draw differs from the stored one ({how})"
+            raise StoreError(f"{folder.path}: {name}: {why}")
     if ours in there["made_by"]:  # an earlier writer had this software and processor
         return
     first = rows.select(np.array([0]))
@@ -424,7 +415,5 @@ def _verify_same_bits(spec: StudySpec, folder: Folder, there: Mapping[str, Any])
         # NaN does not equal itself, so values that differ as lists are compared as bytes.
         before = first.columns[name].astype(values.dtype)
         if values.tolist() != before.tolist() and values.tobytes() != before.tobytes():
-            raise StoreError(
-                f"{folder.path}: {name} of run {first.run[0]}: computing it again gives another "
-                f"result than the stored one ({how})"
-            )
+            why = f"computing it again gives another result than the stored one ({how})"
+            raise StoreError(f"{folder.path}: {name} of run {first.run[0]}: {why}")
