@@ -340,10 +340,12 @@ def _shifts(
                 yield [direction, time, 0.0, 0.0, 0.0, 0.0, *(-by * jump)]
         for sine, own_sine in zip(load.sines, moved.sines, strict=True):
             start, end, omega, phase = sine[:4]
-            ends = (start, np.sin(phase)), (end, -np.sin(omega * (end - start) + phase))
-            for (time, wave), by in zip(ends, own_sine[:2], strict=True):
-                if by:
-                    yield [direction, time, 0.0, 0.0, 0.0, 0.0, *(-by * (sine[4:] * wave))]
+            if own_sine[0]:
+                jump = sine[4:] * np.sin(phase)
+                yield [direction, start, 0.0, 0.0, 0.0, 0.0, *(-own_sine[0] * jump)]
+            if own_sine[1]:
+                jump = -sine[4:] * np.sin(omega * (end - start) + phase)
+                yield [direction, end, 0.0, 0.0, 0.0, 0.0, *(-own_sine[1] * jump)]
 
 
 def _jumps(of: Piecewise, slope: Piecewise) -> Iterator[tuple[float, float, Floats, Floats]]:
