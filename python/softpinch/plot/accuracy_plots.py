@@ -247,9 +247,9 @@ def stability_map(map: StabilityMap, ax: Axes | None = None) -> Figure:
             # The predicted step goes through the cells' centres, or across a lone cell.
             known = (map.predicted[k] > 0.0) & np.isfinite(map.predicted[k])
             steps = np.where(known, map.predicted[k], np.nan)
+            line = (left, steps[[0, 0]]) if len(map.values) == 1 else (map.values, steps)
             for style in _LINES:
-                lone = len(map.values) == 1
-                each.plot(left if lone else map.values, steps[[0, 0]] if lone else steps, **style)
+                each.plot(*line, **style)
         across, up = f"{map.label} [{map.unit}]", "step $dt$ [s]"
         if axes.size > 1:
             figure.supxlabel(across, fontsize=9.0)

@@ -398,6 +398,7 @@ def carry_limits(limits: CarryLimits, ax: Axes | None = None) -> Figure:
 def _polar(
     ax: Axes | None, columns: int, width: float, height: float
 ) -> Iterator[tuple[Figure, NDArray[Any]]]:
+    """Polar panels in a row, or the given polar axes."""
     polar = {"projection": "polar"}
     with s.panels_or_given(ax, 1, columns, width, height, subplot_kw=polar) as (figure, axes):
         if axes[0, 0].name != "polar":

@@ -271,7 +271,6 @@ def _limits(value: object) -> Floats | None:
     if value is None:
         return None
     given = checks.numbers("SampledController.limits", value)
-
     place = f"SampledController.limits = {checks.shown(value)}"
     if given.shape not in ((2,), (2, 2)):
         raise ValueError(f"{place}: must be (smallest, largest), or one such pair for each finger")

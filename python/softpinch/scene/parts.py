@@ -248,7 +248,7 @@ class MeasuredLaw(TipLaw):
 
 
 def measured_curve(owner: str, compression: object, force: object) -> tuple[Floats, Floats]:
-    """Checks a measured law; `owner` begins the names in errors."""
+    """Checks compressions and forces (k,) of a measured law; `owner` begins names in errors."""
     d = checks.increasing(f"{owner}compression", compression)
     f = checks.increasing(f"{owner}force", force)
     for name, values in (("compression", d), ("force", f)):
