@@ -242,15 +242,12 @@ def monte_carlo(
     differentiable, by = checked_gradients(
         scene, gradients, sensitivities, list(spec.shapes), store=store, executor=executor
     )
-    computation = Computation(
-        spec, only=only, threads=threads, executor=executor, progress=progress
-    )
-    result = compute(computation, store)
+    wanted = Computation(spec, only=only, threads=threads, executor=executor, progress=progress)
+    result = compute(wanted, store)
     if by and isinstance(result, Ensemble) and not result.interrupted:
         try:
-            result._gradients = differentiated(
-                spec, result._rows, differentiable, by, how_many_threads(threads)
-            )
+            many = how_many_threads(threads)
+            result._gradients = differentiated(spec, result._rows, differentiable, by, many)
         except KeyboardInterrupt:
             result.interrupted = True
     return result

@@ -57,10 +57,8 @@ def manipulation(**changes: Any) -> Scene:
         changes: Fields of `Scene` to replace, as with `dataclasses.replace`.
     """
     times = OPERATION_TIME * np.arange(len(OPERATIONS))
-    scene = Scene(
-        schedule=Schedule.steps(times, np.deg2rad(OPERATIONS)),
-        duration=OPERATION_TIME * len(OPERATIONS),
-    )
+    schedule = Schedule.steps(times, np.deg2rad(OPERATIONS))
+    scene = Scene(schedule=schedule, duration=OPERATION_TIME * len(OPERATIONS))
     return replace(scene, **changes)
 
 

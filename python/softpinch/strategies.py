@@ -40,6 +40,7 @@ from .scene import (
 from .scene.disturbance import DISTURBANCES, Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
 from .scene.hand import links
 from .scene.motion import MOTIONS, HandMotion
+from .scene.parts import lever
 from .scene.scene import Scene, State
 from .scene.schedule import HOLDS, KINDS, Schedule
 from .scene.stabilization import Stabilization
@@ -481,7 +482,7 @@ def consistent_states(
         along = sign * (x * math.cos(theta) + y * math.sin(theta))
         faces = tip.radius - d_n + 0.5 * grasped.width + sign * grasped.com_offset
         span = along + finger.root_offset * math.cos(theta) - faces
-        assume(abs(span) < 0.95 * outline.arm(finger))
+        assume(abs(span) < 0.95 * lever(finger))
         tilt = outline.angle_at(finger.length, finger.half_thickness, span)
         assert tilt is not None
         angles.append(tilt - sign * theta)

@@ -52,7 +52,7 @@ class StressCase:
     name: str = ""
     why: str
     scene: Scene
-    dt: float
+    dt: float = 1e-4
     stabilization: Stabilization = Stabilization()  # noqa: RUF009, it is frozen
     end: str = "completed"
     long: bool = False
@@ -74,9 +74,8 @@ def _heavy(mass: float) -> GraspedObject:
 def _folded() -> Scene:
     """Fingers whose roots are so far apart that they compress the tips by 1 mm at 80 degrees."""
     tilt, tip, width, finger = math.radians(80.0), Fingertip(), GraspedObject().width, Finger()
-    wide = replace(
-        finger, root_offset=outline.inward(finger, tilt) + tip.radius - 1e-3 + 0.5 * width
-    )
+    root_offset = outline.inward(finger, tilt) + tip.radius - 1e-3 + 0.5 * width
+    wide = replace(finger, root_offset=root_offset)
     scene = Scene(
         hand=Hand(right=wide, left=wide, tip=tip),
         control=Pid(kp=0.0, kd=0.0, ki=0.0),
@@ -109,7 +108,6 @@ _CASES = {
     "feather": StressCase(
         why="an object and tips of 0.1 g: viscosity stops them within a microsecond",
         scene=_held(grasped=_heavy(1e-4), duration=_SHORT),
-        dt=1e-4,
     ),
     "anvil": StressCase(
         why="10 kg between fingers of 0.1 kg: masses far apart, and slow sagging",
@@ -123,7 +121,6 @@ _CASES = {
             grasped=GraspedObject(mass=1e-3),
             duration=_SHORT,
         ),
-        dt=1e-4,
     ),
     "undamped": StressCase(
         why="no viscosity: the tips ring on, and so does every error",
@@ -131,18 +128,15 @@ _CASES = {
             hand=Hand(tip=Fingertip(normal_viscosity=0.0, tangential_viscosity=0.0)),
             duration=_MEDIUM,
         ),
-        dt=1e-4,
     ),
     "deadbeat_gains": StressCase(
         why="K_P = 1e4, K_D = 20: the fingers arrive within a step",
         scene=_held(control=Pid(kp=1e4, kd=20.0), duration=_MEDIUM),
-        dt=1e-4,
     ),
     "strong_stabilization": StressCase(
         why="alpha = beta = 1e6 1/s: the constraint's own modes are faster than any step",
         scene=_held(duration=_MEDIUM),
         stabilization=Stabilization(alpha=1e6, beta=1e6),
-        dt=1e-4,
     ),
     "barely_touching": StressCase(
         why="compressed by micrometres, where a tip has next to no stiffness",
@@ -157,7 +151,6 @@ _CASES = {
     "crushed": StressCase(
         why="tips so soft that the fingers press them flat: it ends, as a status",
         scene=_held(25.0, hand=Hand(tip=Fingertip(youngs_modulus=3e3)), duration=_MEDIUM),
-        dt=1e-4,
         end="crushed",
     ),
     "folded": StressCase(
@@ -168,28 +161,23 @@ _CASES = {
     "hammer": StressCase(
         why="a blow that changes every velocity at once, in the middle of the motion",
         scene=_struck(0.03, -0.02, 1e-4),
-        dt=1e-4,
     ),
     "thrown_out": StressCase(
         why="a blow that tears the object from a tip: it ends, as a status",
         scene=_struck(6.0, 0.0, 0.0),
-        dt=1e-4,
         end="separated",
     ),
     "switching_every_step": StressCase(
         why="targets that jump every 0.1 ms: no step is longer, and no history helps",
         scene=Scene(schedule=_swinging(), duration=_SHORT),
-        dt=1e-4,
     ),
     "whirled": StressCase(
         why="a move of 0.18 m and 57 degrees in 50 ms: forces of forty weights, which jump",
         scene=replace(_held(duration=_MEDIUM), motion=_WHIRL),
-        dt=1e-4,
     ),
     "long": StressCase(
         why="1000 s, 10^7 steps of 0.1 ms: round-off and drift have time",
         scene=_held(duration=1000.0),
-        dt=1e-4,
         long=True,
     ),
 }

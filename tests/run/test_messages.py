@@ -9,7 +9,7 @@ import pytest
 
 import softpinch as sp
 from softpinch import stress
-from softpinch.scene.outline import contact_heights
+from softpinch.scene.outline import contacts
 from unilateral_scenes import gripped, thrown
 
 
@@ -84,7 +84,7 @@ def test_a_lost_object_is_told_how(scene: sp.Scene, cause: str) -> None:
     time, *finger, measured = said.groups()
     assert time == f"{run.t[-1]:.6g}"
     now, start = (
-        np.abs(contact_heights(run.scene, np.asarray(run.state(k).q)[None]))[0] for k in (-1, 0)
+        np.abs(contacts(run.scene, np.asarray(run.state(k).q)[None]).places)[0] for k in (-1, 0)
     )
     half = 0.5 * scene.grasped.height  # type: ignore[operator]
     if finger:

@@ -365,11 +365,9 @@ class _Search:
             raise _GivenUp("the budget ended before a setting was good enough")
         if len(self._errors) == _MOST_TRIALS:
             raise _GivenUp("no setting was good enough")
-        if self.kind == "dt" and self.expected(value) > most:
-            self.least_time = self.expected(value)
-            raise _GivenUp(
-                f"dt = {value:.2g} s or less would take {1e3 * self.least_time:.2g} ms a run"
-            )
+        if self.kind == "dt" and (least := self.expected(value)) > most:
+            self.least_time = least
+            raise _GivenUp(f"dt = {value:.2g} s or less would take {1e3 * least:.2g} ms a run")
         run, spent = timed_run(self.request(value, most))
         if run.status == "too_many_steps":
             self.least_time = spent
@@ -524,11 +522,9 @@ class _Advisor:
         )
 
     def _advice(self, parts: list[str], **found: Any) -> Advice:
+        tried = self.motion.scene.duration
         if self.motion.share < 1.0:
-            parts.append(
-                f"only the first {self.motion.scene.duration:.3g} s were tried, and times are "
-                "scaled up"
-            )
+            parts.append(f"only the first {tried:.3g} s were tried, and times are scaled up")
         if self.untried:
             count = len(self.untried)
             pairs = "1 pair was" if count == 1 else f"{count} pairs were"
@@ -539,7 +535,7 @@ class _Advisor:
             tolerance=self.motion.tolerance,
             equal=self.best["dt"],
             adaptive=self.best["tolerance"],
-            tried=self.motion.scene.duration,
+            tried=tried,
             untried=tuple(self.untried),
             stabilization=self.motion.stabilization,
             trials=tuple(self.trials),

@@ -119,7 +119,7 @@ class Peer:
     ends: Callable[[Any], tuple[Floats, Floats]]
 
     def __post_init__(self) -> None:
-        """Checks the types; `prepare` itself must accept the values."""
+
         checks.instance("Peer.name", self.name, str, "text")
         checks.instance("Peer.setting", self.setting, str, "text")
         checks.array("Peer.values", self.values, ("k",))
@@ -162,10 +162,8 @@ class WorkPrecision(Result):
         size = "along" if checks.choice("where", where, WHERE) == "along" else "error"
         found = []
         for rows in self.curves().values():
-            good = [getattr(row, size) <= error for row in rows]
-            kept = [
-                row for k, row in enumerate(rows) if good[k] and (k + 1 == len(rows) or good[k + 1])
-            ]
+            good = [*(getattr(row, size) <= error for row in rows), True]
+            kept = [row for k, row in enumerate(rows) if good[k] and good[k + 1]]
             found += sorted(kept, key=lambda row: row.time)[:1]
         return tuple(sorted(found, key=lambda row: row.time))
 

@@ -159,12 +159,10 @@ def right_hand_side(
     def rates(y, c, u):  # type: ignore[no-untyped-def]
         """The rates of y; (M_5 + Phi_5^T M_d Phi_5) v' = f_5 - Phi_5^T (f_d + M_d b)."""
         cosine, sine = cos(y[2]), sin(y[2])
-        half, off, gravity = 0.5 * c[30], c[33], c[34]
+        face1, face2, gravity = 0.5 * c[30] - c[33], 0.5 * c[30] + c[33], c[34]
         one, two = c[0:15], c[15:30]
-        m1, r1, back1, slip1, lag1 = finger(
-            -1.0, 0, y, one, half - off, cosine, sine, gravity, u[0]
-        )
-        m2, r2, back2, slip2, lag2 = finger(1.0, 1, y, two, half + off, cosine, sine, gravity, u[1])
+        m1, r1, back1, slip1, lag1 = finger(-1.0, 0, y, one, face1, cosine, sine, gravity, u[0])
+        m2, r2, back2, slip2, lag2 = finger(1.0, 1, y, two, face2, cosine, sine, gravity, u[1])
         force_x, force_y = u[2], u[3] - c[31] * gravity
         uu, uv, uw = c[31] + m1[0] + m2[0], m1[1] + m2[1], m1[2] + m2[2]
         vv, vw, ww = c[31] + m1[3] + m2[3], m1[4] + m2[4], c[32] + m1[5] + m2[5]

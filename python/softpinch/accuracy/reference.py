@@ -21,6 +21,7 @@ from ..run.request import Request
 from ..run.run import computed
 from ..scene.contact import require_bilateral
 from ..scene.control import WRITTEN
+from ..scene.fields import ESTIMATED
 from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats, read_only
@@ -215,10 +216,7 @@ def _reference(
     """A reference whose rows are those picked from the whole motion, which gives the scales."""
     usual = scaled_error.usual(scene)
     rows = {name: read_only(values[picked]) for name, values in along.items()}
-    scales = {
-        name: read_only(scaled_error.scales(name, along[name], usual))
-        for name in scaled_error.UNITS
-    }
+    scales = {k: read_only(scaled_error.scales(k, along[k], usual)) for k in ESTIMATED}
     return Reference(t=times, **rows, method=method, evaluations=count, scales=scales)
 
 
@@ -248,9 +246,8 @@ class _Problem:
         self.start, begin = _start(scene, self.c, checks.positive("tolerance", tolerance))
         end = begin + scene.duration
         if not end > begin:
-            raise ValueError(
-                f"Scene.duration = {scene.duration}: too short, it ends no later than it starts"
-            )
+            rule = "too short, it ends no later than it starts"
+            raise ValueError(f"Scene.duration = {scene.duration}: {rule}")
         self.inputs = Inputs(scene, begin, end)
         self.t, self.wanted = self.inputs.instants(times)
         c, of_states = self.c, rates or PLAIN.rates

@@ -103,10 +103,7 @@ class ReferenceMotion:
         n = len(right) - (not np.isin(right.t[-1], t))
         if n < 2 or not np.array_equal(right.t[:n], t[:n]):
             return None
-        found = {
-            name: float(self._scaled(name, run, right, chosen[:n], slice(n)).max())
-            for name in ESTIMATED
-        }
+        found = {name: self._scaled(name, run, right, chosen[:n], slice(n)) for name in ESTIMATED}
         return found if all(map(math.isfinite, found.values())) else None
 
     def confirm(self, run: Run) -> tuple[float, str]:
@@ -119,13 +116,12 @@ class ReferenceMotion:
         other = self.exact(run.t[last:][:1], method)
         if other.t[0] != run.t[last]:
             return math.inf, method
-        return max(float(self._scaled(name, run, other, last, 0)) for name in ESTIMATED), method
+        return max(self._scaled(name, run, other, last, 0) for name in ESTIMATED), method
 
-    def _scaled(self, name: str, run: Run, right: Run, rows: Any, same: Any) -> Floats:
-        """The scaled error of a quantity in some rows of a run; `same` are those of the other."""
-        return scaled_error.by_row(
-            getattr(run, name)[rows], getattr(right, name)[same], self.scales[name]
-        )
+    def _scaled(self, name: str, run: Run, right: Run, rows: Any, same: Any) -> float:
+        """The largest error of a quantity in some rows of a run; `same` are those of the other."""
+        value, exact = getattr(run, name)[rows], getattr(right, name)[same]
+        return float(scaled_error.by_row(value, exact, self.scales[name]).max())
 
     def stable(self, formulation: Formulation, method: Method) -> float:
         """The longest stable step along the run, s; inf if the torques at a state are not known."""

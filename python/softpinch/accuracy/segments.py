@@ -29,10 +29,8 @@ from ..support.arrays import Floats
 Driven: TypeAlias = Callable[[float], tuple[float, ...]]
 
 # The methods of SciPy that compute references -> whether they take a Jacobian.
-METHODS = {
-    **dict.fromkeys(("DOP853", "RK45", "RK23"), False),
-    **dict.fromkeys(("Radau", "BDF", "LSODA"), True),
-}
+METHODS = dict.fromkeys(("DOP853", "RK45", "RK23"), False)
+METHODS |= dict.fromkeys(("Radau", "BDF", "LSODA"), True)
 # The absolute tolerance as a share of the relative one times each state's size. An implicit method
 # solves equations down to their round-off; with a smaller tolerance its steps would get ever
 # shorter.
@@ -59,7 +57,7 @@ class Inputs:
     """
 
     def __init__(self, scene: Scene, begin: float, end: float) -> None:
-        """Reads the scene's inputs for a run from `begin` to `end`, s."""
+
         self._near = _ULPS * float(np.spacing(max(abs(begin), abs(end))))
         # The first channel of each piecewise polynomial, and its coefficients per interval.
         self._pieces: list[tuple[int, Piecewise]] = [(_TARGET, scene.schedule.compile())]
@@ -70,11 +68,9 @@ class Inputs:
         for place, disturbance in enumerate(scene.disturbances):
             compiled = disturbance.compile()
             self._pieces += [(_LOAD, force) for force in compiled.forces]
-            self._pieces += [
-                (_LOAD, _held_noise(row, (seed, run), place, begin, end))
-                for row, seed, run in compiled.noises
-            ]
-            self._waves += [(_LOAD, row.tolist()) for row in compiled.sines]
+            for row, seed, run in compiled.noises:
+                self._pieces.append((_LOAD, _held_noise(row, (seed, run), place, begin, end)))
+            self._waves += [(_LOAD, sine.tolist()) for sine in compiled.sines]
             kicks += compiled.impulses
         if scene.motion is not None:
             self._add_motion(scene.motion.compile(), begin)
@@ -172,9 +168,8 @@ def _held_noise(
     first = max(0, math.floor((max(start, begin) - start) * rate) - 1)
     count = math.ceil((last - start) * rate) + 1 - first
     if count > _MOST_SAMPLES:
-        raise ValueError(
-            f"Noise.rate_hz = {rate}: {count} samples are too many, the limit is {_MOST_SAMPLES}"
-        )
+        why = f"{count} samples are too many, the limit is {_MOST_SAMPLES}"
+        raise ValueError(f"Noise.rate_hz = {rate}: {why}")
     times = np.arange(first, first + count) / rate + start
     kept = times < stop
     loads = _core.noise((std[0], std[1], std[2]), key, place, first, count)[kept]
@@ -239,12 +234,12 @@ def integrate(
         states += [y, *rows[1:-1]]
         loads += map(driven, t[:-1].tolist())
         y = rows[-1]
-    return Motion(
+    rows_of_all = (
         np.array([*times, right]),
         np.array([*states, y]),
         np.array([*loads, driven(right)]),
-        solver.count,
     )
+    return Motion(*rows_of_all, solver.count)
 
 
 class _Solver:
@@ -289,6 +284,7 @@ class _Solver:
         self, left: float, begin: float, end: float, y: Floats, driven: Driven, **options: Any
     ) -> Any:
         """SciPy's result. Its clock starts at `left`: late in a run it resolves shorter steps."""
+        options |= self._tolerances
         rates, jacobian = self._system.rates, self._system.jacobian
         failed = np.full(len(y), np.nan)
 
@@ -310,9 +306,7 @@ class _Solver:
             with np.errstate(all="ignore"), warnings.catch_warnings():
                 # The result shows what these warnings say.
                 warnings.simplefilter("ignore")
-                done = self._solve_ivp(
-                    slope, (begin, end), y, self._method, **self._tolerances, **options
-                )
+                done = self._solve_ivp(slope, (begin, end), y, self._method, **options)
         except (ArithmeticError, ValueError) as trouble:
             raise self._gave_up(self._reached, str(trouble)) from trouble
         finite = np.isfinite(done.y).all(axis=0)
@@ -329,9 +323,8 @@ class _Solver:
         runs_away = self.count - self._before > _MAX_EVALUATIONS
         if runs_away or self.count > self._most:
             reason = "runs away" if runs_away else f"takes more than {self._most} evaluations"
-            raise RuntimeError(
-                f"reference: the motion {reason} at t = {self._reached} s, by {self._method}"
-            )
+            where = f"at t = {self._reached} s, by {self._method}"
+            raise RuntimeError(f"reference: the motion {reason} {where}")
 
     def _gave_up(self, t: float, message: str) -> RuntimeError:
         return RuntimeError(

@@ -22,7 +22,7 @@ from ..scene.contact import as_bilateral
 from ..scene.control import WRITTEN, Pid, pids_of
 from ..scene.disturbance import Impulse
 from ..scene.hand import Finger, Fingertip, links
-from ..scene.parts import jaws
+from ..scene.parts import jaws, lever
 from ..scene.scene import Scene, State
 from ..scene.schedule import Schedule
 from ..scene.stabilization import Stabilization
@@ -80,31 +80,21 @@ def choose(
         # Paths are those of `monte_carlo`.
         path = axis
         if path.split(".")[0] not in {f.name for f in fields(Scene)}:
-            known = checks.quoted(AXES)
-            raise ValueError(
-                f"axis = {checks.shown(path)}: must be one of {known}, or a path such as "
-                f'"grasped.mass"{checks.hint(path, AXES)}'
-            )
+            rule = f'must be one of {checks.quoted(AXES)}, or a path such as "grasped.mass"'
+            hint = checks.hint(path, AXES)
+            raise ValueError(f"axis = {checks.shown(path)}: {rule}{hint}")
         varied = SceneTemplate(scene, [path], 0)
         varied.require_numbers("axis")
-        unit = units.units(path, (), jaws(scene))
+        label, unit = units.label(path), units.units(path, (), jaws(scene))
         assert isinstance(unit, str)
-        found = Axis(
-            path,
-            units.label(path),
-            unit,
-            "linear",
-            (),
-            lambda _, value: varied.changed({path: value}),
-        )
+        found = Axis(path, label, unit, "linear", (), lambda _, v: varied.changed({path: v}))
     elif callable(axis):
         function = axis
         name = getattr(function, "__name__", type(function).__name__)
         found = Axis(name, name, "1", "linear", (), lambda _, value: function(value))
     else:
-        raise TypeError(
-            f"axis = {checks.shown(axis)}: must be a name, a path or a function value -> Scene"
-        )
+        rule = "must be a name, a path or a function value -> Scene"
+        raise TypeError(f"axis = {checks.shown(axis)}: {rule}")
     if values is None:
         raise ValueError(f"values: must be given for axis = {found.name!r}")
     wide = values[0] > 0.0 and values[-1] > _DECADES * values[0]
@@ -122,9 +112,8 @@ def _gains(scene: Scene, factor: float) -> Scene:
         return replace(pid, kp=factor * pid.kp, kd=factor * pid.kd, ki=factor * pid.ki)
 
     if scene.law != "pid":
-        raise ValueError(
-            f'axis "gains": the scene has no PID gains, because of {WRITTEN[scene.law]}'
-        )
+        law = WRITTEN[scene.law]
+        raise ValueError(f'axis "gains": the scene has no PID gains, because of {law}')
     right, left = pids_of(scene.control)
     return replace(scene, control=(scaled(right), scaled(left)))
 
@@ -148,7 +137,7 @@ def _closed(scene: Scene, k: int, share: float) -> float:
     if angle is None:
         raise ValueError(
             f"the {SIDES[k]} finger would have to reach {1e3 * inwards:.4g} mm inwards, "
-            f"and its length lets it reach {1e3 * outline.arm(finger):.4g} mm"
+            f"and its length lets it reach {1e3 * lever(finger):.4g} mm"
         )
     return angle
 
@@ -182,9 +171,8 @@ def _held_at(scene: Scene, angles: list[float]) -> Scene:
     scene = replace(scene, schedule=Schedule.steps([time], [angles]))
     fingers = links(scene, "a grasp at given angles")
     heights = map(outline.upward, fingers, angles)
-    start = State.consistent(
-        scene, x=scene.grasped.com_offset, y=sum(heights) / 2, fingers=angles, time=time
-    )
+    x, y = scene.grasped.com_offset, sum(heights) / 2
+    start = State.consistent(scene, x=x, y=y, fingers=angles, time=time)
     # While both tips stick the terms are those of bilateral contact.
     quiet = replace(as_bilateral(scene), disturbances=())
 

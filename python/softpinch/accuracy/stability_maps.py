@@ -245,9 +245,8 @@ class _Reference:
             for method in _METHODS
         )
         usual = scaled_error.usual(scene)
-        self._scales = {
-            name: scaled_error.scales(name, getattr(self._run, name), usual) for name in ("q", "p")
-        }
+        both = {"q": self._run.q, "p": self._run.p}
+        self._scales = {name: scaled_error.scales(name, rows, usual) for name, rows in both.items()}
         self.status, self.floor = self._run.status, np.inf
         if self.status == second.status == "completed":
             self.floor = self._error(second.q[-1], second.p[-1])

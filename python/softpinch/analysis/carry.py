@@ -10,7 +10,6 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..run.request import rest_scene
 from ..run.run import Run
 from ..run.simulate import simulate
 from ..scene.motion import HandMotion
@@ -143,22 +142,16 @@ def carry_limits(
         raise ValueError('profile: needs contact = "unilateral", a bilateral one is never lost')
     if rest.scene.motion is not None:
         tilt = float(rest.scene.motion.at(rest.time).tilt)
-    limit, cause, _ = limits_of(
-        rest, len(rows), lambda q: rest_scene(rest.scene, rest.time).carry_limits(q, rows)
-    )
+    limit, cause, _ = limits_of(rest, len(rows), lambda core, q: core.carry_limits(q, rows))
     if profile is not None:
         found = [
             _fastest(_move(rest, row, profile, distance, settle, tilt), slow)
             for row, slow in zip(rows, limit, strict=True)
         ]
         limit, cause = np.array([a for a, _ in found]), [name for _, name in found]
+    causes = np.array(cause)
     return CarryLimits(
-        equilibrium=rest,
-        direction=rows,
-        limit=limit,
-        cause=np.array(cause),
-        profile=profile,
-        tilt=tilt,
+        equilibrium=rest, direction=rows, limit=limit, cause=causes, profile=profile, tilt=tilt
     )
 
 
@@ -176,10 +169,8 @@ def _move(
             motion = HandMotion.trapezoid(times, points, acceleration, tilt)
         else:
             motion = HandMotion.minimum_jerk(times, points, tilt)
-        scene = rest.scene.with_(
-            {"initial": rest.state, "duration": duration + settle, "motion": motion}
-        )
-        return simulate(scene)
+        changes = {"initial": rest.state, "duration": duration + settle, "motion": motion}
+        return simulate(rest.scene.with_(changes))
 
     return run
 

@@ -150,9 +150,8 @@ class EquilibriumMap(Result):
         return self.cells[int(number)]
 
     def __repr__(self) -> str:
-        axes = " x ".join(
-            f"{name} ({len(values)})" for name, values in zip(self.axes, self.values, strict=True)
-        )
+        pairs = zip(self.axes, self.values, strict=True)
+        axes = " x ".join(f"{name} ({len(values)})" for name, values in pairs)
         parts = [f"{int((self.status == 'at_rest').sum())} of {self.status.size} at rest"]
         parts += [f"{int(self.stable.sum())} stable"]
         if self.branch.max() > 0:
@@ -281,26 +280,20 @@ class _Search:
         self.scene = scene
         self.time = None if time is None else checks.finite("time", time)
         self.names = tuple(axes)
-        self.values = tuple(
-            checks.increasing(f"axes[{checks.shown(name)}]", axes[name]) for name in axes
-        )
+        self.values = tuple(checks.increasing(f"axes[{checks.shown(k)}]", axes[k]) for k in axes)
         self.shape = tuple(len(values) for values in self.values)
         if int(np.prod(self.shape)) > _MOST:
             raise ValueError(f"axes: the map has {np.prod(self.shape)} cells: at most {_MOST}")
         self.kind, self._base = self._member(grip, shear)
         self._template = self._varied([name for name in axes if name not in FAMILY])
-        self.units = tuple(
-            "m" if name in FAMILY else str(units(name, (), jaws(scene))) for name in axes
-        )
+        self.units = tuple("m" if k in FAMILY else str(units(k, (), jaws(scene))) for k in axes)
         self.branch = np.full(self.shape, -1, dtype=np.int64)
         self.seams: Integers = np.empty((0, 2, len(self.shape)), dtype=np.int64)
         self._found: dict[Cell, Any] = {}
         self._reached_from: dict[Cell, Cell] = {}
         # All scenes are made first, so that bad values are refused before any search.
         self._scenes = {cell: self._scene_at(cell) for cell in np.ndindex(self.shape)}
-        self._rests = {
-            cell: rest_scene(each, self._time(each)) for cell, each in self._scenes.items()
-        }
+        self._rests = {cell: rest_scene(s, self._time(s)) for cell, s in self._scenes.items()}
 
     def _member(self, grip: ArrayLike | None, shear: ArrayLike | None) -> tuple[str, Floats]:
         """The kind of the members, and the numbers that no axis sets."""
@@ -308,9 +301,8 @@ class _Search:
         kinds = {kind for kind, numbers in given.items() if numbers is not None}
         kinds |= {FAMILY[name][0] for name in self.names if name in FAMILY}
         if len(kinds) > 1:
-            raise ValueError(
-                "grip and shear: give one of them, each chooses the member of the family"
-            )
+            rule = "give one of them, each chooses the member of the family"
+            raise ValueError(f"grip and shear: {rule}")
         tips = [tip for name in self.names if name in FAMILY for tip in FAMILY[name][1]]
         if len(tips) > len(set(tips)):
             raise ValueError(f"axes: {checks.quoted(self.names)} set the same number")

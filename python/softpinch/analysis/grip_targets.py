@@ -134,9 +134,8 @@ def grip(scene: Scene, force: float | None = None, compression: float | None = N
 def _require_targets(scene: Scene) -> None:
     """Refuses fingers without target angles, or whose angles do not depend on them."""
     if scene.law in ("torque", "sampled"):
-        raise ValueError(
-            f"Scene.{WRITTEN[scene.law]}: grip finds target angles, which these fingers do not have"
-        )
+        rule = "grip finds target angles, which these fingers do not have"
+        raise ValueError(f"Scene.{WRITTEN[scene.law]}: {rule}")
     for side, pid, jaw in zip(SIDES, pids_of(scene.control), jaws(scene), strict=True):
         moves = "travel moves the jaw" if jaw else "angle turns the finger"
         if scene.law == "pid" and pid.kp == 0.0 and pid.ki == 0.0:

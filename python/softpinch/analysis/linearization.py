@@ -188,10 +188,8 @@ def linearize(
     reduced = checks.boolean("reduced", reduced)
     open_loop = "torque" in chosen
     if open_loop and "targets" in chosen:
-        raise ValueError(
-            'inputs: "targets" and "torque" exclude each other; the targets act through the law '
-            "that the torques replace"
-        )
+        why = "the targets act through the law that the torques replace"
+        raise ValueError(f'inputs: "targets" and "torque" exclude each other; {why}')
     if not isinstance(state, State | Equilibrium | None):
         raise TypeError(f"state = {checks.shown(state)}: must be a State, an Equilibrium or None")
     if not open_loop:
@@ -240,31 +238,23 @@ def _inputs(scene: Scene, state: State) -> _core.Inputs:
 
 def _require_sound(scene: Scene, state: State, found: _core._Linear) -> None:
     """Refuses a state that the equations do not have, and derivatives that overflowed."""
+    q, on = state.q, found["output"][0]
     if not all(np.isfinite(found[name]).all() for name in ("A", "B", "C", "D")):
+        raise ValueError(f"state.q = {q.tolist()}: the motion has no finite derivatives there")
+    if scene.fingers == "driven" and np.abs(q[3:5] - on[3:5]).max() > _OFF_SCHEDULE:
         raise ValueError(
-            f"state.q = {state.q.tolist()}: the motion has no finite derivatives there"
-        )
-    on = found["output"][0]
-    if scene.fingers == "driven" and np.abs(state.q[3:5] - on[3:5]).max() > _OFF_SCHEDULE:
-        raise ValueError(
-            f'state.q[3:5] = {state.q[3:5].tolist()}: with fingers="driven" must be what the '
+            f'state.q[3:5] = {q[3:5].tolist()}: with fingers="driven" must be what the '
             f"schedule has at {state.time!r} s, {on[3:5].tolist()}"
         )
-    tips = scene.hand.tips
-    if np.abs(state.q[5:7] - on[5:7]).max() > _OFF * max(tip.radius for tip in tips):
+    if np.abs(q[5:7] - on[5:7]).max() > _OFF * max(tip.radius for tip in scene.hand.tips):
         raise ValueError(
-            f"state.q[5:7] = {state.q[5:7].tolist()}: compressions must satisfy C^H = 0 (9), "
+            f"state.q[5:7] = {q[5:7].tolist()}: compressions must satisfy C^H = 0 (9), "
             f"which gives {on[5:7].tolist()}; State.consistent() makes such a state"
         )
 
 
 def _selected(
-    found: _core._Linear,
-    state: State,
-    law: str,
-    ins: states.Ports,
-    outs: states.Ports,
-    own: Jaws,
+    found: _core._Linear, state: State, law: str, ins: states.Ports, outs: states.Ports, own: Jaws
 ) -> LinearModel:
     """The model with the chosen rows and columns."""
     columns, rows = list(ins.places), list(outs.places)

@@ -106,10 +106,9 @@ class Equilibrium(Result):
     def friction_needed(self) -> Floats:
         """|lambda^N| / lambda^H of both contacts (2,); inf where a tip pulls."""
         pressing, along = self.multipliers[:2], np.abs(self.multipliers[2:])
+        otherwise = np.where(pressing <= 0.0, np.inf, np.nan)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(
-                pressing > 0.0, along / pressing, np.where(pressing <= 0.0, np.inf, np.nan)
-            )
+            return np.where(pressing > 0.0, along / pressing, otherwise)
 
     @property
     def friction_margin(self) -> float:
@@ -178,7 +177,12 @@ def equilibrium(
     require_known_torque(scene.law, "equilibrium")
     if shear is not None and grip is not None:
         raise ValueError("shear and grip: give one of them, each chooses the member of the family")
-    start, instant = _search_start(near)
+    # The coordinates at which the search begins, and their instant.
+    start, instant = None, 0.0
+    if near is not None:
+        checks.instance("near", near, (State, Run), "a State, a Run or None")
+        state = near.state(-1) if isinstance(near, Run) else near
+        start, instant = state.q, state.time
     if time is not None:
         instant = checks.finite("time", time)
     elif start is None:
@@ -195,16 +199,6 @@ def equilibrium(
         kind, member = ("grip", np.zeros(2)) if start is None else ("from", start)
     found = rest_scene(scene, instant).equilibrium(kind, member, start)
     return from_core(scene, instant, found, kind, member)
-
-
-def _search_start(near: object) -> tuple[Floats | None, float]:
-    """The coordinates at which the search begins, and their instant."""
-    if near is None:
-        return None, 0.0
-    if not isinstance(near, State | Run):
-        raise TypeError(f"near = {checks.shown(near)}: must be a State, a Run or None")
-    state = near.state(-1) if isinstance(near, Run) else near
-    return state.q, state.time
 
 
 def last_instant(scene: Scene) -> float:
@@ -226,9 +220,8 @@ def from_core(scene: Scene, time: float, found: Any, kind: str, member: Floats) 
                 return _no_equilibrium(scene, time, name, words, kind, member)
     # The integral of a tiny K_I, or the rates of tiny masses, may overflow.
     if not np.isfinite(found["integral"]).all():
-        return _no_equilibrium(
-            scene, time, "not_found", "the PID's integral overflows", kind, member
-        )
+        words = "the PID's integral overflows"
+        return _no_equilibrium(scene, time, "not_found", words, kind, member)
     state = State(found["q"], integral=tuple(found["integral"].tolist()), time=time)
     eigenvalues = _eigenvalues(scene, state)
     growing = eigenvalues[2:].real.max()

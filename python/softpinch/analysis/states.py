@@ -114,24 +114,18 @@ _QUANTITIES = [QUANTITIES[name] for name in ("q", "multipliers", "torque")]
 _OUTPUT_NAMES = (*(name for each in _QUANTITIES for name in each.symbols), *RATES[:5])
 _OUTPUT_UNITS = (*(unit for each in _QUANTITIES for unit in each.units), *RATE_UNITS[:5])
 # Group -> its places among them.
-_OUTPUTS = {
-    group: range(*ends)
-    for group, ends in zip(OUTPUTS, pairwise((0, 3, 5, 7, 9, 13, 15, 20)), strict=True)
-}
+_ENDS = pairwise((0, 3, 5, 7, 9, 13, 15, 20))
+_OUTPUTS = {group: range(*ends) for group, ends in zip(OUTPUTS, _ENDS, strict=True)}
 
 
 @cache
 def input_ports(chosen: tuple[str, ...], law: str) -> Ports:
     """Returns the inputs of these groups in this order, of equations whose fingers `law` moves."""
     schedule = _SCHEDULES[law]
-    first = len(schedule.places)
-    force = Ports(
-        (first, first + 1, first + 2), ("force_x", "force_y", "moment"), ("N", "N", "N m")
-    )
-    own = {"targets": schedule, "torque": _TORQUES, "force": force}
-    own["acceleration"] = Ports(
-        (first + 3, first + 4), ("acceleration_x", "acceleration_y"), ("m/s^2", "m/s^2")
-    )
+    k = len(schedule.places)
+    force = Ports((k, k + 1, k + 2), ("force_x", "force_y", "moment"), ("N", "N", "N m"))
+    carried = Ports((k + 3, k + 4), ("acceleration_x", "acceleration_y"), ("m/s^2", "m/s^2"))
+    own = {"targets": schedule, "torque": _TORQUES, "force": force, "acceleration": carried}
     chosen_ports = zip(*(own[group] for group in chosen), strict=True)
     return Ports(*(tuple(chain.from_iterable(column)) for column in chosen_ports))
 
@@ -140,6 +134,5 @@ def input_ports(chosen: tuple[str, ...], law: str) -> Ports:
 def output_ports(chosen: tuple[str, ...]) -> Ports:
     """Returns the outputs of these groups in this order."""
     found = tuple(place for group in chosen for place in _OUTPUTS[group])
-    return Ports(
-        found, tuple(_OUTPUT_NAMES[k] for k in found), tuple(_OUTPUT_UNITS[k] for k in found)
-    )
+    names = tuple(_OUTPUT_NAMES[k] for k in found)
+    return Ports(found, names, tuple(_OUTPUT_UNITS[k] for k in found))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _core
 from ..run.request import rest_scene
 from ..run.run import Run
 from ..scene.parts import width
@@ -126,12 +127,11 @@ def wrench_limits(
         length = checks.positive("length", length)
     rest = equilibrium_of(grasp, time=time, shear=shear, near=near, grip=grip)
     length = 0.5 * width(rest.scene) if length is None else length
-    rows = _default_directions(length) if given is None else given
-    magnitude, limit, q = limits_of(
-        rest,
-        len(rows),
-        lambda q: rest_scene(rest.scene, rest.time).wrench_limits(q, np.ascontiguousarray(rows)),
-    )
+    if given is None:
+        moments = np.array([[0.0, 0.0, length], [0.0, 0.0, -length]])
+        given = np.vstack([np.column_stack([unit_directions(), np.zeros(_FORCES)]), moments])
+    rows = np.ascontiguousarray(given)
+    magnitude, limit, q = limits_of(rest, len(rows), lambda core, q: core.wrench_limits(q, rows))
     with np.errstate(invalid="ignore"):
         # Of a direction without limit, the components that are zero stay so.
         wrench = np.where(rows == 0.0, 0.0, magnitude[:, None] * rows)
@@ -158,12 +158,6 @@ def equilibrium_of(grasp: object, **given: Any) -> Equilibrium:
     return grasp
 
 
-def _default_directions(length: float) -> Floats:
-    """Forces of 1 N in all directions, and both moments of 1 N times `length`."""
-    moments = np.array([[0.0, 0.0, length], [0.0, 0.0, -length]])
-    return np.vstack([np.column_stack([unit_directions(), np.zeros(_FORCES)]), moments])
-
-
 def unit_directions() -> Floats:
     """Vectors of length one in the default directions, from x counter-clockwise."""
     angles = np.arange(_FORCES // 4) * (2.0 * np.pi / _FORCES)
@@ -185,15 +179,15 @@ def checked_directions(directions: ArrayLike, width: int) -> Floats:
 
 
 def limits_of(
-    rest: Equilibrium, count: int, borne: Callable[[Floats], Any]
+    rest: Equilibrium, count: int, borne: Callable[[_core.RestScene, Floats], Any]
 ) -> tuple[Floats, list[str], Floats]:
     """Multiples (n,) of `count` loads, names of the limits, and coordinates (n, 9).
 
-    `borne` computes them from the coordinates of an equilibrium that is stable.
+    `borne` computes them from the core's scene and the coordinates of a stable equilibrium.
     """
     none: Any = np.zeros(count)
     if rest.state is None:
         return none, [rest.status] * count, np.full((count, 9), np.nan)
     if rest.growth > ROUND_OFF * np.abs(rest.eigenvalues).max():
         return none, ["unstable"] * count, np.tile(rest.state.q, (count, 1))
-    return borne(rest.state.q)  # type: ignore[no-any-return]
+    return borne(rest_scene(rest.scene, rest.time), rest.state.q)  # type: ignore[no-any-return]

@@ -94,10 +94,8 @@ def stability(
         if steps is not None and not axes:
             raise ValueError("--dt needs --axis: it sets the steps of a stability map")
         # Check all maps before the first run.
-        plans = [
-            MapPlan(described, name, at, steps, wanted, stabilization, max_steps, threads)
-            for name in axes
-        ]
+        settings = (at, steps, wanted, stabilization, max_steps, threads)
+        plans = [MapPlan(described, name, *settings) for name in axes]
         if plans:
             require("matplotlib", extra="plot", purpose="figures")
             out.mkdir(parents=True, exist_ok=True)
@@ -108,9 +106,8 @@ def stability(
         with reporting(True, "longest steps") as report:
             for k, (formulation, method) in enumerate(wanted):
                 report(k, len(wanted))
-                longest.append(
-                    max_stable_dt(described, method, formulation, stabilization=stabilization)
-                )
+                step = max_stable_dt(described, method, formulation, stabilization=stabilization)
+                longest.append(step)
         for name, step in zip(names, longest, strict=True):
             measured = "-" if step.measured is None else f"{step.measured:.4g}"
             typer.echo(f"{name:{wide}}  {step.predicted:9.4g}  {measured:>9}  {step.message}")
@@ -207,9 +204,8 @@ def work_precision(
         for line in lines(found, where):
             typer.echo(line)
         table = found.save(out / "work_precision.csv")
-        figure = plot.save(
-            plot.work_precision(found, where=where), out / f"work_precision.{format}"
-        )
+        drawn = plot.work_precision(found, where=where)
+        figure = plot.save(drawn, out / f"work_precision.{format}")
         typer.echo(f"{out}: {table.name}, {figure.name}")
 
 

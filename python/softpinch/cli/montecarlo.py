@@ -183,9 +183,8 @@ def summary_table(study: Results) -> Table:
         reach = _REACH * mean.error
         interval = (mean.value, mean.value - reach, mean.value + reach)
         order = study.quantile(name, [0.05, 0.5, 0.95]).tolist()
-        rows.append(
-            (name, unit, mean.runs, *interval, mean.spread, mean.least, *order, mean.greatest)
-        )
+        spread = (mean.spread, mean.least, *order, mean.greatest)
+        rows.append((name, unit, mean.runs, *interval, *spread))
     return Table(columns=_SUMMARY, rows=tuple(rows))
 
 
@@ -198,10 +197,7 @@ def save_tables(study: Results, some: Ensemble, out: Path) -> list[Path]:
             file.unlink(missing_ok=True)
         return files[:1]
     columns = some._spec.schema.split(some.to_dict())
-    header = [
-        name if column.unit in ("", "1") else f"{name} [{column.unit}]"
-        for name, column in columns.items()
-    ]
+    header = [n if c.unit in ("", "1") else f"{n} [{c.unit}]" for n, c in columns.items()]
     numbers = (column.values.tolist() for column in columns.values())
     save_csv(files[1], header, zip(*numbers, strict=True))
     # NumPy pickles arrays of objects, and does not load pickles by default.

@@ -86,13 +86,11 @@ def with_changes(scene: Scene, changes: Sequence[str] | None) -> Scene:
     values: dict[str, Any] = {}
     for text in changes or ():
         path, equals, value = text.partition("=")
-        path = path.strip()
+        path, where = path.strip(), f"--set {checks.shown(text)}"
         if not (equals and path):
-            raise ValueError(
-                f"--set {checks.shown(text)}: must be PATH=VALUE, such as grasped.mass=0.2"
-            )
+            raise ValueError(f"{where}: must be PATH=VALUE, such as grasped.mass=0.2")
         if path in values:
-            raise ValueError(f"--set {checks.shown(text)}: {path} is given twice")
+            raise ValueError(f"{where}: {path} is given twice")
         try:
             found = toml.read(f"value = {value}")
         except ValueError:
@@ -100,7 +98,7 @@ def with_changes(scene: Scene, changes: Sequence[str] | None) -> Scene:
         # A value with line breaks could go on to other names.
         if found.keys() != {"value"}:
             raise ValueError(
-                f"--set {checks.shown(text)}: the value must be written as in TOML: a number such "
+                f"{where}: the value must be written as in TOML: a number such "
                 'as 0.3 or 3e5, an array such as [5, 0], or text in quotes such as "unilateral"'
             )
         values[path] = found["value"]

@@ -127,10 +127,8 @@ class Experiment(Result):
         blocks = []
         for name, own in observables.items():
             for column in own:
-                if owner.setdefault(column, name) != name:
-                    raise ValueError(
-                        f'measured{where}: "{owner[column]}" and "{name}" both have {column}'
-                    )
+                if (other := owner.setdefault(column, name)) != name:
+                    raise ValueError(f'measured{where}: "{other}" and "{name}" both have {column}')
             blocks.append(_values(f'measured{where}["{name}"]', measured[name], own, instants))
         data = np.hstack(blocks)
         if not np.isfinite(data).any():

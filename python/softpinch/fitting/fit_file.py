@@ -76,9 +76,8 @@ def _bounds(data: object) -> dict[str, Any]:
     for path, value in data.items():
         if isinstance(value, Mapping):
             # TOML reads a dotted path without quotes as nested tables.
-            raise ValueError(
-                f'[vary].{path}: must be one path in quotes, and bounds [low, high] or "{_FREE}"'
-            )
+            rule = f'must be one path in quotes, and bounds [low, high] or "{_FREE}"'
+            raise ValueError(f"[vary].{path}: {rule}")
         if isinstance(value, str):
             checks.choice(f'[vary]."{path}"', value, (_FREE,))
         found[path] = None if isinstance(value, str) else value
@@ -108,10 +107,8 @@ def read_data(path: Path, wanted: tuple[str, ...] | None) -> tuple[Floats, dict[
                 raise ValueError(f'has the column "{name}" more than once')
         for number, row in rows[1:]:
             if len(row) != len(names):
-                raise ValueError(
-                    f"line {number} has {len(row)} entries: must have one for each of the "
-                    f"{len(names)} names"
-                )
+                rule = f"must have one for each of the {len(names)} names"
+                raise ValueError(f"line {number} has {len(row)} entries: {rule}")
         every = {
             name: np.array([_number(row[k], number, name) for number, row in rows[1:]])
             for k, name in enumerate(names)
@@ -157,6 +154,5 @@ def _number(text: str, line: int, name: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise ValueError(
-            f'line {line}, column "{name}": {checks.shown(text)}: must be a number, or empty'
-        ) from None
+        where = f'line {line}, column "{name}"'
+        raise ValueError(f"{where}: {checks.shown(text)}: must be a number, or empty") from None

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..scene.parts import MeasuredLaw, ParallelSprings, PowerLaw
+from ..scene.parts import MeasuredLaw, ParallelSprings, PowerLaw, measured_curve
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.extras import require
@@ -48,11 +48,7 @@ class LawFit(Result):
 
 
 def fit_law(
-    compression: ArrayLike,
-    force: ArrayLike,
-    kind: str = "power",
-    *,
-    foot: float | None = None,
+    compression: ArrayLike, force: ArrayLike, kind: str = "power", *, foot: float | None = None
 ) -> LawFit:
     """Fits the law of a tip to forces that an upright tip was measured to have.
 
@@ -70,13 +66,7 @@ def fit_law(
         foot: The foot of a power law, m; a law with n < 2 needs one where its tip is released.
     """
     checks.choice("kind", kind, ("springs", "power", "measured"))
-    d = checks.increasing("compression", compression)
-    f = checks.increasing("force", force)
-    checks.same_length("force", f, "compression", len(d))
-    for name, given in (("compression", d), ("force", f)):
-        if len(given) < 3 or not given[0] > 0.0:
-            rule = "must be at least 3 numbers, the first above zero"
-            raise ValueError(f"{name} = {checks.shown(given.tolist())}: {rule}")
+    d, f = measured_curve("", compression, force)
     foot = 0.0 if foot is None else checks.non_negative("foot", foot)
     law: ParallelSprings | PowerLaw | MeasuredLaw
     names: tuple[str, ...] = ()

@@ -92,26 +92,21 @@ def parameters(
 ) -> tuple[Parameter, ...]:
     """Makes the parameters of a fit; the search starts at the values of the first scene."""
     if not isinstance(vary, Mapping):
-        raise TypeError(
-            f"vary = {checks.shown(vary)}: must map paths to bounds (low, high), or to None"
-        )
+        rule = "must map paths to bounds (low, high), or to None"
+        raise TypeError(f"vary = {checks.shown(vary)}: {rule}")
     if not vary:
         raise ValueError("vary = {}: must have at least one path")
     for path in vary:
         if not isinstance(path, str):
-            raise TypeError(
-                f"vary: the key {checks.shown(path)} must be one path; one number for several "
-                "paths is not supported"
-            )
+            rule = "must be one path; one number for several paths is not supported"
+            raise TypeError(f"vary: the key {checks.shown(path)} {rule}")
     templates = [SceneTemplate(scene, vary, 0) for scene in scenes]
     templates[0].require_numbers("vary")
     if start is not None and not isinstance(start, Mapping):
         raise TypeError(f"start = {checks.shown(start)}: must map paths of vary to numbers")
     for path in start or {}:
         checks.choice("start", path, vary)
-    return tuple(
-        _parameter(templates[0], path, bounds, start or {}) for path, bounds in vary.items()
-    )
+    return tuple(_parameter(templates[0], path, ends, start or {}) for path, ends in vary.items())
 
 
 def _parameter(
@@ -134,9 +129,8 @@ def _parameter(
     if path in start:
         value = checks.finite(f'start["{path}"]', start[path])
         if not low <= value <= high or (log and value <= 0.0):
-            raise ValueError(
-                f'start["{path}"] = {value}: must be within the bounds {low:g} and {high:g}'
-            )
+            rule = f"must be within the bounds {low:g} and {high:g}"
+            raise ValueError(f'start["{path}"] = {value}: {rule}')
     if log:
         finite = low > 0.0 and math.isfinite(high)
         span = math.log(high) - math.log(low) if finite else math.log(_DECADES)
@@ -264,16 +258,10 @@ class Problem:
         count = len(first)
         if not len(free):
             return Minimum(start.copy(), 0.5 * float(losses(first, loss).sum()), True)
+        ends = {"ftol": _OF_COST, "xtol": _OF_STEP, "gtol": _OF_STEP, "max_nfev": MOST_EVALUATIONS}
+        bounds = low - shift, high - shift
         found: Any = optimize.least_squares(
-            residuals,
-            u[free] - shift,
-            jac=jacobian,
-            bounds=(low - shift, high - shift),
-            loss=loss,
-            ftol=_OF_COST,
-            xtol=_OF_STEP,
-            gtol=_OF_STEP,
-            max_nfev=MOST_EVALUATIONS,
+            residuals, u[free] - shift, jac=jacobian, bounds=bounds, loss=loss, **ends
         )
         return Minimum(put(found.x).copy(), float(found.cost), found.status > 0)
 

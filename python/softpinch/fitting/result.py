@@ -208,10 +208,8 @@ class Fit(Result):
         return self._only("residuals", "experiments[k].residuals").residuals
 
     def _only(self, name: str, instead: str) -> Experiment:
-        if len(self.experiments) > 1:
-            raise ValueError(
-                f"Fit.{name}: there are {len(self.experiments)} experiments; take Fit.{instead}"
-            )
+        if (count := len(self.experiments)) > 1:
+            raise ValueError(f"Fit.{name}: there are {count} experiments; take Fit.{instead}")
         return self.experiments[0]
 
     @property

@@ -131,10 +131,8 @@ def fit(
     found = problems.parameters(scenes, vary, start)
     count = sum(int(each.known.sum()) for each in experiments)
     if any(each.estimated.any() for each in experiments) and count <= len(found):
-        raise ValueError(
-            f"measured: {count} numbers cannot determine {len(found)} parameters and the noise; "
-            "give the noise, or measure more"
-        )
+        what = f"{len(found)} parameters and the noise; give the noise, or measure more"
+        raise ValueError(f"measured: {count} numbers cannot determine {what}")
     paths = [each.path for each in found]
     for each in scenes:
         refuse_others(each, "fit")
@@ -148,9 +146,7 @@ def fit(
     require("scipy.optimize", extra="study", purpose="fit")
     most = problems.MOST_EVALUATIONS * (1 + multistart)
     with reporting(progress, "fitting") as report:
-        problem = Problem(
-            experiments, found, options, loss, lambda done: report(min(done, most), most)
-        )
+        problem = Problem(experiments, found, options, loss, lambda n: report(min(n, most), most))
         problem = _with_first_noise(problem)
         best, starts, same = _best(problem, _starts(found, multistart, seed))
         problem, best = _with_estimated_noise(problem, best)
@@ -173,9 +169,8 @@ def _experiments(scene: Any, times: Any, measured: Any, noise: Any) -> list[Expe
     for name, given in (("times", times), ("measured", measured), ("noise", noise)):
         one = checks.several(name, given, "a sequence with an entry for each scene")
         if len(one) != len(scenes):
-            raise ValueError(
-                f"{name} has {len(one)} entries: must have one for each scene, {len(scenes)}"
-            )
+            rule = f"must have one for each scene, {len(scenes)}"
+            raise ValueError(f"{name} has {len(one)} entries: {rule}")
         rows.append(one)
     return [
         Experiment.checked(one, instants, data, own, f"[{k}]")

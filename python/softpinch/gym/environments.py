@@ -74,9 +74,8 @@ class PinchEnv(gymnasium.Env[Observed, Actions]):
         if render_mode is not None:
             self._frames = Frames(self.task.scene, window=render_mode == "human")
             if render_mode == "human" and not self._frames.has_window:
-                gymnasium.logger.warn(
-                    'render_mode = "human": this backend of Matplotlib shows no window'
-                )
+                text = 'render_mode = "human": this backend of Matplotlib shows no window'
+                gymnasium.logger.warn(text)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -259,10 +258,8 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
         waiting = episodes.ended.copy()
         unfit = waiting if mode is AutoresetMode.DISABLED else ~episodes.started
         if unfit.any():
-            raise ResetNeeded(
-                f"environment {int(np.flatnonzero(unfit)[0])} has ended, or has not begun: "
-                "call reset()"
-            )
+            first = int(np.flatnonzero(unfit)[0])
+            raise ResetNeeded(f"environment {first} has ended, or has not begun: call reset()")
         outcome = episodes.step(actions)
         if mode is AutoresetMode.SAME_STEP and episodes.ended.any():
             return self._restarted(outcome, episodes.ended.copy(), final=True)
@@ -305,10 +302,8 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
             return np.ones(self.num_envs, bool)
         mask = checks.read("options['reset_mask']", options["reset_mask"])
         if mask.dtype != np.bool_ or mask.shape != (self.num_envs,) or not mask.any():
-            raise ValueError(
-                f"options['reset_mask'] = {checks.shown(mask)}: must be {self.num_envs} booleans, "
-                "and at least one True"
-            )
+            rule = f"must be {self.num_envs} booleans, and at least one True"
+            raise ValueError(f"options['reset_mask'] = {checks.shown(mask)}: {rule}")
         return mask.copy()
 
 

@@ -201,11 +201,7 @@ def final_state(
         return {"t": many["end_time"], "q": state[:, :9], "p": state[:, 9:], "status": status}
 
     layer = _layer(template, options, many=together if lanes else None)
-
-    def state(values: Values) -> FinalState:
-        return FinalState(**layer(values))
-
-    return state
+    return lambda values: FinalState(**layer(values))
 
 
 def _prepared(
@@ -231,11 +227,8 @@ def _layer(
     """Makes the JAX function of a run's rows, or of its last row alone if `rows` is None."""
     columns = {name: len(QUANTITIES[name].columns) for name in ("q", "p", *record)}
     first = () if rows is None else (rows,)
-    results = {
-        "t": array(*first),
-        **{name: array(*first, k) for name, k in columns.items()},
-        "status": array(kind=np.int32),
-    }
+    results = {"t": array(*first), **{name: array(*first, k) for name, k in columns.items()}}
+    results["status"] = array(kind=np.int32)
 
     def shaped(value: Floats, fill: float) -> Any:
         if rows is None:
@@ -327,19 +320,15 @@ def differentiable(
             name: {path: np.stack([slope[name][path] for _, slope in each]) for path in by}
             for name in smooth
         }
-        return _reshaped(found, batch), {
-            name: _reshaped(slope, batch) for name, slope in slopes.items()
-        }
+        return _reshaped(found, batch), {k: _reshaped(slope, batch) for k, slope in slopes.items()}
 
     def runs_of(values: Sequence[Any]) -> tuple[tuple[int, ...], dict[str, Floats]]:
         """Returns the shape of the batch, and the values of its runs in one axis."""
         arrays = [np.asarray(value, dtype=np.float64) for value in values]
         first = next(iter(shapes.values()))
         batch = arrays[0].shape[: arrays[0].ndim - len(first)]
-        return batch, {
-            path: value.reshape((-1, *shape))
-            for (path, shape), value in zip(shapes.items(), arrays, strict=True)
-        }
+        pairs = zip(shapes.items(), arrays, strict=True)
+        return batch, {path: value.reshape((-1, *shape)) for (path, shape), value in pairs}
 
     @jax.custom_jvp
     def function(*values: jax.Array) -> dict[str, jax.Array]:
@@ -350,13 +339,9 @@ def differentiable(
 
     @partial(function.defjvp, symbolic_zeros=True)
     def tangent(values: Any, dots: Any) -> tuple[Any, Any]:
-        paths = list(shapes)
         # A value that is constant for JAX needs no derivative, and costs nothing.
-        moved = {
-            path: dot
-            for path, dot in zip(paths, dots, strict=True)
-            if not isinstance(dot, SymbolicZero)
-        }
+        pairs = zip(shapes, dots, strict=True)
+        moved = {path: dot for path, dot in pairs if not isinstance(dot, SymbolicZero)}
         struct = {
             name: {path: array(*results[name].shape, *shapes[path]) for path in moved}
             for name in smooth

@@ -91,9 +91,7 @@ def work_precision(result: WorkPrecision, peers: bool = False, where: str | None
 def _work_precision_panel(
     axes: Axes, curves: Curves, limits: tuple[float, float], floor: float, along: bool
 ) -> None:
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_ylim(*limits)
+    axes.set(xscale="log", yscale="log", ylim=limits)
     others = 0
     for (solver, setting), rows in curves.items():
         method = rows[0].method
@@ -156,9 +154,8 @@ def stabilization_sweep(results: StabilizationSweep | Sequence[StabilizationSwee
         drift.set_title(f"{sweep.method}, dt = {sweep.dt:g} s")
         motion.plot(x, sweep.error[finite], color=s.BLUE, label="q and p")
         motion.plot(x, sweep.multipliers[finite], **dashed, label=r"$\lambda$")
-        motion.axhline(
-            sweep.without["q and p"], color=s.GREY, linewidth=0.7, label="q and p of nullspace"
-        )
+        own = sweep.without["q and p"]
+        motion.axhline(own, color=s.GREY, linewidth=0.7, label="q and p of nullspace")
         limit = float(_core.stable_step(sweep.method, np.array([-1.0 + 0.0j]))[0])
         for each in (drift, motion):
             each.set(xscale="log", yscale="log", xlim=(sweep.product[0], sweep.product[-1]))
@@ -221,10 +218,8 @@ def stability_map(map: StabilityMap, ax: Axes | None = None) -> Figure:
     powers = np.ma.masked_invalid(powers)
     width = s.PAGE if len(columns) > 2 else s.COLUMN
     height = 1.25 * len(rows) + 1.25
-    grid_of = s.panels_or_given(
-        ax, len(rows), len(columns), width, height, sharex=True, sharey=True
-    )
-    with grid_of as (figure, axes):
+    grid = s.panels_or_given(ax, len(rows), len(columns), width, height, sharex=True, sharey=True)
+    with grid as (figure, axes):
         if ax is None:
             # The panels share their scales, so they need little space between them.
             spaces = {"w_pad": 0.02, "h_pad": 0.02, "wspace": 0.02, "hspace": 0.02}
@@ -249,14 +244,18 @@ def stability_map(map: StabilityMap, ax: Axes | None = None) -> Figure:
             s.fill_cells(each, kinds[k], left, bottom, _KINDS)
             v, d = np.nonzero(map.misleading()[k] & (map.expected == "completed")[:, None])
             each.plot(map.values[v], map.dt[d], linestyle="", **_DOT)
-            _boundary(each, map.values, map.predicted[k], left)
+            # The predicted step goes through the cells' centres, or across a lone cell.
+            known = (map.predicted[k] > 0.0) & np.isfinite(map.predicted[k])
+            steps = np.where(known, map.predicted[k], np.nan)
+            line = (left, steps[[0, 0]]) if len(map.values) == 1 else (map.values, steps)
+            for style in _LINES:
+                each.plot(*line, **style)
         across, up = f"{map.label} [{map.unit}]", "step $dt$ [s]"
         if axes.size > 1:
             figure.supxlabel(across, fontsize=9.0)
             figure.supylabel(up, fontsize=9.0)
         else:
-            axes[0, 0].set_xlabel(across)
-            axes[0, 0].set_ylabel(up)
+            axes[0, 0].set(xlabel=across, ylabel=up)
         options = {"pad": 0.01, "aspect": 40, "extend": "both", "fraction": 0.04}
         bar = s.colorbar(figure, mesh, axes, "error at the end [1]", **options)
         ticks = range(_BEST, _WORST + 1, 3)
@@ -337,15 +336,6 @@ def _kinds(map: StabilityMap) -> np.ndarray:
     kinds[map.agrees & ~completed] = _ENDED
     kinds[(expected == NO_REFERENCE) & (map.status != NOT_RUN)] = NO_REFERENCE
     return kinds
-
-
-def _boundary(axes: Axes, values: Floats, predicted: Floats, left: Floats) -> None:
-    """Draws the predicted longest step through the cells' centres, or across a lone cell."""
-    steps = np.where((predicted > 0.0) & np.isfinite(predicted), predicted, np.nan)
-    if len(values) == 1:
-        values, steps = left, steps[[0, 0]]
-    for style in _LINES:
-        axes.plot(values, steps, **style)
 
 
 def _legend(kinds: np.ndarray, map: StabilityMap) -> Iterator[Any]:

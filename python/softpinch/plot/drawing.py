@@ -68,9 +68,7 @@ class HandDrawing:
     """Hand and object in axes in mm, which show one state after another."""
 
     def __init__(self, axes: Axes, scene: Scene, limits: Limits) -> None:
-        axes.set_aspect("equal")
-        axes.set_xlim(*limits[:2])
-        axes.set_ylim(*limits[2:])
+        axes.set(aspect="equal", xlim=limits[:2], ylim=limits[2:])
         self._scene = scene
         self.parts = [
             polygon(axes, fill, edge, width, 2.0 + 0.01 * layer)
@@ -145,9 +143,8 @@ def _contact_forces(scene: Scene, multipliers: Floats, q: Floats) -> Floats:
 def _external(scene: Scene, times: Floats) -> Floats:
     """Force, along fixed axes, and moment of the disturbances (k, 3), without impulses."""
     # They do not depend on the state, nor on what moves the fingers and the hand.
-    plain = replace(
-        scene, contact="bilateral", fingers="pid", control=Pid(), initial=None, motion=None
-    )
+    still = replace(scene, control=Pid(), initial=None, motion=None)
+    plain = replace(still, contact="bilateral", fingers="pid")
     q = np.zeros(9)
     return np.array([evaluate(plain, t, q, q).forces.external[:3] for t in times.tolist()])
 
@@ -229,8 +226,7 @@ class Picture:
 
     def __init__(self, axes: Axes, run: Run, frame: Frame) -> None:
         self._run, self._frame = run, frame
-        axes.set_xlabel("$x$ [mm]")
-        axes.set_ylabel("$y$ [mm]")
+        axes.set(xlabel="$x$ [mm]", ylabel="$y$ [mm]")
         self._hand = HandDrawing(axes, run.scene, frame[:4])
         # The tips' forces, the disturbances', and an impulse, which has another unit.
         self._contact = [polygon(axes, BLACK, "white", 0.5, 5.0) for _ in (0, 1)]
@@ -335,8 +331,7 @@ class Frames:
             FigureCanvasAgg(self._figure)
         # A layout that adapts to each frame would make a film jump.
         self._axes = self._figure.add_axes((0.14, 0.1, 0.83, 0.83))
-        self._axes.set_xlabel("x [mm]")
-        self._axes.set_ylabel("y [mm]")
+        self._axes.set(xlabel="x [mm]", ylabel="y [mm]")
         left, right, bottom, top = outline.extent(scene, np.asarray(scene.start().q)[None])
         limits = left - _AROUND, right + _AROUND, bottom - 4.0, top + 2.0 * _AROUND
         self._hand = HandDrawing(self._axes, scene, limits)

@@ -60,8 +60,7 @@ def histogram(
         bins = int(np.clip(np.ceil(2.0 * len(values) ** (1 / 3)), 5, 60))
     bins = integer("bins", bins, 1, _MOST_BINS)
     with s.one_panel(ax, s.COLUMN, 2.5) as (figure, each):
-        each.set_xlabel(label(name, column.unit))
-        each.set_ylabel("runs in the bin")
+        each.set(xlabel=label(name, column.unit), ylabel="runs in the bin")
         if not len(values):
             _write_message(each, "no run has a finite value")
             return figure
@@ -73,8 +72,7 @@ def histogram(
             edges = np.histogram_bin_edges(values, bins)
         highest = _bars(each, edges, values, completed)
         _quantiles(each, values)
-        each.set_xlim(edges[0], edges[-1])
-        each.set_ylim(0.0, 1.08 * highest)
+        each.set(xlim=(edges[0], edges[-1]), ylim=(0.0, 1.08 * highest))
         _legend(figure, each, ax)
         if left_out := ensemble.runs - len(values):
             text = f"{left_out} of {ensemble.runs} runs without a finite value"
@@ -117,8 +115,7 @@ def failure_times(ensemble: Results, ax: Axes | None = None) -> Figure:
     lost = sum(counts.values())
     never = ensemble.runs - lost
     with s.one_panel(ax, s.COLUMN, 2.5) as (figure, each):
-        each.set_xlabel("time [s]")
-        each.set_ylabel("share of runs ended early [1]")
+        each.set(xlabel="time [s]", ylabel="share of runs ended early [1]")
         start, end = _spanned(ensemble)
         if lost:
             # Runs usually end soon after a disturbance, so the axis shows only that time.
@@ -141,11 +138,9 @@ def failure_times(ensemble: Results, ax: Axes | None = None) -> Figure:
                 some &= ensemble.status == status
             times = np.sort(ensemble.failure_time[some])
             share = np.arange(1, len(times) + 1) / ensemble.runs
-            style = (
-                {"color": s.BLACK, "linewidth": 0.7}
-                if status == "all"
-                else s.LINES[k % len(s.LINES)]
-            )
+            style: dict[str, Any] = {"color": s.BLACK, "linewidth": 0.7}
+            if status != "all":
+                style = s.LINES[k % len(s.LINES)]
             each.step(
                 np.concatenate([[start], times, [end]]),
                 np.concatenate([[0.0], share, share[-1:]]),
@@ -240,9 +235,8 @@ def _title(name: str | NDArray[np.bool_], found: Mapping[str, Effect]) -> str:
     if all(np.isnan(effect.share) for effect in found.values()):
         return f"{text}\nit is the same in all runs"
     together = sum(effect.share for effect in found.values() if effect.share > effect.noise)
-    return (
-        f"{text}\nfirst-order shares: {together:.2f} in all; the rest only together, or by chance"
-    )
+    rest = "the rest only together, or by chance"
+    return f"{text}\nfirst-order shares: {together:.2f} in all; {rest}"
 
 
 def _legend(figure: Figure, axes: Axes, ax: Axes | None) -> None:
@@ -250,9 +244,8 @@ def _legend(figure: Figure, axes: Axes, ax: Axes | None) -> None:
     if ax is not None:
         axes.legend(fontsize="small")
         return
-    s.shared_legend(
-        figure, [axes], "outside upper left", ncols=2, columnspacing=1.0, handlelength=1.8
-    )
+    narrow = {"ncols": 2, "columnspacing": 1.0, "handlelength": 1.8}
+    s.shared_legend(figure, [axes], "outside upper left", **narrow)
 
 
 def _write_message(axes: Axes, text: str) -> None:
@@ -298,16 +291,14 @@ def success_map(
     bins = integer("bins", bins, 1, _MOST_BINS)
     magnitude = [drawn_by_magnitude(ensemble, name) for name in (x, y)]
     with s.one_panel(ax, s.COLUMN, 2.9) as (figure, each):
-        each.set_xlabel(label(x, across.unit))
-        each.set_ylabel(label(y, up.unit))
+        each.set(xlabel=label(x, across.unit), ylabel=label(y, up.unit))
         if not len(u):
             each.set_title(ensemble.model, fontsize=8.0, pad=3.0)
             _write_message(each, "no run has finite values")
             return figure
         all_runs, some, edges, middles = _counts(u, v, happened, bins, magnitude)
-        share = np.ma.masked_invalid(
-            np.divide(some, all_runs, out=np.full(some.shape, np.nan), where=all_runs > 0)
-        )
+        blank = np.full(some.shape, np.nan)
+        share = np.ma.masked_invalid(np.divide(some, all_runs, out=blank, where=all_runs > 0))
         # Colour limits are multiples of 0.1, so that a single run does not change all colours.
         low, high = np.floor(10 * share.min()) / 10, np.ceil(10 * share.max()) / 10
         if high - low < 0.1:
@@ -322,9 +313,9 @@ def success_map(
         each.plot(middles[0][k], middles[1][m], **_DOTS)
         s.colorbar(figure, mesh, each, share_of)
         filled = all_runs[all_runs > 0]
-        blank = int((all_runs == 0).sum())
+        empty = int((all_runs == 0).sum())
         text = f"{ensemble.model}\n{len(u)} runs, {np.median(filled):.0f} in the median bin"
-        text += f"; {blank} bins empty" if blank else ""
+        text += f"; {empty} bins empty" if empty else ""
         if vague.any():
             text += f"\n95 % interval: wider than {2.0 * _WIDE:g} at dots"
         each.set_title(text, fontsize=8.0, pad=3.0)
@@ -348,8 +339,7 @@ def _counts(
 
 def _reach(some: Floats, runs: Floats) -> Floats:
     """Half of the 95 % confidence interval's width in each bin (k, m)."""
-    pairs, which = np.unique(
-        np.column_stack([some.ravel(), runs.ravel()]), axis=0, return_inverse=True
-    )
+    bins = np.column_stack([some.ravel(), runs.ravel()])
+    pairs, which = np.unique(bins, axis=0, return_inverse=True)
     halves = [Estimate.counted(int(k), int(n)).half_width for k, n in pairs]
     return np.array(halves)[which.ravel()].reshape(runs.shape)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -116,8 +118,7 @@ def _curves(map: EquilibriumMap) -> Figure:
     _friction(axes[2, 0], map, values)
     axes[2, 1].axhline(0.0, color=s.GREY, linewidth=0.6, zorder=0.8)
     for each in axes[-1]:
-        each.set_xlabel(name)
-        each.set_xlim(edges[0], edges[-1])
+        each.set(xlabel=name, xlim=edges[[0, -1]])
     _legend(figure, map, [])
     return figure
 
@@ -191,8 +192,7 @@ def _maps(map: EquilibriumMap) -> Figure:
         else:
             each.set_title(name)
         extra = _boundaries(each, map, left, bottom)
-        each.set_xlim(left[0], left[-1])
-        each.set_ylim(bottom[0], bottom[-1])
+        each.set(xlim=left[[0, -1]], ylim=bottom[[0, -1]])
         s.tag(each, "abcd"[k])
     for each in axes[-1]:
         each.set_xlabel(across)
@@ -271,9 +271,8 @@ def _legend(figure: Figure, map: EquilibriumMap, handles: list[Any]) -> None:
             handles.append(Line2D([], [], color=s.BLACK, linestyle=_UNSTABLE, label="unstable"))
         mu = [mu for cell in map.cells for mu in coefficients(cell.scene.friction)]
         if np.isfinite(mu).any():
-            handles.append(
-                Line2D([], [], color=s.GREY, linewidth=0.8, label="friction of the scene")
-            )
+            line = Line2D([], [], color=s.GREY, linewidth=0.8, label="friction of the scene")
+            handles.append(line)
     pulls = bool(np.isinf(map.friction_needed).any()) and len(map.axes) == 2
     for status, face in _FACES.items():
         if (map.status == status).any() or (status == "pulling" and pulls):
@@ -337,11 +336,8 @@ def wrench_limits(
     if points is not None:
         shown = np.append(shown, points[1] * np.exp(1j * points[0]))
     columns, width, height = (1, s.COLUMN, 3.7) if points is None else (2, s.PAGE, 3.9)
-    polar = {"projection": "polar"}
-    with s.panels_or_given(ax, 1, columns, width, height, subplot_kw=polar) as (figure, axes):
+    with _polar(ax, columns, width, height) as (figure, axes):
         first = axes[0, 0]
-        if first.name != "polar":
-            raise ValueError(f'ax: must have projection="polar", not {first.name!r}')
         _outline(first, angle, size, {"color": s.GREY, "linewidth": 0.8})
         _marked(first, angle, size, limits.limit[plain])
         first.set_title(_title(limits, plain), fontsize=9.0, pad=8.0)
@@ -352,11 +348,9 @@ def wrench_limits(
             style = {"color": s.BLACK, "linewidth": 1.1, "zorder": 2.1}
             _outline(second, angle, size, {**style, "label": "limit of slow forces"})
             for some, mark, name in ((held, _HELD, "held"), (~held, _LOST, "not held")):
-                label = f"{name} ({int(some.sum())})"
+                named = {**mark, "label": f"{name} ({int(some.sum())})"}
                 # Grid and labels, whose zorder is 1.5, are above the points.
-                second.plot(
-                    turned[some], sizes[some], linestyle="", label=label, zorder=1.2, **mark
-                )
+                second.plot(turned[some], sizes[some], linestyle="", zorder=1.2, **named)
             second.set_title(f"in runs\n{ensemble.model}", fontsize=9.0, pad=8.0)
         for each in axes.flat:
             _frame(each, shown)
@@ -380,11 +374,8 @@ def carry_limits(limits: CarryLimits, ax: Axes | None = None) -> Figure:
     rests = limits.equilibrium if isinstance(limits.equilibrium, tuple) else (limits.equilibrium,)
     finite, gravity = np.isfinite(sizes), rests[0].scene.gravity
     shown = np.append((sizes * np.exp(1j * angle))[finite], gravity)
-    polar = {"projection": "polar"}
-    with s.panels_or_given(ax, 1, 1, s.COLUMN, 3.7, subplot_kw=polar) as (figure, axes):
+    with _polar(ax, 1, s.COLUMN, 3.7) as (figure, axes):
         (each,) = axes.flat
-        if each.name != "polar":
-            raise ValueError(f'ax: must have projection="polar", not {each.name!r}')
         if limits.limit.ndim == 1:
             _outline(each, angle, limits.limit, {"color": s.GREY, "linewidth": 0.8})
             _marked(each, angle, limits.limit, limits.cause)
@@ -401,6 +392,18 @@ def carry_limits(limits: CarryLimits, ax: Axes | None = None) -> Figure:
         each.set_title(f"acceleration of the hand, {how}{free}", fontsize=9.0, pad=8.0)
         _frame(each, shown, "acceleration [m/s$^2$]")
         return figure
+
+
+@contextmanager
+def _polar(
+    ax: Axes | None, columns: int, width: float, height: float
+) -> Iterator[tuple[Figure, NDArray[Any]]]:
+    """Polar panels in a row, or the given polar axes."""
+    polar = {"projection": "polar"}
+    with s.panels_or_given(ax, 1, columns, width, height, subplot_kw=polar) as (figure, axes):
+        if axes[0, 0].name != "polar":
+            raise ValueError(f'ax: must have projection="polar", not {axes[0, 0].name!r}')
+        yield figure, axes
 
 
 def _points(

@@ -262,9 +262,8 @@ def _times(run: Run, fps: float, speed: float) -> Floats:
     """Times of the frames: equal steps from the first row, and the last row."""
     first, last, apart = float(run.t[0]), float(run.t[-1]), speed / fps
     if not (count := (last - first) / apart) < _MOST_FRAMES:
-        raise ValueError(
-            f"speed / fps = {apart:g} s: gives {count:.3g} frames, must be at most {_MOST_FRAMES}"
-        )
+        rule = f"gives {count:.3g} frames, must be at most {_MOST_FRAMES}"
+        raise ValueError(f"speed / fps = {apart:g} s: {rule}")
     times = first + apart * np.arange(int(count) + 1)
     # A frame within round-off of the end is the end.
     times = times[times < last - 1e-6 * apart]

@@ -40,20 +40,12 @@ def fit(fit: Fit) -> Figure:
     """
     checks.instance("fit", fit, Fit)
     several = len(fit.experiments) > 1
-    every = [
-        panel
-        for k, each in enumerate(fit.experiments)
-        for panel in _panels(each, f" ({k})" if several else "")
-    ]
+    every: list[tuple[Any, ...]] = []
+    for k, each in enumerate(fit.experiments):
+        every += _panels(each, f" ({k})" if several else "")
     found = every[:_MOST]
-    figure, axes = panels(
-        len(found),
-        2,
-        PAGE,
-        0.6 + _ROW * len(found),
-        sharex=False if several else "col",
-        width_ratios=[3, 2],
-    )
+    height, shared = 0.6 + _ROW * len(found), False if several else "col"
+    figure, axes = panels(len(found), 2, PAGE, height, sharex=shared, width_ratios=[3, 2])
     for letter, panel, (left, right) in zip(LETTERS, found, axes, strict=False):
         name, times, data, fitted, noise = panel
         left.errorbar(times, data, yerr=noise, label="measured", **_MEASURED)
@@ -86,8 +78,7 @@ def law(fit: LawFit) -> Figure:
     depth = MM.per_si * fit.compression
     axes[0, 0].plot(depth, fit.force, "o", markersize=3.0, color=BLACK, label="measured")
     axes[0, 0].plot(depth, fit.fitted, color=RED, label=f"misfit {100.0 * fit.misfit:.2g} %")
-    axes[0, 0].set_xlabel("$d_n$ [mm]")
-    axes[0, 0].set_ylabel("force [N]")
+    axes[0, 0].set(xlabel="$d_n$ [mm]", ylabel="force [N]")
     axes[0, 0].legend()
     return figure
 

@@ -105,9 +105,8 @@ def _size(scene: Scene) -> Floats:
 
 def _moved(scene: Scene, q: Floats, direction: Floats) -> Floats:
     """The coordinates that are drawn: moved along a direction, with the compressions of (9)."""
-    x, y, theta, right, left, _, _, *shear = (
-        q + _AWAY / np.abs(direction * _size(scene)).max() * direction
-    )
+    step = _AWAY / np.abs(direction * _size(scene)).max()
+    x, y, theta, right, left, _, _, *shear = q + step * direction
     return State.consistent(scene, x=x, y=y, rotation=theta, fingers=(right, left), shear=shear).q
 
 

@@ -429,10 +429,7 @@ def _change(
     """The changes of one column of q in several runs, in a unit that fits the largest."""
     peak = max(float(np.abs(change[:, index]).max()) for _, change in changes.values())
     unit = unit.finer(peak)
-    curves = [
-        Curve(t, change[:, index] * unit.per_si, styles[name], name)
-        for name, (t, change) in changes.items()
-    ]
+    curves = [Curve(t, q[:, index] * unit.per_si, styles[k], k) for k, (t, q) in changes.items()]
     return Panel(axis_name(symbol, unit, change=True), curves, zero=True)
 
 
@@ -504,16 +501,10 @@ def tilt_coupling(
         missing = next(field for field in pushed if field not in given)
         raise ValueError(f"{missing} is missing: give both pushed runs, or none")
     checks.instance("disturbance", disturbance, str, "text")
-    poses = [
-        Panel(
-            axis_name(symbol, unit),
-            [
-                Curve(run.t, run.q[:, index] * unit.per_si, style, _kappa(run))
-                for run, style in zip((run_plus, run_minus), LINES, strict=False)
-            ],
-        )
-        for index, symbol, unit in reversed(POSE)
-    ]
+    poses, both = [], ((run_plus, LINES[0]), (run_minus, LINES[1]))
+    for k, symbol, unit in reversed(POSE):
+        curves = [Curve(run.t, run.q[:, k] * unit.per_si, line, _kappa(run)) for run, line in both]
+        poses.append(Panel(axis_name(symbol, unit), curves))
     columns = [Column.of(run_plus, poses)._replace(runs={})]
     if pushed_plus is not None and pushed_minus is not None:
         columns.append(_pushed(pushed_plus, pushed_minus, disturbance))

@@ -297,8 +297,7 @@ def color_cells(
     axes: Axes, edges: Sequence[Floats], values: Floats, low: float, high: float, colors: str = HEAT
 ) -> QuadMesh:
     """Draws cells (m, n) between edges (m + 1,) and (n + 1,) in the colours of their values."""
-    axes.set_xlim(*edges[0][[0, -1]])
-    axes.set_ylim(*edges[1][[0, -1]])
+    axes.set(xlim=edges[0][[0, -1]], ylim=edges[1][[0, -1]])
     return axes.pcolormesh(*edges, values.T, cmap=colors, vmin=low, vmax=high, rasterized=True)
 
 

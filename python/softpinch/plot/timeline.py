@@ -202,9 +202,8 @@ def draw(
     if legends == "above":
         s.shared_legend(figure, axes[:rows].flat)
     if most:
-        legend_of_modes(
-            figure, occurring(run for column in columns for run in column.runs.values())
-        )
+        every = [run for column in columns for run in column.runs.values()]
+        legend_of_modes(figure, occurring(every))
     return figure, axes[:rows]
 
 
@@ -267,9 +266,8 @@ def _draw_bands(axes: Axes, column: Column, room: int) -> None:
                 ]
                 # Bands that stick are the ground, which others must not be narrowed by.
                 edge = 0.0 if mode is ContactMode.STICK else _SHORTEST
-                axes.broken_barh(
-                    spans, (low + 0.06, 0.88), color=color, linewidth=edge, zorder=1.0 + layer / 10
-                )
+                place, order = (low + 0.06, 0.88), 1.0 + layer / 10
+                axes.broken_barh(spans, place, color=color, linewidth=edge, zorder=order)
             if len(named) == 1:
                 labels[low + 0.5] = SIDES[side]
         if len(named) > 1:
@@ -293,6 +291,5 @@ def legend_of_modes(figure: Figure, modes: Collection[ContactMode], ax: Axes | N
     if ax is not None and handles:
         ax.legend(handles=handles, loc="lower center", fontsize="small")
     elif handles:
-        figure.legend(
-            handles=handles, loc="outside lower center", ncols=len(handles), handlelength=1.4
-        )
+        below: dict[str, Any] = {"loc": "outside lower center", "ncols": len(handles)}
+        figure.legend(handles=handles, handlelength=1.4, **below)

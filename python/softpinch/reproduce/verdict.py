@@ -315,10 +315,8 @@ def which_survive(real: Mapping[float, Run], cases: Mapping[str, Mapping[float, 
     kept = {mu: survived(run) for mu, run in real.items()}
     count = len(next(iter(kept.values())))
     rows = {f"operation {k + 1}": {mu: kept[mu][k] for mu in kept} for k in range(count)}
-    rows |= {
-        f"({case})": {mu: case_survived(run) for mu, run in runs.items()}
-        for case, runs in cases.items()
-    }
+    for case, runs in cases.items():
+        rows[f"({case})"] = {mu: case_survived(run) for mu, run in runs.items()}
     # Frictions in words -> the operations and disturbances that hold with them.
     named: dict[str, list[str]] = {}
     for name, row in rows.items():
@@ -342,19 +340,16 @@ def falls_in_operations(paper: Run, real: Mapping[float, Run]) -> Finding:
     opened: dict[int, list[float]] = {}
     for run in real.values():
         for k, piece in enumerate(m.operations(run)):
-            if times := spells(run, ContactMode.FREE, *piece):
-                opened.setdefault(k + 1, []).extend(times)
-    every = [time for times in opened.values() for time in times]
+            if found := spells(run, ContactMode.FREE, *piece):
+                opened.setdefault(k + 1, []).extend(found)
+    every = [time for found in opened.values() for time in found]
     openings = "no tip opens"
     if every:
         numbers = ", ".join(map(str, sorted(opened)))
-        openings = (
-            f"tips open for {1e3 * min(every):.2g} to {1e3 * max(every):.2g} ms in operations "
-            f"{numbers}"
-        )
-    lower = {
-        mu: 1e3 * float(m.settled(paper)[-1, 1] - m.settled(run)[-1, 1]) for mu, run in real.items()
-    }
+        times = f"{1e3 * min(every):.2g} to {1e3 * max(every):.2g} ms"
+        openings = f"tips open for {times} in operations {numbers}"
+    height = m.settled(paper)[-1, 1]
+    lower = {mu: 1e3 * float(height - m.settled(run)[-1, 1]) for mu, run in real.items()}
     ends = ", ".join(
         f"{_end(run) if np.isnan(lower[mu]) else f'{lower[mu]:.1f} mm'} (mu = {mu:g})"
         for mu, run in real.items()

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .. import _core
 from ..scene.fields import QUANTITIES
-from ..scene.outline import contact_heights, contacts
+from ..scene.outline import contacts
 from ..scene.parts import half_lengths, lever
 from ..support import checks
 from ..support.record import SIDES
@@ -95,10 +95,9 @@ def _check_residuals(run: Run, modes: Modes | None, tolerance: float) -> None:
             fail(run, f"constraint {name}", row, excess)
         if modes is not None and k < 2 and has_state:
             # A free tip is outside of the object, unless it passes beside the face.
-            reach = np.abs(contact_heights(run.scene, run.q)[:, k])
-            free = (modes[:, k] == ContactMode.FREE) & (
-                reach < (1.0 - AT_END) * half_lengths(run.scene)[k]
-            )
+            reach = np.abs(contacts(run.scene, run.q).places[:, k])
+            beside = reach < (1.0 - AT_END) * half_lengths(run.scene)[k]
+            free = (modes[:, k] == ContactMode.FREE) & beside
             for row in _first(free & (residuals[:, k] < -allowed)):
                 where = f"the free tip is at {residuals[row, k]:.3e} m"
                 fail(run, f"gap >= 0 ({name})", row, where)
@@ -220,7 +219,7 @@ def _check_end(run: Run) -> None:
             fail(run, f"status {run.status}", -1, f"{name} at {time} s should have ended the run")
         if name == run.status and not time >= before:
             fail(run, f"status {name}", -1, f"it began at {time} s, before the last step")
-    reach = np.abs(contact_heights(run.scene, run.state(-1).q))
+    reach = np.abs(contacts(run.scene, run.state(-1).q).places)
     least = (1.0 - AT_END) * np.array(half_lengths(run.scene))
     if run.status == "lost" and not (reach >= least).any():
         fail(run, "status lost", -1, "both contacts are within the faces")

@@ -200,10 +200,8 @@ def _sizes(
     text += f"; it falls with the power {order:.1f} of {steps}; the method's order is {expected}"
     if reliable:
         return text
-    return (
-        f"{text}; the estimate may be wrong, because {long} too long for its theory: take a "
-        f"smaller {setting}"
-    )
+    why = f"because {long} too long for its theory: take a smaller {setting}"
+    return f"{text}; the estimate may be wrong, {why}"
 
 
 def _finer_runs(

@@ -103,9 +103,7 @@ class Explanation(Result):
         width = max(len(term.name) for term in self.terms)
         for title, kept in (("computed", True), ("left out", False)):
             lines.append(f"{title}:")
-            lines += [
-                f"  {term.name:{width}}  {term.reason}" for term in self.terms if term.kept == kept
-            ]
+            lines += [f"  {t.name:{width}}  {t.reason}" for t in self.terms if t.kept == kept]
         if self.seconds_per_step is not None:
             lines.append(f"a step, measured time: {1e9 * self.seconds_per_step:.0f} ns")
         if self.bytes_recorded is not None:

@@ -58,10 +58,7 @@ class EnergyLedger(Result):
         if not len(self.kinetic):
             return
         entries = {**{name: getattr(self, name) for name in LEDGER}, "closure": self.closure}
-        rows = [
-            (name.replace("_", " "), values[0], values[-1], np.abs(values).max())
-            for name, values in entries.items()
-        ]
+        rows = [(k.replace("_", " "), v[0], v[-1], np.abs(v).max()) for k, v in entries.items()]
         columns = ("", "first row [J]", "last row [J]", "largest size [J]")
         yield ShownTable(columns, rows, "Energies and works; the closure is the ledger's error")
 

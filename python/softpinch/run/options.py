@@ -59,15 +59,9 @@ class Options(Result):
 
     def numerics(self) -> dict[str, Any]:
         """Returns the arguments that determine the numbers of a run, bit for bit."""
-        return {
-            "dt": self.dt,
-            "tolerance": self.tolerance,
-            "max_steps": None if self.tolerance is None else self.max_steps,
-            "method": self.method,
-            "formulation": self.formulation,
-            "stabilization": self.stabilization,
-            "stop_on": self.stop_on,
-        }
+        how = ("dt", "tolerance", "max_steps", "method", "formulation", "stabilization", "stop_on")
+        found = {name: getattr(self, name) for name in how}
+        return found if self.tolerance is not None else found | {"max_steps": None}
 
     def core(self) -> dict[str, Any]:
         """Returns the options that `_core.Simulation` and `_core.Batch` share."""
@@ -116,19 +110,15 @@ def _checked(
         given = f"dt = {checks.shown(dt)} and tolerance = {checks.shown(tolerance)}"
         raise ValueError(f"{given}: give one of them")
     elif method not in _core.ADAPTIVE_METHODS:
-        raise ValueError(
-            f"method = {method!r} has no error estimate: tolerance goes with "
-            f"{checks.quoted(_core.ADAPTIVE_METHODS)}"
-        )
+        rule = f"tolerance goes with {checks.quoted(_core.ADAPTIVE_METHODS)}"
+        raise ValueError(f"method = {method!r} has no error estimate: {rule}")
     else:
         tolerance = checks.number("tolerance", tolerance)
     if times is not None and every != 1:
         raise ValueError(f"every = {every} and times: give one of them")
     if max_steps is not None and tolerance is None:
-        raise ValueError(
-            f"max_steps = {checks.shown(max_steps)}: goes with tolerance; with dt the number "
-            "of steps is known in advance"
-        )
+        rule = "goes with tolerance; with dt the number of steps is known in advance"
+        raise ValueError(f"max_steps = {checks.shown(max_steps)}: {rule}")
     if max_steps is not None:
         max_steps = checks.integer("max_steps", max_steps, 1, MOST_STEPS)
     if summaries_after is not None:
@@ -154,9 +144,8 @@ def names(
     """Converts one name or several to a tuple in the order of `allowed`, without repeats."""
     given = (value,) if isinstance(value, str) else value
     if not isinstance(given, Sequence | set | frozenset):
-        raise TypeError(
-            f"{field} = {checks.shown(value)}: must be names out of {checks.quoted(allowed)}"
-        )
+        rule = f"must be names out of {checks.quoted(allowed)}"
+        raise TypeError(f"{field} = {checks.shown(value)}: {rule}")
     found = {checks.choice(field, name, allowed) for name in given}
     return tuple(name for name in allowed if name in found)
 

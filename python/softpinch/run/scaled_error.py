@@ -89,10 +89,7 @@ def at_end(
     last: Mapping[str, Floats], expected: Any, along: Mapping[str, Floats]
 ) -> dict[str, float]:
     """Returns the errors of last rows (k,) by quantity; `along` has the scales of the whole run."""
-    return {
-        name: float(by_row(row, getattr(expected, name)[-1], along[name]))
-        for name, row in last.items()
-    }
+    return {k: float(by_row(row, getattr(expected, k)[-1], along[k])) for k, row in last.items()}
 
 
 def errors(result: Any, expected: Any) -> dict[str, Floats]:

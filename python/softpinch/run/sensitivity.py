@@ -39,12 +39,10 @@ class SensitivityState(Result):
     derivatives: Floats
 
     def __post_init__(self) -> None:
-        found = checks.numbers("SensitivityState.derivatives", self.derivatives)
-        wanted = (20, count(self.shapes))
+        name, wanted = "SensitivityState.derivatives", (20, count(self.shapes))
+        found = checks.numbers(name, self.derivatives)
         if found.shape != wanted:
-            raise ValueError(
-                f"SensitivityState.derivatives has shape {found.shape}: must have {wanted}"
-            )
+            raise ValueError(f"{name} has shape {found.shape}: must have {wanted}")
         object.__setattr__(self, "derivatives", found)
         super().__post_init__()
 
@@ -82,9 +80,8 @@ class Sensitivity(Shown, Mapping[str, Floats]):
 
     def _recorded(self, quantity: str) -> dict[str, Floats]:
         if quantity not in self._record:
-            raise NotRecordedError(
-                f"sensitivity.{quantity}: {quantity!r} was not recorded: add it to record"
-            )
+            why = f"{quantity!r} was not recorded: add it to record"
+            raise NotRecordedError(f"sensitivity.{quantity}: {why}")
         return self._of(quantity)
 
     def __getitem__(self, path: str) -> Floats:
@@ -121,10 +118,8 @@ class Sensitivity(Shown, Mapping[str, Floats]):
         constraint_work; bilateral contact has no other.
         """
         found = self._recorded("energy")
-        return {
-            name: {path: value[:, k] for path, value in found.items()}
-            for k, name in enumerate(_ENERGIES)
-        }
+        pairs = enumerate(_ENERGIES)
+        return {name: {path: value[:, k] for path, value in found.items()} for k, name in pairs}
 
     def at(self, k: int = -1) -> SensitivityState:
         """Returns the derivatives of the state at recorded row `k`.
@@ -159,9 +154,8 @@ def checked(
         seeds = asked.derivatives
         paths = list(asked.shapes)
         if not isinstance(scene.initial, State):
-            raise ValueError(
-                "sensitivities: a SensitivityState goes with the State of the same row"
-            )
+            rule = "a SensitivityState goes with the State of the same row"
+            raise ValueError(f"sensitivities: {rule}")
         checks.require_finite("sensitivities.derivatives", seeds)
     else:
         paths = listed(asked)
@@ -185,9 +179,6 @@ def differentiated(
     ends = np.cumsum(list(_core.SENSITIVITIES.values()))[:-1]
     parts = dict(zip(_core.SENSITIVITIES, np.split(found, ends, axis=1), strict=True))
     # Copies, so that the memory of what was not recorded can be used again.
-    kept = {
-        name: part.copy()
-        for name, part in parts.items()
-        if name not in _RECORDED or name in request.options.record
-    }
+    left_out = {*_RECORDED} - {*request.options.record}
+    kept = {name: part.copy() for name, part in parts.items() if name not in left_out}
     return Sensitivity(paths, kept, request.options.record)

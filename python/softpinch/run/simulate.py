@@ -117,9 +117,8 @@ def simulate(
     )
     estimable = set(options.record) & set(QUANTITIES.values())
     if checks.boolean("estimate_error", estimate_error) and not estimable:
-        raise ValueError(
-            f"estimate_error with record={options.record}: needs 'state' or 'multipliers' in record"
-        )
+        rule = "needs 'state' or 'multipliers' in record"
+        raise ValueError(f"estimate_error with record={options.record}: {rule}")
     wanted = checked_paths(scene, sensitivities)
     usual.warn(scene)
     request = Request(scene, options)

@@ -197,9 +197,8 @@ def _stable(request: Request, motion: Mapping[str, Any]) -> Floats:
     if len(held):
         # A discrete controller holds its torques during a step; its state is no part of the motion.
         sampled = scene.law == "sampled"
-        t, q, p, integral = (
-            np.ascontiguousarray(motion[name][held]) for name in ("t", "q", "p", "integral")
-        )
+        names = ("t", "q", "p", "integral")
+        t, q, p, integral = (np.ascontiguousarray(motion[name][held]) for name in names)
         integral = np.zeros((len(held), 2)) if sampled else integral
         rates = eigenvalues(request.linear_model(t, q, p, integral, open_loop=sampled)["A"])
         # Of a pair of conjugates one is enough.
@@ -229,9 +228,8 @@ def unstable(request: Request, status: str, end: float) -> str | None:
     motion = request.with_(record=record, every=every, times=None).run_to_end()
     rows = np.flatnonzero((motion["contact"] == ContactMode.STICK).all(axis=1))
     rows = rows[np.linspace(0, len(rows) - 1, min(_LOOP_INSTANTS, len(rows))).round().astype(int)]
-    radii = [
-        radius(scene, *(motion[name][row] for name in ("t", "q", "p", "torque"))) for row in rows
-    ]
+    names = ("t", "q", "p", "torque")
+    radii = [radius(scene, *(motion[name][row] for name in names)) for row in rows]
     found = float(np.median(radii)) if radii else math.nan
     if not math.log(max(found, 1.0)) * lasted / control.period >= math.log(_GROWN):
         return None

@@ -17,9 +17,6 @@ from ..support.record import SIDES
 if TYPE_CHECKING:
     from .scene import Scene
 
-# The states of "nullspace" are on the constraints of both contacts always.
-_BILATERAL = ("nullspace",)
-
 
 def require_bilateral(scene: Scene, name: str, reason: str) -> None:
     """Refuses unilateral contact in the function `name`; `reason` says what it computes instead."""
@@ -39,7 +36,8 @@ def formulations_of(scene: Scene) -> tuple[Formulation, ...]:
     """Returns the formulations that can simulate a scene."""
     if scene.contact == "bilateral":
         return _core.FORMULATIONS
-    return tuple(name for name in _core.FORMULATIONS if name not in _BILATERAL)
+    # The states of "nullspace" are on the constraints of both contacts always.
+    return tuple(name for name in _core.FORMULATIONS if name != "nullspace")
 
 
 def without_drift(scene: Scene) -> Formulation:
@@ -51,10 +49,8 @@ def require_formulations(field: str, names: Sequence[str], scene: Scene) -> None
     """Refuses formulations that cannot simulate a scene."""
     for name in names:
         if name not in formulations_of(scene):
-            raise ValueError(
-                f'{field} = "{name}": must be one of "csm" or "projected" where contact = '
-                f'"{scene.contact}"'
-            )
+            rule = f'must be one of "csm" or "projected" where contact = "{scene.contact}"'
+            raise ValueError(f'{field} = "{name}": {rule}')
 
 
 def parse_friction(data: Any, path: str) -> Any:
@@ -72,9 +68,8 @@ def pair_of(given: Any) -> tuple[float, float] | None:
     try:
         right, left = (checks.number("Scene.friction", value) for value in given)
     except (TypeError, ValueError):
-        raise TypeError(
-            f"Scene.friction = {checks.shown(given)}: must be a number, or two, (right, left)"
-        ) from None
+        rule = "must be a number, or two, (right, left)"
+        raise TypeError(f"Scene.friction = {checks.shown(given)}: {rule}") from None
     for value in (right, left):
         _core.validate("Scene", "friction", value)
     return right, left
@@ -89,7 +84,5 @@ def coefficients(friction: float | tuple[float, float] | None) -> tuple[float, f
 def require_finite(friction: float | tuple[float, float] | None) -> None:
     """Refuses unilateral contact without finite friction."""
     if not np.isfinite(coefficients(friction)).all():
-        raise ValueError(
-            f"Scene.friction = {checks.shown(friction)}: must be finite where "
-            'contact = "unilateral", such as 0.5'
-        )
+        rule = 'must be finite where contact = "unilateral", such as 0.5'
+        raise ValueError(f"Scene.friction = {checks.shown(friction)}: {rule}")

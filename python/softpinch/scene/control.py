@@ -138,16 +138,13 @@ class SampledController(Law):
         m = sum(_core.MEASURES[name] for name in self.measures)
         n = _states(self.A)
         if n == 0 and any(value is not None and np.size(value) for value in (self.B, self.C)):
-            given = checks.shown(self.A)
-            raise ValueError(
-                f"SampledController.A = {given}: must be (n, n), because B or C is given"
-            )
+            rule = "must be (n, n), because B or C is given"
+            raise ValueError(f"SampledController.A = {checks.shown(self.A)}: {rule}")
         for name, shape in (("A", (n, n)), ("B", (n, m)), ("C", (2, n)), ("D", (2, m))):
             self._set(name, _matrix(name, getattr(self, name), shape))
         if n == 0 and self.D is not None and not self.D.any():
-            raise ValueError(
-                "SampledController: it has no gains; give D, or A, B and C (`pid` makes them)"
-            )
+            rule = "give D, or A, B and C (`pid` makes them)"
+            raise ValueError(f"SampledController: it has no gains; {rule}")
         self._set("limits", _limits(self.limits))
         torque = checks.pair(of("initial_torque"), self.initial_torque)
         self._set("initial_torque", torque)
@@ -158,10 +155,8 @@ class SampledController(Law):
         limits = [] if self.limits is None else self.limits.tolist()
         for side, own, (low, high) in zip(SIDES, torque, limits, strict=False):
             if not low <= own <= high:
-                raise ValueError(
-                    f"SampledController.initial_torque = {checks.shown(torque)}: must be within "
-                    f"the limits, from {low} to {high} for the {side} finger"
-                )
+                rule = f"must be within the limits, from {low} to {high} for the {side} finger"
+                raise ValueError(f"{of('initial_torque')} = {checks.shown(torque)}: {rule}")
         self._set("anti_windup", checks.boolean(of("anti_windup"), self.anti_windup))
         for name in ("measure_noise", "resolution"):
             self._set(name, self._of_each(name, getattr(self, name)))
@@ -176,10 +171,8 @@ class SampledController(Law):
             checks.refuse_unknown(place, value, self.measures, "")
             for known in sorted(_KNOWN & value.keys()):
                 if checks.number(f"{place}[{known!r}]", value[known]) != 0.0:
-                    raise ValueError(
-                        f"{place}[{known!r}] = {checks.shown(value[known])}: must be 0, because no "
-                        "sensor measures it"
-                    )
+                    rule = "must be 0, because no sensor measures it"
+                    raise ValueError(f"{place}[{known!r}] = {checks.shown(value[known])}: {rule}")
             value = [checks.number(f"{place}[{k!r}]", value.get(k, 0.0)) for k in self.measures]
             value = np.repeat(value, widths)
         elif np.ndim(value) == 0:  # type: ignore[arg-type]
@@ -242,9 +235,8 @@ class SampledController(Law):
         runs = max(map(len, parts))
         rows = np.hstack([np.broadcast_to(part, (runs, part.shape[1])) for part in parts])
         numbers = np.array([self.run], np.uint64) if numbers is None else numbers
-        states = _states(self.A)
         rows = np.ascontiguousarray(rows)
-        return list(self.measures), states, self.anti_windup, rows, seed, numbers
+        return list(self.measures), _states(self.A), self.anti_windup, rows, seed, numbers
 
     def to_dict(self) -> dict[str, Any]:
         """Converts to a dictionary with the key `kind`; arrays without entries are left out."""
@@ -278,20 +270,15 @@ def _limits(value: object) -> Floats | None:
     """Checks the limits, and returns one pair for each finger."""
     if value is None:
         return None
-    place = "SampledController.limits"
-    given = checks.numbers(place, value)
+    given = checks.numbers("SampledController.limits", value)
+    place = f"SampledController.limits = {checks.shown(value)}"
     if given.shape not in ((2,), (2, 2)):
-        raise ValueError(
-            f"{place} = {checks.shown(value)}: must be (smallest, largest), or one such pair for "
-            "each finger"
-        )
+        raise ValueError(f"{place}: must be (smallest, largest), or one such pair for each finger")
     pairs = np.array(np.broadcast_to(given, (2, 2)))
     if not (pairs[:, 0] <= pairs[:, 1]).all():
-        raise ValueError(
-            f"{place} = {checks.shown(value)}: the smallest must not exceed the largest"
-        )
+        raise ValueError(f"{place}: the smallest must not exceed the largest")
     if (pairs[:, 0] == np.inf).any() or (pairs[:, 1] == -np.inf).any():
-        raise ValueError(f"{place} = {checks.shown(value)}: must leave a finite torque")
+        raise ValueError(f"{place}: must leave a finite torque")
     return read_only(pairs)
 
 
@@ -312,8 +299,7 @@ WRITTEN = {
 def pids_of(control: object) -> tuple[Pid, Pid]:
     """Returns the PIDs of the right and the left finger of a scene that PIDs or a schedule move."""
     right, left = control if isinstance(control, tuple) else (control, control)
-    assert isinstance(right, Pid)
-    assert isinstance(left, Pid)
+    assert isinstance(right, Pid) and isinstance(left, Pid)
     return right, left
 
 

@@ -50,23 +50,19 @@ def require_derivatives(scene: Scene) -> None:
     """Refuses a scene whose runs have no derivatives."""
     refuse_others(scene, "a run with sensitivities")
     if scene.contact == "unilateral":
-        raise ValueError(
-            'sensitivities need contact = "bilateral": the derivative jumps at every change of a '
-            "contact, which is not computed"
-        )
+        why = "the derivative jumps at every change of a contact, which is not computed"
+        raise ValueError(f'sensitivities need contact = "bilateral": {why}')
     if scene.law == "sampled":
-        raise ValueError(
-            "sensitivities: not with a SampledController, whose torques step from sample to sample"
-        )
+        why = "whose torques step from sample to sample"
+        raise ValueError(f"sensitivities: not with a SampledController, {why}")
 
 
 def listed(asked: object) -> list[str]:
     """Returns the paths of an argument `sensitivities`, which is one path or several."""
     found = [asked] if isinstance(asked, str) else asked
     if not isinstance(found, list | tuple) or not all(isinstance(path, str) for path in found):
-        raise TypeError(
-            f'sensitivities = {checks.shown(asked)}: must be paths such as "grasped.mass"'
-        )
+        rule = 'must be paths such as "grasped.mass"'
+        raise TypeError(f"sensitivities = {checks.shown(asked)}: {rule}")
     return list(found)
 
 
@@ -80,10 +76,8 @@ def shapes(
     if not paths:
         return {}
     for path in paths:
-        if path in _REFUSED:
-            raise ValueError(
-                f"sensitivities: {path!r}: there is no derivative by it: {_REFUSED[path]}"
-            )
+        if reason := _REFUSED.get(path):
+            raise ValueError(f"sensitivities: {path!r}: there is no derivative by it: {reason}")
     try:
         found = _template(scene, paths, varied).shapes
     except ValueError as error:
@@ -215,10 +209,8 @@ def _derivative(
         compiled = Compiled(forces=(compiled,))
     derivative: Compiled = compiled.map(_imaginary_part)
     if any(row[3:6].any() for row, _, _ in derivative.noises):
-        raise ValueError(
-            f"sensitivities: {path!r}: there is no derivative by the rate or the times of a noise: "
-            "its samples would change at random"
-        )
+        why = "by the rate or the times of a noise: its samples would change at random"
+        raise ValueError(f"sensitivities: {path!r}: there is no derivative {why}")
     return derivative
 
 
@@ -289,10 +281,8 @@ def _motion_slopes(
                 jumps = [jump for _, _, jump, _ in _jumps(own, slope)] if k == 0 else []
                 size = float(np.abs(own[1]).max())
                 if any(np.abs(jump).max() > _JUMP * size for jump in jumps):
-                    raise ValueError(
-                        f"sensitivities: {path!r}: it moves an instant at which the hand's "
-                        "acceleration jumps; a minimum jerk has no jumps"
-                    )
+                    why = "it moves an instant at which the hand's acceleration jumps"
+                    raise ValueError(f"sensitivities: {path!r}: {why}; a minimum jerk has no jumps")
                 slopes[k] = _held(own, slope)[1]
         for rows, slope in zip(found, slopes, strict=True):
             rows.append(np.ascontiguousarray(slope))

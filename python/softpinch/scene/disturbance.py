@@ -145,9 +145,8 @@ class Disturbance(Kinded):
             return
         time: float = self.time  # type: ignore[attr-defined]
         if time + duration <= time:
-            raise ValueError(
-                f"{kind}.duration = {duration}: must be long enough to end later than time = {time}"
-            )
+            rule = f"must be long enough to end later than time = {time}"
+            raise ValueError(f"{kind}.duration = {duration}: {rule}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -250,9 +249,8 @@ class Sine(Disturbance):
     def __post_init__(self) -> None:
         self._check()
         if not math.isfinite(math.tau * self.frequency_hz):
-            raise ValueError(
-                f"Sine.frequency_hz = {self.frequency_hz}: 2 pi times it must be finite"
-            )
+            rule = "2 pi times it must be finite"
+            raise ValueError(f"Sine.frequency_hz = {self.frequency_hz}: {rule}")
 
     def compile(self) -> Compiled:
         """Returns one sinusoid."""

@@ -32,11 +32,7 @@ COORDINATE_UNITS = ("m", "m", "rad", "rad", "rad", "m", "m", "m", "m")
 RATES = tuple(f"rate of {name}" for name in COORDINATES)
 RATE_UNITS = tuple(f"{unit}/s" for unit in COORDINATE_UNITS)
 # Usual ranges: the object's position, the three angles, and the tips' deformations.
-COORDINATE_RANGES = (
-    *[(-10.0, 10.0)] * 2,
-    *[(-math.pi, math.pi)] * 3,
-    *[(-1.0, 1.0)] * 4,
-)
+COORDINATE_RANGES = (*[(-10.0, 10.0)] * 2, *[(-math.pi, math.pi)] * 3, *[(-1.0, 1.0)] * 4)
 
 # Name of an axis -> the labels of the entries along it.
 AXES: dict[str, tuple[str, ...]] = {

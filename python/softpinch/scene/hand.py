@@ -45,8 +45,7 @@ def links(scene: Scene, name: str) -> tuple[Finger, Finger]:
     """The fingers of a scene with the paper's parts; refuses others, in the name of the caller."""
     refuse_others(scene, name)
     right, left = scene.hand.right, scene.hand.left
-    assert isinstance(right, Finger)
-    assert isinstance(left, Finger)
+    assert isinstance(right, Finger) and isinstance(left, Finger)
     return right, left
 
 
@@ -255,9 +254,8 @@ class GraspedObject(Record):
         offset = rise * height / (6.0 * middle)
         square = (middle * middle + rise * rise + height * height) / 12.0 - offset * offset
         face = Face(tilt=face.tilt, height=height / math.cos(face.tilt))
-        return cls(
-            width=width, mass=mass, inertia=mass * square, height=height, right=face, left=face
-        )
+        inertia = mass * square
+        return cls(width=width, mass=mass, inertia=inertia, height=height, right=face, left=face)
 
     @classmethod
     def box(cls, width: float, height: float, mass: float) -> Self:
@@ -272,8 +270,7 @@ class GraspedObject(Record):
             height: H, of the faces, m.
             mass: M, kg.
         """
-        width = checks.positive("width", width)
-        height = checks.positive("height", height)
+        width, height = checks.positive("width", width), checks.positive("height", height)
         mass = checks.positive("mass", mass)
         inertia = mass * (width * width + height * height) / 12.0
         return cls(width=width, mass=mass, inertia=inertia, height=height)
@@ -294,8 +291,7 @@ class GraspedObject(Record):
             radius: R, m.
             mass: M, kg.
         """
-        length = checks.positive("length", length)
-        radius = checks.positive("radius", radius)
+        length, radius = checks.positive("length", length), checks.positive("radius", radius)
         mass = checks.positive("mass", mass)
         inertia = mass * (3.0 * radius * radius + length * length) / 12.0
         return cls(width=length, mass=mass, inertia=inertia, height=2.0 * radius)

@@ -273,9 +273,8 @@ class TimedMotion(HandMotion):
             position, tilt, _ = self.compile()
         for breaks, rows in (position, tilt):
             if not np.isfinite(rows).all() or (np.diff(breaks) <= 0.0).any():
-                raise ValueError(
-                    "HandMotion.times: too close together, pieces have no length or overflow"
-                )
+                why = "too close together, pieces have no length or overflow"
+                raise ValueError(f"HandMotion.times: {why}")
 
     def _check_own(self) -> None:
         raise NotImplementedError
@@ -400,9 +399,8 @@ class SineMotion(HandMotion):
         else:
             self._check(checks.finite, "axis")
         if not math.isfinite(self.amplitude * math.tau**2 * self.frequency * self.frequency):
-            raise ValueError(
-                f"HandMotion.frequency = {self.frequency}: the acceleration must be finite"
-            )
+            rule = "the acceleration must be finite"
+            raise ValueError(f"HandMotion.frequency = {self.frequency}: {rule}")
 
     def compile(self) -> CompiledMotion:
         """Returns one sine, about a constant tilt."""

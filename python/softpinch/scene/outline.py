@@ -25,7 +25,8 @@ OBJECT_HEIGHT = 0.049
 # (-1)^i of (6): finger 1, the right one, first.
 SIGNS = (-1.0, 1.0)
 _MM = 1e3
-_ARC = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 61)
+# From the lower to the upper end of an arc, as shares of its span.
+_SWEEP = np.linspace(-0.5, 0.5, 61)
 # Colours of a drawing: edges, links, the object, a fingertip and the lines inside it.
 EDGE, LINK, OBJECT, SKIN, _FIBRE = "#262626", "#9E9E9E", "#CFE3F2", "#F3C9A8", "#B5744A"
 # Lines drawn inside a tip to show its shear: their positions on its base, as shares of its radius.
@@ -48,7 +49,7 @@ class Contacts(NamedTuple):
     """Both contacts at states q (..., 9), along the hand's axes."""
 
     tilts: Floats  # theta_p of both tips (6), (..., 2), rad
-    places: Floats  # of the contacts along the sides from their middles, upwards (..., 2), m
+    places: Floats  # of the contacts on the sides, from their middles up: G_i of (11) (..., 2), m
     normals: Floats  # of the sides there, from the left finger to the right one (..., 2, 2)
     centres: Floats  # of the tips, O_i of (7, 8) (..., 2, 2), m
 
@@ -71,11 +72,6 @@ def object_axes(theta: float | Floats) -> tuple[Floats, Floats]:
     """Unit vectors across and along the object's faces, (C, S) and (-S, C)."""
     c, s = np.cos(theta), np.sin(theta)
     return np.array([c, s]), np.array([-s, c])
-
-
-def object_height(scene: Scene) -> float:
-    """The height of the drawn object, m."""
-    return float(np.ptp(object_outline(scene, np.zeros(9))[:, 1]))
 
 
 def object_outline(scene: Scene, q: Floats) -> Floats:
@@ -104,8 +100,6 @@ def _side(scene: Scene, side: int) -> Floats:
     return np.array([middle - half * up, middle + half * up])
 
 
-# From the lower to the upper end of an arc, as shares of its span.
-_SWEEP = np.linspace(-0.5, 0.5, 61)
 # Half of an arrow's shaft and of its head, and the head's length, as shares of the longest arrow.
 _SHAFT, _WIDE, _HEAD = 0.04, 0.12, 0.3
 
@@ -206,7 +200,7 @@ def finger_outline(scene: Scene, q: Floats, side: int) -> FingerOutline:
         flat = offsets - np.multiply.outer(np.maximum(depth - surface, 0.0), to_face)
         return np.asarray(centre + flat - np.multiply.outer(share * shear, along_face))
 
-    tip_line = place(a * np.sin(_ARC), a * np.cos(_ARC))
+    tip_line = place(a * np.sin(np.pi * _SWEEP), a * np.cos(np.pi * _SWEEP))
     lines = []
     for share in _FIBRES:
         out = np.linspace(0.0, a * np.sqrt(1.0 - share**2), 12)
@@ -237,7 +231,7 @@ def shapes(scene: Scene, q: Floats, skins: Sequence[str] = (SKIN, SKIN)) -> list
         size = (1.25 if len(finger.links) == 1 else 0.6) * finger_of(scene, side).half_thickness
         found += [Shape(joint + size * _CIRCLE, "white", EDGE, 0.8) for joint in finger.joints]
     # The centre of gravity, and a line along the object's upright axis, which shows its rotation.
-    height = object_height(scene)
+    height = float(np.ptp(object_outline(scene, np.zeros(9))[:, 1]))
     top = q[:2] + 0.42 * height * object_axes(float(q[2]))[1]
     found.append(Shape(q[:2] + 0.02 * height * _CIRCLE, "black", "black", 0.6))
     found.append(Shape(np.array([q[:2], top]), "", "black", 0.7))
@@ -252,11 +246,6 @@ def contact_point(scene: Scene, q: Floats, side: int) -> Floats:
     """The foot of the perpendicular from O_i to the side, where a contact force acts (2,), m."""
     found, reach = contacts(scene, q), scene.hand.tips[side].radius - q[5 + side]
     return np.asarray(found.centres[side] + reach * SIGNS[side] * found.normals[side])
-
-
-def contact_heights(scene: Scene, q: Floats) -> Floats:
-    """The places of the contacts on their sides (n, 2), from the middle up, m: G_i of (11)."""
-    return contacts(scene, q).places
 
 
 def extent(scene: Scene, q: Floats) -> tuple[float, float, float, float]:
@@ -295,11 +284,6 @@ def upward(finger: Finger, angle: float) -> float:
     return finger.length * math.cos(angle) - finger.half_thickness * math.sin(angle)
 
 
-def arm(finger: Finger) -> float:
-    """Distance of O_i from the finger's root, m, which is the most that `inward` can be."""
-    return math.hypot(finger.length, finger.half_thickness)
-
-
 def angle_at(length: float, half_thickness: float, inward: float) -> float | None:
     """Returns the angle of a finger at which O_i is so far inward, rad; None beyond its reach."""
     share = inward / math.hypot(length, half_thickness)
@@ -328,9 +312,8 @@ def closing(scene: Scene, depth: float) -> tuple[float, float] | None:
     if not others(scene):
         fingers = links(scene, "a hand of links")
         reach = 2.0 * depth - scene.grasped.width
-        reach += sum(
-            f.root_offset - t.radius for f, t in zip(fingers, scene.hand.tips, strict=True)
-        )
+        pairs = zip(fingers, scene.hand.tips, strict=True)
+        reach += sum(finger.root_offset - tip.radius for finger, tip in pairs)
         length, thickness = (sum(f.length for f in fingers), sum(f.half_thickness for f in fingers))
         angle = angle_at(length, thickness, reach)
         return None if angle is None else (angle, angle)

@@ -190,13 +190,9 @@ class MeasuredLaw(TipLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("compression", "force"):
-            values = checks.increasing(f"MeasuredLaw.{name}", getattr(self, name))
-            if len(values) < _LEAST or not values[0] > 0.0:
-                rule = f"must be at least {_LEAST} numbers, the first above zero"
-                raise ValueError(f"MeasuredLaw.{name} = {checks.shown(values.tolist())}: {rule}")
-            self._set(name, values)
-        checks.same_length("MeasuredLaw.force", self.force, "compression", len(self.compression))
+        compression, force = measured_curve("MeasuredLaw.", self.compression, self.force)
+        self._set("compression", compression)
+        self._set("force", force)
         if not self.misfit <= _MISFIT:
             raise ValueError(
                 f"MeasuredLaw.force: the best curve of parallel springs misses it by "
@@ -226,13 +222,10 @@ class MeasuredLaw(TipLaw):
         """The density of springs F'' in Bernstein polynomials over the range (10,), N/m^2."""
         optimize = extras.require("scipy.optimize", extra="study", purpose="MeasuredLaw")
         reach, largest = self.compression[-1], self.force[-1]
-        rows = (
-            _integrals(self.compression / reach, 2)
-            * reach**2
-            / (self.force + 0.05 * largest)[:, None]
-        )
+        sizes = self.force + 0.05 * largest
+        rows = _integrals(self.compression / reach, 2) * reach**2 / sizes[:, None]
         smooth = _SMOOTHING * np.diff(np.eye(_WEIGHTS), n=2, axis=0) * reach**2 / largest
-        right = np.concatenate([self.force / (self.force + 0.05 * largest), np.zeros(len(smooth))])
+        right = np.concatenate([self.force / sizes, np.zeros(len(smooth))])
         return read_only(optimize.nnls(np.concatenate([rows, smooth]), right)[0])
 
     def predicted(self, compression: Floats) -> Floats:
@@ -252,6 +245,18 @@ class MeasuredLaw(TipLaw):
     def misfit(self) -> float:
         """The largest difference between fitted and measured forces over the largest force."""
         return float(np.abs(self.predicted(self.compression) - self.force).max() / self.force[-1])
+
+
+def measured_curve(owner: str, compression: object, force: object) -> tuple[Floats, Floats]:
+    """Checks compressions and forces (k,) of a measured law; `owner` begins names in errors."""
+    d = checks.increasing(f"{owner}compression", compression)
+    f = checks.increasing(f"{owner}force", force)
+    for name, values in (("compression", d), ("force", f)):
+        if len(values) < _LEAST or not values[0] > 0.0:
+            rule = f"must be at least {_LEAST} numbers, the first above zero"
+            raise ValueError(f"{owner}{name} = {checks.shown(values.tolist())}: {rule}")
+    checks.same_length(f"{owner}force", f, "compression", len(d))
+    return d, f
 
 
 def _integrals(x: Floats, times: int) -> Floats:
@@ -289,47 +294,42 @@ def width(scene: Scene) -> float:
 
 def half_lengths(scene: Scene) -> tuple[float, float]:
     """Half the length of the right and the left side, m; infinite of sides without ends."""
-    right, left = (_half_length(side, scene.grasped.height) for side in sides_of(scene.grasped))
-    return right, left
 
+    def half(side: ObjectSide | None) -> float:
+        if isinstance(side, Arc):
+            return 0.5 * side.radius * (math.pi if side.span is None else side.span)
+        own = side.height if isinstance(side, Face) else None
+        height = scene.grasped.height if own is None else own
+        return math.inf if height is None else 0.5 * height
 
-def _half_length(side: ObjectSide | None, height: float | None) -> float:
-    if isinstance(side, Arc):
-        return 0.5 * side.radius * (math.pi if side.span is None else side.span)
-    own = side.height if isinstance(side, Face) else None
-    height = height if own is None else own
-    return math.inf if height is None else 0.5 * height
+    return half(scene.grasped.right), half(scene.grasped.left)
 
 
 def numbers(scene: Scene) -> dict[str, float]:
     """The numbers of parts that are not the paper's, by their paths in `_core.PARAMETERS`."""
     found: dict[str, float] = {}
-    sides = sides_of(scene.grasped)
+
+    def put(place: str, kind: float, **own: float) -> None:
+        found.update({f"{place}.{name}": number for name, number in {"kind": kind, **own}.items()})
+
     fingers = (scene.hand.right, scene.hand.left)
-    for k, name in enumerate(SIDES):
-        finger, side, tip = fingers[k], sides[k], scene.hand.tips[k]
+    for k, (name, side) in enumerate(zip(SIDES, sides_of(scene.grasped), strict=True)):
+        finger, law = fingers[k], scene.hand.tips[k].law
         if isinstance(finger, Mechanism):
-            place = f"hand.{name}"
-            found[f"{place}.kind"] = 1.0 if isinstance(finger, Jaw) else 2.0
-            found |= {f"{place}.{key}": value for key, value in finger._values().items()}
-        place = f"grasped.{name}"
+            put(f"hand.{name}", 1.0 if isinstance(finger, Jaw) else 2.0, **finger._values())
         if isinstance(side, Face):
-            height = scene.grasped.height if side.height is None else side.height
-            found |= {f"{place}.kind": 1.0, f"{place}.tilt": side.tilt}
-            found[f"{place}.height"] = math.inf if height is None else height
+            put(f"grasped.{name}", 1.0, tilt=side.tilt, height=2.0 * half_lengths(scene)[k])
         if isinstance(side, Arc):
-            found |= {f"{place}.kind": 2.0, f"{place}.radius": side.radius}
-            found[f"{place}.center_x"], found[f"{place}.center_y"] = side.center
-            found[f"{place}.span"] = math.pi if side.span is None else side.span
-            found[f"{place}.counterface"] = COUNTERFACES[side.counterface]
-        place, law = f"hand.tip.{name}.law", tip.law
-        if isinstance(law, PowerLaw):
-            found |= {f"{place}.kind": 1.0, f"{place}.coefficient": law.coefficient}
-            found[f"{place}.exponent"], found[f"{place}.foot"] = law.exponent, law.foot or 0.0
-        if isinstance(law, MeasuredLaw):
-            found |= {f"{place}.kind": 2.0, f"{place}.range": float(law.compression[-1])}
+            (x, y), span = side.center, math.pi if side.span is None else side.span
+            own = {"radius": side.radius, "center_x": x, "center_y": y, "span": span}
+            put(f"grasped.{name}", 2.0, counterface=COUNTERFACES[side.counterface], **own)
         if isinstance(law, PowerLaw | MeasuredLaw):
-            found[f"{place}.shear_factor"] = law.shear_factor
+            own = {"shear_factor": law.shear_factor}
+            if isinstance(law, PowerLaw):
+                own |= {"coefficient": law.coefficient, "exponent": law.exponent}
+                put(f"hand.tip.{name}.law", 1.0, foot=law.foot or 0.0, **own)
+            else:
+                put(f"hand.tip.{name}.law", 2.0, range=float(law.compression[-1]), **own)
     return found
 
 

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 # Numeric fields that cannot be varied, because they are no physical quantities.
 _COUNTS = {"grid", "linearized", "controller", "seed", "run"}
+# Numbers that may be None.
+_OPTIONAL = {"normal_mass", "tangential_mass", "friction", "height", "duration", "foot", "span"}
 # The field that holds either one number for both contacts or a pair (right, left), as path steps.
 _FRICTION = ["friction"]
 # Fields that hold one value for both fingers or contacts, or a pair, as steps of paths.
@@ -77,11 +79,7 @@ def resolve(scene: Scene, path: str) -> Any:
         node = node[0]
     if reason := why_fixed(scene, path):
         raise ValueError(f"vary: {shown}: {reason}")
-    optional = (
-        *("normal_mass", "tangential_mass", "friction", "height", "duration"),
-        *("foot", "span"),
-    )
-    if node is None and (steps[-1] in optional or steps[:-1] == _FRICTION):
+    if node is None and (steps[-1] in _OPTIONAL or steps[:-1] == _FRICTION):
         return 0.0
     number = isinstance(node, float | np.floating) or (
         isinstance(node, tuple | np.ndarray)
@@ -91,10 +89,8 @@ def resolve(scene: Scene, path: str) -> Any:
     if not number or _COUNTS & set(steps):
         raise ValueError(f"vary: {shown}: {where} is not a number, a pair or an array of numbers")
     if steps[0] == "disturbances" and not all(step.isdecimal() for step in steps[3:]):
-        raise ValueError(
-            f"vary: {shown}: only a disturbance's own fields can differ between runs, not those "
-            "of records inside it"
-        )
+        rule = "can differ between runs, not those of records inside it"
+        raise ValueError(f"vary: {shown}: only a disturbance's own fields {rule}")
     return node
 
 
@@ -213,9 +209,7 @@ def replaced(node: Any, tree: Any) -> Any:
         pair = replaced((one, one), tree)
         return node if pair == (one, one) else pair
     inside = {SIDES.index(k) if k in SIDES else int(k): branch for k, branch in tree.items()}
-    return tuple(
-        replaced(item, inside.get(k, {})) if k in inside else item for k, item in enumerate(node)
-    )
+    return tuple(replaced(one, inside[k]) if k in inside else one for k, one in enumerate(node))
 
 
 def refuse_overlaps(paths: Sequence[str]) -> None:
@@ -242,10 +236,8 @@ def changed(scene: Scene, values: object, named: Mapping[str, object]) -> Scene:
             f"with_({{{written}}})"
         )
     if not isinstance(values, Mapping):
-        raise TypeError(
-            f"with_: {checks.shown(values)}: must map paths to values, such as "
-            '{"grasped.mass": 0.2}'
-        )
+        rule = 'must map paths to values, such as {"grasped.mass": 0.2}'
+        raise TypeError(f"with_: {checks.shown(values)}: {rule}")
     try:
         for path in values:
             require_gains(scene, path)

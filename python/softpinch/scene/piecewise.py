@@ -179,12 +179,8 @@ def _at_knots(h: Floats, ways: Floats) -> tuple[Floats, Floats]:
         own = np.array([[16.0 * both, 3.0 * odd], [3.0 * odd, 0.75 * (left + right)]])
         before = np.array([[14.0 * left**3, 2.0 * left**2], [-2.0 * left**2, -0.25 * left]])
         after = np.array([[14.0 * right**3, -2.0 * right**2], [2.0 * right**2, -0.25 * right]])
-        jumps = np.array(
-            [
-                30.0 * (ways[i] * right**4 + ways[i - 1] * left**4),
-                5.0 * (ways[i] * right**3 - ways[i - 1] * left**3),
-            ]
-        )
+        snap = 30.0 * (ways[i] * right**4 + ways[i - 1] * left**4)
+        jumps = np.array([snap, 5.0 * (ways[i] * right**3 - ways[i - 1] * left**3)])
         own = own - before @ ahead[i - 1]
         ((p, q), (r, s)) = own
         inverse = np.array([[s, -q], [-r, p]]) / (p * s - q * r)

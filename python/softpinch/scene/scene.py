@@ -80,22 +80,17 @@ class State(Record):
         self._set("check", checks.boolean("State.check", self.check))
         if self.grid is not None:
             if not isinstance(self.grid, tuple | list) or len(self.grid) != 2:
-                raise TypeError(
-                    f"State.grid = {checks.shown(self.grid)}: must be (segment start, steps taken)"
-                )
+                rule = "must be (segment start, steps taken)"
+                raise TypeError(f"State.grid = {checks.shown(self.grid)}: {rule}")
             anchor = checks.finite("State.grid[0]", self.grid[0])
             self._set("grid", (anchor, checks.integer("State.grid[1]", self.grid[1], 0, 2**63 - 1)))
         if self.controller is not None:
-            self._set("controller", self._controller_row())
-
-    def _controller_row(self) -> NDArray[np.float64]:
-        """Checks `controller`, whose torques under way may be infinite: a run then ends later."""
-        row = checks.numbers("State.controller", self.controller)
-        if row.ndim != 1 or np.isnan(row).any():
-            raise ValueError(
-                f"State.controller = {checks.shown(self.controller)}: must be numbers, (k,)"
-            )
-        return read_only(row.copy())
+            # Its torques under way may be infinite: a run then ends later.
+            row = checks.numbers("State.controller", self.controller)
+            if row.ndim != 1 or np.isnan(row).any():
+                given = checks.shown(self.controller)
+                raise ValueError(f"State.controller = {given}: must be numbers, (k,)")
+            self._set("controller", read_only(row.copy()))
 
     @classmethod
     def consistent(
@@ -143,10 +138,7 @@ class State(Record):
             *checks.pair("finger_rates", finger_rates),
         ]
         q, p = _core.consistent(
-            scene.parameters(),
-            np.array(pose),
-            checks.array("shear", shear, (2,)),
-            np.array(rates),
+            scene.parameters(), np.array(pose), checks.array("shear", shear, (2,)), np.array(rates)
         )
         return cls(q, p, integral=checks.pair("integral", integral), time=time)
 
@@ -154,14 +146,11 @@ class State(Record):
 def require_fit(scene: Scene, name: str, state: State) -> None:
     """Refuses a state with contacts or a controller that the scene does not have."""
     if state.contact is not None and scene.contact == "bilateral":
-        raise ValueError(
-            f"{name}.contact = {checks.shown(state.contact)}: must be None "
-            'with contact = "bilateral", in which contacts have no modes'
-        )
+        rule = 'must be None with contact = "bilateral", in which contacts have no modes'
+        raise ValueError(f"{name}.contact = {checks.shown(state.contact)}: {rule}")
     if state.controller is not None and scene.law != "sampled":
-        raise ValueError(
-            f"{name}.controller: must be None, because control is no SampledController"
-        )
+        rule = "must be None, because control is no SampledController"
+        raise ValueError(f"{name}.controller: {rule}")
 
 
 # The fields that differ between runs, if no field does.
@@ -217,9 +206,8 @@ def inputs(
     )
     carried = None
     if motion is not None:
-        carried = (
-            motion.compile_runs(carries).core() if carries else motion.compile().map(one).core()
-        )
+        moved = motion.compile_runs(carries) if carries else motion.compile().map(one)
+        carried = moved.core()
     if not isinstance(control, SampledController):
         return _core.Inputs(*parts, law, None, carried)
     controller = control.compile_runs(gains, numbers, control.seed if numbers is None else seed)
@@ -317,36 +305,28 @@ class Scene(Record):
             )
         self._set("control", take_control(self.control))
         if not isinstance(self.disturbances, tuple | list):
-            raise TypeError(
-                f"Scene.disturbances = {checks.shown(self.disturbances)}: must be a sequence of "
-                "disturbances, such as [Step(time=0.1, force=(1.0, 0.0))]"
-            )
+            rule = "must be a sequence of disturbances, such as [Step(time=0.1, force=(1.0, 0.0))]"
+            raise TypeError(f"Scene.disturbances = {checks.shown(self.disturbances)}: {rule}")
         self._set("disturbances", tuple(self.disturbances))
         for k, disturbance in enumerate(self.disturbances):
             checks.instance(f"Scene.disturbances[{k}]", disturbance, Disturbance)
             shaking = getattr(disturbance, "acceleration_std", 0.0)
             if self.motion is None and np.any(shaking):
-                raise ValueError(
-                    f"disturbances[{k}].acceleration_std = {checks.shown(shaking)}: needs a "
-                    "Scene.motion, such as HandMotion.constant()"
-                )
+                place = f"disturbances[{k}].acceleration_std = {checks.shown(shaking)}"
+                raise ValueError(f"{place}: needs a Scene.motion, such as HandMotion.constant()")
         if self.motion is not None:
             made = "a HandMotion, such as HandMotion.minimum_jerk(times, points)"
             checks.instance("Scene.motion", self.motion, HandMotion, made)
         checks.choice("Scene.fingers", self.fingers, ("pid", "driven"))
         if self.fingers == "driven" and self.law != "driven":
-            raise ValueError(
-                f'Scene.{WRITTEN[self.law]}: with fingers="driven" the schedule prescribes the '
-                "angles, and the torques are a result"
-            )
+            rule = "the schedule prescribes the angles, and the torques are a result"
+            raise ValueError(f'Scene.{WRITTEN[self.law]}: with fingers="driven" {rule}')
         if isinstance(self.initial, str):
             if self.initial != "touching":
                 raise ValueError(f"Scene.initial = {checks.shown(self.initial)}: {_STARTS}")
             if self.fingers == "driven":
-                raise ValueError(
-                    'Scene.initial = "touching": with fingers="driven" the schedule sets the '
-                    "fingers' start; use None or a State"
-                )
+                rule = "the schedule sets the fingers' start; use None or a State"
+                raise ValueError(f'Scene.initial = "touching": with fingers="driven" {rule}')
         elif self.initial is not None:
             checks.instance("Scene.initial", self.initial, State, _STARTS.removeprefix("must be "))
             require_fit(self, "Scene.initial", self.initial)

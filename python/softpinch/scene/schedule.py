@@ -72,9 +72,9 @@ class Schedule(Record):
         name, moved = "Schedule.move_time", len(self.times) - 1
         given = checks.number_or_array(name, self.move_time, checks.positive)
         if not isinstance(given, float) and given.shape != (moved,):
+            rule = f"must be one number, or have shape ({moved},), one for each move"
             raise ValueError(
-                f"{name} has shape {given.shape}: must be one number, or have shape ({moved},), "
-                "one for each move; no move goes to the first angles"
+                f"{name} has shape {given.shape}: {rule}; no move goes to the first angles"
             )
         return given
 
@@ -93,10 +93,8 @@ class Schedule(Record):
         late = np.flatnonzero(ends[:-1] - starts[1:] > piecewise.ROUND_OFF * np.abs(starts[1:]))
         if late.size:
             k = int(late[0])
-            raise ValueError(
-                f"{called(k)}: moves would overlap, "
-                f"times[{k + 2}] comes {starts[k + 1] - starts[k]} s after times[{k + 1}]"
-            )
+            gap = f"times[{k + 2}] comes {starts[k + 1] - starts[k]} s after times[{k + 1}]"
+            raise ValueError(f"{called(k)}: moves would overlap, {gap}")
 
     @classmethod
     def steps(cls, times: ArrayLike, angles: ArrayLike) -> Self:
@@ -261,10 +259,8 @@ class Schedule(Record):
         """Accepts `angles_deg`, in degrees, instead of `angles`."""
         if isinstance(data, Mapping) and "angles_deg" in data:
             if "angles" in data:
-                where = checks.at(path)
-                raise ValueError(
-                    f"Schedule.angles_deg{where}: must not be given together with angles"
-                )
+                place = f"Schedule.angles_deg{checks.at(path)}"
+                raise ValueError(f"{place}: must not be given together with angles")
             rest = {name: value for name, value in data.items() if name != "angles_deg"}
             try:
                 degrees = checks.array("Schedule.angles_deg", data["angles_deg"], ("k", 2))

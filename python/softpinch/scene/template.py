@@ -44,9 +44,8 @@ class SceneTemplate:
         for path, shape in self.shapes.items():
             if shape:
                 example = ".".join([path, *["0"] * len(shape)])
-                raise ValueError(
-                    f"{name}: {path!r} has shape {shape}: must be one number, such as {example!r}"
-                )
+                rule = f"must be one number, such as {example!r}"
+                raise ValueError(f"{name}: {path!r} has shape {shape}: {rule}")
 
     def changed(self, values: Mapping[str, Any]) -> Scene:
         """Returns the scene with these values. Unlike `at`, it keeps the noise's seed and run."""
@@ -118,11 +117,9 @@ class SceneTemplate:
         self, values: Mapping[str, Floats], numbers: NDArray[np.uint64] | None, **how: Any
     ) -> _core.Batch:
         scene = self.scene
-        columns = [
-            (slot, np.ascontiguousarray(values[path]))
-            for path, slots in self.slots.items()
-            for slot in slots
-        ]
+        columns: list[tuple[int, Floats]] = []
+        for path, slots in self.slots.items():
+            columns += [(slot, np.ascontiguousarray(values[path])) for slot in slots]
         moves = self._fields(scene.schedule, "schedule", values)
         loads = [
             self._fields(disturbance, f"disturbances.{k}", values)

@@ -342,9 +342,8 @@ def checked_actions(actions: ArrayLike, n: int, each: str) -> NDArray[np.float64
     wrong = np.argwhere(~np.isfinite(given))
     if len(wrong):
         k, finger = wrong[0].tolist()
-        raise ValueError(
-            f"actions[{k}, {finger}] = {given[k, finger]}: must be finite ({each} {k})"
-        )
+        rule = f"must be finite ({each} {k})"
+        raise ValueError(f"actions[{k}, {finger}] = {given[k, finger]}: {rule}")
     return np.ascontiguousarray(given, dtype=np.float64)
 
 

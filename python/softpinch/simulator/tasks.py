@@ -147,9 +147,9 @@ class Task:
         if any(jaws(self.grasp)):
             raise ValueError(f"{name}.grasp: does not take a Jaw yet: it observes angles of links")
         if self.grasp.law != "pid":
+            rule = "must have a PID, which brings the grasp to rest"
             raise ValueError(
-                f"{name}.grasp: its fingers are {checks.shown(self.grasp.law)}: must have a PID, "
-                "which brings the grasp to rest"
+                f"{name}.grasp: its fingers are {checks.shown(self.grasp.law)}: {rule}"
             )
         for each in ("duration", "period", "dt", "torque_span", "leash"):
             checks.positive(f"{name}.{each}", getattr(self, each))
@@ -158,10 +158,8 @@ class Task:
         checks.integer(f"{name}.pushes", self.pushes, 0, 10_000)
         shortest, longest = checks.pair(f"{name}.push_time", self.push_time)
         if not 0.0 < shortest <= longest:
-            raise ValueError(
-                f"{name}.push_time = {checks.shown(self.push_time)}: must be the shortest and the "
-                "longest duration, both above 0"
-            )
+            rule = "must be the shortest and the longest duration, both above 0"
+            raise ValueError(f"{name}.push_time = {checks.shown(self.push_time)}: {rule}")
         rule = f"must be at most the duration, {self.duration}"
         checks.number_that(f"{name}.period", self.period, lambda x: x <= self.duration, rule)
 
@@ -405,10 +403,8 @@ class HoldWithLeastGrip(Task):
         """Returns the terms of the reward (n,)."""
         force = 0.5 * (now.seen.multipliers[:, 0] + now.seen.multipliers[:, 1])
         # Tips that a bilateral scene lets pull are no gain.
-        return {
-            "grip": self._closeness(np.maximum(force, 0.0) / self.grip_force),
-            "lost": self._lost(now),
-        }
+        grip = self._closeness(np.maximum(force, 0.0) / self.grip_force)
+        return {"grip": grip, "lost": self._lost(now)}
 
 
 class Outcome(NamedTuple):
@@ -534,6 +530,4 @@ def _computed(name: str, values: object, shape: tuple[int, ...]) -> Floats:
 
 def of_one(info: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
     """Returns the info of a single environment: plain numbers and text, and arrays."""
-    return {
-        name: each[0].copy() if each.ndim > 1 else each[0].item() for name, each in info.items()
-    }
+    return {k: v[0].copy() if v.ndim > 1 else v[0].item() for k, v in info.items()}

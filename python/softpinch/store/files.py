@@ -52,9 +52,8 @@ def reading(path: Path, remedy: str = _REMEDY) -> Iterator[None]:
     except StoreError:
         raise
     except FileNotFoundError:
-        raise StoreError(
-            f"{path}: is missing: restore it, or resume the study, which computes it again"
-        ) from None
+        advice = "restore it, or resume the study, which computes it again"
+        raise StoreError(f"{path}: is missing: {advice}") from None
     # pyarrow raises errors of many types for damaged bytes, and OSError without a number.
     except (OSError, ValueError, LookupError, TypeError) as error:
         if isinstance(error, OSError) and error.errno is not None:
@@ -81,13 +80,8 @@ def encode(
     schema = pa.schema(fields, metadata={_KEY: json.dumps(facts)})
     sink = pa.BufferOutputStream()
     # Zstandard halves the size at 0.1 us a run. Only texts repeat, and gain by dictionaries.
-    parquet.write_table(
-        pa.Table.from_arrays(arrays, schema=schema),
-        sink,
-        compression="zstd",
-        compression_level=1,
-        use_dictionary=texts,
-    )
+    table = pa.Table.from_arrays(arrays, schema=schema)
+    parquet.write_table(table, sink, compression="zstd", compression_level=1, use_dictionary=texts)
     return memoryview(sink.getvalue())
 
 

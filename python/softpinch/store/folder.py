@@ -91,17 +91,15 @@ class Folder:
         # Numbers from a million on have more than six digits, so lengths are compared first.
         for name in sorted(found, key=lambda name: (len(name), name)):
             if not _PART_NAME.fullmatch(name):
-                raise StoreError(
-                    f"{folder / name}: is not a part of a study (parts are called 000000.parquet "
-                    "and so on): move it elsewhere"
-                )
+                rule = "is not a part of a study (parts are called 000000.parquet and so on)"
+                raise StoreError(f"{folder / name}: {rule}: move it elsewhere")
             part = Part.open(folder / name, identity)
             try:
                 self.add(part)
             except ValueError as error:
+                advice = "delete it and resume the study, which computes missing runs again"
                 raise StoreError(
-                    f"{part.path}: has runs that are in other parts too ({error}): delete it and "
-                    "resume the study, which computes missing runs again"
+                    f"{part.path}: has runs that are in other parts too ({error}): {advice}"
                 ) from None
         self._last: tuple[Part, Rows] | None = None
 
@@ -137,7 +135,7 @@ class Trajectories(Mapping[int, Run]):
     """
 
     def __init__(self, folder: Folder, scene_of: Any) -> None:
-        """Takes the study's folder, and a function from a run number to that run's scene."""
+
         self._folder = folder
         self._scene_of = scene_of
 
@@ -317,15 +315,11 @@ def refuse_other_content(path: Path) -> None:
             below = path / name
             if name in (PARTS, TRAJECTORIES) and below.is_dir():
                 if visible(below):
-                    raise StoreError(
-                        f"{below}: belongs to a study whose {MANIFEST} is missing: restore it, or "
-                        "use another folder"
-                    )
+                    rule = f"belongs to a study whose {MANIFEST} is missing"
+                    raise StoreError(f"{below}: {rule}: restore it, or use another folder")
             elif name not in (LOCK, DIGESTS, ARRAYS):
-                raise StoreError(
-                    f"{path}: is not empty and not a study: it contains {name}; give a new folder "
-                    "or an empty one"
-                )
+                rule = f"is not empty and not a study: it contains {name}"
+                raise StoreError(f"{path}: {rule}; give a new folder or an empty one")
     except FileNotFoundError:
         return
     except NotADirectoryError as error:

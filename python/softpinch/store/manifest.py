@@ -125,9 +125,8 @@ def spec_of(path: Path, data: Mapping[str, Any]) -> StudySpec:
     with files.reading(path / MANIFEST, "restore the original"):
         needed = (*ALWAYS, "runs", "seed", "sampler", "summaries", "settling_band")
         checks.refuse_unknown("[study]", data["study"], SETTINGS, "", needed=needed)
-        vary: dict[Key, Any] = {
-            tuple(key.split(", ")): Description(entry) for key, entry in data["vary"].items()
-        }
+        given = data["vary"].items()
+        vary: dict[Key, Any] = {tuple(key.split(", ")): Description(entry) for key, entry in given}
         return study_file.spec_of(Scene.from_dict(data["scene"]), vary, data["study"])
 
 
@@ -160,13 +159,11 @@ def compare(path: Path, there: Mapping[str, Any], given: Mapping[str, Any]) -> N
             lines.append(f"{name} is {texts[0]} there, and {texts[1]} here")
     before, now = there["study"]["runs"], given["study"]["runs"]
     if there["study"]["sampler"] == "latin_hypercube" and before != now:
-        lines.append(
-            f"study.runs is {before} there, and {now} here: a Latin hypercube cannot be extended"
-        )
+        why = "a Latin hypercube cannot be extended"
+        lines.append(f"study.runs is {before} there, and {now} here: {why}")
     if lines:
-        raise ValueError(
-            f"{path}: holds another study: {'; '.join(lines)}; give that study, or another folder"
-        )
+        advice = "give that study, or another folder"
+        raise ValueError(f"{path}: holds another study: {'; '.join(lines)}; {advice}")
 
 
 def _flat(data: Any, path: str = "") -> Iterator[tuple[str, Any]]:
@@ -207,10 +204,8 @@ def damaged_arrays(path: Path, data: Mapping[str, Any]) -> Iterator[str]:
             continue
         file = path / entry["file"]
         if fault := _array_fault(file, entry["sha256"]):
-            yield (
-                f"{file}: {fault}: restore it, or call monte_carlo again with the original {name}, "
-                "which writes it again"
-            )
+            again = f"call monte_carlo again with the original {name}, which writes it again"
+            yield f"{file}: {fault}: restore it, or {again}"
 
 
 def _array_fault(file: Path, sha256: str) -> str:

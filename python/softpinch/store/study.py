@@ -285,10 +285,9 @@ class Failures(Sequence[Capsule]):
         if not -len(self) <= index < len(self):
             raise IndexError(f"failure {index} of {len(self)}")
         maker = self._study.made_by[-1]
+        made_by = {"version": maker["softpinch"], "results_version": maker["results_version"]}
         (capsule,) = self._study._capsules(self._study._rows_of(self._runs[[index]]))
-        return replace(
-            capsule, version=maker["softpinch"], results_version=maker["results_version"]
-        )
+        return replace(capsule, **made_by)
 
     def __repr__(self) -> str:
         return f"<{len(self)} failures of {self._study!r}>"
@@ -395,11 +394,8 @@ def _continued(there: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, 
         free["trajectories"] = sorted(paths)
     if "trajectories" not in given["study"]:
         free |= {name: there["study"][name] for name in RECORDING if name in there["study"]}
-    return {
-        **there,
-        "study": {**kept, **free},
-        "made_by": known if ours in known else [*known, ours],
-    }
+    makers = known if ours in known else [*known, ours]
+    return {**there, "study": {**kept, **free}, "made_by": makers}
 
 
 def _verify_same_bits(spec: StudySpec, folder: Folder, there: Mapping[str, Any]) -> None:
@@ -413,9 +409,8 @@ def _verify_same_bits(spec: StudySpec, folder: Folder, there: Mapping[str, Any])
     how = "; ".join(changed) or "the versions are the same: was a function of vary changed?"
     for name, values in drawn.items():
         if values.tobytes() != some.columns[name].tobytes():
-            raise StoreError(
-                f"{folder.path}: {name}: a new draw differs from the stored one ({how})"
-            )
+            why = f"a new draw differs from the stored one ({how})"
+            raise StoreError(f"{folder.path}: {name}: {why}")
     if ours in there["made_by"]:  # an earlier writer had this software and processor
         return
     first = rows.select(np.array([0]))
@@ -424,7 +419,5 @@ def _verify_same_bits(spec: StudySpec, folder: Folder, there: Mapping[str, Any])
         # NaN does not equal itself, so values that differ as lists are compared as bytes.
         before = first.columns[name].astype(values.dtype)
         if values.tolist() != before.tolist() and values.tobytes() != before.tobytes():
-            raise StoreError(
-                f"{folder.path}: {name} of run {first.run[0]}: computing it again gives another "
-                f"result than the stored one ({how})"
-            )
+            why = f"computing it again gives another result than the stored one ({how})"
+            raise StoreError(f"{folder.path}: {name} of run {first.run[0]}: {why}")

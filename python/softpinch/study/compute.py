@@ -43,7 +43,7 @@ class Computation:
         executor: engine.Engine | None = None,
         progress: bool | Report = True,
     ) -> None:
-        """Checks the arguments of `monte_carlo` that say which runs to compute and how."""
+
         runs = spec.draws.runs
         self.spec = spec
         self.wanted = Spans.upto(runs) if only is None else Spans.of(_numbers(only, runs))
@@ -168,9 +168,8 @@ class Computation:
             return False
 
         block = Rows(columns={"run": coarse.run, **self.spec.values(coarse)})
-        interrupted, lost = self._engine(
-            self.spec.finer(), [block], Spans.of(coarse.run), lambda *_: None, accept
-        )
+        asked = Spans.of(coarse.run)
+        interrupted, lost = self._engine(self.spec.finer(), [block], asked, lambda *_: None, accept)
         finer = Rows.joined(found)
         for one in lost:
             warn(f"check_dt: lost {one}", LostRunsWarning)

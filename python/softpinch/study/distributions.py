@@ -254,9 +254,8 @@ class TruncatedNormal(Distribution):
         from_near, from_far = np.log1p(-inner), np.log(inner)
         weight_near = np.where(mirrored, from_near, from_far)
         weight_far = np.where(mirrored, from_far, from_near)
-        log_p = np.logaddexp(
-            special.log_ndtr(near) + weight_near, special.log_ndtr(far) + weight_far
-        )
+        parts = special.log_ndtr(near) + weight_near, special.log_ndtr(far) + weight_far
+        log_p = np.logaddexp(*parts)
         # Rounding may raise the sum of both terms above 1.
         z = special.ndtri_exp(np.minimum(log_p, -LEAST))
         return np.asarray(np.clip(mean + std * np.where(mirrored, -z, z), low, high))

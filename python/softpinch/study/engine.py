@@ -162,14 +162,11 @@ def work(call: str, attempt: int, version: int, spec: bytes, block: Rows, thread
 def check_executor(executor: object) -> None:
     """Refuses an argument that is neither an executor nor a function."""
     if hasattr(executor, "get_executor"):
-        raise TypeError(
-            f"executor = {checks.shown(executor)}: is a Dask client; pass its get_executor()"
-        )
+        rule = "is a Dask client; pass its get_executor()"
+        raise TypeError(f"executor = {checks.shown(executor)}: {rule}")
     if not hasattr(executor, "submit") and not callable(executor):
-        raise TypeError(
-            f"executor = {checks.shown(executor)}: must be a concurrent.futures.Executor or a "
-            "function that makes one"
-        )
+        rule = "must be a concurrent.futures.Executor or a function that makes one"
+        raise TypeError(f"executor = {checks.shown(executor)}: {rule}")
 
 
 @dataclass(eq=False)
@@ -343,10 +340,8 @@ def on_executor(
     made = isinstance(given, type) or not hasattr(given, "submit")
     executor: Any = given() if made else given  # type: ignore[operator]
     if not hasattr(executor, "submit"):
-        raise TypeError(
-            f"executor: the function gave {checks.shown(executor)}; must give a "
-            "concurrent.futures.Executor"
-        )
+        rule = "must give a concurrent.futures.Executor"
+        raise TypeError(f"executor: the function gave {checks.shown(executor)}; {rule}")
     # Dask gives calls with equal arguments a common result, even that of a failed attempt or of a
     # cancelled study. A unique name for the call and the attempt's number make arguments distinct.
     call, version = os.urandom(16).hex(), _core.RESULTS_VERSION

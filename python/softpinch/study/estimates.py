@@ -86,10 +86,8 @@ class Estimate(NamedTuple):
     def __str__(self) -> str:
         value, low, high = self.texts()
         requested = f", {self.runs + self.missing} requested" if self.missing else ""
-        return (
-            f"{value} ({100 * self.confidence:g} %: {low} to {high}), "
-            f"{self.happened} of {self.runs} runs{requested}"
-        )
+        share = f"{value} ({100 * self.confidence:g} %: {low} to {high})"
+        return f"{share}, {self.happened} of {self.runs} runs{requested}"
 
     def _repr_html_(self) -> str:
         return ShownTable(self._fields, [(*self.texts(), *self[3:])], "probability").html()

@@ -68,10 +68,8 @@ class Gradients(Shown, Mapping[str, Mapping[str, Floats]]):
         yield ShownTable(("summary", "by", "derivatives"), rows)
 
     def __repr__(self) -> str:
-        return (
-            f"<Gradients of {', '.join(self._summaries)} by {', '.join(self._shapes)}: "
-            f"{len(self._whole)} runs>"
-        )
+        names = f"{', '.join(self._summaries)} by {', '.join(self._shapes)}"
+        return f"<Gradients of {names}: {len(self._whole)} runs>"
 
 
 def checked_gradients(
@@ -90,10 +88,8 @@ def checked_gradients(
         return (), {}
     for name, value in others.items():
         if value is not None:
-            raise ValueError(
-                f"gradients and {name}: give one of them; gradients are computed on threads of "
-                "this process and kept in memory"
-            )
+            why = "gradients are computed on threads of this process and kept in memory"
+            raise ValueError(f"gradients and {name}: give one of them; {why}")
     directions.require_derivatives(scene)
     paths = paths or list(varied)
     if not paths:
@@ -129,10 +125,8 @@ def differentiated(
         parts.append(found)
         failed += len(lost)
     if failed:
-        warn(
-            f"{failed} of {len(rows)} runs could not be followed to their ends: their "
-            "gradients are NaN; a smaller dt or tolerance may help",
-            StabilityWarning,
-        )
+        what = f"{failed} of {len(rows)} runs could not be followed to their ends"
+        advice = "their gradients are NaN; a smaller dt or tolerance may help"
+        warn(f"{what}: {advice}", StabilityWarning)
     none = np.zeros((0, directions.count(by), _STATE + len(wanted)))
     return Gradients(summaries, by, np.concatenate([none, *parts]))

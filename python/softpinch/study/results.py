@@ -125,9 +125,7 @@ class Results(Shown, ABC):
                 status=str(rows.columns["status"][k]),
                 time=float(rows.columns["end_time"][k]),
                 message=str(rows.columns["message"][k]),
-                parameters={
-                    path: number_or_array(rows.columns[path][k]) for path in self._spec.shapes
-                },
+                parameters={p: number_or_array(rows.columns[p][k]) for p in self._spec.shapes},
                 varied=self._spec.varied,
                 options=self._spec.options,
             )
@@ -264,10 +262,8 @@ class Results(Shown, ABC):
         kept = f"interrupted: {self.runs} of {self.requested} runs are kept"
         if self.runs == self.requested:
             return f"{kept}; the work after the runs is not complete"
-        return (
-            f"{kept}; unfinished runs ({self._under_way}) are missing, and a long run is more "
-            "likely to be missing than a short one"
-        )
+        bias = "a long run is more likely to be missing than a short one"
+        return f"{kept}; unfinished runs ({self._under_way}) are missing, and {bias}"
 
     def probability(
         self,
@@ -468,9 +464,8 @@ class Ensemble(Results):
     def gradients(self) -> Gradients:
         """Summary -> path -> the derivatives (runs, ...), if `monte_carlo` had `gradients`."""
         if self._gradients is None:
-            raise NotRecordedError(
-                "no gradients were computed: pass gradients=(summary, ...) to monte_carlo"
-            )
+            advice = "pass gradients=(summary, ...) to monte_carlo"
+            raise NotRecordedError(f"no gradients were computed: {advice}")
         return self._gradients
 
     def _read(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:

@@ -293,10 +293,7 @@ class Rows:
         """Concatenates one or more sets of rows."""
         if len(parts) == 1:
             return parts[0]
-        columns = {
-            name: np.concatenate([part.columns[name] for part in parts])
-            for name in parts[0].columns
-        }
+        columns = {k: np.concatenate([part.columns[k] for part in parts]) for k in parts[0].columns}
         return cls(columns=columns, interrupted=any(part.interrupted for part in parts))
 
     def __len__(self) -> int:

@@ -64,9 +64,7 @@ class Draws:
         self.seed = checks.integer("seed", seed, 0)
         self.sampler = checks.choice("sampler", sampler, SAMPLERS)
         self.shapes = shapes([path for paths in keys.values() for path in paths])
-        self.sources: dict[Key, Source] = {
-            key: source_of(key, vary[key], self.shapes) for key in keys
-        }
+        self.sources: dict[Key, Source] = {k: source_of(k, vary[k], self.shapes) for k in keys}
         self.runs = _count_runs(self.sources.values(), runs, vary)
         self.dimensions = 0
         self._columns: dict[Key, slice] = {}
@@ -76,9 +74,8 @@ class Draws:
                 self._columns[key] = slice(self.dimensions, self.dimensions + wanted)
                 self.dimensions += wanted
         if self.sampler == "sobol" and self.runs > 2**_SOBOL_BITS:
-            raise ValueError(
-                f"runs = {self.runs}: must be at most 2**{_SOBOL_BITS} with Sobol points"
-            )
+            rule = f"must be at most 2**{_SOBOL_BITS} with Sobol points"
+            raise ValueError(f"runs = {self.runs}: {rule}")
         # Caches: the Sobol engine in its state after the last drawn block, and the whole hypercube.
         self._engine: Any = None
         self._hypercube: Floats | None = None
@@ -149,10 +146,8 @@ class Draws:
                 try:
                     points = qmc.LatinHypercube(self.dimensions, rng=rng).random(self.runs)
                 except (MemoryError, ValueError) as error:
-                    raise ValueError(
-                        f"runs = {self.runs}: too many for a Latin hypercube, which is held in "
-                        f"memory as a whole: {error}"
-                    ) from None
+                    why = "too many for a Latin hypercube, which is held in memory as a whole"
+                    raise ValueError(f"runs = {self.runs}: {why}: {error}") from None
                 # SciPy subtracts a uniform number from the upper end of each stratum, so a point of
                 # the last stratum can be 1, which is not below 1 as `ppf` needs.
                 self._hypercube = np.minimum(points, MOST)
@@ -205,10 +200,8 @@ def _count_runs(sources: Iterable[Source], runs: int | None, vary: Mapping[Key, 
                 text = f"{source.name} = {checks.shown(given)} makes two runs"
                 warn(f"{text}{hint}; a list means runs", SuspiciousValueWarning)
         elif length != wanted:
-            raise ValueError(
-                f"{source.name} has {length} entries: must have one for each run, "
-                f"and {said} {wanted}{hint}"
-            )
+            rule = f"must have one for each run, and {said} {wanted}{hint}"
+            raise ValueError(f"{source.name} has {length} entries: {rule}")
     if wanted is None:
         raise ValueError("runs is missing: must be given where vary has no array")
     return wanted

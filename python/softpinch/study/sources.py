@@ -74,10 +74,8 @@ class Source:
 
     def wrong_draws(self, kind: str, shape: tuple[int, ...]) -> ValueError:
         """The error for draws of a distribution `kind` that do not have the right shape."""
-        return ValueError(
-            f"{self.name}: draws of {kind} have shape {shape}, must have shape "
-            f"{self.shape}{self.joined}"
-        )
+        rule = f"must have shape {self.shape}{self.joined}"
+        return ValueError(f"{self.name}: draws of {kind} have shape {shape}, {rule}")
 
     def check_kind(self, kind: str, shape: tuple[int, ...]) -> None:
         """Refuses a distribution `kind` unless its draws have the right shape or are numbers."""
@@ -111,10 +109,8 @@ class ArraySource(Source):
     def __init__(self, key: Key, value: Any, shapes: Shapes) -> None:
         super().__init__(key, value, shapes)
         if not hasattr(value, "__len__") or isinstance(value, str | Mapping):
-            raise TypeError(
-                f"{self.name} = {checks.shown(value)}: must be an array with one entry for each "
-                "run, a distribution or a function"
-            )
+            rule = "must be an array with one entry for each run, a distribution or a function"
+            raise TypeError(f"{self.name} = {checks.shown(value)}: {rule}")
         # Copy the array, because the caller might change it before all blocks are drawn.
         self.value = checks.numbers(self.name, value).copy()
         shape = self.value.shape
@@ -180,10 +176,9 @@ class _SciPyDistribution(Source):
 
     def dimensions(self, sampler: str) -> int:
         if not self.scalar:
-            raise ValueError(
-                f'{self.name} = {self.kind}: has no ppf, which sampler "{sampler}" needs; '
-                'use independent components or sampler "random"'
-            )
+            why = f'has no ppf, which sampler "{sampler}" needs'
+            advice = 'use independent components or sampler "random"'
+            raise ValueError(f"{self.name} = {self.kind}: {why}; {advice}")
         return math.prod(self.shape)
 
     def draw(self, rng: np.random.Generator, block: int, calls: int) -> Floats:
@@ -205,10 +200,8 @@ class _SciPyDistribution(Source):
             raise
         values = checks.numbers(f"{self.name}: draws of {self.kind}", drawn)
         # SciPy leaves out the axis of a single component.
-        fits = values.shape == shape or (
-            values.shape[:1] == shape[:1] and values.size == shape[0] == math.prod(shape)
-        )
-        if not fits:
+        alone = values.shape[:1] == shape[:1] and values.size == shape[0] == math.prod(shape)
+        if values.shape != shape and not alone:
             raise self.wrong_draws(self.kind, values.shape[1:])
         return values.reshape(shape)
 
@@ -259,9 +252,8 @@ class _FunctionSource(Source):
             for (name, part), shape in zip(given.items(), self.shapes, strict=True):
                 numbers = checks.numbers(name, part)
                 if numbers.shape != shape:
-                    raise ValueError(
-                        f"{name}: the function gave shape {numbers.shape}, must give shape {shape}"
-                    )
+                    rule = f"must give shape {shape}"
+                    raise ValueError(f"{name}: the function gave shape {numbers.shape}, {rule}")
                 parts.append(numbers.ravel())
             values[k] = np.concatenate(parts).reshape(self.shape)
         return values
@@ -271,19 +263,14 @@ class _FunctionSource(Source):
         where = f"{self.name}, {run}"
         if isinstance(value, Mapping):
             if set(value) != set(self.paths):
-                raise ValueError(
-                    f"{where}: the function gave values for {checks.quoted(map(str, value))}; "
-                    f"must give one for each of {checks.quoted(self.paths)}"
-                )
+                given = f"gave values for {checks.quoted(map(str, value))}"
+                rule = f"must give one for each of {checks.quoted(self.paths)}"
+                raise ValueError(f"{where}: the function {given}; {rule}")
             value = [value[path] for path in self.paths]
-        several = isinstance(value, tuple | list) or (
-            isinstance(value, np.ndarray) and value.ndim > 0
-        )
-        if not several or len(value) != len(self.paths):
-            raise ValueError(
-                f"{where}: the function gave {checks.shown(value)}; must give a value for each of "
-                f"{checks.quoted(self.paths)}"
-            )
+        array = isinstance(value, np.ndarray) and value.ndim > 0
+        if not (array or isinstance(value, tuple | list)) or len(value) != len(self.paths):
+            rule = f"must give a value for each of {checks.quoted(self.paths)}"
+            raise ValueError(f"{where}: the function gave {checks.shown(value)}; {rule}")
         return {f"{where}, {path!r}": part for path, part in zip(self.paths, value, strict=True)}
 
     def describe(self) -> dict[str, Any]:
@@ -335,10 +322,8 @@ def frozen_distribution(where: str, data: Mapping[str, Any]) -> Any:
     if distribution is None:
         allowed = [each for each in vars(stats) if _named(stats, each) is not None]
         hint = checks.hint(name, allowed) if isinstance(name, str) else ""
-        raise ValueError(
-            f"{where}: name = {checks.shown(name)}: must be a distribution of scipy.stats, such "
-            f'as "gamma" or "multivariate_normal"{hint}'
-        )
+        rule = 'must be a distribution of scipy.stats, such as "gamma" or "multivariate_normal"'
+        raise ValueError(f"{where}: name = {checks.shown(name)}: {rule}{hint}")
     args, kwds = data.get("args", []), data.get("kwds", {})
     checks.instance(f"{where}: args", args, list, "an array of numbers")
     checks.instance(f"{where}: kwds", kwds, Mapping, "a table of numbers")

@@ -135,17 +135,13 @@ def _entry(name: str, value: Any, beside: Path) -> Any:
     where = f'[vary]."{name}"'
     if not isinstance(value, Mapping):
         if not isinstance(value, list) or not value:
-            raise TypeError(
-                f"{where} = {checks.shown(value)}: must be a distribution, {{kind = ...}}, or an "
-                "array with one entry a run"
-            )
+            rule = "must be a distribution, {kind = ...}, or an array with one entry a run"
+            raise TypeError(f"{where} = {checks.shown(value)}: {rule}")
         return checks.numbers(where, value)
     if "kind" not in value:
         # TOML reads a dotted path without quotes as nested tables.
-        raise ValueError(
-            f'[vary].{name}: must be one path in quotes, such as "grasped.mass", and a '
-            'distribution with a "kind"'
-        )
+        rule = 'such as "grasped.mass", and a distribution with a "kind"'
+        raise ValueError(f"[vary].{name}: must be one path in quotes, {rule}")
     if value["kind"] == "array":
         return _array(where, value, beside)
     if value["kind"] == "scipy":

@@ -33,9 +33,8 @@ def booleans(field: str, given: Any, runs: int) -> NDArray[np.bool_]:
     """Checks an array of booleans from the user, one for each run; `field` is its argument."""
     found = checks.read(field, given)
     if found.dtype != bool or found.shape != (runs,):
-        raise ValueError(
-            f"{field}: must be a name or booleans ({runs},), not {found.dtype} {found.shape}"
-        )
+        given = f"{found.dtype} {found.shape}"
+        raise ValueError(f"{field}: must be a name or booleans ({runs},), not {given}")
     return cast("NDArray[np.bool_]", found)
 
 
@@ -94,9 +93,8 @@ def to_pandas(results: Results) -> DataFrame:
     found = results._spec.schema.split(results.to_dict())
     run = found.pop("run")
     index = pandas.Index(run.values.astype(np.int64), name="run")
-    frame: DataFrame = pandas.DataFrame(
-        {name: column.values for name, column in found.items()}, index=index
-    )
+    values = {name: column.values for name, column in found.items()}
+    frame: DataFrame = pandas.DataFrame(values, index=index)
     frame.attrs["units"] = {name: column.unit for name, column in found.items()}
     frame.attrs["provenance"] = results.provenance()
     return frame

@@ -210,9 +210,8 @@ def times(name: str, value: object) -> Floats:
 def same_length(name: str, values: Floats, other: str, length: int) -> None:
     """Refuses `values` without exactly `length` rows, one for each entry of `other`."""
     if len(values) != length:
-        raise ValueError(
-            f"{name} has {len(values)} rows: must have one for each of {other}, {length}"
-        )
+        rule = f"must have one for each of {other}, {length}"
+        raise ValueError(f"{name} has {len(values)} rows: {rule}")
 
 
 def pair(name: str, value: object) -> tuple[float, float]:
@@ -265,9 +264,8 @@ def choice(name: str, value: object, allowed: Iterable[Name]) -> Name:
     if not isinstance(value, str):
         raise TypeError(f"{name} = {shown(value)}: must be one of {quoted(allowed)}")
     if value not in allowed:
-        raise ValueError(
-            f"{name} = {shown(value)}: must be one of {quoted(allowed)}{hint(value, allowed)}"
-        )
+        rule = f"must be one of {quoted(allowed)}{hint(value, allowed)}"
+        raise ValueError(f"{name} = {shown(value)}: {rule}")
     return value
 
 
@@ -318,9 +316,8 @@ def refuse_unknown(
             from . import suggest  # only an error needs it
 
             close = suggest.hint(name, cls, path) if cls else hint(name, allowed)
-            raise ValueError(
-                f"{owner}.{name}{at(path)}: unknown name; must be one of {quoted(allowed)}{close}"
-            )
+            rule = f"must be one of {quoted(allowed)}{close}"
+            raise ValueError(f"{owner}.{name}{at(path)}: unknown name; {rule}")
     for name in needed:
         if name not in data:
             raise ValueError(f"{owner}.{name}{at(path)}: is missing")

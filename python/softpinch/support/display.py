@@ -81,9 +81,8 @@ def text_of(title: str, facts: Mapping[str, Any]) -> str:
     if len(line) <= _LINE:
         return line
     width = max(map(len, shown))
-    lines = [
-        _cut(f"  {name:{width}}  {value}", _LINE) for name, value in islice(shown.items(), _LINES)
-    ]
+    some = islice(shown.items(), _LINES)
+    lines = [_cut(f"  {name:{width}}  {value}", _LINE) for name, value in some]
     if len(shown) > _LINES:
         lines.append(f"  and {len(shown) - _LINES} more")
     return "\n".join([f"<{title}", *lines]) + ">"
