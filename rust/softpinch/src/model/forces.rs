@@ -102,15 +102,15 @@ impl<R: Real> Plant<R> {
     pub fn new(source: &impl Source<R>, fingers: Fingers, moves: bool) -> Self {
         let one = R::constant(1.0);
         let gravity = if moves { R::zero() } else { source.number(|p| p.surroundings.gravity) };
-        // Loops, because closures that compute would be compiled without the instructions of the lanes.
-        let mut masses = [one; 9];
-        for (k, mass) in masses.iter_mut().enumerate() {
-            *mass = source.number(|p| p.masses_with([p.fingers[0].inertia, p.fingers[1].inertia]).row()[k]);
-        }
-        let mut masses = Coordinates::from(masses);
+        let object = source.number(|p| p.grasped.mass);
+        let mut masses = Coordinates::zero();
+        masses.object = [object, object, source.number(|p| p.grasped.inertia)];
         // -0.0 changes no bit of a sum.
         let mut finger_weights = [[R::constant(-0.0); 3]; 2];
         for i in 0..2 {
+            masses.finger[i] = source.number(|p| p.fingers[i].inertia);
+            masses.compression[i] = source.number(|p| p.tips[i].normal_mass);
+            masses.shear[i] = source.number(|p| p.tips[i].tangential_mass);
             let mass = source.number(|p| p.fingers[i].mass);
             if R::ANY_PARTS && source.kinds().mechanism(i) == MechanismKind::Jaw {
                 masses.finger[i] = mass;
@@ -142,7 +142,7 @@ impl<R: Real> Plant<R> {
             inverse_driven_masses,
             controllers: [Controller::new(source, 0, fingers), Controller::new(source, 1, fingers)],
             driven,
-            weight: source.number(|p| p.grasped.mass) * gravity,
+            weight: object * gravity,
             finger_weights,
             carried: Carried::new(source),
             moves,

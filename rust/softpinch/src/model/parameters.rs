@@ -359,15 +359,10 @@ impl Parameters {
 
     /// The diagonal of the mass matrix (14).
     pub fn masses(&self) -> Coordinates {
-        self.masses_with([self.finger_inertia(0), self.finger_inertia(1)])
-    }
-
-    /// The same with these inertias of the fingers.
-    pub(crate) fn masses_with(&self, finger: [f64; 2]) -> Coordinates {
         let ([right, left], object) = (&self.tips, &self.grasped);
         Coordinates {
             object: [object.mass, object.mass, object.inertia],
-            finger,
+            finger: [self.finger_inertia(0), self.finger_inertia(1)],
             compression: [right.normal_mass, left.normal_mass],
             shear: [right.tangential_mass, left.tangential_mass],
         }

@@ -308,6 +308,7 @@ impl<R: Lanes> Limits<R> {
 pub(super) fn half_length<R: Real>(source: &impl Source<R>, i: usize) -> R {
     let half = R::constant(0.5);
     match source.kinds().shape(i) {
+        _ if !R::ANY_PARTS => source.number(|p| 0.5 * p.grasped.height),
         ShapeKind::ParallelFace => source.number(|p| 0.5 * p.grasped.height),
         ShapeKind::Face => source.number(|p| 0.5 * p.shapes[i].height),
         ShapeKind::Arc => half * source.number(|p| p.shapes[i].span) * source.number(|p| p.shapes[i].radius),
@@ -317,7 +318,7 @@ pub(super) fn half_length<R: Real>(source: &impl Source<R>, i: usize) -> R {
 /// The curvature of a side.
 #[inline(always)]
 fn curvature<R: Real>(source: &impl Source<R>, i: usize) -> R {
-    if source.kinds().shape(i) == ShapeKind::Arc {
+    if R::ANY_PARTS && source.kinds().shape(i) == ShapeKind::Arc {
         R::constant(1.0) / source.number(|p| p.shapes[i].radius)
     } else {
         R::zero()
