@@ -21,8 +21,11 @@ task! {
         motion: &'a Motion<f64>)
     for f64 => Terms<f64> = {
         let (plant, Motion { q, p, .. }) = (at.plant(), motion);
-        let loads = |frame: &SegmentFrame<f64>| plant.loads(&frame.at(input.tau), &input.force, q.object, p.object);
-        let moving = at.frame.as_ref().map(loads);
+        // A closure would be compiled without the instructions of the lanes.
+        let mut moving = None;
+        if let Some(frame) = &at.frame {
+            moving = Some(plant.loads(&frame.at(input.tau), &input.force, q.object, p.object));
+        }
         let applied = (input, Carriage::Either(moving.as_ref()));
         at.equations.terms_of(plant.driven, applied, contacts, motion, Geometry::new(&plant.sides, q, p))
     }
