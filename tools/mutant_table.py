@@ -489,8 +489,8 @@ MUTANTS = (
     ),
     Mutant(
         "analysis/balance.rs",
-        "sigma[i] = thickness.mul_add(tilt[i], signed(i, geometry.contacts[i].place)) + q.shear[i];",
-        "sigma[i] = thickness.mul_add(tilt[i], geometry.contacts[i].place) + q.shear[i];",
+        "thickness.mul_add(tilt[i], signed(i, geometry.contacts[i].place)) + q.shear[i];",
+        "thickness.mul_add(tilt[i], geometry.contacts[i].place) + q.shear[i];",
         "test_equilibrium",
     ),
     Mutant(

@@ -238,6 +238,22 @@ impl<R: Lanes, const W: usize> Tangent<R, W> {
             build.run::<R>(instructions)
         })
     }
+
+    /// Builds them anew for runs with parts of the same kinds, in the same place.
+    pub fn renew(
+        &mut self,
+        instructions: Instructions,
+        choice: Choice,
+        parameters: &[&Parameters; MOST],
+        gains: &Stabilization,
+    ) {
+        match self {
+            Self::Papers(system) => {
+                **system = SceneEquations::new(instructions, choice, &Constants(parameters), gains);
+            }
+            Self::Others(_) => *self = Self::new(instructions, choice, parameters, gains),
+        }
+    }
 }
 
 impl Tangent<f64, DIRECTIONS> {

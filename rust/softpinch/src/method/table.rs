@@ -62,7 +62,7 @@ impl<R: Lanes> LaneTask<R> for MakeInLanes<'_, R> {
             Method::Rosenbrock => {
                 type InLanes<R> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, LaneEntry<R>>;
                 let method = InLanes::<R>::new(system.size(), runs.tangent());
-                let renew = |method: &mut InLanes<R>, runs: Runs<'_>| method.tangent = runs.tangent();
+                let renew = |method: &mut InLanes<R>, runs: Runs<'_>| runs.renew(&mut method.tangent);
                 Box::new(Called { renew, ..Called::new(runs, method) })
             }
             _ => Box::new(Called::new(runs, Dop853::default())),

@@ -164,4 +164,10 @@ impl Runs<'_> {
         let Self { instructions, choice, parameters, gains } = *self;
         Tangent::new(instructions, choice, &parameters, gains)
     }
+
+    /// Builds them anew.
+    pub fn renew<R: Lanes, const W: usize>(&self, tangent: &mut Tangent<R, W>) {
+        let Self { instructions, choice, parameters, gains } = *self;
+        tangent.renew(instructions, choice, &parameters, gains);
+    }
 }

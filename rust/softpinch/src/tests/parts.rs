@@ -566,7 +566,7 @@ fn a_slanted_object_moves_as_a_turned_box() {
     let straight = Parameters {
         grasped: GraspedObject { width, ..slanted.grasped },
         shapes: Default::default(),
-        ..slanted.clone()
+        ..slanted
     };
     let pose = [0.001, 0.075, 0.03, 0.12, 0.1];
     let (turned, _) = consistent(&straight, &pose, &[0.0; 2], &[0.0; 5]);
