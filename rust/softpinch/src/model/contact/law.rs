@@ -1,7 +1,7 @@
 //! Laws of the tip: its elastic energy P as a function of theta_p, d_n and d_t.
 //!
 //! The paper's law (5) is compiled into the equations. All others are springs as (4) has them, with the force F(d) of the
-//! upright tip as a curve (`law/springs.rs`): a new one is a file in `law/` that computes a [`springs::Curve`], an entry of
+//! upright tip as a curve (`law/springs.rs`): a new one is a file in `law/` that computes a `springs::Curve`, an entry of
 //! [`LawKind`] and one of [`springs::Springs`].
 
 mod inoue_hirai;

@@ -13,25 +13,26 @@ pub(super) struct Power<R> {
     coefficient: R,
     exponent: R,
     foot: R,
+    /// The foot to the powers n - 1 and n.
+    foot_powers: [R; 2],
 }
 
 impl<R: Real> Power<R> {
     #[inline(always)]
     pub(super) fn new(source: &impl Source<R>, i: usize) -> Self {
-        Self {
-            coefficient: source.number(|p| p.laws[i].coefficient),
-            exponent: source.number(|p| p.laws[i].exponent),
-            foot: source.number(|p| p.laws[i].foot),
-        }
+        let [exponent, foot] = [source.number(|p| p.laws[i].exponent), source.number(|p| p.laws[i].foot)];
+        let (_, slope, force) = powers(foot, exponent);
+        let coefficient = source.number(|p| p.laws[i].coefficient);
+        Self { coefficient, exponent, foot, foot_powers: [slope, force] }
     }
 
     /// The curve at a compression that is not negative.
     #[inline(always)]
     pub(super) fn curve(&self, d: R) -> Curve<R> {
-        let Self { coefficient: c, exponent: n, foot } = *self;
+        let Self { coefficient: c, exponent: n, foot, foot_powers: [foot_slope, foot_force] } = *self;
         let one = R::constant(1.0);
         let y = d + foot;
-        let ((bend, slope, force), (_, foot_slope, foot_force)) = (powers(y, n), powers(foot, n));
+        let (bend, slope, force) = powers(y, n);
         let rise = n * foot_slope;
         let integral = (force * y - foot_force * foot) / (n + one);
         Curve {
