@@ -496,3 +496,51 @@ def test_the_drawn_tip_lies_on_the_arc() -> None:
         # The shear is drawn along the tangent.
         assert (np.abs(away) < 1e-4).sum() > 10
         assert away.min() > -1e-4
+
+
+@pytest.mark.parametrize("angle", [0.2, -0.2])
+def test_jaws_squeeze_a_wedge_out_below_its_angle_of_friction(angle: float) -> None:
+    """Above it the faces carry the weight: M g = 2 (lambda_N cos beta + lambda_H sin beta)."""
+    tip = sp.Fingertip(normal_mass=0.01, tangential_mass=0.01)
+    wedge = sp.GraspedObject.wedge(width=0.049, height=0.05, mass=0.05, angle=angle)
+    held = sp.Scene(
+        hand=sp.Hand(right=sp.Jaw(), left=sp.Jaw(), tip=tip),
+        grasped=wedge,
+        control=STIFF,
+        schedule=sp.Schedule.steps([0.0], [[0.003, 0.003]]),
+        contact="unilateral",
+        friction=3.0 * np.tan(abs(angle)),
+        duration=0.3,
+    )
+    run = sp.simulate(held, dt=1e-4, record=EVERYTHING)
+    assert run.status == "completed"
+    assert not run.contact_changes
+    normal, tangential = run.multipliers[-1, 0], run.multipliers[-1, 2]
+    weight = 2.0 * (tangential * np.cos(angle) + normal * np.sin(angle))
+    assert weight == pytest.approx(wedge.mass * held.gravity, rel=1e-6)
+    slippery = sp.simulate(replace(held, friction=0.3 * np.tan(abs(angle))), dt=1e-4)
+    moved = slippery.q[-1, 1] - slippery.q[0, 1]
+    assert len(slippery.contact_changes) > 0
+    assert slippery.status == ("completed" if angle > 0.0 else "lost")
+    assert moved * angle > 0.0
+    assert abs(moved) > 5e-3
+
+
+def test_a_disc_rolls_between_jaws_of_which_one_moves_along_it() -> None:
+    """Without shear its middle moves half as far, and it turns by the way over the diameter."""
+    radius, way = 0.03, 1e-5
+    rail = sp.Jaw(root_offset=radius + 0.0205, direction=np.pi / 2, half_thickness=0.004)
+    disc = sp.GraspedObject.disc(diameter=2 * radius, mass=0.1)
+    scene = sp.Scene(
+        hand=sp.Hand(right=rail, left=rail),
+        grasped=disc,
+        fingers="driven",
+        schedule=sp.Schedule.minimum_jerk([0.0, 0.1], [[0.0, 0.0], [way, 0.0]], move_time=0.2),
+        gravity=0.0,
+        duration=0.5,
+    )
+    run = sp.simulate(scene, dt=1e-4, formulation="nullspace")
+    (_, y, turn), (right, left) = run.q[-1, :3] - run.q[0, :3], run.q[-1, 7:] - run.q[0, 7:]
+    assert abs(y - radius * turn + left) < 1e-3 * way
+    assert abs(y - way + radius * turn + right) < 1e-3 * way
+    assert abs(turn) > 0.3 * way / (2.0 * radius)
