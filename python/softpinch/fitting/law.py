@@ -78,6 +78,8 @@ def fit_law(
             rule = "must be at least 3 numbers, the first above zero"
             raise ValueError(f"{name} = {checks.shown(given.tolist())}: {rule}")
     foot = 0.0 if foot is None else checks.non_negative("foot", foot)
+    if foot and kind != "power":
+        raise ValueError(f'foot = {foot}: is of kind = "power" only')
     law: ParallelSprings | PowerLaw | MeasuredLaw
     names: tuple[str, ...] = ()
     values, intervals = np.empty(0), np.empty((0, 2))
