@@ -426,6 +426,20 @@ def test_fit_law_recovers_a_law_and_its_intervals_hold_it() -> None:
     assert 270 <= inside <= 297
 
 
+@pytest.mark.parametrize("kind", ["springs", "power", "measured"])
+@pytest.mark.parametrize("foot", [None, 1e-3])
+def test_the_drawn_law_bends_between_the_measurements(kind: str, foot: float | None) -> None:
+    d = np.array([1e-3, 4e-3, 8e-3])
+    foot = foot if kind == "power" else None
+    measured, drawn = sp.plot.law(sp.fit_law(d, 1e6 * d**2, kind, foot=foot)).axes[0].lines
+    np.testing.assert_allclose(measured.get_ydata(), 1e6 * d**2)
+    depth = np.asarray(drawn.get_xdata(), float) / 1e3
+    assert (depth[0], depth[-1]) == (0.0, 8e-3)
+    assert np.diff(depth).max() < 1e-4
+    # The parallel springs are the power 2 with any foot.
+    np.testing.assert_allclose(drawn.get_ydata(), 1e6 * depth**2, atol=0.2)
+
+
 def test_a_foot_is_of_a_power_law_only() -> None:
     d = np.array([1e-3, 2e-3, 4e-3])
     for kind in ("springs", "measured"):

@@ -41,6 +41,17 @@ class LawFit(Result):
     intervals: Floats
     misfit: float
 
+    def _curve(self, compression: Floats) -> Floats:
+        """The law's force at compressions within the measured range, N."""
+        law = self.law
+        if isinstance(law, MeasuredLaw):
+            return law.predicted(compression)
+        if isinstance(law, ParallelSprings):
+            return np.asarray(np.pi * law.youngs_modulus * compression**2)
+        foot, n = law.foot or 0.0, law.exponent
+        shape = (compression + foot) ** n - foot**n - n * foot ** (n - 1.0) * compression
+        return np.asarray(law.coefficient * shape)
+
     def __repr__(self) -> str:
         rows = zip(self.names, self.values, self.intervals, strict=True)
         found = "".join(f"{name} = {v:.4g} [{a:.4g}, {b:.4g}], " for name, v, (a, b) in rows)
