@@ -440,6 +440,25 @@ def test_the_drawn_law_bends_between_the_measurements(kind: str, foot: float | N
     np.testing.assert_allclose(drawn.get_ydata(), 1e6 * depth**2, atol=0.2)
 
 
+def test_no_power_law_saturates() -> None:
+    d = np.linspace(1e-3, 8e-3, 8)
+    for force in (1.0 - np.exp(-d / 4e-3), 1e3 * d):
+        with pytest.raises(ValueError, match=r"force: best as a power of 1: must be convex"):
+            sp.fit_law(d, force)
+    assert sp.fit_law(d, 1e3 * d**1.01).law.exponent == pytest.approx(1.01)
+
+
+def test_jaws_that_pass_each_other_do_not_open() -> None:
+    for target, way in ((0.2, "closes the fingers past the object"), (-0.05, "opens the fingers")):
+        scene = jaws(
+            grasped=sp.GraspedObject.disc(0.004, 0.01),
+            schedule=sp.Schedule.steps([0.0], [[target, target]]),
+            duration=1e-3,
+        )
+        with pytest.warns(sp.SuspiciousValueWarning, match=f"at the start: it {way}"):
+            sp.simulate(scene)
+
+
 def test_a_foot_is_of_a_power_law_only() -> None:
     d = np.array([1e-3, 2e-3, 4e-3])
     for kind in ("springs", "measured"):

@@ -77,7 +77,7 @@ def fit_law(
     Args:
         compression: d_n, rising from above zero (k,), m; at least three.
         force: F, rising (k,), N.
-        kind: "springs", F = pi E d_n^2; "power", F = c d_n^n; or "measured", a `MeasuredLaw`.
+        kind: "springs", F = pi E d_n^2; "power", F = c d_n^n, n > 1; or "measured", a `MeasuredLaw`.
         foot: The foot of a power law, m; a law with n < 2 needs one where its tip is released.
     """
     checks.choice("kind", kind, ("springs", "power", "measured"))
@@ -101,6 +101,9 @@ def fit_law(
         names = ("coefficient", "exponent")[: 1 + (kind == "power")]
         values, intervals, fitted = _fitted(d, f, len(names), foot)
         if kind == "power":
+            if values[1] < 1.0 + 1e-6:
+                rule = f"best as a power of {values[1]:.3g}: must be convex, without saturation"
+                raise ValueError(f"force: {rule}")
             law = PowerLaw(float(values[0]), float(values[1]), foot or None)
         else:
             names, values, intervals = ("youngs_modulus",), values / np.pi, intervals / np.pi
