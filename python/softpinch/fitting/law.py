@@ -77,7 +77,7 @@ def fit_law(
     Args:
         compression: d_n, rising from above zero (k,), m; at least three.
         force: F, rising (k,), N.
-        kind: "springs", F = pi E d_n^2; "power", F = c d_n^n, n > 1; or "measured", a `MeasuredLaw`.
+        kind: "springs", F = pi E d_n^2; "power", F = c d_n^n, n > 1; or "measured", `MeasuredLaw`.
         foot: The foot of a power law, m; a law with n < 2 needs one where its tip is released.
     """
     checks.choice("kind", kind, ("springs", "power", "measured"))
