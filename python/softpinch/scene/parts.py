@@ -209,9 +209,10 @@ class MeasuredLaw(TipLaw):
 
         One line of headings is allowed.
         """
+        content = checks.path("path", path).read_bytes()
         try:
             # Spreadsheets begin a file with a mark of its encoding, and may quote its numbers.
-            text = checks.path("path", path).read_text(encoding="utf-8-sig").replace('"', "")
+            text = content.decode("utf-8-sig").replace('"', "")
             rows = [line.split(",")[:2] for line in text.splitlines() if line.strip()]
             try:
                 float(rows[0][0])
