@@ -198,12 +198,23 @@ def test_a_curve_is_read_from_a_file_and_one_that_saturates_is_refused(tmp_path:
     for headings in ("", "d [m],F [N]\n"):
         path.write_text(headings + rows)
         assert sp.MeasuredLaw.from_csv(path) == MEASURED
-    path.write_text("1,2\nx,y\n")
-    with pytest.raises(ValueError, match=r"tip\.csv: must have two columns of numbers"):
-        sp.MeasuredLaw.from_csv(path)
+    # What spreadsheets write: a mark of the encoding, quoted numbers.
+    for text in ("\ufeff" + rows, rows.replace("0.001", '"0.001"')):
+        path.write_text(text, encoding="utf-8")
+        assert sp.MeasuredLaw.from_csv(path) == MEASURED
+    for wrong in (b"1,2\nx,y\n", "größe,F\n".encode("latin-1") + rows.encode(), b"1;2\n2;8\n"):
+        path.write_bytes(wrong)
+        with pytest.raises(ValueError, match=r"tip\.csv: must have two columns of numbers"):
+            sp.MeasuredLaw.from_csv(path)
     d = np.linspace(1e-3, 0.02, 20)
     with pytest.raises(ValueError, match=r"misses it by \d+% of the .* convex, without sat"):
         sp.MeasuredLaw(d, 1.0 - np.exp(-d / 4e-3))
+
+
+@pytest.mark.parametrize("beyond", [-1e-3, 9e-3, np.nan])
+def test_a_measured_curve_predicts_no_force_beyond_its_range(beyond: float) -> None:
+    with pytest.raises(ValueError, match=r"compression = .*: must be .* from 0 to 0\.008 m"):
+        MEASURED.predicted(np.array([1e-3, beyond]))
 
 
 @each_scene
@@ -327,6 +338,7 @@ def test_numbers_without_effect_are_refused() -> None:
         "hand.tip.law.force.1": ("measured law", "share a measured curve"),
         "grasped.right.center": ("jaws and a bottle", r"center\.0 and .* can differ"),
         "grasped.width": ("jaws and a bottle", "both sides of the object are arcs"),
+        "grasped.height": ("jaws and a wedge", "both sides of the object have ends"),
     }
     for path, (name, reason) in cases.items():
         assert path not in SCENES[name].vary_paths()
@@ -341,6 +353,41 @@ def test_grip_finds_the_targets_of_a_force(name: str) -> None:
     still = replace(held.scene, initial=held.equilibrium.state, duration=0.02)
     run = sp.simulate(still, formulation="projected")
     assert np.abs(run.q[-1] - run.q[0]).max() < 1e-8
+
+
+def test_grip_crushes_no_tip_before_the_other() -> None:
+    soft = sp.Fingertip(radius=0.015, youngs_modulus=2e5)
+    hard = sp.Fingertip(radius=0.010, youngs_modulus=8e5)
+    hand = sp.Hand(right=sp.Jaw(), left=sp.Jaw(), tip=(soft, hard))
+    for force in (50.0, 100.0, 138.0):
+        found = sp.grip(jaws(hand=hand), force=force).equilibrium.state
+        assert found is not None
+        # Upright tips: F = pi E d_n^2. Of both, 12.5 mm on average would be crushed.
+        expected = [(force / (np.pi * tip.youngs_modulus)) ** 0.5 for tip in (soft, hard)]
+        np.testing.assert_allclose(found.q[5:7], expected, rtol=1e-3)
+    with pytest.raises(
+        ValueError, match=r"no grip at rest has it; at [\d.]+ and [\d.]+ mm it is 1"
+    ):
+        sp.grip(jaws(hand=hand), force=200.0)
+
+
+def test_fingers_that_reach_too_little_grip_as_far_as_they_reach() -> None:
+    short = sp.Parallelogram(length=0.03, root_offset=0.075)
+    scene = linked(hand=sp.Hand(right=short, left=short))
+    held = sp.grip(scene, force=5.0).equilibrium.state
+    assert held is not None
+    # F = pi E d_n^2, where d_n = L sin(theta) + d_f - W_f + a + W/2.
+    inward = (5.0 / (np.pi * 3e5)) ** 0.5 + 0.075 - 0.0045 - 0.02 - 0.0245
+    assert held.q[3] == pytest.approx(np.arcsin(inward / 0.03), abs=2e-3)
+    # Level links compress the tips by 4 mm: 15 N.
+    with pytest.raises(ValueError, match=r"no grip at rest has it; at 8\d.* degrees it is 1[345]"):
+        sp.grip(scene, force=20.0)
+
+
+def test_a_grip_that_would_be_too_loose_is_named_once() -> None:
+    with pytest.raises(ValueError, match="so little force; the least is") as refused:
+        sp.grip(jaws(grasped=sp.GraspedObject.disc(0.07, 0.3)), force=0.5)
+    assert str(refused.value).count(" it is ") == 1
 
 
 @each_scene
@@ -377,6 +424,51 @@ def test_fit_law_recovers_a_law_and_its_intervals_hold_it() -> None:
         inside += low <= 1.67 <= high
     # 285 of 300 are expected, with a standard deviation of 3.8.
     assert 270 <= inside <= 297
+
+
+@pytest.mark.parametrize("kind", ["springs", "power", "measured"])
+@pytest.mark.parametrize("foot", [None, 1e-3])
+def test_the_drawn_law_bends_between_the_measurements(kind: str, foot: float | None) -> None:
+    d = np.array([1e-3, 4e-3, 8e-3])
+    foot = foot if kind == "power" else None
+    measured, drawn = sp.plot.law(sp.fit_law(d, 1e6 * d**2, kind, foot=foot)).axes[0].lines
+    np.testing.assert_allclose(measured.get_ydata(), 1e6 * d**2)
+    depth = np.asarray(drawn.get_xdata(), float) / 1e3
+    assert (depth[0], depth[-1]) == (0.0, 8e-3)
+    assert np.diff(depth).max() < 1e-4
+    # The parallel springs are the power 2 with any foot.
+    np.testing.assert_allclose(drawn.get_ydata(), 1e6 * depth**2, atol=0.2)
+
+
+def test_no_power_law_saturates() -> None:
+    d = np.linspace(1e-3, 8e-3, 8)
+    for force in (1.0 - np.exp(-d / 4e-3), 1e3 * d):
+        with pytest.raises(ValueError, match=r"force: best as a power of 1: must be convex"):
+            sp.fit_law(d, force)
+    assert sp.fit_law(d, 1e3 * d**1.01).law.exponent == pytest.approx(1.01)
+
+
+def test_jaws_that_pass_each_other_do_not_open() -> None:
+    for target, way in ((0.2, "closes the fingers past the object"), (-0.05, "opens the fingers")):
+        scene = jaws(
+            grasped=sp.GraspedObject.disc(0.004, 0.01),
+            schedule=sp.Schedule.steps([0.0], [[target, target]]),
+            duration=1e-3,
+        )
+        with pytest.warns(sp.SuspiciousValueWarning, match=f"at the start: it {way}"):
+            sp.simulate(scene)
+
+
+def test_a_foot_is_of_a_power_law_only() -> None:
+    d = np.array([1e-3, 2e-3, 4e-3])
+    for kind in ("springs", "measured"):
+        with pytest.raises(ValueError, match=r'foot = 0\.001: is of kind = "power" only'):
+            sp.fit_law(d, 1e6 * d**2, kind, foot=1e-3)
+
+
+def test_jaws_do_not_turn() -> None:
+    assert "moves the fingers" in str(sp.explain(jaws()))
+    assert "turns the fingers" in str(sp.explain(linked()))
 
 
 def test_arcs_soften_the_tips_unless_they_are_told_not_to() -> None:
@@ -544,3 +636,17 @@ def test_a_disc_rolls_between_jaws_of_which_one_moves_along_it() -> None:
     assert abs(y - radius * turn + left) < 1e-3 * way
     assert abs(y - way + radius * turn + right) < 1e-3 * way
     assert abs(turn) > 0.3 * way / (2.0 * radius)
+
+
+def test_links_that_are_almost_level_are_found_and_jaws_under_forces_have_no_rest() -> None:
+    """A level link moves its tip across the object: the gap there is round-off for long steps."""
+    link = sp.Parallelogram(length=0.03, root_offset=0.075)
+    for radius in (0.0165, 0.0161, 0.01605, 0.0160):
+        hand = sp.Hand(right=link, left=link, tip=sp.Fingertip(radius=radius))
+        scene = sp.Scene(hand=hand, initial="touching")
+        residuals = sp.evaluate(scene, scene.start()).residuals
+        assert np.abs(residuals[:2]).max() < 1e-15
+    forced = sp.Scene(hand=sp.Hand(right=sp.Jaw(), left=sp.Jaw()), control=sp.Torque())
+    for limits in (sp.equilibrium, sp.wrench_limits):
+        with pytest.raises(ValueError, match=r"scene\.control: Torque gives two jaws"):
+            limits(forced)

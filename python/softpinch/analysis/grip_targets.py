@@ -186,6 +186,10 @@ class _Search:
                 angle = low + width * (self.wanted - below) / (above - below)
             if not low < angle < high:
                 break
+            if self._targets(angle) is None:
+                # Beyond the fingers' reach, which ends before the tips are crushed.
+                self.ends[1], self.sizes[1], self.rests[1] = angle, None, None
+                continue
             size, rest = self._rest_at(angle)
             if size is not None and abs(size - self.wanted) <= _CLOSE * self.wanted:
                 return rest
@@ -193,14 +197,17 @@ class _Search:
             if size is not None and size > self.wanted:
                 # Too tight if the size grows with the angle, or the tips are crushed.
                 after, beyond = self._rest_at(angle + _STEP)
-                too_tight = beyond.status in _TIGHT if after is None else after > size
+                too_tight = beyond.status in _TIGHT if after is None else after >= size
             self.ends[too_tight], self.sizes[too_tight] = angle, size
             self.rests[too_tight] = rest
         return self._nearest()
 
     def _rest_at(self, angle: float) -> tuple[float | None, Equilibrium]:
         """The equilibrium with both fingers at an angle, and its size, None where there is none."""
-        schedule = Schedule.steps([0.0], [self._targets(angle)])
+        # The step beyond an angle may leave the fingers' reach.
+        targets = self._targets(angle) or self._targets(angle - _STEP)
+        assert targets is not None
+        schedule = Schedule.steps([0.0], [targets])
         rest = equilibrium(replace(self.scene, schedule=schedule), 0.0)
         if rest.state is not None:
             return _size(rest, self.name), rest
@@ -209,12 +216,14 @@ class _Search:
             raise ValueError(f"{self.asked}: at {self._place(angle)} {rest.message}")
         return None, rest
 
-    def _targets(self, angle: float) -> tuple[float, float]:
-        """The fingers' coordinates at an angle, or at a depth, which they may not reach."""
-        return (closing(self.scene, angle) or (0.0, 0.0)) if self.by_depth else (angle, angle)
+    def _targets(self, angle: float) -> tuple[float, float] | None:
+        """The fingers' coordinates at an angle, or at a depth; None if they do not reach it."""
+        return closing(self.scene, angle) if self.by_depth else (angle, angle)
 
     def _place(self, angle: float) -> str:
-        return in_words(self.scene, self._targets(angle))
+        targets = self._targets(angle)
+        assert targets is not None
+        return in_words(self.scene, targets)
 
     def _nearest(self) -> Equilibrium:
         """Returns an end of the interval that is close enough, or says why there is none."""
@@ -230,4 +239,4 @@ class _Search:
                 return rest
             there = rest.message if size is None else f"it is {size:.4g} {self.unit}"
             words.append(f"at {self._place(angle)} {there}")
-        raise ValueError("; ".join(words))
+        raise ValueError("; ".join(dict.fromkeys(words)))

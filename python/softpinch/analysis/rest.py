@@ -52,7 +52,7 @@ class Equilibrium(Result):
         multipliers: lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N (4,), N; positive lambda^H
             presses the tip on the object.
         torque: The holding torques: those on the right and the left finger at this rest (2,), N m,
-            positive where they close it. A settled run has the same in `Run.torque`.
+            or N of a jaw, positive where they close it. A settled run has the same in `Run.torque`.
         stiffness: The stiffness of the grasp (3, 3), N/m, N and N m/rad: the force and the moment
             on the object that a displacement in x, y and theta needs while the fingers are held.
             It is not symmetric: K - K^T has the entries +-(lambda_1^N + lambda_2^N) cos(theta) in

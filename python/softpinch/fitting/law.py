@@ -41,6 +41,17 @@ class LawFit(Result):
     intervals: Floats
     misfit: float
 
+    def _curve(self, compression: Floats) -> Floats:
+        """The law's force at compressions within the measured range, N."""
+        law = self.law
+        if isinstance(law, MeasuredLaw):
+            return law.predicted(compression)
+        if isinstance(law, ParallelSprings):
+            return np.asarray(np.pi * law.youngs_modulus * compression**2)
+        foot, n = law.foot or 0.0, law.exponent
+        shape = (compression + foot) ** n - foot**n - n * foot ** (n - 1.0) * compression
+        return np.asarray(law.coefficient * shape)
+
     def __repr__(self) -> str:
         rows = zip(self.names, self.values, self.intervals, strict=True)
         found = "".join(f"{name} = {v:.4g} [{a:.4g}, {b:.4g}], " for name, v, (a, b) in rows)
@@ -62,12 +73,14 @@ def fit_law(
     Args:
         compression: d_n, rising from above zero (k,), m; at least three.
         force: F, rising (k,), N.
-        kind: "springs", F = pi E d_n^2; "power", F = c d_n^n; or "measured", a `MeasuredLaw`.
+        kind: "springs", F = pi E d_n^2; "power", F = c d_n^n, n > 1; or "measured", `MeasuredLaw`.
         foot: The foot of a power law, m; a law with n < 2 needs one where its tip is released.
     """
     checks.choice("kind", kind, ("springs", "power", "measured"))
     d, f = measured_curve("", compression, force)
     foot = 0.0 if foot is None else checks.non_negative("foot", foot)
+    if foot and kind != "power":
+        raise ValueError(f'foot = {foot}: is of kind = "power" only')
     law: ParallelSprings | PowerLaw | MeasuredLaw
     names: tuple[str, ...] = ()
     values, intervals = np.empty(0), np.empty((0, 2))
@@ -78,6 +91,9 @@ def fit_law(
         names = ("coefficient", "exponent")[: 1 + (kind == "power")]
         values, intervals, fitted = _fitted(d, f, len(names), foot)
         if kind == "power":
+            if values[1] < 1.0 + 1e-6:
+                rule = f"best as a power of {values[1]:.3g}: must be convex, without saturation"
+                raise ValueError(f"force: {rule}")
             law = PowerLaw(float(values[0]), float(values[1]), foot or None)
         else:
             names, values, intervals = ("youngs_modulus",), values / np.pi, intervals / np.pi

@@ -77,7 +77,9 @@ def law(fit: LawFit) -> Figure:
     figure, axes = panels(1, 1, COLUMN, 2.4)
     depth = MM.per_si * fit.compression
     axes[0, 0].plot(depth, fit.force, "o", markersize=3.0, color=BLACK, label="measured")
-    axes[0, 0].plot(depth, fit.fitted, color=RED, label=f"misfit {100.0 * fit.misfit:.2g} %")
+    between = np.linspace(0.0, fit.compression[-1], 101)
+    misfit = f"misfit {100.0 * fit.misfit:.2g} %"
+    axes[0, 0].plot(MM.per_si * between, fit._curve(between), color=RED, label=misfit)
     axes[0, 0].set(xlabel="$d_n$ [mm]", ylabel="force [N]")
     axes[0, 0].legend()
     return figure

@@ -189,11 +189,11 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str], ledger: boo
     unilateral = scene.contact == "unilateral"
     turns = "(39)" if scene.law == "pid" else WRITTEN[scene.law]
     driver = "the schedule drives the fingers"
-    moved = "coordinates" if any(parts.jaws(scene)) else "angles"
+    moved, verb = ("coordinates", "moves") if any(parts.jaws(scene)) else ("angles", "turns")
     name = options.formulation
     # Name, whether it is computed, the reason if it is, and the reason if it is not.
     before = [
-        (f"finger {moved} and PID", not driven, f"{turns} turns the fingers", driver),
+        (f"finger {moved} and PID", not driven, f"{turns} {verb} the fingers", driver),
         ("integral state", not driven, "K_I is not zero" if integrates else _ZERO, driver),
         ("viscosity", True, "(44, 45)" if viscous else _ZERO, ""),
         ("tilt coupling", True, "kappa in (5)" if coupled else _ZERO, ""),

@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 
 from .. import _core
+from ..scene.parts import jaws
 from ..scene.scene import Scene
 from ..support.arrays import Floats
 from .options import MOST_STEPS, Options
@@ -105,6 +106,11 @@ class Request:
 
 def rest_scene(scene: Scene, time: float) -> _core.RestScene:
     """Makes the core's scene for equilibria and wrench limits under the inputs of one instant."""
+    if scene.law == "torque" and all(jaws(scene)):
+        raise ValueError(
+            "scene.control: Torque gives two jaws constant forces, between which nothing centres the "
+            "object: no rest is found; Pid, or driven fingers, hold it"
+        )
     if scene.motion is not None:
         at = scene.motion.at(time)
         if at.tilt_rate or at.tilt_acceleration:

@@ -151,7 +151,7 @@ class Run(Shown):
     def torque(self) -> NDArray[np.float64]:
         """Torques on the fingers (n, 2), N m: of the PID (39), or driving "driven" fingers.
 
-        At a switch they are the torques just after it.
+        At a switch they are the torques just after it. Those of a jaw are forces, N.
         """
         return self._recorded("torque", "torque")
 

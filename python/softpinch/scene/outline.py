@@ -306,8 +306,9 @@ def compression(scene: Scene, fingers: Sequence[float]) -> float:
 def closing(scene: Scene, depth: float) -> tuple[float, float] | None:
     """Returns the fingers' coordinates at which the mean compression is `depth`, m.
 
-    Two `Finger`s at parallel faces have equal angles, others compress their tips equally. A depth
-    of zero is where the tips touch an upright object. None: they do not reach so far.
+    Two `Finger`s at parallel faces have equal angles, others compress each tip by the same share of
+    its radius. A depth of zero is where the tips touch an upright object. None: they do not reach
+    so far.
     """
     if not others(scene):
         fingers = links(scene, "a hand of links")
@@ -319,7 +320,7 @@ def closing(scene: Scene, depth: float) -> tuple[float, float] | None:
         return None if angle is None else (angle, angle)
     # A tip that is smaller by the depth touches where the tip itself is compressed by it.
     numbers = scene.parameters().copy()
-    numbers[_RADII] -= depth
+    numbers[_RADII] *= 1.0 - depth / numbers[_RADII].mean()
     try:
         right, left = _core.start(numbers, "touching")[3:5].tolist()
     except ValueError:

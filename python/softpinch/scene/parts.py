@@ -205,13 +205,15 @@ class MeasuredLaw(TipLaw):
 
         One line of headings is allowed.
         """
-        text = checks.path("path", path).read_text(encoding="utf-8").splitlines()
-        rows = [line.split(",")[:2] for line in text if line.strip()]
+        content = checks.path("path", path).read_bytes()
         try:
-            float(rows[0][0])
-        except (ValueError, IndexError):
-            rows = rows[1:]
-        try:
+            # Spreadsheets begin a file with a mark of its encoding, and may quote its numbers.
+            text = content.decode("utf-8-sig").replace('"', "")
+            rows = [line.split(",")[:2] for line in text.splitlines() if line.strip()]
+            try:
+                float(rows[0][0])
+            except (ValueError, IndexError):
+                rows = rows[1:]
             table = np.array(rows, dtype=np.float64).reshape(-1, 2)
         except ValueError:
             raise ValueError(f"{path}: must have two columns of numbers, in m and N") from None
@@ -231,7 +233,9 @@ class MeasuredLaw(TipLaw):
     def predicted(self, compression: Floats) -> Floats:
         """The fitted force at compressions within the range, N."""
         reach, given = self.compression[-1], checks.numbers("compression", compression)
-        checks.require_finite("compression", given)
+        if not np.all((given >= 0.0) & (given <= reach)):
+            rule = f"must be within the measured range, from 0 to {reach:g} m"
+            raise ValueError(f"compression = {checks.shown(given.tolist())}: {rule}")
         return np.asarray(_integrals(given / reach, 2) @ self.weights * reach**2)
 
     def _stiffness(self, compression: Floats) -> Floats:
@@ -411,9 +415,13 @@ def why_fixed(scene: Scene, path: str) -> str | None:
         return "all runs share a measured curve; its shear_factor can differ"
     if owner[:1] == ["grasped"] and name == "center":
         return f"is a pair; {path}.0 and {path}.1 can differ"
-    arcs = all(isinstance(side, Arc) for side in sides_of(scene.grasped))
-    if arcs and path in ("grasped.width", "grasped.com_offset", "grasped.height"):
-        return "both sides of the object are arcs, which have places and ends of their own"
+    found = sides_of(scene.grasped)
+    if path in ("grasped.width", "grasped.com_offset", "grasped.height"):
+        if all(isinstance(side, Arc) for side in found):
+            return "both sides of the object are arcs, which have places and ends of their own"
+        ends = [isinstance(side, Arc) or getattr(side, "height", None) for side in found]
+        if name == "height" and all(ends):
+            return "both sides of the object have ends of their own"
     return None
 
 

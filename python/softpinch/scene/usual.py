@@ -126,9 +126,12 @@ def _opening(scene: Scene) -> Iterator[str]:
     apart = compression(scene, start.q[3:5].tolist()) < -_ROUND_OFF
     if touching is None or gap <= _ROUND_OFF or apart:
         return
+    # Beyond an arc there is a gap again.
+    past = all(target > first for target, first in zip(targets, touching, strict=True))
+    way = "closes the fingers past the object" if past else "opens the fingers"
     yield (
         f"schedule.angles: touching is at {in_words(scene, touching)}, the schedule asks for "
-        f"{in_words(scene, targets).removesuffix(' degrees')} at the start: it opens the fingers, "
+        f"{in_words(scene, targets).removesuffix(' degrees')} at the start: it {way}, "
         f"to a gap of {1e3 * gap:.3g} mm"
     )
 

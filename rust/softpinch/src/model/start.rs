@@ -208,7 +208,9 @@ pub fn coordinate_at(parameters: &Parameters, i: usize, compression: f64) -> Opt
             break;
         }
     }
-    None
+    // Where links are almost level, round-off of the gap is a long step.
+    let gap = Geometry::of_scene(parameters, &q, &rates).residuals()[i];
+    (gap.abs() <= 4.0 * f64::EPSILON * parameters.reach(i)).then_some(q.finger[i])
 }
 
 /// The angle of the paper's finger, from its triangle.
