@@ -644,7 +644,8 @@ def test_links_that_are_almost_level_are_found_and_jaws_under_forces_have_no_res
     for radius in (0.0165, 0.0161, 0.01605, 0.0160):
         hand = sp.Hand(right=link, left=link, tip=sp.Fingertip(radius=radius))
         scene = sp.Scene(hand=hand, initial="touching")
-        residuals = sp.evaluate(scene, scene.start()).residuals
+        start = scene.start()
+        residuals = sp.evaluate(scene, start.q, start.p).residuals
         assert np.abs(residuals[:2]).max() < 1e-15
     forced = sp.Scene(hand=sp.Hand(right=sp.Jaw(), left=sp.Jaw()), control=sp.Torque())
     for limits in (sp.equilibrium, sp.wrench_limits):

@@ -108,8 +108,8 @@ def rest_scene(scene: Scene, time: float) -> _core.RestScene:
     """Makes the core's scene for equilibria and wrench limits under the inputs of one instant."""
     if scene.law == "torque" and all(jaws(scene)):
         raise ValueError(
-            "scene.control: Torque gives two jaws constant forces, between which nothing centres the "
-            "object: no rest is found; Pid, or driven fingers, hold it"
+            "scene.control: Torque gives two jaws constant forces, between which nothing centres "
+            "the object: no rest is found; Pid, or driven fingers, hold it"
         )
     if scene.motion is not None:
         at = scene.motion.at(time)
