@@ -133,7 +133,10 @@ def test_errors_along_the_run_are_ranked_by_default() -> None:
     found = settling()
     long = next(row for row in found.rows if row.method == "rk4" and row.value == 1.2e-3)
     assert long.error < 1e-6 < 1e-2 < long.along
-    assert long in found.cheapest(1e-6, "end")
+    # Whatever is cheapest on this machine: errors at the end allow steps that miss the transient.
+    cheapest = found.cheapest(1e-6, "end")
+    assert all(row.error <= 1e-6 for row in cheapest)
+    assert any(row.along > 1e-6 for row in cheapest)
     assert found.cheapest(1e-3) == found.cheapest(1e-3, "along")
     assert all(row.along <= 1e-3 for row in found.cheapest(1e-3))
     hidden = [row for row in found.rows if 10.0 * row.error < row.along < math.inf]

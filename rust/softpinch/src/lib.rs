@@ -26,7 +26,7 @@
 //! no features to choose.
 //!
 //! The modules are listed from the ground up: a top-level module uses only those above it in this list.
-//! The `mod.rs` of each lists the names that other modules use.
+//! Each lists, in its first file, the names that other modules use.
 //!
 //! | module | contents | equations |
 //! |---|---|---|
