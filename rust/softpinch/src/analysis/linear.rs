@@ -5,10 +5,11 @@
 use nalgebra::{DMatrix, DVector, Schur};
 
 use crate::error::{Error, Result};
-use crate::formulation::{Choice, Formulation, Linear, MAX_COMPONENTS, SceneEquations, System};
+use crate::formulation::{Choice, Formulation, Linear, MAX_COMPONENTS, SceneEquations, Seeded, System};
 use crate::method::{DIRECTIONS, Runs};
 use crate::model::{
-    ContactModel, Fingers, FrameMotion, Input, Inputs, Motion, Parameters, Rule, SegmentDrive, Stabilization,
+    ContactModel, Contacts, Fingers, FrameMotion, Input, Inputs, Motion, Parameters, Rule, SegmentDrive,
+    Stabilization,
 };
 use crate::number::{Dual, Level, MOST};
 
@@ -187,7 +188,8 @@ pub fn linearize(
             *dual = Dual::variable(number, direction);
         }
         let (input, frame) = seed(&input, &frame, driven, states.wrapping_sub(first));
-        let now = tangent.evaluate_seeded((&input, &frame), &dual_y).ok_or_else(|| Error::Unknown {
+        let at = Seeded { input, frame: Some(frame), contacts: Contacts::sticking(), y: dual_y };
+        let now = tangent.evaluate_seeded(&at).ok_or_else(|| Error::Unknown {
             field: "formulation",
             name: format!("{:?}", setting.formulation).to_lowercase(),
             allowed: "\"nullspace\", for a model with inputs and outputs".to_owned(),

@@ -50,5 +50,5 @@ pub use scene_equations::{Choice, SceneEquations};
 pub(crate) use scene_equations::{EquationKind, InputAt, with};
 pub use system::{BLOCK, Jacobian, Linear, Size, StageState, Stages, System};
 pub use table::{FORMULATIONS, Formulation};
-pub use tangent::Tangent;
+pub use tangent::{Seeded, Tangent};
 pub use unilateral::Unilateral;

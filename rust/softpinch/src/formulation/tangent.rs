@@ -72,8 +72,34 @@ impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<Dual<R, W>> fo
 
 /// The derivatives of a single run's Jacobian that are computed at once.
 type Directions = Dual<f64, DIRECTIONS>;
-/// Inputs, motion of the hand, and state with derivatives.
-type Seeds<'a> = (&'a Input<Directions>, &'a FrameMotion<Directions>, &'a States<Directions>);
+
+/// What is evaluated in numbers with derivatives, whose directions are the caller's.
+pub struct Seeded<D> {
+    /// The inputs.
+    pub input: Input<D>,
+    /// The motion of the hand, if it moves.
+    pub frame: Option<FrameMotion<D>>,
+    /// The modes of the contacts.
+    pub contacts: Contacts<D>,
+    /// The state.
+    pub y: States<D>,
+}
+
+task! {
+    /// Evaluates it.
+    ['a, D: Lanes, E: Equations<D>]
+    Evaluate<'a, D, E>(equations: &'a E, at: &'a Seeded<D>, ledger: bool) for D => Evaluation<D> = {
+        let (plant, driven) = (equations.plant(), equations.plant().driven);
+        let Seeded { input, frame, contacts, y } = at;
+        let mut moving = None;
+        if let Some(frame) = frame {
+            let first = equations.degrees(driven);
+            let (pose, rates) = ([y[0], y[1], y[2]], [y[first], y[first + 1], y[first + 2]]);
+            moving = Some(plant.loads(frame, &input.force, pose, rates));
+        }
+        equations.evaluate(driven, (input, Carriage::Either(moving.as_ref())), contacts, y, ledger)
+    }
+}
 
 /// Derivatives of the equations of other parts.
 pub trait Derivatives<R: Lanes>: Send + Sync {
@@ -81,7 +107,7 @@ pub trait Derivatives<R: Lanes>: Send + Sync {
     fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>);
 
     /// Evaluates a state of a single run that has derivatives, as [`Tangent::evaluate_seeded`] does.
-    fn seeded(&self, at: Seeds<'_>) -> Option<Evaluation<Directions>>;
+    fn seeded(&self, at: &Seeded<Directions>) -> Option<Evaluation<Directions>>;
 }
 
 /// The equations of other parts in vectors that hold the lanes of a run, or of several, once for each of several
@@ -92,44 +118,25 @@ struct Swept<X> {
     equations: AnyParts<Dual<X, 1>>,
 }
 
-/// What such equations evaluate.
-struct Spread<X> {
-    input: Input<Dual<X, 1>>,
-    frame: Option<FrameMotion<Dual<X, 1>>>,
-    contacts: Contacts<Dual<X, 1>>,
-    y: States<Dual<X, 1>>,
-}
-
-/// Evaluates them.
-struct Evaluate<'a, X>(&'a Swept<X>, Spread<X>);
-
-impl<X: Lanes> LaneTask<Dual<X, 1>> for Evaluate<'_, X> {
-    type Output = Evaluation<Dual<X, 1>>;
-
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        let Self(Swept { equations, ledger, .. }, Spread { input, frame, contacts, y }) = self;
-        let (plant, driven) = (equations.plant(), equations.plant().driven);
-        let first = equations.degrees(driven);
-        let (pose, rates) = ([y[0], y[1], y[2]], [y[first], y[first + 1], y[first + 2]]);
-        let moving = frame.map(|frame| plant.loads(&frame, &input.force, pose, rates));
-        equations.evaluate(driven, (&input, Carriage::Either(moving.as_ref())), &contacts, &y, *ledger)
-    }
-}
-
 impl<X: Lanes> Swept<X> {
-    fn evaluate_seeds(&self, (input, frame, y): Seeds<'_>) -> Evaluation<Directions> {
+    fn evaluate_seeds(&self, at: &Seeded<Directions>) -> Evaluation<Directions> {
         let mut found = Evaluation::nothing();
         for first in (0..DIRECTIONS).step_by(X::WIDTH) {
             let own = |own: Directions| own.spread(first);
-            let (input, frame, y) = (input.map(own), Some(frame.map(own)), y.map(own));
-            found.gather(first, &self.evaluate(Spread { input, frame, contacts: Contacts::sticking(), y }));
+            let spread = Seeded {
+                input: at.input.map(own),
+                frame: at.frame.map(|frame| frame.map(own)),
+                contacts: Contacts::sticking(),
+                y: at.y.map(own),
+            };
+            found.gather(first, &self.evaluate(&spread));
         }
         found
     }
 
-    fn evaluate(&self, at: Spread<X>) -> Evaluation<Dual<X, 1>> {
-        Dual::call(self.instructions, Evaluate(self, at))
+    fn evaluate(&self, at: &Seeded<Dual<X, 1>>) -> Evaluation<Dual<X, 1>> {
+        let Self { instructions, ledger, equations } = self;
+        Dual::call(*instructions, Evaluate { equations, at, ledger: *ledger })
     }
 }
 
@@ -161,7 +168,7 @@ impl<R: Lanes, X: Lanes> LaneTask<R> for SweptJacobian<'_, R, X> {
                 let own = |k| if n < states && first + k == n { R::constant(1.0) } else { zero };
                 state[n] = spread(y[n], own);
             }
-            let found = swept.evaluate(Spread {
+            let found = swept.evaluate(&Seeded {
                 input: input.map(in_time),
                 frame: frame.map(|frame| frame.map(in_time)),
                 contacts: drive.contacts.spread(),
@@ -181,7 +188,7 @@ impl<R: Lanes, X: Lanes> Derivatives<R> for Swept<X> {
         R::call(self.instructions, SweptJacobian { swept: self, drive, tau, y, jacobian });
     }
 
-    fn seeded(&self, at: Seeds<'_>) -> Option<Evaluation<Directions>> {
+    fn seeded(&self, at: &Seeded<Directions>) -> Option<Evaluation<Directions>> {
         if self.equations.drifts { None } else { Some(self.evaluate_seeds(at)) }
     }
 }
@@ -257,33 +264,17 @@ impl<R: Lanes, const W: usize> Tangent<R, W> {
 }
 
 impl Tangent<f64, DIRECTIONS> {
-    /// Evaluates the state `y` under the inputs and the hand's motion of an instant, without the works of the ledger. The
-    /// directions of state, inputs and motion are the caller's, so this differentiates every result by whatever is wanted. `None`
-    /// for formulations other than `nullspace`: only its minimal coordinates are linearised with inputs and
-    /// outputs, and this code is not compiled for the other formulations.
-    pub fn evaluate_seeded(
-        &self,
-        (input, frame): (&Input<Directions>, &FrameMotion<Directions>),
-        y: &States<Directions>,
-    ) -> Option<Evaluation<Directions>> {
+    /// Evaluates a state of a single run while both tips stick, without the works of the ledger. The directions are the
+    /// caller's, so this differentiates every result by whatever is wanted. `None` for formulations other than
+    /// `nullspace`: only its minimal coordinates are linearised with inputs and outputs, and this code is not compiled for
+    /// the other formulations.
+    pub fn evaluate_seeded(&self, at: &Seeded<Directions>) -> Option<Evaluation<Directions>> {
         match self {
-            Self::Others(others) => others.seeded((input, frame, y)),
+            Self::Others(others) => others.seeded(at),
             Self::Papers(system) => {
                 let EquationKind::Nullspace(equations) = &system.kind else { return None };
-                Some(Dual::call(system.instructions, Seeded { equations, input, frame, y }))
+                Some(Dual::call(system.instructions, Evaluate { equations, at, ledger: false }))
             }
         }
-    }
-}
-
-task! {
-    ['a, R: Lanes, E: Equations<R>]
-    Seeded<'a, R, E>(equations: &'a E, input: &'a Input<R>, frame: &'a FrameMotion<R>, y: &'a States<R>)
-    for R => Evaluation<R> = {
-        let (plant, driven) = (equations.plant(), equations.plant().driven);
-        let first = equations.degrees(driven);
-        let (pose, rates) = ([y[0], y[1], y[2]], [y[first], y[first + 1], y[first + 2]]);
-        let moving = plant.loads(frame, &input.force, pose, rates);
-        equations.evaluate(driven, (input, Carriage::Either(Some(&moving))), &Contacts::sticking(), y, false)
     }
 }

@@ -12,7 +12,7 @@
 //! one file and one line in the table of its part.
 //!
 //! The paper's contact, a link on a parallel face, is compiled into the equations; three sines and cosines serve both
-//! sides. A contact of any other parts is computed by one function, [`Parts`], which is called.
+//! sides. A contact of any other parts is computed by one function, `PartsAt::contact`, which is called.
 
 pub mod law;
 pub mod mechanism;
@@ -55,7 +55,7 @@ macro_rules! numbered {
 }
 pub(crate) use numbered;
 
-/// The contacts for which code is compiled: the paper's alone, or any.
+/// The contacts for which code is compiled: the paper's alone, others alone, or any.
 pub trait Parts: Copy + Debug {
     /// Whether they are the paper's alone.
     const PAPERS: bool;
@@ -136,7 +136,7 @@ impl<R: Real> Side<R> {
     /// Whether the side is curved.
     #[inline(always)]
     pub(crate) fn is_curved(&self) -> bool {
-        matches!(&self.others, Some((_, surface)) if surface.is_curved())
+        matches!(Any::numbers::<R, _>(&self.others), Some((_, surface)) if surface.is_curved())
     }
 
     /// Both sides of a scene.
@@ -154,8 +154,8 @@ impl<R: Real> Side<R> {
     /// The jaw, if the finger is one.
     #[inline(always)]
     pub(crate) fn jaw(&self) -> Option<&Jaw<R>> {
-        match &self.others {
-            Some((Mechanism::Jaw(jaw), _)) if R::ANY_PARTS => Some(jaw),
+        match Any::numbers::<R, _>(&self.others) {
+            Some((Mechanism::Jaw(jaw), _)) => Some(jaw),
             _ => None,
         }
     }

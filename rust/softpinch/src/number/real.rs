@@ -45,6 +45,27 @@ macro_rules! task {
 }
 pub(crate) use task;
 
+/// Functions of [`Real`] that vectors compute lane by lane.
+macro_rules! lane_by_lane {
+    () => {
+        #[inline(always)]
+        fn angle(self, cos: Self) -> Self {
+            Self::from_fn(|lane| self.lane(lane).angle(cos.lane(lane)))
+        }
+
+        #[inline(always)]
+        fn power(self, n: Self) -> Self {
+            Self::from_fn(|lane| self.lane(lane).power(n.lane(lane)))
+        }
+
+        #[inline(always)]
+        fn ln(self) -> Self {
+            Self::from_fn(|lane| Real::ln(self.lane(lane)))
+        }
+    };
+}
+pub(crate) use lane_by_lane;
+
 /// A real number with the operations that the mechanics need.
 pub trait Real:
     Copy

@@ -2,6 +2,7 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
+use crate::number::real::lane_by_lane;
 use crate::number::trigonometry;
 use crate::number::{Bits, LaneTask, Lanes, Real};
 
@@ -76,20 +77,7 @@ impl Real for Row4 {
         Self(self.0.map(f64::sqrt))
     }
 
-    #[inline(always)]
-    fn angle(self, cos: Self) -> Self {
-        Self::from_fn(|lane| self.lane(lane).angle(cos.lane(lane)))
-    }
-
-    #[inline(always)]
-    fn power(self, n: Self) -> Self {
-        Self::from_fn(|lane| self.lane(lane).power(n.lane(lane)))
-    }
-
-    #[inline(always)]
-    fn ln(self) -> Self {
-        Self::from_fn(|lane| Real::ln(self.lane(lane)))
-    }
+    lane_by_lane!();
 
     #[inline(never)]
     fn outlined<K: LaneTask<Self>>(task: K) -> K::Output {

@@ -8,6 +8,7 @@
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
+use crate::number::real::lane_by_lane;
 use crate::number::trigonometry;
 use crate::number::{Bits, LaneTask, Lanes, Real};
 
@@ -101,20 +102,7 @@ macro_rules! vector {
                 Self(unsafe { $sqrt(self.0) })
             }
 
-            #[inline(always)]
-            fn angle(self, cos: Self) -> Self {
-                Self::from_fn(|lane| self.lane(lane).angle(cos.lane(lane)))
-            }
-
-            #[inline(always)]
-            fn power(self, n: Self) -> Self {
-                Self::from_fn(|lane| self.lane(lane).power(n.lane(lane)))
-            }
-
-            #[inline(always)]
-            fn ln(self) -> Self {
-                Self::from_fn(|lane| Real::ln(self.lane(lane)))
-            }
+            lane_by_lane!();
 
             #[inline(always)]
             fn outlined<K: LaneTask<Self>>(task: K) -> K::Output {
