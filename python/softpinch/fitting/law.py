@@ -48,9 +48,7 @@ class LawFit(Result):
             return law.predicted(compression)
         if isinstance(law, ParallelSprings):
             return np.asarray(np.pi * law.youngs_modulus * compression**2)
-        foot, n = law.foot or 0.0, law.exponent
-        shape = (compression + foot) ** n - foot**n - n * foot ** (n - 1.0) * compression
-        return np.asarray(law.coefficient * shape)
+        return law.coefficient * _power(compression, law.exponent, law.foot or 0.0)
 
     def __repr__(self) -> str:
         rows = zip(self.names, self.values, self.intervals, strict=True)
@@ -105,14 +103,17 @@ def fit_law(
     )  # fmt: skip
 
 
+def _power(d: Floats, n: float, foot: float) -> Floats:
+    """The force of a `PowerLaw` with the coefficient one."""
+    return np.asarray((d + foot) ** n - foot**n - n * foot ** (n - 1.0) * d)
+
+
 def _fitted(d: Floats, f: Floats, count: int, foot: float) -> tuple[Floats, Floats, Floats]:
     """Values and intervals of c, and of n unless it is 2, and the forces of the best power law."""
     optimize: Any = require("scipy.optimize", extra="study", purpose="fit_law")
 
     def curve(u: Floats) -> Floats:
-        n = u[1] if count == 2 else 2.0
-        shape = (d + foot) ** n - foot**n - n * foot ** (n - 1.0) * d
-        return np.asarray(np.exp(u[0]) * shape)
+        return np.asarray(np.exp(u[0]) * _power(d, u[1] if count == 2 else 2.0, foot))
 
     # The straight line through the logarithms is near.
     slope, level = np.polyfit(np.log(d), np.log(f), 1)

@@ -264,9 +264,9 @@ class Run(Shown):
         if k not in (-1, n - 1):
             at = {"q": self.q[k], "p": self.p[k], "integral": self.integral[k], "t": self.t[k]}
             at |= {"anchor": result["grid_anchor"][k], "step": result["grid_step"][k]}
-            for name in ("contacts", "controllers", "linearized"):
-                at[name] = None if result[name] is None else result[name][k]
-            at["controller"] = at["controllers"]
+            for name in ("contacts", "controller", "linearized"):
+                rows = result["controllers" if name == "controller" else name]
+                at[name] = None if rows is None else rows[k]
             if at["linearized"] is not None and np.isnan(at["linearized"][0]):
                 at["linearized"] = None
         return State(

@@ -15,7 +15,7 @@ from .. import _core
 from ..support.arrays import Floats
 from ..support.record import SIDES
 from .hand import Finger, links
-from .parts import Arc, Face, Jaw, Parallelogram, half_widths, others
+from .parts import Arc, Face, Jaw, Parallelogram, half_widths, others, sides_of
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -85,9 +85,9 @@ def object_outline(scene: Scene, q: Floats) -> Floats:
 def _side(scene: Scene, side: int) -> Floats:
     """One side of the object from its lower to its upper end (n, 2), along the object's axes, m."""
     sign, grasped = SIGNS[side], scene.grasped
-    shape = grasped.right if side == 0 else grasped.left
+    shape = sides_of(grasped)[side]
     if isinstance(shape, Arc):
-        turn = _SWEEP * (np.pi if shape.span is None else shape.span)
+        turn = _SWEEP * shape.opening
         arc = np.column_stack([-sign * np.cos(turn), np.sin(turn)])
         return np.asarray(shape.center + shape.radius * arc)
     own = shape.height if isinstance(shape, Face) else None
@@ -172,7 +172,7 @@ def finger_outline(scene: Scene, q: Floats, side: int) -> FingerOutline:
     centre = found.centres[side]
     rigid = _mechanism(scene, q, side, centre)
     up, inward = _base_axes(scene, q, side)
-    shape = scene.grasped.right if side == 0 else scene.grasped.left
+    shape = sides_of(scene.grasped)[side]
     radius = shape.radius if isinstance(shape, Arc) else np.inf
 
     across = found.normals[side]

@@ -129,6 +129,11 @@ class Arc(ObjectSide):
         self._set("center", checks.pair("Arc.center", self.center))
         checks.choice("Arc.counterface", self.counterface, COUNTERFACES)
 
+    @property
+    def opening(self) -> float:
+        """The angle between the ends, rad: `span`, or half a turn."""
+        return math.pi if self.span is None else self.span
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TipLaw(Kinded):
@@ -301,7 +306,7 @@ def half_lengths(scene: Scene) -> tuple[float, float]:
 
     def half(side: ObjectSide | None) -> float:
         if isinstance(side, Arc):
-            return 0.5 * side.radius * (math.pi if side.span is None else side.span)
+            return 0.5 * side.radius * side.opening
         own = side.height if isinstance(side, Face) else None
         height = scene.grasped.height if own is None else own
         return math.inf if height is None else 0.5 * height
@@ -324,8 +329,8 @@ def numbers(scene: Scene) -> dict[str, float]:
         if isinstance(side, Face):
             put(f"grasped.{name}", 1.0, tilt=side.tilt, height=2.0 * half_lengths(scene)[k])
         if isinstance(side, Arc):
-            (x, y), span = side.center, math.pi if side.span is None else side.span
-            own = {"radius": side.radius, "center_x": x, "center_y": y, "span": span}
+            x, y = side.center
+            own = {"radius": side.radius, "center_x": x, "center_y": y, "span": side.opening}
             put(f"grasped.{name}", 2.0, counterface=COUNTERFACES[side.counterface], **own)
         if isinstance(law, PowerLaw | MeasuredLaw):
             own = {"shear_factor": law.shear_factor}
