@@ -8,7 +8,8 @@ use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
 use crate::convert::{
-    GivenRow, GivenRows, collected, columns, dictionary, entries, fixed, raise, require, rows,
+    GivenRow, GivenRows, collected, columns, dictionary, entries, fixed, memories, padded, raise, require,
+    rows,
 };
 use crate::inputs::Inputs;
 use crate::signals::{Failure, Signals};
@@ -17,7 +18,7 @@ use softpinch::driver::{Row, check as check_scene, ensemble, stability_warning};
 use softpinch::error::{Error, lookup};
 use softpinch::model::start;
 use softpinch::model::{
-    Coordinates, Fingers, Motion, PARAMETER_COUNT, Parameters, Scene, State, parameter_table,
+    Coordinates, Fingers, Motion, PARAMETER_COUNT, Parameters, Scene, State, parameter_table, relaxed,
 };
 use softpinch::stepping::{Options, SUMMARIES, Status, VIOLATIONS, arrival};
 
@@ -70,13 +71,16 @@ impl Batch {
             Start::Made(..) => 0.0,
         };
         let inputs = self.inputs.get().of(run, origin)?;
-        let initial = match &self.start {
+        let mut initial = match &self.start {
             Start::Made(_, true) if inputs.fingers() == Fingers::Driven => {
                 start::driven(&parameters, &inputs, 0.0, self.options.contact)?
             }
             Start::Made(make, _) => State::at_rest(make(&parameters)?),
             Start::At(states) => own(states, run).clone(),
         };
+        if matches!(self.start, Start::Made(..)) || initial.motion.relaxation[0].is_nan() {
+            initial.motion.relaxation = relaxed(&parameters, &initial.motion.q);
+        }
         let duration = *own(&self.duration, run);
         Ok(Scene { parameters, inputs, initial, check: self.check, duration })
     }
@@ -130,25 +134,27 @@ impl Batch {
             Ok(make) => Start::Made(make, start != "touching"),
             Err(_) => {
                 let (q, p) = (self::columns("initial.q", &q)?, self::columns("initial.p", &p)?);
-                let memory = self::columns("initial.integral", &integral)?;
+                let memories =
+                    integral.as_array().rows().into_iter().map(memories).collect::<PyResult<Vec<_>>>()?;
                 let time = entries("initial.time", &time)?;
-                let linearized = linearized.map(|point| fixed("initial.linearized", &point)).transpose()?;
+                let linearized =
+                    linearized.map(|point| padded("initial.linearized", 21, point.as_array())).transpose()?;
                 let contact = contacts.map(|rows| self::columns("initial.contact", &rows)).transpose()?;
                 let controller = controller.map(|row| entries("initial.controller", &row)).transpose()?;
                 let lengths = [
                     ("initial.contact", contact.as_ref().map_or(1, Vec::len)),
                     ("initial.q", q.len()),
                     ("initial.p", p.len()),
-                    ("initial.integral", memory.len()),
+                    ("initial.integral", memories.len()),
                     ("initial.time", time.len()),
                 ];
                 lengths.iter().try_for_each(|&(name, found)| length(name, found))?;
                 let state = |run: usize| State {
                     time: *own(&time, run),
-                    motion: Motion {
-                        q: (*own(&q, run)).into(),
-                        p: (*own(&p, run)).into(),
-                        memory: *own(&memory, run),
+                    motion: {
+                        let [right, left, relaxation @ ..] = *own(&memories, run);
+                        let (q, p) = ((*own(&q, run)).into(), (*own(&p, run)).into());
+                        Motion { q, p, memory: [right, left], relaxation }
                     },
                     grid,
                     linearized,

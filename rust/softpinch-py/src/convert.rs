@@ -11,7 +11,7 @@ use pyo3::types::{IntoPyDict, PyDict};
 use crate::signals::Signals;
 use softpinch::analysis::Matrix;
 use softpinch::error::{Error, lookup};
-use softpinch::model::SIDES;
+use softpinch::model::{Motion, Parameters, RELAXATIONS, SIDES, relaxed};
 use softpinch::stepping::{Change, Run, reserved};
 
 /// Numbers from Python.
@@ -74,6 +74,38 @@ pub fn fixed<const N: usize>(name: &str, values: &GivenRow<'_>) -> PyResult<[f64
     Ok(std::array::from_fn(|k| values[k]))
 }
 
+/// At least so many numbers, and at most `N`; zeros take the places of the others.
+pub fn padded<const N: usize>(name: &str, least: usize, values: ArrayView1<'_, f64>) -> PyResult<[f64; N]> {
+    let given = values.len();
+    require((least..=N).contains(&given), || {
+        format!("{name} has {given} numbers: must have {least} to {N}")
+    })?;
+    Ok(std::array::from_fn(|k| values.get(k).copied().unwrap_or(0.0)))
+}
+
+/// The memories of controllers, followed by the states of Maxwell branches; these are NaN if they are not given.
+pub fn memories(values: ArrayView1<'_, f64>) -> PyResult<[f64; 2 + RELAXATIONS]> {
+    let mut found = padded("integral", 2, values)?;
+    if values.len() == 2 {
+        found[2..].fill(f64::NAN);
+    }
+    Ok(found)
+}
+
+/// The motion of a state, with its `memories`. Branches that are not given have relaxed.
+pub fn motion(
+    parameters: &Parameters,
+    q: [f64; 9],
+    p: [f64; 9],
+    [right, left, mut relaxation @ ..]: [f64; 2 + RELAXATIONS],
+) -> Motion<f64> {
+    let q = q.into();
+    if relaxation[0].is_nan() {
+        relaxation = relaxed(parameters, &q);
+    }
+    Motion { q, p: p.into(), memory: [right, left], relaxation }
+}
+
 /// Rows of exactly `N` numbers.
 pub fn columns<const N: usize>(name: &str, values: &GivenRows<'_>) -> PyResult<Vec<[f64; N]>> {
     let values = values.as_array();
@@ -134,9 +166,10 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
         "q": run.last.motion.q.row().to_pyarray(py),
         "p": run.last.motion.p.row().to_pyarray(py),
         "integral": run.last.motion.memory.to_pyarray(py),
+        "relaxation": run.last.motion.relaxation[..layout.relaxation].to_pyarray(py),
         "anchor": run.last.grid.0,
         "step": run.last.grid.1,
-        "linearized": run.last.linearized.map(|point| point.to_pyarray(py)),
+        "linearized": run.last.linearized.map(|point| point[..21 + layout.relaxation].to_pyarray(py)),
         "contacts": run.last.contact.map(|row| row.to_pyarray(py)),
         "controller": run.controller.map(|row| PyArray1::from_vec(py, row)),
     });
@@ -164,7 +197,8 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
         "integral": recorded(py, state, 2, recording.memory.into_flattened())?,
         "grid_anchor": state.then(|| constant(PyArray1::from_vec(py, recording.grid_anchor))).transpose()?,
         "grid_step": state.then(|| constant(PyArray1::from_vec(py, recording.grid_step))).transpose()?,
-        "linearized": recorded(py, points, 21, recording.linearized.into_flattened())?,
+        "relaxation": recorded(py, state, layout.relaxation, recording.relaxation)?,
+        "linearized": recorded(py, points, layout.point(), recording.linearized)?,
         "multipliers": recorded(py, selection.multipliers, 4, recording.multipliers.into_flattened())?,
         "residuals": recorded(py, selection.residuals, 4, recording.residuals.into_flattened())?,
         "torque": recorded(py, selection.torque, 2, recording.torque.into_flattened())?,

@@ -35,8 +35,8 @@ use softpinch::method::METHODS;
 use softpinch::model::start;
 use softpinch::model::{
     CONTACT_MODELS, CONTACT_MODES, FINGERS, Finger, Fingertip, Friction, GraspedObject, Law, MEASURES,
-    Mechanism, Motion, Noise, PARAMETER_COUNT, Parameters, PidGains, Rule, Side, Stabilization, Surroundings,
-    parameter_table,
+    Maxwell, Mechanism, Noise, PARAMETER_COUNT, Parameters, PidGains, Rule, Side, Stabilization,
+    Surroundings, parameter_table,
 };
 use softpinch::number::{LEVELS, Level};
 use softpinch::stepping::{MAX_STEPS, RECORDABLE, STATUSES, SUMMARIES, UNITS, VIOLATIONS};
@@ -62,6 +62,7 @@ fn records() -> Vec<(&'static str, Vec<(&'static str, Rule)>)> {
         ("ParallelSprings", of(&Fingertip::FIELDS, &["youngs_modulus"])),
         ("PowerLaw", of(&Law::FIELDS, &["coefficient", "exponent", "foot", "shear_factor"])),
         ("MeasuredLaw", of(&Law::FIELDS, &["shear_factor"])),
+        ("Maxwell", Maxwell::FIELDS.to_vec()),
         ("Fingertip", Fingertip::FIELDS.to_vec()),
         ("GraspedObject", GraspedObject::FIELDS.to_vec()),
         ("Pid", PidGains::FIELDS.to_vec()),
@@ -165,13 +166,11 @@ fn evaluate<'py>(
     beta: f64,
 ) -> PyResult<Bound<'py, PyDict>> {
     let formulation = lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?;
-    let motion = Motion {
-        q: fixed("q", &q)?.into(),
-        p: fixed("p", &p)?.into(),
-        memory: fixed("integral", &integral)?,
-    };
+    let parameters = self::parameters(&parameters)?;
+    let (q, p) = (fixed("q", &q)?, fixed("p", &p)?);
+    let motion = convert::motion(&parameters, q, p, convert::memories(integral.as_array())?);
     let terms = softpinch::analysis::evaluate::evaluate(
-        &self::parameters(&parameters)?,
+        &parameters,
         &inputs.of(0, 0.0).map_err(raise)?,
         &formulation.gains(&Stabilization { alpha, beta }),
         t,

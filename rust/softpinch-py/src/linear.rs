@@ -4,14 +4,14 @@ use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::convert::{GivenRow, GivenRows, columns, entries, raise, require, room};
+use crate::convert::{GivenRow, GivenRows, columns, entries, memories, motion, raise, require, room};
 use crate::inputs::Inputs;
 use crate::signals::Signals;
 use softpinch::analysis::linear;
 use softpinch::analysis::{LinearModel, Setting};
 use softpinch::error::lookup;
 use softpinch::formulation::FORMULATIONS;
-use softpinch::model::{Motion, Stabilization};
+use softpinch::model::Stabilization;
 use softpinch::number::Level;
 
 /// The arrays of a linear model, and the numbers of their axes.
@@ -44,7 +44,7 @@ pub fn linearize<'py>(
     let setting = Setting { formulation, gains: Stabilization { alpha, beta }, level, open_loop, frozen };
     let t = entries("t, in numbers,", &t)?;
     let (q, p) = (columns::<9>("q", &q)?, columns::<9>("p", &p)?);
-    let memory = columns::<2>("integral", &integral)?;
+    let memory = integral.as_array().rows().into_iter().map(memories).collect::<PyResult<Vec<_>>>()?;
     let (n, others) = (t.len(), [q.len(), p.len(), memory.len()]);
     require(others == [n; 3], || {
         let [q, p, memory] = others;
@@ -65,7 +65,7 @@ pub fn linearize<'py>(
         let mut signals = Signals::new();
         for (k, &t) in t.iter().enumerate() {
             signals.check()?;
-            let motion = Motion { q: q[k].into(), p: p[k].into(), memory: memory[k] };
+            let motion = motion(&parameters, q[k], p[k], memory[k]);
             let (matrices, vectors) = if whole {
                 let LinearModel { a, b, c, d, state, rate, input, output } =
                     linear::linearize(&parameters, &inputs, &setting, t, &motion).map_err(raise)?;

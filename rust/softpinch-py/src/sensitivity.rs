@@ -58,6 +58,7 @@ impl Directions {
                     q: std::array::from_fn(|n| initial[n]).into(),
                     p: std::array::from_fn(|n| initial[9 + n]).into(),
                     memory: [initial[18], initial[19]],
+                    ..Motion::zero()
                 },
                 shifts: own.map(shift).collect(),
                 impulse_times: impulse_times.row(k).to_vec(),

@@ -7,11 +7,11 @@ use softpinch::driver::{Outline, outline, simulate};
 use softpinch::error::lookup;
 use softpinch::formulation::FORMULATIONS;
 use softpinch::method::METHODS;
-use softpinch::model::{CONTACT_MODELS, Motion, Scene, Stabilization, State};
+use softpinch::model::{CONTACT_MODELS, Scene, Stabilization, State};
 use softpinch::number::Level;
 use softpinch::stepping::{Options, RECORDABLE, SUMMARIES, Selection, Steps, VIOLATIONS, Wanted};
 
-use crate::convert::{self, GivenRow, dictionary, entries, fixed, raise, select};
+use crate::convert::{self, GivenRow, dictionary, entries, fixed, memories, padded, raise, select};
 use crate::inputs::Inputs;
 use crate::signals::detached;
 
@@ -90,18 +90,18 @@ impl Simulation {
     ) -> PyResult<Self> {
         let controller = controller.map(|row| entries("initial.controller", &row)).transpose()?;
         let origin = controller.as_ref().and_then(|row| row.first().copied()).unwrap_or(time);
+        let parameters = crate::parameters(&parameters)?;
+        let (q, p) = (fixed("initial.q", &q)?, fixed("initial.p", &p)?);
         let scene = Scene {
-            parameters: crate::parameters(&parameters)?,
+            parameters,
             inputs: inputs.of(0, origin).map_err(raise)?,
             initial: State {
                 time,
-                motion: Motion {
-                    q: fixed("initial.q", &q)?.into(),
-                    p: fixed("initial.p", &p)?.into(),
-                    memory: fixed("initial.integral", &integral)?,
-                },
+                motion: convert::motion(&parameters, q, p, memories(integral.as_array())?),
                 grid,
-                linearized: linearized.map(|point| fixed("initial.linearized", &point)).transpose()?,
+                linearized: linearized
+                    .map(|point| padded("initial.linearized", 21, point.as_array()))
+                    .transpose()?,
                 contact: contacts.map(|row| fixed("initial.contact", &row)).transpose()?,
                 controller,
             },

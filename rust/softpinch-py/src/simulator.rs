@@ -2,26 +2,28 @@
 
 use std::sync::{Mutex, MutexGuard, TryLockError};
 
-use numpy::{PyArrayMethods, ToPyArray};
+use numpy::{PyArray1, PyArrayMethods, ToPyArray};
 use pyo3::exceptions::{PyIndexError, PyKeyboardInterrupt, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::batch::Batch;
-use crate::convert::{GivenRow, GivenRows, Row, Rows, columns, fixed, raise, require, room};
+use crate::convert::{
+    GivenRow, GivenRows, Row, Rows, columns, fixed, memories, motion, raise, require, room,
+};
 use crate::signals::detached;
 use crate::simulation::Simulation;
 use softpinch::driver::{Observed, Simulator as Core};
 use softpinch::error::Error;
-use softpinch::model::{Motion, State};
+use softpinch::model::{Motion, Parameters, State};
 use softpinch::stepping::Status;
 
 /// Time, coordinates, velocities, multipliers and the code of the status.
 type Observation<'py> = (f64, Row<'py>, Row<'py>, Row<'py>, u8);
-/// Time, coordinates, velocities, integrals, grid and contacts of a state.
-type StateParts<'py> = (f64, Row<'py>, Row<'py>, [f64; 2], Option<(f64, u64)>, Option<Row<'py>>);
+/// Time, coordinates, velocities, integrals with the states of branches, grid and contacts of a state.
+type StateParts<'py> = (f64, Row<'py>, Row<'py>, Row<'py>, Option<(f64, u64)>, Option<Row<'py>>);
 /// The same of a state from Python, and whether it is refused if it is off the constraints.
 type GivenState<'py> =
-    (f64, GivenRow<'py>, GivenRow<'py>, [f64; 2], Option<(f64, u64)>, Option<GivenRow<'py>>, bool);
+    (f64, GivenRow<'py>, GivenRow<'py>, GivenRow<'py>, Option<(f64, u64)>, Option<GivenRow<'py>>, bool);
 /// Arrays of all runs: times (n,), coordinates (n, 9), velocities (n, 9), multipliers (n, 4) and codes (n,). They
 /// are borrowed once no other thread uses the simulator.
 type Arrays<'py> = (Row<'py>, Rows<'py>, Rows<'py>, Rows<'py>, Row<'py, u8>);
@@ -39,10 +41,14 @@ fn code(status: Option<Status>) -> u8 {
     status.map_or(0, |status| status as u8 + 1)
 }
 
-fn given((time, q, p, memory, grid, contact, check): &GivenState<'_>) -> PyResult<(State, bool)> {
+fn given(
+    parameters: &Parameters,
+    (time, q, p, memory, grid, contact, check): &GivenState<'_>,
+) -> PyResult<(State, bool)> {
+    let (q, p) = (fixed("State.q", q)?, fixed("State.p", p)?);
     let state = State {
         time: *time,
-        motion: Motion { q: fixed("State.q", q)?.into(), p: fixed("State.p", p)?.into(), memory: *memory },
+        motion: motion(parameters, q, p, memories(memory.as_array())?),
         grid: *grid,
         linearized: None,
         contact: contact.as_ref().map(|row| fixed("State.contact", row)).transpose()?,
@@ -205,24 +211,30 @@ impl Simulator {
     /// The present state of a run.
     fn state<'py>(&self, py: Python<'py>, run: usize) -> PyResult<StateParts<'py>> {
         let runs = self.runs()?;
-        let State { time, motion: Motion { q, p, memory }, grid, contact, .. } =
-            runs.core.state(runs.require(run)?);
+        let scene = runs.core.scene(runs.require(run)?);
+        let State { time, motion: Motion { q, p, memory, relaxation }, grid, contact, .. } = &scene.initial;
+        let memory = PyArray1::from_iter(
+            py,
+            memory.iter().chain(&relaxation[..4 * scene.parameters.branches()]).copied(),
+        );
         let contact = contact.as_ref().map(|row| row.to_pyarray(py));
-        Ok((*time, q.row().to_pyarray(py), p.row().to_pyarray(py), *memory, *grid, contact))
+        Ok((*time, q.row().to_pyarray(py), p.row().to_pyarray(py), memory, *grid, contact))
     }
 
     /// Puts a run back to its start, or to the start of another run.
     fn reset(&self, run: usize, state: Option<GivenState<'_>>) -> PyResult<()> {
         let mut runs = self.runs()?;
         let run = runs.require(run)?;
-        let state = state.as_ref().map(given).transpose()?;
+        let parameters = runs.core.scene(run).parameters;
+        let state = state.as_ref().map(|state| given(&parameters, state)).transpose()?;
         runs.core.reset(run, state.as_ref().map(|(state, check)| (state, *check))).map_err(raise)
     }
 
     /// Goes on from a state.
     fn set_state(&self, run: usize, state: GivenState<'_>) -> PyResult<()> {
         let mut runs = self.runs()?;
-        let (run, (state, check)) = (runs.require(run)?, given(&state)?);
+        let run = runs.require(run)?;
+        let (state, check) = given(&runs.core.scene(run).parameters, &state)?;
         runs.core.set_state(run, (&state, check)).map_err(raise)
     }
 

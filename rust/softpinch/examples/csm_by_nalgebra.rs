@@ -107,7 +107,7 @@ pub fn specified(
     step: StepOf,
     (h, steps): (f64, usize),
 ) -> Vec<SVector<f64, 22>> {
-    let Motion { q, p, memory } = &scene.initial.motion;
+    let Motion { q, p, memory, .. } = &scene.initial.motion;
     let mut y = SVector::from_iterator(q.row().into_iter().chain(p.row()).chain(*memory));
     let row = |_| {
         let (k1, lambda) = rates(scene, gains, &y);

@@ -90,6 +90,7 @@ fn lopsided() -> Scene {
         q: each_coordinate!([q, offset] => q + offset),
         p: each_coordinate!([offset] => 10.0 * offset),
         memory: [-1e-3, 2e-3],
+        ..initial.motion
     };
     let push = PiecewisePolynomial::constant([0.8, -1.3, 0.02]);
     let schedule = PiecewisePolynomial::constant([0.12, 0.07]);

@@ -47,7 +47,8 @@ pub struct LinearModel {
     pub c: DMatrix<f64>,
     /// The derivatives of the outputs with respect to the inputs.
     pub d: DMatrix<f64>,
-    /// The states at the operating point: coordinates, their rates, d_t1 and d_t2, and the memories of PID controllers.
+    /// The states at the operating point: coordinates, their rates, d_t1 and d_t2, branches of tips, and the memories of PID
+    /// controllers.
     pub state: DVector<f64>,
     /// The rates of the states at the operating point; zero at an equilibrium.
     pub rate: DVector<f64>,
@@ -117,7 +118,7 @@ pub fn jacobian(
 }
 
 /// The largest real part of the eigenvalues of the motion about a state at rest, without the two zeros of the family
-/// of equilibria and without memories that drive nothing; and the largest size of an eigenvalue. `None` if the
+/// of equilibria and without branches and memories that drive nothing; and the largest size of an eigenvalue. `None` if the
 /// eigenvalues are not found, because a number overflowed.
 pub fn growth(
     level: Level,
@@ -138,11 +139,13 @@ pub fn growth(
         }
     }
     // In the order of the states, with rates in the place of coordinates.
-    let Motion { q, p, memory } = Motion::typical_magnitudes(parameters);
+    let Motion { q, p, memory, relaxation } = Motion::typical_magnitudes(parameters);
+    let branches = 4 * parameters.branches();
     let scale = |k: usize| match k {
         _ if k < degrees => q.row()[k],
         _ if k < shears => p.row()[k - degrees],
-        _ => memory[k - shears - 2],
+        _ if k - shears - 2 < branches => relaxation[k - shears - 2],
+        _ => memory[k - shears - 2 - branches],
     };
     let kept: Vec<usize> =
         (0..a.nrows()).filter(|&k| k < shears || (k >= shears + 2 && scale(k).is_finite())).collect();
@@ -275,7 +278,7 @@ mod tests {
         q.finger = [0.1, 0.12];
         let inputs = Inputs::constant_targets(q.finger).with_fingers(fingers);
         let p = [0.02, -0.01, 0.3, 0.2, -0.1, 0.0, 0.0, 0.0, 0.0].into();
-        (parameters, inputs, Motion { q, p, memory: [1e-3, 0.0] })
+        (parameters, inputs, Motion { q, p, memory: [1e-3, 0.0], ..Motion::zero() })
     }
 
     #[test]

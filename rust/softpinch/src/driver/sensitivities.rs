@@ -265,7 +265,7 @@ impl Rows<'_> {
             energy[..3].copy_from_slice(&[energies.kinetic, energies.elastic, energies.gravity]);
             energy[3..].copy_from_slice(&y[size.states..size.all()]);
         }
-        let Motion { q, p, memory } = now.motion;
+        let Motion { q, p, memory, .. } = now.motion;
         let motion = q.row().into_iter().chain(p.row()).chain(memory);
         let row = motion.chain(now.multipliers).chain(now.torque).chain(energy);
         let Self { first, width, .. } = *self;
@@ -452,7 +452,7 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
     #[inline(always)]
     fn start(&self, drive: &SegmentDrive<RunDual<R>>) -> Motion<RunDual<R>> {
         let initial = &self.request.scene.initial;
-        let Motion { q, p, mut memory } = Motion::<RunDual<R>>::constant(&initial.motion);
+        let Motion { q, p, mut memory, relaxation } = Motion::<RunDual<R>>::constant(&initial.motion);
         let (mut q, mut p) = (q.row(), p.row());
         if let Some(start) = self.request.start {
             let derived = start.varied(&self.source, &drive.at(RunDual::zero()), &initial.motion.q);
@@ -468,7 +468,7 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
         for i in 0..2 {
             memory[i] = memory[i] + self.varied(0.0, |one| one.initial.memory[i]);
         }
-        Motion { q: q.into(), p: p.into(), memory }
+        Motion { q: q.into(), p: p.into(), memory, relaxation }
     }
 
     /// Applies the shifts of inputs whose jump moves at a breakpoint, then its impulses. Returns whether there are any.

@@ -118,7 +118,15 @@ pub(crate) fn require_valid(scene: &Scene, options: &Options) -> Result {
     for ((name, rule), value) in Stabilization::FIELDS.iter().zip(options.stabilization.fields()) {
         rule.check(format_args!("stabilization.{name}"), value)?;
     }
-    let initial = &scene.initial;
+    let (initial, choice) = (&scene.initial, options.choice(&scene.inputs));
+    let largest = choice.fingers != Fingers::Driven
+        && (options.contact == ContactModel::Unilateral
+            || choice.moves && options.formulation != Formulation::Nullspace);
+    if largest && choice.ledger {
+        let rule = "must be at most 1 with record \"energy\" where contact is unilateral or the hand moves";
+        let branches = scene.parameters.branches();
+        require(branches <= 1, "Maxwell branches of a tip", branches as f64, rule)?;
+    }
     if scene.inputs.fingers() == Fingers::Driven {
         scene.inputs.require_smooth(initial.time, initial.time + scene.duration)?;
         require_scheduled(&scene.parameters, &scene.inputs, initial)?;
@@ -181,6 +189,7 @@ fn layout(scene: &Scene, options: &Options) -> Layout {
         unilateral: options.contact == ContactModel::Unilateral,
         moves: scene.inputs.moves(),
         controller: scene.inputs.sampled().map_or(0, |sampled| sampled.controller.width()),
+        relaxation: 4 * scene.parameters.branches(),
     }
 }
 

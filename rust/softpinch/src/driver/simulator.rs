@@ -76,9 +76,9 @@ impl Simulator {
         &self.environments[run].observed
     }
 
-    /// The present state of a run, from which another one can go on.
-    pub fn state(&self, run: usize) -> &State {
-        &self.environments[run].scene.initial
+    /// The scene of a run, whose initial state is the present one, from which another run can go on.
+    pub fn scene(&self, run: usize) -> &Scene {
+        &self.environments[run].scene
     }
 
     /// The end of the last period of a run, s, at which a violation may have kept the run from arriving.

@@ -7,8 +7,8 @@
 use crate::formulation::equations::evaluated;
 use crate::formulation::{Choice, Csm, Equations, Evaluation, Formulation, States, Terms, Unilateral};
 use crate::model::{
-    Applied, CONTACT_WORKS, ContactModel, Contacts, Coordinates, Energies, Geometry, Motion, Others, Plant,
-    Source, Stabilization,
+    Applied, CONTACT_WORKS, ContactModel, Contacts, Energies, Geometry, Motion, Others, Plant, Source,
+    Stabilization,
 };
 use crate::number::{LaneTask, Real, task};
 
@@ -115,8 +115,8 @@ impl<R: Real> Equations<R> for AnyParts<R> {
         &self,
         terms: &Terms<R, Others>,
         contacts: &Contacts<R>,
-        p: &Coordinates<R>,
+        motion: &Motion<R>,
     ) -> [R; CONTACT_WORKS] {
-        self.unilateral.powers_of(terms, contacts, p)
+        self.unilateral.powers_of(terms, contacts, motion)
     }
 }

@@ -6,16 +6,16 @@ use std::fmt::Debug;
 use crate::formulation::{Constrained, Response, constrained};
 use crate::model::{
     Any, Applied, BILATERAL_WORKS, CONTACT_WORKS, Contacts, Coordinates, Energies, Forces, Geometry, Input,
-    Motion, Parts, Plant, each_coordinate, work,
+    Motion, Parts, Plant, RELAXATIONS, each_coordinate, work,
 };
 use crate::number::{Dual, Lanes, Real, dot, gather};
 
-/// Number of components of the largest state: nine coordinates, their rates, two memories, and the eight works of
-/// the ledger.
-pub const MAX_COMPONENTS: usize = 28;
+/// Number of components of the largest state: nine coordinates, their rates, two memories, the eight works of the ledger, and
+/// the four states of one Maxwell branch. More branches fit without the ledger.
+pub const MAX_COMPONENTS: usize = 32;
 
 /// A state as the integrators see it. Its components are, in this order: one coordinate for each degree of
-/// freedom; the rates of these coordinates; quantities that depend on both and drive the rates (shears,
+/// freedom; the rates of these coordinates; quantities that depend on both and drive the rates (shears, branches of tips,
 /// controllers' memories); the works of the ledger if it is carried, which drive nothing. The system's
 /// [`Size`](super::system::Size) has the number of each. Zeros fill the rest.
 pub type States<R> = [R; MAX_COMPONENTS];
@@ -160,10 +160,19 @@ pub trait Equations<R: Real>: Copy + Debug {
         3 + if driven { 0 } else { 2 } + if self.drifts() { 4 } else { 0 }
     }
 
-    /// Number of states of the motion: coordinates, rates, and after these shears and the controllers' memories.
+    /// Number of states of the motion: coordinates, rates, and after these shears, branches and controllers' memories.
     #[inline(always)]
     fn states(&self, driven: bool) -> usize {
-        2 * self.degrees(driven) + if self.drifts() { 0 } else { 2 } + if driven { 0 } else { 2 }
+        2 * self.degrees(driven)
+            + if self.drifts() { 0 } else { 2 }
+            + self.relaxations()
+            + if driven { 0 } else { 2 }
+    }
+
+    /// Number of states of Maxwell branches.
+    #[inline(always)]
+    fn relaxations(&self) -> usize {
+        if Self::Parts::OTHERS { 4 * self.plant().branches } else { 0 }
     }
 
     /// The place of the state's coordinate `n` among all nine.
@@ -178,7 +187,7 @@ pub trait Equations<R: Real>: Copy + Debug {
     /// The state of a motion, with works of zero. It turns the rates of a motion into the state's derivative, too.
     #[inline(always)]
     fn begin(&self, driven: bool, motion: &Motion<R>) -> States<R> {
-        let Motion { q, p, memory } = motion;
+        let Motion { q, p, memory, relaxation } = motion;
         let mut y = [R::zero(); MAX_COMPONENTS];
         let (coordinates, rates) = (q.row(), p.row());
         for_fingers!(driven, driven => {
@@ -190,6 +199,8 @@ pub trait Equations<R: Real>: Copy + Debug {
             if !self.drifts() {
                 y[2 * degrees..2 * degrees + 2].copy_from_slice(&q.shear);
             }
+            let (branches, end) = (self.relaxations(), states - if driven { 0 } else { 2 });
+            y[end - branches..end].copy_from_slice(&relaxation[..branches]);
             if !driven {
                 y[states - 2..states].copy_from_slice(memory);
             }
@@ -201,7 +212,7 @@ pub trait Equations<R: Real>: Copy + Debug {
     #[inline(always)]
     fn unpack(&self, driven: bool, input: &Input<R>, y: &States<R>) -> Motion<R> {
         let (mut q, mut p, mut memory) = ([R::zero(); 9], [R::zero(); 9], [R::zero(); 2]);
-        let mut shear = [R::zero(); 2];
+        let (mut shear, mut relaxation) = ([R::zero(); 2], [R::zero(); RELAXATIONS]);
         for_fingers!(driven, driven => {
             let (degrees, states) = (self.degrees(driven), self.states(driven));
             for n in 0..degrees {
@@ -211,6 +222,8 @@ pub trait Equations<R: Real>: Copy + Debug {
             if !self.drifts() {
                 shear.copy_from_slice(&y[2 * degrees..2 * degrees + 2]);
             }
+            let (branches, end) = (self.relaxations(), states - if driven { 0 } else { 2 });
+            relaxation[..branches].copy_from_slice(&y[end - branches..end]);
             if !driven {
                 memory.copy_from_slice(&y[states - 2..states]);
             }
@@ -222,7 +235,7 @@ pub trait Equations<R: Real>: Copy + Debug {
         if driven {
             (q.finger, p.finger) = (input.target, input.target_rate);
         }
-        Motion { q, p, memory }
+        Motion { q, p, memory, relaxation }
     }
 
     /// The geometry of a motion. A formulation whose states are on the constraints sets what these determine.
@@ -269,7 +282,7 @@ pub trait Equations<R: Real>: Copy + Debug {
         &self,
         terms: &Terms<R, Self::Parts>,
         _: &Contacts<R>,
-        p: &Coordinates<R>,
+        Motion { p, .. }: &Motion<R>,
     ) -> [R; CONTACT_WORKS] {
         let Terms { geometry, forces, response, .. } = terms;
         let mut powers = [R::zero(); CONTACT_WORKS];
@@ -352,9 +365,10 @@ pub(super) fn evaluated<R: Real, E: Equations<R>>(
     let terms = equations.terms(driven, (input, moving), contacts, &motion, geometry);
     let Response { multipliers, share, acceleration, .. } = terms.response;
     let memory = equations.plant().memory_rates(&motion.q, input);
-    let mut rate = equations.begin(driven, &Motion { q: motion.p, p: acceleration, memory });
+    let relaxation = equations.plant().relaxation_rates::<E::Parts>(&motion);
+    let mut rate = equations.begin(driven, &Motion { q: motion.p, p: acceleration, memory, relaxation });
     if ledger {
-        let powers = equations.powers(&terms, contacts, &motion.p);
+        let powers = equations.powers(&terms, contacts, &motion);
         for_fingers!(driven, driven => {
             let states = equations.states(driven);
             rate[states..states + equations.works()].copy_from_slice(&powers[..equations.works()]);

@@ -242,7 +242,7 @@ mod tests {
         let [x, y, _] = start.object;
         let pose = [x, y, tilt, grip, grip];
         let (q, p) = consistent(&parameters, &pose, &shear, &velocity);
-        Motion { q, p, memory: [0.0; 2] }
+        Motion { q, p, ..Motion::zero() }
     }
 
     fn still(target: f64) -> Input<f64> {

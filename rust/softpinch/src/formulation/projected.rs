@@ -53,7 +53,8 @@ pub fn correct<R: Real, E: Equations<R>>(
     y: &mut States<R>,
 ) {
     let plant = equations.plant();
-    let Motion { q: left_q, p: left_p, memory } = equations.unpack(driven, input, y);
+    let left = equations.unpack(driven, input, y);
+    let Motion { q: left_q, p: left_p, .. } = left;
     let free = if equations.opens() { contacts.free } else { [0; 2] };
     let mut q = left_q;
     for _ in 0..NEWTON_STEPS {
@@ -77,13 +78,14 @@ pub fn correct<R: Real, E: Equations<R>>(
     }
     let p = each_coordinate!([left_p, change] => left_p + change);
     let works = *y;
-    *y = equations.begin(driven, &Motion { q, p, memory });
+    let corrected = Motion { q, p, ..left };
+    *y = equations.begin(driven, &corrected);
     if ledger {
         let states = equations.states(driven);
         y[states..].copy_from_slice(&works[states..]);
         // The energy that the correction adds is work of the constraints.
-        let now = equations.energies(contacts, &Motion { q, p, memory });
-        let before = equations.energies(contacts, &Motion { q: left_q, p: left_p, memory });
+        let now = equations.energies(contacts, &corrected);
+        let before = equations.energies(contacts, &left);
         let gain = (now.kinetic - before.kinetic)
             + ((now.elastic - before.elastic) + (now.gravity - before.gravity));
         let work = &mut y[states + work::CONSTRAINT];

@@ -70,7 +70,8 @@ impl<R: Real> EquationKind<R> {
 #[inline(always)]
 pub(super) fn size_of<R: Real, E: Equations<R>>(equations: &E, driven: bool, ledger: bool) -> Size {
     let works = if ledger { equations.works() + usize::from(equations.plant().moves) } else { 0 };
-    Size { states: equations.states(driven), degrees: equations.degrees(driven), works }
+    let relaxations = equations.relaxations();
+    Size { states: equations.states(driven), degrees: equations.degrees(driven), works, relaxations }
 }
 
 /// The choice of equations, and whether their state carries the ledger.
@@ -151,7 +152,12 @@ pub(super) fn evaluate_into<R: Lanes, E: Equations<R>>(
 ) {
     let found = equations.evaluate(driven, applied, contacts, y, ledger);
     copy_computed(equations, (driven, ledger), &mut now.rate, &found.rate);
+    // The paper's tips have no branches.
+    let before = now.motion.relaxation;
     now.motion = found.motion;
+    if E::Parts::PAPERS {
+        now.motion.relaxation = before;
+    }
     now.multipliers = found.multipliers;
     now.residuals = found.residuals;
     now.tilt = found.tilt;

@@ -13,6 +13,8 @@ pub struct Size {
     pub degrees: usize,
     /// Number of works of the ledger that follow the states; 0 if the state does not carry them.
     pub works: usize,
+    /// Number of states of Maxwell branches, which are among the states.
+    pub relaxations: usize,
 }
 
 /// Number of components that are computed together.

@@ -60,6 +60,11 @@ impl<R: Real> Unilateral<R> {
     pub(super) fn energies_of<P: Parts>(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
         let (plant, Motion { q, p, .. }) = (&self.csm.plant, motion);
         let mut energies = plant.energies::<P>(q, p);
+        if P::OTHERS && plant.branches > 0 {
+            for i in 0..2 {
+                energies.elastic = energies.elastic + plant.tips[i].relaxing::<P>(i, motion, true).stored;
+            }
+        }
         if contacts.free[0] | contacts.free[1] != 0 {
             for i in 0..2 {
                 let (_, sin, cos) = plant.sides[i].tilt::<P>(i, q);
@@ -88,7 +93,15 @@ impl<R: Real> Unilateral<R> {
         let elastic = plant.elastic(&geometry, &motion.q);
         let couple = [elastic[0].tilt, elastic[1].tilt];
         let special = contacts.special();
-        let elastic = if special == 0 { elastic } else { self.released::<P>(contacts, elastic, &motion.q) };
+        let mut elastic =
+            if special == 0 { elastic } else { self.released::<P>(contacts, elastic, &motion.q) };
+        if P::OTHERS && plant.branches > 0 {
+            for i in 0..2 {
+                let [normal, tangential] = plant.tips[i].relaxing::<P>(i, motion, false).resistance;
+                elastic[i].normal = elastic[i].normal + normal;
+                elastic[i].tangential = elastic[i].tangential + tangential;
+            }
+        }
         let mut forces = plant.forces(driven, elastic, &geometry, motion, applied);
         let (force, bias) = (forces.total(&geometry), self.csm.gamma(&geometry));
         let finger_acceleration = applied.0.target_acceleration;
@@ -113,11 +126,11 @@ impl<R: Real> Unilateral<R> {
     /// The powers whose integrals are the works of the ledger. Friction's is the loss mu lambda^H |v|. While a
     /// tip grazes, its tilt changes (5) by tau theta_p-dot, but only the part psi of its couple acts.
     #[inline(always)]
-    pub(super) fn powers_of(
+    pub(super) fn powers_of<P: Parts>(
         &self,
-        terms: &Terms<R, impl Parts>,
+        terms: &Terms<R, P>,
         contacts: &Contacts<R>,
-        p: &Coordinates<R>,
+        motion: &Motion<R>,
     ) -> [R; CONTACT_WORKS] {
         let Terms { geometry, forces, response, couple, .. } = terms;
         let drift = geometry.constraint_velocity();
@@ -131,8 +144,13 @@ impl<R: Real> Unilateral<R> {
             let gain = ((R::constant(1.0) - response.share[i]) * couple[i]) * geometry.contacts[i].tilt_rate;
             relaxation = relaxation + R::select(contacts.graze[i], gain, zero);
         }
-        let drags = self.csm.plant.drags(p);
-        let [control, external, viscous, constraint] = forces.powers(geometry, &drags, p, &held);
+        let (plant, p) = (&self.csm.plant, &motion.p);
+        let [control, external, mut viscous, constraint] = forces.powers(geometry, &plant.drags(p), p, &held);
+        if P::OTHERS && plant.branches > 0 {
+            for i in 0..2 {
+                viscous = viscous + plant.tips[i].relaxing::<P>(i, motion, true).lost;
+            }
+        }
         [control, external, viscous, constraint, friction, zero, relaxation]
     }
 }
@@ -177,9 +195,9 @@ impl<R: Real> Equations<R> for Unilateral<R> {
         &self,
         terms: &Terms<R, Papers>,
         contacts: &Contacts<R>,
-        p: &Coordinates<R>,
+        motion: &Motion<R>,
     ) -> [R; CONTACT_WORKS] {
-        self.powers_of(terms, contacts, p)
+        self.powers_of(terms, contacts, motion)
     }
 }
 

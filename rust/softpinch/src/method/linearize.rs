@@ -4,6 +4,11 @@
 //! r' = R_x x + R_v v, v' = V_x x + V_v v + V_r r. So (g I - J) needs no decomposition of its own size:
 //! eliminating x and r leaves g I - V_v - (V_x + V_r R_v) / g - V_r R_x / g^2, with one row for each degree of
 //! freedom, 5 instead of 14 in `nullspace`. The works of the ledger follow from all states.
+//!
+//! Maxwell branches of tips are remaining states that decay and follow shears: r' has the term R_r r, in which R_r is lower
+//! triangular. Then (g - R_r)^-1 takes the place of 1 / g, with a substitution for each row.
+
+use std::ops::Range;
 
 use crate::formulation::{Jacobian, Linear, MAX_COMPONENTS, Size, States};
 use crate::model::SegmentDrive;
@@ -14,16 +19,16 @@ pub const DIRECTIONS: usize = 8;
 /// Directions in one sweep if the components of the dual numbers are lanes.
 pub const DIRECTIONS_IN_LANES: usize = 4;
 
-/// Calls a function with the numbers of states and of degrees of freedom. For the sizes of the formulations
+/// Calls a function with the numbers of states and of degrees of freedom, and whether there are branches. For the sizes of the formulations
 /// these numbers are constants, so that the function's loops are unrolled.
 macro_rules! unrolled {
     ($size:expr, $function:ident($($argument:expr),*)) => {
         match ($size.states, $size.degrees) {
-            (20, 9) => $function(20, 9, $($argument),*),
-            (14, 7) => $function(14, 7, $($argument),*),
-            (14, 5) => $function(14, 5, $($argument),*),
-            (8, 3) => $function(8, 3, $($argument),*),
-            (states, degrees) => $function(states, degrees, $($argument),*),
+            (20, 9) => $function(20, 9, false, $($argument),*),
+            (14, 7) => $function(14, 7, false, $($argument),*),
+            (14, 5) => $function(14, 5, false, $($argument),*),
+            (8, 3) => $function(8, 3, false, $($argument),*),
+            (states, degrees) => $function(states, degrees, $size.relaxations > 0, $($argument),*),
         }
     };
 }
@@ -40,13 +45,14 @@ pub struct Linearization<R = f64> {
 
 /// Computes V_x + V_r R_v and V_r R_x.
 #[inline(always)]
-fn reduce<R: Lanes>(states: usize, d: usize, of: &mut Linearization<R>) {
+fn reduce<R: Lanes>(states: usize, d: usize, branches: bool, of: &mut Linearization<R>) {
     let Linearization { jacobian: Jacobian { rows }, stiffness, delayed, .. } = of;
     for i in 0..d {
         let rate = &rows[d + i];
         stiffness[i][..d].copy_from_slice(&rate[..d]);
         delayed[i][..d].fill(R::zero());
-        for r in 2 * d..states {
+        // With branches what follows from r depends on g.
+        for r in 2 * d..if branches { 2 * d } else { states } {
             for k in 0..d {
                 stiffness[i][k] = rate[r].mul_add(rows[r][d + k], stiffness[i][k]);
                 delayed[i][k] = rate[r].mul_add(rows[r][k], delayed[i][k]);
@@ -56,7 +62,7 @@ fn reduce<R: Lanes>(states: usize, d: usize, of: &mut Linearization<R>) {
 }
 
 #[inline(always)]
-fn factor<T: Entry>(_: usize, d: usize, of: &Linearization<T::Part>, g: T) -> Factors<T>
+fn factor<T: Entry>(states: usize, d: usize, branches: bool, of: &Linearization<T::Part>, g: T) -> Factors<T>
 where
     T::Part: Lanes,
 {
@@ -64,19 +70,59 @@ where
     let inverse = one / g;
     let mut matrix = [[zero; MOST_ROWS]; MOST_ROWS];
     for i in 0..d {
+        // The row V_r (g - R_r)^-1.
+        let (rows, mut through) = (&of.jacobian.rows, [zero; MAX_COMPONENTS]);
+        if branches {
+            for n in (2 * d..states).rev() {
+                through[n] = T::of(rows[d + i][n]);
+                for m in n + 1..states {
+                    through[n] = through[n].plus(rows[m][n], through[m]);
+                }
+                through[n] = through[n] / (g - T::of(rows[n][n]));
+            }
+        }
         for k in 0..d {
             let slow = (zero.plus(of.delayed[i][k], inverse)).plus(of.stiffness[i][k], one);
-            let entry = T::of(-of.jacobian.rows[d + i][d + k]).less_product(slow, inverse);
+            let mut entry = T::of(-rows[d + i][d + k]).less_product(slow, inverse);
+            if branches {
+                for n in 2 * d..states {
+                    entry = entry.less_product(through[n], T::of(rows[n][d + k]).plus(rows[n][k], inverse));
+                }
+            }
             matrix[i][k] = if i == k { entry + g } else { entry };
         }
     }
     Factors { inverse, lu: Lu::new(d, matrix) }
 }
 
+/// The remaining state after those in `before`: its load in `x` times (g - R_r)^-1.
+#[inline(always)]
+fn remaining<T: Entry>(
+    branches: bool,
+    before: Range<usize>,
+    rows: &[[T::Part; MAX_COMPONENTS]; MAX_COMPONENTS],
+    inverse: T,
+    x: &States<T>,
+) -> T
+where
+    T::Part: Lanes,
+{
+    let n = before.end;
+    if !branches {
+        return x[n] * inverse;
+    }
+    let mut load = x[n];
+    for m in before {
+        load = load.plus(rows[n][m], x[m]);
+    }
+    load / (T::of(T::Part::constant(1.0)) / inverse - T::of(rows[n][n]))
+}
+
 #[inline(always)]
 fn solve<T: Entry>(
     states: usize,
     d: usize,
+    branches: bool,
     of: &Linearization<T::Part>,
     factors: &Factors<T>,
     b: &States<T>,
@@ -95,7 +141,7 @@ where
         for k in 0..d {
             x[n] = x[n].plus(rows[n][k], x[k]);
         }
-        x[n] = x[n] * inverse;
+        x[n] = remaining(branches, 2 * d..n, rows, inverse, &x);
     }
     let mut rate = [T::of(T::Part::zero()); MOST_ROWS];
     for i in 0..d {
@@ -117,7 +163,7 @@ where
         for k in 0..2 * d {
             x[n] = x[n].plus(rows[n][k], x[k]);
         }
-        x[n] = x[n] * inverse;
+        x[n] = remaining(branches, 2 * d..n, rows, inverse, &x);
     }
     x
 }
@@ -167,14 +213,10 @@ impl<R: Lanes> Linearization<R> {
         unrolled!(self.size, reduce(self));
     }
 
-    /// The derivative of the rates with respect to time.
+    /// The derivative of the rate `n` with respect to time.
     #[inline(always)]
-    pub fn by_time(&self) -> States<R> {
-        let mut column = [R::zero(); MAX_COMPONENTS];
-        for (entry, row) in column.iter_mut().zip(&self.jacobian.rows) {
-            *entry = row[self.size.states];
-        }
-        column
+    pub fn by_time(&self, n: usize) -> R {
+        self.jacobian.rows[n][self.size.states]
     }
 
     /// Decomposes g I - J.
@@ -258,7 +300,7 @@ mod tests {
     fn motion() -> Motion<f64> {
         let pose = [0.003, 0.0735, 0.05, 0.12, 0.09];
         let (q, p) = consistent(&parameters(), &pose, &[4e-4, -3e-4], &[0.2, -0.1, 1.5, -2.0, 1.2]);
-        Motion { q, p, memory: [2e-3, -1e-3] }
+        Motion { q, p, memory: [2e-3, -1e-3], ..Motion::zero() }
     }
 
     /// Targets that move and a force that oscillates.

@@ -129,7 +129,6 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
         stats.evaluations += STAGES as u64 - 1;
         let one = R::constant(1.0);
         let factors = linearization.factor(E::of(one / (R::constant(GAMMA) * h)));
-        let by_time = linearization.by_time();
         let (mut at, mut load) = (*y, *rate);
         for i in 0..STAGES {
             if i > 0 {
@@ -143,7 +142,7 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
             load = plus(size, load, &self.stages, &COUPLING[i][..i], one / h);
             let share = R::constant(BY_TIME[i]) * h;
             let mut entries = [E::of(R::zero()); MAX_COMPONENTS];
-            size.each(|n| entries[n] = E::of(share.mul_add(by_time[n], load[n])));
+            size.each(|n| entries[n] = E::of(share.mul_add(linearization.by_time(n), load[n])));
             let solution = linearization.solve_with_works(&factors, &entries);
             let stage = &mut self.stages[i];
             size.each(|n| stage[n] = solution[n].real());

@@ -273,7 +273,8 @@ impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Newton<Radau5, Pair, T> {
         let SolvedStep { equations, step, .. } = solved;
         let size = equations.system.size();
         let (h, d, states) = (step.h.lane(0), size.degrees, size.states);
-        let mut jacobians = [Jacobian::zero(); 3];
+        // On the heap, because threads may be small.
+        let mut jacobians = vec![Jacobian::zero(); 3];
         let mut slopes = [[RunDual::zero(); MAX_COMPONENTS]; 3];
         for i in 0..3 {
             let mut z = self.scheme.stages[i];
@@ -342,7 +343,7 @@ fn weighted<R: Lanes>(h: f64, of: &Stages<R>) -> Stages<R> {
 /// Adds to these rows of `to` these columns of each stage's Jacobian times `of`.
 #[inline(always)]
 fn multiply<R: Lanes>(
-    jacobians: &[Jacobian; 3],
+    jacobians: &[Jacobian],
     (rows, columns): (Range<usize>, Range<usize>),
     of: &Stages<R>,
     to: &mut Stages<R>,
@@ -358,7 +359,7 @@ fn multiply<R: Lanes>(
 }
 
 /// The matrix of the linear system for the derivatives of the three stages' rates of v.
-fn velocity_system(jacobians: &[Jacobian; 3], h: f64, d: usize, states: usize) -> DMatrix<f64> {
+fn velocity_system(jacobians: &[Jacobian], h: f64, d: usize, states: usize) -> DMatrix<f64> {
     let b = |i: usize, j: usize| h * radau5::A[i][j];
     let mut twice = [[0.0; 3]; 3];
     for i in 0..3 {

@@ -52,7 +52,7 @@ impl Equation {
 
 impl<R: Lanes> System<R> for Equation {
     fn size(&self) -> Size {
-        Size { states: 2, degrees: 1, works: 0 }
+        Size { states: 2, degrees: 1, works: 0, relaxations: 0 }
     }
 
     fn begin(&self, _: &Motion<R>) -> States<R> {

@@ -6,7 +6,7 @@ use crate::model::control::Controller;
 use crate::model::frame::Carried;
 use crate::model::{
     BILATERAL_WORKS, Coordinates, ElasticGradient, Energies, Fingers, FrameLoads, Geometry, Input,
-    MechanismKind, Motion, Parts, Source, each_coordinate,
+    MechanismKind, Motion, Parts, RELAXATIONS, Source, each_coordinate,
 };
 use crate::number::{LaneTask, Real, dot, task};
 
@@ -41,6 +41,8 @@ pub struct Plant<R> {
     pub(super) carried: Carried<R>,
     /// Whether the hand moves.
     pub moves: bool,
+    /// The number of Maxwell branches.
+    pub branches: usize,
 }
 
 /// The forces of the hand's motion, if it moves. They then include weights and the external force.
@@ -146,6 +148,7 @@ impl<R: Real> Plant<R> {
             finger_weights,
             carried: Carried::new(source),
             moves,
+            branches: source.kinds().branches(),
         }
     }
 
@@ -202,7 +205,7 @@ impl<R: Real> Plant<R> {
         i: usize,
         elastic: &ElasticGradient<R>,
         geometry: &Geometry<R, impl Parts>,
-        Motion { q, p, memory }: &Motion<R>,
+        Motion { q, p, memory, .. }: &Motion<R>,
         (input, fingers): (&Input<R>, &[[R; 3]; 2]),
     ) -> (R, R, R, R) {
         let (tip, control, contact) = (&self.tips[i], &self.controllers[i], &geometry.contacts[i]);
@@ -256,6 +259,21 @@ impl<R: Real> Plant<R> {
             };
         }
         Energies { kinetic: R::constant(0.5) * doubled, elastic, gravity }
+    }
+
+    /// The rates of the states of branches.
+    #[inline(always)]
+    pub fn relaxation_rates<P: Parts>(&self, motion: &Motion<R>) -> [R; RELAXATIONS] {
+        let mut rates = [R::zero(); RELAXATIONS];
+        if P::OTHERS && self.branches > 0 {
+            for i in 0..2 {
+                let own = self.tips[i].relaxing::<P>(i, motion, false).rates;
+                for k in (i..RELAXATIONS).step_by(2) {
+                    rates[k] = own[k];
+                }
+            }
+        }
+        rates
     }
 
     /// The rates of the controllers' memories.

@@ -23,7 +23,7 @@ pub mod scene;
 pub mod source;
 pub mod start;
 
-pub use contact::law::ElasticGradient;
+pub use contact::law::{BRANCHES, ElasticGradient, RELAXATIONS, Relaxing};
 pub use contact::mechanism::MechanismKind;
 pub(crate) use contact::numbered;
 pub use contact::shape::{Counterface, Frame, ShapeKind, Surface};
@@ -44,8 +44,8 @@ pub use measures::{MEASURES, Measure};
 pub use motion::{Linearized, Motion, unpacked};
 pub use noise::Noise;
 pub use parameters::{
-    Finger, Fingertip, Friction, GraspedObject, Law, Mechanism, PARAMETER_COUNT, Parameters, PidGains, SIDES,
-    Side, Stabilization, Surroundings, parameter_table,
+    Finger, Fingertip, Friction, GraspedObject, Law, Maxwell, Mechanism, PARAMETER_COUNT, Parameters,
+    PidGains, SIDES, Side, Stabilization, Surroundings, parameter_table,
 };
 pub use piecewise::PiecewisePolynomial;
 pub use rates::fastest_rate;
@@ -54,6 +54,6 @@ pub use sampled::SampledController;
 pub use scene::Scene;
 pub use source::{Constants, DIRECTIONS, Source, VariedParameters};
 pub use start::{
-    STARTS, Start, State, allowed_residuals, apart, coordinate_at, require_consistent, require_held,
+    STARTS, Start, State, allowed_residuals, apart, coordinate_at, relaxed, require_consistent, require_held,
     require_scheduled,
 };

@@ -1,6 +1,6 @@
 //! A state of the motion, and the typical magnitude of each of its components.
 
-use crate::model::{Coordinates, Parameters, each_coordinate};
+use crate::model::{Coordinates, Parameters, RELAXATIONS, each_coordinate};
 use crate::number::{Lanes, Real};
 
 /// A state in the nine coordinates. Every formulation is recorded in this form.
@@ -12,19 +12,22 @@ pub struct Motion<R> {
     pub p: Coordinates<R>,
     /// The controllers' memories.
     pub memory: [R; 2],
+    /// The states of Maxwell branches of the tips (`contact/law/relaxation.rs`), N and m.
+    pub relaxation: [R; RELAXATIONS],
 }
 
 impl<R: Real> Motion<R> {
     /// Zeros.
     #[inline(always)]
     pub fn zero() -> Self {
-        Self { q: Coordinates::zero(), p: Coordinates::zero(), memory: [R::zero(); 2] }
+        let (zero, q) = (R::zero(), Coordinates::zero());
+        Self { q, p: q, memory: [zero; 2], relaxation: [zero; RELAXATIONS] }
     }
 
     /// The same motion in numbers of type `R`.
-    pub fn constant(Motion { q, p, memory }: &Motion<f64>) -> Self {
+    pub fn constant(Motion { q, p, memory, relaxation }: &Motion<f64>) -> Self {
         let (q, p) = (each_coordinate!([q] => R::constant(q)), each_coordinate!([p] => R::constant(p)));
-        Self { q, p, memory: memory.map(R::constant) }
+        Self { q, p, memory: memory.map(R::constant), relaxation: relaxation.map(R::constant) }
     }
 }
 
@@ -32,9 +35,10 @@ impl<R: Lanes> Motion<R> {
     /// The motion of one lane.
     #[inline(always)]
     pub fn lane(&self, lane: usize) -> Motion<f64> {
-        let Self { q, p, memory: [right, left] } = self;
+        let Self { q, p, memory, relaxation } = self;
         let (q, p) = (each_coordinate!([q] => q.lane(lane)), each_coordinate!([p] => p.lane(lane)));
-        Motion { q, p, memory: [right.lane(lane), left.lane(lane)] }
+        let (memory, relaxation) = (memory.map(|x| x.lane(lane)), relaxation.map(|x| x.lane(lane)));
+        Motion { q, p, memory, relaxation }
     }
 }
 
@@ -52,7 +56,16 @@ impl Motion<f64> {
         let q = Coordinates { object: [length, length, 1.0], finger, compression, shear };
         let memory =
             [0, 1].map(|i| if parameters.control[i].ki == 0.0 { f64::INFINITY } else { finger[i] / pace });
-        Self { q, p: each_coordinate!([q] => q * pace), memory }
+        // A branch without a share drives nothing, too.
+        let mut relaxation = [f64::INFINITY; RELAXATIONS];
+        for i in 0..2 {
+            let branches = parameters.relaxation[i].iter().enumerate();
+            for (k, _) in branches.filter(|(_, branch)| branch.share > 0.0) {
+                relaxation[4 * k + i] = parameters.modulus(i) * length * length;
+                relaxation[4 * k + 2 + i] = length;
+            }
+        }
+        Self { q, p: each_coordinate!([q] => q * pace), memory, relaxation }
     }
 
     /// The same with smaller rates if viscosity slows the scene down: E a / c is the rate at which a tip gives way.
@@ -68,11 +81,13 @@ impl Motion<f64> {
     }
 }
 
-/// The point of the Jacobian that an implicit method still uses: time since the segment's start, q, p, memories.
-pub type Linearized = [f64; 21];
+/// The point of the Jacobian that an implicit method still uses: time since the segment's start, q, p, memories, and the
+/// states of branches.
+pub type Linearized = [f64; 21 + RELAXATIONS];
 
 /// The time and the motion of such a point.
 pub fn unpacked(point: &Linearized) -> (f64, Motion<f64>) {
     let part = |first: usize| std::array::from_fn(|k| point[first + k]).into();
-    (point[0], Motion { q: part(1), p: part(10), memory: [point[19], point[20]] })
+    let relaxation = std::array::from_fn(|k| point[21 + k]);
+    (point[0], Motion { q: part(1), p: part(10), memory: [point[19], point[20]], relaxation })
 }

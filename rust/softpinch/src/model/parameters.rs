@@ -5,7 +5,7 @@
 use nalgebra::SMatrix;
 
 use crate::error::Error;
-use crate::model::contact::law::{self, LawKind, WEIGHTS};
+use crate::model::contact::law::{self, BRANCHES, LawKind, WEIGHTS};
 use crate::model::{Coordinates, Counterface, MechanismKind, Rule, ShapeKind};
 use crate::number::signed;
 
@@ -182,7 +182,7 @@ record! {
 
 record! {
     /// The law of a tip, and the numbers that (5) lacks.
-    Law, 6 {
+    Law, 7 {
         /// The number of the [`LawKind`].
         kind: Kind = 0.0,
         /// c of F = c d_n^n, N/m^n.
@@ -195,6 +195,18 @@ record! {
         shear_factor: NonNegative = 1.0,
         /// The largest compression of a measured law, m.
         range: Positive = 1.0,
+        /// The number of Maxwell branches.
+        branches: Kind = 0.0,
+    }
+}
+
+record! {
+    /// A Maxwell branch of a tip.
+    Maxwell, 2 {
+        /// g, what it adds to the law at once, as a share of the law.
+        share: NonNegative = 0.0,
+        /// tau, in which that relaxes, s.
+        time: Positive = 1.0,
     }
 }
 
@@ -202,7 +214,7 @@ record! {
 pub const PAPERS: usize = 38;
 
 /// Number of parameters that describe the physics of a scene.
-pub const PARAMETER_COUNT: usize = PAPERS + 36 + 2 * WEIGHTS;
+pub const PARAMETER_COUNT: usize = PAPERS + 38 + 2 * (WEIGHTS + 2 * BRANCHES);
 
 /// The physics of a scene. [`Parameters::from_array`] and [`Parameters::checked`] validate it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -227,6 +239,8 @@ pub struct Parameters {
     pub laws: [Law; 2],
     /// The weights of measured laws: the density of their springs, N/m^2, in Bernstein polynomials over the range.
     pub weights: [[f64; WEIGHTS]; 2],
+    /// The branches of the right and the left tip.
+    pub relaxation: [[Maxwell; BRANCHES]; 2],
 }
 
 /// Names and rules of a record's fields.
@@ -234,7 +248,7 @@ type Fields = &'static [(&'static str, Rule)];
 
 /// The records of a scene in the order of [`Parameters::from_array`], each with the prefix of its fields'
 /// paths.
-const RECORDS: [(&str, Fields); 17] = [
+const RECORDS: [(&str, Fields); 17 + 2 * BRANCHES] = [
     ("hand.right.", &Finger::FIELDS),
     ("hand.left.", &Finger::FIELDS),
     ("hand.tip.right.", &Fingertip::FIELDS),
@@ -252,6 +266,10 @@ const RECORDS: [(&str, Fields); 17] = [
     ("hand.tip.left.law.", &Law::FIELDS),
     ("hand.tip.right.law.", &[("weights", Rule::NonNegative); WEIGHTS]),
     ("hand.tip.left.law.", &[("weights", Rule::NonNegative); WEIGHTS]),
+    ("hand.tip.right.relaxation.0.", &Maxwell::FIELDS),
+    ("hand.tip.right.relaxation.1.", &Maxwell::FIELDS),
+    ("hand.tip.left.relaxation.0.", &Maxwell::FIELDS),
+    ("hand.tip.left.relaxation.1.", &Maxwell::FIELDS),
 ];
 
 /// The path of every parameter with its rule, in the order of [`Parameters::from_array`].
@@ -304,6 +322,7 @@ impl Parameters {
             shapes: [Side::from_fields(take(rest)), Side::from_fields(take(rest))],
             laws: [Law::from_fields(take(rest)), Law::from_fields(take(rest))],
             weights: [take(rest), take(rest)],
+            relaxation: [(); 2].map(|()| [(); BRANCHES].map(|()| Maxwell::from_fields(take(rest)))),
         }
     }
 
@@ -335,9 +354,15 @@ impl Parameters {
     #[inline]
     pub fn has_the_papers_parts(&self) -> bool {
         (0..2).all(|i| {
-            let [finger, side, law] = [self.mechanisms[i].kind, self.shapes[i].kind, self.laws[i].kind];
-            finger == 0.0 && side == 0.0 && law == 0.0
+            let Law { kind: law, branches, .. } = self.laws[i];
+            [self.mechanisms[i].kind, self.shapes[i].kind, law, branches] == [0.0; 4]
         })
+    }
+
+    /// The number of Maxwell branches of the tip that has more of them.
+    #[inline]
+    pub fn branches(&self) -> usize {
+        self.laws[0].branches.max(self.laws[1].branches) as usize
     }
 
     /// Takes the kinds of other parameters, whose derivatives these are.
@@ -347,6 +372,7 @@ impl Parameters {
             self.shapes[i].kind = other.shapes[i].kind;
             self.shapes[i].counterface = other.shapes[i].counterface;
             self.laws[i].kind = other.laws[i].kind;
+            self.laws[i].branches = other.laws[i].branches;
         }
         self
     }
@@ -378,7 +404,7 @@ impl Parameters {
     /// The flat array that [`Parameters::from_array`] takes.
     pub fn to_array(&self) -> [f64; PARAMETER_COUNT] {
         let Self { fingers, tips, grasped, control, surroundings, friction, .. } = self;
-        let Self { mechanisms, shapes, laws, weights, .. } = self;
+        let Self { mechanisms, shapes, laws, weights, relaxation, .. } = self;
         let mut values = Vec::with_capacity(PARAMETER_COUNT);
         values.extend(fingers.iter().flat_map(Finger::fields));
         values.extend(tips.iter().flat_map(Fingertip::fields));
@@ -389,6 +415,7 @@ impl Parameters {
         values.extend(shapes.iter().flat_map(Side::fields));
         values.extend(laws.iter().flat_map(Law::fields));
         values.extend(weights.iter().flatten());
+        values.extend(relaxation.iter().flatten().flat_map(Maxwell::fields));
         take(&mut &values[..])
     }
 

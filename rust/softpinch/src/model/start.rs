@@ -3,10 +3,11 @@
 
 use crate::error::Error;
 use crate::model::contact::Side;
+use crate::model::contact::law::Tip;
 use crate::model::contact::mechanism::Mechanism;
 use crate::model::{
     ContactModel, ContactRow, Coordinates, Finger, Fingertip, Geometry, Input, Inputs, Linearized,
-    MechanismKind, Motion, Papers, Parameters, SIDES, Source, Surface,
+    MechanismKind, Motion, Papers, Parameters, RELAXATIONS, SIDES, Source, Surface,
 };
 use crate::names::named;
 use crate::number::Real;
@@ -52,6 +53,18 @@ impl State {
             controller: None,
         }
     }
+}
+
+/// The states of branches that have relaxed at these coordinates: r = F(d_n) and zeta = d_t.
+pub fn relaxed(parameters: &Parameters, q: &Coordinates) -> [f64; RELAXATIONS] {
+    let mut states = [0.0; RELAXATIONS];
+    for k in 0..parameters.branches() {
+        for i in 0..2 {
+            states[4 * k + i] = Tip::<f64>::new(parameters, i).force(q.compression[i]).unwrap_or_default();
+            states[4 * k + 2 + i] = q.shear[i];
+        }
+    }
+    states
 }
 
 /// Coordinates with the fingers at `angles`, the object upright in the middle at the mean height of the tips,
@@ -142,7 +155,7 @@ impl Start {
             let mut pressed = q;
             Geometry::<R, Papers>::constrained(&Side::both(source), &mut pressed, &mut p);
         }
-        Motion { q, p, memory: [zero; 2] }
+        Motion { q, p, ..Motion::zero() }
     }
 }
 

@@ -212,6 +212,7 @@ pub fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>) -> Eva
             q: Coordinates::select(bits, &a.motion.q, &b.motion.q),
             p: Coordinates::select(bits, &a.motion.p, &b.motion.p),
             memory: each(bits, &a.motion.memory, &b.motion.memory),
+            relaxation: each(bits, &a.motion.relaxation, &b.motion.relaxation),
         },
         multipliers: each(bits, &a.multipliers, &b.multipliers),
         residuals: each(bits, &a.residuals, &b.residuals),

@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::formulation::{Evaluation, SceneEquations, States, System};
 use crate::method::{Integrator, Step, StepResult, Unsolved};
-use crate::model::{Linearized, Motion, Scene, unpacked};
+use crate::model::{Linearized, Motion, RELAXATIONS, Scene, unpacked};
 use crate::number::{Bits, Lanes, each};
 use crate::stepping::ending;
 use crate::stepping::{
@@ -369,10 +369,11 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
 }
 
 fn pack<R: Lanes>(tau: R, motion: &Motion<R>) -> Linearized {
-    let Motion { q, p, memory } = motion.lane(0);
-    let mut point = [tau.lane(0); 21];
+    let Motion { q, p, memory, relaxation } = motion.lane(0);
+    let mut point = [tau.lane(0); 21 + RELAXATIONS];
     point[1..10].copy_from_slice(&q.row());
     point[10..19].copy_from_slice(&p.row());
-    point[19..].copy_from_slice(&memory);
+    point[19..21].copy_from_slice(&memory);
+    point[21..].copy_from_slice(&relaxation);
     point
 }

@@ -41,8 +41,10 @@ impl Instant {
     }
 
     pub fn is_finite(&self) -> bool {
-        let Self { motion: Motion { q, p, memory }, multipliers, residuals, torque, works, .. } = self;
-        [&q.row()[..], &p.row(), memory, multipliers, residuals, torque, works]
+        let Self {
+            motion: Motion { q, p, memory, relaxation }, multipliers, residuals, torque, works, ..
+        } = self;
+        [&q.row()[..], &p.row(), memory, relaxation, multipliers, residuals, torque, works]
             .into_iter()
             .flatten()
             .all(|number| number.is_finite())
@@ -106,7 +108,7 @@ pub fn works<R: Real>(size: Size, y: &States<R>) -> [R; WORKS] {
 /// overflowed, so each number is checked alone.
 #[inline(always)]
 pub fn all_finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
-    let Evaluation { motion: Motion { q, p, memory }, multipliers, residuals, torque, .. } = now;
+    let Evaluation { motion: Motion { q, p, memory, .. }, multipliers, residuals, torque, .. } = now;
     let (mut first, mut second) = (closure, torque[0] * torque[1]);
     let (q, p) = (q.row(), p.row());
     for k in 0..9 {
@@ -124,7 +126,7 @@ pub fn all_finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
 #[cold]
 #[inline(never)]
 fn each_finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
-    let Evaluation { motion: Motion { q, p, memory }, multipliers, residuals, torque, .. } = now;
+    let Evaluation { motion: Motion { q, p, memory, .. }, multipliers, residuals, torque, .. } = now;
     let mut bits = 0;
     for lane in 0..R::WIDTH {
         let mut sum = closure.lane(lane) * 0.0;
@@ -155,6 +157,7 @@ pub fn put_motion<R: Lanes>(motion: &mut Motion<R>, lane: usize, own: &Motion<f6
         *x = row.into();
     }
     put(&mut motion.memory, lane, &own.memory);
+    put(&mut motion.relaxation, lane, &own.relaxation);
 }
 
 /// Sets the numbers of one lane.

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::method::Stats;
-use crate::model::{BILATERAL_WORKS, CONTACT_WORKS, ContactRow, Energies, Linearized, WORKS};
+use crate::model::{BILATERAL_WORKS, CONTACT_WORKS, ContactRow, Energies, RELAXATIONS, WORKS};
 use crate::stepping::{COUNT, Change, Instant, Status, VIOLATIONS};
 
 /// The contacts of bilateral contact.
@@ -36,9 +36,16 @@ pub struct Layout {
     pub moves: bool,
     /// Length of the state of the run's discrete controller; 0 if it has none.
     pub controller: usize,
+    /// Number of states of Maxwell branches.
+    pub relaxation: usize,
 }
 
 impl Layout {
+    /// Number of columns of the point at which the method's Jacobian was taken.
+    pub fn point(self) -> usize {
+        if self.keeps_jacobian { 21 + self.relaxation } else { 0 }
+    }
+
     /// Number of columns of the energy ledger.
     pub fn energies(self) -> usize {
         3 + match (self.moves, self.unilateral) {
@@ -69,9 +76,8 @@ pub struct Selection {
 impl Selection {
     /// Number of values in a row, including its time.
     pub fn width(&self, layout: Layout) -> u64 {
-        1 + 22 * u64::from(self.state)
-            + 21 * u64::from(self.state && layout.keeps_jacobian)
-            + if self.state { layout.controller as u64 } else { 0 }
+        1 + (22 + layout.relaxation + layout.controller) as u64 * u64::from(self.state)
+            + layout.point() as u64 * u64::from(self.state)
             + 4 * u64::from(self.multipliers)
             + 4 * u64::from(self.residuals)
             + layout.energies() as u64 * u64::from(self.energy)
@@ -124,7 +130,9 @@ pub struct Recording {
     pub p: Vec<[f64; 9]>,
     pub memory: Vec<[f64; 2]>,
     /// The point of the Jacobian in use, NaN if there is none. Empty for methods that keep no Jacobian.
-    pub linearized: Vec<Linearized>,
+    pub linearized: Vec<f64>,
+    /// The states of Maxwell branches, row by row.
+    pub relaxation: Vec<f64>,
     pub multipliers: Vec<[f64; 4]>,
     pub residuals: Vec<[f64; 4]>,
     /// Energies and works, row by row: 7 numbers in bilateral contact, 10 in unilateral contact, 11 if the hand moves.
@@ -171,7 +179,8 @@ impl Recording {
             self.memory.try_reserve_exact(for_state),
             self.grid_anchor.try_reserve_exact(for_state),
             self.grid_step.try_reserve_exact(for_state),
-            self.linearized.try_reserve_exact(room(selection.state && layout.keeps_jacobian)),
+            self.linearized.try_reserve_exact(for_state.saturating_mul(layout.point())),
+            self.relaxation.try_reserve_exact(for_state.saturating_mul(layout.relaxation)),
             self.controller.try_reserve_exact(for_state.saturating_mul(layout.controller)),
             self.multipliers.try_reserve_exact(room(selection.multipliers)),
             self.residuals.try_reserve_exact(room(selection.residuals)),
@@ -192,9 +201,9 @@ impl Recording {
             self.memory.push(instant.motion.memory);
             self.grid_anchor.push(instant.grid.0);
             self.grid_step.push(instant.grid.1);
-            if self.layout.keeps_jacobian {
-                self.linearized.push(instant.linearized.unwrap_or([f64::NAN; 21]));
-            }
+            let point = instant.linearized.unwrap_or([f64::NAN; 21 + RELAXATIONS]);
+            self.linearized.extend_from_slice(&point[..self.layout.point()]);
+            self.relaxation.extend_from_slice(&instant.motion.relaxation[..self.layout.relaxation]);
             self.controller.extend_from_slice(controller);
         }
         if self.selection.multipliers {

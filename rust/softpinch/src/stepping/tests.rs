@@ -237,9 +237,19 @@ impl Recording {
     pub(crate) fn state_at(&self, k: usize) -> State {
         State {
             time: self.t[k],
-            motion: Motion { q: self.q[k].into(), p: self.p[k].into(), memory: self.memory[k] },
+            motion: Motion {
+                q: self.q[k].into(),
+                p: self.p[k].into(),
+                memory: self.memory[k],
+                ..Motion::zero()
+            },
             grid: Some((self.grid_anchor[k], self.grid_step[k])),
-            linearized: self.linearized.get(k).filter(|point| !point[0].is_nan()).copied(),
+            linearized: self
+                .linearized
+                .chunks(21)
+                .nth(k)
+                .filter(|point| !point[0].is_nan())
+                .map(|point| std::array::from_fn(|n| point.get(n).copied().unwrap_or_default())),
             contact: self.contact.get(k).copied(),
             controller: None,
         }

@@ -7,13 +7,15 @@
 mod inoue_hirai;
 mod measured;
 mod power;
+mod relaxation;
 mod springs;
 
 pub use inoue_hirai::InoueHirai;
 pub use measured::WEIGHTS;
+pub use relaxation::{BRANCHES, RELAXATIONS, Relaxing};
 pub use springs::Springs;
 
-use crate::model::{Parameters, Parts, Source, numbered};
+use crate::model::{Motion, Parameters, Parts, Source, numbered};
 use crate::number::{LaneTask, Real, task};
 
 numbered! {
@@ -71,6 +73,13 @@ task! {
     Elastic<'a, R>(law: &'a Springs<R>, at: [R; 4]) for R => (R, ElasticGradient<R>) = law.elastic(at)
 }
 
+task! {
+    /// Computes the effect of the branches of tip `i`.
+    ['a, R: Real]
+    Relax<'a, R>(law: &'a Springs<R>, i: usize, at: [R; 2], states: &'a [R; RELAXATIONS], ledger: bool)
+    for R => Relaxing<R> = law.relaxing(i, at, states, ledger)
+}
+
 impl<R: Real> Tip<R> {
     /// The constants of the tip of finger `i`.
     #[inline(always)]
@@ -104,5 +113,22 @@ impl<R: Real> Tip<R> {
             Some(law) => R::outlined(Elastic { law, at }).1,
             _ => self.law.gradient(at[0], at[1], at[2], at[3]),
         }
+    }
+    /// The effect of the branches of this tip, which is that of finger `i`. Only other laws than the paper's have them.
+    #[inline(always)]
+    pub(crate) fn relaxing<P: Parts>(&self, i: usize, motion: &Motion<R>, ledger: bool) -> Relaxing<R> {
+        let Motion { q, relaxation: states, .. } = motion;
+        match P::numbers::<R, _>(&self.other) {
+            Some(law) => {
+                let at = [q.compression[i], q.shear[i]];
+                R::outlined(Relax { law, i, at, states, ledger })
+            }
+            None => Relaxing::nothing(),
+        }
+    }
+
+    /// F of the upright tip at a compression, N.
+    pub(crate) fn force(&self, d_n: R) -> Option<R> {
+        self.other.as_ref().map(|law| law.curve(d_n).force)
     }
 }

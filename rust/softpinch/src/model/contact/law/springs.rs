@@ -7,6 +7,7 @@
 
 use super::measured::Measured;
 use super::power::Power;
+use super::relaxation::Branches;
 use super::{ElasticGradient, LawKind};
 use crate::model::{Counterface, ShapeKind, Source};
 use crate::number::Real;
@@ -39,12 +40,13 @@ enum Force<R> {
 #[derive(Debug, Clone, Copy)]
 pub struct Springs<R> {
     force: Force<R>,
+    pub(super) branches: Branches<R>,
     /// chi.
-    share: R,
+    pub(super) share: R,
     /// kappa.
     coupling: R,
     /// eta.
-    shear_factor: R,
+    pub(super) shear_factor: R,
 }
 
 impl<R: Real> Springs<R> {
@@ -72,7 +74,8 @@ impl<R: Real> Springs<R> {
             LawKind::Power => Force::Power(Power::new(source, i)),
             LawKind::Measured => Force::Measured(Measured::new(source, i)),
         };
-        Self { force, share, coupling: source.number(|p| p.tips[i].tilt_coupling), shear_factor }
+        let (branches, coupling) = (Branches::new(source, i), source.number(|p| p.tips[i].tilt_coupling));
+        Self { force, branches, share, coupling, shear_factor }
     }
 
     /// The curve at a compression. Where this is negative the curve goes on as F''(0) d^2 / 2, as (5) does.
