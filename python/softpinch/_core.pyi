@@ -102,6 +102,7 @@ class _Final(TypedDict):
     q: _Floats
     p: _Floats
     integral: _Floats
+    relaxation: _Floats
     anchor: float
     step: int
     linearized: _Floats | None
@@ -124,6 +125,7 @@ class _Run(TypedDict):
     q: _Floats | None
     p: _Floats | None
     integral: _Floats | None
+    relaxation: _Floats | None
     grid_anchor: _Floats | None
     grid_step: NDArray[np.int64] | None
     linearized: _Floats | None
@@ -272,7 +274,7 @@ class Simulator:
         float,
         _Floats,
         _Floats,
-        list[float],
+        _Floats,
         tuple[float, int] | None,
         _Floats | None,
     ]: ...

@@ -25,6 +25,7 @@ from ..run.stiffness import ALONE, eigenvalues, stable_steps, surfaces
 from ..scene.contact import as_bilateral, require_bilateral, require_formulations
 from ..scene.control import require_known_torque
 from ..scene.fields import COORDINATES, RATES
+from ..scene.parts import branches
 from ..scene.scene import Scene, State
 from ..scene.stabilization import Stabilization
 from ..support import checks
@@ -167,7 +168,7 @@ def modes(
         checks.array("p", p, (n, 9)),
         checks.array("integral", integral, (n, 2)),
     )["A"]
-    states = state_names(scene.law, options.formulation)
+    states = state_names(scene.law, options.formulation, branches(scene))
     return Modes(t=instants, jacobian=jacobian, rates=eigenvalues(jacobian), states=states)
 
 

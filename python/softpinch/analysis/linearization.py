@@ -14,7 +14,7 @@ from .. import _core
 from ..scene.contact import as_bilateral, require_bilateral
 from ..scene.control import WRITTEN, require_known_torque
 from ..scene.fields import Jaws, of_column
-from ..scene.parts import jaws
+from ..scene.parts import branches, jaws
 from ..scene.scene import Scene, State, require_fit
 from ..scene.scene import inputs as compiled_inputs
 from ..scene.schedule import Schedule
@@ -206,7 +206,8 @@ def linearize(
         scene, state, inputs=_inputs(scene, state), whole=True, open_loop=open_loop, frozen=frozen
     )
     _require_sound(scene, state, found)
-    model = _selected(found, state, law, states.input_ports(chosen, law), wanted, jaws(scene))
+    names = states.state_names(law, "nullspace", branches(scene))
+    model = _selected(found, state, names, states.input_ports(chosen, law), wanted, jaws(scene))
     return _without_neutral(model) if reduced else model
 
 
@@ -254,11 +255,15 @@ def _require_sound(scene: Scene, state: State, found: _core._Linear) -> None:
 
 
 def _selected(
-    found: _core._Linear, state: State, law: str, ins: states.Ports, outs: states.Ports, own: Jaws
+    found: _core._Linear,
+    state: State,
+    names: tuple[str, ...],
+    ins: states.Ports,
+    outs: states.Ports,
+    own: Jaws,
 ) -> LinearModel:
     """The model with the chosen rows and columns."""
     columns, rows = list(ins.places), list(outs.places)
-    names = states.state_names(law, "nullspace")
     # The rows w of d_t + Phi_N pose (2, N): at rest, d_t changes at -Phi_N times the pose's rates.
     pose, _, shears = states.places(names)
     slips = np.zeros((2, len(names)))

@@ -13,6 +13,7 @@ from ..run.request import rest_scene
 from ..run.run import Run
 from ..scene.contact import coefficients
 from ..scene.control import require_known_torque
+from ..scene.parts import branches
 from ..scene.scene import Scene, State
 from ..scene.svg import drawings
 from ..support import checks
@@ -285,7 +286,7 @@ def _message(growing: float, known: float, violations: tuple[str, ...]) -> str:
 def _eigenvalues(scene: Scene, state: State) -> Complexes:
     """Eigenvalues of the linearised motion (N,), 1/s: the two zeros, then by their real parts."""
     a = linear_at(scene, state, frozen=True)["A"][0]
-    names = state_names(scene.law, "nullspace")
+    names = state_names(scene.law, "nullspace", branches(scene))
     rows = kept(names)
     a = without_shears(a, shears_by_pose(a, names), names)[rows]
     # Integrals that drive nothing are left out: they would be zeros too.

@@ -33,18 +33,24 @@ _UNITS = {
 def linear_at(scene: Scene, state: State, **how: Any) -> _core._Linear:
     """Returns the matrices of "nullspace" at one state (1, ...), by `Request.linear_model`."""
     request = Request(scene, Options.checked(formulation="nullspace"))
-    rows = np.array([state.time]), state.q[None], state.p[None], np.array([state.integral])
+    rows = np.array([state.time]), state.q[None], state.p[None], state._memories[None]
     return request.linear_model(*rows, **how)
 
 
 @cache
-def state_names(law: str, formulation: str) -> tuple[str, ...]:
-    """Names the states of a law and a formulation (docs/integrators.md)."""
+def state_names(law: str, formulation: str, branches: int = 0) -> tuple[str, ...]:
+    """Names the states of a law, a formulation and Maxwell branches (docs/integrators.md)."""
     nullspace = formulation == "nullspace"
     pose = COORDINATES[:3] if law == "driven" else COORDINATES[:5]
     places = pose if nullspace else (*pose, *COORDINATES[5:])
     shears = COORDINATES[7:] if nullspace else ()
-    memories = ("integral_1", "integral_2") if law == "pid" else ()
+    relaxed = (
+        f"branch_{k}_{kind}_{i}"
+        for k in range(1, branches + 1)
+        for kind in ("force", "shear")
+        for i in (1, 2)
+    )
+    memories = (*relaxed, *(("integral_1", "integral_2") if law == "pid" else ()))
     return (*places, *(f"rate of {name}" for name in places), *shears, *memories)
 
 
@@ -58,7 +64,9 @@ def places(names: tuple[str, ...]) -> tuple[slice, slice, slice]:
 def unit_of(name: str) -> str:
     """Returns the unit of a state or of a rate of it ("rate of x")."""
     rate = name.removeprefix("rate of ")
-    return _UNITS[rate] + ("/s" if rate != name else "")
+    branch = "N" if "force" in rate else "m"
+    unit = branch if rate.startswith("branch_") else _UNITS[rate]
+    return unit + ("/s" if rate != name else "")
 
 
 def shears_by_pose(a: Floats, names: tuple[str, ...]) -> Floats:

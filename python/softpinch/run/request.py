@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
-import numpy as np
-
 from .. import _core
 from ..scene.parts import jaws
 from ..scene.scene import Scene
@@ -35,7 +33,7 @@ class Request:
             time=start.time,
             q=start.q,
             p=start.p,
-            integral=np.array(start.integral),
+            integral=start._memories,
             grid=start.grid,
             linearized=start.linearized,
             contacts=start.contact,

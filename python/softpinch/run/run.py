@@ -135,6 +135,11 @@ class Run(Shown):
         return self._recorded("integral", "state")
 
     @property
+    def relaxation(self) -> NDArray[np.float64]:
+        """States of `Maxwell` branches (n, k), N and m, in the order of `State.relaxation`."""
+        return self._recorded("relaxation", "state")
+
+    @property
     def multipliers(self) -> NDArray[np.float64]:
         """Multipliers lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N, (n, 4), N.
 
@@ -264,7 +269,7 @@ class Run(Shown):
         if k not in (-1, n - 1):
             at = {"q": self.q[k], "p": self.p[k], "integral": self.integral[k], "t": self.t[k]}
             at |= {"anchor": result["grid_anchor"][k], "step": result["grid_step"][k]}
-            for name in ("contacts", "controller", "linearized"):
+            for name in ("contacts", "controller", "linearized", "relaxation"):
                 rows = result["controllers" if name == "controller" else name]
                 at[name] = None if rows is None else rows[k]
             if at["linearized"] is not None and np.isnan(at["linearized"][0]):
@@ -279,6 +284,7 @@ class Run(Shown):
             linearized=at["linearized"],
             contact=at["contacts"],
             controller=at["controller"],
+            relaxation=at["relaxation"] if len(at["relaxation"]) else None,
         )
 
     def at(self, times: ArrayLike) -> NDArray[np.float64]:

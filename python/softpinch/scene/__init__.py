@@ -11,7 +11,7 @@ from .control import Pid, SampledController, Torque
 from .disturbance import Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
 from .hand import Finger, Fingertip, GraspedObject, Hand
 from .motion import HandMotion
-from .parts import Arc, Face, Jaw, MeasuredLaw, Parallelogram, ParallelSprings, PowerLaw
+from .parts import Arc, Face, Jaw, Maxwell, MeasuredLaw, Parallelogram, ParallelSprings, PowerLaw
 from .scene import Scene, State
 from .schedule import Schedule
 from .stabilization import Stabilization
@@ -27,6 +27,7 @@ __all__ = [
     "HandMotion",
     "Impulse",
     "Jaw",
+    "Maxwell",
     "MeasuredLaw",
     "Noise",
     "ParallelSprings",

@@ -85,6 +85,8 @@ PARAMETERS = (
     Parameter("hand.tip.law.exponent", "1", (1.0, 20.0)),
     Parameter("hand.tip.law.foot", "m", (0.0, 0.1)),
     Parameter("hand.tip.law.shear_factor", "1", (0.0, 10.0)),
+    Parameter("hand.tip.relaxation.share", "1", (0.0, 100.0)),
+    Parameter("hand.tip.relaxation.time", "s", (1e-5, 1e5)),
     Parameter("hand.tip.normal_mass", "kg", (1e-9, 1e3), "m_n"),
     Parameter("hand.tip.tangential_mass", "kg", (1e-9, 1e3), "m_t"),
     Parameter("grasped.width", "m", (1e-5, 10.0), "W"),

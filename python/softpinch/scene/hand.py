@@ -18,6 +18,7 @@ from .parts import (
     Arc,
     Face,
     Jaw,
+    Maxwell,
     Mechanism,
     ObjectSide,
     Parallelogram,
@@ -28,6 +29,9 @@ from .parts import (
 
 if TYPE_CHECKING:
     from .scene import Scene
+
+# Most Maxwell branches of a tip, as many as the core has.
+_BRANCHES = 2
 
 
 def one_or_pair(cls: type[Record]) -> Parser:
@@ -75,6 +79,13 @@ def _or_other(paper: type[Record], others: type[Kinded]) -> Parser:
     return parse
 
 
+def _parse_branches(data: Any, path: str) -> Any:
+    if not isinstance(data, list | tuple):
+        rule = "must be an array of tables"
+        raise TypeError(f"Fingertip.relaxation = {checks.shown(data)}: {rule}")
+    return tuple(Maxwell._parse(item, checks.below(path, k)) for k, item in enumerate(data))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Finger(Record):
     """A rigid finger that rotates about its root.
@@ -112,6 +123,8 @@ class Fingertip(Record):
             object's mass.
         law: A `PowerLaw` or a `MeasuredLaw`, which takes the place of (5). None is (5), and so is
             `ParallelSprings`, whose modulus becomes that of the tip.
+        relaxation: One `Maxwell` branch or two, with which forces relax. None is a tip that
+            remembers nothing.
     """
 
     radius: float = 0.020
@@ -122,8 +135,9 @@ class Fingertip(Record):
     normal_mass: float | None = None
     tangential_mass: float | None = None
     law: TipLaw | None = None
+    relaxation: tuple[Maxwell, ...] | None = None
 
-    _parsers: ClassVar[Mapping[str, Parser]] = {"law": TipLaw._parse}
+    _parsers: ClassVar[Mapping[str, Parser]] = {"law": TipLaw._parse, "relaxation": _parse_branches}
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -132,6 +146,14 @@ class Fingertip(Record):
         if isinstance(self.law, ParallelSprings):
             self._set("youngs_modulus", self.law.youngs_modulus)
             self._set("law", None)
+        if self.relaxation is not None:
+            given, rule = self.relaxation, "must be one Maxwell or two of them"
+            branches = (given,) if isinstance(given, Maxwell) else tuple(given)
+            if not all(isinstance(branch, Maxwell) for branch in branches):
+                raise TypeError(f"Fingertip.relaxation = {checks.shown(given)}: {rule}")
+            if not 1 <= len(branches) <= _BRANCHES:
+                raise ValueError(f"Fingertip.relaxation = {checks.shown(given)}: {rule}")
+            self._set("relaxation", branches)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..support import checks, extras
 from ..support.arrays import Floats, read_only
-from ..support.record import SIDES, Kinded
+from ..support.record import SIDES, Kinded, Record
 
 if TYPE_CHECKING:
     from .hand import Finger, Fingertip, GraspedObject
@@ -256,6 +256,23 @@ class MeasuredLaw(TipLaw):
         return float(np.abs(self.predicted(self.compression) - self.force).max() / self.force[-1])
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Maxwell(Record):
+    """A Maxwell branch of a tip, with which its force relaxes: a standard linear solid.
+
+    A quick deformation meets the tip's law and `share` of it besides, in compression and in shear.
+    If it is held, the share fades as exp(-t / time). A start whose `State` says nothing else has
+    relaxed, so that branches change no equilibrium.
+
+    Attributes:
+        share: g, what the branch adds at once, as a share of the law.
+        time: tau, s.
+    """
+
+    share: float
+    time: float
+
+
 def measured_curve(owner: str, compression: object, force: object) -> tuple[Floats, Floats]:
     """Checks compressions and forces (k,) of a measured law; `owner` begins names in errors."""
     d = checks.increasing(f"{owner}compression", compression)
@@ -339,6 +356,11 @@ def numbers(scene: Scene) -> dict[str, float]:
                 put(f"hand.tip.{name}.law", 1.0, foot=law.foot or 0.0, **own)
             else:
                 put(f"hand.tip.{name}.law", 2.0, range=float(law.compression[-1]), **own)
+        branches = scene.hand.tips[k].relaxation or ()
+        found[f"hand.tip.{name}.law.branches"] = float(len(branches))
+        for n, branch in enumerate(branches):
+            place = f"hand.tip.{name}.relaxation.{n}"
+            found |= {f"{place}.share": branch.share, f"{place}.time": branch.time}
     return found
 
 
@@ -347,7 +369,13 @@ def others(scene: Scene) -> list[str]:
     found = [type(finger).__name__ for finger in (scene.hand.right, scene.hand.left)]
     found += [type(side).__name__ for side in sides_of(scene.grasped)]
     found += [type(tip.law).__name__ for tip in scene.hand.tips]
+    found += ["Maxwell branch"] if branches(scene) else []
     return [name for name in dict.fromkeys(found) if name not in ("Finger", "NoneType")]
+
+
+def branches(scene: Scene) -> int:
+    """The number of Maxwell branches of the tip that has more of them."""
+    return max(len(tip.relaxation or ()) for tip in scene.hand.tips)
 
 
 def stiffness(scene: Scene, side: int, compression: Floats) -> Floats:

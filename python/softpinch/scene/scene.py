@@ -47,7 +47,8 @@ class State(Record):
             run repeats the step times of the original run and gives identical bits. None starts a
             new grid.
         linearized: The point (21,) at which an implicit method evaluated the Jacobian that it still
-            uses: time since the segment's start, q, p, integral. None evaluates a new Jacobian.
+            uses: time since the segment's start, q, p, integral, and the states of `Maxwell`
+            branches. None evaluates a new Jacobian.
         contact: The contacts (4,) of a run with contact="unilateral", from which another run goes
             on; a scene with bilateral contact refuses them. They are, for the right and the left
             tip, a code (0 free, 1 stick, 2 or -2 slip with the face moving up or down over the
@@ -57,6 +58,9 @@ class State(Record):
             instant of its first sample, s; the numbers of samples taken and in force; the torques
             in force (2,), N m; xi (n,); and the torques under way. None starts the controller at
             `time`.
+        relaxation: The states of `Maxwell` branches (k,), for each branch the remembered forces of
+            the right and the left tip, N, and their remembered shears, m. None is branches that
+            have relaxed.
     """
 
     q: NDArray[np.float64]
@@ -68,13 +72,21 @@ class State(Record):
     linearized: NDArray[np.float64] | None = None
     contact: NDArray[np.float64] | None = None
     controller: NDArray[np.float64] | None = None
+    relaxation: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         # The core checks the constraints.
-        for name, size in {"q": 9, "p": 9, "linearized": 21, "contact": 4}.items():
+        for name, size in {"q": 9, "p": 9, "contact": 4}.items():
             value = getattr(self, name)
             if value is not None or size == 9:
                 self._set(name, checks.array(f"State.{name}", value, (size,)))
+        branches = 0
+        if self.relaxation is not None:
+            self._set("relaxation", checks.array("State.relaxation", self.relaxation, ("k",)))
+            branches = len(self.relaxation)
+        if self.linearized is not None:
+            point = checks.array("State.linearized", self.linearized, (21 + branches,))
+            self._set("linearized", point)
         self._set("integral", checks.pair("State.integral", self.integral))
         self._set("time", checks.finite("State.time", self.time))
         self._set("check", checks.boolean("State.check", self.check))
@@ -91,6 +103,11 @@ class State(Record):
                 given = checks.shown(self.controller)
                 raise ValueError(f"State.controller = {given}: must be numbers, (k,)")
             self._set("controller", read_only(row.copy()))
+
+    @property
+    def _memories(self) -> Floats:
+        """The integrals, and the states of branches if these are given."""
+        return np.array([*self.integral, *(() if self.relaxation is None else self.relaxation)])
 
     @classmethod
     def consistent(
@@ -144,7 +161,11 @@ class State(Record):
 
 
 def require_fit(scene: Scene, name: str, state: State) -> None:
-    """Refuses a state with contacts or a controller that the scene does not have."""
+    """Refuses a state with contacts, a controller or branches that the scene does not have."""
+    needed = 4 * parts.branches(scene)
+    if state.relaxation is not None and len(state.relaxation) != needed:
+        rule = f"must be {needed} numbers, four for each Maxwell branch, or None"
+        raise ValueError(f"{name}.relaxation = {checks.shown(state.relaxation)}: {rule}")
     if state.contact is not None and scene.contact == "bilateral":
         rule = 'must be None with contact = "bilateral", in which contacts have no modes'
         raise ValueError(f"{name}.contact = {checks.shown(state.contact)}: {rule}")

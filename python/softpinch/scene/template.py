@@ -139,6 +139,11 @@ class SceneTemplate:
             one = np.asarray(getattr(start, name), dtype=np.float64)
             return np.ascontiguousarray(own.get(name, one[None]))
 
+        integral = rows("integral")
+        if start.relaxation is not None:
+            branches = np.broadcast_to(start.relaxation, (len(integral), len(start.relaxation)))
+            integral = np.hstack([integral, branches])
+
         return _core.Batch(
             scene.parameters(),
             columns,
@@ -160,7 +165,7 @@ class SceneTemplate:
             time=rows("time"),
             q=rows("q"),
             p=rows("p"),
-            integral=rows("integral"),
+            integral=integral,
             grid=start.grid,
             linearized=start.linearized,
             contacts=None if start.contact is None else start.contact[None],

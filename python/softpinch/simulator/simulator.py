@@ -95,17 +95,18 @@ class Stepped(Shown):
         usual.warn(scene, schedule_replaced=True)
 
     def _state(self, run: int) -> State:
-        time, q, p, (right, left), grid, contact = self._core.state(run)
+        time, q, p, (right, left, *branches), grid, contact = self._core.state(run)
         # The stabilisation lets states drift off the constraints.
         check = self._options.formulation != "csm"
-        return State(q, p, (right, left), time, check=check, grid=grid, contact=contact)
+        state = State(q, p, (right, left), time, check=check, grid=grid, contact=contact)
+        return replace(state, relaxation=np.array(branches)) if branches else state
 
     def _parts(self, name: str, state: State) -> tuple[Any, ...]:
         """Checks a state from which a run is to go on, and returns it as the core takes it."""
         checks.instance(name, state, State)
         require_fit(self._scene, name, state)
         q, p = np.asarray(state.q), np.asarray(state.p)
-        return state.time, q, p, state.integral, state.grid, state.contact, state.check
+        return state.time, q, p, state._memories, state.grid, state.contact, state.check
 
     def _along_fixed_axes(
         self, acceleration: ArrayLike, tilts: Floats | None = None, runs: tuple[int, ...] = ()

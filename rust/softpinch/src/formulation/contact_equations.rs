@@ -1,5 +1,7 @@
 //! The equations of unilateral contact as the search for events uses them: for one run.
 
+use std::ops::Range;
+
 use crate::formulation::impact::{Impact, impact};
 use crate::formulation::{Equations, States, Terms, Unilateral};
 use crate::model::{Any, Carriage, Contacts, Coordinates, Geometry, Input, Motion, Plant, SegmentFrame};
@@ -72,12 +74,29 @@ impl<'a> ContactEquations<'a> {
 
     /// The state of a motion, with works of zero.
     pub fn begin(&self, motion: &Motion<f64>) -> States<f64> {
-        self.equations.begin(self.plant().driven, motion)
+        let mut y = self.equations.begin(self.plant().driven, motion);
+        let (at, memories) = self.branches();
+        y.copy_within(memories, at.end);
+        y[at.clone()].copy_from_slice(&motion.relaxation[..at.len()]);
+        y
     }
 
     /// The motion of a state.
     pub fn motion(&self, input: &Input<f64>, y: &States<f64>) -> Motion<f64> {
-        self.equations.unpack(self.plant().driven, input, y)
+        let (mut own, (at, memories)) = (*y, self.branches());
+        own.copy_within(at.end..at.end + memories.len(), at.start);
+        let mut motion = self.equations.unpack(self.plant().driven, input, &own);
+        motion.relaxation[..at.len()].copy_from_slice(&y[at]);
+        motion
+    }
+
+    /// The places of Maxwell branches in a state, and those that memories of controllers have where there are none. The
+    /// paper's equations, which serve all parts here, have no branches.
+    fn branches(&self) -> (Range<usize>, Range<usize>) {
+        let Plant { driven, branches, .. } = *self.plant();
+        let states = self.equations.states(driven);
+        let first = states - if driven { 0 } else { 2 };
+        (first..first + 4 * branches, first..states)
     }
 
     /// The rates of the constraints' velocities that the accelerations make: Phi times the accelerations.

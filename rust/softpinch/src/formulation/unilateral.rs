@@ -60,7 +60,7 @@ impl<R: Real> Unilateral<R> {
     pub(super) fn energies_of<P: Parts>(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
         let (plant, Motion { q, p, .. }) = (&self.csm.plant, motion);
         let mut energies = plant.energies::<P>(q, p);
-        if P::OTHERS && plant.branches > 0 {
+        if !P::PAPERS && plant.branches > 0 {
             for i in 0..2 {
                 energies.elastic = energies.elastic + plant.tips[i].relaxing::<P>(i, motion, true).stored;
             }
@@ -95,7 +95,7 @@ impl<R: Real> Unilateral<R> {
         let special = contacts.special();
         let mut elastic =
             if special == 0 { elastic } else { self.released::<P>(contacts, elastic, &motion.q) };
-        if P::OTHERS && plant.branches > 0 {
+        if !P::PAPERS && plant.branches > 0 {
             for i in 0..2 {
                 let [normal, tangential] = plant.tips[i].relaxing::<P>(i, motion, false).resistance;
                 elastic[i].normal = elastic[i].normal + normal;
@@ -146,7 +146,7 @@ impl<R: Real> Unilateral<R> {
         }
         let (plant, p) = (&self.csm.plant, &motion.p);
         let [control, external, mut viscous, constraint] = forces.powers(geometry, &plant.drags(p), p, &held);
-        if P::OTHERS && plant.branches > 0 {
+        if !P::PAPERS && plant.branches > 0 {
             for i in 0..2 {
                 viscous = viscous + plant.tips[i].relaxing::<P>(i, motion, true).lost;
             }

@@ -265,7 +265,7 @@ impl<R: Real> Plant<R> {
     #[inline(always)]
     pub fn relaxation_rates<P: Parts>(&self, motion: &Motion<R>) -> [R; RELAXATIONS] {
         let mut rates = [R::zero(); RELAXATIONS];
-        if P::OTHERS && self.branches > 0 {
+        if !P::PAPERS && self.branches > 0 {
             for i in 0..2 {
                 let own = self.tips[i].relaxing::<P>(i, motion, false).rates;
                 for k in (i..RELAXATIONS).step_by(2) {
