@@ -79,6 +79,9 @@ STATUSES: Final[tuple[str, ...]]
 SUMMARIES: Final[dict[str, str]]
 VIOLATIONS: Final[tuple[str, ...]]
 
+# `softpinch.State`, which the core takes by its attributes.
+_State: TypeAlias = Any
+
 class _Terms(TypedDict):
     mass_matrix: _Floats
     constraint_matrix: _Floats
@@ -205,16 +208,12 @@ class Batch:
         *,
         runs: int,
         start: str,
+        initial: _State,
         time: _Floats,
         q: _Floats,
         p: _Floats,
         integral: _Floats,
-        grid: tuple[float, int] | None,
-        linearized: _Floats | None,
-        contacts: _Floats | None,
-        controller: _Floats | None,
         contact: str,
-        check: bool,
         duration: _Floats,
         summaries: list[str],
         band: float,
@@ -228,17 +227,9 @@ class Simulation:
         cls,
         parameters: _Floats,
         inputs: Inputs,
+        initial: _State,
         *,
-        time: float,
-        q: _Floats,
-        p: _Floats,
-        integral: _Floats,
-        grid: tuple[float, int] | None,
-        linearized: _Floats | None,
-        contacts: _Floats | None,
-        controller: _Floats | None,
         contact: str,
-        check: bool,
         duration: float,
         times: _Floats | None,
         every: int,
@@ -276,8 +267,8 @@ class Simulator:
         tuple[float, int] | None,
         _Floats | None,
     ]: ...
-    def reset(self, run: int, state: tuple[Any, ...] | None) -> None: ...
-    def set_state(self, run: int, state: tuple[Any, ...]) -> None: ...
+    def reset(self, run: int, state: _State | None) -> None: ...
+    def set_state(self, run: int, state: _State) -> None: ...
     def set_force(self, run: int, force: tuple[float, float, float]) -> None: ...
 
 def validate(record: str, field: str, value: float) -> None: ...

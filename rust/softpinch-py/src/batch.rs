@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
 use crate::convert::{
-    GivenRow, GivenRows, collected, columns, dictionary, entries, fixed, raise, require, rows,
+    GivenRow, GivenRows, GivenState, collected, columns, dictionary, entries, fixed, raise, require, rows,
 };
 use crate::inputs::Inputs;
 use crate::signals::{Failure, Signals};
@@ -85,7 +85,7 @@ impl Batch {
 #[pymethods]
 impl Batch {
     #[new]
-    #[pyo3(signature = (parameters, columns, inputs, *, runs, start, time, q, p, integral, grid, linearized, contacts, controller, contact, check, duration, summaries, band, options))]
+    #[pyo3(signature = (parameters, columns, inputs, *, runs, start, initial, time, q, p, integral, contact, duration, summaries, band, options))]
     fn new(
         py: Python<'_>,
         parameters: GivenRow<'_>,
@@ -93,16 +93,12 @@ impl Batch {
         inputs: Py<Inputs>,
         runs: usize,
         start: &str,
+        initial: GivenState,
         time: GivenRow<'_>,
         q: GivenRows<'_>,
         p: GivenRows<'_>,
         integral: GivenRows<'_>,
-        grid: Option<(f64, u64)>,
-        linearized: Option<GivenRow<'_>>,
-        contacts: Option<GivenRows<'_>>,
-        controller: Option<GivenRow<'_>>,
         contact: &str,
-        check: bool,
         duration: GivenRow<'_>,
         summaries: Vec<String>,
         band: f64,
@@ -126,17 +122,14 @@ impl Batch {
                 length(path, 0)?;
             }
         }
+        let (check, initial) = (initial.check, initial.state());
         let start = match lookup("start", start, &STARTS) {
             Ok(make) => Start::Made(make, start != "touching"),
             Err(_) => {
                 let (q, p) = (self::columns("initial.q", &q)?, self::columns("initial.p", &p)?);
                 let memory = self::columns("initial.integral", &integral)?;
                 let time = entries("initial.time", &time)?;
-                let linearized = linearized.map(|point| fixed("initial.linearized", &point)).transpose()?;
-                let contact = contacts.map(|rows| self::columns("initial.contact", &rows)).transpose()?;
-                let controller = controller.map(|row| entries("initial.controller", &row)).transpose()?;
                 let lengths = [
-                    ("initial.contact", contact.as_ref().map_or(1, Vec::len)),
                     ("initial.q", q.len()),
                     ("initial.p", p.len()),
                     ("initial.integral", memory.len()),
@@ -150,10 +143,7 @@ impl Batch {
                         p: (*own(&p, run)).into(),
                         memory: *own(&memory, run),
                     },
-                    grid,
-                    linearized,
-                    contact: contact.as_ref().map(|rows| *own(rows, run)),
-                    controller: controller.clone(),
+                    ..initial.clone()
                 };
                 let count = if lengths.iter().all(|&(_, found)| found == 1) { 1 } else { runs };
                 Start::At(collected("the initial states", (0..count).map(state))?)

@@ -11,7 +11,7 @@ use pyo3::types::{IntoPyDict, PyDict};
 use crate::signals::Signals;
 use softpinch::analysis::Matrix;
 use softpinch::error::{Error, lookup};
-use softpinch::model::SIDES;
+use softpinch::model::{ContactRow, Linearized, Motion, Parameters, SIDES, State};
 use softpinch::stepping::{Change, Run, reserved};
 
 /// Numbers from Python.
@@ -65,6 +65,40 @@ pub fn computed<T: Send>(
 /// Copies a user's array into a vector.
 pub fn entries<T: Element + Copy>(name: &'static str, array: &GivenRow<'_, T>) -> PyResult<Vec<T>> {
     collected(name, array.as_array().iter().copied())
+}
+
+/// The parameters of a scene, once they are checked.
+pub struct Physics(pub Parameters);
+
+impl<'py> FromPyObject<'_, 'py> for Physics {
+    type Error = PyErr;
+
+    fn extract(given: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        Parameters::from_array(&fixed("parameters", &given.extract()?)?).map(Self).map_err(raise)
+    }
+}
+
+/// A `State` of Python, by its attributes.
+#[derive(FromPyObject)]
+pub struct GivenState {
+    q: [f64; 9],
+    p: [f64; 9],
+    integral: [f64; 2],
+    time: f64,
+    /// Whether it is refused if it is off the constraints.
+    pub check: bool,
+    grid: Option<(f64, u64)>,
+    linearized: Option<Linearized>,
+    contact: Option<ContactRow>,
+    controller: Option<Vec<f64>>,
+}
+
+impl GivenState {
+    pub fn state(self) -> State {
+        let Self { q, p, integral, time, grid, linearized, contact, controller, .. } = self;
+        let motion = Motion { q: q.into(), p: p.into(), memory: integral };
+        State { time, motion, grid, linearized, contact, controller }
+    }
 }
 
 /// An array of exactly `N` numbers.

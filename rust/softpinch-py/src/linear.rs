@@ -4,7 +4,7 @@ use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::convert::{GivenRow, GivenRows, columns, entries, raise, require, room};
+use crate::convert::{GivenRow, GivenRows, Physics, columns, entries, raise, require, room};
 use crate::inputs::Inputs;
 use crate::signals::Signals;
 use softpinch::analysis::linear;
@@ -24,7 +24,7 @@ const ARRAYS: [(&str, usize); 8] =
 #[pyo3(signature = (parameters, inputs, t, q, p, integral, formulation, alpha, beta, *, whole, open_loop, frozen))]
 pub fn linearize<'py>(
     py: Python<'py>,
-    parameters: GivenRow<'py>,
+    parameters: Physics,
     inputs: &Inputs,
     t: GivenRow<'py>,
     q: GivenRows<'py>,
@@ -37,7 +37,6 @@ pub fn linearize<'py>(
     open_loop: bool,
     frozen: bool,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let parameters = crate::parameters(&parameters)?;
     let inputs = inputs.of(0, 0.0).map_err(raise)?;
     let formulation = lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?;
     let level = Level::from_environment().map_err(raise)?;
@@ -68,10 +67,10 @@ pub fn linearize<'py>(
             let motion = Motion { q: q[k].into(), p: p[k].into(), memory: memory[k] };
             let (matrices, vectors) = if whole {
                 let LinearModel { a, b, c, d, state, rate, input, output } =
-                    linear::linearize(&parameters, &inputs, &setting, t, &motion).map_err(raise)?;
+                    linear::linearize(&parameters.0, &inputs, &setting, t, &motion).map_err(raise)?;
                 (vec![a, b, c, d], vec![state, rate, input, output])
             } else {
-                let a = linear::jacobian(&parameters, &inputs, &setting, t, &motion).map_err(raise)?;
+                let a = linear::jacobian(&parameters.0, &inputs, &setting, t, &motion).map_err(raise)?;
                 (vec![a], Vec::new())
             };
             for (place, matrix) in matrices.into_iter().enumerate() {

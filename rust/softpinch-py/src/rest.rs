@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::convert::{
-    GivenRow, GivenRows, Row, Rows, columns, computed, dictionary, fixed, matrix, raise, rows,
+    GivenRow, GivenRows, Physics, Row, Rows, columns, computed, dictionary, fixed, matrix, raise, rows,
 };
 use crate::inputs::Inputs;
 use softpinch::analysis::{
@@ -73,8 +73,8 @@ impl RestScene {
     }
 
     /// The largest multiples of loads that the equilibrium at the coordinates `q` bears.
-    fn limits<'py>(&self, py: Python<'py>, q: &GivenRow<'py>, loads: Vec<Load>) -> PyResult<Limits<'py>> {
-        let z = unknowns(&fixed("q", q)?);
+    fn limits<'py>(&self, py: Python<'py>, q: &[f64; 9], loads: Vec<Load>) -> PyResult<Limits<'py>> {
+        let z = unknowns(q);
         let member = Member::From(self.0.origin(&z));
         let rest = Rest::solve(&self.0, &member, &z)
             .ok_or_else(|| PyValueError::new_err("q: the forces do not balance there"))?;
@@ -93,13 +93,12 @@ impl RestScene {
 #[pymethods]
 impl RestScene {
     #[new]
-    fn new(parameters: GivenRow<'_>, inputs: &Inputs, time: f64) -> PyResult<Self> {
+    fn new(parameters: Physics, inputs: &Inputs, time: f64) -> PyResult<Self> {
         Rule::Finite.check("time", time).map_err(raise)?;
-        let parameters = crate::parameters(&parameters)?;
         let inputs = inputs.of(0, 0.0).map_err(raise)?.frozen(time);
         let level = Level::from_environment().map_err(raise)?;
         let drive = inputs.segment(time);
-        let scene = CoreRestScene::new(level, &parameters, inputs.fingers(), &drive).map_err(raise)?;
+        let scene = CoreRestScene::new(level, &parameters.0, inputs.fingers(), &drive).map_err(raise)?;
         Ok(Self(scene))
     }
 
@@ -110,11 +109,10 @@ impl RestScene {
         py: Python<'py>,
         kind: &str,
         values: GivenRow<'py>,
-        start: Option<GivenRow<'py>>,
+        start: Option<[f64; 9]>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let member = self.member(kind, &values)?;
-        let start = start.map(|q| fixed("near", &q)).transpose()?.map(|q| unknowns(&q));
-        self.result(py, find(&self.0, &member, start.as_ref()))
+        self.result(py, find(&self.0, &member, start.as_ref().map(unknowns).as_ref()))
     }
 
     /// The equilibrium that continues that of another scene, near its coordinates `start`, while that scene becomes
@@ -126,11 +124,10 @@ impl RestScene {
         values: GivenRow<'py>,
         before: &Self,
         values_before: GivenRow<'py>,
-        start: GivenRow<'py>,
+        start: [f64; 9],
     ) -> PyResult<Bound<'py, PyDict>> {
         let (first, last) = (before.member(kind, &values_before)?, self.member(kind, &values)?);
-        let start = unknowns(&fixed("start", &start)?);
-        self.result(py, continued((&before.0, &first), &start, (&self.0, &last)))
+        self.result(py, continued((&before.0, &first), &unknowns(&start), (&self.0, &last)))
     }
 
     /// For each wrench (n, 3) the largest multiple that the equilibrium at the coordinates `q` bears (n,), the names of
@@ -138,7 +135,7 @@ impl RestScene {
     fn wrench_limits<'py>(
         &self,
         py: Python<'py>,
-        q: GivenRow<'py>,
+        q: [f64; 9],
         wrenches: GivenRows<'py>,
     ) -> PyResult<Limits<'py>> {
         self.limits(py, &q, columns::<3>("wrenches", &wrenches)?.into_iter().map(Load::Wrench).collect())
@@ -148,7 +145,7 @@ impl RestScene {
     fn carry_limits<'py>(
         &self,
         py: Python<'py>,
-        q: GivenRow<'py>,
+        q: [f64; 9],
         accelerations: GivenRows<'py>,
     ) -> PyResult<Limits<'py>> {
         let rows = columns::<2>("accelerations", &accelerations)?;

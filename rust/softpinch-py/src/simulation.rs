@@ -7,11 +7,11 @@ use softpinch::driver::{Outline, outline, simulate};
 use softpinch::error::lookup;
 use softpinch::formulation::FORMULATIONS;
 use softpinch::method::METHODS;
-use softpinch::model::{CONTACT_MODELS, Motion, Scene, Stabilization, State};
+use softpinch::model::{CONTACT_MODELS, Scene, Stabilization};
 use softpinch::number::Level;
 use softpinch::stepping::{Options, RECORDABLE, SUMMARIES, Selection, Steps, VIOLATIONS, Wanted};
 
-use crate::convert::{self, GivenRow, dictionary, entries, fixed, raise, select};
+use crate::convert::{self, GivenRow, GivenState, Physics, dictionary, entries, raise, select};
 use crate::inputs::Inputs;
 use crate::signals::detached;
 
@@ -66,20 +66,12 @@ pub struct Simulation {
 #[pymethods]
 impl Simulation {
     #[new]
-    #[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, linearized, contacts, controller, contact, check, duration, times, every, refine, record, summaries, options))]
+    #[pyo3(signature = (parameters, inputs, initial, *, contact, duration, times, every, refine, record, summaries, options))]
     fn new(
-        parameters: GivenRow<'_>,
+        parameters: Physics,
         inputs: &Inputs,
-        time: f64,
-        q: GivenRow<'_>,
-        p: GivenRow<'_>,
-        integral: GivenRow<'_>,
-        grid: Option<(f64, u64)>,
-        linearized: Option<GivenRow<'_>>,
-        contacts: Option<GivenRow<'_>>,
-        controller: Option<GivenRow<'_>>,
+        initial: GivenState,
         contact: &str,
-        check: bool,
         duration: f64,
         times: Option<GivenRow<'_>>,
         every: u64,
@@ -88,26 +80,10 @@ impl Simulation {
         summaries: Vec<String>,
         options: GivenOptions,
     ) -> PyResult<Self> {
-        let controller = controller.map(|row| entries("initial.controller", &row)).transpose()?;
-        let origin = controller.as_ref().and_then(|row| row.first().copied()).unwrap_or(time);
-        let scene = Scene {
-            parameters: crate::parameters(&parameters)?,
-            inputs: inputs.of(0, origin).map_err(raise)?,
-            initial: State {
-                time,
-                motion: Motion {
-                    q: fixed("initial.q", &q)?.into(),
-                    p: fixed("initial.p", &p)?.into(),
-                    memory: fixed("initial.integral", &integral)?,
-                },
-                grid,
-                linearized: linearized.map(|point| fixed("initial.linearized", &point)).transpose()?,
-                contact: contacts.map(|row| fixed("initial.contact", &row)).transpose()?,
-                controller,
-            },
-            check,
-            duration,
-        };
+        let (check, initial) = (initial.check, initial.state());
+        let origin = initial.controller.as_ref().and_then(|row| row.first().copied()).unwrap_or(initial.time);
+        let inputs = inputs.of(0, origin).map_err(raise)?;
+        let scene = Scene { parameters: parameters.0, inputs, initial, check, duration };
         let times = times.map(|times| entries("times, in numbers,", &times)).transpose()?;
         let record = select("record", &record, &RECORDABLE)?;
         let base = options.checked(contact, &summaries, 0.0)?;

@@ -7,7 +7,7 @@ use pyo3::exceptions::{PyIndexError, PyKeyboardInterrupt, PyRuntimeError, PyValu
 use pyo3::prelude::*;
 
 use crate::batch::Batch;
-use crate::convert::{GivenRow, GivenRows, Row, Rows, columns, fixed, raise, require, room};
+use crate::convert::{GivenRows, GivenState, Row, Rows, columns, raise, require, room};
 use crate::signals::detached;
 use crate::simulation::Simulation;
 use softpinch::driver::{Observed, Simulator as Core};
@@ -19,9 +19,6 @@ use softpinch::stepping::Status;
 type Observation<'py> = (f64, Row<'py>, Row<'py>, Row<'py>, u8);
 /// Time, coordinates, velocities, integrals, grid and contacts of a state.
 type StateParts<'py> = (f64, Row<'py>, Row<'py>, [f64; 2], Option<(f64, u64)>, Option<Row<'py>>);
-/// The same of a state from Python, and whether it is refused if it is off the constraints.
-type GivenState<'py> =
-    (f64, GivenRow<'py>, GivenRow<'py>, [f64; 2], Option<(f64, u64)>, Option<GivenRow<'py>>, bool);
 /// Arrays of all runs: times (n,), coordinates (n, 9), velocities (n, 9), multipliers (n, 4) and codes (n,). They
 /// are borrowed once no other thread uses the simulator.
 type Arrays<'py> = (Row<'py>, Rows<'py>, Rows<'py>, Rows<'py>, Row<'py, u8>);
@@ -39,16 +36,10 @@ fn code(status: Option<Status>) -> u8 {
     status.map_or(0, |status| status as u8 + 1)
 }
 
-fn given((time, q, p, memory, grid, contact, check): &GivenState<'_>) -> PyResult<(State, bool)> {
-    let state = State {
-        time: *time,
-        motion: Motion { q: fixed("State.q", q)?.into(), p: fixed("State.p", p)?.into(), memory: *memory },
-        grid: *grid,
-        linearized: None,
-        contact: contact.as_ref().map(|row| fixed("State.contact", row)).transpose()?,
-        controller: None,
-    };
-    Ok((state, *check))
+/// A state from which a run goes on, and whether it is refused if it is off the constraints.
+fn given(state: GivenState) -> (State, bool) {
+    let check = state.check;
+    (State { linearized: None, controller: None, ..state.state() }, check)
 }
 
 impl Simulator {
@@ -212,17 +203,17 @@ impl Simulator {
     }
 
     /// Puts a run back to its start, or to the start of another run.
-    fn reset(&self, run: usize, state: Option<GivenState<'_>>) -> PyResult<()> {
+    fn reset(&self, run: usize, state: Option<GivenState>) -> PyResult<()> {
         let mut runs = self.runs()?;
         let run = runs.require(run)?;
-        let state = state.as_ref().map(given).transpose()?;
+        let state = state.map(given);
         runs.core.reset(run, state.as_ref().map(|(state, check)| (state, *check))).map_err(raise)
     }
 
     /// Goes on from a state.
-    fn set_state(&self, run: usize, state: GivenState<'_>) -> PyResult<()> {
+    fn set_state(&self, run: usize, state: GivenState) -> PyResult<()> {
         let mut runs = self.runs()?;
-        let (run, (state, check)) = (runs.require(run)?, given(&state)?);
+        let (run, (state, check)) = (runs.require(run)?, given(state));
         runs.core.set_state(run, (&state, check)).map_err(raise)
     }
 
