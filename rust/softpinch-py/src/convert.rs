@@ -6,13 +6,13 @@ use numpy::{
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::{IntoPyDict, PyDict};
+use pyo3::types::{IntoPyDict, PyDict, PyString};
 
 use crate::signals::Signals;
 use softpinch::analysis::Matrix;
 use softpinch::error::{Error, lookup};
 use softpinch::model::{ContactRow, Linearized, Motion, Parameters, SIDES, State};
-use softpinch::stepping::{Change, Run, reserved};
+use softpinch::stepping::{COLUMNS, Change, Column, Run, reserved};
 
 /// Numbers from Python.
 pub type GivenRow<'py, T = f64> = PyReadonlyArray1<'py, T>;
@@ -160,9 +160,6 @@ pub(crate) use dictionary;
 pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<'_, PyDict>> {
     let violations = run.violations().into_py_dict(py)?;
     let recording = run.recording;
-    let (selection, layout) = (recording.selection, recording.layout);
-    let state = selection.state;
-    let points = !recording.linearized.is_empty();
     let last = dictionary!(py, {
         "t": run.last.t,
         "q": run.last.motion.q.row().to_pyarray(py),
@@ -178,11 +175,6 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
     for (name, times) in run.violation_intervals {
         intervals.set_item(name, rows(py, times).and_then(constant)?)?;
     }
-    // The absolute value of a code is that of the mode, but a grazing contact that slides has one more.
-    let mode = |code: f64| code.abs().min(3.0) as u8;
-    let modes = selection.contact.then(|| -> Vec<[u8; 2]> {
-        recording.contact.iter().map(|[right, left, ..]| [mode(*right), mode(*left)]).collect()
-    });
     let changes: Vec<_> = run
         .contact_changes
         .iter()
@@ -191,21 +183,7 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
             (*time, SIDES[*finger], before.code(), after.code(), cause.name())
         })
         .collect();
-    Ok(dictionary!(py, {
-        "t": constant(PyArray1::from_vec(py, recording.t))?,
-        "q": recorded(py, state, 9, recording.q.into_flattened())?,
-        "p": recorded(py, state, 9, recording.p.into_flattened())?,
-        "integral": recorded(py, state, 2, recording.memory.into_flattened())?,
-        "grid_anchor": state.then(|| constant(PyArray1::from_vec(py, recording.grid_anchor))).transpose()?,
-        "grid_step": state.then(|| constant(PyArray1::from_vec(py, recording.grid_step))).transpose()?,
-        "linearized": recorded(py, points, 21, recording.linearized.into_flattened())?,
-        "multipliers": recorded(py, selection.multipliers, 4, recording.multipliers.into_flattened())?,
-        "residuals": recorded(py, selection.residuals, 4, recording.residuals.into_flattened())?,
-        "torque": recorded(py, selection.torque, 2, recording.torque.into_flattened())?,
-        "energy": recorded(py, selection.energy, layout.energies(), recording.energy)?,
-        "contacts": recorded(py, state && layout.unilateral, 4, recording.contact.into_flattened())?,
-        "controllers": recorded(py, state && layout.controller > 0, layout.controller, recording.controller)?,
-        "contact": modes.map(|modes| rows(py, modes).and_then(constant)).transpose()?,
+    let out = dictionary!(py, {
         "contact_changes": changes,
         "final": last,
         "begun": run.initial_energies.map(|energies| (energies.kinetic, energies.elastic, energies.gravity)),
@@ -216,11 +194,31 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
         "holds": run.holds,
         "stats": run.stats.named().into_py_dict(py)?,
         "warnings": warning.into_iter().collect::<Vec<_>>(),
-    }))
+    });
+    let columns = COLUMNS.into_iter().zip(recording.widths).zip(recording.columns);
+    for (((name, column), width), numbers) in columns {
+        out.set_item(PyString::intern(py, name), recorded(py, column, width, numbers)?)?;
+    }
+    Ok(out)
 }
 
-/// The rows of a quantity, if it was recorded, from all of its numbers.
-fn recorded(py: Python<'_>, wanted: bool, width: usize, numbers: Vec<f64>) -> PyResult<Option<Rows<'_>>> {
-    let shape = [numbers.len() / width.max(1), width];
-    wanted.then(|| PyArray1::from_vec(py, numbers).reshape(shape).and_then(constant)).transpose()
+/// The rows of a column from all of its numbers; `None` if it was not recorded.
+fn recorded(
+    py: Python<'_>,
+    column: Column,
+    width: usize,
+    numbers: Vec<f64>,
+) -> PyResult<Option<Bound<'_, PyAny>>> {
+    fn array<T: Element>(py: Python<'_>, width: usize, numbers: Vec<T>) -> PyResult<Bound<'_, PyAny>> {
+        let shape = [numbers.len() / width, width];
+        let all = PyArray1::from_vec(py, numbers);
+        Ok(if width == 1 { constant(all)?.into_any() } else { constant(all.reshape(shape)?)?.into_any() })
+    }
+    let found = match column {
+        _ if width == 0 => return Ok(None),
+        Column::GridStep => array(py, width, numbers.into_iter().map(|steps| steps as u64).collect()),
+        Column::Modes => array(py, width, numbers.into_iter().map(|mode| mode as u8).collect()),
+        _ => array(py, width, numbers),
+    };
+    found.map(Some)
 }

@@ -9,7 +9,7 @@ use softpinch::formulation::FORMULATIONS;
 use softpinch::method::METHODS;
 use softpinch::model::{CONTACT_MODELS, Scene, Stabilization};
 use softpinch::number::Level;
-use softpinch::stepping::{Options, RECORDABLE, SUMMARIES, Selection, Steps, VIOLATIONS, Wanted};
+use softpinch::stepping::{Options, RECORDABLE, SUMMARIES, Steps, VIOLATIONS, Wanted};
 
 use crate::convert::{self, GivenRow, GivenState, Physics, dictionary, entries, raise, select};
 use crate::inputs::Inputs;
@@ -38,7 +38,7 @@ impl GivenOptions {
             (None, Some(tolerance)) => Steps::Free { tolerance },
             _ => return Err(PyValueError::new_err("give dt or tolerance")),
         };
-        let summaries: Vec<_> = select("summaries", summaries, &SUMMARIES)?;
+        let set = select("summaries", summaries, &SUMMARIES)?;
         Ok(Options {
             steps,
             every: u64::MAX,
@@ -46,9 +46,9 @@ impl GivenOptions {
             formulation: lookup("formulation", &self.formulation, &FORMULATIONS).map_err(raise)?,
             contact: lookup("contact", contact, &CONTACT_MODELS).map_err(raise)?,
             stabilization: Stabilization { alpha: self.alpha, beta: self.beta },
-            record: Selection::default(),
+            record: [].into_iter().collect(),
             stop_on: select("stop_on", &self.stop_on, &VIOLATIONS)?,
-            summaries: Wanted::new(summaries, self.after, band),
+            summaries: Wanted { set, after: self.after, band },
             max_steps: self.max_steps,
             simd: Level::from_environment().map_err(raise)?,
             ..Options::default()

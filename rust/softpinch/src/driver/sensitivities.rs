@@ -107,7 +107,7 @@ fn ends(scene: &Scene, options: &Options, interrupted: &dyn Fn() -> bool) -> Res
         Steps::Fixed(_) => Ok(Vec::new()),
         Steps::Free { .. } => {
             let ends = Options { record: Selection::default(), every: 1, times: None, ..options.clone() };
-            Ok(simulate(scene, &ends, interrupted)?.0.recording.t)
+            Ok(simulate(scene, &ends, interrupted)?.0.recording.t().to_vec())
         }
     }
 }

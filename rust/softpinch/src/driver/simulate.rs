@@ -94,7 +94,7 @@ pub struct Outline {
 /// Outlines a run. Bad input is the only error.
 pub fn outline(scene: &Scene, options: &Options) -> Result<Outline> {
     let (grid, times) = prepare(scene, options)?;
-    let row = 8 * options.record.width(layout(scene, options));
+    let row = 8 * layout(scene, options).widths(options.record).iter().sum::<usize>() as u64;
     let Scene { inputs, initial, duration, .. } = scene;
     let end = initial.time + duration;
     let (segments, steps) = match grid {

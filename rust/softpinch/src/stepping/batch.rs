@@ -17,8 +17,8 @@ use crate::stepping::phase::Phases;
 use crate::stepping::summary::RunEnd;
 use crate::stepping::{
     End, EventResult, Finished, Instant, LaneContact, LaneController, Limits, Moment, Options, Phase,
-    Recording, Run, RunQueue, Status, Steps, Summaries, SummaryInstant, Taken, VIOLATIONS, Violation,
-    ViolationSet, all_finite, column, put,
+    Recordable, Recording, Run, RunQueue, Status, Steps, Summaries, SummaryInstant, SummarySet, Taken,
+    VIOLATIONS, Violation, ViolationSet, all_finite, column, put,
 };
 
 /// A closure error of the ledger below this share of the energy of gravity, whose zero is arbitrary, is round-off. So is
@@ -338,7 +338,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             self.queue.note(t.lane(0), ViolationSet::of(&found, 0));
             self.shown = any;
         }
-        if !self.summaries.wanted.is_empty() {
+        if self.summaries.wanted.set != SummarySet::default() {
             let (half_width, slip_speed) = (self.half_width, self.slip_speed(&now.residuals));
             let instant = SummaryInstant { t, now, slip_speed, closure, half_width };
             self.summaries.watch(&instant, seen);
@@ -475,7 +475,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     #[inline(always)]
     pub fn record(&mut self, system: &impl System<R>, watched: &Instant) -> Result {
         // A recorded run has a loop of its own, in lane 0.
-        if self.options.record.state
+        if self.options.record.contains(Recordable::State)
             && let Some(LaneRun { controller: Some(controller), .. }) = &self.runs[0]
         {
             self.queue.keep_controller(&controller.state_at(watched));

@@ -194,7 +194,7 @@ mod tests {
     use crate::model::motion::Motion;
     use crate::model::parameters::Parameters;
     use crate::model::start::{State, contact};
-    use crate::stepping::record::{Layout, Selection};
+    use crate::stepping::record::{Column, Layout, Recordable};
 
     fn scene() -> Scene {
         let parameters = Parameters::default();
@@ -214,7 +214,7 @@ mod tests {
     /// Watches the instants as a step loop does, and ends the run at the last of them.
     fn recorded(due: Due<'_>, instants: &[(f64, bool)]) -> Run {
         let scene = scene();
-        let selection = Selection { state: true, ..Selection::default() };
+        let selection = [Recordable::State].into_iter().collect();
         let recording = Recording::with_capacity(selection, Layout::default(), 0).expect("there is room");
         let mut recorder = Recorder::new(&scene, recording, due, &|| false);
         for &(t, inside) in instants {
@@ -265,8 +265,8 @@ mod tests {
             if rows.last() != ends.last() {
                 rows.extend(ends.last());
             }
-            prop_assert_eq!(&run.recording.q, &rows.iter().map(|&t| [t; 9]).collect::<Vec<_>>());
-            prop_assert_eq!(run.recording.t, rows);
+            prop_assert_eq!(run.recording.rows(Column::Q), &rows.iter().map(|&t| [t; 9]).collect::<Vec<_>>()[..]);
+            prop_assert_eq!(run.recording.t(), &rows[..]);
         }
 
         #[test]
@@ -277,7 +277,7 @@ mod tests {
             let run = recorded(Due::Times(&times), &all);
             let end = all[all.len() - 1].0;
             let rows: Vec<f64> = times.iter().copied().filter(|&t| t != end).chain([end]).collect();
-            prop_assert_eq!(run.recording.t, rows);
+            prop_assert_eq!(run.recording.t(), &rows[..]);
             prop_assert_eq!(run.last.t, end);
         }
     }

@@ -27,7 +27,7 @@ use crate::number::row::Row4;
 use crate::stepping::instant::all_finite;
 use crate::stepping::monitor::ViolationSet;
 use crate::stepping::options::{Options, Steps};
-use crate::stepping::record::{RECORDABLE, Recording, Selection};
+use crate::stepping::record::{Column, RECORDABLE, Recording, Selection};
 
 const DURATION: f64 = 0.02;
 
@@ -236,11 +236,18 @@ impl Recording {
     /// The state at a row, from which a run without a discrete controller goes on.
     pub(crate) fn state_at(&self, k: usize) -> State {
         State {
-            time: self.t[k],
-            motion: Motion { q: self.q[k].into(), p: self.p[k].into(), memory: self.memory[k] },
-            grid: Some((self.grid_anchor[k], self.grid_step[k])),
-            linearized: self.linearized.get(k).filter(|point| !point[0].is_nan()).copied(),
-            contact: self.contact.get(k).copied(),
+            time: self.t()[k],
+            motion: Motion {
+                q: self.rows(Column::Q)[k].into(),
+                p: self.rows(Column::P)[k].into(),
+                memory: self.rows(Column::Memory)[k],
+            },
+            grid: Some((
+                self.rows::<1>(Column::GridAnchor)[k][0],
+                self.rows::<1>(Column::GridStep)[k][0] as u64,
+            )),
+            linearized: self.rows(Column::Linearized).get(k).filter(|point| !point[0].is_nan()).copied(),
+            contact: self.rows(Column::Contacts).get(k).copied(),
             controller: None,
         }
     }
