@@ -114,7 +114,7 @@ impl Error {
     }
 
     /// The error of an array of the wrong shape.
-    pub(crate) fn shape(field: impl Display, found: impl Display, rule: &'static str) -> Self {
+    pub fn shape(field: impl Display, found: impl Display, rule: &'static str) -> Self {
         Self::Shape { field: field.to_string(), found: found.to_string(), rule }
     }
 

@@ -126,21 +126,13 @@ fn seeded<R: Lanes, const W: usize>(
     plant: &Plant<Dual<R, W>>,
     z: &Unknowns<Dual<R, W>>,
 ) -> (Balance<Dual<R, W>>, [[f64; 5]; 2]) {
-    let Input { target, force, .. } = scene.input;
-    let none = Dual::constant(0.0);
-    let input = Input {
-        target: [Dual::constant(target[0]), Dual::constant(target[1])],
-        target_rate: [none; 2],
-        target_acceleration: [none; 2],
-        force: [Dual::constant(force[0]), Dual::constant(force[1]), Dual::constant(force[2])],
-        tau: none,
-    };
+    let input = scene.input.map(Dual::constant);
     let frame = scene.frame.as_ref().map(FrameMotion::constant);
     let (found, geometry) = Balance::new(plant, (&input, frame.as_ref()), z);
     let mut no_slip = [[0.0; 5]; 2];
     for (i, row) in no_slip.iter_mut().enumerate() {
         let contact = &geometry.contacts[i];
-        let [along, across] = contact.push(i, [none, Dual::constant(1.0)]);
+        let [along, across] = contact.push(i, [Dual::zero(), Dual::constant(1.0)]);
         let [x, y] = geometry.outward(along, across);
         *row = [-x.value.lane(0), -y.value.lane(0), -contact.e.value.lane(0), 0.0, 0.0];
         row[FINGER + i] = -contact.f.value.lane(0);
@@ -414,13 +406,12 @@ impl LaneTask<f64> for Evaluate<'_> {
         } else {
             call_four_lanes(scene.instructions, OtherParts(scene, &unknowns))
         };
-        let input: Input<Directions> = scene.input.map(Directions::constant);
         let held = scene.held();
         let mut rows = [Directions::zero(); UNKNOWNS];
         rows[..5].copy_from_slice(&found.forces);
         for i in 0..2 {
             rows[FINGER + i] = if held[i] {
-                unknowns[FINGER + i] - input.target[i]
+                unknowns[FINGER + i] - Dual::constant(scene.input.target[i])
             } else {
                 rows[FINGER + i] + found.torque[i]
             };

@@ -171,9 +171,7 @@ pub(super) fn in_lanes(
         }
     };
     let queue = LaneQueue { take: &mut take, stops: &|| shared.stops(), finish: &mut finish };
-    let choice = options.choice(&first.inputs);
-    let papers = first.parameters.has_the_papers_parts();
-    let computed = compute(RunsInLanes { queue, grid: &whole_run(options), options, choice, papers })?;
+    let computed = compute(RunsInLanes { queue, grid: &whole_run(options), options, scene: &first })?;
     Ok(computed.map(|()| rows))
 }
 

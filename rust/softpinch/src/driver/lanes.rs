@@ -1,9 +1,8 @@
 //! The step loops of many runs in lanes, compiled for each SIMD level.
 
 use crate::error::Result;
-use crate::formulation::Choice;
 use crate::method::{AnyMethod, Method, Rk4, Runs, adaptive_in_lanes};
-use crate::model::Energies;
+use crate::model::{Energies, Scene};
 use crate::number::{Instructions, LaneKernel, Lanes, dispatch_four_lanes, dispatch_lanes};
 use crate::stepping::{
     AdaptiveSteps, EqualSteps, Finished, GridOf, LoopSetup, Options, RunQueue, Steps, Taken,
@@ -35,20 +34,17 @@ pub struct RunsInLanes<'q, 'a> {
     pub queue: LaneQueue<'q, 'a>,
     pub grid: &'q GridOf<'q>,
     pub options: &'a Options,
-    pub choice: Choice,
-    /// Whether the parts of all runs are the paper's.
-    pub papers: bool,
+    /// One of the scenes. All have the same kinds of parts, fingers and inputs.
+    pub scene: &'q Scene,
 }
 
 impl RunsInLanes<'_, '_> {
     /// Computes the runs. Returns `None` if the steps of the method have no lanes.
     pub fn compute(self) -> Result<Option<()>> {
-        if self.papers {
-            dispatch_lanes(self.options.simd, self)?
-        } else {
-            // Vectors of eight lanes have code for the paper's parts only.
-            dispatch_four_lanes(self.options.simd, self)?
-        }
+        // Vectors of eight lanes have code for the paper's parts only.
+        let papers = self.scene.parameters.has_the_papers_parts();
+        let level = self.options.simd;
+        if papers { dispatch_lanes(level, self)? } else { dispatch_four_lanes(level, self)? }
     }
 }
 
@@ -57,7 +53,8 @@ impl LaneKernel for RunsInLanes<'_, '_> {
 
     #[inline(always)]
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
-        let Self { queue, grid, options, choice, .. } = self;
+        let Self { queue, grid, options, scene } = self;
+        let choice = options.choice(&scene.inputs);
         let setup = LoopSetup { instructions, options, choice, queue };
         let computed = match (options.steps, options.method) {
             // A step of RK4 is so short that a call would take 3 % of it.

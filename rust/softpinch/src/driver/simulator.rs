@@ -350,9 +350,7 @@ fn compute_part(
             }))
         };
         let queue = LaneQueue { take: &mut take, stops, finish: &mut finish };
-        let choice = options.choice(&first.scene.inputs);
-        let papers = first.scene.parameters.has_the_papers_parts();
-        if (RunsInLanes { queue, grid: &grid, options, choice, papers }).compute()?.is_some() {
+        if (RunsInLanes { queue, grid: &grid, options, scene: &first.scene }).compute()?.is_some() {
             return Ok(());
         }
     }

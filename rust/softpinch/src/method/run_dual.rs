@@ -19,10 +19,10 @@ use crate::method::{
     Stats, Step, StepResult,
 };
 use crate::model::{DIRECTIONS, SegmentDrive};
-use crate::number::{Entry, LaneEntry, LaneTask, Lanes, Real};
+use crate::number::{Entry, LaneEntry, LaneTask, Lanes, Real, task};
 
 /// A step that was taken in plain numbers, to be differentiated.
-pub struct SolvedStep<'a, R: Lanes> {
+pub struct SolvedStep<'a, R> {
     equations: &'a RunDualEquations<R>,
     /// The inputs of the segment, without their derivatives.
     plain_drive: &'a SegmentDrive,
@@ -54,20 +54,15 @@ pub trait Differentiable<R: Lanes>: Integrator<f64, SceneEquations<f64>> {
     fn differentiate(&self, solved: &SolvedStep<'_, R>) -> States<RunDual<R>>;
 }
 
-struct Differentiate<'a, R: Lanes, M>(&'a M, &'a SolvedStep<'a, R>);
-
-impl<R: Lanes, M: Differentiable<R>> LaneTask<R> for Differentiate<'_, R, M> {
-    type Output = States<RunDual<R>>;
-
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        self.0.differentiate(self.1)
-    }
+task! {
+    ['a, R: Lanes, M: Differentiable<R>]
+    Differentiate<'a, R, M>(method: &'a M, solved: &'a SolvedStep<'a, R>)
+    for R => States<RunDual<R>> = method.differentiate(solved)
 }
 
 impl<R: Lanes, M: Differentiable<R>> Differentiable<R> for Called<M> {
     fn differentiate(&self, solved: &SolvedStep<'_, R>) -> States<RunDual<R>> {
-        R::call(self.instructions, Differentiate(&self.method, solved))
+        R::call(self.instructions, Differentiate { method: &self.method, solved })
     }
 }
 
