@@ -7,8 +7,7 @@ use pyo3::types::PyDict;
 use crate::convert::{GivenRow, GivenRows, Physics, columns, entries, raise, require, room};
 use crate::inputs::Inputs;
 use crate::signals::Signals;
-use softpinch::analysis::linear;
-use softpinch::analysis::{LinearModel, Setting};
+use softpinch::analysis::{LinearModel, Problem, Setting};
 use softpinch::error::lookup;
 use softpinch::formulation::FORMULATIONS;
 use softpinch::model::{Motion, Stabilization};
@@ -65,14 +64,13 @@ pub fn linearize<'py>(
         for (k, &t) in t.iter().enumerate() {
             signals.check()?;
             let motion = Motion { q: q[k].into(), p: p[k].into(), memory: memory[k] };
-            let (matrices, vectors) = if whole {
-                let LinearModel { a, b, c, d, state, rate, input, output } =
-                    linear::linearize(&parameters.0, &inputs, &setting, t, &motion).map_err(raise)?;
-                (vec![a, b, c, d], vec![state, rate, input, output])
-            } else {
-                let a = linear::jacobian(&parameters.0, &inputs, &setting, t, &motion).map_err(raise)?;
-                (vec![a], Vec::new())
-            };
+            let problem = Problem::new(&parameters.0, &inputs, &setting, t, &motion).map_err(raise)?;
+            if !whole {
+                let a = problem.jacobian();
+                push(0, &[a.nrows(), a.ncols()], a.transpose().as_slice())?;
+                continue;
+            }
+            let LinearModel { matrices, vectors } = problem.model().map_err(raise)?;
             for (place, matrix) in matrices.into_iter().enumerate() {
                 push(place, &[matrix.nrows(), matrix.ncols()], matrix.transpose().as_slice())?;
             }
