@@ -2,43 +2,20 @@
 
 use crate::error::Result;
 use crate::method::{AnyMethod, Method, Rk4, Runs, adaptive_in_lanes};
-use crate::model::{Energies, Scene};
+use crate::model::Scene;
 use crate::number::{Instructions, LaneKernel, Lanes, dispatch_four_lanes, dispatch_lanes};
-use crate::stepping::{
-    AdaptiveSteps, EqualSteps, Finished, GridOf, LoopSetup, Options, RunQueue, Steps, Taken,
-};
-
-/// The source and the destination of runs in lanes, whose step loops are compiled once for all of them.
-pub struct LaneQueue<'q, 'a> {
-    pub take: &'q mut dyn FnMut() -> Result<Option<Taken<'a>>>,
-    pub stops: &'q dyn Fn() -> bool,
-    pub finish: &'q mut dyn FnMut(Finished),
-}
-
-impl<'a> RunQueue<'a> for LaneQueue<'_, 'a> {
-    fn take(&mut self) -> Result<Option<Taken<'a>>> {
-        (self.take)()
-    }
-
-    fn stops(&mut self) -> bool {
-        (self.stops)()
-    }
-
-    fn finish(&mut self, finished: Finished, _: impl FnOnce() -> Energies) {
-        (self.finish)(finished);
-    }
-}
+use crate::stepping::{AdaptiveSteps, EqualSteps, GridOf, LoopSetup, Options, RunQueue, Steps};
 
 /// The runs of one thread in lanes.
-pub struct RunsInLanes<'q, 'a> {
-    pub queue: LaneQueue<'q, 'a>,
-    pub grid: &'q GridOf<'q>,
+pub struct RunsInLanes<'a> {
+    pub queue: RunQueue<'a>,
+    pub grid: &'a GridOf<'a>,
     pub options: &'a Options,
     /// One of the scenes. All have the same kinds of parts, fingers and inputs.
-    pub scene: &'q Scene,
+    pub scene: &'a Scene,
 }
 
-impl RunsInLanes<'_, '_> {
+impl RunsInLanes<'_> {
     /// Computes the runs. Returns `None` if the steps of the method have no lanes.
     pub fn compute(self) -> Result<Option<()>> {
         // Vectors of eight lanes have code for the paper's parts only.
@@ -48,7 +25,7 @@ impl RunsInLanes<'_, '_> {
     }
 }
 
-impl LaneKernel for RunsInLanes<'_, '_> {
+impl LaneKernel for RunsInLanes<'_> {
     type Output = Result<Option<()>>;
 
     #[inline(always)]
@@ -80,6 +57,6 @@ impl LaneKernel for RunsInLanes<'_, '_> {
                 return Ok(None);
             }
         };
-        computed.map(|_| Some(()))
+        computed.map(Some)
     }
 }

@@ -1,5 +1,7 @@
 //! One run: the checks before it, its result, and the choice of the code that computes it.
 
+use std::borrow::Cow;
+
 use crate::driver::ensemble::whole_run;
 use crate::error::{Error, Result, require};
 use crate::formulation::{AnyParts, Contact, EquationKind, Formulation, Inlined, Unilateral, with};
@@ -10,8 +12,8 @@ use crate::model::{
 };
 use crate::number::Lanes;
 use crate::stepping::{
-    AdaptiveSteps, Due, EqualSteps, Grid, GridOf, LaneContact, LaneController, Layout, LoopSetup, Options,
-    Recorder, Recording, Run, Span, Steps, reserved,
+    AdaptiveSteps, Due, EqualSteps, Finished, Grid, GridOf, LaneContact, LaneController, Layout, LoopSetup,
+    Options, Recorder, Recording, Run, RunQueue, Span, Steps, Taken, reserved,
 };
 
 /// Advice for steps that are too long for the gains of the stabilisation; `None` if they are not.
@@ -55,24 +57,10 @@ pub fn simulate(
         Some(times) => Due::Times(times),
         None => Due::Steps { every: options.every, left: 0 },
     };
-    let recorder = Recorder::new(scene, recording, due, interrupted);
+    let recorder = Recorder::new(recording, due);
     // Only equal steps ask for a grid.
     let grid = |_: usize, scene: &Scene| grid.clone().map_or_else(|| whole_run(options)(0, scene), Ok);
-    Ok((run(scene, options, &grid, recorder)?.run, warning))
-}
-
-/// Computes a run over the times of a grid, without its recording and without a check. In unilateral contact the
-/// `contact` of an earlier run with the same parameters can be kept, and is returned.
-pub(super) fn advance(
-    (scene, contact): (&Scene, Option<Box<LaneContact>>),
-    options: &Options,
-    grid: Grid,
-    interrupted: &dyn Fn() -> bool,
-) -> Result<(Run, Option<Box<LaneContact>>)> {
-    let mut recorder = Recorder::new(scene, Recording::default(), Due::Never, interrupted);
-    recorder.contact = contact;
-    let Recorder { run, contact, .. } = run(scene, options, &|_, _| Ok(grid.clone()), recorder)?;
-    Ok((run, contact))
+    Ok((lone_run((scene, None), options, &grid, recorder, interrupted)?.run, warning))
 }
 
 /// Checks a scene and options without computing the run. Returns the longest step if steps are fixed, else zero.
@@ -217,13 +205,26 @@ fn instants(times: &[f64], Span { start, end }: Span) -> Result<Vec<f64>> {
     Ok(instants)
 }
 
-/// Runs the step loop for the method, over the times of `grid` if steps are equal.
-fn run<'a>(
-    scene: &Scene,
-    options: &'a Options,
+/// Computes a run without a check, over the times of `grid` if steps are equal. In unilateral contact the contacts of an
+/// earlier run with the same parameters can be kept, and are returned.
+pub(super) fn lone_run(
+    (scene, contact): (&Scene, Option<Box<LaneContact>>),
+    options: &Options,
     grid: &GridOf<'_>,
-    queue: Recorder<'a>,
-) -> Result<Recorder<'a>> {
+    recorder: Recorder<'_>,
+    stops: &dyn Fn() -> bool,
+) -> Result<Finished> {
+    let mut next = Some(Taken { number: 0, scene: Cow::Borrowed(scene), contact });
+    let mut finished = None;
+    let (mut take, mut finish) = (|| Ok(next.take()), |run| finished = Some(run));
+    let queue = RunQueue { take: &mut take, stops, finish: &mut finish, recorder };
+    run(scene, options, grid, queue)?;
+    let Some(finished) = finished else { unreachable!("a step loop ends each run that it takes") };
+    Ok(finished)
+}
+
+/// Runs the step loop for the method.
+fn run<'a>(scene: &Scene, options: &'a Options, grid: &GridOf<'_>, queue: RunQueue<'a>) -> Result {
     let instructions = options.simd.require()?;
     let choice = options.choice(&scene.inputs);
     let setup = LoopSetup { instructions, options, choice, queue };

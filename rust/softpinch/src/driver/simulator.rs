@@ -10,15 +10,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::ThreadPool;
 
-use crate::driver::simulate::advance;
+use crate::driver::simulate::lone_run;
 use crate::driver::threads::{share, waiting};
-use crate::driver::{LaneQueue, RunsInLanes, require_valid};
+use crate::driver::{RunsInLanes, require_valid};
 use crate::error::{Error, Result, require, require_at_most};
 use crate::formulation::System;
 use crate::model::{ContactModel, Held, Motion, Rule, Scene, State};
 use crate::number::MOST;
 use crate::stepping::{
-    Finished, Grid, Instant, LaneContact, MOST_STEPS, Options, Run, Span, Status, Steps, Taken, round_off,
+    Finished, Grid, Instant, LaneContact, MOST_STEPS, Options, Recorder, Run, RunQueue, Span, Status, Steps,
+    Taken, round_off,
 };
 
 /// Runs that are stepped from outside.
@@ -349,15 +350,17 @@ fn compute_part(
                 contact: runs.borrow_mut()[number].contact.take(),
             }))
         };
-        let queue = LaneQueue { take: &mut take, stops, finish: &mut finish };
+        let recorder = Recorder::default();
+        let queue = RunQueue { take: &mut take, stops, finish: &mut finish, recorder };
         if (RunsInLanes { queue, grid: &grid, options, scene: &first.scene }).compute()?.is_some() {
             return Ok(());
         }
     }
     for (number, Environment { scene, .. }) in under_way {
         let kept = runs.borrow_mut()[number].contact.take();
-        let (run, contact) = advance((scene, kept), options, grid(number, scene)?, stops)?;
-        finish(Finished { number, run, contact });
+        let own = grid(number, scene)?;
+        let finished = lone_run((scene, kept), options, &|_, _| Ok(own.clone()), Recorder::default(), stops)?;
+        finish(Finished { number, ..finished });
     }
     Ok(())
 }

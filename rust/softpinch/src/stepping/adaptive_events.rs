@@ -7,14 +7,14 @@ use crate::formulation::{States, System};
 use crate::model::Scene;
 use crate::number::{Bits, LaneTask, Lanes, each};
 use crate::stepping::{
-    AdaptiveLanes, ContactEnd, EventResult, LaneContact, MOST_EVENTS, Moment, Phase, Reason, RunQueue,
-    Status, StepStart, column, merged, put, watched,
+    AdaptiveLanes, ContactEnd, EventResult, LaneContact, MOST_EVENTS, Moment, Phase, Reason, Status,
+    StepStart, column, merged, put, watched,
 };
 
 /// The share of a segment that stands in for the length of a step where none is known yet.
 const FIRST: f64 = 1.0 / 1024.0;
 
-impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
+impl<R: Lanes> AdaptiveLanes<'_, R> {
     /// Looks for events in the steps of length `h` to `arrived` in the lanes of `due`. Returns the lanes that do
     /// not take this step: they take a shorter one that ends at the event, or their run has ended.
     #[cold]
@@ -125,9 +125,9 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
 
 /// Begins a segment in the lanes that enter one, or goes on in it after an event, and computes the length of the first
 /// step. This is rare, so the code is called, not inlined.
-pub struct Enter<'b, 'a, R: Lanes, Q>(pub &'b mut AdaptiveLanes<'a, R, Q>, pub &'b mut StepStart<R>);
+pub struct Enter<'b, 'a, R: Lanes>(pub &'b mut AdaptiveLanes<'a, R>, pub &'b mut StepStart<R>);
 
-impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for Enter<'_, 'a, R, Q> {
+impl<R: Lanes> LaneTask<R> for Enter<'_, '_, R> {
     type Output = ();
 
     #[inline(always)]
@@ -168,7 +168,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for Enter<'_, 'a, R, Q> {
             }
             let contact = lanes.batch.contact_row(lane);
             let instant = watched(size, (lane, contact), &now, &start.y, t, (t, 0));
-            let due = lanes.batch.queue.is_due(t, false);
+            let due = lanes.batch.is_due(t, false);
             if !lanes.goes_on(start, lane, due, &seen, &instant) {
                 continue;
             }

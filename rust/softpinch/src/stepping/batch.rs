@@ -26,11 +26,11 @@ use crate::stepping::{
 const ROUND_OFF: f64 = 1e-9;
 
 /// What a step loop needs before it runs.
-pub struct LoopSetup<'a, Q> {
+pub struct LoopSetup<'a> {
     pub instructions: Instructions,
     pub options: &'a Options,
     pub choice: Choice,
-    pub queue: Q,
+    pub queue: RunQueue<'a>,
 }
 
 pub struct LaneRun<'a, P> {
@@ -60,8 +60,8 @@ pub struct Seen {
 
 /// The runs in the lanes, and the data that both step loops need of them. `P` is the place of a run in time,
 /// in the form that its loop needs.
-pub struct LaneBatch<'a, R: Lanes, P, Q> {
-    pub queue: Q,
+pub struct LaneBatch<'a, R: Lanes, P> {
+    pub queue: RunQueue<'a>,
     pub options: &'a Options,
     choice: Choice,
     pub(super) instructions: Instructions,
@@ -97,9 +97,9 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
     summaries: Summaries<R>,
 }
 
-impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
+impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
     #[inline(always)]
-    pub fn new(setup: LoopSetup<'a, Q>) -> Self {
+    pub fn new(setup: LoopSetup<'a>) -> Self {
         let LoopSetup { instructions, options, choice, queue } = setup;
         let resting = Parameters::default();
         let lanes: LaneParameters<'_> = [&resting; MOST];
@@ -140,7 +140,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let bit = 1 << lane;
         self.phases.set(bit, Phase::Idle);
         self.runs[lane] = None;
-        let Some(Taken { number, scene, contact: kept }) = self.queue.take()? else {
+        let Some(Taken { number, scene, contact: kept }) = (self.queue.take)()? else {
             if R::WIDTH > 1 {
                 self.drive.set(lane, &SegmentDrive::still());
                 let still = Motion { q: apart(&self.resting)?, ..Motion::zero() };
@@ -175,7 +175,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
                 None => Box::new(LaneContact::new(self.instructions, self.options, &scene)?),
             };
             contact.run.put_into(&mut self.drive.contacts, lane);
-            self.queue.note_contacts(initial.time, &contact.run.contacts, None);
+            self.queue.recorder.start = Some((initial.time, contact.run.modes()));
             Some(contact)
         } else {
             None
@@ -335,7 +335,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             }
         }
         if R::WIDTH == 1 && seen != 0 && any | self.shown != 0 {
-            self.queue.note(t.lane(0), ViolationSet::of(&found, 0));
+            self.queue.recorder.intervals.note(t.lane(0), ViolationSet::of(&found, 0));
             self.shown = any;
         }
         if self.summaries.wanted.set != SummarySet::default() {
@@ -453,7 +453,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let (free_time, closed) = found.unwrap_or((0.0, true));
         let run_end = RunEnd { from, completed, free_time };
         let initial_energies = (system.size().works > 0).then(|| self.initial_energies.lane(lane));
-        let finished = Run {
+        let mut finished = Run {
             recording: Recording::default(),
             last: *last,
             controller: run.controller.map(|controller| controller.state_at(last).row().collect()),
@@ -467,8 +467,10 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             summaries: self.summaries.values(lane, &run_end),
             stats: Stats { steps: run.steps, segments: run.segments, ..self.stats },
         };
-        let finished = Finished { number: run.number, run: finished, contact: run.contact };
-        self.queue.finish(finished, || energies(system, last));
+        if R::WIDTH == 1 {
+            finished = self.queue.recorder.finish(finished, || energies(system, last));
+        }
+        (self.queue.finish)(Finished { number: run.number, run: finished, contact: run.contact });
     }
 
     /// Records a watched instant. The error says that there is no memory for it.
@@ -478,9 +480,24 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         if self.options.record.contains(Recordable::State)
             && let Some(LaneRun { controller: Some(controller), .. }) = &self.runs[0]
         {
-            self.queue.keep_controller(&controller.state_at(watched));
+            let row = &mut self.queue.recorder.controller;
+            row.clear();
+            row.extend(controller.state_at(watched).row());
         }
-        self.queue.record(watched, || energies(system, watched))
+        self.queue.recorder.record(watched, || energies(system, watched))
+    }
+
+    /// Whether to record the instant `t`, which was just watched. One inside a step is recorded only if asked for. Only
+    /// loops of one lane record runs.
+    #[inline(always)]
+    pub fn is_due(&mut self, t: f64, inside: bool) -> bool {
+        R::WIDTH == 1 && self.queue.recorder.is_due(t, inside)
+    }
+
+    /// The first instant that was asked for and is not recorded yet; infinity if there is none.
+    #[inline(always)]
+    pub fn next_time(&self) -> f64 {
+        if R::WIDTH == 1 { self.queue.recorder.next_time() } else { f64::INFINITY }
     }
 }
 

@@ -13,7 +13,7 @@ use crate::stepping::ending;
 use crate::stepping::lone_steps::LoneSteps;
 use crate::stepping::{
     Change, ContactEnd, ContactRun, End, EventResult, EventStepper, Instant, LaneBatch, Limits, Options,
-    Reason, RunQueue, SegmentState, Steps, VIOLATIONS, Violation, watched,
+    Reason, SegmentState, Steps, VIOLATIONS, Violation, watched,
 };
 
 /// The inputs of a segment.
@@ -263,7 +263,7 @@ fn contacts_at(parameters: &Parameters, State { motion, .. }: &State) -> ([Conta
     (contacts, Some(approaches))
 }
 
-impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
+impl<R: Lanes, P> LaneBatch<'_, R, P> {
     /// The lanes in which an event of unilateral contact is due.
     #[inline(always)]
     pub fn due(&self, now: &Evaluation<R>) -> Bits {
@@ -327,7 +327,9 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         self.stats.iterations += work.iterations;
         let bit = 1 << lane;
         for change in &changes {
-            self.queue.note_contacts(change.time, &contact.run.contacts, Some(change));
+            if R::WIDTH == 1 {
+                self.queue.recorder.keep_change(*change);
+            }
             let violation = match change.after {
                 Mode::Slip(_) => Violation::Slipping,
                 Mode::Free => Violation::Opened,

@@ -8,7 +8,7 @@ use crate::number::{Bits, Lanes, each};
 use crate::stepping::ending;
 use crate::stepping::{
     End, Grid, GridOf, Instant, LaneBatch, LaneContact, LaneController, LoopSystem, Phase, RowsInside,
-    RunQueue, Segment, full, put, watched,
+    Segment, full, put, watched,
 };
 
 pub struct Place {
@@ -90,8 +90,8 @@ pub struct Instants<'a, R> {
     pub y_before: &'a States<R>,
 }
 
-pub struct EqualLanes<'g, 'a, R: Lanes, Q> {
-    pub batch: LaneBatch<'a, R, Place, Q>,
+pub struct EqualLanes<'g, 'a, R: Lanes> {
+    pub batch: LaneBatch<'a, R, Place>,
     pub grid: &'g GridOf<'g>,
     /// Starts of the lanes' segments, steps taken since then, and lengths of the steps.
     pub anchor: R,
@@ -115,7 +115,7 @@ pub struct EqualLanes<'g, 'a, R: Lanes, Q> {
     pub inside: RowsInside,
 }
 
-impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
+impl<R: Lanes> EqualLanes<'_, '_, R> {
     /// Loads the next run, if there is one, into a lane. The run starts at the clock `from`.
     pub fn load(&mut self, lane: usize, from: u64) -> Result {
         let grid = self.grid;
@@ -343,7 +343,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
             self.in_use = self.taken_at.filter(|_| method.jacobian_is_reusable());
         }
         system.correct(drive, tau + self.h, after);
-        if R::WIDTH == 1 && self.batch.queue.next_time() < f64::INFINITY {
+        if self.batch.next_time() < f64::INFINITY {
             self.inside.look_inside(&mut self.batch, self.clock, system.called(), (tau, y))?;
         }
         Ok(())
