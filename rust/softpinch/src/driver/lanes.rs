@@ -1,9 +1,9 @@
 //! The step loops of many runs in lanes, compiled for each SIMD level.
 
 use crate::error::Result;
-use crate::method::{AnyMethod, Method, Rk4, Runs, adaptive_in_lanes};
+use crate::method::{AnyMethod, MakeInLanes, Method, Rk4, Runs};
 use crate::model::Scene;
-use crate::number::{Instructions, LaneKernel, Lanes, dispatch_four_lanes, dispatch_lanes};
+use crate::number::{Instructions, LaneKernel, Lanes, call_four_lanes, dispatch_lanes};
 use crate::stepping::{AdaptiveSteps, EqualSteps, GridOf, LoopSetup, Options, RunQueue, Steps};
 
 /// The runs of one thread in lanes.
@@ -21,7 +21,7 @@ impl RunsInLanes<'_> {
         // Vectors of eight lanes have code for the paper's parts only.
         let papers = self.scene.parameters.has_the_papers_parts();
         let level = self.options.simd;
-        if papers { dispatch_lanes(level, self)? } else { dispatch_four_lanes(level, self)? }
+        if papers { dispatch_lanes(level, self)? } else { call_four_lanes(level.require()?, self) }
     }
 }
 
@@ -43,13 +43,14 @@ impl LaneKernel for RunsInLanes<'_> {
             (Steps::Fixed(_), method @ (Method::Dop853 | Method::Rosenbrock)) => {
                 let build = |runs: Runs<'_>| {
                     let system = runs.system();
-                    let method: AnyMethod<R> = adaptive_in_lanes(method, runs, &system);
-                    (system, method)
+                    let method = R::call(instructions, MakeInLanes { method, runs, system: &system });
+                    (system, method as AnyMethod<R>)
                 };
                 R::call(instructions, EqualSteps { setup, grid, build })
             }
             (Steps::Free { tolerance }, method @ (Method::Dop853 | Method::Rosenbrock)) => {
-                let build = |runs: Runs<'_>, system: &_| adaptive_in_lanes::<R>(method, runs, system);
+                let build =
+                    |runs: Runs<'_>, system: &_| R::call(instructions, MakeInLanes { method, runs, system });
                 R::call(instructions, AdaptiveSteps { setup, tolerance, build })
             }
             // Lanes of a method that iterates would wait for each other.

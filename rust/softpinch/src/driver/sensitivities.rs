@@ -14,7 +14,7 @@ use crate::model::{
     BILATERAL_WORKS, ContactModel, Contacts, DIRECTIONS, Input, Inputs, Motion, PARAMETER_COUNT, Parameters,
     Scene, SegmentDrive, Start, State, VariedParameters, unpacked,
 };
-use crate::number::{Instructions, LaneKernel, LaneTask, Lanes, Real, dispatch_four_lanes};
+use crate::number::{Instructions, LaneKernel, LaneTask, Lanes, Real, call_four_lanes, task};
 use crate::stepping::{
     Grid, Options, POLL, Segment, Selection, Span, Steps, Summaries, Summary, SummaryInstant, reserved,
 };
@@ -90,7 +90,7 @@ pub fn sensitivities(
 ) -> Result<Option<Derivatives>> {
     let ends = &ends(scene, options, interrupted)?;
     let request = Request { scene, options, start, ends, directions, wanted, interrupted };
-    dispatch_four_lanes(options.simd, request).flatten()
+    call_four_lanes(options.simd.require()?, request)
 }
 
 /// The ends of free steps, from the run itself. Refuses scenes whose derivatives are not computed.
@@ -229,24 +229,13 @@ impl<R: Lanes> Sink<'_, R> {
     }
 }
 
-struct Take<'a, 's, R> {
-    sink: &'a mut Sink<'s, R>,
-    system: &'a RunDualSystem<R>,
-    time: f64,
-    now: &'a Evaluation<RunDual<R>>,
-    y: &'a States<RunDual<R>>,
-}
-
-impl<R: Lanes> LaneTask<R> for Take<'_, '_, R> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { sink, system, time, now, y } = self;
-        match sink {
-            Sink::Rows(rows) => rows.take(system, now, y),
-            Sink::Ends(ends) => ends.take(time, now),
-        }
+task! {
+    ['a, 's, R: Lanes]
+    Take<'a, 's, R>(sink: &'a mut Sink<'s, R>, system: &'a RunDualSystem<R>, time: f64, y: &'a States<RunDual<R>>,
+        now: &'a Evaluation<RunDual<R>>)
+    for R => () = match sink {
+        Sink::Rows(rows) => rows.take(system, now, y),
+        Sink::Ends(ends) => ends.take(time, now),
     }
 }
 

@@ -8,18 +8,18 @@ use std::borrow::Cow;
 use std::cell::RefCell;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use rayon::ThreadPool;
+use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::driver::simulate::lone_run;
-use crate::driver::threads::{share, waiting};
+use crate::driver::threads::share;
 use crate::driver::{RunsInLanes, require_valid};
 use crate::error::{Error, Result, require, require_at_most};
-use crate::formulation::System;
+use crate::formulation::{Contact, System};
 use crate::model::{ContactModel, Held, Motion, Rule, Scene, State};
 use crate::number::MOST;
 use crate::stepping::{
-    Finished, Grid, Instant, LaneContact, MOST_STEPS, Options, Recorder, Run, RunQueue, Span, Status, Steps,
-    Taken, round_off,
+    ContactRun, Finished, Grid, Instant, LaneContact, MOST_STEPS, Options, Recorder, Run, RunQueue, Span,
+    Status, Steps, Taken, round_off,
 };
 
 /// Runs that are stepped from outside.
@@ -28,7 +28,7 @@ pub struct Simulator {
     environments: Vec<Environment>,
     /// The runs in the period that is computed now.
     runs: Vec<PeriodRun>,
-    /// Threads beside the caller's, if there are any.
+    /// Threads beside the caller's that wait for work, if there are any: periods take microseconds.
     pool: Option<ThreadPool>,
 }
 
@@ -53,17 +53,18 @@ impl Simulator {
         };
         let guard = scenes.iter().any(|scene| options.may_be_unstable(scene));
         let how = Stepping { options: Options { guard, ..options.clone() }, dt, period };
-        let mut environments = Vec::with_capacity(scenes.len());
-        for (run, scene) in scenes.into_iter().enumerate() {
-            let mut environment = Environment::new(scene);
-            let (start, check) = environment.start.clone();
-            environment.begin((&start, check), &how).map_err(|error| error.of_run(run))?;
-            environments.push(environment);
+        let mut environments: Vec<_> = scenes.into_iter().map(Environment::new).collect();
+        for (run, environment) in environments.iter_mut().enumerate() {
+            environment.begin(None, &how).map_err(|error| error.of_run(run))?;
         }
         let runs = environments.iter().map(|_| PeriodRun::default()).collect();
         // More threads than vectors of lanes have nothing to do.
         let threads = threads.min(environments.len().div_ceil(MOST));
-        let pool = (threads > 1).then(|| waiting(threads - 1)).transpose()?;
+        let pool = || {
+            let pool = ThreadPoolBuilder::new().num_threads(threads - 1).build();
+            pool.map_err(|error| Error::Threads { threads, reason: error.to_string() })
+        };
+        let pool = (threads > 1).then(pool).transpose()?;
         Ok(Self { how, environments, runs, pool })
     }
 
@@ -90,9 +91,7 @@ impl Simulator {
     /// Puts a run back to its start, or to the start of another run from `state`. There is no external force
     /// from outside then. `check` says whether a state off the constraints is refused.
     pub fn reset(&mut self, run: usize, state: Option<(&State, bool)>) -> Result {
-        let environment = &mut self.environments[run];
-        let (start, check) = environment.start.clone();
-        environment.begin(state.unwrap_or((&start, check)), &self.how)
+        self.environments[run].begin(state, &self.how)
     }
 
     /// Goes on from a state, at its time. The run's end and the external force stay.
@@ -229,8 +228,11 @@ impl Environment {
         Self { scene, start, force: [0.0; 3], span, origin: time, periods: 0, until: time, observed }
     }
 
-    /// Puts the run at its start. Refuses a start that a run refuses, and steps that are too many or too short.
-    fn begin(&mut self, (start, check): (&State, bool), how: &Stepping) -> Result {
+    /// Puts the run at its own start or at another one. Refuses a start that a run refuses, and steps that are too many
+    /// or too short.
+    fn begin(&mut self, start: Option<(&State, bool)>, how: &Stepping) -> Result {
+        let own = self.start.clone();
+        let (start, check) = start.unwrap_or((&own.0, own.1));
         let Self { scene, .. } = self;
         let span = Span::new(&scene.inputs, start, scene.duration)?;
         let first = Span { end: span.end.min(span.start + how.period), ..span };
@@ -302,10 +304,10 @@ fn multipliers(scene: &Scene, Stepping { options, dt, .. }: &Stepping) -> Result
     let State { time, motion, .. } = scene.initial;
     let mut drive = scene.inputs.segment(time);
     if options.contact == ContactModel::Unilateral {
-        if scene.initial.contact.is_none() {
+        let Some(row) = &scene.initial.contact else {
             return LaneContact::first_multipliers(instructions, options, scene, drive, *dt);
-        }
-        LaneContact::new(instructions, options, scene)?.run.put_into(&mut drive.contacts, 0);
+        };
+        ContactRun::new(Contact::of_row(row)?).put_into(&mut drive.contacts, 0);
     }
     let y = equations.begin(&motion);
     Ok(equations.evaluate(&drive, 0.0, &y).multipliers)

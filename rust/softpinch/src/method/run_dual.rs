@@ -323,13 +323,8 @@ impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Newton<Radau5, Pair, T> {
 #[inline(always)]
 fn weighted<R: Lanes>(h: f64, of: &Stages<R>) -> Stages<R> {
     let mut sums = [[RunDual::zero(); MAX_COMPONENTS]; 3];
-    for i in 0..3 {
-        for j in 0..3 {
-            let weight = R::constant(h * radau5::A[i][j]);
-            for n in 0..MAX_COMPONENTS {
-                add_scaled(&mut sums[i][n], weight, &of[j][n]);
-            }
-        }
+    for (sum, weights) in sums.iter_mut().zip(&radau5::A) {
+        plus(sum, of, weights, h);
     }
     sums
 }

@@ -167,13 +167,9 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         let saved_instant = Some(Instant::start(initial));
         let first_times = [f64::NAN; VIOLATIONS.len()];
         let contact = if self.unilateral {
-            let contact = match kept {
-                Some(mut kept) => {
-                    kept.restart(self.options, &scene)?;
-                    kept
-                }
-                None => Box::new(LaneContact::new(self.instructions, self.options, &scene)?),
-            };
+            let new = || Box::new(LaneContact::new(self.instructions, self.options, &scene));
+            let mut contact = kept.unwrap_or_else(new);
+            contact.restart(self.options, &scene)?;
             contact.run.put_into(&mut self.drive.contacts, lane);
             self.queue.recorder.start = Some((initial.time, contact.run.modes()));
             Some(contact)
@@ -275,7 +271,8 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
     #[inline(always)]
     fn begin(&mut self, system: &impl System<R>, changed: Bits, y: &mut States<R>) {
         let round_off;
-        (self.limits, self.half_width, round_off) = R::call(self.instructions, Numbers(&self.parameters()));
+        (self.limits, self.half_width, round_off) =
+            R::call(self.instructions, Numbers { source: &self.parameters() });
         let start = system.begin(&self.start);
         for (number, initial) in y.iter_mut().zip(start) {
             *number = R::select(changed, initial, *number);
@@ -501,26 +498,18 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
     }
 }
 
-/// Computes the data of the lanes that depend on the parameters of their runs: the limits, half the width of the object,
-/// and an energy that is round-off for the tips. They change only when a run does, so the code is called, not inlined.
-struct Numbers<'a>(&'a LaneParameters<'a>);
-
-impl<R: Lanes> LaneTask<R> for Numbers<'_> {
-    type Output = (Limits<R>, R, R);
-
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        let energy = |p: &Parameters| -> f64 {
-            let own = |i: usize| {
-                let radius = p.tips[i].radius;
-                (ROUND_OFF * radius).powi(2) * (p.modulus(i) * radius)
-            };
-            own(0) + own(1)
+task! {
+    /// Computes the data of the lanes that depend on the parameters of their runs: the limits, half the width of the
+    /// object, and an energy that is round-off for the tips. They change only when a run does, so the code is called.
+    ['a, R: Lanes] Numbers<'a>(source: &'a LaneParameters<'a>) for R => (Limits<R>, R, R) = {
+        let of_tip = |p: &Parameters, i: usize| {
+            let radius = p.tips[i].radius;
+            (ROUND_OFF * radius).powi(2) * (p.modulus(i) * radius)
         };
-        (Limits::new(self.0), self.0.number(|p| 0.5 * p.grasped.width), self.0.number(energy))
+        let energy = source.number(|p| of_tip(p, 0) + of_tip(p, 1));
+        (Limits::new(source), source.number(|p| 0.5 * p.grasped.width), energy)
     }
 }
-
 task! {
     /// Computes the velocity jumps as if an impulse acted in all lanes.
     ['a, R: Lanes, S: System<R>]

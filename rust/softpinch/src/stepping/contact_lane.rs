@@ -53,9 +53,10 @@ pub struct Moment<'a> {
 }
 
 impl LaneContact {
-    pub fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Result<Self> {
+    /// Contacts that are restarted before they are used.
+    pub fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Self {
         let still = || Segment { anchor: 0.0, drive: SegmentDrive::still() };
-        let mut contact = Self {
+        Self {
             instructions,
             run: ContactRun::new([Contact::touching(); 2]),
             steps: LoneSteps::new(instructions, options, scene),
@@ -67,9 +68,7 @@ impl LaneContact {
             fresh: false,
             free_time: 0.0,
             counted: 0.0,
-        };
-        contact.restart(options, scene)?;
-        Ok(contact)
+        }
     }
 
     /// Puts the contacts at the start of a run with the same parameters and options, whose equations are kept.
@@ -95,7 +94,8 @@ impl LaneContact {
         drive: SegmentDrive,
         h: f64,
     ) -> Result<[f64; 4]> {
-        let mut contact = Self::new(instructions, options, scene)?;
+        let mut contact = Self::new(instructions, options, scene);
+        contact.restart(options, scene)?;
         let State { time, motion, .. } = &scene.initial;
         contact.enter(*time, drive);
         let y = contact.steps.system.begin(motion);
