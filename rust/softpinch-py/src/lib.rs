@@ -36,8 +36,9 @@ use softpinch::formulation::FORMULATIONS;
 use softpinch::method::METHODS;
 use softpinch::model::start;
 use softpinch::model::{
-    CONTACT_MODELS, CONTACT_MODES, FINGERS, Finger, Fingertip, Friction, GraspedObject, Law, MEASURES,
-    Mechanism, Motion, Noise, Parameters, PidGains, Rule, Side, Stabilization, Surroundings, parameter_table,
+    CONTACT_MODELS, CONTACT_MODES, FINGERS, Finger, Fingertip, Friction, Geometry, GraspedObject, Law,
+    MEASURES, Mechanism, Motion, Noise, Parameters, PidGains, Rule, Side, Stabilization, Surroundings,
+    parameter_table,
 };
 use softpinch::number::{LEVELS, Level};
 use softpinch::stepping::{MAX_STEPS, RECORDABLE, STATUSES, SUMMARIES, UNITS, VIOLATIONS};
@@ -133,7 +134,7 @@ fn residuals<'py>(
     let (q, p) = (columns::<9>("q", &q)?, columns::<9>("p", &p)?);
     require(q.len() == p.len(), || format!("q has {} rows and p has {}: must be equal", q.len(), p.len()))?;
     let residuals = |(q, p): ([f64; 9], [f64; 9])| {
-        softpinch::analysis::evaluate::residuals(&parameters.0, &q.into(), &p.into())
+        Geometry::<f64>::of_scene(&parameters.0, &q.into(), &p.into()).residuals()
     };
     rows(py, q.into_iter().zip(p).map(residuals).collect())
 }

@@ -1,7 +1,7 @@
 //! The step loops of many runs in lanes, compiled for each SIMD level.
 
 use crate::error::Result;
-use crate::method::{AnyMethod, MakeInLanes, Method, Rk4, Runs};
+use crate::method::{MakeInLanes, Method, Rk4, Runs};
 use crate::model::Scene;
 use crate::number::{Instructions, LaneKernel, Lanes, call_four_lanes, dispatch_lanes};
 use crate::stepping::{AdaptiveSteps, EqualSteps, GridOf, LoopSetup, Options, RunQueue, Steps};
@@ -33,6 +33,9 @@ impl LaneKernel for RunsInLanes<'_> {
         let Self { queue, grid, options, scene } = self;
         let choice = options.choice(&scene.inputs);
         let setup = LoopSetup { instructions, options, choice, queue };
+        let method = options.method;
+        let make = |runs: Runs<'_>, system: &_| R::call(instructions, MakeInLanes { method, runs, system });
+        let build = |runs: Runs<'_>| runs.with_method(make);
         let computed = match (options.steps, options.method) {
             // A step of RK4 is so short that a call would take 3 % of it.
             (Steps::Fixed(_), Method::Rk4) => {
@@ -40,17 +43,10 @@ impl LaneKernel for RunsInLanes<'_> {
                 let build = move |runs: Runs<'_>| (runs.system::<R>(), method);
                 R::call(instructions, EqualSteps { setup, grid, build })
             }
-            (Steps::Fixed(_), method @ (Method::Dop853 | Method::Rosenbrock)) => {
-                let build = |runs: Runs<'_>| {
-                    let system = runs.system();
-                    let method = R::call(instructions, MakeInLanes { method, runs, system: &system });
-                    (system, method as AnyMethod<R>)
-                };
+            (Steps::Fixed(_), Method::Dop853 | Method::Rosenbrock) => {
                 R::call(instructions, EqualSteps { setup, grid, build })
             }
-            (Steps::Free { tolerance }, method @ (Method::Dop853 | Method::Rosenbrock)) => {
-                let build =
-                    |runs: Runs<'_>, system: &_| R::call(instructions, MakeInLanes { method, runs, system });
+            (Steps::Free { tolerance }, Method::Dop853 | Method::Rosenbrock) => {
                 R::call(instructions, AdaptiveSteps { setup, tolerance, build })
             }
             // Lanes of a method that iterates would wait for each other.

@@ -95,13 +95,15 @@ pub fn sensitivities(
 
 /// The ends of free steps, from the run itself. Refuses scenes whose derivatives are not computed.
 fn ends(scene: &Scene, options: &Options, interrupted: &dyn Fn() -> bool) -> Result<Vec<f64>> {
+    let refused = |allowed: &str| {
+        let (name, allowed) = ("of this scene".to_owned(), allowed.to_owned());
+        Err(Error::Unknown { field: "sensitivities", name, allowed })
+    };
     if options.contact != ContactModel::Bilateral || scene.inputs.sampled().is_some() {
-        let allowed = "those with contact = \"bilateral\" and without a SampledController".to_owned();
-        return Err(Error::Unknown { field: "sensitivities", name: "of this scene".to_owned(), allowed });
+        return refused("those with contact = \"bilateral\" and without a SampledController");
     }
     if !scene.parameters.has_the_papers_parts() {
-        let allowed = "those of rotary fingers, parallel faces and the law (5)".to_owned();
-        return Err(Error::Unknown { field: "sensitivities", name: "of this scene".to_owned(), allowed });
+        return refused("those of rotary fingers, parallel faces and the law (5)");
     }
     match &options.steps {
         Steps::Fixed(_) => Ok(Vec::new()),

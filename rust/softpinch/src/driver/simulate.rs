@@ -229,7 +229,9 @@ fn run<'a>(scene: &Scene, options: &'a Options, grid: &GridOf<'_>, queue: RunQue
     let choice = options.choice(&scene.inputs);
     let setup = LoopSetup { instructions, options, choice, queue };
     if let Steps::Free { tolerance } = options.steps {
-        return f64::call(instructions, AdaptiveSteps { setup, tolerance, build: adaptive(options.method)? });
+        let make = adaptive(options.method)?;
+        let build = |runs: Runs<'_>| runs.with_method(make);
+        return f64::call(instructions, AdaptiveSteps { setup, tolerance, build });
     }
     // Only what was measured to pay is inlined (docs/what-a-scene-pays.md).
     if options.method == Method::Rk4
@@ -249,10 +251,6 @@ fn run<'a>(scene: &Scene, options: &'a Options, grid: &GridOf<'_>, queue: RunQue
             f64::call(instructions, EqualSteps { setup, grid, build })
         });
     }
-    let build = |runs: Runs<'_>| {
-        let system = runs.system();
-        let method = (options.method.entry().alone)(runs, &system);
-        (system, method)
-    };
+    let build = |runs: Runs<'_>| runs.with_method(options.method.entry().alone);
     f64::call(instructions, EqualSteps { setup, grid, build })
 }

@@ -90,8 +90,7 @@ impl<R: Lanes> RunDualMethod<R> {
             runs: Runs<'_>,
             method: impl Fn(Runs<'_>, &SceneEquations<f64>) -> Called<M>,
         ) -> RunDualMethod<R> {
-            let system = runs.system();
-            let method = Box::new(method(runs, &system));
+            let (system, method) = runs.with_method(|runs, system| Box::new(method(runs, system)));
             RunDualMethod::Solved(Box::new(Solved { method, system, drive: SegmentDrive::still() }))
         }
         match method {

@@ -155,19 +155,27 @@ pub struct Runs<'a> {
 
 impl Runs<'_> {
     pub fn system<R: Lanes>(&self) -> SceneEquations<R> {
-        let Self { instructions, choice, parameters, gains } = *self;
-        SceneEquations::new(instructions, choice, &parameters, gains)
+        SceneEquations::new(self.instructions, self.choice, &self.parameters, self.gains)
+    }
+
+    /// Builds the equations, and a method for them.
+    #[inline(always)]
+    pub fn with_method<R: Lanes, M>(
+        self,
+        make: impl FnOnce(Self, &SceneEquations<R>) -> M,
+    ) -> (SceneEquations<R>, M) {
+        let system = self.system();
+        let method = make(self, &system);
+        (system, method)
     }
 
     /// Builds the same equations in dual numbers with `W` directions.
     pub fn tangent<R: Lanes, const W: usize>(&self) -> Tangent<R, W> {
-        let Self { instructions, choice, parameters, gains } = *self;
-        Tangent::new(instructions, choice, &parameters, gains)
+        Tangent::new(self.instructions, self.choice, &self.parameters, self.gains)
     }
 
     /// Builds them anew.
     pub fn renew<R: Lanes, const W: usize>(&self, tangent: &mut Tangent<R, W>) {
-        let Self { instructions, choice, parameters, gains } = *self;
-        tangent.renew(instructions, choice, &parameters, gains);
+        tangent.renew(self.instructions, self.choice, &self.parameters, self.gains);
     }
 }

@@ -25,7 +25,7 @@ pub struct AdaptiveSteps<'a, B> {
 impl<R, B> LaneTask<R> for AdaptiveSteps<'_, B>
 where
     R: Lanes,
-    B: FnOnce(Runs<'_>, &SceneEquations<R>) -> AnyAdaptiveMethod<R>,
+    B: FnOnce(Runs<'_>) -> (SceneEquations<R>, AnyAdaptiveMethod<R>),
 {
     type Output = Result;
 
@@ -47,13 +47,8 @@ where
         for lane in 0..R::WIDTH {
             lanes.load(lane)?;
         }
-        let both = |runs: Runs<'_>| {
-            let system = runs.system();
-            let method = build(runs, &system);
-            (system, method)
-        };
         let mut y = [zero; MAX_COMPONENTS];
-        let (system, mut method) = lanes.batch.build(both, &mut y);
+        let (system, mut method) = lanes.batch.build(build, &mut y);
         let mut start = StepStart { system, y, now: Evaluation::nothing(), sizes: Sizes::new(tolerance) };
         lanes.size(R::ALL, &mut start);
         let (mut next, mut end_state, mut corrected) = ([zero; MAX_COMPONENTS], Evaluation::nothing(), None);

@@ -70,9 +70,8 @@ pub struct LoneSteps {
 
 impl LoneSteps {
     pub fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Self {
-        let runs = options.runs(instructions, scene);
-        let system = runs.system();
-        let method = (options.method.entry().alone)(runs, &system);
+        let make = options.method.entry().alone;
+        let (system, method) = options.runs(instructions, scene).with_method(make);
         Self { system, method: LoneMethod { method, start: None, stats: Stats::default() } }
     }
 }
