@@ -317,12 +317,7 @@ class RestScene:
         values_before: _Floats,
         start: _Floats,
     ) -> dict[str, Any]: ...
-    def wrench_limits(
-        self, q: _Floats, wrenches: _Floats
-    ) -> tuple[_Floats, list[str], _Floats]: ...
-    def carry_limits(
-        self, q: _Floats, accelerations: _Floats
-    ) -> tuple[_Floats, list[str], _Floats]: ...
+    def limits(self, q: _Floats, loads: _Floats) -> tuple[_Floats, list[str], _Floats]: ...
 
 def linearize(
     parameters: _Floats,

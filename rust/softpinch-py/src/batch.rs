@@ -52,6 +52,8 @@ pub struct Batch {
     duration: Vec<f64>,
     pub runs: usize,
     pub options: Options,
+    /// Advice for steps that are too long for the gains of the stabilisation, in any run.
+    #[pyo3(get)]
     warning: Option<String>,
 }
 
@@ -171,12 +173,6 @@ impl Batch {
         batch.warning = stability_warning(&batch.options, longest);
         batch.options.guard = guard;
         Ok(batch)
-    }
-
-    /// Advice for steps that are too long for the gains of the stabilisation, in any run.
-    #[getter]
-    fn warning(&self) -> Option<String> {
-        self.warning.clone()
     }
 
     /// Whether the steps of any run may be beyond the stability limit of the method, by a bound on the rates.

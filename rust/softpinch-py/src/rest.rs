@@ -71,23 +71,6 @@ impl RestScene {
             "violations": names.map(|(name, _)| name).collect::<Vec<_>>(),
         }))
     }
-
-    /// The largest multiples of loads that the equilibrium at the coordinates `q` bears.
-    fn limits<'py>(&self, py: Python<'py>, q: &[f64; 9], loads: Vec<Load>) -> PyResult<Limits<'py>> {
-        let z = unknowns(q);
-        let member = Member::From(self.0.origin(&z));
-        let rest = Rest::solve(&self.0, &member, &z)
-            .ok_or_else(|| PyValueError::new_err("q: the forces do not balance there"))?;
-        let limits = loads.into_iter().map(|load| largest_multiple(&self.0, &rest, load));
-        let found = computed(py, "the limits, in numbers,", limits)?;
-        let multiples = found.iter().map(|(multiple, ..)| *multiple);
-        let names = found.iter().map(|(_, limit, _)| limit.name());
-        Ok((
-            PyArray1::from_iter(py, multiples),
-            names.collect(),
-            rows(py, found.iter().map(|(.., q)| q.row()).collect())?,
-        ))
-    }
 }
 
 #[pymethods]
@@ -130,25 +113,26 @@ impl RestScene {
         self.result(py, continued((&before.0, &first), &unknowns(&start), (&self.0, &last)))
     }
 
-    /// For each wrench (n, 3) the largest multiple that the equilibrium at the coordinates `q` bears (n,), the names of
-    /// the limits, and the coordinates there (n, 9).
-    fn wrench_limits<'py>(
-        &self,
-        py: Python<'py>,
-        q: [f64; 9],
-        wrenches: GivenRows<'py>,
-    ) -> PyResult<Limits<'py>> {
-        self.limits(py, &q, columns::<3>("wrenches", &wrenches)?.into_iter().map(Load::Wrench).collect())
-    }
-
-    /// The same for accelerations of the hand along fixed axes (n, 2), m/s^2.
-    fn carry_limits<'py>(
-        &self,
-        py: Python<'py>,
-        q: [f64; 9],
-        accelerations: GivenRows<'py>,
-    ) -> PyResult<Limits<'py>> {
-        let rows = columns::<2>("accelerations", &accelerations)?;
-        self.limits(py, &q, rows.into_iter().map(Load::Acceleration).collect())
+    /// For each load the largest multiple that the equilibrium at the coordinates `q` bears (n,), the names of the limits,
+    /// and the coordinates there (n, 9). Loads are wrenches (n, 3), or accelerations of the hand along fixed axes (n, 2).
+    fn limits<'py>(&self, py: Python<'py>, q: [f64; 9], loads: GivenRows<'py>) -> PyResult<Limits<'py>> {
+        let z = unknowns(&q);
+        let loads: Vec<_> = if loads.as_array().ncols() == 3 {
+            columns("wrenches", &loads)?.into_iter().map(Load::Wrench).collect()
+        } else {
+            columns("accelerations", &loads)?.into_iter().map(Load::Acceleration).collect()
+        };
+        let member = Member::From(self.0.origin(&z));
+        let rest = Rest::solve(&self.0, &member, &z)
+            .ok_or_else(|| PyValueError::new_err("q: the forces do not balance there"))?;
+        let limits = loads.into_iter().map(|load| largest_multiple(&self.0, &rest, load));
+        let found = computed(py, "the limits, in numbers,", limits)?;
+        let multiples = found.iter().map(|(multiple, ..)| *multiple);
+        let names = found.iter().map(|(_, limit, _)| limit.name());
+        Ok((
+            PyArray1::from_iter(py, multiples),
+            names.collect(),
+            rows(py, found.iter().map(|(.., q)| q.row()).collect())?,
+        ))
     }
 }

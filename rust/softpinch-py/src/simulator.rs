@@ -53,18 +53,20 @@ impl Simulator {
             )),
         }
     }
-}
 
-impl Runs {
-    fn require(&self, run: usize) -> PyResult<usize> {
-        let runs = self.core.runs();
+    /// The runs, if there is one of this number.
+    fn with(&self, run: usize) -> PyResult<MutexGuard<'_, Runs>> {
+        let all = self.runs()?;
+        let runs = all.core.runs();
         if run < runs {
-            Ok(run)
+            Ok(all)
         } else {
             Err(PyIndexError::new_err(format!("run {run}: there are only {runs} runs")))
         }
     }
+}
 
+impl Runs {
     fn advance(&mut self, py: Python<'_>, accelerations: &[[f64; 2]]) -> PyResult<()> {
         let Self { core, targets } = self;
         let done = detached(py, |stops| core.step(targets, accelerations, stops))?;
@@ -101,10 +103,9 @@ impl Runs {
         Ok(())
     }
 
-    fn observation<'py>(&self, py: Python<'py>, run: usize) -> PyResult<Observation<'py>> {
-        let Observed { t, motion: Motion { q, p, .. }, multipliers, status, .. } =
-            self.core.observed(self.require(run)?);
-        Ok((*t, q.row().to_pyarray(py), p.row().to_pyarray(py), multipliers.to_pyarray(py), code(*status)))
+    fn observation<'py>(&self, py: Python<'py>, run: usize) -> Observation<'py> {
+        let Observed { t, motion: Motion { q, p, .. }, multipliers, status, .. } = self.core.observed(run);
+        (*t, q.row().to_pyarray(py), p.row().to_pyarray(py), multipliers.to_pyarray(py), code(*status))
     }
 }
 
@@ -148,7 +149,7 @@ impl Simulator {
         let mut runs = self.runs()?;
         runs.targets.fill([right, left]);
         runs.advance(py, acceleration.as_slice())?;
-        runs.observation(py, 0)
+        Ok(runs.observation(py, 0))
     }
 
     /// Steps all runs that have not ended by one period, with these accelerations of the hands, and writes what is seen.
@@ -173,7 +174,7 @@ impl Simulator {
 
     /// What was last seen of a run.
     fn observation<'py>(&self, py: Python<'py>, run: usize) -> PyResult<Observation<'py>> {
-        self.runs()?.observation(py, run)
+        Ok(self.with(run)?.observation(py, run))
     }
 
     /// Writes what was last seen of all runs.
@@ -183,44 +184,36 @@ impl Simulator {
 
     /// The status of a run in words; empty if it goes on or has reached its end.
     fn message(&self, run: usize) -> PyResult<String> {
-        let runs = self.runs()?;
-        Ok(runs.core.observed(runs.require(run)?).message.clone())
+        Ok(self.with(run)?.core.observed(run).message.clone())
     }
 
     /// The end of the last period of a run, s.
     fn end(&self, run: usize) -> PyResult<f64> {
-        let runs = self.runs()?;
-        Ok(runs.core.end(runs.require(run)?))
+        Ok(self.with(run)?.core.end(run))
     }
 
     /// The present state of a run.
     fn state<'py>(&self, py: Python<'py>, run: usize) -> PyResult<StateParts<'py>> {
-        let runs = self.runs()?;
-        let State { time, motion: Motion { q, p, memory }, grid, contact, .. } =
-            runs.core.state(runs.require(run)?);
+        let runs = self.with(run)?;
+        let State { time, motion: Motion { q, p, memory }, grid, contact, .. } = runs.core.state(run);
         let contact = contact.as_ref().map(|row| row.to_pyarray(py));
         Ok((*time, q.row().to_pyarray(py), p.row().to_pyarray(py), *memory, *grid, contact))
     }
 
     /// Puts a run back to its start, or to the start of another run.
     fn reset(&self, run: usize, state: Option<GivenState>) -> PyResult<()> {
-        let mut runs = self.runs()?;
-        let run = runs.require(run)?;
         let state = state.map(given);
-        runs.core.reset(run, state.as_ref().map(|(state, check)| (state, *check))).map_err(raise)
+        self.with(run)?.core.reset(run, state.as_ref().map(|(state, check)| (state, *check))).map_err(raise)
     }
 
     /// Goes on from a state.
     fn set_state(&self, run: usize, state: GivenState) -> PyResult<()> {
-        let mut runs = self.runs()?;
-        let (run, (state, check)) = (runs.require(run)?, given(state));
-        runs.core.set_state(run, (&state, check)).map_err(raise)
+        let (state, check) = given(state);
+        self.with(run)?.core.set_state(run, (&state, check)).map_err(raise)
     }
 
     /// Sets the external force and moment of a run.
     fn set_force(&self, run: usize, force: [f64; 3]) -> PyResult<()> {
-        let mut runs = self.runs()?;
-        let run = runs.require(run)?;
-        runs.core.set_force(run, force).map_err(raise)
+        self.with(run)?.core.set_force(run, force).map_err(raise)
     }
 }

@@ -9,6 +9,7 @@ use crate::model::energy;
 use crate::model::{
     BILATERAL_WORKS, ContactModel, Energies, Motion, Parameters, Scene, SegmentDrive, Source, WORKS, apart,
 };
+use crate::number::real::inlined;
 use crate::number::{Bits, Instructions, LaneTask, Lanes, MOST, each, task};
 use crate::stepping::ending::{after_violation, unstable};
 use crate::stepping::instant::{energies, put_motion};
@@ -527,24 +528,16 @@ pub trait LoopSystem<R: Lanes>: System<R> {
 }
 
 impl<R: Lanes> LoopSystem<R> for SceneEquations<R> {
-    #[inline(always)]
-    fn called(&self) -> &SceneEquations<R> {
-        self
-    }
-
-    #[inline(always)]
-    fn renew(&mut self, runs: Runs<'_>) {
-        *self = runs.system();
+    inlined! {
+        called(&self) -> &SceneEquations<R> = self;
+        renew(&mut self, runs: Runs<'_>) -> () = *self = runs.system();
     }
 }
 
 impl<E: Equations<f64>, const DRIVEN: bool> LoopSystem<f64> for Inlined<'_, f64, E, DRIVEN> {
-    #[inline(always)]
-    fn called(&self) -> &SceneEquations<f64> {
-        self.called
+    inlined! {
+        called(&self) -> &SceneEquations<f64> = self.called;
+        /// The equations are those of a single run, whose loop has no other one.
+        renew(&mut self, _runs: Runs<'_>) -> () = ();
     }
-
-    /// The equations are those of a single run, whose loop has no other one.
-    #[inline(always)]
-    fn renew(&mut self, _: Runs<'_>) {}
 }
