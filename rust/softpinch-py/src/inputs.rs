@@ -114,7 +114,7 @@ impl Inputs {
         let inputs = Self {
             schedule: piecewise("schedule", &schedule)?,
             forces: forces
-                .map(|(k, force)| piecewise(&format!("forces[{k}]"), force))
+                .map(|(k, own)| piecewise(&format!("forces[{k}]"), own))
                 .collect::<PyResult<_>>()?,
             sines: sines.iter().map(|rows| part("sines", rows, sinusoid)).collect::<PyResult<_>>()?,
             impulses: impulses.iter().map(|rows| part("impulses", rows, impulse)).collect::<PyResult<_>>()?,

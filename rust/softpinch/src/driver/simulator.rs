@@ -237,7 +237,11 @@ impl Environment {
         let span = Span::new(&scene.inputs, start, scene.duration)?;
         let first = Span { end: span.end.min(span.start + how.period), ..span };
         Grid::over(&scene.inputs, start, first, how.dt, how.options.refine)?;
-        require_periods(span, how.period)?;
+        // There may not be more periods than a run can be divided into, and the clock must resolve them.
+        let (needed, what) = ((span.end - span.start) / how.period, "the periods (duration / period)");
+        require_at_most(what, needed, MOST_STEPS, "lengthen the period or shorten the run")?;
+        let rule = "must be more than round-off of the times of the run";
+        require(how.period > round_off(span.start, span.end), "period", how.period, rule)?;
         self.place((start, check), span, how)?;
         (self.origin, self.periods, self.force) = (start.time, 0, [0.0; 3]);
         Ok(())
@@ -288,15 +292,6 @@ impl Environment {
     }
 }
 
-/// Refuses more periods than a run can be divided into, and periods that the clock does not resolve.
-fn require_periods(Span { start, end }: Span, period: f64) -> Result {
-    let needed = (end - start) / period;
-    let what = "the periods (duration / period)";
-    require_at_most(what, needed, MOST_STEPS, "lengthen the period or shorten the run")?;
-    let rule = "must be more than round-off of the times of the run";
-    require(period > round_off(start, end), "period", period, rule)
-}
-
 /// The multipliers at the initial state of a scene.
 fn multipliers(scene: &Scene, Stepping { options, dt, .. }: &Stepping) -> Result<[f64; 4]> {
     let instructions = options.simd.require()?;
@@ -305,7 +300,7 @@ fn multipliers(scene: &Scene, Stepping { options, dt, .. }: &Stepping) -> Result
     let mut drive = scene.inputs.segment(time);
     if options.contact == ContactModel::Unilateral {
         let Some(row) = &scene.initial.contact else {
-            return LaneContact::first_multipliers(instructions, options, scene, drive, *dt);
+            return LaneContact::first_multipliers(options, scene, drive, *dt);
         };
         ContactRun::new(Contact::of_row(row)?).put_into(&mut drive.contacts, 0);
     }

@@ -222,7 +222,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         let Some(run) = &mut self.runs[lane] else { return };
         let Some(controller) = &mut run.controller else { return };
         let scene = (&*run.scene, run.contact.as_deref());
-        controller.sample(scene, (self.instructions, self.options), t, (now, lane));
+        controller.sample(scene, self.options, t, (now, lane));
     }
 
     #[inline(always)]

@@ -88,13 +88,12 @@ impl LaneContact {
     /// The multipliers at the start of a run, in the modes that the inputs of `drive` choose there. The run itself
     /// chooses its modes when it begins.
     pub fn first_multipliers(
-        instructions: Instructions,
         options: &Options,
         scene: &Scene,
         drive: SegmentDrive,
         h: f64,
     ) -> Result<[f64; 4]> {
-        let mut contact = Self::new(instructions, options, scene);
+        let mut contact = Self::new(options.simd.require()?, options, scene);
         contact.restart(options, scene)?;
         let State { time, motion, .. } = &scene.initial;
         contact.enter(*time, drive);
@@ -328,7 +327,8 @@ impl<R: Lanes, P> LaneBatch<'_, R, P> {
         let bit = 1 << lane;
         for change in &changes {
             if R::WIDTH == 1 {
-                self.queue.recorder.keep_change(*change);
+                let recorder = &mut self.queue.recorder;
+                recorder.intervals.keep_change(&mut recorder.changes, *change);
             }
             let violation = match change.after {
                 Mode::Slip(_) => Violation::Slipping,

@@ -28,15 +28,8 @@ pub struct Place {
 impl Place {
     /// The place at the start of a run, whose first instant is evaluated at the clock `from`.
     pub fn new(grid: Grid, from: u64) -> Self {
-        Self {
-            segment: grid.first,
-            earlier: None,
-            steps_before: 0,
-            arrival: 0,
-            saved_until: from,
-            sampled: None,
-            grid,
-        }
+        let (segment, arrival, steps_before) = (grid.first, 0, 0);
+        Self { grid, segment, earlier: None, steps_before, arrival, saved_until: from, sampled: None }
     }
 
     /// The phase in which a run begins the current segment, once the modes of its contacts are chosen. A run that is resumed

@@ -27,7 +27,7 @@ pub struct Recorder<'a> {
     last_row: Option<f64>,
     pub intervals: Intervals,
     /// The changes of the contacts' modes.
-    changes: Vec<Change>,
+    pub changes: Vec<Change>,
     /// The state of the run's discrete controller at the next row.
     pub controller: Vec<f64>,
     /// The time and the modes at the start of a run with unilateral contact.
@@ -77,10 +77,6 @@ impl<'a> Recorder<'a> {
             Due::Never | Due::Steps { .. } => f64::INFINITY,
             Due::Times(times) => times.first().copied().unwrap_or(f64::INFINITY),
         }
-    }
-
-    pub fn keep_change(&mut self, change: Change) {
-        self.intervals.keep_change(&mut self.changes, change);
     }
 
     /// Records an instant. The error says that there is no memory for it.
