@@ -1,5 +1,7 @@
 //! Arrays, names and results across the border to Python. Every shape is checked here.
 
+use std::convert::Infallible;
+
 use numpy::ndarray::{ArrayView1, Dimension};
 use numpy::{
     Element, PyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray,
@@ -65,6 +67,19 @@ pub fn computed<T: Send>(
 /// Copies a user's array into a vector.
 pub fn entries<T: Element + Copy>(name: &'static str, array: &GivenRow<'_, T>) -> PyResult<Vec<T>> {
     collected(name, array.as_array().iter().copied())
+}
+
+/// A few numbers for Python, which become an array there.
+pub struct Numbers<const N: usize>(pub [f64; N]);
+
+impl<'py, const N: usize> IntoPyObject<'py> for Numbers<N> {
+    type Target = PyArray1<f64>;
+    type Output = Row<'py>;
+    type Error = Infallible;
+
+    fn into_pyobject(self, py: Python<'py>) -> Result<Row<'py>, Infallible> {
+        Ok(self.0.to_pyarray(py))
+    }
 }
 
 /// The parameters of a scene, once they are checked.

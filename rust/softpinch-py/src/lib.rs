@@ -20,8 +20,8 @@ use pyo3::types::{IntoPyDict, PyDict, PyTuple};
 
 use batch::Batch;
 use convert::{
-    GivenRow, GivenRows, Physics, Row, Rows, columns, computed, dictionary, entries, matrix, raise, require,
-    rows,
+    GivenRow, GivenRows, Numbers, Physics, Row, Rows, columns, computed, dictionary, entries, matrix, raise,
+    require, rows,
 };
 use inputs::Inputs;
 use linear::linearize;
@@ -37,7 +37,7 @@ use softpinch::method::METHODS;
 use softpinch::model::start;
 use softpinch::model::{
     CONTACT_MODELS, CONTACT_MODES, FINGERS, Finger, Fingertip, Friction, Geometry, GraspedObject, Law,
-    MEASURES, Mechanism, Motion, Noise, Parameters, PidGains, Rule, Side, Stabilization, Surroundings,
+    MEASURES, Mechanism, Motion, Noise, Parameters, PidGains, Rule, Side, Stabilization, State, Surroundings,
     parameter_table,
 };
 use softpinch::number::{LEVELS, Level};
@@ -84,38 +84,34 @@ fn validate(record: &str, field: &str, value: f64) -> PyResult<()> {
 }
 
 #[pyfunction(name = "start")]
-fn start_state<'py>(py: Python<'py>, parameters: Physics, kind: &str) -> PyResult<Row<'py>> {
+fn start_state(parameters: Physics, kind: &str) -> PyResult<Numbers<9>> {
     let begin = lookup("initial", kind, &batch::STARTS).map_err(raise)?;
-    begin(&parameters.0).map(|q| q.row().to_pyarray(py)).map_err(raise)
+    begin(&parameters.0).map(|q| Numbers(q.row())).map_err(raise)
 }
 
 /// q and p of a start with driven fingers, which are where the schedule has them at `time`.
 #[pyfunction]
-fn start_driven<'py>(
-    py: Python<'py>,
+fn start_driven(
     parameters: Physics,
     inputs: &Inputs,
     time: f64,
     contact: &str,
-) -> PyResult<QandP<'py>> {
+) -> PyResult<(Numbers<9>, Numbers<9>)> {
     let contact = lookup("contact", contact, &CONTACT_MODELS).map_err(raise)?;
     let inputs = inputs.of(0, 0.0).map_err(raise)?;
-    let state = start::driven(&parameters.0, &inputs, time, contact).map_err(raise)?;
-    Ok((state.motion.q.row().to_pyarray(py), state.motion.p.row().to_pyarray(py)))
+    let State { motion, .. } = start::driven(&parameters.0, &inputs, time, contact).map_err(raise)?;
+    Ok((Numbers(motion.q.row()), Numbers(motion.p.row())))
 }
 
-type QandP<'py> = (Row<'py>, Row<'py>);
-
 #[pyfunction]
-fn consistent<'py>(
-    py: Python<'py>,
+fn consistent(
     parameters: Physics,
     pose: [f64; 5],
     shear: [f64; 2],
     velocity: [f64; 5],
-) -> QandP<'py> {
+) -> (Numbers<9>, Numbers<9>) {
     let (q, p) = start::consistent(&parameters.0, &pose, &shear, &velocity);
-    (q.row().to_pyarray(py), p.row().to_pyarray(py))
+    (Numbers(q.row()), Numbers(p.row()))
 }
 
 #[pyfunction]

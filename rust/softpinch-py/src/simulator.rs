@@ -2,12 +2,12 @@
 
 use std::sync::{Mutex, MutexGuard, TryLockError};
 
-use numpy::{PyArrayMethods, ToPyArray};
+use numpy::PyArrayMethods;
 use pyo3::exceptions::{PyIndexError, PyKeyboardInterrupt, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::batch::Batch;
-use crate::convert::{GivenRows, GivenState, Row, Rows, columns, raise, require, room};
+use crate::convert::{GivenRows, GivenState, Numbers, Row, Rows, columns, raise, require, room};
 use crate::signals::detached;
 use crate::simulation::Simulation;
 use softpinch::driver::{Observed, Simulator as Core};
@@ -16,9 +16,9 @@ use softpinch::model::{Motion, State};
 use softpinch::stepping::Status;
 
 /// Time, coordinates, velocities, multipliers and the code of the status.
-type Observation<'py> = (f64, Row<'py>, Row<'py>, Row<'py>, u8);
+type Observation = (f64, Numbers<9>, Numbers<9>, Numbers<4>, u8);
 /// Time, coordinates, velocities, integrals, grid and contacts of a state.
-type StateParts<'py> = (f64, Row<'py>, Row<'py>, [f64; 2], Option<(f64, u64)>, Option<Row<'py>>);
+type StateParts = (f64, Numbers<9>, Numbers<9>, [f64; 2], Option<(f64, u64)>, Option<Numbers<4>>);
 /// Arrays of all runs: times (n,), coordinates (n, 9), velocities (n, 9), multipliers (n, 4) and codes (n,). They
 /// are borrowed once no other thread uses the simulator.
 type Arrays<'py> = (Row<'py>, Rows<'py>, Rows<'py>, Rows<'py>, Row<'py, u8>);
@@ -103,9 +103,9 @@ impl Runs {
         Ok(())
     }
 
-    fn observation<'py>(&self, py: Python<'py>, run: usize) -> Observation<'py> {
+    fn observation(&self, run: usize) -> Observation {
         let Observed { t, motion: Motion { q, p, .. }, multipliers, status, .. } = self.core.observed(run);
-        (*t, q.row().to_pyarray(py), p.row().to_pyarray(py), multipliers.to_pyarray(py), code(*status))
+        (*t, Numbers(q.row()), Numbers(p.row()), Numbers(*multipliers), code(*status))
     }
 }
 
@@ -139,17 +139,17 @@ impl Simulator {
     }
 
     /// Steps the only run by one period, in which its hand may have this acceleration along fixed axes.
-    fn step<'py>(
+    fn step(
         &self,
-        py: Python<'py>,
+        py: Python<'_>,
         right: f64,
         left: f64,
         acceleration: Option<[f64; 2]>,
-    ) -> PyResult<Observation<'py>> {
+    ) -> PyResult<Observation> {
         let mut runs = self.runs()?;
         runs.targets.fill([right, left]);
         runs.advance(py, acceleration.as_slice())?;
-        Ok(runs.observation(py, 0))
+        Ok(runs.observation(0))
     }
 
     /// Steps all runs that have not ended by one period, with these accelerations of the hands, and writes what is seen.
@@ -173,8 +173,8 @@ impl Simulator {
     }
 
     /// What was last seen of a run.
-    fn observation<'py>(&self, py: Python<'py>, run: usize) -> PyResult<Observation<'py>> {
-        Ok(self.with(run)?.observation(py, run))
+    fn observation(&self, run: usize) -> PyResult<Observation> {
+        Ok(self.with(run)?.observation(run))
     }
 
     /// Writes what was last seen of all runs.
@@ -193,11 +193,10 @@ impl Simulator {
     }
 
     /// The present state of a run.
-    fn state<'py>(&self, py: Python<'py>, run: usize) -> PyResult<StateParts<'py>> {
+    fn state(&self, run: usize) -> PyResult<StateParts> {
         let runs = self.with(run)?;
-        let State { time, motion: Motion { q, p, memory }, grid, contact, .. } = runs.core.state(run);
-        let contact = contact.as_ref().map(|row| row.to_pyarray(py));
-        Ok((*time, q.row().to_pyarray(py), p.row().to_pyarray(py), *memory, *grid, contact))
+        let &State { time, motion: Motion { q, p, memory }, grid, contact, .. } = runs.core.state(run);
+        Ok((time, Numbers(q.row()), Numbers(p.row()), memory, grid, contact.map(Numbers)))
     }
 
     /// Puts a run back to its start, or to the start of another run.

@@ -149,7 +149,7 @@ impl LaneKernel for Request<'_> {
                 }
             };
             let mut method = RunDualMethod::new(runs, options.method);
-            match R::call(instructions, FollowRun(&run, &mut method, &mut sink)) {
+            match R::call(instructions, FollowRun { run: &run, method: &mut method, sink: &mut sink }) {
                 Ok(()) if sink.is_full() => {}
                 Ok(()) => return Ok(None),
                 Err(failure @ Error::NoDerivative { .. }) => {
@@ -345,26 +345,23 @@ struct DifferentiatedRun<'a, R> {
     equations: RunDualEquations<R>,
 }
 
-/// Follows a run with a method until its sink needs no more.
-struct FollowRun<'w, 's, R: Lanes>(
-    &'w DifferentiatedRun<'w, R>,
-    &'w mut RunDualMethod<R>,
-    &'w mut Sink<'s, R>,
-);
+task! {
+    ['w, 's, R: Lanes]
+    FollowRun<'w, 's, R>(run: &'w DifferentiatedRun<'w, R>, method: &'w mut RunDualMethod<R>, sink: &'w mut Sink<'s, R>)
+    for R => Result = run.follow(method, sink)
+}
 
-impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
-    type Output = Result;
-
+impl<R: Lanes> DifferentiatedRun<'_, R> {
+    /// Follows the run with a method until its sink needs no more.
     #[inline(always)]
-    fn run(self) -> Self::Output {
-        let Self(run, method, sink) = self;
-        let (grid, mut ends) = run.times()?;
-        let DifferentiatedRun { request: Request { scene, interrupted, .. }, equations, .. } = run;
+    fn follow(&self, method: &mut RunDualMethod<R>, sink: &mut Sink<'_, R>) -> Result {
+        let (grid, mut ends) = self.times()?;
+        let DifferentiatedRun { request: Request { scene, interrupted, .. }, equations, .. } = self;
         let system = &equations.system;
         let inputs = &scene.inputs;
         let mut segment = grid.first;
-        let mut drive = run.drive(segment.anchor);
-        let mut y = system.begin(&run.start(&drive));
+        let mut drive = self.drive(segment.anchor);
+        let mut y = system.begin(&self.start(&drive));
         let mut next = [RunDual::zero(); MAX_COMPONENTS];
         let mut rate = next;
         let mut steps = 0u64;
@@ -375,10 +372,10 @@ impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
             });
             method.begin(inputs.segment(segment.anchor), linearized);
             let mut tau = RunDual::constant(segment.tau(segment.first));
-            run.visit(segment.start, &drive, (tau, &y), &mut rate, sink);
+            self.visit(segment.start, &drive, (tau, &y), &mut rate, sink);
             // A run that is resumed inside a segment has already had what happens at the start of the segment.
-            if segment.first == 0 && run.pass(segment.start, &drive, &mut y) {
-                rate = run.rates((&drive.at(tau), &drive), &y);
+            if segment.first == 0 && self.pass(segment.start, &drive, &mut y) {
+                rate = self.rates((&drive.at(tau), &drive), &y);
             }
             let mut taken = 0;
             while let Some(times) = next_step(&segment, taken, ends) {
@@ -399,7 +396,7 @@ impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
                         .map_err(|Unsolved { correction, .. }| Error::NoDerivative { time, correction })?;
                     system.correct(&drive, tau + h, &mut next);
                     let Some(row) = row else { break };
-                    run.visit(row, &drive, (tau + h, &next), &mut { rate }, sink);
+                    self.visit(row, &drive, (tau + h, &next), &mut { rate }, sink);
                 }
                 swap(&mut y, &mut next);
                 tau = RunDual::constant(times.tau_end);
@@ -410,32 +407,28 @@ impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
                     return Ok(());
                 }
                 if times.end < segment.end {
-                    run.visit(times.end, &drive, (tau, &y), &mut rate, sink);
+                    self.visit(times.end, &drive, (tau, &y), &mut rate, sink);
                 }
             }
             let Some(later) = grid.after(inputs, &segment).filter(|_| !sink.is_full()) else {
-                run.visit(segment.end, &drive, (tau, &y), &mut rate, sink);
+                self.visit(segment.end, &drive, (tau, &y), &mut rate, sink);
                 return Ok(());
             };
             segment = later;
-            drive = run.drive(segment.anchor);
+            drive = self.drive(segment.anchor);
         }
     }
-}
 
-impl<R: Lanes> DifferentiatedRun<'_, R> {
     /// The segments of the run, and the ends of its steps if these are free.
     fn times(&self) -> Result<(Grid, Option<&[f64]>)> {
-        let Scene { inputs, initial, duration, .. } = self.request.scene;
-        match self.request.options.steps {
-            Steps::Fixed(dt) => {
-                Ok((Grid::new(inputs, initial, *duration, dt, self.request.options.refine)?, None))
-            }
+        let &Request { scene: Scene { inputs, initial, duration, .. }, options, ends, .. } = self.request;
+        match options.steps {
+            Steps::Fixed(dt) => Ok((Grid::new(inputs, initial, *duration, dt, options.refine)?, None)),
             Steps::Free { .. } => {
                 let span = Span::new(inputs, initial, *duration)?;
                 // One step to each segment, of which only the segments count.
                 let initial = &State { grid: None, ..initial.clone() };
-                Ok((Grid::over(inputs, initial, span, f64::INFINITY, 1)?, Some(self.request.ends)))
+                Ok((Grid::over(inputs, initial, span, f64::INFINITY, 1)?, Some(ends)))
             }
         }
     }

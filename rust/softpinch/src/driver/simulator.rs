@@ -300,7 +300,7 @@ fn multipliers(scene: &Scene, Stepping { options, dt, .. }: &Stepping) -> Result
     let mut drive = scene.inputs.segment(time);
     if options.contact == ContactModel::Unilateral {
         let Some(row) = &scene.initial.contact else {
-            return LaneContact::first_multipliers(options, scene, drive, *dt);
+            return LaneContact::multipliers(options, scene, drive, *dt);
         };
         ContactRun::new(Contact::of_row(row)?).put_into(&mut drive.contacts, 0);
     }

@@ -67,7 +67,7 @@ impl<R: Lanes, M: Differentiable<R>> Differentiable<R> for Called<M> {
 }
 
 /// A method as a run with derivatives uses it.
-pub enum RunDualMethod<R: Lanes> {
+pub enum RunDualMethod<R> {
     /// An explicit method takes its steps in dual numbers.
     Explicit(AnyMethod<RunDual<R>>),
     /// A method that solves equations takes its steps in plain numbers.

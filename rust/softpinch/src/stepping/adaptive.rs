@@ -71,7 +71,7 @@ where
                 }
                 if lanes.entering() != 0 {
                     method.restart();
-                    R::call(instructions, Enter(&mut lanes, &mut start));
+                    R::call(instructions, Enter { lanes: &mut lanes, start: &mut start });
                 }
             }
             if lanes.batch.active() == 0 {

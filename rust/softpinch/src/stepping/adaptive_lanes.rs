@@ -60,7 +60,7 @@ impl<R: Lanes> Progress<R> {
     }
 }
 
-pub struct AdaptiveLanes<'a, R: Lanes> {
+pub struct AdaptiveLanes<'a, R> {
     pub batch: LaneBatch<'a, R, Span>,
     pub progress: Progress<R>,
     pub control: StepControl<R>,

@@ -1,4 +1,5 @@
-//! The runs in the lanes of a step loop, and the work of both loops on them: loading, watching and retiring runs.
+//! The source and the destination of the runs of step loops, the runs in the lanes of a loop, and the work of both loops
+//! on them: loading, watching and retiring runs.
 
 use std::borrow::Cow;
 
@@ -17,14 +18,45 @@ use crate::stepping::monitor::explain;
 use crate::stepping::phase::Phases;
 use crate::stepping::summary::RunEnd;
 use crate::stepping::{
-    End, EventResult, Finished, Instant, LaneContact, LaneController, Limits, Moment, Options, Phase,
-    Recordable, Recording, Run, RunQueue, Status, Steps, Summaries, SummaryInstant, SummarySet, Taken,
-    VIOLATIONS, Violation, ViolationSet, all_finite, column, put,
+    End, EventResult, Instant, LaneContact, LaneController, Limits, Moment, Options, Phase, Recordable,
+    Recorder, Recording, Run, Status, Steps, Summaries, SummaryInstant, SummarySet, VIOLATIONS, Violation,
+    ViolationSet, all_finite, column, put,
 };
 
 /// A closure error of the ledger below this share of the energy of gravity, whose zero is arbitrary, is round-off. So is
 /// one below its square times E a^3 of the tips, even if the motion was given no energy at all.
 const ROUND_OFF: f64 = 1e-9;
+
+/// Number of steps or attempts after which a loop asks whether to stop. They take a few milliseconds.
+pub const POLL: u64 = 1 << 12;
+
+/// A run before it begins.
+pub struct Taken<'a> {
+    pub number: usize,
+    pub scene: Cow<'a, Scene>,
+    /// The contacts of an earlier run with the same parameters, if they were kept.
+    pub contact: Option<Box<LaneContact>>,
+}
+
+/// The source and the destination of the runs of a step loop, which is compiled once for all of them.
+pub struct RunQueue<'a> {
+    /// The next run, or `None` if there is none.
+    pub take: &'a mut dyn FnMut() -> Result<Option<Taken<'a>>>,
+    /// Whether the caller wants to stop.
+    pub stops: &'a dyn Fn() -> bool,
+    /// Takes a run that has ended.
+    pub finish: &'a mut dyn FnMut(Finished),
+    /// Records the run of a loop of one lane.
+    pub recorder: Recorder<'a>,
+}
+
+pub struct Finished {
+    pub number: usize,
+    /// The run, which the loop itself does not record.
+    pub run: Run,
+    /// Its contacts, in unilateral contact.
+    pub contact: Option<Box<LaneContact>>,
+}
 
 /// What a step loop needs before it runs.
 pub struct LoopSetup<'a> {
@@ -61,7 +93,7 @@ pub struct Seen {
 
 /// The runs in the lanes, and the data that both step loops need of them. `P` is the place of a run in time,
 /// in the form that its loop needs.
-pub struct LaneBatch<'a, R: Lanes, P> {
+pub struct LaneBatch<'a, R, P> {
     pub queue: RunQueue<'a>,
     pub options: &'a Options,
     choice: Choice,

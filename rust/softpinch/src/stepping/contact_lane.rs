@@ -87,12 +87,7 @@ impl LaneContact {
 
     /// The multipliers at the start of a run, in the modes that the inputs of `drive` choose there. The run itself
     /// chooses its modes when it begins.
-    pub fn first_multipliers(
-        options: &Options,
-        scene: &Scene,
-        drive: SegmentDrive,
-        h: f64,
-    ) -> Result<[f64; 4]> {
+    pub fn multipliers(options: &Options, scene: &Scene, drive: SegmentDrive, h: f64) -> Result<[f64; 4]> {
         let mut contact = Self::new(options.simd.require()?, options, scene);
         contact.restart(options, scene)?;
         let State { time, motion, .. } = &scene.initial;

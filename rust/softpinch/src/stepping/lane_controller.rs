@@ -78,7 +78,7 @@ impl LaneController {
             // The length of a step only scales what counts as an event now, and a state without contacts has no
             // row that could be refused.
             let h = self.controller.period;
-            let found = LaneContact::first_multipliers(options, scene, drive, h);
+            let found = LaneContact::multipliers(options, scene, drive, h);
             multipliers = found.unwrap_or(multipliers);
         }
         let frame = scene.inputs.frame_from(t).map_or_else(FrameMotion::still, |frame| frame.at(0.0));
