@@ -122,10 +122,9 @@ impl<'a> Problem<'a> {
             }
             let (input, frame) = seed(&input, &frame, driven, states.wrapping_sub(first));
             let at = Seeded { input, frame: Some(frame), contacts: Contacts::sticking(), y: dual_y };
-            let now = tangent.evaluate_seeded(&at).ok_or_else(|| Error::Unknown {
-                field: "formulation",
-                name: format!("{:?}", choice.formulation).to_lowercase(),
-                allowed: "\"nullspace\", for a model with inputs and outputs".to_owned(),
+            let now = tangent.evaluate_seeded(&at).ok_or_else(|| {
+                let name = format!("{:?}", choice.formulation).to_lowercase();
+                Error::unknown("formulation", name, "\"nullspace\", for a model with inputs and outputs")
             })?;
             // The outputs in their order.
             let (q, p) = (now.motion.q.row(), now.motion.p.row());

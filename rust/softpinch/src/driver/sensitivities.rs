@@ -95,10 +95,7 @@ pub fn sensitivities(
 
 /// The ends of free steps, from the run itself. Refuses scenes whose derivatives are not computed.
 fn ends(scene: &Scene, options: &Options, interrupted: &dyn Fn() -> bool) -> Result<Vec<f64>> {
-    let refused = |allowed: &str| {
-        let (name, allowed) = ("of this scene".to_owned(), allowed.to_owned());
-        Err(Error::Unknown { field: "sensitivities", name, allowed })
-    };
+    let refused = |allowed: &str| Err(Error::unknown("sensitivities", "of this scene", allowed));
     if options.contact != ContactModel::Bilateral || scene.inputs.sampled().is_some() {
         return refused("those with contact = \"bilateral\" and without a SampledController");
     }

@@ -45,8 +45,7 @@ pub fn simulate(
     options: &Options,
     interrupted: &dyn Fn() -> bool,
 ) -> Result<(Run, Option<String>)> {
-    let guard = options.guard || options.may_be_unstable(scene);
-    let options = &Options { guard, ..options.clone() };
+    let options = &Options { guard: options.guard || options.may_be_unstable(scene), ..options.clone() };
     let (grid, times) = prepare(scene, options)?;
     // Free steps make the number of rows unknown beforehand.
     let rows = grid.as_ref().map_or(0, |grid| grid.steps / options.every + 2);
@@ -57,10 +56,9 @@ pub fn simulate(
         Some(times) => Due::Times(times),
         None => Due::Steps { every: options.every, left: 0 },
     };
-    let recorder = Recorder::new(recording, due);
     // Only equal steps ask for a grid.
     let grid = |_: usize, scene: &Scene| grid.clone().map_or_else(|| whole_run(options)(0, scene), Ok);
-    Ok((lone_run((scene, None), options, &grid, recorder, interrupted)?.run, warning))
+    Ok((lone_run((scene, None), options, &grid, Recorder::new(recording, due), interrupted)?.run, warning))
 }
 
 /// Checks a scene and options without computing the run. Returns the longest step if steps are fixed, else zero.
@@ -131,8 +129,7 @@ fn require_unilateral(scene: &Scene, options: &Options) -> Result {
     if options.formulation == Formulation::Nullspace {
         let allowed = "\"csm\" or \"projected\" where contact = \"unilateral\": the states of nullspace are on the constraints of both \
                        contacts always";
-        let (name, allowed) = ("nullspace".to_owned(), allowed.to_owned());
-        return Err(Error::Unknown { field: "formulation", name, allowed });
+        return Err(Error::unknown("formulation", "nullspace", allowed));
     }
     for (name, value) in
         ["friction.right", "friction.left"].into_iter().zip(scene.parameters.friction.fields())
@@ -158,7 +155,7 @@ fn adaptive(method: Method) -> Result<MakeAdaptiveMethod> {
         let adaptive = METHODS.iter().filter(|(_, method)| method.entry().adaptive.is_some());
         let names: Vec<_> = adaptive.map(|(name, _)| format!("{name:?}")).collect();
         let allowed = names.join(", ") + " where tolerance is given: only they estimate their error";
-        Error::Unknown { field: "method", name: method.name().to_owned(), allowed }
+        Error::unknown("method", method.name(), allowed)
     })
 }
 

@@ -12,12 +12,6 @@ use crate::number::{Bits, LaneTask, Lanes, Real};
 pub struct Row4([f64; 4]);
 
 impl Row4 {
-    /// The row whose numbers are this function of two rows' numbers, lane by lane.
-    #[inline(always)]
-    fn with(self, other: Self, f: impl Fn(f64, f64) -> f64) -> Self {
-        Self(std::array::from_fn(|k| f(self.0[k], other.0[k])))
-    }
-
     /// The lanes in which two rows' numbers are so.
     #[inline(always)]
     fn where_both(self, other: Self, holds: impl Fn(&f64, &f64) -> bool) -> Bits {
@@ -27,7 +21,10 @@ impl Row4 {
 
 operators! {
     [] Row4, |own, other|
-    own.with(other, f64::add), own.with(other, f64::sub), own.with(other, f64::mul), own.with(other, f64::div)
+    Self(std::array::from_fn(|k| own.0[k] + other.0[k])),
+    Self(std::array::from_fn(|k| own.0[k] - other.0[k])),
+    Self(std::array::from_fn(|k| own.0[k] * other.0[k])),
+    Self(std::array::from_fn(|k| own.0[k] / other.0[k]))
 }
 
 impl Neg for Row4 {

@@ -198,7 +198,6 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         self.summaries.restart(lane);
         self.phases.set(bit, Phase::Start);
         let saved_instant = Some(Instant::start(initial));
-        let first_times = [f64::NAN; VIOLATIONS.len()];
         let contact = if self.unilateral {
             let new = || Box::new(LaneContact::new(self.instructions, self.options, &scene));
             let mut contact = kept.unwrap_or_else(new);
@@ -214,7 +213,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         self.runs[lane] = Some(LaneRun {
             number,
             scene,
-            first_times,
+            first_times: [f64::NAN; VIOLATIONS.len()],
             saved_instant,
             steps: 0,
             segments: 0,

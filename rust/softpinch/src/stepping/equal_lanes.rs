@@ -7,8 +7,8 @@ use crate::model::{Linearized, Motion, Scene, unpacked};
 use crate::number::{Bits, Lanes, each};
 use crate::stepping::ending;
 use crate::stepping::{
-    End, Grid, GridOf, Instant, LaneBatch, LaneContact, LaneController, LoopSystem, Phase, RowsInside,
-    Segment, full, put, watched,
+    End, Grid, GridOf, Instant, LaneBatch, LaneController, LoopSystem, Phase, RowsInside, Segment, full, put,
+    watched,
 };
 
 pub struct Place {
@@ -138,9 +138,8 @@ impl<R: Lanes> EqualLanes<'_, '_, R> {
             self.batch.enter_sample(lane, anchor);
             return;
         }
-        let chooses = |contact: &LaneContact| first == 0 || contact.is_unset();
         let phase = match run.contact.as_deref() {
-            Some(contact) if chooses(contact) => Phase::Start,
+            Some(contact) if first == 0 || contact.is_unset() => Phase::Start,
             _ => run.place.phase_at_start(&run.scene),
         };
         self.batch.phases.set(1 << lane, phase);
