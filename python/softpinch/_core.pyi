@@ -79,6 +79,9 @@ STATUSES: Final[tuple[str, ...]]
 SUMMARIES: Final[dict[str, str]]
 VIOLATIONS: Final[tuple[str, ...]]
 
+# `softpinch.State`, which the core takes by its attributes.
+_State: TypeAlias = Any
+
 class _Terms(TypedDict):
     mass_matrix: _Floats
     constraint_matrix: _Floats
@@ -207,16 +210,12 @@ class Batch:
         *,
         runs: int,
         start: str,
+        initial: _State,
         time: _Floats,
         q: _Floats,
         p: _Floats,
         integral: _Floats,
-        grid: tuple[float, int] | None,
-        linearized: _Floats | None,
-        contacts: _Floats | None,
-        controller: _Floats | None,
         contact: str,
-        check: bool,
         duration: _Floats,
         summaries: list[str],
         band: float,
@@ -230,17 +229,9 @@ class Simulation:
         cls,
         parameters: _Floats,
         inputs: Inputs,
+        initial: _State,
         *,
-        time: float,
-        q: _Floats,
-        p: _Floats,
-        integral: _Floats,
-        grid: tuple[float, int] | None,
-        linearized: _Floats | None,
-        contacts: _Floats | None,
-        controller: _Floats | None,
         contact: str,
-        check: bool,
         duration: float,
         times: _Floats | None,
         every: int,
@@ -278,8 +269,8 @@ class Simulator:
         tuple[float, int] | None,
         _Floats | None,
     ]: ...
-    def reset(self, run: int, state: tuple[Any, ...] | None) -> None: ...
-    def set_state(self, run: int, state: tuple[Any, ...]) -> None: ...
+    def reset(self, run: int, state: _State | None) -> None: ...
+    def set_state(self, run: int, state: _State) -> None: ...
     def set_force(self, run: int, force: tuple[float, float, float]) -> None: ...
 
 def validate(record: str, field: str, value: float) -> None: ...
@@ -328,12 +319,7 @@ class RestScene:
         values_before: _Floats,
         start: _Floats,
     ) -> dict[str, Any]: ...
-    def wrench_limits(
-        self, q: _Floats, wrenches: _Floats
-    ) -> tuple[_Floats, list[str], _Floats]: ...
-    def carry_limits(
-        self, q: _Floats, accelerations: _Floats
-    ) -> tuple[_Floats, list[str], _Floats]: ...
+    def limits(self, q: _Floats, loads: _Floats) -> tuple[_Floats, list[str], _Floats]: ...
 
 def linearize(
     parameters: _Floats,

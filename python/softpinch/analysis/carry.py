@@ -142,7 +142,7 @@ def carry_limits(
         raise ValueError('profile: needs contact = "unilateral", a bilateral one is never lost')
     if rest.scene.motion is not None:
         tilt = float(rest.scene.motion.at(rest.time).tilt)
-    limit, cause, _ = limits_of(rest, len(rows), lambda core, q: core.carry_limits(q, rows))
+    limit, cause, _ = limits_of(rest, len(rows), lambda core, q: core.limits(q, rows))
     if profile is not None:
         found = [
             _fastest(_move(rest, row, profile, distance, settle, tilt), slow)

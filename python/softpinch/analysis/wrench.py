@@ -131,7 +131,7 @@ def wrench_limits(
         moments = np.array([[0.0, 0.0, length], [0.0, 0.0, -length]])
         given = np.vstack([np.column_stack([unit_directions(), np.zeros(_FORCES)]), moments])
     rows = np.ascontiguousarray(given)
-    magnitude, limit, q = limits_of(rest, len(rows), lambda core, q: core.wrench_limits(q, rows))
+    magnitude, limit, q = limits_of(rest, len(rows), lambda core, q: core.limits(q, rows))
     with np.errstate(invalid="ignore"):
         # Of a direction without limit, the components that are zero stay so.
         wrench = np.where(rows == 0.0, 0.0, magnitude[:, None] * rows)

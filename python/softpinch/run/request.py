@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
+
 from .. import _core
 from ..scene.parts import jaws
 from ..scene.scene import Scene
@@ -30,16 +31,8 @@ class Request:
         return _core.Simulation(
             scene.parameters(),
             scene.inputs(),
-            time=start.time,
-            q=start.q,
-            p=start.p,
-            integral=start._memories,
-            grid=start.grid,
-            linearized=start.linearized,
-            contacts=start.contact,
-            controller=start.controller,
+            start,
             contact=scene.contact,
-            check=start.check,
             duration=scene.duration,
             times=options.times,
             every=min(refine * options.every, MOST_STEPS),

@@ -139,11 +139,6 @@ class SceneTemplate:
             one = np.asarray(getattr(start, name), dtype=np.float64)
             return np.ascontiguousarray(own.get(name, one[None]))
 
-        integral = rows("integral")
-        if start.relaxation is not None:
-            branches = np.broadcast_to(start.relaxation, (len(integral), len(start.relaxation)))
-            integral = np.hstack([integral, branches])
-
         return _core.Batch(
             scene.parameters(),
             columns,
@@ -162,16 +157,12 @@ class SceneTemplate:
             ),
             runs=len(next(iter(values.values()), [0])) if numbers is None else len(numbers),
             start="state" if given else scene._start_kind,
+            initial=start,
             time=rows("time"),
             q=rows("q"),
             p=rows("p"),
-            integral=integral,
-            grid=start.grid,
-            linearized=start.linearized,
-            contacts=None if start.contact is None else start.contact[None],
-            controller=start.controller,
+            integral=rows("integral"),
             contact=scene.contact,
-            check=start.check,
             duration=np.ascontiguousarray(values.get("duration", np.array([scene.duration]))),
             **how,
         )

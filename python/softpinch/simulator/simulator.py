@@ -101,12 +101,11 @@ class Stepped(Shown):
         state = State(q, p, (right, left), time, check=check, grid=grid, contact=contact)
         return replace(state, relaxation=np.array(branches)) if branches else state
 
-    def _parts(self, name: str, state: State) -> tuple[Any, ...]:
-        """Checks a state from which a run is to go on, and returns it as the core takes it."""
+    def _checked(self, name: str, state: State) -> State:
+        """Checks a state from which a run is to go on."""
         checks.instance(name, state, State)
         require_fit(self._scene, name, state)
-        q, p = np.asarray(state.q), np.asarray(state.p)
-        return state.time, q, p, state._memories, state.grid, state.contact, state.check
+        return state
 
     def _along_fixed_axes(
         self, acceleration: ArrayLike, tilts: Floats | None = None, runs: tuple[int, ...] = ()
@@ -209,7 +208,7 @@ class Simulator(Stepped):
             state: Start from this state, and last for the scene's duration from its time on; None
                 starts as the scene does. If it is refused, the simulator is as before.
         """
-        self._core.reset(0, None if state is None else self._parts("state", state))
+        self._core.reset(0, None if state is None else self._checked("state", state))
         self._start, self._force = state, (0.0, 0.0, 0.0)
         return self._begin()
 
@@ -262,7 +261,7 @@ class Simulator(Stepped):
         have the same bits as at first. `run()` begins at this state. If the state is refused, the
         simulator is as before.
         """
-        self._core.set_state(0, self._parts("state", state))
+        self._core.set_state(0, self._checked("state", state))
         self._start = state
         return self._begin()
 
@@ -491,8 +490,8 @@ class VectorSimulator(Stepped):
 
         If a state is refused, the error names its run; the runs before it have their new states.
         """
-        parts = (None,) * self.n if state is None else self._all_parts(state)
-        self._set_states(self._core.reset, parts, mask)
+        states = (None,) * self.n if state is None else self._all_checked(state)
+        self._set_states(self._core.reset, states, mask)
         return self.observations
 
     def set_force(
@@ -524,7 +523,7 @@ class VectorSimulator(Stepped):
 
         `state` and `mask` are those of `reset`.
         """
-        self._set_states(self._core.set_state, self._all_parts(state), mask)
+        self._set_states(self._core.set_state, self._all_checked(state), mask)
         return self.observations
 
     def _run(self, run: int) -> int:
@@ -542,12 +541,12 @@ class VectorSimulator(Stepped):
         return np.flatnonzero(given).tolist()
 
     def _set_states(
-        self, place: Callable[[int, Any], None], parts: Sequence[Any], mask: ArrayLike | None
+        self, place: Callable[[int, Any], None], states: Sequence[Any], mask: ArrayLike | None
     ) -> None:
         """Gives each run its state by `place`; an error has the number of its run."""
         for run in self._masked(mask):
             try:
-                place(run, parts[run])
+                place(run, states[run])
             except ValueError as error:
                 raise ValueError(f"run {run}: {error}") from None
 
@@ -562,13 +561,13 @@ class VectorSimulator(Stepped):
                 raise ValueError(f"out.{name}: {rule}")
         return out
 
-    def _all_parts(self, state: State | Sequence[State]) -> Sequence[tuple[Any, ...]]:
+    def _all_checked(self, state: State | Sequence[State]) -> Sequence[State]:
         """Converts a state for all runs, or one for each, as the core takes them (n,)."""
         if isinstance(state, State):
-            return (self._parts("state", state),) * self.n
+            return (self._checked("state", state),) * self.n
         if not isinstance(state, list | tuple) or len(state) != self.n:
             raise TypeError(f"state: must be a State, or {self.n} of them, one for each run")
-        return [self._parts(f"state[{k}]", each) for k, each in enumerate(state)]
+        return [self._checked(f"state[{k}]", each) for k, each in enumerate(state)]
 
     def __repr__(self) -> str:
         goes_on = int((self.observations.status == STATUSES[0]).sum())

@@ -8,8 +8,7 @@ use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
 use crate::convert::{
-    GivenRow, GivenRows, collected, columns, dictionary, entries, fixed, memories, padded, raise, require,
-    rows,
+    GivenRow, GivenRows, GivenState, collected, columns, dictionary, entries, fixed, raise, require, rows,
 };
 use crate::inputs::Inputs;
 use crate::signals::{Failure, Signals};
@@ -50,9 +49,13 @@ pub struct Batch {
     inputs: Py<Inputs>,
     start: Start,
     check: bool,
+    /// Whether Maxwell branches have relaxed at the start.
+    relaxes: bool,
     duration: Vec<f64>,
     pub runs: usize,
     pub options: Options,
+    /// Advice for steps that are too long for the gains of the stabilisation, in any run.
+    #[pyo3(get)]
     warning: Option<String>,
 }
 
@@ -78,7 +81,7 @@ impl Batch {
             Start::Made(make, _) => State::at_rest(make(&parameters)?),
             Start::At(states) => own(states, run).clone(),
         };
-        if matches!(self.start, Start::Made(..)) || initial.motion.relaxation[0].is_nan() {
+        if self.relaxes {
             initial.motion.relaxation = relaxed(&parameters, &initial.motion.q);
         }
         let duration = *own(&self.duration, run);
@@ -89,7 +92,7 @@ impl Batch {
 #[pymethods]
 impl Batch {
     #[new]
-    #[pyo3(signature = (parameters, columns, inputs, *, runs, start, time, q, p, integral, grid, linearized, contacts, controller, contact, check, duration, summaries, band, options))]
+    #[pyo3(signature = (parameters, columns, inputs, *, runs, start, initial, time, q, p, integral, contact, duration, summaries, band, options))]
     fn new(
         py: Python<'_>,
         parameters: GivenRow<'_>,
@@ -97,16 +100,12 @@ impl Batch {
         inputs: Py<Inputs>,
         runs: usize,
         start: &str,
+        initial: GivenState,
         time: GivenRow<'_>,
         q: GivenRows<'_>,
         p: GivenRows<'_>,
         integral: GivenRows<'_>,
-        grid: Option<(f64, u64)>,
-        linearized: Option<GivenRow<'_>>,
-        contacts: Option<GivenRows<'_>>,
-        controller: Option<GivenRow<'_>>,
         contact: &str,
-        check: bool,
         duration: GivenRow<'_>,
         summaries: Vec<String>,
         band: f64,
@@ -130,36 +129,30 @@ impl Batch {
                 length(path, 0)?;
             }
         }
+        let (check, relaxes) = (initial.check, initial.relaxation.is_none());
+        let initial = initial.state(&Parameters::default());
         let start = match lookup("start", start, &STARTS) {
             Ok(make) => Start::Made(make, start != "touching"),
             Err(_) => {
                 let (q, p) = (self::columns("initial.q", &q)?, self::columns("initial.p", &p)?);
-                let memories =
-                    integral.as_array().rows().into_iter().map(memories).collect::<PyResult<Vec<_>>>()?;
+                let memory = self::columns("initial.integral", &integral)?;
                 let time = entries("initial.time", &time)?;
-                let linearized =
-                    linearized.map(|point| padded("initial.linearized", 21, point.as_array())).transpose()?;
-                let contact = contacts.map(|rows| self::columns("initial.contact", &rows)).transpose()?;
-                let controller = controller.map(|row| entries("initial.controller", &row)).transpose()?;
                 let lengths = [
-                    ("initial.contact", contact.as_ref().map_or(1, Vec::len)),
                     ("initial.q", q.len()),
                     ("initial.p", p.len()),
-                    ("initial.integral", memories.len()),
+                    ("initial.integral", memory.len()),
                     ("initial.time", time.len()),
                 ];
                 lengths.iter().try_for_each(|&(name, found)| length(name, found))?;
                 let state = |run: usize| State {
                     time: *own(&time, run),
-                    motion: {
-                        let [right, left, relaxation @ ..] = *own(&memories, run);
-                        let (q, p) = ((*own(&q, run)).into(), (*own(&p, run)).into());
-                        Motion { q, p, memory: [right, left], relaxation }
+                    motion: Motion {
+                        q: (*own(&q, run)).into(),
+                        p: (*own(&p, run)).into(),
+                        memory: *own(&memory, run),
+                        ..initial.motion
                     },
-                    grid,
-                    linearized,
-                    contact: contact.as_ref().map(|rows| *own(rows, run)),
-                    controller: controller.clone(),
+                    ..initial.clone()
                 };
                 let count = if lengths.iter().all(|&(_, found)| found == 1) { 1 } else { runs };
                 Start::At(collected("the initial states", (0..count).map(state))?)
@@ -169,8 +162,18 @@ impl Batch {
         length("duration", duration.len())?;
         let options = options.checked(contact, &summaries, band)?;
         let parameters = fixed("parameters", &parameters)?;
-        let mut batch =
-            Self { parameters, columns, inputs, start, check, duration, runs, options, warning: None };
+        let mut batch = Self {
+            parameters,
+            columns,
+            inputs,
+            start,
+            check,
+            relaxes,
+            duration,
+            runs,
+            options,
+            warning: None,
+        };
         let (longest, guard) = py.detach(|| {
             let (mut longest, mut guard) = (0.0f64, false);
             let mut signals = Signals::new();
@@ -187,12 +190,6 @@ impl Batch {
         batch.warning = stability_warning(&batch.options, longest);
         batch.options.guard = guard;
         Ok(batch)
-    }
-
-    /// Advice for steps that are too long for the gains of the stabilisation, in any run.
-    #[getter]
-    fn warning(&self) -> Option<String> {
-        self.warning.clone()
     }
 
     /// Whether the steps of any run may be beyond the stability limit of the method, by a bound on the rates.

@@ -1,18 +1,20 @@
 //! Arrays, names and results across the border to Python. Every shape is checked here.
 
+use std::convert::Infallible;
+
 use numpy::ndarray::{ArrayView1, Dimension};
 use numpy::{
     Element, PyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray,
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::{IntoPyDict, PyDict};
+use pyo3::types::{IntoPyDict, PyDict, PyString};
 
 use crate::signals::Signals;
 use softpinch::analysis::Matrix;
 use softpinch::error::{Error, lookup};
-use softpinch::model::{Motion, Parameters, RELAXATIONS, SIDES, relaxed};
-use softpinch::stepping::{Change, Run, reserved};
+use softpinch::model::{ContactRow, Motion, Parameters, SIDES, State, relaxed};
+use softpinch::stepping::{COLUMNS, Change, Column, Run, reserved};
 
 /// Numbers from Python.
 pub type GivenRow<'py, T = f64> = PyReadonlyArray1<'py, T>;
@@ -67,43 +69,77 @@ pub fn entries<T: Element + Copy>(name: &'static str, array: &GivenRow<'_, T>) -
     collected(name, array.as_array().iter().copied())
 }
 
+/// A few numbers for Python, which become an array there.
+pub struct Numbers<const N: usize>(pub [f64; N]);
+
+impl<'py, const N: usize> IntoPyObject<'py> for Numbers<N> {
+    type Target = PyArray1<f64>;
+    type Output = Row<'py>;
+    type Error = Infallible;
+
+    fn into_pyobject(self, py: Python<'py>) -> Result<Row<'py>, Infallible> {
+        Ok(self.0.to_pyarray(py))
+    }
+}
+
+/// The parameters of a scene, once they are checked.
+pub struct Physics(pub Parameters);
+
+impl<'py> FromPyObject<'_, 'py> for Physics {
+    type Error = PyErr;
+
+    fn extract(given: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        Parameters::from_array(&fixed("parameters", &given.extract()?)?).map(Self).map_err(raise)
+    }
+}
+
+/// A `State` of Python, by its attributes.
+#[derive(FromPyObject)]
+pub struct GivenState {
+    q: [f64; 9],
+    p: [f64; 9],
+    integral: [f64; 2],
+    time: f64,
+    /// Whether it is refused if it is off the constraints.
+    pub check: bool,
+    grid: Option<(f64, u64)>,
+    linearized: Option<Vec<f64>>,
+    contact: Option<ContactRow>,
+    controller: Option<Vec<f64>>,
+    /// The states of Maxwell branches. If there are none, these have relaxed.
+    pub relaxation: Option<Vec<f64>>,
+}
+
+impl GivenState {
+    pub fn state(self, parameters: &Parameters) -> State {
+        let Self { q, p, integral, time, grid, linearized, contact, controller, relaxation, .. } = self;
+        let motion = motion(parameters, (q, p, integral), &relaxation.unwrap_or_default());
+        let linearized = linearized.map(|point| filled([0.0; _], &point));
+        State { time, motion, grid, linearized, contact, controller }
+    }
+}
+
+/// The numbers with the first of them replaced.
+fn filled<const N: usize>(mut numbers: [f64; N], first: &[f64]) -> [f64; N] {
+    numbers.iter_mut().zip(first).for_each(|(number, first)| *number = *first);
+    numbers
+}
+
+/// A motion in which Maxwell branches have these states, or have relaxed if there are none.
+pub fn motion(
+    parameters: &Parameters,
+    (q, p, memory): ([f64; 9], [f64; 9], [f64; 2]),
+    branches: &[f64],
+) -> Motion<f64> {
+    let q = q.into();
+    Motion { q, p: p.into(), memory, relaxation: filled(relaxed(parameters, &q), branches) }
+}
+
 /// An array of exactly `N` numbers.
 pub fn fixed<const N: usize>(name: &str, values: &GivenRow<'_>) -> PyResult<[f64; N]> {
     let values = values.as_array();
     require(values.len() == N, || format!("{name} has {} numbers: must have {N}", values.len()))?;
     Ok(std::array::from_fn(|k| values[k]))
-}
-
-/// At least so many numbers, and at most `N`; zeros take the places of the others.
-pub fn padded<const N: usize>(name: &str, least: usize, values: ArrayView1<'_, f64>) -> PyResult<[f64; N]> {
-    let given = values.len();
-    require((least..=N).contains(&given), || {
-        format!("{name} has {given} numbers: must have {least} to {N}")
-    })?;
-    Ok(std::array::from_fn(|k| values.get(k).copied().unwrap_or(0.0)))
-}
-
-/// The memories of controllers, followed by the states of Maxwell branches; these are NaN if they are not given.
-pub fn memories(values: ArrayView1<'_, f64>) -> PyResult<[f64; 2 + RELAXATIONS]> {
-    let mut found = padded("integral", 2, values)?;
-    if values.len() == 2 {
-        found[2..].fill(f64::NAN);
-    }
-    Ok(found)
-}
-
-/// The motion of a state, with its `memories`. Branches that are not given have relaxed.
-pub fn motion(
-    parameters: &Parameters,
-    q: [f64; 9],
-    p: [f64; 9],
-    [right, left, mut relaxation @ ..]: [f64; 2 + RELAXATIONS],
-) -> Motion<f64> {
-    let q = q.into();
-    if relaxation[0].is_nan() {
-        relaxation = relaxed(parameters, &q);
-    }
-    Motion { q, p: p.into(), memory: [right, left], relaxation }
 }
 
 /// Rows of exactly `N` numbers.
@@ -158,18 +194,15 @@ pub(crate) use dictionary;
 pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<'_, PyDict>> {
     let violations = run.violations().into_py_dict(py)?;
     let recording = run.recording;
-    let (selection, layout) = (recording.selection, recording.layout);
-    let state = selection.state;
-    let points = !recording.linearized.is_empty();
     let last = dictionary!(py, {
         "t": run.last.t,
         "q": run.last.motion.q.row().to_pyarray(py),
         "p": run.last.motion.p.row().to_pyarray(py),
         "integral": run.last.motion.memory.to_pyarray(py),
-        "relaxation": run.last.motion.relaxation[..layout.relaxation].to_pyarray(py),
         "anchor": run.last.grid.0,
         "step": run.last.grid.1,
-        "linearized": run.last.linearized.map(|point| point[..21 + layout.relaxation].to_pyarray(py)),
+        "relaxation": run.last.motion.relaxation[..run.branches].to_pyarray(py),
+        "linearized": run.last.linearized.map(|point| point[..21 + run.branches].to_pyarray(py)),
         "contacts": run.last.contact.map(|row| row.to_pyarray(py)),
         "controller": run.controller.map(|row| PyArray1::from_vec(py, row)),
     });
@@ -177,11 +210,6 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
     for (name, times) in run.violation_intervals {
         intervals.set_item(name, rows(py, times).and_then(constant)?)?;
     }
-    // The absolute value of a code is that of the mode, but a grazing contact that slides has one more.
-    let mode = |code: f64| code.abs().min(3.0) as u8;
-    let modes = selection.contact.then(|| -> Vec<[u8; 2]> {
-        recording.contact.iter().map(|[right, left, ..]| [mode(*right), mode(*left)]).collect()
-    });
     let changes: Vec<_> = run
         .contact_changes
         .iter()
@@ -190,22 +218,7 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
             (*time, SIDES[*finger], before.code(), after.code(), cause.name())
         })
         .collect();
-    Ok(dictionary!(py, {
-        "t": constant(PyArray1::from_vec(py, recording.t))?,
-        "q": recorded(py, state, 9, recording.q.into_flattened())?,
-        "p": recorded(py, state, 9, recording.p.into_flattened())?,
-        "integral": recorded(py, state, 2, recording.memory.into_flattened())?,
-        "grid_anchor": state.then(|| constant(PyArray1::from_vec(py, recording.grid_anchor))).transpose()?,
-        "grid_step": state.then(|| constant(PyArray1::from_vec(py, recording.grid_step))).transpose()?,
-        "relaxation": recorded(py, state, layout.relaxation, recording.relaxation)?,
-        "linearized": recorded(py, points, layout.point(), recording.linearized)?,
-        "multipliers": recorded(py, selection.multipliers, 4, recording.multipliers.into_flattened())?,
-        "residuals": recorded(py, selection.residuals, 4, recording.residuals.into_flattened())?,
-        "torque": recorded(py, selection.torque, 2, recording.torque.into_flattened())?,
-        "energy": recorded(py, selection.energy, layout.energies(), recording.energy)?,
-        "contacts": recorded(py, state && layout.unilateral, 4, recording.contact.into_flattened())?,
-        "controllers": recorded(py, state && layout.controller > 0, layout.controller, recording.controller)?,
-        "contact": modes.map(|modes| rows(py, modes).and_then(constant)).transpose()?,
+    let out = dictionary!(py, {
         "contact_changes": changes,
         "final": last,
         "begun": run.initial_energies.map(|energies| (energies.kinetic, energies.elastic, energies.gravity)),
@@ -216,11 +229,31 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
         "holds": run.holds,
         "stats": run.stats.named().into_py_dict(py)?,
         "warnings": warning.into_iter().collect::<Vec<_>>(),
-    }))
+    });
+    let columns = COLUMNS.into_iter().zip(recording.widths).zip(recording.columns);
+    for (((name, column), width), numbers) in columns {
+        out.set_item(PyString::intern(py, name), recorded(py, column, width, numbers)?)?;
+    }
+    Ok(out)
 }
 
-/// The rows of a quantity, if it was recorded, from all of its numbers.
-fn recorded(py: Python<'_>, wanted: bool, width: usize, numbers: Vec<f64>) -> PyResult<Option<Rows<'_>>> {
-    let shape = [numbers.len() / width.max(1), width];
-    wanted.then(|| PyArray1::from_vec(py, numbers).reshape(shape).and_then(constant)).transpose()
+/// The rows of a column from all of its numbers; `None` if it was not recorded.
+fn recorded(
+    py: Python<'_>,
+    column: Column,
+    width: usize,
+    numbers: Vec<f64>,
+) -> PyResult<Option<Bound<'_, PyAny>>> {
+    fn array<T: Element>(py: Python<'_>, width: usize, numbers: Vec<T>) -> PyResult<Bound<'_, PyAny>> {
+        let shape = [numbers.len() / width, width];
+        let all = PyArray1::from_vec(py, numbers);
+        Ok(if width == 1 { constant(all)?.into_any() } else { constant(all.reshape(shape)?)?.into_any() })
+    }
+    let found = match column {
+        _ if width == 0 => return Ok(None),
+        Column::GridStep => array(py, width, numbers.into_iter().map(|steps| steps as u64).collect()),
+        Column::Modes => array(py, width, numbers.into_iter().map(|mode| mode as u8).collect()),
+        _ => array(py, width, numbers),
+    };
+    found.map(Some)
 }

@@ -31,8 +31,10 @@ type MotionTuple<'py> = (Piecewise<'py>, Piecewise<'py>, GivenRows<'py>);
 struct Part<T>(Vec<T>);
 
 impl<T: Clone> Part<T> {
-    fn of(&self, run: usize) -> Option<T> {
-        self.0.get(if self.0.len() == 1 { 0 } else { run }).cloned()
+    fn of(&self, run: usize) -> Result<T, Error> {
+        let own = self.0.get(if self.0.len() == 1 { 0 } else { run });
+        let (found, rule) = (format_args!("no entry for run {run}"), "must have one for each run");
+        own.cloned().ok_or_else(|| Error::shape("inputs", found, rule))
     }
 }
 
@@ -71,27 +73,21 @@ impl Inputs {
     /// The inputs of one run. The first run has the number 0. A discrete controller takes its first sample at
     /// `origin`, s.
     pub fn of(&self, run: usize, origin: f64) -> Result<CoreInputs, Error> {
-        let missing = || Error::Shape {
-            field: "inputs".to_owned(),
-            found: format!("no entry for run {run}"),
-            rule: "must have one for each run",
-        };
         let noises = self.noises.iter().map(|(part, numbers)| {
             let noise = part.of(run)?;
-            Some(Noise { key: [noise.key[0], numbers.of(run)?], ..noise })
+            Ok(Noise { key: [noise.key[0], numbers.of(run)?], ..noise })
         });
         let inputs = CoreInputs::new(
-            self.schedule.of(run).ok_or_else(missing)?,
-            self.forces.iter().map(|part| part.of(run)).collect::<Option<_>>().ok_or_else(missing)?,
-            self.sines.iter().map(|part| part.of(run)).collect::<Option<_>>().ok_or_else(missing)?,
-            self.impulses.iter().map(|part| part.of(run)).collect::<Option<_>>().ok_or_else(missing)?,
-            noises.collect::<Option<_>>().ok_or_else(missing)?,
+            self.schedule.of(run)?,
+            self.forces.iter().map(|part| part.of(run)).collect::<Result<_, _>>()?,
+            self.sines.iter().map(|part| part.of(run)).collect::<Result<_, _>>()?,
+            self.impulses.iter().map(|part| part.of(run)).collect::<Result<_, _>>()?,
+            noises.collect::<Result<_, Error>>()?,
         )?;
-        let motion = self.motion.as_ref().map(|part| part.of(run).ok_or_else(missing)).transpose()?;
+        let motion = self.motion.as_ref().map(|part| part.of(run)).transpose()?;
         let inputs = inputs.with_hand_motion(motion);
         let Some((part, numbers)) = &self.controller else { return Ok(inputs.with_fingers(self.fingers)) };
-        let mut controller = part.of(run).ok_or_else(missing)?;
-        let number = numbers.of(run).ok_or_else(missing)?;
+        let (mut controller, number) = (part.of(run)?, numbers.of(run)?);
         if controller.key[1] != number {
             let key = [controller.key[0], number];
             controller = Arc::new(SampledController { key, ..(*controller).clone() });
@@ -118,7 +114,7 @@ impl Inputs {
         let inputs = Self {
             schedule: piecewise("schedule", &schedule)?,
             forces: forces
-                .map(|(k, force)| piecewise(&format!("forces[{k}]"), force))
+                .map(|(k, own)| piecewise(&format!("forces[{k}]"), own))
                 .collect::<PyResult<_>>()?,
             sines: sines.iter().map(|rows| part("sines", rows, sinusoid)).collect::<PyResult<_>>()?,
             impulses: impulses.iter().map(|rows| part("impulses", rows, impulse)).collect::<PyResult<_>>()?,

@@ -20,7 +20,8 @@ use pyo3::types::{IntoPyDict, PyDict, PyTuple};
 
 use batch::Batch;
 use convert::{
-    GivenRow, GivenRows, Row, Rows, columns, computed, entries, fixed, matrix, raise, require, rows,
+    GivenRow, GivenRows, Numbers, Physics, Row, Rows, columns, computed, dictionary, entries, matrix, raise,
+    require, rows,
 };
 use inputs::Inputs;
 use linear::linearize;
@@ -28,14 +29,15 @@ use rest::RestScene;
 use sensitivity::{Directions, gradients, sensitivities};
 use simulation::Simulation;
 use simulator::Simulator;
+use softpinch::analysis::evaluate::Terms;
 use softpinch::driver::QUANTITIES;
 use softpinch::error::lookup;
 use softpinch::formulation::FORMULATIONS;
 use softpinch::method::METHODS;
 use softpinch::model::start;
 use softpinch::model::{
-    CONTACT_MODELS, CONTACT_MODES, FINGERS, Finger, Fingertip, Friction, GraspedObject, Law, MEASURES,
-    Maxwell, Mechanism, Noise, PARAMETER_COUNT, Parameters, PidGains, Rule, Side, Stabilization,
+    CONTACT_MODELS, CONTACT_MODES, FINGERS, Finger, Fingertip, Friction, Geometry, GraspedObject, Law,
+    MEASURES, Maxwell, Mechanism, Noise, Parameters, PidGains, Rule, Side, Stabilization, State,
     Surroundings, parameter_table,
 };
 use softpinch::number::{LEVELS, Level};
@@ -82,72 +84,54 @@ fn validate(record: &str, field: &str, value: f64) -> PyResult<()> {
     rule.check(format!("{record}.{field}"), value).map(|_| ()).map_err(raise)
 }
 
-fn parameters(values: &GivenRow<'_>) -> PyResult<Parameters> {
-    let values: [f64; PARAMETER_COUNT] = fixed("parameters", values)?;
-    Parameters::from_array(&values).map_err(raise)
-}
-
 #[pyfunction(name = "start")]
-fn start_state<'py>(py: Python<'py>, parameters: GivenRow<'py>, kind: &str) -> PyResult<Row<'py>> {
+fn start_state(parameters: Physics, kind: &str) -> PyResult<Numbers<9>> {
     let begin = lookup("initial", kind, &batch::STARTS).map_err(raise)?;
-    let q = begin(&self::parameters(&parameters)?).map_err(raise)?;
-    Ok(q.row().to_pyarray(py))
+    begin(&parameters.0).map(|q| Numbers(q.row())).map_err(raise)
 }
 
 /// q and p of a start with driven fingers, which are where the schedule has them at `time`.
 #[pyfunction]
-fn start_driven<'py>(
-    py: Python<'py>,
-    parameters: GivenRow<'py>,
+fn start_driven(
+    parameters: Physics,
     inputs: &Inputs,
     time: f64,
     contact: &str,
-) -> PyResult<QandP<'py>> {
+) -> PyResult<(Numbers<9>, Numbers<9>)> {
     let contact = lookup("contact", contact, &CONTACT_MODELS).map_err(raise)?;
     let inputs = inputs.of(0, 0.0).map_err(raise)?;
-    let state = start::driven(&self::parameters(&parameters)?, &inputs, time, contact).map_err(raise)?;
-    Ok((state.motion.q.row().to_pyarray(py), state.motion.p.row().to_pyarray(py)))
-}
-
-type QandP<'py> = (Row<'py>, Row<'py>);
-
-#[pyfunction]
-fn consistent<'py>(
-    py: Python<'py>,
-    parameters: GivenRow<'py>,
-    pose: GivenRow<'py>,
-    shear: GivenRow<'py>,
-    velocity: GivenRow<'py>,
-) -> PyResult<QandP<'py>> {
-    let parameters = self::parameters(&parameters)?;
-    let (q, p) = start::consistent(
-        &parameters,
-        &fixed("pose", &pose)?,
-        &fixed("shear", &shear)?,
-        &fixed("velocity", &velocity)?,
-    );
-    Ok((q.row().to_pyarray(py), p.row().to_pyarray(py)))
+    let State { motion, .. } = start::driven(&parameters.0, &inputs, time, contact).map_err(raise)?;
+    Ok((Numbers(motion.q.row()), Numbers(motion.p.row())))
 }
 
 #[pyfunction]
-fn contacts<'py>(py: Python<'py>, parameters: GivenRow<'py>, q: GivenRows<'py>) -> PyResult<Rows<'py>> {
-    let parameters = self::parameters(&parameters)?;
-    let found = |q: [f64; 9]| softpinch::analysis::evaluate::contacts(&parameters, &q.into());
+fn consistent(
+    parameters: Physics,
+    pose: [f64; 5],
+    shear: [f64; 2],
+    velocity: [f64; 5],
+) -> (Numbers<9>, Numbers<9>) {
+    let (q, p) = start::consistent(&parameters.0, &pose, &shear, &velocity);
+    (Numbers(q.row()), Numbers(p.row()))
+}
+
+#[pyfunction]
+fn contacts<'py>(py: Python<'py>, parameters: Physics, q: GivenRows<'py>) -> PyResult<Rows<'py>> {
+    let found = |q: [f64; 9]| softpinch::analysis::evaluate::contacts(&parameters.0, &q.into());
     rows(py, columns::<9>("q", &q)?.into_iter().map(found).collect())
 }
 
 #[pyfunction]
 fn residuals<'py>(
     py: Python<'py>,
-    parameters: GivenRow<'py>,
+    parameters: Physics,
     q: GivenRows<'py>,
     p: GivenRows<'py>,
 ) -> PyResult<Rows<'py>> {
-    let parameters = self::parameters(&parameters)?;
     let (q, p) = (columns::<9>("q", &q)?, columns::<9>("p", &p)?);
     require(q.len() == p.len(), || format!("q has {} rows and p has {}: must be equal", q.len(), p.len()))?;
     let residuals = |(q, p): ([f64; 9], [f64; 9])| {
-        softpinch::analysis::evaluate::residuals(&parameters, &q.into(), &p.into())
+        Geometry::<f64>::of_scene(&parameters.0, &q.into(), &p.into()).residuals()
     };
     rows(py, q.into_iter().zip(p).map(residuals).collect())
 }
@@ -155,37 +139,32 @@ fn residuals<'py>(
 #[pyfunction]
 fn evaluate<'py>(
     py: Python<'py>,
-    parameters: GivenRow<'py>,
+    parameters: Physics,
     inputs: &Inputs,
     t: f64,
-    q: GivenRow<'py>,
-    p: GivenRow<'py>,
-    integral: GivenRow<'py>,
+    q: [f64; 9],
+    p: [f64; 9],
+    integral: [f64; 2],
     formulation: &str,
     alpha: f64,
     beta: f64,
 ) -> PyResult<Bound<'py, PyDict>> {
     let formulation = lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?;
-    let parameters = self::parameters(&parameters)?;
-    let (q, p) = (fixed("q", &q)?, fixed("p", &p)?);
-    let motion = convert::motion(&parameters, q, p, convert::memories(integral.as_array())?);
-    let terms = softpinch::analysis::evaluate::evaluate(
-        &parameters,
-        &inputs.of(0, 0.0).map_err(raise)?,
-        &formulation.gains(&Stabilization { alpha, beta }),
-        t,
-        &motion,
-    )
-    .map_err(raise)?;
-    let out = PyDict::new(py);
-    out.set_item("mass_matrix", matrix(py, &terms.mass_matrix)?)?;
-    out.set_item("constraint_matrix", matrix(py, &terms.constraint_matrix)?)?;
-    for (name, vector) in terms.vectors {
+    let motion = convert::motion(&parameters.0, (q, p, integral), &[]);
+    let (gains, inputs) =
+        (formulation.gains(&Stabilization { alpha, beta }), inputs.of(0, 0.0).map_err(raise)?);
+    let found = softpinch::analysis::evaluate::evaluate(&parameters.0, &inputs, &gains, t, &motion);
+    let Terms { mass_matrix, constraint_matrix, vectors, energies } = found.map_err(raise)?;
+    let out = dictionary!(py, {
+        "mass_matrix": matrix(py, &mass_matrix)?,
+        "constraint_matrix": matrix(py, &constraint_matrix)?,
+        "kinetic_energy": energies.kinetic,
+        "elastic_energy": energies.elastic,
+        "gravity_energy": energies.gravity,
+    });
+    for (name, vector) in vectors {
         out.set_item(name, PyArray1::from_vec(py, vector))?;
     }
-    out.set_item("kinetic_energy", terms.energies.kinetic)?;
-    out.set_item("elastic_energy", terms.energies.elastic)?;
-    out.set_item("gravity_energy", terms.energies.gravity)?;
     Ok(out)
 }
 

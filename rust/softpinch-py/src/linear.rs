@@ -4,11 +4,10 @@ use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::convert::{GivenRow, GivenRows, columns, entries, memories, motion, raise, require, room};
+use crate::convert::{GivenRow, GivenRows, Physics, columns, entries, motion, raise, require, room};
 use crate::inputs::Inputs;
 use crate::signals::Signals;
-use softpinch::analysis::linear;
-use softpinch::analysis::{LinearModel, Setting};
+use softpinch::analysis::{LinearModel, Problem, Setting};
 use softpinch::error::lookup;
 use softpinch::formulation::FORMULATIONS;
 use softpinch::model::Stabilization;
@@ -24,7 +23,7 @@ const ARRAYS: [(&str, usize); 8] =
 #[pyo3(signature = (parameters, inputs, t, q, p, integral, formulation, alpha, beta, *, whole, open_loop, frozen))]
 pub fn linearize<'py>(
     py: Python<'py>,
-    parameters: GivenRow<'py>,
+    parameters: Physics,
     inputs: &Inputs,
     t: GivenRow<'py>,
     q: GivenRows<'py>,
@@ -37,15 +36,15 @@ pub fn linearize<'py>(
     open_loop: bool,
     frozen: bool,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let parameters = crate::parameters(&parameters)?;
     let inputs = inputs.of(0, 0.0).map_err(raise)?;
     let formulation = lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?;
     let level = Level::from_environment().map_err(raise)?;
     let setting = Setting { formulation, gains: Stabilization { alpha, beta }, level, open_loop, frozen };
     let t = entries("t, in numbers,", &t)?;
     let (q, p) = (columns::<9>("q", &q)?, columns::<9>("p", &p)?);
-    let memory = integral.as_array().rows().into_iter().map(memories).collect::<PyResult<Vec<_>>>()?;
-    let (n, others) = (t.len(), [q.len(), p.len(), memory.len()]);
+    let memory = integral.as_array();
+    require(memory.ncols() >= 2, || "integral: must have two columns".to_owned())?;
+    let (n, others) = (t.len(), [q.len(), p.len(), memory.nrows()]);
     require(others == [n; 3], || {
         let [q, p, memory] = others;
         format!("t, q, p and integral have {n}, {q}, {p} and {memory} rows: must be equal")
@@ -65,15 +64,16 @@ pub fn linearize<'py>(
         let mut signals = Signals::new();
         for (k, &t) in t.iter().enumerate() {
             signals.check()?;
-            let motion = motion(&parameters, q[k], p[k], memory[k]);
-            let (matrices, vectors) = if whole {
-                let LinearModel { a, b, c, d, state, rate, input, output } =
-                    linear::linearize(&parameters, &inputs, &setting, t, &motion).map_err(raise)?;
-                (vec![a, b, c, d], vec![state, rate, input, output])
-            } else {
-                let a = linear::jacobian(&parameters, &inputs, &setting, t, &motion).map_err(raise)?;
-                (vec![a], Vec::new())
-            };
+            // After the integrals the states of Maxwell branches, if they are given.
+            let all = memory.row(k).to_vec();
+            let motion = motion(&parameters.0, (q[k], p[k], [all[0], all[1]]), &all[2..]);
+            let problem = Problem::new(&parameters.0, &inputs, &setting, t, &motion).map_err(raise)?;
+            if !whole {
+                let a = problem.jacobian();
+                push(0, &[a.nrows(), a.ncols()], a.transpose().as_slice())?;
+                continue;
+            }
+            let LinearModel { matrices, vectors } = problem.model().map_err(raise)?;
             for (place, matrix) in matrices.into_iter().enumerate() {
                 push(place, &[matrix.nrows(), matrix.ncols()], matrix.transpose().as_slice())?;
             }

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::convert::{
-    GivenRow, GivenRows, Row, Rows, columns, computed, dictionary, fixed, matrix, raise, rows,
+    GivenRow, GivenRows, Physics, Row, Rows, columns, computed, dictionary, fixed, matrix, raise, rows,
 };
 use crate::inputs::Inputs;
 use softpinch::analysis::{
@@ -71,10 +71,57 @@ impl RestScene {
             "violations": names.map(|(name, _)| name).collect::<Vec<_>>(),
         }))
     }
+}
 
-    /// The largest multiples of loads that the equilibrium at the coordinates `q` bears.
-    fn limits<'py>(&self, py: Python<'py>, q: &GivenRow<'py>, loads: Vec<Load>) -> PyResult<Limits<'py>> {
-        let z = unknowns(&fixed("q", q)?);
+#[pymethods]
+impl RestScene {
+    #[new]
+    fn new(parameters: Physics, inputs: &Inputs, time: f64) -> PyResult<Self> {
+        Rule::Finite.check("time", time).map_err(raise)?;
+        let inputs = inputs.of(0, 0.0).map_err(raise)?.frozen(time);
+        let level = Level::from_environment().map_err(raise)?;
+        let drive = inputs.segment(time);
+        let scene = CoreRestScene::new(level, &parameters.0, inputs.fingers(), &drive).map_err(raise)?;
+        Ok(Self(scene))
+    }
+
+    /// The equilibrium of a member of the family, near the coordinates `start` if they are given.
+    #[pyo3(signature = (kind, values, start=None))]
+    fn equilibrium<'py>(
+        &self,
+        py: Python<'py>,
+        kind: &str,
+        values: GivenRow<'py>,
+        start: Option<[f64; 9]>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let member = self.member(kind, &values)?;
+        self.result(py, find(&self.0, &member, start.as_ref().map(unknowns).as_ref()))
+    }
+
+    /// The equilibrium that continues that of another scene, near its coordinates `start`, while that scene becomes
+    /// this one. `values` and `values_before` are those of the members.
+    fn continued<'py>(
+        &self,
+        py: Python<'py>,
+        kind: &str,
+        values: GivenRow<'py>,
+        before: &Self,
+        values_before: GivenRow<'py>,
+        start: [f64; 9],
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let (first, last) = (before.member(kind, &values_before)?, self.member(kind, &values)?);
+        self.result(py, continued((&before.0, &first), &unknowns(&start), (&self.0, &last)))
+    }
+
+    /// For each load the largest multiple that the equilibrium at the coordinates `q` bears (n,), the names of the limits,
+    /// and the coordinates there (n, 9). Loads are wrenches (n, 3), or accelerations of the hand along fixed axes (n, 2).
+    fn limits<'py>(&self, py: Python<'py>, q: [f64; 9], loads: GivenRows<'py>) -> PyResult<Limits<'py>> {
+        let z = unknowns(&q);
+        let loads: Vec<_> = if loads.as_array().ncols() == 3 {
+            columns("wrenches", &loads)?.into_iter().map(Load::Wrench).collect()
+        } else {
+            columns("accelerations", &loads)?.into_iter().map(Load::Acceleration).collect()
+        };
         let member = Member::From(self.0.origin(&z));
         let rest = Rest::solve(&self.0, &member, &z)
             .ok_or_else(|| PyValueError::new_err("q: the forces do not balance there"))?;
@@ -87,71 +134,5 @@ impl RestScene {
             names.collect(),
             rows(py, found.iter().map(|(.., q)| q.row()).collect())?,
         ))
-    }
-}
-
-#[pymethods]
-impl RestScene {
-    #[new]
-    fn new(parameters: GivenRow<'_>, inputs: &Inputs, time: f64) -> PyResult<Self> {
-        Rule::Finite.check("time", time).map_err(raise)?;
-        let parameters = crate::parameters(&parameters)?;
-        let inputs = inputs.of(0, 0.0).map_err(raise)?.frozen(time);
-        let level = Level::from_environment().map_err(raise)?;
-        let drive = inputs.segment(time);
-        let scene = CoreRestScene::new(level, &parameters, inputs.fingers(), &drive).map_err(raise)?;
-        Ok(Self(scene))
-    }
-
-    /// The equilibrium of a member of the family, near the coordinates `start` if they are given.
-    #[pyo3(signature = (kind, values, start=None))]
-    fn equilibrium<'py>(
-        &self,
-        py: Python<'py>,
-        kind: &str,
-        values: GivenRow<'py>,
-        start: Option<GivenRow<'py>>,
-    ) -> PyResult<Bound<'py, PyDict>> {
-        let member = self.member(kind, &values)?;
-        let start = start.map(|q| fixed("near", &q)).transpose()?.map(|q| unknowns(&q));
-        self.result(py, find(&self.0, &member, start.as_ref()))
-    }
-
-    /// The equilibrium that continues that of another scene, near its coordinates `start`, while that scene becomes
-    /// this one. `values` and `values_before` are those of the members.
-    fn continued<'py>(
-        &self,
-        py: Python<'py>,
-        kind: &str,
-        values: GivenRow<'py>,
-        before: &Self,
-        values_before: GivenRow<'py>,
-        start: GivenRow<'py>,
-    ) -> PyResult<Bound<'py, PyDict>> {
-        let (first, last) = (before.member(kind, &values_before)?, self.member(kind, &values)?);
-        let start = unknowns(&fixed("start", &start)?);
-        self.result(py, continued((&before.0, &first), &start, (&self.0, &last)))
-    }
-
-    /// For each wrench (n, 3) the largest multiple that the equilibrium at the coordinates `q` bears (n,), the names of
-    /// the limits, and the coordinates there (n, 9).
-    fn wrench_limits<'py>(
-        &self,
-        py: Python<'py>,
-        q: GivenRow<'py>,
-        wrenches: GivenRows<'py>,
-    ) -> PyResult<Limits<'py>> {
-        self.limits(py, &q, columns::<3>("wrenches", &wrenches)?.into_iter().map(Load::Wrench).collect())
-    }
-
-    /// The same for accelerations of the hand along fixed axes (n, 2), m/s^2.
-    fn carry_limits<'py>(
-        &self,
-        py: Python<'py>,
-        q: GivenRow<'py>,
-        accelerations: GivenRows<'py>,
-    ) -> PyResult<Limits<'py>> {
-        let rows = columns::<2>("accelerations", &accelerations)?;
-        self.limits(py, &q, rows.into_iter().map(Load::Acceleration).collect())
     }
 }

@@ -7,11 +7,11 @@ use softpinch::driver::{Outline, outline, simulate};
 use softpinch::error::lookup;
 use softpinch::formulation::FORMULATIONS;
 use softpinch::method::METHODS;
-use softpinch::model::{CONTACT_MODELS, Scene, Stabilization, State};
+use softpinch::model::{CONTACT_MODELS, Scene, Stabilization};
 use softpinch::number::Level;
-use softpinch::stepping::{Options, RECORDABLE, SUMMARIES, Selection, Steps, VIOLATIONS, Wanted};
+use softpinch::stepping::{Options, RECORDABLE, SUMMARIES, Steps, VIOLATIONS, Wanted};
 
-use crate::convert::{self, GivenRow, dictionary, entries, fixed, memories, padded, raise, select};
+use crate::convert::{self, GivenRow, GivenState, Physics, dictionary, entries, raise, select};
 use crate::inputs::Inputs;
 use crate::signals::detached;
 
@@ -38,7 +38,7 @@ impl GivenOptions {
             (None, Some(tolerance)) => Steps::Free { tolerance },
             _ => return Err(PyValueError::new_err("give dt or tolerance")),
         };
-        let summaries: Vec<_> = select("summaries", summaries, &SUMMARIES)?;
+        let set = select("summaries", summaries, &SUMMARIES)?;
         Ok(Options {
             steps,
             every: u64::MAX,
@@ -46,9 +46,9 @@ impl GivenOptions {
             formulation: lookup("formulation", &self.formulation, &FORMULATIONS).map_err(raise)?,
             contact: lookup("contact", contact, &CONTACT_MODELS).map_err(raise)?,
             stabilization: Stabilization { alpha: self.alpha, beta: self.beta },
-            record: Selection::default(),
+            record: [].into_iter().collect(),
             stop_on: select("stop_on", &self.stop_on, &VIOLATIONS)?,
-            summaries: Wanted::new(summaries, self.after, band),
+            summaries: Wanted { set, after: self.after, band },
             max_steps: self.max_steps,
             simd: Level::from_environment().map_err(raise)?,
             ..Options::default()
@@ -66,20 +66,12 @@ pub struct Simulation {
 #[pymethods]
 impl Simulation {
     #[new]
-    #[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, linearized, contacts, controller, contact, check, duration, times, every, refine, record, summaries, options))]
+    #[pyo3(signature = (parameters, inputs, initial, *, contact, duration, times, every, refine, record, summaries, options))]
     fn new(
-        parameters: GivenRow<'_>,
+        parameters: Physics,
         inputs: &Inputs,
-        time: f64,
-        q: GivenRow<'_>,
-        p: GivenRow<'_>,
-        integral: GivenRow<'_>,
-        grid: Option<(f64, u64)>,
-        linearized: Option<GivenRow<'_>>,
-        contacts: Option<GivenRow<'_>>,
-        controller: Option<GivenRow<'_>>,
+        initial: GivenState,
         contact: &str,
-        check: bool,
         duration: f64,
         times: Option<GivenRow<'_>>,
         every: u64,
@@ -88,26 +80,10 @@ impl Simulation {
         summaries: Vec<String>,
         options: GivenOptions,
     ) -> PyResult<Self> {
-        let controller = controller.map(|row| entries("initial.controller", &row)).transpose()?;
-        let origin = controller.as_ref().and_then(|row| row.first().copied()).unwrap_or(time);
-        let parameters = crate::parameters(&parameters)?;
-        let (q, p) = (fixed("initial.q", &q)?, fixed("initial.p", &p)?);
-        let scene = Scene {
-            parameters,
-            inputs: inputs.of(0, origin).map_err(raise)?,
-            initial: State {
-                time,
-                motion: convert::motion(&parameters, q, p, memories(integral.as_array())?),
-                grid,
-                linearized: linearized
-                    .map(|point| padded("initial.linearized", 21, point.as_array()))
-                    .transpose()?,
-                contact: contacts.map(|row| fixed("initial.contact", &row)).transpose()?,
-                controller,
-            },
-            check,
-            duration,
-        };
+        let (check, initial) = (initial.check, initial.state(&parameters.0));
+        let origin = initial.controller.as_ref().and_then(|row| row.first().copied()).unwrap_or(initial.time);
+        let inputs = inputs.of(0, origin).map_err(raise)?;
+        let scene = Scene { parameters: parameters.0, inputs, initial, check, duration };
         let times = times.map(|times| entries("times, in numbers,", &times)).transpose()?;
         let record = select("record", &record, &RECORDABLE)?;
         let base = options.checked(contact, &summaries, 0.0)?;

@@ -2,14 +2,12 @@
 
 use std::sync::{Mutex, MutexGuard, TryLockError};
 
-use numpy::{PyArray1, PyArrayMethods, ToPyArray};
+use numpy::PyArrayMethods;
 use pyo3::exceptions::{PyIndexError, PyKeyboardInterrupt, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::batch::Batch;
-use crate::convert::{
-    GivenRow, GivenRows, Row, Rows, columns, fixed, memories, motion, raise, require, room,
-};
+use crate::convert::{GivenRows, GivenState, Numbers, Row, Rows, columns, raise, require, room};
 use crate::signals::detached;
 use crate::simulation::Simulation;
 use softpinch::driver::{Observed, Simulator as Core};
@@ -18,12 +16,9 @@ use softpinch::model::{Motion, Parameters, State};
 use softpinch::stepping::Status;
 
 /// Time, coordinates, velocities, multipliers and the code of the status.
-type Observation<'py> = (f64, Row<'py>, Row<'py>, Row<'py>, u8);
-/// Time, coordinates, velocities, integrals with the states of branches, grid and contacts of a state.
-type StateParts<'py> = (f64, Row<'py>, Row<'py>, Row<'py>, Option<(f64, u64)>, Option<Row<'py>>);
-/// The same of a state from Python, and whether it is refused if it is off the constraints.
-type GivenState<'py> =
-    (f64, GivenRow<'py>, GivenRow<'py>, GivenRow<'py>, Option<(f64, u64)>, Option<GivenRow<'py>>, bool);
+type Observation = (f64, Numbers<9>, Numbers<9>, Numbers<4>, u8);
+/// Time, coordinates, velocities, integrals with the states of Maxwell branches, grid and contacts of a state.
+type StateParts = (f64, Numbers<9>, Numbers<9>, Vec<f64>, Option<(f64, u64)>, Option<Numbers<4>>);
 /// Arrays of all runs: times (n,), coordinates (n, 9), velocities (n, 9), multipliers (n, 4) and codes (n,). They
 /// are borrowed once no other thread uses the simulator.
 type Arrays<'py> = (Row<'py>, Rows<'py>, Rows<'py>, Rows<'py>, Row<'py, u8>);
@@ -41,20 +36,10 @@ fn code(status: Option<Status>) -> u8 {
     status.map_or(0, |status| status as u8 + 1)
 }
 
-fn given(
-    parameters: &Parameters,
-    (time, q, p, memory, grid, contact, check): &GivenState<'_>,
-) -> PyResult<(State, bool)> {
-    let (q, p) = (fixed("State.q", q)?, fixed("State.p", p)?);
-    let state = State {
-        time: *time,
-        motion: motion(parameters, q, p, memories(memory.as_array())?),
-        grid: *grid,
-        linearized: None,
-        contact: contact.as_ref().map(|row| fixed("State.contact", row)).transpose()?,
-        controller: None,
-    };
-    Ok((state, *check))
+/// A state from which a run goes on, and whether it is refused if it is off the constraints.
+fn given(parameters: &Parameters, state: GivenState) -> (State, bool) {
+    let check = state.check;
+    (State { linearized: None, controller: None, ..state.state(parameters) }, check)
 }
 
 impl Simulator {
@@ -68,18 +53,20 @@ impl Simulator {
             )),
         }
     }
-}
 
-impl Runs {
-    fn require(&self, run: usize) -> PyResult<usize> {
-        let runs = self.core.runs();
+    /// The runs, if there is one of this number.
+    fn with(&self, run: usize) -> PyResult<MutexGuard<'_, Runs>> {
+        let all = self.runs()?;
+        let runs = all.core.runs();
         if run < runs {
-            Ok(run)
+            Ok(all)
         } else {
             Err(PyIndexError::new_err(format!("run {run}: there are only {runs} runs")))
         }
     }
+}
 
+impl Runs {
     fn advance(&mut self, py: Python<'_>, accelerations: &[[f64; 2]]) -> PyResult<()> {
         let Self { core, targets } = self;
         let done = detached(py, |stops| core.step(targets, accelerations, stops))?;
@@ -116,10 +103,9 @@ impl Runs {
         Ok(())
     }
 
-    fn observation<'py>(&self, py: Python<'py>, run: usize) -> PyResult<Observation<'py>> {
-        let Observed { t, motion: Motion { q, p, .. }, multipliers, status, .. } =
-            self.core.observed(self.require(run)?);
-        Ok((*t, q.row().to_pyarray(py), p.row().to_pyarray(py), multipliers.to_pyarray(py), code(*status)))
+    fn observation(&self, run: usize) -> Observation {
+        let Observed { t, motion: Motion { q, p, .. }, multipliers, status, .. } = self.core.observed(run);
+        (*t, Numbers(q.row()), Numbers(p.row()), Numbers(*multipliers), code(*status))
     }
 }
 
@@ -153,17 +139,17 @@ impl Simulator {
     }
 
     /// Steps the only run by one period, in which its hand may have this acceleration along fixed axes.
-    fn step<'py>(
+    fn step(
         &self,
-        py: Python<'py>,
+        py: Python<'_>,
         right: f64,
         left: f64,
         acceleration: Option<[f64; 2]>,
-    ) -> PyResult<Observation<'py>> {
+    ) -> PyResult<Observation> {
         let mut runs = self.runs()?;
         runs.targets.fill([right, left]);
         runs.advance(py, acceleration.as_slice())?;
-        runs.observation(py, 0)
+        Ok(runs.observation(0))
     }
 
     /// Steps all runs that have not ended by one period, with these accelerations of the hands, and writes what is seen.
@@ -187,8 +173,8 @@ impl Simulator {
     }
 
     /// What was last seen of a run.
-    fn observation<'py>(&self, py: Python<'py>, run: usize) -> PyResult<Observation<'py>> {
-        self.runs()?.observation(py, run)
+    fn observation(&self, run: usize) -> PyResult<Observation> {
+        Ok(self.with(run)?.observation(run))
     }
 
     /// Writes what was last seen of all runs.
@@ -198,50 +184,40 @@ impl Simulator {
 
     /// The status of a run in words; empty if it goes on or has reached its end.
     fn message(&self, run: usize) -> PyResult<String> {
-        let runs = self.runs()?;
-        Ok(runs.core.observed(runs.require(run)?).message.clone())
+        Ok(self.with(run)?.core.observed(run).message.clone())
     }
 
     /// The end of the last period of a run, s.
     fn end(&self, run: usize) -> PyResult<f64> {
-        let runs = self.runs()?;
-        Ok(runs.core.end(runs.require(run)?))
+        Ok(self.with(run)?.core.end(run))
     }
 
     /// The present state of a run.
-    fn state<'py>(&self, py: Python<'py>, run: usize) -> PyResult<StateParts<'py>> {
-        let runs = self.runs()?;
-        let scene = runs.core.scene(runs.require(run)?);
-        let State { time, motion: Motion { q, p, memory, relaxation }, grid, contact, .. } = &scene.initial;
-        let memory = PyArray1::from_iter(
-            py,
-            memory.iter().chain(&relaxation[..4 * scene.parameters.branches()]).copied(),
-        );
-        let contact = contact.as_ref().map(|row| row.to_pyarray(py));
-        Ok((*time, q.row().to_pyarray(py), p.row().to_pyarray(py), memory, *grid, contact))
+    fn state(&self, run: usize) -> PyResult<StateParts> {
+        let runs = self.with(run)?;
+        let scene = runs.core.scene(run);
+        let State { time, motion: Motion { q, p, memory, relaxation }, grid, contact, .. } = scene.initial;
+        let memories = [&memory[..], &relaxation[..4 * scene.parameters.branches()]].concat();
+        Ok((time, Numbers(q.row()), Numbers(p.row()), memories, grid, contact.map(Numbers)))
     }
 
     /// Puts a run back to its start, or to the start of another run.
-    fn reset(&self, run: usize, state: Option<GivenState<'_>>) -> PyResult<()> {
-        let mut runs = self.runs()?;
-        let run = runs.require(run)?;
+    fn reset(&self, run: usize, state: Option<GivenState>) -> PyResult<()> {
+        let mut runs = self.with(run)?;
         let parameters = runs.core.scene(run).parameters;
-        let state = state.as_ref().map(|state| given(&parameters, state)).transpose()?;
+        let state = state.map(|state| given(&parameters, state));
         runs.core.reset(run, state.as_ref().map(|(state, check)| (state, *check))).map_err(raise)
     }
 
     /// Goes on from a state.
-    fn set_state(&self, run: usize, state: GivenState<'_>) -> PyResult<()> {
-        let mut runs = self.runs()?;
-        let run = runs.require(run)?;
-        let (state, check) = given(&runs.core.scene(run).parameters, &state)?;
+    fn set_state(&self, run: usize, state: GivenState) -> PyResult<()> {
+        let mut runs = self.with(run)?;
+        let (state, check) = given(&runs.core.scene(run).parameters, state);
         runs.core.set_state(run, (&state, check)).map_err(raise)
     }
 
     /// Sets the external force and moment of a run.
     fn set_force(&self, run: usize, force: [f64; 3]) -> PyResult<()> {
-        let mut runs = self.runs()?;
-        let run = runs.require(run)?;
-        runs.core.set_force(run, force).map_err(raise)
+        self.with(run)?.core.set_force(run, force).map_err(raise)
     }
 }

@@ -16,7 +16,7 @@ use softpinch::model::parameters::{Parameters, Stabilization};
 use softpinch::model::scene::Scene;
 use softpinch::model::start::{State, contact};
 use softpinch::stepping::options::{Options, Steps};
-use softpinch::stepping::record::{Recording, Selection};
+use softpinch::stepping::record::{Column, Recordable, Recording};
 
 /// The rates of q, p and the integrals of (39), and lambda = (lambda^H, lambda^N), under the inputs at the
 /// start.
@@ -122,7 +122,8 @@ pub fn specified(
 pub fn differences(specified: &[SVector<f64, 22>], kept: &Recording) -> SVector<f64, 22> {
     let (mut difference, mut size) = (SVector::zeros(), SVector::zeros());
     for (k, row) in specified.iter().enumerate() {
-        let simulated = kept.q[k].iter().chain(&kept.p[k]).chain(&kept.multipliers[k]);
+        let [q, p] = [Column::Q, Column::P].map(|column| &kept.rows::<9>(column)[k]);
+        let simulated = q.iter().chain(p).chain(&kept.rows::<4>(Column::Multipliers)[k]);
         difference = (row - SVector::from_iterator(simulated.copied())).abs().sup(&difference);
         size = row.abs().sup(&size);
     }
@@ -133,7 +134,7 @@ fn main() -> Result<(), softpinch::error::Error> {
     let parameters = Parameters::default().checked()?;
     let (initial, inputs) = (State::at_rest(contact(&parameters)?), Inputs::constant_targets([0.12, 0.07]));
     let scene = Scene { parameters, inputs, initial, check: true, duration: 0.1 };
-    let record = Selection { state: true, multipliers: true, ..Selection::default() };
+    let record = [Recordable::State, Recordable::Multipliers].into_iter().collect();
     for (method, step) in [(Method::Rk4, rk4 as StepOf), (Method::ImplicitMidpoint, midpoint)] {
         let options = Options { steps: Steps::Fixed(1e-4), method, record, ..Options::default() };
         let start = Instant::now();

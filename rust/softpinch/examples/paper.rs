@@ -12,7 +12,7 @@ use softpinch::model::piecewise::PiecewisePolynomial;
 use softpinch::model::scene::Scene;
 use softpinch::model::start::{State, contact};
 use softpinch::stepping::options::{Options, Steps};
-use softpinch::stepping::record::Run;
+use softpinch::stepping::record::{Column, Run};
 
 /// Targets of the right and the left finger, degrees.
 const OPERATIONS: [[f64; 2]; 8] = [
@@ -58,7 +58,7 @@ fn main() -> Result<(), Error> {
     let spent = start.elapsed();
 
     println!("  t, s     x, mm     y, mm  theta, deg  d_n1, mm  d_n2, mm");
-    for (t, &q) in run.recording.t.iter().zip(&run.recording.q) {
+    for (t, &q) in run.recording.t().iter().zip(run.recording.rows::<9>(Column::Q)) {
         let Coordinates { object: [x, y, theta], compression, .. } = Coordinates::from(q);
         let [x, y, right, left] = [x, y, compression[0], compression[1]].map(|length| 1e3 * length);
         println!("{t:6.1} {x:9.3} {y:9.3} {:11.3} {right:9.3} {left:9.3}", theta.to_degrees());

@@ -114,8 +114,13 @@ impl Error {
     }
 
     /// The error of an array of the wrong shape.
-    pub(crate) fn shape(field: impl Display, found: impl Display, rule: &'static str) -> Self {
+    pub fn shape(field: impl Display, found: impl Display, rule: &'static str) -> Self {
         Self::Shape { field: field.to_string(), found: found.to_string(), rule }
+    }
+
+    /// The error of what is not allowed.
+    pub(crate) fn unknown(field: &'static str, name: impl Display, allowed: impl Display) -> Self {
+        Self::Unknown { field, name: name.to_string(), allowed: allowed.to_string() }
     }
 
     /// The error of a run of an ensemble. One that names a run already stays.
@@ -150,9 +155,8 @@ pub(crate) fn seconds(t: f64) -> String {
 
 /// Finds `name` in a table of names. The error lists the names of the table.
 pub fn lookup<T: Copy>(field: &'static str, name: &str, table: &[(&'static str, T)]) -> Result<T> {
-    table.iter().find(|(known, _)| *known == name).map(|&(_, value)| value).ok_or_else(|| Error::Unknown {
-        field,
-        name: name.to_owned(),
-        allowed: table.iter().map(|(known, _)| format!("{known:?}")).collect::<Vec<_>>().join(", "),
+    table.iter().find(|(known, _)| *known == name).map(|&(_, value)| value).ok_or_else(|| {
+        let known: Vec<_> = table.iter().map(|(known, _)| format!("{known:?}")).collect();
+        Error::unknown(field, name, known.join(", "))
     })
 }

@@ -1,4 +1,4 @@
-//! Enumerations whose members have public names.
+//! Enumerations whose members have public names, and sets of their members.
 
 /// Declares an enumeration with a table of its members by their public names.
 macro_rules! named {
@@ -25,3 +25,27 @@ macro_rules! named {
     };
 }
 pub(crate) use named;
+
+/// Declares a set of the members of such an enumeration.
+macro_rules! set {
+    ($(#[$doc:meta])* $set:ident of $kind:ident) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+        pub struct $set(u32);
+
+        impl $set {
+            /// Whether a member is in the set.
+            #[inline(always)]
+            pub fn contains(self, member: $kind) -> bool {
+                self.0 & (1 << member as u32) != 0
+            }
+        }
+
+        impl FromIterator<$kind> for $set {
+            fn from_iter<I: IntoIterator<Item = $kind>>(members: I) -> Self {
+                Self(members.into_iter().fold(0, |set, member| set | 1 << member as u32))
+            }
+        }
+    };
+}
+pub(crate) use set;

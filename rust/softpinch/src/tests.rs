@@ -31,7 +31,7 @@ use crate::model::scene::Scene;
 use crate::model::start::{State, contact};
 use crate::stepping::ending::Status;
 use crate::stepping::options::Options;
-use crate::stepping::record::Selection;
+use crate::stepping::record::{Column, Recordable};
 
 /// The end of each operation, from independent programs with RK4 at 2e-4 s: x, y in mm, theta in degrees,
 /// both d_n in mm.
@@ -50,9 +50,9 @@ const ENDS: [[f64; 5]; 8] = [
 fn each_operation_ends_where_independent_programs_end() {
     let run = example::run().expect("the scene is valid");
     assert_eq!(run.status, Status::Completed, "{}", run.message);
-    assert_eq!(run.recording.t.len(), 9);
-    for (k, (&q, end)) in run.recording.q[1..].iter().zip(ENDS).enumerate() {
-        assert_eq!(run.recording.t[k + 1], 1.0 + k as f64);
+    assert_eq!(run.recording.t().len(), 9);
+    for (k, (&q, end)) in run.recording.rows::<9>(Column::Q)[1..].iter().zip(ENDS).enumerate() {
+        assert_eq!(run.recording.t()[k + 1], 1.0 + k as f64);
         let Coordinates { object: [x, y, theta], compression: [right, left], .. } = q.into();
         let found = [1e3 * x, 1e3 * y, theta.to_degrees(), 1e3 * right, 1e3 * left];
         for (number, expected) in found.into_iter().zip(end) {
@@ -101,7 +101,7 @@ fn lopsided() -> Scene {
 #[test]
 fn runs_agree_with_the_specification() {
     let scene = lopsided();
-    let record = Selection { state: true, multipliers: true, ..Selection::default() };
+    let record = [Recordable::State, Recordable::Multipliers].into_iter().collect();
     let methods = [
         (Method::Rk4, specification::rk4 as specification::StepOf, 1e-11),
         (Method::ImplicitMidpoint, specification::midpoint, 1e-9),
@@ -109,7 +109,7 @@ fn runs_agree_with_the_specification() {
     for (method, step, most) in methods {
         let options = Options { record, method, ..Options::default() };
         let (run, _) = simulate(&scene, &options, &|| false).expect("the scene is valid");
-        assert_eq!((run.status, run.recording.t.len()), (Status::Completed, 501), "{}", run.message);
+        assert_eq!((run.status, run.recording.t().len()), (Status::Completed, 501), "{}", run.message);
         let rows = specification::specified((&scene, &options.stabilization), step, (1e-4, 500));
         let differences = specification::differences(&rows, &run.recording);
         // This comparison fails for NaN as well.

@@ -25,7 +25,7 @@ use crate::model::{
     Inputs, MechanismKind, Motion, Parameters, Plant, SegmentDrive, ShapeKind, each_coordinate,
 };
 use crate::number::{
-    Dual, Instructions, LaneKernel, LaneTask, Lanes, Level, MOST, Real, call_four_lanes, gather, signed,
+    Dual, Instructions, LaneKernel, LaneTask, Lanes, Level, MOST, Real, call_four_lanes, gather, signed, task,
 };
 
 /// Number of unknowns: the pose (x, y, theta, theta_1, theta_2) and two shears.
@@ -126,21 +126,13 @@ fn seeded<R: Lanes, const W: usize>(
     plant: &Plant<Dual<R, W>>,
     z: &Unknowns<Dual<R, W>>,
 ) -> (Balance<Dual<R, W>>, [[f64; 5]; 2]) {
-    let Input { target, force, .. } = scene.input;
-    let none = Dual::constant(0.0);
-    let input = Input {
-        target: [Dual::constant(target[0]), Dual::constant(target[1])],
-        target_rate: [none; 2],
-        target_acceleration: [none; 2],
-        force: [Dual::constant(force[0]), Dual::constant(force[1]), Dual::constant(force[2])],
-        tau: none,
-    };
+    let input = scene.input.map(Dual::constant);
     let frame = scene.frame.as_ref().map(FrameMotion::constant);
     let (found, geometry) = Balance::new(plant, (&input, frame.as_ref()), z);
     let mut no_slip = [[0.0; 5]; 2];
     for (i, row) in no_slip.iter_mut().enumerate() {
         let contact = &geometry.contacts[i];
-        let [along, across] = contact.push(i, [none, Dual::constant(1.0)]);
+        let [along, across] = contact.push(i, [Dual::zero(), Dual::constant(1.0)]);
         let [x, y] = geometry.outward(along, across);
         *row = [-x.value.lane(0), -y.value.lane(0), -contact.e.value.lane(0), 0.0, 0.0];
         row[FINGER + i] = -contact.f.value.lane(0);
@@ -371,7 +363,41 @@ impl RestScene {
 
     /// The rows of a member and their derivatives.
     pub fn rows(&self, member: &Member, z: &Unknowns) -> Rows {
-        f64::call(self.instructions, Evaluate(self, member, z))
+        f64::call(self.instructions, Evaluate { scene: self, member, z })
+    }
+
+    /// Evaluates the balance in dual numbers, with the instructions of the caller.
+    #[inline(always)]
+    fn evaluate(&self, member: &Member, z: &Unknowns) -> Rows {
+        let mut unknowns = [Directions::zero(); UNKNOWNS];
+        for k in 0..UNKNOWNS {
+            unknowns[k] = Dual::variable(z[k], k);
+        }
+        let (found, no_slip) = if self.parameters.has_the_papers_parts() {
+            seeded::<f64, _>(self, &self.dual, &unknowns)
+        } else {
+            call_four_lanes(self.instructions, OtherParts(self, &unknowns))
+        };
+        let held = self.held();
+        let mut rows = [Directions::zero(); UNKNOWNS];
+        rows[..5].copy_from_slice(&found.forces);
+        for i in 0..2 {
+            rows[FINGER + i] = if held[i] {
+                unknowns[FINGER + i] - Dual::constant(self.input.target[i])
+            } else {
+                rows[FINGER + i] + found.torque[i]
+            };
+        }
+        rows[5..].copy_from_slice(&member.rows(&found));
+        Rows {
+            values: rows.map(|row| row.value),
+            jacobian: slopes(&rows),
+            balance: found.values(),
+            forces: slopes(&found.forces),
+            sigma: slopes(&found.sigma),
+            compressions: slopes(&found.q.compression),
+            no_slip,
+        }
     }
 }
 
@@ -396,44 +422,6 @@ impl LaneKernel for OtherParts<'_> {
     }
 }
 
-/// Evaluates the balance in dual numbers, compiled with the instructions of the lanes.
-struct Evaluate<'a>(&'a RestScene, &'a Member, &'a Unknowns);
-
-impl LaneTask<f64> for Evaluate<'_> {
-    type Output = Rows;
-
-    #[inline(always)]
-    fn run(self) -> Rows {
-        let Self(scene, member, z) = self;
-        let mut unknowns = [Directions::zero(); UNKNOWNS];
-        for k in 0..UNKNOWNS {
-            unknowns[k] = Dual::variable(z[k], k);
-        }
-        let (found, no_slip) = if scene.parameters.has_the_papers_parts() {
-            seeded::<f64, _>(scene, &scene.dual, &unknowns)
-        } else {
-            call_four_lanes(scene.instructions, OtherParts(scene, &unknowns))
-        };
-        let input: Input<Directions> = scene.input.map(Directions::constant);
-        let held = scene.held();
-        let mut rows = [Directions::zero(); UNKNOWNS];
-        rows[..5].copy_from_slice(&found.forces);
-        for i in 0..2 {
-            rows[FINGER + i] = if held[i] {
-                unknowns[FINGER + i] - input.target[i]
-            } else {
-                rows[FINGER + i] + found.torque[i]
-            };
-        }
-        rows[5..].copy_from_slice(&member.rows(&found));
-        Rows {
-            values: rows.map(|row| row.value),
-            jacobian: slopes(&rows),
-            balance: found.values(),
-            forces: slopes(&found.forces),
-            sigma: slopes(&found.sigma),
-            compressions: slopes(&found.q.compression),
-            no_slip,
-        }
-    }
+task! {
+    ['a] Evaluate<'a>(scene: &'a RestScene, member: &'a Member, z: &'a Unknowns) for f64 => Rows = scene.evaluate(member, z)
 }

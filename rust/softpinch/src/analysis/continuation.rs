@@ -98,16 +98,12 @@ fn tangent(mut matrix: Matrix, along: &Vector) -> Option<Vector> {
 }
 
 impl Point {
-    /// The start of a search at share zero.
-    pub fn start(change: &impl Fn(f64) -> (RestScene, Member), rest: &Rest) -> Option<Self> {
+    /// The start of a search at share zero; `None` if it does not balance, or the curve has no direction there.
+    fn start(change: &impl Fn(f64) -> (RestScene, Member), rest: &Rest) -> Option<Self> {
         let System { rest, balances, matrix, .. } = system(change, &rest.z, 0.0);
-        if !balances {
-            return None;
-        }
-        let mut forwards = Vector::zeros();
-        forwards[UNKNOWNS] = 1.0;
+        let forwards = Vector::from_fn(|r, _| f64::from(u8::from(r == UNKNOWNS)));
         let tangent = tangent(matrix, &forwards)?;
-        Some(Self { share: 0.0, rest, tangent })
+        balances.then_some(Self { share: 0.0, rest, tangent })
     }
 
     /// The point of the curve at a distance along the tangent. `None` if Newton's method does not return to the

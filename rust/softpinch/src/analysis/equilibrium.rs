@@ -355,8 +355,9 @@ mod tests {
             open_loop: false,
             frozen: false,
         };
-        let whole =
-            crate::analysis::linear::jacobian(&scene.parameters, &inputs, &setting, 0.0, &motion).unwrap();
+        let whole = crate::analysis::Problem::new(&scene.parameters, &inputs, &setting, 0.0, &motion)
+            .unwrap()
+            .jacobian();
         let mut rates: Vec<f64> = whole.complex_eigenvalues().iter().map(|rate| rate.re).collect();
         rates.sort_by(|a, b| b.total_cmp(a));
         let (growth, _) =

@@ -100,8 +100,3 @@ pub fn contacts(parameters: &Parameters, q: &Coordinates) -> [f64; 12] {
     }
     found
 }
-
-/// (C_1^H, C_2^H, C_1^N, C_2^N) at one state.
-pub fn residuals(parameters: &Parameters, q: &Coordinates, p: &Coordinates) -> [f64; 4] {
-    Geometry::of_scene(parameters, q, p).residuals()
-}

@@ -5,7 +5,7 @@
 use nalgebra::{DMatrix, DVector, Schur};
 
 use crate::error::{Error, Result};
-use crate::formulation::{Choice, Formulation, Linear, MAX_COMPONENTS, SceneEquations, Seeded, System};
+use crate::formulation::{Choice, Formulation, Linear, MAX_COMPONENTS, Seeded, States, System};
 use crate::method::{DIRECTIONS, Runs};
 use crate::model::{
     ContactModel, Contacts, Fingers, FrameMotion, Input, Inputs, Motion, Parameters, Rule, SegmentDrive,
@@ -39,28 +39,18 @@ pub struct Setting {
 /// The motion linearised about one state, with the operating point.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LinearModel {
-    /// The derivatives of the states' rates with respect to the states.
-    pub a: DMatrix<f64>,
-    /// The derivatives of the states' rates with respect to the inputs.
-    pub b: DMatrix<f64>,
-    /// The derivatives of the outputs with respect to the states.
-    pub c: DMatrix<f64>,
-    /// The derivatives of the outputs with respect to the inputs.
-    pub d: DMatrix<f64>,
-    /// The states at the operating point: coordinates, their rates, d_t1 and d_t2, branches of tips, and the memories of PID
-    /// controllers.
-    pub state: DVector<f64>,
-    /// The rates of the states at the operating point; zero at an equilibrium.
-    pub rate: DVector<f64>,
-    /// The inputs at the operating point: target angles or torques (2), for driven fingers their rates (2) and
-    /// accelerations (2) too; F_x, F_y and the moment; and the acceleration of the hand's frame along its own axes (2).
-    pub input: DVector<f64>,
-    /// The outputs at the operating point, [`OUTPUTS`].
-    pub output: DVector<f64>,
+    /// A and B: the derivatives of the states' rates with respect to the states, and to the inputs. C and D: those of
+    /// the outputs.
+    pub matrices: [DMatrix<f64>; 4],
+    /// Of the operating point: the states, which are coordinates, their rates, d_t1 and d_t2, branches of tips, and the memories of
+    /// PID controllers; their rates, zero at an equilibrium; the inputs, which are target angles or torques (2), for driven
+    /// fingers their rates (2) and accelerations (2) too, F_x, F_y and the moment, and the acceleration of the hand's
+    /// frame along its own axes (2); and the outputs, [`OUTPUTS`].
+    pub vectors: [DVector<f64>; 4],
 }
 
 /// The equations that are linearised, and the point about which they are.
-struct Problem<'a> {
+pub struct Problem<'a> {
     runs: Runs<'a>,
     drive: SegmentDrive,
     motion: Motion<f64>,
@@ -68,7 +58,7 @@ struct Problem<'a> {
 
 impl<'a> Problem<'a> {
     /// At time `t`; if an input jumps there, its value after the jump is used.
-    fn new(
+    pub fn new(
         parameters: &'a Parameters,
         inputs: &Inputs,
         setting: &'a Setting,
@@ -94,27 +84,73 @@ impl<'a> Problem<'a> {
         Ok(problem)
     }
 
-    /// The number of states of these equations. Nothing depends on the memories of fingers that torques turn,
-    /// which are the last two states, so they are left out.
-    fn states(&self, system: &SceneEquations<f64>) -> usize {
-        system.size().states - if self.runs.choice.fingers == Fingers::Torque { 2 } else { 0 }
+    /// The states at the point, and their number. Nothing depends on the memories of fingers that torques turn, which are
+    /// the last two states, so they are left out.
+    fn states(&self) -> (States<f64>, usize) {
+        let system = self.runs.system();
+        let memories = if self.runs.choice.fingers == Fingers::Torque { 2 } else { 0 };
+        (system.begin(&self.motion), system.size().states - memories)
     }
-}
 
-/// The derivatives of the states' rates with respect to the states alone, at time `t`.
-pub fn jacobian(
-    parameters: &Parameters,
-    inputs: &Inputs,
-    setting: &Setting,
-    t: f64,
-    motion: &Motion<f64>,
-) -> Result<DMatrix<f64>> {
-    let problem = Problem::new(parameters, inputs, setting, t, motion)?;
-    let system = problem.runs.system();
-    let y = system.begin(&problem.motion);
-    let rows = problem.runs.tangent::<f64, DIRECTIONS>().jacobian(&problem.drive, 0.0, &y).rows;
-    let states = problem.states(&system);
-    Ok(DMatrix::from_fn(states, states, |row, column| rows[row][column]))
+    /// The derivatives of the states' rates with respect to the states alone.
+    pub fn jacobian(&self) -> DMatrix<f64> {
+        let (y, states) = self.states();
+        let rows = self.runs.tangent::<f64, DIRECTIONS>().jacobian(&self.drive, 0.0, &y).rows;
+        DMatrix::from_fn(states, states, |row, column| rows[row][column])
+    }
+
+    /// The model with all inputs and outputs. The states are those of `nullspace`; another formulation is an error.
+    pub fn model(&self) -> Result<LinearModel> {
+        let (y, states) = self.states();
+        let input = self.drive.at(0.0_f64);
+        let driven = self.runs.choice.fingers == Fingers::Driven;
+        let frame = self.drive.frame.as_ref().map_or_else(FrameMotion::still, |frame| frame.at(0.0));
+        let values = list(&input, &frame, driven);
+        // The weights are forces of the motion, which may be that of a hand at rest.
+        let choice = Choice { moves: true, ..self.runs.choice };
+        let tangent = Runs { choice, ..self.runs }.tangent::<f64, DIRECTIONS>();
+
+        let all = states + values.len();
+        let mut rates = DMatrix::zeros(states, all);
+        let mut outputs = DMatrix::zeros(OUTPUTS, all);
+        let (mut rate, mut output) = (DVector::zeros(states), DVector::zeros(OUTPUTS));
+        for first in (0..all).step_by(DIRECTIONS) {
+            let mut dual_y = [Dual::<f64, DIRECTIONS>::variable(0.0, DIRECTIONS); MAX_COMPONENTS];
+            for (n, (dual, &number)) in dual_y.iter_mut().zip(&y).enumerate() {
+                let direction = if n < states { n.wrapping_sub(first) } else { DIRECTIONS };
+                *dual = Dual::variable(number, direction);
+            }
+            let (input, frame) = seed(&input, &frame, driven, states.wrapping_sub(first));
+            let at = Seeded { input, frame: Some(frame), contacts: Contacts::sticking(), y: dual_y };
+            let now = tangent.evaluate_seeded(&at).ok_or_else(|| {
+                let name = format!("{:?}", choice.formulation).to_lowercase();
+                Error::unknown("formulation", name, "\"nullspace\", for a model with inputs and outputs")
+            })?;
+            // The outputs in their order.
+            let (q, p) = (now.motion.q.row(), now.motion.p.row());
+            let found = [&q[..], &now.multipliers, &now.torque, &p[..5]].concat();
+            for column in first..all.min(first + DIRECTIONS) {
+                for row in 0..states {
+                    rates[(row, column)] = now.rate[row].slope[column - first];
+                }
+                for (row, dual) in found.iter().enumerate() {
+                    outputs[(row, column)] = dual.slope[column - first];
+                }
+            }
+            rate = DVector::from_fn(states, |row, _| now.rate[row].value);
+            output = DVector::from_fn(OUTPUTS, |row, _| found[row].value);
+        }
+        let inputs = values.len();
+        Ok(LinearModel {
+            matrices: [
+                rates.columns(0, states).into(),
+                rates.columns(states, inputs).into(),
+                outputs.columns(0, states).into(),
+                outputs.columns(states, inputs).into(),
+            ],
+            vectors: [DVector::from_column_slice(&y[..states]), rate, DVector::from_vec(values), output],
+        })
+    }
 }
 
 /// The largest real part of the eigenvalues of the motion about a state at rest, without the two zeros of the family
@@ -128,7 +164,7 @@ pub fn growth(
 ) -> Option<(f64, f64)> {
     let (formulation, gains) = (Formulation::Nullspace, Stabilization { alpha: 0.0, beta: 0.0 });
     let setting = Setting { formulation, gains, level, open_loop: false, frozen: false };
-    let mut a = jacobian(parameters, inputs, &setting, 0.0, motion).ok()?;
+    let mut a = Problem::new(parameters, inputs, &setting, 0.0, motion).ok()?.jacobian();
     let degrees = if inputs.fingers() == Fingers::Driven { 3 } else { 5 };
     let shears = 2 * degrees;
     // No motion changes d_t + Phi_N pose, and the rows of d_t are -Phi_N.
@@ -158,70 +194,6 @@ pub fn growth(
     let rates = Schur::try_new(matrix, f64::EPSILON, MOST_ITERATIONS)?.complex_eigenvalues();
     let largest = rates.iter().map(|rate| rate.norm()).fold(0.0, f64::max);
     Some((rates.iter().map(|rate| rate.re).fold(f64::NEG_INFINITY, f64::max), largest))
-}
-
-/// The motion linearised about one state at time `t`, with all inputs and outputs. The states are those of
-/// `nullspace`; another formulation is an error.
-pub fn linearize(
-    parameters: &Parameters,
-    inputs: &Inputs,
-    setting: &Setting,
-    t: f64,
-    motion: &Motion<f64>,
-) -> Result<LinearModel> {
-    let mut problem = Problem::new(parameters, inputs, setting, t, motion)?;
-    let system = problem.runs.system();
-    let (states, y) = (problem.states(&system), system.begin(&problem.motion));
-    let input = problem.drive.at(0.0_f64);
-    let driven = problem.runs.choice.fingers == Fingers::Driven;
-    let frame = problem.drive.frame.as_ref().map_or_else(FrameMotion::still, |frame| frame.at(0.0));
-    let values = list(&input, &frame, driven);
-    // The weights are forces of the motion, which may be that of a hand at rest.
-    problem.runs.choice.moves = true;
-    let tangent = problem.runs.tangent::<f64, DIRECTIONS>();
-
-    let all = states + values.len();
-    let mut rates = DMatrix::zeros(states, all);
-    let mut outputs = DMatrix::zeros(OUTPUTS, all);
-    let (mut rate, mut output) = (DVector::zeros(states), DVector::zeros(OUTPUTS));
-    for first in (0..all).step_by(DIRECTIONS) {
-        let mut dual_y = [Dual::<f64, DIRECTIONS>::variable(0.0, DIRECTIONS); MAX_COMPONENTS];
-        for (n, (dual, &number)) in dual_y.iter_mut().zip(&y).enumerate() {
-            let direction = if n < states { n.wrapping_sub(first) } else { DIRECTIONS };
-            *dual = Dual::variable(number, direction);
-        }
-        let (input, frame) = seed(&input, &frame, driven, states.wrapping_sub(first));
-        let at = Seeded { input, frame: Some(frame), contacts: Contacts::sticking(), y: dual_y };
-        let now = tangent.evaluate_seeded(&at).ok_or_else(|| Error::Unknown {
-            field: "formulation",
-            name: format!("{:?}", setting.formulation).to_lowercase(),
-            allowed: "\"nullspace\", for a model with inputs and outputs".to_owned(),
-        })?;
-        // The outputs in their order.
-        let (q, p) = (now.motion.q.row(), now.motion.p.row());
-        let found = [&q[..], &now.multipliers, &now.torque, &p[..5]].concat();
-        for column in first..all.min(first + DIRECTIONS) {
-            for row in 0..states {
-                rates[(row, column)] = now.rate[row].slope[column - first];
-            }
-            for (row, dual) in found.iter().enumerate() {
-                outputs[(row, column)] = dual.slope[column - first];
-            }
-        }
-        rate = DVector::from_fn(states, |row, _| now.rate[row].value);
-        output = DVector::from_fn(OUTPUTS, |row, _| found[row].value);
-    }
-    let inputs = values.len();
-    Ok(LinearModel {
-        a: rates.columns(0, states).into(),
-        b: rates.columns(states, inputs).into(),
-        c: outputs.columns(0, states).into(),
-        d: outputs.columns(states, inputs).into(),
-        state: DVector::from_column_slice(&y[..states]),
-        rate,
-        input: DVector::from_vec(values),
-        output,
-    })
 }
 
 /// The inputs in their order.
@@ -281,18 +253,28 @@ mod tests {
         (parameters, inputs, Motion { q, p, memory: [1e-3, 0.0], ..Motion::zero() })
     }
 
+    fn model(
+        parameters: &Parameters,
+        inputs: &Inputs,
+        setting: &Setting,
+        t: f64,
+        motion: &Motion<f64>,
+    ) -> Result<LinearModel> {
+        Problem::new(parameters, inputs, setting, t, motion)?.model()
+    }
+
     #[test]
     fn the_whole_model_has_the_matrix_of_the_jacobian_to_the_bit() {
         for fingers in FINGERS {
             let (parameters, inputs, motion) = moving(fingers);
             let setting = setting(Formulation::Nullspace);
-            let alone = jacobian(&parameters, &inputs, &setting, 0.5, &motion).unwrap();
-            let whole = linearize(&parameters, &inputs, &setting, 0.5, &motion).unwrap();
-            assert_eq!(whole.a, alone);
+            let alone = Problem::new(&parameters, &inputs, &setting, 0.5, &motion).unwrap().jacobian();
+            let whole = model(&parameters, &inputs, &setting, 0.5, &motion).unwrap();
+            assert_eq!(whole.matrices[0], alone);
             let inputs = if fingers == Fingers::Driven { 11 } else { 7 };
-            assert_eq!(whole.b.shape(), (alone.nrows(), inputs));
-            assert_eq!(whole.c.shape(), (OUTPUTS, alone.nrows()));
-            assert_eq!(whole.d.shape(), (OUTPUTS, inputs));
+            assert_eq!(whole.matrices[1].shape(), (alone.nrows(), inputs));
+            assert_eq!(whole.matrices[2].shape(), (OUTPUTS, alone.nrows()));
+            assert_eq!(whole.matrices[3].shape(), (OUTPUTS, inputs));
         }
     }
 
@@ -302,14 +284,14 @@ mod tests {
             let (parameters, inputs, motion) = moving(fingers);
             let closed = setting(Formulation::Nullspace);
             let open = Setting { open_loop: true, ..closed };
-            let own = linearize(&parameters, &inputs, &closed, 0.5, &motion).unwrap();
-            let fed = linearize(&parameters, &inputs, &open, 0.5, &motion).unwrap();
-            assert_eq!(fed.state.len(), 12);
+            let own = model(&parameters, &inputs, &closed, 0.5, &motion).unwrap();
+            let fed = model(&parameters, &inputs, &open, 0.5, &motion).unwrap();
+            assert_eq!(fed.vectors[0].len(), 12);
             let first = if fingers == Fingers::Driven { 3 } else { 5 };
-            for (ours, theirs) in fed.rate.rows(5, 3).iter().zip(own.rate.rows(first, 3).iter()) {
+            for (ours, theirs) in fed.vectors[1].rows(5, 3).iter().zip(own.vectors[1].rows(first, 3).iter()) {
                 assert!((ours - theirs).abs() <= 1e-10 * theirs.abs(), "{ours} {theirs}");
             }
-            for (ours, theirs) in fed.output.iter().zip(own.output.iter()) {
+            for (ours, theirs) in fed.vectors[3].iter().zip(own.vectors[3].iter()) {
                 assert!((ours - theirs).abs() <= 1e-10 * (1.0 + theirs.abs()), "{ours} {theirs}");
             }
         }
@@ -319,7 +301,7 @@ mod tests {
     fn other_formulations_have_no_inputs_and_outputs() {
         let (parameters, inputs, motion) = moving(Fingers::Pid);
         for formulation in [Formulation::Csm, Formulation::Projected] {
-            let error = linearize(&parameters, &inputs, &setting(formulation), 0.0, &motion).unwrap_err();
+            let error = model(&parameters, &inputs, &setting(formulation), 0.0, &motion).unwrap_err();
             assert!(error.to_string().contains("must be one of \"nullspace\""), "{error}");
         }
     }

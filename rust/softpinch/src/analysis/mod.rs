@@ -23,6 +23,6 @@ pub use balance::{Member, RestScene, UNKNOWNS, Unknowns};
 pub(crate) use continuation::{End, follow};
 pub use equilibrium::{Reason, continued, find, neutral, violations};
 pub use evaluate::Matrix;
-pub use linear::{LinearModel, Setting};
+pub use linear::{LinearModel, Problem, Setting};
 pub use rest::Rest;
 pub use wrench::{Load, largest_multiple};

@@ -95,8 +95,9 @@ impl Rest {
     }
 
     /// The energy's second derivatives, in the scale of the unknowns, by the displacements that the no-slip constraint
-    /// admits: of the object, and of the fingers that are not held.
-    fn free_stiffness(&self, scene: &RestScene) -> DMatrix<f64> {
+    /// admits: of the object, and of the fingers that are not held. Where its determinant changes its sign, slow
+    /// displacements begin to grow.
+    pub fn free_stiffness(&self, scene: &RestScene) -> DMatrix<f64> {
         let held = scene.held();
         let mut stiffness = self.stiffness();
         for i in 0..2 {
@@ -115,11 +116,6 @@ impl Rest {
     pub fn is_minimum(&self, scene: &RestScene) -> bool {
         let stiffness = self.free_stiffness(scene);
         (&stiffness + stiffness.transpose()).cholesky().is_some()
-    }
-
-    /// The determinant of the stiffness: where it changes its sign, slow displacements begin to grow.
-    pub fn slow_determinant(&self, scene: &RestScene) -> f64 {
-        self.free_stiffness(scene).determinant()
     }
 }
 

@@ -12,11 +12,6 @@ const SHIFTS: [f64; 3] = [0.0, 0.5, -0.5];
 /// Shares of the way from touching tips to the targets of fingers that give way.
 const SHARES: [f64; 4] = [1.0, 0.5, 0.2, 0.05];
 
-/// The distances of both sides from the centre of gravity.
-fn widths(parameters: &Parameters) -> [f64; 2] {
-    [parameters.half_width(0), parameters.half_width(1)]
-}
-
 /// Where the tips are without an object between them.
 pub struct Gap {
     /// The middle between the tips' centres, m.
@@ -34,8 +29,8 @@ impl Gap {
             [signed(i, inwards), up]
         };
         let ([x1, y1], [x2, y2]) = (centre(0), centre(1));
-        let reach =
-            parameters.tips[0].radius + parameters.tips[1].radius + widths(parameters).iter().sum::<f64>();
+        let widths = parameters.half_width(0) + parameters.half_width(1);
+        let reach = parameters.tips[0].radius + parameters.tips[1].radius + widths;
         Self {
             middle: [0.5 * (x1 + x2), 0.5 * (y1 + y2)],
             direction: libm::atan2(y1 - y2, x1 - x2),
@@ -73,7 +68,7 @@ fn between(scene: &RestScene, member: &Member, share: f64, turn: f64, [along, ac
     let [inner, outer] = [gap.overlap / (1.0 + ratio), gap.overlap * ratio / (1.0 + ratio)];
     // The right tip is compressed by `inner`, so the middle of the object is nearer to the tip that gives way less.
     let length = right.radius.max(left.radius);
-    let [one, other] = widths(&scene.parameters);
+    let [one, other] = [0, 1].map(|i| scene.parameters.half_width(i));
     let shift = 0.5 * ((left.radius - outer) - (right.radius - inner)) + 0.5 * (other - one) + along * length;
     let (sin, cos) = (libm::sin(gap.direction), libm::cos(gap.direction));
     let theta = gap.direction + turn;

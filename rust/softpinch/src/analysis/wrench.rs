@@ -59,7 +59,7 @@ fn limit(scene: &RestScene, rest: &Rest) -> Option<Limit> {
         let found = violations(scene, rest);
         GIVES_WAY.into_iter().find(|&violation| found.contains(violation))
     });
-    let unstable = || rest.slow_determinant(scene) <= 0.0 || grows(scene, rest);
+    let unstable = || rest.free_stiffness(scene).determinant() <= 0.0 || grows(scene, rest);
     found.map(Limit::Violation).or_else(|| unstable().then_some(Limit::Unstable))
 }
 

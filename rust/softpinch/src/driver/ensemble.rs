@@ -7,10 +7,12 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use crate::driver::threads::share_watched;
-use crate::driver::{Derivatives, LaneQueue, RunsInLanes, require_valid, simulate};
+use crate::driver::{Derivatives, RunsInLanes, require_valid, simulate};
 use crate::error::{Error, Result};
 use crate::model::{Fingers, Motion, Scene};
-use crate::stepping::{COUNT, Finished, Grid, Options, Run, Status, Steps, Taken, VIOLATIONS, reserved};
+use crate::stepping::{
+    COUNT, Finished, Grid, Options, Recorder, Run, RunQueue, Status, Steps, Taken, VIOLATIONS, reserved,
+};
 
 /// The result of one run of an ensemble.
 #[derive(Debug, Clone, PartialEq)]
@@ -152,7 +154,7 @@ pub(super) fn work(shared: &Shared<'_>) -> Result<Vec<Row>> {
 /// Lets `compute` take runs into lanes, and returns the rows of those that it finishes.
 pub(super) fn in_lanes(
     shared: &Shared<'_>,
-    compute: impl FnOnce(RunsInLanes<'_, '_>) -> Result<Option<()>>,
+    compute: impl FnOnce(RunsInLanes<'_>) -> Result<Option<()>>,
 ) -> Result<Option<Vec<Row>>> {
     let mut rows = Vec::new();
     if shared.runs == 0 {
@@ -170,10 +172,9 @@ pub(super) fn in_lanes(
             shared.done.fetch_add(1, Ordering::Relaxed);
         }
     };
-    let queue = LaneQueue { take: &mut take, stops: &|| shared.stops(), finish: &mut finish };
-    let choice = options.choice(&first.inputs);
-    let papers = first.parameters.has_the_papers_parts();
-    let computed = compute(RunsInLanes { queue, grid: &whole_run(options), options, choice, papers })?;
+    let (stops, recorder) = (&|| shared.stops(), Recorder::default());
+    let queue = RunQueue { take: &mut take, stops, finish: &mut finish, recorder };
+    let computed = compute(RunsInLanes { queue, grid: &whole_run(options), options, scene: &first })?;
     Ok(computed.map(|()| rows))
 }
 

@@ -1,64 +1,41 @@
 //! The step loops of many runs in lanes, compiled for each SIMD level.
 
 use crate::error::Result;
-use crate::formulation::Choice;
-use crate::method::{AnyMethod, Method, Rk4, Runs, adaptive_in_lanes};
-use crate::model::Energies;
-use crate::number::{Instructions, LaneKernel, Lanes, dispatch_four_lanes, dispatch_lanes};
-use crate::stepping::{
-    AdaptiveSteps, EqualSteps, Finished, GridOf, LoopSetup, Options, RunQueue, Steps, Taken,
-};
-
-/// The source and the destination of runs in lanes, whose step loops are compiled once for all of them.
-pub struct LaneQueue<'q, 'a> {
-    pub take: &'q mut dyn FnMut() -> Result<Option<Taken<'a>>>,
-    pub stops: &'q dyn Fn() -> bool,
-    pub finish: &'q mut dyn FnMut(Finished),
-}
-
-impl<'a> RunQueue<'a> for LaneQueue<'_, 'a> {
-    fn take(&mut self) -> Result<Option<Taken<'a>>> {
-        (self.take)()
-    }
-
-    fn stops(&mut self) -> bool {
-        (self.stops)()
-    }
-
-    fn finish(&mut self, finished: Finished, _: impl FnOnce() -> Energies) {
-        (self.finish)(finished);
-    }
-}
+use crate::method::{MakeInLanes, Method, Rk4, Runs};
+use crate::model::Scene;
+use crate::number::{Instructions, LaneKernel, Lanes, call_four_lanes, dispatch_lanes};
+use crate::stepping::{AdaptiveSteps, EqualSteps, GridOf, LoopSetup, Options, RunQueue, Steps};
 
 /// The runs of one thread in lanes.
-pub struct RunsInLanes<'q, 'a> {
-    pub queue: LaneQueue<'q, 'a>,
-    pub grid: &'q GridOf<'q>,
+pub struct RunsInLanes<'a> {
+    pub queue: RunQueue<'a>,
+    pub grid: &'a GridOf<'a>,
     pub options: &'a Options,
-    pub choice: Choice,
-    /// Whether the parts of all runs are the paper's.
-    pub papers: bool,
+    /// One of the scenes. All have the same kinds of parts, fingers and inputs.
+    pub scene: &'a Scene,
 }
 
-impl RunsInLanes<'_, '_> {
+impl RunsInLanes<'_> {
     /// Computes the runs. Returns `None` if the steps of the method have no lanes.
     pub fn compute(self) -> Result<Option<()>> {
-        if self.papers {
-            dispatch_lanes(self.options.simd, self)?
-        } else {
-            // Vectors of eight lanes have code for the paper's parts only.
-            dispatch_four_lanes(self.options.simd, self)?
-        }
+        // Vectors of eight lanes have code for the paper's parts only.
+        let papers = self.scene.parameters.has_the_papers_parts();
+        let level = self.options.simd;
+        if papers { dispatch_lanes(level, self)? } else { call_four_lanes(level.require()?, self) }
     }
 }
 
-impl LaneKernel for RunsInLanes<'_, '_> {
+impl LaneKernel for RunsInLanes<'_> {
     type Output = Result<Option<()>>;
 
     #[inline(always)]
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
-        let Self { queue, grid, options, choice, .. } = self;
+        let Self { queue, grid, options, scene } = self;
+        let choice = options.choice(&scene.inputs);
         let setup = LoopSetup { instructions, options, choice, queue };
+        let method = options.method;
+        let make = |runs: Runs<'_>, system: &_| R::call(instructions, MakeInLanes { method, runs, system });
+        let build = |runs: Runs<'_>| runs.with_method(make);
         let computed = match (options.steps, options.method) {
             // A step of RK4 is so short that a call would take 3 % of it.
             (Steps::Fixed(_), Method::Rk4) => {
@@ -66,16 +43,10 @@ impl LaneKernel for RunsInLanes<'_, '_> {
                 let build = move |runs: Runs<'_>| (runs.system::<R>(), method);
                 R::call(instructions, EqualSteps { setup, grid, build })
             }
-            (Steps::Fixed(_), method @ (Method::Dop853 | Method::Rosenbrock)) => {
-                let build = |runs: Runs<'_>| {
-                    let system = runs.system();
-                    let method: AnyMethod<R> = adaptive_in_lanes(method, runs, &system);
-                    (system, method)
-                };
+            (Steps::Fixed(_), Method::Dop853 | Method::Rosenbrock) => {
                 R::call(instructions, EqualSteps { setup, grid, build })
             }
-            (Steps::Free { tolerance }, method @ (Method::Dop853 | Method::Rosenbrock)) => {
-                let build = |runs: Runs<'_>, system: &_| adaptive_in_lanes::<R>(method, runs, system);
+            (Steps::Free { tolerance }, Method::Dop853 | Method::Rosenbrock) => {
                 R::call(instructions, AdaptiveSteps { setup, tolerance, build })
             }
             // Lanes of a method that iterates would wait for each other.
@@ -83,6 +54,6 @@ impl LaneKernel for RunsInLanes<'_, '_> {
                 return Ok(None);
             }
         };
-        computed.map(|_| Some(()))
+        computed.map(Some)
     }
 }

@@ -10,7 +10,7 @@ pub(crate) mod tests;
 mod threads;
 
 pub use ensemble::{Row, derivatives, ensemble};
-pub(crate) use lanes::{LaneQueue, RunsInLanes};
+pub(crate) use lanes::RunsInLanes;
 pub use sensitivities::{COMPONENTS, Derivatives, Direction, QUANTITIES, Shift, Wanted};
 pub(crate) use simulate::require_valid;
 pub use simulate::{Outline, check, outline, simulate, stability_warning};

@@ -14,7 +14,7 @@ use crate::model::{
     BILATERAL_WORKS, ContactModel, Contacts, DIRECTIONS, Input, Inputs, Motion, PARAMETER_COUNT, Parameters,
     Scene, SegmentDrive, Start, State, VariedParameters, unpacked,
 };
-use crate::number::{Instructions, LaneKernel, LaneTask, Lanes, Real, dispatch_four_lanes};
+use crate::number::{Instructions, LaneKernel, LaneTask, Lanes, Real, call_four_lanes, task};
 use crate::stepping::{
     Grid, Options, POLL, Segment, Selection, Span, Steps, Summaries, Summary, SummaryInstant, reserved,
 };
@@ -90,24 +90,23 @@ pub fn sensitivities(
 ) -> Result<Option<Derivatives>> {
     let ends = &ends(scene, options, interrupted)?;
     let request = Request { scene, options, start, ends, directions, wanted, interrupted };
-    dispatch_four_lanes(options.simd, request).flatten()
+    call_four_lanes(options.simd.require()?, request)
 }
 
 /// The ends of free steps, from the run itself. Refuses scenes whose derivatives are not computed.
 fn ends(scene: &Scene, options: &Options, interrupted: &dyn Fn() -> bool) -> Result<Vec<f64>> {
+    let refused = |allowed: &str| Err(Error::unknown("sensitivities", "of this scene", allowed));
     if options.contact != ContactModel::Bilateral || scene.inputs.sampled().is_some() {
-        let allowed = "those with contact = \"bilateral\" and without a SampledController".to_owned();
-        return Err(Error::Unknown { field: "sensitivities", name: "of this scene".to_owned(), allowed });
+        return refused("those with contact = \"bilateral\" and without a SampledController");
     }
     if !scene.parameters.has_the_papers_parts() {
-        let allowed = "those of rotary fingers, parallel faces and the law (5)".to_owned();
-        return Err(Error::Unknown { field: "sensitivities", name: "of this scene".to_owned(), allowed });
+        return refused("those of rotary fingers, parallel faces and the law (5)");
     }
     match &options.steps {
         Steps::Fixed(_) => Ok(Vec::new()),
         Steps::Free { .. } => {
             let ends = Options { record: Selection::default(), every: 1, times: None, ..options.clone() };
-            Ok(simulate(scene, &ends, interrupted)?.0.recording.t)
+            Ok(simulate(scene, &ends, interrupted)?.0.recording.t().to_vec())
         }
     }
 }
@@ -147,7 +146,7 @@ impl LaneKernel for Request<'_> {
                 }
             };
             let mut method = RunDualMethod::new(runs, options.method);
-            match R::call(instructions, FollowRun(&run, &mut method, &mut sink)) {
+            match R::call(instructions, FollowRun { run: &run, method: &mut method, sink: &mut sink }) {
                 Ok(()) if sink.is_full() => {}
                 Ok(()) => return Ok(None),
                 Err(failure @ Error::NoDerivative { .. }) => {
@@ -229,24 +228,13 @@ impl<R: Lanes> Sink<'_, R> {
     }
 }
 
-struct Take<'a, 's, R> {
-    sink: &'a mut Sink<'s, R>,
-    system: &'a RunDualSystem<R>,
-    time: f64,
-    now: &'a Evaluation<RunDual<R>>,
-    y: &'a States<RunDual<R>>,
-}
-
-impl<R: Lanes> LaneTask<R> for Take<'_, '_, R> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { sink, system, time, now, y } = self;
-        match sink {
-            Sink::Rows(rows) => rows.take(system, now, y),
-            Sink::Ends(ends) => ends.take(time, now),
-        }
+task! {
+    ['a, 's, R: Lanes]
+    Take<'a, 's, R>(sink: &'a mut Sink<'s, R>, system: &'a RunDualSystem<R>, time: f64, y: &'a States<RunDual<R>>,
+        now: &'a Evaluation<RunDual<R>>)
+    for R => () = match sink {
+        Sink::Rows(rows) => rows.take(system, now, y),
+        Sink::Ends(ends) => ends.take(time, now),
     }
 }
 
@@ -354,26 +342,23 @@ struct DifferentiatedRun<'a, R> {
     equations: RunDualEquations<R>,
 }
 
-/// Follows a run with a method until its sink needs no more.
-struct FollowRun<'w, 's, R: Lanes>(
-    &'w DifferentiatedRun<'w, R>,
-    &'w mut RunDualMethod<R>,
-    &'w mut Sink<'s, R>,
-);
+task! {
+    ['w, 's, R: Lanes]
+    FollowRun<'w, 's, R>(run: &'w DifferentiatedRun<'w, R>, method: &'w mut RunDualMethod<R>, sink: &'w mut Sink<'s, R>)
+    for R => Result = run.follow(method, sink)
+}
 
-impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
-    type Output = Result;
-
+impl<R: Lanes> DifferentiatedRun<'_, R> {
+    /// Follows the run with a method until its sink needs no more.
     #[inline(always)]
-    fn run(self) -> Self::Output {
-        let Self(run, method, sink) = self;
-        let (grid, mut ends) = run.times()?;
-        let DifferentiatedRun { request: Request { scene, interrupted, .. }, equations, .. } = run;
+    fn follow(&self, method: &mut RunDualMethod<R>, sink: &mut Sink<'_, R>) -> Result {
+        let (grid, mut ends) = self.times()?;
+        let DifferentiatedRun { request: Request { scene, interrupted, .. }, equations, .. } = self;
         let system = &equations.system;
         let inputs = &scene.inputs;
         let mut segment = grid.first;
-        let mut drive = run.drive(segment.anchor);
-        let mut y = system.begin(&run.start(&drive));
+        let mut drive = self.drive(segment.anchor);
+        let mut y = system.begin(&self.start(&drive));
         let mut next = [RunDual::zero(); MAX_COMPONENTS];
         let mut rate = next;
         let mut steps = 0u64;
@@ -384,10 +369,10 @@ impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
             });
             method.begin(inputs.segment(segment.anchor), linearized);
             let mut tau = RunDual::constant(segment.tau(segment.first));
-            run.visit(segment.start, &drive, (tau, &y), &mut rate, sink);
+            self.visit(segment.start, &drive, (tau, &y), &mut rate, sink);
             // A run that is resumed inside a segment has already had what happens at the start of the segment.
-            if segment.first == 0 && run.pass(segment.start, &drive, &mut y) {
-                rate = run.rates((&drive.at(tau), &drive), &y);
+            if segment.first == 0 && self.pass(segment.start, &drive, &mut y) {
+                rate = self.rates((&drive.at(tau), &drive), &y);
             }
             let mut taken = 0;
             while let Some(times) = next_step(&segment, taken, ends) {
@@ -408,7 +393,7 @@ impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
                         .map_err(|Unsolved { correction, .. }| Error::NoDerivative { time, correction })?;
                     system.correct(&drive, tau + h, &mut next);
                     let Some(row) = row else { break };
-                    run.visit(row, &drive, (tau + h, &next), &mut { rate }, sink);
+                    self.visit(row, &drive, (tau + h, &next), &mut { rate }, sink);
                 }
                 swap(&mut y, &mut next);
                 tau = RunDual::constant(times.tau_end);
@@ -419,32 +404,28 @@ impl<R: Lanes> LaneTask<R> for FollowRun<'_, '_, R> {
                     return Ok(());
                 }
                 if times.end < segment.end {
-                    run.visit(times.end, &drive, (tau, &y), &mut rate, sink);
+                    self.visit(times.end, &drive, (tau, &y), &mut rate, sink);
                 }
             }
             let Some(later) = grid.after(inputs, &segment).filter(|_| !sink.is_full()) else {
-                run.visit(segment.end, &drive, (tau, &y), &mut rate, sink);
+                self.visit(segment.end, &drive, (tau, &y), &mut rate, sink);
                 return Ok(());
             };
             segment = later;
-            drive = run.drive(segment.anchor);
+            drive = self.drive(segment.anchor);
         }
     }
-}
 
-impl<R: Lanes> DifferentiatedRun<'_, R> {
     /// The segments of the run, and the ends of its steps if these are free.
     fn times(&self) -> Result<(Grid, Option<&[f64]>)> {
-        let Scene { inputs, initial, duration, .. } = self.request.scene;
-        match self.request.options.steps {
-            Steps::Fixed(dt) => {
-                Ok((Grid::new(inputs, initial, *duration, dt, self.request.options.refine)?, None))
-            }
+        let &Request { scene: Scene { inputs, initial, duration, .. }, options, ends, .. } = self.request;
+        match options.steps {
+            Steps::Fixed(dt) => Ok((Grid::new(inputs, initial, *duration, dt, options.refine)?, None)),
             Steps::Free { .. } => {
                 let span = Span::new(inputs, initial, *duration)?;
                 // One step to each segment, of which only the segments count.
                 let initial = &State { grid: None, ..initial.clone() };
-                Ok((Grid::over(inputs, initial, span, f64::INFINITY, 1)?, Some(self.request.ends)))
+                Ok((Grid::over(inputs, initial, span, f64::INFINITY, 1)?, Some(ends)))
             }
         }
     }

@@ -1,5 +1,7 @@
 //! One run: the checks before it, its result, and the choice of the code that computes it.
 
+use std::borrow::Cow;
+
 use crate::driver::ensemble::whole_run;
 use crate::error::{Error, Result, require};
 use crate::formulation::{AnyParts, Contact, EquationKind, Formulation, Inlined, Unilateral, with};
@@ -10,8 +12,8 @@ use crate::model::{
 };
 use crate::number::Lanes;
 use crate::stepping::{
-    AdaptiveSteps, Due, EqualSteps, Grid, GridOf, LaneContact, LaneController, Layout, LoopSetup, Options,
-    Recorder, Recording, Run, Span, Steps, reserved,
+    AdaptiveSteps, Due, EqualSteps, Finished, Grid, GridOf, LaneContact, LaneController, Layout, LoopSetup,
+    Options, Recorder, Recording, Run, RunQueue, Span, Steps, Taken, reserved,
 };
 
 /// Advice for steps that are too long for the gains of the stabilisation; `None` if they are not.
@@ -43,8 +45,7 @@ pub fn simulate(
     options: &Options,
     interrupted: &dyn Fn() -> bool,
 ) -> Result<(Run, Option<String>)> {
-    let guard = options.guard || options.may_be_unstable(scene);
-    let options = &Options { guard, ..options.clone() };
+    let options = &Options { guard: options.guard || options.may_be_unstable(scene), ..options.clone() };
     let (grid, times) = prepare(scene, options)?;
     // Free steps make the number of rows unknown beforehand.
     let rows = grid.as_ref().map_or(0, |grid| grid.steps / options.every + 2);
@@ -55,24 +56,9 @@ pub fn simulate(
         Some(times) => Due::Times(times),
         None => Due::Steps { every: options.every, left: 0 },
     };
-    let recorder = Recorder::new(scene, recording, due, interrupted);
     // Only equal steps ask for a grid.
     let grid = |_: usize, scene: &Scene| grid.clone().map_or_else(|| whole_run(options)(0, scene), Ok);
-    Ok((run(scene, options, &grid, recorder)?.run, warning))
-}
-
-/// Computes a run over the times of a grid, without its recording and without a check. In unilateral contact the
-/// `contact` of an earlier run with the same parameters can be kept, and is returned.
-pub(super) fn advance(
-    (scene, contact): (&Scene, Option<Box<LaneContact>>),
-    options: &Options,
-    grid: Grid,
-    interrupted: &dyn Fn() -> bool,
-) -> Result<(Run, Option<Box<LaneContact>>)> {
-    let mut recorder = Recorder::new(scene, Recording::default(), Due::Never, interrupted);
-    recorder.contact = contact;
-    let Recorder { run, contact, .. } = run(scene, options, &|_, _| Ok(grid.clone()), recorder)?;
-    Ok((run, contact))
+    Ok((lone_run((scene, None), options, &grid, Recorder::new(recording, due), interrupted)?.run, warning))
 }
 
 /// Checks a scene and options without computing the run. Returns the longest step if steps are fixed, else zero.
@@ -94,7 +80,7 @@ pub struct Outline {
 /// Outlines a run. Bad input is the only error.
 pub fn outline(scene: &Scene, options: &Options) -> Result<Outline> {
     let (grid, times) = prepare(scene, options)?;
-    let row = 8 * options.record.width(layout(scene, options));
+    let row = 8 * layout(scene, options).widths(options.record).iter().sum::<usize>() as u64;
     let Scene { inputs, initial, duration, .. } = scene;
     let end = initial.time + duration;
     let (segments, steps) = match grid {
@@ -151,8 +137,7 @@ fn require_unilateral(scene: &Scene, options: &Options) -> Result {
     if options.formulation == Formulation::Nullspace {
         let allowed = "\"csm\" or \"projected\" where contact = \"unilateral\": the states of nullspace are on the constraints of both \
                        contacts always";
-        let (name, allowed) = ("nullspace".to_owned(), allowed.to_owned());
-        return Err(Error::Unknown { field: "formulation", name, allowed });
+        return Err(Error::unknown("formulation", "nullspace", allowed));
     }
     for (name, value) in
         ["friction.right", "friction.left"].into_iter().zip(scene.parameters.friction.fields())
@@ -178,7 +163,7 @@ fn adaptive(method: Method) -> Result<MakeAdaptiveMethod> {
         let adaptive = METHODS.iter().filter(|(_, method)| method.entry().adaptive.is_some());
         let names: Vec<_> = adaptive.map(|(name, _)| format!("{name:?}")).collect();
         let allowed = names.join(", ") + " where tolerance is given: only they estimate their error";
-        Error::Unknown { field: "method", name: method.name().to_owned(), allowed }
+        Error::unknown("method", method.name(), allowed)
     })
 }
 
@@ -226,18 +211,33 @@ fn instants(times: &[f64], Span { start, end }: Span) -> Result<Vec<f64>> {
     Ok(instants)
 }
 
-/// Runs the step loop for the method, over the times of `grid` if steps are equal.
-fn run<'a>(
-    scene: &Scene,
-    options: &'a Options,
+/// Computes a run without a check, over the times of `grid` if steps are equal. In unilateral contact the contacts of an
+/// earlier run with the same parameters can be kept, and are returned.
+pub(super) fn lone_run(
+    (scene, contact): (&Scene, Option<Box<LaneContact>>),
+    options: &Options,
     grid: &GridOf<'_>,
-    queue: Recorder<'a>,
-) -> Result<Recorder<'a>> {
+    recorder: Recorder<'_>,
+    stops: &dyn Fn() -> bool,
+) -> Result<Finished> {
+    let mut next = Some(Taken { number: 0, scene: Cow::Borrowed(scene), contact });
+    let mut finished = None;
+    let (mut take, mut finish) = (|| Ok(next.take()), |run| finished = Some(run));
+    let queue = RunQueue { take: &mut take, stops, finish: &mut finish, recorder };
+    run(scene, options, grid, queue)?;
+    let Some(finished) = finished else { unreachable!("a step loop ends each run that it takes") };
+    Ok(finished)
+}
+
+/// Runs the step loop for the method.
+fn run<'a>(scene: &Scene, options: &'a Options, grid: &GridOf<'_>, queue: RunQueue<'a>) -> Result {
     let instructions = options.simd.require()?;
     let choice = options.choice(&scene.inputs);
     let setup = LoopSetup { instructions, options, choice, queue };
     if let Steps::Free { tolerance } = options.steps {
-        return f64::call(instructions, AdaptiveSteps { setup, tolerance, build: adaptive(options.method)? });
+        let make = adaptive(options.method)?;
+        let build = |runs: Runs<'_>| runs.with_method(make);
+        return f64::call(instructions, AdaptiveSteps { setup, tolerance, build });
     }
     // Only what was measured to pay is inlined (docs/what-a-scene-pays.md).
     if options.method == Method::Rk4
@@ -257,10 +257,6 @@ fn run<'a>(
             f64::call(instructions, EqualSteps { setup, grid, build })
         });
     }
-    let build = |runs: Runs<'_>| {
-        let system = runs.system();
-        let method = (options.method.entry().alone)(runs, &system);
-        (system, method)
-    };
+    let build = |runs: Runs<'_>| runs.with_method(options.method.entry().alone);
     f64::call(instructions, EqualSteps { setup, grid, build })
 }

@@ -8,17 +8,18 @@ use std::borrow::Cow;
 use std::cell::RefCell;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use rayon::ThreadPool;
+use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::driver::simulate::advance;
-use crate::driver::threads::{share, waiting};
-use crate::driver::{LaneQueue, RunsInLanes, require_valid};
+use crate::driver::simulate::lone_run;
+use crate::driver::threads::share;
+use crate::driver::{RunsInLanes, require_valid};
 use crate::error::{Error, Result, require, require_at_most};
-use crate::formulation::System;
+use crate::formulation::{Contact, System};
 use crate::model::{ContactModel, Held, Motion, Rule, Scene, State};
 use crate::number::MOST;
 use crate::stepping::{
-    Finished, Grid, Instant, LaneContact, MOST_STEPS, Options, Run, Span, Status, Steps, Taken, round_off,
+    ContactRun, Finished, Grid, Instant, LaneContact, MOST_STEPS, Options, Recorder, Run, RunQueue, Span,
+    Status, Steps, Taken, round_off,
 };
 
 /// Runs that are stepped from outside.
@@ -27,7 +28,7 @@ pub struct Simulator {
     environments: Vec<Environment>,
     /// The runs in the period that is computed now.
     runs: Vec<PeriodRun>,
-    /// Threads beside the caller's, if there are any.
+    /// Threads beside the caller's that wait for work, if there are any: periods take microseconds.
     pool: Option<ThreadPool>,
 }
 
@@ -52,17 +53,18 @@ impl Simulator {
         };
         let guard = scenes.iter().any(|scene| options.may_be_unstable(scene));
         let how = Stepping { options: Options { guard, ..options.clone() }, dt, period };
-        let mut environments = Vec::with_capacity(scenes.len());
-        for (run, scene) in scenes.into_iter().enumerate() {
-            let mut environment = Environment::new(scene);
-            let (start, check) = environment.start.clone();
-            environment.begin((&start, check), &how).map_err(|error| error.of_run(run))?;
-            environments.push(environment);
+        let mut environments: Vec<_> = scenes.into_iter().map(Environment::new).collect();
+        for (run, environment) in environments.iter_mut().enumerate() {
+            environment.begin(None, &how).map_err(|error| error.of_run(run))?;
         }
         let runs = environments.iter().map(|_| PeriodRun::default()).collect();
         // More threads than vectors of lanes have nothing to do.
         let threads = threads.min(environments.len().div_ceil(MOST));
-        let pool = (threads > 1).then(|| waiting(threads - 1)).transpose()?;
+        let pool = || {
+            let pool = ThreadPoolBuilder::new().num_threads(threads - 1).build();
+            pool.map_err(|error| Error::Threads { threads, reason: error.to_string() })
+        };
+        let pool = (threads > 1).then(pool).transpose()?;
         Ok(Self { how, environments, runs, pool })
     }
 
@@ -89,9 +91,7 @@ impl Simulator {
     /// Puts a run back to its start, or to the start of another run from `state`. There is no external force
     /// from outside then. `check` says whether a state off the constraints is refused.
     pub fn reset(&mut self, run: usize, state: Option<(&State, bool)>) -> Result {
-        let environment = &mut self.environments[run];
-        let (start, check) = environment.start.clone();
-        environment.begin(state.unwrap_or((&start, check)), &self.how)
+        self.environments[run].begin(state, &self.how)
     }
 
     /// Goes on from a state, at its time. The run's end and the external force stay.
@@ -228,13 +228,20 @@ impl Environment {
         Self { scene, start, force: [0.0; 3], span, origin: time, periods: 0, until: time, observed }
     }
 
-    /// Puts the run at its start. Refuses a start that a run refuses, and steps that are too many or too short.
-    fn begin(&mut self, (start, check): (&State, bool), how: &Stepping) -> Result {
+    /// Puts the run at its own start or at another one. Refuses a start that a run refuses, and steps that are too many
+    /// or too short.
+    fn begin(&mut self, start: Option<(&State, bool)>, how: &Stepping) -> Result {
+        let own = self.start.clone();
+        let (start, check) = start.unwrap_or((&own.0, own.1));
         let Self { scene, .. } = self;
         let span = Span::new(&scene.inputs, start, scene.duration)?;
         let first = Span { end: span.end.min(span.start + how.period), ..span };
         Grid::over(&scene.inputs, start, first, how.dt, how.options.refine)?;
-        require_periods(span, how.period)?;
+        // There may not be more periods than a run can be divided into, and the clock must resolve them.
+        let (needed, what) = ((span.end - span.start) / how.period, "the periods (duration / period)");
+        require_at_most(what, needed, MOST_STEPS, "lengthen the period or shorten the run")?;
+        let rule = "must be more than round-off of the times of the run";
+        require(how.period > round_off(span.start, span.end), "period", how.period, rule)?;
         self.place((start, check), span, how)?;
         (self.origin, self.periods, self.force) = (start.time, 0, [0.0; 3]);
         Ok(())
@@ -285,15 +292,6 @@ impl Environment {
     }
 }
 
-/// Refuses more periods than a run can be divided into, and periods that the clock does not resolve.
-fn require_periods(Span { start, end }: Span, period: f64) -> Result {
-    let needed = (end - start) / period;
-    let what = "the periods (duration / period)";
-    require_at_most(what, needed, MOST_STEPS, "lengthen the period or shorten the run")?;
-    let rule = "must be more than round-off of the times of the run";
-    require(period > round_off(start, end), "period", period, rule)
-}
-
 /// The multipliers at the initial state of a scene.
 fn multipliers(scene: &Scene, Stepping { options, dt, .. }: &Stepping) -> Result<[f64; 4]> {
     let instructions = options.simd.require()?;
@@ -301,10 +299,10 @@ fn multipliers(scene: &Scene, Stepping { options, dt, .. }: &Stepping) -> Result
     let State { time, motion, .. } = scene.initial;
     let mut drive = scene.inputs.segment(time);
     if options.contact == ContactModel::Unilateral {
-        if scene.initial.contact.is_none() {
-            return LaneContact::first_multipliers(instructions, options, scene, drive, *dt);
-        }
-        LaneContact::new(instructions, options, scene)?.run.put_into(&mut drive.contacts, 0);
+        let Some(row) = &scene.initial.contact else {
+            return LaneContact::multipliers(options, scene, drive, *dt);
+        };
+        ContactRun::new(Contact::of_row(row)?).put_into(&mut drive.contacts, 0);
     }
     let y = equations.begin(&motion);
     Ok(equations.evaluate(&drive, 0.0, &y).multipliers)
@@ -349,17 +347,17 @@ fn compute_part(
                 contact: runs.borrow_mut()[number].contact.take(),
             }))
         };
-        let queue = LaneQueue { take: &mut take, stops, finish: &mut finish };
-        let choice = options.choice(&first.scene.inputs);
-        let papers = first.scene.parameters.has_the_papers_parts();
-        if (RunsInLanes { queue, grid: &grid, options, choice, papers }).compute()?.is_some() {
+        let recorder = Recorder::default();
+        let queue = RunQueue { take: &mut take, stops, finish: &mut finish, recorder };
+        if (RunsInLanes { queue, grid: &grid, options, scene: &first.scene }).compute()?.is_some() {
             return Ok(());
         }
     }
     for (number, Environment { scene, .. }) in under_way {
         let kept = runs.borrow_mut()[number].contact.take();
-        let (run, contact) = advance((scene, kept), options, grid(number, scene)?, stops)?;
-        finish(Finished { number, run, contact });
+        let own = grid(number, scene)?;
+        let finished = lone_run((scene, kept), options, &|_, _| Ok(own.clone()), Recorder::default(), stops)?;
+        finish(Finished { number, ..finished });
     }
     Ok(())
 }

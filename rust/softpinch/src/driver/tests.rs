@@ -22,7 +22,7 @@ use crate::number::trigonometry::LIBM_LANES;
 use crate::stepping::ending::Status;
 use crate::stepping::monitor::Violation;
 use crate::stepping::options::{Options, Steps};
-use crate::stepping::record::Selection;
+use crate::stepping::record::{Column, Recordable};
 use crate::stepping::summary::{SUMMARIES, Wanted};
 
 /// The default parameters, with a mass, an impulse and an end that depend on the run, so that lanes are at
@@ -144,7 +144,7 @@ fn portable_lanes_give_the_bits_of_lone_runs_with_events() {
         let base = Options {
             formulation,
             contact: ContactModel::Unilateral,
-            summaries: Wanted::new(summaries, 0.003, 1e-3),
+            summaries: Wanted { set: summaries.into_iter().collect(), after: 0.003, band: 1e-3 },
             ..Options::default()
         };
         let options = Options { steps: Steps::Fixed(dt), ..base.clone() };
@@ -240,7 +240,7 @@ proptest! {
             formulation: formulation.1,
             contact,
             steps: Steps::Fixed(2e-4),
-            record: Selection { state: true, multipliers: true, ..Selection::default() },
+            record: [Recordable::State, Recordable::Multipliers].into_iter().collect(),
             ..Options::default()
         };
         let scene = if unilateral { slipping(number) } else { scene(number) }.expect("valid");
@@ -248,15 +248,17 @@ proptest! {
         let whole = run(&scene);
         let rows = &whole.recording;
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a small number
-        let k = (place * (rows.t.len() - 1) as f64) as usize;
-        let duration = scene.duration - rows.t[k];
-        prop_assume!(rows.t[k] + duration == scene.duration);
+        let k = (place * (rows.t().len() - 1) as f64) as usize;
+        let duration = scene.duration - rows.t()[k];
+        prop_assume!(rows.t()[k] + duration == scene.duration);
         // The stabilisation leaves residuals, which a start that is checked may not have.
         let rest = Scene { initial: rows.state_at(k), check: false, duration, ..scene };
         let resumed = run(&rest);
         prop_assert_eq!(&resumed.status, &whole.status);
-        prop_assert_eq!(&resumed.recording.q[..], &rows.q[k..]);
-        prop_assert_eq!(&resumed.recording.p[..], &rows.p[k..]);
-        prop_assert_eq!(&resumed.recording.multipliers[1..], &rows.multipliers[k + 1..]);
+        for column in [Column::Q, Column::P] {
+            prop_assert_eq!(resumed.recording.rows::<9>(column), &rows.rows::<9>(column)[k..]);
+        }
+        let multipliers = Column::Multipliers;
+        prop_assert_eq!(&resumed.recording.rows::<4>(multipliers)[1..], &rows.rows::<4>(multipliers)[k + 1..]);
     }
 }

@@ -22,12 +22,6 @@ impl Drop for StopOnPanic<'_> {
     }
 }
 
-/// Threads that wait for work. Steps of runs from outside need them, because their periods take microseconds.
-pub fn waiting(threads: usize) -> Result<ThreadPool> {
-    let pool = ThreadPoolBuilder::new().num_threads(threads).build();
-    pool.map_err(|error| Error::Threads { threads, reason: error.to_string() })
-}
-
 /// Does `work` for each of `parts` on a thread of the pool, and meanwhile `own` on the caller's thread, which gets the
 /// results in any order. An error or a panic sets `stop`, at which work is expected to end.
 pub fn share<P: Send, T: Send, O>(

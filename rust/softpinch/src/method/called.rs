@@ -4,6 +4,7 @@
 use crate::formulation::{SceneEquations, States};
 use crate::method::{Adaptive, Integrator, Runs, Stats, Step, StepResult};
 use crate::model::SegmentDrive;
+use crate::number::real::inlined;
 use crate::number::{Bits, Instructions, LaneTask, Lanes, task};
 
 pub type AnyMethod<R = f64> = Box<dyn Integrator<R, SceneEquations<R>> + Send + Sync>;
@@ -50,50 +51,32 @@ task! {
 }
 
 impl<R: Lanes, M: Integrator<R, SceneEquations<R>>> Integrator<R, SceneEquations<R>> for Called<M> {
+    inlined! {
+        restart(&mut self) -> () = self.method.restart();
+        repeat(&mut self) -> () = self.method.repeat();
+        renew(&mut self, runs: Runs<'_>) -> () = (self.renew)(&mut self.method, runs);
+        keeps_jacobian(&self) -> bool = self.method.keeps_jacobian();
+        jacobian_is_reusable(&self) -> bool = self.method.jacobian_is_reusable();
+    }
+
     fn step(&mut self, step: &Step<'_, R>, next: &mut States<R>, stats: &mut Stats) -> StepResult {
-        let Self { instructions, method, .. } = self;
-        R::call(*instructions, TakeStep { method, step, next, stats })
-    }
-
-    fn restart(&mut self) {
-        self.method.restart();
-    }
-
-    fn repeat(&mut self) {
-        self.method.repeat();
-    }
-
-    fn renew(&mut self, runs: Runs<'_>) {
-        (self.renew)(&mut self.method, runs);
-    }
-
-    fn keeps_jacobian(&self) -> bool {
-        self.method.keeps_jacobian()
-    }
-
-    fn jacobian_is_reusable(&self) -> bool {
-        self.method.jacobian_is_reusable()
+        R::call(self.instructions, TakeStep { method: &mut self.method, step, next, stats })
     }
 
     fn take_jacobian(&mut self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) {
-        let Self { instructions, method, .. } = self;
-        R::call(*instructions, TakeJacobian { method, drive, tau, y });
+        R::call(self.instructions, TakeJacobian { method: &mut self.method, drive, tau, y });
     }
 }
 
 impl<R: Lanes, M: Adaptive<R, SceneEquations<R>>> Adaptive<R, SceneEquations<R>> for Called<M> {
-    fn error(&mut self, step: &Step<'_, R>, retried: Bits, stats: &mut Stats) -> R {
-        let Self { instructions, method, .. } = self;
-        R::call(*instructions, EstimateError { method, step, retried, stats })
-    }
+    inlined! { accepted(&mut self, h: R) -> () = self.method.accepted(h); }
 
-    fn accepted(&mut self, h: R) {
-        self.method.accepted(h);
+    fn error(&mut self, step: &Step<'_, R>, retried: Bits, stats: &mut Stats) -> R {
+        R::call(self.instructions, EstimateError { method: &mut self.method, step, retried, stats })
     }
 
     fn prepare(&mut self, step: &Step<'_, R>, next: &States<R>, stats: &mut Stats) {
-        let Self { instructions, method, .. } = self;
-        R::call(*instructions, Prepare { method, step, next, stats });
+        R::call(self.instructions, Prepare { method: &mut self.method, step, next, stats });
     }
 
     fn interpolate(&self, y: &States<R>, next: &States<R>, x: R) -> States<R> {

@@ -12,7 +12,7 @@ use std::ops::Range;
 
 use crate::formulation::{Jacobian, Linear, MAX_COMPONENTS, Size, States};
 use crate::model::SegmentDrive;
-use crate::number::{Entry, LaneTask, Lanes, Lu, MOST_ROWS, Real, Square};
+use crate::number::{Entry, LaneTask, Lanes, Lu, MOST_ROWS, Real, Square, task};
 
 /// Directions in one sweep of dual numbers for a single run: one vector of AVX-512.
 pub const DIRECTIONS: usize = 8;
@@ -168,16 +168,10 @@ where
     x
 }
 
-/// Decomposes g I - J.
-struct Factor<'a, T: Entry>(&'a Linearization<T::Part>, T);
-
-impl<R: Lanes, T: Entry<Part = R>> LaneTask<R> for Factor<'_, T> {
-    type Output = Factors<T>;
-
-    #[inline(always)]
-    fn run(self) -> Factors<T> {
-        unrolled!(self.0.size, factor(self.0, self.1))
-    }
+task! {
+    /// Decomposes g I - J.
+    ['a, R: Lanes, T: Entry<Part = R>] Factor<'a, R, T>(of: &'a Linearization<R>, g: T)
+    for R => Factors<T> = unrolled!(of.size, factor(of, g))
 }
 
 /// Solves (g I - J) x = b.
@@ -223,13 +217,15 @@ impl<R: Lanes> Linearization<R> {
     #[inline(always)]
     pub fn factor<T: Entry<Part = R>>(&self, g: T) -> Factors<T> {
         // Called by all methods of single runs; inlined into the one method that has lanes.
-        if R::WIDTH == 1 { R::outlined(Factor(self, g)) } else { Factor(self, g).run() }
+        let task = Factor { of: self, g };
+        if R::WIDTH == 1 { R::outlined(task) } else { task.run() }
     }
 
     /// Solves (g I - J) x = b for the states. The other entries of the solution are those of `b`.
     #[inline(always)]
     pub fn solve<T: Entry<Part = R>>(&self, factors: &Factors<T>, b: &States<T>) -> States<T> {
-        if R::WIDTH == 1 { R::outlined(Solve(self, factors, b)) } else { Solve(self, factors, b).run() }
+        let task = Solve(self, factors, b);
+        if R::WIDTH == 1 { R::outlined(task) } else { task.run() }
     }
 
     /// Solves (g I - J) x = b for the states and the works.

@@ -30,7 +30,8 @@ pub(crate) use rk4::Rk4;
 pub(crate) use rosenbrock::Rosenbrock;
 pub(crate) use run_dual::{RunDualMethod, values};
 pub(crate) use step_control::StepControl;
-pub use table::{METHODS, MakeAdaptiveMethod, Method, MethodEntry, adaptive_in_lanes};
+pub(crate) use table::MakeInLanes;
+pub use table::{METHODS, MakeAdaptiveMethod, Method, MethodEntry};
 pub(crate) use traits::{
     Adaptive, Allowed, Integrator, LaneParameters, Runs, Stats, Step, StepResult, Unsolved, largest,
 };

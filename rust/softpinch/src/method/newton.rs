@@ -6,6 +6,7 @@ use crate::method::{
     Allowed, Called, DIRECTIONS, Integrator, Linearization, Runs, Stats, Step, StepResult, Unsolved, largest,
 };
 use crate::model::{Motion, SegmentDrive};
+use crate::number::real::inlined;
 
 /// The largest number of iterations in a step of free length, where a shorter step costs less than many
 /// iterations, and in a step of fixed length.
@@ -217,14 +218,9 @@ where
         }
     }
 
-    #[inline(always)]
-    fn keeps_jacobian(&self) -> bool {
-        true
-    }
-
-    #[inline(always)]
-    fn jacobian_is_reusable(&self) -> bool {
-        self.reusable
+    inlined! {
+        keeps_jacobian(&self) -> bool = true;
+        jacobian_is_reusable(&self) -> bool = self.reusable;
     }
 
     #[inline(always)]

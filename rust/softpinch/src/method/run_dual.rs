@@ -19,10 +19,10 @@ use crate::method::{
     Stats, Step, StepResult,
 };
 use crate::model::{DIRECTIONS, SegmentDrive};
-use crate::number::{Entry, LaneEntry, LaneTask, Lanes, Real};
+use crate::number::{Entry, LaneEntry, LaneTask, Lanes, Real, task};
 
 /// A step that was taken in plain numbers, to be differentiated.
-pub struct SolvedStep<'a, R: Lanes> {
+pub struct SolvedStep<'a, R> {
     equations: &'a RunDualEquations<R>,
     /// The inputs of the segment, without their derivatives.
     plain_drive: &'a SegmentDrive,
@@ -54,25 +54,20 @@ pub trait Differentiable<R: Lanes>: Integrator<f64, SceneEquations<f64>> {
     fn differentiate(&self, solved: &SolvedStep<'_, R>) -> States<RunDual<R>>;
 }
 
-struct Differentiate<'a, R: Lanes, M>(&'a M, &'a SolvedStep<'a, R>);
-
-impl<R: Lanes, M: Differentiable<R>> LaneTask<R> for Differentiate<'_, R, M> {
-    type Output = States<RunDual<R>>;
-
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        self.0.differentiate(self.1)
-    }
+task! {
+    ['a, R: Lanes, M: Differentiable<R>]
+    Differentiate<'a, R, M>(method: &'a M, solved: &'a SolvedStep<'a, R>)
+    for R => States<RunDual<R>> = method.differentiate(solved)
 }
 
 impl<R: Lanes, M: Differentiable<R>> Differentiable<R> for Called<M> {
     fn differentiate(&self, solved: &SolvedStep<'_, R>) -> States<RunDual<R>> {
-        R::call(self.instructions, Differentiate(&self.method, solved))
+        R::call(self.instructions, Differentiate { method: &self.method, solved })
     }
 }
 
 /// A method as a run with derivatives uses it.
-pub enum RunDualMethod<R: Lanes> {
+pub enum RunDualMethod<R> {
     /// An explicit method takes its steps in dual numbers.
     Explicit(AnyMethod<RunDual<R>>),
     /// A method that solves equations takes its steps in plain numbers.
@@ -95,8 +90,7 @@ impl<R: Lanes> RunDualMethod<R> {
             runs: Runs<'_>,
             method: impl Fn(Runs<'_>, &SceneEquations<f64>) -> Called<M>,
         ) -> RunDualMethod<R> {
-            let system = runs.system();
-            let method = Box::new(method(runs, &system));
+            let (system, method) = runs.with_method(|runs, system| Box::new(method(runs, system)));
             RunDualMethod::Solved(Box::new(Solved { method, system, drive: SegmentDrive::still() }))
         }
         match method {
@@ -329,13 +323,8 @@ impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Newton<Radau5, Pair, T> {
 #[inline(always)]
 fn weighted<R: Lanes>(h: f64, of: &Stages<R>) -> Stages<R> {
     let mut sums = [[RunDual::zero(); MAX_COMPONENTS]; 3];
-    for i in 0..3 {
-        for j in 0..3 {
-            let weight = R::constant(h * radau5::A[i][j]);
-            for n in 0..MAX_COMPONENTS {
-                add_scaled(&mut sums[i][n], weight, &of[j][n]);
-            }
-        }
+    for (sum, weights) in sums.iter_mut().zip(&radau5::A) {
+        plus(sum, of, weights, h);
     }
     sums
 }

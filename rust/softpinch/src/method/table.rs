@@ -7,7 +7,7 @@ use crate::method::linearize::DIRECTIONS_IN_LANES;
 use crate::method::{AnyAdaptiveMethod, AnyMethod, Called, Dop853, Rosenbrock, Runs};
 use crate::method::{dop853, implicit_midpoint, radau5, rk4, rosenbrock};
 use crate::names::named;
-use crate::number::{LaneEntry, LaneTask, Lanes};
+use crate::number::{LaneEntry, LaneTask, Lanes, task};
 
 named! {
     /// The methods.
@@ -49,34 +49,19 @@ pub struct MethodEntry {
     pub min_growth: f64,
 }
 
-/// Makes a method in lanes. The zeros of its vectors need the instructions of the lanes.
-struct MakeInLanes<'a, R>(Method, Runs<'a>, &'a SceneEquations<R>);
-
-impl<R: Lanes> LaneTask<R> for MakeInLanes<'_, R> {
-    type Output = AnyAdaptiveMethod<R>;
-
-    #[inline(always)]
-    fn run(self) -> AnyAdaptiveMethod<R> {
-        let Self(method, runs, system) = self;
-        match method {
-            Method::Rosenbrock => {
-                type InLanes<R> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, LaneEntry<R>>;
-                let method = InLanes::<R>::new(system.size(), runs.tangent());
-                let renew = |method: &mut InLanes<R>, runs: Runs<'_>| runs.renew(&mut method.tangent);
-                Box::new(Called { renew, ..Called::new(runs, method) })
-            }
-            _ => Box::new(Called::new(runs, Dop853::default())),
+task! {
+    /// Makes a method whose lanes choose the length of their own steps, before its first step: `Rosenbrock` or `Dop853`.
+    /// The zeros of its vectors need the instructions of the lanes.
+    pub(crate) ['a, R: Lanes] MakeInLanes<'a, R>(method: Method, runs: Runs<'a>, system: &'a SceneEquations<R>)
+    for R => AnyAdaptiveMethod<R> = match method {
+        Method::Rosenbrock => {
+            type InLanes<R> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, LaneEntry<R>>;
+            let method = InLanes::<R>::new(system.size(), runs.tangent());
+            let renew = |method: &mut InLanes<R>, runs: Runs<'_>| runs.renew(&mut method.tangent);
+            Box::new(Called { renew, ..Called::new(runs, method) })
         }
+        _ => Box::new(Called::new(runs, Dop853::default())),
     }
-}
-
-/// A method whose lanes choose the length of their own steps, before its first step: `Rosenbrock` or `Dop853`.
-pub fn adaptive_in_lanes<R: Lanes>(
-    method: Method,
-    runs: Runs<'_>,
-    system: &SceneEquations<R>,
-) -> AnyAdaptiveMethod<R> {
-    R::call(runs.instructions, MakeInLanes(method, runs, system))
 }
 
 /// The steps in |z| by which the edge of a stability region is searched along a ray.

@@ -2,6 +2,7 @@
 
 use crate::formulation::{Choice, MAX_COMPONENTS, SceneEquations, Size, States, System, Tangent};
 use crate::model::{Parameters, SegmentDrive, Stabilization};
+use crate::number::real::inlined;
 use crate::number::{Bits, Instructions, Lanes, MOST};
 
 /// An iteration that did not converge.
@@ -92,35 +93,20 @@ pub trait Integrator<R: Lanes, S: System<R>> {
     /// one at the start of the step. A method that solves no equations cannot fail.
     fn step(&mut self, step: &Step<'_, R, S>, next: &mut States<R>, stats: &mut Stats) -> StepResult;
 
-    /// Forgets the data of the last step, because there is a breakpoint before the next one.
-    #[inline(always)]
-    fn restart(&mut self) {}
-
-    /// Prepares another step from the start of the last one: its Jacobian is kept, the rest is forgotten.
-    #[inline(always)]
-    fn repeat(&mut self) {
-        self.restart();
+    inlined! {
+        /// Forgets the data of the last step, because there is a breakpoint before the next one.
+        restart(&mut self) -> () = ();
+        /// Prepares another step from the start of the last one: its Jacobian is kept, the rest is forgotten.
+        repeat(&mut self) -> () = self.restart();
+        /// Renews the data that depend on the parameters of the runs, after some runs have changed.
+        renew(&mut self, _runs: Runs<'_>) -> () = ();
+        /// Whether steps keep a Jacobian for the steps that follow.
+        keeps_jacobian(&self) -> bool = false;
+        /// Whether the kept Jacobian is used in the next step too.
+        jacobian_is_reusable(&self) -> bool = false;
+        /// Takes the Jacobian at time `tau` of the segment and state `y`, as the run had done that is resumed.
+        take_jacobian(&mut self, _drive: &SegmentDrive<R>, _tau: R, _y: &States<R>) -> () = ();
     }
-
-    /// Renews the data that depend on the parameters of the runs, after some runs have changed.
-    #[inline(always)]
-    fn renew(&mut self, _runs: Runs<'_>) {}
-
-    /// Whether steps keep a Jacobian for the steps that follow.
-    #[inline(always)]
-    fn keeps_jacobian(&self) -> bool {
-        false
-    }
-
-    /// Whether the kept Jacobian is used in the next step too.
-    #[inline(always)]
-    fn jacobian_is_reusable(&self) -> bool {
-        false
-    }
-
-    /// Takes the Jacobian at time `tau` of the segment and state `y`, as the run had done that is resumed.
-    #[inline(always)]
-    fn take_jacobian(&mut self, _drive: &SegmentDrive<R>, _tau: R, _y: &States<R>) {}
 }
 
 /// A method that can choose the length of its steps.
@@ -129,9 +115,10 @@ pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
     /// which the attempt before was rejected.
     fn error(&mut self, step: &Step<'_, R, S>, retried: Bits, stats: &mut Stats) -> R;
 
-    /// Notes that the step just taken, of length `h`, is accepted.
-    #[inline(always)]
-    fn accepted(&mut self, _h: R) {}
+    inlined! {
+        /// Notes that the step just taken, of length `h`, is accepted.
+        accepted(&mut self, _h: R) -> () = ();
+    }
 
     /// Computes the data that dense output needs besides the step itself.
     fn prepare(&mut self, _step: &Step<'_, R, S>, _next: &States<R>, _stats: &mut Stats) {}
@@ -155,19 +142,27 @@ pub struct Runs<'a> {
 
 impl Runs<'_> {
     pub fn system<R: Lanes>(&self) -> SceneEquations<R> {
-        let Self { instructions, choice, parameters, gains } = *self;
-        SceneEquations::new(instructions, choice, &parameters, gains)
+        SceneEquations::new(self.instructions, self.choice, &self.parameters, self.gains)
+    }
+
+    /// Builds the equations, and a method for them.
+    #[inline(always)]
+    pub fn with_method<R: Lanes, M>(
+        self,
+        make: impl FnOnce(Self, &SceneEquations<R>) -> M,
+    ) -> (SceneEquations<R>, M) {
+        let system = self.system();
+        let method = make(self, &system);
+        (system, method)
     }
 
     /// Builds the same equations in dual numbers with `W` directions.
     pub fn tangent<R: Lanes, const W: usize>(&self) -> Tangent<R, W> {
-        let Self { instructions, choice, parameters, gains } = *self;
-        Tangent::new(instructions, choice, &parameters, gains)
+        Tangent::new(self.instructions, self.choice, &self.parameters, self.gains)
     }
 
     /// Builds them anew.
     pub fn renew<R: Lanes, const W: usize>(&self, tangent: &mut Tangent<R, W>) {
-        let Self { instructions, choice, parameters, gains } = *self;
-        tangent.renew(instructions, choice, &parameters, gains);
+        tangent.renew(self.instructions, self.choice, &self.parameters, self.gains);
     }
 }

@@ -4,6 +4,7 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
+use crate::number::real::inlined;
 use crate::number::{Bits, Instructions, LaneTask, Lanes, Lift, Real};
 
 /// A value and its derivatives in `W` directions.
@@ -130,9 +131,9 @@ impl<R: Real, const W: usize> Real for Dual<R, W> {
     const ANY_PARTS: bool = R::ANY_PARTS && W == 1;
     const ORDER: usize = R::ORDER + 1;
 
-    #[inline(always)]
-    fn constant(x: f64) -> Self {
-        Self { value: R::constant(x), slope: [R::zero(); W] }
+    inlined! {
+        constant(x: f64) -> Self = Self { value: R::constant(x), slope: [R::zero(); W] };
+        less(self, other: Self) -> Bits = self.value.less(other.value);
     }
 
     #[inline(always)]
@@ -157,11 +158,6 @@ impl<R: Real, const W: usize> Real for Dual<R, W> {
             b.slope[k] = R::select(bits, a.slope[k], b.slope[k]);
         }
         b
-    }
-
-    #[inline(always)]
-    fn less(self, other: Self) -> Bits {
-        self.value.less(other.value)
     }
 
     #[inline(always)]
@@ -212,10 +208,7 @@ struct Wrapped<K, const W: usize>(K);
 impl<R: Real, K: LaneTask<Dual<R, W>>, const W: usize> LaneTask<R> for Wrapped<K, W> {
     type Output = K::Output;
 
-    #[inline(always)]
-    fn run(self) -> K::Output {
-        self.0.run()
-    }
+    inlined! { run(self) -> K::Output = self.0.run(); }
 }
 
 /// The numbers of lanes with their derivatives, so that methods take their steps in dual numbers. They are compared by
@@ -228,14 +221,11 @@ impl<R: Lanes, const W: usize> Lanes for Dual<R, W> {
         R::call(instructions, Wrapped::<_, W>(task))
     }
 
-    #[inline(always)]
-    fn from_fn(f: impl FnMut(usize) -> f64) -> Self {
-        Self::lift(R::from_fn(f))
-    }
-
-    #[inline(always)]
-    fn lane(self, lane: usize) -> f64 {
-        self.value.lane(lane)
+    inlined! {
+        from_fn(f: impl FnMut(usize) -> f64) -> Self = Self::lift(R::from_fn(f));
+        lane(self, lane: usize) -> f64 = self.value.lane(lane);
+        at_most(self, other: Self) -> Bits = self.value.at_most(other.value);
+        abs(self) -> Self = Self::select(self.value.less(R::zero()), -self, self);
     }
 
     #[inline(always)]
@@ -244,16 +234,6 @@ impl<R: Lanes, const W: usize> Lanes for Dual<R, W> {
         for slope in &mut self.slope {
             slope.set(lane, 0.0);
         }
-    }
-
-    #[inline(always)]
-    fn at_most(self, other: Self) -> Bits {
-        self.value.at_most(other.value)
-    }
-
-    #[inline(always)]
-    fn abs(self) -> Self {
-        Self::select(self.value.less(R::zero()), -self, self)
     }
 
     #[inline(always)]
@@ -288,10 +268,7 @@ impl<R: Lanes, const W: usize> Dual<R, W> {
 }
 
 impl<R: Lanes, const W: usize> Lift<R> for Dual<R, W> {
-    #[inline(always)]
-    fn lift(value: R) -> Self {
-        Self { value, slope: [R::zero(); W] }
-    }
+    inlined! { lift(value: R) -> Self = Self { value, slope: [R::zero(); W] }; }
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 //! lane, which is `f64` itself (`scalar.rs`); the vectors of the processor are in `simd/x86.rs`. Code that is
 //! written in terms of [`Lanes`] gives each lane the bits that its run would have alone.
 
+use crate::number::real::inlined;
 use crate::number::{Instructions, Real};
 
 pub use crate::number::real::{Bits, LaneTask};
@@ -48,24 +49,13 @@ pub trait Lanes: Real {
         Self::outlined(task)
     }
 
-    /// The lanes in which the number is zero, of either sign. NaN is not zero.
-    #[inline(always)]
-    fn is_zero(self) -> Bits {
-        self.abs().at_most(Self::zero())
-    }
-
-    /// The larger of `self` and `other` in the lanes of `bits`; `self` in all other lanes, and where either
-    /// is NaN.
-    #[inline(always)]
-    fn max_in(self, other: Self, bits: Bits) -> Self {
-        Self::select(self.less(other) & bits, other, self)
-    }
-
-    /// The smaller of `self` and `other` in the lanes of `bits`; `self` in all other lanes, and where either
-    /// is NaN.
-    #[inline(always)]
-    fn min_in(self, other: Self, bits: Bits) -> Self {
-        Self::select(other.less(self) & bits, other, self)
+    inlined! {
+        /// The lanes in which the number is zero, of either sign. NaN is not zero.
+        is_zero(self) -> Bits = self.abs().at_most(Self::zero());
+        /// The larger of `self` and `other` in the lanes of `bits`; `self` in all other lanes, and where either is NaN.
+        max_in(self, other: Self, bits: Bits) -> Self = Self::select(self.less(other) & bits, other, self);
+        /// The smaller of `self` and `other` in the lanes of `bits`; `self` in all other lanes, and where either is NaN.
+        min_in(self, other: Self, bits: Bits) -> Self = Self::select(other.less(self) & bits, other, self);
     }
 }
 
@@ -76,8 +66,5 @@ pub trait Lift<R: Lanes>: Lanes {
 }
 
 impl<R: Lanes> Lift<R> for R {
-    #[inline(always)]
-    fn lift(value: R) -> Self {
-        value
-    }
+    inlined! { lift(value: R) -> Self = value; }
 }

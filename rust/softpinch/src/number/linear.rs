@@ -6,6 +6,7 @@ use std::ops::{Add, Div, Mul, Sub};
 
 use nalgebra::Complex;
 
+use crate::number::real::{inlined, operators};
 use crate::number::{Bits, Lanes, Real};
 
 /// Solves the symmetric positive definite system with the lower triangle (a00, a10, a11).
@@ -101,24 +102,11 @@ macro_rules! scalar_pivots {
 impl Entry for f64 {
     type Part = f64;
 
-    #[inline(always)]
-    fn of(part: f64) -> Self {
-        part
-    }
-
-    #[inline(always)]
-    fn less_product(self, a: Self, b: Self) -> Self {
-        a.neg_mul_add(b, self)
-    }
-
-    #[inline(always)]
-    fn plus(self, a: f64, b: Self) -> Self {
-        a.mul_add(b, self)
-    }
-
-    #[inline(always)]
-    fn real(self) -> f64 {
-        self
+    inlined! {
+        of(part: f64) -> Self = part;
+        less_product(self, a: Self, b: Self) -> Self = a.neg_mul_add(b, self);
+        plus(self, a: f64, b: Self) -> Self = a.mul_add(b, self);
+        real(self) -> f64 = self;
     }
 
     scalar_pivots!(f64::abs);
@@ -133,27 +121,15 @@ fn magnitude(x: Complex<f64>) -> f64 {
 impl Entry for Complex<f64> {
     type Part = f64;
 
-    #[inline(always)]
-    fn of(part: f64) -> Self {
-        Self { re: part, im: 0.0 }
-    }
-
-    #[inline(always)]
-    fn less_product(self, a: Self, b: Self) -> Self {
-        Self {
+    inlined! {
+        of(part: f64) -> Self = Self { re: part, im: 0.0 };
+        less_product(self, a: Self, b: Self) -> Self = Self {
             re: a.im.mul_add(b.im, a.re.neg_mul_add(b.re, self.re)),
             im: a.im.neg_mul_add(b.re, a.re.neg_mul_add(b.im, self.im)),
-        }
-    }
-
-    #[inline(always)]
-    fn plus(self, a: f64, b: Self) -> Self {
-        Self { re: a.mul_add(b.re, self.re), im: a.mul_add(b.im, self.im) }
-    }
-
-    #[inline(always)]
-    fn real(self) -> f64 {
-        self.re
+        };
+        plus(self, a: f64, b: Self) -> Self =
+            Self { re: a.mul_add(b.re, self.re), im: a.mul_add(b.im, self.im) };
+        real(self) -> f64 = self.re;
     }
 
     scalar_pivots!(magnitude);
@@ -163,42 +139,21 @@ impl Entry for Complex<f64> {
 #[derive(Debug, Clone, Copy)]
 pub struct LaneEntry<R>(pub R);
 
-macro_rules! lane_operator {
-    ($($operator:ident, $name:ident;)*) => {$(
-        impl<R: Real> $operator for LaneEntry<R> {
-            type Output = Self;
-            #[inline(always)]
-            fn $name(self, other: Self) -> Self {
-                Self(self.0.$name(other.0))
-            }
-        }
-    )*};
+operators! {
+    [R: Real] LaneEntry<R>, |own, other|
+    Self(own.0 + other.0), Self(own.0 - other.0), Self(own.0 * other.0), Self(own.0 / other.0)
 }
-lane_operator! { Add, add; Sub, sub; Mul, mul; Div, div; }
 
 impl<R: Lanes> Entry for LaneEntry<R> {
     type Part = R;
     /// For each row, the set of lanes that exchanged row `k` with it.
     type Exchange = [Bits; MOST_ROWS];
 
-    #[inline(always)]
-    fn of(part: R) -> Self {
-        Self(part)
-    }
-
-    #[inline(always)]
-    fn less_product(self, a: Self, b: Self) -> Self {
-        Self(a.0.neg_mul_add(b.0, self.0))
-    }
-
-    #[inline(always)]
-    fn plus(self, a: R, b: Self) -> Self {
-        Self(a.mul_add(b.0, self.0))
-    }
-
-    #[inline(always)]
-    fn real(self) -> R {
-        self.0
+    inlined! {
+        of(part: R) -> Self = Self(part);
+        less_product(self, a: Self, b: Self) -> Self = Self(a.0.neg_mul_add(b.0, self.0));
+        plus(self, a: R, b: Self) -> Self = Self(a.mul_add(b.0, self.0));
+        real(self) -> R = self.0;
     }
 
     #[inline(always)]

@@ -19,6 +19,6 @@ pub use lanes::{Lanes, Lift, MOST, each};
 pub(crate) use linear::{Entry, LaneEntry, Lu, MOST_ROWS, Square, solve2, solve3};
 pub(crate) use real::task;
 pub use real::{Bits, LaneTask, Real, dot, signed};
-pub use simd::dispatch::{LaneKernel, call_four_lanes, dispatch_four_lanes, dispatch_lanes};
+pub use simd::dispatch::{LaneKernel, call_four_lanes, dispatch_lanes};
 pub use simd::level::{Instructions, LEVELS, Level};
 pub(crate) use trigonometry::sin_cos;

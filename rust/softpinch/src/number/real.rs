@@ -45,22 +45,47 @@ macro_rules! task {
 }
 pub(crate) use task;
 
+/// Declares functions of an implementation that are inlined, each by the expression that computes it.
+macro_rules! inlined {
+    ($($(#[$doc:meta])* $name:ident($($arguments:tt)*) -> $output:ty = $body:expr;)*) => {$(
+        $(#[$doc])*
+        #[inline(always)]
+        fn $name($($arguments)*) -> $output {
+            $body
+        }
+    )*};
+}
+pub(crate) use inlined;
+
+/// Declares the four operators of numbers, each by the expression that computes it from both operands.
+macro_rules! operators {
+    ([$($of:tt)*] $kind:ty, |$own:ident, $other:ident| $add:expr, $sub:expr, $mul:expr, $div:expr) => {
+        operators!(Add, add, [$($of)*] $kind, $own, $other => $add);
+        operators!(Sub, sub, [$($of)*] $kind, $own, $other => $sub);
+        operators!(Mul, mul, [$($of)*] $kind, $own, $other => $mul);
+        operators!(Div, div, [$($of)*] $kind, $own, $other => $div);
+    };
+    ($operator:ident, $name:ident, [$($of:tt)*] $kind:ty, $own:ident, $other:ident => $body:expr) => {
+        impl<$($of)*> std::ops::$operator for $kind {
+            type Output = Self;
+
+            #[inline(always)]
+            fn $name(self, $other: Self) -> Self {
+                let $own = self;
+                $body
+            }
+        }
+    };
+}
+pub(crate) use operators;
+
 /// Functions of [`Real`] that vectors compute lane by lane.
 macro_rules! lane_by_lane {
     () => {
-        #[inline(always)]
-        fn angle(self, cos: Self) -> Self {
-            Self::from_fn(|lane| self.lane(lane).angle(cos.lane(lane)))
-        }
-
-        #[inline(always)]
-        fn power(self, n: Self) -> Self {
-            Self::from_fn(|lane| self.lane(lane).power(n.lane(lane)))
-        }
-
-        #[inline(always)]
-        fn ln(self) -> Self {
-            Self::from_fn(|lane| Real::ln(self.lane(lane)))
+        $crate::number::real::inlined! {
+            angle(self, cos: Self) -> Self = Self::from_fn(|lane| self.lane(lane).angle(cos.lane(lane)));
+            power(self, n: Self) -> Self = Self::from_fn(|lane| self.lane(lane).power(n.lane(lane)));
+            ln(self) -> Self = Self::from_fn(|lane| Real::ln(self.lane(lane)));
         }
     };
 }
@@ -106,28 +131,15 @@ pub trait Real:
     /// Calls a task. Its code exists once for these numbers, with the instructions of their lanes.
     fn outlined<K: LaneTask<Self>>(task: K) -> K::Output;
 
-    /// Zero.
-    #[inline(always)]
-    fn zero() -> Self {
-        Self::constant(0.0)
-    }
-
-    /// The larger of `self` and zero.
-    #[inline(always)]
-    fn positive_part(self) -> Self {
-        Self::select(Self::zero().less(self), self, Self::zero())
-    }
-
-    /// `b - self * a`, rounded once.
-    #[inline(always)]
-    fn neg_mul_add(self, a: Self, b: Self) -> Self {
-        (-self).mul_add(a, b)
-    }
-
-    /// `self * b + a * c`. The product `a * c` is rounded; `self * b` is exact and rounded once with the sum.
-    #[inline(always)]
-    fn dot2(self, b: Self, a: Self, c: Self) -> Self {
-        self.mul_add(b, a * c)
+    inlined! {
+        /// Zero.
+        zero() -> Self = Self::constant(0.0);
+        /// The larger of `self` and zero.
+        positive_part(self) -> Self = Self::select(Self::zero().less(self), self, Self::zero());
+        /// `b - self * a`, rounded once.
+        neg_mul_add(self, a: Self, b: Self) -> Self = (-self).mul_add(a, b);
+        /// `self * b + a * c`. The product `a * c` is rounded; `self * b` is exact and rounded once with the sum.
+        dot2(self, b: Self, a: Self, c: Self) -> Self = self.mul_add(b, a * c);
     }
 }
 

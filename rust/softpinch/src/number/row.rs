@@ -1,8 +1,8 @@
 //! Portable lanes, for processors other than x86-64 and for tests.
 
-use std::ops::{Add, Div, Mul, Neg, Sub};
+use std::ops::Neg;
 
-use crate::number::real::lane_by_lane;
+use crate::number::real::{inlined, lane_by_lane, operators};
 use crate::number::trigonometry;
 use crate::number::{Bits, LaneTask, Lanes, Real};
 
@@ -12,12 +12,6 @@ use crate::number::{Bits, LaneTask, Lanes, Real};
 pub struct Row4([f64; 4]);
 
 impl Row4 {
-    /// The row whose numbers are this function of two rows' numbers, lane by lane.
-    #[inline(always)]
-    fn with(self, other: Self, f: impl Fn(f64, f64) -> f64) -> Self {
-        Self(std::array::from_fn(|k| f(self.0[k], other.0[k])))
-    }
-
     /// The lanes in which two rows' numbers are so.
     #[inline(always)]
     fn where_both(self, other: Self, holds: impl Fn(&f64, &f64) -> bool) -> Bits {
@@ -25,56 +19,30 @@ impl Row4 {
     }
 }
 
-macro_rules! row_operator {
-    ($($operator:ident, $name:ident;)*) => {$(
-        impl $operator for Row4 {
-            type Output = Self;
-            #[inline(always)]
-            fn $name(self, other: Self) -> Self {
-                self.with(other, f64::$name)
-            }
-        }
-    )*};
+operators! {
+    [] Row4, |own, other|
+    Self(std::array::from_fn(|k| own.0[k] + other.0[k])),
+    Self(std::array::from_fn(|k| own.0[k] - other.0[k])),
+    Self(std::array::from_fn(|k| own.0[k] * other.0[k])),
+    Self(std::array::from_fn(|k| own.0[k] / other.0[k]))
 }
-row_operator! { Add, add; Sub, sub; Mul, mul; Div, div; }
 
 impl Neg for Row4 {
     type Output = Self;
-    #[inline(always)]
-    fn neg(self) -> Self {
-        Self(self.0.map(f64::neg))
-    }
+
+    inlined! { neg(self) -> Self = Self(self.0.map(f64::neg)); }
 }
 
 impl Real for Row4 {
-    #[inline(always)]
-    fn constant(x: f64) -> Self {
-        Self([x; 4])
-    }
-
-    #[inline(always)]
-    fn mul_add(self, a: Self, b: Self) -> Self {
-        Self(std::array::from_fn(|k| self.0[k].mul_add(a.0[k], b.0[k])))
-    }
-
-    #[inline(always)]
-    fn sin_cos(self) -> (Self, Self) {
-        trigonometry::sin_cos(self)
-    }
-
-    #[inline(always)]
-    fn select(bits: Bits, a: Self, b: Self) -> Self {
-        Self(std::array::from_fn(|k| if bits >> k & 1 != 0 { a.0[k] } else { b.0[k] }))
-    }
-
-    #[inline(always)]
-    fn less(self, other: Self) -> Bits {
-        self.where_both(other, f64::lt)
-    }
-
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        Self(self.0.map(f64::sqrt))
+    inlined! {
+        constant(x: f64) -> Self = Self([x; 4]);
+        mul_add(self, a: Self, b: Self) -> Self =
+            Self(std::array::from_fn(|k| self.0[k].mul_add(a.0[k], b.0[k])));
+        sin_cos(self) -> (Self, Self) = trigonometry::sin_cos(self);
+        select(bits: Bits, a: Self, b: Self) -> Self =
+            Self(std::array::from_fn(|k| if bits >> k & 1 != 0 { a.0[k] } else { b.0[k] }));
+        less(self, other: Self) -> Bits = self.where_both(other, f64::lt);
+        sqrt(self) -> Self = Self(self.0.map(f64::sqrt));
     }
 
     lane_by_lane!();
@@ -88,29 +56,12 @@ impl Real for Row4 {
 impl Lanes for Row4 {
     const WIDTH: usize = 4;
 
-    #[inline(always)]
-    fn from_fn(f: impl FnMut(usize) -> f64) -> Self {
-        Self(std::array::from_fn(f))
-    }
-
-    #[inline(always)]
-    fn lane(self, lane: usize) -> f64 {
-        self.0[lane]
-    }
-
-    #[inline(always)]
-    fn set(&mut self, lane: usize, value: f64) {
-        self.0[lane] = value;
-    }
-
-    #[inline(always)]
-    fn at_most(self, other: Self) -> Bits {
-        self.where_both(other, f64::le)
-    }
-
-    #[inline(always)]
-    fn abs(self) -> Self {
-        Self(self.0.map(f64::abs))
+    inlined! {
+        from_fn(f: impl FnMut(usize) -> f64) -> Self = Self(std::array::from_fn(f));
+        lane(self, lane: usize) -> f64 = self.0[lane];
+        set(&mut self, lane: usize, value: f64) -> () = self.0[lane] = value;
+        at_most(self, other: Self) -> Bits = self.where_both(other, f64::le);
+        abs(self) -> Self = Self(self.0.map(f64::abs));
     }
 
     #[inline(always)]

@@ -1,53 +1,21 @@
 //! `f64` as the number type of one run, and as lanes of width one.
 
+use crate::number::real::inlined;
 use crate::number::simd::dispatch::call_alone;
 use crate::number::trigonometry;
 use crate::number::{Bits, Instructions, LaneTask, Lanes, Real};
 
 impl Real for f64 {
-    #[inline(always)]
-    fn constant(x: f64) -> Self {
-        x
-    }
-
-    #[inline(always)]
-    fn mul_add(self, a: Self, b: Self) -> Self {
-        f64::mul_add(self, a, b)
-    }
-
-    #[inline(always)]
-    fn sin_cos(self) -> (Self, Self) {
-        trigonometry::sin_cos(self)
-    }
-
-    #[inline(always)]
-    fn select(bits: Bits, a: Self, b: Self) -> Self {
-        if bits & 1 != 0 { a } else { b }
-    }
-
-    #[inline(always)]
-    fn less(self, other: Self) -> Bits {
-        Bits::from(self < other)
-    }
-
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        f64::sqrt(self)
-    }
-
-    #[inline(always)]
-    fn angle(self, cos: Self) -> Self {
-        libm::atan2(self, cos)
-    }
-
-    #[inline(always)]
-    fn power(self, n: Self) -> Self {
-        if self > 0.0 { libm::pow(self, n) } else { 0.0 }
-    }
-
-    #[inline(always)]
-    fn ln(self) -> Self {
-        if self > 0.0 { libm::log(self) } else { 0.0 }
+    inlined! {
+        constant(x: f64) -> Self = x;
+        mul_add(self, a: Self, b: Self) -> Self = f64::mul_add(self, a, b);
+        sin_cos(self) -> (Self, Self) = trigonometry::sin_cos(self);
+        select(bits: Bits, a: Self, b: Self) -> Self = if bits & 1 != 0 { a } else { b };
+        less(self, other: Self) -> Bits = Bits::from(self < other);
+        sqrt(self) -> Self = f64::sqrt(self);
+        angle(self, cos: Self) -> Self = libm::atan2(self, cos);
+        power(self, n: Self) -> Self = if self > 0.0 { libm::pow(self, n) } else { 0.0 };
+        ln(self) -> Self = if self > 0.0 { libm::log(self) } else { 0.0 };
     }
 
     #[inline(always)]
@@ -68,29 +36,12 @@ impl Lanes for f64 {
         call_alone(instructions, task)
     }
 
-    #[inline(always)]
-    fn from_fn(mut f: impl FnMut(usize) -> f64) -> Self {
-        f(0)
-    }
-
-    #[inline(always)]
-    fn lane(self, _: usize) -> f64 {
-        self
-    }
-
-    #[inline(always)]
-    fn set(&mut self, _: usize, value: f64) {
-        *self = value;
-    }
-
-    #[inline(always)]
-    fn at_most(self, other: Self) -> Bits {
-        Bits::from(self <= other)
-    }
-
-    #[inline(always)]
-    fn abs(self) -> Self {
-        f64::abs(self)
+    inlined! {
+        from_fn(mut f: impl FnMut(usize) -> f64) -> Self = f(0);
+        lane(self, _lane: usize) -> f64 = self;
+        set(&mut self, _lane: usize, value: f64) -> () = *self = value;
+        at_most(self, other: Self) -> Bits = Bits::from(self <= other);
+        abs(self) -> Self = f64::abs(self);
     }
 
     #[inline(always)]

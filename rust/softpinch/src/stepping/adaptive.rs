@@ -11,28 +11,26 @@ use crate::stepping::adaptive_lanes::{LookInside, Progress};
 use crate::stepping::ending::{too_many, too_small};
 use crate::stepping::sizes::{is_unresolved, next_length};
 use crate::stepping::{
-    AdaptiveLanes, LaneBatch, LoopSetup, POLL, Phase, RunQueue, Sizes, Status, StepStart, interruption,
-    merged, watched,
+    AdaptiveLanes, LaneBatch, LoopSetup, POLL, Phase, Sizes, Status, StepStart, interruption, merged, watched,
 };
 
 /// The adaptive loop before it runs.
-pub struct AdaptiveSteps<'a, Q, B> {
-    pub setup: LoopSetup<'a, Q>,
+pub struct AdaptiveSteps<'a, B> {
+    pub setup: LoopSetup<'a>,
     pub tolerance: f64,
     pub build: B,
 }
 
-/// Computes all runs of the queue, and returns the queue.
-impl<'a, R, Q, B> LaneTask<R> for AdaptiveSteps<'a, Q, B>
+/// Computes all runs of the queue.
+impl<R, B> LaneTask<R> for AdaptiveSteps<'_, B>
 where
     R: Lanes,
-    Q: RunQueue<'a>,
-    B: FnOnce(Runs<'_>, &SceneEquations<R>) -> AnyAdaptiveMethod<R>,
+    B: FnOnce(Runs<'_>) -> (SceneEquations<R>, AnyAdaptiveMethod<R>),
 {
-    type Output = Result<Q>;
+    type Output = Result;
 
     #[inline(always)]
-    fn run(self) -> Result<Q> {
+    fn run(self) -> Result {
         let Self { setup, tolerance, build } = self;
         let LoopSetup { instructions, options, .. } = setup;
         let entry = options.method.entry();
@@ -49,13 +47,8 @@ where
         for lane in 0..R::WIDTH {
             lanes.load(lane)?;
         }
-        let both = |runs: Runs<'_>| {
-            let system = runs.system();
-            let method = build(runs, &system);
-            (system, method)
-        };
         let mut y = [zero; MAX_COMPONENTS];
-        let (system, mut method) = lanes.batch.build(both, &mut y);
+        let (system, mut method) = lanes.batch.build(build, &mut y);
         let mut start = StepStart { system, y, now: Evaluation::nothing(), sizes: Sizes::new(tolerance) };
         lanes.size(R::ALL, &mut start);
         let (mut next, mut end_state, mut corrected) = ([zero; MAX_COMPONENTS], Evaluation::nothing(), None);
@@ -78,11 +71,11 @@ where
                 }
                 if lanes.entering() != 0 {
                     method.restart();
-                    R::call(instructions, Enter(&mut lanes, &mut start));
+                    R::call(instructions, Enter { lanes: &mut lanes, start: &mut start });
                 }
             }
             if lanes.batch.active() == 0 {
-                return Ok(lanes.batch.queue);
+                return Ok(());
             }
 
             let Progress { from, to, length, t, tau, .. } = lanes.progress;
@@ -92,7 +85,7 @@ where
             let unresolved = h.less(rest) & is_unresolved(h, t, length) & !approaching;
             let spent = most.at_most(lanes.progress.attempts);
             attempts += 1;
-            let stops = attempts.is_multiple_of(POLL) && lanes.batch.queue.stops();
+            let stops = attempts.is_multiple_of(POLL) && (lanes.batch.queue.stops)();
             let ending = if stops { R::ALL } else { unresolved | spent } & lanes.batch.active();
             if ending != 0 {
                 for lane in each(ending) {
@@ -171,7 +164,7 @@ where
             // seems to violate a limit and to come back.
             let turning_times =
                 lanes.violating_turning_points(&start.now.motion, &end_state.motion, (accepted, h));
-            let asked = R::constant(lanes.batch.queue.next_time()).less(ends);
+            let asked = R::constant(lanes.batch.next_time()).less(ends);
             if each(accepted).any(|lane| asked >> lane & 1 != 0 || turning_times[lane].is_finite()) {
                 let (lanes, method, start, step, next) = (&mut lanes, &mut method, &start, (tau, h), &next);
                 let look = LookInside { lanes, method, start, step, next, accepted, ends, turning_times };
@@ -202,7 +195,7 @@ where
             let finite = watching & seen.finite;
             lanes.progress.watched = R::select(finite, ends, lanes.progress.watched);
             lanes.saved &= !finite;
-            let due = finite & 1 != 0 && lanes.batch.queue.is_due(ends.lane(0), false);
+            let due = finite & 1 != 0 && lanes.batch.is_due(ends.lane(0), false);
             for lane in each(finite & (seen.ended | at_end | Bits::from(due))) {
                 let t = ends.lane(lane);
                 let contact = lanes.batch.contact_row(lane);

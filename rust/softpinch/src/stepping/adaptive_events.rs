@@ -5,16 +5,16 @@
 
 use crate::formulation::{States, System};
 use crate::model::Scene;
-use crate::number::{Bits, LaneTask, Lanes, each};
+use crate::number::{Bits, LaneTask, Lanes, each, task};
 use crate::stepping::{
-    AdaptiveLanes, ContactEnd, EventResult, LaneContact, MOST_EVENTS, Moment, Phase, Reason, RunQueue,
-    Status, StepStart, column, merged, put, watched,
+    AdaptiveLanes, ContactEnd, EventResult, LaneContact, MOST_EVENTS, Moment, Phase, Reason, Status,
+    StepStart, column, merged, put, watched,
 };
 
 /// The share of a segment that stands in for the length of a step where none is known yet.
 const FIRST: f64 = 1.0 / 1024.0;
 
-impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
+impl<R: Lanes> AdaptiveLanes<'_, R> {
     /// Looks for events in the steps of length `h` to `arrived` in the lanes of `due`. Returns the lanes that do
     /// not take this step: they take a shorter one that ends at the event, or their run has ended.
     #[cold]
@@ -121,94 +121,93 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
             self.batch.take_sample(lane, self.progress.to.lane(lane), &now);
         }
     }
-}
 
-/// Begins a segment in the lanes that enter one, or goes on in it after an event, and computes the length of the first
-/// step. This is rare, so the code is called, not inlined.
-pub struct Enter<'b, 'a, R: Lanes, Q>(pub &'b mut AdaptiveLanes<'a, R, Q>, pub &'b mut StepStart<R>);
-
-impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for Enter<'_, 'a, R, Q> {
-    type Output = ();
-
+    /// Begins a segment in the lanes that enter one, or goes on in it after an event, and computes the length of the first
+    /// step.
     #[inline(always)]
-    fn run(self) {
-        let Self(lanes, start) = self;
+    fn enter(&mut self, start: &mut StepStart<R>) {
         let size = start.system.size();
-        let entering = lanes.entering();
-        lanes.control.restart(entering);
-        lanes.unsolved = None;
-        let over = lanes.progress.to.at_most(lanes.progress.t);
-        let ends = over & lanes.progress.last;
-        let begins = entering & over & !lanes.progress.last;
-        if lanes.batch.unilateral {
-            lanes.meet_events(start);
+        let entering = self.entering();
+        self.control.restart(entering);
+        self.unsolved = None;
+        let over = self.progress.to.at_most(self.progress.t);
+        let ends = over & self.progress.last;
+        let begins = entering & over & !self.progress.last;
+        if self.batch.unilateral {
+            self.meet_events(start);
         }
-        lanes.take_samples(begins & lanes.entering(), start);
-        for lane in each(begins & lanes.entering()) {
-            let Some(run) = &lanes.batch.runs[lane] else { continue };
-            let from = lanes.progress.to.lane(lane);
+        self.take_samples(begins & self.entering(), start);
+        for lane in each(begins & self.entering()) {
+            let Some(run) = &self.batch.runs[lane] else { continue };
+            let from = self.progress.to.lane(lane);
             let to = run.place.segment_end(&run.scene.inputs, from);
-            lanes.progress.enter(lane, (from, to), to == run.place.end);
-            lanes.batch.enter_segment(lane, from, from);
+            self.progress.enter(lane, (from, to), to == run.place.end);
+            self.batch.enter_segment(lane, from, from);
         }
-        if lanes.batch.unilateral {
-            lanes.choose_modes(begins, start);
+        if self.batch.unilateral {
+            self.choose_modes(begins, start);
         }
-        let (times, tau) = (lanes.progress.t, lanes.progress.tau);
-        let mut now = start.system.evaluate(&lanes.batch.drive, tau, &start.y);
-        lanes.batch.stats.evaluations += 1;
-        let seen = lanes.batch.watch(&start.system, &now, &start.y, times, lanes.entering());
+        let (times, tau) = (self.progress.t, self.progress.tau);
+        let mut now = start.system.evaluate(&self.batch.drive, tau, &start.y);
+        self.batch.stats.evaluations += 1;
+        let seen = self.batch.watch(&start.system, &now, &start.y, times, self.entering());
         let (mut stays, mut jumped): (Bits, Bits) = (0, 0);
-        for lane in each(lanes.entering()) {
+        for lane in each(self.entering()) {
             let bit = 1 << lane;
             let t = times.lane(lane);
             if seen.finite & bit == 0 {
-                lanes.stop(lane, start, None);
+                self.stop(lane, start, None);
                 continue;
             }
-            let contact = lanes.batch.contact_row(lane);
+            let contact = self.batch.contact_row(lane);
             let instant = watched(size, (lane, contact), &now, &start.y, t, (t, 0));
-            let due = lanes.batch.queue.is_due(t, false);
-            if !lanes.goes_on(start, lane, due, &seen, &instant) {
+            let due = self.batch.is_due(t, false);
+            if !self.goes_on(start, lane, due, &seen, &instant) {
                 continue;
             }
             if ends & bit != 0 {
-                lanes.retire(start, lane, (Status::Completed, String::new()), &instant);
+                self.retire(start, lane, (Status::Completed, String::new()), &instant);
                 continue;
             }
             let mut jumps = false;
             if begins & bit != 0 {
-                let h = FIRST * lanes.progress.length.lane(lane);
-                match lanes.batch.strike(&start.system, lane, (t, tau, h), &mut start.y) {
+                let h = FIRST * self.progress.length.lane(lane);
+                match self.batch.strike(&start.system, lane, (t, tau, h), &mut start.y) {
                     Ok(struck) => jumps = struck,
                     Err(end) => {
-                        lanes.end_at_event(lane, start, (&end, h));
+                        self.end_at_event(lane, start, (&end, h));
                         continue;
                     }
                 }
             }
-            lanes.saved &= !bit;
+            self.saved &= !bit;
             if jumps {
-                lanes.save(lane, Some(instant));
+                self.save(lane, Some(instant));
             }
-            lanes.progress.watched.set(lane, t);
+            self.progress.watched.set(lane, t);
             jumped |= Bits::from(jumps) << lane;
             stays |= bit;
         }
-        lanes.batch.phases.set(lanes.entering(), Phase::Step);
+        self.batch.phases.set(self.entering(), Phase::Step);
         if stays == 0 {
             return;
         }
         if jumped != 0 {
-            now = start.system.evaluate(&lanes.batch.drive, tau, &start.y);
-            lanes.batch.stats.evaluations += 1;
+            now = start.system.evaluate(&self.batch.drive, tau, &start.y);
+            self.batch.stats.evaluations += 1;
         }
         start.now = merged(stays, &now, &start.now);
         start.sizes.note(size, &start.y, stays, stays);
-        lanes.batch.stats.evaluations += 1;
-        let (equations, states) = ((&start.system, &lanes.batch.drive), (&start.y, &start.now.rate));
-        let rest = lanes.progress.length - tau;
-        let h = start.sizes.first_step(equations, &lanes.control, states, (stays, tau, rest));
-        lanes.progress.h = R::select(stays, h, lanes.progress.h);
+        self.batch.stats.evaluations += 1;
+        let (equations, states) = ((&start.system, &self.batch.drive), (&start.y, &start.now.rate));
+        let rest = self.progress.length - tau;
+        let h = start.sizes.first_step(equations, &self.control, states, (stays, tau, rest));
+        self.progress.h = R::select(stays, h, self.progress.h);
     }
+}
+
+task! {
+    /// This is rare, so the code is called, not inlined.
+    pub ['b, 'a, R: Lanes] Enter<'b, 'a, R>(lanes: &'b mut AdaptiveLanes<'a, R>, start: &'b mut StepStart<R>)
+    for R => () = lanes.enter(start)
 }

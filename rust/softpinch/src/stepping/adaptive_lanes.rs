@@ -10,9 +10,7 @@ use crate::method::{AnyAdaptiveMethod, Step, StepControl, Unsolved};
 use crate::model::{Coordinates, Motion, Scene};
 use crate::number::{Bits, LaneTask, Lanes, MOST, each};
 use crate::stepping::monitor::ViolatingTurningPoint;
-use crate::stepping::{
-    End, Event, Instant, LaneBatch, Phase, RunQueue, Seen, Sizes, Span, full, overflow, watched,
-};
+use crate::stepping::{End, Event, Instant, LaneBatch, Phase, Seen, Sizes, Span, full, overflow, watched};
 
 /// The places of the runs in time. In a lane without a run all numbers are zero.
 pub struct Progress<R> {
@@ -62,8 +60,8 @@ impl<R: Lanes> Progress<R> {
     }
 }
 
-pub struct AdaptiveLanes<'a, R: Lanes, Q> {
-    pub batch: LaneBatch<'a, R, Span, Q>,
+pub struct AdaptiveLanes<'a, R> {
+    pub batch: LaneBatch<'a, R, Span>,
     pub progress: Progress<R>,
     pub control: StepControl<R>,
     /// Why the equations of the last attempt were not solved, if so. Methods that solve equations have one lane.
@@ -84,7 +82,7 @@ pub struct StepStart<R> {
     pub sizes: Sizes<R>,
 }
 
-impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
+impl<R: Lanes> AdaptiveLanes<'_, R> {
     /// Loads the next run into a lane, and puts it at the start of its first segment. Returns whether there is one.
     pub fn load(&mut self, lane: usize) -> Result<bool> {
         let place = |_, scene: &Scene| Span::new(&scene.inputs, &scene.initial, scene.duration);
@@ -226,8 +224,8 @@ pub fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>) -> Eva
 
 /// In the lanes of `accepted`, looks at the instants inside the step that are to be recorded, and at those of
 /// `turning_times`. Returns the lanes whose runs go on. This is rare, so the code is called, not inlined.
-pub struct LookInside<'b, 'a, R: Lanes, Q> {
-    pub lanes: &'b mut AdaptiveLanes<'a, R, Q>,
+pub struct LookInside<'b, 'a, R: Lanes> {
+    pub lanes: &'b mut AdaptiveLanes<'a, R>,
     pub method: &'b mut AnyAdaptiveMethod<R>,
     pub start: &'b StepStart<R>,
     /// The time of the step's start since that of the segment, and the length of the step.
@@ -240,7 +238,7 @@ pub struct LookInside<'b, 'a, R: Lanes, Q> {
     pub turning_times: [f64; MOST],
 }
 
-impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for LookInside<'_, 'a, R, Q> {
+impl<R: Lanes> LaneTask<R> for LookInside<'_, '_, R> {
     type Output = Bits;
 
     #[inline(always)]
@@ -256,7 +254,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for LookInside<'_, 'a, R, Q> {
             let (from, mut time, mut share) = (lanes.progress.from, lanes.progress.from, R::zero());
             for lane in each(accepted) {
                 let (tau, taken, from) = (tau.lane(lane), h.lane(lane), from.lane(lane));
-                let asked = lanes.batch.queue.next_time();
+                let asked = lanes.batch.next_time();
                 let asked = if asked < ends.lane(lane) { asked } else { f64::INFINITY };
                 let at = turning_times[lane].min(asked);
                 if at.is_finite() {
@@ -285,7 +283,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> LaneTask<R> for LookInside<'_, 'a, R, Q> {
                     let contact = lanes.batch.contact_row(lane);
                     let instant = watched(size, (lane, contact), &then, &between, t, (t, 0));
                     lanes.save(lane, Some(instant));
-                    let due = lanes.batch.queue.is_due(t, true);
+                    let due = lanes.batch.is_due(t, true);
                     lanes.goes_on(start, lane, due, &seen, &instant);
                 }
             }

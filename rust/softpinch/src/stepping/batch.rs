@@ -1,4 +1,5 @@
-//! The runs in the lanes of a step loop, and the work of both loops on them: loading, watching and retiring runs.
+//! The source and the destination of the runs of step loops, the runs in the lanes of a loop, and the work of both loops
+//! on them: loading, watching and retiring runs.
 
 use std::borrow::Cow;
 
@@ -9,6 +10,7 @@ use crate::model::energy;
 use crate::model::{
     BILATERAL_WORKS, ContactModel, Energies, Motion, Parameters, Scene, SegmentDrive, Source, WORKS, apart,
 };
+use crate::number::real::inlined;
 use crate::number::{Bits, Instructions, LaneTask, Lanes, MOST, each, task};
 use crate::stepping::ending::{after_violation, unstable};
 use crate::stepping::instant::{energies, put_motion};
@@ -16,8 +18,8 @@ use crate::stepping::monitor::explain;
 use crate::stepping::phase::Phases;
 use crate::stepping::summary::RunEnd;
 use crate::stepping::{
-    End, EventResult, Finished, Instant, LaneContact, LaneController, Limits, Moment, Options, Phase,
-    Recording, Run, RunQueue, Status, Steps, Summaries, SummaryInstant, Taken, VIOLATIONS, Violation,
+    End, EventResult, Instant, LaneContact, LaneController, Limits, Moment, Options, Phase, Recordable,
+    Recorder, Recording, Run, Status, Steps, Summaries, SummaryInstant, SummarySet, VIOLATIONS, Violation,
     ViolationSet, all_finite, column, put,
 };
 
@@ -25,12 +27,43 @@ use crate::stepping::{
 /// one below its square times E a^3 of the tips, even if the motion was given no energy at all.
 const ROUND_OFF: f64 = 1e-9;
 
+/// Number of steps or attempts after which a loop asks whether to stop. They take a few milliseconds.
+pub const POLL: u64 = 1 << 12;
+
+/// A run before it begins.
+pub struct Taken<'a> {
+    pub number: usize,
+    pub scene: Cow<'a, Scene>,
+    /// The contacts of an earlier run with the same parameters, if they were kept.
+    pub contact: Option<Box<LaneContact>>,
+}
+
+/// The source and the destination of the runs of a step loop, which is compiled once for all of them.
+pub struct RunQueue<'a> {
+    /// The next run, or `None` if there is none.
+    pub take: &'a mut dyn FnMut() -> Result<Option<Taken<'a>>>,
+    /// Whether the caller wants to stop.
+    pub stops: &'a dyn Fn() -> bool,
+    /// Takes a run that has ended.
+    pub finish: &'a mut dyn FnMut(Finished),
+    /// Records the run of a loop of one lane.
+    pub recorder: Recorder<'a>,
+}
+
+pub struct Finished {
+    pub number: usize,
+    /// The run, which the loop itself does not record.
+    pub run: Run,
+    /// Its contacts, in unilateral contact.
+    pub contact: Option<Box<LaneContact>>,
+}
+
 /// What a step loop needs before it runs.
-pub struct LoopSetup<'a, Q> {
+pub struct LoopSetup<'a> {
     pub instructions: Instructions,
     pub options: &'a Options,
     pub choice: Choice,
-    pub queue: Q,
+    pub queue: RunQueue<'a>,
 }
 
 pub struct LaneRun<'a, P> {
@@ -60,8 +93,8 @@ pub struct Seen {
 
 /// The runs in the lanes, and the data that both step loops need of them. `P` is the place of a run in time,
 /// in the form that its loop needs.
-pub struct LaneBatch<'a, R: Lanes, P, Q> {
-    pub queue: Q,
+pub struct LaneBatch<'a, R, P> {
+    pub queue: RunQueue<'a>,
     pub options: &'a Options,
     choice: Choice,
     pub(super) instructions: Instructions,
@@ -97,9 +130,9 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
     summaries: Summaries<R>,
 }
 
-impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
+impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
     #[inline(always)]
-    pub fn new(setup: LoopSetup<'a, Q>) -> Self {
+    pub fn new(setup: LoopSetup<'a>) -> Self {
         let LoopSetup { instructions, options, choice, queue } = setup;
         let resting = Parameters::default();
         let lanes: LaneParameters<'_> = [&resting; MOST];
@@ -140,7 +173,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let bit = 1 << lane;
         self.phases.set(bit, Phase::Idle);
         self.runs[lane] = None;
-        let Some(Taken { number, scene, contact: kept }) = self.queue.take()? else {
+        let Some(Taken { number, scene, contact: kept }) = (self.queue.take)()? else {
             if R::WIDTH > 1 {
                 self.drive.set(lane, &SegmentDrive::still());
                 let still = Motion { q: apart(&self.resting)?, ..Motion::zero() };
@@ -165,17 +198,12 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         self.summaries.restart(lane);
         self.phases.set(bit, Phase::Start);
         let saved_instant = Some(Instant::start(initial));
-        let first_times = [f64::NAN; VIOLATIONS.len()];
         let contact = if self.unilateral {
-            let contact = match kept {
-                Some(mut kept) => {
-                    kept.restart(self.options, &scene)?;
-                    kept
-                }
-                None => Box::new(LaneContact::new(self.instructions, self.options, &scene)?),
-            };
+            let new = || Box::new(LaneContact::new(self.instructions, self.options, &scene));
+            let mut contact = kept.unwrap_or_else(new);
+            contact.restart(self.options, &scene)?;
             contact.run.put_into(&mut self.drive.contacts, lane);
-            self.queue.note_contacts(initial.time, &contact.run.contacts, None);
+            self.queue.recorder.start = Some((initial.time, contact.run.modes()));
             Some(contact)
         } else {
             None
@@ -185,7 +213,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         self.runs[lane] = Some(LaneRun {
             number,
             scene,
-            first_times,
+            first_times: [f64::NAN; VIOLATIONS.len()],
             saved_instant,
             steps: 0,
             segments: 0,
@@ -225,7 +253,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let Some(run) = &mut self.runs[lane] else { return };
         let Some(controller) = &mut run.controller else { return };
         let scene = (&*run.scene, run.contact.as_deref());
-        controller.sample(scene, (self.instructions, self.options), t, (now, lane));
+        controller.sample(scene, self.options, t, (now, lane));
     }
 
     #[inline(always)]
@@ -275,7 +303,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     #[inline(always)]
     fn begin(&mut self, system: &impl System<R>, changed: Bits, y: &mut States<R>) {
         let round_off;
-        (self.limits, self.half_width, round_off) = R::call(self.instructions, Numbers(&self.parameters()));
+        (self.limits, self.half_width, round_off) =
+            R::call(self.instructions, Numbers { source: &self.parameters() });
         let start = system.begin(&self.start);
         for (number, initial) in y.iter_mut().zip(start) {
             *number = R::select(changed, initial, *number);
@@ -335,10 +364,10 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             }
         }
         if R::WIDTH == 1 && seen != 0 && any | self.shown != 0 {
-            self.queue.note(t.lane(0), ViolationSet::of(&found, 0));
+            self.queue.recorder.intervals.note(t.lane(0), ViolationSet::of(&found, 0));
             self.shown = any;
         }
-        if !self.summaries.wanted.is_empty() {
+        if self.summaries.wanted.set != SummarySet::default() {
             let (half_width, slip_speed) = (self.half_width, self.slip_speed(&now.residuals));
             let instant = SummaryInstant { t, now, slip_speed, closure, half_width };
             self.summaries.watch(&instant, seen);
@@ -453,11 +482,12 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let (free_time, closed) = found.unwrap_or((0.0, true));
         let run_end = RunEnd { from, completed, free_time };
         let initial_energies = (system.size().works > 0).then(|| self.initial_energies.lane(lane));
-        let finished = Run {
+        let mut finished = Run {
             recording: Recording::default(),
             last: *last,
             controller: run.controller.map(|controller| controller.state_at(last).row().collect()),
             initial_energies,
+            branches: 4 * run.scene.parameters.branches(),
             status,
             message,
             first_times: run.first_times,
@@ -467,43 +497,52 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             summaries: self.summaries.values(lane, &run_end),
             stats: Stats { steps: run.steps, segments: run.segments, ..self.stats },
         };
-        let finished = Finished { number: run.number, run: finished, contact: run.contact };
-        self.queue.finish(finished, || energies(system, last));
+        if R::WIDTH == 1 {
+            finished = self.queue.recorder.finish(finished, || energies(system, last));
+        }
+        (self.queue.finish)(Finished { number: run.number, run: finished, contact: run.contact });
     }
 
     /// Records a watched instant. The error says that there is no memory for it.
     #[inline(always)]
     pub fn record(&mut self, system: &impl System<R>, watched: &Instant) -> Result {
         // A recorded run has a loop of its own, in lane 0.
-        if self.options.record.state
+        if self.options.record.contains(Recordable::State)
             && let Some(LaneRun { controller: Some(controller), .. }) = &self.runs[0]
         {
-            self.queue.keep_controller(&controller.state_at(watched));
+            let row = &mut self.queue.recorder.controller;
+            row.clear();
+            row.extend(controller.state_at(watched).row());
         }
-        self.queue.record(watched, || energies(system, watched))
+        self.queue.recorder.record(watched, || energies(system, watched))
     }
-}
 
-/// Computes the data of the lanes that depend on the parameters of their runs: the limits, half the width of the object,
-/// and an energy that is round-off for the tips. They change only when a run does, so the code is called, not inlined.
-struct Numbers<'a>(&'a LaneParameters<'a>);
-
-impl<R: Lanes> LaneTask<R> for Numbers<'_> {
-    type Output = (Limits<R>, R, R);
-
+    /// Whether to record the instant `t`, which was just watched. One inside a step is recorded only if asked for. Only
+    /// loops of one lane record runs.
     #[inline(always)]
-    fn run(self) -> Self::Output {
-        let energy = |p: &Parameters| -> f64 {
-            let own = |i: usize| {
-                let radius = p.tips[i].radius;
-                (ROUND_OFF * radius).powi(2) * (p.modulus(i) * radius)
-            };
-            own(0) + own(1)
-        };
-        (Limits::new(self.0), self.0.number(|p| 0.5 * p.grasped.width), self.0.number(energy))
+    pub fn is_due(&mut self, t: f64, inside: bool) -> bool {
+        R::WIDTH == 1 && self.queue.recorder.is_due(t, inside)
+    }
+
+    /// The first instant that was asked for and is not recorded yet; infinity if there is none.
+    #[inline(always)]
+    pub fn next_time(&self) -> f64 {
+        if R::WIDTH == 1 { self.queue.recorder.next_time() } else { f64::INFINITY }
     }
 }
 
+task! {
+    /// Computes the data of the lanes that depend on the parameters of their runs: the limits, half the width of the
+    /// object, and an energy that is round-off for the tips. They change only when a run does, so the code is called.
+    ['a, R: Lanes] Numbers<'a>(source: &'a LaneParameters<'a>) for R => (Limits<R>, R, R) = {
+        let of_tip = |p: &Parameters, i: usize| {
+            let radius = p.tips[i].radius;
+            (ROUND_OFF * radius).powi(2) * (p.modulus(i) * radius)
+        };
+        let energy = source.number(|p| of_tip(p, 0) + of_tip(p, 1));
+        (Limits::new(source), source.number(|p| 0.5 * p.grasped.width), energy)
+    }
+}
 task! {
     /// Computes the velocity jumps as if an impulse acted in all lanes.
     ['a, R: Lanes, S: System<R>]
@@ -521,24 +560,16 @@ pub trait LoopSystem<R: Lanes>: System<R> {
 }
 
 impl<R: Lanes> LoopSystem<R> for SceneEquations<R> {
-    #[inline(always)]
-    fn called(&self) -> &SceneEquations<R> {
-        self
-    }
-
-    #[inline(always)]
-    fn renew(&mut self, runs: Runs<'_>) {
-        *self = runs.system();
+    inlined! {
+        called(&self) -> &SceneEquations<R> = self;
+        renew(&mut self, runs: Runs<'_>) -> () = *self = runs.system();
     }
 }
 
 impl<E: Equations<f64>, const DRIVEN: bool> LoopSystem<f64> for Inlined<'_, f64, E, DRIVEN> {
-    #[inline(always)]
-    fn called(&self) -> &SceneEquations<f64> {
-        self.called
+    inlined! {
+        called(&self) -> &SceneEquations<f64> = self.called;
+        /// The equations are those of a single run, whose loop has no other one.
+        renew(&mut self, _runs: Runs<'_>) -> () = ();
     }
-
-    /// The equations are those of a single run, whose loop has no other one.
-    #[inline(always)]
-    fn renew(&mut self, _: Runs<'_>) {}
 }

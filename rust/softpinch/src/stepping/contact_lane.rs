@@ -13,7 +13,7 @@ use crate::stepping::ending;
 use crate::stepping::lone_steps::LoneSteps;
 use crate::stepping::{
     Change, ContactEnd, ContactRun, End, EventResult, EventStepper, Instant, LaneBatch, Limits, Options,
-    Reason, RunQueue, SegmentState, Steps, VIOLATIONS, Violation, watched,
+    Reason, SegmentState, Steps, VIOLATIONS, Violation, watched,
 };
 
 /// The inputs of a segment.
@@ -53,9 +53,10 @@ pub struct Moment<'a> {
 }
 
 impl LaneContact {
-    pub fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Result<Self> {
+    /// Contacts that are restarted before they are used.
+    pub fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Self {
         let still = || Segment { anchor: 0.0, drive: SegmentDrive::still() };
-        let mut contact = Self {
+        Self {
             instructions,
             run: ContactRun::new([Contact::touching(); 2]),
             steps: LoneSteps::new(instructions, options, scene),
@@ -67,9 +68,7 @@ impl LaneContact {
             fresh: false,
             free_time: 0.0,
             counted: 0.0,
-        };
-        contact.restart(options, scene)?;
-        Ok(contact)
+        }
     }
 
     /// Puts the contacts at the start of a run with the same parameters and options, whose equations are kept.
@@ -88,14 +87,9 @@ impl LaneContact {
 
     /// The multipliers at the start of a run, in the modes that the inputs of `drive` choose there. The run itself
     /// chooses its modes when it begins.
-    pub fn first_multipliers(
-        instructions: Instructions,
-        options: &Options,
-        scene: &Scene,
-        drive: SegmentDrive,
-        h: f64,
-    ) -> Result<[f64; 4]> {
-        let mut contact = Self::new(instructions, options, scene)?;
+    pub fn multipliers(options: &Options, scene: &Scene, drive: SegmentDrive, h: f64) -> Result<[f64; 4]> {
+        let mut contact = Self::new(options.simd.require()?, options, scene);
+        contact.restart(options, scene)?;
         let State { time, motion, .. } = &scene.initial;
         contact.enter(*time, drive);
         let y = contact.steps.system.begin(motion);
@@ -263,7 +257,7 @@ fn contacts_at(parameters: &Parameters, State { motion, .. }: &State) -> ([Conta
     (contacts, Some(approaches))
 }
 
-impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
+impl<R: Lanes, P> LaneBatch<'_, R, P> {
     /// The lanes in which an event of unilateral contact is due.
     #[inline(always)]
     pub fn due(&self, now: &Evaluation<R>) -> Bits {
@@ -327,7 +321,10 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         self.stats.iterations += work.iterations;
         let bit = 1 << lane;
         for change in &changes {
-            self.queue.note_contacts(change.time, &contact.run.contacts, Some(change));
+            if R::WIDTH == 1 {
+                let recorder = &mut self.queue.recorder;
+                recorder.intervals.keep_change(&mut recorder.changes, *change);
+            }
             let violation = match change.after {
                 Mode::Slip(_) => Violation::Slipping,
                 Mode::Free => Violation::Opened,

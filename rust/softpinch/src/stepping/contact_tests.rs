@@ -14,7 +14,7 @@ use crate::stepping::contact_events::Cause;
 use crate::stepping::ending::Status;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::record::Run;
-use crate::stepping::record::Selection;
+use crate::stepping::record::{Column, Recordable};
 
 const TARGETS: [f64; 2] = [0.104_719_755_119_659_77; 2];
 
@@ -39,13 +39,9 @@ fn options(steps: Steps) -> Options {
         steps,
         every: 1,
         contact: ContactModel::Unilateral,
-        record: Selection {
-            state: true,
-            multipliers: true,
-            residuals: true,
-            energy: true,
-            ..Selection::default()
-        },
+        record: [Recordable::State, Recordable::Multipliers, Recordable::Residuals, Recordable::Energy]
+            .into_iter()
+            .collect(),
         ..Options::default()
     }
 }
@@ -160,7 +156,7 @@ fn the_ledger_closes_over_all_kinds_of_events() {
     for formulation in [Formulation::Csm, Formulation::Projected] {
         let found =
             run(&scene, &Options { method: Method::Dop853, formulation, ..options(Steps::Fixed(2e-5)) });
-        let rows: Vec<&[f64]> = found.recording.energy.chunks(10).collect();
+        let rows: Vec<&[f64]> = found.recording.columns[Column::Energy as usize].chunks(10).collect();
         let first: f64 = rows[0][..3].iter().sum();
         for row in &rows {
             let [control, external, viscous, constraint, friction, impact, relaxation] =
@@ -189,7 +185,8 @@ fn a_grasp_that_neither_slips_nor_opens_is_the_bilateral_one() {
             (found.last.motion.q, found.last.motion.p),
             (bilateral.last.motion.q, bilateral.last.motion.p)
         );
-        assert_eq!(found.recording.multipliers, bilateral.recording.multipliers);
+        let multipliers = |run: &Run| run.recording.columns[Column::Multipliers as usize].clone();
+        assert_eq!(multipliers(&found), multipliers(&bilateral));
     }
 }
 
@@ -213,17 +210,17 @@ fn a_resumed_run_gives_the_same_bits() {
         let options = Options { method, ..options(Steps::Fixed(1e-4)) };
         let whole = run(&scene, &options);
         let rows = &whole.recording;
-        assert!(rows.contact.iter().any(|row| row[0] == 0.0 || row[1] == 0.0));
-        for k in (0..rows.t.len() - 1).step_by(7) {
+        assert!(rows.rows::<4>(Column::Contacts).iter().any(|row| row[0] == 0.0 || row[1] == 0.0));
+        for k in (0..rows.t().len() - 1).step_by(7) {
             // The stabilisation leaves residuals, which a start that is checked may not have.
             let initial = rows.state_at(k);
-            let rest = Scene { initial, check: false, duration: 0.04 - rows.t[k], ..scene.clone() };
+            let rest = Scene { initial, check: false, duration: 0.04 - rows.t()[k], ..scene.clone() };
             let found = run(&rest, &options);
             assert_eq!(
                 (found.last.motion.q, found.last.motion.p),
                 (whole.last.motion.q, whole.last.motion.p),
                 "{method:?} {k} {}",
-                rows.t[k]
+                rows.t()[k]
             );
             assert_eq!(found.last.contact, whole.last.contact);
         }

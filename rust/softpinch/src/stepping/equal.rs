@@ -9,30 +9,29 @@ use crate::formulation::{Evaluation, MAX_COMPONENTS};
 use crate::method::{Integrator, Runs};
 use crate::number::{LaneTask, Lanes};
 use crate::stepping::{
-    EqualLanes, GridOf, Instants, LaneBatch, LoopSetup, LoopSystem, POLL, Phase, RowsInside, RunQueue, full,
+    EqualLanes, GridOf, Instants, LaneBatch, LoopSetup, LoopSystem, POLL, Phase, RowsInside, full,
 };
 
 /// The loop of equal steps before it runs.
-pub struct EqualSteps<'g, 'a, Q, B> {
-    pub setup: LoopSetup<'a, Q>,
+pub struct EqualSteps<'g, 'a, B> {
+    pub setup: LoopSetup<'a>,
     pub grid: &'g GridOf<'g>,
     /// Makes the equations and the method for the runs in all lanes. The method is behind a pointer.
     pub build: B,
 }
 
-/// Computes all runs of the queue, and returns the queue.
-impl<'a, R, S, Q, B, M> LaneTask<R> for EqualSteps<'_, 'a, Q, B>
+/// Computes all runs of the queue.
+impl<R, S, B, M> LaneTask<R> for EqualSteps<'_, '_, B>
 where
     R: Lanes,
     S: LoopSystem<R>,
-    Q: RunQueue<'a>,
     B: FnOnce(Runs<'_>) -> (S, M),
     M: DerefMut<Target: Integrator<R, S>>,
 {
-    type Output = Result<Q>;
+    type Output = Result;
 
     #[inline(always)]
-    fn run(self) -> Result<Q> {
+    fn run(self) -> Result {
         let Self { setup, grid, build } = self;
         let zero = R::zero();
         let mut lanes = EqualLanes {
@@ -98,7 +97,7 @@ where
                 lanes.in_use_last = lanes.in_use;
             }
             if watching & seen.finite & 1 != 0
-                && lanes.batch.queue.is_due(t.lane(0), false)
+                && lanes.batch.is_due(t.lane(0), false)
                 && let Some(row) = lanes.now(0, &at)
                 && let Err(error) = lanes.batch.record(system.called(), &row)
             {
@@ -145,6 +144,6 @@ where
                 lanes.arrive();
             }
         }
-        Ok(lanes.batch.queue)
+        Ok(())
     }
 }

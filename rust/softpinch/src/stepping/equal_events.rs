@@ -7,11 +7,11 @@ use crate::error::Result;
 use crate::formulation::{SceneEquations, States, System};
 use crate::number::{Bits, Lanes, each};
 use crate::stepping::{
-    ContactEnd, EqualLanes, Instant, Instants, Moment, POLL, Phase, RunQueue, Seen, Status, all_finite,
-    column, interruption, overflow,
+    ContactEnd, EqualLanes, Instant, Instants, Moment, POLL, Phase, Seen, Status, all_finite, column,
+    interruption, overflow,
 };
 
-impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
+impl<R: Lanes> EqualLanes<'_, '_, R> {
     /// Lets events happen and controllers measure, which `held` lanes do instead of a step. Returns the lanes into which
     /// another run was loaded because an event ended theirs.
     #[inline(always)]
@@ -127,7 +127,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
             };
             self.retire(at.system, lane, end, &last);
         }
-        if (self.clock + 1).is_multiple_of(POLL) && self.batch.queue.stops() {
+        if (self.clock + 1).is_multiple_of(POLL) && (self.batch.queue.stops)() {
             for lane in each(self.batch.active()) {
                 let watched = self.watched_now() >> lane & 1 != 0;
                 let Some(last) = self.last(lane, watched, at) else { continue };

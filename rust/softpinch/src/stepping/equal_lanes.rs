@@ -7,8 +7,8 @@ use crate::model::{Linearized, Motion, RELAXATIONS, Scene, unpacked};
 use crate::number::{Bits, Lanes, each};
 use crate::stepping::ending;
 use crate::stepping::{
-    End, Grid, GridOf, Instant, LaneBatch, LaneContact, LaneController, LoopSystem, Phase, RowsInside,
-    RunQueue, Segment, full, put, watched,
+    End, Grid, GridOf, Instant, LaneBatch, LaneController, LoopSystem, Phase, RowsInside, Segment, full, put,
+    watched,
 };
 
 pub struct Place {
@@ -28,15 +28,8 @@ pub struct Place {
 impl Place {
     /// The place at the start of a run, whose first instant is evaluated at the clock `from`.
     pub fn new(grid: Grid, from: u64) -> Self {
-        Self {
-            segment: grid.first,
-            earlier: None,
-            steps_before: 0,
-            arrival: 0,
-            saved_until: from,
-            sampled: None,
-            grid,
-        }
+        let (segment, arrival, steps_before) = (grid.first, 0, 0);
+        Self { grid, segment, earlier: None, steps_before, arrival, saved_until: from, sampled: None }
     }
 
     /// The phase in which a run begins the current segment, once the modes of its contacts are chosen. A run that is resumed
@@ -90,8 +83,8 @@ pub struct Instants<'a, R> {
     pub y_before: &'a States<R>,
 }
 
-pub struct EqualLanes<'g, 'a, R: Lanes, Q> {
-    pub batch: LaneBatch<'a, R, Place, Q>,
+pub struct EqualLanes<'g, 'a, R: Lanes> {
+    pub batch: LaneBatch<'a, R, Place>,
     pub grid: &'g GridOf<'g>,
     /// Starts of the lanes' segments, steps taken since then, and lengths of the steps.
     pub anchor: R,
@@ -115,7 +108,7 @@ pub struct EqualLanes<'g, 'a, R: Lanes, Q> {
     pub inside: RowsInside,
 }
 
-impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
+impl<R: Lanes> EqualLanes<'_, '_, R> {
     /// Loads the next run, if there is one, into a lane. The run starts at the clock `from`.
     pub fn load(&mut self, lane: usize, from: u64) -> Result {
         let grid = self.grid;
@@ -145,9 +138,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
             self.batch.enter_sample(lane, anchor);
             return;
         }
-        let chooses = |contact: &LaneContact| first == 0 || contact.is_unset();
         let phase = match run.contact.as_deref() {
-            Some(contact) if chooses(contact) => Phase::Start,
+            Some(contact) if first == 0 || contact.is_unset() => Phase::Start,
             _ => run.place.phase_at_start(&run.scene),
         };
         self.batch.phases.set(1 << lane, phase);
@@ -343,7 +335,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> EqualLanes<'_, 'a, R, Q> {
             self.in_use = self.taken_at.filter(|_| method.jacobian_is_reusable());
         }
         system.correct(drive, tau + self.h, after);
-        if R::WIDTH == 1 && self.batch.queue.next_time() < f64::INFINITY {
+        if self.batch.next_time() < f64::INFINITY {
             self.inside.look_inside(&mut self.batch, self.clock, system.called(), (tau, y))?;
         }
         Ok(())

@@ -8,7 +8,7 @@ use crate::formulation::Evaluation;
 use crate::model::{
     ControllerState, FrameMotion, Kept, Measure, Measured, Sampled, SampledController, Scene, Scratch,
 };
-use crate::number::{Instructions, Lanes};
+use crate::number::Lanes;
 use crate::stepping::{Instant, LaneContact, Options, column};
 
 pub struct LaneController {
@@ -62,7 +62,7 @@ impl LaneController {
     pub fn sample<R: Lanes>(
         &mut self,
         run: (&Scene, Option<&LaneContact>),
-        how: (Instructions, &Options),
+        options: &Options,
         t: f64,
         (now, lane): (&Evaluation<R>, usize),
     ) {
@@ -78,7 +78,7 @@ impl LaneController {
             // The length of a step only scales what counts as an event now, and a state without contacts has no
             // row that could be refused.
             let h = self.controller.period;
-            let found = LaneContact::first_multipliers(how.0, how.1, scene, drive, h);
+            let found = LaneContact::multipliers(options, scene, drive, h);
             multipliers = found.unwrap_or(multipliers);
         }
         let frame = scene.inputs.frame_from(t).map_or_else(FrameMotion::still, |frame| frame.at(0.0));

@@ -9,7 +9,7 @@ use crate::method::{AnyMethod, Stats, Step, StepResult, Unsolved};
 use crate::model::{Contacts, Scene, SegmentDrive};
 use crate::number::{Instructions, Lanes};
 use crate::stepping::equal_lanes::Place;
-use crate::stepping::{Instant, LaneBatch, Moment, Options, RunQueue, column, round_off, watched};
+use crate::stepping::{Instant, LaneBatch, Moment, Options, column, round_off, watched};
 
 /// The start of the last step, with the derivative of its state.
 struct KnownStart {
@@ -70,9 +70,8 @@ pub struct LoneSteps {
 
 impl LoneSteps {
     pub fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Self {
-        let runs = options.runs(instructions, scene);
-        let system = runs.system();
-        let method = (options.method.entry().alone)(runs, &system);
+        let make = options.method.entry().alone;
+        let (system, method) = options.runs(instructions, scene).with_method(make);
         Self { system, method: LoneMethod { method, start: None, stats: Stats::default() } }
     }
 }
@@ -94,9 +93,9 @@ impl RowsInside {
     /// `tau` of its segment and the state `y`.
     #[cold]
     #[inline(never)]
-    pub fn look_inside<'a, R: Lanes, Q: RunQueue<'a>>(
+    pub fn look_inside<R: Lanes>(
         &mut self,
-        batch: &mut LaneBatch<'a, R, Place, Q>,
+        batch: &mut LaneBatch<'_, R, Place>,
         clock: u64,
         system: &SceneEquations<R>,
         (tau, y): (R, &States<R>),
@@ -108,11 +107,11 @@ impl RowsInside {
             steps.method.forget_start();
         }
         loop {
-            let time = batch.queue.next_time();
+            let time = batch.queue.recorder.next_time();
             if time >= end {
                 return Ok(());
             }
-            batch.queue.is_due(time, true);
+            batch.queue.recorder.is_due(time, true);
             // A step as short as round-off might not be solved.
             let shortest = round_off(start, end).max(SLIVER * (end - start));
             let length = if time - start <= shortest { 0.0 } else { time - start };

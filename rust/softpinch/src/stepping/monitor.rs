@@ -5,7 +5,7 @@ use crate::error::seconds;
 use crate::formulation::Evaluation;
 use crate::model::contact::Side;
 use crate::model::{Any, Contact, Contacts, Geometry, Motion, Parameters, SIDES, ShapeKind, Source};
-use crate::names::named;
+use crate::names::{named, set};
 use crate::number::{Bits, LaneTask, Lanes, Real};
 use crate::stepping::{Cause, Instant};
 
@@ -44,27 +44,15 @@ const SEPARATION: f64 = 1e-9;
 /// margins only.
 const MARGIN: f64 = 1e-6;
 
-/// A set of violations.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct ViolationSet(u8);
-
-impl ViolationSet {
-    /// Whether `violation` is in the set.
-    #[inline(always)]
-    pub fn contains(self, violation: Violation) -> bool {
-        self.0 & (1 << violation as u8) != 0
-    }
-
-    /// The violations in `found` that hold in one lane.
-    pub fn of(found: &[Bits; VIOLATIONS.len()], lane: usize) -> Self {
-        let set = found.iter().enumerate().fold(0, |set, (k, bits)| set | (bits >> lane & 1) << k);
-        Self(set)
-    }
+set! {
+    /// A set of violations.
+    ViolationSet of Violation
 }
 
-impl FromIterator<Violation> for ViolationSet {
-    fn from_iter<I: IntoIterator<Item = Violation>>(violations: I) -> Self {
-        Self(violations.into_iter().fold(0, |set, violation| set | 1 << violation as u8))
+impl ViolationSet {
+    /// The violations in `found` that hold in one lane.
+    pub fn of(found: &[Bits; VIOLATIONS.len()], lane: usize) -> Self {
+        Self(found.iter().enumerate().fold(0, |set, (k, bits)| set | u32::from(bits >> lane & 1) << k))
     }
 }
 

@@ -4,7 +4,7 @@ use crate::formulation::{Choice, Formulation};
 use crate::method::{Method, Runs};
 use crate::model::{ContactModel, Inputs, Scene, Stabilization, fastest_rate};
 use crate::number::{Instructions, Level, MOST};
-use crate::stepping::{STOP_ON, Selection, Summary, ViolationSet, Wanted};
+use crate::stepping::{Recordable, STOP_ON, Selection, Summary, ViolationSet, Wanted};
 
 /// The length of the steps.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -58,7 +58,7 @@ impl Default for Options {
             formulation: Formulation::Csm,
             contact: ContactModel::Bilateral,
             stabilization: Stabilization::default(),
-            record: Selection { state: true, ..Selection::default() },
+            record: [Recordable::State].into_iter().collect(),
             every: 1,
             times: None,
             stop_on: STOP_ON.iter().map(|&(_, violation)| violation).collect(),
@@ -97,7 +97,9 @@ impl Options {
     pub(crate) fn choice(&self, inputs: &Inputs) -> Choice {
         let Self { formulation, contact, .. } = *self;
         let (fingers, moves) = (inputs.fingers(), inputs.moves());
-        let ledger = self.record.energy || self.guard || self.summaries.contains(Summary::EnergyClosure);
+        let ledger = self.guard
+            || self.record.contains(Recordable::Energy)
+            || self.summaries.set.contains(Summary::EnergyClosure);
         Choice { formulation, contact, fingers, moves, ledger }
     }
 }

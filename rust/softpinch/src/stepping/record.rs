@@ -2,7 +2,8 @@
 
 use crate::error::{Error, Result};
 use crate::method::Stats;
-use crate::model::{BILATERAL_WORKS, CONTACT_WORKS, ContactRow, Energies, RELAXATIONS, WORKS};
+use crate::model::{BILATERAL_WORKS, CONTACT_WORKS, ContactRow, Energies, Motion, RELAXATIONS, WORKS};
+use crate::names::{named, set};
 use crate::stepping::{COUNT, Change, Instant, Status, VIOLATIONS};
 
 /// The contacts of bilateral contact.
@@ -25,6 +26,58 @@ pub fn reserved<T>(what: &'static str, entries: usize) -> Result<Vec<T>> {
     Ok(room)
 }
 
+named! {
+    /// A quantity that a run can record.
+    Recordable;
+    RECORDABLE = {
+        /// q, p and memories.
+        State = "state",
+        /// lambda.
+        Multipliers = "multipliers",
+        /// C^H and C^N.
+        Residuals = "residuals",
+        /// The energy ledger. If it is recorded, the state carries its integrals.
+        Energy = "energy",
+        /// The torques on the fingers.
+        Torque = "torque",
+        /// The modes of the contacts.
+        Contact = "contact",
+    }
+}
+
+set! {
+    /// The quantities that a run records.
+    Selection of Recordable
+}
+
+named! {
+    /// The numbers of a recording that are of one kind.
+    #[allow(missing_docs)] // of what is named as everywhere
+    Column;
+    COLUMNS = {
+        T = "t",
+        /// Start of the segment of the row.
+        GridAnchor = "grid_anchor",
+        /// Steps from the start of the segment to the row, far below 2^53.
+        GridStep = "grid_step",
+        Q = "q",
+        P = "p",
+        Memory = "integral",
+        /// The point of the Jacobian in use, NaN if there is none, for methods that keep one.
+        Linearized = "linearized",
+        /// The states of Maxwell branches.
+        Relaxation = "relaxation",
+        Controller = "controllers",
+        Multipliers = "multipliers",
+        Residuals = "residuals",
+        Energy = "energy",
+        Torque = "torque",
+        /// The contacts of a run in unilateral contact, from which another one goes on.
+        Contacts = "contacts",
+        Modes = "contact",
+    }
+}
+
 /// What the rows of a run have because of its method and its contacts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Layout {
@@ -41,187 +94,118 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// Number of columns of the point at which the method's Jacobian was taken.
-    pub fn point(self) -> usize {
-        if self.keeps_jacobian { 21 + self.relaxation } else { 0 }
-    }
-
-    /// Number of columns of the energy ledger.
-    pub fn energies(self) -> usize {
-        3 + match (self.moves, self.unilateral) {
+    /// How many numbers a row has in each column.
+    pub fn widths(self, selection: Selection) -> [usize; COLUMNS.len()] {
+        let Self { keeps_jacobian, unilateral, moves, controller, relaxation } = self;
+        let works = match (moves, unilateral) {
             (true, _) => WORKS,
             (false, true) => CONTACT_WORKS,
             (false, false) => BILATERAL_WORKS,
-        }
+        };
+        let has = |quantity| selection.contains(quantity);
+        let state = has(Recordable::State);
+        COLUMNS.map(|(_, column)| {
+            let (recorded, width) = match column {
+                Column::T => (true, 1),
+                Column::GridAnchor | Column::GridStep => (state, 1),
+                Column::Q | Column::P => (state, 9),
+                Column::Memory => (state, 2),
+                Column::Linearized => (state && keeps_jacobian, 21 + relaxation),
+                Column::Relaxation => (state, relaxation),
+                Column::Controller => (state, controller),
+                Column::Multipliers => (has(Recordable::Multipliers), 4),
+                Column::Residuals => (has(Recordable::Residuals), 4),
+                Column::Energy => (has(Recordable::Energy), 3 + works),
+                Column::Torque => (has(Recordable::Torque), 2),
+                Column::Contacts => (state && unilateral, 4),
+                Column::Modes => (has(Recordable::Contact), 2),
+            };
+            if recorded { width } else { 0 }
+        })
     }
 }
 
-/// The quantities that a run records.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Selection {
-    /// q, p and memories.
-    pub state: bool,
-    /// lambda.
-    pub multipliers: bool,
-    /// C^H and C^N.
-    pub residuals: bool,
-    /// The energy ledger. If it is recorded, the state carries its integrals.
-    pub energy: bool,
-    /// The torques on the fingers.
-    pub torque: bool,
-    /// The modes of the contacts.
-    pub contact: bool,
-}
-
-impl Selection {
-    /// Number of values in a row, including its time.
-    pub fn width(&self, layout: Layout) -> u64 {
-        1 + (22 + layout.relaxation + layout.controller) as u64 * u64::from(self.state)
-            + layout.point() as u64 * u64::from(self.state)
-            + 4 * u64::from(self.multipliers)
-            + 4 * u64::from(self.residuals)
-            + layout.energies() as u64 * u64::from(self.energy)
-            + 2 * u64::from(self.torque)
-            + 4 * u64::from(self.has_contacts(layout))
-    }
-
-    /// Whether a row has the contacts. A row with a state needs them in unilateral contact.
-    fn has_contacts(&self, layout: Layout) -> bool {
-        self.contact || self.state && layout.unilateral
-    }
-}
-
-/// Finds whether a quantity is selected.
-pub type Quantity = fn(&mut Selection) -> &mut bool;
-
-/// The quantities that can be recorded, by their public names.
-pub const RECORDABLE: [(&str, Quantity); 6] = [
-    ("state", |selection| &mut selection.state),
-    ("multipliers", |selection| &mut selection.multipliers),
-    ("residuals", |selection| &mut selection.residuals),
-    ("energy", |selection| &mut selection.energy),
-    ("torque", |selection| &mut selection.torque),
-    ("contact", |selection| &mut selection.contact),
-];
-
-impl FromIterator<Quantity> for Selection {
-    fn from_iter<I: IntoIterator<Item = Quantity>>(quantities: I) -> Self {
-        let mut selection = Self::default();
-        for quantity in quantities {
-            *quantity(&mut selection) = true;
-        }
-        selection
-    }
-}
-
-/// The rows of a run. Quantities that were not selected stay empty.
+/// The rows of a run.
 #[derive(Debug, Clone, Default)]
-#[allow(missing_docs)] // of what is named as everywhere
 pub struct Recording {
-    pub selection: Selection,
-    pub layout: Layout,
-    /// Time of each row.
-    pub t: Vec<f64>,
-    /// Start of the segment of each row.
-    pub grid_anchor: Vec<f64>,
-    /// Steps from the start of the segment to each row.
-    pub grid_step: Vec<u64>,
-    pub q: Vec<[f64; 9]>,
-    pub p: Vec<[f64; 9]>,
-    pub memory: Vec<[f64; 2]>,
-    /// The point of the Jacobian in use, NaN if there is none. Empty for methods that keep no Jacobian.
-    pub linearized: Vec<f64>,
-    /// The states of Maxwell branches, row by row.
-    pub relaxation: Vec<f64>,
-    pub multipliers: Vec<[f64; 4]>,
-    pub residuals: Vec<[f64; 4]>,
-    /// Energies and works, row by row: 7 numbers in bilateral contact, 10 in unilateral contact, 11 if the hand moves.
-    pub energy: Vec<f64>,
-    pub torque: Vec<[f64; 2]>,
-    pub contact: Vec<ContactRow>,
-    /// The states of the run's discrete controller, row by row.
-    pub controller: Vec<f64>,
+    /// How many numbers a row has in each column; zero in those that are not recorded.
+    pub widths: [usize; COLUMNS.len()],
+    /// The numbers of each column, row by row.
+    pub columns: [Vec<f64>; COLUMNS.len()],
 }
 
 impl Recording {
     /// A recording with room for `rows` rows. The error says that there is no memory for them.
     pub fn with_capacity(selection: Selection, layout: Layout, rows: u64) -> Result<Self> {
-        let mut recording = Self { selection, layout, ..Self::default() };
+        let mut recording = Self { widths: layout.widths(selection), ..Self::default() };
         recording.reserve(rows)?;
         Ok(recording)
+    }
+
+    /// The times of the rows.
+    pub fn t(&self) -> &[f64] {
+        &self.columns[Column::T as usize]
+    }
+
+    /// The rows of a column, each of `N` numbers.
+    pub fn rows<const N: usize>(&self, column: Column) -> &[[f64; N]] {
+        self.columns[column as usize].as_chunks().0
     }
 
     /// Makes room for one more row, and for the last row after it, if the number of rows is not known beforehand.
     #[inline(always)]
     pub fn make_room(&mut self) -> Result {
-        let rows = self.t.len();
-        if rows + 1 < self.t.capacity() { Ok(()) } else { self.reserve(2 * rows as u64 + 64) }
+        let times = &self.columns[Column::T as usize];
+        let rows = times.len();
+        if rows + 1 < times.capacity() { Ok(()) } else { self.reserve(2 * rows as u64 + 64) }
     }
 
     /// Makes room for `rows` rows in all.
     fn reserve(&mut self, rows: u64) -> Result {
-        let selection = self.selection;
-        let layout = self.layout;
-        let width = selection.width(layout);
-        let needed = rows as f64 * width as f64;
+        let needed = rows as f64 * self.widths.iter().sum::<usize>() as f64;
         let (what, advice) = ("the recording, in numbers,", "raise every= or record less");
         let too_large = || Error::TooLarge { what, needed, limit: MOST_VALUES, advice };
         if needed > MOST_VALUES {
             return Err(too_large());
         }
-        let more = usize::try_from(rows).map_err(|_| too_large())?.saturating_sub(self.t.len());
-        let room = |wanted: bool| if wanted { more } else { 0 };
-        let (for_state, energies) = (room(selection.state), room(selection.energy));
-        let rooms = [
-            self.t.try_reserve_exact(more),
-            self.q.try_reserve_exact(for_state),
-            self.p.try_reserve_exact(for_state),
-            self.memory.try_reserve_exact(for_state),
-            self.grid_anchor.try_reserve_exact(for_state),
-            self.grid_step.try_reserve_exact(for_state),
-            self.linearized.try_reserve_exact(for_state.saturating_mul(layout.point())),
-            self.relaxation.try_reserve_exact(for_state.saturating_mul(layout.relaxation)),
-            self.controller.try_reserve_exact(for_state.saturating_mul(layout.controller)),
-            self.multipliers.try_reserve_exact(room(selection.multipliers)),
-            self.residuals.try_reserve_exact(room(selection.residuals)),
-            self.energy.try_reserve_exact(energies.saturating_mul(layout.energies())),
-            self.torque.try_reserve_exact(room(selection.torque)),
-            self.contact.try_reserve_exact(room(selection.has_contacts(layout))),
-        ];
-        if rooms.iter().any(Result::is_err) { Err(too_large()) } else { Ok(()) }
+        let more = usize::try_from(rows).map_err(|_| too_large())?.saturating_sub(self.t().len());
+        let mut columns = self.columns.iter_mut().zip(self.widths);
+        columns.try_for_each(|(own, width)| {
+            own.try_reserve_exact(more.saturating_mul(width)).map_err(|_| too_large())
+        })
     }
 
     /// Adds a row, with the state of the run's discrete controller. `energies` is called only if they are recorded.
     #[inline(always)]
     pub fn push(&mut self, instant: &Instant, controller: &[f64], energies: impl FnOnce() -> Energies) {
-        self.t.push(instant.t);
-        if self.selection.state {
-            self.q.push(instant.motion.q.row());
-            self.p.push(instant.motion.p.row());
-            self.memory.push(instant.motion.memory);
-            self.grid_anchor.push(instant.grid.0);
-            self.grid_step.push(instant.grid.1);
-            let point = instant.linearized.unwrap_or([f64::NAN; 21 + RELAXATIONS]);
-            self.linearized.extend_from_slice(&point[..self.layout.point()]);
-            self.relaxation.extend_from_slice(&instant.motion.relaxation[..self.layout.relaxation]);
-            self.controller.extend_from_slice(controller);
-        }
-        if self.selection.multipliers {
-            self.multipliers.push(instant.multipliers);
-        }
-        if self.selection.residuals {
-            self.residuals.push(instant.residuals);
-        }
-        if self.selection.energy {
+        let Instant { motion: Motion { q, p, memory, relaxation }, multipliers, residuals, torque, .. } =
+            instant;
+        let mut put = |column: Column, numbers: &[f64]| {
+            let width = self.widths[column as usize].min(numbers.len());
+            self.columns[column as usize].extend_from_slice(&numbers[..width]);
+        };
+        put(Column::T, &[instant.t]);
+        put(Column::GridAnchor, &[instant.grid.0]);
+        put(Column::GridStep, &[instant.grid.1 as f64]);
+        put(Column::Q, &q.row());
+        put(Column::P, &p.row());
+        put(Column::Memory, memory);
+        put(Column::Linearized, &instant.linearized.unwrap_or([f64::NAN; 21 + RELAXATIONS]));
+        put(Column::Relaxation, relaxation);
+        put(Column::Controller, controller);
+        put(Column::Multipliers, multipliers);
+        put(Column::Residuals, residuals);
+        put(Column::Torque, torque);
+        let [right, left, ..] = instant.contact.unwrap_or(STICKING);
+        put(Column::Contacts, &instant.contact.unwrap_or(STICKING));
+        // The absolute value of a code is that of the mode, but a grazing contact that slides has one more.
+        put(Column::Modes, &[right, left].map(|code| code.abs().min(3.0)));
+        let width = self.widths[Column::Energy as usize];
+        if width > 0 {
             let Energies { kinetic, elastic, gravity } = energies();
-            self.energy.extend_from_slice(&[kinetic, elastic, gravity]);
-            self.energy.extend_from_slice(&instant.works[..self.layout.energies() - 3]);
-        }
-        if self.selection.torque {
-            self.torque.push(instant.torque);
-        }
-        if self.selection.has_contacts(self.layout) {
-            self.contact.push(instant.contact.unwrap_or(STICKING));
+            let column = &mut self.columns[Column::Energy as usize];
+            column.extend_from_slice(&[kinetic, elastic, gravity]);
+            column.extend_from_slice(&instant.works[..width - 3]);
         }
     }
 }
@@ -237,6 +221,8 @@ pub struct Run {
     pub controller: Option<Vec<f64>>,
     /// The energies at the start of the run, if the ledger was carried.
     pub initial_energies: Option<Energies>,
+    /// Number of states of Maxwell branches.
+    pub branches: usize,
     /// The status with which it ended.
     pub status: Status,
     /// The status in words, with the numbers; empty if a run that is not recorded has reached its end.

@@ -1,19 +1,14 @@
 //! The recording of one run, for a step loop of one lane.
 
-use std::borrow::Cow;
-
 use crate::error::Result;
-use crate::formulation::Contact;
-use crate::method::Stats;
-use crate::model::{ControllerState, Energies, Mode, Scene};
+use crate::model::{Energies, Mode};
 use crate::stepping::intervals::{Intervals, of_changes};
-use crate::stepping::{
-    COUNT, Change, Finished, Instant, LaneContact, Recording, Run, RunQueue, Status, Taken, VIOLATIONS,
-    Violation, ViolationSet, arrival,
-};
+use crate::stepping::{Change, Instant, Recording, Run, Status, VIOLATIONS, Violation, arrival};
 
 /// The instants that are recorded.
+#[derive(Default)]
 pub enum Due<'a> {
+    #[default]
     Never,
     /// The start of the run, and then one instant after every so many steps.
     Steps {
@@ -24,82 +19,40 @@ pub enum Due<'a> {
     Times(&'a [f64]),
 }
 
+#[derive(Default)]
 pub struct Recorder<'a> {
-    scene: Option<&'a Scene>,
+    recording: Recording,
     due: Due<'a>,
-    interrupted: &'a dyn Fn() -> bool,
-    last_row: f64,
-    intervals: Intervals,
-    /// The contacts of an earlier run with the same parameters; after the run, its own.
-    pub contact: Option<Box<LaneContact>>,
+    /// The time of the last row.
+    last_row: Option<f64>,
+    pub intervals: Intervals,
+    /// The changes of the contacts' modes.
+    pub changes: Vec<Change>,
     /// The state of the run's discrete controller at the next row.
-    controller: Vec<f64>,
+    pub controller: Vec<f64>,
     /// The time and the modes at the start of a run with unilateral contact.
-    start: Option<(f64, [Mode; 2])>,
-    /// The run as far as it has been computed.
-    pub run: Run,
+    pub start: Option<(f64, [Mode; 2])>,
 }
 
 impl<'a> Recorder<'a> {
-    pub fn new(
-        scene: &'a Scene,
-        recording: Recording,
-        due: Due<'a>,
-        interrupted: &'a dyn Fn() -> bool,
-    ) -> Self {
-        let run = Run {
-            recording,
-            last: Instant::start(&scene.initial),
-            controller: None,
-            initial_energies: None,
-            status: Status::Interrupted,
-            message: String::new(),
-            first_times: [f64::NAN; VIOLATIONS.len()],
-            violation_intervals: Vec::new(),
-            contact_changes: Vec::new(),
-            holds: false,
-            summaries: [f64::NAN; COUNT],
-            stats: Stats::default(),
-        };
-        Self {
-            scene: Some(scene),
-            due,
-            interrupted,
-            last_row: f64::NAN,
-            intervals: Intervals::default(),
-            contact: None,
-            controller: Vec::new(),
-            start: None,
-            run,
-        }
+    pub fn new(recording: Recording, due: Due<'a>) -> Self {
+        Self { recording, due, ..Self::default() }
     }
 
     fn push(&mut self, watched: &Instant, energies: impl FnOnce() -> Energies) {
-        self.run.recording.push(watched, &self.controller, energies);
-        self.last_row = watched.t;
-    }
-}
-
-impl<'a> RunQueue<'a> for Recorder<'a> {
-    fn take(&mut self) -> Result<Option<Taken<'a>>> {
-        let Self { scene, contact, .. } = self;
-        let taken = |scene| Taken { number: 0, scene: Cow::Borrowed(scene), contact: contact.take() };
-        Ok(scene.take().map(taken))
-    }
-
-    fn stops(&mut self) -> bool {
-        (self.interrupted)()
+        self.recording.push(watched, &self.controller, energies);
+        self.last_row = Some(watched.t);
     }
 
     #[inline(always)]
-    fn is_due(&mut self, t: f64, inside: bool) -> bool {
+    pub fn is_due(&mut self, t: f64, inside: bool) -> bool {
         if self.intervals.refusal.is_some() {
             return true;
         }
         match &mut self.due {
             // Events may follow each other faster than the clock resolves.
             Due::Never => false,
-            Due::Steps { .. } if inside || t == self.last_row => false,
+            Due::Steps { .. } if inside || self.last_row == Some(t) => false,
             Due::Steps { every, left } => {
                 let due = *left == 0;
                 if due {
@@ -119,54 +72,35 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
     }
 
     #[inline(always)]
-    fn next_time(&self) -> f64 {
+    pub fn next_time(&self) -> f64 {
         match self.due {
             Due::Never | Due::Steps { .. } => f64::INFINITY,
             Due::Times(times) => times.first().copied().unwrap_or(f64::INFINITY),
         }
     }
 
-    #[inline(always)]
-    fn note(&mut self, t: f64, found: ViolationSet) {
-        self.intervals.note(t, found);
-    }
-
-    fn note_contacts(&mut self, t: f64, contacts: &[Contact; 2], change: Option<&Change>) {
-        if change.is_none() {
-            self.start = Some((t, contacts.map(|contact| contact.mode)));
-        }
-        if let Some(change) = change {
-            self.intervals.keep_change(&mut self.run.contact_changes, *change);
-        }
-    }
-
-    fn keep_controller(&mut self, state: &ControllerState) {
-        self.controller.clear();
-        self.controller.extend(state.row());
-    }
-
-    fn record(&mut self, watched: &Instant, energies: impl FnOnce() -> Energies) -> Result {
+    /// Records an instant. The error says that there is no memory for it.
+    pub fn record(&mut self, watched: &Instant, energies: impl FnOnce() -> Energies) -> Result {
         if let Some(error) = self.intervals.refusal.take() {
             return Err(error);
         }
-        self.run.recording.make_room()?;
+        self.recording.make_room()?;
         self.push(watched, energies);
         Ok(())
     }
 
-    fn finish(&mut self, finished: Finished, energies: impl FnOnce() -> Energies) {
-        let Finished { run, contact, .. } = finished;
-        self.contact = contact;
+    /// A run that has ended, with its recording. `energies` computes those of its last instant.
+    pub fn finish(&mut self, run: Run, energies: impl FnOnce() -> Energies) -> Run {
         if let Some(state) = &run.controller {
             self.controller.clone_from(state);
         }
         let records = !matches!(self.due, Due::Never);
         let end = run.last.t;
-        if records && self.last_row != end {
+        if records && self.last_row != Some(end) {
             self.push(&run.last, energies);
         }
         let mut intervals = self.intervals.finish();
-        let contact_changes = std::mem::take(&mut self.run.contact_changes);
+        let contact_changes = std::mem::take(&mut self.changes);
         if let Some((from, modes)) = self.start {
             // Events know the times of slipping and opening better than the instants that were watched.
             let of = |shows: fn(Mode) -> bool| of_changes(modes, &contact_changes, end, from, shows);
@@ -180,8 +114,8 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
         let seen = VIOLATIONS.iter().zip(intervals).zip(run.first_times);
         let violation_intervals =
             seen.filter(|(_, first)| !first.is_nan()).map(|(((name, _), own), _)| (*name, own)).collect();
-        let recording = std::mem::take(&mut self.run.recording);
-        self.run = Run { recording, message, violation_intervals, contact_changes, ..run };
+        let recording = std::mem::take(&mut self.recording);
+        Run { recording, message, violation_intervals, contact_changes, ..run }
     }
 }
 
@@ -190,11 +124,14 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::method::traits::Stats;
     use crate::model::inputs::Inputs;
     use crate::model::motion::Motion;
     use crate::model::parameters::Parameters;
+    use crate::model::scene::Scene;
     use crate::model::start::{State, contact};
-    use crate::stepping::record::{Layout, Selection};
+    use crate::stepping::COUNT;
+    use crate::stepping::record::{Column, Layout, Recordable};
 
     fn scene() -> Scene {
         let parameters = Parameters::default();
@@ -214,9 +151,9 @@ mod tests {
     /// Watches the instants as a step loop does, and ends the run at the last of them.
     fn recorded(due: Due<'_>, instants: &[(f64, bool)]) -> Run {
         let scene = scene();
-        let selection = Selection { state: true, ..Selection::default() };
+        let selection = [Recordable::State].into_iter().collect();
         let recording = Recording::with_capacity(selection, Layout::default(), 0).expect("there is room");
-        let mut recorder = Recorder::new(&scene, recording, due, &|| false);
+        let mut recorder = Recorder::new(recording, due);
         for &(t, inside) in instants {
             if recorder.is_due(t, inside) {
                 recorder.record(&sample(&scene, t), unused).expect("there is room");
@@ -228,6 +165,7 @@ mod tests {
             last,
             controller: None,
             initial_energies: None,
+            branches: 0,
             status: Status::Completed,
             message: String::new(),
             first_times: [f64::NAN; VIOLATIONS.len()],
@@ -237,9 +175,7 @@ mod tests {
             summaries: [0.0; COUNT],
             stats: Stats::default(),
         };
-        let finished = Finished { number: 0, run, contact: None };
-        recorder.finish(finished, unused);
-        recorder.run
+        recorder.finish(run, unused)
     }
 
     /// The instants of a run, some of which are inside steps. The first and the last are the ends of steps.
@@ -265,8 +201,8 @@ mod tests {
             if rows.last() != ends.last() {
                 rows.extend(ends.last());
             }
-            prop_assert_eq!(&run.recording.q, &rows.iter().map(|&t| [t; 9]).collect::<Vec<_>>());
-            prop_assert_eq!(run.recording.t, rows);
+            prop_assert_eq!(run.recording.rows(Column::Q), &rows.iter().map(|&t| [t; 9]).collect::<Vec<_>>()[..]);
+            prop_assert_eq!(run.recording.t(), &rows[..]);
         }
 
         #[test]
@@ -277,7 +213,7 @@ mod tests {
             let run = recorded(Due::Times(&times), &all);
             let end = all[all.len() - 1].0;
             let rows: Vec<f64> = times.iter().copied().filter(|&t| t != end).chain([end]).collect();
-            prop_assert_eq!(run.recording.t, rows);
+            prop_assert_eq!(run.recording.t(), &rows[..]);
             prop_assert_eq!(run.last.t, end);
         }
     }

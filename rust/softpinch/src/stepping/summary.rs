@@ -5,7 +5,7 @@
 //! instants that the monitors watch.
 
 use crate::formulation::Evaluation;
-use crate::names::named;
+use crate::names::{named, set};
 use crate::number::{Bits, Lanes};
 
 /// The numbers that a summary keeps from one instant to the next.
@@ -68,7 +68,7 @@ macro_rules! summaries {
             #[inline(always)]
             pub fn watch(&mut self, instant: &SummaryInstant<'_, R>, seen: Bits) {
                 let seen = seen & self.after.at_most(instant.t);
-                $(if self.wanted.contains(Summary::$kind) {
+                $(if self.wanted.set.contains(Summary::$kind) {
                     $kind::watch(&mut self.memory[Summary::$kind as usize], instant, self.band, seen);
                 })*
             }
@@ -83,7 +83,7 @@ macro_rules! summaries {
             /// The summaries of a lane, in the order of [`SUMMARIES`]; NaN where not asked for, or without an instant.
             pub fn values(&self, lane: usize, end: &RunEnd) -> [f64; COUNT] {
                 let mut values = [f64::NAN; COUNT];
-                $(if self.wanted.contains(Summary::$kind) {
+                $(if self.wanted.set.contains(Summary::$kind) {
                     let memory = self.memory[Summary::$kind as usize].map(|number| number.lane(lane));
                     if memory[0] != $kind::START[0] {
                         values[Summary::$kind as usize] = $kind::value(memory, end);
@@ -283,39 +283,25 @@ impl Fold for FreeTime {
     }
 }
 
+set! {
+    /// A set of summaries.
+    SummarySet of Summary
+}
+
 /// The summaries to compute, and their settings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wanted {
-    set: u32,
+    /// The summaries.
+    pub set: SummarySet,
     /// Instants before this one are left out, s.
     pub after: f64,
     /// The speed below which the object has settled, m/s.
     pub band: f64,
 }
 
-impl Wanted {
-    /// The given summaries, with their settings.
-    pub fn new(summaries: impl IntoIterator<Item = Summary>, after: f64, band: f64) -> Self {
-        let set = summaries.into_iter().fold(0, |set, summary| set | 1 << summary as u32);
-        Self { set, after, band }
-    }
-
-    /// Whether a summary is computed.
-    #[inline(always)]
-    pub fn contains(&self, summary: Summary) -> bool {
-        self.set & (1 << summary as u32) != 0
-    }
-
-    /// Whether no summary is computed.
-    #[inline(always)]
-    pub fn is_empty(&self) -> bool {
-        self.set == 0
-    }
-}
-
 impl Default for Wanted {
     fn default() -> Self {
-        Self::new([], f64::NEG_INFINITY, 1e-3)
+        Self { set: SummarySet::default(), after: f64::NEG_INFINITY, band: 1e-3 }
     }
 }
 
@@ -458,7 +444,8 @@ mod tests {
             after in 0.0..2.0f64,
             completed in any::<bool>(),
         ) {
-            let wanted = Wanted::new(SUMMARIES.map(|(_, summary)| summary), after, 1e-3);
+            let set = SUMMARIES.into_iter().map(|(_, summary)| summary).collect();
+            let wanted = Wanted { set, after, band: 1e-3 };
             let mut summaries = Summaries::<Row4>::new(&wanted);
             for k in 0..12 {
                 // A lane whose list has ended repeats its last instant, which is not watched.

@@ -27,7 +27,7 @@ use crate::number::row::Row4;
 use crate::stepping::instant::all_finite;
 use crate::stepping::monitor::ViolationSet;
 use crate::stepping::options::{Options, Steps};
-use crate::stepping::record::{RECORDABLE, Recording, Selection};
+use crate::stepping::record::{Column, RECORDABLE, Recording, Selection};
 
 const DURATION: f64 = 0.02;
 
@@ -236,21 +236,23 @@ impl Recording {
     /// The state at a row, from which a run without a discrete controller goes on.
     pub(crate) fn state_at(&self, k: usize) -> State {
         State {
-            time: self.t[k],
+            time: self.t()[k],
             motion: Motion {
-                q: self.q[k].into(),
-                p: self.p[k].into(),
-                memory: self.memory[k],
+                q: self.rows(Column::Q)[k].into(),
+                p: self.rows(Column::P)[k].into(),
+                memory: self.rows(Column::Memory)[k],
                 ..Motion::zero()
             },
-            grid: Some((self.grid_anchor[k], self.grid_step[k])),
+            grid: Some((
+                self.rows::<1>(Column::GridAnchor)[k][0],
+                self.rows::<1>(Column::GridStep)[k][0] as u64,
+            )),
             linearized: self
-                .linearized
-                .chunks(21)
-                .nth(k)
+                .rows::<21>(Column::Linearized)
+                .get(k)
                 .filter(|point| !point[0].is_nan())
                 .map(|point| std::array::from_fn(|n| point.get(n).copied().unwrap_or_default())),
-            contact: self.contact.get(k).copied(),
+            contact: self.rows(Column::Contacts).get(k).copied(),
             controller: None,
         }
     }

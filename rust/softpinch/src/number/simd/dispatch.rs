@@ -48,13 +48,8 @@ pub fn dispatch_lanes<K: LaneKernel>(level: Level, kernel: K) -> Result<K::Outpu
     }
 }
 
-/// Runs `kernel` on vectors of four lanes at every level. Code that is not the fastest part of anything is compiled for
-/// one kind of vectors only.
-pub fn dispatch_four_lanes<K: LaneKernel>(level: Level, kernel: K) -> Result<K::Output> {
-    Ok(call_four_lanes(level.require()?, kernel))
-}
-
-/// The same for a caller that has the proof of a level.
+/// Runs `kernel` on vectors of four lanes at every level, of which the caller has the proof. Code that is not the fastest
+/// part of anything is compiled for one kind of vectors only.
 pub fn call_four_lanes<K: LaneKernel>(proof: Instructions, kernel: K) -> K::Output {
     #[cfg(target_arch = "x86_64")]
     // SAFETY: every level has AVX2 and FMA, and `proof` shows that this processor has a level.

@@ -53,7 +53,7 @@ impl Level {
             return Ok(level);
         }
         let allowed = format!("{:?}, the best that this processor has", Self::detect().name());
-        Err(Error::Unknown { field: VARIABLE, name, allowed })
+        Err(Error::unknown(VARIABLE, name, allowed))
     }
 
     /// The public name of the level.

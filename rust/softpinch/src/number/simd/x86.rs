@@ -8,9 +8,20 @@
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use crate::number::real::lane_by_lane;
+use crate::number::real::{inlined, lane_by_lane};
 use crate::number::trigonometry;
 use crate::number::{Bits, LaneTask, Lanes, Real};
+
+/// Declares functions of an implementation that are inlined and consist of instructions.
+macro_rules! instructions {
+    ($($name:ident($($arguments:tt)*) -> $output:ty { $($body:tt)* })*) => {$(
+        #[inline(always)]
+        fn $name($($arguments)*) -> $output {
+            // SAFETY: see the module's documentation.
+            unsafe { $($body)* }
+        }
+    )*};
+}
 
 macro_rules! vector {
     ($(#[$doc:meta])* $name:ident, $register:ident, $width:literal, $set1:ident, $fma:ident, $fnma:ident, $xor:ident,
@@ -23,20 +34,14 @@ macro_rules! vector {
 
         $(impl $operator for $name {
             type Output = Self;
-            #[inline(always)]
-            fn $method(self, other: Self) -> Self {
-                // SAFETY: see the module's documentation.
-                Self(unsafe { $instruction(self.0, other.0) })
-            }
+
+            instructions! { $method(self, other: Self) -> Self { Self($instruction(self.0, other.0)) } }
         })*
 
         impl Neg for $name {
             type Output = Self;
-            #[inline(always)]
-            fn neg(self) -> Self {
-                // SAFETY: see the module's documentation.
-                Self(unsafe { $xor(self.0, $set1(-0.0)) })
-            }
+
+            instructions! { neg(self) -> Self { Self($xor(self.0, $set1(-0.0))) } }
         }
 
         impl $name {
@@ -63,43 +68,17 @@ macro_rules! vector {
         impl Real for $name {
             const ANY_PARTS: bool = $any_parts;
 
-            #[inline(always)]
-            fn constant(x: f64) -> Self {
-                // SAFETY: see the module's documentation.
-                Self(unsafe { $set1(x) })
+            instructions! {
+                constant(x: f64) -> Self { Self($set1(x)) }
+                mul_add(self, a: Self, b: Self) -> Self { Self($fma(self.0, a.0, b.0)) }
+                neg_mul_add(self, a: Self, b: Self) -> Self { Self($fnma(self.0, a.0, b.0)) }
+                sqrt(self) -> Self { Self($sqrt(self.0)) }
             }
 
-            #[inline(always)]
-            fn mul_add(self, a: Self, b: Self) -> Self {
-                // SAFETY: see the module's documentation.
-                Self(unsafe { $fma(self.0, a.0, b.0) })
-            }
-
-            #[inline(always)]
-            fn neg_mul_add(self, a: Self, b: Self) -> Self {
-                // SAFETY: see the module's documentation.
-                Self(unsafe { $fnma(self.0, a.0, b.0) })
-            }
-
-            #[inline(always)]
-            fn sin_cos(self) -> (Self, Self) {
-                trigonometry::sin_cos(self)
-            }
-
-            #[inline(always)]
-            fn select(bits: Bits, a: Self, b: Self) -> Self {
-                Self::blend(bits, a, b)
-            }
-
-            #[inline(always)]
-            fn less(self, other: Self) -> Bits {
-                self.below(other)
-            }
-
-            #[inline(always)]
-            fn sqrt(self) -> Self {
-                // SAFETY: see the module's documentation.
-                Self(unsafe { $sqrt(self.0) })
+            inlined! {
+                sin_cos(self) -> (Self, Self) = trigonometry::sin_cos(self);
+                select(bits: Bits, a: Self, b: Self) -> Self = Self::blend(bits, a, b);
+                less(self, other: Self) -> Bits = self.below(other);
             }
 
             lane_by_lane!();
@@ -133,16 +112,9 @@ vector! {
 }
 
 impl Zmm {
-    #[inline(always)]
-    fn below(self, other: Self) -> Bits {
-        // SAFETY: see the module's documentation.
-        unsafe { _mm512_cmp_pd_mask::<_CMP_LT_OQ>(self.0, other.0) }
-    }
-
-    #[inline(always)]
-    fn blend(bits: Bits, a: Self, b: Self) -> Self {
-        // SAFETY: see the module's documentation.
-        Self(unsafe { _mm512_mask_blend_pd(bits, b.0, a.0) })
+    instructions! {
+        below(self, other: Self) -> Bits { _mm512_cmp_pd_mask::<_CMP_LT_OQ>(self.0, other.0) }
+        blend(bits: Bits, a: Self, b: Self) -> Self { Self(_mm512_mask_blend_pd(bits, b.0, a.0)) }
     }
 }
 
@@ -151,19 +123,10 @@ macro_rules! alike {
     ($width:literal) => {
         const WIDTH: usize = $width;
 
-        #[inline(always)]
-        fn from_fn(f: impl FnMut(usize) -> f64) -> Self {
-            Self::of(std::array::from_fn(f))
-        }
-
-        #[inline(always)]
-        fn lane(self, lane: usize) -> f64 {
-            self.numbers()[lane]
-        }
-
-        #[inline(always)]
-        fn set(&mut self, lane: usize, value: f64) {
-            self.numbers_mut()[lane] = value;
+        inlined! {
+            from_fn(f: impl FnMut(usize) -> f64) -> Self = Self::of(std::array::from_fn(f));
+            lane(self, lane: usize) -> f64 = self.numbers()[lane];
+            set(&mut self, lane: usize, value: f64) -> () = self.numbers_mut()[lane] = value;
         }
     };
 }
@@ -171,22 +134,10 @@ macro_rules! alike {
 impl Lanes for Zmm {
     alike!(8);
 
-    #[inline(always)]
-    fn at_most(self, other: Self) -> Bits {
-        // SAFETY: see the module's documentation.
-        unsafe { _mm512_cmp_pd_mask::<_CMP_LE_OQ>(self.0, other.0) }
-    }
-
-    #[inline(always)]
-    fn abs(self) -> Self {
-        // SAFETY: see the module's documentation.
-        Self(unsafe { _mm512_abs_pd(self.0) })
-    }
-
-    #[inline(always)]
-    fn rotate_quadrants(quadrants: Self, sin: Self, cos: Self) -> (Self, Self) {
-        // SAFETY: see the module's documentation.
-        unsafe {
+    instructions! {
+        at_most(self, other: Self) -> Bits { _mm512_cmp_pd_mask::<_CMP_LE_OQ>(self.0, other.0) }
+        abs(self) -> Self { Self(_mm512_abs_pd(self.0)) }
+        rotate_quadrants(quadrants: Self, sin: Self, cos: Self) -> (Self, Self) {
             let quadrants = _mm512_castpd_si512(quadrants.0);
             let odd = _mm512_test_epi64_mask(quadrants, _mm512_set1_epi64(1));
             let (s, c) = (_mm512_mask_blend_pd(odd, sin.0, cos.0), _mm512_mask_blend_pd(odd, cos.0, sin.0));
@@ -218,16 +169,12 @@ const MASKS: [[i64; 4]; 16] = {
 };
 
 impl Ymm {
-    #[inline(always)]
-    fn below(self, other: Self) -> Bits {
-        // SAFETY: see the module's documentation.
-        unsafe { _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LT_OQ>(self.0, other.0)) as Bits }
-    }
-
-    #[inline(always)]
-    fn blend(bits: Bits, a: Self, b: Self) -> Self {
-        // SAFETY: see the module's documentation; the mask and the vector both consist of four times 64 bits.
-        unsafe {
+    instructions! {
+        below(self, other: Self) -> Bits {
+            _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LT_OQ>(self.0, other.0)) as Bits
+        }
+        blend(bits: Bits, a: Self, b: Self) -> Self {
+            // The mask and the vector both consist of four times 64 bits.
             let mask = std::mem::transmute::<[i64; 4], __m256d>(MASKS[usize::from(bits & 15)]);
             Self(_mm256_blendv_pd(b.0, a.0, mask))
         }
@@ -237,22 +184,12 @@ impl Ymm {
 impl Lanes for Ymm {
     alike!(4);
 
-    #[inline(always)]
-    fn at_most(self, other: Self) -> Bits {
-        // SAFETY: see the module's documentation.
-        unsafe { _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LE_OQ>(self.0, other.0)) as Bits }
-    }
-
-    #[inline(always)]
-    fn abs(self) -> Self {
-        // SAFETY: see the module's documentation.
-        Self(unsafe { _mm256_andnot_pd(_mm256_set1_pd(-0.0), self.0) })
-    }
-
-    #[inline(always)]
-    fn rotate_quadrants(quadrants: Self, sin: Self, cos: Self) -> (Self, Self) {
-        // SAFETY: see the module's documentation.
-        unsafe {
+    instructions! {
+        at_most(self, other: Self) -> Bits {
+            _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LE_OQ>(self.0, other.0)) as Bits
+        }
+        abs(self) -> Self { Self(_mm256_andnot_pd(_mm256_set1_pd(-0.0), self.0)) }
+        rotate_quadrants(quadrants: Self, sin: Self, cos: Self) -> (Self, Self) {
             let quadrants = _mm256_castpd_si256(quadrants.0);
             let odd = _mm256_castsi256_pd(_mm256_slli_epi64::<63>(quadrants));
             let (s, c) = (_mm256_blendv_pd(sin.0, cos.0, odd), _mm256_blendv_pd(cos.0, sin.0, odd));
