@@ -119,7 +119,6 @@ class Peer:
     ends: Callable[[Any], tuple[Floats, Floats]]
 
     def __post_init__(self) -> None:
-
         checks.instance("Peer.name", self.name, str, "text")
         checks.instance("Peer.setting", self.setting, str, "text")
         checks.array("Peer.values", self.values, ("k",))
@@ -209,7 +208,6 @@ class WorkPrecision(Result):
 
     def save(self, path: str | Path) -> Path:
         """Writes the rows as .csv, with units in the header."""
-        path = checks.path("path", path)
         columns = self.to_dict()
         header = [name + _COLUMN_UNITS.get(name, "") for name in columns]
         rows = zip(*(values.tolist() for values in columns.values()), strict=True)

@@ -57,7 +57,6 @@ class Inputs:
     """
 
     def __init__(self, scene: Scene, begin: float, end: float) -> None:
-
         self._near = _ULPS * float(np.spacing(max(abs(begin), abs(end))))
         # The first channel of each piecewise polynomial, and its coefficients per interval.
         self._pieces: list[tuple[int, Piecewise]] = [(_TARGET, scene.schedule.compile())]

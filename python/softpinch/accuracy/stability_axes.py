@@ -57,10 +57,8 @@ class Axis:
         self, scene: Scene, stabilization: Stabilization, value: float
     ) -> tuple[Scene, Stabilization]:
         """The scene and the gains of "csm" at a value of the axis."""
-        try:
+        with checks.reworded(f"{self.name} = {value:.6g}: "):
             found = self.at(scene, value)
-        except ValueError as error:
-            raise ValueError(f"{self.name} = {value:.6g}: {error}") from None
         if isinstance(found, Stabilization):
             return scene, found
         checks.instance(f"axis({value:.6g})", found, Scene)

@@ -317,11 +317,9 @@ class _Search:
         for path in paths:
             if path.split(".")[0] in _WITHOUT_EFFECT:
                 raise ValueError(f"axes: {path!r} has no effect on where the scene rests")
-        try:
+        others = f"; or one of {checks.quoted(FAMILY)}"
+        with checks.reworded("axes: ", others, drop="vary: ", kind=ValueError):
             template = SceneTemplate(self.scene, paths, 0)
-        except (TypeError, ValueError) as error:
-            text = str(error).removeprefix("vary: ")
-            raise ValueError(f"axes: {text}; or one of {checks.quoted(FAMILY)}") from None
         template.require_numbers("axes")
         return template
 
@@ -329,13 +327,9 @@ class _Search:
         """The scene of a cell; an error names axis, value and rule."""
         numbers = {n: float(v[k]) for n, v, k in zip(self.names, self.values, cell, strict=True)}
         own = {name: number for name, number in numbers.items() if name not in FAMILY}
-        if not own:
-            return self.scene
-        try:
-            return self._template.changed(own)
-        except ValueError as error:
-            where = ", ".join(f"{name} = {number:.6g}" for name, number in own.items())
-            raise ValueError(f"axes: {where}: {error}") from None
+        where = ", ".join(f"{name} = {number:.6g}" for name, number in own.items())
+        with checks.reworded(f"axes: {where}: "):
+            return self._template.changed(own) if own else self.scene
 
     def _member_at(self, cell: Cell) -> Floats:
         """The grips or shears of a cell (2,), m."""

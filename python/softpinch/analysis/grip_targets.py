@@ -86,9 +86,6 @@ def grip(scene: Scene, force: float | None = None, compression: float | None = N
             object. The two differ only by horizontal forces.
         compression: The mean of the compressions d_n1 and d_n2, m, instead of `force`.
 
-    Returns:
-        The targets, with the equilibrium and the scene that holds them.
-
     Raises:
         ValueError: No equilibrium has this force (the message has the nearest one, and why there is
             no other), or the fingers have no target angles (`Torque()`, `SampledController`, or a

@@ -140,7 +140,7 @@ def equilibrium(
     *,
     grip: ArrayLike | None = None,
 ) -> Equilibrium:
-    """Finds where a grasp comes to rest under the inputs of one instant.
+    """Finds where a grasp comes to rest under the inputs of one instant, or why it does not.
 
     The forces balance at p = 0: f_5 - Phi_5^T f_d = 0 on the null space of Phi (docs/equilibria.md,
     "The equations"). Fingers with integral action and driven fingers stand at their targets. A PID
@@ -165,9 +165,6 @@ def equilibrium(
             is where a settled run will be at rest.
         grip: Where the tips hold the object's faces (2,), right and left, m above its centre of
             gravity (`Equilibrium.grip`).
-
-    Returns:
-        The equilibrium, or the reason why there is none.
 
     Raises:
         ValueError: Both `shear` and `grip` are given, or the scene has a `SampledController`, whose

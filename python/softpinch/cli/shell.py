@@ -102,10 +102,8 @@ def with_changes(scene: Scene, changes: Sequence[str] | None) -> Scene:
                 'as 0.3 or 3e5, an array such as [5, 0], or text in quotes such as "unilateral"'
             )
         values[path] = found["value"]
-    try:
+    with checks.reworded("--set: ", drop="with_: "):
         return scene.with_(values) if values else scene
-    except (TypeError, ValueError) as error:
-        raise type(error)(f"--set: {str(error).removeprefix('with_: ')}") from None
 
 
 def read_run(path: Path) -> Scene | Capsule:

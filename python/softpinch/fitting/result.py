@@ -287,7 +287,6 @@ class Fit(Result):
             text = json.dumps(self.to_dict(), indent=2, allow_nan=False, default=str)
             file.write_text(text + "\n", encoding="utf-8")
 
-        path = checks.path("path", path)
         return save_by_suffix(path, {".json": as_json, ".csv": self.table().save})
 
     def __repr__(self) -> str:

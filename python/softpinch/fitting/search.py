@@ -58,9 +58,10 @@ def fit(
 ) -> Fit:
     """Fits numbers of a scene to measured motions by weighted least squares.
 
-    SciPy's `least_squares` (trust region reflective) gets the derivatives of the simulation, see
-    `sensitivities` of `simulate`. Numbers whose bounds are positive and at least a factor of ten
-    apart are searched in their logarithm, in which their intervals are symmetric too.
+    If the search does not converge, `Fit.converged` says so. SciPy's `least_squares` (trust region
+    reflective) gets the derivatives of the simulation, see `sensitivities` of `simulate`. Numbers
+    whose bounds are positive and at least a factor of ten apart are searched in their logarithm, in
+    which their intervals are symmetric too.
 
     Standard errors, covariance and intervals are those of the problem linearised at the minimum;
     `Fit.profile` has intervals without this approximation. A number whose 95 % interval would be
@@ -101,9 +102,6 @@ def fit(
             its way from a far start; `Fit.messages` tells of a fitted motion with violations.
         progress: As for `monte_carlo`; it counts simulations, of the most that the search from all
             starts may need.
-
-    Returns:
-        The fit. If the search does not converge, its status says so.
 
     Raises:
         ValueError: An argument breaks its rule, the run at the start fails, or there are not more
@@ -155,9 +153,9 @@ def fit(
     return fitted
 
 
-def _experiments(scene: Any, times: Any, measured: Any, noise: Any) -> list[Experiment]:
+def _experiments(scene: Any, times: Any, measured: Any, noise: Any) -> tuple[Experiment, ...]:
     if isinstance(scene, Scene):
-        return [Experiment.checked(scene, times, measured, noise)]
+        return (Experiment.checked(scene, times, measured, noise),)
     scenes = checks.several("scene", scene, "a Scene, or a sequence of scenes")
     if not scenes:
         raise ValueError("scene = []: must have at least one")
@@ -172,10 +170,10 @@ def _experiments(scene: Any, times: Any, measured: Any, noise: Any) -> list[Expe
             rule = f"must have one for each scene, {len(scenes)}"
             raise ValueError(f"{name} has {len(one)} entries: {rule}")
         rows.append(one)
-    return [
+    return tuple(
         Experiment.checked(one, instants, data, own, f"[{k}]")
         for k, (one, instants, data, own) in enumerate(zip(scenes, *rows, strict=True))
-    ]
+    )
 
 
 def _with_first_noise(problem: Problem) -> Problem:

@@ -309,12 +309,8 @@ def differentiable(
         batch, runs = runs_of(values)
         count, each = len(next(iter(runs.values()))), []
         for k in range(count):
-            try:
+            with checks.reworded(f"run {k}: " if count > 1 else ""):
                 each.append(derive({path: value[k] for path, value in runs.items()}, by))
-            except ValueError as error:
-                if count == 1:
-                    raise
-                raise ValueError(f"run {k}: {error}") from None
         found = {name: np.stack([one[name] for one, _ in each]) for name in results}
         slopes = {
             name: {path: np.stack([slope[name][path] for _, slope in each]) for path in by}

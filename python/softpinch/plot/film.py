@@ -166,8 +166,8 @@ def animate(
 ) -> Path:
     """Writes the film of a run: each frame is a `snapshot`, all with the same axes and scale.
 
-    The frames are at equal times of the run, speed / fps apart, and the last one is at its end. The
-    status of a frame has all violations since the frame before.
+    It returns the path. The frames are at equal times of the run, speed / fps apart, and the last
+    one is at its end. The status of a frame has all violations since the frame before.
 
     Args:
         run: The run; its instants are computed once more.
@@ -183,9 +183,6 @@ def animate(
         forces: Whether to draw the forces.
         progress: As for `monte_carlo`; it counts frames.
         dpi: Dots per inch: the film is 5.6 inches wide.
-
-    Returns:
-        The path.
 
     Raises:
         ValueError: An argument breaks its rule, or the film would have more than 100 000 frames.

@@ -116,14 +116,9 @@ def styled() -> Iterator[None]:
 
 
 def save(figure: Figure, path: str | Path) -> Path:
-    """Saves a figure in the format of the path's suffix. Equal figures give equal files.
+    """Saves a figure in the format of the path's suffix, and returns the path.
 
-    Args:
-        figure: The figure.
-        path: The file.
-
-    Returns:
-        The path.
+    Equal figures give equal files.
 
     Raises:
         ValueError: Matplotlib does not support the format; the message lists supported ones.

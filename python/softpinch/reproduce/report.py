@@ -258,9 +258,6 @@ def reproduce(
         format: File format of the figures: "png", "pdf" or "svg".
         dt: Longest step, s.
         progress: Called with a description of the current work and the completed share (0 to 1).
-
-    Returns:
-        The runs, tables, findings and written files.
     """
     out = checks.path("out", out, "the path of a folder")
     checks.choice("format", format, FORMATS)

@@ -314,10 +314,8 @@ def take_control(value: object) -> object:
     """Checks the field `control` of a scene; a pair of PIDs becomes a tuple (right, left)."""
     if isinstance(value, Law):
         return value
-    try:
+    with checks.reworded(after=", Torque() or SampledController(...)"):
         return take_one_or_pair("Scene.control", value, Pid)
-    except TypeError as error:
-        raise TypeError(f"{error}, Torque() or SampledController(...)") from None
 
 
 def require_known_torque(law: str, name: str) -> None:

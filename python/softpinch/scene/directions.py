@@ -78,10 +78,8 @@ def shapes(
     for path in paths:
         if reason := _REFUSED.get(path):
             raise ValueError(f"sensitivities: {path!r}: there is no derivative by it: {reason}")
-    try:
+    with checks.reworded("sensitivities: ", drop="vary: "):
         found = _template(scene, paths, varied).shapes
-    except ValueError as error:
-        raise ValueError(f"sensitivities: {str(error).removeprefix('vary: ')}") from None
     return {path: found[path] for path in paths}
 
 

@@ -121,13 +121,8 @@ class HandMotion(Kinded):
 
         Each move takes all of its time, at the lowest top speed that this leaves (Biagiotti and
         Melchiorri, Trajectory Planning for Automatic Machines and Robots, 2008, section 3.2). The
-        jumps of the acceleration are breakpoints. Tilts move by minimum jerk.
-
-        Args:
-            times: Times of rest (k,), s.
-            points: Positions at these times (k, 2), m.
-            acceleration: Size of the acceleration, m/s^2.
-            tilts: Tilts at these times (k,), or one tilt, rad.
+        jumps of the acceleration, whose size is `acceleration`, m/s^2, are breakpoints. The hand
+        rests at the points (k, 2) at the times (k,). Tilts move by minimum jerk.
 
         Raises:
             ValueError: A way of length D has less time than 2 sqrt(D / acceleration).

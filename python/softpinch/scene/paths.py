@@ -238,13 +238,11 @@ def changed(scene: Scene, values: object, named: Mapping[str, object]) -> Scene:
     if not isinstance(values, Mapping):
         rule = 'must map paths to values, such as {"grasped.mass": 0.2}'
         raise TypeError(f"with_: {checks.shown(values)}: {rule}")
-    try:
+    with checks.reworded("with_: ", drop="vary: "):
         for path in values:
             require_gains(scene, path)
         taken = {path: _taken(path, locate(scene, path)[0], values[path]) for path in values}
         refuse_overlaps(list(taken))
-    except (TypeError, ValueError) as error:
-        raise type(error)(f"with_: {str(error).removeprefix('vary: ')}") from None
     result: Scene = replaced(scene, tree_of(taken))
     return result
 

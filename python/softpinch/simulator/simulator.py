@@ -545,10 +545,8 @@ class VectorSimulator(Stepped):
     ) -> None:
         """Gives each run its state by `place`; an error has the number of its run."""
         for run in self._masked(mask):
-            try:
+            with checks.reworded(f"run {run}: "):
                 place(run, parts[run])
-            except ValueError as error:
-                raise ValueError(f"run {run}: {error}") from None
 
     def _required(self, out: Observations) -> Observations:
         """Refuses arrays that do not fit; the core refuses those that overlap."""

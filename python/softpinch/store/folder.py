@@ -135,7 +135,6 @@ class Trajectories(Mapping[int, Run]):
     """
 
     def __init__(self, folder: Folder, scene_of: Any) -> None:
-
         self._folder = folder
         self._scene_of = scene_of
 

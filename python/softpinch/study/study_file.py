@@ -165,10 +165,8 @@ def _array(where: str, value: Mapping[str, Any], beside: Path) -> Floats:
     # reading it might never end.
     if not path.resolve().is_relative_to(beside.resolve()):
         raise ValueError(f"{where}: file = {shown}: must be in the folder {beside}")
-    try:
+    with checks.reworded(f"{where}: file = {shown}: "):
         return load_array(path, value["sha256"])
-    except ValueError as error:
-        raise ValueError(f"{where}: file = {shown}: {error}") from None
 
 
 def checksum(array: Floats) -> str:

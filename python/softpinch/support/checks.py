@@ -10,8 +10,8 @@ import math
 import operator
 import os
 import reprlib
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
@@ -293,6 +293,18 @@ def hint(name: str, allowed: Iterable[str]) -> str:
 
     close = difflib.get_close_matches(name, list(allowed), n=1, cutoff=0.5)
     return f'; did you mean "{close[0]}"?' if close else ""
+
+
+@contextmanager
+def reworded(
+    before: str = "", after: str = "", drop: str = "", kind: type[Exception] | None = None
+) -> Iterator[None]:
+    """Adds the place of a wrong value to its error, without the error's beginning `drop`."""
+    try:
+        yield
+    except (TypeError, ValueError) as error:
+        text = f"{before}{str(error).removeprefix(drop)}{after}"
+        raise (kind or type(error))(text) from None
 
 
 def refuse_unknown(

@@ -56,11 +56,12 @@ def save_map(
         ".npz": lambda file: save_npz(file, arrays, provenance),
         ".csv": lambda file: save_csv(file, header, rows),
     }
-    return save_by_suffix(checks.path("path", path), writers)
+    return save_by_suffix(path, writers)
 
 
-def save_by_suffix(path: Path, writers: Mapping[str, Callable[[Path], object]]) -> Path:
+def save_by_suffix(path: str | Path, writers: Mapping[str, Callable[[Path], object]]) -> Path:
     """Writes a file with the writer of its suffix: ".csv" -> function that writes the file."""
+    path = checks.path("path", path)
     if path.suffix.lower() not in writers:
         raise ValueError(f"path = {str(path)!r}: must end in {' or '.join(writers)}")
     writers[path.suffix.lower()](path)
