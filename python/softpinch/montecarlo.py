@@ -214,21 +214,10 @@ def monte_carlo(
         SuspiciousValueWarning: A value that all runs share is far from the usual range.
         LostRunsWarning: Runs failed on workers of the executor and are missing.
     """
+    how = (dt, method, formulation, stabilization, record, every, stop_on)
     spec = StudySpec.checked(
         scene,
-        Options.checked(
-            dt=dt,
-            tolerance=tolerance,
-            max_steps=max_steps,
-            method=method,
-            formulation=formulation,
-            stabilization=stabilization,
-            stop_on=stop_on,
-            summaries_after=summaries_after,
-            record=record,
-            every=every,
-            times=times,
-        ),
+        Options.checked(*how, tolerance, times, max_steps, summaries_after),
         runs=runs,
         seed=seed,
         vary=vary,

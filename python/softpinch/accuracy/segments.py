@@ -220,25 +220,19 @@ def integrate(
     """
     solver = _Solver(system, inputs, method, rtol, sizes, most)
     instants = np.unique(wanted)
-    times: list[float] = []
-    states: list[Floats] = []
-    loads: list[tuple[float, ...]] = []
+    rows: list[tuple[float, Floats, tuple[float, ...]]] = []
     y = start
     for left, right in pairwise(inputs.edges):
         driven = inputs.between(left, right)
         after = system.jump(y, inputs.impulses[left]) if left in inputs.impulses else y
         stops = instants[(left < instants) & (instants < right)]
-        t, rows = solver.segment(left, right, after, driven, stops)
-        times += t[:-1].tolist()
-        states += [y, *rows[1:-1]]
-        loads += map(driven, t[:-1].tolist())
-        y = rows[-1]
-    rows_of_all = (
-        np.array([*times, right]),
-        np.array([*states, y]),
-        np.array([*loads, driven(right)]),
-    )
-    return Motion(*rows_of_all, solver.count)
+        t, states = solver.segment(left, right, after, driven, stops)
+        times = t[:-1].tolist()
+        rows += zip(times, [y, *states[1:-1]], map(driven, times), strict=True)
+        y = states[-1]
+    rows.append((right, y, driven(right)))
+    t, y, u = map(np.array, zip(*rows, strict=True))
+    return Motion(t, y, u, solver.count)
 
 
 class _Solver:

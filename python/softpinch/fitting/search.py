@@ -112,15 +112,8 @@ def fit(
         StabilityWarning: `dt` is too long for the method at the start or at the minimum.
         SuspiciousValueWarning: A number of one of these scenes is far from its usual range.
     """
-    options = Options.checked(
-        dt=dt,
-        method=method,
-        formulation=formulation,
-        stabilization=stabilization,
-        stop_on=stop_on,
-        tolerance=tolerance,
-        max_steps=max_steps,
-    )
+    how = {"stop_on": stop_on, "tolerance": tolerance, "max_steps": max_steps}
+    options = Options.checked(dt, method, formulation, stabilization, **how)
     loss = checks.choice("loss", loss, problems.LOSSES)
     multistart = checks.integer("multistart", multistart, 0, _MOST_STARTS)
     seed = checks.integer("seed", seed, 0, 2**64 - 1)

@@ -130,17 +130,8 @@ def simulate(
         makes its own exception of it, with the message. A run that fails has a status instead.
     """
     record = names("record", record, _RECORDABLE)
-    template, options = _prepared(
-        scene,
-        vary,
-        dt=dt,
-        method=method,
-        formulation=formulation,
-        stabilization=stabilization,
-        record=("state", *record),
-        every=every,
-        stop_on=stop_on,
-    )
+    how = (dt, method, formulation, stabilization, ("state", *record), every, stop_on)
+    template, options = _prepared(scene, vary, *how)
     steps = Request(scene, options).simulation().outline()["steps"]
     assert steps is not None  # known for equal steps
     layer = _layer(template, options, record, rows=1 + -(-steps // options.every))
@@ -176,17 +167,8 @@ def final_state(
         A function of a dictionary, path -> value, as `simulate` has it. A run that ends early gives
         its last state, and a status.
     """
-    template, options = _prepared(
-        scene,
-        vary,
-        dt=dt,
-        method=method,
-        formulation=formulation,
-        stabilization=stabilization,
-        record="state",
-        every=MOST_STEPS,
-        stop_on=stop_on,
-    )
+    how = (dt, method, formulation, stabilization, "state", MOST_STEPS, stop_on)
+    template, options = _prepared(scene, vary, *how)
     # An ensemble gives every run noise of its own, and a layer is a function of its values only.
     alike = not any(isinstance(one, Noise) for one in scene.disturbances)
     lanes = alike and not isinstance(scene.control, SampledController)
@@ -204,13 +186,11 @@ def final_state(
     return lambda values: FinalState(**layer(values))
 
 
-def _prepared(
-    scene: Scene, vary: str | Sequence[str], **given: Any
-) -> tuple[SceneTemplate, Options]:
+def _prepared(scene: Scene, vary: str | Sequence[str], *how: Any) -> tuple[SceneTemplate, Options]:
     require_float64()
     checks.instance("scene", scene, Scene)
     refuse_others(scene, "softpinch.jax")
-    options = Options.checked(**given)
+    options = Options.checked(*how)
     paths = [vary] if isinstance(vary, str) else checks.several("vary", vary, "paths")
     if not paths:
         raise ValueError("vary = (): must have at least one path")

@@ -137,18 +137,8 @@ def explain(
         measure: Whether to time some steps from the scene's start, for about half a second at most.
     """
     checks.instance("scene", scene, Scene)
-    options = Options.checked(
-        dt=dt,
-        method=method,
-        formulation=formulation,
-        stabilization=stabilization,
-        record=record,
-        every=every,
-        stop_on=stop_on,
-        tolerance=tolerance,
-        times=times,
-        max_steps=max_steps,
-    )
+    how = (dt, method, formulation, stabilization, record, every, stop_on)
+    options = Options.checked(*how, tolerance, times, max_steps)
     wanted = names("summaries", summaries, ("final_state", *_core.SUMMARIES))
     computed = tuple(name for name in wanted if name != "final_state")
     measure = checks.boolean("measure", measure)

@@ -84,13 +84,7 @@ class Stepped(Shown):
                 "sets, or a PID, whose target angles it sets"
             )
         self._scene = scene
-        self._options = Options.checked(
-            dt=dt,
-            method=method,
-            formulation=formulation,
-            stabilization=stabilization,
-            stop_on=stop_on,
-        )
+        self._options = Options.checked(dt, method, formulation, stabilization, stop_on=stop_on)
         self._period = checks.positive("period", period)
         usual.warn(scene, schedule_replaced=True)
 
