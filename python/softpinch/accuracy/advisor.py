@@ -345,14 +345,9 @@ class _Search:
     ) -> Trial:
         """The result of the search, with the CPU time, s, scaled up to the whole scene."""
         known: dict[str, Any] = {"dt" if self.kind == "dt" else "step_tolerance": value}
-        return Trial(
-            **self.pair,
-            **known,
-            error=error,
-            time=time / self.motion.share,
-            whole=self.motion.share == 1.0 and not note.startswith("not tried"),
-            note=note,
-        )
+        known |= {"error": error, "time": time / self.motion.share, "note": note}
+        whole = self.motion.share == 1.0 and not note.startswith("not tried")
+        return Trial(**self.pair, **known, whole=whole)
 
     def measured_time(self, value: float) -> float:
         request = self.request(value)

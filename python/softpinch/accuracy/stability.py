@@ -364,18 +364,9 @@ class StepSearch:
         if self.trial.formulation == "csm" and scene.contact == "bilateral":
             displaced = State(q, p, start.integral, start.time, check=False)
         else:
-            displaced = State.consistent(
-                scene,
-                x=q[0],
-                y=q[1],
-                rotation=q[2],
-                fingers=q[3:5],
-                shear=q[7:],
-                velocity=p[:3],
-                finger_rates=p[3:5],
-                integral=start.integral,
-                time=start.time,
-            )
+            at: dict[str, Any] = {"rotation": q[2], "fingers": q[3:5], "shear": q[7:]}
+            at |= {"velocity": p[:3], "finger_rates": p[3:5], "integral": start.integral}
+            displaced = State.consistent(scene, x=q[0], y=q[1], **at, time=start.time)
         return replace(scene, initial=displaced, duration=max(duration, scene.duration))
 
     def holds(self, dt: float) -> bool:

@@ -341,15 +341,13 @@ class _Search:
 
     def _by_distance(self) -> list[Cell]:
         """All cells, those nearest to the scene's own values first, by shares of the axes."""
-        away: NDArray[np.float64] = np.zeros(self.shape)
-        for axis, (name, values) in enumerate(zip(self.names, self.values, strict=True)):
+        shares = []
+        for name, values in zip(self.names, self.values, strict=True):
             own = self._base[FAMILY[name][1][0]] if name in FAMILY else resolve(self.scene, name)
-            share = (values - float(own)) / (float(values[-1] - values[0]) or 1.0)
-            one = np.ones(len(self.shape), dtype=np.intp)
-            one[axis] = len(values)
-            away = away + np.reshape(share, one) ** 2
+            shares.append((values - float(own)) / (float(values[-1] - values[0]) or 1.0))
+        away = np.square(np.meshgrid(*shares, indexing="ij")).sum(axis=0)
         order = np.argsort(away, axis=None, kind="stable")
-        return [tuple(int(k) for k in np.unravel_index(n, self.shape)) for n in order]
+        return list(zip(*(k.tolist() for k in np.unravel_index(order, self.shape)), strict=True))
 
     def _time(self, scene: Scene) -> float:
         return last_instant(scene) if self.time is None else self.time

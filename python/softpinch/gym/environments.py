@@ -112,13 +112,8 @@ class PinchEnv(gymnasium.Env[Observed, Actions]):
             raise ResetNeeded("the episode has ended, or has not begun: call reset()")
         outcome = self._episodes.step([checks.pair("action", action)])
         self._show()
-        return (
-            outcome.observation[0],
-            float(outcome.reward[0]),
-            bool(outcome.terminated[0]),
-            bool(outcome.truncated[0]),
-            of_one(outcome.info),
-        )
+        observation, reward, lost, over = (each[0] for each in outcome[:4])
+        return observation, float(reward), bool(lost), bool(over), of_one(outcome.info)
 
     def run(
         self, record: Recordable | Sequence[Recordable] = ("state", "multipliers", "torque")
