@@ -4,8 +4,6 @@ Angles and disturbances are those of the paper's section VI. The parameters are 
 `Scene`, which are ours: see `PARAMETER_NOTE`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

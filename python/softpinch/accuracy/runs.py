@@ -3,8 +3,6 @@
 All of these raise KeyboardInterrupt on Ctrl-C: an interrupted run is none that failed.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Hashable, Iterator, Sequence

@@ -4,8 +4,6 @@
 any equations of motion: the reference those of null_space.py, the tests those that SymPy derives.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from bisect import bisect_left

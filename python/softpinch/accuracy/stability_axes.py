@@ -4,8 +4,6 @@ To add a named axis, write a function from a scene and a value to a `Scene` or a
 with that value, and a line in `_TABLE`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace

@@ -1,7 +1,5 @@
 """`softpinch stability`, `work-precision` and `advise`: steps, errors and run times of a scene."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated

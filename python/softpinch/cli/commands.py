@@ -1,7 +1,5 @@
 """The application `softpinch` with its commands `run`, `reproduce` and `fit`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import nullcontext
 from pathlib import Path

@@ -3,8 +3,6 @@
 A report has tables, arrays, capsules and figures as files, and lines for the screen.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager

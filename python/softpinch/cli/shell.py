@@ -1,7 +1,5 @@
 """Helpers that the commands share: exit codes, one-line errors, reading scenes, gains."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

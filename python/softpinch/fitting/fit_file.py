@@ -16,8 +16,6 @@ noise = {theta = 1e-4}
 "hand.tip.youngs_modulus" = 3e5
 """
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Mapping

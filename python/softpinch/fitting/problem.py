@@ -3,12 +3,10 @@
 The residuals of all experiments are weighted with their noise. The search has scaled coordinates.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -184,7 +182,7 @@ class Problem:
         """The bounds of u (2, p)."""
         return np.array([each.bounds for each in self.parameters]).T
 
-    def weighted(self, noise: Sequence[Floats]) -> Problem:
+    def weighted(self, noise: Sequence[Floats]) -> Self:
         """Returns this problem with other noise, (c,) for each experiment."""
         pairs = zip(self.experiments, noise, strict=True)
         return replace(self, experiments=tuple(replace(each, noise=own) for each, own in pairs))

@@ -4,8 +4,6 @@ An operation is the interval of the schedule between two switches of its targets
 switch, the state belongs to the operation that ends and the multipliers to the one that begins.
 """
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

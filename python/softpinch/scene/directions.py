@@ -6,8 +6,6 @@ or a disturbance compiles itself with a number that has a tiny imaginary part, w
 results is the derivative, exact to round-off.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """A scene with numbers that differ between runs: it makes one run's scene, or the core's batch."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace

@@ -5,8 +5,6 @@ format, sha256             version and checksum of the manifest, verified when i
 [[made_by]]                software versions, SIMD level and package hash of each writer
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

@@ -1,7 +1,5 @@
 """Computing a study's runs, on threads or an executor, for results in memory or in a folder."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any

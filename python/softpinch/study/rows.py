@@ -6,8 +6,6 @@ numbers has one column for each number. The columns of a varied value have indic
 names, as in "final_state.theta".
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Self

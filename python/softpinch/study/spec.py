@@ -4,8 +4,6 @@ All parts of the package use it: `monte_carlo` makes it from its arguments, stud
 manifests are converted to it and from it, and workers and results have it without the sources.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property

@@ -13,8 +13,6 @@ seed = 7
 "grasped.mass" = {kind = "normal", mean = 0.1, std = 0.01}
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

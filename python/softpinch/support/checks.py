@@ -4,8 +4,6 @@ The rules for single numbers of a scene are defined only in the Rust core: `_cor
 and `_core.validate` applies them. `name` is always the argument's name in error messages.
 """
 
-from __future__ import annotations
-
 import math
 import operator
 import os

@@ -1,7 +1,5 @@
 """Imports at the point of use: optional dependencies, and the public names of a package."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable, Mapping, Sequence
 from types import ModuleType

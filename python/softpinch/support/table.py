@@ -1,7 +1,5 @@
 """Writers of CSV tables and NPZ arrays, which every `save` method uses."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -3,8 +3,6 @@
 Files may come from strangers. The limit also ends the reading of a device that has no end.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
