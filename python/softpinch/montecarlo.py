@@ -285,8 +285,6 @@ def _require_memory(computation: Computation) -> None:
     except (AttributeError, OSError, ValueError):
         there = 2**40  # unknown: Windows has no `sysconf`
     if needed > there:
-        raise ValueError(
-            f"runs = {runs}: must be at most {runs * there // needed} in memory, because each "
-            f"takes about {needed // runs} bytes and this machine has {there / 1e9:.3g} GB: pass "
-            "store=, which keeps rows in a folder"
-        )
+        why = f"each takes about {needed // runs} bytes and this machine has {there / 1e9:.3g} GB"
+        rule = f"must be at most {runs * there // needed} in memory, because {why}"
+        raise ValueError(f"runs = {runs}: {rule}: pass store=, which keeps rows in a folder")

@@ -248,10 +248,8 @@ def advise(
         formulations = "csm"
     pairs = pairs_of(scene, formulations, methods)
     if not on_constraints and {formulation for formulation, _ in pairs} != {"csm"}:
-        raise ValueError(
-            f"formulations = {formulations}: a start off the constraints (check=False) is for "
-            "'csm' only"
-        )
+        why = "a start off the constraints (check=False) is for 'csm' only"
+        raise ValueError(f"formulations = {formulations}: {why}")
     stop = perf_counter() + _SEARCH * budget
     motion = ReferenceMotion(scene, tolerance, stabilization)
     with reporting(progress, "trying pairs") as report:

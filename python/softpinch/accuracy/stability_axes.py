@@ -131,10 +131,9 @@ def _closed(scene: Scene, k: int, share: float) -> float:
     inwards = finger.root_offset - radius + share * radius - 0.5 * scene.grasped.width
     angle = outline.angle_at(finger.length, finger.half_thickness, inwards)
     if angle is None:
-        raise ValueError(
-            f"the {SIDES[k]} finger would have to reach {1e3 * inwards:.4g} mm inwards, "
-            f"and its length lets it reach {1e3 * lever(finger):.4g} mm"
-        )
+        wanted = f"the {SIDES[k]} finger would have to reach {1e3 * inwards:.4g} mm inwards"
+        reach = f"its length lets it reach {1e3 * lever(finger):.4g} mm"
+        raise ValueError(f"{wanted}, and {reach}")
     return angle
 
 

@@ -95,10 +95,8 @@ def with_changes(scene: Scene, changes: Sequence[str] | None) -> Scene:
             found = {}
         # A value with line breaks could go on to other names.
         if found.keys() != {"value"}:
-            raise ValueError(
-                f"{where}: the value must be written as in TOML: a number such "
-                'as 0.3 or 3e5, an array such as [5, 0], or text in quotes such as "unilateral"'
-            )
+            rule = "a number such as 0.3 or 3e5, an array such as [5, 0], or text in quotes such as"
+            raise ValueError(f'{where}: the value must be written as in TOML: {rule} "unilateral"')
         values[path] = found["value"]
     with checks.reworded("--set: ", drop="with_: "):
         return scene.with_(values) if values else scene

@@ -218,10 +218,9 @@ def _values(name: str, given: object, own: tuple[str, ...], times: Floats) -> Fl
     table = checks.numbers(name, given)
     wanted = (len(times),) if len(own) == 1 else (len(times), len(own))
     if table.shape != wanted:
-        raise ValueError(
-            f"{name} has shape {table.shape}: must have shape {wanted}, a row for each time"
-            + ("" if len(own) == 1 else f" and the columns {', '.join(own)}")
-        )
+        of_group = "" if len(own) == 1 else f" and the columns {', '.join(own)}"
+        rule = f"must have shape {wanted}, a row for each time{of_group}"
+        raise ValueError(f"{name} has shape {table.shape}: {rule}")
     if np.isinf(table).any():
         row = int(np.argwhere(np.isinf(table))[0][0])
         raise ValueError(f"{name}[{row}] is infinite: must be finite, or NaN without measurement")

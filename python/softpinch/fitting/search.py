@@ -130,10 +130,9 @@ def fit(
         require_derivatives(each)
         shapes(each, paths)
         if options.tolerance is None and move_breakpoints(each, paths):
-            raise ValueError(
-                "vary: the time of a jump, a kink or an impulse is fitted with tolerance=, not "
-                "with dt: between the steps on both sides of it the motion is not smooth"
-            )
+            rule = "is fitted with tolerance=, not with dt"
+            why = "between the steps on both sides of it the motion is not smooth"
+            raise ValueError(f"vary: the time of a jump, a kink or an impulse {rule}: {why}")
     require("scipy.optimize", extra="study", purpose="fit")
     most = problems.MOST_EVALUATIONS * (1 + multistart)
     with reporting(progress, "fitting") as report:

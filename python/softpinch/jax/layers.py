@@ -228,10 +228,9 @@ def _layer(
         if run.status == "interrupted":
             raise KeyboardInterrupt
         if rows is not None and (len(run) > rows or (run.success and len(run) < rows)):
-            raise ValueError(
-                f"vary: with these values the run has {len(run)} rows, and {rows} with those of "
-                "the scene; a layer's number of rows must not depend on its values"
-            )
+            counts = f"the run has {len(run)} rows, and {rows} with those of the scene"
+            rule = "a layer's number of rows must not depend on its values"
+            raise ValueError(f"vary: with these values {counts}; {rule}")
         found = {name: shaped(getattr(run, name), np.nan) for name in ("t", *columns)}
         found["status"] = np.array(STATUSES.index(run.status), np.int32)
         slopes: Slopes = {name: {} for name in ("t", *columns)}
@@ -252,9 +251,9 @@ def _layer(
 def require_float64() -> None:
     """Refuses JAX's default of 32 bits, which would round values and results."""
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+        advice = 'call jax.config.update("jax_enable_x64", True) at the start of the program'
         raise RuntimeError(
-            "softpinch.jax needs numbers of 64 bits, and JAX is set to 32: call "
-            'jax.config.update("jax_enable_x64", True) at the start of the program'
+            f"softpinch.jax needs numbers of 64 bits, and JAX is set to 32: {advice}"
         )
 
 

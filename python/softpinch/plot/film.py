@@ -248,10 +248,9 @@ def _writer(kind: str, fps: Any, settings: Any) -> Any:
             ffmpeg = importlib.import_module("imageio_ffmpeg")
             settings["animation.ffmpeg_path"] = ffmpeg.get_ffmpeg_exe()
         except (ImportError, RuntimeError):
-            raise FileNotFoundError(
-                "an .mp4 file needs the program ffmpeg: install it (apt install ffmpeg, or pip "
-                "install imageio-ffmpeg), or write a .gif or an .html file"
-            ) from None
+            how = "install it (apt install ffmpeg, or pip install imageio-ffmpeg)"
+            rule = f"needs the program ffmpeg: {how}, or write a .gif or an .html file"
+            raise FileNotFoundError(f"an .mp4 file {rule}") from None
     return FFMpegWriter(fps, "h264", extra_args=["-movflags", "+faststart"])
 
 

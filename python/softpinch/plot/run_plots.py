@@ -194,10 +194,8 @@ def contact(run: Run) -> Figure:
     """
     checks.instance("run", run, Run)
     if run.scene.contact != "unilateral":
-        raise ValueError(
-            f"run.scene.contact = {run.scene.contact!r}: must be 'unilateral'; tips in bilateral "
-            "contact neither slip nor open"
-        )
+        rule = "must be 'unilateral'; tips in bilateral contact neither slip nor open"
+        raise ValueError(f"run.scene.contact = {run.scene.contact!r}: {rule}")
     drawn = [_gap(run), _slip(run)]
     drawn += [_pressing(run)] if "multipliers" in run.record else []
     drawn = [panel.named(FINGERS)._replace(title="") for panel in drawn]

@@ -107,10 +107,9 @@ class Request:
 def rest_scene(scene: Scene, time: float) -> _core.RestScene:
     """Makes the core's scene for equilibria and wrench limits under the inputs of one instant."""
     if scene.law == "torque" and all(jaws(scene)):
-        raise ValueError(
-            "scene.control: Torque gives two jaws constant forces, between which nothing centres "
-            "the object: no rest is found; Pid, or driven fingers, hold it"
-        )
+        why = "between which nothing centres the object: no rest is found"
+        advice = "Pid, or driven fingers, hold it"
+        raise ValueError(f"scene.control: Torque gives two jaws constant forces, {why}; {advice}")
     if scene.motion is not None:
         at = scene.motion.at(time)
         if at.tilt_rate or at.tilt_acceleration:

@@ -321,7 +321,8 @@ def take_control(value: object) -> object:
 def require_known_torque(law: str, name: str) -> None:
     """Refuses a `SampledController`, whose torques depend on the run; `name` is the function."""
     if law == "sampled":
-        raise ValueError(
-            f"Scene.{WRITTEN[law]}: {name} needs the torques at a state, which depend on the run; "
+        rule = "needs the torques at a state, which depend on the run"
+        advice = (
             "replace(scene, control=Torque(), schedule=...) gives the scene between two samples"
         )
+        raise ValueError(f"Scene.{WRITTEN[law]}: {name} {rule}; {advice}")

@@ -189,10 +189,9 @@ def _seeded(record: Any, path: str, steps: list[str], index: tuple[int, ...]) ->
             if type(record) not in (Schedule, *DISTURBANCES.values(), *MOTIONS.values()):
                 _require_analytic(record, name, place, compiled)
     except (AttributeError, TypeError, ComplexWarning) as error:
-        raise ValueError(
-            f"sensitivities: {path!r}: {type(record).__name__}.compile must accept complex "
-            f"numbers in its fields, from which derivatives are computed ({error})"
-        ) from None
+        owner = f"{type(record).__name__}.compile"
+        rule = "must accept complex numbers in its fields, from which derivatives are computed"
+        raise ValueError(f"sensitivities: {path!r}: {owner} {rule} ({error})") from None
     return compiled
 
 

@@ -320,10 +320,9 @@ class TrapezoidMotion(MinimumJerkMotion):
                 least = math.cbrt(32.0 * way / jerk)
             begin, end = self.times[k : k + 2].tolist()
             if end - begin < least - ROUND_OFF * max(abs(begin), abs(end)):
-                raise ValueError(
-                    f"HandMotion.times[{k + 1}] = {end}: must be at least {begin + least}, because "
-                    f"the way of {way} m from points[{k}] on takes {least} s"
-                )
+                why = f"the way of {way} m from points[{k}] on takes {least} s"
+                rule = f"must be at least {begin + least}, because {why}"
+                raise ValueError(f"HandMotion.times[{k + 1}] = {end}: {rule}")
 
     def compile(self) -> CompiledMotion:
         """Returns up to three pieces for each move, or seven if the jerk is limited."""

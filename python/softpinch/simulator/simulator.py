@@ -79,10 +79,8 @@ class Stepped(Shown):
     ) -> None:
         checks.instance("scene", scene, Scene)
         if scene.law not in ("torque", "pid"):
-            raise ValueError(
-                f"Scene.{WRITTEN[scene.law]}: a simulator needs control=Torque(), whose torques it "
-                "sets, or a PID, whose target angles it sets"
-            )
+            rule = "control=Torque(), whose torques it sets, or a PID, whose target angles it sets"
+            raise ValueError(f"Scene.{WRITTEN[scene.law]}: a simulator needs {rule}")
         self._scene = scene
         self._options = Options.checked(dt, method, formulation, stabilization, stop_on=stop_on)
         self._period = checks.positive("period", period)
@@ -107,9 +105,9 @@ class Stepped(Shown):
         """Turns accelerations of a step along the axes of hands, after checks, (*runs, 2)."""
         motion = self._scene.motion
         if not isinstance(motion, ConstantMotion):
+            rule = f"must be HandMotion.constant(...) and is {checks.shown(motion)}"
             raise ValueError(
-                "acceleration: takes the place of the one of Scene.motion, which must be "
-                f"HandMotion.constant(...) and is {checks.shown(motion)}"
+                f"acceleration: takes the place of the one of Scene.motion, which {rule}"
             )
         shape = (*runs, 2) if np.ndim(acceleration) == 2 else (2,)
         x, y = checks.array("acceleration", acceleration, shape).T
@@ -124,10 +122,8 @@ class Stepped(Shown):
 
     def __reduce__(self) -> NoReturn:
         # A copy would share the state in the core, but not the record of the steps.
-        raise TypeError(
-            f"{type(self).__name__} cannot be copied or pickled: take its state() and give it to "
-            "set_state() or reset() of another one"
-        )
+        advice = "take its state() and give it to set_state() or reset() of another one"
+        raise TypeError(f"{type(self).__name__} cannot be copied or pickled: {advice}")
 
 
 class Simulator(Stepped):
@@ -221,10 +217,8 @@ class Simulator(Stepped):
         """
         before = self._seen
         if before.status != "running":
-            raise ValueError(
-                f"step: the run has ended with status {before.status!r} at t = {before.t:.6g} s; "
-                "reset() begins it again"
-            )
+            end = f"with status {before.status!r} at t = {before.t:.6g} s"
+            raise ValueError(f"step: the run has ended {end}; reset() begins it again")
         right, left = _torque_pair(torque)
         own = None if acceleration is None else self._along_fixed_axes(acceleration).tolist()
         t, q, p, multipliers, code = self._core.step(right, left, own)

@@ -100,10 +100,8 @@ def read(path: Path) -> dict[str, Any]:
                 "study file, to compute it again in another folder"
             )
         if data.pop("sha256", None) != _digest(data):
-            raise ValueError(
-                "it was changed after softpinch wrote it (for another study use another folder, "
-                "and for more runs `Study.extend`)"
-            )
+            advice = "for another study use another folder, and for more runs `Study.extend`"
+            raise ValueError(f"it was changed after softpinch wrote it ({advice})")
         data = {"vary": {}, **data}
         checks.integer("study.runs", data["study"]["runs"], 1, MOST_RUNS)
         for maker in data["made_by"]:

@@ -351,10 +351,9 @@ def _refuse_unrepeatable_draws(draws: Draws, missing: Spans) -> None:
         again = draws.rows(numbers)
         for path, values in draws.rows(numbers).items():
             if values.tobytes() != again[path].tobytes():
-                raise ValueError(
-                    f"vary: {path!r}: a second draw gave other numbers. A study in a folder draws "
-                    "again to resume, so its function may use only the generator that it is given"
-                )
+                rule = "may use only the generator that it is given"
+                why = f"A study in a folder draws again to resume, so its function {rule}"
+                raise ValueError(f"vary: {path!r}: a second draw gave other numbers. {why}")
 
 
 def _events(folder: Folder) -> Iterator[Rows]:

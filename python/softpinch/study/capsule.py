@@ -153,10 +153,8 @@ class Capsule(ByValue):
             results_version=checks.integer("Capsule.results_version", facts["results_version"], 0),
         )
         if capsule.scene != scene:
-            raise ValueError(
-                f"Scene.disturbances (in scene): a noise must have the seed = {seed} and "
-                f"run = {run} of the capsule"
-            )
+            rule = f"must have the seed = {seed} and run = {run} of the capsule"
+            raise ValueError(f"Scene.disturbances (in scene): a noise {rule}")
         return capsule
 
     def to_toml(self) -> str:

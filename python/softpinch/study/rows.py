@@ -241,11 +241,9 @@ class Schema:
         summary = name.split(".")[0]
         if summary in ("final_state", *_core.SUMMARIES) and summary not in self.summaries:
             more = " and more" if len(known) > _LISTED else ""
-            raise ValueError(
-                f"{field} = {checks.shown(name)} was not computed: pass "
-                f"summaries={(*self.summaries, summary)!r}; computed columns are "
-                f"{checks.quoted(list(known)[:_LISTED])}{more}"
-            )
+            how = f"pass summaries={(*self.summaries, summary)!r}"
+            computed = f"computed columns are {checks.quoted(list(known)[:_LISTED])}{more}"
+            raise ValueError(f"{field} = {checks.shown(name)} was not computed: {how}; {computed}")
         allowed = (*known, "completed", *_core.STATUSES[1:], *_core.VIOLATIONS)
         raise ValueError(f"{field} = {checks.shown(name)} is unknown{checks.hint(name, allowed)}")
 

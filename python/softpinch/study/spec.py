@@ -80,10 +80,8 @@ class StudySpec:
             shown = checks.shown(stop_when)
             raise TypeError(f"stop_when = {shown}: must map statuses to half widths")
         if stop_when is not None and sampler == "latin_hypercube":
-            raise ValueError(
-                "stop_when: only a whole Latin hypercube is a fair sample, so a study that may "
-                'stop early needs sampler="random" or "sobol"'
-            )
+            rule = 'so a study that may stop early needs sampler="random" or "sobol"'
+            raise ValueError(f"stop_when: only a whole Latin hypercube is a fair sample, {rule}")
         half_widths = {
             checked_event("stop_when", name, scene, draws.shapes): checks.positive(
                 f"stop_when[{checks.shown(name)}]", width

@@ -62,10 +62,8 @@ def parse(data: Mapping[str, Any], path: Path) -> tuple[Scene, dict[Key, Any], d
         if "capsule" in data:
             raise ValueError("is a capsule, one run of a study: replay it with softpinch run")
         if data and data.keys() <= _SCENE:
-            raise ValueError(
-                "is a scene, not a study: a study file names the scene, as in scene = "
-                f'"{path.name}", or has its tables under [scene]'
-            )
+            how = f'as in scene = "{path.name}", or has its tables under [scene]'
+            raise ValueError(f"is a scene, not a study: a study file names the scene, {how}")
         checks.refuse_unknown("study file", data, _TOP, "")
         own = data.get("study", {})
         checks.refuse_unknown("[study]", own, SETTINGS, "")
