@@ -442,10 +442,10 @@ class _Advisor:
         if worth and self.motion.scene.duration > _FEW * search.longest:
             least = search.least_time = search.expected(search.longest)
         if least > _TOO_SLOW * best:
-            return search.trial(
-                note=f"stable up to dt = {search.longest:.2g} s only: at least "
-                f"{1e3 * least:.2g} ms a run, over {_TOO_SLOW:g} times as slow as the best"
+            slow = (
+                f"at least {1e3 * least:.2g} ms a run, over {_TOO_SLOW:g} times as slow as the best"
             )
+            return search.trial(note=f"stable up to dt = {search.longest:.2g} s only: {slow}")
         if left <= 0 or least > _OF_TIME_LEFT * left:
             self.untried.append(f"{' '.join(search.pair.values())}, {search.kind}")
             why = f", at least {1e3 * least:.2g} ms a run" if least else ""

@@ -172,10 +172,8 @@ class WorkPrecision(Result):
         hidden = [row for row in rows if row.along > _SETTLED * row.error]
         if not hidden:
             return ""
-        return (
-            f"the motion has settled: {len(hidden)} of {len(rows)} settings have an error along "
-            f"the run more than {_SETTLED:g} times that at the end"
-        )
+        what = f"have an error along the run more than {_SETTLED:g} times that at the end"
+        return f"the motion has settled: {len(hidden)} of {len(rows)} settings {what}"
 
     def curves(self) -> dict[tuple[str, str], list[Measurement]]:
         """(solver, setting) -> its measurements without those not run, from loose to tight."""

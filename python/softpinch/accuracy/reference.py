@@ -200,12 +200,9 @@ def of_any_contact(scene: Scene, times: ArrayLike) -> Reference:
 
 def _compared(first: Reference, second: Reference, evaluations: int) -> Reference:
     """The first solution with its difference to the second one."""
-    return replace(
-        first,
-        method=f"{first.method}, confirmed by {second.method}",
-        evaluations=evaluations,
-        own_error=scaled_error.largest(second, first),
-    )
+    method = f"{first.method}, confirmed by {second.method}"
+    errors = scaled_error.largest(second, first)
+    return replace(first, method=method, evaluations=evaluations, own_error=errors)
 
 
 def _reference(

@@ -318,7 +318,5 @@ class _Solver:
             raise RuntimeError(f"reference: the motion {reason} {where}")
 
     def _gave_up(self, t: float, message: str) -> RuntimeError:
-        return RuntimeError(
-            f"reference: {self._method} gave up at t = {t} s, where the motion may run away: "
-            f"{message}"
-        )
+        why = "where the motion may run away"
+        return RuntimeError(f"reference: {self._method} gave up at t = {t} s, {why}: {message}")

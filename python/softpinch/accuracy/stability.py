@@ -292,10 +292,8 @@ def max_stable_dt(
     rate = complex(rates[np.argmin(limits)])
     measured, failure = None, ""
     if accurate.status not in ENDS:
-        failure = (
-            f"the motion is known to t = {accurate.t[-1]:.4g} s only, where {accurate.method} with "
-            f"tolerance {ACCURATE:g} ended as {accurate.status}"
-        )
+        end = f"{accurate.method} with tolerance {ACCURATE:g} ended as {accurate.status}"
+        failure = f"the motion is known to t = {accurate.t[-1]:.4g} s only, where {end}"
     elif measure:
         search = StepSearch(accurate, trial, predicted)
         measured, failure = search.longest(max_steps), search.failure
@@ -304,10 +302,8 @@ def max_stable_dt(
     # Both steps may be infinite.
     if measured not in (None, predicted) and not 1.0 / _AGREE < predicted / measured < _AGREE:
         share = float(np.mean(steps < measured))
-        reason = (
-            f"the predicted step is too long for {100 * share:.0f} % of the instants only, and the "
-            "growth there decays again"
-        )
+        some = f"{100 * share:.0f} % of the instants only"
+        reason = f"the predicted step is too long for {some}, and the growth there decays again"
         if math.isinf(predicted):
             reason = f"accuracy ends it, not stability: {failure}"
         elif measured <= predicted:
@@ -321,10 +317,8 @@ def max_stable_dt(
         message += f"; not measured: {failure}"
     alone = float((accurate.contact != ContactMode.STICK).any(axis=1).mean())
     if alone and (measured is None or measured < predicted / _AGREE):
-        message += (
-            f"; at {100 * alone:.2g} % of the instants a tip does not stick, where only its own "
-            "surface is linearised, so the predicted step may be too long"
-        )
+        why = "where only its own surface is linearised, so the predicted step may be too long"
+        message += f"; at {100 * alone:.2g} % of the instants a tip does not stick, {why}"
     return StableStep(
         method=method,
         formulation=formulation,
@@ -383,10 +377,8 @@ class StepSearch:
         k = int(np.argmax(errors))
         if errors[k] < LOST:
             return True
-        self.failure = (
-            f"with dt = {dt:.3g} s a coordinate is {errors[k]:.2g} times its largest size off at "
-            f"{run.t[k]:.6g} s"
-        )
+        off = f"a coordinate is {errors[k]:.2g} times its largest size off at {run.t[k]:.6g} s"
+        self.failure = f"with dt = {dt:.3g} s {off}"
         return False
 
     def longest(self, max_steps: int) -> float | None:

@@ -49,9 +49,9 @@ class Grip(Result):
 
     def __repr__(self) -> str:
         targets = in_words(self.scene, self.targets, ".4f", same=False)
+        depth = f"compression {1e3 * self.compression:.6g} mm"
         return (
-            f"<Grip of {self.force:.6g} N: targets {targets}, "
-            f"compression {1e3 * self.compression:.6g} mm; {self.equilibrium.message}>"
+            f"<Grip of {self.force:.6g} N: targets {targets}, {depth}; {self.equilibrium.message}>"
         )
 
     def _picture(self) -> str:

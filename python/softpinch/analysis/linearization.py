@@ -119,10 +119,8 @@ class LinearModel(Result):
         yield ShownTable(("pole: real part [1/s]", "frequency [Hz]"), swings)
 
     def __repr__(self) -> str:
-        return (
-            f"<LinearModel at {self.state.time:.6g} s: {len(self.states)} states, "
-            f"{_brief(self.inputs)} -> {_brief(self.outputs)}>"
-        )
+        ports = f"{_brief(self.inputs)} -> {_brief(self.outputs)}"
+        return f"<LinearModel at {self.state.time:.6g} s: {len(self.states)} states, {ports}>"
 
 
 def _brief(names: tuple[str, ...]) -> str:

@@ -251,10 +251,9 @@ def _no_equilibrium(
     message = f"no equilibrium: {reason}"
     if kind != "from":
         right, left = 1e3 * member
-        message = (
-            f"no equilibrium with {kind} = ({right:.6g}, {left:.6g}) mm: {reason}; no other {kind} "
-            "was searched; sp.equilibrium(scene, near=run) finds where a run settles"
-        )
+        where = f"{kind} = ({right:.6g}, {left:.6g}) mm"
+        advice = "sp.equilibrium(scene, near=run) finds where a run settles"
+        message = f"no equilibrium with {where}: {reason}; no other {kind} was searched; {advice}"
     return Equilibrium(scene=scene, time=time, state=None, status=status, message=message)
 
 

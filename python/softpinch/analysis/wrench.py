@@ -80,10 +80,9 @@ class WrenchLimits(Result):
         each = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in pairs)
         if not self.size.any():
             return f"<WrenchLimits: not even a small wrench is borne; {self.equilibrium.message}>"
-        return (
-            f"<WrenchLimits of {len(self.limit)} directions: weakest {self.weakest:.6g} N at "
-            f"({x:.6g} N, {y:.6g} N, {moment:.6g} N m); {each}>"
-        )
+        wrench = f"({x:.6g} N, {y:.6g} N, {moment:.6g} N m)"
+        weakest = f"weakest {self.weakest:.6g} N at {wrench}"
+        return f"<WrenchLimits of {len(self.limit)} directions: {weakest}; {each}>"
 
 
 def wrench_limits(

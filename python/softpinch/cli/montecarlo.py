@@ -276,8 +276,7 @@ def lines(study: Results, seconds: float, earlier: int = 0) -> list[str]:
     for name, each in (study.discretisation or {}).items():
         if np.ndim(each.bias) == 0:
             what = f"the probability of {name}" if name in _MAPS else name
-            result.append(
-                f"the step puts {what} off by {each.bias:.2g} ± {each.bias_error:.1g} "
-                f"(sampling leaves {each.sampling_error:.2g}{behind})"
-            )
+            bias = f"{each.bias:.2g} ± {each.bias_error:.1g}"
+            left = f"(sampling leaves {each.sampling_error:.2g}{behind})"
+            result.append(f"the step puts {what} off by {bias} {left}")
     return result

@@ -90,11 +90,8 @@ class Study(Results):
         if deleted := study.trajectories.missing():
             missing.append(f"trajectories of runs {_some(list(map(str, deleted)))}")
         for what in missing:
-            warn(
-                f"{study.path}: {what} are missing; `resume()` computes them, unless another "
-                "process is doing so",
-                LostRunsWarning,
-            )
+            advice = "`resume()` computes them, unless another process is doing so"
+            warn(f"{study.path}: {what} are missing; {advice}", LostRunsWarning)
         return study
 
     @classmethod

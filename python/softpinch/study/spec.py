@@ -82,12 +82,10 @@ class StudySpec:
         if stop_when is not None and sampler == "latin_hypercube":
             rule = 'so a study that may stop early needs sampler="random" or "sobol"'
             raise ValueError(f"stop_when: only a whole Latin hypercube is a fair sample, {rule}")
-        half_widths = {
-            checked_event("stop_when", name, scene, draws.shapes): checks.positive(
-                f"stop_when[{checks.shown(name)}]", width
-            )
-            for name, width in (stop_when or {}).items()
-        }
+        half_widths = {}
+        for name, width in (stop_when or {}).items():
+            event = checked_event("stop_when", name, scene, draws.shapes)
+            half_widths[event] = checks.positive(f"stop_when[{checks.shown(name)}]", width)
         spec = cls(
             scene=scene,
             draws=draws,

@@ -143,10 +143,9 @@ def _entry(name: str, value: Any, beside: Path) -> Any:
     if value["kind"] == "scipy":
         return frozen_distribution(where, value)
     if value["kind"] == "function":
-        raise ValueError(
-            f"{where}: is the function or distribution {value.get('function')}, which cannot be "
-            "written to a file: call monte_carlo again with all of its arguments"
-        )
+        what = f"is the function or distribution {value.get('function')}"
+        why = "which cannot be written to a file: call monte_carlo again with all of its arguments"
+        raise ValueError(f"{where}: {what}, {why}")
     return Distribution._parse(value, where)
 
 
