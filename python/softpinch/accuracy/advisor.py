@@ -179,15 +179,8 @@ class Advice(Result):
         Raises:
             TypeError: An option is one that the advice chooses.
         """
-        return simulate(
-            self.scene,
-            dt=self.dt,
-            tolerance=self.step_tolerance,
-            method=self.method,
-            formulation=self.formulation,
-            stabilization=self.stabilization,
-            **options,
-        )
+        how = (self.dt, self.method, self.formulation, self.stabilization)
+        return simulate(self.scene, *how, tolerance=self.step_tolerance, **options)
 
     def _facts(self) -> dict[str, Any]:
         """The setting before everything else, with dt and the tolerance in one entry."""
@@ -442,9 +435,8 @@ class _Advisor:
         if worth and self.motion.scene.duration > _FEW * search.longest:
             least = search.least_time = search.expected(search.longest)
         if least > _TOO_SLOW * best:
-            slow = (
-                f"at least {1e3 * least:.2g} ms a run, over {_TOO_SLOW:g} times as slow as the best"
-            )
+            cost = f"at least {1e3 * least:.2g} ms a run"
+            slow = f"{cost}, over {_TOO_SLOW:g} times as slow as the best"
             return search.trial(note=f"stable up to dt = {search.longest:.2g} s only: {slow}")
         if left <= 0 or least > _OF_TIME_LEFT * left:
             self.untried.append(f"{' '.join(search.pair.values())}, {search.kind}")

@@ -73,14 +73,9 @@ def accurate_run(
     """
     usual.warn(scene)
     can_start = scene.start().check or formulation != "csm"
-    checked = Options.checked(
-        tolerance=tolerance,
-        method=method,
-        formulation=without_drift(scene) if can_start else "csm",
-        stabilization=stabilization,
-        **{"record": ("state",), **options},
-    )
-    return computed(Request(scene, checked))
+    how = (method, without_drift(scene) if can_start else "csm", stabilization)
+    options = {"record": ("state",), "tolerance": tolerance, **options}
+    return computed(Request(scene, Options.checked(None, *how, **options)))
 
 
 def cpu_times(request: Request, repeats: int) -> list[float]:

@@ -274,9 +274,7 @@ def max_stable_dt(
             linearised and nothing is measured; the message says so.
     """
     checks.instance("scene", scene, Scene)
-    trial = Options.checked(
-        method=method, formulation=formulation, stabilization=stabilization, record=("state",)
-    )
+    trial = Options.checked(None, method, formulation, stabilization, ("state",))
     require_formulations("formulation", (formulation,), scene)
     max_steps = checks.integer("max_steps", max_steps, 1, MOST_STEPS)
     measure = checks.boolean("measure", measure)

@@ -325,9 +325,7 @@ class MapPlan:
                         used = gains if formulation == "csm" else Stabilization()
                         alike.setdefault(used, {}).setdefault(scene, []).append(v)
                 for gains, scenes in alike.items():
-                    options = Options.checked(
-                        dt=dt, method=method, formulation=formulation, stabilization=gains
-                    )
+                    options = Options.checked(dt, method, formulation, gains)
                     values = list(scenes.values())
                     for batch, chosen in batches(list(scenes), options):
                         yield batch, [values[n] for n in chosen], k, d

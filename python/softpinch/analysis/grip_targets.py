@@ -49,10 +49,8 @@ class Grip(Result):
 
     def __repr__(self) -> str:
         targets = in_words(self.scene, self.targets, ".4f", same=False)
-        depth = f"compression {1e3 * self.compression:.6g} mm"
-        return (
-            f"<Grip of {self.force:.6g} N: targets {targets}, {depth}; {self.equilibrium.message}>"
-        )
+        rest = f"compression {1e3 * self.compression:.6g} mm; {self.equilibrium.message}"
+        return f"<Grip of {self.force:.6g} N: targets {targets}, {rest}>"
 
     def _picture(self) -> str:
         return self.equilibrium._picture()

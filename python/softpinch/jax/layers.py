@@ -252,9 +252,8 @@ def require_float64() -> None:
     """Refuses JAX's default of 32 bits, which would round values and results."""
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         advice = 'call jax.config.update("jax_enable_x64", True) at the start of the program'
-        raise RuntimeError(
-            f"softpinch.jax needs numbers of 64 bits, and JAX is set to 32: {advice}"
-        )
+        rule = "needs numbers of 64 bits, and JAX is set to 32"
+        raise RuntimeError(f"softpinch.jax {rule}: {advice}")
 
 
 def array(*shape: int, kind: type = np.float64) -> jax.ShapeDtypeStruct:

@@ -273,9 +273,7 @@ def _pieces(piecewise: Piecewise, begin: float, end: float) -> Floats:
 
 def _measured(scene: Scene, options: Options) -> float | None:
     """Measures the time of a step, s: the shortest of several runs over the first steps."""
-    duration = scene.duration
-    if options.dt is not None:
-        duration = min(duration, _STEPS * options.dt)
+    duration = scene.duration if options.dt is None else min(scene.duration, _STEPS * options.dt)
     try:
         short = Request(replace(scene, duration=duration), options)
         probe = short.with_(times=None, max_steps=_STEPS).simulation()

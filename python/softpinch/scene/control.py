@@ -322,7 +322,6 @@ def require_known_torque(law: str, name: str) -> None:
     """Refuses a `SampledController`, whose torques depend on the run; `name` is the function."""
     if law == "sampled":
         rule = "needs the torques at a state, which depend on the run"
-        advice = (
-            "replace(scene, control=Torque(), schedule=...) gives the scene between two samples"
-        )
+        held = "replace(scene, control=Torque(), schedule=...)"
+        advice = f"{held} gives the scene between two samples"
         raise ValueError(f"Scene.{WRITTEN[law]}: {name} {rule}; {advice}")

@@ -71,10 +71,9 @@ def resolve(scene: Scene, path: str) -> Any:
     shown = checks.shown(path)
     steps = path.split(".")
     if where.startswith("State.contact"):
+        modes = f"the modes of contacts, {where}, are shared by all runs"
         why = "without them they follow from each run's own initial.q and initial.p"
-        raise ValueError(
-            f"vary: {shown}: the modes of contacts, {where}, are shared by all runs; {why}"
-        )
+        raise ValueError(f"vary: {shown}: {modes}; {why}")
     if steps == _FRICTION and isinstance(node, tuple):
         node = node[0]
     if reason := why_fixed(scene, path):

@@ -67,22 +67,14 @@ class Stepped(Shown):
 
     _core: _core.Simulator
 
-    def __init__(
-        self,
-        scene: Scene,
-        period: float,
-        dt: float | None,
-        method: str,
-        formulation: str,
-        stabilization: Stabilization,
-        stop_on: str | Sequence[str],
-    ) -> None:
+    def __init__(self, scene: Scene, period: float, *how: Any, stop_on: Any) -> None:
+        """Takes dt, method, formulation and stabilization as `how` to step."""
         checks.instance("scene", scene, Scene)
         if scene.law not in ("torque", "pid"):
             rule = "control=Torque(), whose torques it sets, or a PID, whose target angles it sets"
             raise ValueError(f"Scene.{WRITTEN[scene.law]}: a simulator needs {rule}")
         self._scene = scene
-        self._options = Options.checked(dt, method, formulation, stabilization, stop_on=stop_on)
+        self._options = Options.checked(*how, stop_on=stop_on)
         self._period = checks.positive("period", period)
         usual.warn(scene, schedule_replaced=True)
 
@@ -105,10 +97,8 @@ class Stepped(Shown):
         """Turns accelerations of a step along the axes of hands, after checks, (*runs, 2)."""
         motion = self._scene.motion
         if not isinstance(motion, ConstantMotion):
-            rule = f"must be HandMotion.constant(...) and is {checks.shown(motion)}"
-            raise ValueError(
-                f"acceleration: takes the place of the one of Scene.motion, which {rule}"
-            )
+            rule = f"which must be HandMotion.constant(...) and is {checks.shown(motion)}"
+            raise ValueError(f"acceleration: takes the place of the one of Scene.motion, {rule}")
         shape = (*runs, 2) if np.ndim(acceleration) == 2 else (2,)
         x, y = checks.array("acceleration", acceleration, shape).T
         tilts = np.broadcast_to(motion.tilt if tilts is None else tilts, runs)
@@ -166,7 +156,8 @@ class Simulator(Stepped):
             period: Time for which the torques of one `step` are held, s.
             dt, method, formulation, stabilization, stop_on: As for `simulate`.
         """
-        super().__init__(scene, period, dt, method, formulation, stabilization, stop_on)
+        how = (dt, method, formulation, stabilization)
+        super().__init__(scene, period, *how, stop_on=stop_on)
         self._core = _core.Simulator.alone(Request(scene, self._options).simulation(), self._period)
         self._start: State | None = None
         self._force = (0.0, 0.0, 0.0)
@@ -395,7 +386,8 @@ class VectorSimulator(Stepped):
                 at every step, so that it pays from about 2500 integration steps a call on, for
                 example 250 runs and 10 steps a period.
         """
-        super().__init__(scene, period, dt, method, formulation, stabilization, stop_on)
+        how = (dt, method, formulation, stabilization)
+        super().__init__(scene, period, *how, stop_on=stop_on)
         threads = checks.integer("threads", threads, 1, 4096)
         n = checks.integer("n", n, 1, _MOST)
         spec = StudySpec.checked(scene, self._options, runs=n, seed=seed, vary=vary, summaries=())

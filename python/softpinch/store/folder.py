@@ -273,10 +273,9 @@ class Writer:
         try:
             files.write_with_digest(path, files.encode(columns, facts, units))
         except StoreError as error:
-            kept = (
-                f"the {folder.done.count} runs before them are stored, and resume continues there"
-            )
-            raise StoreError(f"{error}: the last {len(rows)} runs are lost; {kept}") from None
+            lost = f"the last {len(rows)} runs are lost"
+            kept = f"the {folder.done.count} runs before them are stored"
+            raise StoreError(f"{error}: {lost}; {kept}, and resume continues there") from None
         self._next += 1
         folder.add(Part.open(path, folder.identity))
 

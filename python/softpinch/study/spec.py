@@ -185,13 +185,9 @@ class StudySpec:
             inside = times[(times >= start) & (times <= start + scene.duration)]
             # The end of the run, if none is inside.
             times = inside if len(inside) else [start + scene.duration]
-        options = Options.checked(
-            **self.options.numerics(),
-            record=record,
-            every=every,
-            times=times,
-            summaries_after=self.options.summaries_after,
-        )
+        kept = {"record": record, "every": every, "times": times}
+        kept["summaries_after"] = self.options.summaries_after
+        options = Options.checked(**self.options.numerics(), **kept)
         return Run(scene, options, Request(scene, options).compute())
 
     def block(self, numbers: Numbers) -> Rows:
