@@ -51,8 +51,7 @@ CASES = tuple(_CASES)
 def manipulation(**changes: Any) -> Scene:
     """The eight operations of section VI-A in sequence from t = 0, without disturbance.
 
-    Args:
-        changes: Fields of `Scene` to replace, as with `dataclasses.replace`.
+    `changes` are fields of `Scene` to replace, as with `dataclasses.replace`.
     """
     times = OPERATION_TIME * np.arange(len(OPERATIONS))
     schedule = Schedule.steps(times, np.deg2rad(OPERATIONS))

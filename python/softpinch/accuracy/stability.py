@@ -103,14 +103,9 @@ class Modes(Result):
         yield ShownTable(columns, rows, f"The modes at t = {self.t[0]:.6g} s")
 
     def leading(self, k: int, rate: complex) -> str:
-        """Name of the state with the largest share in a mode.
+        """Name of the state with the largest share in the mode of `rate`, 1/s, at instant `k`.
 
-        Args:
-            k: Index of the instant.
-            rate: Eigenvalue of the mode, 1/s.
-
-        Returns:
-            A name out of `states`, without "rate of "; "an overflow" if an entry of J overflowed.
+        It is one out of `states`, without "rate of "; "an overflow" if an entry of J overflowed.
         """
         k = checks.integer("k", k, -len(self.t), len(self.t) - 1)
         if not np.isfinite(self.jacobian[k]).all():

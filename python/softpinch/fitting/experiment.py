@@ -3,12 +3,10 @@
 What can be measured along a run has a name: single columns, and groups of columns.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,7 +106,7 @@ class Experiment(Result):
     @classmethod
     def checked(
         cls, scene: Scene, times: object, measured: object, noise: object, where: str = ""
-    ) -> Experiment:
+    ) -> Self:
         """Checks the arguments of `fit` for an experiment, the one at `where` ("[0]") in a list."""
         name = f"times{where}"
         instants, begin = checks.times(name, times), scene.start().time

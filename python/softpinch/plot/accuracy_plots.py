@@ -132,10 +132,7 @@ def stabilization_sweep(results: StabilizationSweep | Sequence[StabilizationSwee
     """Drift of the constraints, and error of the motion, over alpha dt = beta dt.
 
     The vertical line is the method's stability limit on the real axis. The horizontal line is the
-    error of "nullspace", which has no gains.
-
-    Args:
-        results: One sweep or several; each has a column.
+    error of "nullspace", which has no gains. Of several sweeps each has a column.
     """
     sweeps = [results] if isinstance(results, StabilizationSweep) else results
     checks.instance("results", sweeps, Sequence, "a StabilizationSweep, or several")

@@ -228,11 +228,7 @@ class HandMotion(Kinded):
         raise NotImplementedError
 
     def compile_runs(self, values: Mapping[str, Floats]) -> CompiledMotion:
-        """Returns the motions of many runs, with the runs as the first axis of every array.
-
-        Args:
-            values: Fields that differ between runs -> (runs, ...).
-        """
+        """As `compile`, of runs that differ in `values` (runs, ...), the first axis of arrays."""
         position, tilt, sines = zip(*(run.compile() for run in runs_of(self, values)), strict=True)
         stacked = tuple(map(np.stack, zip(*sines, strict=True)))
         return CompiledMotion(padded(position), padded(tilt), stacked)

@@ -215,11 +215,7 @@ class Schedule(Record):
         return piecewise.moves(self.times, angles, self.move_time)
 
     def compile_runs(self, values: Mapping[str, Floats]) -> piecewise.Piecewise:
-        """Returns the piecewise polynomials of many runs, with the runs as the first axis.
-
-        Args:
-            values: Fields that differ between runs -> (runs, ...).
-        """
+        """As `compile`, of runs that differ in `values` (runs, ...), the first axis of arrays."""
         if self.kind not in _SMOOTH:
             times = values.get("times", self.times[None])
             # Check the order of all times here: where times[0] is no break, the core never sees it.
