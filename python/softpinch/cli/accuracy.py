@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -188,14 +188,8 @@ def work_precision(
         require("scipy", extra="study", purpose="the reference")
         out.mkdir(parents=True, exist_ok=True)
         try:
-            found = measure_precision(
-                described,
-                formulations=kept,  # type: ignore[arg-type]
-                methods=separated(methods),  # type: ignore[arg-type]
-                dt=steps,
-                stabilization=stabilization,
-                longest=longest,
-            )
+            how: Any = {"formulations": kept, "methods": separated(methods), "longest": longest}
+            found = measure_precision(described, dt=steps, stabilization=stabilization, **how)
         except RuntimeError as reason:
             typer.echo(f"no reference: {reason}", err=True)
             raise typer.Exit(ENDED_EARLY) from None

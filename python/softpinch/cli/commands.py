@@ -228,15 +228,9 @@ def fit(
     """
     with one_line_errors():
         checks.choice("--format", format, FORMATS)
-        scene, observables, settings = fit_file.read(
-            study,
-            dt=dt,
-            tolerance=tolerance,
-            method=method,
-            formulation=formulation,
-            loss=loss,
-            multistart=multistart,
-        )
+        how = {"dt": dt, "tolerance": tolerance, "method": method, "formulation": formulation}
+        how |= {"loss": loss, "multistart": multistart}
+        scene, observables, settings = fit_file.read(study, **how)
         times, measured = fit_file.read_data(data, observables)
         require("matplotlib", extra="plot", purpose="figures")
         require("tomli_w", extra="cli", purpose="writing TOML")

@@ -95,18 +95,10 @@ def montecarlo(
     """
     with one_line_errors():
         checks.choice("--format", format, FORMATS)
-        spec = study_file.read(
-            study,
-            runs=runs,
-            seed=seed,
-            dt=dt,
-            tolerance=tolerance,
-            method=method,
-            formulation=formulation,
-            sampler=sampler,
-            summaries=None if summaries is None else separated(summaries),
-            check_dt=check_dt,
-        )
+        how = {"dt": dt, "tolerance": tolerance, "method": method, "formulation": formulation}
+        how |= {"runs": runs, "seed": seed, "sampler": sampler, "check_dt": check_dt}
+        names = None if summaries is None else separated(summaries)
+        spec = study_file.read(study, **how, summaries=names)
         require("matplotlib", extra="plot", purpose="figures")
         begun = Study._opened(out).runs if (out / MANIFEST).exists() else 0
         started = time.perf_counter()

@@ -218,13 +218,8 @@ def _layer(
         return filled
 
     def derive(values: dict[str, Floats], by: Sequence[str]) -> tuple[Results, Slopes]:
-        run = run_of(
-            template.changed(values),
-            **options.numerics(),
-            record=options.record,  # type: ignore[arg-type]
-            every=options.every,
-            sensitivities=by,
-        )
+        how = options.numerics() | {"record": options.record, "every": options.every}
+        run = run_of(template.changed(values), **how, sensitivities=by)
         if run.status == "interrupted":
             raise KeyboardInterrupt
         if rows is not None and (len(run) > rows or (run.success and len(run) < rows)):
