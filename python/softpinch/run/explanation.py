@@ -179,6 +179,8 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str], ledger: boo
     unilateral = scene.contact == "unilateral"
     turns = "(39)" if scene.law == "pid" else WRITTEN[scene.law]
     driver = "the schedule drives the fingers"
+    carried = f"{type(scene.motion).__name__}: inertial forces, gravity that turns, and their work"
+    events = "tips stick, slip, graze or are free; the events between them are located"
     moved, verb = ("coordinates", "moves") if any(parts.jaws(scene)) else ("angles", "turns")
     name = options.formulation
     # Name, whether it is computed, the reason if it is, and the reason if it is not.
@@ -188,46 +190,25 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str], ledger: boo
         ("viscosity", True, "(44, 45)" if viscous else _ZERO, ""),
         ("tilt coupling", True, "kappa in (5)" if coupled else _ZERO, ""),
         ("gravity", True, "(16, 43)" if scene.gravity else _ZERO, ""),
-        (
-            "motion of the hand",
-            scene.motion is not None,
-            f"{type(scene.motion).__name__}: inertial forces, gravity that turns, and their work",
-            "the hand is at rest",
-        ),
-        (
-            "contact modes",
-            unilateral,
-            "tips stick, slip, graze or are free; the events between them are located",
-            "bilateral contact: both tips always stick",
-        ),
+        ("motion of the hand", scene.motion is not None, carried, "the hand is at rest"),
+        ("contact modes", unilateral, events, "bilateral contact: both tips always stick"),
     ]
     if found := parts.others(scene):
         shares = parts.softened(scene)
         arcs = f"; arcs soften the tips to {shares[0]:.3g} and {shares[1]:.3g} of their force"
         words = ", ".join(found) + (arcs if min(shares) < 1.0 else "")
         before.insert(0, ("other parts", True, words, ""))
-    works = "six works are integrated, and the losses of impacts added up"
+    works = "four works are integrated"
+    if unilateral:
+        works = "six works are integrated, and the losses of impacts added up"
+    drifts, ends = f"{name} does not correct its states", "each step ends on the constraints"
+    recorded, nothing = ", ".join(options.record), "only the times and the last state are kept"
     after = [
         ("stabilisation", name == "csm", "(19, 20)", f"{name} has no gains"),
-        (
-            "projection",
-            name == "projected",
-            "each step ends on the constraints",
-            f"{name} does not correct its states",
-        ),
-        (
-            "energy ledger",
-            ledger,
-            works if unilateral else "four works are integrated",
-            "neither recorded nor needed by a summary",
-        ),
+        ("projection", name == "projected", ends, drifts),
+        ("energy ledger", ledger, works, "neither recorded nor needed by a summary"),
         ("summaries", bool(summaries), ", ".join(summaries), "none requested"),
-        (
-            "recording",
-            bool(options.record),
-            ", ".join(options.record),
-            "only the times and the last state are kept",
-        ),
+        ("recording", bool(recorded), recorded, nothing),
         ("monitors", True, "every step is checked for violations", ""),
     ]
     return [
