@@ -8,8 +8,6 @@
 All numbers are in SI units and radians. Finger 1 is the right finger and comes first.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from . import paper, run, scene, support

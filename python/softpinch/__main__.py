@@ -1,7 +1,5 @@
 """Entry point of `python -m softpinch` and of the console script `softpinch`."""
 
-from __future__ import annotations
-
 import os
 import sys
 

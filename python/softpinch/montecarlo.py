@@ -214,21 +214,10 @@ def monte_carlo(
         SuspiciousValueWarning: A value that all runs share is far from the usual range.
         LostRunsWarning: Runs failed on workers of the executor and are missing.
     """
+    how = (dt, method, formulation, stabilization, record, every, stop_on)
     spec = StudySpec.checked(
         scene,
-        Options.checked(
-            dt=dt,
-            tolerance=tolerance,
-            max_steps=max_steps,
-            method=method,
-            formulation=formulation,
-            stabilization=stabilization,
-            stop_on=stop_on,
-            summaries_after=summaries_after,
-            record=record,
-            every=every,
-            times=times,
-        ),
+        Options.checked(*how, tolerance, times, max_steps, summaries_after),
         runs=runs,
         seed=seed,
         vary=vary,
@@ -296,8 +285,6 @@ def _require_memory(computation: Computation) -> None:
     except (AttributeError, OSError, ValueError):
         there = 2**40  # unknown: Windows has no `sysconf`
     if needed > there:
-        raise ValueError(
-            f"runs = {runs}: must be at most {runs * there // needed} in memory, because each "
-            f"takes about {needed // runs} bytes and this machine has {there / 1e9:.3g} GB: pass "
-            "store=, which keeps rows in a folder"
-        )
+        why = f"each takes about {needed // runs} bytes and this machine has {there / 1e9:.3g} GB"
+        rule = f"must be at most {runs * there // needed} in memory, because {why}"
+        raise ValueError(f"runs = {runs}: {rule}: pass store=, which keeps rows in a folder")

@@ -4,8 +4,6 @@ Angles and disturbances are those of the paper's section VI. The parameters are 
 `Scene`, which are ours: see `PARAMETER_NOTE`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -53,8 +51,7 @@ CASES = tuple(_CASES)
 def manipulation(**changes: Any) -> Scene:
     """The eight operations of section VI-A in sequence from t = 0, without disturbance.
 
-    Args:
-        changes: Fields of `Scene` to replace, as with `dataclasses.replace`.
+    `changes` are fields of `Scene` to replace, as with `dataclasses.replace`.
     """
     times = OPERATION_TIME * np.arange(len(OPERATIONS))
     schedule = Schedule.steps(times, np.deg2rad(OPERATIONS))

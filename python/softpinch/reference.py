@@ -10,8 +10,6 @@ Python; tests/accuracy/test_reference.py compares it with SymPy's derivation. Vi
 monitored: the integration continues where the model no longer holds.
 """
 
-from __future__ import annotations
-
 from .accuracy.null_space import PARAMETERS, Equations, parameters, right_hand_side
 from .accuracy.reference import Reference, confirmed, solve
 from .accuracy.segments import METHODS

@@ -1,11 +1,7 @@
 """Choice of step and method: reference solutions, stability, and error against run time.
 
-`runs` makes and times runs for the others. `advisor` finds the cheapest settings that meet a
-tolerance, by comparison with a `reference_motion`. `precision` measures error against run time and
-the effect of alpha and beta, reported as `measurements`.
-`stability` linearises the motion and finds the longest stable step; `stability_maps` (with
-`stability_axes`) maps how runs end. `reference` solves an independent statement of the equations
-(`null_space`, `segments`) with SciPy.
+`runs` makes and times runs for the others. `advisor` compares with a `reference_motion`;
+`reference` solves an independent statement of the equations (`null_space`, `segments`).
 """
 
 from .advisor import Advice, advise

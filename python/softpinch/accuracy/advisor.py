@@ -179,15 +179,8 @@ class Advice(Result):
         Raises:
             TypeError: An option is one that the advice chooses.
         """
-        return simulate(
-            self.scene,
-            dt=self.dt,
-            tolerance=self.step_tolerance,
-            method=self.method,
-            formulation=self.formulation,
-            stabilization=self.stabilization,
-            **options,
-        )
+        how = (self.dt, self.method, self.formulation, self.stabilization)
+        return simulate(self.scene, *how, tolerance=self.step_tolerance, **options)
 
     def _facts(self) -> dict[str, Any]:
         """The setting before everything else, with dt and the tolerance in one entry."""
@@ -248,10 +241,8 @@ def advise(
         formulations = "csm"
     pairs = pairs_of(scene, formulations, methods)
     if not on_constraints and {formulation for formulation, _ in pairs} != {"csm"}:
-        raise ValueError(
-            f"formulations = {formulations}: a start off the constraints (check=False) is for "
-            "'csm' only"
-        )
+        why = "a start off the constraints (check=False) is for 'csm' only"
+        raise ValueError(f"formulations = {formulations}: {why}")
     stop = perf_counter() + _SEARCH * budget
     motion = ReferenceMotion(scene, tolerance, stabilization)
     with reporting(progress, "trying pairs") as report:
@@ -345,14 +336,9 @@ class _Search:
     ) -> Trial:
         """The result of the search, with the CPU time, s, scaled up to the whole scene."""
         known: dict[str, Any] = {"dt" if self.kind == "dt" else "step_tolerance": value}
-        return Trial(
-            **self.pair,
-            **known,
-            error=error,
-            time=time / self.motion.share,
-            whole=self.motion.share == 1.0 and not note.startswith("not tried"),
-            note=note,
-        )
+        known |= {"error": error, "time": time / self.motion.share, "note": note}
+        whole = self.motion.share == 1.0 and not note.startswith("not tried")
+        return Trial(**self.pair, **known, whole=whole)
 
     def measured_time(self, value: float) -> float:
         request = self.request(value)
@@ -449,10 +435,9 @@ class _Advisor:
         if worth and self.motion.scene.duration > _FEW * search.longest:
             least = search.least_time = search.expected(search.longest)
         if least > _TOO_SLOW * best:
-            return search.trial(
-                note=f"stable up to dt = {search.longest:.2g} s only: at least "
-                f"{1e3 * least:.2g} ms a run, over {_TOO_SLOW:g} times as slow as the best"
-            )
+            cost = f"at least {1e3 * least:.2g} ms a run"
+            slow = f"{cost}, over {_TOO_SLOW:g} times as slow as the best"
+            return search.trial(note=f"stable up to dt = {search.longest:.2g} s only: {slow}")
         if left <= 0 or least > _OF_TIME_LEFT * left:
             self.untried.append(f"{' '.join(search.pair.values())}, {search.kind}")
             why = f", at least {1e3 * least:.2g} ms a run" if least else ""

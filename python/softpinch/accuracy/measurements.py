@@ -119,7 +119,6 @@ class Peer:
     ends: Callable[[Any], tuple[Floats, Floats]]
 
     def __post_init__(self) -> None:
-
         checks.instance("Peer.name", self.name, str, "text")
         checks.instance("Peer.setting", self.setting, str, "text")
         checks.array("Peer.values", self.values, ("k",))
@@ -173,10 +172,8 @@ class WorkPrecision(Result):
         hidden = [row for row in rows if row.along > _SETTLED * row.error]
         if not hidden:
             return ""
-        return (
-            f"the motion has settled: {len(hidden)} of {len(rows)} settings have an error along "
-            f"the run more than {_SETTLED:g} times that at the end"
-        )
+        what = f"have an error along the run more than {_SETTLED:g} times that at the end"
+        return f"the motion has settled: {len(hidden)} of {len(rows)} settings {what}"
 
     def curves(self) -> dict[tuple[str, str], list[Measurement]]:
         """(solver, setting) -> its measurements without those not run, from loose to tight."""
@@ -209,7 +206,6 @@ class WorkPrecision(Result):
 
     def save(self, path: str | Path) -> Path:
         """Writes the rows as .csv, with units in the header."""
-        path = checks.path("path", path)
         columns = self.to_dict()
         header = [name + _COLUMN_UNITS.get(name, "") for name in columns]
         rows = zip(*(values.tolist() for values in columns.values()), strict=True)

@@ -9,8 +9,6 @@ the first five. Parameters c (35): `PARAMETERS`. Inputs u (5): theta_1^d, theta_
 the moment.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple

@@ -186,10 +186,8 @@ def of_any_contact(scene: Scene, times: ArrayLike) -> Reference:
         options = Options.checked(method="dop853", record=("state", "multipliers"), **how)
         run = computed(Request(scene, options))
         if not run.success:
-            raise RuntimeError(
-                f"reference: with unilateral contact {formulation} ended as {run.status} at t = "
-                f"{run.t[-1]} s: {run.message}"
-            )
+            end = f"{formulation} ended as {run.status} at t = {run.t[-1]} s: {run.message}"
+            raise RuntimeError(f"reference: with unilateral contact {end}")
         along = {name: getattr(run, name) for name in ("q", "p", "multipliers", "integral")}
         method = f"{formulation} dop853 at tolerance {tolerance:.0e}"
         rows, count = np.searchsorted(run.t, wanted), run.stats["evaluations"]
@@ -202,12 +200,9 @@ def of_any_contact(scene: Scene, times: ArrayLike) -> Reference:
 
 def _compared(first: Reference, second: Reference, evaluations: int) -> Reference:
     """The first solution with its difference to the second one."""
-    return replace(
-        first,
-        method=f"{first.method}, confirmed by {second.method}",
-        evaluations=evaluations,
-        own_error=scaled_error.largest(second, first),
-    )
+    method = f"{first.method}, confirmed by {second.method}"
+    errors = scaled_error.largest(second, first)
+    return replace(first, method=method, evaluations=evaluations, own_error=errors)
 
 
 def _reference(

@@ -1,7 +1,5 @@
 """The motion with which `advise` compares its trials: adaptive steps at a smaller tolerance."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

@@ -3,8 +3,6 @@
 All of these raise KeyboardInterrupt on Ctrl-C: an interrupted run is none that failed.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Hashable, Iterator, Sequence
@@ -75,14 +73,9 @@ def accurate_run(
     """
     usual.warn(scene)
     can_start = scene.start().check or formulation != "csm"
-    checked = Options.checked(
-        tolerance=tolerance,
-        method=method,
-        formulation=without_drift(scene) if can_start else "csm",
-        stabilization=stabilization,
-        **{"record": ("state",), **options},
-    )
-    return computed(Request(scene, checked))
+    how = (method, without_drift(scene) if can_start else "csm", stabilization)
+    options = {"record": ("state",), "tolerance": tolerance, **options}
+    return computed(Request(scene, Options.checked(None, *how, **options)))
 
 
 def cpu_times(request: Request, repeats: int) -> list[float]:

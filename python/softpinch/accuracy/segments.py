@@ -4,8 +4,6 @@
 any equations of motion: the reference those of null_space.py, the tests those that SymPy derives.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from bisect import bisect_left
@@ -57,7 +55,6 @@ class Inputs:
     """
 
     def __init__(self, scene: Scene, begin: float, end: float) -> None:
-
         self._near = _ULPS * float(np.spacing(max(abs(begin), abs(end))))
         # The first channel of each piecewise polynomial, and its coefficients per interval.
         self._pieces: list[tuple[int, Piecewise]] = [(_TARGET, scene.schedule.compile())]
@@ -221,25 +218,19 @@ def integrate(
     """
     solver = _Solver(system, inputs, method, rtol, sizes, most)
     instants = np.unique(wanted)
-    times: list[float] = []
-    states: list[Floats] = []
-    loads: list[tuple[float, ...]] = []
+    rows: list[tuple[float, Floats, tuple[float, ...]]] = []
     y = start
     for left, right in pairwise(inputs.edges):
         driven = inputs.between(left, right)
         after = system.jump(y, inputs.impulses[left]) if left in inputs.impulses else y
         stops = instants[(left < instants) & (instants < right)]
-        t, rows = solver.segment(left, right, after, driven, stops)
-        times += t[:-1].tolist()
-        states += [y, *rows[1:-1]]
-        loads += map(driven, t[:-1].tolist())
-        y = rows[-1]
-    rows_of_all = (
-        np.array([*times, right]),
-        np.array([*states, y]),
-        np.array([*loads, driven(right)]),
-    )
-    return Motion(*rows_of_all, solver.count)
+        t, states = solver.segment(left, right, after, driven, stops)
+        times = t[:-1].tolist()
+        rows += zip(times, [y, *states[1:-1]], map(driven, times), strict=True)
+        y = states[-1]
+    rows.append((right, y, driven(right)))
+    t, y, u = map(np.array, zip(*rows, strict=True))
+    return Motion(t, y, u, solver.count)
 
 
 class _Solver:
@@ -327,7 +318,5 @@ class _Solver:
             raise RuntimeError(f"reference: the motion {reason} {where}")
 
     def _gave_up(self, t: float, message: str) -> RuntimeError:
-        return RuntimeError(
-            f"reference: {self._method} gave up at t = {t} s, where the motion may run away: "
-            f"{message}"
-        )
+        why = "where the motion may run away"
+        return RuntimeError(f"reference: {self._method} gave up at t = {t} s, {why}: {message}")

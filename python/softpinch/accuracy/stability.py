@@ -104,14 +104,9 @@ class Modes(Result):
         yield ShownTable(columns, rows, f"The modes at t = {self.t[0]:.6g} s")
 
     def leading(self, k: int, rate: complex) -> str:
-        """Name of the state with the largest share in a mode.
+        """Name of the state with the largest share in the mode of `rate`, 1/s, at instant `k`.
 
-        Args:
-            k: Index of the instant.
-            rate: Eigenvalue of the mode, 1/s.
-
-        Returns:
-            A name out of `states`, without "rate of "; "an overflow" if an entry of J overflowed.
+        It is one out of `states`, without "rate of "; "an overflow" if an entry of J overflowed.
         """
         k = checks.integer("k", k, -len(self.t), len(self.t) - 1)
         if not np.isfinite(self.jacobian[k]).all():
@@ -275,9 +270,7 @@ def max_stable_dt(
             linearised and nothing is measured; the message says so.
     """
     checks.instance("scene", scene, Scene)
-    trial = Options.checked(
-        method=method, formulation=formulation, stabilization=stabilization, record=("state",)
-    )
+    trial = Options.checked(None, method, formulation, stabilization, ("state",))
     require_formulations("formulation", (formulation,), scene)
     max_steps = checks.integer("max_steps", max_steps, 1, MOST_STEPS)
     measure = checks.boolean("measure", measure)
@@ -293,10 +286,8 @@ def max_stable_dt(
     rate = complex(rates[np.argmin(limits)])
     measured, failure = None, ""
     if accurate.status not in ENDS:
-        failure = (
-            f"the motion is known to t = {accurate.t[-1]:.4g} s only, where {accurate.method} with "
-            f"tolerance {ACCURATE:g} ended as {accurate.status}"
-        )
+        end = f"{accurate.method} with tolerance {ACCURATE:g} ended as {accurate.status}"
+        failure = f"the motion is known to t = {accurate.t[-1]:.4g} s only, where {end}"
     elif measure:
         search = StepSearch(accurate, trial, predicted)
         measured, failure = search.longest(max_steps), search.failure
@@ -305,10 +296,8 @@ def max_stable_dt(
     # Both steps may be infinite.
     if measured not in (None, predicted) and not 1.0 / _AGREE < predicted / measured < _AGREE:
         share = float(np.mean(steps < measured))
-        reason = (
-            f"the predicted step is too long for {100 * share:.0f} % of the instants only, and the "
-            "growth there decays again"
-        )
+        some = f"{100 * share:.0f} % of the instants only"
+        reason = f"the predicted step is too long for {some}, and the growth there decays again"
         if math.isinf(predicted):
             reason = f"accuracy ends it, not stability: {failure}"
         elif measured <= predicted:
@@ -322,10 +311,8 @@ def max_stable_dt(
         message += f"; not measured: {failure}"
     alone = float((accurate.contact != ContactMode.STICK).any(axis=1).mean())
     if alone and (measured is None or measured < predicted / _AGREE):
-        message += (
-            f"; at {100 * alone:.2g} % of the instants a tip does not stick, where only its own "
-            "surface is linearised, so the predicted step may be too long"
-        )
+        why = "where only its own surface is linearised, so the predicted step may be too long"
+        message += f"; at {100 * alone:.2g} % of the instants a tip does not stick, {why}"
     return StableStep(
         method=method,
         formulation=formulation,
@@ -365,18 +352,9 @@ class StepSearch:
         if self.trial.formulation == "csm" and scene.contact == "bilateral":
             displaced = State(q, p, start.integral, start.time, check=False)
         else:
-            displaced = State.consistent(
-                scene,
-                x=q[0],
-                y=q[1],
-                rotation=q[2],
-                fingers=q[3:5],
-                shear=q[7:],
-                velocity=p[:3],
-                finger_rates=p[3:5],
-                integral=start.integral,
-                time=start.time,
-            )
+            at: dict[str, Any] = {"rotation": q[2], "fingers": q[3:5], "shear": q[7:]}
+            at |= {"velocity": p[:3], "finger_rates": p[3:5], "integral": start.integral}
+            displaced = State.consistent(scene, x=q[0], y=q[1], **at, time=start.time)
         return replace(scene, initial=displaced, duration=max(duration, scene.duration))
 
     def holds(self, dt: float) -> bool:
@@ -393,10 +371,8 @@ class StepSearch:
         k = int(np.argmax(errors))
         if errors[k] < LOST:
             return True
-        self.failure = (
-            f"with dt = {dt:.3g} s a coordinate is {errors[k]:.2g} times its largest size off at "
-            f"{run.t[k]:.6g} s"
-        )
+        off = f"a coordinate is {errors[k]:.2g} times its largest size off at {run.t[k]:.6g} s"
+        self.failure = f"with dt = {dt:.3g} s {off}"
         return False
 
     def longest(self, max_steps: int) -> float | None:

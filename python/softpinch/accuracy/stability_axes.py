@@ -4,8 +4,6 @@ To add a named axis, write a function from a scene and a value to a `Scene` or a
 with that value, and a line in `_TABLE`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
@@ -57,10 +55,8 @@ class Axis:
         self, scene: Scene, stabilization: Stabilization, value: float
     ) -> tuple[Scene, Stabilization]:
         """The scene and the gains of "csm" at a value of the axis."""
-        try:
+        with checks.reworded(f"{self.name} = {value:.6g}: "):
             found = self.at(scene, value)
-        except ValueError as error:
-            raise ValueError(f"{self.name} = {value:.6g}: {error}") from None
         if isinstance(found, Stabilization):
             return scene, found
         checks.instance(f"axis({value:.6g})", found, Scene)
@@ -135,10 +131,9 @@ def _closed(scene: Scene, k: int, share: float) -> float:
     inwards = finger.root_offset - radius + share * radius - 0.5 * scene.grasped.width
     angle = outline.angle_at(finger.length, finger.half_thickness, inwards)
     if angle is None:
-        raise ValueError(
-            f"the {SIDES[k]} finger would have to reach {1e3 * inwards:.4g} mm inwards, "
-            f"and its length lets it reach {1e3 * lever(finger):.4g} mm"
-        )
+        wanted = f"the {SIDES[k]} finger would have to reach {1e3 * inwards:.4g} mm inwards"
+        reach = f"its length lets it reach {1e3 * lever(finger):.4g} mm"
+        raise ValueError(f"{wanted}, and {reach}")
     return angle
 
 

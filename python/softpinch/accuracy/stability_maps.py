@@ -105,11 +105,7 @@ class StabilityMap(Result):
         return np.asarray(np.where(good, self.dt, 0.0).max(axis=2))
 
     def misleading(self) -> Bools:
-        """Runs that completed with an error above 0.1, or although the reference did not complete.
-
-        Returns:
-            (pairs, v, d), bool.
-        """
+        """Runs (pairs, v, d) that completed with an error above 0.1, or unlike the reference."""
         known = (self.expected != NO_REFERENCE)[:, None]
         return np.asarray((self.status == "completed") & known & (self.error > WRONG))
 
@@ -314,11 +310,8 @@ class MapPlan:
         for value, (at, gains) in zip(each, self._cases, strict=True):
             for name in self._formulations:
                 how = Options.checked(dt=at.duration, formulation=name, stabilization=gains)
-                try:
+                with checks.reworded(f"{self.axis.name} = {value:.6g}: ", drop="run 0: "):
                     next(batches([at], how))
-                except ValueError as error:
-                    said = str(error).removeprefix("run 0: ")
-                    raise ValueError(f"{self.axis.name} = {value:.6g}: {said}") from None
         self._jobs = list(self._batched())
 
     def _batched(self) -> Iterator[_Job]:
@@ -332,9 +325,7 @@ class MapPlan:
                         used = gains if formulation == "csm" else Stabilization()
                         alike.setdefault(used, {}).setdefault(scene, []).append(v)
                 for gains, scenes in alike.items():
-                    options = Options.checked(
-                        dt=dt, method=method, formulation=formulation, stabilization=gains
-                    )
+                    options = Options.checked(dt, method, formulation, gains)
                     values = list(scenes.values())
                     for batch, chosen in batches(list(scenes), options):
                         yield batch, [values[n] for n in chosen], k, d

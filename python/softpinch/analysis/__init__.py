@@ -1,9 +1,6 @@
 """One scene in depth: where it comes to rest, and what a small deviation from there does.
 
-`rest` finds where it comes to rest, `equilibrium_maps` does so over one or two numbers of the
-scene, `grip_targets` finds how the fingers must close for a given force, `wrench` how hard the
-object can be pushed, and `carry` how fast the hand may move. `linearization` linearises the motion
-about a state; `states` names the states, inputs and outputs of linear models.
+The others stand on `rest`, and linear models on the names of `states`.
 """
 
 from .carry import CarryLimits, carry_limits

@@ -57,10 +57,8 @@ class CarryLimits(Result):
         k = int(np.argmin(self.limit))
         x, y = self.direction[k % len(self.direction)]
         how = "growing slowly" if self.profile is None else f"moves by {self.profile}"
-        return (
-            f"<CarryLimits of {len(self.direction)} directions, {how}: weakest "
-            f"{self.limit.flat[k]:.6g} m/s^2 at ({x:.4g}, {y:.4g}), {self.cause.flat[k]}>"
-        )
+        limit = f"{self.limit.flat[k]:.6g} m/s^2 at ({x:.4g}, {y:.4g}), {self.cause.flat[k]}"
+        return f"<CarryLimits of {len(self.direction)} directions, {how}: weakest {limit}>"
 
 
 def carry_limits(

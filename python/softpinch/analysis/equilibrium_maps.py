@@ -317,11 +317,9 @@ class _Search:
         for path in paths:
             if path.split(".")[0] in _WITHOUT_EFFECT:
                 raise ValueError(f"axes: {path!r} has no effect on where the scene rests")
-        try:
+        others = f"; or one of {checks.quoted(FAMILY)}"
+        with checks.reworded("axes: ", others, drop="vary: ", kind=ValueError):
             template = SceneTemplate(self.scene, paths, 0)
-        except (TypeError, ValueError) as error:
-            text = str(error).removeprefix("vary: ")
-            raise ValueError(f"axes: {text}; or one of {checks.quoted(FAMILY)}") from None
         template.require_numbers("axes")
         return template
 
@@ -329,13 +327,9 @@ class _Search:
         """The scene of a cell; an error names axis, value and rule."""
         numbers = {n: float(v[k]) for n, v, k in zip(self.names, self.values, cell, strict=True)}
         own = {name: number for name, number in numbers.items() if name not in FAMILY}
-        if not own:
-            return self.scene
-        try:
-            return self._template.changed(own)
-        except ValueError as error:
-            where = ", ".join(f"{name} = {number:.6g}" for name, number in own.items())
-            raise ValueError(f"axes: {where}: {error}") from None
+        where = ", ".join(f"{name} = {number:.6g}" for name, number in own.items())
+        with checks.reworded(f"axes: {where}: "):
+            return self._template.changed(own) if own else self.scene
 
     def _member_at(self, cell: Cell) -> Floats:
         """The grips or shears of a cell (2,), m."""
@@ -347,15 +341,13 @@ class _Search:
 
     def _by_distance(self) -> list[Cell]:
         """All cells, those nearest to the scene's own values first, by shares of the axes."""
-        away: NDArray[np.float64] = np.zeros(self.shape)
-        for axis, (name, values) in enumerate(zip(self.names, self.values, strict=True)):
+        shares = []
+        for name, values in zip(self.names, self.values, strict=True):
             own = self._base[FAMILY[name][1][0]] if name in FAMILY else resolve(self.scene, name)
-            share = (values - float(own)) / (float(values[-1] - values[0]) or 1.0)
-            one = np.ones(len(self.shape), dtype=np.intp)
-            one[axis] = len(values)
-            away = away + np.reshape(share, one) ** 2
+            shares.append((values - float(own)) / (float(values[-1] - values[0]) or 1.0))
+        away = np.square(np.meshgrid(*shares, indexing="ij")).sum(axis=0)
         order = np.argsort(away, axis=None, kind="stable")
-        return [tuple(int(k) for k in np.unravel_index(n, self.shape)) for n in order]
+        return list(zip(*(k.tolist() for k in np.unravel_index(order, self.shape)), strict=True))
 
     def _time(self, scene: Scene) -> float:
         return last_instant(scene) if self.time is None else self.time

@@ -49,10 +49,8 @@ class Grip(Result):
 
     def __repr__(self) -> str:
         targets = in_words(self.scene, self.targets, ".4f", same=False)
-        return (
-            f"<Grip of {self.force:.6g} N: targets {targets}, "
-            f"compression {1e3 * self.compression:.6g} mm; {self.equilibrium.message}>"
-        )
+        rest = f"compression {1e3 * self.compression:.6g} mm; {self.equilibrium.message}"
+        return f"<Grip of {self.force:.6g} N: targets {targets}, {rest}>"
 
     def _picture(self) -> str:
         return self.equilibrium._picture()
@@ -85,9 +83,6 @@ def grip(scene: Scene, force: float | None = None, compression: float | None = N
         force: The mean of lambda_1^H and lambda_2^H, N: the force that presses each tip on the
             object. The two differ only by horizontal forces.
         compression: The mean of the compressions d_n1 and d_n2, m, instead of `force`.
-
-    Returns:
-        The targets, with the equilibrium and the scene that holds them.
 
     Raises:
         ValueError: No equilibrium has this force (the message has the nearest one, and why there is

@@ -119,10 +119,8 @@ class LinearModel(Result):
         yield ShownTable(("pole: real part [1/s]", "frequency [Hz]"), swings)
 
     def __repr__(self) -> str:
-        return (
-            f"<LinearModel at {self.state.time:.6g} s: {len(self.states)} states, "
-            f"{_brief(self.inputs)} -> {_brief(self.outputs)}>"
-        )
+        ports = f"{_brief(self.inputs)} -> {_brief(self.outputs)}"
+        return f"<LinearModel at {self.state.time:.6g} s: {len(self.states)} states, {ports}>"
 
 
 def _brief(names: tuple[str, ...]) -> str:
@@ -217,10 +215,8 @@ def _sticking(scene: Scene, state: object) -> Scene:
         require_bilateral(scene, "linearize", states.ONLY_BILATERAL)
         return scene
     if scene != state.scene and as_bilateral(scene) != as_bilateral(state.scene):
-        raise ValueError(
-            "state: is an equilibrium of another scene; pass scene = state.scene, or state.state "
-            "to linearise that state under this scene"
-        )
+        advice = "pass scene = state.scene, or state.state to linearise that state under this scene"
+        raise ValueError(f"state: is an equilibrium of another scene; {advice}")
     return scene if scene.contact == "bilateral" else as_bilateral(scene)
 
 
@@ -229,10 +225,8 @@ def _inputs(scene: Scene, state: State) -> _core.Inputs:
     if scene.law != "sampled":
         return scene.inputs()
     if state.controller is None:
-        raise ValueError(
-            f"Scene.{WRITTEN['sampled']}: linearize needs the torques in force, which a state of a "
-            "run has (run.state(k)); this state has controller = None"
-        )
+        why = "which a state of a run has (run.state(k)); this state has controller = None"
+        raise ValueError(f"Scene.{WRITTEN['sampled']}: linearize needs the torques in force, {why}")
     held = Schedule.steps([0.0], [state.controller[3:5]])
     return compiled_inputs(held, scene.disturbances, "torque", motion=scene.motion)
 
@@ -243,15 +237,12 @@ def _require_sound(scene: Scene, state: State, found: _core._Linear) -> None:
     if not all(np.isfinite(found[name]).all() for name in ("A", "B", "C", "D")):
         raise ValueError(f"state.q = {q.tolist()}: the motion has no finite derivatives there")
     if scene.fingers == "driven" and np.abs(q[3:5] - on[3:5]).max() > _OFF_SCHEDULE:
-        raise ValueError(
-            f'state.q[3:5] = {q[3:5].tolist()}: with fingers="driven" must be what the '
-            f"schedule has at {state.time!r} s, {on[3:5].tolist()}"
-        )
+        rule = f"must be what the schedule has at {state.time!r} s, {on[3:5].tolist()}"
+        raise ValueError(f'state.q[3:5] = {q[3:5].tolist()}: with fingers="driven" {rule}')
     if np.abs(q[5:7] - on[5:7]).max() > _OFF * max(tip.radius for tip in scene.hand.tips):
-        raise ValueError(
-            f"state.q[5:7] = {q[5:7].tolist()}: compressions must satisfy C^H = 0 (9), "
-            f"which gives {on[5:7].tolist()}; State.consistent() makes such a state"
-        )
+        there = f"which gives {on[5:7].tolist()}; State.consistent() makes such a state"
+        rule = f"compressions must satisfy C^H = 0 (9), {there}"
+        raise ValueError(f"state.q[5:7] = {q[5:7].tolist()}: {rule}")
 
 
 def _selected(
@@ -297,11 +288,9 @@ def _without_neutral(model: LinearModel) -> LinearModel:
     """
     names, inputs = model.states, model.inputs
     if not len(model.neutral):
-        raise ValueError(
-            "reduced = True: the operating point moves (state.p is not zero), so the no-slip "
-            "constraint turns with it and ties no shear to the pose; reduced = False keeps all "
-            "states"
-        )
+        moves = "the operating point moves (state.p is not zero)"
+        why = "the no-slip constraint turns with it and ties no shear to the pose"
+        raise ValueError(f"reduced = True: {moves}, so {why}; reduced = False keeps all states")
     pose, _, shears = states.places(names)
     rows = states.kept(names)
     # d_t by the pose and by the inputs.

@@ -141,7 +141,7 @@ def equilibrium(
     *,
     grip: ArrayLike | None = None,
 ) -> Equilibrium:
-    """Finds where a grasp comes to rest under the inputs of one instant.
+    """Finds where a grasp comes to rest under the inputs of one instant, or why it does not.
 
     The forces balance at p = 0: f_5 - Phi_5^T f_d = 0 on the null space of Phi (docs/equilibria.md,
     "The equations"). Fingers with integral action and driven fingers stand at their targets. A PID
@@ -166,9 +166,6 @@ def equilibrium(
             is where a settled run will be at rest.
         grip: Where the tips hold the object's faces (2,), right and left, m above its centre of
             gravity (`Equilibrium.grip`).
-
-    Returns:
-        The equilibrium, or the reason why there is none.
 
     Raises:
         ValueError: Both `shear` and `grip` are given, or the scene has a `SampledController`, whose
@@ -255,10 +252,9 @@ def _no_equilibrium(
     message = f"no equilibrium: {reason}"
     if kind != "from":
         right, left = 1e3 * member
-        message = (
-            f"no equilibrium with {kind} = ({right:.6g}, {left:.6g}) mm: {reason}; no other {kind} "
-            "was searched; sp.equilibrium(scene, near=run) finds where a run settles"
-        )
+        where = f"{kind} = ({right:.6g}, {left:.6g}) mm"
+        advice = "sp.equilibrium(scene, near=run) finds where a run settles"
+        message = f"no equilibrium with {where}: {reason}; no other {kind} was searched; {advice}"
     return Equilibrium(scene=scene, time=time, state=None, status=status, message=message)
 
 

@@ -80,10 +80,9 @@ class WrenchLimits(Result):
         each = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in pairs)
         if not self.size.any():
             return f"<WrenchLimits: not even a small wrench is borne; {self.equilibrium.message}>"
-        return (
-            f"<WrenchLimits of {len(self.limit)} directions: weakest {self.weakest:.6g} N at "
-            f"({x:.6g} N, {y:.6g} N, {moment:.6g} N m); {each}>"
-        )
+        wrench = f"({x:.6g} N, {y:.6g} N, {moment:.6g} N m)"
+        weakest = f"weakest {self.weakest:.6g} N at {wrench}"
+        return f"<WrenchLimits of {len(self.limit)} directions: {weakest}; {each}>"
 
 
 def wrench_limits(
@@ -108,7 +107,8 @@ def wrench_limits(
     a PID can make a grasp oscillate long before its balance ends. A grasp that slips need not be
     lost: in unilateral contact it may stick again.
 
-    The contacts are judged as sticking ones in bilateral and in unilateral contact.
+    The contacts are judged as sticking ones in bilateral and in unilateral contact. A scene without
+    equilibrium bears nothing.
 
     Args:
         grasp: A scene, whose `equilibrium` is found first, or an equilibrium.
@@ -118,9 +118,6 @@ def wrench_limits(
         time, shear, near, grip: As for `equilibrium`; only with a scene.
         length: The length by which moments compare with forces in `weakest`, m; None takes half the
             object's width.
-
-    Returns:
-        The limits. A scene without equilibrium bears nothing: see `WrenchLimits`.
     """
     given = None if directions is None else checked_directions(directions, 3)
     if length is not None:

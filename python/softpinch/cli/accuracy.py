@@ -1,10 +1,8 @@
 """`softpinch stability`, `work-precision` and `advise`: steps, errors and run times of a scene."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -190,14 +188,8 @@ def work_precision(
         require("scipy", extra="study", purpose="the reference")
         out.mkdir(parents=True, exist_ok=True)
         try:
-            found = measure_precision(
-                described,
-                formulations=kept,  # type: ignore[arg-type]
-                methods=separated(methods),  # type: ignore[arg-type]
-                dt=steps,
-                stabilization=stabilization,
-                longest=longest,
-            )
+            how: Any = {"formulations": kept, "methods": separated(methods), "longest": longest}
+            found = measure_precision(described, dt=steps, stabilization=stabilization, **how)
         except RuntimeError as reason:
             typer.echo(f"no reference: {reason}", err=True)
             raise typer.Exit(ENDED_EARLY) from None
@@ -235,10 +227,9 @@ def _line(row: Measurement, where: str) -> str:
         if row.order > row.expected_order + 1.0:
             order += f", above the method's {row.expected_order} after a step too long for it"
     work = f", {row.evaluations} evaluations" if row.evaluations >= 0 else ""
-    return (
-        f"{row.solver:28s} {row.setting:>9s} {row.value:8.2e}  error {size:.1e}"
-        f"  {1e3 * row.time:9.4f} ms{work}{order}"
-    )
+    setting = f"{row.solver:28s} {row.setting:>9s} {row.value:8.2e}"
+    time = f"{1e3 * row.time:9.4f} ms"
+    return f"{setting}  error {size:.1e}  {time}{work}{order}"
 
 
 def advise(
@@ -268,9 +259,8 @@ def advise(
                 typer.echo(f"  {pair:28s} {trial.note}")
                 continue
             where = "whole scene" if trial.whole else "its beginning"
-            typer.echo(
-                f"  {pair:28s} {trial.setting:20s} error {trial.error:.1e}"
-                f"  {1e3 * trial.time:9.4f} ms  ({where})"
-            )
+            time = f"{1e3 * trial.time:9.4f} ms"
+            found_there = f"error {trial.error:.1e}  {time}  ({where})"
+            typer.echo(f"  {pair:28s} {trial.setting:20s} {found_there}")
     if not found.met:
         raise typer.Exit(ENDED_EARLY)

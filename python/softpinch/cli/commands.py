@@ -1,7 +1,5 @@
 """The application `softpinch` with its commands `run`, `reproduce` and `fit`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import nullcontext
 from pathlib import Path
@@ -230,15 +228,9 @@ def fit(
     """
     with one_line_errors():
         checks.choice("--format", format, FORMATS)
-        scene, observables, settings = fit_file.read(
-            study,
-            dt=dt,
-            tolerance=tolerance,
-            method=method,
-            formulation=formulation,
-            loss=loss,
-            multistart=multistart,
-        )
+        how = {"dt": dt, "tolerance": tolerance, "method": method, "formulation": formulation}
+        how |= {"loss": loss, "multistart": multistart}
+        scene, observables, settings = fit_file.read(study, **how)
         times, measured = fit_file.read_data(data, observables)
         require("matplotlib", extra="plot", purpose="figures")
         require("tomli_w", extra="cli", purpose="writing TOML")
@@ -283,10 +275,8 @@ def beside_study(capsule: Capsule, run: Run, how: Mapping[str, Any]) -> list[str
         return [f"other settings than in the study, where {name} {ended}"]
     lines = []
     if capsule.results_version != _core.RESULTS_VERSION:
-        lines.append(
-            f"the study's bits are those of results version {capsule.results_version}, these of "
-            f"{_core.RESULTS_VERSION}: they may differ"
-        )
+        bits = f"the study's bits are those of results version {capsule.results_version}"
+        lines.append(f"{bits}, these of {_core.RESULTS_VERSION}: they may differ")
     if capsule.agrees(run):
         return [*lines, f"as in the study: {name} {ended}"]
     now = f"{run.status} at t = {float(run.t[-1])!r} s"
@@ -296,11 +286,8 @@ def beside_study(capsule: Capsule, run: Run, how: Mapping[str, Any]) -> list[str
 def contact_lines(run: Run) -> list[str]:
     """Lines that describe the contacts of a run with unilateral contact."""
     friction = run.scene.friction
-    mu = (
-        f"{friction[0]:g} right and {friction[1]:g} left"
-        if isinstance(friction, tuple)
-        else f"{friction:g}"
-    )
+    pair = friction if isinstance(friction, tuple) else None
+    mu = f"{pair[0]:g} right and {pair[1]:g} left" if pair else f"{friction:g}"
     times = []
     for side, name in enumerate(("right", "left")):
         spans = measures.contact_spans(run, side)

@@ -3,8 +3,6 @@
 A report has tables, arrays, capsules and figures as files, and lines for the screen.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -97,18 +95,10 @@ def montecarlo(
     """
     with one_line_errors():
         checks.choice("--format", format, FORMATS)
-        spec = study_file.read(
-            study,
-            runs=runs,
-            seed=seed,
-            dt=dt,
-            tolerance=tolerance,
-            method=method,
-            formulation=formulation,
-            sampler=sampler,
-            summaries=None if summaries is None else separated(summaries),
-            check_dt=check_dt,
-        )
+        how = {"dt": dt, "tolerance": tolerance, "method": method, "formulation": formulation}
+        how |= {"runs": runs, "seed": seed, "sampler": sampler, "check_dt": check_dt}
+        names = None if summaries is None else separated(summaries)
+        spec = study_file.read(study, **how, summaries=names)
         require("matplotlib", extra="plot", purpose="figures")
         begun = Study._opened(out).runs if (out / MANIFEST).exists() else 0
         started = time.perf_counter()
@@ -278,8 +268,7 @@ def lines(study: Results, seconds: float, earlier: int = 0) -> list[str]:
     for name, each in (study.discretisation or {}).items():
         if np.ndim(each.bias) == 0:
             what = f"the probability of {name}" if name in _MAPS else name
-            result.append(
-                f"the step puts {what} off by {each.bias:.2g} ± {each.bias_error:.1g} "
-                f"(sampling leaves {each.sampling_error:.2g}{behind})"
-            )
+            bias = f"{each.bias:.2g} ± {each.bias_error:.1g}"
+            left = f"(sampling leaves {each.sampling_error:.2g}{behind})"
+            result.append(f"the step puts {what} off by {bias} {left}")
     return result

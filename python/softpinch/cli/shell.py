@@ -1,7 +1,5 @@
 """Helpers that the commands share: exit codes, one-line errors, reading scenes, gains."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -97,15 +95,11 @@ def with_changes(scene: Scene, changes: Sequence[str] | None) -> Scene:
             found = {}
         # A value with line breaks could go on to other names.
         if found.keys() != {"value"}:
-            raise ValueError(
-                f"{where}: the value must be written as in TOML: a number such "
-                'as 0.3 or 3e5, an array such as [5, 0], or text in quotes such as "unilateral"'
-            )
+            rule = "a number such as 0.3 or 3e5, an array such as [5, 0], or text in quotes such as"
+            raise ValueError(f'{where}: the value must be written as in TOML: {rule} "unilateral"')
         values[path] = found["value"]
-    try:
+    with checks.reworded("--set: ", drop="with_: "):
         return scene.with_(values) if values else scene
-    except (TypeError, ValueError) as error:
-        raise type(error)(f"--set: {str(error).removeprefix('with_: ')}") from None
 
 
 def read_run(path: Path) -> Scene | Capsule:

@@ -3,12 +3,10 @@
 What can be measured along a run has a name: single columns, and groups of columns.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,7 +106,7 @@ class Experiment(Result):
     @classmethod
     def checked(
         cls, scene: Scene, times: object, measured: object, noise: object, where: str = ""
-    ) -> Experiment:
+    ) -> Self:
         """Checks the arguments of `fit` for an experiment, the one at `where` ("[0]") in a list."""
         name = f"times{where}"
         instants, begin = checks.times(name, times), scene.start().time
@@ -218,10 +216,9 @@ def _values(name: str, given: object, own: tuple[str, ...], times: Floats) -> Fl
     table = checks.numbers(name, given)
     wanted = (len(times),) if len(own) == 1 else (len(times), len(own))
     if table.shape != wanted:
-        raise ValueError(
-            f"{name} has shape {table.shape}: must have shape {wanted}, a row for each time"
-            + ("" if len(own) == 1 else f" and the columns {', '.join(own)}")
-        )
+        of_group = "" if len(own) == 1 else f" and the columns {', '.join(own)}"
+        rule = f"must have shape {wanted}, a row for each time{of_group}"
+        raise ValueError(f"{name} has shape {table.shape}: {rule}")
     if np.isinf(table).any():
         row = int(np.argwhere(np.isinf(table))[0][0])
         raise ValueError(f"{name}[{row}] is infinite: must be finite, or NaN without measurement")

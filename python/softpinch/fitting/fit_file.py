@@ -16,8 +16,6 @@ noise = {theta = 1e-4}
 "hand.tip.youngs_modulus" = 3e5
 """
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Mapping
@@ -136,11 +134,9 @@ def _column(text: str, all_wanted: bool) -> str:
         name = known[0]
     if name != _TIME and name not in INDICES:
         if all_wanted:
-            raise ValueError(
-                f"has the column {checks.shown(name)}, which is no observable"
-                f"{checks.hint(name, INDICES)}; name the columns to use in [fit] as measured = "
-                "[...]"
-            )
+            rule = f"which is no observable{checks.hint(name, INDICES)}"
+            advice = "name the columns to use in [fit] as measured = [...]"
+            raise ValueError(f"has the column {checks.shown(name)}, {rule}; {advice}")
         return ""
     right = "s" if name == _TIME else INDICES[name].unit
     if unit and unit != right:

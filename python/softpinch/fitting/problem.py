@@ -3,13 +3,10 @@
 The residuals of all experiments are weighted with their noise. The search has scaled coordinates.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -169,34 +166,26 @@ class Minimum(NamedTuple):
     converged: bool  # whether the search ended because nothing changed any more
 
 
+@dataclass
 class Problem:
     """Residuals (model minus data, over noise) as functions of the coordinates u (p,)."""
 
-    def __init__(
-        self,
-        experiments: Sequence[Experiment],
-        parameters: Sequence[Parameter],
-        options: Options,
-        loss: str,
-        report: Callable[[int], object] = lambda _: None,
-    ) -> None:
-        self.experiments = tuple(experiments)
-        self.parameters = tuple(parameters)
-        self.evaluations = 0
-        self.options = options
-        self.loss = loss
-        self._report = report
+    experiments: tuple[Experiment, ...]
+    parameters: tuple[Parameter, ...]
+    options: Options
+    loss: str
+    report: Callable[[int], object] = lambda _: None  # takes the number of evaluations
+    evaluations: int = 0
 
     @property
     def bounds(self) -> Floats:
         """The bounds of u (2, p)."""
         return np.array([each.bounds for each in self.parameters]).T
 
-    def weighted(self, noise: Sequence[Floats]) -> Problem:
+    def weighted(self, noise: Sequence[Floats]) -> Self:
         """Returns this problem with other noise, (c,) for each experiment."""
-        other, pairs = copy(self), zip(self.experiments, noise, strict=True)
-        other.experiments = tuple(replace(each, noise=own) for each, own in pairs)
-        return other
+        pairs = zip(self.experiments, noise, strict=True)
+        return replace(self, experiments=tuple(replace(each, noise=own) for each, own in pairs))
 
     def motions(self, u: Floats, derivatives: bool = False, warns: bool = False) -> list[Motion]:
         """Simulates all experiments; derivatives are by u. It may warn as `simulate` does."""
@@ -208,7 +197,7 @@ class Problem:
                 motion = motion._replace(slope=motion.slope * slopes(self.parameters, u))
             found.append(motion)
         self.evaluations += 1
-        self._report(self.evaluations)
+        self.report(self.evaluations)
         return found
 
     def residuals(self, motions: Sequence[Motion]) -> Floats:

@@ -222,10 +222,9 @@ class Fit(Result):
             stats = require("scipy.stats", extra="study", purpose="fit")
             if stats.chi2.sf(self.chi_squared, self.degrees_of_freedom) < _RARE:
                 ratio = np.sqrt(self.chi_squared / self.degrees_of_freedom)
-                found.append(
-                    f"the residuals are {ratio:.3g} times as large as the noise that was given: "
-                    "the model or the noise is wrong, and so are the errors"
-                )
+                size = f"{ratio:.3g} times as large as the noise that was given"
+                why = "the model or the noise is wrong, and so are the errors"
+                found.append(f"the residuals are {size}: {why}")
         for k, each in enumerate(self.experiments):
             where = f" of experiment {k}" if len(self.experiments) > 1 else ""
             found += [
@@ -287,17 +286,14 @@ class Fit(Result):
             text = json.dumps(self.to_dict(), indent=2, allow_nan=False, default=str)
             file.write_text(text + "\n", encoding="utf-8")
 
-        path = checks.path("path", path)
         return save_by_suffix(path, {".json": as_json, ".csv": self.table().save})
 
     def __repr__(self) -> str:
         count = len(self.experiments)
         measured = self.degrees_of_freedom + len(self.parameters)
-        head = (
-            f"<Fit of {len(self.parameters)} numbers to {measured} measurements"
-            + (f" of {count} experiments" if count > 1 else "")
-            + (", noise estimated" if self.noise_estimated else "")
-        )
+        several = f" of {count} experiments" if count > 1 else ""
+        noise = ", noise estimated" if self.noise_estimated else ""
+        head = f"<Fit of {len(self.parameters)} numbers to {measured} measurements{several}{noise}"
         lines = [head, *self.lines(), *self.messages]
         return "\n  ".join(lines) + ">"
 
@@ -389,10 +385,8 @@ def sentences(found: Uncertainty, parameters: Sequence[Parameter]) -> Iterator[s
         joined = f"{', '.join(names[:-1])} and {names[-1]}"
         moves = _changes_in_words(parameters, np.where(part, direction, 0.0))
         effect = _step_for_a_tenth(parameters, direction) * float(size)
-        yield (
-            f"the data do not determine {joined} separately: {moves} together change the data by "
-            f"{effect:.2g} standard deviations of the noise in all"
-        )
+        noise = f"change the data by {effect:.2g} standard deviations of the noise in all"
+        yield f"the data do not determine {joined} separately: {moves} together {noise}"
 
 
 def _step_for_a_tenth(parameters: Sequence[Parameter], direction: Floats) -> float:

@@ -58,9 +58,10 @@ def fit(
 ) -> Fit:
     """Fits numbers of a scene to measured motions by weighted least squares.
 
-    SciPy's `least_squares` (trust region reflective) gets the derivatives of the simulation, see
-    `sensitivities` of `simulate`. Numbers whose bounds are positive and at least a factor of ten
-    apart are searched in their logarithm, in which their intervals are symmetric too.
+    If the search does not converge, `Fit.converged` says so. SciPy's `least_squares` (trust region
+    reflective) gets the derivatives of the simulation, see `sensitivities` of `simulate`. Numbers
+    whose bounds are positive and at least a factor of ten apart are searched in their logarithm, in
+    which their intervals are symmetric too.
 
     Standard errors, covariance and intervals are those of the problem linearised at the minimum;
     `Fit.profile` has intervals without this approximation. A number whose 95 % interval would be
@@ -102,9 +103,6 @@ def fit(
         progress: As for `monte_carlo`; it counts simulations, of the most that the search from all
             starts may need.
 
-    Returns:
-        The fit. If the search does not converge, its status says so.
-
     Raises:
         ValueError: An argument breaks its rule, the run at the start fails, or there are not more
             measurements than parameters and noise is to be estimated. Or a scene has no derivatives
@@ -114,15 +112,8 @@ def fit(
         StabilityWarning: `dt` is too long for the method at the start or at the minimum.
         SuspiciousValueWarning: A number of one of these scenes is far from its usual range.
     """
-    options = Options.checked(
-        dt=dt,
-        method=method,
-        formulation=formulation,
-        stabilization=stabilization,
-        stop_on=stop_on,
-        tolerance=tolerance,
-        max_steps=max_steps,
-    )
+    how = {"stop_on": stop_on, "tolerance": tolerance, "max_steps": max_steps}
+    options = Options.checked(dt, method, formulation, stabilization, **how)
     loss = checks.choice("loss", loss, problems.LOSSES)
     multistart = checks.integer("multistart", multistart, 0, _MOST_STARTS)
     seed = checks.integer("seed", seed, 0, 2**64 - 1)
@@ -139,10 +130,9 @@ def fit(
         require_derivatives(each)
         shapes(each, paths)
         if options.tolerance is None and move_breakpoints(each, paths):
-            raise ValueError(
-                "vary: the time of a jump, a kink or an impulse is fitted with tolerance=, not "
-                "with dt: between the steps on both sides of it the motion is not smooth"
-            )
+            rule = "is fitted with tolerance=, not with dt"
+            why = "between the steps on both sides of it the motion is not smooth"
+            raise ValueError(f"vary: the time of a jump, a kink or an impulse {rule}: {why}")
     require("scipy.optimize", extra="study", purpose="fit")
     most = problems.MOST_EVALUATIONS * (1 + multistart)
     with reporting(progress, "fitting") as report:
@@ -155,9 +145,9 @@ def fit(
     return fitted
 
 
-def _experiments(scene: Any, times: Any, measured: Any, noise: Any) -> list[Experiment]:
+def _experiments(scene: Any, times: Any, measured: Any, noise: Any) -> tuple[Experiment, ...]:
     if isinstance(scene, Scene):
-        return [Experiment.checked(scene, times, measured, noise)]
+        return (Experiment.checked(scene, times, measured, noise),)
     scenes = checks.several("scene", scene, "a Scene, or a sequence of scenes")
     if not scenes:
         raise ValueError("scene = []: must have at least one")
@@ -172,10 +162,10 @@ def _experiments(scene: Any, times: Any, measured: Any, noise: Any) -> list[Expe
             rule = f"must have one for each scene, {len(scenes)}"
             raise ValueError(f"{name} has {len(one)} entries: {rule}")
         rows.append(one)
-    return [
+    return tuple(
         Experiment.checked(one, instants, data, own, f"[{k}]")
         for k, (one, instants, data, own) in enumerate(zip(scenes, *rows, strict=True))
-    ]
+    )
 
 
 def _with_first_noise(problem: Problem) -> Problem:

@@ -11,8 +11,6 @@ the bits of a `PinchEnv` of its seed. Rewards, pushes and observations are those
 `HoldAgainstPushes`, `FollowPath`, `HoldWithLeastGrip`, or a class of your own derived from `Task`.
 """
 
-from __future__ import annotations
-
 from ..simulator.tasks import (
     Episode,
     FollowPath,

@@ -80,14 +80,11 @@ class PinchEnv(gymnasium.Env[Observed, Actions]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observed, dict[str, Any]]:
-        """Starts an episode in the settled grasp.
+        """Starts an episode in the settled grasp, and returns observation (entries,) and info.
 
         Args:
             seed: Seed of the environment's generator; None goes on with the generator as it is.
             options: None or empty; there are no options.
-
-        Returns:
-            Observation (entries,) and info.
         """
         super().reset(seed=seed)
         checks.refuse_unknown("options", {} if options is None else options, (), "")
@@ -112,13 +109,8 @@ class PinchEnv(gymnasium.Env[Observed, Actions]):
             raise ResetNeeded("the episode has ended, or has not begun: call reset()")
         outcome = self._episodes.step([checks.pair("action", action)])
         self._show()
-        return (
-            outcome.observation[0],
-            float(outcome.reward[0]),
-            bool(outcome.terminated[0]),
-            bool(outcome.truncated[0]),
-            of_one(outcome.info),
-        )
+        observation, reward, lost, over = (each[0] for each in outcome[:4])
+        return observation, float(reward), bool(lost), bool(over), of_one(outcome.info)
 
     def run(
         self, record: Recordable | Sequence[Recordable] = ("state", "multipliers", "torque")
@@ -213,16 +205,13 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Observed, dict[str, Any]]:
-        """Starts episodes in the settled grasp.
+        """Starts episodes in the settled grasp; returns all observations (n, entries), and infos.
 
         Args:
             seed: One for each environment; an integer s is s, s + 1, ...; None goes on with the
                 generators as they are.
-            options: `{"reset_mask": mask}` resets only some environments; mask is an array of
-                booleans (n,) with at least one True.
-
-        Returns:
-            Observations of all environments (n, entries), and infos of those that were reset.
+            options: `{"reset_mask": mask}` resets only some environments, of which the infos are;
+                mask is an array of booleans (n,) with at least one True.
         """
         n = self.num_envs
         mask = self._mask({} if options is None else options)

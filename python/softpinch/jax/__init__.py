@@ -12,8 +12,6 @@
 of the core.
 """
 
-from __future__ import annotations
-
 from ..support.extras import require
 
 require("jax", extra="jax", purpose="softpinch.jax")

@@ -130,17 +130,8 @@ def simulate(
         makes its own exception of it, with the message. A run that fails has a status instead.
     """
     record = names("record", record, _RECORDABLE)
-    template, options = _prepared(
-        scene,
-        vary,
-        dt=dt,
-        method=method,
-        formulation=formulation,
-        stabilization=stabilization,
-        record=("state", *record),
-        every=every,
-        stop_on=stop_on,
-    )
+    how = (dt, method, formulation, stabilization, ("state", *record), every, stop_on)
+    template, options = _prepared(scene, vary, *how)
     steps = Request(scene, options).simulation().outline()["steps"]
     assert steps is not None  # known for equal steps
     layer = _layer(template, options, record, rows=1 + -(-steps // options.every))
@@ -176,17 +167,8 @@ def final_state(
         A function of a dictionary, path -> value, as `simulate` has it. A run that ends early gives
         its last state, and a status.
     """
-    template, options = _prepared(
-        scene,
-        vary,
-        dt=dt,
-        method=method,
-        formulation=formulation,
-        stabilization=stabilization,
-        record="state",
-        every=MOST_STEPS,
-        stop_on=stop_on,
-    )
+    how = (dt, method, formulation, stabilization, "state", MOST_STEPS, stop_on)
+    template, options = _prepared(scene, vary, *how)
     # An ensemble gives every run noise of its own, and a layer is a function of its values only.
     alike = not any(isinstance(one, Noise) for one in scene.disturbances)
     lanes = alike and not isinstance(scene.control, SampledController)
@@ -204,13 +186,11 @@ def final_state(
     return lambda values: FinalState(**layer(values))
 
 
-def _prepared(
-    scene: Scene, vary: str | Sequence[str], **given: Any
-) -> tuple[SceneTemplate, Options]:
+def _prepared(scene: Scene, vary: str | Sequence[str], *how: Any) -> tuple[SceneTemplate, Options]:
     require_float64()
     checks.instance("scene", scene, Scene)
     refuse_others(scene, "softpinch.jax")
-    options = Options.checked(**given)
+    options = Options.checked(*how)
     paths = [vary] if isinstance(vary, str) else checks.several("vary", vary, "paths")
     if not paths:
         raise ValueError("vary = (): must have at least one path")
@@ -238,20 +218,14 @@ def _layer(
         return filled
 
     def derive(values: dict[str, Floats], by: Sequence[str]) -> tuple[Results, Slopes]:
-        run = run_of(
-            template.changed(values),
-            **options.numerics(),
-            record=options.record,  # type: ignore[arg-type]
-            every=options.every,
-            sensitivities=by,
-        )
+        how = options.numerics() | {"record": options.record, "every": options.every}
+        run = run_of(template.changed(values), **how, sensitivities=by)
         if run.status == "interrupted":
             raise KeyboardInterrupt
         if rows is not None and (len(run) > rows or (run.success and len(run) < rows)):
-            raise ValueError(
-                f"vary: with these values the run has {len(run)} rows, and {rows} with those of "
-                "the scene; a layer's number of rows must not depend on its values"
-            )
+            counts = f"the run has {len(run)} rows, and {rows} with those of the scene"
+            rule = "a layer's number of rows must not depend on its values"
+            raise ValueError(f"vary: with these values {counts}; {rule}")
         found = {name: shaped(getattr(run, name), np.nan) for name in ("t", *columns)}
         found["status"] = np.array(STATUSES.index(run.status), np.int32)
         slopes: Slopes = {name: {} for name in ("t", *columns)}
@@ -272,10 +246,9 @@ def _layer(
 def require_float64() -> None:
     """Refuses JAX's default of 32 bits, which would round values and results."""
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
-        raise RuntimeError(
-            "softpinch.jax needs numbers of 64 bits, and JAX is set to 32: call "
-            'jax.config.update("jax_enable_x64", True) at the start of the program'
-        )
+        advice = 'call jax.config.update("jax_enable_x64", True) at the start of the program'
+        rule = "needs numbers of 64 bits, and JAX is set to 32"
+        raise RuntimeError(f"softpinch.jax {rule}: {advice}")
 
 
 def array(*shape: int, kind: type = np.float64) -> jax.ShapeDtypeStruct:
@@ -309,12 +282,8 @@ def differentiable(
         batch, runs = runs_of(values)
         count, each = len(next(iter(runs.values()))), []
         for k in range(count):
-            try:
+            with checks.reworded(f"run {k}: " if count > 1 else ""):
                 each.append(derive({path: value[k] for path, value in runs.items()}, by))
-            except ValueError as error:
-                if count == 1:
-                    raise
-                raise ValueError(f"run {k}: {error}") from None
         found = {name: np.stack([one[name] for one, _ in each]) for name in results}
         slopes = {
             name: {path: np.stack([slope[name][path] for _, slope in each]) for path in by}

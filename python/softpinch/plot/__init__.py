@@ -4,10 +4,6 @@ Each function returns a matplotlib `Figure` without a window, so it works withou
 can only show recorded quantities: see `simulate(record=...)`. A function with one panel takes `ax`,
 axes to draw on. All need the extra `plot`, and raise an ImportError that names it; an argument of a
 wrong type raises a TypeError.
-
-`timeline` draws curves over time above bands of contact modes, from a description, in which
-`run_plots` describes its figures. `drawing` draws hand, object and forces at any time of a run, and
-`style` has colours, fonts and panels.
 """
 
 from .accuracy_plots import stability_map, stabilization_sweep, work_precision

@@ -33,6 +33,7 @@ _METHODS: dict[str, tuple[str, str]] = {
     "rosenbrock": (s.GREEN, "v"),
 }
 _PEERS = ("#E69F00", "#56B4E9", "#8C564B", s.GREY, "#7F3C8D", "#11A579", "#3969AC", "#80BA5A")
+_CURVE: dict[str, Any] = {"markersize": 3.0, "markeredgewidth": 0.7, "linewidth": 0.9}
 # Nine markers and eight colours make 72 different combinations for peers.
 _MARKERS = "P*X<>hpd8"
 # The error at which the upper panels, with loose errors, and the lower ones meet.
@@ -103,19 +104,11 @@ def _work_precision_panel(
             name, others = solver, others + 1
         free = setting == "tolerance"
         sizes = [row.along if along else row.error for row in rows]
-        good = [(row, size) for row, size in zip(rows, sizes, strict=True) if size < math.inf]
-        axes.plot(
-            [row.time for row, _ in good],
-            [max(size, _TIGHTEST) for _, size in good],
-            color=color,
-            marker=marker,
-            markersize=3.0,
-            markerfacecolor="white" if free else color,
-            markeredgewidth=0.7,
-            linestyle="--" if free else "-" if method else ":",
-            linewidth=0.9,
-            label=name,
-        )
+        good = [(row.time, size) for row, size in zip(rows, sizes, strict=True) if size < math.inf]
+        times, shown = [time for time, _ in good], [max(size, _TIGHTEST) for _, size in good]
+        face, line = ("white", "--") if free else (color, "-" if method else ":")
+        look = {**_CURVE, "color": color, "marker": marker, "markerfacecolor": face}
+        axes.plot(times, shown, **look, linestyle=line, label=name)
         failed = [row.time for row in rows if row.error == math.inf and math.isfinite(row.time)]
         if failed and limits[1] == _LOOSEST:
             axes.plot(
@@ -132,10 +125,7 @@ def stabilization_sweep(results: StabilizationSweep | Sequence[StabilizationSwee
     """Drift of the constraints, and error of the motion, over alpha dt = beta dt.
 
     The vertical line is the method's stability limit on the real axis. The horizontal line is the
-    error of "nullspace", which has no gains.
-
-    Args:
-        results: One sweep or several; each has a column.
+    error of "nullspace", which has no gains. Of several sweeps each has a column.
     """
     sweeps = [results] if isinstance(results, StabilizationSweep) else results
     checks.instance("results", sweeps, Sequence, "a StabilizationSweep, or several")

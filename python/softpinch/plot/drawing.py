@@ -197,9 +197,7 @@ class Frame(NamedTuple):
         pushing = [force for each in shown for force in (*each.contact, each.external[:2])]
         sizes = np.hypot(*np.transpose(pushing))
         sizes = sizes[sizes > 0.0]
-        newton = 0.0
-        if sizes.size:
-            newton = longest / min(sizes.max(), _TALL * np.quantile(sizes, 0.9))
+        newton = longest / min(sizes.max(), _TALL * np.quantile(sizes, 0.9)) if sizes.size else 0.0
         pushes = measures.impulses(run).values()
         push = max((float(np.hypot(*each[:2])) for each in pushes), default=0.0)
         return cls(

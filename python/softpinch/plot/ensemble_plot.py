@@ -133,21 +133,14 @@ def failure_times(ensemble: Results, ax: Axes | None = None) -> Figure:
             return figure
         entries = list(counts) if len(counts) == 1 else [*counts, "all"]
         for k, status in enumerate(entries):
-            some = np.isfinite(ensemble.failure_time)
-            if status != "all":
-                some &= ensemble.status == status
+            some, style = ensemble.status == status, s.LINES[k % len(s.LINES)]
+            if status == "all":
+                some, style = ensemble.status != "completed", {"color": s.BLACK, "linewidth": 0.7}
             times = np.sort(ensemble.failure_time[some])
-            share = np.arange(1, len(times) + 1) / ensemble.runs
-            style: dict[str, Any] = {"color": s.BLACK, "linewidth": 0.7}
-            if status != "all":
-                style = s.LINES[k % len(s.LINES)]
-            each.step(
-                np.concatenate([[start], times, [end]]),
-                np.concatenate([[0.0], share, share[-1:]]),
-                where="post",
-                label=f"{words(status)} ({len(times)})",
-                **style,
-            )
+            share = np.arange(len(times) + 1) / ensemble.runs
+            label_of_it = f"{words(status)} ({len(times)})"
+            steps = [start, *times, end], [*share, share[-1]]
+            each.step(*steps, where="post", label=label_of_it, **style)
         each.set_ylim(0.0, 1.1 * lost / ensemble.runs)
         each.plot([], [], " ", label=f"never ({never} of {ensemble.runs})")
         _legend(figure, each, ax)

@@ -68,9 +68,6 @@ def equilibria(map: EquilibriumMap) -> Figure:
     each other: a fold lies between them.
 
     In both, cells without equilibrium show the reason by face colour and hatch.
-
-    Args:
-        map: The map.
     """
     checks.instance("map", map, EquilibriumMap, "an EquilibriumMap")
     return _curves(map) if len(map.axes) == 1 else _maps(map)

@@ -166,8 +166,8 @@ def animate(
 ) -> Path:
     """Writes the film of a run: each frame is a `snapshot`, all with the same axes and scale.
 
-    The frames are at equal times of the run, speed / fps apart, and the last one is at its end. The
-    status of a frame has all violations since the frame before.
+    It returns the path. The frames are at equal times of the run, speed / fps apart, and the last
+    one is at its end. The status of a frame has all violations since the frame before.
 
     Args:
         run: The run; its instants are computed once more.
@@ -183,9 +183,6 @@ def animate(
         forces: Whether to draw the forces.
         progress: As for `monte_carlo`; it counts frames.
         dpi: Dots per inch: the film is 5.6 inches wide.
-
-    Returns:
-        The path.
 
     Raises:
         ValueError: An argument breaks its rule, or the film would have more than 100 000 frames.
@@ -251,10 +248,9 @@ def _writer(kind: str, fps: Any, settings: Any) -> Any:
             ffmpeg = importlib.import_module("imageio_ffmpeg")
             settings["animation.ffmpeg_path"] = ffmpeg.get_ffmpeg_exe()
         except (ImportError, RuntimeError):
-            raise FileNotFoundError(
-                "an .mp4 file needs the program ffmpeg: install it (apt install ffmpeg, or pip "
-                "install imageio-ffmpeg), or write a .gif or an .html file"
-            ) from None
+            how = "install it (apt install ffmpeg, or pip install imageio-ffmpeg)"
+            rule = f"needs the program ffmpeg: {how}, or write a .gif or an .html file"
+            raise FileNotFoundError(f"an .mp4 file {rule}") from None
     return FFMpegWriter(fps, "h264", extra_args=["-movflags", "+faststart"])
 
 

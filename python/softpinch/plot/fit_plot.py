@@ -34,9 +34,6 @@ def fit(fit: Fit) -> Figure:
     Each row shows a measured column: left the measurements and the fitted motion through the
     measured instants, right the residuals in standard deviations of the noise, where two of three
     are within the grey band. If there are more than twelve columns, the first twelve are shown.
-
-    Args:
-        fit: The fit.
     """
     checks.instance("fit", fit, Fit)
     several = len(fit.experiments) > 1
@@ -68,11 +65,7 @@ def fit(fit: Fit) -> Figure:
 
 @styled()
 def law(fit: LawFit) -> Figure:
-    """Measured forces of a tip over its compression, and the fitted law.
-
-    Args:
-        fit: The fitted law.
-    """
+    """Measured forces of a tip over its compression, and the fitted law."""
     checks.instance("fit", fit, LawFit)
     figure, axes = panels(1, 1, COLUMN, 2.4)
     depth = MM.per_si * fit.compression

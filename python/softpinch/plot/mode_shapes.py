@@ -46,11 +46,8 @@ def modes(found: Equilibrium, most: int = 8) -> Figure:
     both grips together and one against the other; then the modes from slow to fast. A mode that
     does not oscillate shrinks (or grows) by the factor e within its time constant. Displacements
     are enlarged: the largest is a fifth of a tip's radius in every panel, and the mode is linear,
-    so its size has no meaning. Of an oscillation its instant of largest displacement is drawn.
-
-    Args:
-        found: The equilibrium.
-        most: Largest number of shapes.
+    so its size has no meaning. Of an oscillation its instant of largest displacement is drawn. At
+    most `most` shapes are drawn.
     """
     checks.instance("found", found, Equilibrium)
     most = checks.integer("most", most, 1)
@@ -145,12 +142,9 @@ def compliance(found: Equilibrium, frequency_hz: ArrayLike | None = None) -> Fig
     """Draws the compliance of the object to a sinusoidal force, over its frequency.
 
     The curves are x over F_x, y over F_y and the rotation over the moment: magnitude and phase.
-    python-control draws the whole matrix: `control.bode_plot(model.to_control())` with
+    The frequencies `frequency_hz` (n,), Hz, are by default 0.1 to 10 000 Hz. python-control draws
+    the whole matrix: `control.bode_plot(model.to_control())` with
     `model = sp.linearize(scene, inputs="force")`.
-
-    Args:
-        found: The equilibrium.
-        frequency_hz: The frequencies (n,), Hz; None takes 0.1 to 10 000 Hz.
     """
     checks.instance("found", found, Equilibrium)
     if found.state is None:

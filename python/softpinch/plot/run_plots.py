@@ -66,8 +66,7 @@ _Response = tuple[Floats, Floats]
 def motion(run: Run) -> Figure:
     """Finger angles with their targets, and the object's pose, over time (the paper's Fig. 5).
 
-    Args:
-        run: A run with "state" recorded.
+    The run has "state" recorded.
     """
     checks.instance("run", run, Run)
     target = measures.target_angles(run)
@@ -86,12 +85,10 @@ def motion(run: Run) -> Figure:
 def residuals(run: Run) -> Figure:
     """The constraint residuals (9, 12) over time, on logarithmic axes (the paper's Fig. 6).
 
-    Values below 1e-16 are round-off and are drawn at 1e-16. Dashed lines are the orders of
-    magnitude that the paper states. In unilateral contact the residuals of constraints that do not
-    act are left out: C^H of a free tip, C^N of a tip that does not stick.
-
-    Args:
-        run: A run with "residuals" recorded.
+    The run has "residuals" recorded. Values below 1e-16 are round-off and are drawn at 1e-16.
+    Dashed lines are the orders of magnitude that the paper states. In unilateral contact the
+    residuals of constraints that do not act are left out: C^H of a free tip, C^N of a tip that does
+    not stick.
     """
     checks.instance("run", run, Run)
     drawn = []
@@ -118,12 +115,10 @@ def residuals(run: Run) -> Figure:
 def forces(run: Run) -> Figure:
     """Contact forces, required friction and energy ledger, which the paper does not show.
 
-    The left column has the whole run, the right column the time around the smallest pressing force.
-    While a tip would have to pull (lambda^H < 0), the right column is shaded, and the friction that
-    no-slip requires is infinite: triangles mark these times, which may be too short to be seen.
-
-    Args:
-        run: A run with "multipliers" and "energy" recorded.
+    The run has "multipliers" and "energy" recorded. The left column has the whole run, the right
+    column the time around the smallest pressing force. While a tip would have to pull (lambda^H <
+    0), the right column is shaded, and the friction that no-slip requires is infinite: triangles
+    mark these times, which may be too short to be seen.
     """
     checks.instance("run", run, Run)
     start = float(run.t[int(np.argmin(run.multipliers[:, :2].min(axis=1)))])
@@ -185,19 +180,15 @@ def _scale_friction(axes: Axes) -> None:
 def contact(run: Run) -> Figure:
     """Gaps and slip of both tips, their pressing forces if recorded, and the modes as bands.
 
-    The left column has the whole run, the right column the time around the instant with the most
-    changes of mode. A run without a change has only the left column. C^H of (9) is the gap of a
-    free tip, C^N of (12) the velocity of slip: that of the object's face over a tip that touches.
-
-    Args:
-        run: A run with unilateral contact and "residuals" recorded, best at every step.
+    The run has unilateral contact and "residuals" recorded, best at every step. The left column has
+    the whole run, the right column the time around the instant with the most changes of mode. A run
+    without a change has only the left column. C^H of (9) is the gap of a free tip, C^N of (12) the
+    velocity of slip: that of the object's face over a tip that touches.
     """
     checks.instance("run", run, Run)
     if run.scene.contact != "unilateral":
-        raise ValueError(
-            f"run.scene.contact = {run.scene.contact!r}: must be 'unilateral'; tips in bilateral "
-            "contact neither slip nor open"
-        )
+        rule = "must be 'unilateral'; tips in bilateral contact neither slip nor open"
+        raise ValueError(f"run.scene.contact = {run.scene.contact!r}: {rule}")
     drawn = [_gap(run), _slip(run)]
     drawn += [_pressing(run)] if "multipliers" in run.record else []
     drawn = [panel.named(FINGERS)._replace(title="") for panel in drawn]
@@ -228,9 +219,6 @@ def run(run: Run) -> Figure:
 
     Of a hand that moves, the last panels have the acceleration of its frame along the hand's own
     axes, without gravity, and its tilt unless it is zero.
-
-    Args:
-        run: A run with something recorded.
     """
     checks.instance("run", run, Run)
     drawn = list(_overview(run))

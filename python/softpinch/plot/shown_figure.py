@@ -1,7 +1,5 @@
 """Figures that notebooks show. Importing this module imports matplotlib."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Mapping
 from typing import Any

@@ -52,36 +52,21 @@ TARGET: dict[str, Any] = {"color": RED, "linestyle": (0, (3, 1.5)), "linewidth":
 # round-off: that of a run is below 1e-12 deg, mm, N or J.
 _ROUND_OFF = 1e-9
 
+# Fonts that come with matplotlib make figures equal on every machine. Sizes are in points.
+_AXES = {
+    **dict.fromkeys(("labelsize", "titlesize"), 9.0),
+    **{"linewidth": 0.6, "formatter.use_mathtext": True, "formatter.useoffset": False},
+    **{"autolimit_mode": "data", "ymargin": 0.12, "unicode_minus": True},
+}
+_TICKS = {"labelsize": 8.0, "direction": "in", "major.width": 0.6, "minor.width": 0.4}
+_LEGEND = {"fontsize": 8.0, "frameon": False, "handlelength": 2.4, "borderaxespad": 0.3}
 _RC: dict[str, Any] = {
-    # These fonts come with matplotlib, so figures are equal on every machine.
-    "font.family": "STIXGeneral",
-    "mathtext.fontset": "stix",
-    "font.size": 9.0,
-    "axes.labelsize": 9.0,
-    "axes.titlesize": 9.0,
-    "xtick.labelsize": 8.0,
-    "ytick.labelsize": 8.0,
-    "legend.fontsize": 8.0,
-    "axes.linewidth": 0.6,
-    "lines.linewidth": 1.0,
-    "lines.markersize": 3.5,
-    "xtick.direction": "in",
-    "ytick.direction": "in",
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.minor.width": 0.4,
-    "ytick.minor.width": 0.4,
-    "legend.frameon": False,
-    "legend.handlelength": 2.4,
-    "legend.borderaxespad": 0.3,
-    "axes.formatter.use_mathtext": True,
-    "axes.formatter.useoffset": False,
-    "axes.autolimit_mode": "data",
-    "axes.ymargin": 0.12,
-    "axes.unicode_minus": True,
-    "pdf.fonttype": 42,
-    "svg.hashsalt": "softpinch",
-    "hatch.linewidth": 0.5,
+    **{"font.family": "STIXGeneral", "mathtext.fontset": "stix", "font.size": 9.0},
+    **{f"axes.{name}": value for name, value in _AXES.items()},
+    **{f"{axis}tick.{name}": value for axis in "xy" for name, value in _TICKS.items()},
+    **{f"legend.{name}": value for name, value in _LEGEND.items()},
+    **{"lines.linewidth": 1.0, "lines.markersize": 3.5, "hatch.linewidth": 0.5},
+    **{"pdf.fonttype": 42, "svg.hashsalt": "softpinch"},
 }
 
 
@@ -116,14 +101,9 @@ def styled() -> Iterator[None]:
 
 
 def save(figure: Figure, path: str | Path) -> Path:
-    """Saves a figure in the format of the path's suffix. Equal figures give equal files.
+    """Saves a figure in the format of the path's suffix, and returns the path.
 
-    Args:
-        figure: The figure.
-        path: The file.
-
-    Returns:
-        The path.
+    Equal figures give equal files.
 
     Raises:
         ValueError: Matplotlib does not support the format; the message lists supported ones.

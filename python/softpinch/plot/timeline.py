@@ -17,15 +17,7 @@ from numpy.typing import NDArray
 from ..run import measures as measures
 from ..run.contact import ContactMode
 from ..run.run import Run
-from ..scene.fields import (
-    COORDINATE_UNITS,
-    COORDINATES,
-    DISPLAY_UNITS,
-    Jaws,
-    label,
-    of_coordinates,
-    quantity,
-)
+from ..scene import fields as units
 from ..scene.outline import SKIN
 from ..scene.parts import jaws
 from ..scene.scene import Scene
@@ -38,13 +30,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def _coordinates(*names: str, jaws: Jaws = (False, False)) -> tuple[tuple[int, str, s.Unit], ...]:
+def _coordinates(
+    *names: str, jaws: units.Jaws = (False, False)
+) -> tuple[tuple[int, str, s.Unit], ...]:
     """Column of q, its symbol, and the unit to plot it in."""
-    columns = [COORDINATES.index(name) for name in names]
-    units = of_coordinates(COORDINATE_UNITS, jaws)
+    own = units.quantity("q", jaws).units
     return tuple(
-        (k, label(name, jaws=jaws).strip("$"), s.Unit(*DISPLAY_UNITS[units[k]]))
-        for k, name in zip(columns, names, strict=True)
+        (k, units.label(name, jaws=jaws).strip("$"), s.Unit(*units.DISPLAY_UNITS[own[k]]))
+        for name in names
+        for k in [units.COORDINATES.index(name)]
     )
 
 
@@ -96,14 +90,13 @@ def recorded(
     run: Run, array: str, columns: Sequence[int] = (), since_start: bool = False
 ) -> list[Curve]:
     """Curves of some columns of an array of the run, all without `columns`, in units of figures."""
-    own, values = quantity(array, jaws(run.scene)), getattr(run, array)
+    own, values = units.quantity(array, jaws(run.scene)), getattr(run, array)
     chosen = list(columns or range(len(own.columns)))
-    names = [label(own.columns[k], jaws=jaws(run.scene)) for k in chosen]
+    names = [units.label(own.columns[k], jaws=jaws(run.scene)) for k in chosen]
     if since_start:
         values = values - values[0]
         names = [rf"$\Delta {name.strip('$')}$" for name in names]
-    units = [own.units[k] for k in chosen]
-    per_si = [DISPLAY_UNITS.get(unit, (unit, 1.0))[1] for unit in units]
+    per_si = [units.DISPLAY_UNITS.get(own.units[k], ("", 1.0))[1] for k in chosen]
     return lines(run.t, values[:, chosen] * per_si, names)
 
 

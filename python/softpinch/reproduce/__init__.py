@@ -5,9 +5,7 @@
     >>> result = reproduce(Path("results"))  # doctest: +SKIP
     >>> result.show()  # doctest: +SKIP
 
-`experiment` simulates all scenes, `energy_minimum` looks at the rests, `verdict` compares the
-paper's claims with the runs, and `report` makes tables and figures, and has `reproduce`, which does
-all of it. Figures need the extra `plot`, `show` needs `cli`.
+Figures need the extra `plot`, `show` needs `cli`.
 """
 
 from ..support.files import FORMATS

@@ -9,8 +9,6 @@ The energy V = P + P_g, (5) and (16), is taken as a function of the object's pos
 the fingers are held, and the compressions follow from C^H = 0 (9).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The runs behind the paper's figures and the verdicts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

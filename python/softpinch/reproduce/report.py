@@ -139,29 +139,20 @@ def draw(runs: Runs, out: Path, suffix: str, progress: Progress) -> list[Path]:
     # Titles are printed, so they have a minus sign instead of a hyphen.
     angles = [pair.replace("-", "\N{MINUS SIGN}") for pair in pairs]
     titles = ["start", *(f"operation {k}: {pair}" for k, pair in enumerate(angles, 1))]
+    signs = (runs.operations, runs.other_operations, runs.cases["i"], runs.other_cases["i"])
+    operated = {"the eight operations": _models(runs.operations, runs.real)}
+    real = runs.real_cases.items()
+    disturbed = {f"disturbance ({k})": _models(runs.cases[k], each) for k, each in real}
     makers: dict[str, Callable[[], Figure]] = {
         "figure4": lambda: plot.snapshots(runs.operations, times, titles),
         "figure5": lambda: plot.motion(runs.operations),
         "figure6": lambda: plot.residuals(runs.operations),
         "figure7": lambda: plot.disturbances(runs.cases, runs.held),
         "figure_forces": lambda: plot.forces(runs.operations),
-        "figure_tilt_coupling": lambda: plot.tilt_coupling(
-            runs.operations,
-            runs.other_operations,
-            runs.cases["i"],
-            runs.other_cases["i"],
-            "disturbance (i)",
-        ),
+        "figure_tilt_coupling": lambda: plot.tilt_coupling(*signs, "disturbance (i)"),
         "figure_energy_minimum": lambda: energy_minima(energy_minimum.curves(runs.rests, angles)),
-        "figure_contact_operations": lambda: plot.contact_models(
-            {"the eight operations": _models(runs.operations, runs.real)}
-        ),
-        "figure_contact_disturbances": lambda: plot.contact_models(
-            {
-                f"disturbance ({case})": _models(runs.cases[case], real)
-                for case, real in runs.real_cases.items()
-            }
-        ),
+        "figure_contact_operations": lambda: plot.contact_models(operated),
+        "figure_contact_disturbances": lambda: plot.contact_models(disturbed),
     }
     files = []
     for k, (name, make) in enumerate(makers.items()):
@@ -258,9 +249,6 @@ def reproduce(
         format: File format of the figures: "png", "pdf" or "svg".
         dt: Longest step, s.
         progress: Called with a description of the current work and the completed share (0 to 1).
-
-    Returns:
-        The runs, tables, findings and written files.
     """
     out = checks.path("out", out, "the path of a folder")
     checks.choice("format", format, FORMATS)

@@ -5,8 +5,6 @@ never passes. Some findings are of a real hand: the tips of the paper's bilatera
 they have to, and never slip; in the runs with unilateral contact they only push, and may slip.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,10 +1,6 @@
 """One run of a scene: computing it, and judging its accuracy.
 
-`simulate` validates its arguments with `options`, calls the core and returns a `run.Run`. `check`
-tests a run's invariants, `error_estimate` compares it with finer runs, and `scaled_error` defines
-"error" for every report. `evaluate` has every term of the equations at one state, `measures` has
-quantities derived from runs, and `sensitivity` the derivatives of runs. `explanation` says what a
-scene compiles to. `request` calls the core.
+Validated `options` and a scene make a `request`, which calls the core for all rooms above.
 """
 
 from .contact import ContactChange, ContactMode

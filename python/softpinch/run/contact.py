@@ -1,7 +1,5 @@
 """The modes of the contacts of a run, and their changes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from enum import IntEnum
 from typing import Any, NamedTuple, TypeAlias

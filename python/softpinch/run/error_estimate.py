@@ -146,10 +146,9 @@ def estimate(request: Request, result: Mapping[str, Any]) -> ErrorEstimate:
         if len(missing):
             some = ", ".join(f"{instant:.6g}" for instant in missing[:3])
             more = ", ..." if len(missing) > 3 else ""
-            message += (
-                f"; {len(missing)} of {len(t)} rows have no estimate, because a contact changes or "
-                f"the run ends there: t = {some}{more} s"
-            )
+            why = "because a contact changes or the run ends there"
+            missed = f"{len(missing)} of {len(t)} rows have no estimate, {why}"
+            message += f"; {missed}: t = {some}{more} s"
     else:
         message = _not_alike(runs, adaptive)
     bars_of_all: dict[str, Any] = {**dict.fromkeys(QUANTITIES), **found}

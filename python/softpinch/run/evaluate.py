@@ -118,12 +118,8 @@ def evaluate(
     """
     checks.instance("scene", scene, Scene)
     checks.instance("stabilization", stabilization, Stabilization)
-    require_bilateral(
-        scene,
-        "evaluate",
-        'has the terms of bilateral contact only; replace(scene, contact="bilateral") gives them, '
-        "which hold while both tips stick",
-    )
+    advice = 'replace(scene, contact="bilateral") gives them, which hold while both tips stick'
+    require_bilateral(scene, "evaluate", f"has the terms of bilateral contact only; {advice}")
     require_known_torque(scene.law, "evaluate")
     found = _core.evaluate(
         scene.parameters(),

@@ -137,18 +137,8 @@ def explain(
         measure: Whether to time some steps from the scene's start, for about half a second at most.
     """
     checks.instance("scene", scene, Scene)
-    options = Options.checked(
-        dt=dt,
-        method=method,
-        formulation=formulation,
-        stabilization=stabilization,
-        record=record,
-        every=every,
-        stop_on=stop_on,
-        tolerance=tolerance,
-        times=times,
-        max_steps=max_steps,
-    )
+    how = (dt, method, formulation, stabilization, record, every, stop_on)
+    options = Options.checked(*how, tolerance, times, max_steps)
     wanted = names("summaries", summaries, ("final_state", *_core.SUMMARIES))
     computed = tuple(name for name in wanted if name != "final_state")
     measure = checks.boolean("measure", measure)
@@ -189,6 +179,8 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str], ledger: boo
     unilateral = scene.contact == "unilateral"
     turns = "(39)" if scene.law == "pid" else WRITTEN[scene.law]
     driver = "the schedule drives the fingers"
+    carried = f"{type(scene.motion).__name__}: inertial forces, gravity that turns, and their work"
+    events = "tips stick, slip, graze or are free; the events between them are located"
     moved, verb = ("coordinates", "moves") if any(parts.jaws(scene)) else ("angles", "turns")
     name = options.formulation
     # Name, whether it is computed, the reason if it is, and the reason if it is not.
@@ -198,46 +190,25 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str], ledger: boo
         ("viscosity", True, "(44, 45)" if viscous else _ZERO, ""),
         ("tilt coupling", True, "kappa in (5)" if coupled else _ZERO, ""),
         ("gravity", True, "(16, 43)" if scene.gravity else _ZERO, ""),
-        (
-            "motion of the hand",
-            scene.motion is not None,
-            f"{type(scene.motion).__name__}: inertial forces, gravity that turns, and their work",
-            "the hand is at rest",
-        ),
-        (
-            "contact modes",
-            unilateral,
-            "tips stick, slip, graze or are free; the events between them are located",
-            "bilateral contact: both tips always stick",
-        ),
+        ("motion of the hand", scene.motion is not None, carried, "the hand is at rest"),
+        ("contact modes", unilateral, events, "bilateral contact: both tips always stick"),
     ]
     if found := parts.others(scene):
         shares = parts.softened(scene)
         arcs = f"; arcs soften the tips to {shares[0]:.3g} and {shares[1]:.3g} of their force"
         words = ", ".join(found) + (arcs if min(shares) < 1.0 else "")
         before.insert(0, ("other parts", True, words, ""))
-    works = "six works are integrated, and the losses of impacts added up"
+    works = "four works are integrated"
+    if unilateral:
+        works = "six works are integrated, and the losses of impacts added up"
+    drifts, ends = f"{name} does not correct its states", "each step ends on the constraints"
+    recorded, nothing = ", ".join(options.record), "only the times and the last state are kept"
     after = [
         ("stabilisation", name == "csm", "(19, 20)", f"{name} has no gains"),
-        (
-            "projection",
-            name == "projected",
-            "each step ends on the constraints",
-            f"{name} does not correct its states",
-        ),
-        (
-            "energy ledger",
-            ledger,
-            works if unilateral else "four works are integrated",
-            "neither recorded nor needed by a summary",
-        ),
+        ("projection", name == "projected", ends, drifts),
+        ("energy ledger", ledger, works, "neither recorded nor needed by a summary"),
         ("summaries", bool(summaries), ", ".join(summaries), "none requested"),
-        (
-            "recording",
-            bool(options.record),
-            ", ".join(options.record),
-            "only the times and the last state are kept",
-        ),
+        ("recording", bool(recorded), recorded, nothing),
         ("monitors", True, "every step is checked for violations", ""),
     ]
     return [
@@ -283,9 +254,7 @@ def _pieces(piecewise: Piecewise, begin: float, end: float) -> Floats:
 
 def _measured(scene: Scene, options: Options) -> float | None:
     """Measures the time of a step, s: the shortest of several runs over the first steps."""
-    duration = scene.duration
-    if options.dt is not None:
-        duration = min(duration, _STEPS * options.dt)
+    duration = scene.duration if options.dt is None else min(scene.duration, _STEPS * options.dt)
     try:
         short = Request(replace(scene, duration=duration), options)
         probe = short.with_(times=None, max_steps=_STEPS).simulation()

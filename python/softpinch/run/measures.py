@@ -4,8 +4,6 @@ An operation is the interval of the schedule between two switches of its targets
 switch, the state belongs to the operation that ends and the multipliers to the one that begins.
 """
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
@@ -35,11 +33,9 @@ def operations(run: Run) -> list[tuple[float, float]]:
 
 def settled(run: Run) -> Floats:
     """Returns q at the end of each operation (operations, 9); nan if the run ended before it."""
-    rows = np.full((len(operations(run)), 9), np.nan)
-    for k, (_, end) in enumerate(operations(run)):
-        if run.t[-1] >= end:
-            rows[k] = run.q[int(np.searchsorted(run.t, end))]
-    return rows
+    rows = np.searchsorted(run.t, [end for _, end in operations(run)])
+    # A row beyond the last one is of an operation whose end the run has not reached.
+    return np.vstack([run.q, np.full(9, np.nan)])[rows]
 
 
 def drift(run: Run) -> Floats:

@@ -40,15 +40,15 @@ class Options(Result):
     summaries_after: float | None = None
 
     @classmethod
-    def checked(cls, **given: Any) -> Options:
-        """Validates arguments of `simulate` as far as possible without the scene.
+    def checked(cls, *given: Any, **named: Any) -> Options:
+        """Validates arguments of `simulate`, in its order, as far as possible without the scene.
 
         Omitted arguments take the defaults of `simulate`, except `record`, whose default is empty.
         """
         try:
-            return _checked(**given)
+            return _checked(*given, **named)
         except TypeError:  # an unhashable argument, which cannot be cached, or a wrong type
-            return _checked.__wrapped__(**given)
+            return _checked.__wrapped__(*given, **named)
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Options:
@@ -88,16 +88,15 @@ NUMERICS = ("dt", "tolerance", "max_steps", *ALWAYS)
 # hundred steps. The key includes the types, because 1, 1.0 and True are equal.
 @lru_cache(maxsize=64, typed=True)
 def _checked(
-    *,
     dt: float | None = None,
-    tolerance: float | None = None,
-    times: ArrayLike | None = None,
     method: str = "rk4",
     formulation: str = "csm",
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
     record: str | Sequence[str] = (),
     every: int = 1,
     stop_on: str | Sequence[str] = STOP_ON,
+    tolerance: float | None = None,
+    times: ArrayLike | None = None,
     max_steps: int | None = None,
     summaries_after: float | None = None,
 ) -> Options:

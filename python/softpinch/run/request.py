@@ -60,48 +60,27 @@ class Request:
         return self.with_(times=times, every=1, record=record, stop_on=()).run_to_end()
 
     def linear_model(
-        self,
-        t: Floats,
-        q: Floats,
-        p: Floats,
-        integral: Floats,
-        *,
-        inputs: _core.Inputs | None = None,
-        whole: bool = False,
-        open_loop: bool = False,
-        frozen: bool = False,
+        self, t: Floats, q: Floats, p: Floats, integral: Floats, *, inputs: Any = None, **how: bool
     ) -> _core._Linear:
         """Linearises the motion with both tips sticking at n states: t (n,), q (n, 9), p, integral.
 
-        `inputs` take the place of the scene's own. `whole` computes B, C and D too; with
+        `inputs` take the place of the scene's own. Of `how`, `whole` computes B, C and D too; with
         `open_loop` torques turn the fingers instead of the scene's law; with `frozen` the inputs of
         the instant hold, as at an equilibrium.
         """
         # Contact is no part of parameters and inputs: the core takes both tips as sticking.
-        scene, options = self.scene, self.options
-        return _core.linearize(
-            scene.parameters(),
-            scene.inputs() if inputs is None else inputs,
-            t,
-            q,
-            p,
-            integral,
-            options.formulation,
-            options.stabilization.alpha,
-            options.stabilization.beta,
-            whole=whole,
-            open_loop=open_loop,
-            frozen=frozen,
-        )
+        parts = self.scene.parameters(), self.scene.inputs() if inputs is None else inputs
+        name, gains = self.options.formulation, self.options.stabilization
+        flags: Any = {"whole": False, "open_loop": False, "frozen": False} | how
+        return _core.linearize(*parts, t, q, p, integral, name, gains.alpha, gains.beta, **flags)
 
 
 def rest_scene(scene: Scene, time: float) -> _core.RestScene:
     """Makes the core's scene for equilibria and wrench limits under the inputs of one instant."""
     if scene.law == "torque" and all(jaws(scene)):
-        raise ValueError(
-            "scene.control: Torque gives two jaws constant forces, between which nothing centres "
-            "the object: no rest is found; Pid, or driven fingers, hold it"
-        )
+        why = "between which nothing centres the object: no rest is found"
+        advice = "Pid, or driven fingers, hold it"
+        raise ValueError(f"scene.control: Torque gives two jaws constant forces, {why}; {advice}")
     if scene.motion is not None:
         at = scene.motion.at(time)
         if at.tilt_rate or at.tilt_acceleration:

@@ -6,8 +6,6 @@ or because nothing moves. It is then scaled by the largest component with its un
 magnitude for the scene if that is larger.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

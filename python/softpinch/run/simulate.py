@@ -102,19 +102,8 @@ def simulate(
         SuspiciousValueWarning: A number of the scene is far from its usual range.
     """
     checks.instance("scene", scene, Scene)
-    options = Options.checked(
-        dt=dt,
-        method=method,
-        formulation=formulation,
-        stabilization=stabilization,
-        record=record,
-        every=every,
-        stop_on=stop_on,
-        tolerance=tolerance,
-        times=times,
-        max_steps=max_steps,
-        summaries_after=summaries_after,
-    )
+    how = (dt, method, formulation, stabilization, record, every, stop_on)
+    options = Options.checked(*how, tolerance, times, max_steps, summaries_after)
     estimable = set(options.record) & set(QUANTITIES.values())
     if checks.boolean("estimate_error", estimate_error) and not estimable:
         rule = "needs 'state' or 'multipliers' in record"

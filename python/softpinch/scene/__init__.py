@@ -1,10 +1,7 @@
 """The description of a simulation: frozen records, validated once and compiled for the Rust core.
 
-The public records are in `hand`, `parts`, `motion`, `control`, `schedule`, `disturbance`,
-`stabilization` and `scene` (which also has `State`). `scene` makes the core's inputs of one run or
-many; `template` is a scene with numbers that differ between runs. `fields` is the table of all
-quantities with units, symbols and usual ranges, `paths` resolves dotted paths into a scene, and
-`usual` warns of numbers outside their usual range.
+`scene` makes the core's inputs of one run or many; `template` is a scene with numbers that differ
+between runs. `fields` is the table of all quantities with units, symbols and usual ranges.
 """
 
 from .control import Pid, SampledController, Torque

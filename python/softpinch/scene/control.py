@@ -314,16 +314,14 @@ def take_control(value: object) -> object:
     """Checks the field `control` of a scene; a pair of PIDs becomes a tuple (right, left)."""
     if isinstance(value, Law):
         return value
-    try:
+    with checks.reworded(after=", Torque() or SampledController(...)"):
         return take_one_or_pair("Scene.control", value, Pid)
-    except TypeError as error:
-        raise TypeError(f"{error}, Torque() or SampledController(...)") from None
 
 
 def require_known_torque(law: str, name: str) -> None:
     """Refuses a `SampledController`, whose torques depend on the run; `name` is the function."""
     if law == "sampled":
-        raise ValueError(
-            f"Scene.{WRITTEN[law]}: {name} needs the torques at a state, which depend on the run; "
-            "replace(scene, control=Torque(), schedule=...) gives the scene between two samples"
-        )
+        rule = "needs the torques at a state, which depend on the run"
+        held = "replace(scene, control=Torque(), schedule=...)"
+        advice = f"{held} gives the scene between two samples"
+        raise ValueError(f"Scene.{WRITTEN[law]}: {name} {rule}; {advice}")

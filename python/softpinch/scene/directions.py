@@ -6,8 +6,6 @@ or a disturbance compiles itself with a number that has a tiny imaginary part, w
 results is the derivative, exact to round-off.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -78,10 +76,8 @@ def shapes(
     for path in paths:
         if reason := _REFUSED.get(path):
             raise ValueError(f"sensitivities: {path!r}: there is no derivative by it: {reason}")
-    try:
+    with checks.reworded("sensitivities: ", drop="vary: "):
         found = _template(scene, paths, varied).shapes
-    except ValueError as error:
-        raise ValueError(f"sensitivities: {str(error).removeprefix('vary: ')}") from None
     return {path: found[path] for path in paths}
 
 
@@ -193,10 +189,9 @@ def _seeded(record: Any, path: str, steps: list[str], index: tuple[int, ...]) ->
             if type(record) not in (Schedule, *DISTURBANCES.values(), *MOTIONS.values()):
                 _require_analytic(record, name, place, compiled)
     except (AttributeError, TypeError, ComplexWarning) as error:
-        raise ValueError(
-            f"sensitivities: {path!r}: {type(record).__name__}.compile must accept complex "
-            f"numbers in its fields, from which derivatives are computed ({error})"
-        ) from None
+        owner = f"{type(record).__name__}.compile"
+        rule = "must accept complex numbers in its fields, from which derivatives are computed"
+        raise ValueError(f"sensitivities: {path!r}: {owner} {rule} ({error})") from None
     return compiled
 
 

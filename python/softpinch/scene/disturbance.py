@@ -115,11 +115,7 @@ class Disturbance(Kinded):
         raise NotImplementedError
 
     def compile_runs(self, values: Mapping[str, Floats]) -> Compiled:
-        """Returns the arrays for many runs, with the runs as the first axis of every array.
-
-        Args:
-            values: Fields that differ between runs -> (runs, ...).
-        """
+        """As `compile`, of runs that differ in `values` (runs, ...), the first axis of arrays."""
         # The built-in classes also compile fields with the runs as a first axis; others may only
         # handle the fields of one run.
         if type(self) in DISTURBANCES.values():

@@ -121,13 +121,8 @@ class HandMotion(Kinded):
 
         Each move takes all of its time, at the lowest top speed that this leaves (Biagiotti and
         Melchiorri, Trajectory Planning for Automatic Machines and Robots, 2008, section 3.2). The
-        jumps of the acceleration are breakpoints. Tilts move by minimum jerk.
-
-        Args:
-            times: Times of rest (k,), s.
-            points: Positions at these times (k, 2), m.
-            acceleration: Size of the acceleration, m/s^2.
-            tilts: Tilts at these times (k,), or one tilt, rad.
+        jumps of the acceleration, whose size is `acceleration`, m/s^2, are breakpoints. The hand
+        rests at the points (k, 2) at the times (k,). Tilts move by minimum jerk.
 
         Raises:
             ValueError: A way of length D has less time than 2 sqrt(D / acceleration).
@@ -233,11 +228,7 @@ class HandMotion(Kinded):
         raise NotImplementedError
 
     def compile_runs(self, values: Mapping[str, Floats]) -> CompiledMotion:
-        """Returns the motions of many runs, with the runs as the first axis of every array.
-
-        Args:
-            values: Fields that differ between runs -> (runs, ...).
-        """
+        """As `compile`, of runs that differ in `values` (runs, ...), the first axis of arrays."""
         position, tilt, sines = zip(*(run.compile() for run in runs_of(self, values)), strict=True)
         stacked = tuple(map(np.stack, zip(*sines, strict=True)))
         return CompiledMotion(padded(position), padded(tilt), stacked)
@@ -325,10 +316,9 @@ class TrapezoidMotion(MinimumJerkMotion):
                 least = math.cbrt(32.0 * way / jerk)
             begin, end = self.times[k : k + 2].tolist()
             if end - begin < least - ROUND_OFF * max(abs(begin), abs(end)):
-                raise ValueError(
-                    f"HandMotion.times[{k + 1}] = {end}: must be at least {begin + least}, because "
-                    f"the way of {way} m from points[{k}] on takes {least} s"
-                )
+                why = f"the way of {way} m from points[{k}] on takes {least} s"
+                rule = f"must be at least {begin + least}, because {why}"
+                raise ValueError(f"HandMotion.times[{k + 1}] = {end}: {rule}")
 
     def compile(self) -> CompiledMotion:
         """Returns up to three pieces for each move, or seven if the jerk is limited."""

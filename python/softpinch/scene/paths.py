@@ -71,10 +71,9 @@ def resolve(scene: Scene, path: str) -> Any:
     shown = checks.shown(path)
     steps = path.split(".")
     if where.startswith("State.contact"):
-        raise ValueError(
-            f"vary: {shown}: the modes of contacts, {where}, are shared by all runs; "
-            "without them they follow from each run's own initial.q and initial.p"
-        )
+        modes = f"the modes of contacts, {where}, are shared by all runs"
+        why = "without them they follow from each run's own initial.q and initial.p"
+        raise ValueError(f"vary: {shown}: {modes}; {why}")
     if steps == _FRICTION and isinstance(node, tuple):
         node = node[0]
     if reason := why_fixed(scene, path):
@@ -112,16 +111,13 @@ def locate(scene: Scene, path: str) -> tuple[Any, str]:
         elif isinstance(node, Record):
             names = [f.name for f in fields(node)]
             if name not in names:
-                raise ValueError(
-                    f"vary: {shown}: {where} has no field {checks.shown(name)}; it has "
-                    f"{checks.quoted(names)}{_hint(scene, path)}"
-                )
+                lacks = f"{where} has no field {checks.shown(name)}"
+                known = f"it has {checks.quoted(names)}{_hint(scene, path)}"
+                raise ValueError(f"vary: {shown}: {lacks}; {known}")
             node, where = getattr(node, name), type(node).__name__ + "." + name
         elif sided and isinstance(node, tuple):
-            raise ValueError(
-                f"vary: {shown}: {where} is a pair; it has {checks.quoted(SIDES)}, not "
-                f"{checks.shown(name)}{_hint(scene, path)}"
-            )
+            rule = f"it has {checks.quoted(SIDES)}, not {checks.shown(name)}{_hint(scene, path)}"
+            raise ValueError(f"vary: {shown}: {where} is a pair; {rule}")
         elif isinstance(node, tuple | np.ndarray) and name in map(str, range(len(node))):
             node, where = node[int(name)], f"{where}.{name}"
         elif isinstance(node, tuple | np.ndarray):
@@ -231,20 +227,16 @@ def changed(scene: Scene, values: object, named: Mapping[str, object]) -> Scene:
     """Returns a copy of a scene with other values at dotted paths; see `Scene.with_`."""
     if named:
         written = ", ".join(f'"{name}": {checks.shown(value)}' for name, value in named.items())
-        raise TypeError(
-            f"with_: {next(iter(named))} is given by name: must map paths to values, as in "
-            f"with_({{{written}}})"
-        )
+        rule = f"must map paths to values, as in with_({{{written}}})"
+        raise TypeError(f"with_: {next(iter(named))} is given by name: {rule}")
     if not isinstance(values, Mapping):
         rule = 'must map paths to values, such as {"grasped.mass": 0.2}'
         raise TypeError(f"with_: {checks.shown(values)}: {rule}")
-    try:
+    with checks.reworded("with_: ", drop="vary: "):
         for path in values:
             require_gains(scene, path)
         taken = {path: _taken(path, locate(scene, path)[0], values[path]) for path in values}
         refuse_overlaps(list(taken))
-    except (TypeError, ValueError) as error:
-        raise type(error)(f"with_: {str(error).removeprefix('vary: ')}") from None
     result: Scene = replaced(scene, tree_of(taken))
     return result
 
@@ -252,10 +244,9 @@ def changed(scene: Scene, values: object, named: Mapping[str, object]) -> Scene:
 def _taken(path: str, old: Any, value: Any) -> Any:
     """Checks a value where the constructors of the records would not, and returns it."""
     if isinstance(value, Mapping):
-        raise TypeError(
-            f"{checks.shown(path)} = {checks.shown(value)}: must be a value, not a mapping; the "
-            'parts of a record have paths of their own, such as "grasped.mass"'
-        )
+        given = f"{checks.shown(path)} = {checks.shown(value)}"
+        advice = 'the parts of a record have paths of their own, such as "grasped.mass"'
+        raise TypeError(f"{given}: must be a value, not a mapping; {advice}")
     steps = path.split(".")
     if steps[0] == "friction" and len(steps) == 2 and value is None:
         return np.inf  # no limit, as None for both

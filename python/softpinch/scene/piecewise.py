@@ -6,8 +6,6 @@ constant and holds before the first break; the last row has no end. All function
 many at once: if times or values have extra first axes (runs, ...), the result has them too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import TypeAlias
 

@@ -98,22 +98,12 @@ class Schedule(Record):
 
     @classmethod
     def steps(cls, times: ArrayLike, angles: ArrayLike) -> Self:
-        """Angles that jump: `angles[k]` holds from `times[k]` on.
-
-        Args:
-            times: Increasing instants (k,), s.
-            angles: Target angles (k, 2), rad.
-        """
+        """Angles (k, 2), rad, that jump: `angles[k]` holds from `times[k]` on; times (k,), s."""
         return cls(kind="steps", times=times, angles=angles)  # type: ignore[arg-type]
 
     @classmethod
     def ramps(cls, times: ArrayLike, angles: ArrayLike) -> Self:
-        """Linear interpolation between knots.
-
-        Args:
-            times: Increasing instants of the knots (k,), s.
-            angles: Target angles at the knots (k, 2), rad.
-        """
+        """Linear interpolation between knots: angles (k, 2), rad, at increasing times (k,), s."""
         return cls(kind="ramps", times=times, angles=angles)  # type: ignore[arg-type]
 
     @classmethod
@@ -142,8 +132,7 @@ class Schedule(Record):
             'via_points'
 
         Args:
-            times: Increasing instants (k,), s: starts of the moves, or passages.
-            angles: Target angles (k, 2), rad.
+            times, angles: Increasing instants (k,), s, and target angles (k, 2), rad.
             move_time: Duration of every move, or of each move (k - 1,), s; None passes through.
 
         Raises:
@@ -158,12 +147,9 @@ class Schedule(Record):
 
     @classmethod
     def sampled(cls, times: ArrayLike, angles: ArrayLike, hold: Hold = "zero") -> Self:
-        """Sampled angles, for example from a file or another program.
+        """Sampled angles (k, 2), rad, at times (k,), s, for example from another program.
 
-        Args:
-            times: Increasing instants (k,), s.
-            angles: Target angles (k, 2), rad.
-            hold: "zero" holds each sample until the next; "linear" interpolates between samples.
+        The `hold` "zero" holds each sample until the next; "linear" interpolates between samples.
         """
         return cls(kind="sampled", times=times, angles=angles, hold=hold)  # type: ignore[arg-type]
 
@@ -185,8 +171,7 @@ class Schedule(Record):
             >>> moves = sp.Schedule.in_degrees("minimum_jerk", [0.0], [[6, 6]], move_time=0.2)
 
         Args:
-            kind: "steps", "ramps", "minimum_jerk", "via_points" or "sampled".
-            times: Increasing instants (k,), s.
+            kind, times: As for the class.
             angles: Target angles (k, 2), degrees; columns right and left.
             move_time: As in `minimum_jerk`, for "minimum_jerk" only; None makes it "via_points".
             hold: As in `sampled`, for "sampled" only; None takes "zero".
@@ -230,11 +215,7 @@ class Schedule(Record):
         return piecewise.moves(self.times, angles, self.move_time)
 
     def compile_runs(self, values: Mapping[str, Floats]) -> piecewise.Piecewise:
-        """Returns the piecewise polynomials of many runs, with the runs as the first axis.
-
-        Args:
-            values: Fields that differ between runs -> (runs, ...).
-        """
+        """As `compile`, of runs that differ in `values` (runs, ...), the first axis of arrays."""
         if self.kind not in _SMOOTH:
             times = values.get("times", self.times[None])
             # Check the order of all times here: where times[0] is no break, the core never sees it.
@@ -262,10 +243,8 @@ class Schedule(Record):
                 place = f"Schedule.angles_deg{checks.at(path)}"
                 raise ValueError(f"{place}: must not be given together with angles")
             rest = {name: value for name, value in data.items() if name != "angles_deg"}
-            try:
+            with checks.reworded(after=checks.at(path)):
                 degrees = checks.array("Schedule.angles_deg", data["angles_deg"], ("k", 2))
-            except (TypeError, ValueError) as error:
-                raise type(error)(f"{error}{checks.at(path)}") from None
             found = super()._parse({**rest, "angles": np.deg2rad(degrees)}, path)
             found._set("given_in_degrees", True)
             return found

@@ -1,7 +1,5 @@
 """The gains of the constraint stabilisation."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from ..support.record import Record

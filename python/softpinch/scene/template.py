@@ -1,7 +1,5 @@
 """A scene with numbers that differ between runs: it makes one run's scene, or the core's batch."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -12,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
+from ..support import checks
 from ..support.arrays import Floats
 from ..support.record import Record
 from .control import SampledController
@@ -79,15 +78,13 @@ class SceneTemplate:
             suspects |= set(odd[:1].tolist())
         for row in sorted(suspects):
             tree = tree_of_numbers({path: value[row] for path, value in values.items()})
-            try:
+            with checks.reworded(f"run {int(numbers[row])}: ", kind=ValueError):
                 # Rebuilding only the changed parts takes a tenth of the time of a whole scene.
                 for name, branch in tree.items():
                     if isinstance(branch, dict):
                         replaced(getattr(self.scene, name), branch)
                     else:
                         replaced(self.scene, {name: branch})
-            except (TypeError, ValueError) as error:
-                raise ValueError(f"run {int(numbers[row])}: {error}") from None
 
     def batch(
         self, values: Mapping[str, Floats], numbers: NDArray[np.uint64] | None, **how: Any

@@ -67,30 +67,14 @@ class Stepped(Shown):
 
     _core: _core.Simulator
 
-    def __init__(
-        self,
-        scene: Scene,
-        period: float,
-        dt: float | None,
-        method: str,
-        formulation: str,
-        stabilization: Stabilization,
-        stop_on: str | Sequence[str],
-    ) -> None:
+    def __init__(self, scene: Scene, period: float, *how: Any, stop_on: Any) -> None:
+        """Takes dt, method, formulation and stabilization as `how` to step."""
         checks.instance("scene", scene, Scene)
         if scene.law not in ("torque", "pid"):
-            raise ValueError(
-                f"Scene.{WRITTEN[scene.law]}: a simulator needs control=Torque(), whose torques it "
-                "sets, or a PID, whose target angles it sets"
-            )
+            rule = "control=Torque(), whose torques it sets, or a PID, whose target angles it sets"
+            raise ValueError(f"Scene.{WRITTEN[scene.law]}: a simulator needs {rule}")
         self._scene = scene
-        self._options = Options.checked(
-            dt=dt,
-            method=method,
-            formulation=formulation,
-            stabilization=stabilization,
-            stop_on=stop_on,
-        )
+        self._options = Options.checked(*how, stop_on=stop_on)
         self._period = checks.positive("period", period)
         usual.warn(scene, schedule_replaced=True)
 
@@ -113,10 +97,8 @@ class Stepped(Shown):
         """Turns accelerations of a step along the axes of hands, after checks, (*runs, 2)."""
         motion = self._scene.motion
         if not isinstance(motion, ConstantMotion):
-            raise ValueError(
-                "acceleration: takes the place of the one of Scene.motion, which must be "
-                f"HandMotion.constant(...) and is {checks.shown(motion)}"
-            )
+            rule = f"which must be HandMotion.constant(...) and is {checks.shown(motion)}"
+            raise ValueError(f"acceleration: takes the place of the one of Scene.motion, {rule}")
         shape = (*runs, 2) if np.ndim(acceleration) == 2 else (2,)
         x, y = checks.array("acceleration", acceleration, shape).T
         tilts = np.broadcast_to(motion.tilt if tilts is None else tilts, runs)
@@ -130,10 +112,8 @@ class Stepped(Shown):
 
     def __reduce__(self) -> NoReturn:
         # A copy would share the state in the core, but not the record of the steps.
-        raise TypeError(
-            f"{type(self).__name__} cannot be copied or pickled: take its state() and give it to "
-            "set_state() or reset() of another one"
-        )
+        advice = "take its state() and give it to set_state() or reset() of another one"
+        raise TypeError(f"{type(self).__name__} cannot be copied or pickled: {advice}")
 
 
 class Simulator(Stepped):
@@ -176,7 +156,8 @@ class Simulator(Stepped):
             period: Time for which the torques of one `step` are held, s.
             dt, method, formulation, stabilization, stop_on: As for `simulate`.
         """
-        super().__init__(scene, period, dt, method, formulation, stabilization, stop_on)
+        how = (dt, method, formulation, stabilization)
+        super().__init__(scene, period, *how, stop_on=stop_on)
         self._core = _core.Simulator.alone(Request(scene, self._options).simulation(), self._period)
         self._start: State | None = None
         self._force = (0.0, 0.0, 0.0)
@@ -227,10 +208,8 @@ class Simulator(Stepped):
         """
         before = self._seen
         if before.status != "running":
-            raise ValueError(
-                f"step: the run has ended with status {before.status!r} at t = {before.t:.6g} s; "
-                "reset() begins it again"
-            )
+            end = f"with status {before.status!r} at t = {before.t:.6g} s"
+            raise ValueError(f"step: the run has ended {end}; reset() begins it again")
         right, left = _torque_pair(torque)
         own = None if acceleration is None else self._along_fixed_axes(acceleration).tolist()
         t, q, p, multipliers, code = self._core.step(right, left, own)
@@ -407,7 +386,8 @@ class VectorSimulator(Stepped):
                 at every step, so that it pays from about 2500 integration steps a call on, for
                 example 250 runs and 10 steps a period.
         """
-        super().__init__(scene, period, dt, method, formulation, stabilization, stop_on)
+        how = (dt, method, formulation, stabilization)
+        super().__init__(scene, period, *how, stop_on=stop_on)
         threads = checks.integer("threads", threads, 1, 4096)
         n = checks.integer("n", n, 1, _MOST)
         spec = StudySpec.checked(scene, self._options, runs=n, seed=seed, vary=vary, summaries=())
@@ -545,10 +525,8 @@ class VectorSimulator(Stepped):
     ) -> None:
         """Gives each run its state by `place`; an error has the number of its run."""
         for run in self._masked(mask):
-            try:
+            with checks.reworded(f"run {run}: "):
                 place(run, states[run])
-            except ValueError as error:
-                raise ValueError(f"run {run}: {error}") from None
 
     def _required(self, out: Observations) -> Observations:
         """Refuses arrays that do not fit; the core refuses those that overlap."""

@@ -169,10 +169,9 @@ class Task:
         run = self._settled(self.grasp, ("state", "torque"))
         speed = float(np.abs(run.p[-1]).max())
         if not run.success or speed > _REST:
-            raise ValueError(
-                f"{type(self).__name__}.grasp: must come to rest within its duration; its status "
-                f"is {run.status!r} and its largest rate at t = {run.t[-1]:g} s is {speed:.2g}"
-            )
+            rate = f"its largest rate at t = {run.t[-1]:g} s is {speed:.2g}"
+            rule = f"must come to rest within its duration; its status is {run.status!r} and {rate}"
+            raise ValueError(f"{type(self).__name__}.grasp: {rule}")
         start = replace(run.state(-1), time=0.0, integral=(0.0, 0.0), grid=None, linearized=None)
         end = self.steps * self.period
         return replace(

@@ -8,8 +8,6 @@ arrays/8f43ab.npy                       an array given in `vary`, whose SHA-256 
 lock                                    held by the process that writes
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence

@@ -135,7 +135,6 @@ class Trajectories(Mapping[int, Run]):
     """
 
     def __init__(self, folder: Folder, scene_of: Any) -> None:
-
         self._folder = folder
         self._scene_of = scene_of
 
@@ -274,10 +273,9 @@ class Writer:
         try:
             files.write_with_digest(path, files.encode(columns, facts, units))
         except StoreError as error:
-            raise StoreError(
-                f"{error}: the last {len(rows)} runs are lost; the {folder.done.count} runs before "
-                "them are stored, and resume continues there"
-            ) from None
+            lost = f"the last {len(rows)} runs are lost"
+            kept = f"the {folder.done.count} runs before them are stored"
+            raise StoreError(f"{error}: {lost}; {kept}, and resume continues there") from None
         self._next += 1
         folder.add(Part.open(path, folder.identity))
 

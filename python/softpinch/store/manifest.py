@@ -5,8 +5,6 @@ format, sha256             version and checksum of the manifest, verified when i
 [[made_by]]                software versions, SIMD level and package hash of each writer
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json
@@ -96,16 +94,13 @@ def read(path: Path) -> dict[str, Any]:
     with files.reading(file, "restore the original"):
         data = toml.contents(file)
         if data.get("format", FORMAT) != FORMAT:
-            raise StoreError(
-                f"{path}: has store format {data['format']!r}; this softpinch reads {FORMAT}: read "
-                f"it with the version that its {MANIFEST} names, or use that {MANIFEST} as a "
-                "study file, to compute it again in another folder"
-            )
+            own = f"has store format {data['format']!r}; this softpinch reads {FORMAT}"
+            version = f"read it with the version that its {MANIFEST} names"
+            again = f"use that {MANIFEST} as a study file, to compute it again in another folder"
+            raise StoreError(f"{path}: {own}: {version}, or {again}")
         if data.pop("sha256", None) != _digest(data):
-            raise ValueError(
-                "it was changed after softpinch wrote it (for another study use another folder, "
-                "and for more runs `Study.extend`)"
-            )
+            advice = "for another study use another folder, and for more runs `Study.extend`"
+            raise ValueError(f"it was changed after softpinch wrote it ({advice})")
         data = {"vary": {}, **data}
         checks.integer("study.runs", data["study"]["runs"], 1, MOST_RUNS)
         for maker in data["made_by"]:
@@ -146,11 +141,10 @@ def compare(path: Path, there: Mapping[str, Any], given: Mapping[str, Any]) -> N
     """Refuses a study whose manifest, `given`, differs from the one in the folder, `there`."""
     versions = [each["results_version"] for each in there["made_by"]]
     if versions[-1] != _core.RESULTS_VERSION:
-        raise StoreError(
-            f"{path}: was made with softpinch {there['made_by'][-1]['softpinch']}, results version "
-            f"{versions[-1]}; this softpinch has {_core.RESULTS_VERSION}, whose results have other "
-            "bits: continue with that version, or use another folder"
-        )
+        made = f"softpinch {there['made_by'][-1]['softpinch']}, results version {versions[-1]}"
+        here = f"this softpinch has {_core.RESULTS_VERSION}, whose results have other bits"
+        advice = "continue with that version, or use another folder"
+        raise StoreError(f"{path}: was made with {made}; {here}: {advice}")
     old, new = _decisive(there), _decisive(given)
     lines = []
     for name in dict.fromkeys((*old, *new)):

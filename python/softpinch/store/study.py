@@ -90,11 +90,8 @@ class Study(Results):
         if deleted := study.trajectories.missing():
             missing.append(f"trajectories of runs {_some(list(map(str, deleted)))}")
         for what in missing:
-            warn(
-                f"{study.path}: {what} are missing; `resume()` computes them, unless another "
-                "process is doing so",
-                LostRunsWarning,
-            )
+            advice = "`resume()` computes them, unless another process is doing so"
+            warn(f"{study.path}: {what} are missing; {advice}", LostRunsWarning)
         return study
 
     @classmethod
@@ -113,12 +110,10 @@ class Study(Results):
         executor: Engine | None = None,
         progress: bool | Report = True,
     ) -> Study:
-        """Computes the missing runs. The rows equal those of a study that was never stopped.
+        """Computes the missing runs, and returns the study, opened again.
 
-        The arguments are those of `monte_carlo`.
-
-        Returns:
-            The study, opened again.
+        The rows equal those of a study that was never stopped. The arguments are those of
+        `monte_carlo`.
 
         Raises:
             ValueError: `vary` has a function, which no file can hold: call `monte_carlo` again with
@@ -142,10 +137,7 @@ class Study(Results):
         """Raises the number of requested runs to `runs` and computes the missing ones.
 
         Where the study already requests more than `runs`, it keeps that number, and only missing
-        runs below `runs` are computed.
-
-        Returns:
-            The study, opened again.
+        runs below `runs` are computed. Returns the study, opened again.
 
         Raises:
             ValueError: As `resume`; or the number of runs is fixed, by arrays in `vary` or by a
@@ -154,12 +146,9 @@ class Study(Results):
         data = manifests.read(self.path)
         for wrong in manifests.damaged_arrays(self.path, data):
             raise StoreError(wrong)
-        try:
+        drawn = any(entry["kind"] == "function" for entry in data["vary"].values())
+        with checks.reworded(kind=None if drawn else StoreError):
             parsed = study_file.parse(data, self.path / MANIFEST)
-        except (TypeError, ValueError) as error:
-            if any(entry["kind"] == "function" for entry in data["vary"].values()):
-                raise
-            raise StoreError(str(error)) from None
         spec = study_file.spec_of(*parsed, runs=runs)
         computation = Computation(spec, threads=threads, executor=executor, progress=progress)
         return compute_in_folder(computation, self.path)
@@ -359,10 +348,9 @@ def _refuse_unrepeatable_draws(draws: Draws, missing: Spans) -> None:
         again = draws.rows(numbers)
         for path, values in draws.rows(numbers).items():
             if values.tobytes() != again[path].tobytes():
-                raise ValueError(
-                    f"vary: {path!r}: a second draw gave other numbers. A study in a folder draws "
-                    "again to resume, so its function may use only the generator that it is given"
-                )
+                rule = "may use only the generator that it is given"
+                why = f"A study in a folder draws again to resume, so its function {rule}"
+                raise ValueError(f"vary: {path!r}: a second draw gave other numbers. {why}")
 
 
 def _events(folder: Folder) -> Iterator[Rows]:

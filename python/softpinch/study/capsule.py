@@ -136,10 +136,8 @@ class Capsule(ByValue):
         scene = Scene._parse(data["scene"], "scene")
         if "dt" not in how and "tolerance" not in how:
             raise ValueError("Capsule.dt (in simulate): is missing; give it or tolerance")
-        try:
+        with checks.reworded(after=" (in simulate)"):
             options = Options.from_dict(how)
-        except (TypeError, ValueError) as error:
-            raise type(error)(f"{error} (in simulate)") from None
         run = checks.integer("Capsule.run", facts["run"], 0, 2**64 - 1)
         seed = checks.integer("Capsule.seed", facts["seed"], 0, 2**64 - 1)
         capsule = cls(
@@ -155,10 +153,8 @@ class Capsule(ByValue):
             results_version=checks.integer("Capsule.results_version", facts["results_version"], 0),
         )
         if capsule.scene != scene:
-            raise ValueError(
-                f"Scene.disturbances (in scene): a noise must have the seed = {seed} and "
-                f"run = {run} of the capsule"
-            )
+            rule = f"must have the seed = {seed} and run = {run} of the capsule"
+            raise ValueError(f"Scene.disturbances (in scene): a noise {rule}")
         return capsule
 
     def to_toml(self) -> str:
@@ -180,11 +176,9 @@ class Capsule(ByValue):
             OSError: The file cannot be read.
         """
         data = toml.read(source)
-        try:
+        name = f"{source}: " if isinstance(source, Path) else ""
+        with checks.reworded(name, kind=ValueError):
             return cls.from_dict(data)
-        except (TypeError, ValueError) as error:
-            name = f"{source}: " if isinstance(source, Path) else ""
-            raise ValueError(f"{name}{error}") from None
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Capsule):
@@ -201,10 +195,8 @@ def _parameters(data: Any, scene: Scene) -> dict[str, Any]:
     result: dict[str, Any] = {}
     for path, value in data.items():
         where = f"Capsule.parameters[{path!r}]"
-        try:
+        with checks.reworded(f"{where}: ", drop="vary: "):
             there = at_path(scene, path)
-        except ValueError as error:
-            raise ValueError(f"{where}: {str(error).removeprefix('vary: ')}") from None
         for one in there:
             if plain(one) != plain(value):
                 raise ValueError(f"{where} = {value}: must equal the scene's value, {plain(one)}")

@@ -1,7 +1,5 @@
 """Computing a study's runs, on threads or an executor, for results in memory or in a folder."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
@@ -43,7 +41,6 @@ class Computation:
         executor: engine.Engine | None = None,
         progress: bool | Report = True,
     ) -> None:
-
         runs = spec.draws.runs
         self.spec = spec
         self.wanted = Spans.upto(runs) if only is None else Spans.of(_numbers(only, runs))
@@ -80,10 +77,8 @@ class Computation:
                 advice |= {batch.warning} if batch.warning else set()
                 self._may_be_unstable |= batch.may_be_unstable
                 if finer is not None:
-                    try:
+                    with checks.reworded("check_dt: "):
                         finer.batch(block)
-                    except ValueError as error:
-                        raise ValueError(f"check_dt: {error}") from None
                 done += len(numbers)
         for text in sorted(advice):
             warn(text, StabilityWarning)

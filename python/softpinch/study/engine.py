@@ -142,10 +142,9 @@ def work(call: str, attempt: int, version: int, spec: bytes, block: Rows, thread
     """
     global _interrupted_call
     if version != _core.RESULTS_VERSION:
-        raise VersionMismatchError(
-            f"a worker has softpinch {_core.__version__} with results version "
-            f"{_core.RESULTS_VERSION}; the study is made with results version {version}"
-        )
+        own = f"softpinch {_core.__version__} with results version {_core.RESULTS_VERSION}"
+        wanted = f"the study is made with results version {version}"
+        raise VersionMismatchError(f"a worker has {own}; {wanted}")
     study: StudySpec = _unpickled(spec)
     # A second attempt means that only this worker was interrupted, and not the whole study.
     if call == _interrupted_call and attempt == 1:

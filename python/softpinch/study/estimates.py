@@ -210,16 +210,14 @@ class Discretisation(Result):
         kept = np.isfinite(difference).all(axis=tuple(range(1, difference.ndim)))
         difference = difference[kept]
         runs = len(difference)
-        nothing = np.full(coarse.shape[1:], np.nan)
-        return cls(
-            bias=number_or_array(difference.mean(axis=0) if runs else nothing),
-            bias_error=number_or_array(
-                np.sqrt(difference.var(axis=0, ddof=1) / runs) if runs > 1 else nothing
-            ),
-            worst=number_or_array(np.abs(difference).max(axis=0) if runs else nothing),
-            sampling_error=number_or_array(sampling_error),
-            runs=runs,
-        )
+        bias = error = worst = np.full(coarse.shape[1:], np.nan)
+        if runs:
+            bias, worst = difference.mean(axis=0), np.abs(difference).max(axis=0)
+        if runs > 1:
+            error = np.sqrt(difference.var(axis=0, ddof=1) / runs)
+        found = map(number_or_array, (bias, error, worst, sampling_error))
+        names = ("bias", "bias_error", "worst", "sampling_error")
+        return cls(**dict(zip(names, found, strict=True)), runs=runs)
 
 
 def number_or_array(value: Any) -> Any:

@@ -494,7 +494,5 @@ class Ensemble(Results):
         counts = ", ".join(f"{count} {name}" for name, count in self.counts().items()) or "no runs"
         cut = f" of {self.requested} requested" if self.requested != self.runs else ""
         stopped = ", interrupted" if self.interrupted else ""
-        return (
-            f"<Ensemble of {self.runs} runs{cut}: {counts}{stopped}; "
-            f"{', '.join(self._spec.summaries) or 'no summaries'}>"
-        )
+        summaries = ", ".join(self._spec.summaries) or "no summaries"
+        return f"<Ensemble of {self.runs} runs{cut}: {counts}{stopped}; {summaries}>"

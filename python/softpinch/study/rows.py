@@ -6,8 +6,6 @@ numbers has one column for each number. The columns of a varied value have indic
 names, as in "final_state.theta".
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
@@ -141,11 +139,6 @@ class Entry(NamedTuple):
     unit: str | tuple[str, ...]  # of all values, or one for each index of the last axis
     axes: tuple[str | None, ...]  # the name in `units.AXES` of each axis of `shape`, if it has one
 
-    @classmethod
-    def of(cls, name: str, dtype: Any = np.float64, shape: tuple[int, ...] = ()) -> Entry:
-        """Makes an entry with units and axes out of the table of fields."""
-        return cls(name, dtype, shape, units.units(name, shape), units.axes(name, shape))
-
     @property
     def columns(self) -> dict[str, str]:
         """The columns of the entry, in order: column name -> unit."""
@@ -196,34 +189,27 @@ class Schema:
         `jaws` says which fingers are jaws.
         """
         self.summaries = tuple(summaries)
-        entries = [
-            Entry.of("run", np.uint64),
-            Entry.of("status", np.array(_core.STATUSES).dtype),
-            Entry.of("message", object),
-            Entry.of("end_time"),
-            Entry.of("failure_time"),
-            Entry.of("steps", np.uint64),
-            Entry.of(HOLDS, np.bool_),
-            *(Entry.of(path, shape=shape) for path, shape in shapes.items()),
-            *(Entry.of(f"first_{name}") for name in _core.VIOLATIONS),
-            *(
-                Entry.of(name, shape=(18,) if name == "final_state" else ())
-                for name in self.summaries
-            ),
-        ]
-        # With the law "torque" the schedule's values are torques, in spite of their name.
-        self.entries = {
-            entry.name: entry._replace(
-                unit=units.units(
-                    "control.limits"
-                    if law == "torque" and entry.name.startswith("schedule.angles")
-                    else entry.name,
-                    entry.shape,
-                    jaws,
-                )
-            )
-            for entry in entries
-        }
+        self.entries: dict[str, Entry] = {}
+
+        def add(name: str, dtype: Any = np.float64, shape: tuple[int, ...] = ()) -> None:
+            # With the law "torque" the schedule's values are torques, in spite of their name.
+            torques = law == "torque" and name.startswith("schedule.angles")
+            unit = units.units("control.limits" if torques else name, shape, jaws)
+            self.entries[name] = Entry(name, dtype, shape, unit, units.axes(name, shape))
+
+        add("run", np.uint64)
+        add("status", np.array(_core.STATUSES).dtype)
+        add("message", object)
+        add("end_time")
+        add("failure_time")
+        add("steps", np.uint64)
+        add(HOLDS, np.bool_)
+        for path, shape in shapes.items():
+            add(path, shape=shape)
+        for name in _core.VIOLATIONS:
+            add(f"first_{name}")
+        for name in self.summaries:
+            add(name, shape=(18,) if name == "final_state" else ())
 
     def split(self, values: Mapping[str, NDArray[Any]]) -> dict[str, Column]:
         """Splits the arrays of entries, name -> (runs, ...), into columns."""
@@ -255,11 +241,9 @@ class Schema:
         summary = name.split(".")[0]
         if summary in ("final_state", *_core.SUMMARIES) and summary not in self.summaries:
             more = " and more" if len(known) > _LISTED else ""
-            raise ValueError(
-                f"{field} = {checks.shown(name)} was not computed: pass "
-                f"summaries={(*self.summaries, summary)!r}; computed columns are "
-                f"{checks.quoted(list(known)[:_LISTED])}{more}"
-            )
+            how = f"pass summaries={(*self.summaries, summary)!r}"
+            computed = f"computed columns are {checks.quoted(list(known)[:_LISTED])}{more}"
+            raise ValueError(f"{field} = {checks.shown(name)} was not computed: {how}; {computed}")
         allowed = (*known, "completed", *_core.STATUSES[1:], *_core.VIOLATIONS)
         raise ValueError(f"{field} = {checks.shown(name)} is unknown{checks.hint(name, allowed)}")
 

@@ -233,10 +233,8 @@ class _FunctionSource(Source):
     """A function of a generator, called once for each run."""
 
     def dimensions(self, sampler: str) -> int:
-        raise ValueError(
-            f"{self.name}: a function that draws from a generator needs sampler "
-            f'"random", not "{sampler}"; or use a distribution'
-        )
+        rule = f'needs sampler "random", not "{sampler}"; or use a distribution'
+        raise ValueError(f"{self.name}: a function that draws from a generator {rule}")
 
     def draw(self, rng: np.random.Generator, block: int, calls: int) -> Floats:
         values = np.empty((calls, *self.shape))

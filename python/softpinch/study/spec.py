@@ -4,8 +4,6 @@ All parts of the package use it: `monte_carlo` makes it from its arguments, stud
 manifests are converted to it and from it, and workers and results have it without the sources.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -82,16 +80,12 @@ class StudySpec:
             shown = checks.shown(stop_when)
             raise TypeError(f"stop_when = {shown}: must map statuses to half widths")
         if stop_when is not None and sampler == "latin_hypercube":
-            raise ValueError(
-                "stop_when: only a whole Latin hypercube is a fair sample, so a study that may "
-                'stop early needs sampler="random" or "sobol"'
-            )
-        half_widths = {
-            checked_event("stop_when", name, scene, draws.shapes): checks.positive(
-                f"stop_when[{checks.shown(name)}]", width
-            )
-            for name, width in (stop_when or {}).items()
-        }
+            rule = 'so a study that may stop early needs sampler="random" or "sobol"'
+            raise ValueError(f"stop_when: only a whole Latin hypercube is a fair sample, {rule}")
+        half_widths = {}
+        for name, width in (stop_when or {}).items():
+            event = checked_event("stop_when", name, scene, draws.shapes)
+            half_widths[event] = checks.positive(f"stop_when[{checks.shown(name)}]", width)
         spec = cls(
             scene=scene,
             draws=draws,
@@ -191,13 +185,9 @@ class StudySpec:
             inside = times[(times >= start) & (times <= start + scene.duration)]
             # The end of the run, if none is inside.
             times = inside if len(inside) else [start + scene.duration]
-        options = Options.checked(
-            **self.options.numerics(),
-            record=record,
-            every=every,
-            times=times,
-            summaries_after=self.options.summaries_after,
-        )
+        kept = {"record": record, "every": every, "times": times}
+        kept["summaries_after"] = self.options.summaries_after
+        options = Options.checked(**self.options.numerics(), **kept)
         return Run(scene, options, Request(scene, options).compute())
 
     def block(self, numbers: Numbers) -> Rows:

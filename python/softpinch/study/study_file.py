@@ -13,8 +13,6 @@ seed = 7
 "grasped.mass" = {kind = "normal", mean = 0.1, std = 0.01}
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -64,10 +62,8 @@ def parse(data: Mapping[str, Any], path: Path) -> tuple[Scene, dict[Key, Any], d
         if "capsule" in data:
             raise ValueError("is a capsule, one run of a study: replay it with softpinch run")
         if data and data.keys() <= _SCENE:
-            raise ValueError(
-                "is a scene, not a study: a study file names the scene, as in scene = "
-                f'"{path.name}", or has its tables under [scene]'
-            )
+            how = f'as in scene = "{path.name}", or has its tables under [scene]'
+            raise ValueError(f"is a scene, not a study: a study file names the scene, {how}")
         checks.refuse_unknown("study file", data, _TOP, "")
         own = data.get("study", {})
         checks.refuse_unknown("[study]", own, SETTINGS, "")
@@ -147,10 +143,9 @@ def _entry(name: str, value: Any, beside: Path) -> Any:
     if value["kind"] == "scipy":
         return frozen_distribution(where, value)
     if value["kind"] == "function":
-        raise ValueError(
-            f"{where}: is the function or distribution {value.get('function')}, which cannot be "
-            "written to a file: call monte_carlo again with all of its arguments"
-        )
+        what = f"is the function or distribution {value.get('function')}"
+        why = "which cannot be written to a file: call monte_carlo again with all of its arguments"
+        raise ValueError(f"{where}: {what}, {why}")
     return Distribution._parse(value, where)
 
 
@@ -165,10 +160,8 @@ def _array(where: str, value: Mapping[str, Any], beside: Path) -> Floats:
     # reading it might never end.
     if not path.resolve().is_relative_to(beside.resolve()):
         raise ValueError(f"{where}: file = {shown}: must be in the folder {beside}")
-    try:
+    with checks.reworded(f"{where}: file = {shown}: "):
         return load_array(path, value["sha256"])
-    except ValueError as error:
-        raise ValueError(f"{where}: file = {shown}: {error}") from None
 
 
 def checksum(array: Floats) -> str:

@@ -1,7 +1,5 @@
 """Array types that records and results use."""
 
-from __future__ import annotations
-
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np

@@ -4,14 +4,12 @@ The rules for single numbers of a scene are defined only in the Rust core: `_cor
 and `_core.validate` applies them. `name` is always the argument's name in error messages.
 """
 
-from __future__ import annotations
-
 import math
 import operator
 import os
 import reprlib
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
@@ -46,29 +44,16 @@ def number_that(name: str, value: object, holds: Callable[[float], bool], rule: 
     return result
 
 
-def finite(name: str, value: object) -> float:
-    """Converts a finite number to a float."""
-    return number_that(name, value, math.isfinite, "must be finite")
+def _rule(holds: Callable[[float], bool], rule: str) -> Callable[[str, object], float]:
+    """Makes a check (name, value) that converts a number to a float."""
+    return lambda name, value: number_that(name, value, holds, rule)
 
 
-def positive(name: str, value: object) -> float:
-    """Converts a finite number above zero to a float."""
-    return number_that(name, value, lambda x: 0.0 < x < math.inf, "must be finite and > 0")
-
-
-def non_negative(name: str, value: object) -> float:
-    """Converts a finite number of zero or more to a float."""
-    return number_that(name, value, lambda x: 0.0 <= x < math.inf, "must be finite and >= 0")
-
-
-def not_nan(name: str, value: object) -> float:
-    """Converts a number that may be infinite, but not NaN, to a float."""
-    return number_that(name, value, lambda x: not math.isnan(x), "must not be NaN")
-
-
-def share(name: str, value: object) -> float:
-    """Converts a number strictly between 0 and 1 to a float."""
-    return number_that(name, value, lambda x: 0.0 < x < 1.0, "must be above 0 and below 1")
+finite = _rule(math.isfinite, "must be finite")
+positive = _rule(lambda x: 0.0 < x < math.inf, "must be finite and > 0")
+non_negative = _rule(lambda x: 0.0 <= x < math.inf, "must be finite and >= 0")
+not_nan = _rule(lambda x: not math.isnan(x), "must not be NaN")
+share = _rule(lambda x: 0.0 < x < 1.0, "must be above 0 and below 1")
 
 
 def integer(name: str, value: object, least: int | None = None, most: int | None = None) -> int:
@@ -293,6 +278,18 @@ def hint(name: str, allowed: Iterable[str]) -> str:
 
     close = difflib.get_close_matches(name, list(allowed), n=1, cutoff=0.5)
     return f'; did you mean "{close[0]}"?' if close else ""
+
+
+@contextmanager
+def reworded(
+    before: str = "", after: str = "", drop: str = "", kind: type[Exception] | None = None
+) -> Iterator[None]:
+    """Adds the place of a wrong value to its error, without the error's beginning `drop`."""
+    try:
+        yield
+    except (TypeError, ValueError) as error:
+        text = f"{before}{str(error).removeprefix(drop)}{after}"
+        raise (kind or type(error))(text) from None
 
 
 def refuse_unknown(

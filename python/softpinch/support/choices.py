@@ -5,8 +5,6 @@ editor completes the names, and a type checker refuses others; at run time an un
 error that lists them.
 """
 
-from __future__ import annotations
-
 from typing import Literal, TypeAlias
 
 Method: TypeAlias = Literal["rk4", "dop853", "implicit_midpoint", "radau5", "rosenbrock"]

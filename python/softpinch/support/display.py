@@ -1,7 +1,5 @@
 """Text of objects for a terminal, at most ten lines, and tables for a notebook."""
 
-from __future__ import annotations
-
 import html
 import re
 from collections.abc import Iterable, Mapping, Sequence

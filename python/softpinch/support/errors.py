@@ -1,7 +1,5 @@
 """Every public exception and warning, and `warn`, which reports the user's own line of code."""
 
-from __future__ import annotations
-
 import sys
 import warnings
 

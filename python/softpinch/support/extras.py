@@ -1,7 +1,5 @@
 """Imports at the point of use: optional dependencies, and the public names of a package."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable, Mapping, Sequence
 from types import ModuleType
@@ -19,9 +17,9 @@ def require(module: str, *, extra: str, purpose: str = "") -> ModuleType:
         # An installed module that lacks a dependency of its own should report that one.
         if error.name is None or error.name != module.split(".")[0]:
             raise
+        how = f"pip install '.[{extra}]' in a checkout"
         raise ImportError(
-            f"softpinch's extra {extra} is needed for {purpose or module}: "
-            f"pip install '.[{extra}]' in a checkout"
+            f"softpinch's extra {extra} is needed for {purpose or module}: {how}"
         ) from None
 
 

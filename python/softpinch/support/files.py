@@ -1,7 +1,5 @@
 """Writing files atomically, names in a folder, and the formats of figures."""
 
-from __future__ import annotations
-
 import os
 from contextlib import suppress
 from pathlib import Path

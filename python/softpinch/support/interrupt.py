@@ -1,7 +1,5 @@
 """Ctrl-C that waits until finished work is kept."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

@@ -1,7 +1,5 @@
 """Progress of long computations, drawn with rich if it is installed."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

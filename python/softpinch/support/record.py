@@ -13,7 +13,7 @@ import numpy as np
 
 from .. import _core
 from .arrays import Floats
-from .checks import at, below, choice, number, quoted, refuse_unknown
+from .checks import at, below, choice, number, quoted, refuse_unknown, reworded
 from .display import ShownTable
 from .result import ByValue, same
 
@@ -33,10 +33,8 @@ def _refuse_unknown_arguments(cls: type[Record], values: Mapping[str, Any]) -> N
 
     names = list(inspect.signature(cls.__init__).parameters)[1:]
     if cls.__dataclass_fields__.keys() >= {*names}:
-        try:
+        with reworded(kind=TypeError):
             refuse_unknown(cls.__name__, values, names, "", cls)
-        except ValueError as error:
-            raise TypeError(str(error)) from None
 
 
 def plain(value: Any) -> Any:
@@ -75,10 +73,9 @@ def runs_of(
 ) -> Iterator[RecordType]:
     """Yields the record of each of the runs; `values` are the fields that differ (runs, ...)."""
     for run in range(len(next(iter(values.values())))) if runs is None else runs:
-        try:
-            yield replace(record, **{name: value[run] for name, value in values.items()})
-        except ValueError as error:
-            raise ValueError(f"run {run}: {error}") from None
+        with reworded(f"run {run}: "):
+            one = replace(record, **{name: value[run] for name, value in values.items()})
+        yield one
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -163,10 +160,8 @@ class Record(ByValue):
             name: cls._parsers[name](value, below(path, name)) if name in cls._parsers else value
             for name, value in data.items()
         }
-        try:
+        with reworded(after=at(path)):
             return cls(**values)
-        except (TypeError, ValueError) as error:
-            raise type(error)(f"{error}{at(path)}") from None
 
 
 @dataclass(frozen=True, eq=False, repr=False)

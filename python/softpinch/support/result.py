@@ -1,7 +1,5 @@
 """Frozen dataclasses that are compared by value, and results, whose arrays are read-only."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import fields

@@ -1,7 +1,5 @@
 """Suggestions for errors: the field of a record, or of its parts, that is closest to a name."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import MISSING, fields, is_dataclass
 from itertools import count, islice

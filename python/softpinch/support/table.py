@@ -1,7 +1,5 @@
 """Writers of CSV tables and NPZ arrays, which every `save` method uses."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -56,11 +54,12 @@ def save_map(
         ".npz": lambda file: save_npz(file, arrays, provenance),
         ".csv": lambda file: save_csv(file, header, rows),
     }
-    return save_by_suffix(checks.path("path", path), writers)
+    return save_by_suffix(path, writers)
 
 
-def save_by_suffix(path: Path, writers: Mapping[str, Callable[[Path], object]]) -> Path:
+def save_by_suffix(path: str | Path, writers: Mapping[str, Callable[[Path], object]]) -> Path:
     """Writes a file with the writer of its suffix: ".csv" -> function that writes the file."""
+    path = checks.path("path", path)
     if path.suffix.lower() not in writers:
         raise ValueError(f"path = {str(path)!r}: must end in {' or '.join(writers)}")
     writers[path.suffix.lower()](path)

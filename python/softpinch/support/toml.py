@@ -3,8 +3,6 @@
 Files may come from strangers. The limit also ends the reading of a device that has no end.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -26,38 +24,27 @@ def read(source: str | Path) -> dict[str, Any]:
     """Parses TOML text (`str`), or the file at a `Path`."""
     if isinstance(source, str):
         advice = "" if "\n" in source else "; for a file pass a pathlib.Path"
-        try:
+        with checks.reworded("source: ", advice, kind=ValueError):
             return _loads(source)
-        except ValueError as error:
-            raise ValueError(f"source: {error}{advice}") from None
     checks.instance("source", source, Path, "TOML text, or the pathlib.Path of a file")
     path = checks.path("source", source)
-    try:
+    with checks.reworded(f"{path}: ", kind=ValueError):
         return contents(path)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def contents(path: Path) -> dict[str, Any]:
     """Parses a TOML file as `read` does, but error messages do not name the file."""
-    # Some editors write a byte order mark first.
-    return _loads(read_bytes(path).decode("utf-8-sig"))
-
-
-def read_bytes(path: Path) -> bytes:
-    """Returns the content of a file."""
     with path.open("rb") as file:
-        data = file.read(MOST_BYTES + 1)
-    if len(data) > MOST_BYTES:
-        raise ValueError(f"has more than {MOST_BYTES >> 20} MiB")
-    return data
+        return _loads(file.read(MOST_BYTES + 1))
 
 
-def _loads(text: str) -> dict[str, Any]:
+def _loads(given: str | bytes) -> dict[str, Any]:
     import tomllib  # `import softpinch` does not need it
 
-    if len(text) > MOST_BYTES:
+    if len(given) > MOST_BYTES:
         raise ValueError(f"has more than {MOST_BYTES >> 20} MiB")
+    # Some editors write a byte order mark first.
+    text = given if isinstance(given, str) else given.decode("utf-8-sig")
     try:
         return tomllib.loads(text)
     except RecursionError:
