@@ -98,7 +98,7 @@ def surfaces(scene: Scene, q: Floats, contact: Modes) -> Floats:
     `ALONE`, at q (n, 9) with the modes (n, 2). Where a tip does not stick, its shear obeys
     m d'' + c d' + k d = force of friction, by (U3) and (U5); where it is free, so does its
     compression, without that force. By (5) k is 2 pi E d_n, of the compression but for the tilt;
-    another law has its own stiffness.
+    another law has its own stiffness, and Maxwell branches add theirs.
     The finger of a free tip turns under its PID (39), here without the integral.
     """
     found = np.zeros((len(q), len(ALONE), 2, 2))
@@ -109,7 +109,8 @@ def surfaces(scene: Scene, q: Floats, contact: Modes) -> Floats:
         mass = getattr(tip, f"{kind}_mass")
         mass = scene.grasped.mass if mass is None else mass
         found[:, k, 0, 1] = 1.0
-        stiff = stiffness(scene, k % 2, q[:, 5 + k % 2])
+        at_once = 1.0 + sum(branch.share for branch in tip.relaxation or ())
+        stiff = at_once * stiffness(scene, k % 2, q[:, 5 + k % 2])
         found[:, k, 1, 0] = -(stiff if k < 2 else shear_factor(tip) * stiff) / mass
         found[:, k, 1, 1] = -getattr(tip, f"{kind}_viscosity") / mass
     if scene.law == "pid":
