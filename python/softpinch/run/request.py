@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
-
 from .. import _core
 from ..scene.parts import jaws
 from ..scene.scene import Scene
