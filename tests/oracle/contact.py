@@ -8,14 +8,17 @@ event functions.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from softpinch.accuracy.segments import Driven, Inputs
+from softpinch.scene.parts import others
 
 from .contact_moving import MovingInputs, MovingMechanics, MovingSystem
+from .contact_parts import PartsMechanics
 from .contact_system import ContactSystem
 from .contact_terms import Mechanics
 from .contact_walk import UnilateralReference, Walk
@@ -53,20 +56,25 @@ def unilateral(scene: Any, times: ArrayLike | None = None) -> UnilateralReferenc
     """
     driven = scene.fingers == "driven"
     friction = scene.friction if isinstance(scene.friction, tuple) else (scene.friction,) * 2
-    numbers = parameters(scene)
-    if driven:
-        numbers |= {name: 0.0 for name in numbers if name.startswith("control.")}
-    length = max(numbers[f"hand.{side}.length"] for side, _ in SIDES)
-    height, system, kind = scene.grasped.height, ContactSystem, Inputs
-    mechanics = Mechanics(numbers)
-    if scene.motion is not None:
-        mechanics, system, kind = MovingMechanics(numbers), MovingSystem, MovingInputs
-    elif driven:
-        kind = DrivenInputs
+    system, kind = ContactSystem, DrivenInputs if driven else Inputs
+    mechanics: Any
+    if others(scene):
+        mechanics = PartsMechanics(scene)
+        halves, length = mechanics.halves, 0.1
+    else:
+        numbers = parameters(scene)
+        if driven:
+            numbers |= {name: 0.0 for name in numbers if name.startswith("control.")}
+        length = max(numbers[f"hand.{side}.length"] for side, _ in SIDES)
+        height = scene.grasped.height
+        halves = [math.inf if height is None else height / 2] * 2
+        mechanics = Mechanics(numbers)
+        if scene.motion is not None:
+            mechanics, system, kind = MovingMechanics(numbers), MovingSystem, MovingInputs
     start, begin = start_state(scene)
     inputs = kind(scene, begin, begin + float(scene.duration))
     instants, wanted = inputs.instants(times)
-    walk = Walk(system(mechanics, friction, height, length=length, driven=driven), inputs, start)
+    walk = Walk(system(mechanics, friction, halves, length=length, driven=driven), inputs, start)
     rows = walk.through(sorted(set(wanted)))
     kept = [rows[t] for t in wanted if t in rows]
     return UnilateralReference(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv
 
-from .contact_terms import SIGNS, Floats, Terms
+from .contact_terms import Floats, Terms
 
 Pair: TypeAlias = tuple[str, str]
 
@@ -46,17 +46,13 @@ class Motion(NamedTuple):
     solved: bool
 
 
-def couple_column(i: int, couple: float) -> Floats:
-    """c_i: what the tip's couple does on the object and on the finger."""
-    column = np.zeros(9)
-    column[2], column[3 + i] = -SIGNS[i] * couple, -couple
-    return column
-
-
 def conditions(
-    phi: Floats, modes: Sequence[str], friction: Sequence[float], couples: Sequence[float] = ()
+    phi: Floats, modes: Sequence[str], friction: Sequence[float], terms: Terms | None = None
 ) -> tuple[list[int], list[Floats]]:
-    """The rows of Phi that modes hold, and the directions of the forces that hold them."""
+    """The rows of Phi that modes hold, and the directions of the forces that hold them.
+
+    Those of tips that graze are in the `terms`.
+    """
     rows: list[int] = []
     columns: list[Floats] = []
     for i, mode in enumerate(modes):
@@ -68,7 +64,8 @@ def conditions(
             rows.append(2 + i)
             columns += [normal, tangent]
         elif mode == GRAZE:
-            columns.append(couple_column(i, couples[i]))
+            assert terms is not None
+            columns.append(terms.couple_column(i))
         else:
             columns.append(normal - SIGN[mode] * friction[i] * tangent)
     return rows, columns
@@ -117,8 +114,8 @@ def motion(
         given[3:5] = driven
     for i, mode in enumerate(modes):
         if mode not in (FREE, GRAZE):
-            force = force + couple_column(i, terms.couples[i])
-    rows, columns = conditions(terms.phi, modes, friction, terms.couples)
+            force = force + terms.couple_column(i)
+    rows, columns = conditions(terms.phi, modes, friction, terms)
     if not rows:
         return Motion(inverse * force + given, [0.0] * 4, [0.0, 0.0], force, True)
     weighted = terms.phi[rows] * inverse
@@ -138,7 +135,7 @@ def orientation(
     terms: Terms, modes: Sequence[str], friction: Sequence[float], inverse: Floats
 ) -> float:
     """det(R M^-1 K), divided by the sizes of the columns' and rows' entries; 1 without contact."""
-    rows, columns = conditions(terms.phi, modes, friction, terms.couples)
+    rows, columns = conditions(terms.phi, modes, friction, terms)
     if not rows:
         return 1.0
     root = np.sqrt(inverse)
