@@ -151,6 +151,7 @@ def margins(
     modes: Sequence[str],
     found: Motion,
     friction: Sequence[float],
+    inverse: Floats,
     still: Sequence[bool],
     closed: Sequence[bool],
 ) -> float:
@@ -161,6 +162,7 @@ def margins(
         modes: A combination.
         found: Its motion.
         friction: mu of both.
+        inverse: The inverse of the masses (9,).
         still: Whether v = 0.
         closed: Whether a finger is closed now; one that is free stays so unconditionally.
     """
@@ -176,16 +178,21 @@ def margins(
                 slip = SIGN[mode] * _relative(terms.phi[2 + i], found.p_rate, terms.b[2 + i])
                 worst = min(worst, slip)
         elif mode == GRAZE:
-            worst = min(worst, found.couples[i], 1 - found.couples[i])
+            # A couple may be small beside what it balances; its share is as much less certain.
+            turned = abs(float(terms.phi[i] @ (inverse * terms.couple_column(i))))
+            size = _size(terms.phi[i], found.p_rate, terms.b[i])
+            worst = min(worst, min(found.couples[i], 1 - found.couples[i]) * turned / size)
         elif closed[i]:
             worst = min(worst, _relative(terms.phi[i], found.p_rate, terms.b[i]))
     return float(worst)
 
 
 def _relative(row: Floats, p_rate: Floats, b: float) -> float:
-    parts = row * p_rate
-    size = float(np.abs(parts).sum() + abs(b))
-    return float(parts.sum() + b) / size if size else 0.0
+    return float(row @ p_rate + b) / _size(row, p_rate, b)
+
+
+def _size(row: Floats, p_rate: Floats, b: float) -> float:
+    return float(np.abs(row * p_rate).sum() + abs(b)) or 1.0
 
 
 def combinations(

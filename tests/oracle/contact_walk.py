@@ -365,7 +365,7 @@ class Walk:
             found = system.motion(terms, modes, self._driven(self.time))
             if not found.solved:
                 continue
-            margin = margins(terms, modes, found, system.friction, still, closed)
+            margin = margins(terms, modes, found, system.friction, system.inverse, still, closed)
             if margin < -BORDER:
                 continue
             if orientation(terms, modes, system.friction, system.inverse) <= BORDER**2:
@@ -415,4 +415,5 @@ class Walk:
         system = self.system
         y = self.y + _TRIAL * system.rates(self.y, self._driven(self.time), trial)
         _, terms, found = system.at(y, self._driven(self.time + _TRIAL), trial)
-        return margins(terms, modes, found, system.friction, still, closed) >= 0
+        limits = system.friction, system.inverse
+        return margins(terms, modes, found, *limits, still, closed) >= 0

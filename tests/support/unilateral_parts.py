@@ -125,3 +125,115 @@ def grasp(kind: str, seed: int, duration: float = 0.016, scale: float = 1.0) -> 
         schedule=sp.Schedule.steps([0.0, duration / 2], [deeper, np.add(deeper, jump)]),
         initial=sp.State.consistent(scene, fingers=pressed),
     )
+
+
+LIGHT = sp.Fingertip(normal_mass=0.02, tangential_mass=0.02)
+GRIPPER = sp.Hand(right=sp.Jaw(), left=sp.Jaw(), tip=LIGHT)
+
+
+def jawed(grasped: sp.GraspedObject, target: Any = (4e-3, 4e-3), **fields: Any) -> sp.Scene:
+    """Jaws that close on an object, which they touch unless a start is given."""
+    return sp.Scene(
+        **{
+            "hand": GRIPPER,
+            "grasped": grasped,
+            "control": STIFF,
+            "schedule": sp.Schedule.steps([0.0], [target]),
+            "contact": "unilateral",
+            "friction": 0.4,
+            "initial": "touching",
+        }
+        | fields
+    )
+
+
+def started(
+    scene: sp.Scene, coordinates: dict[int, float], rates: dict[int, float] | None = None
+) -> sp.Scene:
+    """The scene from its own start with other entries of q and p."""
+    q, p = np.array(scene.start().q), np.zeros(9)
+    q[list(coordinates)] = [*coordinates.values()]
+    for k, rate in (rates or {}).items():
+        p[k] = rate
+    return replace(scene, initial=sp.State(q, p))
+
+
+BOTTLE = sp.GraspedObject.disc(diameter=0.05, mass=0.15)
+SHORT = replace(BOTTLE, right=sp.Arc(0.025, span=0.8), left=sp.Arc(0.025, span=0.8))
+HIGH, LOW = sp.Arc(0.025, (0.0, 4.4e-3)), sp.Arc(0.025, (0.0, -6.9e-3))
+CURVE = np.array([1.0, 1.5, 2.0, 3.0]) * 1e-3
+PAD = sp.MeasuredLaw(CURVE, 23.6 * (CURVE / 5e-3) ** 1.8)
+_NEAR = sp.Parallelogram(root_offset=0.0515)
+# A scene for each name, which says what happens in it.
+BY_HAND: dict[str, sp.Scene] = {
+    # It opens no faster than the surface relaxes, and slips again after a millisecond.
+    "a parallelogram grazes on a disc": jawed(
+        replace(BOTTLE, right=HIGH, left=HIGH),
+        hand=sp.Hand(
+            right=sp.Parallelogram(angle=0.4),
+            left=sp.Parallelogram(angle=0.4),
+            tip=sp.Fingertip(normal_mass=0.4, tangential_mass=0.4),
+        ),
+        control=sp.Pid(),
+        schedule=sp.Schedule.minimum_jerk(
+            [0.0, 0.02], [[0.07, 0.07], [0.04792, -0.00668]], move_time=0.0156
+        ),
+        duration=0.035,
+        friction=0.6,
+    ),
+    "a jaw grazes on a disc": jawed(
+        replace(BOTTLE, right=LOW, left=LOW),
+        hand=sp.Hand(
+            right=sp.Jaw(angle=0.45, direction=-0.26),
+            left=sp.Jaw(angle=0.45, direction=-0.26),
+            tip=sp.Fingertip(normal_mass=0.2, tangential_mass=0.2),
+        ),
+        schedule=sp.Schedule.minimum_jerk(
+            [0.0, 0.02], [[4e-3, 4e-3], [0.65e-3, 2.2e-3]], move_time=0.0132
+        ),
+        duration=0.035,
+        friction=0.6,
+    ),
+    "jaws close on a bottle that stands aside": started(
+        jawed(BOTTLE, duration=0.03), {0: 1.5e-3, 1: 0.0742, 3: -3e-3, 4: -3e-3}, {2: 20.0}
+    ),
+    "a bottle is struck": jawed(
+        BOTTLE,
+        disturbances=[sp.Impulse(time=0.01, impulse=(0.12, -0.05), angular_impulse=8e-4)],
+        duration=0.02,
+    ),
+    "a bottle falls past the ends of its arcs": started(
+        jawed(SHORT, duration=0.05, friction=0.05), {}, {1: -0.8}
+    ),
+    # The right arc's end turns towards the tip, which has come behind it meanwhile.
+    "a tip meets the end of an arc": started(
+        jawed(replace(SHORT, left=sp.Arc(0.025)), duration=0.05, friction=0.5),
+        {2: 0.6, 3: -7e-4, 4: -7e-4},
+        {2: -40.0},
+    ),
+    "a wedge slips out of its jaws": jawed(
+        sp.GraspedObject.wedge(width=0.05, height=0.02, mass=0.05, angle=-0.25),
+        duration=0.08,
+        friction=0.1,
+    ),
+    "driven parallelograms close on a bottle": started(
+        jawed(
+            BOTTLE,
+            hand=sp.Hand(right=_NEAR, left=_NEAR, tip=LIGHT),
+            fingers="driven",
+            schedule=sp.Schedule.minimum_jerk(
+                [0.0, 0.004], [[0.0, 0.0], [0.1, 0.07]], move_time=0.03
+            ),
+            control=sp.Pid(),
+            initial=None,
+            duration=0.04,
+        ),
+        {1: 0.075, 3: 0.0, 4: 0.0},
+    ),
+    "a measured tip is pressed beyond its range and lets go": jawed(
+        sp.GraspedObject(),
+        hand=sp.Hand(right=sp.Jaw(), left=sp.Jaw(), tip=replace(LIGHT, law=PAD)),
+        schedule=sp.Schedule.steps([0.0, 0.012], [[6e-3, 6e-3], [-5e-3, 2e-3]]),
+        duration=0.016,
+    ),
+}
