@@ -28,13 +28,13 @@ from unilateral_parts import BOTTLE, BY_HAND, KINDS, grasp, jawed, started
 # Seeds of grasps in which tips slip, open and meet the side again. Two have the part twice and the
 # paper's parts beside it, the third has any parts.
 SEEDS = {
-    "jaw": (14, 20, 39),
-    "parallelogram": (44, 20, 31),
+    "jaw": (14, 20, 15),
+    "parallelogram": (44, 20, 51),
     "tilted face": (10, 58, 31),
-    "arc": (20, 40, 49),
+    "arc": (46, 40, 49),
     "power law": (24, 32, 11),
     "measured law": (38, 48, 31),
-    "mixed": (38, 28, 17),
+    "mixed": (28, 17),
 }
 RANDOM = [(kind, seed) for kind, seeds in SEEDS.items() for seed in seeds]
 # The oracle and these runs are as close as this share of what `compare` allows: 1e-11 s and m.
@@ -178,7 +178,7 @@ def test_an_arc_softens_shear_and_tilt_as_it_softens_the_force(
     Their number and the sums of compressions and of squares are the factors of d_t^2 / 2, of
     kappa d_t and of the energy without shear.
     """
-    a, n = 0.02, 1000
+    a, n = 0.02, 500
     middles = (np.arange(n) + 0.5) / n
     height, around = np.meshgrid(a * middles, np.pi * middles)
     across = np.sqrt(a**2 - height**2) * np.cos(around)
@@ -222,7 +222,7 @@ TURN_ONLY = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0])
 WRONG: dict[str, tuple[str, int, Callable[[pytest.MonkeyPatch], None]]] = {
     "couples do not act on x and y": ("arc", 40, _changed(turning=lambda t: t * TURN_ONLY)),
     "no bias": ("parallelogram", 20, _changed(b=lambda b: 0.999 * b)),
-    "arcs do not soften": ("arc", 20, _with_factors(0, 1.0)),
+    "arcs do not soften": ("arc", 46, _with_factors(0, 1.0)),
     "shear is as stiff as pressure": ("power law", 32, _with_factors(2, 1.0)),
 }
 
@@ -236,7 +236,8 @@ def test_an_oracle_that_is_wrong_is_found_out(what: str, monkeypatch: pytest.Mon
         compare(simulated(scene, **METHODS[1]), unilateral(scene))
 
 
-TILTED = sp.Hand(right=sp.Jaw(angle=0.4), left=sp.Jaw(angle=-0.2))
+def tilted(right: float, left: float) -> sp.Hand:
+    return sp.Hand(right=sp.Jaw(angle=right), left=sp.Jaw(angle=left))
 
 
 def test_tips_without_friction_do_not_turn_a_disc() -> None:
@@ -247,7 +248,7 @@ def test_tips_without_friction_do_not_turn_a_disc() -> None:
     """
     scene = jawed(
         BOTTLE,
-        hand=TILTED,
+        hand=tilted(0.4, 0.3),
         friction=0.0,
         disturbances=[sp.Impulse(time=0.02, impulse=(0.4, 0.1))],
         duration=0.05,
@@ -263,7 +264,7 @@ def test_tips_without_friction_do_not_turn_a_disc() -> None:
 def test_a_disc_turns_by_friction_alone() -> None:
     """I theta'' = R (lambda_N1 - lambda_N2), through slips, sticking and grazes."""
     push = sp.Pulse(time=0.005, duration=0.01, force=(20.0, 30.0))
-    scene = jawed(BOTTLE, hand=TILTED, friction=0.15, disturbances=[push], duration=0.02)
+    scene = jawed(BOTTLE, hand=tilted(0.4, -0.2), friction=0.15, disturbances=[push], duration=0.02)
     dt = 2.0**-17
     run = sp.simulate(started(scene, {}, {2: 30.0}), dt=dt, record=("state", "multipliers"))
     friction = run.multipliers[:, 2] - run.multipliers[:, 3]

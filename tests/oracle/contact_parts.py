@@ -312,14 +312,14 @@ class PartsMechanics:
         body = [grasped.mass, grasped.mass, grasped.inertia]
         own = [contact.inertia for contact in self.contacts]
         self.masses = np.array([*body, *own, *surfaces[0], *surfaces[1]], dtype=np.float64)
-        viscosities = [(t.normal_viscosity, t.tangential_viscosity) for t in tips]
-        self._viscosities = np.array(viscosities, dtype=np.float64).T.ravel()
+        self._viscosities = [float(tip.normal_viscosity) for tip in tips]
+        self._viscosities += [float(tip.tangential_viscosity) for tip in tips]
         control = scene.control
         pids = control if isinstance(control, tuple) else (control, control)
         self._gains = [(0.0,) * 3] * 2
         if scene.fingers != "driven":
             self._gains = [(pid.kp, pid.kd, pid.ki) for pid in pids]
-        self._gravity = float(scene.gravity)
+        self._weight = float(grasped.mass * scene.gravity)
         fingers = scene.hand.right, scene.hand.left
         jaws = [3 + i for i in range(2) if isinstance(fingers[i], softpinch.Jaw)]
         self.lengths = (0, 1, *jaws, 5, 6, 7, 8)
@@ -332,33 +332,32 @@ class PartsMechanics:
         self, state: Sequence[float], asked: Sequence[float], tilts: Sequence[float]
     ) -> Terms:
         """The terms at one state, as `Mechanics.terms` returns them."""
-        phi, turning, b = np.zeros((4, 9)), np.zeros((2, 9)), np.zeros(4)
-        drives, loads, damping, weights = [0.0, 0.0], np.zeros(4), np.zeros(4), [0.0, 0.0]
-        couples, gaps, heights = [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]
-        rates = np.array(state[9:18])
+        rates = state[9:18]
+        rows: list[list[float]] = [[0.0] * 9 for _ in range(6)]  # H, N and T of both
+        drives, weights, loads = [0.0, 0.0], [0.0, 0.0], [0.0] * 4
+        b, couples, gaps, places = [0.0] * 4, [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]
         for i, contact in enumerate(self.contacts):
             found = contact.at(state)
-            columns = [0, 1, 2, 3 + i]
-            for rows, first in ((phi[i], 0), (phi[2 + i], 4), (turning[i], 8)):
-                rows[columns] = found[first : first + 4]
-            phi[i, 5 + i] = phi[2 + i, 7 + i] = 1.0
-            b[i], b[2 + i], gaps[i], heights[i] = found[12:16]
+            for k in range(3):
+                (*rows[2 * k + i][:3], rows[2 * k + i][3 + i]) = found[4 * k : 4 * k + 4]
+            rows[i][5 + i] = rows[2 + i][7 + i] = 1.0
+            b[i], b[2 + i], gaps[i], places[i] = found[12:16]
             _, loads[i], loads[2 + i], couples[i] = contact.energy(state, tilts[i])
             kp, kd, ki = self._gains[i]
             drives[i] = -kp * (state[3 + i] - asked[i]) - kd * rates[3 + i] - ki * state[18 + i]
             weights[i] = -contact.weight * found[17]
-        damping = -self._viscosities * rates[5:]
-        force = np.zeros(9)
-        force[:3] = asked[2:5]
-        force[1] -= self.masses[0] * self._gravity
-        force[3:5] = np.add(drives, weights)
-        force[5:] = damping - loads
+        damping = [-c * v for c, v in zip(self._viscosities, rates[5:], strict=True)]
+        x, y, moment = asked[2:5]
+        force = [x, y - self._weight, moment, drives[0] + weights[0], drives[1] + weights[1]]
+        force += [c - load for c, load in zip(damping, loads, strict=True)]
         powers = [
-            float(np.dot(drives, rates[3:5])),
-            float(np.dot(asked[2:5], rates[:3])),
-            float(damping @ rates[5:]),
+            drives[0] * rates[3] + drives[1] * rates[4],
+            x * rates[0] + y * rates[1] + moment * rates[2],
+            sum(c * v for c, v in zip(damping, rates[5:], strict=True)),
         ]
-        return Terms(phi, b, force, couples, gaps, heights, powers, turning)
+        every = np.array(rows)
+        found_b, found_force = np.array(b), np.array(force)
+        return Terms(every[:4], found_b, found_force, couples, gaps, places, powers, every[4:])
 
     def energies(self, state: Sequence[float], tilts: Sequence[float]) -> list[float]:
         """Kinetic energy and the elastic energies of the right and the left tip, J.
