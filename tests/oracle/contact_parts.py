@@ -219,6 +219,9 @@ def springs(law: str) -> Callable[..., list[float]]:
         + _eta * stiffness * shear**2 / 2
     )
     values = [energy, *(sp.diff(energy, each) for each in (d, shear, _tilt))]
+    if law == "power":
+        # d^n / d^2 would divide by zero where a tip is not compressed.
+        values = [sp.powsimp(each, deep=True) for each in values]
     return _compiled((d, shear, _tilt, (_chi, _kappa, _eta), tuple(own.values())), values)
 
 

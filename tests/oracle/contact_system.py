@@ -18,7 +18,7 @@ from scipy.optimize import brentq
 
 from softpinch.accuracy.segments import Driven
 
-from .contact_modes import FREE, GRAZE, SIGN, SLIPS, STICK, Motion, motion
+from .contact_modes import FREE, GRAZE, SIGN, SLIPS, STICK, Motion, motion, orientation
 from .contact_terms import Floats, Mechanics, Terms
 
 STATES = 25
@@ -162,8 +162,10 @@ class ContactSystem:
                 margin = self.friction[i] * normal - abs(found.multipliers[2 + i])
                 events.append(Event("cone", i, margin))
             elif mode == GRAZE:
-                events.append(Event("empty", i, found.couples[i]))
-                events.append(Event("full", i, 1 - found.couples[i]))
+                # The share has a pole where the determinant is zero; these products have none.
+                sound = orientation(terms, contact.modes, self.friction, self.inverse)
+                events.append(Event("empty", i, found.couples[i] * sound))
+                events.append(Event("full", i, (1 - found.couples[i]) * sound))
             else:
                 events.append(Event("unloaded", i, normal))
                 if self.friction[i] > 0:
