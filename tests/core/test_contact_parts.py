@@ -39,7 +39,7 @@ SEEDS = {
 RANDOM = [(kind, seed) for kind, seeds in SEEDS.items() for seed in seeds]
 # The oracle and these runs are as close as this share of what `compare` allows: 1e-11 s and m.
 CLOSE = 1e-3
-GRAZE = int(ContactMode.GRAZE)
+FREE, GRAZE = int(ContactMode.FREE), int(ContactMode.GRAZE)
 
 
 @cache
@@ -103,12 +103,22 @@ def test_many_grasps_run_as_in_the_oracle(kind: str) -> None:
     compared = 0
     for seed in range(1000, 1060):
         scene = grasp(kind, seed, duration=0.03, scale=1.5)
-        run = simulated(scene, **METHODS[1])
-        # Where tips open each other in ever shorter flights the core sums the rest of them.
-        if run.status != "chattering" and calm(scene, run):
+        run, other = (simulated(scene, **options) for options in METHODS[1:])
+        # A tip may meet its side less than a step before it passes the end (docs/unilateral.md).
+        alike = sequence(run) == sequence(other) and abs(run.q[-1] - other.q[-1]).max() < 1e-8
+        # Tips that open each other in turn settle in the core below 1e-11 m, in the oracle sooner.
+        if alike and shortest_flight(run) > 1e-7 and calm(scene, run):
             compare(run, unilateral(scene))
             compared += 1
-    assert compared > 40
+    assert compared > 50
+
+
+def shortest_flight(run: sp.Run) -> float:
+    """The shortest time for which a tip is free, s."""
+    found = [np.inf]
+    for finger in ("right", "left"):
+        found += [b[0] - a[0] for a, b in pairwise(settled(run, finger)) if a[2] == FREE]
+    return min(found)
 
 
 def test_a_link_on_a_parallel_face_has_the_terms_of_the_paper_s_hand() -> None:

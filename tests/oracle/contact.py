@@ -2,8 +2,8 @@
 
 Between two events the modes are fixed and SciPy integrates; at an event, a break of an input or an
 impulse the modes are chosen anew (contact_walk.py). contact_terms.py has the terms as SymPy derives
-them, contact_modes.py the equations in given modes and the law of impact, contact_system.py the
-event functions.
+them, contact_parts.py those of jaws, arcs and other parts than the paper's, contact_modes.py the
+equations in given modes and the law of impact, contact_system.py the event functions.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def unilateral(scene: Any, times: ArrayLike | None = None) -> UnilateralReferenc
     Args:
         scene: Its start may have gaps (free) and slip. `fingers` may be "driven", along a schedule
             without jumps and kinks. With a motion they are not; the run is then in inertial
-            coordinates, and its rows in the hand's frame.
+            coordinates, and its rows in the hand's frame; the parts are the paper's then.
         times: (n,), s, within the run; None is the start, every break and the end.
     """
     driven = scene.fingers == "driven"
@@ -59,6 +59,8 @@ def unilateral(scene: Any, times: ArrayLike | None = None) -> UnilateralReferenc
     system, kind = ContactSystem, DrivenInputs if driven else Inputs
     mechanics: Any
     if others(scene):
+        if scene.motion is not None:
+            raise ValueError("motion: only with the paper's parts")
         mechanics = PartsMechanics(scene)
         halves, length = mechanics.halves, 0.1
     else:
