@@ -338,3 +338,22 @@ def test_powers_of_two_scale_runs_that_slip_and_open_to_the_bit(
     for ours, theirs in zip(run.contact_changes, other.contact_changes, strict=True):
         assert theirs[1:] == ours[1:]
         assert theirs.time == ours.time * units.time
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_lanes_that_slip_and_open_have_the_bits_of_lone_runs(kind: str) -> None:
+    scene, dt = grasp(kind, SEEDS[kind][-1]), 5e-5
+    vary = {
+        "friction.right": sp.Uniform(0.05, 1.5),
+        "friction.left": sp.Uniform(0.05, 1.5),
+        "grasped.mass": sp.Uniform(0.08, 0.15),
+    }
+    many = sp.monte_carlo(scene, 10, seed=3, vary=vary, dt=dt, progress=False)
+    changes = set()
+    for k in range(10):
+        lone = sp.simulate(scene.with_({path: float(many[path][k]) for path in vary}), dt=dt)
+        last = lone.state(-1)
+        assert many.status[k] == lone.status
+        np.testing.assert_array_equal(many["final_state"][k], [*last.q, *last.p])
+        changes.add(len(lone.contact_changes))
+    assert len(changes) > 1  # lanes do not change their modes together
