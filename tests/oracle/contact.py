@@ -2,20 +2,23 @@
 
 Between two events the modes are fixed and SciPy integrates; at an event, a break of an input or an
 impulse the modes are chosen anew (contact_walk.py). contact_terms.py has the terms as SymPy derives
-them, contact_modes.py the equations in given modes and the law of impact, contact_system.py the
-event functions.
+them, contact_parts.py those of jaws, arcs and other parts than the paper's, contact_modes.py the
+equations in given modes and the law of impact, contact_system.py the event functions.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from softpinch.accuracy.segments import Driven, Inputs
+from softpinch.scene.parts import others
 
 from .contact_moving import MovingInputs, MovingMechanics, MovingSystem
+from .contact_parts import PartsMechanics
 from .contact_system import ContactSystem
 from .contact_terms import Mechanics
 from .contact_walk import UnilateralReference, Walk
@@ -48,25 +51,32 @@ def unilateral(scene: Any, times: ArrayLike | None = None) -> UnilateralReferenc
     Args:
         scene: Its start may have gaps (free) and slip. `fingers` may be "driven", along a schedule
             without jumps and kinks. With a motion they are not; the run is then in inertial
-            coordinates, and its rows in the hand's frame.
+            coordinates, and its rows in the hand's frame; the parts are the paper's then.
         times: (n,), s, within the run; None is the start, every break and the end.
     """
     driven = scene.fingers == "driven"
     friction = scene.friction if isinstance(scene.friction, tuple) else (scene.friction,) * 2
-    numbers = parameters(scene)
-    if driven:
-        numbers |= {name: 0.0 for name in numbers if name.startswith("control.")}
-    length = max(numbers[f"hand.{side}.length"] for side, _ in SIDES)
-    height, system, kind = scene.grasped.height, ContactSystem, Inputs
-    mechanics = Mechanics(numbers)
-    if scene.motion is not None:
-        mechanics, system, kind = MovingMechanics(numbers), MovingSystem, MovingInputs
-    elif driven:
-        kind = DrivenInputs
+    system, kind = ContactSystem, DrivenInputs if driven else Inputs
+    mechanics: Any
+    if others(scene):
+        if scene.motion is not None:
+            raise ValueError("motion: only with the paper's parts")
+        mechanics = PartsMechanics(scene)
+        halves, length = mechanics.halves, 0.1
+    else:
+        numbers = parameters(scene)
+        if driven:
+            numbers |= {name: 0.0 for name in numbers if name.startswith("control.")}
+        length = max(numbers[f"hand.{side}.length"] for side, _ in SIDES)
+        height = scene.grasped.height
+        halves = [math.inf if height is None else height / 2] * 2
+        mechanics = Mechanics(numbers)
+        if scene.motion is not None:
+            mechanics, system, kind = MovingMechanics(numbers), MovingSystem, MovingInputs
     start, begin = start_state(scene)
     inputs = kind(scene, begin, begin + float(scene.duration))
     instants, wanted = inputs.instants(times)
-    walk = Walk(system(mechanics, friction, height, length=length, driven=driven), inputs, start)
+    walk = Walk(system(mechanics, friction, halves, length=length, driven=driven), inputs, start)
     rows = walk.through(sorted(set(wanted)))
     kept = [rows[t] for t in wanted if t in rows]
     return UnilateralReference(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv
 
-from .contact_terms import SIGNS, Floats, Terms
+from .contact_terms import Floats, Terms
 
 Pair: TypeAlias = tuple[str, str]
 
@@ -46,17 +46,13 @@ class Motion(NamedTuple):
     solved: bool
 
 
-def couple_column(i: int, couple: float) -> Floats:
-    """c_i: what the tip's couple does on the object and on the finger."""
-    column = np.zeros(9)
-    column[2], column[3 + i] = -SIGNS[i] * couple, -couple
-    return column
-
-
 def conditions(
-    phi: Floats, modes: Sequence[str], friction: Sequence[float], couples: Sequence[float] = ()
+    phi: Floats, modes: Sequence[str], friction: Sequence[float], terms: Terms | None = None
 ) -> tuple[list[int], list[Floats]]:
-    """The rows of Phi that modes hold, and the directions of the forces that hold them."""
+    """The rows of Phi that modes hold, and the directions of the forces that hold them.
+
+    Those of tips that graze are in the `terms`.
+    """
     rows: list[int] = []
     columns: list[Floats] = []
     for i, mode in enumerate(modes):
@@ -68,7 +64,8 @@ def conditions(
             rows.append(2 + i)
             columns += [normal, tangent]
         elif mode == GRAZE:
-            columns.append(couple_column(i, couples[i]))
+            assert terms is not None
+            columns.append(terms.couple_column(i))
         else:
             columns.append(normal - SIGN[mode] * friction[i] * tangent)
     return rows, columns
@@ -117,8 +114,8 @@ def motion(
         given[3:5] = driven
     for i, mode in enumerate(modes):
         if mode not in (FREE, GRAZE):
-            force = force + couple_column(i, terms.couples[i])
-    rows, columns = conditions(terms.phi, modes, friction, terms.couples)
+            force = force + terms.couple_column(i)
+    rows, columns = conditions(terms.phi, modes, friction, terms)
     if not rows:
         return Motion(inverse * force + given, [0.0] * 4, [0.0, 0.0], force, True)
     weighted = terms.phi[rows] * inverse
@@ -138,7 +135,7 @@ def orientation(
     terms: Terms, modes: Sequence[str], friction: Sequence[float], inverse: Floats
 ) -> float:
     """det(R M^-1 K), divided by the sizes of the columns' and rows' entries; 1 without contact."""
-    rows, columns = conditions(terms.phi, modes, friction, terms.couples)
+    rows, columns = conditions(terms.phi, modes, friction, terms)
     if not rows:
         return 1.0
     root = np.sqrt(inverse)
@@ -154,6 +151,7 @@ def margins(
     modes: Sequence[str],
     found: Motion,
     friction: Sequence[float],
+    inverse: Floats,
     still: Sequence[bool],
     closed: Sequence[bool],
 ) -> float:
@@ -164,6 +162,7 @@ def margins(
         modes: A combination.
         found: Its motion.
         friction: mu of both.
+        inverse: The inverse of the masses (9,).
         still: Whether v = 0.
         closed: Whether a finger is closed now; one that is free stays so unconditionally.
     """
@@ -179,16 +178,21 @@ def margins(
                 slip = SIGN[mode] * _relative(terms.phi[2 + i], found.p_rate, terms.b[2 + i])
                 worst = min(worst, slip)
         elif mode == GRAZE:
-            worst = min(worst, found.couples[i], 1 - found.couples[i])
+            # A couple may be small beside what it balances; its share is as much less certain.
+            turned = abs(float(terms.phi[i] @ (inverse * terms.couple_column(i))))
+            size = _size(terms.phi[i], found.p_rate, terms.b[i])
+            worst = min(worst, min(found.couples[i], 1 - found.couples[i]) * turned / size)
         elif closed[i]:
             worst = min(worst, _relative(terms.phi[i], found.p_rate, terms.b[i]))
     return float(worst)
 
 
 def _relative(row: Floats, p_rate: Floats, b: float) -> float:
-    parts = row * p_rate
-    size = float(np.abs(parts).sum() + abs(b))
-    return float(parts.sum() + b) / size if size else 0.0
+    return float(row @ p_rate + b) / _size(row, p_rate, b)
+
+
+def _size(row: Floats, p_rate: Floats, b: float) -> float:
+    return float(np.abs(row * p_rate).sum() + abs(b)) or 1.0
 
 
 def combinations(

@@ -17,7 +17,7 @@ import numpy as np
 
 from softpinch.accuracy.segments import Driven, Inputs
 
-from .contact_modes import FREE, GRAZE, Motion, conditions, contact_forces, couple_column
+from .contact_modes import FREE, GRAZE, Motion, conditions, contact_forces
 from .contact_system import Contact, ContactSystem, Event
 from .contact_terms import Floats, Mechanics, Terms
 from .moving import Inertial, absolute, frames
@@ -108,8 +108,8 @@ class MovingSystem(ContactSystem):
         force = terms.force
         for i, mode in enumerate(modes):
             if mode not in (FREE, GRAZE):
-                force = force + couple_column(i, terms.couples[i])
-        rows, columns = conditions(terms.phi, modes, self.friction, terms.couples)
+                force = force + terms.couple_column(i)
+        rows, columns = conditions(terms.phi, modes, self.friction, terms)
         n = len(rows)
         k = np.array(columns).reshape(n, 9).T
         phi = terms.phi[rows]
@@ -157,7 +157,9 @@ class _Flight(ContactSystem):
         """The rates of the states."""
         seen, inertial = self.relative(y, asked)
         state = seen[:20].tolist()
-        terms = self._system.mechanics.of(state, asked, contact.tilts(state), inertial)
+        mechanics = self._system.mechanics
+        tilts = contact.tilts(mechanics.tilts(state))
+        terms = mechanics.of(state, asked, tilts, inertial)
         acceleration, found = self._system.accelerations(terms, contact.modes)
         result = self.rates_of(seen, terms, found, asked, contact)
         result[:9], result[9:18] = y[9:18], acceleration

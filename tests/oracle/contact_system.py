@@ -18,8 +18,8 @@ from scipy.optimize import brentq
 
 from softpinch.accuracy.segments import Driven
 
-from .contact_modes import FREE, GRAZE, SIGN, SLIPS, STICK, Motion, motion
-from .contact_terms import Floats, Mechanics, Terms, live_tilts
+from .contact_modes import FREE, GRAZE, SIGN, SLIPS, STICK, Motion, motion, orientation
+from .contact_terms import Floats, Mechanics, Terms
 
 STATES = 25
 QUADRATURES = ("torque", "external", "viscous", "friction", "graze")
@@ -59,9 +59,8 @@ class Contact:
     frozen: list[float]
     stopped: list[bool]
 
-    def tilts(self, state: Sequence[float]) -> list[float]:
-        """The tilts in P: frozen where a finger is free."""
-        live = live_tilts(state)
+    def tilts(self, live: Sequence[float]) -> list[float]:
+        """The tilts in P, of which the `live` ones are given: frozen where a finger is free."""
         return [self.frozen[i] if self.modes[i] == FREE else live[i] for i in range(2)]
 
     @property
@@ -77,7 +76,7 @@ class ContactSystem:
         mechanics: Its terms.
         friction: mu of both.
         inverse: Of the masses (9,), zero for driven fingers.
-        half: Half the height of the faces, m; None where they are endless.
+        halves: Half the lengths of both sides, m; infinite where they are endless.
         driven: Whether the fingers are.
         rtol: Relative tolerance of DOP853.
     """
@@ -88,7 +87,7 @@ class ContactSystem:
         self,
         mechanics: Mechanics,
         friction: tuple[float, float],
-        height: float | None,
+        halves: Sequence[float],
         *,
         length: float,
         driven: bool,
@@ -99,9 +98,9 @@ class ContactSystem:
         self.driven = driven
         if driven:
             self.inverse[3:5] = 0.0
-        self.half = None if height is None else height / 2
+        self.halves = halves
         sizes = np.ones(STATES)
-        lengths = [0, 1, 5, 6, 7, 8]
+        lengths = list(mechanics.lengths)
         sizes[lengths] = length
         sizes[[9 + k for k in lengths]] = length
         self._options = {"rtol": self.rtol, "atol": 0.01 * self.rtol * sizes, "max_step": _MAX_STEP}
@@ -111,7 +110,7 @@ class ContactSystem:
     ) -> tuple[list[float], Terms, Motion]:
         """The state as floats, its terms and its motion."""
         state: list[float] = y[:20].tolist()
-        terms = self.mechanics.terms(state, asked, contact.tilts(state))
+        terms = self.mechanics.terms(state, asked, contact.tilts(self.mechanics.tilts(state)))
         return state, terms, self.motion(terms, contact.modes, asked)
 
     def motion(self, terms: Terms, modes: Sequence[str], asked: Sequence[float]) -> Motion:
@@ -132,7 +131,7 @@ class ContactSystem:
             if mode in SLIPS:
                 friction -= found.multipliers[2 + i] * float(terms.phi[2 + i] @ y[9:18])
             elif mode == GRAZE:
-                turning = live_tilts(y[9:18].tolist())[i]
+                turning = float(terms.turning[i] @ y[9:18])
                 graze += (1 - found.couples[i]) * terms.couples[i] * turning
         result = np.empty(STATES)
         result[:9] = y[9:18]
@@ -147,35 +146,36 @@ class ContactSystem:
     def watch(self, y: Floats, asked: Sequence[float], contact: Contact) -> list[Event]:
         """All event functions of the modes; each is positive while its mode may go on."""
         state, terms, found = self.at(y, asked, contact)
-        half, events = self.half, []
-        heights = [abs(height) for height in terms.heights]
+        tilts, events = self.mechanics.tilts(state), []
+        # How far within the ends of their sides the contacts are.
+        inside = [half - abs(at) for half, at in zip(self.halves, terms.heights, strict=True)]
         for i, mode in enumerate(contact.modes):
             depth = state[5 + i]
             normal = found.multipliers[i]
             if not contact.stopped[i]:
                 events.append(Event("stop", i, depth))
             if mode == FREE:
-                beyond = -math.inf if half is None else heights[i] - half
                 events.append(Event("gap", i, terms.gaps[i]))
-                events.append(Event("corner", i, beyond))
+                events.append(Event("corner", i, -inside[i]))
                 continue
             if mode == STICK:
                 margin = self.friction[i] * normal - abs(found.multipliers[2 + i])
                 events.append(Event("cone", i, margin))
             elif mode == GRAZE:
-                events.append(Event("empty", i, found.couples[i]))
-                events.append(Event("full", i, 1 - found.couples[i]))
+                # The share has a pole where the determinant is zero; these products have none.
+                sound = orientation(terms, contact.modes, self.friction, self.inverse)
+                events.append(Event("empty", i, found.couples[i] * sound))
+                events.append(Event("full", i, (1 - found.couples[i]) * sound))
             else:
                 events.append(Event("unloaded", i, normal))
                 if self.friction[i] > 0:
                     slip = float(terms.phi[2 + i] @ y[9:18])
                     events.append(Event("stopped", i, SIGN[mode] * slip))
             events.append(Event("crushed", i, self.mechanics.radii[i] - depth))
-            events.append(Event("folded", i, math.pi / 2 - abs(live_tilts(state)[i])))
-            if half is not None:
-                events.append(Event("lost", i, half - heights[i]))
-        if half is not None and not any(contact.closed):
-            events.append(Event("lost", 0, half - min(heights)))
+            events.append(Event("folded", i, math.pi / 2 - abs(tilts[i])))
+            events.append(Event("lost", i, inside[i]))
+        if not any(contact.closed):
+            events.append(Event("lost", 0, max(inside)))
         return events
 
     def go(

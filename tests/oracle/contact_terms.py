@@ -24,6 +24,9 @@ _ENTRIES = [(row, column) for row in range(4) for column in (0, 1, 2, 3 + row % 
 PLACES = np.array([9 * row + column for row, column in _ENTRIES])
 _IDENTITY = np.zeros((4, 9))
 _IDENTITY[range(4), range(5, 9)] = 1.0
+# The derivatives of theta_p by the coordinates, on parallel faces.
+_TURNING = np.zeros((2, 9))
+_TURNING[:, 2], _TURNING[range(2), range(3, 5)] = SIGNS, 1.0
 
 
 class Terms(NamedTuple):
@@ -35,8 +38,10 @@ class Terms(NamedTuple):
         force: f_0 (9,), all forces without the couples of the tips.
         couples: tau_i = dP/dtheta_pi (2,), N m.
         gaps: C_i^H (2,), m.
-        heights: G_i (2,), how far the tip's centre is from the object's, along the face, m.
+        heights: G_i (2,), how far the tip's centre is from the object's, along the face, m; of
+            other parts, where the contact is on the side, from the side's middle.
         powers: Of the torques, the external force and the viscosity (negative), W.
+        turning: (2, 9), T_i = dtheta_pi/dq.
     """
 
     phi: Floats
@@ -46,6 +51,11 @@ class Terms(NamedTuple):
     gaps: list[float]
     heights: list[float]
     powers: list[float]
+    turning: Floats
+
+    def couple_column(self, i: int) -> Floats:
+        """c_i = -tau_i T_i: what the tip's couple does on the object and on the finger."""
+        return -self.couples[i] * self.turning[i]
 
 
 @cache
@@ -108,7 +118,10 @@ class Mechanics:
     Attributes:
         masses: The diagonal of the mass matrix (9,).
         radii: Of the two tips, m.
+        lengths: The coordinates that are lengths.
     """
+
+    lengths = (0, 1, 5, 6, 7, 8)
 
     def __init__(self, numbers: Mapping[str, float]) -> None:
         """Takes the numbers of `PARAMETERS` by name."""
@@ -142,13 +155,13 @@ class Mechanics:
             flat[31:33],
             flat[33:35],
             flat[35:38],
+            _TURNING,
         )
+
+    def tilts(self, state: Sequence[float]) -> list[float]:
+        """theta_p of both tips as they are."""
+        return [state[3 + i] + s * state[2] for i, s in enumerate(SIGNS)]
 
     def energies(self, state: Sequence[float], tilts: Sequence[float]) -> list[float]:
         """Kinetic energy, elastic energy of the right and the left tip, gravity energy, J."""
         return self._totals((*state, *[0.0] * 5), tilts, self._values)
-
-
-def live_tilts(state: Sequence[float]) -> list[float]:
-    """theta_p of both tips."""
-    return [state[3 + i] + s * state[2] for i, s in enumerate(SIGNS)]

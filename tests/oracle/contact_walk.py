@@ -31,7 +31,7 @@ from .contact_modes import (
     orientation,
 )
 from .contact_system import QUADRATURES, STATES, TOGETHER, Contact, ContactSystem, Event
-from .contact_terms import Floats, live_tilts
+from .contact_terms import Floats
 from .lagrangian import SIDES
 
 # Choices on a border are told apart by a step of this length, s.
@@ -126,7 +126,7 @@ class Walk:
         self._driven: Driven
         self._events: deque[float] = deque()
         self._booked = dict.fromkeys(("impulse", "impact", "stop", "relaxation"), 0.0)
-        self.contact = Contact([FREE, FREE], live_tilts(self.y.tolist()), [False, False])
+        self.contact = Contact([FREE, FREE], self._tilts(), [False, False])
 
     # The run as a whole
 
@@ -173,13 +173,18 @@ class Walk:
     def time(self) -> float:
         return self.left + self.tau
 
+    def _tilts(self) -> list[float]:
+        """The tilts of both tips as they are."""
+        return self.system.mechanics.tilts(self.y[:20].tolist())
+
     def _energy(self) -> float:
         state = self.y[:20].tolist()
-        return sum(self.system.mechanics.energies(state, self.contact.tilts(state)))
+        tilts = self.contact.tilts(self._tilts())
+        return sum(self.system.mechanics.energies(state, tilts))
 
     def _terms(self) -> Any:
         state = self.y[:20].tolist()
-        tilts = self.contact.tilts(state)
+        tilts = self.contact.tilts(self._tilts())
         return self.system.mechanics.terms(state, self._driven(self.time), tilts)
 
     def _advance(self, stop: float) -> None:
@@ -231,7 +236,7 @@ class Walk:
                 left[i] = {modes[i], STICK} if kind == "unloaded" else {modes[i]}
         # A finger that comes to the face within the same instant collides with it, too.
         for i, mode in enumerate(modes):
-            beside = self.system.half is None or abs(terms.heights[i]) < self.system.half
+            beside = abs(terms.heights[i]) < self.system.halves[i]
             if hits and mode == FREE and beside and i not in hits:
                 approach = float(terms.phi[i] @ self.y[9:18])
                 if approach < 0 and abs(terms.gaps[i]) <= -approach * TOGETHER:
@@ -247,7 +252,7 @@ class Walk:
             self._booked["stop"] += masses[k] * self.y[9 + k] ** 2 / 2
             self.y[k] = self.y[9 + k] = 0.0
         if self.contact.modes[i] != FREE:
-            self.contact.frozen[i] = live_tilts(self.y.tolist())[i]
+            self.contact.frozen[i] = self._tilts()[i]
             self.contact.modes[i] = FREE
         self.contact.stopped[i] = True
 
@@ -302,7 +307,7 @@ class Walk:
         self._choose(before)
 
     def _release(self, i: int) -> None:
-        self.contact.frozen[i] = live_tilts(self.y.tolist())[i]
+        self.contact.frozen[i] = self._tilts()[i]
         self.contact.modes[i] = FREE
 
     # The choice of modes
@@ -360,7 +365,7 @@ class Walk:
             found = system.motion(terms, modes, self._driven(self.time))
             if not found.solved:
                 continue
-            margin = margins(terms, modes, found, system.friction, still, closed)
+            margin = margins(terms, modes, found, system.friction, system.inverse, still, closed)
             if margin < -BORDER:
                 continue
             if orientation(terms, modes, system.friction, system.inverse) <= BORDER**2:
@@ -402,7 +407,7 @@ class Walk:
         self, modes: tuple[str, str], still: Sequence[bool], closed: Sequence[bool]
     ) -> bool:
         """Whether modes on their border are admissible after the trial step, too."""
-        live, frozen = live_tilts(self.y.tolist()), list(self.contact.frozen)
+        live, frozen = self._tilts(), list(self.contact.frozen)
         for i in range(2):
             if closed[i]:
                 frozen[i] = live[i]
@@ -410,4 +415,5 @@ class Walk:
         system = self.system
         y = self.y + _TRIAL * system.rates(self.y, self._driven(self.time), trial)
         _, terms, found = system.at(y, self._driven(self.time + _TRIAL), trial)
-        return margins(terms, modes, found, system.friction, still, closed) >= 0
+        limits = system.friction, system.inverse
+        return margins(terms, modes, found, *limits, still, closed) >= 0

@@ -123,12 +123,29 @@ class Units:
                 result *= self.of(*DIMENSIONS[name]) ** (sign * int(power or 1))
         return result
 
+    def law(self, law: Any) -> Any:
+        """The same law of a tip in these units."""
+        force = self.of(1, 1, -2)
+        if isinstance(law, sp.MeasuredLaw):
+            compression, forces = law.compression * self.length, law.force * force
+            return replace(law, compression=compression, force=forces)
+        if isinstance(law, sp.PowerLaw):
+            foot = None if law.foot is None else law.foot * self.length
+            coefficient = law.coefficient * (force / self.length**law.exponent)
+            return replace(law, coefficient=coefficient, foot=foot)
+        return law
+
     def scene(self, scene: sp.Scene) -> sp.Scene:
         """The same scene in these units: each of its numbers is multiplied by its unit's factor."""
+        tips = tuple(replace(tip, law=self.law(tip.law)) for tip in scene.hand.tips)
+        if any(tip.law for tip in tips):
+            scene = replace(scene, hand=replace(scene.hand, tip=tips))
         changes: dict[str, Any] = {}
         chosen: set[tuple[str, ...]] = set()
         for path, (value, unit) in scene.vary_paths().items():
             own = path.split(".")
+            if "law" in own:
+                continue
             shared = [step for step in own if step not in ("right", "left")]
             if any(tuple(one[:k]) in chosen for one in (own, shared) for k in range(1, 9)):
                 continue  # a part of a number that has changed already
