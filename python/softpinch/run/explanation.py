@@ -154,7 +154,8 @@ def explain(
         fingers=scene.law,
         simd=_core.simd_level(),
         degrees=degrees,
-        states=2 * (degrees + null_space) + 2 * (not driven) + works * ledger,
+        states=2 * (degrees + null_space + 2 * parts.branches(scene) + (not driven))
+        + works * ledger,
         terms=tuple(_terms(scene, options, computed, ledger)),
         segments=outline["segments"],
         steps=outline["steps"],
