@@ -274,6 +274,7 @@ class Run(Shown):
                 at[name] = None if rows is None else rows[k]
             if at["linearized"] is not None and np.isnan(at["linearized"][0]):
                 at["linearized"] = None
+        branches = at["relaxation"]
         return State(
             at["q"],
             at["p"],
@@ -284,7 +285,7 @@ class Run(Shown):
             linearized=at["linearized"],
             contact=at["contacts"],
             controller=at["controller"],
-            relaxation=at["relaxation"] if len(at["relaxation"]) else None,
+            relaxation=branches if branches is not None and len(branches) else None,
         )
 
     def at(self, times: ArrayLike) -> NDArray[np.float64]:
