@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from types import MappingProxyType
 from typing import Any
 
@@ -23,6 +24,7 @@ from .scene.control import Pid
 from .scene.disturbance import Impulse
 from .scene.hand import Finger, Fingertip, GraspedObject, Hand
 from .scene.motion import HandMotion
+from .scene.parts import Arc, Face, Jaw, MeasuredLaw, Parallelogram, PowerLaw
 from .scene.scene import Scene, State
 from .scene.schedule import Schedule
 from .scene.stabilization import Stabilization
@@ -31,6 +33,7 @@ from .scene.stabilization import Stabilization
 _SHORT, _MEDIUM = 0.02, 0.1
 # I / M of the default object, m^2, which is that of a square of aluminium.
 _INERTIA = GraspedObject().inertia / GraspedObject().mass
+_LIGHT = Fingertip(normal_mass=1e-3, tangential_mass=1e-3)
 # A move whose jumps are on no grid of steps.
 _WHIRL = HandMotion.trapezoid([0.0213, 0.0717], [[0.0, 0.0], [0.15, 0.1]], 400.0, [0.0, -1.0])
 
@@ -71,6 +74,16 @@ def _heavy(mass: float) -> GraspedObject:
     return GraspedObject(mass=mass, inertia=_INERTIA * mass)
 
 
+def _grip(right: Any, left: Any, targets: Any, tip: Any = _LIGHT, **parts: Any) -> Scene:
+    """Fingers of any kind that close from where they touch, with a little shear in their tips."""
+    pids = {Jaw: Pid(kp=2e4, kd=200.0, ki=2e5)}
+    parts |= {"control": (pids.get(type(right), Pid()), pids.get(type(left), Pid()))}
+    parts |= {"schedule": Schedule.steps([0.0], [targets]), "duration": _SHORT}
+    scene = Scene(hand=Hand(right=right, left=left, tip=tip), initial="touching", **parts)
+    at = scene.start().q[3:5]
+    return replace(scene, initial=State.consistent(scene, fingers=at, shear=(2e-4, -1e-4)))
+
+
 def _folded() -> Scene:
     """Fingers whose roots are so far apart that they compress the tips by 1 mm at 80 degrees."""
     tilt, tip, width, finger = math.radians(80.0), Fingertip(), GraspedObject().width, Finger()
@@ -99,6 +112,11 @@ def _struck(x: float, y: float, angular: float) -> Scene:
     return _held(disturbances=[blow], duration=_MEDIUM)
 
 
+_GRAM, _LINK = Jaw(mass=1e-3), Parallelogram(root_offset=0.1235)
+_SMALL = Finger(length=0.02, root_offset=0.02, mass=2e-3, inertia=1e-6)
+_TIPS = (Fingertip(radius=0.03), replace(_LIGHT, radius=4e-3, youngs_modulus=1e7))
+_ODD = GraspedObject(width=0.03, mass=0.02, right=Face(tilt=0.2), left=Arc(0.02, (4e-3, 0.0)))
+_SHARP = replace(_LIGHT, law=PowerLaw(1.2e4, 1.2, foot=1e-6))
 _CASES = {
     "near_rigid": StressCase(
         why="E = 10 GPa: the tip is a spring that only just gives way, at kilohertz",
@@ -175,12 +193,39 @@ _CASES = {
         why="a move of 0.18 m and 57 degrees in 50 ms: forces of forty weights, which jump",
         scene=replace(_held(duration=_MEDIUM), motion=_WHIRL),
     ),
+    "gram_jaws": StressCase(
+        why="jaws and tips of 1 g, E = 100 MPa: the drives stop them within 10 microseconds",
+        scene=_grip(_GRAM, _GRAM, [4e-3, 3e-3], replace(_LIGHT, youngs_modulus=1e8)),
+    ),
+    "needle": StressCase(
+        why="a needle of 6 mm and 1 g between tips of 20 mm, on which it rolls and turns",
+        scene=_grip(Finger(), Finger(), [0.45, 0.4], grasped=GraspedObject.disc(6e-3, 1e-3)),
+    ),
+    "steep_wedge": StressCase(
+        why="faces of 34 degrees on 1 g: the grip shears the tips as far as it presses them",
+        scene=_grip(Jaw(), Jaw(), [4e-3, 3e-3], grasped=GraspedObject.wedge(0.05, 0.03, 1e-3, 0.6)),
+    ),
+    "unlike_fingers": StressCase(
+        why="a jaw of 2 kg and a link of 2 g, a face and an arc: time scales far apart",
+        scene=_grip(Jaw(mass=2.0, height=0.02), _SMALL, [8e-3, 0.05], _TIPS, grasped=_ODD),
+    ),
+    "sharp_start": StressCase(
+        why="F ~ d^1.2 with a foot of 1 micrometre: ever denser springs where sheared tips touch",
+        scene=_grip(Finger(), Finger(), [0.1, 0.08], _SHARP),
+    ),
     "long": StressCase(
         why="1000 s, 10^7 steps of 0.1 ms: round-off and drift have time",
         scene=_held(duration=1000.0),
         long=True,
     ),
 }
+if find_spec("scipy"):  # which fits a measured law
+    _CORE = MeasuredLaw(np.linspace(1e-3, 6e-3, 6), np.geomspace(9.0, 1800.0, 6))
+    _CASES["toggle"] = StressCase(
+        why="links at their dead centre press without bound, on tips that are stiff from 4 mm on",
+        scene=_grip(_LINK, _LINK, [1.57, 1.52], replace(_LIGHT, law=_CORE)),
+        dt=5e-4,
+    )
 # All cases by their names.
 CASES: Mapping[str, StressCase] = MappingProxyType(
     {name: replace(case, name=name) for name, case in _CASES.items()}
