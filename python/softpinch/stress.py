@@ -33,7 +33,7 @@ from .scene.stabilization import Stabilization
 _SHORT, _MEDIUM = 0.02, 0.1
 # I / M of the default object, m^2, which is that of a square of aluminium.
 _INERTIA = GraspedObject().inertia / GraspedObject().mass
-_LIGHT = Fingertip(normal_mass=1e-3, tangential_mass=1e-3)
+_LIGHT, _RAIL = Fingertip(normal_mass=1e-3, tangential_mass=1e-3), Pid(kp=2e4, kd=200.0, ki=2e5)
 # A move whose jumps are on no grid of steps.
 _WHIRL = HandMotion.trapezoid([0.0213, 0.0717], [[0.0, 0.0], [0.15, 0.1]], 400.0, [0.0, -1.0])
 
@@ -74,14 +74,14 @@ def _heavy(mass: float) -> GraspedObject:
     return GraspedObject(mass=mass, inertia=_INERTIA * mass)
 
 
-def _grip(right: Any, left: Any, targets: Any, tip: Any = _LIGHT, **parts: Any) -> Scene:
+def _grip(targets: Any, right: Any, left: Any = None, tip: Any = _LIGHT, **parts: Any) -> Scene:
     """Fingers of any kind that close from where they touch, with a little shear in their tips."""
-    pids = {Jaw: Pid(kp=2e4, kd=200.0, ki=2e5)}
-    parts |= {"control": (pids.get(type(right), Pid()), pids.get(type(left), Pid()))}
-    parts |= {"schedule": Schedule.steps([0.0], [targets]), "duration": _SHORT}
-    scene = Scene(hand=Hand(right=right, left=left, tip=tip), initial="touching", **parts)
-    at = scene.start().q[3:5]
-    return replace(scene, initial=State.consistent(scene, fingers=at, shear=(2e-4, -1e-4)))
+    hand = Hand(right=right, left=left or right, tip=tip)
+    control = [_RAIL if isinstance(each, Jaw) else Pid() for each in (hand.right, hand.left)]
+    parts |= {"hand": hand, "control": control, "schedule": Schedule.steps([0.0], [targets])}
+    scene = Scene(initial="touching", duration=_SHORT, **parts)
+    start = State.consistent(scene, fingers=scene.start().q[3:5], shear=(2e-4, -1e-4))
+    return replace(scene, initial=start)
 
 
 def _folded() -> Scene:
@@ -112,11 +112,9 @@ def _struck(x: float, y: float, angular: float) -> Scene:
     return _held(disturbances=[blow], duration=_MEDIUM)
 
 
-_GRAM, _LINK = Jaw(mass=1e-3), Parallelogram(root_offset=0.1235)
 _SMALL = Finger(length=0.02, root_offset=0.02, mass=2e-3, inertia=1e-6)
-_TIPS = (Fingertip(radius=0.03), replace(_LIGHT, radius=4e-3, youngs_modulus=1e7))
+_LINK, _TIP = Parallelogram(root_offset=0.1235), replace(_LIGHT, radius=4e-3, youngs_modulus=1e8)
 _ODD = GraspedObject(width=0.03, mass=0.02, right=Face(tilt=0.2), left=Arc(0.02, (4e-3, 0.0)))
-_SHARP = replace(_LIGHT, law=PowerLaw(1.2e4, 1.2, foot=1e-6))
 _CASES = {
     "near_rigid": StressCase(
         why="E = 10 GPa: the tip is a spring that only just gives way, at kilohertz",
@@ -195,23 +193,23 @@ _CASES = {
     ),
     "gram_jaws": StressCase(
         why="jaws and tips of 1 g, E = 100 MPa: the drives stop them within 10 microseconds",
-        scene=_grip(_GRAM, _GRAM, [4e-3, 3e-3], replace(_LIGHT, youngs_modulus=1e8)),
+        scene=_grip([4e-3, 3e-3], Jaw(mass=1e-3), tip=replace(_LIGHT, youngs_modulus=1e8)),
     ),
     "needle": StressCase(
         why="a needle of 6 mm and 1 g between tips of 20 mm, on which it rolls and turns",
-        scene=_grip(Finger(), Finger(), [0.45, 0.4], grasped=GraspedObject.disc(6e-3, 1e-3)),
+        scene=_grip([0.45, 0.4], Finger(), grasped=GraspedObject.disc(6e-3, 1e-3)),
     ),
     "steep_wedge": StressCase(
         why="faces of 34 degrees on 1 g: the grip shears the tips as far as it presses them",
-        scene=_grip(Jaw(), Jaw(), [4e-3, 3e-3], grasped=GraspedObject.wedge(0.05, 0.03, 1e-3, 0.6)),
+        scene=_grip([4e-3, 3e-3], Jaw(), grasped=GraspedObject.wedge(0.05, 0.03, 1e-3, 0.6)),
     ),
     "unlike_fingers": StressCase(
         why="a jaw of 2 kg and a link of 2 g, a face and an arc: time scales far apart",
-        scene=_grip(Jaw(mass=2.0, height=0.02), _SMALL, [8e-3, 0.05], _TIPS, grasped=_ODD),
+        scene=_grip([8e-3, 0.05], Jaw(mass=2.0, height=0.02), _SMALL, (_LIGHT, _TIP), grasped=_ODD),
     ),
     "sharp_start": StressCase(
         why="F ~ d^1.2 with a foot of 1 micrometre: ever denser springs where sheared tips touch",
-        scene=_grip(Finger(), Finger(), [0.1, 0.08], _SHARP),
+        scene=_grip([0.1, 0.08], Finger(), tip=replace(_LIGHT, law=PowerLaw(1.2e4, 1.2, 1e-6))),
     ),
     "long": StressCase(
         why="1000 s, 10^7 steps of 0.1 ms: round-off and drift have time",
@@ -219,14 +217,16 @@ _CASES = {
         long=True,
     ),
 }
-if find_spec("scipy"):  # which fits a measured law
-    _CORE = MeasuredLaw(np.linspace(1e-3, 6e-3, 6), np.geomspace(9.0, 1800.0, 6))
-    _CASES["toggle"] = StressCase(
-        why="links at their dead centre press without bound, on tips that are stiff from 4 mm on",
-        scene=_grip(_LINK, _LINK, [1.57, 1.52], replace(_LIGHT, law=_CORE)),
-        dt=5e-4,
-    )
-# All cases by their names.
-CASES: Mapping[str, StressCase] = MappingProxyType(
-    {name: replace(case, name=name) for name, case in _CASES.items()}
-)
+CASES: Mapping[str, StressCase]  # by their names, when asked for: SciPy fits one of the laws
+
+
+def __getattr__(name: str) -> Any:
+    if name != "CASES":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if "toggle" not in _CASES and find_spec("scipy"):
+        law = MeasuredLaw(np.linspace(1e-3, 6e-3, 6), np.geomspace(9.0, 1800.0, 6))
+        _CASES["toggle"] = StressCase(
+            why="links at their dead centre press without bound, on tips that are stiff from 4 mm",
+            scene=_grip([1.57, 1.52], _LINK, tip=replace(_LIGHT, law=law)),
+        )
+    return MappingProxyType({key: replace(case, name=key) for key, case in _CASES.items()})

@@ -64,7 +64,7 @@ EXPECTED = {
     "steep_wedge": "F F R R R",
     "unlike_fingers": "F F R R R",
     "sharp_start": "R R R R R",
-    "toggle": "F F R R R",
+    "toggle": "R R R R R",
 }
 STIFF = ("feather", "overdamped", *("gram_jaws", "needle", "steep_wedge", "unlike_fingers"))
 EXPECTED_BY_CSM = EXPECTED | {"strong_stabilization": "F F R R R"}
