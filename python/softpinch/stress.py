@@ -31,8 +31,6 @@ from .scene.stabilization import Stabilization
 
 # Durations, s, that SciPy's methods can integrate at their tightest tolerance within seconds.
 _SHORT, _MEDIUM = 0.02, 0.1
-# I / M of the default object, m^2, which is that of a square of aluminium.
-_INERTIA = GraspedObject().inertia / GraspedObject().mass
 _LIGHT, _RAIL = Fingertip(normal_mass=1e-3, tangential_mass=1e-3), Pid(kp=2e4, kd=200.0, ki=2e5)
 # A move whose jumps are on no grid of steps.
 _WHIRL = HandMotion.trapezoid([0.0213, 0.0717], [[0.0, 0.0], [0.15, 0.1]], 400.0, [0.0, -1.0])
@@ -71,7 +69,7 @@ def _held(angle: float = 6.0, **parts: Any) -> Scene:
 
 def _heavy(mass: float) -> GraspedObject:
     """The default object with another density."""
-    return GraspedObject(mass=mass, inertia=_INERTIA * mass)
+    return GraspedObject(mass=mass, inertia=GraspedObject().inertia / GraspedObject().mass * mass)
 
 
 def _grip(targets: Any, right: Any, left: Any = None, tip: Any = _LIGHT, **parts: Any) -> Scene:
@@ -217,7 +215,8 @@ _CASES = {
         long=True,
     ),
 }
-CASES: Mapping[str, StressCase]  # by their names, when asked for: SciPy fits one of the laws
+# All cases by their names; made when asked for, since SciPy fits one of their laws.
+CASES: Mapping[str, StressCase]
 
 
 def __getattr__(name: str) -> Any:
