@@ -4,7 +4,8 @@ SymPy derives the equations of a scene from positions, rigid velocities and ener
 between the centre of a tip and the side, the velocities of both bodies at the foot of this
 distance, and the energy of the springs over the tilt between the side and the base of the tip. None
 of the core's formulas for rows, biases and gradients is used. As in `trajectory`, the compressions
-and shears follow five coordinates.
+and shears follow five coordinates. A hand that moves adds the accelerations of its frame, at the
+centre of mass of each body.
 """
 
 from __future__ import annotations
@@ -87,6 +88,12 @@ def derivatives(name: str) -> list[Any]:
     return made
 
 
+def turned(angle: Any, x: Any, y: Any) -> Any:
+    """The vector (x, y) turned counter-clockwise."""
+    along = sp.Matrix([sp.cos(angle), sp.sin(angle)])
+    return x * along + y * turn(along)
+
+
 class PartsModel:
     """The equations of a scene, and their integration."""
 
@@ -100,6 +107,8 @@ class PartsModel:
         target = sp.symbols("target1 target2", real=True)
         integral = sp.symbols("integral1 integral2", real=True)
         external = sp.symbols("force_x force_y moment", real=True)
+        # Of a hand that moves: its acceleration along fixed axes, tilt, and two rates of the tilt.
+        frame = sp.symbols("frame_x frame_y tilt turn spin", real=True)[: 5 * bool(scene.motion)]
 
         def rate(expression: Any) -> Any:
             return sum(sp.diff(expression, x) * w for x, w in zip(u, v, strict=True))
@@ -154,9 +163,20 @@ class PartsModel:
         force_d = sp.Matrix([
             -sp.diff(elastic, x) - c * r for x, c, r in zip(d, viscous, rates_d, strict=True)
         ])  # fmt: skip
-        force = sp.Matrix([*external, *torques]) - sp.Matrix([
-            sp.diff(elastic + weight, x) for x in u
-        ])  # fmt: skip
+        bodies = sp.Matrix([sp.diff(-weight, x) for x in u])
+        pushed = sp.Matrix(external[:2])
+        if frame:
+            pushed = turned(-frame[2], *pushed)
+            fields = turned(-frame[2], frame[0], frame[1] + g)
+            bodies = sp.zeros(5, 1)
+            for own, at, inertia, angle in self.bodies(scene, place):
+                # The acceleration of the body's centre beside that which its coordinates have.
+                away = fields + frame[4] * turn(at) + 2 * frame[3] * turn(at.applyfunc(rate))
+                away -= frame[3] ** 2 * at
+                bodies -= own * at.jacobian(u).T * away
+                bodies -= inertia * frame[4] * sp.Matrix([sp.diff(angle, x) for x in u])
+        force = sp.Matrix([*pushed, external[2], *torques]) + bodies
+        force -= sp.Matrix([sp.diff(elastic, x) for x in u])
         of_d = sp.diag(*mass_d)
         matrix = sp.diag(*mass) + phi.T * of_d * phi
         right = force - phi.T * (force_d + of_d * bias)
@@ -164,7 +184,8 @@ class PartsModel:
         acceleration = sp.symbols("acceleration1:6", real=True)
         multipliers = -of_d * (phi * sp.Matrix(acceleration) + bias) - force_d
         state = (*u, *dt, *integral, *v)
-        given = (state, (*target, *external), tuple(self.values))
+        self.asked = len(target) + len(external) + len(frame)
+        given = (state, (*target, *external, *frame), tuple(self.values))
         motion = [entry.xreplace(pressed) for entry in (*matrix, *right, *rates_d[2:, 0])]
         rest = [entry.xreplace(pressed) for entry in (*depths, *rates_d, *multipliers)]
         modules = [self.laws, "math"]
@@ -178,6 +199,22 @@ class PartsModel:
         symbol = sp.Symbol(f"number{len(self.values)}", real=True)
         self.values[symbol] = float(value)
         return symbol
+
+    def bodies(self, scene: Scene, place: Any) -> list[tuple[Any, Any, Any, Any]]:
+        """Mass, centre, moment of inertia about it and angle of each body, in the hand's frame."""
+        grasped = scene.grasped
+        found = [(self.number(grasped.mass), place, self.number(grasped.inertia), self.u[2])]
+        for i, finger in enumerate((scene.hand.right, scene.hand.left)):
+            s, z, mass = SIGNS[i], self.u[3 + i], self.number(finger.mass)
+            if isinstance(finger, Jaw):
+                found.append((mass, self.mechanism(scene, i)[0], sp.Integer(0), z))
+                continue
+            length, offset = self.number(finger.length), self.number(finger.root_offset)
+            end = sp.Matrix([s * (length * sp.sin(z) - offset), length * sp.cos(z)])
+            # What is not a mass at the links' end turns with them, inward.
+            inertia = self.number(finger.inertia - finger.mass * finger.length**2)
+            found.append((mass, end, inertia, -s * z))
+        return found
 
     def mechanism(self, scene: Scene, i: int) -> tuple[Any, Any, Any, Any]:
         """Centre and tilt of the tip's base, inertia in the coordinate, and weight over g."""
@@ -204,23 +241,18 @@ class PartsModel:
         s, theta, grasped = SIGNS[i], self.u[2], scene.grasped
         side = (grasped.right, grasped.left)[i]
 
-        def turned(x: Any, y: Any) -> Any:
-            return x * sp.Matrix([sp.cos(theta), sp.sin(theta)]) + y * sp.Matrix([
-                -sp.sin(theta), sp.cos(theta)
-            ])  # fmt: skip
-
         if isinstance(side, Arc):
             radius = self.number(side.radius)
-            away = center - place - turned(*map(self.number, side.center))
+            away = center - place - turned(theta, *map(self.number, side.center))
             length = sp.sqrt(away.dot(away))
             power = {"flat": 0.0, "cylinder": -0.5, "sphere": -1.0}[side.counterface]
             softer = self.number((1.0 + scene.hand.tips[i].radius / side.radius) ** power)
             return away / length, length - radius, softer
         tilt = self.number(side.tilt if isinstance(side, Face) else 0.0)
         # Wider above: the right face looks down, and so does the left one.
-        outward = turned(-s * sp.cos(tilt), -sp.sin(tilt))
+        outward = turned(theta, -s * sp.cos(tilt), -sp.sin(tilt))
         half, offset = self.number(0.5 * grasped.width), self.number(grasped.com_offset)
-        middle = place + turned(-s * half - offset, 0)
+        middle = place + turned(theta, -s * half - offset, 0)
         return outward, (center - middle).dot(outward), sp.Integer(1)
 
     def accelerations(self, terms: Any) -> list[float]:
@@ -236,7 +268,8 @@ class PartsModel:
 
     def jump(self, state: Floats, impulse: tuple[float, ...]) -> Floats:
         """The states after an ideal impulse on the object."""
-        terms = self.motion(tuple(state.tolist()), (0.0,) * 5, tuple(self.values.values()))
+        asked = (0.0,) * self.asked
+        terms = self.motion(tuple(state.tolist()), asked, tuple(self.values.values()))
         matrix = np.array(terms[:25]).reshape(5, 5)
         change = np.linalg.solve(matrix, np.array([*impulse, 0.0, 0.0]))
         return np.concatenate([state[:9], state[9:] + change])
@@ -260,14 +293,14 @@ def parts_reference(
     """Integrates a scene with other parts, as `trajectory.reference` does one with the paper's.
 
     Args:
-        scene: With bilateral contact and PIDs, in a hand at rest.
+        scene: With bilateral contact and PIDs.
         times: (n,), s, within the run.
         method: One of scipy.integrate's.
         rtol: Relative tolerance; the absolute one is a share of it, of fixed sizes.
     """
     model, start = PartsModel(scene), scene.start()
     state = np.concatenate([start.q[:5], start.q[7:], start.integral, start.p[:5]])
-    off = np.abs(model.row(state, (0.0,) * 5)[0] - start.q).max()
+    off = np.abs(model.row(state, (0.0,) * model.asked)[0] - start.q).max()
     if off > 1e-10:
         raise ValueError(f"initial: off the constraints by {off:g} m, which this form cannot be")
     begin = float(start.time)

@@ -201,7 +201,7 @@ class MeasuredLaw(TipLaw):
         if not self.misfit <= _MISFIT:
             raise ValueError(
                 f"MeasuredLaw.force: the best curve of parallel springs misses it by "
-                f"{self.misfit:.0%} of the largest force: must be convex, without saturation"
+                f"{self.misfit:.0%} of the largest force: must be convex, without saturation or kinks"
             )
 
     @classmethod
