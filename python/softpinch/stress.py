@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from types import MappingProxyType
 from typing import Any
 
@@ -23,14 +24,14 @@ from .scene.control import Pid
 from .scene.disturbance import Impulse
 from .scene.hand import Finger, Fingertip, GraspedObject, Hand
 from .scene.motion import HandMotion
+from .scene.parts import Arc, Face, Jaw, MeasuredLaw, Parallelogram, PowerLaw
 from .scene.scene import Scene, State
 from .scene.schedule import Schedule
 from .scene.stabilization import Stabilization
 
 # Durations, s, that SciPy's methods can integrate at their tightest tolerance within seconds.
 _SHORT, _MEDIUM = 0.02, 0.1
-# I / M of the default object, m^2, which is that of a square of aluminium.
-_INERTIA = GraspedObject().inertia / GraspedObject().mass
+_LIGHT, _RAIL = Fingertip(normal_mass=1e-3, tangential_mass=1e-3), Pid(kp=2e4, kd=200.0, ki=2e5)
 # A move whose jumps are on no grid of steps.
 _WHIRL = HandMotion.trapezoid([0.0213, 0.0717], [[0.0, 0.0], [0.15, 0.1]], 400.0, [0.0, -1.0])
 
@@ -68,7 +69,17 @@ def _held(angle: float = 6.0, **parts: Any) -> Scene:
 
 def _heavy(mass: float) -> GraspedObject:
     """The default object with another density."""
-    return GraspedObject(mass=mass, inertia=_INERTIA * mass)
+    return GraspedObject(mass=mass, inertia=GraspedObject().inertia / GraspedObject().mass * mass)
+
+
+def _grip(targets: Any, right: Any, left: Any = None, tip: Any = _LIGHT, **parts: Any) -> Scene:
+    """Fingers of any kind that close from where they touch, with a little shear in their tips."""
+    hand = Hand(right=right, left=left or right, tip=tip)
+    control = [_RAIL if isinstance(each, Jaw) else Pid() for each in (hand.right, hand.left)]
+    parts |= {"hand": hand, "control": control, "schedule": Schedule.steps([0.0], [targets])}
+    scene = Scene(initial="touching", duration=_SHORT, **parts)
+    start = State.consistent(scene, fingers=scene.start().q[3:5], shear=(2e-4, -1e-4))
+    return replace(scene, initial=start)
 
 
 def _folded() -> Scene:
@@ -99,6 +110,9 @@ def _struck(x: float, y: float, angular: float) -> Scene:
     return _held(disturbances=[blow], duration=_MEDIUM)
 
 
+_SMALL = Finger(length=0.02, root_offset=0.02, mass=2e-3, inertia=1e-6)
+_LINK, _TIP = Parallelogram(root_offset=0.1235), replace(_LIGHT, radius=4e-3, youngs_modulus=1e8)
+_ODD = GraspedObject(width=0.03, mass=0.02, right=Face(tilt=0.2), left=Arc(0.02, (4e-3, 0.0)))
 _CASES = {
     "near_rigid": StressCase(
         why="E = 10 GPa: the tip is a spring that only just gives way, at kilohertz",
@@ -175,13 +189,43 @@ _CASES = {
         why="a move of 0.18 m and 57 degrees in 50 ms: forces of forty weights, which jump",
         scene=replace(_held(duration=_MEDIUM), motion=_WHIRL),
     ),
+    "gram_jaws": StressCase(
+        why="jaws and tips of 1 g, E = 100 MPa: the drives stop them within 10 microseconds",
+        scene=_grip([4e-3, 3e-3], Jaw(mass=1e-3), tip=replace(_LIGHT, youngs_modulus=1e8)),
+    ),
+    "needle": StressCase(
+        why="a needle of 6 mm and 1 g between tips of 20 mm, on which it rolls and turns",
+        scene=_grip([0.45, 0.4], Finger(), grasped=GraspedObject.disc(6e-3, 1e-3)),
+    ),
+    "steep_wedge": StressCase(
+        why="faces of 34 degrees on 1 g: the grip shears the tips as far as it presses them",
+        scene=_grip([4e-3, 3e-3], Jaw(), grasped=GraspedObject.wedge(0.05, 0.03, 1e-3, 0.6)),
+    ),
+    "unlike_fingers": StressCase(
+        why="a jaw of 2 kg and a link of 2 g, a face and an arc: time scales far apart",
+        scene=_grip([8e-3, 0.05], Jaw(mass=2.0, height=0.02), _SMALL, (_LIGHT, _TIP), grasped=_ODD),
+    ),
+    "sharp_start": StressCase(
+        why="F ~ d^1.2 with a foot of 1 micrometre: ever denser springs where sheared tips touch",
+        scene=_grip([0.1, 0.08], Finger(), tip=replace(_LIGHT, law=PowerLaw(1.2e4, 1.2, 1e-6))),
+    ),
     "long": StressCase(
         why="1000 s, 10^7 steps of 0.1 ms: round-off and drift have time",
         scene=_held(duration=1000.0),
         long=True,
     ),
 }
-# All cases by their names.
-CASES: Mapping[str, StressCase] = MappingProxyType(
-    {name: replace(case, name=name) for name, case in _CASES.items()}
-)
+# All cases by their names; made when asked for, since SciPy fits one of their laws.
+CASES: Mapping[str, StressCase]
+
+
+def __getattr__(name: str) -> Any:
+    if name != "CASES":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if "toggle" not in _CASES and find_spec("scipy"):
+        law = MeasuredLaw(np.linspace(1e-3, 6e-3, 6), np.geomspace(9.0, 1800.0, 6))
+        _CASES["toggle"] = StressCase(
+            why="links at their dead centre press without bound, on tips that are stiff from 4 mm",
+            scene=_grip([1.57, 1.52], _LINK, tip=replace(_LIGHT, law=law)),
+        )
+    return MappingProxyType({key: replace(case, name=key) for key, case in _CASES.items()})

@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from example_runs import run_example
@@ -112,3 +113,29 @@ def test_a_move_is_as_long_as_it_has_to_be(tmp_path: Path) -> None:
     assert low <= 0.999 <= high and 0.99 < share < 1.0
     shares = dict(re.findall(r"^  (\S+) +share +([\d.]+)", printed, re.MULTILINE))
     assert max(shares, key=lambda path: float(shares[path])) == "motion.times.1"
+
+
+def test_a_gripper_carries_a_bottle_as_fast_as_friction_lets_it(tmp_path: Path) -> None:
+    printed = run_example("14_a_bottle_in_jaws.py", tmp_path, "--quick")
+    assert float(re.findall(r"misfit ([\d.]+)%", printed)[0]) < 1.0
+    # A tip of 20 mm on a bottle of 35 mm.
+    softer = float(re.findall(r"arcs soften the tips to ([\d.]+)", printed)[0])
+    assert softer == pytest.approx((1.0 + 20.0 / 35.0) ** -0.5, abs=1e-3)
+    duration, peak = map(
+        float, re.findall(r"numbers known: ([\d.]+) s, .* ([\d.]+) m/s", printed)[0]
+    )
+    # Friction of 0.5 on 15 N in each tip bears 15 N upwards, of 0.5 kg, but for the tips' couples.
+    assert peak == pytest.approx(2.0 * 0.5 * 15.0 / 0.5 - 9.81, rel=0.05)
+    parts = re.findall(
+        r"^tips ([\d.]+) times as stiff: +([\d.]+) N, ([\d.]+)", printed, re.MULTILINE
+    )
+    factors, forces, holds = np.array(parts, float).T
+    # The jaws travel equally far, so that stiffer tips press harder and lose fewer bottles.
+    assert forces / forces.mean() == pytest.approx(factors / factors.mean(), rel=0.05)
+    assert np.corrcoef(factors, holds)[0, 1] > 0.7
+    shares = dict(re.findall(r"^  (\S+): share ([\d.]+)", printed, re.MULTILINE))
+    assert max(shares, key=lambda path: float(shares[path])) == "motion.times.2"
+    rows = re.findall(r"^ +([\d.]+) +[\d.]+ +([\d.]+) to ([\d.]+) +([\d.]+)", printed, re.MULTILINE)
+    at, low, high, slips = np.array(rows, float).T
+    assert low[0] > 0.6 and high[-1] < 0.1 and low[at < duration].min() > high[at > 0.75].max()
+    assert (slips >= low).all()

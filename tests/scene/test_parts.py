@@ -87,6 +87,31 @@ def test_what_slips_and_opens_keeps_every_invariant(
     run.check(residual=1e-4)
 
 
+@given(
+    strategies.other_hands(0.05, contact="unilateral"),
+    strategies.motions(0.05, acceleration=50.0),
+    st.floats(0.05, 1.0),
+    st.sampled_from([("projected", "rk4"), ("csm", "dop853"), ("projected", "radau5")]),
+)
+@settings(max_examples=30)
+def test_hands_that_are_carried_slip_and_open_keep_every_invariant(
+    scene: sp.Scene, motion: sp.HandMotion, friction: float, pair: tuple[Any, Any]
+) -> None:
+    tips = [replace(tip, normal_mass=0.02, tangential_mass=0.02) for tip in scene.hand.tips]
+    blow = sp.Impulse(time=0.02, impulse=(0.1, -0.2), angular_impulse=1e-3)
+    scene = replace(
+        scene,
+        motion=motion,
+        friction=friction,
+        disturbances=[*scene.disturbances, blow],
+        hand=replace(scene.hand, tip=(tips[0], tips[1])),
+    )
+    formulation, method = pair
+    run = sp.simulate(scene, dt=2e-5, formulation=formulation, method=method, record=EVERYTHING)
+    assert run.status in ("completed", "lost", "crushed", "folded")
+    run.check(residual=1e-4)
+
+
 @given(strategies.other_hands(), formulations)
 @settings(max_examples=25)
 def test_mirror_images_mirror_to_round_off(scene: sp.Scene, formulation: str) -> None:

@@ -200,8 +200,8 @@ class MeasuredLaw(TipLaw):
         self._set("force", force)
         if not self.misfit <= _MISFIT:
             raise ValueError(
-                f"MeasuredLaw.force: the best curve of parallel springs misses it by "
-                f"{self.misfit:.0%} of the largest force: must be convex, without saturation"
+                f"MeasuredLaw.force: the best law of springs misses it by {self.misfit:.0%} of the "
+                "largest force: must be convex, without saturation or sharp bends"
             )
 
     @classmethod

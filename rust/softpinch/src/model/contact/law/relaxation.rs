@@ -9,7 +9,7 @@
 
 use super::springs::{Curve, Springs};
 use crate::model::Source;
-use crate::number::{Bits, Real};
+use crate::number::{Bits, LaneTask, Real, task};
 
 /// Most branches of a tip.
 pub const BRANCHES: usize = 2;
@@ -41,6 +41,11 @@ pub struct Relaxing<R> {
     pub stored: R,
     /// The power lost, W.
     pub lost: R,
+}
+
+task! {
+    /// Computes a curve. It is called, because a branch needs it several times.
+    ['a, R: Real] CurveAt<'a, R>(law: &'a Springs<R>, d: R) for R => Curve<R> = law.curve(d)
 }
 
 impl<R: Real> Relaxing<R> {
@@ -75,7 +80,7 @@ impl<R: Real> Springs<R> {
         ledger: bool,
     ) -> Relaxing<R> {
         let (half, mut found) = (R::constant(0.5), Relaxing::nothing());
-        let Curve { integral, force, slope, bend } = self.curve(d_n);
+        let Curve { integral, force, slope, bend } = R::outlined(CurveAt { law: self, d: d_n });
         for k in 0..BRANCHES {
             let (share, rate) = (self.share * self.branches.shares[k], self.branches.rates[k]);
             let (r, zeta) = (4 * k + i, 4 * k + 2 + i);
@@ -87,9 +92,9 @@ impl<R: Real> Springs<R> {
             found.rates[r] = over * rate;
             found.rates[zeta] = shear * rate;
             if ledger {
-                let delta = self.compression(states[r]);
+                let (delta, stored) = self.compression(states[r]);
                 let (beyond, sheared) = (d_n - delta, slope * squared);
-                let normal = (integral - self.curve(delta).integral) - states[r] * beyond;
+                let normal = (integral - stored) - states[r] * beyond;
                 found.stored = share.mul_add(half.mul_add(sheared, normal), found.stored);
                 found.lost = (share * rate).mul_add(over.mul_add(beyond, sheared), found.lost);
             }
@@ -97,14 +102,14 @@ impl<R: Real> Springs<R> {
         found
     }
 
-    /// The compression with a force, by Newton's method. F is convex, so after its first step it comes from above; where
+    /// The compression with a force, and Phi there, by Newton's method. F is convex, so after its first step it comes from above; where
     /// it is flat, at a force of zero, it halves the compression with each step.
     #[inline(always)]
-    fn compression(&self, force: R) -> R {
+    fn compression(&self, force: R) -> (R, R) {
         let force = force.positive_part();
         let (mut d, mut moving) = (self.branches.radius, Bits::MAX);
         for _ in 0..STEPS {
-            let Curve { force: found, slope, .. } = self.curve(d);
+            let Curve { force: found, slope, .. } = R::outlined(CurveAt { law: self, d });
             moving &= R::zero().less(slope);
             let step = R::select(moving, (found - force) / slope, R::zero());
             d = d - step;
@@ -114,6 +119,6 @@ impl<R: Real> Springs<R> {
                 break;
             }
         }
-        d
+        (d, R::outlined(CurveAt { law: self, d }).integral)
     }
 }

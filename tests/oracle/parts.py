@@ -1,0 +1,316 @@
+"""Trajectories of other hands and objects: jaws, parallelograms, tilted faces, arcs, any law.
+
+SymPy derives the equations of a scene from positions, rigid velocities and energies: the distance
+between the centre of a tip and the side, the velocities of both bodies at the foot of this
+distance, and the energy of the springs over the tilt between the side and the base of the tip. None
+of the core's formulas for rows, biases and gradients is used. As in `trajectory`, the compressions
+and shears follow five coordinates. A hand that moves adds the accelerations of its frame, at the
+centre of mass of each body.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import inf, pi
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import BPoly
+
+from softpinch import (
+    Arc,
+    Face,
+    Fingertip,
+    Jaw,
+    MeasuredLaw,
+    Parallelogram,
+    Pid,
+    PowerLaw,
+    Scene,
+)
+from softpinch.accuracy.segments import Inputs, System, integrate
+from softpinch.scene.parts import others
+
+from .lagrangian import turn
+from .trajectory import Reference, reference
+
+Floats = NDArray[np.float64]
+Law = Callable[[float], float]
+# Of the right side, whose outward normal is along x, and of the left one.
+SIGNS = (-1, 1)
+
+
+def law_of(tip: Fingertip) -> list[Law]:
+    """The integral of the force F(d), F, F' and F'' at compressions d.
+
+    F'' keeps its value below zero, and of a `MeasuredLaw` beyond its range.
+    """
+    law, end = tip.law, inf
+    if isinstance(law, MeasuredLaw):
+        end = float(law.compression[-1])
+        density = BPoly(law.weights[:, None], [0.0, end])
+        within: list[Any] = [density.antiderivative(k) for k in (3, 2, 1)] + [density]
+    else:
+        springs = PowerLaw(pi * tip.youngs_modulus, 2.0)
+        c, n, foot = (getattr(law or springs, name) for name in ("coefficient", "exponent", "foot"))
+        e = foot or 0.0
+        start, slope = c * e**n, c * n * e ** (n - 1) if e else 0.0
+        within = [
+            lambda d: (
+                c * ((d + e) ** (n + 1) - e ** (n + 1)) / (n + 1) - start * d - slope * d * d / 2
+            ),
+            lambda d: c * (d + e) ** n - start - slope * d,
+            lambda d: c * n * (d + e) ** (n - 1) - slope,
+            lambda d: c * n * (n - 1) * (d + e) ** (n - 2),
+        ]
+
+    def continued(order: int) -> Law:
+        def value(d: float) -> float:
+            near = min(max(d, 0.0), end)
+            terms, beyond = [float(each(near)) for each in within[order:]], d - near
+            series = (term * beyond**k / (1, 1, 2, 6)[k] for k, term in enumerate(terms))
+            return sum(series) if beyond else terms[0]
+
+        return value
+
+    return [continued(order) for order in range(4)]
+
+
+def derivatives(name: str) -> list[Any]:
+    """Functions of SymPy of which each is the derivative of the one before."""
+    made: list[Any] = [sp.Function(f"{name}_3")]
+    for order in (2, 1, 0):
+        after = made[0]
+        body = {"fdiff": lambda self, argindex=1, after=after: after(self.args[0])}
+        made.insert(0, type(f"{name}_{order}", (sp.Function,), body))
+    return made
+
+
+def turned(angle: Any, x: Any, y: Any) -> Any:
+    """The vector (x, y) turned counter-clockwise."""
+    along = sp.Matrix([sp.cos(angle), sp.sin(angle)])
+    return x * along + y * turn(along)
+
+
+class PartsModel:
+    """The equations of a scene, and their integration."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.values: dict[Any, float] = {}
+        self.laws: dict[str, Law] = {}
+        self.pids = scene.control if isinstance(scene.control, tuple) else (scene.control,) * 2
+        u = self.u = sp.symbols("x y theta z1 z2", real=True)
+        v = self.v = sp.symbols("vx vy omega w1 w2", real=True)
+        dn, dt = (sp.symbols(f"{name}1 {name}2", real=True) for name in ("dn", "dt"))
+        target = sp.symbols("target1 target2", real=True)
+        integral = sp.symbols("integral1 integral2", real=True)
+        external = sp.symbols("force_x force_y moment", real=True)
+        # Of a hand that moves: its acceleration along fixed axes, tilt, and two rates of the tilt.
+        frame = sp.symbols("frame_x frame_y tilt turn spin", real=True)[: 5 * bool(scene.motion)]
+
+        def rate(expression: Any) -> Any:
+            return sum(sp.diff(expression, x) * w for x, w in zip(u, v, strict=True))
+
+        grasped, g = scene.grasped, self.number(scene.gravity)
+        place = sp.Matrix(u[:2])
+        mass = [*[self.number(grasped.mass)] * 2, self.number(grasped.inertia)]
+        weight, elastic = mass[0] * g * u[1], sp.Integer(0)
+        rows, shear_rows, depths, mass_d, viscous, torques = [], [], [], [], [], []
+        for i, s in enumerate(SIGNS):
+            tip = scene.hand.tips[i]
+            center, base, inertia, potential = self.mechanism(scene, i)
+            mass.append(inertia)
+            weight += potential * g
+            outward, distance, softer = self.side(scene, i, place, center)
+            # The distance is the radius less the compression.
+            depth = self.number(tip.radius) - distance
+            depths.append(depth)
+            rows.append(sp.Matrix([distance]).jacobian(u))
+            foot = center - outward * distance
+            of_object = sp.Matrix(v[:2]) + v[2] * turn(foot - place)
+            of_tip = center.applyfunc(rate) - s * rate(base) * turn(foot - center)
+            along = turn(-s * outward)
+            shear_rows.append(sp.Matrix([along.dot(of_object - of_tip)]).jacobian(v))
+            # How far the side is turned from the base of the tip.
+            normal = -s * outward
+            tilt = base + s * sp.atan(normal[1] / normal[0])
+            law = derivatives(f"law{i}")
+            self.laws |= dict(zip((f"law{i}_{k}" for k in range(4)), law_of(tip), strict=True))
+            kappa = self.number(tip.tilt_coupling)
+            factor = self.number(getattr(tip.law, "shear_factor", 1.0))
+            elastic += softer * (
+                law[0](dn[i]) / sp.cos(tilt) ** 2
+                + kappa * law[1](dn[i]) * dt[i] * sp.tan(tilt)
+                + factor * law[2](dn[i]) * dt[i] ** 2 / 2
+            )
+            pid = self.pids[i]
+            assert isinstance(pid, Pid)
+            gains = [self.number(gain) for gain in (pid.kp, pid.kd, pid.ki)]
+            z, w = u[3 + i], v[3 + i]
+            torques.append(-gains[0] * (z - target[i]) - gains[1] * w - gains[2] * integral[i])
+        for normal_mass in (True, False):
+            for tip in scene.hand.tips:
+                own = tip.normal_mass if normal_mass else tip.tangential_mass
+                damping = tip.normal_viscosity if normal_mass else tip.tangential_viscosity
+                mass_d.append(self.number(grasped.mass if own is None else own))
+                viscous.append(self.number(damping))
+        phi = sp.Matrix.vstack(*rows, *shear_rows)
+        bias = phi.applyfunc(rate) * sp.Matrix(v)
+        rates_d = -phi * sp.Matrix(v)
+        d = (*dn, *dt)
+        force_d = sp.Matrix([
+            -sp.diff(elastic, x) - c * r for x, c, r in zip(d, viscous, rates_d, strict=True)
+        ])  # fmt: skip
+        bodies = sp.Matrix([sp.diff(-weight, x) for x in u])
+        pushed = sp.Matrix(external[:2])
+        if frame:
+            pushed = turned(-frame[2], *pushed)
+            fields = turned(-frame[2], frame[0], frame[1] + g)
+            bodies = sp.zeros(5, 1)
+            for own, at, inertia, angle in self.bodies(scene, place):
+                # The acceleration of the body's centre beside that which its coordinates have.
+                away = fields + frame[4] * turn(at) + 2 * frame[3] * turn(at.applyfunc(rate))
+                away -= frame[3] ** 2 * at
+                bodies -= own * at.jacobian(u).T * away
+                bodies -= inertia * frame[4] * sp.Matrix([sp.diff(angle, x) for x in u])
+        force = sp.Matrix([*pushed, external[2], *torques]) + bodies
+        force -= sp.Matrix([sp.diff(elastic, x) for x in u])
+        of_d = sp.diag(*mass_d)
+        matrix = sp.diag(*mass) + phi.T * of_d * phi
+        right = force - phi.T * (force_d + of_d * bias)
+        pressed = dict(zip(dn, depths, strict=True))
+        acceleration = sp.symbols("acceleration1:6", real=True)
+        multipliers = -of_d * (phi * sp.Matrix(acceleration) + bias) - force_d
+        state = (*u, *dt, *integral, *v)
+        self.asked = len(target) + len(external) + len(frame)
+        given = (state, (*target, *external, *frame), tuple(self.values))
+        motion = [entry.xreplace(pressed) for entry in (*matrix, *right, *rates_d[2:, 0])]
+        rest = [entry.xreplace(pressed) for entry in (*depths, *rates_d, *multipliers)]
+        modules = [self.laws, "math"]
+        self.motion = sp.lambdify(given, motion, modules=modules, cse=True, docstring_limit=0)
+        self.rest = sp.lambdify(
+            (*given, acceleration), rest, modules=modules, cse=True, docstring_limit=0
+        )
+
+    def number(self, value: float) -> Any:
+        """A symbol for a number of the scene."""
+        symbol = sp.Symbol(f"number{len(self.values)}", real=True)
+        self.values[symbol] = float(value)
+        return symbol
+
+    def bodies(self, scene: Scene, place: Any) -> list[tuple[Any, Any, Any, Any]]:
+        """Mass, centre, moment of inertia about it and angle of each body, in the hand's frame."""
+        grasped = scene.grasped
+        found = [(self.number(grasped.mass), place, self.number(grasped.inertia), self.u[2])]
+        for i, finger in enumerate((scene.hand.right, scene.hand.left)):
+            s, z, mass = SIGNS[i], self.u[3 + i], self.number(finger.mass)
+            if isinstance(finger, Jaw):
+                found.append((mass, self.mechanism(scene, i)[0], sp.Integer(0), z))
+                continue
+            length, offset = self.number(finger.length), self.number(finger.root_offset)
+            end = sp.Matrix([s * (length * sp.sin(z) - offset), length * sp.cos(z)])
+            # What is not a mass at the links' end turns with them, inward.
+            inertia = self.number(finger.inertia - finger.mass * finger.length**2)
+            found.append((mass, end, inertia, -s * z))
+        return found
+
+    def mechanism(self, scene: Scene, i: int) -> tuple[Any, Any, Any, Any]:
+        """Centre and tilt of the tip's base, inertia in the coordinate, and weight over g."""
+        s, z = SIGNS[i], self.u[3 + i]
+        finger = (scene.hand.right, scene.hand.left)[i]
+        offset, thick, mass = map(
+            self.number, (finger.root_offset, finger.half_thickness, finger.mass)
+        )
+        if isinstance(finger, Jaw):
+            direction, height = self.number(finger.direction), self.number(finger.height)
+            across = thick - offset + z * sp.cos(direction)
+            up = height + z * sp.sin(direction)
+            return sp.Matrix([s * across, up]), self.number(finger.angle), mass, mass * up
+        length, inertia = self.number(finger.length), self.number(finger.inertia)
+        lever = sp.Matrix([s * (length * sp.sin(z) - offset), length * sp.cos(z)])
+        if isinstance(finger, Parallelogram):
+            center, base = lever + sp.Matrix([s * thick, 0]), self.number(finger.angle)
+        else:
+            center, base = lever + thick * sp.Matrix([s * sp.cos(z), -sp.sin(z)]), z
+        return center, base, inertia, mass * length * sp.cos(z)
+
+    def side(self, scene: Scene, i: int, place: Any, center: Any) -> tuple[Any, Any, Any]:
+        """The side's outward normal and distance at the tip's centre, and how soft it makes it."""
+        s, theta, grasped = SIGNS[i], self.u[2], scene.grasped
+        side = (grasped.right, grasped.left)[i]
+
+        if isinstance(side, Arc):
+            radius = self.number(side.radius)
+            away = center - place - turned(theta, *map(self.number, side.center))
+            length = sp.sqrt(away.dot(away))
+            power = {"flat": 0.0, "cylinder": -0.5, "sphere": -1.0}[side.counterface]
+            softer = self.number((1.0 + scene.hand.tips[i].radius / side.radius) ** power)
+            return away / length, length - radius, softer
+        tilt = self.number(side.tilt if isinstance(side, Face) else 0.0)
+        # Wider above: the right face looks down, and so does the left one.
+        outward = turned(theta, -s * sp.cos(tilt), -sp.sin(tilt))
+        half, offset = self.number(0.5 * grasped.width), self.number(grasped.com_offset)
+        middle = place + turned(theta, -s * half - offset, 0)
+        return outward, (center - middle).dot(outward), sp.Integer(1)
+
+    def accelerations(self, terms: Any) -> list[float]:
+        """Accelerations of the five coordinates."""
+        solved = np.linalg.solve(np.array(terms[:25]).reshape(5, 5), np.array(terms[25:30]))
+        return [float(each) for each in solved]
+
+    def rates(self, state: tuple[float, ...], asked: tuple[float, ...]) -> tuple[float, ...]:
+        """Rates of the fourteen states."""
+        terms = self.motion(state, asked, tuple(self.values.values()))
+        errors = (state[3] - asked[0], state[4] - asked[1])
+        return (*state[9:], *terms[30:], *errors, *self.accelerations(terms))
+
+    def jump(self, state: Floats, impulse: tuple[float, ...]) -> Floats:
+        """The states after an ideal impulse on the object."""
+        asked = (0.0,) * self.asked
+        terms = self.motion(tuple(state.tolist()), asked, tuple(self.values.values()))
+        matrix = np.array(terms[:25]).reshape(5, 5)
+        change = np.linalg.solve(matrix, np.array([*impulse, 0.0, 0.0]))
+        return np.concatenate([state[:9], state[9:] + change])
+
+    def row(self, state: Floats, asked: tuple[float, ...]) -> tuple[Floats, ...]:
+        """q, p, multipliers and integral at one instant."""
+        y, values = state.tolist(), tuple(self.values.values())
+        found = self.rest(y, asked, values, self.accelerations(self.motion(y, asked, values)))
+        q = np.array([*y[:5], *found[:2], *y[5:7]])
+        return q, np.array([*y[9:], *found[2:6]]), np.array(found[6:]), state[7:9].copy()
+
+
+def reference_of(scene: Scene, times: ArrayLike, method: str = "DOP853") -> Reference:
+    """The reference of a scene with any parts, whichever derivation has it."""
+    return (parts_reference if others(scene) else reference)(scene, times, method=method)
+
+
+def parts_reference(
+    scene: Scene, times: ArrayLike, method: str = "DOP853", rtol: float = 1e-12
+) -> Reference:
+    """Integrates a scene with other parts, as `trajectory.reference` does one with the paper's.
+
+    Args:
+        scene: With bilateral contact and PIDs.
+        times: (n,), s, within the run.
+        method: One of scipy.integrate's.
+        rtol: Relative tolerance; the absolute one is a share of it, of fixed sizes.
+    """
+    model, start = PartsModel(scene), scene.start()
+    state = np.concatenate([start.q[:5], start.q[7:], start.integral, start.p[:5]])
+    off = np.abs(model.row(state, (0.0,) * model.asked)[0] - start.q).max()
+    if off > 1e-10:
+        raise ValueError(f"initial: off the constraints by {off:g} m, which this form cannot be")
+    begin = float(start.time)
+    inputs = Inputs(scene, begin, begin + float(scene.duration))
+    instants, wanted = inputs.instants(times)
+    motion = integrate(
+        System(model.rates, model.jump), inputs, state, wanted, method=method, rtol=rtol,
+        sizes=np.array([0.1, 0.1, 1, 1, 1, 0.1, 0.1, 1, 1, 0.1, 0.1, 1, 1, 1]), most=1_000_000,
+    )  # fmt: skip
+    picked = np.searchsorted(motion.t, wanted)
+    rows = [model.row(motion.y[k], tuple(motion.u[k].tolist())) for k in picked]
+    q, p, multipliers, integral = map(np.array, zip(*rows, strict=True))
+    return Reference(instants, q, p, multipliers, integral, motion.evaluations)
