@@ -132,9 +132,21 @@ MUTANTS = (
     ),
     Mutant(
         "stepping/record.rs",
-        "self.q.push(instant.motion.q.row());",
-        "self.q.push(instant.motion.p.row());",
+        "put(Column::Q, &q.row());",
+        "put(Column::Q, &p.row());",
         "recording or symmetry",
+    ),
+    Mutant(
+        "model/contact/law/relaxation.rs",
+        "found.rates[zeta] = shear * rate;",
+        "found.rates[zeta] = stretched * share;",
+        "relaxation",
+    ),
+    Mutant(
+        "method/linearize.rs",
+        "load = load.plus(rows[n][m], x[m]);",
+        "load = load.plus(rows[n][m], x[n]);",
+        "relaxation",
     ),
     Mutant(
         "stepping/equal_lanes.rs",
@@ -184,7 +196,7 @@ MUTANTS = (
     Mutant("method/rosenbrock.rs", "-0.189532918363016", "-0.189532928363016", CARGO),
     Mutant(
         "method/rosenbrock.rs",
-        "E::of(share.mul_add(by_time[n], load[n]))",
+        "E::of(share.mul_add(linearization.by_time(n), load[n]))",
         "E::of(load[n])",
         "convergence",
     ),
@@ -471,8 +483,8 @@ MUTANTS = (
     # Equilibria and linear models.
     Mutant(
         "analysis/linear.rs",
-        "let y = system.begin(&problem.motion);",
-        "let y = system.begin(&Motion::typical_magnitudes(parameters));",
+        "(system.begin(&self.motion), ",
+        "(system.begin(&Motion::typical_magnitudes(self.runs.parameters[0])), ",
         "stability",
     ),
     Mutant(

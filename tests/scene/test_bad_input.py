@@ -30,6 +30,7 @@ RECORDS: dict[str, Any] = {
     "ParallelSprings": partial(sp.ParallelSprings, youngs_modulus=1e5),
     "PowerLaw": partial(sp.PowerLaw, coefficient=1e5, exponent=2.0),
     "MeasuredLaw": partial(sp.MeasuredLaw, [1e-3, 2e-3, 3e-3], [1.0, 4.0, 9.0]),
+    "Maxwell": partial(sp.Maxwell, share=0.5, time=0.1),
     "Fingertip": sp.Fingertip,
     "GraspedObject": sp.GraspedObject,
     "Pid": sp.Pid,
@@ -38,7 +39,7 @@ RECORDS: dict[str, Any] = {
 }
 # Fields that are no numbers.
 OTHERS = {
-    "Fingertip": {"law"},
+    "Fingertip": {"law", "relaxation"},
     "GraspedObject": {"right", "left"},
     "Arc": {"center", "counterface"},
     "MeasuredLaw": {"compression", "force"},

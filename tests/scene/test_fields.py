@@ -65,6 +65,7 @@ def test_the_page_has_the_unit_of_every_recorded_quantity() -> None:
 OWNERS: dict[str, list[Any]] = {
     "hand.right": [sp.Finger, sp.Jaw, sp.Parallelogram],
     "hand.tip.law": [sp.PowerLaw, sp.MeasuredLaw],
+    "hand.tip.relaxation": [sp.Maxwell],
     "grasped.right": [sp.Face, sp.Arc],
     "hand.tip": [sp.Fingertip],
     "grasped": [sp.GraspedObject],

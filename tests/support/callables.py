@@ -221,6 +221,8 @@ def special() -> dict[str, dict[str, Any]]:
         "MeasuredLaw": CURVE,
         "MeasuredLaw.from_csv": {"path": _curve()},
         "MeasuredLaw.from_dict": {"data": sp.MeasuredLaw(**CURVE).to_dict()},
+        "Maxwell": {"share": 0.5, "time": 0.1},
+        "Maxwell.from_dict": {"data": {"share": 0.5, "time": 0.1}},
         "MeasuredLaw.predicted": {"compression": [1e-3, 2e-3]},
         "ParallelSprings": {"youngs_modulus": 1e5},
         "PowerLaw": {"coefficient": 1e5, "exponent": 2.0},
@@ -284,7 +286,13 @@ def special() -> dict[str, dict[str, Any]]:
     own |= {f"VectorSimulator.{method}": {"run": 0} for method in ("message", "scene", "state")}
     law = sp.SampledController.pid(1e-3)
     records = [SCENE, SCENE.hand, SCENE.hand.right, sp.Fingertip(), SCENE.grasped, sp.Pid(), law]
-    records += [sp.Jaw(), sp.Parallelogram(), sp.Face(), sp.PowerLaw(1e5, 2.0)]
+    records += [
+        sp.Jaw(),
+        sp.Parallelogram(),
+        sp.Face(),
+        sp.PowerLaw(1e5, 2.0),
+        sp.Maxwell(0.5, 0.1),
+    ]
     records += [sp.ParallelSprings(1e5)]
     records += [sp.Torque(), sp.Stabilization(), SCENE.start(), SCENE.schedule, *DRAWS.values()]
     records += [getattr(sp, kind)(**arguments(kind)) for kind in LOADS]

@@ -148,12 +148,12 @@ class Fingertip(Record):
             self._set("law", None)
         if self.relaxation is not None:
             given, rule = self.relaxation, "must be one Maxwell or two of them"
-            branches = (given,) if isinstance(given, Maxwell) else tuple(given)
+            branches = given if isinstance(given, tuple | list) else (given,)
             if not all(isinstance(branch, Maxwell) for branch in branches):
                 raise TypeError(f"Fingertip.relaxation = {checks.shown(given)}: {rule}")
             if not 1 <= len(branches) <= _BRANCHES:
                 raise ValueError(f"Fingertip.relaxation = {checks.shown(given)}: {rule}")
-            self._set("relaxation", branches)
+            self._set("relaxation", tuple(branches))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
