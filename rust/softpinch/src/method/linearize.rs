@@ -46,6 +46,7 @@ pub struct Linearization<R = f64> {
 /// Computes V_x + V_r R_v and V_r R_x.
 #[inline(always)]
 fn reduce<R: Lanes>(states: usize, d: usize, branches: bool, of: &mut Linearization<R>) {
+    let branches = branches && R::ANY_PARTS;
     let Linearization { jacobian: Jacobian { rows }, stiffness, delayed, .. } = of;
     for i in 0..d {
         let rate = &rows[d + i];
@@ -66,6 +67,7 @@ fn factor<T: Entry>(states: usize, d: usize, branches: bool, of: &Linearization<
 where
     T::Part: Lanes,
 {
+    let branches = branches && T::Part::ANY_PARTS;
     let (zero, one) = (T::of(T::Part::zero()), T::of(T::Part::constant(1.0)));
     let inverse = one / g;
     let mut matrix = [[zero; MOST_ROWS]; MOST_ROWS];
@@ -130,6 +132,7 @@ fn solve<T: Entry>(
 where
     T::Part: Lanes,
 {
+    let branches = branches && T::Part::ANY_PARTS;
     let rows = &of.jacobian.rows;
     let inverse = factors.inverse;
     let mut x = *b;
