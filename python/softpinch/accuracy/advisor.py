@@ -179,8 +179,15 @@ class Advice(Result):
         Raises:
             TypeError: An option is one that the advice chooses.
         """
-        how = (self.dt, self.method, self.formulation, self.stabilization)
-        return simulate(self.scene, *how, tolerance=self.step_tolerance, **options)
+        return simulate(
+            self.scene,
+            dt=self.dt,
+            tolerance=self.step_tolerance,
+            method=self.method,
+            formulation=self.formulation,
+            stabilization=self.stabilization,
+            **options,
+        )
 
     def _facts(self) -> dict[str, Any]:
         """The setting before everything else, with dt and the tolerance in one entry."""

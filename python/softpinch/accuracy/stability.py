@@ -157,12 +157,9 @@ def modes(
     n = len(instants)
     require_known_torque(scene.law, "the linearisation")
     options = Options.checked(formulation=formulation, stabilization=stabilization)
-    jacobian = Request(scene, options).linear_model(
-        instants,
-        checks.array("q", q, (n, 9)),
-        checks.array("p", p, (n, 9)),
-        checks.array("integral", integral, (n, 2)),
-    )["A"]
+    given = {"q": (q, 9), "p": (p, 9), "integral": (integral, 2)}
+    rows = [checks.array(name, value, (n, width)) for name, (value, width) in given.items()]
+    jacobian = Request(scene, options).linear_model(instants, *rows)["A"]
     states = state_names(scene.law, options.formulation, branches(scene))
     return Modes(t=instants, jacobian=jacobian, rates=eigenvalues(jacobian), states=states)
 
@@ -176,15 +173,9 @@ def along_run(
     zeros for the states whose rates are not known there.
     """
     rows = np.unique(np.linspace(0, len(run) - 1, instants).round().astype(int))
-    found = modes(
-        as_bilateral(run.scene),
-        run.t[rows],
-        run.q[rows],
-        run.p[rows],
-        run.integral[rows],
-        formulation=formulation,
-        stabilization=stabilization,
-    )
+    sticking = as_bilateral(run.scene)
+    at = run.t[rows], run.q[rows], run.p[rows], run.integral[rows]
+    found = modes(sticking, *at, formulation=formulation, stabilization=stabilization)
     if run.scene.contact == "bilateral":
         return found
     contacts = [run.state(row).contact for row in rows.tolist()]

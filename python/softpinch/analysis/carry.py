@@ -119,14 +119,9 @@ def carry_limits(
         how: dict[str, Any] = {"time": time, "shear": shear, "near": near, "grip": grip}
         how |= {"distance": distance, "settle": settle, "profile": profile}
         each = [carry_limits(grasp, directions, tilt=t, **how) for t in tilts.tolist()]
-        return CarryLimits(
-            equilibrium=tuple(one.equilibrium for one in each),  # type: ignore[misc]
-            direction=rows,
-            limit=np.stack([one.limit for one in each]),
-            cause=np.stack([one.cause for one in each]),
-            profile=profile,
-            tilt=tilts,
-        )
+        all_tilts: dict[str, Any] = {"equilibrium": tuple(one.equilibrium for one in each)}
+        all_tilts |= {k: np.stack([getattr(one, k) for one in each]) for k in ("limit", "cause")}
+        return CarryLimits(**all_tilts, direction=rows, profile=profile, tilt=tilts)
     tilt = float(tilts)
     if tilt:
         if isinstance(grasp, Equilibrium):

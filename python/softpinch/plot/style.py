@@ -9,7 +9,7 @@ import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -188,18 +188,11 @@ def legend(axes: Axes) -> None:
     """Draws a legend at the right end of the title's line, where it hides no curve."""
     handles, labels = axes.get_legend_handles_labels()
     crowded, full = len(labels) > 3, len(labels) > 4
-    axes.legend(
-        handles,
-        labels,
-        loc="lower right",
-        bbox_to_anchor=(1.0, 1.0),
-        ncols=len(labels),
-        borderaxespad=0.0,
-        borderpad=0.15,
-        handlelength=1.1 if full else 1.4 if crowded else 1.7,
-        handletextpad=0.3 if crowded else 0.4,
-        columnspacing=0.4 if full else 0.6 if crowded else 0.8,
-    )
+    how: dict[str, Any] = {"ncols": len(labels), "borderaxespad": 0.0, "borderpad": 0.15}
+    how["handletextpad"] = 0.3 if crowded else 0.4
+    how["handlelength"] = 1.1 if full else 1.4 if crowded else 1.7
+    how["columnspacing"] = 0.4 if full else 0.6 if crowded else 0.8
+    axes.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), **how)
 
 
 def shared_legend(
@@ -288,16 +281,16 @@ def cell_edges(centres: Floats) -> Floats:
     return np.concatenate([*ends, centres[-1:] + half[-1:]])
 
 
+# The colour and the hatch of a cell.
+Face: TypeAlias = tuple[str, str]
+
+
 def fill_cells(
-    axes: Axes,
-    kinds: NDArray[Any],
-    left: Floats,
-    bottom: Floats,
-    faces: Mapping[str, tuple[str, str]],
+    axes: Axes, kinds: NDArray[Any], left: Floats, bottom: Floats, faces: Mapping[str, Face]
 ) -> None:
     """Fills cells between edges `left` (m + 1,) and `bottom` (n + 1,) of which kinds have a face.
 
-    A face is a colour and a hatch; equal neighbours are filled as one.
+    Equal neighbours are filled as one.
     """
     for column, sides in zip(kinds.tolist(), itertools.pairwise(left), strict=True):
         for kind, cells in itertools.groupby(range(len(column)), key=column.__getitem__):
@@ -309,7 +302,7 @@ def fill_cells(
                 )  # fmt: skip
 
 
-def cell_patch(face: tuple[str, str], label: str) -> Patch:
+def cell_patch(face: Face, label: str) -> Patch:
     """The entry of a legend for cells with a face colour and hatch."""
     from matplotlib.patches import Patch
 

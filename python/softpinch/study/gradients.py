@@ -18,6 +18,7 @@ from ..support.arrays import Floats, read_only
 from ..support.display import Shown, ShownTable
 from ..support.errors import StabilityWarning, warn
 from .rows import Rows
+from .sources import Shapes
 from .spec import StudySpec
 
 GRADIENTS = ("final_state", *_core.GRADIENTS)
@@ -36,9 +37,7 @@ class Gradients(Shown, Mapping[str, Mapping[str, Floats]]):
     again.
     """
 
-    def __init__(
-        self, summaries: tuple[str, ...], shapes: Mapping[str, tuple[int, ...]], whole: Floats
-    ) -> None:
+    def __init__(self, summaries: tuple[str, ...], shapes: Shapes, whole: Floats) -> None:
         """Takes the numbers (runs, directions, 18 + summaries); users get them from ensembles."""
         self._summaries = summaries
         self._shapes = shapes
@@ -78,7 +77,7 @@ def checked_gradients(
     sensitivities: str | Sequence[str],
     varied: Sequence[str],
     **others: object,
-) -> tuple[tuple[str, ...], Mapping[str, tuple[int, ...]]]:
+) -> tuple[tuple[str, ...], Shapes]:
     """Checks `gradients` and `sensitivities`, by default the `varied` paths: path -> shape."""
     summaries = names("gradients", gradients, GRADIENTS)
     paths = directions.listed(sensitivities)
@@ -98,11 +97,7 @@ def checked_gradients(
 
 
 def differentiated(
-    spec: StudySpec,
-    rows: Rows,
-    summaries: tuple[str, ...],
-    by: Mapping[str, tuple[int, ...]],
-    threads: int,
+    spec: StudySpec, rows: Rows, summaries: tuple[str, ...], by: Shapes, threads: int
 ) -> Gradients:
     """Computes the gradients of all runs with these rows, which have their varied values."""
     wanted = [name for name in summaries if name != "final_state"]
