@@ -3,7 +3,7 @@
 
 use crate::error::Error;
 use crate::model::contact::Side;
-use crate::model::contact::law::Tip;
+use crate::model::contact::law;
 use crate::model::contact::mechanism::Mechanism;
 use crate::model::{
     ContactModel, ContactRow, Coordinates, Finger, Fingertip, Geometry, Input, Inputs, Linearized,
@@ -60,7 +60,7 @@ pub fn relaxed(parameters: &Parameters, q: &Coordinates) -> [f64; RELAXATIONS] {
     let mut states = [0.0; RELAXATIONS];
     for k in 0..parameters.branches() {
         for i in 0..2 {
-            states[4 * k + i] = Tip::<f64>::new(parameters, i).force(q.compression[i]).unwrap_or_default();
+            states[4 * k + i] = law::force(parameters, i, q.compression[i]);
             states[4 * k + 2 + i] = q.shear[i];
         }
     }

@@ -40,6 +40,11 @@ pub(crate) fn modulus(parameters: &Parameters, i: usize) -> f64 {
     slope / (2.0 * std::f64::consts::PI * radius)
 }
 
+/// F of the upright tip `i` at a compression, N.
+pub(crate) fn force(parameters: &Parameters, i: usize, d_n: f64) -> f64 {
+    Springs::<f64>::new(parameters, i).curve(d_n).force
+}
+
 /// The gradient of one tip's elastic energy.
 #[derive(Debug, Clone, Copy)]
 pub struct ElasticGradient<R> {
@@ -125,10 +130,5 @@ impl<R: Real> Tip<R> {
             }
             None => Relaxing::nothing(),
         }
-    }
-
-    /// F of the upright tip at a compression, N.
-    pub(crate) fn force(&self, d_n: R) -> Option<R> {
-        self.other.as_ref().map(|law| law.curve(d_n).force)
     }
 }

@@ -9,7 +9,7 @@
 
 use super::springs::{Curve, Springs};
 use crate::model::Source;
-use crate::number::{Bits, LaneTask, Real, task};
+use crate::number::{Bits, Real};
 
 /// Most branches of a tip.
 pub const BRANCHES: usize = 2;
@@ -41,11 +41,6 @@ pub struct Relaxing<R> {
     pub stored: R,
     /// The power lost, W.
     pub lost: R,
-}
-
-task! {
-    /// Computes a curve. It is called, because a branch needs it several times.
-    ['a, R: Real] CurveAt<'a, R>(law: &'a Springs<R>, d: R) for R => Curve<R> = law.curve(d)
 }
 
 impl<R: Real> Relaxing<R> {
@@ -80,7 +75,7 @@ impl<R: Real> Springs<R> {
         ledger: bool,
     ) -> Relaxing<R> {
         let (half, mut found) = (R::constant(0.5), Relaxing::nothing());
-        let Curve { integral, force, slope, bend } = R::outlined(CurveAt { law: self, d: d_n });
+        let Curve { integral, force, slope, bend } = self.curve_called(d_n);
         for k in 0..BRANCHES {
             let (share, rate) = (self.share * self.branches.shares[k], self.branches.rates[k]);
             let (r, zeta) = (4 * k + i, 4 * k + 2 + i);
@@ -102,14 +97,14 @@ impl<R: Real> Springs<R> {
         found
     }
 
-    /// The compression with a force, and Phi there, by Newton's method. F is convex, so after its first step it comes from above; where
-    /// it is flat, at a force of zero, it halves the compression with each step.
+    /// The compression with a force, and Phi there, by Newton's method. F is convex, so after its first step it comes from
+    /// above; where it is flat, at a force of zero, it halves the compression with each step.
     #[inline(always)]
     fn compression(&self, force: R) -> (R, R) {
         let force = force.positive_part();
         let (mut d, mut moving) = (self.branches.radius, Bits::MAX);
         for _ in 0..STEPS {
-            let Curve { force: found, slope, .. } = R::outlined(CurveAt { law: self, d });
+            let Curve { force: found, slope, .. } = self.curve_called(d);
             moving &= R::zero().less(slope);
             let step = R::select(moving, (found - force) / slope, R::zero());
             d = d - step;
@@ -119,6 +114,6 @@ impl<R: Real> Springs<R> {
                 break;
             }
         }
-        (d, R::outlined(CurveAt { law: self, d }).integral)
+        (d, self.curve_called(d).integral)
     }
 }

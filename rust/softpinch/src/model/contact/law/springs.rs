@@ -10,7 +10,7 @@ use super::power::Power;
 use super::relaxation::Branches;
 use super::{ElasticGradient, LawKind};
 use crate::model::{Counterface, ShapeKind, Source};
-use crate::number::Real;
+use crate::number::{LaneTask, Real, task};
 
 /// The force of the upright tip, its integral and its first two derivatives.
 #[derive(Debug, Clone, Copy)]
@@ -49,7 +49,18 @@ pub struct Springs<R> {
     pub(super) shear_factor: R,
 }
 
+task! {
+    /// Computes a curve.
+    ['a, R: Real] CurveAt<'a, R>(law: &'a Springs<R>, d: R) for R => Curve<R> = law.curve(d)
+}
+
 impl<R: Real> Springs<R> {
+    /// [`Springs::curve`] in code that is called.
+    #[inline(always)]
+    pub(super) fn curve_called(&self, d: R) -> Curve<R> {
+        R::outlined(CurveAt { law: self, d })
+    }
+
     /// The law of tip `i`.
     #[inline(always)]
     pub(super) fn new(source: &impl Source<R>, i: usize) -> Self {
@@ -110,7 +121,7 @@ impl<R: Real> Springs<R> {
         let secant = R::constant(1.0) / cos_tilt;
         let tangent = sin_tilt * secant;
         let square = secant * secant;
-        let Curve { integral, force, slope, bend } = self.curve(d_n);
+        let Curve { integral, force, slope, bend } = self.curve_called(d_n);
         let half = (R::constant(0.5) * self.shear_factor) * d_t;
         let lean = self.coupling * tangent;
         let energy = integral.dot2(square, d_t, force.dot2(lean, slope, half));
