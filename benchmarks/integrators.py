@@ -40,6 +40,7 @@ class Effort:
         length: Share of the scenes' durations.
         levels: Errors to get below.
         hard: How many of the hard scenes.
+        slow_to_compile: Whether peers that compile for tens of seconds take part: diffrax.
     """
 
     stride: int = 1
@@ -48,9 +49,12 @@ class Effort:
     length: float = 1.0
     levels: Sequence[float] = (1e-6, 1e-9)
     hard: int | None = None
+    slow_to_compile: bool = True
 
 
-QUICK = Effort(stride=8, rounds=1, search=0.01, length=0.05, levels=(1e-6,), hard=1)
+QUICK = Effort(
+    stride=8, rounds=1, search=0.01, length=0.05, levels=(1e-6,), hard=1, slow_to_compile=False
+)
 
 
 def _scene(**changes: Any) -> sp.Scene:
@@ -192,12 +196,17 @@ def manipulation(effort: Effort) -> None:
     _everyone(MANIPULATION, effort.levels[:1], effort)
 
 
+def _peers(case: Case, effort: Effort, stiff_only: bool = False) -> list[Entry]:
+    peers = peer_entries(case, stiff_only, effort.stride)
+    return [peer for peer in peers if effort.slow_to_compile or "diffrax" not in peer.name]
+
+
 def _everyone(case: Case, levels: Sequence[float], effort: Effort) -> None:
     case = _shortened(case, effort)
     truth = _truth(case)
     if truth is not None:
         ours = our_entries(case, stride=effort.stride)
-        entries = [*ours, *peer_entries(case, stride=effort.stride)]
+        entries = [*ours, *_peers(case, effort)]
         for level in levels:
             race(truth, entries, level, effort)
 
@@ -224,7 +233,7 @@ def stiff(effort: Effort) -> None:
     if truth is None:
         return
     ours = our_entries(case, IMPLICIT, stride=effort.stride)
-    entries = [*ours, *peer_entries(case, True, effort.stride)]
+    entries = [*ours, *_peers(case, effort, stiff_only=True)]
     found = race(truth, entries, effort.levels[0], effort, 60.0)
     best, rk4 = _best(found, True), _survivor(case, truth)
     timed([rk4], min(7, effort.rounds))
@@ -257,6 +266,8 @@ def main() -> None:
 
     # Told by the table: what a step beyond stability gives is an error or a failure.
     warnings.simplefilter("ignore", sp.StabilityWarning)
+    if given.quick:
+        MISSING["diffrax"] = "compiles for longer than a quick look lasts"
     print(describe(libraries=["scipy", *LIBRARIES], missing=MISSING))
     print(f"\n{ABOUT}")
     for name in given.part or parts:

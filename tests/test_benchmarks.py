@@ -42,7 +42,8 @@ def run(option: str, scripts: tuple[str, ...]) -> dict[str, str]:
     They must not fail, and write nothing.
     """
     # Peers' code that is compiled for a quick look need not be fast.
-    env = {**os.environ, "XLA_FLAGS": "--xla_backend_optimization_level=0"}
+    quick = {"XLA_FLAGS": "--xla_backend_optimization_level=0", "NUMBA_OPT": "0"}
+    env = {**os.environ, **quick}
     before = written()
     done = subprocess.run([sys.executable, "-c", TOGETHER, option, *scripts], cwd=ROOT, env=env,
                           capture_output=True, text=True, timeout=300)  # fmt: skip

@@ -36,13 +36,19 @@ pub(crate) fn modulus(parameters: &Parameters, i: usize) -> f64 {
         return parameters.tips[i].youngs_modulus;
     }
     let radius = parameters.tips[i].radius;
-    let slope = Springs::<f64>::new(parameters, i).curve(radius).slope;
+    let slope = curve(parameters, i, radius).slope;
     slope / (2.0 * std::f64::consts::PI * radius)
 }
 
 /// F of the upright tip `i` at a compression, N.
 pub(crate) fn force(parameters: &Parameters, i: usize, d_n: f64) -> f64 {
-    Springs::<f64>::new(parameters, i).curve(d_n).force
+    curve(parameters, i, d_n).force
+}
+
+/// The curve of tip `i` at a compression.
+#[inline(never)]
+fn curve(parameters: &Parameters, i: usize, d_n: f64) -> springs::Curve<f64> {
+    Springs::new(parameters, i).curve_called(d_n)
 }
 
 /// The gradient of one tip's elastic energy.
