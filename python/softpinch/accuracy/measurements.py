@@ -95,8 +95,7 @@ class Measurement(Result):
     @property
     def along(self) -> float:
         """The largest error of q, p and lambda along the run, switches included; inf for a peer."""
-        found = [*self.smooth.values(), *self.at_switches.values()]
-        return max(found, default=math.inf)
+        return max([*self.smooth.values(), *self.at_switches.values()], default=math.inf)
 
 
 @dataclass(frozen=True, kw_only=True)

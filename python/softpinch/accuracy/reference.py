@@ -38,6 +38,7 @@ _STIFF = 50
 # LSODA may take this many evaluations to confirm, or this multiple of those of the first method.
 _MOST_CONFIRMING, _CONFIRMING = 150_000, 3
 
+_Rates = Callable[..., Any] | None
 _ROWS = right_hand_side(np.sin, np.cos)
 _COMPLEX = right_hand_side(cmath.sin, cmath.cos)
 # Derivatives take a step along the imaginary axis. Nothing is subtracted, so it may be tiny.
@@ -223,12 +224,7 @@ class _Problem:
     """
 
     def __init__(
-        self,
-        scene: Scene,
-        times: ArrayLike | None,
-        tolerance: float,
-        rates: Callable[..., Any] | None,
-        most: int,
+        self, scene: Scene, times: ArrayLike | None, tolerance: float, rates: _Rates, most: int
     ) -> None:
         checks.instance("scene", scene, Scene)
         require_bilateral(scene, "the reference", "has the equations of bilateral contact only")

@@ -124,8 +124,7 @@ def _name(rate: complex) -> str:
         return "neutral"
     damping = -rate.real / size
     if rate.imag != 0.0 and abs(damping) < _SWINGS:
-        hertz = size / (2.0 * np.pi)
-        return f"{hertz:.3g} Hz, damping {damping:.2f}"
+        return f"{size / (2.0 * np.pi):.3g} Hz, damping {damping:.2f}"
     grows = "grows, " if rate.real > 0.0 else ""
     return f"{grows}time constant {_time(1.0 / abs(rate.real))}"
 

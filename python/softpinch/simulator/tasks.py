@@ -209,8 +209,7 @@ class Task:
 
     def draw(self, random: np.random.Generator) -> Episode:
         """Draws the pushes and the wanted poses of one episode; all randomness comes from here."""
-        target = np.tile(self.start[:3], (self.steps + 1, 1))
-        return Episode(self.draw_pushes(random), target)
+        return Episode(self.draw_pushes(random), np.tile(self.start[:3], (self.steps + 1, 1)))
 
     def draw_pushes(self, random: np.random.Generator) -> Floats:
         """Draws constant pushes that may overlap: force and moment in each period (steps, 3)."""

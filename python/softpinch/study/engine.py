@@ -15,7 +15,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 from functools import lru_cache
 from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple, TypeAlias
@@ -177,21 +177,17 @@ class _Task:
     attempt: int = 1
 
 
+@dataclass(eq=False)
 class BlockScheduler:
     """Submits the blocks of one call to an executor, and hands their rows to `accept`."""
 
-    def __init__(
-        self,
-        submit: Callable[[_Task], Future[Rows]],
-        blocks: Iterable[Rows],
-        accept: Accept,
-        in_order: bool,
-        ctrl_c: CtrlC,
-    ) -> None:
-        self._submit = submit
-        self._accept = accept
-        self._in_order = in_order
-        self._ctrl_c = ctrl_c
+    submit: Callable[[_Task], Future[Rows]]
+    blocks: InitVar[Iterable[Rows]]
+    accept: Accept
+    in_order: bool
+    ctrl_c: CtrlC
+
+    def __post_init__(self, blocks: Iterable[Rows]) -> None:
         self._tasks = (_Task(place, block) for place, block in enumerate(blocks))
         self._exhausted = False
         self._retries: deque[_Task] = deque()
@@ -214,12 +210,12 @@ class BlockScheduler:
     def over(self) -> bool:
         """Whether the scheduler need not submit or wait for any more blocks."""
         exhausted = self._exhausted and not self.under_way and not self._retries
-        return exhausted or self._enough or bool(self._stopped) or self._ctrl_c.pending
+        return exhausted or self._enough or bool(self._stopped) or self.ctrl_c.pending
 
     def end(self) -> None:
         """Cancels blocks that have not started; processes the finished ones, after Ctrl-C more."""
         self.cancel()
-        end = time.monotonic() + (_GRACE_SECONDS if self._ctrl_c.pending else 0.0)
+        end = time.monotonic() + (_GRACE_SECONDS if self.ctrl_c.pending else 0.0)
         while not self._finished.empty() or (self.under_way and time.monotonic() < end):
             self.collect(_POLL_SECONDS)
 
@@ -240,18 +236,14 @@ class BlockScheduler:
 
     def submit_next(self) -> bool:
         """Submits a block; returns False if there is none, or too many are unfinished."""
-        if self._retries:
-            task = self._retries.popleft()
-        elif len(self.under_way) + len(self._waiting) >= MOST_UNDER_WAY:
+        if not self._retries and len(self.under_way) + len(self._waiting) >= MOST_UNDER_WAY:
             return False
-        else:
-            fresh = next(self._tasks, None)
-            if fresh is None:
-                self._exhausted = True
-                return False
-            task = fresh
+        task = self._retries.popleft() if self._retries else next(self._tasks, None)
+        if task is None:
+            self._exhausted = True
+            return False
         try:
-            future = self._submit(task)
+            future = self.submit(task)
         except Exception as error:
             self._stop("the executor takes no more blocks", error)
             return False
@@ -271,7 +263,7 @@ class BlockScheduler:
         rows = future.result() if error is None else None
         if rows is not None and len(rows) < len(task.block):
             error = RuntimeError("the worker was interrupted")
-        if error is None or (rows is not None and self._ctrl_c.pending and not self._in_order):
+        if error is None or (rows is not None and self.ctrl_c.pending and not self.in_order):
             self._lost_in_a_row = 0
             self._settle(task, rows)
         elif not over:
@@ -302,7 +294,7 @@ class BlockScheduler:
 
     def _settle(self, task: _Task, rows: Rows | None) -> None:
         """Accepts the rows of a block, or None of a lost one; with `in_order` in their order."""
-        if not self._in_order:
+        if not self.in_order:
             self._next_place = task.place  # without an order, accept these rows now
         self._waiting[task.place] = task.block, rows
         while self._next_place in self._waiting and not self._enough:
@@ -312,7 +304,7 @@ class BlockScheduler:
             self._settled = Spans.joined([self._settled.edges, span])
             if rows is not None:
                 self.done += len(rows)
-                self._enough = self._accept(rows.with_values(block))
+                self._enough = self.accept(rows.with_values(block))
 
 
 def _error_text(error: BaseException) -> str:

@@ -49,8 +49,7 @@ class Gradients(Shown, Mapping[str, Mapping[str, Floats]]):
             raise KeyError(f"{summary!r}: there are gradients of {known}")
         others = [name for name in self._summaries if name != "final_state"]
         columns = slice(0, _STATE) if summary == "final_state" else _STATE + others.index(summary)
-        own = np.moveaxis(self._whole[:, :, columns], 1, -1)
-        return directions.by_path(own, self._shapes)
+        return directions.by_path(np.moveaxis(self._whole[:, :, columns], 1, -1), self._shapes)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._summaries)
