@@ -98,7 +98,14 @@ HARD = [
 ADAPTIVE = sp._core.ADAPTIVE_METHODS
 
 
-@pytest.mark.parametrize("name", ADVISED)
+# One scene with other parts than the paper's stands for all in a short run.
+OTHERS = ("needle", "steep_wedge", "unlike_fingers", "sharp_start", "toggle")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.slow) if name in OTHERS else name for name in ADVISED],
+)
 def test_advice_for_every_stress_scene_meets_the_tolerance(name: str) -> None:
     case = stress.CASES[name]
     advice = sp.advise(case.scene, 1e-6, stabilization=case.stabilization, budget=4.0)

@@ -37,6 +37,7 @@ SEEDS = {
     "mixed": (28, 17),
 }
 RANDOM = [(kind, seed) for kind, seeds in SEEDS.items() for seed in seeds]
+FIRST = [(kind, next(iter(seeds))) for kind, seeds in SEEDS.items()]
 # The oracle and these runs are as close as this share of what `compare` allows: 1e-11 s and m.
 CLOSE = 1e-3
 FREE, GRAZE = int(ContactMode.FREE), int(ContactMode.GRAZE)
@@ -298,7 +299,7 @@ def test_rk4_keeps_order_four_through_events_of_other_parts(
     assert len(ours.changes) >= 7
 
 
-@pytest.mark.parametrize(("kind", "seed"), RANDOM)
+@pytest.mark.parametrize(("kind", "seed"), FIRST)
 def test_the_mirror_image_slips_and_opens_like_the_image_in_a_mirror(kind: str, seed: int) -> None:
     scene = grasp(kind, seed)
     options: dict[str, Any] = {"dt": 5e-5, "method": "dop853"}
@@ -317,7 +318,7 @@ def test_the_mirror_image_slips_and_opens_like_the_image_in_a_mirror(kind: str, 
 
 
 @pytest.mark.parametrize("formulation", ["csm", "projected"])
-@pytest.mark.parametrize(("kind", "seed"), RANDOM)
+@pytest.mark.parametrize(("kind", "seed"), FIRST)
 def test_powers_of_two_scale_runs_that_slip_and_open_to_the_bit(
     kind: str, seed: int, formulation: Any
 ) -> None:
