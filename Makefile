@@ -81,23 +81,24 @@ docs-quick: build ## Build the site without running the examples
 
 .PHONY: test
 test: ## Everything that a landing must pass: lint, Rust tests, Python tests
-	@# The release build keeps one core busy for minutes, in which the other can check.
-	$(MAKE) --jobs 2 --output-sync=line build lint test-rust
-	$(MAKE) test-python
+	@# The release build keeps one core busy for minutes, in which the other can check. Everything waits for it, so
+	@# the checks leave it what it needs. Stubs need the module, and one core.
+	$(MAKE) --jobs 2 --output-sync=line CHECK=nice build lint-rust lint-python test-rust
+	$(MAKE) --jobs 2 --output-sync=line CHECK=nice test-python lint-stubs
 
 .PHONY: lint lint-rust lint-python lint-stubs
 lint: lint-rust lint-python lint-stubs ## Format, clippy, missing docs, ruff, mypy strict, stubtest
 lint-rust:
 	cargo fmt --all --check
-	cargo clippy --workspace --all-targets --locked --quiet -- -D warnings
-	RUSTDOCFLAGS='-D warnings' cargo doc --package softpinch --no-deps --locked --quiet
+	$(CHECK) cargo clippy --workspace --all-targets --locked --quiet -- -D warnings
+	RUSTDOCFLAGS='-D warnings' $(CHECK) cargo doc --package softpinch --no-deps --locked --quiet
 lint-python: $(VENV)/.dev
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/ruff check --quiet .
-	$(BIN)/mypy --no-error-summary
-	$(BIN)/mypy --no-error-summary tests/support/typed_uses.py
+	$(CHECK) $(BIN)/mypy --no-error-summary
+	$(CHECK) $(BIN)/mypy --no-error-summary tests/support/typed_uses.py
 lint-stubs: build
-	$(BIN)/python -m mypy.stubtest softpinch._core --concise
+	$(CHECK) $(BIN)/python -m mypy.stubtest softpinch._core --concise
 
 # The examples that check something are among the library's tests; clippy compiles all. Code that is not
 # optimised keeps every copy of a state on the stack, which is larger than a test's thread has.
@@ -106,7 +107,7 @@ test-rust operations: export RUST_MIN_STACK := 67108864
 test-rust: export PROPTEST_RNG_SEED ?= 1
 .PHONY: test-rust
 test-rust: ## The core's own tests
-	cargo test --profile tested --locked --quiet --package softpinch --lib
+	$(CHECK) cargo test --profile tested --locked --quiet --package softpinch --lib
 
 .PHONY: test-python
 test-python: build ## pytest and Hypothesis, on all cores
