@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from ..support import checks
-from ..support.record import SIDES, Kinded, Parser, Record
+from ..support.record import SIDES, Kinded, Parser, Record, array_of
 from .parts import (
     Arc,
     Face,
@@ -79,13 +79,6 @@ def _or_other(paper: type[Record], others: type[Kinded]) -> Parser:
     return parse
 
 
-def _parse_branches(data: Any, path: str) -> Any:
-    if not isinstance(data, list | tuple):
-        rule = "must be an array of tables"
-        raise TypeError(f"Fingertip.relaxation = {checks.shown(data)}: {rule}")
-    return tuple(Maxwell._parse(item, checks.below(path, k)) for k, item in enumerate(data))
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Finger(Record):
     """A rigid finger that rotates about its root.
@@ -137,7 +130,10 @@ class Fingertip(Record):
     law: TipLaw | None = None
     relaxation: tuple[Maxwell, ...] | None = None
 
-    _parsers: ClassVar[Mapping[str, Parser]] = {"law": TipLaw._parse, "relaxation": _parse_branches}
+    _parsers: ClassVar[Mapping[str, Parser]] = {
+        "law": TipLaw._parse,
+        "relaxation": array_of(Maxwell, "Fingertip.relaxation"),
+    }
 
     def __post_init__(self) -> None:
         super().__post_init__()

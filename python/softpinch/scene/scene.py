@@ -18,7 +18,7 @@ from ..support import checks
 from ..support.arrays import Floats, read_only
 from ..support.choices import ContactModel, Fingers
 from ..support.display import ShownTable
-from ..support.record import SIDES, Parser, Record
+from ..support.record import SIDES, Parser, Record, array_of
 from . import parts, usual
 from .contact import pair_of, parse_friction, require_finite
 from .control import WRITTEN, Control, Pid, SampledController, Torque, parse_control, take_control
@@ -242,12 +242,6 @@ def _parse_initial(data: Any, path: str) -> Any:
     return data if isinstance(data, str) else State._parse(data, path)
 
 
-def _parse_disturbances(data: Any, path: str) -> Any:
-    if not isinstance(data, list | tuple):
-        raise TypeError(f"Scene.disturbances = {checks.shown(data)}: must be an array of tables")
-    return tuple(Disturbance._parse(item, checks.below(path, k)) for k, item in enumerate(data))
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Scene(Record):
     """A complete description of the physics to simulate. Numerical settings are not part of it.
@@ -299,7 +293,7 @@ class Scene(Record):
         "grasped": GraspedObject._parse,
         "control": parse_control,
         "schedule": Schedule._parse,
-        "disturbances": _parse_disturbances,
+        "disturbances": array_of(Disturbance, "Scene.disturbances"),
         "friction": parse_friction,
         "initial": _parse_initial,
         "motion": HandMotion._parse,

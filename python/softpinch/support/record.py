@@ -13,7 +13,7 @@ import numpy as np
 
 from .. import _core
 from .arrays import Floats
-from .checks import at, below, choice, number, quoted, refuse_unknown, reworded
+from .checks import at, below, choice, number, quoted, refuse_unknown, reworded, shown
 from .display import ShownTable
 from .result import ByValue, same
 
@@ -192,3 +192,14 @@ class Kinded(Record):
         found = known[choice(where, data["kind"], known)]
         rest = {name: value for name, value in data.items() if name != "kind"}
         return super(Kinded, found)._parse(rest, path)
+
+
+def array_of(cls: type[Record], field: str) -> Parser:
+    """Returns a parser of an array of tables, of a `field` such as "Scene.disturbances"."""
+
+    def parse(data: Any, path: str) -> Any:
+        if not isinstance(data, list | tuple):
+            raise TypeError(f"{field} = {shown(data)}: must be an array of tables")
+        return tuple(cls._parse(item, below(path, k)) for k, item in enumerate(data))
+
+    return parse
