@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import softpinch as sp
 from other_hands import (
     BOTTLE,
+    EVERYTHING,
     FACTS,
     MEASURED,
     POWER,
@@ -34,7 +35,6 @@ from softpinch.scene.parts import half_lengths, stiffness, width
 from softpinch.scene.parts import jaws as which_are_jaws
 from transforms import MIRROR_MULTIPLIERS, Units, mirrored, mirrored_coordinates, require_scaled
 
-EVERYTHING = ("state", "multipliers", "residuals", "energy", "torque", "contact")
 formulations = st.sampled_from(_core.FORMULATIONS)
 exponents = st.integers(-8, 8)
 each_scene = pytest.mark.parametrize("name", SCENES)

@@ -5,26 +5,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 import softpinch as sp
 from other_hands import (
     BOTTLE,
-    SCENES,
+    EVERYTHING,
     STIFF,
     jaws,
     linked,
 )
-from softpinch import _core
 from softpinch.scene.outline import (
     object_outline,
 )
-
-EVERYTHING = ("state", "multipliers", "residuals", "energy", "torque", "contact")
-formulations = st.sampled_from(_core.FORMULATIONS)
-exponents = st.integers(-8, 8)
-each_scene = pytest.mark.parametrize("name", SCENES)
 
 
 @pytest.mark.parametrize("finger", [sp.Finger(), sp.Jaw(), sp.Parallelogram()])

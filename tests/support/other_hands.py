@@ -13,6 +13,8 @@ import softpinch as sp
 FACTS: dict[str, dict[str, Any]] = json.loads(
     Path(__file__).with_name("parts_facts.json").read_text(encoding="utf-8")
 )
+# What a run can record.
+EVERYTHING = ("state", "multipliers", "residuals", "energy", "torque", "contact")
 # Gains of a jaw, in N/m, N s/m and N/(m s).
 STIFF = sp.Pid(kp=2e4, kd=200.0, ki=2e5)
 # A law with the force of the default springs at 5 mm.
