@@ -42,10 +42,10 @@ pub struct LinearModel {
     /// A and B: the derivatives of the states' rates with respect to the states, and to the inputs. C and D: those of
     /// the outputs.
     pub matrices: [DMatrix<f64>; 4],
-    /// Of the operating point: the states, which are coordinates, their rates, d_t1 and d_t2, branches of tips, and the memories of
-    /// PID controllers; their rates, zero at an equilibrium; the inputs, which are target angles or torques (2), for driven
-    /// fingers their rates (2) and accelerations (2) too, F_x, F_y and the moment, and the acceleration of the hand's
-    /// frame along its own axes (2); and the outputs, [`OUTPUTS`].
+    /// Of the operating point: the states, which are coordinates, their rates, d_t1 and d_t2, branches of tips, and the
+    /// memories of PID controllers; their rates, zero at an equilibrium; the inputs, which are target angles or torques
+    /// (2), for driven fingers their rates (2) and accelerations (2) too, F_x, F_y and the moment, and the acceleration
+    /// of the hand's frame along its own axes (2); and the outputs, [`OUTPUTS`].
     pub vectors: [DVector<f64>; 4],
 }
 

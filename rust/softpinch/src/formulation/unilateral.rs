@@ -60,10 +60,8 @@ impl<R: Real> Unilateral<R> {
     pub(super) fn energies_of<P: Parts>(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
         let (plant, Motion { q, p, .. }) = (&self.csm.plant, motion);
         let mut energies = plant.energies::<P>(q, p);
-        if !P::PAPERS && plant.branches > 0 {
-            for i in 0..2 {
-                energies.elastic = energies.elastic + plant.tips[i].relaxing::<P>(i, motion, true).stored;
-            }
+        if let Some([right, left]) = plant.relaxing::<P>(motion, true) {
+            energies.elastic = (energies.elastic + right.stored) + left.stored;
         }
         if contacts.free[0] | contacts.free[1] != 0 {
             for i in 0..2 {
@@ -95,9 +93,9 @@ impl<R: Real> Unilateral<R> {
         let special = contacts.special();
         let mut elastic =
             if special == 0 { elastic } else { self.released::<P>(contacts, elastic, &motion.q) };
-        if !P::PAPERS && plant.branches > 0 {
+        if let Some(tips) = plant.relaxing::<P>(motion, false) {
             for i in 0..2 {
-                let [normal, tangential] = plant.tips[i].relaxing::<P>(i, motion, false).resistance;
+                let [normal, tangential] = tips[i].resistance;
                 elastic[i].normal = elastic[i].normal + normal;
                 elastic[i].tangential = elastic[i].tangential + tangential;
             }
@@ -146,10 +144,8 @@ impl<R: Real> Unilateral<R> {
         }
         let (plant, p) = (&self.csm.plant, &motion.p);
         let [control, external, mut viscous, constraint] = forces.powers(geometry, &plant.drags(p), p, &held);
-        if !P::PAPERS && plant.branches > 0 {
-            for i in 0..2 {
-                viscous = viscous + plant.tips[i].relaxing::<P>(i, motion, true).lost;
-            }
+        if let Some([right, left]) = plant.relaxing::<P>(motion, true) {
+            viscous = (viscous + right.lost) + left.lost;
         }
         [control, external, viscous, constraint, friction, zero, relaxation]
     }

@@ -19,8 +19,8 @@ pub const DIRECTIONS: usize = 8;
 /// Directions in one sweep if the components of the dual numbers are lanes.
 pub const DIRECTIONS_IN_LANES: usize = 4;
 
-/// Calls a function with the numbers of states and of degrees of freedom, and whether there are branches. For the sizes of the formulations
-/// these numbers are constants, so that the function's loops are unrolled.
+/// Calls a function with the numbers of states and of degrees of freedom, and whether there are branches. For the sizes
+/// of the formulations these are constants, so that the function's loops are unrolled.
 macro_rules! unrolled {
     ($size:expr, $function:ident($($argument:expr),*)) => {
         match ($size.states, $size.degrees) {

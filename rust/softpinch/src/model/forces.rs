@@ -6,7 +6,7 @@ use crate::model::control::Controller;
 use crate::model::frame::Carried;
 use crate::model::{
     BILATERAL_WORKS, Coordinates, ElasticGradient, Energies, Fingers, FrameLoads, Geometry, Input,
-    MechanismKind, Motion, Parts, RELAXATIONS, Source, each_coordinate,
+    MechanismKind, Motion, Parts, RELAXATIONS, Relaxing, Source, each_coordinate,
 };
 use crate::number::{LaneTask, Real, dot, task};
 
@@ -261,16 +261,24 @@ impl<R: Real> Plant<R> {
         Energies { kinetic: R::constant(0.5) * doubled, elastic, gravity }
     }
 
+    /// The effects of the Maxwell branches of both tips; `None` if there are no branches. `ledger` says whether the energy
+    /// and the loss are needed.
+    #[inline(always)]
+    pub fn relaxing<P: Parts>(&self, motion: &Motion<R>, ledger: bool) -> Option<[Relaxing<R>; 2]> {
+        if P::PAPERS || self.branches == 0 {
+            return None;
+        }
+        let [right, left] = &self.tips;
+        Some([right.relaxing::<P>(0, motion, ledger), left.relaxing::<P>(1, motion, ledger)])
+    }
+
     /// The rates of the states of branches.
     #[inline(always)]
     pub fn relaxation_rates<P: Parts>(&self, motion: &Motion<R>) -> [R; RELAXATIONS] {
         let mut rates = [R::zero(); RELAXATIONS];
-        if !P::PAPERS && self.branches > 0 {
-            for i in 0..2 {
-                let own = self.tips[i].relaxing::<P>(i, motion, false).rates;
-                for k in (i..RELAXATIONS).step_by(2) {
-                    rates[k] = own[k];
-                }
+        if let Some([right, left]) = self.relaxing::<P>(motion, false) {
+            for k in 0..RELAXATIONS {
+                rates[k] = if k % 2 == 0 { right.rates[k] } else { left.rates[k] };
             }
         }
         rates
