@@ -26,7 +26,7 @@ def run(script: Path, folder: Path, *arguments: str, apart: bool = False) -> str
     if apart or re.search(r"__main__|import jax", script.read_text(encoding="utf-8")):
         command = [sys.executable, "-W", "error", str(script), *arguments]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
-        assert (done.returncode, done.stderr) == (0, "")
+        assert (done.returncode, done.stderr) == (0, ""), done.stderr
         return done.stdout
     printed, said = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
