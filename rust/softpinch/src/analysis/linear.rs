@@ -168,7 +168,7 @@ impl<'a> Problem<'a> {
         choice.moves = true;
         // Unilateral contacts have the equations of any parts, which are compiled for these numbers. A face without a
         // tilt is the paper's.
-        let mut parts = parameters.clone();
+        let mut parts = *parameters;
         if self.modes.is_some() && parts.has_the_papers_parts() {
             parts.shapes[0].kind = ShapeKind::Face.number();
         }
