@@ -126,7 +126,7 @@ impl<X: Lanes> Swept<X> {
             let spread = Seeded {
                 input: at.input.map(own),
                 frame: at.frame.map(|frame| frame.map(own)),
-                contacts: Contacts::sticking(),
+                contacts: at.contacts.spread(),
                 y: at.y.map(own),
             };
             found.gather(first, &self.evaluate(&spread));
@@ -189,7 +189,8 @@ impl<R: Lanes, X: Lanes> Derivatives<R> for Swept<X> {
     }
 
     fn seeded(&self, at: &Seeded<Directions>) -> Option<Evaluation<Directions>> {
-        if self.equations.drifts { None } else { Some(self.evaluate_seeds(at)) }
+        let AnyParts { drifts, opens, .. } = self.equations;
+        if drifts && !opens { None } else { Some(self.evaluate_seeds(at)) }
     }
 }
 
@@ -264,10 +265,10 @@ impl<R: Lanes, const W: usize> Tangent<R, W> {
 }
 
 impl Tangent<f64, DIRECTIONS> {
-    /// Evaluates a state of a single run while both tips stick, without the works of the ledger. The directions are the
-    /// caller's, so this differentiates every result by whatever is wanted. `None` for formulations other than
-    /// `nullspace`: only its minimal coordinates are linearised with inputs and outputs, and this code is not compiled for
-    /// the other formulations.
+    /// Evaluates a state of a single run, without the works of the ledger. The directions are the caller's, so this
+    /// differentiates every result by whatever is wanted. `None` for bilateral formulations other than `nullspace`: only its
+    /// minimal coordinates are linearised with inputs and outputs, and this code is not compiled for the other
+    /// formulations. For unilateral contact it is compiled in the equations of any parts alone.
     pub fn evaluate_seeded(&self, at: &Seeded<Directions>) -> Option<Evaluation<Directions>> {
         match self {
             Self::Others(others) => others.seeded(at),
