@@ -16,6 +16,7 @@ import numpy as np
 import softpinch as sp
 from command import parser
 from document import put
+from machine import describe
 
 BLOCK, LOOKS = 1024, 40
 # Probability, and half width at which a study stops.
@@ -43,6 +44,7 @@ def studies(p: float, width: float, many: int, of: Callable[[int, int], sp.Estim
 
 def main() -> None:
     quick = parser(__doc__).parse_args().quick
+    print(describe())
     many, settings = (20, SETTINGS[:1]) if quick else (10_000, SETTINGS)
     lines = ["| p | half width | interval | at the stop | at all 40 looks | runs |"]
     lines += ["|---:|---:|---|---|---:|---:|"]

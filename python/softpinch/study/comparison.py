@@ -60,11 +60,9 @@ class Comparison(Result):
     def message(self) -> str:
         """The result in words."""
         verdict = f"design {self.better} is better" if self.better else "neither design is better"
+        shares = f"{self.event} {self.a.value:.5g} in a, {self.b.value:.5g} in b"
         interval = f"{100 * self.confidence:g} %: {self.low:.3g} to {self.high:.3g}"
-        discordant = f"{self.only_a} of {self.pairs} pairs differ for a, {self.only_b} for b"
-        shares = f"{self.a.value:.5g} in a, {self.b.value:.5g} in b"
-        difference = f"difference {self.difference:.3g} ({interval})"
-        return f"{verdict}: {self.event} {shares}, {difference}; {discordant}"
+        return f"{verdict}: {shares}, difference {self.difference:.3g} ({interval})"
 
     def _facts(self) -> dict[str, Any]:
         return {"message": self.message, "better": self.better, **self._values()}
@@ -75,13 +73,11 @@ def compare(
 ) -> Comparison:
     """Compares the probabilities of an event in two designs that met the same random numbers.
 
-    Two studies with the same `seed`, `sampler` and paths in `vary` draw the same pushes, masses and
-    so on for the run of a number, so the runs are pairs. What both designs survive or both do not
-    cancels, and far fewer runs tell the designs apart than two independent studies would need. The
-    scenes may differ, and so may the distributions of a path.
-
-    The interval is the score interval of Tango, "Equivalence test and confidence interval for the
-    difference in proportions for the paired-sample design", 1998.
+    With the same `seed`, `sampler` and paths in `vary`, runs of the same number meet the same
+    pushes, masses and so on, and are pairs. What both designs survive, or neither, cancels, so that
+    far fewer runs tell them apart. Scenes and distributions may differ. The interval is the score
+    interval of Tango, "Equivalence test and confidence interval for the difference in proportions
+    for the paired-sample design", 1998.
 
     Args:
         study_a: The study of the first design.
@@ -96,20 +92,19 @@ def compare(
     """
     for field, study in (("study_a", study_a), ("study_b", study_b)):
         checks.instance(field, study, Results, "an Ensemble or a Study")
+        checked_event("event", event, study.scene, study._spec.shapes)
         if study._spec.stop_when:
             rule = "must have a number of runs that was fixed before, for the interval to hold"
             raise ValueError(f"{field} was computed with stop_when: {rule}")
-    confidence = checks.share("confidence", confidence)
     for name in ("seed", "sampler"):
         _require_same(name, getattr(study_a, name), getattr(study_b, name))
     _require_same("paths in vary", dict(study_a._spec.shapes), dict(study_b._spec.shapes))
-    if study_a.sampler == "latin_hypercube":
+    if study_a.sampler == "latin_hypercube":  # its points depend on their number
         _require_same("runs", study_a._spec.draws.runs, study_b._spec.draws.runs)
+    confidence = checks.share("confidence", confidence)
     shared, rows_a, rows_b = np.intersect1d(study_a.run, study_b.run, True, return_indices=True)
     if not len(shared):
         raise ValueError("study_a and study_b: must have runs in common, by their numbers")
-    for study in (study_a, study_b):
-        checked_event("event", event, study.scene, study._spec.shapes)
     a, b = study_a.happened(event)[rows_a], study_b.happened(event)[rows_b]
     only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())
     return Comparison(
@@ -128,9 +123,8 @@ def compare(
 
 def _require_same(name: str, a: object, b: object) -> None:
     if a != b:
-        rule = "must be the same, for the runs to be pairs"
         given = f"study_a has {checks.shown(a)}, study_b {checks.shown(b)}"
-        raise ValueError(f"{name}: {rule}; {given}")
+        raise ValueError(f"{name}: must be the same, for the runs to be pairs; {given}")
 
 
 def _greatest_difference(only_a: int, only_b: int, n: int, confidence: float) -> float:
