@@ -6,12 +6,11 @@ use nalgebra::{DMatrix, DVector, Schur};
 
 use crate::error::{Error, Result};
 use crate::formulation::{Choice, Contact, Formulation, Linear, Seeded, States, System};
-use crate::method::{DIRECTIONS, Runs};
+use crate::method::Runs;
 use crate::model::contact::Side;
-use crate::model::contact::shape::ShapeKind;
 use crate::model::{
-    ContactModel, ContactRow, Coordinates, Fingers, FrameMotion, Geometry, Input, Inputs, Mode, Motion,
-    Parameters, Rule, SegmentDrive, Stabilization,
+    ContactModel, ContactRow, Coordinates, DIRECTIONS, Fingers, FrameMotion, Geometry, Input, Inputs, Mode,
+    Motion, Parameters, Rule, SegmentDrive, Stabilization,
 };
 use crate::number::{Dual, LaneTask, Lanes, Level, MOST, task};
 
@@ -137,7 +136,7 @@ impl<'a> Problem<'a> {
     /// The derivatives of the states' rates with respect to the states alone.
     pub fn jacobian(&self) -> DMatrix<f64> {
         let (y, states) = self.states();
-        let rows = self.runs.tangent::<f64, DIRECTIONS>().jacobian(&self.drive, 0.0, &y).rows;
+        let rows = self.runs.tangent::<f64>().jacobian(&self.drive, 0.0, &y).rows;
         DMatrix::from_fn(states, states, |row, column| rows[row][column])
     }
 
@@ -166,14 +165,8 @@ impl<'a> Problem<'a> {
         let Runs { instructions, mut choice, parameters: [parameters, ..], .. } = self.runs;
         // The weights are forces of the motion, which may be that of a hand at rest.
         choice.moves = true;
-        // Unilateral contacts have the equations of any parts, which are compiled for these numbers. A face without a
-        // tilt is the paper's.
-        let mut parts = *parameters;
-        if self.modes.is_some() && parts.has_the_papers_parts() {
-            parts.shapes[0].kind = ShapeKind::Face.number();
-        }
-        let tangent = Runs { choice, parameters: [&parts; MOST], ..self.runs }.tangent::<f64, DIRECTIONS>();
-        let sides = Side::<One>::both(&parts);
+        let tangent = Runs { choice, ..self.runs }.tangent::<f64>();
+        let sides = Side::<One>::both(parameters);
 
         let all = states + values.len();
         let mut rates = DMatrix::zeros(states, all);
