@@ -5,7 +5,7 @@ use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 
 use crate::batch::Batch;
-use crate::convert::{GivenRow, GivenRows, columns, entries, raise, require, room, select};
+use crate::convert::{GivenRow, GivenRows, Rows, columns, entries, raise, require, room, select};
 use crate::inputs::Inputs;
 use crate::signals::detached;
 use crate::simulation::Simulation;
@@ -75,14 +75,15 @@ fn shift(row: &[f64; 9]) -> Shift {
 }
 
 /// The derivatives of a run at the times `rows`, (rows, components, directions); `SENSITIVITIES` has the components.
-/// With them comes where they end before the run, in words; from there on they are NaN. Ctrl-C is raised.
+/// With them come those of the times of the contacts' changes, (changes, directions), and where they end before the run,
+/// in words; from there on they are NaN, and changes are missing. Ctrl-C is raised.
 #[pyfunction]
 pub fn sensitivities<'py>(
     py: Python<'py>,
     simulation: &Simulation,
     directions: &Directions,
     rows: GivenRow<'py>,
-) -> PyResult<(Numbers<'py>, Option<String>)> {
+) -> PyResult<(Numbers<'py>, Rows<'py>, Option<String>)> {
     let rows = entries("rows, in numbers,", &rows)?;
     let Simulation { scene, options } = simulation;
     let Directions { directions, start } = directions;
@@ -91,7 +92,9 @@ pub fn sensitivities<'py>(
         .map_err(raise)?
         .ok_or_else(|| PyKeyboardInterrupt::new_err(()))?;
     let numbers = PyArray1::from_vec(py, found.numbers);
-    Ok((numbers.reshape([rows.len(), COMPONENTS, directions.len()])?, found.failed))
+    let changes = found.changes.len() / directions.len().max(1);
+    let times = PyArray1::from_vec(py, found.changes).reshape([changes, directions.len()])?;
+    Ok((numbers.reshape([rows.len(), COMPONENTS, directions.len()])?, times, found.failed))
 }
 
 /// The derivatives of the last states and of the summaries of the runs of a batch, (runs, directions, 18 + summaries).
@@ -127,7 +130,7 @@ pub fn gradients<'py>(
         .ok_or_else(|| PyKeyboardInterrupt::new_err(()))?;
     let mut numbers = room("the gradients, in numbers,", runs * width)?;
     let mut failed = Vec::new();
-    for (run, Derivatives { numbers: own, failed: why }) in found.into_iter().enumerate() {
+    for (run, Derivatives { numbers: own, failed: why, .. }) in found.into_iter().enumerate() {
         numbers.extend(own);
         failed.extend(why.map(|why| (run, why)));
     }

@@ -1,5 +1,6 @@
 //! The drivers of simulations: one run, many runs, and runs that are stepped from outside.
 
+mod contact_derivatives;
 pub mod ensemble;
 mod lanes;
 pub mod sensitivities;

@@ -1,9 +1,12 @@
 //! The derivatives of a run, in directions of the caller's choice: parameters, inputs, the start, and the times of
 //! breakpoints and impulses. They are the derivatives of the numbers that the run computes, with the lengths of
 //! its steps held.
+//!
+//! Unilateral contact: `contact_derivatives.rs` follows the events in a step.
 
 use std::mem::swap;
 
+use crate::driver::contact_derivatives::ContactDerivatives;
 use crate::driver::simulate;
 use crate::error::{Error, Result};
 use crate::formulation::{
@@ -16,7 +19,8 @@ use crate::model::{
 };
 use crate::number::{Instructions, LaneKernel, LaneTask, Lanes, Real, call_four_lanes, task};
 use crate::stepping::{
-    Grid, Options, POLL, Segment, Selection, Span, Steps, Summaries, Summary, SummaryInstant, reserved,
+    Grid, Options, POLL, Recordable, Segment, Selection, Span, Steps, Summaries, Summary, SummaryInstant,
+    reserved,
 };
 
 /// A direction in which a run is differentiated.
@@ -59,6 +63,8 @@ pub const COMPONENTS: usize = 18 + 2 + 4 + 2 + 3 + BILATERAL_WORKS;
 pub struct Derivatives {
     /// The numbers, one for each direction together.
     pub numbers: Vec<f64>,
+    /// The derivatives of the times of changes of contacts' modes, for each change one for every direction.
+    pub changes: Vec<f64>,
     /// Why the run could not be followed to its end, if so; the numbers from there on are NaN.
     pub failed: Option<String>,
 }
@@ -88,16 +94,29 @@ pub fn sensitivities(
     wanted: Wanted<'_>,
     interrupted: &dyn Fn() -> bool,
 ) -> Result<Option<Derivatives>> {
-    let ends = &ends(scene, options, interrupted)?;
+    let ends = &ends(scene, options, wanted, interrupted)?;
     let request = Request { scene, options, start, ends, directions, wanted, interrupted };
     call_four_lanes(options.simd.require()?, request)
 }
 
 /// The ends of free steps, from the run itself. Refuses scenes whose derivatives are not computed.
-fn ends(scene: &Scene, options: &Options, interrupted: &dyn Fn() -> bool) -> Result<Vec<f64>> {
+fn ends(
+    scene: &Scene,
+    options: &Options,
+    wanted: Wanted<'_>,
+    interrupted: &dyn Fn() -> bool,
+) -> Result<Vec<f64>> {
     let refused = |allowed: &str| Err(Error::unknown("sensitivities", "of this scene", allowed));
-    if options.contact != ContactModel::Bilateral || scene.inputs.sampled().is_some() {
-        return refused("those with contact = \"bilateral\" and without a SampledController");
+    if scene.inputs.sampled().is_some() {
+        return refused("those without a SampledController");
+    }
+    if options.contact == ContactModel::Unilateral {
+        let explicit = matches!(options.method, Method::Rk4 | Method::Dop853);
+        if !explicit || options.record.contains(Recordable::Energy) || matches!(wanted, Wanted::Ends { .. }) {
+            return refused(
+                "in unilateral contact those of rows without the energy, with method \"rk4\" or \"dop853\"",
+            );
+        }
     }
     if !scene.parameters.has_the_papers_parts() {
         return refused("those of rotary fingers, parallel faces and the law (5)");
@@ -126,7 +145,7 @@ impl LaneKernel for Request<'_> {
             numbers.resize(count, 0.0);
         }
         let runs = options.runs(instructions, scene);
-        let mut failed = None;
+        let (mut failed, mut changes) = (None, Vec::new());
         for (chunk, directions) in all.chunks(DIRECTIONS).enumerate() {
             let slopes = std::array::from_fn(|k| {
                 let own = directions.get(k).map_or([0.0; PARAMETER_COUNT], |own| own.parameters);
@@ -146,10 +165,25 @@ impl LaneKernel for Request<'_> {
                 }
             };
             let mut method = RunDualMethod::new(runs, options.method);
-            match R::call(instructions, FollowRun { run: &run, method: &mut method, sink: &mut sink }) {
+            let mut contact = match options.contact {
+                ContactModel::Unilateral => {
+                    Some(ContactDerivatives::new(instructions, options, scene, &run.source)?)
+                }
+                ContactModel::Bilateral => None,
+            };
+            let follow = FollowRun { run: &run, method: &mut method, contact: &mut contact, sink: &mut sink };
+            let followed = R::call(instructions, follow);
+            let times = contact.map_or(Vec::new(), |contact| contact.changes);
+            changes.resize(changes.len().max(times.len() * all.len()), f64::NAN);
+            for (change, time) in times.iter().enumerate() {
+                for k in 0..directions.len() {
+                    changes[change * all.len() + chunk * DIRECTIONS + k] = time.direction(k);
+                }
+            }
+            match followed {
                 Ok(()) if sink.is_full() => {}
                 Ok(()) => return Ok(None),
-                Err(failure @ Error::NoDerivative { .. }) => {
+                Err(failure @ (Error::NoDerivative { .. } | Error::NoEventDerivative { .. })) => {
                     sink.give_up();
                     failed = Some(failure.to_string());
                 }
@@ -162,7 +196,7 @@ impl LaneKernel for Request<'_> {
                 }
             }
         }
-        Ok(Some(Derivatives { numbers, failed }))
+        Ok(Some(Derivatives { numbers, changes, failed }))
     }
 }
 
@@ -344,14 +378,20 @@ struct DifferentiatedRun<'a, R> {
 
 task! {
     ['w, 's, R: Lanes]
-    FollowRun<'w, 's, R>(run: &'w DifferentiatedRun<'w, R>, method: &'w mut RunDualMethod<R>, sink: &'w mut Sink<'s, R>)
-    for R => Result = run.follow(method, sink)
+    FollowRun<'w, 's, R>(run: &'w DifferentiatedRun<'w, R>, method: &'w mut RunDualMethod<R>,
+        contact: &'w mut Option<ContactDerivatives<R>>, sink: &'w mut Sink<'s, R>)
+    for R => Result = run.follow(method, contact, sink)
 }
 
 impl<R: Lanes> DifferentiatedRun<'_, R> {
     /// Follows the run with a method until its sink needs no more.
     #[inline(always)]
-    fn follow(&self, method: &mut RunDualMethod<R>, sink: &mut Sink<'_, R>) -> Result {
+    fn follow(
+        &self,
+        method: &mut RunDualMethod<R>,
+        contact: &mut Option<ContactDerivatives<R>>,
+        sink: &mut Sink<'_, R>,
+    ) -> Result {
         let (grid, mut ends) = self.times()?;
         let DifferentiatedRun { request: Request { scene, interrupted, .. }, equations, .. } = self;
         let system = &equations.system;
@@ -369,9 +409,19 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
             });
             method.begin(inputs.segment(segment.anchor), linearized);
             let mut tau = RunDual::constant(segment.tau(segment.first));
+            if let Some(contact) = contact {
+                let plain = inputs.segment(segment.anchor);
+                let h = next_step(&segment, 0, ends).map_or(segment.h, |step| step.h);
+                let times = ([segment.anchor, segment.end], tau.lane(0), h);
+                let changed = contact.enter((equations, &mut *method), (plain, &mut drive), times, &mut y)?;
+                if changed && self.shifts_at(segment.start) {
+                    let why = "the modes of contacts change at a breakpoint that a path moves";
+                    return Err(Error::NoEventDerivative { time: segment.start, why });
+                }
+            }
             self.visit(segment.start, &drive, (tau, &y), &mut rate, sink);
             // A run that is resumed inside a segment has already had what happens at the start of the segment.
-            if segment.first == 0 && self.pass(segment.start, &drive, &mut y) {
+            if segment.first == 0 && self.pass(segment.start, (method, contact), &mut drive, &mut y)? {
                 rate = self.rates((&drive.at(tau), &drive), &y);
             }
             let mut taken = 0;
@@ -392,8 +442,14 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
                     attempt
                         .map_err(|Unsolved { correction, .. }| Error::NoDerivative { time, correction })?;
                     system.correct(&drive, tau + h, &mut next);
+                    let contacts = drive.contacts;
+                    if let Some(contact) = contact {
+                        let end = (h.lane(0), &mut next, row.is_some());
+                        contact.advance((equations, &mut *method), &mut drive, (tau, &y), end)?;
+                    }
                     let Some(row) = row else { break };
                     self.visit(row, &drive, (tau + h, &next), &mut { rate }, sink);
+                    drive.contacts = contacts;
                 }
                 swap(&mut y, &mut next);
                 tau = RunDual::constant(times.tau_end);
@@ -412,7 +468,9 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
                 return Ok(());
             };
             segment = later;
+            let contacts = drive.contacts;
             drive = self.drive(segment.anchor);
+            drive.contacts = contacts;
         }
     }
 
@@ -452,13 +510,23 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
         Motion { q: q.into(), p: p.into(), memory, relaxation }
     }
 
+    fn shifts_at(&self, time: f64) -> bool {
+        self.directions.iter().any(|one| one.shifts.iter().any(|shift| shift.time == time))
+    }
+
     /// Applies the shifts of inputs whose jump moves at a breakpoint, then its impulses. Returns whether there are any.
     #[inline(always)]
-    fn pass(&self, time: f64, drive: &SegmentDrive<RunDual<R>>, y: &mut States<RunDual<R>>) -> bool {
+    fn pass(
+        &self,
+        time: f64,
+        (method, contact): (&mut RunDualMethod<R>, &mut Option<ContactDerivatives<R>>),
+        drive: &mut SegmentDrive<RunDual<R>>,
+        y: &mut States<RunDual<R>>,
+    ) -> Result<bool> {
         let input = drive.at(RunDual::zero());
-        let mut passes = self.directions.iter().any(|one| one.shifts.iter().any(|shift| shift.time == time));
+        let mut passes = self.shifts_at(time);
         if passes {
-            self.shift(time, (&input, drive), y);
+            self.shift(time, (&input, &*drive), y);
         }
         let inputs = &self.request.scene.inputs;
         for (place, impulse) in inputs.fixed_impulses_at(time).enumerate() {
@@ -477,10 +545,14 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
             if let Some(frame) = &drive.frame {
                 [impulse[0], impulse[1]] = frame.motion(by).into_hand([impulse[0], impulse[1]]);
             }
-            self.equations.system.jump(&drive.at(by), y, &impulse);
+            if let Some(contact) = contact {
+                contact.strike((&self.equations, &mut *method), drive, by, y, &impulse)?;
+            } else {
+                self.equations.system.jump(&drive.at(by), y, &impulse);
+            }
             self.carry((&input, drive), y, -by);
         }
-        passes
+        Ok(passes)
     }
 
     fn drive(&self, anchor: f64) -> SegmentDrive<RunDual<R>> {

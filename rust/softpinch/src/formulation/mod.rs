@@ -13,6 +13,7 @@
 //! | `contact_solve.rs` | their 4 x 4 solve |
 //! | `impact.rs` | the impact law |
 //! | `mode_selection.rs` | the choice of modes |
+//! | `jumps.rs` | what happens to the motion at events |
 //! | `contact_equations.rs` | all of these as the search for events uses them |
 
 // Loops over several arrays at once are clearer with an index.
@@ -26,6 +27,7 @@ pub mod csm;
 pub mod equations;
 pub mod impact;
 pub mod inlined;
+pub mod jumps;
 pub mod mode_selection;
 pub mod nullspace;
 pub mod projected;
@@ -44,6 +46,7 @@ pub use csm::Csm;
 pub(crate) use equations::for_fingers;
 pub use equations::{Equations, Evaluation, MAX_COMPONENTS, States, Terms};
 pub(crate) use inlined::Inlined;
+pub(crate) use jumps::{ApplyJump, ContactJump};
 pub use mode_selection::{Chosen, Contact, choose, contacts_in};
 pub use run_dual::{RunDual, RunDualEquations, RunDualSystem};
 pub use scene_equations::{Choice, SceneEquations};

@@ -9,8 +9,8 @@
 use crate::formulation::nullspace::Nullspace;
 use crate::formulation::projected;
 use crate::formulation::{
-    AnyParts, ContactEquations, Csm, Equations, Evaluation, Formulation, Inlined, MAX_COMPONENTS, Size,
-    StageState, Stages, States, System, Unilateral, for_fingers,
+    AnyParts, ApplyJump, ContactEquations, ContactJump, Csm, Equations, Evaluation, Formulation, Inlined,
+    MAX_COMPONENTS, Size, StageState, Stages, States, System, Unilateral, for_fingers,
 };
 use crate::model::{
     Applied, Carriage, ContactModel, Contacts, Energies, Fingers, FrameLoads, Input, Motion, Parts, Plant,
@@ -291,6 +291,46 @@ impl<R: Lanes> SceneEquations<R> {
     const INLINES_STAGES: bool = R::WIDTH > 1 && R::ORDER == 0;
 }
 
+task! {
+    /// Evaluates a stage in numbers with derivatives, in one piece of code for fingers of any kind.
+    ['a, R: Lanes]
+    Follow<'a, R>(equations: &'a Unilateral<R>, input: &'a Input<R>, moving: Option<&'a FrameLoads<R>>,
+        contacts: &'a Contacts<R>, at: StageState<'a, R>, now: &'a mut Evaluation<R>, ledger: bool)
+    for R => () = {
+        let StageState { from, by, along } = at;
+        let mut y = *from;
+        for n in 0..MAX_COMPONENTS {
+            y[n] = along[n].mul_add(by, from[n]);
+        }
+        let how = (equations.plant().driven, ledger);
+        evaluate_into(equations, how, ((input, Carriage::Either(moving)), contacts), &y, now);
+    }
+}
+
+/// Unilateral contact in the numbers of a run with derivatives.
+impl<R: Lanes> SceneEquations<R> {
+    #[inline(always)]
+    fn differentiated(&self) -> Option<&Unilateral<R>> {
+        match &self.kind {
+            EquationKind::Unilateral(equations) if R::ORDER == 1 => Some(equations),
+            _ => None,
+        }
+    }
+
+    fn follow(
+        &self,
+        equations: &Unilateral<R>,
+        (input, drive): (&Input<R>, &SegmentDrive<R>),
+        at: StageState<'_, R>,
+        now: &mut Evaluation<R>,
+    ) {
+        let plant = (equations.plant(), self.size().degrees);
+        let loads = drive.frame.as_ref().map(|frame| Load { frame, plant, input, at }.loads());
+        let (moving, contacts, ledger) = (loads.as_ref(), &drive.contacts, self.ledger);
+        R::call(self.instructions, Follow { equations, input, moving, contacts, at, now, ledger });
+    }
+}
+
 /// The equations of a hand that moves. They are called, so that equations of a hand at rest have little code for it.
 impl<R: Lanes> SceneEquations<R> {
     #[cold]
@@ -330,21 +370,30 @@ impl<R: Lanes> SceneEquations<R> {
     }
 }
 
-/// Runs in numbers with derivatives are bilateral, so no code of unilateral contact is compiled for them.
+/// Numbers with second derivatives are those of bilateral runs, so no code of unilateral contact is compiled for them.
 impl<R: Lanes> System<R> for SceneEquations<R> {
     #[inline(always)]
     fn size(&self) -> Size {
-        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
+        with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
             size_of(equations, equations.plant().driven, self.ledger)
         })
     }
 
     fn begin(&self, motion: &Motion<R>) -> States<R> {
-        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => equations.begin(equations.plant().driven, motion))
+        with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => equations.begin(equations.plant().driven, motion))
     }
 
     #[inline(always)]
     fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>) {
+        if let Some(equations) = self.differentiated() {
+            let input = &R::call(self.instructions, InputAt { drive, tau });
+            return self.follow(
+                equations,
+                (input, drive),
+                StageState { from: y, by: R::zero(), along: y },
+                now,
+            );
+        }
         if let Some(frame) = &drive.frame {
             return self.evaluate_moving(frame, (drive, tau), y, now);
         }
@@ -356,6 +405,11 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
 
     #[inline(always)]
     fn rates(&self, input: &Input<R>, drive: &SegmentDrive<R>, at: StageState<'_, R>, rate: &mut States<R>) {
+        if let Some(equations) = self.differentiated() {
+            let mut now = Evaluation::nothing();
+            self.follow(equations, (input, drive), at, &mut now);
+            return rate.copy_from_slice(&now.rate);
+        }
         // In one piece the stage would be copied, as vectors that wait for the stores of its parts.
         let StageState { from, by, along } = at;
         let (moving, contacts) = (None, &drive.contacts);
@@ -406,9 +460,24 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
             return;
         }
         let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
+        with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
             R::call(instructions, Correct { equations, drive, tau, y, ledger });
         });
+    }
+}
+
+impl<R: Lanes> SceneEquations<R> {
+    /// Lets a part of an event of unilateral contact happen to a state at time `tau` of a segment, with an impulse.
+    pub(crate) fn apply(
+        &self,
+        (drive, tau): (&SegmentDrive<R>, R),
+        y: &mut States<R>,
+        jump: ContactJump,
+        impulse: &[R; 3],
+    ) {
+        let EquationKind::Unilateral(equations) = &self.kind else { return };
+        let input = &R::call(self.instructions, InputAt { drive, tau });
+        R::call(self.instructions, ApplyJump { equations, input, y, jump, impulse });
     }
 }
 

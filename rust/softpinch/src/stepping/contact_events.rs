@@ -1,6 +1,6 @@
 //! The events that end the modes of unilateral contact, and the ends of runs at them.
 
-use crate::formulation::{Contact, States, contacts_in};
+use crate::formulation::{Contact, ContactJump, States, contacts_in};
 use crate::method::Unsolved;
 use crate::model::{Contacts, Mode};
 use crate::names::named;
@@ -85,6 +85,19 @@ pub(crate) struct ContactEnd {
 /// The result of work at events, or the end of the run there.
 pub(crate) type EventResult<T = ()> = Result<T, Box<ContactEnd>>;
 
+/// What happens to a run at its events, as numbers with derivatives follow it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Passage {
+    /// A step of this length leads to an event.
+    Step(f64, Event),
+    /// The motion jumps.
+    Jump(ContactJump),
+    /// From here on the contacts are these, after so many changes of modes.
+    Modes([Contact; 2], usize),
+    /// What happens has no derivative.
+    Undefined(&'static str),
+}
+
 /// The contacts of one run, and the changes of their modes.
 #[derive(Debug, Clone)]
 pub(crate) struct ContactRun {
@@ -93,11 +106,19 @@ pub(crate) struct ContactRun {
     pub anchor: f64,
     /// The changes of modes since the list was emptied.
     pub changes: Vec<Change>,
+    /// What happens at events, if it is to be known.
+    pub log: Option<Vec<Passage>>,
 }
 
 impl ContactRun {
     pub fn new(contacts: [Contact; 2]) -> Self {
-        Self { contacts, anchor: 0.0, changes: Vec::new() }
+        Self { contacts, anchor: 0.0, changes: Vec::new(), log: None }
+    }
+
+    pub fn note(&mut self, passage: Passage) {
+        if let Some(log) = &mut self.log {
+            log.push(passage);
+        }
     }
 
     pub fn modes(&self) -> [Mode; 2] {

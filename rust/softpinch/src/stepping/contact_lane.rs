@@ -130,7 +130,7 @@ impl LaneContact {
     }
 
     /// Calls `work` with the stepper at a moment, and returns the state after it.
-    pub(super) fn change(
+    pub fn change(
         &mut self,
         at: &Moment<'_>,
         work: impl FnOnce(&mut EventStepper<'_>, &mut SegmentState) -> EventResult,

@@ -9,7 +9,7 @@ use crate::number::{Instructions, LaneTask, Lanes, task};
 use crate::stepping::contact_events::CAUSES;
 use crate::stepping::lone_steps::LoneMethod;
 use crate::stepping::monitor::{Condition, Failure};
-use crate::stepping::{ContactEnd, ContactRun, Event, EventResult, Limits, MOST_EVENTS, Reason};
+use crate::stepping::{ContactEnd, ContactRun, Event, EventResult, Limits, MOST_EVENTS, Passage, Reason};
 
 /// Largest number of repeated steps that locate one event. Most take about ten.
 const MOST_TRIALS: usize = 60;
@@ -113,6 +113,7 @@ impl EventStepper<'_> {
             };
             let y = self.step_from(&place, length)?;
             place = SegmentState { tau: if length < rest { place.tau + length } else { end }, y };
+            self.run.note(Passage::Step(length, event));
             self.happen(&mut place, event)?;
             rest = end - place.tau;
             if rest <= 0.0 {

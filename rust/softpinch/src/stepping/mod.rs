@@ -39,7 +39,9 @@ pub(crate) use adaptive::AdaptiveSteps;
 pub(crate) use adaptive_lanes::{AdaptiveLanes, StepStart, merged};
 pub(crate) use batch::{Finished, LaneBatch, LoopSetup, LoopSystem, POLL, RunQueue, Seen, Taken};
 pub use contact_events::{Cause, Change};
-pub(crate) use contact_events::{ContactEnd, ContactRun, Event, EventResult, Loss, MOST_EVENTS, Reason};
+pub(crate) use contact_events::{
+    ContactEnd, ContactRun, Event, EventResult, Loss, MOST_EVENTS, Passage, Reason,
+};
 pub(crate) use contact_lane::{LaneContact, Moment};
 pub(crate) use ending::{End, full, interruption, overflow};
 pub use ending::{STATUSES, Status, arrival};

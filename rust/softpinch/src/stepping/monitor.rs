@@ -7,7 +7,7 @@ use crate::model::contact::Side;
 use crate::model::{Any, Contact, Contacts, Geometry, Motion, Parameters, SIDES, ShapeKind, Source};
 use crate::names::{named, set};
 use crate::number::{Bits, LaneTask, Lanes, Real};
-use crate::stepping::{Cause, Instant};
+use crate::stepping::{Cause, Event, Instant};
 
 named! {
     /// A way in which the model stops holding.
@@ -241,6 +241,18 @@ impl<R: Lanes> Limits<R> {
         violation(Violation::Crushed, touching, radius, d_n, true);
         violation(Violation::Folded, touching, quarter, at.tilt[i].abs(), true);
         violation(Violation::Rim, touching, rim, d_n, false);
+    }
+
+    /// The value of an event, which is due where it is negative; zero in modes that do not have it.
+    #[inline(always)]
+    pub fn event_value(&self, now: &Evaluation<R>, contacts: &Contacts<R>, event: Event) -> R {
+        let mut found = R::zero();
+        self.conditions(now, Some(contacts), event.finger, true, |condition| {
+            if matches!(condition.failure, Failure::Event(cause) if cause == event.cause) {
+                found = condition.value;
+            }
+        });
+        found
     }
 
     /// For each of [`VIOLATIONS`] the lanes in which it holds at an instant. In unilateral contact there are `contacts`,
