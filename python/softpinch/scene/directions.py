@@ -124,6 +124,7 @@ def directions(
     """
     derived = None if isinstance(scene.initial, State) else scene._start_kind
     start = "driven" if derived and scene.fingers == "driven" else derived
+    start = "contact" if start == "apart" else start
     template = _template(scene if shared is None else shared, paths, varied)
     entries = [(path, at) for path in paths for at in np.ndindex(*template.shapes[path])]
     parameters = np.zeros((len(entries), len(_core.PARAMETERS)))

@@ -1,12 +1,10 @@
 //! The derivatives of a run, in directions of the caller's choice: parameters, inputs, the start, and the times of
 //! breakpoints and impulses. They are the derivatives of the numbers that the run computes, with the lengths of
-//! its steps held.
-//!
-//! Unilateral contact: `contact_derivatives.rs` follows the events in a step.
+//! its steps held. `contact_derivatives.rs` follows the events of unilateral contact.
 
 use std::mem::swap;
 
-use crate::driver::contact_derivatives::ContactDerivatives;
+use crate::driver::contact_derivatives::{ContactDerivatives, Place, Stepper};
 use crate::driver::simulate;
 use crate::error::{Error, Result};
 use crate::formulation::{
@@ -19,8 +17,8 @@ use crate::model::{
 };
 use crate::number::{Instructions, LaneKernel, LaneTask, Lanes, Real, call_four_lanes, task};
 use crate::stepping::{
-    Grid, Options, POLL, Recordable, Segment, Selection, Span, Steps, Summaries, Summary, SummaryInstant,
-    reserved,
+    Grid, LaneContact, Limits, Moment, Options, POLL, Recordable, Segment, Selection, Span, Steps, Summaries,
+    Summary, SummaryInstant, reserved,
 };
 
 /// A direction in which a run is differentiated.
@@ -110,13 +108,11 @@ fn ends(
     if scene.inputs.sampled().is_some() {
         return refused("those without a SampledController");
     }
-    if options.contact == ContactModel::Unilateral {
-        let explicit = matches!(options.method, Method::Rk4 | Method::Dop853);
-        if !explicit || options.record.contains(Recordable::Energy) || matches!(wanted, Wanted::Ends { .. }) {
-            return refused(
-                "in unilateral contact those of rows without the energy, with method \"rk4\" or \"dop853\"",
-            );
-        }
+    let explicit = matches!(options.method, Method::Rk4 | Method::Dop853);
+    let follows =
+        explicit && !options.record.contains(Recordable::Energy) && matches!(wanted, Wanted::Rows(_));
+    if options.contact == ContactModel::Unilateral && !follows {
+        return refused("in unilateral contact rows without the energy, with \"rk4\" or \"dop853\"");
     }
     if !scene.parameters.has_the_papers_parts() {
         return refused("those of rotary fingers, parallel faces and the law (5)");
@@ -164,16 +160,17 @@ impl LaneKernel for Request<'_> {
                     Sink::Ends(Ends { summaries: Summaries::new(&options.summaries), until, last: None })
                 }
             };
-            let mut method = RunDualMethod::new(runs, options.method);
-            let mut contact = match options.contact {
-                ContactModel::Unilateral => {
-                    Some(ContactDerivatives::new(instructions, options, scene, &run.source)?)
-                }
-                ContactModel::Bilateral => None,
-            };
-            let follow = FollowRun { run: &run, method: &mut method, contact: &mut contact, sink: &mut sink };
-            let followed = R::call(instructions, follow);
-            let times = contact.map_or(Vec::new(), |contact| contact.changes);
+            let mut contact = None;
+            if options.contact == ContactModel::Unilateral {
+                let mut lane = LaneContact::new(instructions, options, scene);
+                lane.restart(options, scene)?;
+                let limits = Limits::new(&run.source);
+                contact = Some(ContactDerivatives { lane, limits, between: [0.0; 2], changes: Vec::new() });
+            }
+            let method = RunDualMethod::new(runs, options.method);
+            let stepper = &mut Stepper { instructions, method, contact };
+            let followed = R::call(instructions, FollowRun { run: &run, stepper, sink: &mut sink });
+            let times = stepper.contact.as_ref().map_or(&[][..], |contact| &contact.changes);
             changes.resize(changes.len().max(times.len() * all.len()), f64::NAN);
             for (change, time) in times.iter().enumerate() {
                 for k in 0..directions.len() {
@@ -378,26 +375,24 @@ struct DifferentiatedRun<'a, R> {
 
 task! {
     ['w, 's, R: Lanes]
-    FollowRun<'w, 's, R>(run: &'w DifferentiatedRun<'w, R>, method: &'w mut RunDualMethod<R>,
-        contact: &'w mut Option<ContactDerivatives<R>>, sink: &'w mut Sink<'s, R>)
-    for R => Result = run.follow(method, contact, sink)
+    FollowRun<'w, 's, R>(run: &'w DifferentiatedRun<'w, R>, stepper: &'w mut Stepper<R>, sink: &'w mut Sink<'s, R>)
+    for R => Result = run.follow(stepper, sink)
 }
 
 impl<R: Lanes> DifferentiatedRun<'_, R> {
     /// Follows the run with a method until its sink needs no more.
     #[inline(always)]
-    fn follow(
-        &self,
-        method: &mut RunDualMethod<R>,
-        contact: &mut Option<ContactDerivatives<R>>,
-        sink: &mut Sink<'_, R>,
-    ) -> Result {
+    fn follow(&self, stepper: &mut Stepper<R>, sink: &mut Sink<'_, R>) -> Result {
         let (grid, mut ends) = self.times()?;
         let DifferentiatedRun { request: Request { scene, interrupted, .. }, equations, .. } = self;
         let system = &equations.system;
         let inputs = &scene.inputs;
         let mut segment = grid.first;
         let mut drive = self.drive(segment.anchor);
+        if let Some([.., right, left]) = scene.initial.contact {
+            drive.contacts.frozen_tilt = [RunDual::constant(right), RunDual::constant(left)];
+        }
+        let none = [RunDual::zero(); 3];
         let mut y = system.begin(&self.start(&drive));
         let mut next = [RunDual::zero(); MAX_COMPONENTS];
         let mut rate = next;
@@ -407,13 +402,20 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
                 let (tau, motion) = unpacked(&point);
                 (tau, values(&system.begin(&Motion::constant(&motion))))
             });
-            method.begin(inputs.segment(segment.anchor), linearized);
+            stepper.method.begin(inputs.segment(segment.anchor), linearized);
             let mut tau = RunDual::constant(segment.tau(segment.first));
-            if let Some(contact) = contact {
-                let plain = inputs.segment(segment.anchor);
-                let h = next_step(&segment, 0, ends).map_or(segment.h, |step| step.h);
-                let times = ([segment.anchor, segment.end], tau.lane(0), h);
-                let changed = contact.enter((equations, &mut *method), (plain, &mut drive), times, &mut y)?;
+            let h = next_step(&segment, 0, ends).map_or(segment.h, |step| step.h);
+            if let Some(contact) = &mut stepper.contact {
+                let (modes, start) = (contact.lane.run.modes(), tau.lane(0));
+                contact.lane.enter(segment.anchor, inputs.segment(segment.anchor));
+                contact.between = [start, segment.end - segment.anchor];
+                let place = Place { equations, drive: &mut drive, tau, y };
+                let begun = stepper.follow(place, (0.0, &none), |lane, y| {
+                    lane.begin(&Moment { earlier: false, tau: start, h, y })
+                })?;
+                y = begun.unwrap_or(y);
+                let changed =
+                    stepper.contact.as_ref().is_some_and(|contact| contact.lane.run.modes() != modes);
                 if changed && self.shifts_at(segment.start) {
                     let why = "the modes of contacts change at a breakpoint that a path moves";
                     return Err(Error::NoEventDerivative { time: segment.start, why });
@@ -421,7 +423,7 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
             }
             self.visit(segment.start, &drive, (tau, &y), &mut rate, sink);
             // A run that is resumed inside a segment has already had what happens at the start of the segment.
-            if segment.first == 0 && self.pass(segment.start, (method, contact), &mut drive, &mut y)? {
+            if segment.first == 0 && self.pass((segment.start, h), stepper, &mut drive, &mut y)? {
                 rate = self.rates((&drive.at(tau), &drive), &y);
             }
             let mut taken = 0;
@@ -436,20 +438,30 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
                     let h = row.map_or(times.h, |row| (row - segment.anchor) - times.tau);
                     let (tau, h) = (from, RunDual::constant(h));
                     let step = Step { system, drive: &drive, tau, h, y: &y, rate: &rate, allowed: None };
-                    let attempt = method.step(equations, &step, &mut next);
+                    let attempt = stepper.method.step(equations, &step, &mut next);
                     // The equations were solved in the run, but not again to round-off.
                     let time = row.unwrap_or(times.end);
                     attempt
                         .map_err(|Unsolved { correction, .. }| Error::NoDerivative { time, correction })?;
                     system.correct(&drive, tau + h, &mut next);
-                    let contacts = drive.contacts;
-                    if let Some(contact) = contact {
-                        let end = (h.lane(0), &mut next, row.is_some());
-                        contact.advance((equations, &mut *method), &mut drive, (tau, &y), end)?;
-                    }
+                    let (contacts, arrived, length) = (drive.contacts, values(&next), h.lane(0));
+                    let before = stepper
+                        .contact
+                        .as_ref()
+                        .map(|contact| (contact.lane.run.clone(), contact.between, contact.changes.len()));
+                    let place = Place { equations, drive: &mut drive, tau, y };
+                    let passed = stepper.follow(place, (length, &none), |lane, y| {
+                        lane.advance(&Moment { earlier: false, tau: tau.lane(0), h: length, y }, &arrived)
+                    })?;
+                    next = passed.unwrap_or(next);
                     let Some(row) = row else { break };
                     self.visit(row, &drive, (tau + h, &next), &mut { rate }, sink);
+                    // The run goes on from the start of the step.
                     drive.contacts = contacts;
+                    if let (Some(contact), Some((run, between, changes))) = (&mut stepper.contact, before) {
+                        (contact.lane.run, contact.between) = (run, between);
+                        contact.changes.truncate(changes);
+                    }
                 }
                 swap(&mut y, &mut next);
                 tau = RunDual::constant(times.tau_end);
@@ -518,8 +530,8 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
     #[inline(always)]
     fn pass(
         &self,
-        time: f64,
-        (method, contact): (&mut RunDualMethod<R>, &mut Option<ContactDerivatives<R>>),
+        (time, h): (f64, f64),
+        stepper: &mut Stepper<R>,
         drive: &mut SegmentDrive<RunDual<R>>,
         y: &mut States<RunDual<R>>,
     ) -> Result<bool> {
@@ -545,8 +557,14 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
             if let Some(frame) = &drive.frame {
                 [impulse[0], impulse[1]] = frame.motion(by).into_hand([impulse[0], impulse[1]]);
             }
-            if let Some(contact) = contact {
-                contact.strike((&self.equations, &mut *method), drive, by, y, &impulse)?;
+            if stepper.contact.is_some() {
+                let plain = [impulse[0].lane(0), impulse[1].lane(0), impulse[2].lane(0)];
+                let place = Place { equations: &self.equations, drive, tau: by, y: *y };
+                let struck = stepper.follow(place, (0.0, &impulse), |lane, y| {
+                    let at = Moment { earlier: false, tau: 0.0, h, y };
+                    lane.change(&at, |stepper, place| stepper.strike(place, &plain))
+                })?;
+                *y = struck.unwrap_or(*y);
             } else {
                 self.equations.system.jump(&drive.at(by), y, &impulse);
             }

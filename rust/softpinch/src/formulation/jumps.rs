@@ -41,7 +41,9 @@ impl ContactJump {
                 }
                 Self::Impact(modes) if pass == 0 => {
                     let (pair, mut contacts) = ([zero; 2], Contacts::sticking());
-                    (0..R::WIDTH).for_each(|lane| contacts.set(lane, modes, [0.0; 2]));
+                    for lane in 0..R::WIDTH {
+                        contacts.set(lane, modes, [0.0; 2]);
+                    }
                     let force = Coordinates { object: *impulse, ..Coordinates::zero() };
                     let (bias, friction) = (velocity, equations.friction());
                     let load = Load { force, couple: pair, friction, bias, finger_acceleration: pair };
@@ -49,14 +51,13 @@ impl ContactJump {
                     *p = each_coordinate!([p, change] => p + change);
                 }
                 Self::Absorb(contacts) => {
-                    for (i, (_, slips)) in contacts.into_iter().enumerate().filter(|(_, (closed, _))| *closed)
-                    {
-                        if pass == 0 {
+                    for (i, (closed, slips)) in contacts.into_iter().enumerate() {
+                        if closed && pass == 0 {
                             q.compression[i] = q.compression[i] - gaps[i];
-                            continue;
+                        } else if closed {
+                            p.compression[i] = p.compression[i] - velocity[i];
                         }
-                        p.compression[i] = p.compression[i] - velocity[i];
-                        if !slips {
+                        if closed && !slips && pass == 1 {
                             p.shear[i] = p.shear[i] - velocity[2 + i];
                         }
                     }

@@ -209,7 +209,7 @@ task! {
     ['a, R: Lanes, E: Equations<R>]
     Evaluate<'a, R, E>(equations: &'a E, drive: &'a SegmentDrive<R>, tau: R, moving: Option<&'a FrameLoads<R>>,
         y: &'a States<R>, now: &'a mut Evaluation<R>, ledger: bool)
-    for R => () = for_fingers_of!(equations, driven [R::ORDER < 2 && E::Parts::PAPERS] => {
+    for R => () = for_fingers_of!(equations, driven [R::ORDER < 2 && E::Parts::PAPERS && (R::ORDER == 0 || !equations.opens())] => {
         evaluate_into(equations, (driven, ledger), ((&drive.at(tau), Carriage::Either(moving)), &drive.contacts), y, now);
     })
 }
@@ -218,7 +218,7 @@ task! {
     Rates<'a, R, E>(equations: &'a E, input: &'a Input<R>, moving: Option<&'a FrameLoads<R>>,
         contacts: &'a Contacts<R>, from: &'a States<R>, by: R, along: &'a States<R>, rate: &'a mut States<R>,
         ledger: bool)
-    for R => () = for_fingers_of!(equations, driven [R::ORDER < 2 && E::Parts::PAPERS] => {
+    for R => () = for_fingers_of!(equations, driven [R::ORDER < 2 && E::Parts::PAPERS && (R::ORDER == 0 || !equations.opens())] => {
         rates_into(equations, (driven, ledger), ((input, Carriage::Either(moving)), contacts), StageState { from, by, along }, rate);
     })
 }
@@ -291,46 +291,6 @@ impl<R: Lanes> SceneEquations<R> {
     const INLINES_STAGES: bool = R::WIDTH > 1 && R::ORDER == 0;
 }
 
-task! {
-    /// Evaluates a stage in numbers with derivatives, in one piece of code for fingers of any kind.
-    ['a, R: Lanes]
-    Follow<'a, R>(equations: &'a Unilateral<R>, input: &'a Input<R>, moving: Option<&'a FrameLoads<R>>,
-        contacts: &'a Contacts<R>, at: StageState<'a, R>, now: &'a mut Evaluation<R>, ledger: bool)
-    for R => () = {
-        let StageState { from, by, along } = at;
-        let mut y = *from;
-        for n in 0..MAX_COMPONENTS {
-            y[n] = along[n].mul_add(by, from[n]);
-        }
-        let how = (equations.plant().driven, ledger);
-        evaluate_into(equations, how, ((input, Carriage::Either(moving)), contacts), &y, now);
-    }
-}
-
-/// Unilateral contact in the numbers of a run with derivatives.
-impl<R: Lanes> SceneEquations<R> {
-    #[inline(always)]
-    fn differentiated(&self) -> Option<&Unilateral<R>> {
-        match &self.kind {
-            EquationKind::Unilateral(equations) if R::ORDER == 1 => Some(equations),
-            _ => None,
-        }
-    }
-
-    fn follow(
-        &self,
-        equations: &Unilateral<R>,
-        (input, drive): (&Input<R>, &SegmentDrive<R>),
-        at: StageState<'_, R>,
-        now: &mut Evaluation<R>,
-    ) {
-        let plant = (equations.plant(), self.size().degrees);
-        let loads = drive.frame.as_ref().map(|frame| Load { frame, plant, input, at }.loads());
-        let (moving, contacts, ledger) = (loads.as_ref(), &drive.contacts, self.ledger);
-        R::call(self.instructions, Follow { equations, input, moving, contacts, at, now, ledger });
-    }
-}
-
 /// The equations of a hand that moves. They are called, so that equations of a hand at rest have little code for it.
 impl<R: Lanes> SceneEquations<R> {
     #[cold]
@@ -344,7 +304,7 @@ impl<R: Lanes> SceneEquations<R> {
         rate: &mut States<R>,
     ) {
         let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
+        with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
             let plant = (equations.plant(), self.size().degrees);
             let moving = Some(&Load { frame, plant, input, at: StageState { from, by, along } }.loads());
             R::call(instructions, Rates { equations, input, moving, contacts, from, by, along, rate, ledger });
@@ -362,7 +322,7 @@ impl<R: Lanes> SceneEquations<R> {
     ) {
         let Self { instructions, ledger, .. } = *self;
         let input = &R::call(instructions, InputAt { drive, tau });
-        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
+        with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
             let (plant, by) = ((equations.plant(), self.size().degrees), R::zero());
             let moving = Some(&Load { frame, plant, input, at: StageState { from: y, by, along: y } }.loads());
             R::call(instructions, Evaluate { equations, drive, tau, moving, y, now, ledger });
@@ -385,31 +345,17 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
 
     #[inline(always)]
     fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>) {
-        if let Some(equations) = self.differentiated() {
-            let input = &R::call(self.instructions, InputAt { drive, tau });
-            return self.follow(
-                equations,
-                (input, drive),
-                StageState { from: y, by: R::zero(), along: y },
-                now,
-            );
-        }
         if let Some(frame) = &drive.frame {
             return self.evaluate_moving(frame, (drive, tau), y, now);
         }
         let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
+        with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
             R::call(instructions, Evaluate { equations, drive, tau, moving: None, y, now, ledger });
         });
     }
 
     #[inline(always)]
     fn rates(&self, input: &Input<R>, drive: &SegmentDrive<R>, at: StageState<'_, R>, rate: &mut States<R>) {
-        if let Some(equations) = self.differentiated() {
-            let mut now = Evaluation::nothing();
-            self.follow(equations, (input, drive), at, &mut now);
-            return rate.copy_from_slice(&now.rate);
-        }
         // In one piece the stage would be copied, as vectors that wait for the stores of its parts.
         let StageState { from, by, along } = at;
         let (moving, contacts) = (None, &drive.contacts);
@@ -417,7 +363,7 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
             return self.rates_moving(frame, (input, contacts), (from, along), &by, rate);
         }
         let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
+        with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
             R::call(instructions, Rates { equations, input, moving, contacts, from, by, along, rate, ledger });
         });
     }
@@ -470,13 +416,13 @@ impl<R: Lanes> SceneEquations<R> {
     /// Lets a part of an event of unilateral contact happen to a state at time `tau` of a segment, with an impulse.
     pub(crate) fn apply(
         &self,
-        (drive, tau): (&SegmentDrive<R>, R),
+        at: (&SegmentDrive<R>, R),
         y: &mut States<R>,
         jump: ContactJump,
         impulse: &[R; 3],
     ) {
         let EquationKind::Unilateral(equations) = &self.kind else { return };
-        let input = &R::call(self.instructions, InputAt { drive, tau });
+        let input = &R::call(self.instructions, InputAt { drive: at.0, tau: at.1 });
         R::call(self.instructions, ApplyJump { equations, input, y, jump, impulse });
     }
 }

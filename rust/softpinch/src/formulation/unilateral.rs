@@ -5,12 +5,21 @@
 //! the release, and its couple acts on nothing. Events change the modes.
 
 use crate::formulation::contact_solve::Load;
-use crate::formulation::{Csm, Equations, Response, Terms, constrained, response};
+use crate::formulation::equations::evaluated;
+use crate::formulation::{Csm, Equations, Evaluation, Response, States, Terms, constrained, response};
 use crate::model::{
     Applied, CONTACT_WORKS, Contacts, Coordinates, ElasticGradient, Energies, Geometry, Motion, Papers,
     Parts, Plant, Source,
 };
-use crate::number::Real;
+use crate::number::{LaneTask, Real, task};
+
+task! {
+    /// Evaluates a state.
+    ['a, R: Real]
+    Evaluate<'a, R>(equations: &'a Unilateral<R>, driven: bool, applied: Applied<'a, R>,
+        contacts: &'a Contacts<R>, y: &'a States<R>, ledger: bool)
+    for R => Evaluation<R> = evaluated(equations, driven, applied, contacts, y, ledger)
+}
 
 /// The equations of unilateral contact.
 #[derive(Debug, Clone, Copy)]
@@ -179,6 +188,20 @@ impl<R: Real> Equations<R> for Unilateral<R> {
         geometry: Geometry<R, Papers>,
     ) -> Terms<R, Papers> {
         self.terms_of(driven, applied, contacts, motion, geometry)
+    }
+
+    /// Numbers with derivatives have one piece of code for all uses.
+    #[inline(always)]
+    fn evaluate(
+        &self,
+        driven: bool,
+        applied: Applied<'_, R>,
+        contacts: &Contacts<R>,
+        y: &States<R>,
+        ledger: bool,
+    ) -> Evaluation<R> {
+        let task = Evaluate { equations: self, driven, applied, contacts, y, ledger };
+        if R::ORDER > 0 { R::outlined(task) } else { task.run() }
     }
 
     #[inline(always)]

@@ -148,7 +148,15 @@ impl Start {
                 }
             };
         }
-        let q = upright_at(source, angles, [angles[0].sin_cos(), angles[1].sin_cos()]);
+        let given = q.compression;
+        let mut q = upright_at(source, angles, [angles[0].sin_cos(), angles[1].sin_cos()]);
+        for i in 0..2 {
+            // A tip that does not reach the object is not compressed.
+            let gap = source.number(|p| -GAP * p.tips[i].radius);
+            if given[i] == 0.0 && q.compression[i].less(gap) != 0 {
+                q.compression[i] = zero;
+            }
+        }
         let mut p = Coordinates::zero();
         if self == Self::Driven {
             p.finger = input.target_rate;

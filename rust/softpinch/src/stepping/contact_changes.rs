@@ -34,7 +34,7 @@ impl EventStepper<'_> {
                 (geometry.residuals()[i], geometry.places()[i].abs() <= self.limits.half_height[i]);
             if self.run.contacts[i].closed || (beside && gap < -OVERLAP * sides[i].radius()) {
                 motion.q.compression[i] -= gap;
-                self.run.note(Passage::Jump(ContactJump::Meet(i)));
+                self.run.log.push(Passage::Jump(ContactJump::Meet(i)));
             }
         }
         for i in 0..2 {
@@ -64,8 +64,8 @@ impl EventStepper<'_> {
         if moved(&from.q, &motion.q) || moved(&from.p, &motion.p) {
             self.book(place, work::CONSTRAINT, self.energy(&motion) - before);
             self.store(place, &motion);
-        } else if let Some(log) = &mut self.run.log {
-            log.pop();
+        } else {
+            self.run.log.pop();
         }
     }
 
@@ -128,7 +128,7 @@ impl EventStepper<'_> {
         }
         let frozen = self.energy(motion);
         motion.q.compression[i] -= gap;
-        self.run.note(Passage::Jump(ContactJump::Meet(i)));
+        self.note(ContactJump::Meet(i));
         let moved = self.energy(motion);
         self.run.contacts[i].closed = true;
         let live = self.energy(motion);
@@ -139,7 +139,7 @@ impl EventStepper<'_> {
             self.collide(place, motion, &[0.0; 3]);
         } else {
             // By round-off the tip meets the face that it is leaving. It has not left then.
-            self.run.note(Passage::Undefined("a tip just touches its face"));
+            self.run.log.push(Passage::Undefined("a tip just touches its face"));
             self.run.contacts[i].slip = Slip::of(geometry.residuals()[2 + i], 0.0);
         }
         Ok(())
@@ -161,7 +161,7 @@ impl EventStepper<'_> {
             let aloft = 2.0 * rates[i] < SETTLED * self.h * -(swept[i] + bias[i]);
             if touching[i] && !self.run.contacts[i].closed && aloft {
                 motion.p.compression[i] -= rates[i];
-                self.run.note(Passage::Undefined("the contacts open each other in turn"));
+                self.run.log.push(Passage::Undefined("the contacts open each other in turn"));
                 self.run.contacts[i].closed = true;
                 self.run.contacts[i].slip = Slip::of(rates[2 + i], 0.0);
             }
@@ -176,7 +176,7 @@ impl EventStepper<'_> {
         let tilts = self.equations.tilts(&motion.q);
         let found = self.equations.impact(&geometry, &motion.p, closed, *impulse);
         motion.p = found.p;
-        self.run.note(Passage::Jump(ContactJump::Impact(found.modes)));
+        self.note(ContactJump::Impact(found.modes));
         self.book(place, work::IMPACT, found.loss);
         self.book(place, work::EXTERNAL, found.work);
         self.book(place, work::CONTROL, found.driving);
@@ -193,7 +193,7 @@ impl EventStepper<'_> {
     /// Puts the residuals of closed contacts into the tips' surfaces, so that gaps and slips start at zero.
     fn absorb(&mut self, motion: &mut Motion<f64>) {
         let contacts = self.run.contacts.map(|contact| (contact.closed, contact.slip.is_some()));
-        self.run.note(Passage::Jump(ContactJump::Absorb(contacts)));
+        self.note(ContactJump::Absorb(contacts));
         for i in 0..2 {
             if !self.run.contacts[i].closed {
                 continue;
@@ -237,9 +237,7 @@ impl EventStepper<'_> {
         if modes == self.run.modes() && !(returned || stops) {
             // Nothing begins or ends, so the residuals stay where they are.
             *place = before;
-            if let Some(log) = &mut self.run.log {
-                log.pop();
-            }
+            self.run.log.pop();
         }
         let time = self.run.anchor + place.tau;
         for i in 0..2 {
@@ -260,13 +258,17 @@ impl EventStepper<'_> {
             }
         }
         self.drive.contacts = contacts_in(modes, &self.run.contacts, self.equations.tilts(&motion.q));
-        self.run.note(Passage::Modes(self.run.contacts, self.run.changes.len()));
+        self.run.log.push(Passage::Modes(self.run.contacts, self.run.changes.len()));
         Ok(())
+    }
+
+    fn note(&mut self, jump: ContactJump) {
+        self.run.log.push(Passage::Jump(jump));
     }
 
     /// Brings the surface of a tip to rest, without compression and shear.
     fn relax(&mut self, Motion { q, p, .. }: &mut Motion<f64>, i: usize) {
-        self.run.note(Passage::Jump(ContactJump::Relax(i)));
+        self.note(ContactJump::Relax(i));
         (q.compression[i], q.shear[i], p.compression[i], p.shear[i]) = (0.0, 0.0, 0.0, 0.0);
     }
 

@@ -106,19 +106,13 @@ pub(crate) struct ContactRun {
     pub anchor: f64,
     /// The changes of modes since the list was emptied.
     pub changes: Vec<Change>,
-    /// What happens at events, if it is to be known.
-    pub log: Option<Vec<Passage>>,
+    /// What happened in the last step.
+    pub log: Vec<Passage>,
 }
 
 impl ContactRun {
     pub fn new(contacts: [Contact; 2]) -> Self {
-        Self { contacts, anchor: 0.0, changes: Vec::new(), log: None }
-    }
-
-    pub fn note(&mut self, passage: Passage) {
-        if let Some(log) = &mut self.log {
-            log.push(passage);
-        }
+        Self { contacts, anchor: 0.0, changes: Vec::new(), log: Vec::new() }
     }
 
     pub fn modes(&self) -> [Mode; 2] {

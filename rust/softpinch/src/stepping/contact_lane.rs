@@ -120,6 +120,7 @@ impl LaneContact {
         self.in_earlier = at.earlier;
         let Segment { anchor, drive } = if at.earlier { &mut self.earlier } else { &mut self.segment };
         run.anchor = *anchor;
+        run.log.clear();
         run.put_into(&mut drive.contacts, 0);
         method.forget_start();
         let mut place = SegmentState { tau: at.tau, y: *at.y };

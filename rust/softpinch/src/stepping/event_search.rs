@@ -113,7 +113,7 @@ impl EventStepper<'_> {
             };
             let y = self.step_from(&place, length)?;
             place = SegmentState { tau: if length < rest { place.tau + length } else { end }, y };
-            self.run.note(Passage::Step(length, event));
+            self.run.log.push(Passage::Step(length, event));
             self.happen(&mut place, event)?;
             rest = end - place.tau;
             if rest <= 0.0 {

@@ -247,7 +247,7 @@ impl<R: Lanes> Limits<R> {
     #[inline(always)]
     pub fn event_value(&self, now: &Evaluation<R>, contacts: &Contacts<R>, event: Event) -> R {
         let mut found = R::zero();
-        self.conditions(now, Some(contacts), event.finger, true, |condition| {
+        self.conditions(now, Some(contacts), event.finger, false, |condition| {
             if matches!(condition.failure, Failure::Event(cause) if cause == event.cause) {
                 found = condition.value;
             }
