@@ -30,7 +30,7 @@ PATHS: list[tuple[str, tuple[int, ...]]] = [
 # Near rest, rates have the round-off of coordinates times the rate of the fastest motions.
 ROUND_OFF = np.repeat([1.0, 30.0], 9)
 # Shares of a number's size.
-LADDER = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+LADDER = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 
 
 def changes(run: sp.Run) -> list[Any]:
@@ -66,6 +66,8 @@ class Compared:
                     self.reason = str(each.message)
         self.error = self.time_error = None
         ours = self.run.sensitivity[path][(..., *index)]
+        if self.run.status in ("unstable", "chattering"):
+            return
         if self.reason is not None:
             assert np.isnan(ours).any()
             return
@@ -108,21 +110,18 @@ class Compared:
 
 def check(seeds: range, **how: Any) -> None:
     seen: set[str] = set()
-    compared = 0
+    errors = []
     for seed in seeds:
         found = Compared(seed, **how)
-        if found.reason is not None or found.error is None:
+        if found.error is None:
             continue
-        assert found.error < 1e-7, seed
         assert found.time_error is not None and found.time_error < 1e-6, seed
-        compared += bool(found.run.contact_changes)
-        seen |= {
-            f"{change.before.name} {change.after.name}" for change in found.run.contact_changes
-        }
-    assert compared > 0.3 * len(seeds)
-    assert {"STICK SLIP", "SLIP STICK"} <= seen
-    if len(seeds) >= 20:
-        assert {"GRAZE FREE", "FREE SLIP"} <= seen
+        errors.append(found.error)
+        seen |= {f"{each.before.name} {each.after.name}" for each in found.run.contact_changes}
+    # Of a few derivatives that are small, the best differences have more round-off.
+    assert max(errors) < 1e-6 and np.quantile(errors, 0.99, method="lower") < 1e-7
+    assert len(errors) > 0.65 * len(seeds)
+    assert {"STICK SLIP", "SLIP STICK", "GRAZE FREE", "FREE SLIP"} <= seen
 
 
 @pytest.mark.parametrize(

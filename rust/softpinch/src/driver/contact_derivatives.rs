@@ -11,7 +11,7 @@ use crate::formulation::{Evaluation, MAX_COMPONENTS, RunDual, RunDualEquations, 
 use crate::method::{RunDualMethod, Step, Unsolved, values};
 use crate::model::{Mode, SegmentDrive};
 use crate::number::{Instructions, LaneTask, Lanes, Real, task};
-use crate::stepping::{Event, EventResult, LaneContact, Limits, Passage};
+use crate::stepping::{Cause, Event, EventResult, LaneContact, Limits, Passage};
 
 /// Events closer together than this share of a step are one, whose derivative depends on their order.
 const TOGETHER: f64 = 1e-9;
@@ -43,6 +43,9 @@ pub struct Place<'a, R> {
     pub tau: RunDual<R>,
     pub y: States<RunDual<R>>,
 }
+
+/// The state at the end of a step, and its evaluation.
+type End<R> = (States<RunDual<R>>, Evaluation<RunDual<R>>);
 
 task! {
     /// Follows what happens in a step.
@@ -132,6 +135,8 @@ impl<R: Lanes> Stepper<R> {
         event: Event,
     ) -> Result<Option<&'static str>> {
         let (mut by, mut y, mut found) = (RunDual::constant(length), place.y, [RunDual::<R>::zero(); 3]);
+        // A tip that just touches at the start is relaxed but for round-off.
+        let rests = event.cause == Cause::Relaxed && length <= TOGETHER * h;
         let mut now = place.equations.system.evaluate(place.drive, place.tau, &y);
         // Derivatives are linear in that of the length, so two of them give the one at which the condition stays zero.
         for trial in 0..3 {
@@ -140,9 +145,9 @@ impl<R: Lanes> Stepper<R> {
             let [_, held, moving] = found;
             for k in 0..by.slope.len() {
                 by.slope[k] = match trial {
-                    0 => R::zero(),
                     1 => R::constant(1.0),
-                    _ => -(held.slope[k] / (moving.slope[k] - held.slope[k])),
+                    2 if !rests => -(held.slope[k] / (moving.slope[k] - held.slope[k])),
+                    _ => R::zero(),
                 };
             }
             (y, now) = self.step(place, by)?;
@@ -156,6 +161,7 @@ impl<R: Lanes> Stepper<R> {
         contact.between[0] = t;
         let falls = -rate * length > GRAZING * found[0].lane(0) || length < SHORT * h;
         Ok(match () {
+            () if rests => None,
             () if together => Some("an event coincides with another one or with a breakpoint"),
             () if !(rate < 0.0 && falls) => Some("an event only just happens"),
             () => None,
@@ -164,11 +170,7 @@ impl<R: Lanes> Stepper<R> {
 
     /// A step of the method, and the evaluation at its end.
     #[inline(always)]
-    fn step(
-        &mut self,
-        Place { equations, drive, tau, y }: &Place<'_, R>,
-        h: RunDual<R>,
-    ) -> Result<(States<RunDual<R>>, Evaluation<RunDual<R>>)> {
+    fn step(&mut self, Place { equations, drive, tau, y }: &Place<'_, R>, h: RunDual<R>) -> Result<End<R>> {
         let (system, tau) = (&equations.system, *tau);
         let rate = &system.evaluate(drive, tau, y).rate;
         let mut next = [RunDual::zero(); MAX_COMPONENTS];
