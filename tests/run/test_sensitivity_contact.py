@@ -50,8 +50,8 @@ class Compared:
         time_error: Of the times of the changes, as a share of the largest.
     """
 
-    def __init__(self, seed: int, **how: Any) -> None:
-        scene = random_pinch(np.random.default_rng(seed), "unilateral", 0.03)
+    def __init__(self, seed: int, alter: Callable[[sp.Scene], sp.Scene], **how: Any) -> None:
+        scene = alter(random_pinch(np.random.default_rng(seed), "unilateral", 0.03))
         path, index = PATHS[seed % len(PATHS)]
         pushed = [hasattr(push, "force") for push in scene.disturbances]
         if seed % 3 == 0 and pushed and pushed[0]:
@@ -112,7 +112,7 @@ def check(seeds: range, **how: Any) -> None:
     seen: set[str] = set()
     errors = []
     for seed in seeds:
-        found = Compared(seed, **how)
+        found = Compared(seed, lambda scene: scene, **how)
         if found.error is None:
             continue
         assert found.time_error is not None and found.time_error < 1e-6, seed
@@ -130,6 +130,26 @@ def check(seeds: range, **how: Any) -> None:
 )
 def test_random_scenes(first: int, method: str, formulation: str) -> None:
     check(range(first, first + 20), dt=2e-4, method=method, formulation=formulation)
+
+
+def driven(scene: sp.Scene) -> sp.Scene:
+    angles = np.deg2rad([[4, 5], [12, -3]])
+    close = sp.Schedule.minimum_jerk([0.0, 0.02], angles, 0.02)
+    return replace(scene, fingers="driven", schedule=close, initial=None)
+
+
+def carried(scene: sp.Scene) -> sp.Scene:
+    return replace(scene, motion=sp.HandMotion.constant(acceleration=(3.0, -2.0), tilt=0.2))
+
+
+@pytest.mark.parametrize("alter", [driven, carried])
+def test_driven_fingers_and_hands_that_move(alter: Callable[[sp.Scene], sp.Scene]) -> None:
+    compared = 0
+    for seed in (0, 2, 6, 8, 9, 10, 11):
+        found = Compared(seed, alter, dt=1e-4)
+        assert found.error is not None and found.error < 1e-7, seed
+        compared += len(found.run.contact_changes) > 1
+    assert compared >= 4
 
 
 @pytest.mark.slow
