@@ -210,6 +210,10 @@ bench-ablation: build ## Measure what each part of a scene costs, and write docs
 bench-odds: build ## Compute how likely a grasp holds with real friction, and write docs/unilateral.md's tables again
 	$(BIN)/python benchmarks/contact_odds.py
 
+.PHONY: bench-stopping
+bench-stopping: build ## Measure how often intervals of stopped studies are right, and write docs/ensembles.md's table again
+	$(BIN)/python benchmarks/stopping.py
+
 .PHONY: bench-scale
 bench-scale: build ## Measure processes, Dask and the store, and write docs/scale-out.md's tables again
 	$(BIN)/python benchmarks/scale.py --document

@@ -34,9 +34,9 @@ _LAZY = {
     "simulator": ("Observation", "Observations", "Simulator", "VectorSimulator"),
     "store": ("Study",),
     "study": (
-        *("Capsule", "Choice", "Discretisation", "Distribution", "Effect", "Ensemble", "Estimate"),
-        *("Gradients", "LogNormal", "LogUniform", "Lost", "Mean", "Normal", "Results"),
-        *("TruncatedNormal", "Uniform", "sensitivity"),
+        *("Capsule", "Choice", "Comparison", "Discretisation", "Distribution", "Effect"),
+        *("Ensemble", "Estimate", "Gradients", "LogNormal", "LogUniform", "Lost", "Mean"),
+        *("Normal", "Results", "TruncatedNormal", "Uniform", "compare", "sensitivity"),
     ),
 }
 

@@ -20,7 +20,8 @@ from ..support.arrays import Floats
 GivenModes: TypeAlias = Sequence[str | ContactMode]
 
 # Name -> code in `State.contact`; "slip" takes its direction from the state.
-_CODES = {"stick": 1.0, "slip": 2.0, "slip_up": 2.0, "slip_down": -2.0, "graze": 3.0, "free": 0.0}
+_CODES = {mode.name.lower(): float(mode) for mode in ContactMode}
+_CODES |= {"slip_up": _CODES["slip"], "slip_down": -_CODES["slip"]}
 # Duration of the run whose start chooses the modes, s.
 _MOMENT = 1e-9
 
@@ -48,7 +49,7 @@ def _given(scene: Scene, state: State, modes: GivenModes) -> Floats:
     if isinstance(modes, str) or len(modes) != 2:
         raise TypeError(f"modes = {checks.shown(modes)}: must be two, of the right and left tip")
     slip = _core.residuals(scene.parameters(), state.q[None], state.p[None])[0, 2:]
-    row = np.array([np.nan, np.nan, np.nan, np.nan])
+    row = np.zeros(4)
     for k, mode in enumerate(modes):
         field = f"modes[{k}]"
         name = mode.name.lower() if isinstance(mode, ContactMode) else mode
@@ -58,8 +59,7 @@ def _given(scene: Scene, state: State, modes: GivenModes) -> Floats:
                 rule = 'must be "slip_up" or "slip_down", because this state has no slip velocity'
                 raise ValueError(f"{field} = {checks.shown(mode)}: {rule}")
             row[k] *= np.sign(slip[k])
-        if name == "free" and state.contact is not None and state.contact[k] == row[k]:
-            row[2 + k] = state.contact[2 + k]
-        elif name != "free":
-            row[2 + k] = 0.0
+        if name == "free":
+            own = state.contact
+            row[2 + k] = np.nan if own is None or own[k] != ContactMode.FREE else own[2 + k]
     return row

@@ -5,6 +5,7 @@ again. Threads or the workers of an executor return rows in blocks. Nothing here
 """
 
 from .capsule import Capsule
+from .comparison import Comparison, compare
 from .distributions import (
     Choice,
     Distribution,
@@ -23,6 +24,7 @@ from .results import Ensemble, Results
 __all__ = [
     "Capsule",
     "Choice",
+    "Comparison",
     "Discretisation",
     "Distribution",
     "Effect",
@@ -37,5 +39,6 @@ __all__ = [
     "Results",
     "TruncatedNormal",
     "Uniform",
+    "compare",
     "sensitivity",
 ]

@@ -194,7 +194,7 @@ class Results(Shown, ABC):
 
         Summaries use the states at the ends of steps. With `tolerance` they also use instants
         inside a step at which a tip seemed to separate and return. They are NaN if the run ended
-        before `summaries_after`.
+        before `summaries_after`, except `margin`.
 
         - final_state: q, then p, at the last instant (runs, 18).
         - peak_rotation: The largest |theta|, rad.
@@ -209,6 +209,16 @@ class Results(Shown, ABC):
         - slip_distance: The distance that the faces slide over the tips, both contacts together, m.
           Zero in bilateral contact.
         - free_time: The total time during which a tip is free, s. Zero in bilateral contact.
+        - margin: How far the grasp was from its loss, without unit; `margin > 0` is `holds`. For a
+          completed run the smallest distance to all that makes `holds` false, which counts forces
+          in E a^2 of the tip, lengths in its radius a, and tilts in 90 degrees. Bilateral contact:
+          lambda^H and, with friction, mu lambda^H - |lambda^N|. Unilateral: half the height - |G|
+          of closed contacts, the larger of both while both tips are free, and no distance if
+          `height` is None; and, at the end, lambda^H of closed contacts, or minus the gap of free
+          ones. Both: those of `stop_on`, such as a - d_n (crushed) and 90 degrees - |theta_p|
+          (folded), but not of "separated", before which a tip pulls. A run that ended early has
+          minus the share of its duration that was missing, plus the smallest distance if that is
+          negative. See docs/ensembles.md.
         - settling_time: The time from `summaries_after`, or from the start, until the speed of the
           object's faces stays below `settling_band`, s. The speed is the root mean square of both
           faces' middles. It is inf if the speed is above the band at the end, or if the run did not
@@ -245,7 +255,7 @@ class Results(Shown, ABC):
     def _tables(self) -> Iterator[ShownTable]:
         if not self.runs:
             return
-        shares = {name: Estimate.counted(n, self.runs) for name, n in self.counts().items()}
+        shares = {name: self._estimate(n) for name, n in self.counts().items()}
         yield tables.probabilities({**shares, HOLDS: self.probability(HOLDS)})
         entries = self._spec.schema.entries
         columns = [entries[name].columns for name in (*self._spec.shapes, *self._spec.summaries)]
@@ -270,7 +280,10 @@ class Results(Shown, ABC):
         what: str | NDArray[np.bool_] | Callable[[Any], Any] = "completed",
         confidence: float = 0.95,
     ) -> Estimate:
-        """The probability of an event, with Wilson's confidence interval (see `Estimate`).
+        """The probability of an event, with its confidence interval (see `Estimate`).
+
+        The interval is Wilson's; in a study with `stop_when`, it is one of a confidence sequence,
+        and `Estimate.interval` says so.
 
         "completed" means that the run reached its end. In the paper's bilateral contact a tip may
         pull and never slips, so a completed run need not be a held grasp. "holds" means that, in
@@ -301,8 +314,13 @@ class Results(Shown, ABC):
         else:
             found = [tables.booleans("what", what, self.runs)]
         count = sum(int(np.count_nonzero(part)) for part in found)
-        estimate = Estimate.counted(count, self.runs, confidence)
-        return estimate._replace(missing=max(0, self.requested - self.runs))
+        return self._estimate(count, confidence)
+
+    def _estimate(self, count: int, confidence: float = 0.95) -> Estimate:
+        """The probability of an event that happened in `count` runs."""
+        of = Estimate.at_every_look if self._spec.stop_when else Estimate.counted
+        missing = max(0, self.requested - self.runs)
+        return of(count, self.runs, confidence)._replace(missing=missing)
 
     def counts(self) -> dict[str, int]:
         """Status -> the number of runs with this status, the most frequent status first."""
