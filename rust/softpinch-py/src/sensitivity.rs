@@ -9,8 +9,9 @@ use crate::convert::{GivenRow, GivenRows, Rows, columns, entries, raise, require
 use crate::inputs::Inputs;
 use crate::signals::detached;
 use crate::simulation::Simulation;
-use softpinch::driver::sensitivities as core;
-use softpinch::driver::{COMPONENTS, Derivatives, Direction, Shift, Wanted, derivatives};
+use softpinch::driver::{
+    COMPONENTS, Derivatives, Direction, Shift, Wanted, derivatives, sensitivities as core,
+};
 use softpinch::error::lookup;
 use softpinch::model::{Motion, PARAMETER_COUNT, STARTS, Start};
 use softpinch::stepping::{SUMMARIES, Summary};
@@ -88,7 +89,7 @@ pub fn sensitivities<'py>(
     let Simulation { scene, options } = simulation;
     let Directions { directions, start } = directions;
     let wanted = Wanted::Rows(&rows);
-    let found = detached(py, |stops| core::sensitivities(scene, options, *start, directions, wanted, stops))?
+    let found = detached(py, |stops| core(scene, options, *start, directions, wanted, stops))?
         .map_err(raise)?
         .ok_or_else(|| PyKeyboardInterrupt::new_err(()))?;
     let numbers = PyArray1::from_vec(py, found.numbers);
@@ -123,7 +124,7 @@ pub fn gradients<'py>(
     let one = |run: usize, stops: &dyn Fn() -> bool| {
         let Directions { directions, start } = own[if own.len() == 1 { 0 } else { run }];
         let wanted = Wanted::Ends { until: until[run], summaries: &summaries };
-        core::sensitivities(&batch.scene(run)?, options, *start, directions, wanted, stops)
+        core(&batch.scene(run)?, options, *start, directions, wanted, stops)
     };
     let found = detached(py, |stops| derivatives(runs, threads, one, &mut || stops()))?
         .map_err(raise)?

@@ -51,7 +51,7 @@ pub fn evaluate(
     let moving = frame.map(|frame| plant.loads(&frame, &input.force, q.object, p.object));
     let mut outside = input.force;
     if let Some(frame) = frame {
-        [outside[0], outside[1]] = frame.into_hand([outside[0], outside[1]]);
+        [outside[0], outside[1]] = frame.in_hand_axes([outside[0], outside[1]]);
     }
     let Response { multipliers, acceleration: accelerations, .. } = response;
     let [right, left] = forces.elastic;

@@ -47,7 +47,7 @@ pub struct LinearModel {
     /// Of the operating point: the states, which are coordinates (with d_n of free tips), their rates, the rates of d_t of
     /// tips that do not stick, d_t1 and d_t2, branches of tips, and the memories of PID controllers; their rates, zero at an equilibrium; the inputs, which are target angles or torques
     /// (2), for driven fingers their rates (2) and accelerations (2) too, F_x, F_y and the moment, and the acceleration
-    /// of the hand's frame along its own axes (2); and the outputs, [`OUTPUTS`].
+    /// of the hand's frame along its own axes (2); and the outputs, `OUTPUTS`.
     pub vectors: [DVector<f64>; 4],
 }
 

@@ -91,7 +91,7 @@ pub fn largest_multiple(scene: &RestScene, rest: &Rest, load: Load) -> (f64, Lim
     let force = scene.input.force;
     // The physics of a hand that moves are made once for all accelerations.
     let base = if let Load::Acceleration(_) = load { &scene.accelerated([0.0; 2]) } else { scene };
-    let before = scene.frame.map_or([0.0; 2], |frame| frame.into_fixed(frame.acceleration));
+    let before = scene.frame.map_or([0.0; 2], |frame| frame.in_fixed_axes(frame.acceleration));
     let member = Cell::new(Member::From(scene.origin(&rest.z)));
     // The load whose largest component is one, in the scales of the rows, times the share.
     let change = |share: f64| {

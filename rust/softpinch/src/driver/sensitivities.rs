@@ -555,7 +555,7 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
             // The angles of driven fingers are those of the instant to which the impulse moves.
             let mut impulse = std::array::from_fn(component);
             if let Some(frame) = &drive.frame {
-                [impulse[0], impulse[1]] = frame.motion(by).into_hand([impulse[0], impulse[1]]);
+                [impulse[0], impulse[1]] = frame.motion(by).in_hand_axes([impulse[0], impulse[1]]);
             }
             if stepper.contact.is_some() {
                 let plain = [impulse[0].lane(0), impulse[1].lane(0), impulse[2].lane(0)];

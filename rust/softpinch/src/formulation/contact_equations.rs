@@ -37,7 +37,7 @@ task! {
     ['a]
     Collision<'a>(equations: &'a Unilateral<f64>, geometry: &'a Geometry<f64>, p: &'a Coordinates,
         closed: [bool; 2], impulse: [f64; 3])
-    for f64 => Impact = impact(geometry, equations.plant(), p, (closed, equations.friction()), impulse)
+    for f64 => Impact = impact(geometry, equations.plant(), p, (closed, equations.friction), impulse)
 }
 task! {
     /// Computes the part of the constraints' accelerations that the coordinates' accelerations make.
@@ -116,6 +116,6 @@ impl<'a> ContactEquations<'a> {
 
     /// mu of both contacts.
     pub fn friction(&self) -> [f64; 2] {
-        self.equations.friction()
+        self.equations.friction
     }
 }

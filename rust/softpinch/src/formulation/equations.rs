@@ -106,8 +106,6 @@ pub struct Terms<R, P = Any> {
     pub response: Response<R>,
     /// dP/d theta_pi of both tips, N m, whether it acts or not.
     pub couple: [R; 2],
-    /// mu of both contacts; zero in bilateral contact, which needs no friction.
-    pub friction: [R; 2],
 }
 
 /// Evaluates an expression in which the kind of fingers is known at compile time. Loops over the states need it: with
@@ -273,7 +271,7 @@ pub trait Equations<R: Real>: Copy + Debug {
             forces.torque = plant.driving_torque(&geometry, &forces, finger_acceleration, &found.multipliers);
         }
         let couple = [forces.elastic[0].tilt, forces.elastic[1].tilt];
-        Terms { geometry, forces, response: found.into(), couple, friction: [R::zero(); 2] }
+        Terms { geometry, forces, response: found.into(), couple }
     }
 
     /// The powers whose integrals are the works of the ledger.

@@ -45,7 +45,7 @@ impl ContactJump {
                         contacts.set(lane, modes, [0.0; 2]);
                     }
                     let force = Coordinates { object: *impulse, ..Coordinates::zero() };
-                    let (bias, friction) = (velocity, equations.friction());
+                    let (bias, friction) = (velocity, equations.friction);
                     let load = Load { force, couple: pair, friction, bias, finger_acceleration: pair };
                     let change = response(plant.driven, &geometry, plant, &contacts, &load).acceleration;
                     *p = each_coordinate!([p, change] => p + change);

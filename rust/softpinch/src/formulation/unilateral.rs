@@ -25,7 +25,8 @@ task! {
 #[derive(Debug, Clone, Copy)]
 pub struct Unilateral<R> {
     pub(crate) csm: Csm<R>,
-    friction: [R; 2],
+    /// mu of both contacts.
+    pub(super) friction: [R; 2],
 }
 
 impl<R: Real> Unilateral<R> {
@@ -34,11 +35,6 @@ impl<R: Real> Unilateral<R> {
     pub fn new(source: &impl Source<R>, csm: Csm<R>) -> Self {
         let friction = [source.number(|p| p.friction.right), source.number(|p| p.friction.left)];
         Self { csm, friction }
-    }
-
-    /// mu of both contacts.
-    pub fn friction(&self) -> [R; 2] {
-        self.friction
     }
 
     /// The gradients of (5) in the modes of the contacts: with frozen tilts where tips are free, and without
@@ -127,7 +123,7 @@ impl<R: Real> Unilateral<R> {
             forces.torque =
                 plant.driving_torque(&geometry, &forces, &finger_acceleration, &found.multipliers);
         }
-        Terms { geometry, forces, response: found, couple, friction: self.friction }
+        Terms { geometry, forces, response: found, couple }
     }
 
     /// The powers whose integrals are the works of the ledger. Friction's is the loss mu lambda^H |v|. While a

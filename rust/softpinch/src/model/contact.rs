@@ -14,9 +14,9 @@
 //! The paper's contact, a link on a parallel face, is compiled into the equations; three sines and cosines serve both
 //! sides. A contact of any other parts is computed by one function, `PartsAt::contact`, which is called.
 
-pub mod law;
-pub mod mechanism;
-pub mod shape;
+pub(crate) mod law;
+pub(crate) mod mechanism;
+pub(crate) mod shape;
 
 use std::fmt::Debug;
 use std::marker::PhantomData;

@@ -62,6 +62,7 @@ pub mod work {
     /// Work of the constraints: lambda^T Phi p, and the energy that a correction of the state adds.
     pub const CONSTRAINT: usize = 3;
     /// Loss to friction.
+    #[cfg(test)]
     pub const FRICTION: usize = 4;
     /// Loss in impacts.
     pub const IMPACT: usize = 5;

@@ -45,18 +45,18 @@ impl<R: Real> FrameMotion<R> {
     #[inline(always)]
     pub(crate) fn new(acceleration: [R; 2], (sin, cos): (R, R), turning: Option<[R; 2]>) -> Self {
         let mut frame = Self { acceleration, sin, cos, turning };
-        frame.acceleration = frame.into_hand(acceleration);
+        frame.acceleration = frame.in_hand_axes(acceleration);
         frame
     }
 
     /// The components along the hand's axes of a vector that is given along fixed axes.
     #[inline(always)]
-    pub fn into_hand(&self, [x, y]: [R; 2]) -> [R; 2] {
+    pub fn in_hand_axes(&self, [x, y]: [R; 2]) -> [R; 2] {
         [x.dot2(self.cos, y, self.sin), y.dot2(self.cos, -x, self.sin)]
     }
 
     /// The components along fixed axes of a vector that is given along the hand's.
-    pub fn into_fixed(&self, [x, y]: [R; 2]) -> [R; 2] {
+    pub fn in_fixed_axes(&self, [x, y]: [R; 2]) -> [R; 2] {
         [x.dot2(self.cos, -y, self.sin), y.dot2(self.cos, x, self.sin)]
     }
 
@@ -133,7 +133,7 @@ impl<R: Real> Plant<R> {
             moment = -(inertia * omega_rate);
         }
         let object = [-(mass * along), -(mass * across), moment];
-        let [x, y] = frame.into_hand([force[0], force[1]]);
+        let [x, y] = frame.in_hand_axes([force[0], force[1]]);
         FrameLoads {
             force: [x + object[0], y + object[1], force[2] + object[2]],
             fingers,

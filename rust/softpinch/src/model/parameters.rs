@@ -147,7 +147,7 @@ record! {
 record! {
     /// The numbers of mechanisms that a link of [`Finger`] lacks.
     Mechanism, 4 {
-        /// The number of the [`MechanismKind`].
+        /// The number of the `MechanismKind`.
         kind: Kind = 0.0,
         /// Y_0, the height of a jaw's tip at the coordinate zero, m.
         height: Finite = 0.0,
@@ -161,9 +161,9 @@ record! {
 record! {
     /// One side of the object.
     Side, 8 {
-        /// The number of the [`ShapeKind`].
+        /// The number of the `ShapeKind`.
         kind: Kind = 0.0,
-        /// The number of the [`Counterface`] by which curvature changes the tip's energy.
+        /// The number of the `Counterface` by which curvature changes the tip's energy.
         counterface: Kind = 0.0,
         /// beta, the tilt of a face, positive where the object is wider at its upper end, rad.
         tilt: Tilt = 0.0,
@@ -183,7 +183,7 @@ record! {
 record! {
     /// The law of a tip, and the numbers that (5) lacks.
     Law, 7 {
-        /// The number of the [`LawKind`].
+        /// The number of the `LawKind`.
         kind: Kind = 0.0,
         /// c of F = c d_n^n, N/m^n.
         coefficient: Positive = 1.0,

@@ -36,7 +36,7 @@ pub struct State {
     pub linearized: Option<Linearized>,
     /// The contacts of unilateral contact; `None` if they follow from q and p.
     pub contact: Option<ContactRow>,
-    /// The state of a discrete controller as a row ([`ControllerState`](crate::model::controller_state::ControllerState));
+    /// The state of a discrete controller as a row (`ControllerState`);
     /// `None` for one that starts here.
     pub controller: Option<Vec<f64>>,
 }

@@ -24,7 +24,7 @@ pub fn each(mut bits: Bits) -> impl Iterator<Item = usize> {
 
 /// A vector of real numbers, one for each run.
 pub trait Lanes: Real {
-    /// The number of lanes, at most [`MOST`].
+    /// The number of lanes, at most `MOST`.
     const WIDTH: usize;
     /// The set of all lanes.
     const ALL: Bits = if Self::WIDTH == MOST { Bits::MAX } else { (1 << Self::WIDTH) - 1 };

@@ -8,7 +8,7 @@ mod parallel_face;
 mod surface;
 
 pub use parallel_face::{Frame, ParallelFace};
-pub use surface::{Foot, Surface};
+pub use surface::Surface;
 
 use crate::model::numbered;
 

@@ -9,7 +9,7 @@
 //! ([`Level::require`](level::Level::require)): a fused multiply-add would be a library call there, forty
 //! times as slow. Other processors have one level, with the instructions that the crate was compiled for.
 
-pub mod dispatch;
-pub mod level;
+pub(crate) mod dispatch;
+pub(crate) mod level;
 #[cfg(target_arch = "x86_64")]
 mod x86;
