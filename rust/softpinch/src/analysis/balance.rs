@@ -69,10 +69,8 @@ impl Member {
     }
 }
 
-/// The forces of a state at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Balance<R> {
-    /// The coordinates.
     pub q: Coordinates<R>,
     /// theta_p of both tips.
     pub tilt: [R; 2],
@@ -82,12 +80,10 @@ pub struct Balance<R> {
     pub forces: [R; 5],
     /// The torques of the fingers' laws, N m; without meaning where a finger is held.
     pub torque: [R; 2],
-    /// The multipliers, N.
     pub multipliers: [R; 4],
 }
 
 impl<R: Real> Balance<R> {
-    /// The forces of these unknowns.
     #[inline(always)]
     fn new(
         plant: &Plant<R>,
@@ -141,7 +137,6 @@ fn seeded<R: Lanes, const W: usize>(
 }
 
 impl Balance<Directions> {
-    /// A balance of zeros.
     fn nothing() -> Self {
         let (zero, q) = (Directions::zero(), Coordinates::zero());
         let (pair, forces) = ([zero; 2], [zero; 5]);
@@ -212,7 +207,6 @@ pub struct RestScene {
 pub struct Rows {
     pub(super) values: Unknowns,
     pub(super) jacobian: [Unknowns; UNKNOWNS],
-    /// The forces.
     pub balance: Balance<f64>,
     pub(super) forces: [Unknowns; 5],
     pub(super) sigma: [Unknowns; 2],

@@ -19,7 +19,6 @@ use crate::number::{Dual, LaneTask, Lanes, Level, MOST, task};
 /// of x, y, theta, theta_1 and theta_2 (5).
 pub const OUTPUTS: usize = 20;
 
-/// Most iterations of an eigenvalue problem.
 const MOST_ITERATIONS: usize = 10_000;
 
 /// How the motion is linearised.

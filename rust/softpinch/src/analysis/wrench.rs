@@ -17,7 +17,6 @@ const GROWTH: f64 = 1e-11;
 /// A wrench that moves the grasp as much as a tip's stiffness times this length, in radii, counts as unlimited.
 const UNLIMITED: f64 = 100.0;
 
-/// What limits a wrench.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Limit {
     /// A contact gives way.
@@ -32,7 +31,6 @@ pub enum Limit {
 }
 
 impl Limit {
-    /// The public name of the limit.
     pub fn name(self) -> &'static str {
         match self {
             Self::Violation(violation) => Status::of(violation).name(),

@@ -48,7 +48,6 @@ pub struct Place<'a, R> {
 type End<R> = (States<RunDual<R>>, Evaluation<RunDual<R>>);
 
 task! {
-    /// Follows what happens in a step.
     ['w, R: Lanes]
     Pass<'w, R>(stepper: &'w mut Stepper<R>, place: Place<'w, R>, h: f64, impulse: &'w [RunDual<R>; 3],
         log: &'w [Passage])

@@ -357,7 +357,6 @@ struct Request<'a> {
     scene: &'a Scene,
     options: &'a Options,
     start: Option<Start>,
-    /// The ends of free steps.
     ends: &'a [f64],
     directions: &'a [Direction],
     wanted: Wanted<'a>,

@@ -12,7 +12,6 @@ use crate::model::{
 };
 use crate::number::{LaneTask, Real, task};
 
-/// The equations of any parts.
 #[derive(Debug, Clone, Copy)]
 pub struct AnyParts<R> {
     /// The equations with modes of the contacts. Their gains of stabilisation are zero in `nullspace` and `projected`.
@@ -24,20 +23,17 @@ pub struct AnyParts<R> {
 }
 
 task! {
-    /// Evaluates a state.
     ['a, R: Real]
     Evaluate<'a, R>(equations: &'a AnyParts<R>, driven: bool, applied: Applied<'a, R>,
         contacts: &'a Contacts<R>, y: &'a States<R>, ledger: bool)
     for R => Evaluation<R> = evaluated(equations, driven, applied, contacts, y, ledger)
 }
 task! {
-    /// Computes the energies of a motion.
     ['a, R: Real] EnergiesOf<'a, R>(equations: &'a AnyParts<R>, contacts: &'a Contacts<R>, motion: &'a Motion<R>)
     for R => Energies<R> = equations.unilateral.energies_of::<Others>(contacts, motion)
 }
 
 impl<R: Real> AnyParts<R> {
-    /// The equations of a scene, or of one scene for each lane.
     #[inline(always)]
     pub(super) fn new(choice: Choice, source: &impl Source<R>, gains: &Stabilization) -> Self {
         let plant = Plant::called(source, choice.fingers, choice.moves);

@@ -13,12 +13,10 @@
 use crate::model::{Contact, Coordinates, Geometry, Parts, Plant};
 use crate::number::{LaneTask, Real, signed, solve3};
 
-/// The solution.
 #[derive(Debug, Clone, Copy)]
 pub struct Constrained<R> {
     /// (lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N).
     pub multipliers: [R; 4],
-    /// The accelerations a.
     pub acceleration: Coordinates<R>,
 }
 

@@ -17,7 +17,6 @@ pub struct ContactEquations<'a> {
 }
 
 task! {
-    /// Computes the terms at one state.
     ['a]
     TermsAt<'a>(at: &'a ContactEquations<'a>, input: &'a Input<f64>, contacts: &'a Contacts<f64>,
         motion: &'a Motion<f64>)
@@ -33,7 +32,6 @@ task! {
     }
 }
 task! {
-    /// Computes an impact.
     ['a]
     Collision<'a>(equations: &'a Unilateral<f64>, geometry: &'a Geometry<f64>, p: &'a Coordinates,
         closed: [bool; 2], impulse: [f64; 3])
@@ -109,7 +107,6 @@ impl<'a> ContactEquations<'a> {
         std::array::from_fn(|i| self.plant().sides[i].tilt::<Any>(i, q).0)
     }
 
-    /// The constants of the bodies.
     pub fn plant(&self) -> &Plant<f64> {
         self.equations.plant()
     }

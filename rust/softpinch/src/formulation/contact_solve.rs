@@ -28,18 +28,15 @@ pub struct Load<R> {
     pub friction: [R; 2],
     /// The bias b of the rows, in the order of the multipliers.
     pub bias: [R; 4],
-    /// Accelerations of driven fingers.
     pub finger_acceleration: [R; 2],
 }
 
-/// The solution.
 #[derive(Debug, Clone, Copy)]
 pub struct Response<R> {
     /// (lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N).
     pub multipliers: [R; 4],
     /// The part psi of the couple that acts: 1 in stick and slip, 0 in free.
     pub share: [R; 2],
-    /// The accelerations a.
     pub acceleration: Coordinates<R>,
     /// The pivots of R M^-1 K. Their product is its determinant; solutions with a negative one are unstable.
     pub pivots: [R; 4],

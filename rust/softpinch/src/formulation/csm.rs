@@ -7,7 +7,6 @@ use crate::formulation::Equations;
 use crate::model::{Geometry, Papers, Parts, Plant, Stabilization};
 use crate::number::Real;
 
-/// The equations of the constraint stabilisation method.
 #[derive(Debug, Clone, Copy)]
 pub struct Csm<R> {
     pub(crate) plant: Plant<R>,

@@ -23,7 +23,6 @@ pub type States<R> = [R; MAX_COMPONENTS];
 /// The results of a formulation at one state.
 #[derive(Debug, Clone, Copy)]
 pub struct Evaluation<R> {
-    /// The derivative of the state.
     pub rate: States<R>,
     /// The state in the nine coordinates.
     pub motion: Motion<R>,
@@ -37,14 +36,12 @@ pub struct Evaluation<R> {
     pub sin_tilt: [R; 2],
     /// The places of both contacts along their sides, up to their signs, m, for the monitors.
     pub places: [R; 2],
-    /// Torques on the fingers, N m.
     pub torque: [R; 2],
     /// The part psi of each tip's couple that acts. Only unilateral contact computes it.
     pub share: [R; 2],
 }
 
 impl<R: Real> Evaluation<R> {
-    /// An evaluation of zeros, to be overwritten.
     #[inline(always)]
     pub(crate) fn nothing() -> Self {
         let zero = R::zero();
@@ -95,7 +92,6 @@ impl<R: Lanes, const W: usize> Evaluation<Dual<R, W>> {
     }
 }
 
-/// All terms at one state.
 #[derive(Debug, Clone, Copy)]
 pub struct Terms<R, P = Any> {
     /// The geometry. Its residuals C^H and C^N are the gap of a free tip and the velocity of one that slips.
@@ -179,7 +175,6 @@ pub trait Equations<R: Real>: Copy + Debug {
         if driven && n >= 3 { n + 2 } else { n }
     }
 
-    /// The constants of the scene.
     fn plant(&self) -> &Plant<R>;
 
     /// The state of a motion, with works of zero. It turns the rates of a motion into the state's derivative, too.

@@ -14,10 +14,8 @@ use crate::formulation::{Response, response};
 use crate::model::{Contacts, Coordinates, Geometry, Mode, Plant, Slip, each_coordinate};
 use crate::number::dot;
 
-/// The result of an impact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Impact {
-    /// Velocities after it.
     pub p: Coordinates,
     /// The impulses Lambda of the contacts, in the order of the multipliers, N s.
     pub impulses: [f64; 4],

@@ -10,14 +10,12 @@ use crate::formulation::Equations;
 use crate::model::{Geometry, Motion, Papers, Plant};
 use crate::number::Real;
 
-/// The equations on the null space of Phi.
 #[derive(Debug, Clone, Copy)]
 pub struct Nullspace<R> {
     plant: Plant<R>,
 }
 
 impl<R: Real> Nullspace<R> {
-    /// The formulation of a scene.
     #[inline(always)]
     pub fn new(plant: Plant<R>) -> Self {
         Self { plant }

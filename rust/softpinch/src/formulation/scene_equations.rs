@@ -18,7 +18,6 @@ use crate::model::{
 };
 use crate::number::{Instructions, LaneTask, Lanes, Lift, Real, task};
 
-/// The kinds of equations.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum EquationKind<R> {
     Csm(Csm<R>),
@@ -47,7 +46,6 @@ macro_rules! with {
 pub(crate) use with;
 
 impl<R: Real> EquationKind<R> {
-    /// The equations of a scene, or of one scene for each lane.
     #[inline(always)]
     fn new(choice: Choice, source: &impl Source<R>, gains: &Stabilization) -> Self {
         let Choice { formulation, contact, fingers, moves, .. } = choice;
@@ -77,13 +75,9 @@ pub(super) fn size_of<R: Real, E: Equations<R>>(equations: &E, driven: bool, led
 /// The choice of equations, and whether their state carries the ledger.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Choice {
-    /// The formulation of the constraints.
     pub formulation: Formulation,
-    /// What the contacts can do.
     pub contact: ContactModel,
-    /// How the fingers move.
     pub fingers: Fingers,
-    /// Whether the hand moves.
     pub moves: bool,
     /// Whether the state carries the works of the ledger.
     pub ledger: bool,
@@ -224,7 +218,6 @@ task! {
 }
 
 task! {
-    /// Computes the inputs of an instant.
     pub(crate) ['a, R: Lanes] InputAt<'a, R>(drive: &'a SegmentDrive<R>, tau: R) for R => Input<R> = drive.at(tau)
 }
 

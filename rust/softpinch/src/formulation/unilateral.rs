@@ -14,14 +14,12 @@ use crate::model::{
 use crate::number::{LaneTask, Real, task};
 
 task! {
-    /// Evaluates a state.
     ['a, R: Real]
     Evaluate<'a, R>(equations: &'a Unilateral<R>, driven: bool, applied: Applied<'a, R>,
         contacts: &'a Contacts<R>, y: &'a States<R>, ledger: bool)
     for R => Evaluation<R> = evaluated(equations, driven, applied, contacts, y, ledger)
 }
 
-/// The equations of unilateral contact.
 #[derive(Debug, Clone, Copy)]
 pub struct Unilateral<R> {
     pub(crate) csm: Csm<R>,

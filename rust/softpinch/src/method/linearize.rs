@@ -172,7 +172,6 @@ where
 }
 
 task! {
-    /// Decomposes g I - J.
     ['a, R: Lanes, T: Entry<Part = R>] Factor<'a, R, T>(of: &'a Linearization<R>, g: T)
     for R => Factors<T> = unrolled!(of.size, factor(of, g))
 }
@@ -216,7 +215,6 @@ impl<R: Lanes> Linearization<R> {
         self.jacobian.rows[n][self.size.states]
     }
 
-    /// Decomposes g I - J.
     #[inline(always)]
     pub fn factor<T: Entry<Part = R>>(&self, g: T) -> Factors<T> {
         // Called by all methods of single runs; inlined into the one method that has lanes.
@@ -245,7 +243,6 @@ impl<R: Lanes> Linearization<R> {
     }
 }
 
-/// The decomposition of g I - J.
 #[derive(Debug, Clone, Copy)]
 pub struct Factors<T: Entry> {
     /// 1 / g.

@@ -113,7 +113,6 @@ pub type Solved = Result<(States<f64>, f64), Unsolved>;
 
 /// A method that solves equations for its stages.
 pub trait Scheme<S: System<f64>> {
-    /// The decompositions that a step needs.
     type Factors: Copy;
     const FACTORISATIONS: u64;
 
@@ -131,7 +130,6 @@ pub struct Newton<M, F, T = Tangent<f64, DIRECTIONS>> {
     /// The numbers of components of a state, and their typical magnitudes.
     size: Size,
     magnitudes: States<f64>,
-    /// The system in dual numbers.
     pub(super) tangent: T,
     pub scheme: M,
     linearization: Linearization,

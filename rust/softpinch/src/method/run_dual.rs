@@ -78,7 +78,6 @@ pub enum RunDualMethod<R> {
 pub struct Solved<R> {
     method: Box<dyn Differentiable<R>>,
     system: SceneEquations<f64>,
-    /// The inputs of the segment.
     drive: SegmentDrive,
 }
 

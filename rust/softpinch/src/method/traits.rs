@@ -26,7 +26,6 @@ pub fn largest<R: Lanes>(size: Size, values: &States<R>, weights: &States<R>) ->
     largest
 }
 
-/// Counts of the work that was done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Stats {
     pub steps: u64,
@@ -73,7 +72,6 @@ pub struct Step<'a, R = f64, S = SceneEquations<R>> {
     /// Time since the segment's start.
     pub tau: R,
     pub h: R,
-    /// The state at the start of the step.
     pub y: &'a States<R>,
     pub rate: &'a States<R>,
     pub allowed: Option<&'a Allowed<R>>,
@@ -136,7 +134,6 @@ pub struct Runs<'a> {
     pub instructions: Instructions,
     pub choice: Choice,
     pub parameters: LaneParameters<'a>,
-    /// Gains of (19) and (20).
     pub gains: &'a Stabilization,
 }
 

@@ -39,13 +39,11 @@ macro_rules! numbered {
         }
 
         impl $name {
-            /// The kind with this number.
             #[inline]
             pub fn of(number: f64) -> Self {
                 [Self::$first, $(Self::$kind),*].into_iter().find(|kind| kind.number() == number).unwrap_or_default()
             }
 
-            /// The number of the kind.
             #[inline]
             pub fn number(self) -> f64 {
                 f64::from(self as u8)
@@ -57,9 +55,7 @@ pub(crate) use numbered;
 
 /// The contacts for which code is compiled: the paper's alone, others alone, or any.
 pub trait Parts: Copy + Debug {
-    /// Whether they are the paper's alone.
     const PAPERS: bool;
-    /// Whether they are others alone.
     const OTHERS: bool;
 
     /// The numbers of other parts, if there are any.
@@ -74,7 +70,6 @@ pub trait Parts: Copy + Debug {
     }
 }
 
-/// The paper's contacts.
 #[derive(Debug, Clone, Copy)]
 pub struct Papers;
 
@@ -92,7 +87,6 @@ impl Parts for Others {
     const OTHERS: bool = true;
 }
 
-/// Any contacts, among them the paper's.
 #[derive(Debug, Clone, Copy)]
 pub struct Any;
 
@@ -106,14 +100,12 @@ impl Parts for Any {
 pub struct Side<R> {
     link: OneLink<R>,
     face: ParallelFace<R>,
-    /// The radius a of the tip.
     radius: R,
     /// The parts, if one of the scene is not the paper's.
     others: Option<(Mechanism<R>, Surface<R>)>,
 }
 
 task! {
-    /// Builds the parts of a contact.
     ['a, R: Real, S: Source<R>] Build<'a, S>(source: &'a S, i: usize) for R => (Mechanism<R>, Surface<R>) =
         (Mechanism::new(source, i), Surface::new(source, i))
 }
@@ -133,25 +125,21 @@ impl<R: Real> Side<R> {
         }
     }
 
-    /// Whether the side is curved.
     #[inline(always)]
     pub(crate) fn is_curved(&self) -> bool {
         matches!(Any::numbers::<R, _>(&self.others), Some((_, surface)) if surface.is_curved())
     }
 
-    /// Both sides of a scene.
     #[inline(always)]
     pub fn both(source: &impl Source<R>) -> [Self; 2] {
         [Self::new(source, 0), Self::new(source, 1)]
     }
 
-    /// The radius a of the tip.
     #[inline(always)]
     pub(crate) fn radius(&self) -> R {
         self.radius
     }
 
-    /// The jaw, if the finger is one.
     #[inline(always)]
     pub(crate) fn jaw(&self) -> Option<&Jaw<R>> {
         match Any::numbers::<R, _>(&self.others) {
@@ -172,7 +160,6 @@ impl<R: Real> Side<R> {
         (tilt, sin, cos)
     }
 
-    /// The rate of theta_pi.
     #[inline(always)]
     pub fn tilt_rate(&self, i: usize, q: &Coordinates<R>, p: &Coordinates<R>) -> R {
         if Any::numbers::<R, _>(&self.others).is_some() {
@@ -187,20 +174,15 @@ impl<R: Real> Side<R> {
 pub struct Contact<R, P = Any> {
     /// theta_pi (6).
     pub tilt: R,
-    /// sin theta_pi.
     pub sin_tilt: R,
-    /// cos theta_pi.
     pub cos_tilt: R,
-    /// The rate of theta_pi.
     pub tilt_rate: R,
     /// sin theta_i and cos theta_i, by which gravity (43) and the hand's motion turn the finger; of a jaw its travel, and
     /// zero.
     pub sin_finger: R,
-    /// See [`Contact::sin_finger`].
     pub cos_finger: R,
     /// The place of the contact along the side, up to its sign; on a parallel face s_i G_i (11).
     pub place: R,
-    /// Whether the contact is the paper's.
     papers: bool,
     /// What another contact than the paper's has beside it.
     beside: Beside<R>,
@@ -335,7 +317,6 @@ impl<R: Real, P: Parts> Contact<R, P> {
         if self.is_the_papers() { None } else { Some(&self.beside) }
     }
 
-    /// Whether the contact is the paper's.
     #[inline(always)]
     pub(crate) fn is_the_papers(&self) -> bool {
         P::PAPERS || !R::ANY_PARTS || (!P::OTHERS && self.papers)

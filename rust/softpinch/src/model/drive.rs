@@ -6,30 +6,24 @@ use crate::number::{Bits, Dual, Instructions, LaneTask, Lanes, Lift, MOST, task}
 
 /// Highest degree of a polynomial.
 pub const MAX_DEGREE: usize = 5;
-/// Number of coefficients of a polynomial.
 pub(super) const COEFFICIENTS: usize = MAX_DEGREE + 1;
 /// Number of channels: two target angles or torques, then force x, force y and moment.
 pub(super) const CHANNELS: usize = 5;
-/// Number of channels of the frame's motion.
 pub(super) const FRAME_CHANNELS: usize = 3;
 
-/// The inputs at one instant.
 #[derive(Debug, Clone, Copy)]
 pub struct Input<R> {
     /// theta_1^d and theta_2^d in rad, or the torques on the fingers in N m.
     pub target: [R; 2],
     /// Rates of the target angles, rad/s, for fingers that follow them exactly.
     pub target_rate: [R; 2],
-    /// Accelerations of the target angles, rad/s^2.
     pub target_acceleration: [R; 2],
     /// F_x and F_y along fixed axes in N and the moment in N m that act on the object.
     pub force: [R; 3],
-    /// Time since the start of the segment, s.
     pub tau: R,
 }
 
 impl<R: Copy> Input<R> {
-    /// The inputs in other numbers.
     pub(crate) fn map<S>(&self, to: impl Fn(R) -> S) -> Input<S> {
         Input {
             target: self.target.map(&to),
@@ -81,7 +75,6 @@ pub(crate) struct SegmentFrame<R> {
 }
 
 impl<R: Lanes> SegmentFrame<R> {
-    /// The motion in other numbers.
     pub(crate) fn lifted<T: Lanes>(&self, lift: impl Fn(R) -> T) -> SegmentFrame<T> {
         SegmentFrame {
             channels: self.channels.map(|channel| channel.map(&lift)),
@@ -102,7 +95,6 @@ impl<R: Lanes> SegmentFrame<R> {
         Self { channels, wave, degree, direction: [zero; 2], swings, turns, instructions }
     }
 
-    /// Sets the motion of one lane.
     fn set(&mut self, lane: usize, own: &SegmentFrame<f64>) {
         set_channels(&mut self.channels, lane, &own.channels);
         self.wave.set(lane, &own.wave);
@@ -174,7 +166,6 @@ impl<R: Lanes> SegmentFrame<R> {
 }
 
 task! {
-    /// Computes the motion of the hand at an instant.
     ['a] FrameAt<'a>(frame: &'a SegmentFrame<f64>, tau: f64) for f64 => FrameMotion<f64> = frame.motion(tau)
 }
 
@@ -258,7 +249,6 @@ impl<R: Lanes, const W: usize> SegmentDrive<Dual<R, W>> {
 }
 
 impl<R: Lanes> SegmentDrive<R> {
-    /// Inputs that are zero in every lane.
     pub fn still() -> Self {
         Self {
             channels: [[R::zero(); COEFFICIENTS]; CHANNELS],
@@ -270,7 +260,6 @@ impl<R: Lanes> SegmentDrive<R> {
         }
     }
 
-    /// Sets the inputs of one lane.
     pub fn set(&mut self, lane: usize, own: &SegmentDrive) {
         set_channels(&mut self.channels, lane, &own.channels);
         if let Some(own) = &own.frame {

@@ -21,21 +21,17 @@
 use crate::model::{Plant, Source};
 use crate::number::{Real, dot, signed};
 
-/// The motion of the frame at one instant.
 #[derive(Debug, Clone, Copy)]
 pub struct FrameMotion<R> {
     /// The acceleration of the frame's origin along the hand's axes, without gravity, m/s^2.
     pub acceleration: [R; 2],
-    /// sin phi.
     pub sin: R,
-    /// cos phi.
     pub cos: R,
     /// omega and its rate, 1/s and 1/s^2; `None` where the frame keeps its tilt.
     pub turning: Option<[R; 2]>,
 }
 
 impl<R: Real> FrameMotion<R> {
-    /// A frame at rest.
     pub fn still() -> Self {
         let zero = R::zero();
         Self { acceleration: [zero; 2], sin: zero, cos: R::constant(1.0), turning: None }
@@ -67,12 +63,10 @@ impl<R: Real> FrameMotion<R> {
         [gravity.mul_add(self.sin, x), gravity.mul_add(self.cos, y)]
     }
 
-    /// The motion in numbers that do not vary.
     pub fn constant(own: &FrameMotion<f64>) -> Self {
         own.map(R::constant)
     }
 
-    /// The motion in other numbers.
     pub fn map<S: Real>(&self, to: impl Fn(R) -> S) -> FrameMotion<S> {
         let Self { acceleration, sin, cos, turning } = *self;
         let turning = turning.map(|rates| rates.map(&to));
@@ -152,6 +146,5 @@ pub struct FrameLoads<R> {
     pub fingers: [[R; 3]; 2],
     /// Those on the object alone, (M1) to (M3).
     pub object: [R; 3],
-    /// The power of the external force, W.
     pub external: R,
 }

@@ -27,7 +27,6 @@ impl<R: Real> Geometry<R> {
     }
 }
 
-/// Computes the geometry at coordinates and velocities.
 struct Compute<'a, R, P>(&'a [Side<R>; 2], &'a Coordinates<R>, &'a Coordinates<R>, PhantomData<P>);
 
 impl<R: Real, P: Parts> LaneTask<R> for Compute<'_, R, P> {

@@ -120,7 +120,6 @@ impl HandMotion {
 /// A discrete controller and the instant of its first sample, s. The schedule has its target angles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sampled {
-    /// The controller.
     pub controller: Arc<SampledController>,
     /// The instant of its first sample, s.
     pub origin: f64,

@@ -43,9 +43,7 @@ pub const DIRECTIONS: usize = 8;
 /// The parameters of one run, with their derivatives in several directions.
 #[derive(Debug, Clone)]
 pub struct VariedParameters<'a> {
-    /// The parameters.
     pub parameters: &'a Parameters,
-    /// Their derivatives.
     pub slopes: [Parameters; DIRECTIONS],
 }
 

@@ -260,7 +260,6 @@ impl<R: Lanes, const W: usize> Dual<R, W> {
         number
     }
 
-    /// The derivative in a direction.
     #[inline(always)]
     pub fn direction(&self, k: usize) -> f64 {
         self.slope[k / R::WIDTH].lane(k % R::WIDTH)

@@ -61,7 +61,6 @@ pub trait Lanes: Real {
 
 /// Numbers that consist of lanes: the lanes themselves, or dual numbers of them.
 pub trait Lift<R: Lanes>: Lanes {
-    /// Turns lanes into constants.
     fn lift(value: R) -> Self;
 }
 

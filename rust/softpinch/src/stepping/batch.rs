@@ -30,7 +30,6 @@ const ROUND_OFF: f64 = 1e-9;
 /// Number of steps or attempts after which a loop asks whether to stop. They take a few milliseconds.
 pub const POLL: u64 = 1 << 12;
 
-/// A run before it begins.
 pub struct Taken<'a> {
     pub number: usize,
     pub scene: Cow<'a, Scene>,
@@ -44,7 +43,6 @@ pub struct RunQueue<'a> {
     pub take: &'a mut dyn FnMut() -> Result<Option<Taken<'a>>>,
     /// Whether the caller wants to stop.
     pub stops: &'a dyn Fn() -> bool,
-    /// Takes a run that has ended.
     pub finish: &'a mut dyn FnMut(Finished),
     /// Records the run of a loop of one lane.
     pub recorder: Recorder<'a>,
@@ -58,7 +56,6 @@ pub struct Finished {
     pub contact: Option<Box<LaneContact>>,
 }
 
-/// What a step loop needs before it runs.
 pub struct LoopSetup<'a> {
     pub instructions: Instructions,
     pub options: &'a Options,
@@ -100,7 +97,6 @@ pub struct LaneBatch<'a, R, P> {
     pub(super) instructions: Instructions,
     pub runs: [Option<LaneRun<'a, P>>; MOST],
     pub phases: Phases,
-    /// The inputs of each lane's segment.
     pub drive: SegmentDrive<R>,
     pub stats: Stats,
     /// Parameters for lanes without a run.

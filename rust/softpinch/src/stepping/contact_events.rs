@@ -68,7 +68,6 @@ pub(crate) enum Reason {
     /// More than [`MOST_EVENTS`] events within one step.
     Chattering,
     NoMode,
-    /// The equations of a step were not solved.
     Unsolved(Unsolved),
     NotFinite,
 }
@@ -90,7 +89,6 @@ pub(crate) type EventResult<T = ()> = Result<T, Box<ContactEnd>>;
 pub(crate) enum Passage {
     /// A step of this length leads to an event.
     Step(f64, Event),
-    /// The motion jumps.
     Jump(ContactJump),
     /// From here on the contacts are these, after so many changes of modes.
     Modes([Contact; 2], usize),
@@ -106,7 +104,6 @@ pub(crate) struct ContactRun {
     pub anchor: f64,
     /// The changes of modes since the list was emptied.
     pub changes: Vec<Change>,
-    /// What happened in the last step.
     pub log: Vec<Passage>,
 }
 
@@ -119,7 +116,6 @@ impl ContactRun {
         self.contacts.map(|contact| contact.mode)
     }
 
-    /// Writes the contacts into those of a lane.
     pub fn put_into<R: Lanes>(&self, contacts: &mut Contacts<R>, lane: usize) {
         let [right, left] = &self.contacts;
         contacts.set(lane, [right.mode, left.mode], [right.frozen_tilt, left.frozen_tilt]);

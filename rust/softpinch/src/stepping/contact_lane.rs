@@ -16,7 +16,6 @@ use crate::stepping::{
     Reason, SegmentState, Steps, VIOLATIONS, Violation, watched,
 };
 
-/// The inputs of a segment.
 struct Segment {
     anchor: f64,
     drive: SegmentDrive,
@@ -110,7 +109,6 @@ impl LaneContact {
         self.earlier = std::mem::replace(&mut self.segment, Segment { anchor, drive });
     }
 
-    /// Calls `work` with the stepper at a moment.
     pub(super) fn act<T>(
         &mut self,
         at: &Moment<'_>,

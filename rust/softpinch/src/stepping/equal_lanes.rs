@@ -17,7 +17,6 @@ pub struct Place {
     pub segment: Segment,
     pub earlier: Option<Segment>,
     pub steps_before: u64,
-    /// The clock at the end of the segment.
     pub arrival: u64,
     /// The clock until which the saved instant of the run is its last watched one.
     pub saved_until: u64,

@@ -23,7 +23,6 @@ const SLIVER: f64 = 1.0 / (1u64 << 40) as f64;
 /// An event is located to this share of the step.
 const RESOLUTION: f64 = 1.0 / (1u64 << 50) as f64;
 
-/// A state within a segment.
 #[derive(Debug, Clone, Copy)]
 pub struct SegmentState {
     pub tau: f64,
@@ -70,7 +69,6 @@ impl EventStepper<'_> {
         f64::call(self.instructions, GeometryOf { sides: &self.equations.plant().sides, motion })
     }
 
-    /// The terms and the motion of a state.
     pub fn terms_at(&self, tau: f64, y: &States<f64>) -> (Terms<f64>, Motion<f64>) {
         let input = self.input(tau);
         let motion = self.equations.motion(&input, y);

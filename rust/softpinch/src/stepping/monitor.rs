@@ -46,7 +46,6 @@ const SEPARATION: f64 = 1e-9;
 const MARGIN: f64 = 1e-6;
 
 set! {
-    /// A set of violations.
     ViolationSet of Violation
 }
 
@@ -89,7 +88,6 @@ impl TurningPoint {
     }
 }
 
-/// What the failure of a condition means.
 #[derive(Clone, Copy)]
 pub(super) enum Failure {
     /// The mode of the contact ends.
@@ -98,7 +96,6 @@ pub(super) enum Failure {
     Violation(Violation),
 }
 
-/// A condition of one contact.
 pub(super) struct Condition<R> {
     pub(super) failure: Failure,
     /// The lanes that have this condition.
@@ -111,7 +108,6 @@ pub(super) struct Condition<R> {
 }
 
 impl<R: Lanes> Condition<R> {
-    /// The lanes in which it fails.
     #[inline(always)]
     fn fails(&self) -> Bits {
         let Self { value, least, .. } = *self;
@@ -366,7 +362,6 @@ pub(super) fn half_length<R: Real>(source: &impl Source<R>, i: usize) -> R {
     }
 }
 
-/// The curvature of a side.
 #[inline(always)]
 fn curvature<R: Real>(source: &impl Source<R>, i: usize) -> R {
     if R::ANY_PARTS && source.kinds().shape(i) == ShapeKind::Arc {

@@ -16,7 +16,6 @@ use super::ShapeKind;
 use crate::model::Source;
 use crate::number::{Real, signed};
 
-/// The numbers of a side.
 #[derive(Debug, Clone, Copy)]
 pub struct Surface<R> {
     /// The apex from the centre of gravity, along the object's axes.
@@ -46,7 +45,6 @@ pub struct Foot<R> {
 }
 
 impl<R: Real> Surface<R> {
-    /// The side that finger `i` touches.
     #[inline(always)]
     pub(in crate::model) fn new(source: &impl Source<R>, i: usize) -> Self {
         let zero = R::zero();
@@ -68,7 +66,6 @@ impl<R: Real> Surface<R> {
         self.apex
     }
 
-    /// Whether the side is an arc.
     #[inline(always)]
     pub(in crate::model::contact) fn is_curved(&self) -> bool {
         self.curved
