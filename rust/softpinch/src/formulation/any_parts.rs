@@ -10,7 +10,7 @@ use crate::model::{
     Applied, CONTACT_WORKS, ContactModel, Contacts, Energies, Geometry, Motion, Others, Plant, Source,
     Stabilization,
 };
-use crate::number::{LaneTask, Real, task};
+use crate::number::{LaneTask, Real, inlined, task};
 
 #[derive(Debug, Clone, Copy)]
 pub struct AnyParts<R> {
@@ -46,19 +46,10 @@ impl<R: Real> AnyParts<R> {
 impl<R: Real> Equations<R> for AnyParts<R> {
     type Parts = Others;
 
-    #[inline(always)]
-    fn drifts(&self) -> bool {
-        self.drifts
-    }
-
-    #[inline(always)]
-    fn opens(&self) -> bool {
-        self.opens
-    }
-
-    #[inline(always)]
-    fn plant(&self) -> &Plant<R> {
-        &self.unilateral.csm.plant
+    inlined! {
+        drifts(&self) -> bool = self.drifts;
+        opens(&self) -> bool = self.opens;
+        plant(&self) -> &Plant<R> = &self.unilateral.csm.plant;
     }
 
     #[inline(always)]

@@ -8,7 +8,7 @@ use crate::model::{
     Any, Applied, BILATERAL_WORKS, CONTACT_WORKS, Contacts, Coordinates, Energies, Forces, Geometry, Input,
     Motion, Parts, Plant, RELAXATIONS, each_coordinate, work,
 };
-use crate::number::{Dual, Lanes, Real, dot, gather};
+use crate::number::{Dual, Lanes, Real, dot, gather, inlined};
 
 /// Number of components of the largest state: nine coordinates, their rates, two memories, the eight works of the ledger, and
 /// the four states of one Maxwell branch. More branches fit without the ledger.
@@ -128,30 +128,17 @@ pub trait Equations<R: Real>: Copy + Debug {
     /// The contacts for which the code is compiled.
     type Parts: Parts;
 
-    /// Whether the states can leave the constraints. If so, they have all deformations with their rates; if not, they
-    /// have the shears, and the constraints determine the rest.
-    #[inline(always)]
-    fn drifts(&self) -> bool {
-        true
-    }
-
-    /// Whether contacts can slip and open.
-    #[inline(always)]
-    fn opens(&self) -> bool {
-        false
-    }
-
-    /// Number of works of the ledger, without that of the hand's motion.
-    #[inline(always)]
-    fn works(&self) -> usize {
-        if self.opens() { CONTACT_WORKS } else { BILATERAL_WORKS }
-    }
-
-    /// Number of coordinates that are states with their rates: the object's, those of fingers that the schedule does not
-    /// prescribe, and deformations if the states can drift.
-    #[inline(always)]
-    fn degrees(&self, driven: bool) -> usize {
-        3 + if driven { 0 } else { 2 } + if self.drifts() { 4 } else { 0 }
+    inlined! {
+        /// Whether the states can leave the constraints. If so, they have all deformations with their rates; if not, they
+        /// have the shears, and the constraints determine the rest.
+        drifts(&self) -> bool = true;
+        /// Whether contacts can slip and open.
+        opens(&self) -> bool = false;
+        /// Number of works of the ledger, without that of the hand's motion.
+        works(&self) -> usize = if self.opens() { CONTACT_WORKS } else { BILATERAL_WORKS };
+        /// Number of coordinates that are states with their rates: the object's, those of fingers that the schedule does not
+        /// prescribe, and deformations if the states can drift.
+        degrees(&self, driven: bool) -> usize = 3 + if driven { 0 } else { 2 } + if self.drifts() { 4 } else { 0 };
     }
 
     /// Number of states of the motion: coordinates, rates, and after these shears, branches and controllers' memories.
@@ -163,16 +150,11 @@ pub trait Equations<R: Real>: Copy + Debug {
             + if driven { 0 } else { 2 }
     }
 
-    /// Number of states of Maxwell branches.
-    #[inline(always)]
-    fn relaxations(&self) -> usize {
-        if Self::Parts::OTHERS { 4 * self.plant().branches } else { 0 }
-    }
-
-    /// The place of the state's coordinate `n` among all nine.
-    #[inline(always)]
-    fn place(&self, driven: bool, n: usize) -> usize {
-        if driven && n >= 3 { n + 2 } else { n }
+    inlined! {
+        /// Number of states of Maxwell branches.
+        relaxations(&self) -> usize = if Self::Parts::OTHERS { 4 * self.plant().branches } else { 0 };
+        /// The place of the state's coordinate `n` among all nine.
+        place(&self, driven: bool, n: usize) -> usize = if driven && n >= 3 { n + 2 } else { n };
     }
 
     fn plant(&self) -> &Plant<R>;

@@ -8,7 +8,7 @@
 
 use crate::formulation::Equations;
 use crate::model::{Geometry, Motion, Papers, Plant};
-use crate::number::Real;
+use crate::number::{Real, inlined};
 
 #[derive(Debug, Clone, Copy)]
 pub struct Nullspace<R> {
@@ -25,23 +25,11 @@ impl<R: Real> Nullspace<R> {
 impl<R: Real> Equations<R> for Nullspace<R> {
     type Parts = Papers;
 
-    #[inline(always)]
-    fn drifts(&self) -> bool {
-        false
-    }
-
-    #[inline(always)]
-    fn plant(&self) -> &Plant<R> {
-        &self.plant
-    }
-
-    #[inline(always)]
-    fn geometry(&self, motion: &mut Motion<R>) -> Geometry<R, Papers> {
-        Geometry::constrained(&self.plant.sides, &mut motion.q, &mut motion.p)
-    }
-
-    #[inline(always)]
-    fn bias(&self, geometry: &Geometry<R, Papers>) -> [R; 4] {
-        geometry.bias()
+    inlined! {
+        drifts(&self) -> bool = false;
+        plant(&self) -> &Plant<R> = &self.plant;
+        geometry(&self, motion: &mut Motion<R>) -> Geometry<R, Papers> =
+            Geometry::constrained(&self.plant.sides, &mut motion.q, &mut motion.p);
+        bias(&self, geometry: &Geometry<R, Papers>) -> [R; 4] = geometry.bias();
     }
 }

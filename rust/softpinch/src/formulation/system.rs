@@ -2,7 +2,7 @@
 
 use crate::formulation::{Evaluation, MAX_COMPONENTS, States};
 use crate::model::{Contacts, Energies, Input, Motion, SegmentDrive};
-use crate::number::Lanes;
+use crate::number::{Lanes, inlined};
 
 /// The numbers of components of a state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -20,15 +20,10 @@ pub struct Size {
 pub const BLOCK: usize = 4;
 
 impl Size {
-    #[inline(always)]
-    pub fn all(self) -> usize {
-        self.states + self.works
-    }
-
-    /// Number of blocks that the components fill.
-    #[inline(always)]
-    pub fn blocks(self) -> usize {
-        self.all().div_ceil(BLOCK).min(MAX_COMPONENTS / BLOCK)
+    inlined! {
+        pub all(self) -> usize = self.states + self.works;
+        /// Number of blocks that the components fill.
+        pub blocks(self) -> usize = self.all().div_ceil(BLOCK).min(MAX_COMPONENTS / BLOCK);
     }
 
     /// Calls `work` for each component of a state, and for the zeros that fill the last block. The length of

@@ -11,7 +11,7 @@ use crate::model::{
     Applied, CONTACT_WORKS, Contacts, Coordinates, ElasticGradient, Energies, Geometry, Motion, Papers,
     Parts, Plant, Source,
 };
-use crate::number::{LaneTask, Real, task};
+use crate::number::{LaneTask, Real, inlined, task};
 
 task! {
     ['a, R: Real]
@@ -157,19 +157,10 @@ impl<R: Real> Unilateral<R> {
 impl<R: Real> Equations<R> for Unilateral<R> {
     type Parts = Papers;
 
-    #[inline(always)]
-    fn opens(&self) -> bool {
-        true
-    }
-
-    #[inline(always)]
-    fn plant(&self) -> &Plant<R> {
-        &self.csm.plant
-    }
-
-    #[inline(always)]
-    fn bias(&self, geometry: &Geometry<R, Papers>) -> [R; 4] {
-        self.csm.gamma(geometry)
+    inlined! {
+        opens(&self) -> bool = true;
+        plant(&self) -> &Plant<R> = &self.csm.plant;
+        bias(&self, geometry: &Geometry<R, Papers>) -> [R; 4] = self.csm.gamma(geometry);
     }
 
     #[inline(always)]

@@ -6,7 +6,7 @@ use crate::method::{
     Allowed, Called, DIRECTIONS, Integrator, Linearization, Runs, Stats, Step, StepResult, Unsolved, largest,
 };
 use crate::model::{Motion, SegmentDrive};
-use crate::number::real::inlined;
+use crate::number::inlined;
 
 /// The largest number of iterations in a step of free length, where a shorter step costs less than many
 /// iterations, and in a step of fixed length.

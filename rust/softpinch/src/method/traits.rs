@@ -2,8 +2,7 @@
 
 use crate::formulation::{Choice, MAX_COMPONENTS, SceneEquations, Size, States, System, Tangent};
 use crate::model::{Parameters, SegmentDrive, Stabilization};
-use crate::number::real::inlined;
-use crate::number::{Bits, Instructions, Lanes, MOST};
+use crate::number::{Bits, Instructions, Lanes, MOST, inlined};
 
 /// An iteration that did not converge.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -24,7 +24,7 @@ use std::marker::PhantomData;
 use crate::model::contact::mechanism::{Arm, Jaw, Mechanism, OneLink};
 use crate::model::contact::shape::ParallelFace;
 use crate::model::{Coordinates, Frame, Source, Surface};
-use crate::number::{LaneTask, Real, signed, task};
+use crate::number::{LaneTask, Real, inlined, signed, task};
 
 /// Declares the kinds of a part. The flat array of parameters has the number of the kind.
 macro_rules! numbered {
@@ -125,19 +125,11 @@ impl<R: Real> Side<R> {
         }
     }
 
-    #[inline(always)]
-    pub(crate) fn is_curved(&self) -> bool {
-        matches!(Any::numbers::<R, _>(&self.others), Some((_, surface)) if surface.is_curved())
-    }
-
-    #[inline(always)]
-    pub fn both(source: &impl Source<R>) -> [Self; 2] {
-        [Self::new(source, 0), Self::new(source, 1)]
-    }
-
-    #[inline(always)]
-    pub(crate) fn radius(&self) -> R {
-        self.radius
+    inlined! {
+        pub(crate) is_curved(&self) -> bool =
+            matches!(Any::numbers::<R, _>(&self.others), Some((_, surface)) if surface.is_curved());
+        pub both(source: &impl Source<R>) -> [Self; 2] = [Self::new(source, 0), Self::new(source, 1)];
+        pub(crate) radius(&self) -> R = self.radius;
     }
 
     #[inline(always)]
@@ -312,14 +304,9 @@ impl<R: Real, P: Parts> Contact<R, P> {
         (Self::new(i, side, object, &arm, d_n, rates), d_n, rates)
     }
 
-    #[inline(always)]
-    fn beside(&self) -> Option<&Beside<R>> {
-        if self.is_the_papers() { None } else { Some(&self.beside) }
-    }
-
-    #[inline(always)]
-    pub(crate) fn is_the_papers(&self) -> bool {
-        P::PAPERS || !R::ANY_PARTS || (!P::OTHERS && self.papers)
+    inlined! {
+        beside(&self) -> Option<&Beside<R>> = if self.is_the_papers() { None } else { Some(&self.beside) };
+        pub(crate) is_the_papers(&self) -> bool = P::PAPERS || !R::ANY_PARTS || (!P::OTHERS && self.papers);
     }
 
     /// The components along the axes of the side of a vector along the object's axes.
@@ -374,16 +361,11 @@ impl<R: Real, P: Parts> Contact<R, P> {
         }
     }
 
-    /// The generalised force of multipliers on the object's turn.
-    #[inline(always)]
-    pub(crate) fn moment(&self, [normal, tangential]: [R; 2]) -> R {
-        self.a.dot2(normal, self.e, tangential)
-    }
-
-    /// The generalised force of multipliers on the finger.
-    #[inline(always)]
-    pub(crate) fn torque(&self, [normal, tangential]: [R; 2]) -> R {
-        self.b.dot2(normal, self.f, tangential)
+    inlined! {
+        /// The generalised force of multipliers on the object's turn.
+        pub(crate) moment(&self, [normal, tangential]: [R; 2]) -> R = self.a.dot2(normal, self.e, tangential);
+        /// The generalised force of multipliers on the finger.
+        pub(crate) torque(&self, [normal, tangential]: [R; 2]) -> R = self.b.dot2(normal, self.f, tangential);
     }
 }
 

@@ -14,7 +14,7 @@
 //! ([`SegmentDrive`](crate::model::drive::SegmentDrive)). In the bilateral model both tips stick for ever.
 
 use crate::names::named;
-use crate::number::{Bits, Dual, Lanes, Lift, spread};
+use crate::number::{Bits, Dual, Lanes, Lift, inlined, spread};
 
 named! {
     /// What the contacts can do.
@@ -119,21 +119,12 @@ pub struct Contacts<R> {
 }
 
 impl<R> Contacts<R> {
-    /// Lanes in which the tip of finger `i` slips.
-    #[inline(always)]
-    pub fn slip(&self, i: usize) -> Bits {
-        self.up[i] | self.down[i]
-    }
-
-    /// Lanes in which the tip of finger `i` does not feel its couple's reaction in full: it grazes or is free.
-    #[inline(always)]
-    pub fn unloaded(&self, i: usize) -> Bits {
-        self.graze[i] | self.free[i]
-    }
-
-    #[inline(always)]
-    pub fn special(&self) -> Bits {
-        (self.slip(0) | self.unloaded(0)) | (self.slip(1) | self.unloaded(1))
+    inlined! {
+        /// Lanes in which the tip of finger `i` slips.
+        pub slip(&self, i: usize) -> Bits = self.up[i] | self.down[i];
+        /// Lanes in which the tip of finger `i` does not feel its couple's reaction in full: it grazes or is free.
+        pub unloaded(&self, i: usize) -> Bits = self.graze[i] | self.free[i];
+        pub special(&self) -> Bits = (self.slip(0) | self.unloaded(0)) | (self.slip(1) | self.unloaded(1));
     }
 }
 

@@ -6,7 +6,7 @@ use nalgebra::SMatrix;
 
 use crate::model::contact::Side;
 use crate::model::{Any, Contact, Coordinates, Frame, Parameters, Parts};
-use crate::number::{LaneTask, Real};
+use crate::number::{LaneTask, Real, inlined};
 
 /// The whole geometry at one state.
 #[derive(Debug, Clone, Copy)]
@@ -154,22 +154,13 @@ impl<R: Real, P: Parts> Geometry<R, P> {
         ([x, y, r.dot2(one.1, l, other.1)], [r * one.2, l * other.2])
     }
 
-    /// theta_p of both tips.
-    #[inline(always)]
-    pub fn tilt(&self) -> [R; 2] {
-        [self.contacts[0].tilt, self.contacts[1].tilt]
-    }
-
-    /// sin theta_p of both tips.
-    #[inline(always)]
-    pub fn sin_tilt(&self) -> [R; 2] {
-        [self.contacts[0].sin_tilt, self.contacts[1].sin_tilt]
-    }
-
-    /// The places of both contacts along their sides, up to their signs.
-    #[inline(always)]
-    pub fn places(&self) -> [R; 2] {
-        [self.contacts[0].place, self.contacts[1].place]
+    inlined! {
+        /// theta_p of both tips.
+        pub tilt(&self) -> [R; 2] = [self.contacts[0].tilt, self.contacts[1].tilt];
+        /// sin theta_p of both tips.
+        pub sin_tilt(&self) -> [R; 2] = [self.contacts[0].sin_tilt, self.contacts[1].sin_tilt];
+        /// The places of both contacts along their sides, up to their signs.
+        pub places(&self) -> [R; 2] = [self.contacts[0].place, self.contacts[1].place];
     }
 }
 

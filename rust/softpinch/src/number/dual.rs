@@ -4,8 +4,7 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use crate::number::real::inlined;
-use crate::number::{Bits, Instructions, LaneTask, Lanes, Lift, Real};
+use crate::number::{Bits, Instructions, LaneTask, Lanes, Lift, Real, inlined};
 
 /// A value and its derivatives in `W` directions.
 #[derive(Debug, Clone, Copy, PartialEq)]

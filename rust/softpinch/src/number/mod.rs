@@ -18,7 +18,7 @@ pub(crate) use dual::{Dual, gather, gathered, spread};
 pub use lanes::Lanes;
 pub(crate) use lanes::{Lift, MOST, each};
 pub(crate) use linear::{Entry, LaneEntry, Lu, MOST_ROWS, Square, solve2, solve3};
-pub(crate) use real::{Bits, dot, signed, task};
+pub(crate) use real::{Bits, dot, inlined, signed, task};
 pub use real::{LaneTask, Real};
 pub(crate) use simd::dispatch::call_four_lanes;
 pub use simd::dispatch::{LaneKernel, dispatch_lanes};

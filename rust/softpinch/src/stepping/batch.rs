@@ -10,8 +10,7 @@ use crate::model::energy;
 use crate::model::{
     BILATERAL_WORKS, ContactModel, Energies, Motion, Parameters, Scene, SegmentDrive, Source, WORKS, apart,
 };
-use crate::number::real::inlined;
-use crate::number::{Bits, Instructions, LaneTask, Lanes, MOST, each, task};
+use crate::number::{Bits, Instructions, LaneTask, Lanes, MOST, each, inlined, task};
 use crate::stepping::ending::{after_violation, unstable};
 use crate::stepping::instant::{energies, put_motion};
 use crate::stepping::monitor::{Margins, explain};
@@ -522,17 +521,12 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         self.queue.recorder.record(watched, || energies(system, watched))
     }
 
-    /// Whether to record the instant `t`, which was just watched. One inside a step is recorded only if asked for. Only
-    /// loops of one lane record runs.
-    #[inline(always)]
-    pub fn is_due(&mut self, t: f64, inside: bool) -> bool {
-        R::WIDTH == 1 && self.queue.recorder.is_due(t, inside)
-    }
-
-    /// The first instant that was asked for and is not recorded yet; infinity if there is none.
-    #[inline(always)]
-    pub fn next_time(&self) -> f64 {
-        if R::WIDTH == 1 { self.queue.recorder.next_time() } else { f64::INFINITY }
+    inlined! {
+        /// Whether to record the instant `t`, which was just watched. One inside a step is recorded only if asked for. Only
+        /// loops of one lane record runs.
+        pub is_due(&mut self, t: f64, inside: bool) -> bool = R::WIDTH == 1 && self.queue.recorder.is_due(t, inside);
+        /// The first instant that was asked for and is not recorded yet; infinity if there is none.
+        pub next_time(&self) -> f64 = if R::WIDTH == 1 { self.queue.recorder.next_time() } else { f64::INFINITY };
     }
 }
 

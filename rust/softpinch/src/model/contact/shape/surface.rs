@@ -14,7 +14,7 @@
 
 use super::ShapeKind;
 use crate::model::Source;
-use crate::number::{Real, signed};
+use crate::number::{Real, inlined, signed};
 
 #[derive(Debug, Clone, Copy)]
 pub struct Surface<R> {
@@ -60,15 +60,10 @@ impl<R: Real> Surface<R> {
         Self { apex: [signed(i, -width), height], tilt, sin, cos, curvature, curved }
     }
 
-    /// The apex from the centre of gravity, along the object's axes.
-    #[inline(always)]
-    pub(in crate::model) fn apex(&self) -> [R; 2] {
-        self.apex
-    }
-
-    #[inline(always)]
-    pub(in crate::model::contact) fn is_curved(&self) -> bool {
-        self.curved
+    inlined! {
+        /// The apex from the centre of gravity, along the object's axes.
+        pub(in crate::model) apex(&self) -> [R; 2] = self.apex;
+        pub(in crate::model::contact) is_curved(&self) -> bool = self.curved;
     }
 
     /// The foot of the perpendicular from `place`, which is given from the centre of gravity.
