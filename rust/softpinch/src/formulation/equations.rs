@@ -3,12 +3,12 @@
 
 use std::fmt::Debug;
 
-use crate::formulation::{Constrained, Response, constrained};
+use crate::formulation::{Constrained, Response, Unilateral, constrained};
 use crate::model::{
     Any, Applied, BILATERAL_WORKS, CONTACT_WORKS, Contacts, Coordinates, Energies, Forces, Geometry, Input,
     Motion, Parts, Plant, RELAXATIONS, each_coordinate, work,
 };
-use crate::number::{Dual, Lanes, Real, dot, gather, inlined};
+use crate::number::{Dual, LaneTask, Lanes, Real, dot, gather, inlined, task};
 
 /// Number of components of the largest state: nine coordinates, their rates, two memories, the eight works of the ledger, and
 /// the four states of one Maxwell branch. More branches fit without the ledger.
@@ -127,6 +127,8 @@ pub(crate) use for_fingers;
 pub trait Equations<R: Real>: Copy + Debug {
     /// The contacts for which the code is compiled.
     type Parts: Parts;
+    /// Whether evaluations are called, because steps, Jacobians and linear models need the same large code.
+    const CALLED: bool = false;
 
     inlined! {
         /// Whether the states can leave the constraints. If so, they have all deformations with their rates; if not, they
@@ -134,6 +136,10 @@ pub trait Equations<R: Real>: Copy + Debug {
         drifts(&self) -> bool = true;
         /// Whether contacts can slip and open.
         opens(&self) -> bool = false;
+        /// The bias b of the constraints on the accelerations, Phi a = -b, while both tips stick.
+        bias(&self, geometry: &Geometry<R, Self::Parts>) -> [R; 4] = geometry.bias();
+        /// The equations with modes of the contacts, if these are such.
+        unilateral(&self) -> Option<&Unilateral<R>> = None;
         /// Number of works of the ledger, without that of the hand's motion.
         works(&self) -> usize = if self.opens() { CONTACT_WORKS } else { BILATERAL_WORKS };
         /// Number of coordinates that are states with their rates: the object's, those of fingers that the schedule does not
@@ -219,19 +225,19 @@ pub trait Equations<R: Real>: Copy + Debug {
         Geometry::of(&self.plant().sides, &motion.q, &motion.p)
     }
 
-    /// The bias b of the constraints on the accelerations, Phi a = -b.
-    fn bias(&self, geometry: &Geometry<R, Self::Parts>) -> [R; 4];
-
     /// All terms of (24) at one state.
     #[inline(always)]
     fn terms(
         &self,
         driven: bool,
         applied: Applied<'_, R>,
-        _: &Contacts<R>,
+        contacts: &Contacts<R>,
         motion: &Motion<R>,
         geometry: Geometry<R, Self::Parts>,
     ) -> Terms<R, Self::Parts> {
+        if let Some(own) = self.unilateral() {
+            return own.terms_of(driven, applied, contacts, motion, geometry);
+        }
         let plant = self.plant();
         let elastic = plant.elastic(&geometry, &motion.q);
         let mut forces = plant.forces(driven, elastic, &geometry, motion, applied);
@@ -256,17 +262,16 @@ pub trait Equations<R: Real>: Copy + Debug {
     fn powers(
         &self,
         terms: &Terms<R, Self::Parts>,
-        _: &Contacts<R>,
-        Motion { p, .. }: &Motion<R>,
+        contacts: &Contacts<R>,
+        motion: &Motion<R>,
     ) -> [R; CONTACT_WORKS] {
-        let Terms { geometry, forces, response, .. } = terms;
+        if let Some(own) = self.unilateral() {
+            return own.powers_of(terms, contacts, motion);
+        }
+        let (Terms { geometry, forces, response, .. }, p) = (terms, &motion.p);
         let mut powers = [R::zero(); CONTACT_WORKS];
-        powers[..BILATERAL_WORKS].copy_from_slice(&forces.powers(
-            geometry,
-            &self.plant().drags(p),
-            p,
-            &response.multipliers,
-        ));
+        let own = forces.powers(geometry, &self.plant().drags(p), p, &response.multipliers);
+        powers[..BILATERAL_WORKS].copy_from_slice(&own);
         powers
     }
 
@@ -280,6 +285,9 @@ pub trait Equations<R: Real>: Copy + Debug {
         y: &States<R>,
         ledger: bool,
     ) -> Evaluation<R> {
+        if Self::CALLED {
+            return R::outlined(Evaluate { equations: self, driven, applied, contacts, y, ledger });
+        }
         evaluated(self, driven, applied, contacts, y, ledger)
     }
 
@@ -320,14 +328,24 @@ pub trait Equations<R: Real>: Copy + Debug {
 
     /// The energies of a motion, for the ledger.
     #[inline(always)]
-    fn energies(&self, _: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        self.plant().energies::<Self::Parts>(&motion.q, &motion.p)
+    fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
+        match self.unilateral() {
+            Some(own) => own.energies_of::<Self::Parts>(contacts, motion),
+            None => self.plant().energies::<Self::Parts>(&motion.q, &motion.p),
+        }
     }
+}
+
+task! {
+    ['a, R: Real, E: Equations<R>]
+    Evaluate<'a, R, E>(equations: &'a E, driven: bool, applied: Applied<'a, R>, contacts: &'a Contacts<R>,
+        y: &'a States<R>, ledger: bool)
+    for R => Evaluation<R> = evaluated(equations, driven, applied, contacts, y, ledger)
 }
 
 /// Derivative and multipliers of a state, by the equations' own terms.
 #[inline(always)]
-pub(super) fn evaluated<R: Real, E: Equations<R>>(
+fn evaluated<R: Real, E: Equations<R>>(
     equations: &E,
     driven: bool,
     (input, moving): Applied<'_, R>,

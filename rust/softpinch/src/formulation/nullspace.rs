@@ -12,14 +12,7 @@ use crate::number::{Real, inlined};
 
 #[derive(Debug, Clone, Copy)]
 pub struct Nullspace<R> {
-    plant: Plant<R>,
-}
-
-impl<R: Real> Nullspace<R> {
-    #[inline(always)]
-    pub fn new(plant: Plant<R>) -> Self {
-        Self { plant }
-    }
+    pub(super) plant: Plant<R>,
 }
 
 impl<R: Real> Equations<R> for Nullspace<R> {
@@ -30,6 +23,5 @@ impl<R: Real> Equations<R> for Nullspace<R> {
         plant(&self) -> &Plant<R> = &self.plant;
         geometry(&self, motion: &mut Motion<R>) -> Geometry<R, Papers> =
             Geometry::constrained(&self.plant.sides, &mut motion.q, &mut motion.p);
-        bias(&self, geometry: &Geometry<R, Papers>) -> [R; 4] = geometry.bias();
     }
 }

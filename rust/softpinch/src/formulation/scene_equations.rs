@@ -58,7 +58,7 @@ impl<R: Real> EquationKind<R> {
             (ContactModel::Unilateral, _) => {
                 Self::Unilateral(Unilateral::new(source, Csm::new(plant, gains)))
             }
-            (_, Formulation::Nullspace) => Self::Nullspace(Nullspace::new(plant)),
+            (_, Formulation::Nullspace) => Self::Nullspace(Nullspace { plant }),
             _ => Self::Csm(Csm::new(plant, gains)),
         }
     }

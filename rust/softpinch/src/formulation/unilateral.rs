@@ -5,20 +5,12 @@
 //! the release, and its couple acts on nothing. Events change the modes.
 
 use crate::formulation::contact_solve::Load;
-use crate::formulation::equations::evaluated;
-use crate::formulation::{Csm, Equations, Evaluation, Response, States, Terms, constrained, response};
+use crate::formulation::{Csm, Equations, Response, Terms, constrained, response};
 use crate::model::{
     Applied, CONTACT_WORKS, Contacts, Coordinates, ElasticGradient, Energies, Geometry, Motion, Papers,
     Parts, Plant, Source,
 };
-use crate::number::{LaneTask, Real, inlined, task};
-
-task! {
-    ['a, R: Real]
-    Evaluate<'a, R>(equations: &'a Unilateral<R>, driven: bool, applied: Applied<'a, R>,
-        contacts: &'a Contacts<R>, y: &'a States<R>, ledger: bool)
-    for R => Evaluation<R> = evaluated(equations, driven, applied, contacts, y, ledger)
-}
+use crate::number::{Real, inlined};
 
 #[derive(Debug, Clone, Copy)]
 pub struct Unilateral<R> {
@@ -156,52 +148,12 @@ impl<R: Real> Unilateral<R> {
 
 impl<R: Real> Equations<R> for Unilateral<R> {
     type Parts = Papers;
+    const CALLED: bool = R::ORDER > 0;
 
     inlined! {
         opens(&self) -> bool = true;
+        unilateral(&self) -> Option<&Unilateral<R>> = Some(self);
         plant(&self) -> &Plant<R> = &self.csm.plant;
-        bias(&self, geometry: &Geometry<R, Papers>) -> [R; 4] = self.csm.gamma(geometry);
-    }
-
-    #[inline(always)]
-    fn terms(
-        &self,
-        driven: bool,
-        applied: Applied<'_, R>,
-        contacts: &Contacts<R>,
-        motion: &Motion<R>,
-        geometry: Geometry<R, Papers>,
-    ) -> Terms<R, Papers> {
-        self.terms_of(driven, applied, contacts, motion, geometry)
-    }
-
-    /// Numbers with derivatives have one piece of code for all uses.
-    #[inline(always)]
-    fn evaluate(
-        &self,
-        driven: bool,
-        applied: Applied<'_, R>,
-        contacts: &Contacts<R>,
-        y: &States<R>,
-        ledger: bool,
-    ) -> Evaluation<R> {
-        let task = Evaluate { equations: self, driven, applied, contacts, y, ledger };
-        if R::ORDER > 0 { R::outlined(task) } else { task.run() }
-    }
-
-    #[inline(always)]
-    fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        self.energies_of::<Papers>(contacts, motion)
-    }
-
-    #[inline(always)]
-    fn powers(
-        &self,
-        terms: &Terms<R, Papers>,
-        contacts: &Contacts<R>,
-        motion: &Motion<R>,
-    ) -> [R; CONTACT_WORKS] {
-        self.powers_of(terms, contacts, motion)
     }
 }
 
