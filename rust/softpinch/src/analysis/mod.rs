@@ -1,14 +1,4 @@
 //! A scene at one state: every term of (24), the linearised motion; and where a scene comes to rest.
-//!
-//! | file | contents |
-//! |---|---|
-//! | `evaluate.rs` | every term of (24) at one state, as matrices |
-//! | `linear.rs` | the motion linearised about one state, with inputs and outputs |
-//! | `balance.rs` | the equations of a state at rest, and the family of their solutions |
-//! | `rest.rs`, `starts.rs` | Newton's method for them, and where it begins |
-//! | `continuation.rs` | how an equilibrium changes with the scene |
-//! | `equilibrium.rs` | the search for an equilibrium, what is said of one, and why there is none |
-//! | `wrench.rs` | the largest wrench that an equilibrium bears |
 
 pub(crate) mod balance;
 mod continuation;

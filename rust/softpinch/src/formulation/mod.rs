@@ -2,22 +2,7 @@
 //!
 //! A new formulation needs one file beside `csm.rs` with its `Equations`, one line in [`FORMULATIONS`], and lines in
 //! `scene_equations.rs`, where a scene gets its equations: `SceneEquations`, for numbers of every kind. `run_dual.rs`
-//! has those of a run with derivatives.
-//!
-//! Unilateral contact, which slips and opens:
-//!
-//! | file | contents |
-//! |---|---|
-//! | `any_parts.rs` | the equations of parts that are not the paper's |
-//! | `unilateral.rs` | the equations in given modes |
-//! | `contact_solve.rs` | their 4 x 4 solve |
-//! | `impact.rs` | the impact law |
-//! | `mode_selection.rs` | the choice of modes |
-//! | `jumps.rs` | what happens to the motion at events |
-//! | `contact_equations.rs` | all of these as the search for events uses them |
-
-// Loops over several arrays at once are clearer with an index.
-#![allow(clippy::needless_range_loop)]
+//! has those of a run with derivatives. docs/architecture.md lists the files of unilateral contact.
 
 pub(crate) mod any_parts;
 pub(crate) mod constrained;

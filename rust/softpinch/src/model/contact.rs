@@ -55,8 +55,8 @@ pub(crate) use numbered;
 
 /// The contacts for which code is compiled: the paper's alone, others alone, or any.
 pub trait Parts: Copy + Debug {
-    const PAPERS: bool;
-    const OTHERS: bool;
+    const PAPERS: bool = false;
+    const OTHERS: bool = false;
 
     /// The numbers of other parts, if there are any.
     #[inline(always)]
@@ -75,7 +75,6 @@ pub struct Papers;
 
 impl Parts for Papers {
     const PAPERS: bool = true;
-    const OTHERS: bool = false;
 }
 
 /// Contacts of which not all parts are the paper's.
@@ -83,17 +82,13 @@ impl Parts for Papers {
 pub struct Others;
 
 impl Parts for Others {
-    const PAPERS: bool = false;
     const OTHERS: bool = true;
 }
 
 #[derive(Debug, Clone, Copy)]
 pub struct Any;
 
-impl Parts for Any {
-    const PAPERS: bool = false;
-    const OTHERS: bool = false;
-}
+impl Parts for Any {}
 
 /// The parts of a contact that say where it is: all but the law of the tip.
 #[derive(Debug, Clone, Copy)]

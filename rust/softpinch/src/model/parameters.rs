@@ -218,28 +218,20 @@ pub const PARAMETER_COUNT: usize = PAPERS + 38 + 2 * (WEIGHTS + 2 * BRANCHES);
 
 /// The physics of a scene. [`Parameters::from_array`] and [`Parameters::checked`] validate it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[allow(missing_docs)] // of fields that their types explain, each first for the right finger
 pub struct Parameters {
-    /// Right and left finger.
     pub fingers: [Finger; 2],
-    /// Right and left fingertip.
     pub tips: [Fingertip; 2],
-    /// The object.
     pub grasped: GraspedObject,
-    /// Right and left PID gains.
     pub control: [PidGains; 2],
-    /// Gravity.
     pub surroundings: Surroundings,
-    /// Friction of both contacts.
     pub friction: Friction,
-    /// The mechanisms of the right and the left finger.
     pub mechanisms: [Mechanism; 2],
     /// The object's right and left side.
     pub shapes: [Side; 2],
-    /// The laws of the right and the left tip.
     pub laws: [Law; 2],
     /// The weights of measured laws: the density of their springs, N/m^2, in Bernstein polynomials over the range.
     pub weights: [[f64; WEIGHTS]; 2],
-    /// The branches of the right and the left tip.
     pub relaxation: [[Maxwell; BRANCHES]; 2],
 }
 

@@ -34,16 +34,13 @@ named! {
 
 /// A change of a contact's mode.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(missing_docs)] // of fields that their types explain
 pub struct Change {
-    /// Time, s.
     pub time: f64,
     /// 0 for the right finger, 1 for the left one.
     pub finger: usize,
-    /// The mode before.
     pub before: Mode,
-    /// The mode after.
     pub after: Mode,
-    /// What ended the mode before.
     pub cause: Cause,
 }
 

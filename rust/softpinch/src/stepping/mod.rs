@@ -1,10 +1,6 @@
 //! The step loops, written over lanes. `equal` takes equal steps between breakpoints, `adaptive` takes
 //! steps as long as the error allows. A single run is one lane, and a `recorder` records it. `batch` has
 //! the work of both loops on the runs in their lanes.
-//!
-//! Events of unilateral contact: `monitor` has the conditions that end a mode, `event_search.rs` locates events on
-//! the method's own step, `contact_changes.rs` lets them happen. `contact_lane` does this for the run in a lane,
-//! `equal_events.rs` and `adaptive_events.rs` are its use in the two loops.
 
 pub(crate) mod adaptive;
 mod adaptive_events;
