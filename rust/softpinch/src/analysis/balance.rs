@@ -107,7 +107,7 @@ impl<R: Real> Balance<R> {
         for i in 0..2 {
             left_over[FINGER + i] = left_over[FINGER + i] - forces.torque[i];
             tilt[i] = geometry.contacts[i].tilt;
-            let thickness = plant.sides[i].radius() - q.compression[i];
+            let thickness = plant.sides[i].radius - q.compression[i];
             sigma[i] = thickness.mul_add(tilt[i], signed(i, geometry.contacts[i].place)) + q.shear[i];
         }
         let balance = Self { q, tilt, sigma, forces: left_over, torque: forces.torque, multipliers };
@@ -123,7 +123,7 @@ fn seeded<R: Lanes, const W: usize>(
     z: &Unknowns<Dual<R, W>>,
 ) -> (Balance<Dual<R, W>>, [[f64; 5]; 2]) {
     let input = scene.input.map(Dual::constant);
-    let frame = scene.frame.as_ref().map(FrameMotion::constant);
+    let frame = scene.frame.map(|frame| frame.map(Dual::constant));
     let (found, geometry) = Balance::new(plant, (&input, frame.as_ref()), z);
     let mut no_slip = [[0.0; 5]; 2];
     for (i, row) in no_slip.iter_mut().enumerate() {

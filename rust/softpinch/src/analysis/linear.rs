@@ -13,7 +13,7 @@ use crate::model::{
     ContactModel, ContactRow, Coordinates, Fingers, FrameMotion, Geometry, Input, Inputs, Mode, Motion,
     Parameters, Rule, SegmentDrive, Stabilization,
 };
-use crate::number::{Dual, LaneTask, Lanes, Level, MOST, task};
+use crate::number::{Dual, LaneTask, Lanes, Level, MOST, Real, task};
 
 /// Number of outputs: the coordinates q (9), the multipliers (4), the torques on the fingers (2), and the rates
 /// of x, y, theta, theta_1 and theta_2 (5).
@@ -311,7 +311,7 @@ fn seed(
         tau: variable(input.tau, false),
     };
     let acceleration = frame.acceleration.map(|value| variable(value, true));
-    (input, FrameMotion { acceleration, ..FrameMotion::constant(frame) })
+    (input, FrameMotion { acceleration, ..frame.map(Dual::constant) })
 }
 
 #[cfg(test)]

@@ -28,7 +28,7 @@ task! {
             moving = Some(plant.loads(&frame.at(input.tau), &input.force, q.object, p.object));
         }
         let applied = (input, Carriage::Either(moving.as_ref()));
-        at.equations.terms_of(plant.driven, applied, contacts, motion, Geometry::new(&plant.sides, q, p))
+        at.equations.terms_of(plant.driven, applied, contacts, motion, Geometry::<f64>::of(&plant.sides, q, p))
     }
 }
 task! {

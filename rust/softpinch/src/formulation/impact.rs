@@ -110,7 +110,7 @@ mod tests {
 
     fn pressed(q: Coordinates, p: Coordinates) -> (Geometry<f64>, Plant<f64>) {
         let parameters = Parameters::default();
-        (Geometry::new(&Side::both(&parameters), &q, &p), Plant::new(&parameters, Fingers::Pid, false))
+        (Geometry::<f64>::of(&Side::both(&parameters), &q, &p), Plant::new(&parameters, Fingers::Pid, false))
     }
 
     fn kinetic(plant: &Plant<f64>, p: &Coordinates) -> f64 {

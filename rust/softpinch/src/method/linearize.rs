@@ -422,7 +422,7 @@ mod tests {
         let motion = motion();
         let states = system.size().states;
         let jacobian = tangent.jacobian(&drive(), TAU, &system.begin(&motion));
-        let phi = Geometry::new(&Side::both(&parameters()), &motion.q, &motion.p).constraint_matrix();
+        let phi = Geometry::<f64>::of(&Side::both(&parameters()), &motion.q, &motion.p).constraint_matrix();
         let weights =
             SMatrix::<f64, 9, 9>::from_diagonal(&parameters().masses().row().map(|m| 1.0 / m).into());
         let schur = (phi * weights * phi.transpose()).try_inverse().unwrap();

@@ -95,7 +95,8 @@ impl Parts for Any {}
 pub struct Side<R> {
     link: OneLink<R>,
     face: ParallelFace<R>,
-    radius: R,
+    /// The radius a of the tip.
+    pub(crate) radius: R,
     /// The parts, if one of the scene is not the paper's.
     others: Option<(Mechanism<R>, Surface<R>)>,
 }
@@ -122,9 +123,8 @@ impl<R: Real> Side<R> {
 
     inlined! {
         pub(crate) is_curved(&self) -> bool =
-            matches!(Any::numbers::<R, _>(&self.others), Some((_, surface)) if surface.is_curved());
+            matches!(Any::numbers::<R, _>(&self.others), Some((_, surface)) if surface.curved);
         pub both(source: &impl Source<R>) -> [Self; 2] = [Self::new(source, 0), Self::new(source, 1)];
-        pub(crate) radius(&self) -> R = self.radius;
     }
 
     #[inline(always)]

@@ -63,10 +63,6 @@ impl<R: Real> FrameMotion<R> {
         [gravity.mul_add(self.sin, x), gravity.mul_add(self.cos, y)]
     }
 
-    pub fn constant(own: &FrameMotion<f64>) -> Self {
-        own.map(R::constant)
-    }
-
     pub fn map<S: Real>(&self, to: impl Fn(R) -> S) -> FrameMotion<S> {
         let Self { acceleration, sin, cos, turning } = *self;
         let turning = turning.map(|rates| rates.map(&to));

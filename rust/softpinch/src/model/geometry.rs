@@ -19,14 +19,6 @@ pub struct Geometry<R, P = Any> {
     pub contacts: [Contact<R, P>; 2],
 }
 
-impl<R: Real> Geometry<R> {
-    /// The geometry at coordinates `q` and velocities `p`.
-    #[inline(always)]
-    pub fn new(sides: &[Side<R>; 2], q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
-        Self::of(sides, q, p)
-    }
-}
-
 struct Compute<'a, R, P>(&'a [Side<R>; 2], &'a Coordinates<R>, &'a Coordinates<R>, PhantomData<P>);
 
 impl<R: Real, P: Parts> LaneTask<R> for Compute<'_, R, P> {
@@ -39,7 +31,7 @@ impl<R: Real, P: Parts> LaneTask<R> for Compute<'_, R, P> {
 }
 
 impl<R: Real, P: Parts> Geometry<R, P> {
-    /// [`Geometry::new`] for the contacts `P`.
+    /// The geometry at coordinates `q` and velocities `p`.
     #[inline(always)]
     pub fn of(sides: &[Side<R>; 2], q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
         // Steps and corrections of other parts share one piece of code.
@@ -165,10 +157,10 @@ impl<R: Real, P: Parts> Geometry<R, P> {
 }
 
 impl Geometry<f64> {
-    /// [`Geometry::new`] of a scene, in code that is called.
+    /// [`Geometry::of`] for a scene, in code that is called.
     #[inline(never)]
     pub fn of_scene(parameters: &Parameters, q: &Coordinates, p: &Coordinates) -> Self {
-        Self::new(&Side::both(parameters), q, p)
+        Self::of(&Side::both(parameters), q, p)
     }
 
     /// [`Geometry::constrained`] likewise.

@@ -4,9 +4,7 @@
 //! lane, which is `f64` itself (`scalar.rs`); the vectors of the processor are in `simd/x86.rs`. Code that is
 //! written in terms of [`Lanes`] gives each lane the bits that its run would have alone.
 
-use crate::number::{Instructions, Real, inlined};
-
-pub use crate::number::real::{Bits, LaneTask};
+use crate::number::{Bits, Instructions, LaneTask, Real, inlined};
 
 /// The largest width of any [`Lanes`].
 pub const MOST: usize = 8;

@@ -32,7 +32,7 @@ impl EventStepper<'_> {
             let geometry = self.geometry(&motion);
             let (gap, beside) =
                 (geometry.residuals()[i], geometry.places()[i].abs() <= self.limits.half_height[i]);
-            if self.run.contacts[i].closed || (beside && gap < -OVERLAP * sides[i].radius()) {
+            if self.run.contacts[i].closed || (beside && gap < -OVERLAP * sides[i].radius) {
                 motion.q.compression[i] -= gap;
                 self.run.log.push(Passage::Jump(ContactJump::Meet(i)));
             }

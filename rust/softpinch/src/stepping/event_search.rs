@@ -52,7 +52,7 @@ pub struct EventStepper<'a> {
 
 task! {
     ['a] GeometryOf<'a>(sides: &'a [Side<f64>; 2], motion: &'a Motion<f64>) for f64 => Geometry<f64> =
-        Geometry::new(sides, &motion.q, &motion.p)
+        Geometry::<f64>::of(sides, &motion.q, &motion.p)
 }
 
 impl EventStepper<'_> {

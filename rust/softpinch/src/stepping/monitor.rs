@@ -175,7 +175,7 @@ impl<R: Lanes> Limits<R> {
     /// The compression at which contact `i` reaches the rim of its tip.
     #[inline(always)]
     fn rim(&self, at: &Evaluation<R>, i: usize) -> R {
-        let (d_n, radius) = (at.motion.q.compression[i], self.sides[i].radius());
+        let (d_n, radius) = (at.motion.q.compression[i], self.sides[i].radius);
         if !self.sides[i].is_curved() {
             return radius * (R::constant(1.0) - at.sin_tilt[i].abs());
         }
@@ -199,7 +199,7 @@ impl<R: Lanes> Limits<R> {
         mut take: impl FnMut(Condition<R>),
     ) {
         let Motion { q, p, .. } = &at.motion;
-        let (d_n, radius) = (q.compression[i], self.sides[i].radius());
+        let (d_n, radius) = (q.compression[i], self.sides[i].radius);
         let (along, across, v) = (at.multipliers[i], at.multipliers[2 + i], at.residuals[2 + i]);
         let places = at.places.map(R::abs);
         let half = self.half_height[i];
@@ -324,7 +324,7 @@ task! {
         let (mut least, mut at_end) = (infinity, infinity);
         let inside = [limits.half_height[0] - now.places[0].abs(), limits.half_height[1] - now.places[1].abs()];
         for i in 0..2 {
-            let (d_n, per_length) = (now.motion.q.compression[i], one / limits.sides[i].radius());
+            let (d_n, per_length) = (now.motion.q.compression[i], one / limits.sides[i].radius);
             let (force, across) = (now.multipliers[i] * limits.per_force[i], now.multipliers[2 + i].abs());
             let cone = limits.friction[i].mul_add(force, -across * limits.per_force[i]);
             let (mut touching, mut sticks, mut slips) = (Bits::MAX, 0, 0);

@@ -2,7 +2,7 @@
 //! [`Lanes`](super::lanes::Lanes). This is the only unsafe code of the crate.
 //!
 //! On x86-64 all hot code is compiled for AVX2 with FMA, and code in lanes for AVX-512 as well. The code of a
-//! [`LaneTask`](super::lanes::LaneTask) is inlined into one function for each kind of
+//! [`LaneTask`](super::LaneTask) is inlined into one function for each kind of
 //! [`Lanes`](super::lanes::Lanes), and that function has the instructions enabled. Every kind performs the
 //! same operations, so the results have the same bits. A single run gains nothing from AVX-512 (measured:
 //! within the noise of AVX2), so it has no AVX-512 code. An x86-64 processor without AVX2 and FMA is refused

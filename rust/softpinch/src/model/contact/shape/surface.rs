@@ -14,19 +14,19 @@
 
 use super::ShapeKind;
 use crate::model::Source;
-use crate::number::{Real, inlined, signed};
+use crate::number::{Real, signed};
 
 #[derive(Debug, Clone, Copy)]
 pub struct Surface<R> {
     /// The apex from the centre of gravity, along the object's axes.
-    apex: [R; 2],
+    pub(in crate::model) apex: [R; 2],
     /// beta, its sine and its cosine.
     tilt: R,
     sin: R,
     cos: R,
     /// 1/R.
     curvature: R,
-    curved: bool,
+    pub(in crate::model) curved: bool,
 }
 
 /// The foot of the perpendicular from a tip's centre. Vectors are along the object's axes.
@@ -58,12 +58,6 @@ impl<R: Real> Surface<R> {
         }
         let (sin, cos) = tilt.sin_cos();
         Self { apex: [signed(i, -width), height], tilt, sin, cos, curvature, curved }
-    }
-
-    inlined! {
-        /// The apex from the centre of gravity, along the object's axes.
-        pub(in crate::model) apex(&self) -> [R; 2] = self.apex;
-        pub(in crate::model::contact) is_curved(&self) -> bool = self.curved;
     }
 
     /// The foot of the perpendicular from `place`, which is given from the centre of gravity.
