@@ -15,7 +15,7 @@
 
 use crate::formulation::Constrained;
 use crate::model::{Contacts, Coordinates, Geometry, Parts, Plant, each_coordinate};
-use crate::number::{LaneTask, Real, signed};
+use crate::number::{LaneTask, Real, signed, task};
 
 /// Forces, couples and friction at one state.
 #[derive(Debug, Clone, Copy)]
@@ -80,20 +80,11 @@ pub fn response<R: Real, P: Parts>(
     if P::OTHERS || R::ORDER > 0 { R::outlined(solve) } else { solve.run() }
 }
 
-struct Solve<'a, R, P> {
-    driven: bool,
-    geometry: &'a Geometry<R, P>,
-    plant: &'a Plant<R>,
-    contacts: &'a Contacts<R>,
-    load: &'a Load<R>,
-}
-
-impl<R: Real, P: Parts> LaneTask<R> for Solve<'_, R, P> {
-    type Output = Response<R>;
-
-    #[inline(always)]
-    fn run(self) -> Response<R> {
-        let Self { driven, geometry, plant, contacts, load } = self;
+task! {
+    ['a, R: Real, P: Parts]
+    Solve<'a, R, P>(driven: bool, geometry: &'a Geometry<R, P>, plant: &'a Plant<R>, contacts: &'a Contacts<R>,
+        load: &'a Load<R>)
+    for R => Response<R> = {
         let (force, w) = (&load.force, &plant.inverse_masses);
         let (zero, one) = (R::zero(), R::constant(1.0));
         let mut unforced = each_coordinate!([force, w] => force * w);

@@ -221,21 +221,12 @@ task! {
     pub(crate) ['a, R: Lanes] InputAt<'a, R>(drive: &'a SegmentDrive<R>, tau: R) for R => Input<R> = drive.at(tau)
 }
 
-/// Computes the forces of the hand's motion at a stage.
-pub(super) struct Load<'a, R, T> {
-    pub(super) frame: &'a SegmentFrame<R>,
-    /// The plant, and the number of coordinates among the states.
-    pub(super) plant: (&'a Plant<T>, usize),
-    pub(super) input: &'a Input<T>,
-    pub(super) at: StageState<'a, T>,
-}
-
-impl<R: Lanes, T: Lift<R>> LaneTask<T> for Load<'_, R, T> {
-    type Output = FrameLoads<T>;
-
-    #[inline(always)]
-    fn run(self) -> FrameLoads<T> {
-        let Self { frame, plant: (plant, degrees), input, at: StageState { from, by, along } } = self;
+task! {
+    /// Computes the forces of the hand's motion at a stage, from the plant and the number of coordinates among the states.
+    pub(super) ['a, R: Lanes, T: Lift<R>]
+    Load<'a, R, T>(frame: &'a SegmentFrame<R>, plant: (&'a Plant<T>, usize), input: &'a Input<T>, at: StageState<'a, T>)
+    for T => FrameLoads<T> = {
+        let ((plant, degrees), StageState { from, by, along }) = (plant, at);
         let (mut q, mut p) = ([T::zero(); 3], [T::zero(); 3]);
         for n in 0..3 {
             q[n] = along[n].mul_add(by, from[n]);

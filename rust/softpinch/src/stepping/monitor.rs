@@ -144,18 +144,12 @@ impl<R: Lanes> Limits<R> {
         let infinity = R::constant(f64::INFINITY);
         Self {
             sides: Side::both(source),
-            least: [
-                source.number(|p| -SEPARATION * p.tips[0].radius),
-                source.number(|p| -SEPARATION * p.tips[1].radius),
-            ],
+            least: [0, 1].map(|i| source.number(|p| -SEPARATION * p.tips[i].radius)),
             friction,
             limited: friction[0].less(infinity) | friction[1].less(infinity),
             half_height: [half_length(source, 0), half_length(source, 1)],
             curvature: [curvature(source, 0), curvature(source, 1)],
-            per_force: [
-                source.number(|p| 1.0 / (p.modulus(0) * p.tips[0].radius.powi(2))),
-                source.number(|p| 1.0 / (p.modulus(1) * p.tips[1].radius.powi(2))),
-            ],
+            per_force: [0, 1].map(|i| source.number(|p| 1.0 / (p.modulus(i) * p.tips[i].radius.powi(2)))),
         }
     }
 
@@ -371,22 +365,13 @@ fn curvature<R: Real>(source: &impl Source<R>, i: usize) -> R {
     }
 }
 
-/// The point at which a tip seems to leave the object, to be pressed flat or to fold, and then to come back
-/// between two states. It is a share of the step of length `h` between them. It is found on the cubic through
-/// values and rates at both ends, because a step may be long. This is rare, so the code is called.
-pub(crate) struct ViolatingTurningPoint<'a> {
-    pub parameters: &'a Parameters,
-    pub ends: [&'a Motion<f64>; 2],
-    pub h: f64,
-}
-
-impl LaneTask<f64> for ViolatingTurningPoint<'_> {
-    type Output = Option<f64>;
-
-    #[inline(always)]
-    fn run(self) -> Option<f64> {
-        let Self { parameters, ends: [before, after], h } = self;
-        let sides = Side::both(parameters);
+task! {
+    /// The point at which a tip seems to leave the object, to be pressed flat or to fold, and then to come back
+    /// between two states. It is a share of the step of length `h` between them. It is found on the cubic through
+    /// values and rates at both ends, because a step may be long. This is rare, so the code is called.
+    pub(crate) ['a]
+    ViolatingTurningPoint<'a>(parameters: &'a Parameters, ends: [&'a Motion<f64>; 2], h: f64) for f64 => Option<f64> = {
+        let ([before, after], sides) = (ends, Side::both(parameters));
         for i in 0..2 {
             let a = parameters.tips[i].radius;
             let tilt = |motion: &Motion<f64>| {
