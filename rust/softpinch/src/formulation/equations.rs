@@ -59,6 +59,7 @@ impl<R: Real> Evaluation<R> {
     }
 
     /// What the monitors need of a motion with this geometry. Grazing contacts have the parts `share`.
+    #[inline(always)]
     pub(crate) fn of_contacts(
         motion: &Motion<R>,
         multipliers: &[R; 4],
@@ -373,15 +374,6 @@ fn evaluated<R: Real, E: Equations<R>>(
             }
         });
     }
-    Evaluation {
-        rate,
-        motion,
-        multipliers,
-        residuals: terms.geometry.residuals(),
-        tilt: terms.geometry.tilt(),
-        sin_tilt: terms.geometry.sin_tilt(),
-        places: terms.geometry.places(),
-        torque: terms.forces.torque,
-        share,
-    }
+    let torque = terms.forces.torque;
+    Evaluation { rate, torque, ..Evaluation::of_contacts(&motion, &multipliers, &terms.geometry, share) }
 }

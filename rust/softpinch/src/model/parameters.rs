@@ -318,21 +318,18 @@ impl Parameters {
         }
     }
 
-    /// The kind of finger `i`.
     #[inline]
-    pub fn mechanism(&self, i: usize) -> MechanismKind {
+    pub(crate) fn mechanism(&self, i: usize) -> MechanismKind {
         MechanismKind::of(self.mechanisms[i].kind)
     }
 
-    /// The kind of the side that finger `i` touches.
     #[inline]
-    pub fn shape(&self, i: usize) -> ShapeKind {
+    pub(crate) fn shape(&self, i: usize) -> ShapeKind {
         ShapeKind::of(self.shapes[i].kind)
     }
 
-    /// The kind of the law of tip `i`.
     #[inline]
-    pub fn law(&self, i: usize) -> LawKind {
+    pub(crate) fn law(&self, i: usize) -> LawKind {
         LawKind::of(self.laws[i].kind)
     }
 
@@ -376,7 +373,7 @@ impl Parameters {
     }
 
     /// The diagonal of the mass matrix (14).
-    pub fn masses(&self) -> Coordinates {
+    pub(crate) fn masses(&self) -> Coordinates {
         let ([right, left], object) = (&self.tips, &self.grasped);
         Coordinates {
             object: [object.mass, object.mass, object.inertia],
