@@ -114,6 +114,19 @@ impl<R: Lanes> SceneEquations<R> {
             kind: R::call(instructions, Build { choice, source, gains }),
         }
     }
+
+    /// Lets a part of an event of unilateral contact happen to a state at time `tau` of a segment, with an impulse.
+    pub(crate) fn apply(
+        &self,
+        at: (&SegmentDrive<R>, R),
+        y: &mut States<R>,
+        jump: ContactJump,
+        impulse: &[R; 3],
+    ) {
+        let EquationKind::Unilateral(equations) = &self.kind else { return };
+        let input = &R::call(self.instructions, InputAt { drive: at.0, tau: at.1 });
+        R::call(self.instructions, ApplyJump { equations, input, y, jump, impulse });
+    }
 }
 
 /// Copies the components of a derivative that the equations compute.
@@ -393,21 +406,6 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
         with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
             R::call(instructions, Correct { equations, drive, tau, y, ledger });
         });
-    }
-}
-
-impl<R: Lanes> SceneEquations<R> {
-    /// Lets a part of an event of unilateral contact happen to a state at time `tau` of a segment, with an impulse.
-    pub(crate) fn apply(
-        &self,
-        at: (&SegmentDrive<R>, R),
-        y: &mut States<R>,
-        jump: ContactJump,
-        impulse: &[R; 3],
-    ) {
-        let EquationKind::Unilateral(equations) = &self.kind else { return };
-        let input = &R::call(self.instructions, InputAt { drive: at.0, tau: at.1 });
-        R::call(self.instructions, ApplyJump { equations, input, y, jump, impulse });
     }
 }
 

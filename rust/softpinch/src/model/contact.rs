@@ -338,12 +338,6 @@ impl<R: Real, P: Parts> Contact<R, P> {
         )
     }
 
-    /// The components, along the object's own axes, of the force on the object that these multipliers are.
-    #[inline(always)]
-    pub(crate) fn push(&self, i: usize, [normal, tangential]: [R; 2]) -> [R; 2] {
-        self.in_object_axes([signed(i, normal), tangential])
-    }
-
     /// The derivatives of theta_pi by the object's way along its own axes, by its turn and by the finger's coordinate.
     #[inline(always)]
     pub(crate) fn tilt_by(&self, i: usize) -> ([R; 2], R, R) {
@@ -357,6 +351,9 @@ impl<R: Real, P: Parts> Contact<R, P> {
     }
 
     inlined! {
+        /// The components, along the object's own axes, of the force on the object that these multipliers are.
+        pub(crate) push(&self, i: usize, [normal, tangential]: [R; 2]) -> [R; 2] =
+            self.in_object_axes([signed(i, normal), tangential]);
         /// The generalised force of multipliers on the object's turn.
         pub(crate) moment(&self, [normal, tangential]: [R; 2]) -> R = self.a.dot2(normal, self.e, tangential);
         /// The generalised force of multipliers on the finger.

@@ -97,10 +97,8 @@ impl<R: Lanes> SegmentFrame<R> {
 
     fn set(&mut self, lane: usize, own: &SegmentFrame<f64>) {
         set_channels(&mut self.channels, lane, &own.channels);
-        self.wave.set(lane, &own.wave);
-        for (number, own) in self.direction.iter_mut().zip(own.direction) {
-            number.set(lane, own);
-        }
+        set_numbers(&mut self.wave.numbers, lane, &own.wave.numbers);
+        set_numbers(&mut self.direction, lane, &own.direction);
         self.degree = self.degree.max(own.degree);
         (self.swings, self.turns) = (self.swings | own.swings, self.turns | own.turns);
     }
@@ -193,18 +191,14 @@ fn set_channels<R: Lanes, const C: usize>(
     lane: usize,
     own: &[[f64; COEFFICIENTS]; C],
 ) {
-    for (channel, numbers) in channels.iter_mut().zip(own) {
-        for (coefficient, &number) in channel.iter_mut().zip(numbers) {
-            coefficient.set(lane, number);
-        }
+    for (channel, own) in channels.iter_mut().zip(own) {
+        set_numbers(channel, lane, own);
     }
 }
 
-impl<R: Lanes> Wave<R> {
-    fn set(&mut self, lane: usize, own: &Wave<f64>) {
-        for (number, own) in self.numbers.iter_mut().zip(own.numbers) {
-            number.set(lane, own);
-        }
+fn set_numbers<R: Lanes>(numbers: &mut [R], lane: usize, own: &[f64]) {
+    for (number, &own) in numbers.iter_mut().zip(own) {
+        number.set(lane, own);
     }
 }
 
@@ -275,7 +269,7 @@ impl<R: Lanes> SegmentDrive<R> {
             wave.active &= !(1 << lane);
             if let Some(own) = own.waves.get(k) {
                 wave.active |= 1 << lane;
-                wave.set(lane, own);
+                set_numbers(&mut wave.numbers, lane, &own.numbers);
             }
         }
         while self.waves.last().is_some_and(|wave| wave.active == 0) {

@@ -61,12 +61,6 @@ impl<R: Real, P: Parts> Geometry<R, P> {
         Self { sin: object.sin, cos: object.cos, contacts: [right, left] }
     }
 
-    /// The x and y components of a vector that is given along the object's normal and across it.
-    #[inline(always)]
-    pub fn outward(&self, along: R, across: R) -> [R; 2] {
-        [along.dot2(self.cos, -across, self.sin), along.dot2(self.sin, across, self.cos)]
-    }
-
     /// (C_1^H, C_2^H, C_1^N, C_2^N).
     #[inline(always)]
     pub fn residuals(&self) -> [R; 4] {
@@ -96,12 +90,6 @@ impl<R: Real, P: Parts> Geometry<R, P> {
         [right.b * right_turn, left.b * left_turn, right.f * right_turn, left.f * left_turn]
     }
 
-    /// The components of the vector (x, y) along the object's normal and across it.
-    #[inline(always)]
-    pub fn inward(&self, [x, y]: [R; 2]) -> [R; 2] {
-        [x.dot2(self.cos, y, self.sin), y.dot2(self.cos, -x, self.sin)]
-    }
-
     /// Phi x for any vector x (25).
     #[inline(always)]
     pub fn phi_times(&self, x: &Coordinates<R>) -> [R; 4] {
@@ -128,12 +116,6 @@ impl<R: Real, P: Parts> Geometry<R, P> {
         }
     }
 
-    /// Whether the contacts are the paper's. Either both are, or none.
-    #[inline(always)]
-    pub fn is_the_papers(&self) -> bool {
-        self.contacts[0].is_the_papers()
-    }
-
     /// The generalised forces -tau_i T_i of couples tau_i = dP/d theta_pi on the tips: on the object, and on the fingers.
     #[inline(always)]
     pub fn couples(&self, [right, left]: [R; 2]) -> ([R; 3], [R; 2]) {
@@ -147,6 +129,13 @@ impl<R: Real, P: Parts> Geometry<R, P> {
     }
 
     inlined! {
+        /// The x and y components of a vector that is given along the object's normal and across it.
+        pub outward(&self, along: R, across: R) -> [R; 2] =
+            [along.dot2(self.cos, -across, self.sin), along.dot2(self.sin, across, self.cos)];
+        /// The components of the vector (x, y) along the object's normal and across it.
+        pub inward(&self, [x, y]: [R; 2]) -> [R; 2] = [x.dot2(self.cos, y, self.sin), y.dot2(self.cos, -x, self.sin)];
+        /// Whether the contacts are the paper's. Either both are, or none.
+        pub is_the_papers(&self) -> bool = self.contacts[0].is_the_papers();
         /// theta_p of both tips.
         pub tilt(&self) -> [R; 2] = [self.contacts[0].tilt, self.contacts[1].tilt];
         /// sin theta_p of both tips.

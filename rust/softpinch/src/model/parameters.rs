@@ -387,9 +387,7 @@ impl Parameters {
     pub fn mass_matrix(&self) -> SMatrix<f64, 9, 9> {
         SMatrix::from_diagonal(&self.masses().row().into())
     }
-}
 
-impl Parameters {
     /// The flat array that [`Parameters::from_array`] takes.
     pub fn to_array(&self) -> [f64; PARAMETER_COUNT] {
         let Self { fingers, tips, grasped, control, surroundings, friction, .. } = self;
