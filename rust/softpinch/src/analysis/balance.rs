@@ -236,14 +236,12 @@ impl RestScene {
         })
     }
 
-    /// The same scene with other parameters.
-    pub fn with(&self, parameters: Parameters) -> Self {
+    pub(crate) fn with(&self, parameters: Parameters) -> Self {
         let (plant, dual) = plants(&parameters, self.fingers, self.frame.is_some());
         Self { parameters, plant, dual, ..*self }
     }
 
-    /// The same scene under other inputs.
-    pub fn under(&self, input: Input<f64>) -> Self {
+    pub(crate) fn under(&self, input: Input<f64>) -> Self {
         Self { input, ..*self }
     }
 
@@ -254,8 +252,7 @@ impl RestScene {
         if self.frame.is_some() { moving } else { moving.with(self.parameters) }
     }
 
-    /// The inputs of this scene at all times.
-    pub fn inputs(&self) -> Result<Inputs, Error> {
+    pub(crate) fn inputs(&self) -> Result<Inputs, Error> {
         let Input { target, force, .. } = self.input;
         let motion = self.frame.map(|frame| HandMotion::constant(&frame).map(Arc::new)).transpose()?;
         Ok(Inputs::constant(target, force, self.fingers).with_hand_motion(motion))

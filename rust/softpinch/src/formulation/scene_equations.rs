@@ -29,9 +29,6 @@ pub(crate) enum EquationKind<R> {
 /// Evaluates one expression with the equations of any kind. No code is compiled for unilateral contact, or for parts that
 /// are not the paper's, if the constants in brackets are false; then no equations are of these kinds.
 macro_rules! with {
-    ($kind:expr, $equations:ident => $body:expr) => {
-        with!($kind, $equations [true, true] => $body)
-    };
     ($kind:expr, $equations:ident [$unilateral:expr, $any_parts:expr] => $body:expr) => {
         match &$kind {
             EquationKind::Csm($equations) => $body,

@@ -272,11 +272,6 @@ pub fn parameter_table() -> Vec<(String, Rule)> {
     RECORDS.into_iter().flat_map(named).collect()
 }
 
-/// The rules of all parameters, in the order of [`Parameters::from_array`].
-fn rules() -> impl Iterator<Item = Rule> {
-    RECORDS.into_iter().flat_map(|(_, fields)| fields).map(|(_, rule)| *rule)
-}
-
 /// Removes the first `N` numbers from a slice that has at least so many, and returns them.
 fn take<const N: usize>(values: &mut &[f64]) -> [f64; N] {
     let mut taken = [0.0; N];
@@ -289,7 +284,8 @@ fn take<const N: usize>(values: &mut &[f64]) -> [f64; N] {
 impl Parameters {
     /// Builds parameters from the flat array whose entries [`parameter_table`] names, and checks every rule.
     pub fn from_array(values: &[f64; PARAMETER_COUNT]) -> Result<Self, Error> {
-        if rules().zip(values).any(|(rule, &value)| !rule.holds(value)) {
+        let fields = RECORDS.into_iter().flat_map(|(_, fields)| fields);
+        if fields.zip(values).any(|((_, rule), &value)| !rule.holds(value)) {
             // The paths are built only if a rule is broken.
             for ((path, rule), &value) in parameter_table().into_iter().zip(values) {
                 rule.check(path, value)?;
