@@ -71,7 +71,6 @@ def with_load(load: Disturbance) -> sp.Scene:
 
 SAMPLED = replace(SCENE, control=sp.SampledController.pid(1e-3, 4.0, 0.05, 20.0))
 REFUSED: dict[str, tuple[sp.Scene, Any]] = {
-    'need contact = "bilateral"': (replace(SCENE, contact="unilateral", friction=0.5), "gravity"),
     "SampledController": (SAMPLED, "gravity"),
     "'grasped.weight'.*no field 'weight'": (SCENE, "grasped.weight"),
     "'hand.tip.radius'.*is a pair": (SCENE, ["gravity", "hand.tip.radius"]),

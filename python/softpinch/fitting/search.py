@@ -127,7 +127,7 @@ def fit(
     paths = [each.path for each in found]
     for each in scenes:
         refuse_others(each, "fit")
-        require_derivatives(each)
+        require_derivatives(each, through_events="sensitivities of fit")
         shapes(each, paths)
         if options.tolerance is None and move_breakpoints(each, paths):
             rule = "is fitted with tolerance=, not with dt"

@@ -7,6 +7,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..support.arrays import Floats
+
 Modes: TypeAlias = NDArray[np.uint8]
 
 
@@ -26,6 +28,20 @@ class ContactChange(NamedTuple):
     finger: str
     before: ContactMode
     after: ContactMode
+
+    @property
+    def sensitivity(self) -> Mapping[str, Floats]:
+        """Path -> the derivatives of the time, in a run with `sensitivities`; else empty.
+
+        They have the shape of the value at the path, and are NaN where they do not exist.
+        """
+        return getattr(self, "_by_path", {})
+
+
+class DifferentiatedChange(ContactChange):
+    """A change in a run with `sensitivities`."""
+
+    _by_path: Mapping[str, Floats]
 
 
 def active(modes: Modes | None, rows: int) -> NDArray[np.bool_]:

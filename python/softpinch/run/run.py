@@ -21,7 +21,7 @@ from ..support.display import Shown, ShownTable
 from ..support.errors import NotRecordedError
 from ..support.record import plain
 from ..support.table import save_map
-from .contact import ContactChange, ContactMode, known_modes
+from .contact import ContactChange, ContactMode, DifferentiatedChange, known_modes
 from .error_estimate import QUANTITIES, ErrorEstimate
 from .ledger import LEDGER, EnergyLedger
 from .options import Options
@@ -196,12 +196,18 @@ class Run(Shown):
     def contact_changes(self) -> list[ContactChange]:
         """The changes of the contacts' modes, in the order of time; empty in bilateral contact.
 
-        A slip that turns round is a change from SLIP to SLIP.
+        A slip that turns round is a change from SLIP to SLIP. In a run with `sensitivities` each
+        has the derivatives of its time, `run.contact_changes[k].sensitivity[path]`.
         """
-        return [
-            ContactChange(time, finger, ContactMode(before), ContactMode(after))
-            for time, finger, before, after, _ in self._result["contact_changes"]
-        ]
+        slopes, found = self._slopes, self._result["contact_changes"]
+        if slopes is None:
+            return [ContactChange(*each[:2], *map(ContactMode, each[2:4])) for each in found]
+        changes: list[ContactChange] = []
+        for each, by_path in zip(found, slopes._changes(len(found)), strict=True):
+            change = DifferentiatedChange(*each[:2], *map(ContactMode, each[2:4]))
+            change._by_path = by_path
+            changes.append(change)
+        return changes
 
     @property
     def energy(self) -> EnergyLedger:

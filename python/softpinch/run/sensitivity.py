@@ -16,6 +16,7 @@ from ..support.arrays import Floats, read_only
 from ..support.display import Shown, ShownTable
 from ..support.errors import NotRecordedError, StabilityWarning, warn
 from ..support.result import Result
+from .contact import ContactMode
 from .ledger import LEDGER
 from .request import Request
 
@@ -62,6 +63,10 @@ class Sensitivity(Shown, Mapping[str, Floats]):
     too, so that the derivatives have the errors of the run's own accuracy, and at instants of
     `times` inside a step they are those of a step that ends there. At a switch or an impulse a row
     has the derivatives just before it. A path that names no side is both sides' together.
+
+    In unilateral contact they jump at the events of contacts, whose times have derivatives
+    (`ContactChange.sensitivity`). Where an event only just happens, or coincides with another one
+    or with a breakpoint, there are none: from there on they are NaN, with a warning.
     """
 
     def __init__(
@@ -77,6 +82,13 @@ class Sensitivity(Shown, Mapping[str, Floats]):
     def _of(self, quantity: str) -> dict[str, Floats]:
         """Returns path -> the derivatives of a quantity, (n, numbers, ...)."""
         return by_path(self._found[quantity], self._shapes)
+
+    def _changes(self, count: int) -> list[dict[str, Floats]]:
+        """Returns path -> the derivatives of the time, of each of so many changes of contacts."""
+        known = self._found["contact_changes"]
+        missing = np.full((count - len(known), *known.shape[1:]), np.nan)
+        found = by_path(np.concatenate([known, missing]), self._shapes)
+        return [{path: value[k] for path, value in found.items()} for k in range(count)]
 
     def _recorded(self, quantity: str) -> dict[str, Floats]:
         if quantity not in self._record:
@@ -161,6 +173,7 @@ def checked(
         paths = listed(asked)
     if paths:
         require_derivatives(scene)
+        _require_known_start(scene, seeds)
     found = shapes(scene, paths)
     if seeds is not None and found != asked.shapes:  # type: ignore[union-attr]
         raise ValueError("sensitivities: the SensitivityState is that of another scene")
@@ -173,7 +186,7 @@ def differentiated(
     """Computes the derivatives of a run at its recorded times `t`; `wanted` is from `checked`."""
     paths, seeds = wanted
     along = directions(request.scene, list(paths), seeds=seeds)
-    found, failed = _core.sensitivities(request.simulation(), along, t)
+    found, changes, failed = _core.sensitivities(request.simulation(), along, t)
     if failed is not None:
         warn(f"{failed}. The derivatives from there on are NaN", StabilityWarning)
     ends = np.cumsum(list(_core.SENSITIVITIES.values()))[:-1]
@@ -181,4 +194,14 @@ def differentiated(
     # Copies, so that the memory of what was not recorded can be used again.
     left_out = {*_RECORDED} - {*request.options.record}
     kept = {name: part.copy() for name, part in parts.items() if name not in left_out}
-    return Sensitivity(paths, kept, request.options.record)
+    return Sensitivity(paths, kept | {"contact_changes": changes}, request.options.record)
+
+
+def _require_known_start(scene: Scene, seeds: Floats | None) -> None:
+    """Refuses derivatives that go on while a tip is free: that of its frozen tilt is not kept."""
+    start = scene.initial
+    if seeds is None or not isinstance(start, State) or start.contact is None:
+        return
+    if (start.contact[:2] == ContactMode.FREE).any():
+        rule = "a SensitivityState goes on only from a row in which no tip is free"
+        raise ValueError(f"sensitivities: {rule}")

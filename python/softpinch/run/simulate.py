@@ -84,8 +84,9 @@ def simulate(
             "hand.tip.youngs_modulus", "initial.q" or "schedule.angles" (those of `vary` in
             `monte_carlo`), for `Run.sensitivity`. Up to eight numbers make the call six to fourteen
             times as long, depending on the method (docs/derivatives.md). `Sensitivity.at` of
-            another run continues that run's derivatives. For bilateral contact without a
-            `SampledController`. Ctrl-C during this work raises.
+            another run continues that run's derivatives. Not with a `SampledController`; in
+            unilateral contact with "rk4" and "dop853", without the energy. Ctrl-C during this work
+            raises.
 
     Returns:
         The run. A run that fails numerically or physically is also a result; see its status.

@@ -44,12 +44,15 @@ _REFUSED = {
 _Compiled: TypeAlias = tuple[Compiled, ...]
 
 
-def require_derivatives(scene: Scene) -> None:
-    """Refuses a scene whose runs have no derivatives."""
+def require_derivatives(scene: Scene, *, through_events: str | None = None) -> None:
+    """Refuses a scene whose runs have no derivatives.
+
+    `through_events` names what does not follow the changes of contacts.
+    """
     refuse_others(scene, "a run with sensitivities")
-    if scene.contact == "unilateral":
-        why = "the derivative jumps at every change of a contact, which is not computed"
-        raise ValueError(f'sensitivities need contact = "bilateral": {why}')
+    if scene.contact == "unilateral" and through_events is not None:
+        why = "only simulate(..., sensitivities=...) follows the changes of contacts"
+        raise ValueError(f'{through_events}: need contact = "bilateral": {why}')
     if scene.law == "sampled":
         why = "whose torques step from sample to sample"
         raise ValueError(f"sensitivities: not with a SampledController, {why}")
@@ -121,6 +124,7 @@ def directions(
     """
     derived = None if isinstance(scene.initial, State) else scene._start_kind
     start = "driven" if derived and scene.fingers == "driven" else derived
+    start = "contact" if start == "apart" else start
     template = _template(scene if shared is None else shared, paths, varied)
     entries = [(path, at) for path in paths for at in np.ndindex(*template.shapes[path])]
     parameters = np.zeros((len(entries), len(_core.PARAMETERS)))

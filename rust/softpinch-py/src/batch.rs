@@ -28,7 +28,6 @@ type MakeStart = fn(&Parameters) -> Result<Coordinates, Error>;
 pub const STARTS: [(&str, MakeStart); 3] =
     [("contact", start::contact), ("apart", start::apart), ("touching", start::touching)];
 
-/// The initial states of the runs.
 enum Start {
     /// One that follows from the parameters, and whether driven fingers begin where the schedule has them instead.
     Made(MakeStart, bool),
@@ -221,7 +220,6 @@ impl Batch {
     }
 }
 
-/// Rows as a dictionary of arrays.
 fn table<'py>(py: Python<'py>, all: &[Row]) -> PyResult<Bound<'py, PyDict>> {
     let numbers = |of: &dyn Fn(&Row) -> f64| PyArray1::from_iter(py, all.iter().map(of));
     let counts = |of: &dyn Fn(&Row) -> u64| PyArray1::from_iter(py, all.iter().map(of));

@@ -16,13 +16,9 @@ use softpinch::error::{Error, lookup};
 use softpinch::model::{ContactRow, Motion, Parameters, SIDES, State, relaxed};
 use softpinch::stepping::{COLUMNS, Change, Column, Run, reserved};
 
-/// Numbers from Python.
 pub type GivenRow<'py, T = f64> = PyReadonlyArray1<'py, T>;
-/// Rows of numbers from Python.
 pub type GivenRows<'py> = PyReadonlyArray2<'py, f64>;
-/// Numbers for Python.
 pub type Row<'py, T = f64> = Bound<'py, PyArray1<T>>;
-/// Rows of numbers for Python.
 pub type Rows<'py, T = f64> = Bound<'py, PyArray2<T>>;
 
 /// The core's errors mean bad input, so they become `ValueError`.
@@ -135,14 +131,12 @@ pub fn motion(
     Motion { q, p: p.into(), memory, relaxation: filled(relaxed(parameters, &q), branches) }
 }
 
-/// An array of exactly `N` numbers.
 pub fn fixed<const N: usize>(name: &str, values: &GivenRow<'_>) -> PyResult<[f64; N]> {
     let values = values.as_array();
     require(values.len() == N, || format!("{name} has {} numbers: must have {N}", values.len()))?;
     Ok(std::array::from_fn(|k| values[k]))
 }
 
-/// Rows of exactly `N` numbers.
 pub fn columns<const N: usize>(name: &str, values: &GivenRows<'_>) -> PyResult<Vec<[f64; N]>> {
     let values = values.as_array();
     require(values.ncols() == N, || format!("{name} has {} columns: must have {N}", values.ncols()))?;
@@ -190,7 +184,6 @@ macro_rules! dictionary {
 }
 pub(crate) use dictionary;
 
-/// A run as a dictionary of arrays.
 pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<'_, PyDict>> {
     let violations = run.violations().into_py_dict(py)?;
     let recording = run.recording;

@@ -29,7 +29,7 @@ use rest::RestScene;
 use sensitivity::{Directions, gradients, sensitivities};
 use simulation::Simulation;
 use simulator::Simulator;
-use softpinch::analysis::evaluate::Terms;
+use softpinch::analysis::Terms;
 use softpinch::driver::QUANTITIES;
 use softpinch::error::lookup;
 use softpinch::formulation::FORMULATIONS;
@@ -117,7 +117,7 @@ fn consistent(
 
 #[pyfunction]
 fn contacts<'py>(py: Python<'py>, parameters: Physics, q: GivenRows<'py>) -> PyResult<Rows<'py>> {
-    let found = |q: [f64; 9]| softpinch::analysis::evaluate::contacts(&parameters.0, &q.into());
+    let found = |q: [f64; 9]| softpinch::analysis::contacts(&parameters.0, &q.into());
     rows(py, columns::<9>("q", &q)?.into_iter().map(found).collect())
 }
 
@@ -153,7 +153,7 @@ fn evaluate<'py>(
     let motion = convert::motion(&parameters.0, (q, p, integral), &[]);
     let (gains, inputs) =
         (formulation.gains(&Stabilization { alpha, beta }), inputs.of(0, 0.0).map_err(raise)?);
-    let found = softpinch::analysis::evaluate::evaluate(&parameters.0, &inputs, &gains, t, &motion);
+    let found = softpinch::analysis::evaluate(&parameters.0, &inputs, &gains, t, &motion);
     let Terms { mass_matrix, constraint_matrix, vectors, energies } = found.map_err(raise)?;
     let out = dictionary!(py, {
         "mass_matrix": matrix(py, &mass_matrix)?,

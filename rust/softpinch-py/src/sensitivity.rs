@@ -5,12 +5,13 @@ use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 
 use crate::batch::Batch;
-use crate::convert::{GivenRow, GivenRows, columns, entries, raise, require, room, select};
+use crate::convert::{GivenRow, GivenRows, Rows, columns, entries, raise, require, room, select};
 use crate::inputs::Inputs;
 use crate::signals::detached;
 use crate::simulation::Simulation;
-use softpinch::driver::sensitivities as core;
-use softpinch::driver::{COMPONENTS, Derivatives, Direction, Shift, Wanted, derivatives};
+use softpinch::driver::{
+    COMPONENTS, Derivatives, Direction, Shift, Wanted, derivatives, sensitivities as core,
+};
 use softpinch::error::lookup;
 use softpinch::model::{Motion, PARAMETER_COUNT, STARTS, Start};
 use softpinch::stepping::{SUMMARIES, Summary};
@@ -75,23 +76,26 @@ fn shift(row: &[f64; 9]) -> Shift {
 }
 
 /// The derivatives of a run at the times `rows`, (rows, components, directions); `SENSITIVITIES` has the components.
-/// With them comes where they end before the run, in words; from there on they are NaN. Ctrl-C is raised.
+/// With them come those of the times of the contacts' changes, (changes, directions), and where they end before the run,
+/// in words; from there on they are NaN, and changes are missing. Ctrl-C is raised.
 #[pyfunction]
 pub fn sensitivities<'py>(
     py: Python<'py>,
     simulation: &Simulation,
     directions: &Directions,
     rows: GivenRow<'py>,
-) -> PyResult<(Numbers<'py>, Option<String>)> {
+) -> PyResult<(Numbers<'py>, Rows<'py>, Option<String>)> {
     let rows = entries("rows, in numbers,", &rows)?;
     let Simulation { scene, options } = simulation;
     let Directions { directions, start } = directions;
     let wanted = Wanted::Rows(&rows);
-    let found = detached(py, |stops| core::sensitivities(scene, options, *start, directions, wanted, stops))?
+    let found = detached(py, |stops| core(scene, options, *start, directions, wanted, stops))?
         .map_err(raise)?
         .ok_or_else(|| PyKeyboardInterrupt::new_err(()))?;
     let numbers = PyArray1::from_vec(py, found.numbers);
-    Ok((numbers.reshape([rows.len(), COMPONENTS, directions.len()])?, found.failed))
+    let changes = found.changes.len() / directions.len().max(1);
+    let times = PyArray1::from_vec(py, found.changes).reshape([changes, directions.len()])?;
+    Ok((numbers.reshape([rows.len(), COMPONENTS, directions.len()])?, times, found.failed))
 }
 
 /// The derivatives of the last states and of the summaries of the runs of a batch, (runs, directions, 18 + summaries).
@@ -120,14 +124,14 @@ pub fn gradients<'py>(
     let one = |run: usize, stops: &dyn Fn() -> bool| {
         let Directions { directions, start } = own[if own.len() == 1 { 0 } else { run }];
         let wanted = Wanted::Ends { until: until[run], summaries: &summaries };
-        core::sensitivities(&batch.scene(run)?, options, *start, directions, wanted, stops)
+        core(&batch.scene(run)?, options, *start, directions, wanted, stops)
     };
     let found = detached(py, |stops| derivatives(runs, threads, one, &mut || stops()))?
         .map_err(raise)?
         .ok_or_else(|| PyKeyboardInterrupt::new_err(()))?;
     let mut numbers = room("the gradients, in numbers,", runs * width)?;
     let mut failed = Vec::new();
-    for (run, Derivatives { numbers: own, failed: why }) in found.into_iter().enumerate() {
+    for (run, Derivatives { numbers: own, failed: why, .. }) in found.into_iter().enumerate() {
         numbers.extend(own);
         failed.extend(why.map(|why| (run, why)));
     }

@@ -6,17 +6,11 @@
 use std::time::Instant;
 
 use nalgebra::{Rotation2, SMatrix, SVector, Vector2};
-use softpinch::driver::simulate::simulate;
-use softpinch::method::table::Method;
-use softpinch::model::contact::Side;
-use softpinch::model::geometry::Geometry;
-use softpinch::model::inputs::Inputs;
-use softpinch::model::motion::Motion;
-use softpinch::model::parameters::{Parameters, Stabilization};
-use softpinch::model::scene::Scene;
+use softpinch::driver::simulate;
+use softpinch::method::Method;
 use softpinch::model::start::{State, contact};
-use softpinch::stepping::options::{Options, Steps};
-use softpinch::stepping::record::{Column, Recordable, Recording};
+use softpinch::model::{Geometry, Inputs, Motion, Parameters, Scene, Stabilization};
+use softpinch::stepping::{Column, Options, Recordable, Recording, Steps};
 
 /// The rates of q, p and the integrals of (39), and lambda = (lambda^H, lambda^N), under the inputs at the
 /// start.
@@ -25,8 +19,7 @@ fn rates(scene: &Scene, gains: &Stabilization, y: &SVector<f64, 20>) -> (SVector
     let (object, gravity) = (&physics.grasped, physics.surroundings.gravity);
     let (q, p) = (y.fixed_rows::<9>(0).into_owned(), y.fixed_rows::<9>(9).into_owned());
     let (frame, omega) = (Rotation2::new(-q[2]), p[2]); // into the object's own frame, which rotates
-    let phi =
-        Geometry::new(&Side::both(physics), &q.data.0[0].into(), &p.data.0[0].into()).constraint_matrix(); // (25)
+    let phi = Geometry::of_scene(physics, &q.data.0[0].into(), &p.data.0[0].into()).constraint_matrix(); // (25)
     let velocity = phi * p; // the rates of C^H, then C^N (12, 21)
     let quarter = |v: Vector2<f64>| Vector2::new(v.y, -v.x); // rate of a vector turning clockwise
     let (mut errors, mut right) = ([0.0; 2], SVector::<f64, 13>::zeros()); // (24): forces along q, gamma

@@ -3,16 +3,11 @@
 
 use std::time::Instant;
 
-use softpinch::driver::simulate::simulate;
+use softpinch::driver::simulate;
 use softpinch::error::Error;
-use softpinch::model::coordinates::Coordinates;
-use softpinch::model::inputs::Inputs;
-use softpinch::model::parameters::Parameters;
-use softpinch::model::piecewise::PiecewisePolynomial;
-use softpinch::model::scene::Scene;
 use softpinch::model::start::{State, contact};
-use softpinch::stepping::options::{Options, Steps};
-use softpinch::stepping::record::{Column, Run};
+use softpinch::model::{Coordinates, Inputs, Parameters, PiecewisePolynomial, Scene};
+use softpinch::stepping::{Column, Options, Run, Steps};
 
 /// Targets of the right and the left finger, degrees.
 const OPERATIONS: [[f64; 2]; 8] = [

@@ -8,10 +8,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use softpinch::error::Error;
-use softpinch::number::lanes::{LaneTask, Lanes};
-use softpinch::number::real::Real;
-use softpinch::number::simd::dispatch::{LaneKernel, dispatch_lanes};
-use softpinch::number::simd::level::{Instructions, LEVELS, Level};
+use softpinch::number::{Instructions, LEVELS, LaneKernel, LaneTask, Lanes, Level, Real, dispatch_lanes};
 
 /// Operations on each number between two readings of the clock.
 const LENGTH: u64 = 200_000;

@@ -33,10 +33,7 @@ pub enum Error {
     #[error(
         "the {finger} fingertip cannot touch the object, wherever its finger is. Change the object's size, hand.{finger} or the tip's radius"
     )]
-    Untouched {
-        /// Name of the finger.
-        finger: &'static str,
-    },
+    Untouched { finger: &'static str },
     /// No angle of the finger brings the tip to the face.
     #[error(
         "the {finger} fingertip cannot touch the object at any angle: the finger would have to \
@@ -50,26 +47,14 @@ pub enum Error {
         "initial state is inconsistent: {constraint} = {value:.3e} {unit}, allowed is {allowed:.1e}. \
          State.consistent() makes a consistent one; State(check=False) starts off the constraints"
     )]
-    Inconsistent {
-        constraint: &'static str,
-        value: f64,
-        unit: &'static str,
-        /// Largest residual that counts as round-off.
-        allowed: f64,
-    },
-    /// A schedule that driven fingers cannot follow.
+    Inconsistent { constraint: &'static str, value: f64, unit: &'static str, allowed: f64 },
+    /// A schedule that driven fingers cannot follow: it `steps` or `kinks`.
     #[error(
         "{name} {what} at t = {}: fingers=\"driven\" would need an infinite acceleration there. \
          minimum_jerk moves smoothly; fingers=\"pid\" may follow any schedule",
         seconds(*time)
     )]
-    NotSmooth {
-        name: &'static str,
-        /// Time of the jump or the kink, s.
-        time: f64,
-        /// The verb of the message: the schedule `steps` or `kinks`.
-        what: &'static str,
-    },
+    NotSmooth { name: &'static str, time: f64, what: &'static str },
     /// The initial state has driven fingers away from their schedule.
     #[error(
         "{place} = {value:?}: with fingers=\"driven\" must be what the schedule has at the start, {asked:?}"
@@ -85,6 +70,9 @@ pub enum Error {
         seconds(*time)
     )]
     NoDerivative { time: f64, correction: f64 },
+    /// A run has no derivative after an event of its contacts.
+    #[error("sensitivities: at t = {} {why}, so there are no derivatives", seconds(*time))]
+    NoEventDerivative { time: f64, why: &'static str },
     /// A name that is not in a table.
     #[error("{field} = {name:?}: must be one of {allowed}")]
     Unknown { field: &'static str, name: String, allowed: String },

@@ -1,8 +1,8 @@
 //! The mechanics of a planar pinch with two soft fingertips (Inoue and Hirai, "Dynamic Stable Manipulation
 //! via Soft-fingered Hand", ICRA 2007), with the errata of the paper corrected.
 //!
-//! A scene consists of [`model::parameters`], [`model::inputs`] and an initial state. [`driver::simulate()`]
-//! runs a scene once, [`driver::ensemble()`] runs many, [`driver::simulator`] steps runs from outside. This is the paper's
+//! A scene consists of `model::parameters`, `model::inputs` and an initial state. [`driver::simulate()`]
+//! runs a scene once, [`driver::ensemble()`] runs many, [`driver::Simulator`] steps runs from outside. This is the paper's
 //! operation 1, from the first contact of the tips to a grip at 6 degrees:
 //!
 //! ```
@@ -31,20 +31,20 @@
 //! | module | contents | equations |
 //! |---|---|---|
 //! | [`number`] | real numbers, lanes of several runs, instructions, derivatives, sines, small solves | |
-//! | [`model::parameters`] | hand, tips, object, gains, and their rules | Tables I, II |
-//! | [`model::contact::mechanism`] | the tip's centre and its tilt | (7), (8), (11) |
-//! | [`model::contact::shape`] | the object's sides | |
-//! | [`model::contact::law`] | elastic energy of a tip and its gradient | (5), (34), (35) |
-//! | [`model::contact`] | one contact: tilt, residuals, rows and their rates | (6), (9), (10), (12), (26)-(30) |
-//! | [`model::coordinates`] | the record of numbers by coordinate | (15) |
-//! | [`model::geometry`] | both contacts: the constraint matrix | (17), (21), (25) |
-//! | [`model::energy`] | energies, ledger | (16) |
-//! | [`model::forces`] | applied forces, the mass matrix | (14), (31)-(33), (43)-(45) |
-//! | [`model::control`] | finger torques | (39) |
-//! | [`model::inputs`], [`model::drive`], [`model::noise`] | schedules, disturbances | (40)-(42) |
-//! | [`model::sampled`], [`model::measures`] | discrete controllers | |
+//! | `model::parameters` | hand, tips, object, gains, and their rules | Tables I, II |
+//! | `model::contact::mechanism` | the tip's centre and its tilt | (7), (8), (11) |
+//! | `model::contact::shape` | the object's sides | |
+//! | `model::contact::law` | elastic energy of a tip and its gradient | (5), (34), (35) |
+//! | `model::contact` | one contact: tilt, residuals, rows and their rates | (6), (9), (10), (12), (26)-(30) |
+//! | `model::coordinates` | the record of numbers by coordinate | (15) |
+//! | `model::geometry` | both contacts: the constraint matrix | (17), (21), (25) |
+//! | `model::energy` | energies, ledger | (16) |
+//! | `model::forces` | applied forces, the mass matrix | (14), (31)-(33), (43)-(45) |
+//! | `model::control` | finger torques | (39) |
+//! | `model::inputs`, `model::drive`, `model::noise` | schedules, disturbances | (40)-(42) |
+//! | `model::sampled`, `model::measures` | discrete controllers | |
 //! | [`model::start`] | initial states | |
-//! | [`model::contact_modes`] | modes of contacts that slip and open | |
+//! | `model::contact_modes` | modes of contacts that slip and open | |
 //! | [`formulation`] | how constraints are kept; unilateral contact, impacts, the choice of modes | (19)-(24) |
 //! | [`method`] | how time is stepped | |
 //! | [`stepping`] | the two step loops, times of steps, events of contacts, monitors, summaries, recording | |

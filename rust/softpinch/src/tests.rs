@@ -121,7 +121,7 @@ fn runs_agree_with_the_specification() {
 #[test]
 fn the_kernel_multiplies_by_the_constraint_matrix() {
     let Scene { parameters, initial, .. } = lopsided();
-    let geometry = Geometry::new(&Side::both(&parameters), &initial.motion.q, &initial.motion.p);
+    let geometry = Geometry::<f64>::of(&Side::both(&parameters), &initial.motion.q, &initial.motion.p);
     let phi = geometry.constraint_matrix();
     let close = |found: &[f64], expected: &[f64]| {
         found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() <= 1e-15)

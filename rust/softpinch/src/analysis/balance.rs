@@ -69,10 +69,8 @@ impl Member {
     }
 }
 
-/// The forces of a state at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Balance<R> {
-    /// The coordinates.
     pub q: Coordinates<R>,
     /// theta_p of both tips.
     pub tilt: [R; 2],
@@ -82,12 +80,10 @@ pub struct Balance<R> {
     pub forces: [R; 5],
     /// The torques of the fingers' laws, N m; without meaning where a finger is held.
     pub torque: [R; 2],
-    /// The multipliers, N.
     pub multipliers: [R; 4],
 }
 
 impl<R: Real> Balance<R> {
-    /// The forces of these unknowns.
     #[inline(always)]
     fn new(
         plant: &Plant<R>,
@@ -111,7 +107,7 @@ impl<R: Real> Balance<R> {
         for i in 0..2 {
             left_over[FINGER + i] = left_over[FINGER + i] - forces.torque[i];
             tilt[i] = geometry.contacts[i].tilt;
-            let thickness = plant.sides[i].radius() - q.compression[i];
+            let thickness = plant.sides[i].radius - q.compression[i];
             sigma[i] = thickness.mul_add(tilt[i], signed(i, geometry.contacts[i].place)) + q.shear[i];
         }
         let balance = Self { q, tilt, sigma, forces: left_over, torque: forces.torque, multipliers };
@@ -127,7 +123,7 @@ fn seeded<R: Lanes, const W: usize>(
     z: &Unknowns<Dual<R, W>>,
 ) -> (Balance<Dual<R, W>>, [[f64; 5]; 2]) {
     let input = scene.input.map(Dual::constant);
-    let frame = scene.frame.as_ref().map(FrameMotion::constant);
+    let frame = scene.frame.map(|frame| frame.map(Dual::constant));
     let (found, geometry) = Balance::new(plant, (&input, frame.as_ref()), z);
     let mut no_slip = [[0.0; 5]; 2];
     for (i, row) in no_slip.iter_mut().enumerate() {
@@ -141,7 +137,6 @@ fn seeded<R: Lanes, const W: usize>(
 }
 
 impl Balance<Directions> {
-    /// A balance of zeros.
     fn nothing() -> Self {
         let (zero, q) = (Directions::zero(), Coordinates::zero());
         let (pair, forces) = ([zero; 2], [zero; 5]);
@@ -212,7 +207,6 @@ pub struct RestScene {
 pub struct Rows {
     pub(super) values: Unknowns,
     pub(super) jacobian: [Unknowns; UNKNOWNS],
-    /// The forces.
     pub balance: Balance<f64>,
     pub(super) forces: [Unknowns; 5],
     pub(super) sigma: [Unknowns; 2],
@@ -242,14 +236,12 @@ impl RestScene {
         })
     }
 
-    /// The same scene with other parameters.
-    pub fn with(&self, parameters: Parameters) -> Self {
+    pub(crate) fn with(&self, parameters: Parameters) -> Self {
         let (plant, dual) = plants(&parameters, self.fingers, self.frame.is_some());
         Self { parameters, plant, dual, ..*self }
     }
 
-    /// The same scene under other inputs.
-    pub fn under(&self, input: Input<f64>) -> Self {
+    pub(crate) fn under(&self, input: Input<f64>) -> Self {
         Self { input, ..*self }
     }
 
@@ -260,8 +252,7 @@ impl RestScene {
         if self.frame.is_some() { moving } else { moving.with(self.parameters) }
     }
 
-    /// The inputs of this scene at all times.
-    pub fn inputs(&self) -> Result<Inputs, Error> {
+    pub(crate) fn inputs(&self) -> Result<Inputs, Error> {
         let Input { target, force, .. } = self.input;
         let motion = self.frame.map(|frame| HandMotion::constant(&frame).map(Arc::new)).transpose()?;
         Ok(Inputs::constant(target, force, self.fingers).with_hand_motion(motion))

@@ -22,9 +22,7 @@ type Matrix = SMatrix<f64, SIZE, SIZE>;
 const FIRST: f64 = 0.02;
 const LONGEST: f64 = 0.1;
 const SHORTEST: f64 = 1e-9;
-/// Most steps along a curve.
 const STEPS: usize = 5_000;
-/// Most iterations of a step.
 const ITERATIONS: usize = 8;
 /// The cosine of the largest turn of the tangent in a step.
 const STRAIGHT: f64 = 0.98;
@@ -49,7 +47,6 @@ pub struct Point {
 
 /// How a search along a curve ends.
 pub enum End<E> {
-    /// The whole change is made.
     Reached(Rest),
     /// An event ends the search.
     Event(E, Point),
@@ -65,7 +62,6 @@ struct System {
     balances: bool,
     /// The derivatives by unknowns and share; the last row is left free.
     matrix: Matrix,
-    /// Minus the rows.
     load: Vector,
     error: f64,
 }

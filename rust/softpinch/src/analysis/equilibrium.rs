@@ -111,7 +111,7 @@ pub(super) fn leaves(scene: &RestScene, rest: &Rest) -> Option<Violation> {
 pub fn violations(scene: &RestScene, rest: &Rest) -> ViolationSet {
     let balance = &rest.rows.balance;
     let motion = Motion { q: balance.q, ..Motion::zero() };
-    let geometry = Geometry::new(&scene.plant.sides, &motion.q, &motion.p);
+    let geometry = Geometry::<f64>::of(&scene.plant.sides, &motion.q, &motion.p);
     let now = Evaluation::of_contacts(&motion, &balance.multipliers, &geometry, [0.0; 2]);
     let found: [_; VIOLATIONS.len()] = Limits::<f64>::new(&scene.parameters).violated(&now, None);
     ViolationSet::of(&found, 0)

@@ -15,14 +15,11 @@ use crate::number::{Level, signed};
 pub type Matrix<const R: usize, const C: usize> = SMatrix<f64, R, C>;
 
 /// Every term at one state. The forces act on q: M p-dot is their sum plus Phi^T lambda.
+#[allow(missing_docs)] // of fields that their types explain
 pub struct Terms {
-    /// The mass matrix (14).
     pub mass_matrix: Matrix<9, 9>,
-    /// Phi (25).
     pub constraint_matrix: Matrix<4, 9>,
-    /// The vectors by their names.
     pub vectors: [(&'static str, Vec<f64>); 11],
-    /// Kinetic, elastic and gravity energy.
     pub energies: Energies,
 }
 
@@ -51,7 +48,7 @@ pub fn evaluate(
     let moving = frame.map(|frame| plant.loads(&frame, &input.force, q.object, p.object));
     let mut outside = input.force;
     if let Some(frame) = frame {
-        [outside[0], outside[1]] = frame.into_hand([outside[0], outside[1]]);
+        [outside[0], outside[1]] = frame.in_hand_axes([outside[0], outside[1]]);
     }
     let Response { multipliers, acceleration: accelerations, .. } = response;
     let [right, left] = forces.elastic;

@@ -12,13 +12,12 @@ use crate::model::{
     ContactModel, ContactRow, Coordinates, DIRECTIONS, Fingers, FrameMotion, Geometry, Input, Inputs, Mode,
     Motion, Parameters, Rule, SegmentDrive, Stabilization,
 };
-use crate::number::{Dual, LaneTask, Lanes, Level, MOST, task};
+use crate::number::{Dual, LaneTask, Lanes, Level, MOST, Real, task};
 
 /// Number of outputs: the coordinates q (9), the multipliers (4), the torques on the fingers (2), and the rates
 /// of x, y, theta, theta_1 and theta_2 (5).
 pub const OUTPUTS: usize = 20;
 
-/// Most iterations of an eigenvalue problem.
 const MOST_ITERATIONS: usize = 10_000;
 
 /// How the motion is linearised.
@@ -46,7 +45,7 @@ pub struct LinearModel {
     /// Of the operating point: the states, which are coordinates (with d_n of free tips), their rates, the rates of d_t of
     /// tips that do not stick, d_t1 and d_t2, branches of tips, and the memories of PID controllers; their rates, zero at an equilibrium; the inputs, which are target angles or torques
     /// (2), for driven fingers their rates (2) and accelerations (2) too, F_x, F_y and the moment, and the acceleration
-    /// of the hand's frame along its own axes (2); and the outputs, [`OUTPUTS`].
+    /// of the hand's frame along its own axes (2); and the outputs, `OUTPUTS`.
     pub vectors: [DVector<f64>; 4],
 }
 
@@ -161,7 +160,8 @@ impl<'a> Problem<'a> {
         let input = self.drive.at(0.0_f64);
         let driven = self.runs.choice.fingers == Fingers::Driven;
         let frame = self.drive.frame.as_ref().map_or_else(FrameMotion::still, |frame| frame.at(0.0));
-        let values = list(&input, &frame, driven);
+        let mut values = Vec::new();
+        inputs(&input, &frame, driven, |value, varies| values.extend(varies.then_some(value)));
         let Runs { instructions, mut choice, parameters: [parameters, ..], .. } = self.runs;
         // The weights are forces of the motion, which may be that of a hand at rest.
         choice.moves = true;
@@ -273,18 +273,25 @@ pub fn growth(
     Some((rates.iter().map(|rate| rate.re).fold(f64::NEG_INFINITY, f64::max), largest))
 }
 
-/// The inputs in their order.
-fn list(input: &Input<f64>, frame: &FrameMotion<f64>, driven: bool) -> Vec<f64> {
-    let mut values = input.target.to_vec();
-    if driven {
-        values.extend(input.target_rate);
-        values.extend(input.target_acceleration);
-    }
-    values.extend(input.force.iter().chain(&frame.acceleration));
-    values
+/// The inputs and the acceleration of the hand with the numbers that `number` makes of theirs, in the order of the model's
+/// inputs. It also gets whether a number is one of these.
+fn inputs<D>(
+    input: &Input<f64>,
+    frame: &FrameMotion<f64>,
+    driven: bool,
+    mut number: impl FnMut(f64, bool) -> D,
+) -> (Input<D>, [D; 2]) {
+    let input = Input {
+        target: input.target.map(|value| number(value, true)),
+        target_rate: input.target_rate.map(|value| number(value, driven)),
+        target_acceleration: input.target_acceleration.map(|value| number(value, driven)),
+        force: input.force.map(|value| number(value, true)),
+        tau: number(input.tau, false),
+    };
+    (input, frame.acceleration.map(|value| number(value, true)))
 }
 
-/// The inputs in the order of [`list`], as variables of the directions from `first` on.
+/// The [`inputs`] as variables of the directions from `first` on.
 fn seed(
     input: &Input<f64>,
     frame: &FrameMotion<f64>,
@@ -292,20 +299,12 @@ fn seed(
     first: usize,
 ) -> (Input<Dual<f64, DIRECTIONS>>, FrameMotion<Dual<f64, DIRECTIONS>>) {
     let mut next = first;
-    let mut variable = |value: f64, varies: bool| {
+    let (input, acceleration) = inputs(input, frame, driven, |value, varies| {
         let direction = if varies { next } else { DIRECTIONS };
         next = next.wrapping_add(usize::from(varies));
         Dual::variable(value, direction)
-    };
-    let input = Input {
-        target: input.target.map(|value| variable(value, true)),
-        target_rate: input.target_rate.map(|value| variable(value, driven)),
-        target_acceleration: input.target_acceleration.map(|value| variable(value, driven)),
-        force: input.force.map(|value: f64| variable(value, true)),
-        tau: variable(input.tau, false),
-    };
-    let acceleration = frame.acceleration.map(|value| variable(value, true));
-    (input, FrameMotion { acceleration, ..FrameMotion::constant(frame) })
+    });
+    (input, FrameMotion { acceleration, ..frame.map(Dual::constant) })
 }
 
 #[cfg(test)]

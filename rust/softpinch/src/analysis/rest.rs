@@ -11,7 +11,6 @@ const ITERATIONS: usize = 60;
 const LONGEST: f64 = 0.5;
 /// A row counts as zero below this share of its terms.
 const ROUND_OFF: f64 = 1e-11;
-/// Most halvings of a step.
 const HALVINGS: usize = 8;
 
 pub(super) type Matrix7 = SMatrix<f64, UNKNOWNS, UNKNOWNS>;

@@ -17,7 +17,6 @@ const GROWTH: f64 = 1e-11;
 /// A wrench that moves the grasp as much as a tip's stiffness times this length, in radii, counts as unlimited.
 const UNLIMITED: f64 = 100.0;
 
-/// What limits a wrench.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Limit {
     /// A contact gives way.
@@ -32,7 +31,6 @@ pub enum Limit {
 }
 
 impl Limit {
-    /// The public name of the limit.
     pub fn name(self) -> &'static str {
         match self {
             Self::Violation(violation) => Status::of(violation).name(),
@@ -91,7 +89,7 @@ pub fn largest_multiple(scene: &RestScene, rest: &Rest, load: Load) -> (f64, Lim
     let force = scene.input.force;
     // The physics of a hand that moves are made once for all accelerations.
     let base = if let Load::Acceleration(_) = load { &scene.accelerated([0.0; 2]) } else { scene };
-    let before = scene.frame.map_or([0.0; 2], |frame| frame.into_fixed(frame.acceleration));
+    let before = scene.frame.map_or([0.0; 2], |frame| frame.in_fixed_axes(frame.acceleration));
     let member = Cell::new(Member::From(scene.origin(&rest.z)));
     // The load whose largest component is one, in the scales of the rows, times the share.
     let change = |share: f64| {

@@ -16,22 +16,18 @@ use crate::stepping::{
 
 /// The result of one run of an ensemble.
 #[derive(Debug, Clone, PartialEq)]
+#[allow(missing_docs)] // of fields that their types explain
 pub struct Row {
-    /// Number of the run.
     pub run: usize,
-    /// The status with which it ended.
     pub status: Status,
     /// The status in words; empty if the run reached its end, which needs no words.
     pub message: String,
-    /// Time of the last instant, s.
     pub t: f64,
-    /// The motion at the last instant.
     pub motion: Motion<f64>,
     /// The time at which each of [`VIOLATIONS`] was first seen, s; NaN if it was not.
     pub violations: [f64; VIOLATIONS.len()],
     /// Whether the grasp held, see [`Run::holds`].
     pub holds: bool,
-    /// Number of steps.
     pub steps: u64,
     /// The summaries, in the order of [`SUMMARIES`](crate::stepping::summary::SUMMARIES).
     pub summaries: [f64; COUNT],

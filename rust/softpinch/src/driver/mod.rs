@@ -1,17 +1,18 @@
 //! The drivers of simulations: one run, many runs, and runs that are stepped from outside.
 
-pub mod ensemble;
+mod contact_derivatives;
+pub(crate) mod ensemble;
 mod lanes;
-pub mod sensitivities;
-pub mod simulate;
-pub mod simulator;
+pub(crate) mod sensitivities;
+pub(crate) mod simulate;
+pub(crate) mod simulator;
 #[cfg(test)]
 pub(crate) mod tests;
 mod threads;
 
 pub use ensemble::{Row, derivatives, ensemble};
 pub(crate) use lanes::RunsInLanes;
-pub use sensitivities::{COMPONENTS, Derivatives, Direction, QUANTITIES, Shift, Wanted};
+pub use sensitivities::{COMPONENTS, Derivatives, Direction, QUANTITIES, Shift, Wanted, sensitivities};
 pub(crate) use simulate::require_valid;
 pub use simulate::{Outline, check, outline, simulate, stability_warning};
 pub use simulator::{Observed, Simulator};

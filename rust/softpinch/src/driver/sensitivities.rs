@@ -1,9 +1,10 @@
 //! The derivatives of a run, in directions of the caller's choice: parameters, inputs, the start, and the times of
 //! breakpoints and impulses. They are the derivatives of the numbers that the run computes, with the lengths of
-//! its steps held.
+//! its steps held. `contact_derivatives.rs` follows the events of unilateral contact.
 
 use std::mem::swap;
 
+use crate::driver::contact_derivatives::{ContactDerivatives, Place, Stepper};
 use crate::driver::simulate;
 use crate::error::{Error, Result};
 use crate::formulation::{
@@ -16,7 +17,8 @@ use crate::model::{
 };
 use crate::number::{Instructions, LaneKernel, LaneTask, Lanes, Real, call_four_lanes, task};
 use crate::stepping::{
-    Grid, Options, POLL, Segment, Selection, Span, Steps, Summaries, Summary, SummaryInstant, reserved,
+    Grid, LaneContact, Limits, Moment, Options, POLL, Recordable, Segment, Selection, Span, Steps, Summaries,
+    Summary, SummaryInstant, reserved,
 };
 
 /// A direction in which a run is differentiated.
@@ -59,6 +61,8 @@ pub const COMPONENTS: usize = 18 + 2 + 4 + 2 + 3 + BILATERAL_WORKS;
 pub struct Derivatives {
     /// The numbers, one for each direction together.
     pub numbers: Vec<f64>,
+    /// The derivatives of the times of changes of contacts' modes, for each change one for every direction.
+    pub changes: Vec<f64>,
     /// Why the run could not be followed to its end, if so; the numbers from there on are NaN.
     pub failed: Option<String>,
 }
@@ -88,16 +92,27 @@ pub fn sensitivities(
     wanted: Wanted<'_>,
     interrupted: &dyn Fn() -> bool,
 ) -> Result<Option<Derivatives>> {
-    let ends = &ends(scene, options, interrupted)?;
+    let ends = &ends(scene, options, wanted, interrupted)?;
     let request = Request { scene, options, start, ends, directions, wanted, interrupted };
     call_four_lanes(options.simd.require()?, request)
 }
 
 /// The ends of free steps, from the run itself. Refuses scenes whose derivatives are not computed.
-fn ends(scene: &Scene, options: &Options, interrupted: &dyn Fn() -> bool) -> Result<Vec<f64>> {
+fn ends(
+    scene: &Scene,
+    options: &Options,
+    wanted: Wanted<'_>,
+    interrupted: &dyn Fn() -> bool,
+) -> Result<Vec<f64>> {
     let refused = |allowed: &str| Err(Error::unknown("sensitivities", "of this scene", allowed));
-    if options.contact != ContactModel::Bilateral || scene.inputs.sampled().is_some() {
-        return refused("those with contact = \"bilateral\" and without a SampledController");
+    if scene.inputs.sampled().is_some() {
+        return refused("those without a SampledController");
+    }
+    let explicit = matches!(options.method, Method::Rk4 | Method::Dop853);
+    let follows =
+        explicit && !options.record.contains(Recordable::Energy) && matches!(wanted, Wanted::Rows(_));
+    if options.contact == ContactModel::Unilateral && !follows {
+        return refused("in unilateral contact rows without the energy, with \"rk4\" or \"dop853\"");
     }
     if !scene.parameters.has_the_papers_parts() {
         return refused("those of rotary fingers, parallel faces and the law (5)");
@@ -126,7 +141,7 @@ impl LaneKernel for Request<'_> {
             numbers.resize(count, 0.0);
         }
         let runs = options.runs(instructions, scene);
-        let mut failed = None;
+        let (mut failed, mut changes) = (None, Vec::new());
         for (chunk, directions) in all.chunks(DIRECTIONS).enumerate() {
             let slopes = std::array::from_fn(|k| {
                 let own = directions.get(k).map_or([0.0; PARAMETER_COUNT], |own| own.parameters);
@@ -145,11 +160,27 @@ impl LaneKernel for Request<'_> {
                     Sink::Ends(Ends { summaries: Summaries::new(&options.summaries), until, last: None })
                 }
             };
-            let mut method = RunDualMethod::new(runs, options.method);
-            match R::call(instructions, FollowRun { run: &run, method: &mut method, sink: &mut sink }) {
+            let mut contact = None;
+            if options.contact == ContactModel::Unilateral {
+                let mut lane = LaneContact::new(instructions, options, scene);
+                lane.restart(options, scene)?;
+                let limits = Limits::new(&run.source);
+                contact = Some(ContactDerivatives { lane, limits, between: [0.0; 2], changes: Vec::new() });
+            }
+            let method = RunDualMethod::new(runs, options.method);
+            let stepper = &mut Stepper { instructions, method, contact };
+            let followed = R::call(instructions, FollowRun { run: &run, stepper, sink: &mut sink });
+            let times = stepper.contact.as_ref().map_or(&[][..], |contact| &contact.changes);
+            changes.resize(changes.len().max(times.len() * all.len()), f64::NAN);
+            for (change, time) in times.iter().enumerate() {
+                for k in 0..directions.len() {
+                    changes[change * all.len() + chunk * DIRECTIONS + k] = time.direction(k);
+                }
+            }
+            match followed {
                 Ok(()) if sink.is_full() => {}
                 Ok(()) => return Ok(None),
-                Err(failure @ Error::NoDerivative { .. }) => {
+                Err(failure @ (Error::NoDerivative { .. } | Error::NoEventDerivative { .. })) => {
                     sink.give_up();
                     failed = Some(failure.to_string());
                 }
@@ -162,7 +193,7 @@ impl LaneKernel for Request<'_> {
                 }
             }
         }
-        Ok(Some(Derivatives { numbers, failed }))
+        Ok(Some(Derivatives { numbers, changes, failed }))
     }
 }
 
@@ -326,7 +357,6 @@ struct Request<'a> {
     scene: &'a Scene,
     options: &'a Options,
     start: Option<Start>,
-    /// The ends of free steps.
     ends: &'a [f64],
     directions: &'a [Direction],
     wanted: Wanted<'a>,
@@ -344,20 +374,24 @@ struct DifferentiatedRun<'a, R> {
 
 task! {
     ['w, 's, R: Lanes]
-    FollowRun<'w, 's, R>(run: &'w DifferentiatedRun<'w, R>, method: &'w mut RunDualMethod<R>, sink: &'w mut Sink<'s, R>)
-    for R => Result = run.follow(method, sink)
+    FollowRun<'w, 's, R>(run: &'w DifferentiatedRun<'w, R>, stepper: &'w mut Stepper<R>, sink: &'w mut Sink<'s, R>)
+    for R => Result = run.follow(stepper, sink)
 }
 
 impl<R: Lanes> DifferentiatedRun<'_, R> {
     /// Follows the run with a method until its sink needs no more.
     #[inline(always)]
-    fn follow(&self, method: &mut RunDualMethod<R>, sink: &mut Sink<'_, R>) -> Result {
+    fn follow(&self, stepper: &mut Stepper<R>, sink: &mut Sink<'_, R>) -> Result {
         let (grid, mut ends) = self.times()?;
         let DifferentiatedRun { request: Request { scene, interrupted, .. }, equations, .. } = self;
         let system = &equations.system;
         let inputs = &scene.inputs;
         let mut segment = grid.first;
         let mut drive = self.drive(segment.anchor);
+        if let Some([.., right, left]) = scene.initial.contact {
+            drive.contacts.frozen_tilt = [RunDual::constant(right), RunDual::constant(left)];
+        }
+        let none = [RunDual::zero(); 3];
         let mut y = system.begin(&self.start(&drive));
         let mut next = [RunDual::zero(); MAX_COMPONENTS];
         let mut rate = next;
@@ -367,11 +401,28 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
                 let (tau, motion) = unpacked(&point);
                 (tau, values(&system.begin(&Motion::constant(&motion))))
             });
-            method.begin(inputs.segment(segment.anchor), linearized);
+            stepper.method.begin(inputs.segment(segment.anchor), linearized);
             let mut tau = RunDual::constant(segment.tau(segment.first));
+            let h = next_step(&segment, 0, ends).map_or(segment.h, |step| step.h);
+            if let Some(contact) = &mut stepper.contact {
+                let (modes, start) = (contact.lane.run.modes(), tau.lane(0));
+                contact.lane.enter(segment.anchor, inputs.segment(segment.anchor));
+                contact.between = [start, segment.end - segment.anchor];
+                let place = Place { equations, drive: &mut drive, tau, y };
+                let begun = stepper.follow(place, (0.0, &none), |lane, y| {
+                    lane.begin(&Moment { earlier: false, tau: start, h, y })
+                })?;
+                y = begun.unwrap_or(y);
+                let changed =
+                    stepper.contact.as_ref().is_some_and(|contact| contact.lane.run.modes() != modes);
+                if changed && self.shifts_at(segment.start) {
+                    let why = "the modes of contacts change at a breakpoint that a path moves";
+                    return Err(Error::NoEventDerivative { time: segment.start, why });
+                }
+            }
             self.visit(segment.start, &drive, (tau, &y), &mut rate, sink);
             // A run that is resumed inside a segment has already had what happens at the start of the segment.
-            if segment.first == 0 && self.pass(segment.start, &drive, &mut y) {
+            if segment.first == 0 && self.pass((segment.start, h), stepper, &mut drive, &mut y)? {
                 rate = self.rates((&drive.at(tau), &drive), &y);
             }
             let mut taken = 0;
@@ -386,14 +437,30 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
                     let h = row.map_or(times.h, |row| (row - segment.anchor) - times.tau);
                     let (tau, h) = (from, RunDual::constant(h));
                     let step = Step { system, drive: &drive, tau, h, y: &y, rate: &rate, allowed: None };
-                    let attempt = method.step(equations, &step, &mut next);
+                    let attempt = stepper.method.step(equations, &step, &mut next);
                     // The equations were solved in the run, but not again to round-off.
                     let time = row.unwrap_or(times.end);
                     attempt
                         .map_err(|Unsolved { correction, .. }| Error::NoDerivative { time, correction })?;
                     system.correct(&drive, tau + h, &mut next);
+                    let (contacts, arrived, length) = (drive.contacts, values(&next), h.lane(0));
+                    let before = stepper
+                        .contact
+                        .as_ref()
+                        .map(|contact| (contact.lane.run.clone(), contact.between, contact.changes.len()));
+                    let place = Place { equations, drive: &mut drive, tau, y };
+                    let passed = stepper.follow(place, (length, &none), |lane, y| {
+                        lane.advance(&Moment { earlier: false, tau: tau.lane(0), h: length, y }, &arrived)
+                    })?;
+                    next = passed.unwrap_or(next);
                     let Some(row) = row else { break };
                     self.visit(row, &drive, (tau + h, &next), &mut { rate }, sink);
+                    // The run goes on from the start of the step.
+                    drive.contacts = contacts;
+                    if let (Some(contact), Some((run, between, changes))) = (&mut stepper.contact, before) {
+                        (contact.lane.run, contact.between) = (run, between);
+                        contact.changes.truncate(changes);
+                    }
                 }
                 swap(&mut y, &mut next);
                 tau = RunDual::constant(times.tau_end);
@@ -412,7 +479,9 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
                 return Ok(());
             };
             segment = later;
+            let contacts = drive.contacts;
             drive = self.drive(segment.anchor);
+            drive.contacts = contacts;
         }
     }
 
@@ -452,13 +521,23 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
         Motion { q: q.into(), p: p.into(), memory, relaxation }
     }
 
+    fn shifts_at(&self, time: f64) -> bool {
+        self.directions.iter().any(|one| one.shifts.iter().any(|shift| shift.time == time))
+    }
+
     /// Applies the shifts of inputs whose jump moves at a breakpoint, then its impulses. Returns whether there are any.
     #[inline(always)]
-    fn pass(&self, time: f64, drive: &SegmentDrive<RunDual<R>>, y: &mut States<RunDual<R>>) -> bool {
+    fn pass(
+        &self,
+        (time, h): (f64, f64),
+        stepper: &mut Stepper<R>,
+        drive: &mut SegmentDrive<RunDual<R>>,
+        y: &mut States<RunDual<R>>,
+    ) -> Result<bool> {
         let input = drive.at(RunDual::zero());
-        let mut passes = self.directions.iter().any(|one| one.shifts.iter().any(|shift| shift.time == time));
+        let mut passes = self.shifts_at(time);
         if passes {
-            self.shift(time, (&input, drive), y);
+            self.shift(time, (&input, &*drive), y);
         }
         let inputs = &self.request.scene.inputs;
         for (place, impulse) in inputs.fixed_impulses_at(time).enumerate() {
@@ -475,12 +554,22 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
             // The angles of driven fingers are those of the instant to which the impulse moves.
             let mut impulse = std::array::from_fn(component);
             if let Some(frame) = &drive.frame {
-                [impulse[0], impulse[1]] = frame.motion(by).into_hand([impulse[0], impulse[1]]);
+                [impulse[0], impulse[1]] = frame.motion(by).in_hand_axes([impulse[0], impulse[1]]);
             }
-            self.equations.system.jump(&drive.at(by), y, &impulse);
+            if stepper.contact.is_some() {
+                let plain = [impulse[0].lane(0), impulse[1].lane(0), impulse[2].lane(0)];
+                let place = Place { equations: &self.equations, drive, tau: by, y: *y };
+                let struck = stepper.follow(place, (0.0, &impulse), |lane, y| {
+                    let at = Moment { earlier: false, tau: 0.0, h, y };
+                    lane.change(&at, |stepper, place| stepper.strike(place, &plain))
+                })?;
+                *y = struck.unwrap_or(*y);
+            } else {
+                self.equations.system.jump(&drive.at(by), y, &impulse);
+            }
             self.carry((&input, drive), y, -by);
         }
-        passes
+        Ok(passes)
     }
 
     fn drive(&self, anchor: f64) -> SegmentDrive<RunDual<R>> {

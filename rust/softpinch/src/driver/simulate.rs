@@ -229,7 +229,6 @@ pub(super) fn lone_run(
     Ok(finished)
 }
 
-/// Runs the step loop for the method.
 fn run<'a>(scene: &Scene, options: &'a Options, grid: &GridOf<'_>, queue: RunQueue<'a>) -> Result {
     let instructions = options.simd.require()?;
     let choice = options.choice(&scene.inputs);

@@ -247,7 +247,6 @@ impl Environment {
         Ok(())
     }
 
-    /// The end of the next period.
     fn next(&self, period: f64) -> f64 {
         let periods = (self.periods + 1) as f64; // far below 2^53
         let next = periods * period + self.origin;
@@ -308,7 +307,6 @@ fn multipliers(scene: &Scene, Stepping { options, dt, .. }: &Stepping) -> Result
     Ok(equations.evaluate(&drive, 0.0, &y).multipliers)
 }
 
-/// A run during a period.
 #[derive(Default)]
 struct PeriodRun {
     end: f64,

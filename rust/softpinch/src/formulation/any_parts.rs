@@ -4,15 +4,12 @@
 //! formulations. So the code of the paper's contacts has no branch for others, and loops, methods and solves are not
 //! multiplied by their kinds.
 
-use crate::formulation::equations::evaluated;
-use crate::formulation::{Choice, Csm, Equations, Evaluation, Formulation, States, Terms, Unilateral};
+use crate::formulation::{Choice, Csm, Equations, Formulation, Unilateral};
 use crate::model::{
-    Applied, CONTACT_WORKS, ContactModel, Contacts, Energies, Geometry, Motion, Others, Plant, Source,
-    Stabilization,
+    ContactModel, Contacts, Energies, Geometry, Motion, Others, Plant, Source, Stabilization,
 };
-use crate::number::{LaneTask, Real, task};
+use crate::number::{LaneTask, Real, inlined, task};
 
-/// The equations of any parts.
 #[derive(Debug, Clone, Copy)]
 pub struct AnyParts<R> {
     /// The equations with modes of the contacts. Their gains of stabilisation are zero in `nullspace` and `projected`.
@@ -24,20 +21,11 @@ pub struct AnyParts<R> {
 }
 
 task! {
-    /// Evaluates a state.
-    ['a, R: Real]
-    Evaluate<'a, R>(equations: &'a AnyParts<R>, driven: bool, applied: Applied<'a, R>,
-        contacts: &'a Contacts<R>, y: &'a States<R>, ledger: bool)
-    for R => Evaluation<R> = evaluated(equations, driven, applied, contacts, y, ledger)
-}
-task! {
-    /// Computes the energies of a motion.
     ['a, R: Real] EnergiesOf<'a, R>(equations: &'a AnyParts<R>, contacts: &'a Contacts<R>, motion: &'a Motion<R>)
     for R => Energies<R> = equations.unilateral.energies_of::<Others>(contacts, motion)
 }
 
 impl<R: Real> AnyParts<R> {
-    /// The equations of a scene, or of one scene for each lane.
     #[inline(always)]
     pub(super) fn new(choice: Choice, source: &impl Source<R>, gains: &Stabilization) -> Self {
         let plant = Plant::called(source, choice.fingers, choice.moves);
@@ -49,20 +37,13 @@ impl<R: Real> AnyParts<R> {
 
 impl<R: Real> Equations<R> for AnyParts<R> {
     type Parts = Others;
+    const CALLED: bool = true;
 
-    #[inline(always)]
-    fn drifts(&self) -> bool {
-        self.drifts
-    }
-
-    #[inline(always)]
-    fn opens(&self) -> bool {
-        self.opens
-    }
-
-    #[inline(always)]
-    fn plant(&self) -> &Plant<R> {
-        &self.unilateral.csm.plant
+    inlined! {
+        drifts(&self) -> bool = self.drifts;
+        opens(&self) -> bool = self.opens;
+        unilateral(&self) -> Option<&Unilateral<R>> = Some(&self.unilateral);
+        plant(&self) -> &Plant<R> = &self.unilateral.csm.plant;
     }
 
     #[inline(always)]
@@ -76,47 +57,7 @@ impl<R: Real> Equations<R> for AnyParts<R> {
     }
 
     #[inline(always)]
-    fn bias(&self, geometry: &Geometry<R, Others>) -> [R; 4] {
-        if self.drifts { self.unilateral.csm.gamma(geometry) } else { geometry.bias() }
-    }
-
-    #[inline(always)]
-    fn terms(
-        &self,
-        driven: bool,
-        applied: Applied<'_, R>,
-        contacts: &Contacts<R>,
-        motion: &Motion<R>,
-        geometry: Geometry<R, Others>,
-    ) -> Terms<R, Others> {
-        self.unilateral.terms_of(driven, applied, contacts, motion, geometry)
-    }
-
-    /// Called, because steps, Jacobians and linear models need the same large code.
-    #[inline(always)]
-    fn evaluate(
-        &self,
-        driven: bool,
-        applied: Applied<'_, R>,
-        contacts: &Contacts<R>,
-        y: &States<R>,
-        ledger: bool,
-    ) -> Evaluation<R> {
-        R::outlined(Evaluate { equations: self, driven, applied, contacts, y, ledger })
-    }
-
-    #[inline(always)]
     fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
         R::outlined(EnergiesOf { equations: self, contacts, motion })
-    }
-
-    #[inline(always)]
-    fn powers(
-        &self,
-        terms: &Terms<R, Others>,
-        contacts: &Contacts<R>,
-        motion: &Motion<R>,
-    ) -> [R; CONTACT_WORKS] {
-        self.unilateral.powers_of(terms, contacts, motion)
     }
 }

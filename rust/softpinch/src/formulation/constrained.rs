@@ -11,14 +11,12 @@
 //! for them N_i = [m_n 0; . m_t], and their accelerations are added to b.
 
 use crate::model::{Contact, Coordinates, Geometry, Parts, Plant};
-use crate::number::{LaneTask, Real, signed, solve3};
+use crate::number::{LaneTask, Real, signed, solve3, task};
 
-/// The solution.
 #[derive(Debug, Clone, Copy)]
 pub struct Constrained<R> {
     /// (lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N).
     pub multipliers: [R; 4],
-    /// The accelerations a.
     pub acceleration: Coordinates<R>,
 }
 
@@ -38,21 +36,11 @@ pub fn constrained<R: Real, P: Parts>(
     if P::OTHERS { R::outlined(solve) } else { solve.run() }
 }
 
-struct Solve<'a, R, P> {
-    driven: bool,
-    geometry: &'a Geometry<R, P>,
-    plant: &'a Plant<R>,
-    f: &'a Coordinates<R>,
-    b: &'a [R; 4],
-    finger_acceleration: &'a [R; 2],
-}
-
-impl<R: Real, P: Parts> LaneTask<R> for Solve<'_, R, P> {
-    type Output = Constrained<R>;
-
-    #[inline(always)]
-    fn run(self) -> Constrained<R> {
-        let Self { driven, geometry, plant, f, b, finger_acceleration } = self;
+task! {
+    ['a, R: Real, P: Parts]
+    Solve<'a, R, P>(driven: bool, geometry: &'a Geometry<R, P>, plant: &'a Plant<R>, f: &'a Coordinates<R>,
+        b: &'a [R; 4], finger_acceleration: &'a [R; 2])
+    for R => Constrained<R> = {
         let mut whole = *b;
         if driven {
             let share = geometry.driven_bias(*finger_acceleration);

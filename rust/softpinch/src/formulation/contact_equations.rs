@@ -17,7 +17,6 @@ pub struct ContactEquations<'a> {
 }
 
 task! {
-    /// Computes the terms at one state.
     ['a]
     TermsAt<'a>(at: &'a ContactEquations<'a>, input: &'a Input<f64>, contacts: &'a Contacts<f64>,
         motion: &'a Motion<f64>)
@@ -29,15 +28,14 @@ task! {
             moving = Some(plant.loads(&frame.at(input.tau), &input.force, q.object, p.object));
         }
         let applied = (input, Carriage::Either(moving.as_ref()));
-        at.equations.terms_of(plant.driven, applied, contacts, motion, Geometry::new(&plant.sides, q, p))
+        at.equations.terms_of(plant.driven, applied, contacts, motion, Geometry::<f64>::of(&plant.sides, q, p))
     }
 }
 task! {
-    /// Computes an impact.
     ['a]
     Collision<'a>(equations: &'a Unilateral<f64>, geometry: &'a Geometry<f64>, p: &'a Coordinates,
         closed: [bool; 2], impulse: [f64; 3])
-    for f64 => Impact = impact(geometry, equations.plant(), p, (closed, equations.friction()), impulse)
+    for f64 => Impact = impact(geometry, equations.plant(), p, (closed, equations.friction), impulse)
 }
 task! {
     /// Computes the part of the constraints' accelerations that the coordinates' accelerations make.
@@ -109,13 +107,12 @@ impl<'a> ContactEquations<'a> {
         std::array::from_fn(|i| self.plant().sides[i].tilt::<Any>(i, q).0)
     }
 
-    /// The constants of the bodies.
     pub fn plant(&self) -> &Plant<f64> {
         self.equations.plant()
     }
 
     /// mu of both contacts.
     pub fn friction(&self) -> [f64; 2] {
-        self.equations.friction()
+        self.equations.friction
     }
 }

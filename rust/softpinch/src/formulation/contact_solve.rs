@@ -15,7 +15,7 @@
 
 use crate::formulation::Constrained;
 use crate::model::{Contacts, Coordinates, Geometry, Parts, Plant, each_coordinate};
-use crate::number::{LaneTask, Real, signed};
+use crate::number::{LaneTask, Real, signed, task};
 
 /// Forces, couples and friction at one state.
 #[derive(Debug, Clone, Copy)]
@@ -28,18 +28,15 @@ pub struct Load<R> {
     pub friction: [R; 2],
     /// The bias b of the rows, in the order of the multipliers.
     pub bias: [R; 4],
-    /// Accelerations of driven fingers.
     pub finger_acceleration: [R; 2],
 }
 
-/// The solution.
 #[derive(Debug, Clone, Copy)]
 pub struct Response<R> {
     /// (lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N).
     pub multipliers: [R; 4],
     /// The part psi of the couple that acts: 1 in stick and slip, 0 in free.
     pub share: [R; 2],
-    /// The accelerations a.
     pub acceleration: Coordinates<R>,
     /// The pivots of R M^-1 K. Their product is its determinant; solutions with a negative one are unstable.
     pub pivots: [R; 4],
@@ -83,20 +80,11 @@ pub fn response<R: Real, P: Parts>(
     if P::OTHERS || R::ORDER > 0 { R::outlined(solve) } else { solve.run() }
 }
 
-struct Solve<'a, R, P> {
-    driven: bool,
-    geometry: &'a Geometry<R, P>,
-    plant: &'a Plant<R>,
-    contacts: &'a Contacts<R>,
-    load: &'a Load<R>,
-}
-
-impl<R: Real, P: Parts> LaneTask<R> for Solve<'_, R, P> {
-    type Output = Response<R>;
-
-    #[inline(always)]
-    fn run(self) -> Response<R> {
-        let Self { driven, geometry, plant, contacts, load } = self;
+task! {
+    ['a, R: Real, P: Parts]
+    Solve<'a, R, P>(driven: bool, geometry: &'a Geometry<R, P>, plant: &'a Plant<R>, contacts: &'a Contacts<R>,
+        load: &'a Load<R>)
+    for R => Response<R> = {
         let (force, w) = (&load.force, &plant.inverse_masses);
         let (zero, one) = (R::zero(), R::constant(1.0));
         let mut unforced = each_coordinate!([force, w] => force * w);

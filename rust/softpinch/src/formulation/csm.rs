@@ -5,9 +5,8 @@
 
 use crate::formulation::Equations;
 use crate::model::{Geometry, Papers, Parts, Plant, Stabilization};
-use crate::number::Real;
+use crate::number::{Real, inlined};
 
-/// The equations of the constraint stabilisation method.
 #[derive(Debug, Clone, Copy)]
 pub struct Csm<R> {
     pub(crate) plant: Plant<R>,
@@ -47,13 +46,8 @@ impl<R: Real> Csm<R> {
 impl<R: Real> Equations<R> for Csm<R> {
     type Parts = Papers;
 
-    #[inline(always)]
-    fn plant(&self) -> &Plant<R> {
-        &self.plant
-    }
-
-    #[inline(always)]
-    fn bias(&self, geometry: &Geometry<R, Papers>) -> [R; 4] {
-        self.gamma(geometry)
+    inlined! {
+        plant(&self) -> &Plant<R> = &self.plant;
+        bias(&self, geometry: &Geometry<R, Papers>) -> [R; 4] = self.gamma(geometry);
     }
 }

@@ -3,12 +3,12 @@
 
 use std::fmt::Debug;
 
-use crate::formulation::{Constrained, Response, constrained};
+use crate::formulation::{Constrained, Response, Unilateral, constrained};
 use crate::model::{
     Any, Applied, BILATERAL_WORKS, CONTACT_WORKS, Contacts, Coordinates, Energies, Forces, Geometry, Input,
     Motion, Parts, Plant, RELAXATIONS, each_coordinate, work,
 };
-use crate::number::{Dual, Lanes, Real, dot, gather};
+use crate::number::{Dual, LaneTask, Lanes, Real, dot, gather, inlined, task};
 
 /// Number of components of the largest state: nine coordinates, their rates, two memories, the eight works of the ledger, and
 /// the four states of one Maxwell branch. More branches fit without the ledger.
@@ -23,7 +23,6 @@ pub type States<R> = [R; MAX_COMPONENTS];
 /// The results of a formulation at one state.
 #[derive(Debug, Clone, Copy)]
 pub struct Evaluation<R> {
-    /// The derivative of the state.
     pub rate: States<R>,
     /// The state in the nine coordinates.
     pub motion: Motion<R>,
@@ -37,14 +36,12 @@ pub struct Evaluation<R> {
     pub sin_tilt: [R; 2],
     /// The places of both contacts along their sides, up to their signs, m, for the monitors.
     pub places: [R; 2],
-    /// Torques on the fingers, N m.
     pub torque: [R; 2],
     /// The part psi of each tip's couple that acts. Only unilateral contact computes it.
     pub share: [R; 2],
 }
 
 impl<R: Real> Evaluation<R> {
-    /// An evaluation of zeros, to be overwritten.
     #[inline(always)]
     pub(crate) fn nothing() -> Self {
         let zero = R::zero();
@@ -62,6 +59,7 @@ impl<R: Real> Evaluation<R> {
     }
 
     /// What the monitors need of a motion with this geometry. Grazing contacts have the parts `share`.
+    #[inline(always)]
     pub(crate) fn of_contacts(
         motion: &Motion<R>,
         multipliers: &[R; 4],
@@ -95,7 +93,6 @@ impl<R: Lanes, const W: usize> Evaluation<Dual<R, W>> {
     }
 }
 
-/// All terms at one state.
 #[derive(Debug, Clone, Copy)]
 pub struct Terms<R, P = Any> {
     /// The geometry. Its residuals C^H and C^N are the gap of a free tip and the velocity of one that slips.
@@ -106,8 +103,6 @@ pub struct Terms<R, P = Any> {
     pub response: Response<R>,
     /// dP/d theta_pi of both tips, N m, whether it acts or not.
     pub couple: [R; 2],
-    /// mu of both contacts; zero in bilateral contact, which needs no friction.
-    pub friction: [R; 2],
 }
 
 /// Evaluates an expression in which the kind of fingers is known at compile time. Loops over the states need it: with
@@ -133,31 +128,24 @@ pub(crate) use for_fingers;
 pub trait Equations<R: Real>: Copy + Debug {
     /// The contacts for which the code is compiled.
     type Parts: Parts;
+    /// Whether evaluations are called, because steps, Jacobians and linear models need the same large code.
+    const CALLED: bool = false;
 
-    /// Whether the states can leave the constraints. If so, they have all deformations with their rates; if not, they
-    /// have the shears, and the constraints determine the rest.
-    #[inline(always)]
-    fn drifts(&self) -> bool {
-        true
-    }
-
-    /// Whether contacts can slip and open.
-    #[inline(always)]
-    fn opens(&self) -> bool {
-        false
-    }
-
-    /// Number of works of the ledger, without that of the hand's motion.
-    #[inline(always)]
-    fn works(&self) -> usize {
-        if self.opens() { CONTACT_WORKS } else { BILATERAL_WORKS }
-    }
-
-    /// Number of coordinates that are states with their rates: the object's, those of fingers that the schedule does not
-    /// prescribe, and deformations if the states can drift.
-    #[inline(always)]
-    fn degrees(&self, driven: bool) -> usize {
-        3 + if driven { 0 } else { 2 } + if self.drifts() { 4 } else { 0 }
+    inlined! {
+        /// Whether the states can leave the constraints. If so, they have all deformations with their rates; if not, they
+        /// have the shears, and the constraints determine the rest.
+        drifts(&self) -> bool = true;
+        /// Whether contacts can slip and open.
+        opens(&self) -> bool = false;
+        /// The bias b of the constraints on the accelerations, Phi a = -b, while both tips stick.
+        bias(&self, geometry: &Geometry<R, Self::Parts>) -> [R; 4] = geometry.bias();
+        /// The equations with modes of the contacts, if these are such.
+        unilateral(&self) -> Option<&Unilateral<R>> = None;
+        /// Number of works of the ledger, without that of the hand's motion.
+        works(&self) -> usize = if self.opens() { CONTACT_WORKS } else { BILATERAL_WORKS };
+        /// Number of coordinates that are states with their rates: the object's, those of fingers that the schedule does not
+        /// prescribe, and deformations if the states can drift.
+        degrees(&self, driven: bool) -> usize = 3 + if driven { 0 } else { 2 } + if self.drifts() { 4 } else { 0 };
     }
 
     /// Number of states of the motion: coordinates, rates, and after these shears, branches and controllers' memories.
@@ -169,19 +157,13 @@ pub trait Equations<R: Real>: Copy + Debug {
             + if driven { 0 } else { 2 }
     }
 
-    /// Number of states of Maxwell branches.
-    #[inline(always)]
-    fn relaxations(&self) -> usize {
-        if Self::Parts::OTHERS { 4 * self.plant().branches } else { 0 }
+    inlined! {
+        /// Number of states of Maxwell branches.
+        relaxations(&self) -> usize = if Self::Parts::OTHERS { 4 * self.plant().branches } else { 0 };
+        /// The place of the state's coordinate `n` among all nine.
+        place(&self, driven: bool, n: usize) -> usize = if driven && n >= 3 { n + 2 } else { n };
     }
 
-    /// The place of the state's coordinate `n` among all nine.
-    #[inline(always)]
-    fn place(&self, driven: bool, n: usize) -> usize {
-        if driven && n >= 3 { n + 2 } else { n }
-    }
-
-    /// The constants of the scene.
     fn plant(&self) -> &Plant<R>;
 
     /// The state of a motion, with works of zero. It turns the rates of a motion into the state's derivative, too.
@@ -244,19 +226,19 @@ pub trait Equations<R: Real>: Copy + Debug {
         Geometry::of(&self.plant().sides, &motion.q, &motion.p)
     }
 
-    /// The bias b of the constraints on the accelerations, Phi a = -b.
-    fn bias(&self, geometry: &Geometry<R, Self::Parts>) -> [R; 4];
-
     /// All terms of (24) at one state.
     #[inline(always)]
     fn terms(
         &self,
         driven: bool,
         applied: Applied<'_, R>,
-        _: &Contacts<R>,
+        contacts: &Contacts<R>,
         motion: &Motion<R>,
         geometry: Geometry<R, Self::Parts>,
     ) -> Terms<R, Self::Parts> {
+        if let Some(own) = self.unilateral() {
+            return own.terms_of(driven, applied, contacts, motion, geometry);
+        }
         let plant = self.plant();
         let elastic = plant.elastic(&geometry, &motion.q);
         let mut forces = plant.forces(driven, elastic, &geometry, motion, applied);
@@ -273,7 +255,7 @@ pub trait Equations<R: Real>: Copy + Debug {
             forces.torque = plant.driving_torque(&geometry, &forces, finger_acceleration, &found.multipliers);
         }
         let couple = [forces.elastic[0].tilt, forces.elastic[1].tilt];
-        Terms { geometry, forces, response: found.into(), couple, friction: [R::zero(); 2] }
+        Terms { geometry, forces, response: found.into(), couple }
     }
 
     /// The powers whose integrals are the works of the ledger.
@@ -281,17 +263,16 @@ pub trait Equations<R: Real>: Copy + Debug {
     fn powers(
         &self,
         terms: &Terms<R, Self::Parts>,
-        _: &Contacts<R>,
-        Motion { p, .. }: &Motion<R>,
+        contacts: &Contacts<R>,
+        motion: &Motion<R>,
     ) -> [R; CONTACT_WORKS] {
-        let Terms { geometry, forces, response, .. } = terms;
+        if let Some(own) = self.unilateral() {
+            return own.powers_of(terms, contacts, motion);
+        }
+        let (Terms { geometry, forces, response, .. }, p) = (terms, &motion.p);
         let mut powers = [R::zero(); CONTACT_WORKS];
-        powers[..BILATERAL_WORKS].copy_from_slice(&forces.powers(
-            geometry,
-            &self.plant().drags(p),
-            p,
-            &response.multipliers,
-        ));
+        let own = forces.powers(geometry, &self.plant().drags(p), p, &response.multipliers);
+        powers[..BILATERAL_WORKS].copy_from_slice(&own);
         powers
     }
 
@@ -305,6 +286,9 @@ pub trait Equations<R: Real>: Copy + Debug {
         y: &States<R>,
         ledger: bool,
     ) -> Evaluation<R> {
+        if Self::CALLED {
+            return R::outlined(Evaluate { equations: self, driven, applied, contacts, y, ledger });
+        }
         evaluated(self, driven, applied, contacts, y, ledger)
     }
 
@@ -345,14 +329,24 @@ pub trait Equations<R: Real>: Copy + Debug {
 
     /// The energies of a motion, for the ledger.
     #[inline(always)]
-    fn energies(&self, _: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        self.plant().energies::<Self::Parts>(&motion.q, &motion.p)
+    fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
+        match self.unilateral() {
+            Some(own) => own.energies_of::<Self::Parts>(contacts, motion),
+            None => self.plant().energies::<Self::Parts>(&motion.q, &motion.p),
+        }
     }
+}
+
+task! {
+    ['a, R: Real, E: Equations<R>]
+    Evaluate<'a, R, E>(equations: &'a E, driven: bool, applied: Applied<'a, R>, contacts: &'a Contacts<R>,
+        y: &'a States<R>, ledger: bool)
+    for R => Evaluation<R> = evaluated(equations, driven, applied, contacts, y, ledger)
 }
 
 /// Derivative and multipliers of a state, by the equations' own terms.
 #[inline(always)]
-pub(super) fn evaluated<R: Real, E: Equations<R>>(
+fn evaluated<R: Real, E: Equations<R>>(
     equations: &E,
     driven: bool,
     (input, moving): Applied<'_, R>,
@@ -380,15 +374,6 @@ pub(super) fn evaluated<R: Real, E: Equations<R>>(
             }
         });
     }
-    Evaluation {
-        rate,
-        motion,
-        multipliers,
-        residuals: terms.geometry.residuals(),
-        tilt: terms.geometry.tilt(),
-        sin_tilt: terms.geometry.sin_tilt(),
-        places: terms.geometry.places(),
-        torque: terms.forces.torque,
-        share,
-    }
+    let torque = terms.forces.torque;
+    Evaluation { rate, torque, ..Evaluation::of_contacts(&motion, &multipliers, &terms.geometry, share) }
 }

@@ -14,10 +14,8 @@ use crate::formulation::{Response, response};
 use crate::model::{Contacts, Coordinates, Geometry, Mode, Plant, Slip, each_coordinate};
 use crate::number::dot;
 
-/// The result of an impact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Impact {
-    /// Velocities after it.
     pub p: Coordinates,
     /// The impulses Lambda of the contacts, in the order of the multipliers, N s.
     pub impulses: [f64; 4],
@@ -112,7 +110,7 @@ mod tests {
 
     fn pressed(q: Coordinates, p: Coordinates) -> (Geometry<f64>, Plant<f64>) {
         let parameters = Parameters::default();
-        (Geometry::new(&Side::both(&parameters), &q, &p), Plant::new(&parameters, Fingers::Pid, false))
+        (Geometry::<f64>::of(&Side::both(&parameters), &q, &p), Plant::new(&parameters, Fingers::Pid, false))
     }
 
     fn kinetic(plant: &Plant<f64>, p: &Coordinates) -> f64 {

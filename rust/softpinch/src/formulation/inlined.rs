@@ -6,7 +6,7 @@
 use crate::formulation::scene_equations::{evaluate_into, rates_into, size_of};
 use crate::formulation::{Equations, Evaluation, SceneEquations, Size, StageState, States, System};
 use crate::model::{Carriage, Contacts, Energies, Input, Motion, SegmentDrive};
-use crate::number::Lanes;
+use crate::number::{Lanes, inlined};
 
 /// The equations without the ledger, inlined wherever their rates are needed instead of called. That there is no
 /// ledger, and how the fingers move, is known at compile time, which saves another 3 to 5 % of a step.
@@ -18,41 +18,20 @@ pub(crate) struct Inlined<'a, R, E, const DRIVEN: bool> {
 }
 
 impl<R: Lanes, E: Equations<R>, const DRIVEN: bool> System<R> for Inlined<'_, R, E, DRIVEN> {
-    #[inline(always)]
-    fn size(&self) -> Size {
-        size_of(self.equations, DRIVEN, false)
-    }
-
-    fn begin(&self, motion: &Motion<R>) -> States<R> {
-        self.called.begin(motion)
+    inlined! {
+        size(&self) -> Size = size_of(self.equations, DRIVEN, false);
+        begin(&self, motion: &Motion<R>) -> States<R> = self.called.begin(motion);
+        rates(&self, input: &Input<R>, drive: &SegmentDrive<R>, at: StageState<'_, R>, rate: &mut States<R>) -> () =
+            rates_into(self.equations, (DRIVEN, false), ((input, Carriage::AtRest), &drive.contacts), at, rate);
+        jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]) -> () = self.called.jump(input, y, impulse);
+        energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> = self.called.energies(contacts, motion);
+        corrects(&self) -> bool = self.called.corrects();
+        correct(&self, drive: &SegmentDrive<R>, tau: R, y: &mut States<R>) -> () = self.called.correct(drive, tau, y);
     }
 
     #[inline(always)]
     fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>) {
         let input = drive.at(tau);
         evaluate_into(self.equations, (DRIVEN, false), ((&input, Carriage::AtRest), &drive.contacts), y, now);
-    }
-
-    #[inline(always)]
-    fn rates(&self, input: &Input<R>, drive: &SegmentDrive<R>, at: StageState<'_, R>, rate: &mut States<R>) {
-        rates_into(self.equations, (DRIVEN, false), ((input, Carriage::AtRest), &drive.contacts), at, rate);
-    }
-
-    fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]) {
-        self.called.jump(input, y, impulse);
-    }
-
-    fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        self.called.energies(contacts, motion)
-    }
-
-    #[inline(always)]
-    fn corrects(&self) -> bool {
-        self.called.corrects()
-    }
-
-    #[inline(always)]
-    fn correct(&self, drive: &SegmentDrive<R>, tau: R, y: &mut States<R>) {
-        self.called.correct(drive, tau, y);
     }
 }

@@ -13,7 +13,6 @@ use crate::model::{ContactRow, Contacts, Input, Mode, Motion, Rule, Slip};
 /// A contact before its mode is chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
-    /// Its mode so far.
     pub mode: Mode,
     /// Whether it is closed now: a free tip that has just met the face is, and a contact that an impact opens is not.
     pub closed: bool,
@@ -98,10 +97,8 @@ pub fn contacts_in(modes: [Mode; 2], now: &[Contact; 2], tilts: [f64; 2]) -> Con
     contacts
 }
 
-/// The chosen modes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Chosen {
-    /// The modes of both contacts.
     pub modes: [Mode; 2],
     /// Whether the mode that an event has just ended goes on after all.
     pub returned: bool,

@@ -8,42 +8,20 @@
 
 use crate::formulation::Equations;
 use crate::model::{Geometry, Motion, Papers, Plant};
-use crate::number::Real;
+use crate::number::{Real, inlined};
 
-/// The equations on the null space of Phi.
 #[derive(Debug, Clone, Copy)]
 pub struct Nullspace<R> {
-    plant: Plant<R>,
-}
-
-impl<R: Real> Nullspace<R> {
-    /// The formulation of a scene.
-    #[inline(always)]
-    pub fn new(plant: Plant<R>) -> Self {
-        Self { plant }
-    }
+    pub(super) plant: Plant<R>,
 }
 
 impl<R: Real> Equations<R> for Nullspace<R> {
     type Parts = Papers;
 
-    #[inline(always)]
-    fn drifts(&self) -> bool {
-        false
-    }
-
-    #[inline(always)]
-    fn plant(&self) -> &Plant<R> {
-        &self.plant
-    }
-
-    #[inline(always)]
-    fn geometry(&self, motion: &mut Motion<R>) -> Geometry<R, Papers> {
-        Geometry::constrained(&self.plant.sides, &mut motion.q, &mut motion.p)
-    }
-
-    #[inline(always)]
-    fn bias(&self, geometry: &Geometry<R, Papers>) -> [R; 4] {
-        geometry.bias()
+    inlined! {
+        drifts(&self) -> bool = false;
+        plant(&self) -> &Plant<R> = &self.plant;
+        geometry(&self, motion: &mut Motion<R>) -> Geometry<R, Papers> =
+            Geometry::constrained(&self.plant.sides, &mut motion.q, &mut motion.p);
     }
 }

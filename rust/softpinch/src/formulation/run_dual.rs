@@ -18,7 +18,6 @@ pub type RunDualSystem<R> = SceneEquations<RunDual<R>>;
 /// The equations of one run, with all derivatives that methods need.
 #[derive(Debug, Clone, Copy)]
 pub struct RunDualEquations<R> {
-    /// The equations.
     pub system: RunDualSystem<R>,
     /// The same equations for second derivatives, if they are wanted.
     second: Option<SceneEquations<SecondDual<R>>>,

@@ -9,8 +9,8 @@
 use crate::formulation::nullspace::Nullspace;
 use crate::formulation::projected;
 use crate::formulation::{
-    AnyParts, ContactEquations, Csm, Equations, Evaluation, Formulation, Inlined, MAX_COMPONENTS, Size,
-    StageState, Stages, States, System, Unilateral, for_fingers,
+    AnyParts, ApplyJump, ContactEquations, ContactJump, Csm, Equations, Evaluation, Formulation, Inlined,
+    MAX_COMPONENTS, Size, StageState, Stages, States, System, Unilateral, for_fingers,
 };
 use crate::model::{
     Applied, Carriage, ContactModel, Contacts, Energies, Fingers, FrameLoads, Input, Motion, Parts, Plant,
@@ -18,7 +18,6 @@ use crate::model::{
 };
 use crate::number::{Instructions, LaneTask, Lanes, Lift, Real, task};
 
-/// The kinds of equations.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum EquationKind<R> {
     Csm(Csm<R>),
@@ -30,9 +29,6 @@ pub(crate) enum EquationKind<R> {
 /// Evaluates one expression with the equations of any kind. No code is compiled for unilateral contact, or for parts that
 /// are not the paper's, if the constants in brackets are false; then no equations are of these kinds.
 macro_rules! with {
-    ($kind:expr, $equations:ident => $body:expr) => {
-        with!($kind, $equations [true, true] => $body)
-    };
     ($kind:expr, $equations:ident [$unilateral:expr, $any_parts:expr] => $body:expr) => {
         match &$kind {
             EquationKind::Csm($equations) => $body,
@@ -47,7 +43,6 @@ macro_rules! with {
 pub(crate) use with;
 
 impl<R: Real> EquationKind<R> {
-    /// The equations of a scene, or of one scene for each lane.
     #[inline(always)]
     fn new(choice: Choice, source: &impl Source<R>, gains: &Stabilization) -> Self {
         let Choice { formulation, contact, fingers, moves, .. } = choice;
@@ -60,7 +55,7 @@ impl<R: Real> EquationKind<R> {
             (ContactModel::Unilateral, _) => {
                 Self::Unilateral(Unilateral::new(source, Csm::new(plant, gains)))
             }
-            (_, Formulation::Nullspace) => Self::Nullspace(Nullspace::new(plant)),
+            (_, Formulation::Nullspace) => Self::Nullspace(Nullspace { plant }),
             _ => Self::Csm(Csm::new(plant, gains)),
         }
     }
@@ -77,13 +72,9 @@ pub(super) fn size_of<R: Real, E: Equations<R>>(equations: &E, driven: bool, led
 /// The choice of equations, and whether their state carries the ledger.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Choice {
-    /// The formulation of the constraints.
     pub formulation: Formulation,
-    /// What the contacts can do.
     pub contact: ContactModel,
-    /// How the fingers move.
     pub fingers: Fingers,
-    /// Whether the hand moves.
     pub moves: bool,
     /// Whether the state carries the works of the ledger.
     pub ledger: bool,
@@ -119,6 +110,19 @@ impl<R: Lanes> SceneEquations<R> {
             projected: choice.formulation == Formulation::Projected,
             kind: R::call(instructions, Build { choice, source, gains }),
         }
+    }
+
+    /// Lets a part of an event of unilateral contact happen to a state at time `tau` of a segment, with an impulse.
+    pub(crate) fn apply(
+        &self,
+        at: (&SegmentDrive<R>, R),
+        y: &mut States<R>,
+        jump: ContactJump,
+        impulse: &[R; 3],
+    ) {
+        let EquationKind::Unilateral(equations) = &self.kind else { return };
+        let input = &R::call(self.instructions, InputAt { drive: at.0, tau: at.1 });
+        R::call(self.instructions, ApplyJump { equations, input, y, jump, impulse });
     }
 }
 
@@ -209,7 +213,7 @@ task! {
     ['a, R: Lanes, E: Equations<R>]
     Evaluate<'a, R, E>(equations: &'a E, drive: &'a SegmentDrive<R>, tau: R, moving: Option<&'a FrameLoads<R>>,
         y: &'a States<R>, now: &'a mut Evaluation<R>, ledger: bool)
-    for R => () = for_fingers_of!(equations, driven [R::ORDER < 2 && E::Parts::PAPERS] => {
+    for R => () = for_fingers_of!(equations, driven [R::ORDER < 2 && E::Parts::PAPERS && (R::ORDER == 0 || !equations.opens())] => {
         evaluate_into(equations, (driven, ledger), ((&drive.at(tau), Carriage::Either(moving)), &drive.contacts), y, now);
     })
 }
@@ -218,31 +222,21 @@ task! {
     Rates<'a, R, E>(equations: &'a E, input: &'a Input<R>, moving: Option<&'a FrameLoads<R>>,
         contacts: &'a Contacts<R>, from: &'a States<R>, by: R, along: &'a States<R>, rate: &'a mut States<R>,
         ledger: bool)
-    for R => () = for_fingers_of!(equations, driven [R::ORDER < 2 && E::Parts::PAPERS] => {
+    for R => () = for_fingers_of!(equations, driven [R::ORDER < 2 && E::Parts::PAPERS && (R::ORDER == 0 || !equations.opens())] => {
         rates_into(equations, (driven, ledger), ((input, Carriage::Either(moving)), contacts), StageState { from, by, along }, rate);
     })
 }
 
 task! {
-    /// Computes the inputs of an instant.
     pub(crate) ['a, R: Lanes] InputAt<'a, R>(drive: &'a SegmentDrive<R>, tau: R) for R => Input<R> = drive.at(tau)
 }
 
-/// Computes the forces of the hand's motion at a stage.
-pub(super) struct Load<'a, R, T> {
-    pub(super) frame: &'a SegmentFrame<R>,
-    /// The plant, and the number of coordinates among the states.
-    pub(super) plant: (&'a Plant<T>, usize),
-    pub(super) input: &'a Input<T>,
-    pub(super) at: StageState<'a, T>,
-}
-
-impl<R: Lanes, T: Lift<R>> LaneTask<T> for Load<'_, R, T> {
-    type Output = FrameLoads<T>;
-
-    #[inline(always)]
-    fn run(self) -> FrameLoads<T> {
-        let Self { frame, plant: (plant, degrees), input, at: StageState { from, by, along } } = self;
+task! {
+    /// Computes the forces of the hand's motion at a stage, from the plant and the number of coordinates among the states.
+    pub(super) ['a, R: Lanes, T: Lift<R>]
+    Load<'a, R, T>(frame: &'a SegmentFrame<R>, plant: (&'a Plant<T>, usize), input: &'a Input<T>, at: StageState<'a, T>)
+    for T => FrameLoads<T> = {
+        let ((plant, degrees), StageState { from, by, along }) = (plant, at);
         let (mut q, mut p) = ([T::zero(); 3], [T::zero(); 3]);
         for n in 0..3 {
             q[n] = along[n].mul_add(by, from[n]);
@@ -304,7 +298,7 @@ impl<R: Lanes> SceneEquations<R> {
         rate: &mut States<R>,
     ) {
         let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
+        with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
             let plant = (equations.plant(), self.size().degrees);
             let moving = Some(&Load { frame, plant, input, at: StageState { from, by, along } }.loads());
             R::call(instructions, Rates { equations, input, moving, contacts, from, by, along, rate, ledger });
@@ -322,7 +316,7 @@ impl<R: Lanes> SceneEquations<R> {
     ) {
         let Self { instructions, ledger, .. } = *self;
         let input = &R::call(instructions, InputAt { drive, tau });
-        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
+        with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
             let (plant, by) = ((equations.plant(), self.size().degrees), R::zero());
             let moving = Some(&Load { frame, plant, input, at: StageState { from: y, by, along: y } }.loads());
             R::call(instructions, Evaluate { equations, drive, tau, moving, y, now, ledger });
@@ -330,17 +324,17 @@ impl<R: Lanes> SceneEquations<R> {
     }
 }
 
-/// Runs in numbers with derivatives are bilateral, so no code of unilateral contact is compiled for them.
+/// Numbers with second derivatives are those of bilateral runs, so no code of unilateral contact is compiled for them.
 impl<R: Lanes> System<R> for SceneEquations<R> {
     #[inline(always)]
     fn size(&self) -> Size {
-        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
+        with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
             size_of(equations, equations.plant().driven, self.ledger)
         })
     }
 
     fn begin(&self, motion: &Motion<R>) -> States<R> {
-        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => equations.begin(equations.plant().driven, motion))
+        with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => equations.begin(equations.plant().driven, motion))
     }
 
     #[inline(always)]
@@ -349,7 +343,7 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
             return self.evaluate_moving(frame, (drive, tau), y, now);
         }
         let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
+        with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
             R::call(instructions, Evaluate { equations, drive, tau, moving: None, y, now, ledger });
         });
     }
@@ -363,7 +357,7 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
             return self.rates_moving(frame, (input, contacts), (from, along), &by, rate);
         }
         let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
+        with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
             R::call(instructions, Rates { equations, input, moving, contacts, from, by, along, rate, ledger });
         });
     }
@@ -406,7 +400,7 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
             return;
         }
         let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
+        with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
             R::call(instructions, Correct { equations, drive, tau, y, ledger });
         });
     }

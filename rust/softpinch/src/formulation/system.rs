@@ -2,12 +2,11 @@
 
 use crate::formulation::{Evaluation, MAX_COMPONENTS, States};
 use crate::model::{Contacts, Energies, Input, Motion, SegmentDrive};
-use crate::number::Lanes;
+use crate::number::{Lanes, inlined};
 
 /// The numbers of components of a state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Size {
-    /// Number of states of the motion.
     pub states: usize,
     /// Number of coordinates among these states. The coordinates come first, and their rates follow.
     pub degrees: usize,
@@ -21,16 +20,10 @@ pub struct Size {
 pub const BLOCK: usize = 4;
 
 impl Size {
-    /// Number of components in all.
-    #[inline(always)]
-    pub fn all(self) -> usize {
-        self.states + self.works
-    }
-
-    /// Number of blocks that the components fill.
-    #[inline(always)]
-    pub fn blocks(self) -> usize {
-        self.all().div_ceil(BLOCK).min(MAX_COMPONENTS / BLOCK)
+    inlined! {
+        pub all(self) -> usize = self.states + self.works;
+        /// Number of blocks that the components fill.
+        pub blocks(self) -> usize = self.all().div_ceil(BLOCK).min(MAX_COMPONENTS / BLOCK);
     }
 
     /// Calls `work` for each component of a state, and for the zeros that fill the last block. The length of
@@ -48,11 +41,9 @@ impl Size {
 /// The state `from` + `by` * `along`. Methods pass their stages so, and the equations read only these parts.
 #[derive(Clone, Copy)]
 pub struct StageState<'a, R> {
-    /// The state from which the stage starts.
     pub from: &'a States<R>,
     /// The factor of `along`, in s if `along` is a rate.
     pub by: R,
-    /// The direction of the stage.
     pub along: &'a States<R>,
 }
 
@@ -64,7 +55,6 @@ pub trait Stages<R: Lanes> {
 
 /// The equations of one scene for each lane, as step loops and methods use them.
 pub trait System<R: Lanes>: Sized {
-    /// The numbers of components of the states.
     fn size(&self) -> Size;
 
     /// The state of a motion, with works of zero.
@@ -85,7 +75,6 @@ pub trait System<R: Lanes>: Sized {
     /// the contacts. The zeros that fill it are left as they are.
     fn rates(&self, input: &Input<R>, drive: &SegmentDrive<R>, at: StageState<'_, R>, rate: &mut States<R>);
 
-    /// Evaluates the stages of a step.
     #[inline(always)]
     fn evaluate_stages(&self, stages: impl Stages<R>) {
         stages.run(self);
@@ -129,7 +118,6 @@ pub struct Jacobian<R = f64> {
 }
 
 impl<R: Lanes> Jacobian<R> {
-    /// A Jacobian of zeros, to be overwritten.
     #[inline(always)]
     pub fn zero() -> Self {
         Self { rows: [[R::zero(); MAX_COMPONENTS]; MAX_COMPONENTS] }
@@ -137,7 +125,6 @@ impl<R: Lanes> Jacobian<R> {
 }
 
 impl Jacobian<f64> {
-    /// The same Jacobian in every lane.
     #[inline(always)]
     pub fn everywhere<R: Lanes>(&self) -> Jacobian<R> {
         Jacobian { rows: self.rows.map(|row| row.map(R::constant)) }

@@ -10,13 +10,13 @@ use crate::model::{
     Applied, CONTACT_WORKS, Contacts, Coordinates, ElasticGradient, Energies, Geometry, Motion, Papers,
     Parts, Plant, Source,
 };
-use crate::number::Real;
+use crate::number::{Real, inlined};
 
-/// The equations of unilateral contact.
 #[derive(Debug, Clone, Copy)]
 pub struct Unilateral<R> {
     pub(crate) csm: Csm<R>,
-    friction: [R; 2],
+    /// mu of both contacts.
+    pub(super) friction: [R; 2],
 }
 
 impl<R: Real> Unilateral<R> {
@@ -25,11 +25,6 @@ impl<R: Real> Unilateral<R> {
     pub fn new(source: &impl Source<R>, csm: Csm<R>) -> Self {
         let friction = [source.number(|p| p.friction.right), source.number(|p| p.friction.left)];
         Self { csm, friction }
-    }
-
-    /// mu of both contacts.
-    pub fn friction(&self) -> [R; 2] {
-        self.friction
     }
 
     /// The gradients of (5) in the modes of the contacts: with frozen tilts where tips are free, and without
@@ -118,7 +113,7 @@ impl<R: Real> Unilateral<R> {
             forces.torque =
                 plant.driving_torque(&geometry, &forces, &finger_acceleration, &found.multipliers);
         }
-        Terms { geometry, forces, response: found, couple, friction: self.friction }
+        Terms { geometry, forces, response: found, couple }
     }
 
     /// The powers whose integrals are the works of the ledger. Friction's is the loss mu lambda^H |v|. While a
@@ -153,47 +148,12 @@ impl<R: Real> Unilateral<R> {
 
 impl<R: Real> Equations<R> for Unilateral<R> {
     type Parts = Papers;
+    const CALLED: bool = R::ORDER > 0;
 
-    #[inline(always)]
-    fn opens(&self) -> bool {
-        true
-    }
-
-    #[inline(always)]
-    fn plant(&self) -> &Plant<R> {
-        &self.csm.plant
-    }
-
-    #[inline(always)]
-    fn bias(&self, geometry: &Geometry<R, Papers>) -> [R; 4] {
-        self.csm.gamma(geometry)
-    }
-
-    #[inline(always)]
-    fn terms(
-        &self,
-        driven: bool,
-        applied: Applied<'_, R>,
-        contacts: &Contacts<R>,
-        motion: &Motion<R>,
-        geometry: Geometry<R, Papers>,
-    ) -> Terms<R, Papers> {
-        self.terms_of(driven, applied, contacts, motion, geometry)
-    }
-
-    #[inline(always)]
-    fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        self.energies_of::<Papers>(contacts, motion)
-    }
-
-    #[inline(always)]
-    fn powers(
-        &self,
-        terms: &Terms<R, Papers>,
-        contacts: &Contacts<R>,
-        motion: &Motion<R>,
-    ) -> [R; CONTACT_WORKS] {
-        self.powers_of(terms, contacts, motion)
+    inlined! {
+        opens(&self) -> bool = true;
+        unilateral(&self) -> Option<&Unilateral<R>> = Some(self);
+        plant(&self) -> &Plant<R> = &self.csm.plant;
     }
 }
 

@@ -4,8 +4,7 @@
 use crate::formulation::{SceneEquations, States};
 use crate::method::{Adaptive, Integrator, Runs, Stats, Step, StepResult};
 use crate::model::SegmentDrive;
-use crate::number::real::inlined;
-use crate::number::{Bits, Instructions, LaneTask, Lanes, task};
+use crate::number::{Bits, Instructions, LaneTask, Lanes, inlined, task};
 
 pub type AnyMethod<R = f64> = Box<dyn Integrator<R, SceneEquations<R>> + Send + Sync>;
 pub type AnyAdaptiveMethod<R = f64> = Box<dyn Adaptive<R, SceneEquations<R>> + Send + Sync>;

@@ -167,7 +167,6 @@ where
 }
 
 task! {
-    /// Decomposes g I - J.
     ['a, R: Lanes, T: Entry<Part = R>] Factor<'a, R, T>(of: &'a Linearization<R>, g: T)
     for R => Factors<T> = unrolled!(of.size, factor(of, g))
 }
@@ -211,7 +210,6 @@ impl<R: Lanes> Linearization<R> {
         self.jacobian.rows[n][self.size.states]
     }
 
-    /// Decomposes g I - J.
     #[inline(always)]
     pub fn factor<T: Entry<Part = R>>(&self, g: T) -> Factors<T> {
         // Called by all methods of single runs; inlined into the one method that has lanes.
@@ -240,7 +238,6 @@ impl<R: Lanes> Linearization<R> {
     }
 }
 
-/// The decomposition of g I - J.
 #[derive(Debug, Clone, Copy)]
 pub struct Factors<T: Entry> {
     /// 1 / g.
@@ -420,7 +417,7 @@ mod tests {
         let motion = motion();
         let states = system.size().states;
         let jacobian = tangent.jacobian(&drive(), TAU, &system.begin(&motion));
-        let phi = Geometry::new(&Side::both(&parameters()), &motion.q, &motion.p).constraint_matrix();
+        let phi = Geometry::<f64>::of(&Side::both(&parameters()), &motion.q, &motion.p).constraint_matrix();
         let weights =
             SMatrix::<f64, 9, 9>::from_diagonal(&parameters().masses().row().map(|m| 1.0 / m).into());
         let schur = (phi * weights * phi.transpose()).try_inverse().unwrap();

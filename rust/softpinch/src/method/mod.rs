@@ -1,6 +1,6 @@
 //! The methods that step time: one file for each, with its tableau and its paper.
 //!
-//! A new method needs one file beside `rk4.rs` with its `MethodEntry`, its lines in [`table`], and
+//! A new method needs one file beside `rk4.rs` with its `MethodEntry`, its lines in `table`, and
 //! one in `run_dual`, where the compiler names what is missing. Explicit methods implement
 //! `Integrator` themselves. A method that solves equations for its stages is a `newton::Scheme`,
 //! which `newton::Newton` drives. A method with an error estimate implements `Adaptive` as well. An
@@ -16,7 +16,7 @@ pub(crate) mod rk4;
 pub(crate) mod rosenbrock;
 pub(crate) mod run_dual;
 pub(crate) mod step_control;
-pub mod table;
+pub(crate) mod table;
 pub(crate) mod traits;
 
 #[cfg(test)]
@@ -31,7 +31,8 @@ pub(crate) use rosenbrock::Rosenbrock;
 pub(crate) use run_dual::{RunDualMethod, values};
 pub(crate) use step_control::StepControl;
 pub(crate) use table::MakeInLanes;
-pub use table::{METHODS, MakeAdaptiveMethod, Method, MethodEntry};
+pub use table::{METHODS, Method};
+pub(crate) use table::{MakeAdaptiveMethod, MethodEntry};
 pub(crate) use traits::{
     Adaptive, Allowed, Integrator, LaneParameters, Runs, Stats, Step, StepResult, Unsolved, largest,
 };

@@ -6,7 +6,7 @@ use crate::method::{
     Allowed, Called, Integrator, Linearization, Runs, Stats, Step, StepResult, Unsolved, largest,
 };
 use crate::model::{Motion, SegmentDrive};
-use crate::number::real::inlined;
+use crate::number::inlined;
 
 /// The largest number of iterations in a step of free length, where a shorter step costs less than many
 /// iterations, and in a step of fixed length.
@@ -113,7 +113,6 @@ pub type Solved = Result<(States<f64>, f64), Unsolved>;
 
 /// A method that solves equations for its stages.
 pub trait Scheme<S: System<f64>> {
-    /// The decompositions that a step needs.
     type Factors: Copy;
     const FACTORISATIONS: u64;
 
@@ -131,7 +130,6 @@ pub struct Newton<M, F, T = Tangent<f64>> {
     /// The numbers of components of a state, and their typical magnitudes.
     size: Size,
     magnitudes: States<f64>,
-    /// The system in dual numbers.
     pub(super) tangent: T,
     pub scheme: M,
     linearization: Linearization,

@@ -73,7 +73,6 @@ const DENSE: [[f64; STAGES - 1]; 2] = [
 ];
 
 pub struct Rosenbrock<T, R = f64, E = f64> {
-    /// The system in dual numbers.
     pub(super) tangent: T,
     /// The linearisation of the last step, at its start.
     pub(super) linearization: Linearization<R>,

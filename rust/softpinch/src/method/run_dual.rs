@@ -37,7 +37,7 @@ impl<R: Lanes> SolvedStep<'_, R> {
     fn stage(&self, tangent: &impl Linear<f64>, c: f64, z: &States<f64>) -> (States<RunDual<R>>, Jacobian) {
         let &Step { system, drive, tau, h, y, .. } = self.step;
         let tau = tau + RunDual::constant(c * h.lane(0));
-        let at = StageState { from: y, by: RunDual::constant(1.0), along: &constants(z) };
+        let at = StageState { from: y, by: RunDual::constant(1.0), along: &z.map(RunDual::constant) };
         let mut rates = [RunDual::zero(); MAX_COMPONENTS];
         system.rates(&drive.at(tau), drive, at, &mut rates);
         let mut y = values(y);
@@ -78,7 +78,6 @@ pub enum RunDualMethod<R> {
 pub struct Solved<R> {
     method: Box<dyn Differentiable<R>>,
     system: SceneEquations<f64>,
-    /// The inputs of the segment.
     drive: SegmentDrive,
 }
 
@@ -140,13 +139,7 @@ impl<R: Lanes> RunDualMethod<R> {
 
 #[inline(always)]
 pub fn values<R: Lanes>(numbers: &States<RunDual<R>>) -> States<f64> {
-    std::array::from_fn(|n| numbers[n].lane(0))
-}
-
-/// Numbers with these values and with derivatives of zero.
-#[inline(always)]
-fn constants<R: Lanes>(values: &States<f64>) -> States<RunDual<R>> {
-    std::array::from_fn(|n| RunDual::constant(values[n]))
+    numbers.map(|number| number.lane(0))
 }
 
 /// For each direction the solution of (g I - J) x = b. The derivatives of `loads` are b, those of the result x.

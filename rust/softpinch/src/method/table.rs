@@ -28,7 +28,6 @@ named! {
 /// Makes a method of a single run that chooses the length of its steps, before its first step.
 pub type MakeAdaptiveMethod = fn(Runs<'_>, &SceneEquations<f64>) -> AnyAdaptiveMethod;
 
-/// The properties of a method.
 pub struct MethodEntry {
     /// Its order: the error falls with this power of the step if nothing is stiff.
     pub order: u32,

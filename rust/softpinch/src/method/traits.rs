@@ -2,8 +2,7 @@
 
 use crate::formulation::{Choice, MAX_COMPONENTS, SceneEquations, Size, States, System, Tangent};
 use crate::model::{Parameters, SegmentDrive, Stabilization};
-use crate::number::real::inlined;
-use crate::number::{Bits, Instructions, Lanes, MOST};
+use crate::number::{Bits, Instructions, Lanes, MOST, inlined};
 
 /// An iteration that did not converge.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,7 +25,6 @@ pub fn largest<R: Lanes>(size: Size, values: &States<R>, weights: &States<R>) ->
     largest
 }
 
-/// Counts of the work that was done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Stats {
     pub steps: u64,
@@ -73,7 +71,6 @@ pub struct Step<'a, R = f64, S = SceneEquations<R>> {
     /// Time since the segment's start.
     pub tau: R,
     pub h: R,
-    /// The state at the start of the step.
     pub y: &'a States<R>,
     pub rate: &'a States<R>,
     pub allowed: Option<&'a Allowed<R>>,
@@ -136,7 +133,6 @@ pub struct Runs<'a> {
     pub instructions: Instructions,
     pub choice: Choice,
     pub parameters: LaneParameters<'a>,
-    /// Gains of (19) and (20).
     pub gains: &'a Stabilization,
 }
 

@@ -14,9 +14,9 @@
 //! The paper's contact, a link on a parallel face, is compiled into the equations; three sines and cosines serve both
 //! sides. A contact of any other parts is computed by one function, `PartsAt::contact`, which is called.
 
-pub mod law;
-pub mod mechanism;
-pub mod shape;
+pub(crate) mod law;
+pub(crate) mod mechanism;
+pub(crate) mod shape;
 
 use std::fmt::Debug;
 use std::marker::PhantomData;
@@ -24,7 +24,7 @@ use std::marker::PhantomData;
 use crate::model::contact::mechanism::{Arm, Jaw, Mechanism, OneLink};
 use crate::model::contact::shape::ParallelFace;
 use crate::model::{Coordinates, Frame, Source, Surface};
-use crate::number::{LaneTask, Real, signed, task};
+use crate::number::{LaneTask, Real, inlined, signed, task};
 
 /// Declares the kinds of a part. The flat array of parameters has the number of the kind.
 macro_rules! numbered {
@@ -39,13 +39,11 @@ macro_rules! numbered {
         }
 
         impl $name {
-            /// The kind with this number.
             #[inline]
             pub fn of(number: f64) -> Self {
                 [Self::$first, $(Self::$kind),*].into_iter().find(|kind| kind.number() == number).unwrap_or_default()
             }
 
-            /// The number of the kind.
             #[inline]
             pub fn number(self) -> f64 {
                 f64::from(self as u8)
@@ -57,10 +55,8 @@ pub(crate) use numbered;
 
 /// The contacts for which code is compiled: the paper's alone, others alone, or any.
 pub trait Parts: Copy + Debug {
-    /// Whether they are the paper's alone.
-    const PAPERS: bool;
-    /// Whether they are others alone.
-    const OTHERS: bool;
+    const PAPERS: bool = false;
+    const OTHERS: bool = false;
 
     /// The numbers of other parts, if there are any.
     #[inline(always)]
@@ -74,13 +70,11 @@ pub trait Parts: Copy + Debug {
     }
 }
 
-/// The paper's contacts.
 #[derive(Debug, Clone, Copy)]
 pub struct Papers;
 
 impl Parts for Papers {
     const PAPERS: bool = true;
-    const OTHERS: bool = false;
 }
 
 /// Contacts of which not all parts are the paper's.
@@ -88,18 +82,13 @@ impl Parts for Papers {
 pub struct Others;
 
 impl Parts for Others {
-    const PAPERS: bool = false;
     const OTHERS: bool = true;
 }
 
-/// Any contacts, among them the paper's.
 #[derive(Debug, Clone, Copy)]
 pub struct Any;
 
-impl Parts for Any {
-    const PAPERS: bool = false;
-    const OTHERS: bool = false;
-}
+impl Parts for Any {}
 
 /// The parts of a contact that say where it is: all but the law of the tip.
 #[derive(Debug, Clone, Copy)]
@@ -107,13 +96,12 @@ pub struct Side<R> {
     link: OneLink<R>,
     face: ParallelFace<R>,
     /// The radius a of the tip.
-    radius: R,
+    pub(crate) radius: R,
     /// The parts, if one of the scene is not the paper's.
     others: Option<(Mechanism<R>, Surface<R>)>,
 }
 
 task! {
-    /// Builds the parts of a contact.
     ['a, R: Real, S: Source<R>] Build<'a, S>(source: &'a S, i: usize) for R => (Mechanism<R>, Surface<R>) =
         (Mechanism::new(source, i), Surface::new(source, i))
 }
@@ -133,25 +121,12 @@ impl<R: Real> Side<R> {
         }
     }
 
-    /// Whether the side is curved.
-    #[inline(always)]
-    pub(crate) fn is_curved(&self) -> bool {
-        matches!(Any::numbers::<R, _>(&self.others), Some((_, surface)) if surface.is_curved())
+    inlined! {
+        pub(crate) is_curved(&self) -> bool =
+            matches!(Any::numbers::<R, _>(&self.others), Some((_, surface)) if surface.curved);
+        pub both(source: &impl Source<R>) -> [Self; 2] = [Self::new(source, 0), Self::new(source, 1)];
     }
 
-    /// Both sides of a scene.
-    #[inline(always)]
-    pub fn both(source: &impl Source<R>) -> [Self; 2] {
-        [Self::new(source, 0), Self::new(source, 1)]
-    }
-
-    /// The radius a of the tip.
-    #[inline(always)]
-    pub(crate) fn radius(&self) -> R {
-        self.radius
-    }
-
-    /// The jaw, if the finger is one.
     #[inline(always)]
     pub(crate) fn jaw(&self) -> Option<&Jaw<R>> {
         match Any::numbers::<R, _>(&self.others) {
@@ -172,7 +147,6 @@ impl<R: Real> Side<R> {
         (tilt, sin, cos)
     }
 
-    /// The rate of theta_pi.
     #[inline(always)]
     pub fn tilt_rate(&self, i: usize, q: &Coordinates<R>, p: &Coordinates<R>) -> R {
         if Any::numbers::<R, _>(&self.others).is_some() {
@@ -187,20 +161,15 @@ impl<R: Real> Side<R> {
 pub struct Contact<R, P = Any> {
     /// theta_pi (6).
     pub tilt: R,
-    /// sin theta_pi.
     pub sin_tilt: R,
-    /// cos theta_pi.
     pub cos_tilt: R,
-    /// The rate of theta_pi.
     pub tilt_rate: R,
     /// sin theta_i and cos theta_i, by which gravity (43) and the hand's motion turn the finger; of a jaw its travel, and
     /// zero.
     pub sin_finger: R,
-    /// See [`Contact::sin_finger`].
     pub cos_finger: R,
     /// The place of the contact along the side, up to its sign; on a parallel face s_i G_i (11).
     pub place: R,
-    /// Whether the contact is the paper's.
     papers: bool,
     /// What another contact than the paper's has beside it.
     beside: Beside<R>,
@@ -330,15 +299,9 @@ impl<R: Real, P: Parts> Contact<R, P> {
         (Self::new(i, side, object, &arm, d_n, rates), d_n, rates)
     }
 
-    #[inline(always)]
-    fn beside(&self) -> Option<&Beside<R>> {
-        if self.is_the_papers() { None } else { Some(&self.beside) }
-    }
-
-    /// Whether the contact is the paper's.
-    #[inline(always)]
-    pub(crate) fn is_the_papers(&self) -> bool {
-        P::PAPERS || !R::ANY_PARTS || (!P::OTHERS && self.papers)
+    inlined! {
+        beside(&self) -> Option<&Beside<R>> = if self.is_the_papers() { None } else { Some(&self.beside) };
+        pub(crate) is_the_papers(&self) -> bool = P::PAPERS || !R::ANY_PARTS || (!P::OTHERS && self.papers);
     }
 
     /// The components along the axes of the side of a vector along the object's axes.
@@ -375,12 +338,6 @@ impl<R: Real, P: Parts> Contact<R, P> {
         )
     }
 
-    /// The components, along the object's own axes, of the force on the object that these multipliers are.
-    #[inline(always)]
-    pub(crate) fn push(&self, i: usize, [normal, tangential]: [R; 2]) -> [R; 2] {
-        self.in_object_axes([signed(i, normal), tangential])
-    }
-
     /// The derivatives of theta_pi by the object's way along its own axes, by its turn and by the finger's coordinate.
     #[inline(always)]
     pub(crate) fn tilt_by(&self, i: usize) -> ([R; 2], R, R) {
@@ -393,16 +350,14 @@ impl<R: Real, P: Parts> Contact<R, P> {
         }
     }
 
-    /// The generalised force of multipliers on the object's turn.
-    #[inline(always)]
-    pub(crate) fn moment(&self, [normal, tangential]: [R; 2]) -> R {
-        self.a.dot2(normal, self.e, tangential)
-    }
-
-    /// The generalised force of multipliers on the finger.
-    #[inline(always)]
-    pub(crate) fn torque(&self, [normal, tangential]: [R; 2]) -> R {
-        self.b.dot2(normal, self.f, tangential)
+    inlined! {
+        /// The components, along the object's own axes, of the force on the object that these multipliers are.
+        pub(crate) push(&self, i: usize, [normal, tangential]: [R; 2]) -> [R; 2] =
+            self.in_object_axes([signed(i, normal), tangential]);
+        /// The generalised force of multipliers on the object's turn.
+        pub(crate) moment(&self, [normal, tangential]: [R; 2]) -> R = self.a.dot2(normal, self.e, tangential);
+        /// The generalised force of multipliers on the finger.
+        pub(crate) torque(&self, [normal, tangential]: [R; 2]) -> R = self.b.dot2(normal, self.f, tangential);
     }
 }
 

@@ -14,7 +14,7 @@
 //! ([`SegmentDrive`](crate::model::drive::SegmentDrive)). In the bilateral model both tips stick for ever.
 
 use crate::names::named;
-use crate::number::{Bits, Dual, Lanes, Lift, spread};
+use crate::number::{Bits, Dual, Lanes, Lift, inlined, spread};
 
 named! {
     /// What the contacts can do.
@@ -29,15 +29,11 @@ named! {
     }
 }
 
-/// The mode of one contact.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Mode {
-    /// The tip does not touch the object.
     Free,
-    /// The tip sticks to the object's face.
     #[default]
     Stick,
-    /// The object's face slips over the tip.
     Slip(Slip),
     /// The tip touches without a force. A part of its couple keeps it from leaving.
     Graze,
@@ -87,7 +83,6 @@ pub type ContactRow = [f64; 4];
 pub const CONTACT_MODES: [(&str, u8); 4] = [("FREE", 0), ("STICK", 1), ("SLIP", 2), ("GRAZE", 3)];
 
 impl Mode {
-    /// Whether the tip touches the object.
     pub fn is_closed(self) -> bool {
         self != Self::Free
     }
@@ -107,7 +102,6 @@ impl Mode {
         }
     }
 
-    /// The mode in words.
     pub fn word(self) -> &'static str {
         ["is free", "sticks", "slips", "grazes"][usize::from(self.code())]
     }
@@ -116,40 +110,25 @@ impl Mode {
 /// The contacts in all lanes: for each finger the lanes in which it slips, grazes or is free. In all others it sticks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contacts<R> {
-    /// Lanes in which the face slips up over the tip.
     pub up: [Bits; 2],
-    /// Lanes in which the face slips down over the tip.
     pub down: [Bits; 2],
-    /// Lanes in which the tip grazes.
     pub graze: [Bits; 2],
-    /// Lanes in which the tip is free.
     pub free: [Bits; 2],
     /// The frozen tilts of free tips, rad.
     pub frozen_tilt: [R; 2],
 }
 
 impl<R> Contacts<R> {
-    /// Lanes in which the tip of finger `i` slips.
-    #[inline(always)]
-    pub fn slip(&self, i: usize) -> Bits {
-        self.up[i] | self.down[i]
-    }
-
-    /// Lanes in which the tip of finger `i` does not feel its couple's reaction in full: it grazes or is free.
-    #[inline(always)]
-    pub fn unloaded(&self, i: usize) -> Bits {
-        self.graze[i] | self.free[i]
-    }
-
-    /// Lanes in which a tip does not stick.
-    #[inline(always)]
-    pub fn special(&self) -> Bits {
-        (self.slip(0) | self.unloaded(0)) | (self.slip(1) | self.unloaded(1))
+    inlined! {
+        /// Lanes in which the tip of finger `i` slips.
+        pub slip(&self, i: usize) -> Bits = self.up[i] | self.down[i];
+        /// Lanes in which the tip of finger `i` does not feel its couple's reaction in full: it grazes or is free.
+        pub unloaded(&self, i: usize) -> Bits = self.graze[i] | self.free[i];
+        pub special(&self) -> Bits = (self.slip(0) | self.unloaded(0)) | (self.slip(1) | self.unloaded(1));
     }
 }
 
 impl<R: Lanes> Contacts<R> {
-    /// Contacts that stick in every lane.
     #[inline(always)]
     pub fn sticking() -> Self {
         Self { up: [0; 2], down: [0; 2], graze: [0; 2], free: [0; 2], frozen_tilt: [R::zero(); 2] }

@@ -1,6 +1,6 @@
 //! The record that has one number for each coordinate.
 
-use crate::number::{Bits, Real};
+use crate::number::{Bits, Real, inlined};
 
 /// One number for each of the nine coordinates: their values, rates or accelerations, or forces or masses. Rows and
 /// arrays at the border have the numbers in the order of these fields.
@@ -56,15 +56,10 @@ impl<R: Copy> Coordinates<R> {
 }
 
 impl<R: Real> Coordinates<R> {
-    /// Zeros.
-    #[inline(always)]
-    pub fn zero() -> Self {
-        [R::zero(); 9].into()
-    }
-
-    /// `a` in the lanes of `bits`, `b` in all other lanes.
-    #[inline(always)]
-    pub fn select(bits: Bits, a: &Self, b: &Self) -> Self {
-        each_coordinate!([a, b] => R::select(bits, a, b))
+    inlined! {
+        /// Zeros.
+        pub zero() -> Self = [R::zero(); 9].into();
+        /// `a` in the lanes of `bits`, `b` in all other lanes.
+        pub select(bits: Bits, a: &Self, b: &Self) -> Self = each_coordinate!([a, b] => R::select(bits, a, b));
     }
 }

@@ -6,30 +6,24 @@ use crate::number::{Bits, Dual, Instructions, LaneTask, Lanes, Lift, MOST, task}
 
 /// Highest degree of a polynomial.
 pub const MAX_DEGREE: usize = 5;
-/// Number of coefficients of a polynomial.
 pub(super) const COEFFICIENTS: usize = MAX_DEGREE + 1;
 /// Number of channels: two target angles or torques, then force x, force y and moment.
 pub(super) const CHANNELS: usize = 5;
-/// Number of channels of the frame's motion.
 pub(super) const FRAME_CHANNELS: usize = 3;
 
-/// The inputs at one instant.
 #[derive(Debug, Clone, Copy)]
 pub struct Input<R> {
     /// theta_1^d and theta_2^d in rad, or the torques on the fingers in N m.
     pub target: [R; 2],
     /// Rates of the target angles, rad/s, for fingers that follow them exactly.
     pub target_rate: [R; 2],
-    /// Accelerations of the target angles, rad/s^2.
     pub target_acceleration: [R; 2],
     /// F_x and F_y along fixed axes in N and the moment in N m that act on the object.
     pub force: [R; 3],
-    /// Time since the start of the segment, s.
     pub tau: R,
 }
 
 impl<R: Copy> Input<R> {
-    /// The inputs in other numbers.
     pub(crate) fn map<S>(&self, to: impl Fn(R) -> S) -> Input<S> {
         Input {
             target: self.target.map(&to),
@@ -81,7 +75,6 @@ pub(crate) struct SegmentFrame<R> {
 }
 
 impl<R: Lanes> SegmentFrame<R> {
-    /// The motion in other numbers.
     pub(crate) fn lifted<T: Lanes>(&self, lift: impl Fn(R) -> T) -> SegmentFrame<T> {
         SegmentFrame {
             channels: self.channels.map(|channel| channel.map(&lift)),
@@ -102,13 +95,10 @@ impl<R: Lanes> SegmentFrame<R> {
         Self { channels, wave, degree, direction: [zero; 2], swings, turns, instructions }
     }
 
-    /// Sets the motion of one lane.
     fn set(&mut self, lane: usize, own: &SegmentFrame<f64>) {
         set_channels(&mut self.channels, lane, &own.channels);
-        self.wave.set(lane, &own.wave);
-        for (number, own) in self.direction.iter_mut().zip(own.direction) {
-            number.set(lane, own);
-        }
+        set_numbers(&mut self.wave.numbers, lane, &own.wave.numbers);
+        set_numbers(&mut self.direction, lane, &own.direction);
         self.degree = self.degree.max(own.degree);
         (self.swings, self.turns) = (self.swings | own.swings, self.turns | own.turns);
     }
@@ -174,7 +164,6 @@ impl<R: Lanes> SegmentFrame<R> {
 }
 
 task! {
-    /// Computes the motion of the hand at an instant.
     ['a] FrameAt<'a>(frame: &'a SegmentFrame<f64>, tau: f64) for f64 => FrameMotion<f64> = frame.motion(tau)
 }
 
@@ -202,18 +191,14 @@ fn set_channels<R: Lanes, const C: usize>(
     lane: usize,
     own: &[[f64; COEFFICIENTS]; C],
 ) {
-    for (channel, numbers) in channels.iter_mut().zip(own) {
-        for (coefficient, &number) in channel.iter_mut().zip(numbers) {
-            coefficient.set(lane, number);
-        }
+    for (channel, own) in channels.iter_mut().zip(own) {
+        set_numbers(channel, lane, own);
     }
 }
 
-impl<R: Lanes> Wave<R> {
-    fn set(&mut self, lane: usize, own: &Wave<f64>) {
-        for (number, own) in self.numbers.iter_mut().zip(own.numbers) {
-            number.set(lane, own);
-        }
+fn set_numbers<R: Lanes>(numbers: &mut [R], lane: usize, own: &[f64]) {
+    for (number, &own) in numbers.iter_mut().zip(own) {
+        number.set(lane, own);
     }
 }
 
@@ -258,7 +243,6 @@ impl<R: Lanes, const W: usize> SegmentDrive<Dual<R, W>> {
 }
 
 impl<R: Lanes> SegmentDrive<R> {
-    /// Inputs that are zero in every lane.
     pub fn still() -> Self {
         Self {
             channels: [[R::zero(); COEFFICIENTS]; CHANNELS],
@@ -270,7 +254,6 @@ impl<R: Lanes> SegmentDrive<R> {
         }
     }
 
-    /// Sets the inputs of one lane.
     pub fn set(&mut self, lane: usize, own: &SegmentDrive) {
         set_channels(&mut self.channels, lane, &own.channels);
         if let Some(own) = &own.frame {
@@ -286,7 +269,7 @@ impl<R: Lanes> SegmentDrive<R> {
             wave.active &= !(1 << lane);
             if let Some(own) = own.waves.get(k) {
                 wave.active |= 1 << lane;
-                wave.set(lane, own);
+                set_numbers(&mut wave.numbers, lane, &own.numbers);
             }
         }
         while self.waves.last().is_some_and(|wave| wave.active == 0) {

@@ -14,7 +14,6 @@ pub struct Energies<R = f64> {
 }
 
 impl<R: Real> Energies<R> {
-    /// The sum of the three energies.
     #[inline(always)]
     pub fn total(&self) -> R {
         (self.kinetic + self.elastic) + self.gravity
@@ -22,7 +21,6 @@ impl<R: Real> Energies<R> {
 }
 
 impl<R: Lanes> Energies<R> {
-    /// The energies in one lane.
     pub fn lane(&self, lane: usize) -> Energies {
         let Self { kinetic, elastic, gravity } = *self;
         Energies { kinetic: kinetic.lane(lane), elastic: elastic.lane(lane), gravity: gravity.lane(lane) }
@@ -46,7 +44,6 @@ pub fn closure<R: Real>(start: &Energies<R>, now: &Energies<R>, works: &[R]) -> 
     }
 }
 
-/// Number of works of the energy ledger.
 pub const WORKS: usize = 8;
 /// Number of works in unilateral contact, without that of the hand's motion.
 pub const CONTACT_WORKS: usize = 7;
@@ -55,15 +52,12 @@ pub const BILATERAL_WORKS: usize = 4;
 
 /// The places of the works in a state's ledger and in a row. Each work is a quadrature of its own, or a sum over events.
 pub mod work {
-    /// Work of the fingers' torques.
     pub const CONTROL: usize = 0;
-    /// Work of the external forces.
     pub const EXTERNAL: usize = 1;
     /// Work of the constraints: lambda^T Phi p, and the energy that a correction of the state adds.
     pub const CONSTRAINT: usize = 3;
-    /// Loss to friction.
+    #[cfg(test)]
     pub const FRICTION: usize = 4;
-    /// Loss in impacts.
     pub const IMPACT: usize = 5;
     /// Energy that free tips gain while their tilt is frozen.
     pub const RELAXATION: usize = 6;

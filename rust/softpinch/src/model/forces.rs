@@ -13,9 +13,7 @@ use crate::number::{LaneTask, Real, dot, task};
 /// The physics of a scene in the form that the kernel needs: lengths, stiffnesses, masses and controllers.
 #[derive(Debug, Clone, Copy)]
 pub struct Plant<R> {
-    /// Lengths of both sides.
     pub sides: [Side<R>; 2],
-    /// Elastic and viscous constants of both tips.
     pub tips: [Tip<R>; 2],
     /// The diagonal of the mass matrix (14).
     pub masses: Coordinates<R>,
@@ -26,7 +24,6 @@ pub struct Plant<R> {
     /// push along its faces: the object's mass with the normal masses, or with the tangential masses, of both
     /// tips.
     pub inverse_driven_masses: [R; 2],
-    /// The torque law of each finger.
     pub controllers: [Controller<R>; 2],
     /// Whether the fingers follow the schedule, whatever torque that takes.
     ///
@@ -39,9 +36,7 @@ pub struct Plant<R> {
     finger_weights: [[R; 3]; 2],
     /// What moves with the frame of a hand that moves.
     pub(super) carried: Carried<R>,
-    /// Whether the hand moves.
     pub moves: bool,
-    /// The number of Maxwell branches.
     pub branches: usize,
 }
 
@@ -50,12 +45,10 @@ pub struct Plant<R> {
 pub enum Carriage<'a, R> {
     /// The hand does not move. A caller that says so has the code for this alone.
     AtRest,
-    /// The hand may move.
     Either(Option<&'a FrameLoads<R>>),
 }
 
 impl<'a, R> Carriage<'a, R> {
-    /// The forces, if the hand moves.
     #[inline(always)]
     pub fn loads(self) -> Option<&'a FrameLoads<R>> {
         match self {
@@ -82,12 +75,10 @@ pub struct Forces<R> {
     /// The torques on the fingers, from the controllers (39). For driven fingers they are zero until the
     /// formulation has found the multipliers and sets them to [`Plant::driving_torque`].
     pub torque: [R; 2],
-    /// External force and moment on the object.
     pub external: [R; 3],
 }
 
 task! {
-    /// Compiles the parameters of a scene.
     ['a, R: Real, S: Source<R>] Compile<'a, S>(source: &'a S, fingers: Fingers, moves: bool) for R => Plant<R> =
         Plant::new(source, fingers, moves)
 }
@@ -152,7 +143,6 @@ impl<R: Real> Plant<R> {
         }
     }
 
-    /// The gradients of (5).
     #[inline(always)]
     pub fn elastic<P: Parts>(
         &self,
@@ -272,7 +262,6 @@ impl<R: Real> Plant<R> {
         Some([right.relaxing::<P>(0, motion, ledger), left.relaxing::<P>(1, motion, ledger)])
     }
 
-    /// The rates of the states of branches.
     #[inline(always)]
     pub fn relaxation_rates<P: Parts>(&self, motion: &Motion<R>) -> [R; RELAXATIONS] {
         let mut rates = [R::zero(); RELAXATIONS];
@@ -284,7 +273,6 @@ impl<R: Real> Plant<R> {
         rates
     }
 
-    /// The rates of the controllers' memories.
     #[inline(always)]
     pub fn memory_rates(&self, q: &Coordinates<R>, input: &Input<R>) -> [R; 2] {
         [
@@ -332,7 +320,6 @@ impl<R: Real> Plant<R> {
 }
 
 impl<R: Real> Forces<R> {
-    /// The sum of the forces.
     #[inline(always)]
     pub fn total(&self, geometry: &Geometry<R, impl Parts>) -> Coordinates<R> {
         let ([right, left], [mut x, mut y, moment]) = (&self.elastic, self.external);

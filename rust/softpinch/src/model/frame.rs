@@ -21,21 +21,17 @@
 use crate::model::{Plant, Source};
 use crate::number::{Real, dot, signed};
 
-/// The motion of the frame at one instant.
 #[derive(Debug, Clone, Copy)]
 pub struct FrameMotion<R> {
     /// The acceleration of the frame's origin along the hand's axes, without gravity, m/s^2.
     pub acceleration: [R; 2],
-    /// sin phi.
     pub sin: R,
-    /// cos phi.
     pub cos: R,
     /// omega and its rate, 1/s and 1/s^2; `None` where the frame keeps its tilt.
     pub turning: Option<[R; 2]>,
 }
 
 impl<R: Real> FrameMotion<R> {
-    /// A frame at rest.
     pub fn still() -> Self {
         let zero = R::zero();
         Self { acceleration: [zero; 2], sin: zero, cos: R::constant(1.0), turning: None }
@@ -45,18 +41,18 @@ impl<R: Real> FrameMotion<R> {
     #[inline(always)]
     pub(crate) fn new(acceleration: [R; 2], (sin, cos): (R, R), turning: Option<[R; 2]>) -> Self {
         let mut frame = Self { acceleration, sin, cos, turning };
-        frame.acceleration = frame.into_hand(acceleration);
+        frame.acceleration = frame.in_hand_axes(acceleration);
         frame
     }
 
     /// The components along the hand's axes of a vector that is given along fixed axes.
     #[inline(always)]
-    pub fn into_hand(&self, [x, y]: [R; 2]) -> [R; 2] {
+    pub fn in_hand_axes(&self, [x, y]: [R; 2]) -> [R; 2] {
         [x.dot2(self.cos, y, self.sin), y.dot2(self.cos, -x, self.sin)]
     }
 
     /// The components along fixed axes of a vector that is given along the hand's.
-    pub fn into_fixed(&self, [x, y]: [R; 2]) -> [R; 2] {
+    pub fn in_fixed_axes(&self, [x, y]: [R; 2]) -> [R; 2] {
         [x.dot2(self.cos, -y, self.sin), y.dot2(self.cos, x, self.sin)]
     }
 
@@ -67,12 +63,6 @@ impl<R: Real> FrameMotion<R> {
         [gravity.mul_add(self.sin, x), gravity.mul_add(self.cos, y)]
     }
 
-    /// The motion in numbers that do not vary.
-    pub fn constant(own: &FrameMotion<f64>) -> Self {
-        own.map(R::constant)
-    }
-
-    /// The motion in other numbers.
     pub fn map<S: Real>(&self, to: impl Fn(R) -> S) -> FrameMotion<S> {
         let Self { acceleration, sin, cos, turning } = *self;
         let turning = turning.map(|rates| rates.map(&to));
@@ -133,7 +123,7 @@ impl<R: Real> Plant<R> {
             moment = -(inertia * omega_rate);
         }
         let object = [-(mass * along), -(mass * across), moment];
-        let [x, y] = frame.into_hand([force[0], force[1]]);
+        let [x, y] = frame.in_hand_axes([force[0], force[1]]);
         FrameLoads {
             force: [x + object[0], y + object[1], force[2] + object[2]],
             fingers,
@@ -152,6 +142,5 @@ pub struct FrameLoads<R> {
     pub fingers: [[R; 3]; 2],
     /// Those on the object alone, (M1) to (M3).
     pub object: [R; 3],
-    /// The power of the external force, W.
     pub external: R,
 }

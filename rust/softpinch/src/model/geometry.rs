@@ -6,7 +6,7 @@ use nalgebra::SMatrix;
 
 use crate::model::contact::Side;
 use crate::model::{Any, Contact, Coordinates, Frame, Parameters, Parts};
-use crate::number::{LaneTask, Real};
+use crate::number::{LaneTask, Real, inlined};
 
 /// The whole geometry at one state.
 #[derive(Debug, Clone, Copy)]
@@ -19,15 +19,6 @@ pub struct Geometry<R, P = Any> {
     pub contacts: [Contact<R, P>; 2],
 }
 
-impl<R: Real> Geometry<R> {
-    /// The geometry at coordinates `q` and velocities `p`.
-    #[inline(always)]
-    pub fn new(sides: &[Side<R>; 2], q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
-        Self::of(sides, q, p)
-    }
-}
-
-/// Computes the geometry at coordinates and velocities.
 struct Compute<'a, R, P>(&'a [Side<R>; 2], &'a Coordinates<R>, &'a Coordinates<R>, PhantomData<P>);
 
 impl<R: Real, P: Parts> LaneTask<R> for Compute<'_, R, P> {
@@ -40,7 +31,7 @@ impl<R: Real, P: Parts> LaneTask<R> for Compute<'_, R, P> {
 }
 
 impl<R: Real, P: Parts> Geometry<R, P> {
-    /// [`Geometry::new`] for the contacts `P`.
+    /// The geometry at coordinates `q` and velocities `p`.
     #[inline(always)]
     pub fn of(sides: &[Side<R>; 2], q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
         // Steps and corrections of other parts share one piece of code.
@@ -68,12 +59,6 @@ impl<R: Real, P: Parts> Geometry<R, P> {
         q.compression = [n1, n2];
         (p.compression, p.shear) = ([n1_rate, n2_rate], [t1_rate, t2_rate]);
         Self { sin: object.sin, cos: object.cos, contacts: [right, left] }
-    }
-
-    /// The x and y components of a vector that is given along the object's normal and across it.
-    #[inline(always)]
-    pub fn outward(&self, along: R, across: R) -> [R; 2] {
-        [along.dot2(self.cos, -across, self.sin), along.dot2(self.sin, across, self.cos)]
     }
 
     /// (C_1^H, C_2^H, C_1^N, C_2^N).
@@ -105,12 +90,6 @@ impl<R: Real, P: Parts> Geometry<R, P> {
         [right.b * right_turn, left.b * left_turn, right.f * right_turn, left.f * left_turn]
     }
 
-    /// The components of the vector (x, y) along the object's normal and across it.
-    #[inline(always)]
-    pub fn inward(&self, [x, y]: [R; 2]) -> [R; 2] {
-        [x.dot2(self.cos, y, self.sin), y.dot2(self.cos, -x, self.sin)]
-    }
-
     /// Phi x for any vector x (25).
     #[inline(always)]
     pub fn phi_times(&self, x: &Coordinates<R>) -> [R; 4] {
@@ -137,12 +116,6 @@ impl<R: Real, P: Parts> Geometry<R, P> {
         }
     }
 
-    /// Whether the contacts are the paper's. Either both are, or none.
-    #[inline(always)]
-    pub fn is_the_papers(&self) -> bool {
-        self.contacts[0].is_the_papers()
-    }
-
     /// The generalised forces -tau_i T_i of couples tau_i = dP/d theta_pi on the tips: on the object, and on the fingers.
     #[inline(always)]
     pub fn couples(&self, [right, left]: [R; 2]) -> ([R; 3], [R; 2]) {
@@ -155,30 +128,28 @@ impl<R: Real, P: Parts> Geometry<R, P> {
         ([x, y, r.dot2(one.1, l, other.1)], [r * one.2, l * other.2])
     }
 
-    /// theta_p of both tips.
-    #[inline(always)]
-    pub fn tilt(&self) -> [R; 2] {
-        [self.contacts[0].tilt, self.contacts[1].tilt]
-    }
-
-    /// sin theta_p of both tips.
-    #[inline(always)]
-    pub fn sin_tilt(&self) -> [R; 2] {
-        [self.contacts[0].sin_tilt, self.contacts[1].sin_tilt]
-    }
-
-    /// The places of both contacts along their sides, up to their signs.
-    #[inline(always)]
-    pub fn places(&self) -> [R; 2] {
-        [self.contacts[0].place, self.contacts[1].place]
+    inlined! {
+        /// The x and y components of a vector that is given along the object's normal and across it.
+        pub outward(&self, along: R, across: R) -> [R; 2] =
+            [along.dot2(self.cos, -across, self.sin), along.dot2(self.sin, across, self.cos)];
+        /// The components of the vector (x, y) along the object's normal and across it.
+        pub inward(&self, [x, y]: [R; 2]) -> [R; 2] = [x.dot2(self.cos, y, self.sin), y.dot2(self.cos, -x, self.sin)];
+        /// Whether the contacts are the paper's. Either both are, or none.
+        pub is_the_papers(&self) -> bool = self.contacts[0].is_the_papers();
+        /// theta_p of both tips.
+        pub tilt(&self) -> [R; 2] = [self.contacts[0].tilt, self.contacts[1].tilt];
+        /// sin theta_p of both tips.
+        pub sin_tilt(&self) -> [R; 2] = [self.contacts[0].sin_tilt, self.contacts[1].sin_tilt];
+        /// The places of both contacts along their sides, up to their signs.
+        pub places(&self) -> [R; 2] = [self.contacts[0].place, self.contacts[1].place];
     }
 }
 
 impl Geometry<f64> {
-    /// [`Geometry::new`] of a scene, in code that is called.
+    /// [`Geometry::of`] for a scene, in code that is called.
     #[inline(never)]
     pub fn of_scene(parameters: &Parameters, q: &Coordinates, p: &Coordinates) -> Self {
-        Self::new(&Side::both(parameters), q, p)
+        Self::of(&Side::both(parameters), q, p)
     }
 
     /// [`Geometry::constrained`] likewise.

@@ -75,7 +75,7 @@ impl HandMotion {
 
     /// The motion at all times with the acceleration and the tilt of an instant, without turning.
     pub fn constant(frame: &FrameMotion<f64>) -> Result<Self> {
-        let [x, y] = frame.into_fixed(frame.acceleration);
+        let [x, y] = frame.in_fixed_axes(frame.acceleration);
         let tilt = frame.sin.atan2(frame.cos);
         Self::new(PiecewisePolynomial::constant([x, y]), PiecewisePolynomial::constant([tilt]), [0.0; 5])
     }
@@ -120,7 +120,6 @@ impl HandMotion {
 /// A discrete controller and the instant of its first sample, s. The schedule has its target angles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sampled {
-    /// The controller.
     pub controller: Arc<SampledController>,
     /// The instant of its first sample, s.
     pub origin: f64,
@@ -290,7 +289,7 @@ impl Inputs {
         self.fixed_impulses_at(time).map(move |impulse| {
             let Some(frame) = self.frame_from(time) else { return impulse };
             let [x, y, moment] = impulse;
-            let [x, y] = frame.at(0.0).into_hand([x, y]);
+            let [x, y] = frame.at(0.0).in_hand_axes([x, y]);
             [x, y, moment]
         })
     }
@@ -307,7 +306,7 @@ impl Inputs {
     }
 
     /// The inputs from `anchor` until the next breakpoint. The torques of a discrete controller, which depend on the
-    /// run, are zero here ([`SegmentDrive::hold`]).
+    /// run, are zero here (`SegmentDrive::hold`).
     pub fn segment(&self, anchor: f64) -> SegmentDrive {
         let mut channels = [[0.0; COEFFICIENTS]; CHANNELS];
         if let Some(Held { target, .. }) = self.held {

@@ -85,7 +85,6 @@ impl Motion<f64> {
 /// states of branches.
 pub type Linearized = [f64; 21 + RELAXATIONS];
 
-/// The time and the motion of such a point.
 pub fn unpacked(point: &Linearized) -> (f64, Motion<f64>) {
     let part = |first: usize| std::array::from_fn(|k| point[first + k]).into();
     let relaxation = std::array::from_fn(|k| point[21 + k]);

@@ -48,7 +48,6 @@ fn philox(mut counter: [u64; 4], mut key: [u64; 2]) -> [u64; 4] {
     counter
 }
 
-/// Two independent standard normal numbers.
 fn normal(a: u64, b: u64) -> (f64, f64) {
     // 53 bits.
     let unit = |bits: u64| (bits >> 11) as f64 * (0.5 * f64::EPSILON);
@@ -91,7 +90,6 @@ impl Noise {
         [std_x * x, std_y * y]
     }
 
-    /// The time at which a sample begins.
     fn time(&self, number: u64) -> f64 {
         number as f64 / self.rate + self.start
     }

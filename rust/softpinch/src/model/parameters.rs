@@ -147,7 +147,7 @@ record! {
 record! {
     /// The numbers of mechanisms that a link of [`Finger`] lacks.
     Mechanism, 4 {
-        /// The number of the [`MechanismKind`].
+        /// The number of the `MechanismKind`.
         kind: Kind = 0.0,
         /// Y_0, the height of a jaw's tip at the coordinate zero, m.
         height: Finite = 0.0,
@@ -161,9 +161,9 @@ record! {
 record! {
     /// One side of the object.
     Side, 8 {
-        /// The number of the [`ShapeKind`].
+        /// The number of the `ShapeKind`.
         kind: Kind = 0.0,
-        /// The number of the [`Counterface`] by which curvature changes the tip's energy.
+        /// The number of the `Counterface` by which curvature changes the tip's energy.
         counterface: Kind = 0.0,
         /// beta, the tilt of a face, positive where the object is wider at its upper end, rad.
         tilt: Tilt = 0.0,
@@ -183,7 +183,7 @@ record! {
 record! {
     /// The law of a tip, and the numbers that (5) lacks.
     Law, 7 {
-        /// The number of the [`LawKind`].
+        /// The number of the `LawKind`.
         kind: Kind = 0.0,
         /// c of F = c d_n^n, N/m^n.
         coefficient: Positive = 1.0,
@@ -218,28 +218,20 @@ pub const PARAMETER_COUNT: usize = PAPERS + 38 + 2 * (WEIGHTS + 2 * BRANCHES);
 
 /// The physics of a scene. [`Parameters::from_array`] and [`Parameters::checked`] validate it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[allow(missing_docs)] // of fields that their types explain, each first for the right finger
 pub struct Parameters {
-    /// Right and left finger.
     pub fingers: [Finger; 2],
-    /// Right and left fingertip.
     pub tips: [Fingertip; 2],
-    /// The object.
     pub grasped: GraspedObject,
-    /// Right and left PID gains.
     pub control: [PidGains; 2],
-    /// Gravity.
     pub surroundings: Surroundings,
-    /// Friction of both contacts.
     pub friction: Friction,
-    /// The mechanisms of the right and the left finger.
     pub mechanisms: [Mechanism; 2],
     /// The object's right and left side.
     pub shapes: [Side; 2],
-    /// The laws of the right and the left tip.
     pub laws: [Law; 2],
     /// The weights of measured laws: the density of their springs, N/m^2, in Bernstein polynomials over the range.
     pub weights: [[f64; WEIGHTS]; 2],
-    /// The branches of the right and the left tip.
     pub relaxation: [[Maxwell; BRANCHES]; 2],
 }
 
@@ -280,11 +272,6 @@ pub fn parameter_table() -> Vec<(String, Rule)> {
     RECORDS.into_iter().flat_map(named).collect()
 }
 
-/// The rules of all parameters, in the order of [`Parameters::from_array`].
-fn rules() -> impl Iterator<Item = Rule> {
-    RECORDS.into_iter().flat_map(|(_, fields)| fields).map(|(_, rule)| *rule)
-}
-
 /// Removes the first `N` numbers from a slice that has at least so many, and returns them.
 fn take<const N: usize>(values: &mut &[f64]) -> [f64; N] {
     let mut taken = [0.0; N];
@@ -297,7 +284,8 @@ fn take<const N: usize>(values: &mut &[f64]) -> [f64; N] {
 impl Parameters {
     /// Builds parameters from the flat array whose entries [`parameter_table`] names, and checks every rule.
     pub fn from_array(values: &[f64; PARAMETER_COUNT]) -> Result<Self, Error> {
-        if rules().zip(values).any(|(rule, &value)| !rule.holds(value)) {
+        let fields = RECORDS.into_iter().flat_map(|(_, fields)| fields);
+        if fields.zip(values).any(|((_, rule), &value)| !rule.holds(value)) {
             // The paths are built only if a rule is broken.
             for ((path, rule), &value) in parameter_table().into_iter().zip(values) {
                 rule.check(path, value)?;
@@ -326,21 +314,18 @@ impl Parameters {
         }
     }
 
-    /// The kind of finger `i`.
     #[inline]
-    pub fn mechanism(&self, i: usize) -> MechanismKind {
+    pub(crate) fn mechanism(&self, i: usize) -> MechanismKind {
         MechanismKind::of(self.mechanisms[i].kind)
     }
 
-    /// The kind of the side that finger `i` touches.
     #[inline]
-    pub fn shape(&self, i: usize) -> ShapeKind {
+    pub(crate) fn shape(&self, i: usize) -> ShapeKind {
         ShapeKind::of(self.shapes[i].kind)
     }
 
-    /// The kind of the law of tip `i`.
     #[inline]
-    pub fn law(&self, i: usize) -> LawKind {
+    pub(crate) fn law(&self, i: usize) -> LawKind {
         LawKind::of(self.laws[i].kind)
     }
 
@@ -384,7 +369,7 @@ impl Parameters {
     }
 
     /// The diagonal of the mass matrix (14).
-    pub fn masses(&self) -> Coordinates {
+    pub(crate) fn masses(&self) -> Coordinates {
         let ([right, left], object) = (&self.tips, &self.grasped);
         Coordinates {
             object: [object.mass, object.mass, object.inertia],
@@ -398,9 +383,7 @@ impl Parameters {
     pub fn mass_matrix(&self) -> SMatrix<f64, 9, 9> {
         SMatrix::from_diagonal(&self.masses().row().into())
     }
-}
 
-impl Parameters {
     /// The flat array that [`Parameters::from_array`] takes.
     pub fn to_array(&self) -> [f64; PARAMETER_COUNT] {
         let Self { fingers, tips, grasped, control, surroundings, friction, .. } = self;

@@ -6,12 +6,10 @@ use crate::error::{Error, Result};
 
 /// A rule that a number must keep.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs)] // of members that `text` explains
 pub enum Rule {
-    /// Finite and above zero.
     Positive,
-    /// Finite, zero or above.
     NonNegative,
-    /// Finite.
     Finite,
     /// Zero or above, or infinite, which means that there is no limit.
     NonNegativeOrInfinite,
@@ -19,11 +17,8 @@ pub enum Rule {
     PositiveOrInfinite,
     /// The number of a kind.
     Kind,
-    /// Less than a right angle, to either side.
     Tilt,
-    /// An angle between the ends of an arc.
     Span,
-    /// Above one.
     AboveOne,
     /// A relative error: above round-off and below one.
     Tolerance,

@@ -145,7 +145,7 @@ impl SampledController {
         (self.delay / self.period).ceil() as usize + 1
     }
 
-    /// The length of [`ControllerState::row`](crate::model::controller_state::ControllerState::row).
+    /// The length of `ControllerState::row`.
     pub fn width(&self) -> usize {
         5 + self.states() + 2 * self.under_way()
     }

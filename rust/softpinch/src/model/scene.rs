@@ -4,12 +4,10 @@ use crate::model::{Inputs, Parameters, State};
 
 /// The physics, the inputs and the initial state of a simulation.
 #[derive(Debug, Clone, PartialEq)]
+#[allow(missing_docs)] // of fields that their types explain
 pub struct Scene {
-    /// The physics.
     pub parameters: Parameters,
-    /// Schedule and disturbances.
     pub inputs: Inputs,
-    /// The initial state.
     pub initial: State,
     /// Whether an initial state off the constraints is refused.
     pub check: bool,

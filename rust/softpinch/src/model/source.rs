@@ -1,7 +1,7 @@
 //! The parameters from which the kernel takes its numbers.
 
 use crate::model::Parameters;
-use crate::number::{Dual, Lanes, Lift, MOST, Real};
+use crate::number::{Dual, Lanes, Lift, MOST, Real, inlined};
 
 /// A source of the kernel's numbers: the parameters of one run, or those of one run for each lane.
 pub trait Source<R> {
@@ -14,26 +14,16 @@ pub trait Source<R> {
 }
 
 impl<R: Real> Source<R> for Parameters {
-    #[inline(always)]
-    fn number(&self, of: impl Fn(&Parameters) -> f64) -> R {
-        R::constant(of(self))
-    }
-
-    #[inline(always)]
-    fn kinds(&self) -> &Parameters {
-        self
+    inlined! {
+        number(&self, of: impl Fn(&Parameters) -> f64) -> R = R::constant(of(self));
+        kinds(&self) -> &Parameters = self;
     }
 }
 
 impl<R: Lanes> Source<R> for [&Parameters; MOST] {
-    #[inline(always)]
-    fn number(&self, of: impl Fn(&Parameters) -> f64) -> R {
-        R::from_fn(|lane| of(self[lane]))
-    }
-
-    #[inline(always)]
-    fn kinds(&self) -> &Parameters {
-        self[0]
+    inlined! {
+        number(&self, of: impl Fn(&Parameters) -> f64) -> R = R::from_fn(|lane| of(self[lane]));
+        kinds(&self) -> &Parameters = self[0];
     }
 }
 
@@ -43,9 +33,7 @@ pub const DIRECTIONS: usize = 8;
 /// The parameters of one run, with their derivatives in several directions.
 #[derive(Debug, Clone)]
 pub struct VariedParameters<'a> {
-    /// The parameters.
     pub parameters: &'a Parameters,
-    /// Their derivatives.
     pub slopes: [Parameters; DIRECTIONS],
 }
 
@@ -69,13 +57,9 @@ impl<R: Lanes, const W: usize> Source<Dual<R, W>> for VariedParameters<'_> {
 pub struct Constants<'a, S>(pub &'a S);
 
 impl<R: Lanes, S: Source<R>, const W: usize> Source<Dual<R, W>> for Constants<'_, S> {
-    #[inline(always)]
-    fn number(&self, of: impl Fn(&Parameters) -> f64) -> Dual<R, W> {
-        <Dual<R, W> as Lift<R>>::lift(self.0.number(of))
-    }
-
-    #[inline(always)]
-    fn kinds(&self) -> &Parameters {
-        self.0.kinds()
+    inlined! {
+        number(&self, of: impl Fn(&Parameters) -> f64) -> Dual<R, W> =
+            <Dual<R, W> as Lift<R>>::lift(self.0.number(of));
+        kinds(&self) -> &Parameters = self.0.kinds();
     }
 }

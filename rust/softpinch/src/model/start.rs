@@ -36,7 +36,7 @@ pub struct State {
     pub linearized: Option<Linearized>,
     /// The contacts of unilateral contact; `None` if they follow from q and p.
     pub contact: Option<ContactRow>,
-    /// The state of a discrete controller as a row ([`ControllerState`](crate::model::controller_state::ControllerState));
+    /// The state of a discrete controller as a row (`ControllerState`);
     /// `None` for one that starts here.
     pub controller: Option<Vec<f64>>,
 }
@@ -99,7 +99,7 @@ fn upright_at<R: Real>(source: &impl Source<R>, finger: [R; 2], turns: [(R, R); 
 fn upright_between(parameters: &Parameters, finger: [f64; 2], level: [f64; 2]) -> Coordinates {
     let (mut heights, mut apexes) = ([0.0; 2], [[0.0; 2]; 2]);
     for i in 0..2 {
-        apexes[i] = Surface::<f64>::new(parameters, i).apex();
+        apexes[i] = Surface::<f64>::new(parameters, i).apex;
         heights[i] = Mechanism::<f64>::new(parameters, i).placed(level[i]).centre[1] - apexes[i][1];
     }
     let (x, y) = (0.5 * (-apexes[0][0] - apexes[1][0]), 0.5 * (heights[0] + heights[1]));
@@ -148,7 +148,15 @@ impl Start {
                 }
             };
         }
-        let q = upright_at(source, angles, [angles[0].sin_cos(), angles[1].sin_cos()]);
+        let given = q.compression;
+        let mut q = upright_at(source, angles, [angles[0].sin_cos(), angles[1].sin_cos()]);
+        for i in 0..2 {
+            // A tip that does not reach the object is not compressed.
+            let gap = source.number(|p| -GAP * p.tips[i].radius);
+            if given[i] == 0.0 && q.compression[i].less(gap) != 0 {
+                q.compression[i] = zero;
+            }
+        }
         let mut p = Coordinates::zero();
         if self == Self::Driven {
             p.finger = input.target_rate;
@@ -426,7 +434,7 @@ mod tests {
             let pose = [0.01 * pose[0], 0.07 + 0.01 * pose[1], 0.3 * pose[2], 0.3 * pose[3], 0.3 * pose[4]];
             let (mut q, mut p) = consistent(&parameters, &pose, &shear, &velocity);
             prop_assert_eq!((&q.row()[..5], q.shear, &p.row()[..5]), (&pose[..], shear, &velocity[..]));
-            let geometry = Geometry::new(&Side::both(&parameters), &q, &p);
+            let geometry = Geometry::<f64>::of(&Side::both(&parameters), &q, &p);
             for number in geometry.residuals().into_iter().chain(geometry.constraint_velocity()) {
                 prop_assert!(number.abs() < 1e-15, "{number}");
             }
@@ -450,7 +458,7 @@ mod tests {
                 let (finger, tip) = (&parameters.fingers[i], &parameters.tips[i]);
                 turned.finger[i] = angle_at(finger, tip, parameters.grasped.width, compression).unwrap();
             }
-            let geometry = Geometry::new(&Side::both(&parameters), &turned, &Coordinates::zero());
+            let geometry = Geometry::<f64>::of(&Side::both(&parameters), &turned, &Coordinates::zero());
             for gap in geometry.residuals().into_iter().take(2) {
                 prop_assert!((gap + compression).abs() < 1e-15);
             }

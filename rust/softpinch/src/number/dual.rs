@@ -4,8 +4,7 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use crate::number::real::inlined;
-use crate::number::{Bits, Instructions, LaneTask, Lanes, Lift, Real};
+use crate::number::{Bits, Instructions, LaneTask, Lanes, Lift, Real, inlined};
 
 /// A value and its derivatives in `W` directions.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -42,6 +41,22 @@ impl<R: Lanes, const W: usize> Dual<R, W> {
     #[inline(always)]
     pub fn spread<X: Lanes>(self, first: usize) -> Dual<X, 1> {
         spread(self.value, |k| self.slope.get(first + k).copied().unwrap_or_else(R::zero))
+    }
+
+    /// Makes a number whose value is the same in every lane, from the derivative in each direction: those of the first
+    /// vector of derivatives are in lanes, then those of the second, and so on. It is called, because it is rare.
+    #[inline(never)]
+    pub fn varied(value: f64, slopes: &[f64]) -> Self {
+        let mut number = Self::constant(value);
+        for (own, slopes) in number.slope.iter_mut().zip(slopes.chunks(R::WIDTH)) {
+            *own = R::from_fn(|lane| slopes.get(lane).copied().unwrap_or(0.0));
+        }
+        number
+    }
+
+    #[inline(always)]
+    pub fn direction(&self, k: usize) -> f64 {
+        self.slope[k / R::WIDTH].lane(k % R::WIDTH)
     }
 }
 
@@ -244,26 +259,6 @@ impl<R: Lanes, const W: usize> Lanes for Dual<R, W> {
             (s.slope[k], c.slope[k]) = R::rotate_quadrants(quadrants.value, sin.slope[k], cos.slope[k]);
         }
         (s, c)
-    }
-}
-
-/// Directions in lanes: those of the first vector of derivatives, then those of the second, and so on.
-impl<R: Lanes, const W: usize> Dual<R, W> {
-    /// Makes a number whose value is the same in every lane, from the derivative in each direction. It is called, because
-    /// it is rare and needed in many places.
-    #[inline(never)]
-    pub fn varied(value: f64, slopes: &[f64]) -> Self {
-        let mut number = Self::constant(value);
-        for (own, slopes) in number.slope.iter_mut().zip(slopes.chunks(R::WIDTH)) {
-            *own = R::from_fn(|lane| slopes.get(lane).copied().unwrap_or(0.0));
-        }
-        number
-    }
-
-    /// The derivative in a direction.
-    #[inline(always)]
-    pub fn direction(&self, k: usize) -> f64 {
-        self.slope[k / R::WIDTH].lane(k % R::WIDTH)
     }
 }
 

@@ -4,10 +4,7 @@
 //! lane, which is `f64` itself (`scalar.rs`); the vectors of the processor are in `simd/x86.rs`. Code that is
 //! written in terms of [`Lanes`] gives each lane the bits that its run would have alone.
 
-use crate::number::real::inlined;
-use crate::number::{Instructions, Real};
-
-pub use crate::number::real::{Bits, LaneTask};
+use crate::number::{Bits, Instructions, LaneTask, Real, inlined};
 
 /// The largest width of any [`Lanes`].
 pub const MOST: usize = 8;
@@ -24,7 +21,7 @@ pub fn each(mut bits: Bits) -> impl Iterator<Item = usize> {
 
 /// A vector of real numbers, one for each run.
 pub trait Lanes: Real {
-    /// The number of lanes, at most [`MOST`].
+    /// The number of lanes, at most `MOST`.
     const WIDTH: usize;
     /// The set of all lanes.
     const ALL: Bits = if Self::WIDTH == MOST { Bits::MAX } else { (1 << Self::WIDTH) - 1 };
@@ -61,7 +58,6 @@ pub trait Lanes: Real {
 
 /// Numbers that consist of lanes: the lanes themselves, or dual numbers of them.
 pub trait Lift<R: Lanes>: Lanes {
-    /// Turns lanes into constants.
     fn lift(value: R) -> Self;
 }
 

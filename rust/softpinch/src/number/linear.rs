@@ -61,7 +61,6 @@ pub trait Entry:
     /// A record of which rows were exchanged.
     type Exchange: Copy + Default + std::fmt::Debug;
 
-    /// Makes an entry from a real number.
     fn of(part: Self::Part) -> Self;
     /// self - a * b.
     fn less_product(self, a: Self, b: Self) -> Self;

@@ -47,10 +47,10 @@ pub(crate) use task;
 
 /// Declares functions of an implementation that are inlined, each by the expression that computes it.
 macro_rules! inlined {
-    ($($(#[$doc:meta])* $name:ident($($arguments:tt)*) -> $output:ty = $body:expr;)*) => {$(
+    ($($(#[$doc:meta])* $visible:vis $name:ident($($arguments:tt)*) -> $output:ty = $body:expr;)*) => {$(
         $(#[$doc])*
         #[inline(always)]
-        fn $name($($arguments)*) -> $output {
+        $visible fn $name($($arguments)*) -> $output {
             $body
         }
     )*};

@@ -1,9 +1,8 @@
 //! `f64` as the number type of one run, and as lanes of width one.
 
-use crate::number::real::inlined;
 use crate::number::simd::dispatch::call_alone;
 use crate::number::trigonometry;
-use crate::number::{Bits, Instructions, LaneTask, Lanes, Real};
+use crate::number::{Bits, Instructions, LaneTask, Lanes, Real, inlined};
 
 impl Real for f64 {
     inlined! {

@@ -14,14 +14,12 @@ use crate::stepping::{
     AdaptiveLanes, LaneBatch, LoopSetup, POLL, Phase, Sizes, Status, StepStart, interruption, merged, watched,
 };
 
-/// The adaptive loop before it runs.
 pub struct AdaptiveSteps<'a, B> {
     pub setup: LoopSetup<'a>,
     pub tolerance: f64,
     pub build: B,
 }
 
-/// Computes all runs of the queue.
 impl<R, B> LaneTask<R> for AdaptiveSteps<'_, B>
 where
     R: Lanes,

@@ -22,13 +22,11 @@ pub struct Progress<R> {
     pub t: R,
     pub tau: R,
     pub watched: R,
-    /// The lengths of the next attempts.
     pub h: R,
     pub steps: R,
     pub attempts: R,
     /// Errors of the last attempts, in units of the allowed error; negative before the first attempt of a segment.
     pub errors: R,
-    /// Lanes in their last segment.
     pub last: Bits,
 }
 
@@ -48,7 +46,6 @@ impl<R: Lanes> Progress<R> {
         self.enter(lane, (start, start), false);
     }
 
-    /// Puts a lane at the start of a segment.
     pub fn enter(&mut self, lane: usize, (from, to): (f64, f64), last: bool) {
         self.from.set(lane, from);
         self.to.set(lane, to);
@@ -124,7 +121,6 @@ impl<R: Lanes> AdaptiveLanes<'_, R> {
         self.batch.retire_lane(&start.system, lane, end, last);
     }
 
-    /// The last watched instant of a lane.
     pub fn last(&self, lane: usize, start: &StepStart<R>) -> Option<Instant> {
         if self.saved >> lane & 1 != 0 {
             return self.batch.runs[lane].as_ref()?.saved_instant;

@@ -10,8 +10,7 @@ use crate::model::energy;
 use crate::model::{
     BILATERAL_WORKS, ContactModel, Energies, Motion, Parameters, Scene, SegmentDrive, Source, WORKS, apart,
 };
-use crate::number::real::inlined;
-use crate::number::{Bits, Instructions, LaneTask, Lanes, MOST, each, task};
+use crate::number::{Bits, Instructions, LaneTask, Lanes, MOST, each, inlined, task};
 use crate::stepping::ending::{after_violation, unstable};
 use crate::stepping::instant::{energies, put_motion};
 use crate::stepping::monitor::{Margins, explain};
@@ -30,7 +29,6 @@ const ROUND_OFF: f64 = 1e-9;
 /// Number of steps or attempts after which a loop asks whether to stop. They take a few milliseconds.
 pub const POLL: u64 = 1 << 12;
 
-/// A run before it begins.
 pub struct Taken<'a> {
     pub number: usize,
     pub scene: Cow<'a, Scene>,
@@ -44,7 +42,6 @@ pub struct RunQueue<'a> {
     pub take: &'a mut dyn FnMut() -> Result<Option<Taken<'a>>>,
     /// Whether the caller wants to stop.
     pub stops: &'a dyn Fn() -> bool,
-    /// Takes a run that has ended.
     pub finish: &'a mut dyn FnMut(Finished),
     /// Records the run of a loop of one lane.
     pub recorder: Recorder<'a>,
@@ -58,7 +55,6 @@ pub struct Finished {
     pub contact: Option<Box<LaneContact>>,
 }
 
-/// What a step loop needs before it runs.
 pub struct LoopSetup<'a> {
     pub instructions: Instructions,
     pub options: &'a Options,
@@ -100,7 +96,6 @@ pub struct LaneBatch<'a, R, P> {
     pub(super) instructions: Instructions,
     pub runs: [Option<LaneRun<'a, P>>; MOST],
     pub phases: Phases,
-    /// The inputs of each lane's segment.
     pub drive: SegmentDrive<R>,
     pub stats: Stats,
     /// Parameters for lanes without a run.
@@ -526,17 +521,12 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         self.queue.recorder.record(watched, || energies(system, watched))
     }
 
-    /// Whether to record the instant `t`, which was just watched. One inside a step is recorded only if asked for. Only
-    /// loops of one lane record runs.
-    #[inline(always)]
-    pub fn is_due(&mut self, t: f64, inside: bool) -> bool {
-        R::WIDTH == 1 && self.queue.recorder.is_due(t, inside)
-    }
-
-    /// The first instant that was asked for and is not recorded yet; infinity if there is none.
-    #[inline(always)]
-    pub fn next_time(&self) -> f64 {
-        if R::WIDTH == 1 { self.queue.recorder.next_time() } else { f64::INFINITY }
+    inlined! {
+        /// Whether to record the instant `t`, which was just watched. One inside a step is recorded only if asked for. Only
+        /// loops of one lane record runs.
+        pub is_due(&mut self, t: f64, inside: bool) -> bool = R::WIDTH == 1 && self.queue.recorder.is_due(t, inside);
+        /// The first instant that was asked for and is not recorded yet; infinity if there is none.
+        pub next_time(&self) -> f64 = if R::WIDTH == 1 { self.queue.recorder.next_time() } else { f64::INFINITY };
     }
 }
 

@@ -1,9 +1,9 @@
 //! The changes of the contacts' modes: what happens at an event, and the choice of the next modes.
 
-use crate::formulation::{Chosen, choose, contacts_in};
+use crate::formulation::{Chosen, ContactJump, choose, contacts_in};
 use crate::model::{Coordinates, Mode, Motion, Slip, work};
 use crate::stepping::{
-    Cause, Change, ContactRun, Event, EventResult, EventStepper, Loss, Reason, SegmentState,
+    Cause, Change, ContactRun, Event, EventResult, EventStepper, Loss, Passage, Reason, SegmentState,
 };
 
 /// The share of a step after which the choice of modes is checked on a border.
@@ -32,14 +32,15 @@ impl EventStepper<'_> {
             let geometry = self.geometry(&motion);
             let (gap, beside) =
                 (geometry.residuals()[i], geometry.places()[i].abs() <= self.limits.half_height[i]);
-            if self.run.contacts[i].closed || (beside && gap < -OVERLAP * sides[i].radius()) {
+            if self.run.contacts[i].closed || (beside && gap < -OVERLAP * sides[i].radius) {
                 motion.q.compression[i] -= gap;
+                self.run.log.push(Passage::Jump(ContactJump::Meet(i)));
             }
         }
         for i in 0..2 {
             // A surface is never stretched.
             if !self.run.contacts[i].closed && motion.q.compression[i] < 0.0 {
-                relax(&mut motion, i);
+                self.relax(&mut motion, i);
             }
         }
         self.book(place, work::CONSTRAINT, self.energy(&motion) - before);
@@ -63,6 +64,8 @@ impl EventStepper<'_> {
         if moved(&from.q, &motion.q) || moved(&from.p, &motion.p) {
             self.book(place, work::CONSTRAINT, self.energy(&motion) - before);
             self.store(place, &motion);
+        } else {
+            self.run.log.pop();
         }
     }
 
@@ -97,7 +100,7 @@ impl EventStepper<'_> {
                 {
                     self.book(place, work::IMPACT, 0.5 * mass * rate * rate);
                 }
-                relax(&mut motion, i);
+                self.relax(&mut motion, i);
                 let time = self.run.anchor + place.tau;
                 open(self.run, self.equations.tilts(&motion.q), i, cause, time);
             }
@@ -125,6 +128,7 @@ impl EventStepper<'_> {
         }
         let frozen = self.energy(motion);
         motion.q.compression[i] -= gap;
+        self.note(ContactJump::Meet(i));
         let moved = self.energy(motion);
         self.run.contacts[i].closed = true;
         let live = self.energy(motion);
@@ -135,6 +139,7 @@ impl EventStepper<'_> {
             self.collide(place, motion, &[0.0; 3]);
         } else {
             // By round-off the tip meets the face that it is leaving. It has not left then.
+            self.run.log.push(Passage::Undefined("a tip just touches its face"));
             self.run.contacts[i].slip = Slip::of(geometry.residuals()[2 + i], 0.0);
         }
         Ok(())
@@ -156,6 +161,7 @@ impl EventStepper<'_> {
             let aloft = 2.0 * rates[i] < SETTLED * self.h * -(swept[i] + bias[i]);
             if touching[i] && !self.run.contacts[i].closed && aloft {
                 motion.p.compression[i] -= rates[i];
+                self.run.log.push(Passage::Undefined("the contacts open each other in turn"));
                 self.run.contacts[i].closed = true;
                 self.run.contacts[i].slip = Slip::of(rates[2 + i], 0.0);
             }
@@ -170,6 +176,7 @@ impl EventStepper<'_> {
         let tilts = self.equations.tilts(&motion.q);
         let found = self.equations.impact(&geometry, &motion.p, closed, *impulse);
         motion.p = found.p;
+        self.note(ContactJump::Impact(found.modes));
         self.book(place, work::IMPACT, found.loss);
         self.book(place, work::EXTERNAL, found.work);
         self.book(place, work::CONTROL, found.driving);
@@ -184,7 +191,9 @@ impl EventStepper<'_> {
     }
 
     /// Puts the residuals of closed contacts into the tips' surfaces, so that gaps and slips start at zero.
-    fn absorb(&self, motion: &mut Motion<f64>) {
+    fn absorb(&mut self, motion: &mut Motion<f64>) {
+        let contacts = self.run.contacts.map(|contact| (contact.closed, contact.slip.is_some()));
+        self.note(ContactJump::Absorb(contacts));
         for i in 0..2 {
             if !self.run.contacts[i].closed {
                 continue;
@@ -228,6 +237,7 @@ impl EventStepper<'_> {
         if modes == self.run.modes() && !(returned || stops) {
             // Nothing begins or ends, so the residuals stay where they are.
             *place = before;
+            self.run.log.pop();
         }
         let time = self.run.anchor + place.tau;
         for i in 0..2 {
@@ -248,7 +258,18 @@ impl EventStepper<'_> {
             }
         }
         self.drive.contacts = contacts_in(modes, &self.run.contacts, self.equations.tilts(&motion.q));
+        self.run.log.push(Passage::Modes(self.run.contacts, self.run.changes.len()));
         Ok(())
+    }
+
+    fn note(&mut self, jump: ContactJump) {
+        self.run.log.push(Passage::Jump(jump));
+    }
+
+    /// Brings the surface of a tip to rest, without compression and shear.
+    fn relax(&mut self, Motion { q, p, .. }: &mut Motion<f64>, i: usize) {
+        self.note(ContactJump::Relax(i));
+        (q.compression[i], q.shear[i], p.compression[i], p.shear[i]) = (0.0, 0.0, 0.0, 0.0);
     }
 
     fn choice(&mut self, place: &SegmentState, motion: &Motion<f64>) -> Option<Chosen> {
@@ -262,11 +283,6 @@ impl EventStepper<'_> {
             terms
         })
     }
-}
-
-/// Brings the surface of a tip to rest, without compression and shear.
-fn relax(Motion { q, p, .. }: &mut Motion<f64>, i: usize) {
-    (q.compression[i], q.shear[i], p.compression[i], p.shear[i]) = (0.0, 0.0, 0.0, 0.0);
 }
 
 /// Makes a contact free at its present tilt.

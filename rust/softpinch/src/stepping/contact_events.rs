@@ -1,6 +1,6 @@
 //! The events that end the modes of unilateral contact, and the ends of runs at them.
 
-use crate::formulation::{Contact, States, contacts_in};
+use crate::formulation::{Contact, ContactJump, States, contacts_in};
 use crate::method::Unsolved;
 use crate::model::{Contacts, Mode};
 use crate::names::named;
@@ -34,16 +34,13 @@ named! {
 
 /// A change of a contact's mode.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(missing_docs)] // of fields that their types explain
 pub struct Change {
-    /// Time, s.
     pub time: f64,
     /// 0 for the right finger, 1 for the left one.
     pub finger: usize,
-    /// The mode before.
     pub before: Mode,
-    /// The mode after.
     pub after: Mode,
-    /// What ended the mode before.
     pub cause: Cause,
 }
 
@@ -68,7 +65,6 @@ pub(crate) enum Reason {
     /// More than [`MOST_EVENTS`] events within one step.
     Chattering,
     NoMode,
-    /// The equations of a step were not solved.
     Unsolved(Unsolved),
     NotFinite,
 }
@@ -85,6 +81,18 @@ pub(crate) struct ContactEnd {
 /// The result of work at events, or the end of the run there.
 pub(crate) type EventResult<T = ()> = Result<T, Box<ContactEnd>>;
 
+/// What happens to a run at its events, as numbers with derivatives follow it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Passage {
+    /// A step of this length leads to an event.
+    Step(f64, Event),
+    Jump(ContactJump),
+    /// From here on the contacts are these, after so many changes of modes.
+    Modes([Contact; 2], usize),
+    /// What happens has no derivative.
+    Undefined(&'static str),
+}
+
 /// The contacts of one run, and the changes of their modes.
 #[derive(Debug, Clone)]
 pub(crate) struct ContactRun {
@@ -93,18 +101,18 @@ pub(crate) struct ContactRun {
     pub anchor: f64,
     /// The changes of modes since the list was emptied.
     pub changes: Vec<Change>,
+    pub log: Vec<Passage>,
 }
 
 impl ContactRun {
     pub fn new(contacts: [Contact; 2]) -> Self {
-        Self { contacts, anchor: 0.0, changes: Vec::new() }
+        Self { contacts, anchor: 0.0, changes: Vec::new(), log: Vec::new() }
     }
 
     pub fn modes(&self) -> [Mode; 2] {
         self.contacts.map(|contact| contact.mode)
     }
 
-    /// Writes the contacts into those of a lane.
     pub fn put_into<R: Lanes>(&self, contacts: &mut Contacts<R>, lane: usize) {
         let [right, left] = &self.contacts;
         contacts.set(lane, [right.mode, left.mode], [right.frozen_tilt, left.frozen_tilt]);

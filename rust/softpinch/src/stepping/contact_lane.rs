@@ -16,7 +16,6 @@ use crate::stepping::{
     Reason, SegmentState, Steps, VIOLATIONS, Violation, watched,
 };
 
-/// The inputs of a segment.
 struct Segment {
     anchor: f64,
     drive: SegmentDrive,
@@ -110,7 +109,6 @@ impl LaneContact {
         self.earlier = std::mem::replace(&mut self.segment, Segment { anchor, drive });
     }
 
-    /// Calls `work` with the stepper at a moment.
     pub(super) fn act<T>(
         &mut self,
         at: &Moment<'_>,
@@ -120,6 +118,7 @@ impl LaneContact {
         self.in_earlier = at.earlier;
         let Segment { anchor, drive } = if at.earlier { &mut self.earlier } else { &mut self.segment };
         run.anchor = *anchor;
+        run.log.clear();
         run.put_into(&mut drive.contacts, 0);
         method.forget_start();
         let mut place = SegmentState { tau: at.tau, y: *at.y };
@@ -130,7 +129,7 @@ impl LaneContact {
     }
 
     /// Calls `work` with the stepper at a moment, and returns the state after it.
-    pub(super) fn change(
+    pub fn change(
         &mut self,
         at: &Moment<'_>,
         work: impl FnOnce(&mut EventStepper<'_>, &mut SegmentState) -> EventResult,

@@ -209,22 +209,17 @@ fn lost(scene: &Scene, last: &Instant, loss: Loss, modes: [Mode; 2]) -> String {
         let thickness = scene.parameters.tips[i].radius - 0.5 * compressions;
         let slipped = along(now[i].place, &last.q) - along(start[i].place, &initial.q)
             + thickness * (now[i].tilt - start[i].tilt);
+        let (place, begun, slipped) = (now[i].place.abs(), start[i].place.abs(), slipped.abs());
         format!(
-            "{:.3e} m from the middle of the face, {:.3e} m at the start; the face slipped {:.3e} m over it; half the height is {:.3e} m",
-            now[i].place.abs(),
-            start[i].place.abs(),
-            slipped.abs(),
+            "{place:.3e} m from the middle of the face, {begun:.3e} m at the start; the face slipped {slipped:.3e} m over it; half the height \
+             is {:.3e} m",
             halves[i]
         )
     };
     match loss {
         Loss::OffFace(i) => {
-            format!(
-                "the contact of the {} tip, which {}, left its face ({})",
-                SIDES[i],
-                modes[i].word(),
-                of(i)
-            )
+            let (side, word) = (SIDES[i], modes[i].word());
+            format!("the contact of the {side} tip, which {word}, left its face ({})", of(i))
         }
         Loss::MetEnd(i) => {
             format!("the {} tip, which is free, met the end of the face ({})", SIDES[i], of(i))

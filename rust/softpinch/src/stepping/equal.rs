@@ -12,7 +12,6 @@ use crate::stepping::{
     EqualLanes, GridOf, Instants, LaneBatch, LoopSetup, LoopSystem, POLL, Phase, RowsInside, full,
 };
 
-/// The loop of equal steps before it runs.
 pub struct EqualSteps<'g, 'a, B> {
     pub setup: LoopSetup<'a>,
     pub grid: &'g GridOf<'g>,
@@ -20,7 +19,6 @@ pub struct EqualSteps<'g, 'a, B> {
     pub build: B,
 }
 
-/// Computes all runs of the queue.
 impl<R, S, B, M> LaneTask<R> for EqualSteps<'_, '_, B>
 where
     R: Lanes,

@@ -4,7 +4,7 @@ use crate::error::Result;
 use crate::formulation::{Evaluation, SceneEquations, States, System};
 use crate::method::{Integrator, Step, StepResult, Unsolved};
 use crate::model::{Linearized, Motion, RELAXATIONS, Scene, unpacked};
-use crate::number::{Bits, Lanes, each};
+use crate::number::{Bits, Lanes, each, inlined};
 use crate::stepping::ending;
 use crate::stepping::{
     End, Grid, GridOf, Instant, LaneBatch, LaneController, LoopSystem, Phase, RowsInside, Segment, full, put,
@@ -17,7 +17,6 @@ pub struct Place {
     pub segment: Segment,
     pub earlier: Option<Segment>,
     pub steps_before: u64,
-    /// The clock at the end of the segment.
     pub arrival: u64,
     /// The clock until which the saved instant of the run is its last watched one.
     pub saved_until: u64,
@@ -250,10 +249,11 @@ impl<R: Lanes> EqualLanes<'_, '_, R> {
         run.steps = run.place.steps_before + run.place.step(self.clock) - run.place.segment.first;
     }
 
-    /// The lanes whose present instant is watched: the state of the others has just been replaced.
-    #[inline(always)]
-    pub fn watched_now(&self) -> Bits {
-        self.batch.active() & !(self.batch.phases.at(Phase::Struck) | self.held)
+    inlined! {
+        /// The lanes whose present instant is watched: the state of the others has just been replaced.
+        pub watched_now(&self) -> Bits =
+            self.batch.active() & !(self.batch.phases.at(Phase::Struck) | self.held);
+        pub has_rows_inside(&self) -> bool = R::WIDTH == 1 && !self.inside.rows.is_empty();
     }
 
     pub fn retire(&mut self, system: &SceneEquations<R>, lane: usize, end: End, last: &Instant) {
@@ -277,11 +277,6 @@ impl<R: Lanes> EqualLanes<'_, '_, R> {
             }
         }
         true
-    }
-
-    #[inline(always)]
-    pub fn has_rows_inside(&self) -> bool {
-        R::WIDTH == 1 && !self.inside.rows.is_empty()
     }
 
     /// Replaces the state of a lane, which is evaluated again. Until the run has been watched again, after so many

@@ -9,7 +9,7 @@ use crate::number::{Instructions, LaneTask, Lanes, task};
 use crate::stepping::contact_events::CAUSES;
 use crate::stepping::lone_steps::LoneMethod;
 use crate::stepping::monitor::{Condition, Failure};
-use crate::stepping::{ContactEnd, ContactRun, Event, EventResult, Limits, MOST_EVENTS, Reason};
+use crate::stepping::{ContactEnd, ContactRun, Event, EventResult, Limits, MOST_EVENTS, Passage, Reason};
 
 /// Largest number of repeated steps that locate one event. Most take about ten.
 const MOST_TRIALS: usize = 60;
@@ -23,7 +23,6 @@ const SLIVER: f64 = 1.0 / (1u64 << 40) as f64;
 /// An event is located to this share of the step.
 const RESOLUTION: f64 = 1.0 / (1u64 << 50) as f64;
 
-/// A state within a segment.
 #[derive(Debug, Clone, Copy)]
 pub struct SegmentState {
     pub tau: f64,
@@ -53,7 +52,7 @@ pub struct EventStepper<'a> {
 
 task! {
     ['a] GeometryOf<'a>(sides: &'a [Side<f64>; 2], motion: &'a Motion<f64>) for f64 => Geometry<f64> =
-        Geometry::new(sides, &motion.q, &motion.p)
+        Geometry::<f64>::of(sides, &motion.q, &motion.p)
 }
 
 impl EventStepper<'_> {
@@ -70,7 +69,6 @@ impl EventStepper<'_> {
         f64::call(self.instructions, GeometryOf { sides: &self.equations.plant().sides, motion })
     }
 
-    /// The terms and the motion of a state.
     pub fn terms_at(&self, tau: f64, y: &States<f64>) -> (Terms<f64>, Motion<f64>) {
         let input = self.input(tau);
         let motion = self.equations.motion(&input, y);
@@ -113,6 +111,7 @@ impl EventStepper<'_> {
             };
             let y = self.step_from(&place, length)?;
             place = SegmentState { tau: if length < rest { place.tau + length } else { end }, y };
+            self.run.log.push(Passage::Step(length, event));
             self.happen(&mut place, event)?;
             rest = end - place.tau;
             if rest <= 0.0 {

@@ -23,7 +23,6 @@ pub struct Segment {
     pub h: f64,
     /// Steps that the resumed run has already taken in the segment.
     pub first: u64,
-    /// Steps of the whole segment.
     pub count: u64,
 }
 
@@ -56,7 +55,6 @@ impl Segment {
         steps * self.h
     }
 
-    /// The time after `step` steps.
     #[inline(always)]
     pub fn time(&self, step: u64) -> f64 {
         if step == self.first {
@@ -96,7 +94,6 @@ fn too_many(needed: f64) -> Error {
     Error::TooLarge { what, needed, limit: MOST_STEPS, advice }
 }
 
-/// The start and the end of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Span {
     pub start: f64,

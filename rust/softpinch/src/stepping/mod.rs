@@ -1,21 +1,17 @@
 //! The step loops, written over lanes. `equal` takes equal steps between breakpoints, `adaptive` takes
 //! steps as long as the error allows. A single run is one lane, and a `recorder` records it. `batch` has
 //! the work of both loops on the runs in their lanes.
-//!
-//! Events of unilateral contact: [`monitor`] has the conditions that end a mode, `event_search.rs` locates events on
-//! the method's own step, `contact_changes.rs` lets them happen. `contact_lane` does this for the run in a lane,
-//! `equal_events.rs` and `adaptive_events.rs` are its use in the two loops.
 
 pub(crate) mod adaptive;
 mod adaptive_events;
 mod adaptive_lanes;
 pub(crate) mod batch;
 mod contact_changes;
-pub mod contact_events;
+pub(crate) mod contact_events;
 pub(crate) mod contact_lane;
 #[cfg(test)]
 mod contact_tests;
-pub mod ending;
+pub(crate) mod ending;
 pub(crate) mod equal;
 mod equal_events;
 mod equal_lanes;
@@ -25,21 +21,23 @@ pub(crate) mod instant;
 pub(crate) mod intervals;
 pub(crate) mod lane_controller;
 mod lone_steps;
-pub mod monitor;
-pub mod options;
+pub(crate) mod monitor;
+pub(crate) mod options;
 pub(crate) mod phase;
-pub mod record;
+pub(crate) mod record;
 pub(crate) mod recorder;
 pub(crate) mod sizes;
-pub mod summary;
+pub(crate) mod summary;
 #[cfg(test)]
 mod tests;
 
 pub(crate) use adaptive::AdaptiveSteps;
 pub(crate) use adaptive_lanes::{AdaptiveLanes, StepStart, merged};
 pub(crate) use batch::{Finished, LaneBatch, LoopSetup, LoopSystem, POLL, RunQueue, Seen, Taken};
-pub use contact_events::{Cause, Change};
-pub(crate) use contact_events::{ContactEnd, ContactRun, Event, EventResult, Loss, MOST_EVENTS, Reason};
+pub use contact_events::Change;
+pub(crate) use contact_events::{
+    Cause, ContactEnd, ContactRun, Event, EventResult, Loss, MOST_EVENTS, Passage, Reason,
+};
 pub(crate) use contact_lane::{LaneContact, Moment};
 pub(crate) use ending::{End, full, interruption, overflow};
 pub use ending::{STATUSES, Status, arrival};
@@ -50,12 +48,13 @@ pub(crate) use grid::{Grid, GridOf, MOST_STEPS, Segment, Span, round_off};
 pub(crate) use instant::{Instant, all_finite, column, put, watched};
 pub(crate) use lane_controller::LaneController;
 pub(crate) use lone_steps::RowsInside;
-pub(crate) use monitor::Limits;
-pub use monitor::{STOP_ON, VIOLATIONS, Violation, ViolationSet};
+pub(crate) use monitor::{Limits, STOP_ON, ViolationSet};
+pub use monitor::{VIOLATIONS, Violation};
 pub use options::{MAX_STEPS, Options, Steps};
 pub(crate) use phase::Phase;
-pub use record::{COLUMNS, Column, Layout, RECORDABLE, Recordable, Recording, Run, Selection, reserved};
+pub use record::{COLUMNS, Column, RECORDABLE, Recordable, Recording, Run, reserved};
+pub(crate) use record::{Layout, Selection};
 pub(crate) use recorder::{Due, Recorder};
 pub(crate) use sizes::Sizes;
-pub use summary::{COUNT, SUMMARIES, Summary, SummarySet, UNITS, Wanted};
-pub(crate) use summary::{Summaries, SummaryInstant};
+pub(crate) use summary::{COUNT, Summaries, SummaryInstant, SummarySet};
+pub use summary::{SUMMARIES, Summary, UNITS, Wanted};

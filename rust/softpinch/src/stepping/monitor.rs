@@ -8,7 +8,7 @@ use crate::model::{Any, Contact, Contacts, Geometry, Motion, Parameters, SIDES, 
 use crate::names::{named, set};
 use crate::number::{Bits, LaneTask, Lanes, Real, task};
 use crate::stepping::summary::{Memory, take_margins};
-use crate::stepping::{Cause, Instant};
+use crate::stepping::{Cause, Event, Instant};
 
 named! {
     /// A way in which the model stops holding.
@@ -46,7 +46,6 @@ const SEPARATION: f64 = 1e-9;
 const MARGIN: f64 = 1e-6;
 
 set! {
-    /// A set of violations.
     ViolationSet of Violation
 }
 
@@ -89,7 +88,6 @@ impl TurningPoint {
     }
 }
 
-/// What the failure of a condition means.
 #[derive(Clone, Copy)]
 pub(super) enum Failure {
     /// The mode of the contact ends.
@@ -98,7 +96,6 @@ pub(super) enum Failure {
     Violation(Violation),
 }
 
-/// A condition of one contact.
 pub(super) struct Condition<R> {
     pub(super) failure: Failure,
     /// The lanes that have this condition.
@@ -111,7 +108,6 @@ pub(super) struct Condition<R> {
 }
 
 impl<R: Lanes> Condition<R> {
-    /// The lanes in which it fails.
     #[inline(always)]
     fn fails(&self) -> Bits {
         let Self { value, least, .. } = *self;
@@ -148,18 +144,12 @@ impl<R: Lanes> Limits<R> {
         let infinity = R::constant(f64::INFINITY);
         Self {
             sides: Side::both(source),
-            least: [
-                source.number(|p| -SEPARATION * p.tips[0].radius),
-                source.number(|p| -SEPARATION * p.tips[1].radius),
-            ],
+            least: [0, 1].map(|i| source.number(|p| -SEPARATION * p.tips[i].radius)),
             friction,
             limited: friction[0].less(infinity) | friction[1].less(infinity),
             half_height: [half_length(source, 0), half_length(source, 1)],
             curvature: [curvature(source, 0), curvature(source, 1)],
-            per_force: [
-                source.number(|p| 1.0 / (p.modulus(0) * p.tips[0].radius.powi(2))),
-                source.number(|p| 1.0 / (p.modulus(1) * p.tips[1].radius.powi(2))),
-            ],
+            per_force: [0, 1].map(|i| source.number(|p| 1.0 / (p.modulus(i) * p.tips[i].radius.powi(2)))),
         }
     }
 
@@ -179,7 +169,7 @@ impl<R: Lanes> Limits<R> {
     /// The compression at which contact `i` reaches the rim of its tip.
     #[inline(always)]
     fn rim(&self, at: &Evaluation<R>, i: usize) -> R {
-        let (d_n, radius) = (at.motion.q.compression[i], self.sides[i].radius());
+        let (d_n, radius) = (at.motion.q.compression[i], self.sides[i].radius);
         if !self.sides[i].is_curved() {
             return radius * (R::constant(1.0) - at.sin_tilt[i].abs());
         }
@@ -203,7 +193,7 @@ impl<R: Lanes> Limits<R> {
         mut take: impl FnMut(Condition<R>),
     ) {
         let Motion { q, p, .. } = &at.motion;
-        let (d_n, radius) = (q.compression[i], self.sides[i].radius());
+        let (d_n, radius) = (q.compression[i], self.sides[i].radius);
         let (along, across, v) = (at.multipliers[i], at.multipliers[2 + i], at.residuals[2 + i]);
         let places = at.places.map(R::abs);
         let half = self.half_height[i];
@@ -254,6 +244,18 @@ impl<R: Lanes> Limits<R> {
         violation(Violation::Crushed, touching, radius, d_n, true);
         violation(Violation::Folded, touching, quarter, at.tilt[i].abs(), true);
         violation(Violation::Rim, touching, self.rim(at, i), d_n, false);
+    }
+
+    /// The value of an event, which is due where it is negative; zero in modes that do not have it.
+    #[inline(always)]
+    pub fn event_value(&self, now: &Evaluation<R>, contacts: &Contacts<R>, event: Event) -> R {
+        let mut found = R::zero();
+        self.conditions(now, Some(contacts), event.finger, false, |condition| {
+            if matches!(condition.failure, Failure::Event(cause) if cause == event.cause) {
+                found = condition.value;
+            }
+        });
+        found
     }
 
     /// For each of [`VIOLATIONS`] the lanes in which it holds at an instant. In unilateral contact there are `contacts`,
@@ -316,7 +318,7 @@ task! {
         let (mut least, mut at_end) = (infinity, infinity);
         let inside = [limits.half_height[0] - now.places[0].abs(), limits.half_height[1] - now.places[1].abs()];
         for i in 0..2 {
-            let (d_n, per_length) = (now.motion.q.compression[i], one / limits.sides[i].radius());
+            let (d_n, per_length) = (now.motion.q.compression[i], one / limits.sides[i].radius);
             let (force, across) = (now.multipliers[i] * limits.per_force[i], now.multipliers[2 + i].abs());
             let cone = limits.friction[i].mul_add(force, -across * limits.per_force[i]);
             let (mut touching, mut sticks, mut slips) = (Bits::MAX, 0, 0);
@@ -354,7 +356,6 @@ pub(super) fn half_length<R: Real>(source: &impl Source<R>, i: usize) -> R {
     }
 }
 
-/// The curvature of a side.
 #[inline(always)]
 fn curvature<R: Real>(source: &impl Source<R>, i: usize) -> R {
     if R::ANY_PARTS && source.kinds().shape(i) == ShapeKind::Arc {
@@ -364,22 +365,13 @@ fn curvature<R: Real>(source: &impl Source<R>, i: usize) -> R {
     }
 }
 
-/// The point at which a tip seems to leave the object, to be pressed flat or to fold, and then to come back
-/// between two states. It is a share of the step of length `h` between them. It is found on the cubic through
-/// values and rates at both ends, because a step may be long. This is rare, so the code is called.
-pub(crate) struct ViolatingTurningPoint<'a> {
-    pub parameters: &'a Parameters,
-    pub ends: [&'a Motion<f64>; 2],
-    pub h: f64,
-}
-
-impl LaneTask<f64> for ViolatingTurningPoint<'_> {
-    type Output = Option<f64>;
-
-    #[inline(always)]
-    fn run(self) -> Option<f64> {
-        let Self { parameters, ends: [before, after], h } = self;
-        let sides = Side::both(parameters);
+task! {
+    /// The point at which a tip seems to leave the object, to be pressed flat or to fold, and then to come back
+    /// between two states. It is a share of the step of length `h` between them. It is found on the cubic through
+    /// values and rates at both ends, because a step may be long. This is rare, so the code is called.
+    pub(crate) ['a]
+    ViolatingTurningPoint<'a>(parameters: &'a Parameters, ends: [&'a Motion<f64>; 2], h: f64) for f64 => Option<f64> = {
+        let ([before, after], sides) = (ends, Side::both(parameters));
         for i in 0..2 {
             let a = parameters.tips[i].radius;
             let tilt = |motion: &Motion<f64>| {

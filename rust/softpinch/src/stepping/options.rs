@@ -37,7 +37,6 @@ pub struct Options {
     pub every: u64,
     /// Instants to record instead, s; `None` to record the ends of steps.
     pub times: Option<Vec<f64>>,
-    /// Violations that end the run.
     pub stop_on: ViolationSet,
     pub summaries: Wanted,
     /// Largest number of attempted steps in a run with free steps.
@@ -87,7 +86,6 @@ impl Options {
         limit / if self.formulation == Formulation::Csm { rate.max(alpha).max(beta) } else { rate }
     }
 
-    /// The equations of a scene.
     pub(crate) fn runs<'a>(&'a self, instructions: Instructions, scene: &'a Scene) -> Runs<'a> {
         let (choice, parameters) = (self.choice(&scene.inputs), [&scene.parameters; MOST]);
         Runs { instructions, choice, parameters, gains: &self.stabilization }

@@ -1,6 +1,6 @@
 //! The phases of the runs in the lanes of a step loop.
 
-use crate::number::Bits;
+use crate::number::{Bits, inlined};
 
 /// What the run in a lane does next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,14 +39,9 @@ impl Phases {
         Self(lanes)
     }
 
-    #[inline(always)]
-    pub fn at(&self, phase: Phase) -> Bits {
-        self.0[phase as usize]
-    }
-
-    #[inline(always)]
-    pub fn active(&self) -> Bits {
-        !(self.at(Phase::Idle) | self.at(Phase::Ended))
+    inlined! {
+        pub at(&self, phase: Phase) -> Bits = self.0[phase as usize];
+        pub active(&self) -> Bits = !(self.at(Phase::Idle) | self.at(Phase::Ended));
     }
 
     pub fn set(&mut self, lanes: Bits, phase: Phase) {

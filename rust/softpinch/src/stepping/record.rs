@@ -85,16 +85,13 @@ pub struct Layout {
     pub keeps_jacobian: bool,
     /// Whether contacts can slip and open.
     pub unilateral: bool,
-    /// Whether the hand moves.
     pub moves: bool,
     /// Length of the state of the run's discrete controller; 0 if it has none.
     pub controller: usize,
-    /// Number of states of Maxwell branches.
     pub relaxation: usize,
 }
 
 impl Layout {
-    /// How many numbers a row has in each column.
     pub fn widths(self, selection: Selection) -> [usize; COLUMNS.len()] {
         let Self { keeps_jacobian, unilateral, moves, controller, relaxation } = self;
         let works = match (moves, unilateral) {

@@ -23,10 +23,8 @@ pub enum Due<'a> {
 pub struct Recorder<'a> {
     recording: Recording,
     due: Due<'a>,
-    /// The time of the last row.
     last_row: Option<f64>,
     pub intervals: Intervals,
-    /// The changes of the contacts' modes.
     pub changes: Vec<Change>,
     /// The state of the run's discrete controller at the next row.
     pub controller: Vec<f64>,

@@ -62,7 +62,6 @@ macro_rules! summaries {
             SUMMARIES = { $($(#[$doc])* $kind = $name,)* }
         }
 
-        /// Number of summaries.
         pub const COUNT: usize = SUMMARIES.len();
 
         /// The units of the summaries, in the same order.
@@ -314,7 +313,6 @@ pub(super) fn take_margins<R: Lanes>(memory: &mut Memory<R>, [distance, at_end]:
 }
 
 set! {
-    /// A set of summaries.
     SummarySet of Summary
 }
 

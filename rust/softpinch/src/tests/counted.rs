@@ -9,9 +9,9 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use crate::number::lanes::{Bits, LaneTask, Lanes};
 use crate::number::real::Real;
 use crate::number::trigonometry;
+use crate::number::{Bits, LaneTask, Lanes};
 
 /// Kinds of operations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

@@ -158,7 +158,7 @@ proptest! {
         let step = 1e-6;
         let at = |time: f64| {
             let moved = each_coordinate!([q, p] => q + time * p);
-            Geometry::new(&sides, &moved, &p)
+            Geometry::<f64>::of(&sides, &moved, &p)
         };
         let (now, before, after) = (at(0.0), at(-step), at(step));
         let rate = |of: fn(&Geometry<f64>) -> [f64; 4], k: usize| (of(&after)[k] - of(&before)[k]) / (2.0 * step);
@@ -197,7 +197,7 @@ proptest! {
         // The foot is where the tip's surface is only if C^H = 0.
         let [pose @ .., _, _, _, _] = q.row();
         let (q, _) = consistent(&parameters, &pose, &q.shear, &[0.0; 5]);
-        let geometry = Geometry::new(&Side::both(&parameters), &q, &p);
+        let geometry = Geometry::<f64>::of(&Side::both(&parameters), &q, &p);
         for i in 0..2 {
             let expected = relative_velocity(&parameters, i, &q, &p);
             prop_assert!((geometry.contacts[i].nonholonomic - expected).abs() < 1e-14);
@@ -212,7 +212,7 @@ proptest! {
         turns in prop::array::uniform2(-5.0..5.0_f64),
     ) {
         let f = f.into();
-        let geometry = Geometry::new(&Side::both(&parameters), &q, &p);
+        let geometry = Geometry::<f64>::of(&Side::both(&parameters), &q, &p);
         solves_agree(&parameters, Fingers::Torque, &geometry, &f, turns)?;
         solves_agree(&parameters, Fingers::Driven, &geometry, &f, turns)?;
     }

@@ -19,7 +19,6 @@ use crate::model::{Motion, Parameters, Parts, Source, numbered};
 use crate::number::{LaneTask, Real, task};
 
 numbered! {
-    /// The kinds of laws.
     LawKind {
         /// Parallel linear springs in a hemisphere (5): the paper's, with the modulus of the fingertip.
         ParallelSprings,
@@ -45,7 +44,6 @@ pub(crate) fn force(parameters: &Parameters, i: usize, d_n: f64) -> f64 {
     curve(parameters, i, d_n).force
 }
 
-/// The curve of tip `i` at a compression.
 #[inline(never)]
 fn curve(parameters: &Parameters, i: usize, d_n: f64) -> springs::Curve<f64> {
     Springs::new(parameters, i).curve_called(d_n)
@@ -68,14 +66,11 @@ pub struct Tip<R> {
     law: InoueHirai<R>,
     /// The law of a scene whose parts are not the paper's.
     other: Option<Springs<R>>,
-    /// Normal viscosity c_n.
     pub normal_viscosity: R,
-    /// Tangential viscosity c_t.
     pub tangential_viscosity: R,
 }
 
 task! {
-    /// Builds another law.
     ['a, R: Real, S: Source<R>] Build<'a, S>(source: &'a S, i: usize) for R => Springs<R> = Springs::new(source, i)
 }
 task! {
@@ -85,14 +80,12 @@ task! {
 }
 
 task! {
-    /// Computes the effect of the branches of tip `i`.
     ['a, R: Real]
     Relax<'a, R>(law: &'a Springs<R>, i: usize, at: [R; 2], states: &'a [R; RELAXATIONS], ledger: bool)
     for R => Relaxing<R> = law.relaxing(i, at, states, ledger)
 }
 
 impl<R: Real> Tip<R> {
-    /// The constants of the tip of finger `i`.
     #[inline(always)]
     pub fn new(source: &impl Source<R>, i: usize) -> Self {
         let kinds = source.kinds();

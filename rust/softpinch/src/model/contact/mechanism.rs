@@ -15,7 +15,6 @@ use crate::model::{Source, numbered};
 use crate::number::Real;
 
 numbered! {
-    /// The kinds of mechanisms.
     MechanismKind {
         /// A rigid link that turns about its root (7, 8).
         OneLink,
@@ -31,13 +30,10 @@ numbered! {
 pub struct Arm<R> {
     /// theta_pi (6).
     pub tilt: R,
-    /// sin theta_pi.
     pub sin_tilt: R,
-    /// cos theta_pi.
     pub cos_tilt: R,
     /// sin theta_i, by which gravity turns the finger (43).
     pub sin_finger: R,
-    /// cos theta_i.
     pub cos_finger: R,
     /// n_i, from the finger's root to the tip's centre along the side's normal.
     pub normal: R,
@@ -47,7 +43,6 @@ pub struct Arm<R> {
     pub sx: R,
     /// G_i (11).
     pub g: R,
-    /// The rate of the finger's coordinate.
     pub turn: R,
 }
 
@@ -70,19 +65,14 @@ pub struct Placed<R> {
     pub gravity: [R; 2],
 }
 
-/// The mechanism of one finger.
 #[derive(Debug, Clone, Copy)]
 pub enum Mechanism<R> {
-    /// A rigid link.
     OneLink(OneLink<R>),
-    /// A jaw.
     Jaw(Jaw<R>),
-    /// A parallelogram.
     Parallelogram(Parallelogram<R>),
 }
 
 impl<R: Real> Mechanism<R> {
-    /// The mechanism of finger `i`.
     #[inline(always)]
     pub(crate) fn new(source: &impl Source<R>, i: usize) -> Self {
         match source.kinds().mechanism(i) {

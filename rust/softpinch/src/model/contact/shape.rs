@@ -8,12 +8,11 @@ mod parallel_face;
 mod surface;
 
 pub use parallel_face::{Frame, ParallelFace};
-pub use surface::{Foot, Surface};
+pub use surface::Surface;
 
 use crate::model::numbered;
 
 numbered! {
-    /// The kinds of an object's sides.
     ShapeKind {
         /// A face that is parallel to the other one: the paper's.
         ParallelFace,
@@ -27,7 +26,6 @@ numbered! {
 numbered! {
     /// How the curvature of an arc changes the elastic energy of a tip. (4) is for a flat side.
     Counterface {
-        /// Not at all.
         Flat,
         /// The arc is that of a cylinder, straight out of the plane: P is multiplied by (1 + a/R)^(-1/2).
         Cylinder,

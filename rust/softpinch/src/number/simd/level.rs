@@ -45,7 +45,7 @@ impl Level {
         best.map_or(LEVELS[0].1, |&(_, level)| level)
     }
 
-    /// The level that [`VARIABLE`] selects, or the best one if the variable is not set.
+    /// The level that `VARIABLE` selects, or the best one if the variable is not set.
     pub fn from_environment() -> Result<Self> {
         let Ok(name) = std::env::var(VARIABLE) else { return Ok(Self::detect()) };
         let level = lookup(VARIABLE, &name, &LEVELS)?;

@@ -4,7 +4,6 @@ use super::ElasticGradient;
 use crate::model::Source;
 use crate::number::Real;
 
-/// The constants of (5).
 #[derive(Debug, Clone, Copy)]
 pub struct InoueHirai<R> {
     /// Stiffness pi E.

@@ -8,10 +8,8 @@ use super::springs::Curve;
 use crate::model::Source;
 use crate::number::Real;
 
-/// Number of weights.
 pub const WEIGHTS: usize = 10;
 
-/// The constants of a measured law.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Measured<R> {
     range: R,

@@ -7,7 +7,6 @@ use super::springs::Curve;
 use crate::model::Source;
 use crate::number::Real;
 
-/// The constants of a power law.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Power<R> {
     coefficient: R,

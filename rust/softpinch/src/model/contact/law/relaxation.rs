@@ -20,7 +20,6 @@ pub const RELAXATIONS: usize = 4 * BRANCHES;
 /// Most steps of Newton's method for delta.
 const STEPS: usize = 60;
 
-/// The branches of a tip.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Branches<R> {
     shares: [R; BRANCHES],

@@ -25,18 +25,13 @@ pub struct Curve<R> {
     pub bend: R,
 }
 
-/// The curve of a law.
 #[derive(Debug, Clone, Copy)]
 enum Force<R> {
-    /// c d^2.
     Square(R),
-    /// A power.
     Power(Power<R>),
-    /// A measured curve.
     Measured(Measured<R>),
 }
 
-/// The constants of a law.
 #[derive(Debug, Clone, Copy)]
 pub struct Springs<R> {
     force: Force<R>,
@@ -50,7 +45,6 @@ pub struct Springs<R> {
 }
 
 task! {
-    /// Computes a curve.
     ['a, R: Real] CurveAt<'a, R>(law: &'a Springs<R>, d: R) for R => Curve<R> = law.curve(d)
 }
 
@@ -61,7 +55,6 @@ impl<R: Real> Springs<R> {
         R::outlined(CurveAt { law: self, d })
     }
 
-    /// The law of tip `i`.
     #[inline(always)]
     pub(super) fn new(source: &impl Source<R>, i: usize) -> Self {
         let (kinds, one) = (source.kinds(), R::constant(1.0));

@@ -4,7 +4,6 @@ use super::Placed;
 use crate::model::Source;
 use crate::number::{Real, signed};
 
-/// The numbers of a jaw.
 #[derive(Debug, Clone, Copy)]
 pub struct Jaw<R> {
     /// The tip's centre at the coordinate zero: -X_0 inwards and Y_0 upwards.

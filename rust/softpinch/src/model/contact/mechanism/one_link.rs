@@ -8,7 +8,6 @@ use super::{Arm, Placed};
 use crate::model::{Frame, Source};
 use crate::number::{Real, signed};
 
-/// The lengths of a link.
 #[derive(Debug, Clone, Copy)]
 pub struct OneLink<R> {
     length: R,

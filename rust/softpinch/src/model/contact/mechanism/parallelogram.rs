@@ -4,7 +4,6 @@ use super::Placed;
 use crate::model::Source;
 use crate::number::Real;
 
-/// The numbers of a parallelogram.
 #[derive(Debug, Clone, Copy)]
 pub struct Parallelogram<R> {
     length: R,

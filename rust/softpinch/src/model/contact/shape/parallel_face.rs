@@ -22,24 +22,18 @@ impl<R: Real> ParallelFace<R> {
 pub struct Frame<R> {
     /// Sine of the angle by which the frame is turned.
     pub sin: R,
-    /// Cosine of that angle.
     pub cos: R,
-    /// The angle.
     pub theta: R,
-    /// The rate of the angle.
     pub omega: R,
     /// The centre of gravity along the normal.
     pub x: R,
-    /// The centre of gravity across the normal.
     pub y: R,
     /// Its velocity along the normal.
     pub u: R,
-    /// Its velocity across the normal.
     pub v: R,
 }
 
 impl<R: Real> Frame<R> {
-    /// The object's own frame.
     #[inline(always)]
     pub(in crate::model) fn of_object([x, y, theta]: [R; 3], [u, v, omega]: [R; 3]) -> Self {
         let (sin, cos) = theta.sin_cos();

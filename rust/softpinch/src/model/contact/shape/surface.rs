@@ -16,18 +16,17 @@ use super::ShapeKind;
 use crate::model::Source;
 use crate::number::{Real, signed};
 
-/// The numbers of a side.
 #[derive(Debug, Clone, Copy)]
 pub struct Surface<R> {
     /// The apex from the centre of gravity, along the object's axes.
-    apex: [R; 2],
+    pub(in crate::model) apex: [R; 2],
     /// beta, its sine and its cosine.
     tilt: R,
     sin: R,
     cos: R,
     /// 1/R.
     curvature: R,
-    curved: bool,
+    pub(in crate::model) curved: bool,
 }
 
 /// The foot of the perpendicular from a tip's centre. Vectors are along the object's axes.
@@ -46,7 +45,6 @@ pub struct Foot<R> {
 }
 
 impl<R: Real> Surface<R> {
-    /// The side that finger `i` touches.
     #[inline(always)]
     pub(in crate::model) fn new(source: &impl Source<R>, i: usize) -> Self {
         let zero = R::zero();
@@ -60,18 +58,6 @@ impl<R: Real> Surface<R> {
         }
         let (sin, cos) = tilt.sin_cos();
         Self { apex: [signed(i, -width), height], tilt, sin, cos, curvature, curved }
-    }
-
-    /// The apex from the centre of gravity, along the object's axes.
-    #[inline(always)]
-    pub(in crate::model) fn apex(&self) -> [R; 2] {
-        self.apex
-    }
-
-    /// Whether the side is an arc.
-    #[inline(always)]
-    pub(in crate::model::contact) fn is_curved(&self) -> bool {
-        self.curved
     }
 
     /// The foot of the perpendicular from `place`, which is given from the centre of gravity.

@@ -1,0 +1,264 @@
+"""Derivatives through slips, openings and impacts, beside differences of runs."""
+
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import derivative_paths as paths_of
+import softpinch as sp
+from derivative_differences import difference
+from differences import changed, extrapolated, states
+from random_pinches import random_pinch
+from unilateral_scenes import regripped
+
+Floats = NDArray[np.float64]
+PATHS: list[tuple[str, tuple[int, ...]]] = [
+    ("friction", ()),
+    ("hand.tip.right.youngs_modulus", ()),
+    ("grasped.mass", ()),
+    ("grasped.com_offset", ()),
+    ("schedule.angles", (0, 1)),
+    ("hand.left.length", ()),
+    ("hand.tip.left.normal_mass", ()),
+    ("control.kp", ()),
+]
+# Near rest, rates have the round-off of coordinates times the rate of the fastest motions.
+ROUND_OFF = np.repeat([1.0, 30.0], 9)
+# Shares of a number's size.
+LADDER = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+
+
+def changes(run: sp.Run) -> list[Any]:
+    return [change[1:] for change in run.contact_changes]
+
+
+def times_of(run: sp.Run) -> Floats:
+    return np.array([change.time for change in run.contact_changes])
+
+
+class Compared:
+    """A run with derivatives by one number, and the errors of these beside differences.
+
+    Attributes:
+        reason: Why the derivatives end before the run; None if they do not.
+        error: Of the states; None if no difference has the changes of contacts that the run has.
+        time_error: Of the times of the changes, as a share of the largest.
+    """
+
+    def __init__(self, seed: int, alter: Callable[[sp.Scene], sp.Scene], **how: Any) -> None:
+        scene = alter(random_pinch(np.random.default_rng(seed), "unilateral", 0.03))
+        path, index = PATHS[seed % len(PATHS)]
+        pushed = [hasattr(push, "force") for push in scene.disturbances]
+        if seed % 3 == 0 and pushed and pushed[0]:
+            path, index = "disturbances.0.force", (1,)
+        how = {"stop_on": (), **how}
+        self.reason = None
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            self.run = sp.simulate(scene, sensitivities=path, **how)
+            for each in said:
+                if "no derivatives" in str(each.message):
+                    self.reason = str(each.message)
+        self.error = self.time_error = None
+        ours = self.run.sensitivity[path][(..., *index)]
+        if self.run.status in ("unstable", "chattering"):
+            return
+        if self.reason is not None:
+            assert np.isnan(ours).any()
+            return
+        assert np.isfinite(ours).all()
+        # The last row of a run that is lost is at a time that moves.
+        rows = slice(0, None if self.run.success else -1)
+        size = paths_of.size(scene, path, index)
+        for share in LADDER:
+            self._compare(scene, (path, index), share * size, rows, how)
+
+    def _compare(
+        self, scene: sp.Scene, by: tuple[str, Any], step: float, rows: slice, how: Any
+    ) -> None:
+        path, index = by
+        found = {
+            h: sp.simulate(changed(scene, path, index, h), **how)
+            for h in (step, -step, step / 2, -step / 2)
+        }
+        if any(changes(other) != changes(self.run) for other in found.values()):
+            return
+        if any(len(other.t) != len(self.run.t) for other in found.values()):
+            return
+
+        def derivative(of: Callable[[sp.Run], Floats]) -> Floats:
+            return extrapolated(lambda h: of(found[h]), step)
+
+        ours = self.run.sensitivity[path][(..., *index)][rows]
+        theirs = derivative(lambda run: states(run)[rows])
+        # Where a number changes the motion by less than a millionth, differences are round-off.
+        size = paths_of.size(scene, path, index)
+        least = 1e-6 / size * (np.abs(states(self.run)[rows]) + ROUND_OFF)
+        error = difference(ours, theirs, "state", least)
+        if self.error is None or error < self.error:
+            times = derivative(times_of)
+            own = np.array([each.sensitivity[path][index] for each in self.run.contact_changes])
+            largest = np.abs(times).max(initial=1e-12)
+            self.error = error
+            self.time_error = float(np.abs(own - times).max(initial=0.0) / largest)
+
+
+def check(seeds: range, **how: Any) -> None:
+    seen: set[str] = set()
+    errors = []
+    for seed in seeds:
+        found = Compared(seed, lambda scene: scene, **how)
+        if found.error is None:
+            continue
+        assert found.time_error is not None and found.time_error < 1e-6, seed
+        errors.append(found.error)
+        seen |= {f"{each.before.name} {each.after.name}" for each in found.run.contact_changes}
+    # Of a few derivatives that are small, the best differences have more round-off.
+    assert max(errors) < 1e-6 and np.quantile(errors, 0.99, method="lower") < 1e-7
+    assert len(errors) > 0.65 * len(seeds)
+    assert {"STICK SLIP", "SLIP STICK", "GRAZE FREE", "FREE SLIP"} <= seen
+
+
+@pytest.mark.parametrize(
+    ("first", "method", "formulation"),
+    [(0, "rk4", "csm"), (300, "dop853", "projected")],
+)
+def test_random_scenes(first: int, method: str, formulation: str) -> None:
+    check(range(first, first + 20), dt=2e-4, method=method, formulation=formulation)
+
+
+def driven(scene: sp.Scene) -> sp.Scene:
+    angles = np.deg2rad([[4, 5], [12, -3]])
+    close = sp.Schedule.minimum_jerk([0.0, 0.02], angles, 0.02)
+    return replace(scene, fingers="driven", schedule=close, initial=None)
+
+
+def carried(scene: sp.Scene) -> sp.Scene:
+    return replace(scene, motion=sp.HandMotion.constant(acceleration=(3.0, -2.0), tilt=0.2))
+
+
+@pytest.mark.parametrize("alter", [driven, carried])
+def test_driven_fingers_and_hands_that_move(alter: Callable[[sp.Scene], sp.Scene]) -> None:
+    compared = 0
+    for seed in (0, 2, 6, 8, 9, 10, 11):
+        found = Compared(seed, alter, dt=1e-4)
+        assert found.error is not None and found.error < 1e-7, seed
+        compared += len(found.run.contact_changes) > 1
+    assert compared >= 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["rk4", "dop853"])
+@pytest.mark.parametrize("formulation", ["csm", "projected"])
+def test_many_random_scenes(method: str, formulation: str) -> None:
+    check(range(1000, 1250), dt=2e-4, method=method, formulation=formulation)
+
+
+def test_steps_of_free_length_have_the_derivatives_of_the_motion() -> None:
+    times = np.linspace(0.0, 0.03, 31)
+    for seed in (0, 2, 4, 5, 9):
+        scene = random_pinch(np.random.default_rng(seed), "unilateral", 0.03)
+        path, index = PATHS[seed % len(PATHS)]
+        how: dict[str, Any] = {"sensitivities": path, "method": "dop853", "times": times}
+        fine = sp.simulate(scene, dt=1e-5, **how)
+        free = sp.simulate(scene, tolerance=1e-10, **how)
+        assert fine.contact_changes and changes(fine) == changes(free)
+        ours, theirs = (run.sensitivity[path][(..., *index)] for run in (free, fine))
+        assert difference(ours, theirs) < 1e-7
+        for one, other in zip(free.contact_changes, fine.contact_changes, strict=True):
+            np.testing.assert_allclose(one.sensitivity[path], other.sensitivity[path], rtol=1e-5)
+
+
+def test_a_row_inside_a_step_is_that_of_a_step_that_ends_there() -> None:
+    scene, path = regripped(), "friction"
+    whole = sp.simulate(scene, dt=1e-4, sensitivities=path)
+    assert whole.contact_changes
+    times = np.sort(np.concatenate([whole.t[::7], whole.t[:-1:5] + 0.3e-4, whole.t[-1:]]))
+    some = sp.simulate(scene, dt=1e-4, sensitivities=path, times=times)
+    times = some.t
+    shared = np.isin(times, whole.t)
+    ours, theirs = some.sensitivity[path][shared], whole.sensitivity[path]
+    theirs = theirs[np.isin(whole.t, times)]
+    np.testing.assert_array_equal(ours, theirs)
+    assert np.isfinite(some.sensitivity[path]).all()
+    # Rows lie on the curve through the rows beside them.
+    for k in np.flatnonzero(~shared)[:40]:
+        at = int(np.searchsorted(whole.t, times[k]))
+        near = whole.sensitivity[path][at - 1 : at + 1]
+        span = np.abs(whole.sensitivity[path]).max(axis=0) + 1e-12
+        middle = np.abs(some.sensitivity[path][k] - near.mean(axis=0)) / span
+        assert middle.max() < 0.5
+
+
+def test_impulses_act_through_the_law_of_impact() -> None:
+    scene = random_pinch(np.random.default_rng(0), "unilateral", 0.03)
+    blow = sp.Impulse(time=0.0201, impulse=(0.2, -0.15))
+    scene = replace(scene, disturbances=(blow,))
+    how: dict[str, Any] = {"dt": 1e-4, "method": "dop853"}
+    for path, index in (("disturbances.0.impulse", (1,)), ("disturbances.0.time", ())):
+        run = sp.simulate(scene, sensitivities=path, **how)
+        assert sum(change.time == 0.0201 for change in run.contact_changes) == 2
+        # The object is lost in the end, at a time that moves.
+        rows = run.t[-49:-20]
+
+        def moved(
+            h: float, path: str = path, index: Any = index, rows: Floats = rows
+        ) -> tuple[list[Any], Floats]:
+            other = sp.simulate(changed(scene, path, index, h), **how, times=rows)
+            return changes(other), states(other)[np.isin(other.t, rows)]
+
+        ours = run.sensitivity[path][(..., *index)][np.isin(run.t, rows)]
+        assert moved(1e-6)[0] == changes(run)
+        best = min(
+            difference(ours, extrapolated(lambda h: moved(h)[1], step))
+            for step in (1e-4, 1e-5, 1e-6)
+        )
+        # Where a path moves a breakpoint, the motion is that of the exact equations.
+        assert best < (1e-7 if path.endswith("impulse") else 1e-6), path
+        struck = [each for each in run.contact_changes if each.time == 0.0201]
+        by_time = [each.sensitivity[path][index] for each in struck]
+        assert by_time == [1.0 if path.endswith("time") else 0.0] * 2
+
+
+def test_events_that_coincide_have_no_derivative() -> None:
+    scene = sp.Scene(contact="unilateral", friction=0.01, duration=0.02)
+    with pytest.warns(
+        sp.StabilityWarning, match="coincides with another one.*from there on are NaN"
+    ):
+        run = sp.simulate(scene, sensitivities="friction")
+    slopes = run.sensitivity["friction"]
+    first = run.contact_changes[2].time
+    assert np.isfinite(slopes[run.t < first]).all() and np.isnan(slopes[run.t > first + 1e-4]).all()
+    assert np.isnan(run.contact_changes[-1].sensitivity["friction"])
+
+
+def test_a_run_goes_on_from_a_row_in_which_no_tip_is_free() -> None:
+    scene, path = regripped(), "friction"
+    whole = sp.simulate(scene, dt=1e-4, sensitivities=path, record=("state", "contact"))
+    free = (whole.contact == sp.ContactMode.FREE).any(axis=1)
+    k = int(np.flatnonzero(free)[-1]) + 3
+    later = replace(scene, initial=whole.state(k), duration=float(scene.duration - whole.t[k]))
+    rest = sp.simulate(later, dt=1e-4, sensitivities=whole.sensitivity.at(k))
+    ours, theirs = rest.sensitivity[path], whole.sensitivity[path][k:]
+    assert difference(ours, theirs[: len(ours)]) < 1e-12
+    opened = int(np.flatnonzero(free)[3])
+    open_scene = replace(scene, initial=whole.state(opened))
+    with pytest.raises(ValueError, match=r"^sensitivities: a SensitivityState goes on only from"):
+        sp.simulate(open_scene, dt=1e-4, sensitivities=whole.sensitivity.at(opened))
+
+
+def test_what_is_not_followed_is_refused() -> None:
+    scene = regripped()
+    for how in ({"method": "radau5"}, {"record": ("state", "energy")}):
+        with pytest.raises(ValueError, match="in unilateral contact rows without the energy"):
+            sp.simulate(scene, sensitivities="friction", **how)
+    with pytest.raises(
+        ValueError, match=r'^sensitivities of gradients: need contact = "bilateral"'
+    ):
+        sp.monte_carlo(scene, 2, gradients="final_state", sensitivities="gravity")
+    assert not sp.simulate(scene).contact_changes[0].sensitivity
