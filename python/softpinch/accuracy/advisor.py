@@ -75,9 +75,8 @@ class Trial(Result):
         step_tolerance: The largest tolerance of adaptive steps found whose error is small enough;
             nan if none was found, and with equal steps.
         error: Error with this setting, the largest of q, p and lambda; inf if none was found.
-        time: CPU time of a run over the whole scene, s; inf if no setting was found. If only the
-            scene's beginning was tried, the time is scaled up to the whole scene. In `Advice.equal`
-            and `Advice.adaptive` it is a lower bound if no setting was found.
+        time: CPU time of a run, s, scaled up to the whole scene; if no setting was found inf, but
+            in `Advice.equal` and `Advice.adaptive` a lower bound.
         whole: Whether the pair was tried on the whole scene, not only on its beginning.
         note: Why the pair was given up, or not tried; empty if it was not given up.
     """
@@ -126,10 +125,8 @@ class Advice(Result):
             the errors are inf.
         formulation: How the constraints are kept.
         method: How time is stepped.
-        dt: The longest of equal steps, s. None if adaptive steps are advised, which have no dt but
-            `step_tolerance`.
-        step_tolerance: The tolerance of adaptive steps, `tolerance` of `simulate`. None if equal
-            steps are advised, which have `dt`.
+        dt: The longest of equal steps, s; None if adaptive steps are advised.
+        step_tolerance: The tolerance of adaptive steps; None if equal steps are advised.
         error: "q", "p", "multipliers" -> error, the largest along the run, each component divided
             by its largest magnitude.
         time: CPU time of a run that keeps only its last state, s.
@@ -332,25 +329,21 @@ class _Search:
         good = [value for value, found in self._errors.items() if found <= _SAFE * accuracy]
         if not good:
             return self.trial(note=note)
-        return self.trial(max(good), self._errors[max(good)], self.measured_time(max(good)))
+        value = max(good)
+        return self.trial(value, error=self._errors[value], time=self.whole_time(value))
 
-    def trial(
-        self,
-        value: float = math.nan,
-        error: float = math.inf,
-        time: float = math.inf,
-        note: str = "",
-    ) -> Trial:
-        """The result of the search, with the CPU time, s, scaled up to the whole scene."""
-        known: dict[str, Any] = {"dt" if self.kind == "dt" else "step_tolerance": value}
-        known |= {"error": error, "time": time / self.motion.share, "note": note}
+    def trial(self, value: float = math.nan, note: str = "", **found: Any) -> Trial:
+        """The result of the search: a setting with its error and time, or why there is none."""
+        found["dt" if self.kind == "dt" else "step_tolerance"] = value
         whole = self.motion.share == 1.0 and not note.startswith("not tried")
-        return Trial(**self.pair, **known, whole=whole)
+        return Trial(**self.pair, **found, note=note, whole=whole)
 
-    def measured_time(self, value: float) -> float:
+    def whole_time(self, value: float) -> float:
+        """The measured CPU time of a run, s, scaled up to the whole scene."""
         request = self.request(value)
         once = timed_run(request.with_(record=()))[1]
-        return once if once > _LONG else statistics.median(cpu_times(request, _REPEATS))
+        spent = once if once > _LONG else statistics.median(cpu_times(request, _REPEATS))
+        return spent / self.motion.share
 
     def _error(self, value: float, most: float, deadline: float) -> float:
         """The largest error of a run; raises `_GivenUp` if it would take too long."""
@@ -479,8 +472,8 @@ class _Advisor:
             value *= float(np.clip(change, 0.01, 0.9))
         else:
             return None
-        spent = trial.time * self.motion.share if value == first else search.measured_time(value)
-        trial = self.best[search.kind] = search.trial(value, largest, spent)
+        spent = trial.time if value == first else search.whole_time(value)
+        trial = self.best[search.kind] = search.trial(value, error=largest, time=spent)
         margin, stability = math.inf, "any dt is stable"
         if equal and self.motion.scene.law == "sampled":
             margin = math.nan

@@ -8,7 +8,6 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +16,7 @@ from ..run.evaluate import evaluate
 from ..scene import fields as units
 from ..scene import outline
 from ..scene.contact import as_bilateral
-from ..scene.control import WRITTEN, Pid, pids_of
+from ..scene.control import WRITTEN, pids_of
 from ..scene.disturbance import Impulse
 from ..scene.hand import Finger, Fingertip, links
 from ..scene.parts import jaws, lever
@@ -98,20 +97,19 @@ def choose(
 
 
 def _object_mass(scene: Scene, value: float) -> Scene:
-    grasped = scene.grasped
-    inertia = grasped.inertia * (value / grasped.mass)
-    return replace(scene, grasped=replace(grasped, mass=value, inertia=inertia))
+    inertia = scene.grasped.inertia * (value / scene.grasped.mass)
+    return scene.with_({"grasped.mass": value, "grasped.inertia": inertia})
 
 
 def _gains(scene: Scene, factor: float) -> Scene:
-    def scaled(pid: Pid) -> Pid:
-        return replace(pid, kp=factor * pid.kp, kd=factor * pid.kd, ki=factor * pid.ki)
-
     if scene.law != "pid":
         law = WRITTEN[scene.law]
         raise ValueError(f'axis "gains": the scene has no PID gains, because of {law}')
-    right, left = pids_of(scene.control)
-    return replace(scene, control=(scaled(right), scaled(left)))
+    scaled = {}
+    for side, pid in zip(SIDES, pids_of(scene.control), strict=True):
+        for name, gain in pid.to_dict().items():
+            scaled[f"control.{side}.{name}"] = factor * gain
+    return scene.with_(scaled)
 
 
 def _stabilization(scene: Scene, value: float) -> Stabilization:
@@ -189,13 +187,8 @@ def _begin(scene: Scene) -> float:
 
 def _of_tips(*names: str) -> Callable[[Scene, float], Scene]:
     """A function that sets parameters of both fingertips."""
-
-    def at(scene: Scene, value: float) -> Scene:
-        values: dict[str, Any] = dict.fromkeys(names, value)
-        right, left = (replace(tip, **values) for tip in scene.hand.tips)
-        return replace(scene, hand=replace(scene.hand, tip=(right, left)))
-
-    return at
+    paths = [f"hand.tip.{side}.{name}" for side in SIDES for name in names]
+    return lambda scene, value: scene.with_(dict.fromkeys(paths, value))
 
 
 def _decades(low: float, high: float) -> tuple[float, ...]:

@@ -242,7 +242,7 @@ class _Reference:
         self._scales = {name: scaled_error.scales(name, rows, usual) for name, rows in both.items()}
         self.status, self.floor = self._run.status, np.inf
         if self.status == second.status == "completed":
-            self.floor = self._error(second.q[-1], second.p[-1])
+            self.floor = self.error("completed", np.concatenate([second.q[-1], second.p[-1]]))
         elif self.status == second.status and self.status in ENDS:
             ends = sorted((float(self._run.t[-1]), float(second.t[-1])))
             # Runs may end at their very start.
@@ -250,14 +250,12 @@ class _Reference:
         if self.floor >= _APART:
             self.status, self.floor = NO_REFERENCE, np.inf
 
-    def _error(self, q: Floats, p: Floats) -> float:
-        return max(scaled_error.at_end({"q": q, "p": p}, self._run, self._scales).values())
-
     def error(self, status: str, state: Floats) -> float:
         """Error at a run's end, the larger of q and p; inf if the run or this is not complete."""
         if not status == self.status == "completed":
             return np.inf
-        return self._error(state[:9], state[9:])
+        last = {"q": state[:9], "p": state[9:]}
+        return max(scaled_error.at_end(last, self._run, self._scales).values())
 
     def stable_steps(self, pairs: Sequence[Pair]) -> list[float]:
         """The longest stable step of each pair by the eigenvalues along the reference, s."""
