@@ -135,7 +135,7 @@ def carry_limits(
         raise ValueError('profile: needs contact = "unilateral", a bilateral one is never lost')
     if rest.scene.motion is not None:
         tilt = float(rest.scene.motion.at(rest.time).tilt)
-    limit, cause, _ = limits_of(rest, len(rows), lambda core, q: core.limits(q, rows))
+    limit, cause, _ = limits_of(rest, rows)
     if profile is not None:
         found = [
             _fastest(_move(rest, row, profile, distance, settle, tilt), slow)

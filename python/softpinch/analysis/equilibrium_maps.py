@@ -146,8 +146,7 @@ class EquilibriumMap(Result):
             raise ValueError(f"j = {checks.shown(j)}: the map has one axis")
         sized = zip("ij", (i, j), self.shape, strict=False)
         index = [checks.integer(name, k, -size, size - 1) for name, k, size in sized]
-        number = np.arange(len(self.cells)).reshape(self.shape)[tuple(index)]
-        return self.cells[int(number)]
+        return self.cells[int(np.ravel_multi_index(index, self.shape, mode="wrap"))]
 
     def __repr__(self) -> str:
         pairs = zip(self.axes, self.values, strict=True)

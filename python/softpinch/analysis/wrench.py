@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .. import _core
 from ..run.request import rest_scene
 from ..run.run import Run
 from ..scene.parts import width
@@ -128,7 +126,7 @@ def wrench_limits(
         moments = np.array([[0.0, 0.0, length], [0.0, 0.0, -length]])
         given = np.vstack([np.column_stack([unit_directions(), np.zeros(_FORCES)]), moments])
     rows = np.ascontiguousarray(given)
-    magnitude, limit, q = limits_of(rest, len(rows), lambda core, q: core.limits(q, rows))
+    magnitude, limit, q = limits_of(rest, rows)
     with np.errstate(invalid="ignore"):
         # Of a direction without limit, the components that are zero stay so.
         wrench = np.where(rows == 0.0, 0.0, magnitude[:, None] * rows)
@@ -175,16 +173,11 @@ def checked_directions(directions: ArrayLike, width: int) -> Floats:
     return rows
 
 
-def limits_of(
-    rest: Equilibrium, count: int, borne: Callable[[_core.RestScene, Floats], Any]
-) -> tuple[Floats, list[str], Floats]:
-    """Multiples (n,) of `count` loads, names of the limits, and coordinates (n, 9).
-
-    `borne` computes them from the core's scene and the coordinates of a stable equilibrium.
-    """
-    none: Any = np.zeros(count)
+def limits_of(rest: Equilibrium, loads: Floats) -> tuple[Floats, list[str], Floats]:
+    """Multiples (n,) of wrenches (n, 3) or accelerations (n, 2), their limits, and q (n, 9)."""
+    count = len(loads)
     if rest.state is None:
-        return none, [rest.status] * count, np.full((count, 9), np.nan)
+        return np.zeros(count), [rest.status] * count, np.full((count, 9), np.nan)
     if rest.growth > ROUND_OFF * np.abs(rest.eigenvalues).max():
-        return none, ["unstable"] * count, np.tile(rest.state.q, (count, 1))
-    return borne(rest_scene(rest.scene, rest.time), rest.state.q)  # type: ignore[no-any-return]
+        return np.zeros(count), ["unstable"] * count, np.tile(rest.state.q, (count, 1))
+    return rest_scene(rest.scene, rest.time).limits(rest.state.q, loads)
