@@ -9,7 +9,8 @@
         sp.simulate(scene).check(residual=1e-3, closure=1e-2)
 
 Examples shrink towards the default `Scene()`. Parameters are the default values times 10**u with
-|u| <= `spread`, so `spread` is in decades. The repr of an example shows only changed values.
+|u| <= `spread`, so `spread` is in decades. Most drawn times, s, lie within the `duration` of the
+scene. The repr of an example shows only changed values.
 """
 
 from __future__ import annotations
@@ -96,7 +97,7 @@ def _one_or_pair(one: SearchStrategy[T], symmetric: bool) -> SearchStrategy[T | 
 
 @st.composite
 def fingers(draw: DrawFn, spread: float = 0.3) -> Finger:
-    """Fingers with parameters within `spread` decades of the default values."""
+    """Fingers."""
     names = ("length", "root_offset", "half_thickness", "mass", "inertia")
     return Finger(**_near(draw, Finger(), names, spread))
 
@@ -111,7 +112,7 @@ def fingertips(
     """Fingertips with independently drawn parameters.
 
     Args:
-        spread: Decades about the default values.
+        spread: Largest |u|.
         tilt_couplings: Possible values of kappa; examples shrink to the first.
         own_masses: Whether a tip may have its own masses instead of the object's.
     """
@@ -128,11 +129,9 @@ def fingertips(
 
 @st.composite
 def hands(draw: DrawFn, spread: float = 0.3, symmetric: bool = False) -> Hand:
-    """Hands, whose fingers may not reach an object; `scenes` adjusts the roots so that they do.
+    """Hands, of equal fingers and tips if `symmetric`, that may not reach an object.
 
-    Args:
-        spread: Decades about the default values.
-        symmetric: Whether both fingers and both tips are equal.
+    `scenes` adjusts the roots so that they do.
     """
     right = draw(fingers(spread))
     left = right if symmetric else draw(st.one_of(st.just(right), fingers(spread)))
@@ -143,9 +142,8 @@ def hands(draw: DrawFn, spread: float = 0.3, symmetric: bool = False) -> Hand:
 def grasped_objects(draw: DrawFn, spread: float = 0.3, offset: float = 0.2) -> GraspedObject:
     """Grasped objects, with a height or without, and an inertia that mass and faces allow.
 
-    Args:
-        spread: Decades about the default values.
-        offset: Largest distance of the centre of gravity from the middle, as a share of the width.
+    `offset` is the largest distance of the centre of gravity from the middle, as a share of the
+    width.
     """
     paper = GraspedObject()
     width, mass = draw(_scaled(paper.width, spread)), draw(_scaled(paper.mass, spread))
@@ -158,19 +156,19 @@ def grasped_objects(draw: DrawFn, spread: float = 0.3, offset: float = 0.2) -> G
 
 @st.composite
 def pids(draw: DrawFn, spread: float = 0.3) -> Pid:
-    """PID gains within `spread` decades of the default values."""
+    """PID gains."""
     return Pid(**_near(draw, Pid(), ("kp", "kd", "ki"), spread))
 
 
 @st.composite
 def stabilizations(draw: DrawFn, spread: float = 0.3) -> Stabilization:
-    """Gains within `spread` decades of 1000 1/s. RK4 is stable if gain * dt < 2.785."""
+    """Gains about 1000 1/s. RK4 is stable if gain * dt < 2.785."""
     return Stabilization(**_near(draw, Stabilization(), ("alpha", "beta"), spread))
 
 
 @st.composite
 def _times(draw: DrawFn, duration: float, most: int) -> list[float]:
-    """Increasing times, s, most of them within the duration; examples shrink to [0.0]."""
+    """At most `most` increasing times, s; examples shrink to [0.0]."""
     first = draw(_between(0.0, duration / 2))
     gaps = _between(duration / 64, duration / 2)
     return list(accumulate(draw(st.lists(gaps, max_size=most - 1)), initial=first))
@@ -187,7 +185,7 @@ def schedules(
     """Schedules around 6 degrees for both fingers; examples shrink to constant 6 degrees.
 
     Args:
-        duration: Duration of the scene, s; most scheduled times lie within it.
+        duration: Duration of the scene, s.
         largest_change: Largest difference of an angle from 6 degrees, rad.
         kinds: Possible kinds, which are names in `schedule.KINDS`.
         knots: Largest number of scheduled times.
@@ -272,7 +270,7 @@ def motions(
     """Motions of the hand; examples shrink to one that stays at the origin.
 
     Args:
-        duration: Duration of the scene, s; most times of a motion lie within it.
+        duration: Duration of the scene, s.
         acceleration: Largest component of an acceleration, m/s^2; where the hand turns, that at
             0.1 m from its origin, if it turned from rest.
         kinds: Possible kinds, which are names in `motion.MOTIONS`.
@@ -327,14 +325,13 @@ def scenes(
     The grasp may be lost during the run; with the default arguments most grasps hold.
 
     Args:
-        spread: Decades about the default values.
+        spread: Largest |u| of all parameters.
         duration: Duration of the run, s.
         symmetric: Whether hand, control, object and target angles are mirror-symmetric.
         most_disturbances: Largest number of disturbances.
-        force: Largest component of a disturbance, N.
-        moment: Largest moment of a disturbance, N m.
-        largest_change: Largest difference of the scheduled angles from 6 degrees, rad. "driven"
-            fingers move at most twice this angle from their start.
+        force, moment: As in `disturbances`.
+        largest_change: As in `schedules`; "driven" fingers move at most twice this angle from their
+            start.
         fingers: "pid", or "driven", whose schedules are smooth and begin at the start's angles.
         contact: "bilateral"; or "unilateral", always with friction. Then a tip of "pid" fingers may
             also start with a gap of up to a tenth of its radius.

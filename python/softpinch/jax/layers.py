@@ -69,13 +69,9 @@ class Trajectory(NamedTuple):
 
 
 class FinalState(NamedTuple):
-    """The last state of a run, as JAX arrays.
+    """The last row of a `Trajectory`: t (), s, q (9,), p (9,) and status.
 
-    Attributes:
-        t: The instant, s: the end of the scene's duration, or that at which the run ended.
-        q: Coordinates (9,), m and rad, in the order of `State.q`.
-        p: Rates of the coordinates (9,), m/s and rad/s.
-        status: Index in `softpinch.jax.STATUSES` of the run's status; 0 is "completed".
+    If the run ended early, t is the instant at which it did.
     """
 
     t: jax.Array
@@ -160,12 +156,10 @@ def final_state(
 
     Args:
         scene: The scene. If it has noise, a batch is one run after another, with equal noise.
-        vary: Dotted paths of the numbers that are arguments.
-        dt, method, formulation, stabilization, stop_on: As for `sp.simulate`.
+        vary, dt, method, formulation, stabilization, stop_on: As for `simulate`.
 
     Returns:
-        A function of a dictionary, path -> value, as `simulate` has it. A run that ends early gives
-        its last state, and a status.
+        A function of a dictionary, path -> value, as `simulate` has it.
     """
     how = (dt, method, formulation, stabilization, "state", MOST_STEPS, stop_on)
     template, options = _prepared(scene, vary, *how)

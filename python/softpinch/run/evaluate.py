@@ -44,13 +44,7 @@ class Forces(Result):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Energies(Result):
-    """The energies at one state, J.
-
-    Attributes:
-        kinetic: p^T M p / 2.
-        elastic: P of (5).
-        gravity: P_g of (16).
-    """
+    """The kinetic energy p^T M p / 2, P of (5) and P_g of (16) at one state, J."""
 
     kinetic: float
     elastic: float

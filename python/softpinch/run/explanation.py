@@ -35,13 +35,7 @@ _STEPS, _REPEATS, _PATIENCE = 2000, 5, 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Term(Result):
-    """An optional part of the computation.
-
-    Attributes:
-        name: The name of the part.
-        kept: Whether it is computed.
-        reason: The reason why it is computed or not.
-    """
+    """An optional part of the computation, whether it is computed, and why or why not."""
 
     name: str
     kept: bool

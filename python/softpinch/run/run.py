@@ -235,11 +235,7 @@ class Run(Shown):
         return len(self.t)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Returns the recorded arrays except `t`, by name.
-
-        The energy ledger gives one array for each column and its closure: "energy_kinetic", ...,
-        "energy_closure".
-        """
+        """Returns the recorded arrays except `t`, by name, the ledger's as "energy_kinetic", ..."""
         result = self._result
         found = {name: result[name] for name in fields.QUANTITIES if result[name] is not None}
         if result["energy"] is not None:
@@ -291,18 +287,14 @@ class Run(Shown):
     def at(self, times: ArrayLike) -> NDArray[np.float64]:
         """Returns the states at any instants of the run, also between its rows and its steps.
 
-        The run is computed once more for it, with the same steps. With `dt` a state between the
-        ends of steps comes from a shorter step of the method from the end before, so that it has
-        the method's order; with `tolerance` from the method's interpolating polynomial.
+        The run is computed once more, with the same steps. States inside a step are as accurate as
+        those at the `times` of `simulate`.
 
         Args:
-            times: Instants (n,), s, in any order, from the run's start to its last instant.
+            times: Instants (n,), s, in any order, within the run; others raise ValueError.
 
         Returns:
             Coordinates and their rates (n, 18), m, rad, m/s and rad/s.
-
-        Raises:
-            ValueError: An instant is not finite, or not within the run.
         """
         instants = checks.array("times", times, ("n",))
         begin, end = self.scene.start().time, float(self._result["final"]["t"])
@@ -371,13 +363,7 @@ class Run(Shown):
         An `.npz` file has `t`, the arrays of `arrays()`, and `provenance()` as JSON text, from
         whose "scene" `Scene.from_dict` restores the scene. A `.csv` file has a column for each
         component, with its unit in the header, and no provenance. Both include the estimated error,
-        if there is one, as "error_q", "error_p" and "error_multipliers".
-
-        Args:
-            path: A file name that ends in `.npz` or `.csv`.
-
-        Returns:
-            The path.
+        if there is one, as "error_q", "error_p" and "error_multipliers". The path is returned.
         """
         arrays = self.arrays()
         if self._error is not None:
