@@ -120,9 +120,8 @@ class Advice(Result):
     Attributes:
         scene: The scene to simulate.
         tolerance: The required accuracy.
-        met: Whether the advised settings meet the tolerance. If no pair met it in the trials, the
-            settings are those of the stiff adaptive run with which the trials were compared, and
-            the errors are inf.
+        met: Whether the advised settings meet the tolerance. If no pair met it, they are those of
+            the run with which the trials were compared, and the errors are inf.
         formulation: How the constraints are kept.
         method: How time is stepped.
         dt: The longest of equal steps, s; None if adaptive steps are advised.
@@ -132,18 +131,17 @@ class Advice(Result):
         time: CPU time of a run that keeps only its last state, s.
         margin: Factor by which dt may grow until the method becomes unstable; inf if it never does,
             and with adaptive steps; NaN with equal steps and a `SampledController`.
-        confirmed: Difference at the end from a run by another method with adaptive steps at a
-            smaller tolerance, the largest of q, p and lambda. If a violation ends the run, the
-            states one step earlier are compared. The tolerance is met only if this difference is
-            within it.
-        equal: The quickest pair with equal steps. If none was found, the pair that was given up
-            with the least predicted time, which is a lower bound, in `time`; or None.
-        adaptive: The quickest pair with adaptive steps, or the one given up, likewise.
+        confirmed: Difference at the end (if a violation ends the run, a step earlier) from a run by
+            another method with adaptive steps at a smaller tolerance, the largest of q, p and
+            lambda. The tolerance is met only if this difference is within it.
+        equal: The quickest pair with equal steps; or the one given up with the least predicted
+            time; or None.
+        adaptive: The quickest pair with adaptive steps, likewise.
         tried: Length of the part of the scene, from its start, on which the pairs were tried, s.
         untried: The pairs that the budget did not allow to try, such as "csm rk4, dt".
         stabilization: The gains with which "csm" was tried.
-        trials: Every pair: first those tried on the whole scene, then the others, each by time. A
-            method that has adaptive steps appears twice.
+        trials: Every pair, first those tried on the whole scene, by time; a method with adaptive
+            steps appears twice.
         message: The advice in words.
     """
 
@@ -214,13 +212,10 @@ def advise(
 
     Every pair of formulation and method is tried with equal steps (`dt`) and, if it has them, with
     adaptive steps (`tolerance`). A bisection finds the loosest setting that is accurate enough. The
-    error of a trial is its difference from the motion, which adaptive steps at a much smaller
-    tolerance compute with steps that end at the compared instants. Runs that would take three times
-    as long as the best one are not computed, nor are steps beyond the stability limit of the
-    eigenvalues along the motion. With a `SampledController`, whose torques depend on the run, that
-    limit is not known and not used.
-
-    The quickest pair of both kinds is advised. It is compared with a run by another method.
+    error of a trial is its difference from a run at a much smaller tolerance, whose steps end at
+    the compared instants. Not tried is what would take three times as long as the best run, nor
+    steps beyond the stability limit of the eigenvalues along the motion, which is not known with a
+    `SampledController`. The quickest pair is advised, and compared with a run by another method.
 
     Args:
         scene: The scene to simulate. If the motion takes over 20 000 adaptive steps at a tolerance

@@ -46,9 +46,6 @@ _METHODS: tuple[Method, Method] = ("radau5", "rosenbrock")
 class StabilityMap(Result):
     """Statuses and errors of runs over values of an axis (v), steps (d), and pairs.
 
-    Each run is compared with a reference for its value of the axis: a run of the scene by
-    "radau5" with adaptive steps, which a run by "rosenbrock" confirms.
-
     Attributes:
         axis: Name, path or function name of the axis.
         label: Axis label for figures.
@@ -67,12 +64,10 @@ class StabilityMap(Result):
             method's stability region; inf for a method that is stable for every step.
         expected: Status of the reference (v,); "no_reference" if its two methods fail or disagree.
             Then no run agrees.
-        floor: Difference between the two methods (v,), scaled as `error`; if they end early, the
-            difference of their end times as a share of the time until then; inf without a
-            reference. Errors below this are meaningless.
-        scene: The scene that the axis varies.
-        stabilization: The gains of "csm", unless the axis sets them.
-        max_steps: Largest number of steps of a run.
+        floor: Difference between the reference's two methods (v,), scaled as `error`, below which
+            errors are meaningless; if they end early, the difference of their end times as a share
+            of the time until then; inf without a reference.
+        scene, stabilization, max_steps: Arguments of `stability_map`.
     """
 
     axis: str
@@ -210,9 +205,8 @@ def stability_map(
         values: Values on the axis (v,), increasing; None takes the defaults of a named axis. Paths
             and functions have no defaults.
         dt: Steps (d,), s, increasing; None takes 13 from 1e-6 to 1e-2, by equal factors.
-        pairs: Pairs (formulation, method); None takes all, without "nullspace" in unilateral
-            contact.
-        stabilization: The gains of "csm".
+        pairs: Pairs (formulation, method); None takes all that the contact allows.
+        stabilization: The gains of "csm", unless the axis sets them.
         max_steps: Runs that would take more steps are not run and have status "not_run".
         threads: As for `monte_carlo`.
         progress: As for `monte_carlo`.
