@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -137,10 +138,9 @@ def carry_limits(
         tilt = float(rest.scene.motion.at(rest.time).tilt)
     limit, cause, _ = limits_of(rest, rows)
     if profile is not None:
-        found = [
-            _fastest(_move(rest, row, profile, distance, settle, tilt), slow)
-            for row, slow in zip(rows, limit, strict=True)
-        ]
+        move = partial(_move, rest, profile, settle, tilt)
+        ways = zip(distance * rows, limit, strict=True)
+        found = [_fastest(partial(move, way), slow) for way, slow in ways]
         limit, cause = np.array([a for a, _ in found]), [name for _, name in found]
     causes = np.array(cause)
     return CarryLimits(
@@ -149,23 +149,17 @@ def carry_limits(
 
 
 def _move(
-    rest: Equilibrium, along: Floats, profile: Profile, distance: float, settle: float, tilt: float
-) -> Callable[[float], Run]:
-    """The run of a move with a given peak acceleration."""
-    begin = rest.time
-    points = np.outer([0.0, distance], along)
-
-    def run(acceleration: float) -> Run:
-        duration = _DURATIONS[profile] * math.sqrt(distance / acceleration)
-        times = [begin, begin + duration]
-        if profile == "trapezoid":
-            motion = HandMotion.trapezoid(times, points, acceleration, tilt)
-        else:
-            motion = HandMotion.minimum_jerk(times, points, tilt)
-        changes = {"initial": rest.state, "duration": duration + settle, "motion": motion}
-        return simulate(rest.scene.with_(changes))
-
-    return run
+    rest: Equilibrium, profile: Profile, settle: float, tilt: float, way: Floats, peak: float
+) -> Run:
+    """The run of a move along `way` (2,), m, with a peak acceleration, m/s^2."""
+    duration = _DURATIONS[profile] * math.sqrt(np.hypot(*way) / peak)
+    times, points = [rest.time, rest.time + duration], np.outer([0.0, 1.0], way)
+    if profile == "trapezoid":
+        motion = HandMotion.trapezoid(times, points, peak, tilt)
+    else:
+        motion = HandMotion.minimum_jerk(times, points, tilt)
+    changes = {"initial": rest.state, "duration": duration + settle, "motion": motion}
+    return simulate(rest.scene.with_(changes))
 
 
 def _fastest(run: Callable[[float], Run], slow: float) -> tuple[float, str]:
