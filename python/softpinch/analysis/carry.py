@@ -42,9 +42,7 @@ class CarryLimits(Result):
         limit: The largest acceleration (n,), m/s^2; inf if nothing gives way.
         cause: What gives way first (n,): as `WrenchLimits.limit`; of moves, the status of a run
             that is lost, or a violation; "none" if nothing does.
-        profile: "trapezoid" or "minimum_jerk" for moves from rest to rest; None for an acceleration
-            that grows slowly.
-        tilt: The tilt of the hand, or the tilts (m,), rad.
+        profile, tilt: Arguments of `carry_limits`.
     """
 
     equilibrium: Equilibrium | tuple[Equilibrium, ...]
@@ -80,10 +78,9 @@ def carry_limits(
     Without a `profile` the acceleration of the hand's frame grows from zero so slowly that the
     grasp stays in equilibrium, until a contact gives way, as the wrench does in `wrench_limits`:
     inertial forces act on object and fingers. With a `profile` the hand moves over `distance` from
-    rest to rest and stays there for `settle`; the run of each move is computed, and the limit is
-    the peak acceleration between one at which the grasp holds (`Run.holds`) and one at which it
-    does not, found by bisection to 0.1 %. A fast move ends before a grasp is lost, and excites it,
-    so this limit may lie above the slow one or below it.
+    rest to rest and stays there for `settle`; a bisection finds, to 0.1 %, the peak acceleration
+    above which the grasp no longer holds (`Run.holds`). A fast move ends before a grasp is lost,
+    and excites it, so this limit may lie above the slow one or below it.
 
         >>> import softpinch as sp
         >>> scene = sp.Scene(friction=0.8, schedule=sp.Schedule.in_degrees("steps", [0], [[8, 8]]))

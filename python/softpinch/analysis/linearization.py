@@ -54,23 +54,16 @@ class LinearModel(Result):
         B: (N, m), the derivatives of the states' rates with respect to the inputs.
         C: (k, N), the derivatives of the outputs with respect to the states.
         D: (k, m), the derivatives of the outputs with respect to the inputs.
-        states: Names of the states (N,); the rate of x is "rate of x".
-        inputs: Names of the inputs (m,).
-        outputs: Names of the outputs (k,).
-        state_units: Units of the states (N,).
-        input_units: Units of the inputs (m,).
-        output_units: Units of the outputs (k,).
-        state_values: The states at the operating point (N,).
-        input_values: The inputs at the operating point (m,).
-        output_values: The outputs at the operating point (k,).
+        states, inputs, outputs: Names (N,), (m,), (k,); the rate of x is "rate of x".
+        state_units, input_units, output_units: Units (N,), (m,), (k,).
+        state_values, input_values, output_values: Values at the operating point (N,), (m,), (k,).
         state_rates: The rates of the states at the operating point (N,).
         state: The operating point.
         neutral: Rows w, (k, N), of the combinations w x that no motion of the model changes: of the
             k tips that stick, shear plus slip, d_ti + Phi_Ni (x, y, theta, theta_1, theta_2) with
             the rows N of (25). They belong to as many eigenvalues zero. With driven fingers the
             angles theta_i are inputs: w x changes only with them, by B's columns of their rates.
-            (0, N) if the operating point moves, where no such combination exists, and in a reduced
-            model.
+            (0, N) if the operating point moves, and in a reduced model.
     """
 
     A: Floats
@@ -186,11 +179,10 @@ def linearize(
             state moves), "graze" or "free". None takes those of the state, which a run chooses if
             `state.contact` is None; at an equilibrium both tips stick.
         reduced: Whether the neutral states of tips that stick are taken out, exactly: at rest the
-            no-slip constraint ties these shears to the pose, d_ti = -Phi_Ni (x, y, theta, theta_1,
-            theta_2), whatever the inputs do. The transfer function stays the same, and their
-            eigenvalues zero are gone. With driven fingers it stays the same for all inputs whose
-            rates and accelerations are those of the angles. The integrals of a PID with K_I = 0
-            stay, each with an eigenvalue zero, which `Equilibrium.eigenvalues` leaves out.
+            no-slip constraint ties these shears to the pose, whatever the inputs do. The transfer
+            function stays the same, with driven fingers for all inputs whose rates and
+            accelerations are those of the angles, and these eigenvalues zero are gone; those of the
+            integrals of a PID with K_I = 0 stay.
 
     Raises:
         ValueError: There is no equilibrium, or it is one of another scene; the state does not fit

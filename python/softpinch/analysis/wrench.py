@@ -64,9 +64,8 @@ class WrenchLimits(Result):
         """The size of the smallest limiting wrench, N: a measure of the grasp's quality.
 
         It is the radius of the largest ball of wrenches that the grasp bears, as far as the
-        directions show. Ferrari and Canny's measure (1992) has the same form, but asks only whether
-        the contact forces can balance the wrench. Here the tips deform, and the contact forces
-        are those of the deformed grasp.
+        directions show. Ferrari and Canny's measure (1992) has the same form for rigid contacts;
+        here the contact forces are those of the deformed grasp.
         """
         return float(self.size.min())
 
@@ -98,15 +97,12 @@ def wrench_limits(
     A wrench on the object, beside those of the scene, grows from zero until a contact gives way: a
     tip would have to pull, or to slip (`friction` of the scene; without it tips never slip), or a
     contact leaves its face. The grasp follows in equilibrium, under the no-slip constraint (12), by
-    pseudo-arclength continuation. This is quasi-static: the limit of a wrench that grows so slowly
-    that inertia, viscosity and the controller's lag do not matter. A wrench that is applied
-    suddenly overshoots, and can lose the grasp below this limit, down to about half of it; a short
-    one may be borne above it. The eigenvalues of the whole motion are watched on the way, because
-    a PID can make a grasp oscillate long before its balance ends. A grasp that slips need not be
-    lost: in unilateral contact it may stick again.
-
-    The contacts are judged as sticking ones in bilateral and in unilateral contact. A scene without
-    equilibrium bears nothing.
+    pseudo-arclength continuation, in bilateral and in unilateral contact; the eigenvalues of the
+    whole motion are watched, because a PID can make a grasp oscillate long before its balance ends.
+    This is the limit of a wrench that grows so slowly that inertia, viscosity and the controller's
+    lag do not matter. A wrench that is applied suddenly overshoots, and can lose the grasp down to
+    about half of it; a short one may be borne above it. A grasp that slips need not be lost: in
+    unilateral contact it may stick again. A scene without equilibrium bears nothing.
 
     Args:
         grasp: A scene, whose `equilibrium` is found first, or an equilibrium.
