@@ -39,30 +39,24 @@ _LARGEST = 1e-2
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ErrorEstimate(Result):
-    """The estimated error of a run, by comparison with runs of half and a quarter of its steps.
-
-    Adaptive steps are halved and quartered one by one, so that the finer runs take two and four
-    equal steps for each step of the run.
+    """The estimated error of a run, by comparison with runs of half and a quarter of each step.
 
     Attributes:
         q: Estimated |error| of q at each recorded row, (n, 9), m and rad; None if the state was not
             recorded. It is inf in rows that the finer runs lack, such as the last row of a run
-            that a violation ended. With adaptive steps it is also inf at the instants at which a
-            contact changes, unless an input jumps there: each run has its own such instants.
-            `times` chooses other rows.
+            that a violation ended, and with adaptive steps the rows at which a contact changes.
         p: Estimated |error| of p, (n, 9), m/s and rad/s, or None.
         multipliers: Estimated |error| of lambda, (n, 4), N, or None.
         largest: "q", "p", "multipliers" -> the largest error over components and the rows that have
             an estimate, each component scaled by its largest magnitude along the run. It is inf if
             the runs did not end alike.
-        order: The observed power of the step with which the differences between the runs fall.
-            It is inf if only round-off is left, and -inf if they grow from zero because a run
-            failed, or if the estimate was interrupted.
+        order: The observed power of the step with which the differences between the runs fall; inf
+            if only round-off is left, -inf if a finer run failed or was interrupted.
         expected_order: The order of the method.
         asymptotic: Whether the estimate can be trusted: all three runs ended with the same status
             within a step of each other, every row has an estimate, every scaled error is below
-            1e-2, and the errors fall with the method's order or are round-off. Of adaptive steps,
-            which may be too long for the method's full order, only order 1.6 is required.
+            1e-2, and the errors fall with the method's order (of adaptive steps, 1.6) or are
+            round-off.
         message: The estimate in words. It names the rows without an estimate.
         interrupted: Whether Ctrl-C came before both finer runs were done. Then every error is inf.
     """

@@ -63,17 +63,14 @@ class Run(Shown):
             (k, 2), s: the first and the last of consecutive checked instants that showed it. The
             checked instants are the ends of all steps, recorded or not, and with `tolerance` also
             the instants of `times` and those inside a step at which a tip seemed to separate and
-            return. So the violation began at most one step before an interval's first instant, and
-            ended at most one step after its last one. In unilateral contact "slipping" (a tip
-            slips) and "opened" (a tip is free) have their exact times, from event to event, also
-            within a step; "pulling" and "separated" do not occur, and closed tips only are
-            "crushed", "folded", on the "rim" or "off_face".
+            return. So the violation may last up to one step longer at either end. In unilateral
+            contact "slipping" (a tip slips) and "opened" (a tip is free) have their exact times;
+            "pulling" and "separated" do not occur, and closed tips only are "crushed", "folded", on
+            the "rim" or "off_face".
         holds: Whether the grasp held. With unilateral contact: the run reaches its end, and no tip
-            is free there. With bilateral contact, as far as that can tell: the run must reach its
-            end, and from `summaries_after` on, or from the start if that is None, no tip may pull
-            (lambda^H < 0) or, if the scene has `friction`, need more friction
-            (|lambda^N| > mu lambda^H). Without `friction`, every friction force is allowed.
-            `violation_intervals` has the times of these violations.
+            is free there. With bilateral contact, as far as that can tell: the run reaches its end,
+            and from `summaries_after` on no tip pulls (lambda^H < 0) or, if the scene has
+            `friction`, needs more of it (|lambda^N| > mu lambda^H).
         stats: Counts of the work: steps, rejected (attempts), evaluations (of the right-hand side),
             jacobians, factorisations, iterations (Newton's), segments.
     """
@@ -317,11 +314,10 @@ class Run(Shown):
         violations agree with the states.
 
         In unilateral contact also: lambda^H >= 0 and |lambda^N| <= mu lambda^H, with equality in
-        slip, up to round-off; no force acts on a tip that is free or grazes; no free tip beside a
-        face is within the object; friction and impacts only take energy; and the modes of the rows,
-        `contact_changes`, `violations`, `status` and `holds` agree. Residuals must be small only
-        where the modes keep them so: C^H of closed tips, C^N of tips that stick. What was not
-        recorded is not checked.
+        slip; no force acts on a tip that is free or grazes; no free tip beside a face is within the
+        object; friction and impacts only take energy; and the modes of the rows, `contact_changes`,
+        `violations`, `status` and `holds` agree. Residuals must be small only of constraints that
+        hold: C^H of closed tips, C^N of tips that stick. What was not recorded is not checked.
 
         With the default limits, the paper's scenes at dt = 1e-4 have a margin of six or more. Both
         errors fall as dt^4 with method "rk4". A stiffer scene needs a smaller dt or larger limits.
