@@ -13,9 +13,7 @@ from numpy.typing import ArrayLike
 
 from ._core import RECORDABLE
 from .run.options import STOP_ON, Options
-from .scene import usual
-from .scene.scene import Scene
-from .scene.stabilization import Stabilization
+from .scene import Scene, Stabilization, usual
 from .study.compute import MOST_BLOCKS, Computation, EarlyStopping
 from .study.engine import Engine, how_many_threads
 from .study.gradients import checked_gradients, differentiated

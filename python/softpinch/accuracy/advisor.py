@@ -17,9 +17,8 @@ from ..run.options import MOST_STEPS
 from ..run.request import Request
 from ..run.run import Run, computed
 from ..run.simulate import simulate
+from ..scene import Scene, Stabilization
 from ..scene.fields import ESTIMATED
-from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.choices import Formulation, Method
 from ..support.progress import Report, reporting

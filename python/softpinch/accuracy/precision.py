@@ -17,16 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..run import scaled_error
+from ..run import Run, scaled_error
 from ..run.measures import held_residuals
 from ..run.options import Options
 from ..run.request import Request
-from ..run.run import Run
-from ..scene import usual
+from ..scene import Scene, Stabilization, usual
 from ..scene.contact import without_drift
 from ..scene.fields import ESTIMATED
-from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.choices import Formulation, Method

@@ -11,9 +11,8 @@ from ..run.error_estimate import ending_at
 from ..run.options import Options
 from ..run.request import Request
 from ..run.run import Run, computed
+from ..scene import Scene, Stabilization
 from ..scene.fields import ESTIMATED
-from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
 from ..support.arrays import Floats
 from ..support.choices import Formulation, Method
 from .precision import sampled_rows, switch_instants

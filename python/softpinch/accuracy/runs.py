@@ -16,11 +16,9 @@ from .. import _core
 from ..run.options import Options, names
 from ..run.request import Request
 from ..run.run import Run, computed
-from ..scene import usual
+from ..scene import Scene, Stabilization, usual
 from ..scene.contact import formulations_of, require_formulations, without_drift
 from ..scene.paths import shapes_of
-from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
 from ..scene.template import SceneTemplate
 from ..support.arrays import Floats
 from ..support.choices import Formulation, Method

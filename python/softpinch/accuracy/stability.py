@@ -21,11 +21,10 @@ from ..run.options import MOST_STEPS, Options
 from ..run.request import Request
 from ..run.run import Run, computed
 from ..run.stiffness import eigenvalues, stable_steps
+from ..scene import Scene, Stabilization, State
 from ..scene.contact import require_formulations
 from ..scene.control import require_known_torque
 from ..scene.parts import branches
-from ..scene.scene import Scene, State
-from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Complexes, Floats
 from ..support.choices import Formulation, Method

@@ -13,16 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..run.evaluate import evaluate
+from ..scene import Impulse, Scene, Schedule, Stabilization, State, outline
 from ..scene import fields as units
-from ..scene import outline
 from ..scene.contact import as_bilateral
 from ..scene.control import WRITTEN, pids_of
-from ..scene.disturbance import Impulse
 from ..scene.hand import Finger, Fingertip, links
 from ..scene.parts import jaws, lever
-from ..scene.scene import Scene, State
-from ..scene.schedule import Schedule
-from ..scene.stabilization import Stabilization
 from ..scene.template import SceneTemplate
 from ..support import checks
 from ..support.arrays import Floats

@@ -15,9 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..run import scaled_error
 from ..run.options import MOST_STEPS, STOP_ON, Options
+from ..scene import Scene, Stabilization
 from ..scene.contact import formulations_of, require_formulations
-from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
 from ..study.engine import how_many_threads
 from ..support import checks
 from ..support.arrays import Bools, Floats, Texts

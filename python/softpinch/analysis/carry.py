@@ -11,10 +11,8 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..run.run import Run
-from ..run.simulate import simulate
-from ..scene.motion import HandMotion
-from ..scene.scene import Scene, State
+from ..run import Run, simulate
+from ..scene import HandMotion, Scene, State
 from ..support import checks
 from ..support.arrays import Floats, Texts
 from ..support.result import Result

@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..scene import Scene, Schedule
 from ..scene.control import WRITTEN, Pid, pids_of
 from ..scene.outline import closing
 from ..scene.parts import in_words, jaws, others
-from ..scene.scene import Scene
-from ..scene.schedule import Schedule
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.record import SIDES

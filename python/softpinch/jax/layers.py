@@ -19,12 +19,9 @@ from ..montecarlo import monte_carlo
 from ..run.options import MOST_STEPS, STOP_ON, Options, names
 from ..run.request import Request
 from ..run.simulate import simulate as run_of
-from ..scene.control import SampledController
-from ..scene.disturbance import Noise
+from ..scene import Noise, SampledController, Scene, Stabilization
 from ..scene.fields import QUANTITIES
 from ..scene.parts import refuse_others
-from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
 from ..scene.template import SceneTemplate
 from ..support import checks
 from ..support.arrays import Floats

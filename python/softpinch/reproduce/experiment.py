@@ -11,10 +11,7 @@ from ..run.options import Options
 from ..run.request import Request
 from ..run.run import Run, computed
 from ..run.simulate import warn_of_steps
-from ..scene.disturbance import Impulse, Pulse
-from ..scene.hand import Fingertip, Hand
-from ..scene.scene import Scene
-from ..scene.schedule import Schedule
+from ..scene import Fingertip, Hand, Impulse, Pulse, Scene, Schedule
 from ..support import checks
 from .energy_minimum import Rest, rests
 

@@ -14,9 +14,8 @@ import numpy as np
 
 from .. import paper, plot
 from ..plot.style import BLACK, DEG, LETTERS, LINES, PAGE, PALE, least_range, panels, styled, tag
+from ..run import ContactMode, Run
 from ..run import measures as m
-from ..run.contact import ContactMode
-from ..run.run import Run
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.extras import require

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from ..paper import PARAMETER_NOTE
+from ..run import ContactMode, Run
 from ..run import measures as m
-from ..run.contact import ContactMode
-from ..run.run import Run
 from ..scene.fields import COORDINATE_UNITS, DISPLAY_UNITS
 from ..support import checks
 from .energy_minimum import WAYS, Rest, coordinates

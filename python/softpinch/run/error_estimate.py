@@ -16,9 +16,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from ..scene import fields
-from ..scene.disturbance import Sampled
-from ..scene.scene import Scene
+from ..scene import Sampled, Scene, fields
 from ..support.arrays import Floats, read_only
 from ..support.result import Result
 from . import scaled_error

@@ -8,10 +8,9 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from .. import _core
+from ..scene import Scene, Stabilization
 from ..scene.contact import require_bilateral
 from ..scene.control import require_known_torque
-from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.choices import Formulation

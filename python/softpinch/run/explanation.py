@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from ..scene import parts
+from ..scene import Scene, Stabilization, parts
 from ..scene.control import WRITTEN, Pid
 from ..scene.piecewise import Piecewise
-from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.choices import Formulation, Method, Recordable, Violation

@@ -10,15 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..scene import fields
+from ..scene import Scene, State, fields
 from ..scene.motion import HandMotion, HandState
 from ..scene.parts import jaws
-from ..scene.scene import Scene, State
 from ..scene.svg import drawings
-from ..support import checks
+from ..support import NotRecordedError, checks
 from ..support.arrays import read_only
 from ..support.display import Shown, ShownTable
-from ..support.errors import NotRecordedError
 from ..support.record import plain
 from ..support.table import save_map
 from .contact import ContactChange, ContactMode, known_modes

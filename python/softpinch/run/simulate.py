@@ -7,9 +7,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from ..scene import usual
-from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
+from ..scene import Scene, Stabilization, usual
 from ..support import checks
 from ..support.choices import Formulation, Method, Recordable, Violation
 from ..support.errors import StabilityWarning, warn
