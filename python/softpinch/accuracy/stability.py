@@ -250,7 +250,7 @@ def max_stable_dt(
     max_steps = checks.integer("max_steps", max_steps, 1, MOST_STEPS)
     measure = checks.boolean("measure", measure)
     most = max(max_steps, _FEWEST_STEPS)
-    accurate = accurate_run(scene, formulation, stabilization, record="state", max_steps=most)
+    accurate = accurate_run(scene, formulation, stabilization=stabilization, max_steps=most)
     along = along_run(accurate, formulation, stabilization)
     steps = along.stable_step(method)
     k = int(np.argmin(steps))

@@ -66,7 +66,9 @@ class StabilityMap(Result):
         floor: Difference between the reference's two methods (v,), scaled as `error`, below which
             errors are meaningless; if they end early, the difference of their end times as a share
             of the time until then; inf without a reference.
-        scene, stabilization, max_steps: Arguments of `stability_map`.
+        scene: The scene that the axis varies.
+        stabilization: The gains of "csm", unless the axis sets them.
+        max_steps: Largest number of steps of a run.
     """
 
     axis: str
@@ -224,12 +226,9 @@ class _Reference:
         self, scene: Scene, gains: Stabilization, formulation: Formulation, max_steps: int
     ) -> None:
         self._gains = gains
-        self._run, second = (
-            accurate_run(
-                scene, formulation, gains, tolerance=_TOLERANCE, method=method, max_steps=max_steps
-            )
-            for method in _METHODS
-        )
+        how = {"stabilization": gains, "tolerance": _TOLERANCE, "max_steps": max_steps}
+        runs = (accurate_run(scene, formulation, method=method, **how) for method in _METHODS)
+        self._run, second = runs
         usual = scaled_error.usual(scene)
         both = {"q": self._run.q, "p": self._run.p}
         self._scales = {name: scaled_error.scales(name, rows, usual) for name, rows in both.items()}

@@ -40,7 +40,8 @@ class CarryLimits(Result):
         limit: The largest acceleration (n,), m/s^2; inf if nothing gives way.
         cause: What gives way first (n,): as `WrenchLimits.limit`; of moves, the status of a run
             that is lost, or a violation; "none" if nothing does.
-        profile, tilt: Arguments of `carry_limits`.
+        profile: The shape of the moves; None for an acceleration that grows slowly.
+        tilt: The tilt of the hand, or the tilts (m,), rad.
     """
 
     equilibrium: Equilibrium | tuple[Equilibrium, ...]

@@ -54,9 +54,15 @@ class LinearModel(Result):
         B: (N, m), the derivatives of the states' rates with respect to the inputs.
         C: (k, N), the derivatives of the outputs with respect to the states.
         D: (k, m), the derivatives of the outputs with respect to the inputs.
-        states, inputs, outputs: Names (N,), (m,), (k,); the rate of x is "rate of x".
-        state_units, input_units, output_units: Units (N,), (m,), (k,).
-        state_values, input_values, output_values: Values at the operating point (N,), (m,), (k,).
+        states: Names of the states (N,); the rate of x is "rate of x".
+        inputs: Names of the inputs (m,).
+        outputs: Names of the outputs (k,).
+        state_units: Units of the states (N,).
+        input_units: Units of the inputs (m,).
+        output_units: Units of the outputs (k,).
+        state_values: The states at the operating point (N,).
+        input_values: The inputs at the operating point (m,).
+        output_values: The outputs at the operating point (k,).
         state_rates: The rates of the states at the operating point (N,).
         state: The operating point.
         neutral: Rows w, (k, N), of the combinations w x that no motion of the model changes: of the

@@ -59,9 +59,9 @@ class ErrorEstimate(Result):
         interrupted: Whether Ctrl-C came before both finer runs were done. Then every error is inf.
     """
 
-    q: Floats | None
-    p: Floats | None
-    multipliers: Floats | None
+    q: Floats | None = None
+    p: Floats | None = None
+    multipliers: Floats | None = None
     largest: dict[str, float]
     order: float
     expected_order: int
@@ -84,7 +84,7 @@ def estimate(request: Request, result: Mapping[str, Any]) -> ErrorEstimate:
         nowhere: Any = {name: np.full(result[name].shape, np.inf) for name in names}
         finer = "halves and quarters of the steps were" if adaptive else "dt/2 and dt/4 were"
         return ErrorEstimate(
-            **{**dict.fromkeys(QUANTITIES), **nowhere},
+            **nowhere,
             largest=dict.fromkeys(names, math.inf),
             order=-math.inf,
             expected_order=expected,
@@ -97,7 +97,7 @@ def estimate(request: Request, result: Mapping[str, Any]) -> ErrorEstimate:
     # A finer run may lack the last row of a run that ended early, and rows at changes of contacts.
     compared = np.flatnonzero((t[:n] == half["t"][:n]) & (t[:n] == quarter["t"][:n]))
     usual = scaled_error.usual(request.scene)
-    found: dict[str, Floats] = {}
+    found: dict[str, Any] = {}
     largest: dict[str, float] = {}
     orders: list[float] = []
     for name in names:
@@ -143,9 +143,8 @@ def estimate(request: Request, result: Mapping[str, Any]) -> ErrorEstimate:
             message += f"; {missed}: t = {some}{more} s"
     else:
         message = _not_alike(runs, adaptive)
-    bars_of_all: dict[str, Any] = {**dict.fromkeys(QUANTITIES), **found}
     return ErrorEstimate(
-        **bars_of_all,
+        **found,
         largest=largest,
         order=order,
         expected_order=expected,
