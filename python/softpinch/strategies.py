@@ -97,7 +97,7 @@ def _one_or_pair(one: SearchStrategy[T], symmetric: bool) -> SearchStrategy[T | 
 
 @st.composite
 def fingers(draw: DrawFn, spread: float = 0.3) -> Finger:
-    """Fingers."""
+    """Fingers with independently drawn parameters."""
     names = ("length", "root_offset", "half_thickness", "mass", "inertia")
     return Finger(**_near(draw, Finger(), names, spread))
 
