@@ -233,20 +233,19 @@ def disturbances(
             hold=draw(st.sampled_from(HOLDS)),
         )
     push, turn = draw(load), draw(_within(moment))
+    common: dict[str, Any] = {"time": time, "force": push, "moment": turn}
     lasting = _between(duration / 64, duration)
     if kind == "pulse":
-        return Pulse(time=time, duration=draw(lasting), force=push, moment=turn)
+        return Pulse(duration=draw(lasting), **common)
     if kind == "impulse":
         x, y, angular = (duration / 64 * load for load in (*push, turn))
         return Impulse(time=time, impulse=(x, y), angular_impulse=angular)
     if kind == "sine":
         return Sine(
             frequency_hz=draw(_scaled(2.0 / duration, 1.0)),
-            force=push,
-            moment=turn,
             phase=draw(_within(math.pi)),
-            time=time,
             duration=draw(st.one_of(st.none(), lasting)),
+            **common,
         )
     if kind == "noise":
         return Noise(
@@ -257,7 +256,7 @@ def disturbances(
             duration=draw(st.one_of(st.none(), lasting)),
             seed=draw(st.integers(0, 2**64 - 1)),
         )
-    return Step(time=time, force=push, moment=turn)
+    return Step(**common)
 
 
 @st.composite
@@ -345,21 +344,19 @@ def scenes(
     start = draw(st.sampled_from(starts))
     deepest = {"pressed": 0.3, "apart": -0.1}.get(start, 0.0)
     fitted: list[Finger] = []
-    begun = [0.0, 0.0]
-    for finger, tip in zip((hand.right, hand.left), tips, strict=True):
+    begun: list[float] = []
+    for finger, tip in [(hand.right, tips[0]), (hand.left, tips[1])][: 1 if symmetric else 2]:
         assert isinstance(finger, Finger)
-        reach = tip.radius + 0.5 * grasped.width
-        if fitted and symmetric:
-            fitted *= 2
-        elif start == "touching":
+        angle = press = 0.0
+        if start == "touching":
             # At a larger inward angle the root would have to lie beyond the middle of the hand.
+            reach = tip.radius + 0.5 * grasped.width
             angle = draw(_within(0.3 * min(1.0, reach / finger.length)))
-            begun[len(fitted) :] = [angle] * (2 - len(fitted))
-            fitted.append(_fitted(finger, tip, grasped, angle))
-        else:
-            near = _fitted(finger, tip, grasped, 0.0)
-            press = tip.radius * draw(_between(0.0, deepest)) if deepest else 0.0
-            fitted.append(replace(near, root_offset=near.root_offset - press))
+        elif deepest:
+            press = tip.radius * draw(_between(0.0, deepest))
+        near = _fitted(finger, tip, grasped, angle)
+        fitted.append(replace(near, root_offset=near.root_offset - press))
+        begun.append(angle)
     schedule = draw(schedules(duration, largest_change, ("minimum_jerk",) if driven else KINDS))
     if driven:
         schedule = replace(schedule, angles=schedule.angles - schedule.angles[0] + begun)
@@ -368,7 +365,7 @@ def scenes(
     friction = _one_or_pair(_scaled(0.5, spread), symmetric)
     pushes = st.lists(disturbances(duration, force, moment), max_size=most_disturbances)
     return Scene(
-        hand=replace(hand, right=fitted[0], left=fitted[1]),
+        hand=replace(hand, right=fitted[0], left=fitted[-1]),
         grasped=grasped,
         control=draw(_one_or_pair(pids(spread), symmetric)),
         schedule=schedule,
