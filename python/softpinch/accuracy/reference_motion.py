@@ -46,8 +46,7 @@ class ReferenceMotion:
         how: dict[str, Any] = {"stabilization": stabilization, "record": _RECORD}
         self.run = accurate_run(scene, "csm", max_steps=MOST_STEPS, **how)
         if self.run.status == "too_many_steps":
-            reached = float(self.run.t[-1]) - scene.start().time
-            self.scene = replace(scene, duration=reached)
+            self.scene = replace(scene, duration=float(self.run.t[-1]) - scene.start().time)
             self.run = accurate_run(self.scene, "csm", **how)
         self.switches = switch_instants(self.scene)
         # Lower bounds of the scales keep round-off of large components from counting as error.

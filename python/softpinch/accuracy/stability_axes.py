@@ -126,8 +126,7 @@ def _closed(scene: Scene, k: int, share: float) -> float:
     angle = outline.angle_at(finger.length, finger.half_thickness, inwards)
     if angle is None:
         wanted = f"the {SIDES[k]} finger would have to reach {1e3 * inwards:.4g} mm inwards"
-        reach = f"its length lets it reach {1e3 * lever(finger):.4g} mm"
-        raise ValueError(f"{wanted}, and {reach}")
+        raise ValueError(f"{wanted}, and its length lets it reach {1e3 * lever(finger):.4g} mm")
     return angle
 
 
@@ -159,9 +158,8 @@ def _held_at(scene: Scene, angles: list[float]) -> Scene:
     time = _begin(scene)
     scene = replace(scene, schedule=Schedule.steps([time], [angles]))
     fingers = links(scene, "a grasp at given angles")
-    heights = map(outline.upward, fingers, angles)
-    x, y = scene.grasped.com_offset, sum(heights) / 2
-    start = State.consistent(scene, x=x, y=y, fingers=angles, time=time)
+    y = sum(map(outline.upward, fingers, angles)) / 2
+    start = State.consistent(scene, x=scene.grasped.com_offset, y=y, fingers=angles, time=time)
     # While both tips stick the terms are those of bilateral contact.
     quiet = replace(as_bilateral(scene), disturbances=())
 

@@ -93,8 +93,7 @@ def grip(scene: Scene, force: float | None = None, compression: float | None = N
     _require_targets(scene)
     # Driven fingers stand at their angles, whatever the gains.
     still = replace(scene, disturbances=(), initial=None)
-    driven = replace(still, fingers="driven", control=Pid())
-    found = _Search(driven, name, unit, wanted).run()
+    found = _Search(replace(still, fingers="driven", control=Pid()), name, unit, wanted).run()
     assert found.state is not None
     targets = np.array(found.state.q[3:5])
     if scene.law == "pid":

@@ -70,15 +70,13 @@ class WrenchLimits(Result):
         return float(self.size.min())
 
     def __repr__(self) -> str:
-        k = int(np.argmin(self.size))
-        x, y, moment = self.wrench[k]
+        x, y, moment = self.wrench[np.argmin(self.size)]
         names, counts = np.unique(self.limit, return_counts=True)
         pairs = zip(names.tolist(), counts.tolist(), strict=True)
         each = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in pairs)
         if not self.size.any():
             return f"<WrenchLimits: not even a small wrench is borne; {self.equilibrium.message}>"
-        wrench = f"({x:.6g} N, {y:.6g} N, {moment:.6g} N m)"
-        weakest = f"weakest {self.weakest:.6g} N at {wrench}"
+        weakest = f"weakest {self.weakest:.6g} N at ({x:.6g} N, {y:.6g} N, {moment:.6g} N m)"
         return f"<WrenchLimits of {len(self.limit)} directions: {weakest}; {each}>"
 
 

@@ -39,8 +39,7 @@ def _prepared(task: Task | None) -> tuple[Task, Box, Box]:
 
 def _draw(frames: Frames, episodes: Episodes, k: int) -> None:
     seen = episodes.simulator.observations
-    title = f"t = {seen.t[k]:.3f} s"
-    frames.draw(seen.q[k], episodes.target(k), episodes.force(k), title)
+    frames.draw(seen.q[k], episodes.target(k), episodes.force(k), f"t = {seen.t[k]:.3f} s")
 
 
 class PinchEnv(gymnasium.Env[Observed, Actions]):

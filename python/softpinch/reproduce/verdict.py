@@ -195,8 +195,7 @@ def depends_on_the_way(run: Run, direct: Run) -> Finding:
 
 def pulls_at_switches(run: Run) -> Finding:
     """The number of switches at which a tip would have to pull."""
-    pieces = m.operations(run)
-    pulls = [m.longest_pull(run, *piece) for piece in pieces]
+    pulls = [m.longest_pull(run, *piece) for piece in m.operations(run)]
     pulling = [k + 1 for k, pull in enumerate(pulls) if pull > 0]
     least = float(run.multipliers[:, :2].min())
     shortest = 1e3 * min((pull for pull in pulls if pull > 0), default=0.0)

@@ -208,8 +208,7 @@ def _finer_runs(
         return request.run_to_end(2), request.run_to_end(4)
     t = result["t"]
     if options.times is not None or options.every != 1:
-        ends = request.with_(record=(), times=None, every=1).run_to_end()["t"]
-        t = np.union1d(t, ends)
+        t = np.union1d(t, request.with_(record=(), times=None, every=1).run_to_end()["t"])
     t = ends_of_steps(t, [change[0] for change in result["contact_changes"]])
     if len(t) < 2:
         return result, result

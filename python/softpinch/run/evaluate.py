@@ -127,6 +127,5 @@ def evaluate(
     )
     terms: dict[str, Any] = {**found}
     forces = {f.name: terms.pop(f.name) for f in fields(Forces)}
-    kinds = ("kinetic", "elastic", "gravity")
-    energies = {kind: terms.pop(f"{kind}_energy") for kind in kinds}
+    energies = {f.name: terms.pop(f"{f.name}_energy") for f in fields(Energies)}
     return Evaluation(**terms, forces=Forces(**forces), energies=Energies(**energies))

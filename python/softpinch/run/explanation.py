@@ -240,9 +240,7 @@ def _inputs(scene: Scene) -> list[tuple[str, bool, str, str]]:
 def _pieces(piecewise: Piecewise, begin: float, end: float) -> Floats:
     """Returns the coefficients of the pieces that overlap the run."""
     breaks, coefficients = piecewise
-    first = int(np.searchsorted(breaks, begin, side="right"))
-    last = int(np.searchsorted(breaks, end, side="left"))
-    return coefficients[first : last + 1]
+    return coefficients[np.searchsorted(breaks, begin, "right") : np.searchsorted(breaks, end) + 1]
 
 
 def _measured(scene: Scene, options: Options) -> float | None:
