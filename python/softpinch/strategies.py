@@ -187,7 +187,7 @@ def schedules(
     Args:
         duration: Duration of the scene, s.
         largest_change: Largest difference of an angle from 6 degrees, rad.
-        kinds: Possible kinds, which are names in `schedule.KINDS`.
+        kinds: Possible kinds, out of `schedule.KINDS`.
         knots: Largest number of scheduled times.
     """
     kind = draw(st.sampled_from(list(kinds)))
@@ -216,9 +216,8 @@ def disturbances(
 
     Args:
         duration: Duration of the scene, s; each disturbance begins within it.
-        force: Largest component of a force, N; for noise the largest standard deviation. Impulses
-            are at most this force times a 64th of the duration.
-        moment: Largest moment, N m, with these exceptions for noise and impulses.
+        force, moment: Largest component of a force, N, and largest moment, N m; for noise standard
+            deviations. Impulses are at most these times a 64th of the duration.
         kinds: Possible kinds, which are names in `disturbance.DISTURBANCES`.
     """
     kind = draw(st.sampled_from(list(kinds)))
@@ -395,12 +394,8 @@ def other_hands(
     """Scenes with any mechanisms, sides and laws, whose fingers press on a pushed object.
 
     Lengths, masses and gains are near the default values; the run starts where the tips touch.
-    Examples shrink towards links, faces and parallel springs.
-
-    Args:
-        duration: Length of the runs, s.
-        laws: Whether a tip may have a `PowerLaw`.
-        contact: The contact model; with "unilateral" the coefficient of friction is 0.8.
+    Examples shrink towards links, faces and parallel springs. With `laws` a tip may have a
+    `PowerLaw`; in "unilateral" `contact` the coefficient of friction is 0.8.
     """
     angle = _within(0.1)
     kinds = st.one_of(

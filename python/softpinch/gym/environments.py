@@ -23,6 +23,7 @@ from ..support.choices import Recordable
 Observed: TypeAlias = NDArray[np.float64]
 Actions: TypeAlias = NDArray[np.float32]
 Flags: TypeAlias = NDArray[np.bool_]
+Stepped: TypeAlias = tuple[Observed, NDArray[np.float64], Flags, Flags, dict[str, Any]]
 
 # A film of one frame a step of 2 ms is ten times slower than the motion.
 _FPS = 50
@@ -148,15 +149,12 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
         render_mode: str | None = None,
         threads: int = 1,
     ) -> None:
-        """Makes the environments; `reset` must come before `step`.
+        """Makes the environments; the task None is `HoldAgainstPushes()`.
 
         Args:
-            num_envs: Number of environments.
-            task: The task; None is `HoldAgainstPushes()`.
             autoreset_mode: When an environment that has ended starts its next episode: at the next
                 step ("NextStep"), in the same step ("SameStep"), or by
                 `reset(options={"reset_mask": ...})` ("Disabled").
-            render_mode: "rgb_array" or None.
             threads: Largest number of threads of a step, as for `sp.VectorSimulator`.
         """
         self.task, self.single_observation_space, self.single_action_space = _prepared(task)
@@ -215,14 +213,11 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
         outcome = self._episodes.start(mask, self._randoms)
         return outcome.observation, _masked(outcome.info, mask)
 
-    def step(
-        self, actions: ArrayLike
-    ) -> tuple[Observed, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
-        """Holds the torques of the actions for one period.
+    def step(self, actions: ArrayLike) -> Stepped:
+        """Holds the torques of the actions (n, 2) for one period.
 
-        Args:
-            actions: Right and left of each environment (n, 2), in [-1, 1]. Those of an environment
-                that starts its next episode in this step are not used, but must be finite.
+        Those of an environment that starts its next episode in this step are not used, but must be
+        finite.
 
         Returns:
             Observations (n, entries), rewards (n,), terminations (n,), truncations (n,) and infos.
@@ -254,9 +249,7 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
             frames.append(self._frames.pixels())
         return tuple(frames)
 
-    def _restarted(
-        self, ended: Outcome, mask: Flags, final: bool
-    ) -> tuple[Observed, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
+    def _restarted(self, ended: Outcome, mask: Flags, final: bool) -> Stepped:
         """Starts the next episodes of some environments, and merges that with a step's outcome."""
         first = self._episodes.start(mask, self._randoms)
         infos = _masked(ended.info, ~mask)

@@ -37,8 +37,8 @@ Values: TypeAlias = Mapping[str, Any]
 class Trajectory(NamedTuple):
     """All recorded rows of a run, as JAX arrays.
 
-    A run that ends early has fewer rows than one that reaches its end: the others are NaN, and
-    their derivatives are zero, so that a loss that leaves them out has its own gradient.
+    The rows that a run does not reach are NaN, and their derivatives are zero, so that a loss that
+    leaves them out has its own gradient.
 
     Attributes:
         t: Recorded instants (n,), s.
@@ -95,14 +95,12 @@ def simulate(
         layer = softpinch.jax.simulate(scene, ("grasped.mass", "schedule.angles"), dt=1e-3)
         run = layer({"grasped.mass": 0.1, "schedule.angles": angles})
 
-    `jit` calls back to Python; one call has the bits that it has without `jit`, and those of
-    `sp.simulate`. `jvp`, `jacfwd`, `grad` and `jacrev` have the derivatives of
-    `sp.simulate(..., sensitivities=...)`, all in forward mode: the time grows with the number of
-    varied numbers that JAX derives by, and not with the number of results. There are no second
-    derivatives. They hold at fixed instants, and that of `t` is zero, although the rows around a
-    switch that a value moves (such as "disturbances.0.time") move with it: use the last row there,
-    or `final_state`. `vmap` makes one call for a batch, which computes one run after another;
-    `final_state` uses the lanes of the core.
+    A call has the bits of `sp.simulate`, also in `jit`, which calls back to Python. `jvp`,
+    `jacfwd`, `grad` and `jacrev` have the derivatives of `sp.simulate(..., sensitivities=...)`, all
+    in forward mode: the time grows with the number of varied numbers that JAX derives by. There are
+    no second derivatives. They hold at fixed instants, although the rows around a switch that a
+    value moves (such as "disturbances.0.time") move with it: use the last row there, or
+    `final_state`. `vmap` makes one call for a batch, which computes one run after another.
 
     Args:
         scene: The scene.
@@ -115,9 +113,9 @@ def simulate(
 
     Returns:
         A function of a dictionary, path -> value, that has all paths of `vary`. It raises
-        ValueError or TypeError if a path or a shape is wrong, and RuntimeError if JAX's numbers
-        have 32 bits. A value that breaks a rule of the scene is an error too; within `jit`, JAX
-        makes its own exception of it, with the message. A run that fails has a status instead.
+        ValueError or TypeError if a path, a shape or a value is wrong (within `jit`, JAX makes its
+        own exception of it, with the message), and RuntimeError if JAX's numbers have 32 bits. A
+        run that fails has a status instead.
     """
     record = names("record", record, _RECORDABLE)
     how = (dt, method, formulation, stabilization, ("state", *record), every, stop_on)
