@@ -13,9 +13,7 @@ from numpy.typing import ArrayLike
 
 from ._core import RECORDABLE
 from .run.options import STOP_ON, Options
-from .scene import usual
-from .scene.scene import Scene
-from .scene.stabilization import Stabilization
+from .scene import Scene, Stabilization, usual
 from .study.compute import MOST_BLOCKS, Computation, EarlyStopping
 from .study.engine import Engine, how_many_threads
 from .study.gradients import checked_gradients, differentiated
@@ -125,16 +123,14 @@ def monte_carlo(
 
     Ctrl-C stops within a fraction of a second and returns all completed runs. The runs under way
     at that moment are missing: at most 8 for each thread, or the submitted blocks of an executor.
-    Long runs are more often under way than short ones, so the returned sample is biased; the bias
-    is small if many more runs were completed than are missing.
+    Long ones are under way more often, which biases the sample if few runs were completed.
 
     Args:
         scene: The scene that all runs share.
         runs: Number of runs; None takes the length of the arrays in `vary`.
         seed: Seed of all draws and of held noise, from 0 to 2^64 - 1. With sampler="random" the
-            draws of run i for a path depend on the seed, the path and i only: they stay equal when
-            runs or other paths are added. Sobol points stay equal when runs are added, but change
-            with the set of paths. Points of a Latin hypercube change with both.
+            draws of run i for a path depend on the seed, the path and i only. Sobol points stay
+            equal when runs are added, but change with the set of paths; Latin hypercubes with both.
         vary: Path -> source of values. A path is the dotted path of a parameter in the scene, such
             as "grasped.mass", "hand.tip.left.radius", "control.kp", "disturbances.0.force" or
             "schedule.angles"; a tuple of paths is drawn jointly. A source is an array with one
@@ -153,23 +149,21 @@ def monte_carlo(
             so does "holds" in bilateral contact; None ignores nothing.
         settling_band: The object counts as settled while its faces move slower than this, m/s.
         sampler: "random"; or "sobol" or "latin_hypercube", which need SciPy and distributions in
-            `vary`. These two fill the parameter space more evenly, so means converge faster;
-            confidence intervals and standard errors remain those of independent draws.
+            `vary`. With these two means converge faster, but intervals and standard errors remain
+            those of independent draws.
         only: Numbers of the runs to compute, (k,), increasing; None computes all. It applies to
             this call only: `Study.resume` computes the other runs too.
         trajectories: Numbers of runs whose trajectories are kept, in `Ensemble.trajectories`. They
-            are computed after the runs, one after the other. With `store` each is written to the
-            folder at once, and memory use does not grow with their number.
+            are computed after the runs, one after the other, and with `store` written at once.
         record, every, times: Quantities and rows of the trajectories, as for `simulate`; all groups
             if left out. Instants outside the duration of a run are left out.
         check_dt: Whether to compute up to 256 of the runs again with half the step (or a tenth of
             the tolerance); `Ensemble.discretisation` then has the error of each summary and
             of the probabilities of "completed" and "holds".
-        gradients: Summaries whose derivatives are computed too, in `Ensemble.gradients`:
-            "final_state", "peak_rotation", "min_compression", "peak_friction_angle",
-            "peak_friction_ratio", "peak_torque". The others are times and errors and have none.
-            For bilateral contact without a `SampledController`. They are computed after the runs,
-            and `progress` does not count them. Ctrl-C returns the ensemble without them.
+        gradients: Summaries whose derivatives are computed too, after the runs, in
+            `Ensemble.gradients`: "final_state", "peak_rotation", "min_compression",
+            "peak_friction_angle", "peak_friction_ratio", "peak_torque". For bilateral contact
+            without a `SampledController`. Ctrl-C then returns the ensemble without them.
         sensitivities: The paths by which `gradients` differentiates, as for `simulate`; those of
             `vary` if left out. They need not vary between runs. Paths into `schedule` and
             `disturbances` take one to two milliseconds more for each run.
@@ -182,13 +176,13 @@ def monte_carlo(
             threads of each worker, 1 if left out.
         executor: Computes the runs on the workers of a `concurrent.futures.Executor` (processes,
             Dask's `client.get_executor()`, mpi4py's), or of the executor that a function makes,
-            which is shut down at the end. Workers receive blocks of 1024 runs; their numbers are
-            drawn in this process. A block that fails three times is lost, and so is everything that
-            an executor has not computed when it breaks: see `lost` of the result.
-        store: Folder in which the rows are kept. It is made if missing, and refused if it holds
-            other files. If it holds this study, only missing runs are computed; `runs` may be
-            larger than before, and runs beyond a smaller `runs` stay. Needs the extra `study`.
-            Memory use does not grow with the number of runs.
+            which is shut down at the end. Workers receive blocks of 1024 runs. A block that fails
+            three times is lost, and so is what an executor has not computed when it breaks: see
+            `lost` of the result.
+        store: Folder in which the rows are kept, so that memory use does not grow with the runs. It
+            is made if missing, and refused if it holds other files. If it holds this study, only
+            missing runs are computed; `runs` may be larger than before, and runs beyond a smaller
+            `runs` stay. Needs the extra `study`.
         progress: True draws a bar on a terminal (needs rich); False draws none; or a function that
             is called with the number of completed runs and the number of all runs.
 
@@ -196,10 +190,9 @@ def monte_carlo(
         An `Ensemble`; with `store` a `Study`, which reads from the folder.
 
     Raises:
-        ValueError: An argument breaks its rule; a path does not exist; an array has the wrong
-            length; or a run's value breaks the rule of its field (the message says which run,
-            field and value). All are found before anything is computed. Or the folder holds
-            another study: the message lists each field that differs.
+        ValueError: An argument, or a run's value, breaks its rule; a path does not exist; an array
+            has the wrong length; or the folder holds another study, and the message lists each
+            field that differs. All are found before anything is computed.
         TypeError: An argument is of the wrong kind.
         ImportError: A sampler or distribution needs SciPy, or a store needs pyarrow and tomli_w,
             and it is not installed.

@@ -9,7 +9,8 @@
         sp.simulate(scene).check(residual=1e-3, closure=1e-2)
 
 Examples shrink towards the default `Scene()`. Parameters are the default values times 10**u with
-|u| <= `spread`, so `spread` is in decades. The repr of an example shows only changed values.
+|u| <= `spread`, so `spread` is in decades. Most drawn times, s, lie within the `duration` of the
+scene. The repr of an example shows only changed values.
 """
 
 from __future__ import annotations
@@ -96,7 +97,7 @@ def _one_or_pair(one: SearchStrategy[T], symmetric: bool) -> SearchStrategy[T | 
 
 @st.composite
 def fingers(draw: DrawFn, spread: float = 0.3) -> Finger:
-    """Fingers with parameters within `spread` decades of the default values."""
+    """Fingers with independently drawn parameters."""
     names = ("length", "root_offset", "half_thickness", "mass", "inertia")
     return Finger(**_near(draw, Finger(), names, spread))
 
@@ -111,7 +112,7 @@ def fingertips(
     """Fingertips with independently drawn parameters.
 
     Args:
-        spread: Decades about the default values.
+        spread: Largest |u|.
         tilt_couplings: Possible values of kappa; examples shrink to the first.
         own_masses: Whether a tip may have its own masses instead of the object's.
     """
@@ -128,11 +129,9 @@ def fingertips(
 
 @st.composite
 def hands(draw: DrawFn, spread: float = 0.3, symmetric: bool = False) -> Hand:
-    """Hands, whose fingers may not reach an object; `scenes` adjusts the roots so that they do.
+    """Hands, of equal fingers and tips if `symmetric`, that may not reach an object.
 
-    Args:
-        spread: Decades about the default values.
-        symmetric: Whether both fingers and both tips are equal.
+    `scenes` adjusts the roots so that they do.
     """
     right = draw(fingers(spread))
     left = right if symmetric else draw(st.one_of(st.just(right), fingers(spread)))
@@ -143,9 +142,8 @@ def hands(draw: DrawFn, spread: float = 0.3, symmetric: bool = False) -> Hand:
 def grasped_objects(draw: DrawFn, spread: float = 0.3, offset: float = 0.2) -> GraspedObject:
     """Grasped objects, with a height or without, and an inertia that mass and faces allow.
 
-    Args:
-        spread: Decades about the default values.
-        offset: Largest distance of the centre of gravity from the middle, as a share of the width.
+    `offset` is the largest distance of the centre of gravity from the middle, as a share of the
+    width.
     """
     paper = GraspedObject()
     width, mass = draw(_scaled(paper.width, spread)), draw(_scaled(paper.mass, spread))
@@ -158,19 +156,19 @@ def grasped_objects(draw: DrawFn, spread: float = 0.3, offset: float = 0.2) -> G
 
 @st.composite
 def pids(draw: DrawFn, spread: float = 0.3) -> Pid:
-    """PID gains within `spread` decades of the default values."""
+    """PID gains."""
     return Pid(**_near(draw, Pid(), ("kp", "kd", "ki"), spread))
 
 
 @st.composite
 def stabilizations(draw: DrawFn, spread: float = 0.3) -> Stabilization:
-    """Gains within `spread` decades of 1000 1/s. RK4 is stable if gain * dt < 2.785."""
+    """Gains about 1000 1/s. RK4 is stable if gain * dt < 2.785."""
     return Stabilization(**_near(draw, Stabilization(), ("alpha", "beta"), spread))
 
 
 @st.composite
 def _times(draw: DrawFn, duration: float, most: int) -> list[float]:
-    """Increasing times, s, most of them within the duration; examples shrink to [0.0]."""
+    """At most `most` increasing times, s; examples shrink to [0.0]."""
     first = draw(_between(0.0, duration / 2))
     gaps = _between(duration / 64, duration / 2)
     return list(accumulate(draw(st.lists(gaps, max_size=most - 1)), initial=first))
@@ -187,9 +185,9 @@ def schedules(
     """Schedules around 6 degrees for both fingers; examples shrink to constant 6 degrees.
 
     Args:
-        duration: Duration of the scene, s; most scheduled times lie within it.
+        duration: Duration of the scene, s.
         largest_change: Largest difference of an angle from 6 degrees, rad.
-        kinds: Possible kinds, which are names in `schedule.KINDS`.
+        kinds: Possible kinds, out of `schedule.KINDS`.
         knots: Largest number of scheduled times.
     """
     kind = draw(st.sampled_from(list(kinds)))
@@ -218,9 +216,8 @@ def disturbances(
 
     Args:
         duration: Duration of the scene, s; each disturbance begins within it.
-        force: Largest component of a force, N; for noise the largest standard deviation. Impulses
-            are at most this force times a 64th of the duration.
-        moment: Largest moment, N m, with these exceptions for noise and impulses.
+        force, moment: Largest component of a force, N, and largest moment, N m; for noise standard
+            deviations. Impulses are at most these times a 64th of the duration.
         kinds: Possible kinds, which are names in `disturbance.DISTURBANCES`.
     """
     kind = draw(st.sampled_from(list(kinds)))
@@ -235,20 +232,19 @@ def disturbances(
             hold=draw(st.sampled_from(HOLDS)),
         )
     push, turn = draw(load), draw(_within(moment))
+    common: dict[str, Any] = {"time": time, "force": push, "moment": turn}
     lasting = _between(duration / 64, duration)
     if kind == "pulse":
-        return Pulse(time=time, duration=draw(lasting), force=push, moment=turn)
+        return Pulse(duration=draw(lasting), **common)
     if kind == "impulse":
         x, y, angular = (duration / 64 * load for load in (*push, turn))
         return Impulse(time=time, impulse=(x, y), angular_impulse=angular)
     if kind == "sine":
         return Sine(
             frequency_hz=draw(_scaled(2.0 / duration, 1.0)),
-            force=push,
-            moment=turn,
             phase=draw(_within(math.pi)),
-            time=time,
             duration=draw(st.one_of(st.none(), lasting)),
+            **common,
         )
     if kind == "noise":
         return Noise(
@@ -259,7 +255,7 @@ def disturbances(
             duration=draw(st.one_of(st.none(), lasting)),
             seed=draw(st.integers(0, 2**64 - 1)),
         )
-    return Step(time=time, force=push, moment=turn)
+    return Step(**common)
 
 
 @st.composite
@@ -272,7 +268,7 @@ def motions(
     """Motions of the hand; examples shrink to one that stays at the origin.
 
     Args:
-        duration: Duration of the scene, s; most times of a motion lie within it.
+        duration: Duration of the scene, s.
         acceleration: Largest component of an acceleration, m/s^2; where the hand turns, that at
             0.1 m from its origin, if it turned from rest.
         kinds: Possible kinds, which are names in `motion.MOTIONS`.
@@ -327,14 +323,13 @@ def scenes(
     The grasp may be lost during the run; with the default arguments most grasps hold.
 
     Args:
-        spread: Decades about the default values.
+        spread: Largest |u| of all parameters.
         duration: Duration of the run, s.
         symmetric: Whether hand, control, object and target angles are mirror-symmetric.
         most_disturbances: Largest number of disturbances.
-        force: Largest component of a disturbance, N.
-        moment: Largest moment of a disturbance, N m.
-        largest_change: Largest difference of the scheduled angles from 6 degrees, rad. "driven"
-            fingers move at most twice this angle from their start.
+        force, moment: As in `disturbances`.
+        largest_change: As in `schedules`; "driven" fingers move at most twice this angle from their
+            start.
         fingers: "pid", or "driven", whose schedules are smooth and begin at the start's angles.
         contact: "bilateral"; or "unilateral", always with friction. Then a tip of "pid" fingers may
             also start with a gap of up to a tenth of its radius.
@@ -348,21 +343,19 @@ def scenes(
     start = draw(st.sampled_from(starts))
     deepest = {"pressed": 0.3, "apart": -0.1}.get(start, 0.0)
     fitted: list[Finger] = []
-    begun = [0.0, 0.0]
-    for finger, tip in zip((hand.right, hand.left), tips, strict=True):
+    begun: list[float] = []
+    for finger, tip in [(hand.right, tips[0]), (hand.left, tips[1])][: 1 if symmetric else 2]:
         assert isinstance(finger, Finger)
-        reach = tip.radius + 0.5 * grasped.width
-        if fitted and symmetric:
-            fitted *= 2
-        elif start == "touching":
+        angle = press = 0.0
+        if start == "touching":
             # At a larger inward angle the root would have to lie beyond the middle of the hand.
+            reach = tip.radius + 0.5 * grasped.width
             angle = draw(_within(0.3 * min(1.0, reach / finger.length)))
-            begun[len(fitted) :] = [angle] * (2 - len(fitted))
-            fitted.append(_fitted(finger, tip, grasped, angle))
-        else:
-            near = _fitted(finger, tip, grasped, 0.0)
-            press = tip.radius * draw(_between(0.0, deepest)) if deepest else 0.0
-            fitted.append(replace(near, root_offset=near.root_offset - press))
+        elif deepest:
+            press = tip.radius * draw(_between(0.0, deepest))
+        near = _fitted(finger, tip, grasped, angle)
+        fitted.append(replace(near, root_offset=near.root_offset - press))
+        begun.append(angle)
     schedule = draw(schedules(duration, largest_change, ("minimum_jerk",) if driven else KINDS))
     if driven:
         schedule = replace(schedule, angles=schedule.angles - schedule.angles[0] + begun)
@@ -371,7 +364,7 @@ def scenes(
     friction = _one_or_pair(_scaled(0.5, spread), symmetric)
     pushes = st.lists(disturbances(duration, force, moment), max_size=most_disturbances)
     return Scene(
-        hand=replace(hand, right=fitted[0], left=fitted[1]),
+        hand=replace(hand, right=fitted[0], left=fitted[-1]),
         grasped=grasped,
         control=draw(_one_or_pair(pids(spread), symmetric)),
         schedule=schedule,
@@ -401,12 +394,8 @@ def other_hands(
     """Scenes with any mechanisms, sides and laws, whose fingers press on a pushed object.
 
     Lengths, masses and gains are near the default values; the run starts where the tips touch.
-    Examples shrink towards links, faces and parallel springs.
-
-    Args:
-        duration: Length of the runs, s.
-        laws: Whether a tip may have a `PowerLaw`.
-        contact: The contact model; with "unilateral" the coefficient of friction is 0.8.
+    Examples shrink towards links, faces and parallel springs. With `laws` a tip may have a
+    `PowerLaw`; in "unilateral" `contact` the coefficient of friction is 0.8.
     """
     angle = _within(0.1)
     kinds = st.one_of(

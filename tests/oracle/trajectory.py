@@ -21,15 +21,29 @@ from numpy.typing import ArrayLike, NDArray
 
 from softpinch import Scene
 from softpinch.accuracy.segments import Inputs, System, integrate
-from softpinch.run.scaled_error import largest
+from softpinch.run.scaled_error import UNITS, by_row, scales
 
 from .evaluate import evaluate, parameters
 from .lagrangian import FORCES, PARAMETERS, SHAPES, SIDES, compiled, model
 
 Floats: TypeAlias = NDArray[np.float64]
 
-# A run's error, by quantity; tests/accuracy/test_reference.py has its definition in numbers.
-error = largest
+
+def error(result: Any, expected: Any) -> dict[str, float]:
+    """A run's error by quantity, of those that both have; the instants must be equal.
+
+    tests/accuracy/test_reference.py has its definition in numbers.
+    """
+    if not np.array_equal(np.asarray(result.t), np.asarray(expected.t)):
+        raise ValueError("error: the result's instants differ from those it is compared with")
+    along = getattr(expected, "scales", None)
+    found = {}
+    for name in UNITS:
+        if hasattr(result, name) and hasattr(expected, name):
+            rows, right = (np.asarray(getattr(one, name), np.float64) for one in (result, expected))
+            scale = along[name] if along else scales(name, right)
+            found[name] = float(by_row(rows, right, scale).max(initial=0.0))
+    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,9 +17,8 @@ from ..run.options import MOST_STEPS
 from ..run.request import Request
 from ..run.run import Run, computed
 from ..run.simulate import simulate
+from ..scene import Scene, Stabilization
 from ..scene.fields import ESTIMATED
-from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.choices import Formulation, Method
 from ..support.progress import Report, reporting
@@ -75,9 +74,8 @@ class Trial(Result):
         step_tolerance: The largest tolerance of adaptive steps found whose error is small enough;
             nan if none was found, and with equal steps.
         error: Error with this setting, the largest of q, p and lambda; inf if none was found.
-        time: CPU time of a run over the whole scene, s; inf if no setting was found. If only the
-            scene's beginning was tried, the time is scaled up to the whole scene. In `Advice.equal`
-            and `Advice.adaptive` it is a lower bound if no setting was found.
+        time: CPU time of a run, s, scaled up to the whole scene; if no setting was found inf, but
+            in `Advice.equal` and `Advice.adaptive` a lower bound.
         whole: Whether the pair was tried on the whole scene, not only on its beginning.
         note: Why the pair was given up, or not tried; empty if it was not given up.
     """
@@ -121,32 +119,28 @@ class Advice(Result):
     Attributes:
         scene: The scene to simulate.
         tolerance: The required accuracy.
-        met: Whether the advised settings meet the tolerance. If no pair met it in the trials, the
-            settings are those of the stiff adaptive run with which the trials were compared, and
-            the errors are inf.
+        met: Whether the advised settings meet the tolerance. If no pair met it, they are those of
+            the run with which the trials were compared, and the errors are inf.
         formulation: How the constraints are kept.
         method: How time is stepped.
-        dt: The longest of equal steps, s. None if adaptive steps are advised, which have no dt but
-            `step_tolerance`.
-        step_tolerance: The tolerance of adaptive steps, `tolerance` of `simulate`. None if equal
-            steps are advised, which have `dt`.
+        dt: The longest of equal steps, s; None if adaptive steps are advised.
+        step_tolerance: The tolerance of adaptive steps; None if equal steps are advised.
         error: "q", "p", "multipliers" -> error, the largest along the run, each component divided
             by its largest magnitude.
         time: CPU time of a run that keeps only its last state, s.
         margin: Factor by which dt may grow until the method becomes unstable; inf if it never does,
             and with adaptive steps; NaN with equal steps and a `SampledController`.
-        confirmed: Difference at the end from a run by another method with adaptive steps at a
-            smaller tolerance, the largest of q, p and lambda. If a violation ends the run, the
-            states one step earlier are compared. The tolerance is met only if this difference is
-            within it.
-        equal: The quickest pair with equal steps. If none was found, the pair that was given up
-            with the least predicted time, which is a lower bound, in `time`; or None.
-        adaptive: The quickest pair with adaptive steps, or the one given up, likewise.
+        confirmed: Difference at the end (if a violation ends the run, a step earlier) from a run by
+            another method with adaptive steps at a smaller tolerance, the largest of q, p and
+            lambda. The tolerance is met only if this difference is within it.
+        equal: The quickest pair with equal steps; or the one given up with the least predicted
+            time; or None.
+        adaptive: The quickest pair with adaptive steps, likewise.
         tried: Length of the part of the scene, from its start, on which the pairs were tried, s.
         untried: The pairs that the budget did not allow to try, such as "csm rk4, dt".
         stabilization: The gains with which "csm" was tried.
-        trials: Every pair: first those tried on the whole scene, then the others, each by time. A
-            method that has adaptive steps appears twice.
+        trials: Every pair, first those tried on the whole scene, by time; a method with adaptive
+            steps appears twice.
         message: The advice in words.
     """
 
@@ -217,13 +211,10 @@ def advise(
 
     Every pair of formulation and method is tried with equal steps (`dt`) and, if it has them, with
     adaptive steps (`tolerance`). A bisection finds the loosest setting that is accurate enough. The
-    error of a trial is its difference from the motion, which adaptive steps at a much smaller
-    tolerance compute with steps that end at the compared instants. Runs that would take three times
-    as long as the best one are not computed, nor are steps beyond the stability limit of the
-    eigenvalues along the motion. With a `SampledController`, whose torques depend on the run, that
-    limit is not known and not used.
-
-    The quickest pair of both kinds is advised. It is compared with a run by another method.
+    error of a trial is its difference from a run at a much smaller tolerance, whose steps end at
+    the compared instants. Not tried is what would take three times as long as the best run, nor
+    steps beyond the stability limit of the eigenvalues along the motion, which is not known with a
+    `SampledController`. The quickest pair is advised, and compared with a run by another method.
 
     Args:
         scene: The scene to simulate. If the motion takes over 20 000 adaptive steps at a tolerance
@@ -332,25 +323,21 @@ class _Search:
         good = [value for value, found in self._errors.items() if found <= _SAFE * accuracy]
         if not good:
             return self.trial(note=note)
-        return self.trial(max(good), self._errors[max(good)], self.measured_time(max(good)))
+        value = max(good)
+        return self.trial(value, error=self._errors[value], time=self.whole_time(value))
 
-    def trial(
-        self,
-        value: float = math.nan,
-        error: float = math.inf,
-        time: float = math.inf,
-        note: str = "",
-    ) -> Trial:
-        """The result of the search, with the CPU time, s, scaled up to the whole scene."""
-        known: dict[str, Any] = {"dt" if self.kind == "dt" else "step_tolerance": value}
-        known |= {"error": error, "time": time / self.motion.share, "note": note}
+    def trial(self, value: float = math.nan, note: str = "", **found: Any) -> Trial:
+        """The result of the search: a setting with its error and time, or why there is none."""
+        found["dt" if self.kind == "dt" else "step_tolerance"] = value
         whole = self.motion.share == 1.0 and not note.startswith("not tried")
-        return Trial(**self.pair, **known, whole=whole)
+        return Trial(**self.pair, **found, note=note, whole=whole)
 
-    def measured_time(self, value: float) -> float:
+    def whole_time(self, value: float) -> float:
+        """The measured CPU time of a run, s, scaled up to the whole scene."""
         request = self.request(value)
         once = timed_run(request.with_(record=()))[1]
-        return once if once > _LONG else statistics.median(cpu_times(request, _REPEATS))
+        spent = once if once > _LONG else statistics.median(cpu_times(request, _REPEATS))
+        return spent / self.motion.share
 
     def _error(self, value: float, most: float, deadline: float) -> float:
         """The largest error of a run; raises `_GivenUp` if it would take too long."""
@@ -479,8 +466,8 @@ class _Advisor:
             value *= float(np.clip(change, 0.01, 0.9))
         else:
             return None
-        spent = trial.time * self.motion.share if value == first else search.measured_time(value)
-        trial = self.best[search.kind] = search.trial(value, largest, spent)
+        spent = trial.time if value == first else search.whole_time(value)
+        trial = self.best[search.kind] = search.trial(value, error=largest, time=spent)
         margin, stability = math.inf, "any dt is stable"
         if equal and self.motion.scene.law == "sampled":
             margin = math.nan

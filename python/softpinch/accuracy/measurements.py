@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..scene import Scene, Stabilization
 from ..scene.fields import ESTIMATED
-from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.choices import Method
@@ -36,31 +35,28 @@ class Measurement(Result):
     """One solver at one setting.
 
     Attributes:
-        solver: Formulation and method, such as "nullspace rk4"; or the name of a peer, an external
-            solver.
+        solver: Formulation and method, such as "nullspace rk4"; or the name of a `Peer`.
         formulation: How the constraints are kept; "" for a peer.
         method: How time is stepped; "" for a peer.
         setting: "dt", "tolerance", or the name of a peer's setting.
         value: Value of the setting; dt in s.
         status: How the run ended; "not_run" if it would have taken too long.
         end: "q", "p", "multipliers" -> error at the end; inf if the run did not complete. Peers
-            have "q" and "p" only.
+            have "q" and "p" only; what follows they lack (empty, nan or -1), except `time`.
         smooth: "q", "p", "multipliers" -> largest error along the run away from switches of the
-            inputs; empty for a peer.
+            inputs.
         at_switches: Likewise, at the switches and in the first hundredth of the time from each
-            switch to the next; empty for a peer, and without switches.
-        holonomic: Largest |C^H|, m; nan if not measured, as for a peer.
-        nonholonomic: Largest |C^N|, m/s; nan if not measured.
-        closure: Largest error of the energy ledger, as a share of the exchanged energy; nan if not
-            measured.
+            switch to the next; empty without switches.
+        holonomic: Largest |C^H|, m.
+        nonholonomic: Largest |C^N|, m/s.
+        closure: Largest error of the energy ledger, as a share of the exchanged energy.
         time: CPU time of a run that keeps only its end, after a warm-up, s: the median.
         quartiles: First and third quartile of these times, s.
-        evaluations: Number of evaluations of the right-hand side; -1 if unknown, as for a peer.
-        factorisations: Number of matrix factorisations; -1 if unknown.
-        steps: Number of steps; -1 if unknown.
+        evaluations: Number of evaluations of the right-hand side.
+        factorisations: Number of matrix factorisations.
+        steps: Number of steps.
         order: Observed order of convergence of `along`, from the next longer step; nan if there is
-            none, or a run failed. It exceeds the method's order where the longer step is too long
-            for the method's theory.
+            none, or a run failed. It exceeds the method's order if that step is too long.
         expected_order: The method's order; 0 for adaptive steps and peers.
     """
 
@@ -153,8 +149,7 @@ class WorkPrecision(Result):
 
         Args:
             error: The largest accepted error.
-            where: "along" takes the largest error of q, p and lambda along the run, which peers
-                do not have; "end" takes the error of q and p at the end.
+            where: "along" takes `Measurement.along`, "end" takes `Measurement.error`.
         """
         error = checks.number_that("error", error, lambda x: x > 0.0, "must be > 0")
         size = "along" if checks.choice("where", where, WHERE) == "along" else "error"

@@ -34,7 +34,6 @@ def _of(side: str) -> tuple[str, ...]:
     )
 
 
-_FINGER = len(_of("right"))
 # Paths of the parameters c in their order, fifteen of each finger, four of the object, and g.
 PARAMETERS = (
     *(*_of("right"), *_of("left")),

@@ -17,16 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..run import scaled_error
+from ..run import Run, scaled_error
 from ..run.measures import held_residuals
 from ..run.options import Options
 from ..run.request import Request
-from ..run.run import Run
-from ..scene import usual
+from ..scene import Scene, Stabilization, usual
 from ..scene.contact import without_drift
 from ..scene.fields import ESTIMATED
-from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.choices import Formulation, Method
@@ -71,16 +68,14 @@ def work_precision(
     divided by its largest magnitude along the run; q, p and lambda have separate errors
     (docs/error-against-run-time.md, "The problem"). SciPy computes the reference from an
     independent statement of the equations, and a second method confirms it (`softpinch.reference`).
-    This statement has no unilateral contact: there the reference is a run of the core itself, by
-    "dop853" with adaptive steps at a tight tolerance, which a run with another formulation
-    confirms; `WorkPrecision.reference` says so. Rows at the very instant of a change of a contact
-    are not compared, because the change may come just before or just after them.
+    In unilateral contact, which that statement lacks, the reference is a run of the core itself, by
+    "dop853" at a tight tolerance, which another formulation confirms; there rows at the very
+    instant of a change of a contact are not compared.
 
     Args:
         scene: The scene to simulate. The reference ignores violations, so a run that a violation
             ends counts as failed.
-        formulations: Formulations to measure; None measures all that the scene's contact allows,
-            which are "csm" and "projected" in unilateral contact.
+        formulations: Formulations to measure; None measures all that the scene's contact allows.
         methods: Methods to measure.
         dt: Longest steps, s, (k,); None takes eleven, each half of the one before, starting at 16
             times the mean step that a stiff method takes at tolerance 1e-6.

@@ -74,8 +74,7 @@ class Reference(Result):
         multipliers: Multipliers (n, 4), N; at a break, just after it, but at the end just before.
         integral: Integrals of the angle errors in (39), (n, 2), rad s.
         method: The method that solved the scene, and the method that confirmed the solution.
-        evaluations: Number of evaluations of the right-hand side, including those for Jacobians
-            and for the confirmation.
+        evaluations: Number of evaluations of the right-hand side, with those of both methods.
         scales: "q" (9,), "p" (9,) and "multipliers" (4,) -> the largest magnitude of each component
             at the ends of all steps, by which errors are divided.
         own_error: "q", "p" and "multipliers" -> the largest scaled difference to the confirming
@@ -145,19 +144,14 @@ def confirmed(
 ) -> Reference:
     """Solves a scene by two methods and compares the solutions.
 
-    The first solution is returned. Its method is DOP853, or Radau if the eigenvalues along a rough
-    pass show that stability would limit the steps of an explicit method. The second method is LSODA
-    (Adams and BDF) at a tenth of the tolerance. If LSODA fails or takes much longer, the first
-    method repeats the run at ten times the tolerance, which is a weaker confirmation.
-    `Reference.method` names both methods.
+    The first solution is returned, with `own_error`. Its method is DOP853, or Radau if the
+    eigenvalues along a rough pass show that stability would limit the steps of an explicit method.
+    The second method is LSODA (Adams and BDF) at a tenth of the tolerance; its error is most of
+    `own_error`. If LSODA fails or takes much longer, the first method repeats the run at ten times
+    the tolerance, which is a weaker confirmation.
 
     Args:
-        scene, times, rtol, tolerance, rates: As for `solve`.
-        most: The largest number of evaluations of the right-hand side, for each method.
-
-    Returns:
-        The first solution with `own_error`, which includes the errors of both methods, mostly that
-        of LSODA.
+        scene, times, rtol, most, tolerance, rates: As for `solve`; `most` is for each method.
     """
     rtol = max(checks.positive("rtol", rtol), _TIGHTEST)
     most = checks.integer("most", most, 1)
@@ -202,7 +196,7 @@ def of_any_contact(scene: Scene, times: ArrayLike) -> Reference:
 def _compared(first: Reference, second: Reference, evaluations: int) -> Reference:
     """The first solution with its difference to the second one."""
     method = f"{first.method}, confirmed by {second.method}"
-    errors = scaled_error.largest(second, first)
+    errors = scaled_error.largest(second, first, first.scales)
     return replace(first, method=method, evaluations=evaluations, own_error=errors)
 
 

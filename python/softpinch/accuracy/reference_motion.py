@@ -11,9 +11,8 @@ from ..run.error_estimate import ending_at
 from ..run.options import Options
 from ..run.request import Request
 from ..run.run import Run, computed
+from ..scene import Scene, Stabilization
 from ..scene.fields import ESTIMATED
-from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
 from ..support.arrays import Floats
 from ..support.choices import Formulation, Method
 from .precision import sampled_rows, switch_instants
@@ -44,11 +43,11 @@ class ReferenceMotion:
         self.tolerance, self.stabilization = tolerance, stabilization
         # The run by a stiff method with adaptive steps, whose status a trial must have.
         # "csm" here is a fallback: only for a start off the constraints.
-        self.run = accurate_run(scene, "csm", stabilization, record=_RECORD, max_steps=MOST_STEPS)
+        how: dict[str, Any] = {"stabilization": stabilization, "record": _RECORD}
+        self.run = accurate_run(scene, "csm", max_steps=MOST_STEPS, **how)
         if self.run.status == "too_many_steps":
-            reached = float(self.run.t[-1]) - scene.start().time
-            self.scene = replace(scene, duration=reached)
-            self.run = accurate_run(self.scene, "csm", stabilization, record=_RECORD)
+            self.scene = replace(scene, duration=float(self.run.t[-1]) - scene.start().time)
+            self.run = accurate_run(self.scene, "csm", **how)
         self.switches = switch_instants(self.scene)
         # Lower bounds of the scales keep round-off of large components from counting as error.
         usual = scaled_error.usual(scene)

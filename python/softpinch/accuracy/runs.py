@@ -16,11 +16,9 @@ from .. import _core
 from ..run.options import Options, names
 from ..run.request import Request
 from ..run.run import Run, computed
-from ..scene import usual
+from ..scene import Scene, usual
 from ..scene.contact import formulations_of, require_formulations, without_drift
 from ..scene.paths import shapes_of
-from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
 from ..scene.template import SceneTemplate
 from ..support.arrays import Floats
 from ..support.choices import Formulation, Method
@@ -58,24 +56,17 @@ def timed_run(request: Request) -> tuple[Run, float]:
     return Run(request.scene, request.options, result), spent
 
 
-def accurate_run(
-    scene: Scene,
-    formulation: Formulation = "nullspace",
-    stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
-    tolerance: float = ACCURATE,
-    method: Method = "radau5",
-    **options: Any,
-) -> Run:
+def accurate_run(scene: Scene, formulation: Formulation = "nullspace", **options: Any) -> Run:
     """Runs a scene by a stiff method with adaptive steps, which stands for the exact motion.
 
     It uses a formulation without drift; or "csm" if `formulation` is that and the scene starts off
     the constraints, from where only "csm" can start.
     """
     usual.warn(scene)
+    how: dict[str, Any] = {"method": "radau5", "tolerance": ACCURATE, "record": "state", **options}
     can_start = scene.start().check or formulation != "csm"
-    how = (method, without_drift(scene) if can_start else "csm", stabilization)
-    options = {"record": ("state",), "tolerance": tolerance, **options}
-    return computed(Request(scene, Options.checked(None, *how, **options)))
+    how["formulation"] = without_drift(scene) if can_start else "csm"
+    return computed(Request(scene, Options.checked(**how)))
 
 
 def cpu_times(request: Request, repeats: int) -> list[float]:

@@ -21,11 +21,10 @@ from ..run.options import MOST_STEPS, Options
 from ..run.request import Request
 from ..run.run import Run, computed
 from ..run.stiffness import eigenvalues, stable_steps
+from ..scene import Scene, Stabilization, State
 from ..scene.contact import require_formulations
 from ..scene.control import require_known_torque
 from ..scene.parts import branches
-from ..scene.scene import Scene, State
-from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Complexes, Floats
 from ..support.choices import Formulation, Method
@@ -148,9 +147,9 @@ def modes(
         integral: PID integrals (n, 2), rad s.
         contacts: The contacts (n, 4) in unilateral contact, in whose modes the motion goes on:
             `run.state(k).contact` of each row.
-        formulation: The formulation whose states are used. "csm" adds modes with eigenvalues
-            -alpha, twice for each C^H, and -beta for each C^N; "projected" has zeros instead. One
-            of these two in unilateral contact, where they are for the constraints that hold.
+        formulation: The formulation whose states are used; in unilateral contact not "nullspace".
+            For the constraints that hold, "csm" adds modes with eigenvalues -alpha, twice for each
+            C^H, and -beta for each C^N; "projected" has zeros instead.
         stabilization: As for `simulate`.
     """
     checks.instance("scene", scene, Scene)
@@ -227,13 +226,11 @@ def max_stable_dt(
     """Finds the longest stable step of a formulation and a method for a scene.
 
     The predicted step comes from linear theory: the motion is linearised at some 200 instants of an
-    accurate run (a stiff method with adaptive steps at tolerance 1e-8), and the step is the
-    shortest at which a decaying mode leaves the method's stability region. The measured step comes
-    from a bisection: it is the longest with which the run ends with the accurate run's status, so
-    that it is not "unstable" either, and stays within half of each coordinate's largest magnitude
-    of the accurate run. Steps of 0.95, 0.9 and 0.8 times its length do so, too.
-
-    In unilateral contact the motion is linearised in the modes of each instant.
+    accurate run (a stiff method with adaptive steps at tolerance 1e-8), in unilateral contact in
+    the modes of each instant, and the step is the shortest at which a decaying mode leaves the
+    method's stability region. The measured step comes from a bisection: it is the longest with
+    which the run ends with the accurate run's status, and stays within half of each coordinate's
+    largest magnitude of it. Steps of 0.95, 0.9 and 0.8 times its length do so, too.
 
     A stable step need not be accurate: `advise` finds a step that meets an accuracy.
 
@@ -244,8 +241,8 @@ def max_stable_dt(
         measure: Whether to measure the step, besides predicting it.
         max_steps: Largest number of steps of a run in the bisection; if more would be needed,
             `measured` is None. The accurate run takes at most this many steps, or 100 000 if that
-            is more. If it does not reach the end of the motion, only the part that it reached is
-            linearised and nothing is measured; the message says so.
+            is more; if it does not reach the end, only its part is linearised, nothing is measured,
+            and the message says so.
     """
     checks.instance("scene", scene, Scene)
     trial = Options.checked(None, method, formulation, stabilization, ("state",))
@@ -253,7 +250,7 @@ def max_stable_dt(
     max_steps = checks.integer("max_steps", max_steps, 1, MOST_STEPS)
     measure = checks.boolean("measure", measure)
     most = max(max_steps, _FEWEST_STEPS)
-    accurate = accurate_run(scene, formulation, stabilization, record="state", max_steps=most)
+    accurate = accurate_run(scene, formulation, stabilization=stabilization, max_steps=most)
     along = along_run(accurate, formulation, stabilization)
     steps = along.stable_step(method)
     k = int(np.argmin(steps))

@@ -8,22 +8,17 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..run.evaluate import evaluate
+from ..scene import Impulse, Scene, Schedule, Stabilization, State, outline
 from ..scene import fields as units
-from ..scene import outline
 from ..scene.contact import as_bilateral
-from ..scene.control import WRITTEN, Pid, pids_of
-from ..scene.disturbance import Impulse
+from ..scene.control import WRITTEN, pids_of
 from ..scene.hand import Finger, Fingertip, links
 from ..scene.parts import jaws, lever
-from ..scene.scene import Scene, State
-from ..scene.schedule import Schedule
-from ..scene.stabilization import Stabilization
 from ..scene.template import SceneTemplate
 from ..support import checks
 from ..support.arrays import Floats
@@ -98,20 +93,19 @@ def choose(
 
 
 def _object_mass(scene: Scene, value: float) -> Scene:
-    grasped = scene.grasped
-    inertia = grasped.inertia * (value / grasped.mass)
-    return replace(scene, grasped=replace(grasped, mass=value, inertia=inertia))
+    inertia = scene.grasped.inertia * (value / scene.grasped.mass)
+    return scene.with_({"grasped.mass": value, "grasped.inertia": inertia})
 
 
 def _gains(scene: Scene, factor: float) -> Scene:
-    def scaled(pid: Pid) -> Pid:
-        return replace(pid, kp=factor * pid.kp, kd=factor * pid.kd, ki=factor * pid.ki)
-
     if scene.law != "pid":
         law = WRITTEN[scene.law]
         raise ValueError(f'axis "gains": the scene has no PID gains, because of {law}')
-    right, left = pids_of(scene.control)
-    return replace(scene, control=(scaled(right), scaled(left)))
+    scaled = {}
+    for side, pid in zip(SIDES, pids_of(scene.control), strict=True):
+        for name, gain in pid.to_dict().items():
+            scaled[f"control.{side}.{name}"] = factor * gain
+    return scene.with_(scaled)
 
 
 def _stabilization(scene: Scene, value: float) -> Stabilization:
@@ -132,8 +126,7 @@ def _closed(scene: Scene, k: int, share: float) -> float:
     angle = outline.angle_at(finger.length, finger.half_thickness, inwards)
     if angle is None:
         wanted = f"the {SIDES[k]} finger would have to reach {1e3 * inwards:.4g} mm inwards"
-        reach = f"its length lets it reach {1e3 * lever(finger):.4g} mm"
-        raise ValueError(f"{wanted}, and {reach}")
+        raise ValueError(f"{wanted}, and its length lets it reach {1e3 * lever(finger):.4g} mm")
     return angle
 
 
@@ -165,9 +158,8 @@ def _held_at(scene: Scene, angles: list[float]) -> Scene:
     time = _begin(scene)
     scene = replace(scene, schedule=Schedule.steps([time], [angles]))
     fingers = links(scene, "a grasp at given angles")
-    heights = map(outline.upward, fingers, angles)
-    x, y = scene.grasped.com_offset, sum(heights) / 2
-    start = State.consistent(scene, x=x, y=y, fingers=angles, time=time)
+    y = sum(map(outline.upward, fingers, angles)) / 2
+    start = State.consistent(scene, x=scene.grasped.com_offset, y=y, fingers=angles, time=time)
     # While both tips stick the terms are those of bilateral contact.
     quiet = replace(as_bilateral(scene), disturbances=())
 
@@ -189,13 +181,8 @@ def _begin(scene: Scene) -> float:
 
 def _of_tips(*names: str) -> Callable[[Scene, float], Scene]:
     """A function that sets parameters of both fingertips."""
-
-    def at(scene: Scene, value: float) -> Scene:
-        values: dict[str, Any] = dict.fromkeys(names, value)
-        right, left = (replace(tip, **values) for tip in scene.hand.tips)
-        return replace(scene, hand=replace(scene.hand, tip=(right, left)))
-
-    return at
+    paths = [f"hand.tip.{side}.{name}" for side in SIDES for name in names]
+    return lambda scene, value: scene.with_(dict.fromkeys(paths, value))
 
 
 def _decades(low: float, high: float) -> tuple[float, ...]:

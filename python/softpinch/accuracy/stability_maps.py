@@ -15,9 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..run import scaled_error
 from ..run.options import MOST_STEPS, STOP_ON, Options
+from ..scene import Scene, Stabilization
 from ..scene.contact import formulations_of, require_formulations
-from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
 from ..study.engine import how_many_threads
 from ..support import checks
 from ..support.arrays import Bools, Floats, Texts
@@ -46,9 +45,6 @@ _METHODS: tuple[Method, Method] = ("radau5", "rosenbrock")
 class StabilityMap(Result):
     """Statuses and errors of runs over values of an axis (v), steps (d), and pairs.
 
-    Each run is compared with a reference for its value of the axis: a run of the scene by
-    "radau5" with adaptive steps, which a run by "rosenbrock" confirms.
-
     Attributes:
         axis: Name, path or function name of the axis.
         label: Axis label for figures.
@@ -67,9 +63,9 @@ class StabilityMap(Result):
             method's stability region; inf for a method that is stable for every step.
         expected: Status of the reference (v,); "no_reference" if its two methods fail or disagree.
             Then no run agrees.
-        floor: Difference between the two methods (v,), scaled as `error`; if they end early, the
-            difference of their end times as a share of the time until then; inf without a
-            reference. Errors below this are meaningless.
+        floor: Difference between the reference's two methods (v,), scaled as `error`, below which
+            errors are meaningless; if they end early, the difference of their end times as a share
+            of the time until then; inf without a reference.
         scene: The scene that the axis varies.
         stabilization: The gains of "csm", unless the axis sets them.
         max_steps: Largest number of steps of a run.
@@ -210,9 +206,8 @@ def stability_map(
         values: Values on the axis (v,), increasing; None takes the defaults of a named axis. Paths
             and functions have no defaults.
         dt: Steps (d,), s, increasing; None takes 13 from 1e-6 to 1e-2, by equal factors.
-        pairs: Pairs (formulation, method); None takes all, without "nullspace" in unilateral
-            contact.
-        stabilization: The gains of "csm".
+        pairs: Pairs (formulation, method); None takes all that the contact allows.
+        stabilization: The gains of "csm", unless the axis sets them.
         max_steps: Runs that would take more steps are not run and have status "not_run".
         threads: As for `monte_carlo`.
         progress: As for `monte_carlo`.
@@ -231,18 +226,15 @@ class _Reference:
         self, scene: Scene, gains: Stabilization, formulation: Formulation, max_steps: int
     ) -> None:
         self._gains = gains
-        self._run, second = (
-            accurate_run(
-                scene, formulation, gains, tolerance=_TOLERANCE, method=method, max_steps=max_steps
-            )
-            for method in _METHODS
-        )
+        how = {"stabilization": gains, "tolerance": _TOLERANCE, "max_steps": max_steps}
+        runs = (accurate_run(scene, formulation, method=method, **how) for method in _METHODS)
+        self._run, second = runs
         usual = scaled_error.usual(scene)
         both = {"q": self._run.q, "p": self._run.p}
         self._scales = {name: scaled_error.scales(name, rows, usual) for name, rows in both.items()}
         self.status, self.floor = self._run.status, np.inf
         if self.status == second.status == "completed":
-            self.floor = self._error(second.q[-1], second.p[-1])
+            self.floor = self.error("completed", np.concatenate([second.q[-1], second.p[-1]]))
         elif self.status == second.status and self.status in ENDS:
             ends = sorted((float(self._run.t[-1]), float(second.t[-1])))
             # Runs may end at their very start.
@@ -250,14 +242,12 @@ class _Reference:
         if self.floor >= _APART:
             self.status, self.floor = NO_REFERENCE, np.inf
 
-    def _error(self, q: Floats, p: Floats) -> float:
-        return max(scaled_error.at_end({"q": q, "p": p}, self._run, self._scales).values())
-
     def error(self, status: str, state: Floats) -> float:
         """Error at a run's end, the larger of q and p; inf if the run or this is not complete."""
         if not status == self.status == "completed":
             return np.inf
-        return self._error(state[:9], state[9:])
+        last = {"q": state[:9], "p": state[9:]}
+        return max(scaled_error.at_end(last, self._run, self._scales).values())
 
     def stable_steps(self, pairs: Sequence[Pair]) -> list[float]:
         """The longest stable step of each pair by the eigenvalues along the reference, s."""

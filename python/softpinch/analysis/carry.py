@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..run.run import Run
-from ..run.simulate import simulate
-from ..scene.motion import HandMotion
-from ..scene.scene import Scene, State
+from ..run import Run, simulate
+from ..scene import HandMotion, Scene, State
 from ..support import checks
 from ..support.arrays import Floats, Texts
 from ..support.result import Result
@@ -41,8 +40,7 @@ class CarryLimits(Result):
         limit: The largest acceleration (n,), m/s^2; inf if nothing gives way.
         cause: What gives way first (n,): as `WrenchLimits.limit`; of moves, the status of a run
             that is lost, or a violation; "none" if nothing does.
-        profile: "trapezoid" or "minimum_jerk" for moves from rest to rest; None for an acceleration
-            that grows slowly.
+        profile: The shape of the moves; None for an acceleration that grows slowly.
         tilt: The tilt of the hand, or the tilts (m,), rad.
     """
 
@@ -79,10 +77,9 @@ def carry_limits(
     Without a `profile` the acceleration of the hand's frame grows from zero so slowly that the
     grasp stays in equilibrium, until a contact gives way, as the wrench does in `wrench_limits`:
     inertial forces act on object and fingers. With a `profile` the hand moves over `distance` from
-    rest to rest and stays there for `settle`; the run of each move is computed, and the limit is
-    the peak acceleration between one at which the grasp holds (`Run.holds`) and one at which it
-    does not, found by bisection to 0.1 %. A fast move ends before a grasp is lost, and excites it,
-    so this limit may lie above the slow one or below it.
+    rest to rest and stays there for `settle`; a bisection finds, to 0.1 %, the peak acceleration
+    above which the grasp no longer holds (`Run.holds`). A fast move ends before a grasp is lost,
+    and excites it, so this limit may lie above the slow one or below it.
 
         >>> import softpinch as sp
         >>> scene = sp.Scene(friction=0.8, schedule=sp.Schedule.in_degrees("steps", [0], [[8, 8]]))
@@ -135,12 +132,11 @@ def carry_limits(
         raise ValueError('profile: needs contact = "unilateral", a bilateral one is never lost')
     if rest.scene.motion is not None:
         tilt = float(rest.scene.motion.at(rest.time).tilt)
-    limit, cause, _ = limits_of(rest, len(rows), lambda core, q: core.limits(q, rows))
+    limit, cause, _ = limits_of(rest, rows)
     if profile is not None:
-        found = [
-            _fastest(_move(rest, row, profile, distance, settle, tilt), slow)
-            for row, slow in zip(rows, limit, strict=True)
-        ]
+        move = partial(_move, rest, profile, settle, tilt)
+        ways = zip(distance * rows, limit, strict=True)
+        found = [_fastest(partial(move, way), slow) for way, slow in ways]
         limit, cause = np.array([a for a, _ in found]), [name for _, name in found]
     causes = np.array(cause)
     return CarryLimits(
@@ -149,23 +145,17 @@ def carry_limits(
 
 
 def _move(
-    rest: Equilibrium, along: Floats, profile: Profile, distance: float, settle: float, tilt: float
-) -> Callable[[float], Run]:
-    """The run of a move with a given peak acceleration."""
-    begin = rest.time
-    points = np.outer([0.0, distance], along)
-
-    def run(acceleration: float) -> Run:
-        duration = _DURATIONS[profile] * math.sqrt(distance / acceleration)
-        times = [begin, begin + duration]
-        if profile == "trapezoid":
-            motion = HandMotion.trapezoid(times, points, acceleration, tilt)
-        else:
-            motion = HandMotion.minimum_jerk(times, points, tilt)
-        changes = {"initial": rest.state, "duration": duration + settle, "motion": motion}
-        return simulate(rest.scene.with_(changes))
-
-    return run
+    rest: Equilibrium, profile: Profile, settle: float, tilt: float, way: Floats, peak: float
+) -> Run:
+    """The run of a move along `way` (2,), m, with a peak acceleration, m/s^2."""
+    duration = _DURATIONS[profile] * math.sqrt(np.hypot(*way) / peak)
+    times, points = [rest.time, rest.time + duration], np.outer([0.0, 1.0], way)
+    if profile == "trapezoid":
+        motion = HandMotion.trapezoid(times, points, peak, tilt)
+    else:
+        motion = HandMotion.minimum_jerk(times, points, tilt)
+    changes = {"initial": rest.state, "duration": duration + settle, "motion": motion}
+    return simulate(rest.scene.with_(changes))
 
 
 def _fastest(run: Callable[[float], Run], slow: float) -> tuple[float, str]:

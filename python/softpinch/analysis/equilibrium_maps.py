@@ -77,9 +77,8 @@ class EquilibriumMap(Result):
         values: Values of each axis, increasing.
         status: "at_rest", or why there is no equilibrium, as `Equilibrium.status` (m, n).
         branch: Number of the branch (m, n), -1 without equilibrium. The equilibria of a branch
-            continue each other from cell to cell without a fold; the branch 0 begins at the cell
-            nearest to the scene's own values. Another number means that no cell of the branches
-            before it continues to this one; branches may be connected outside the map. In
+            continue each other from cell to cell without a fold, those of the branch 0 from the
+            cell nearest to the scene's own values; branches may be connected outside the map. In
             unilateral contact, cells whose sticking tips would pull, slip or leave their face have
             a branch, but no equilibrium.
         seams: Pairs of neighbouring cells (k, 2, axes) of one branch that do not continue each
@@ -146,8 +145,7 @@ class EquilibriumMap(Result):
             raise ValueError(f"j = {checks.shown(j)}: the map has one axis")
         sized = zip("ij", (i, j), self.shape, strict=False)
         index = [checks.integer(name, k, -size, size - 1) for name, k, size in sized]
-        number = np.arange(len(self.cells)).reshape(self.shape)[tuple(index)]
-        return self.cells[int(number)]
+        return self.cells[int(np.ravel_multi_index(index, self.shape, mode="wrap"))]
 
     def __repr__(self) -> str:
         pairs = zip(self.axes, self.values, strict=True)
@@ -216,9 +214,8 @@ def equilibrium_map(
     The first cell is the one nearest to the scene's own values that has an equilibrium, found as
     `equilibrium` finds it. From there on each cell continues the equilibrium of a solved neighbour
     (pseudo-arclength continuation of the straight way between the scenes), so that the map does not
-    jump to other equilibria at a fold. What no neighbour reaches is searched anew, and what is
-    found there is another `branch`, which is continued likewise. Remaining cells have the reason
-    that `equilibrium` gives.
+    jump to other equilibria at a fold. What no neighbour reaches is searched anew, and is another
+    `branch`. Cells without an equilibrium have the reason that `equilibrium` gives.
 
     Args:
         scene: The scene that the axes vary.

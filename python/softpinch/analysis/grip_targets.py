@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..scene import Scene, Schedule
 from ..scene.control import WRITTEN, Pid, pids_of
 from ..scene.outline import closing
 from ..scene.parts import in_words, jaws, others
-from ..scene.scene import Scene
-from ..scene.schedule import Schedule
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.record import SIDES
@@ -61,10 +60,8 @@ def grip(scene: Scene, force: float | None = None, compression: float | None = N
 
     Both fingers stand at the same angle at rest; where parts are not the paper's, where they would
     compress both tips alike on an upright object. A PID with K_I stands at its targets, so both
-    targets are this angle; without K_I each target is ahead of the finger by torque / K_P. The
-    angle is searched on the equilibrium (`equilibrium`), in which both tips hold the object at the
-    height of its centre of gravity, between the angle at which the tips touch the object and the
-    angle at which they are crushed (9).
+    targets are this angle; without K_I each target is ahead of the finger by torque / K_P. In the
+    `equilibrium` both tips hold the object at the height of its centre of gravity.
 
     Positions of rolling contact form a family of rests, so a run that does not start at
     `equilibrium.state` may settle in another one with another force: of alike fingers within about
@@ -80,8 +77,7 @@ def grip(scene: Scene, force: float | None = None, compression: float | None = N
     Args:
         scene: The scene. Its schedule and its start are not used, and its disturbances do not act
             on the rest.
-        force: The mean of lambda_1^H and lambda_2^H, N: the force that presses each tip on the
-            object. The two differ only by horizontal forces.
+        force: The mean of lambda_1^H and lambda_2^H, N, which differ only by horizontal forces.
         compression: The mean of the compressions d_n1 and d_n2, m, instead of `force`.
 
     Raises:
@@ -97,8 +93,7 @@ def grip(scene: Scene, force: float | None = None, compression: float | None = N
     _require_targets(scene)
     # Driven fingers stand at their angles, whatever the gains.
     still = replace(scene, disturbances=(), initial=None)
-    driven = replace(still, fingers="driven", control=Pid())
-    found = _Search(driven, name, unit, wanted).run()
+    found = _Search(replace(still, fingers="driven", control=Pid()), name, unit, wanted).run()
     assert found.state is not None
     targets = np.array(found.state.q[3:5])
     if scene.law == "pid":

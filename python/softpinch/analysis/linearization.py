@@ -6,11 +6,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import repeat
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from .. import _core
+from ..run.contact import ContactMode
+from ..run.options import Options
+from ..run.request import Request
 from ..scene.contact import as_bilateral
 from ..scene.control import WRITTEN, require_known_torque
 from ..scene.fields import Jaws, of_column
@@ -23,13 +26,19 @@ from ..support.arrays import Complexes, Floats, read_only
 from ..support.display import ShownTable
 from ..support.result import Result
 from . import states
-from .given_modes import GivenModes, contact_row
 from .rest import Equilibrium, equilibrium
 
 # States that are this far off the constraints or off the schedule, as a share of a tip's radius
 # and in rad, are refused; the drift of `csm` is far smaller.
 _OFF = 0.01
 _OFF_SCHEDULE = 1e-6
+# The modes of the right and of the left tip.
+GivenModes: TypeAlias = Sequence[str | ContactMode]
+# Name -> code in `State.contact`; "slip" takes its direction from the state.
+_CODES = {mode.name.lower(): float(mode) for mode in ContactMode}
+_CODES |= {"slip_up": _CODES["slip"], "slip_down": -_CODES["slip"]}
+# Duration of the run whose start chooses the modes, s.
+_MOMENT = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -60,8 +69,7 @@ class LinearModel(Result):
             k tips that stick, shear plus slip, d_ti + Phi_Ni (x, y, theta, theta_1, theta_2) with
             the rows N of (25). They belong to as many eigenvalues zero. With driven fingers the
             angles theta_i are inputs: w x changes only with them, by B's columns of their rates.
-            (0, N) if the operating point moves, where no such combination exists, and in a reduced
-            model.
+            (0, N) if the operating point moves, and in a reduced model.
     """
 
     A: Floats
@@ -177,11 +185,10 @@ def linearize(
             state moves), "graze" or "free". None takes those of the state, which a run chooses if
             `state.contact` is None; at an equilibrium both tips stick.
         reduced: Whether the neutral states of tips that stick are taken out, exactly: at rest the
-            no-slip constraint ties these shears to the pose, d_ti = -Phi_Ni (x, y, theta, theta_1,
-            theta_2), whatever the inputs do. The transfer function stays the same, and their
-            eigenvalues zero are gone. With driven fingers it stays the same for all inputs whose
-            rates and accelerations are those of the angles. The integrals of a PID with K_I = 0
-            stay, each with an eigenvalue zero, which `Equilibrium.eigenvalues` leaves out.
+            no-slip constraint ties these shears to the pose, whatever the inputs do. The transfer
+            function stays the same, with driven fingers for all inputs whose rates and
+            accelerations are those of the angles, and these eigenvalues zero are gone; those of the
+            integrals of a PID with K_I = 0 stay.
 
     Raises:
         ValueError: There is no equilibrium, or it is one of another scene; the state does not fit
@@ -210,7 +217,7 @@ def linearize(
         modes = ("stick", "stick") if modes is None and scene.contact == "unilateral" else modes
     require_fit(scene, "state", state)
     law = "torque" if open_loop else scene.law
-    contact = contact_row(scene, state, modes)
+    contact = _contact_row(scene, state, modes)
     how = {"inputs": _inputs(scene, state), "whole": True, "open_loop": open_loop, "frozen": frozen}
     found = states.linear_at(scene, state, contact, **how)
     _require_sound(scene, state, found)
@@ -237,6 +244,45 @@ def _inputs(scene: Scene, state: State) -> _core.Inputs:
         raise ValueError(f"Scene.{WRITTEN['sampled']}: linearize needs the torques in force, {why}")
     held = Schedule.steps([0.0], [state.controller[3:5]])
     return compiled_inputs(held, scene.disturbances, "torque", motion=scene.motion)
+
+
+def _contact_row(scene: Scene, state: State, modes: GivenModes | None) -> Floats | None:
+    """Returns the contacts (4,) of a state, as in `State.contact`; None if both tips stick.
+
+    The frozen tilt of a tip that is free in the given modes only is NaN: the present one.
+    """
+    if scene.contact == "bilateral":
+        if modes is not None:
+            rule = 'must be None with contact = "bilateral", in which both tips always stick'
+            raise ValueError(f"modes = {checks.shown(modes)}: {rule}")
+        return None
+    row = state.contact
+    if modes is not None:
+        row = _given_row(scene, state, modes)
+    elif row is None:
+        short = replace(scene, initial=state, duration=_MOMENT)
+        row = Request(short, Options.checked(_MOMENT, record="state")).run_to_end()["contacts"][0]
+    return None if (row[:2] == ContactMode.STICK).all() else np.asarray(row)
+
+
+def _given_row(scene: Scene, state: State, modes: GivenModes) -> Floats:
+    if isinstance(modes, str) or len(modes) != 2:
+        raise TypeError(f"modes = {checks.shown(modes)}: must be two, of the right and left tip")
+    slip = _core.residuals(scene.parameters(), state.q[None], state.p[None])[0, 2:]
+    row = np.zeros(4)
+    for k, mode in enumerate(modes):
+        field = f"modes[{k}]"
+        name = mode.name.lower() if isinstance(mode, ContactMode) else mode
+        row[k] = _CODES[checks.choice(field, name, tuple(_CODES))]
+        if name == "slip":
+            if not slip[k]:
+                rule = 'must be "slip_up" or "slip_down", because this state has no slip velocity'
+                raise ValueError(f"{field} = {checks.shown(mode)}: {rule}")
+            row[k] *= np.sign(slip[k])
+        if name == "free":
+            own = state.contact
+            row[2 + k] = np.nan if own is None or own[k] != ContactMode.FREE else own[2 + k]
+    return row
 
 
 def _require_sound(scene: Scene, state: State, found: _core._Linear) -> None:

@@ -56,9 +56,9 @@ class Equilibrium(Result):
             or N of a jaw, positive where they close it. A settled run has the same in `Run.torque`.
         stiffness: The stiffness of the grasp (3, 3), N/m, N and N m/rad: the force and the moment
             on the object that a displacement in x, y and theta needs while the fingers are held.
-            It is not symmetric: K - K^T has the entries +-(lambda_1^N + lambda_2^N) cos(theta) in
-            x and theta, and the same with sin(theta) in y and theta, because the forms of the
-            no-slip constraint (12) are no differentials. The sum of lambda^N carries the weight.
+            It is not symmetric, because the forms of the no-slip constraint (12) are no
+            differentials: K - K^T has the entries +-(lambda_1^N + lambda_2^N) cos(theta) in x and
+            theta, and the same with sin(theta) in y and theta.
         eigenvalues: Eigenvalues of the linearised motion with its fingers (N,), 1/s, by their real
             parts, largest first. The two zeros of the family come first of all. Integrals of a PID
             with K_I = 0, which drive nothing, are left out.
@@ -146,8 +146,7 @@ def equilibrium(
     The forces balance at p = 0: f_5 - Phi_5^T f_d = 0 on the null space of Phi (docs/equilibria.md,
     "The equations"). Fingers with integral action and driven fingers stand at their targets. A PID
     without K_I gives way until its torque balances, and fingers with `Torque()` until the
-    schedule's torque does. Newton's method has exact derivatives. If it fails from the middle
-    between the tips, the load is put on slowly by continuation, then other starts are tried.
+    schedule's torque does.
 
     The equilibria of a scene are a family with two parameters. `grip`, `shear` or `near` says which
     one is meant; by default both tips hold the object at the height of its centre of gravity.
@@ -158,9 +157,8 @@ def equilibrium(
             after the jump. None takes the end of the schedule and of the scene, whichever is later,
             or the time of `near`; of a run, the last instant before its end. Sines and noise, whose
             mean is zero, and impulses are left out.
-        shear: The shears d_t1 and d_t2 at rest (2,), m. They do not always tell the members apart:
-            in an upright symmetric grasp they carry the weight, whatever its height, so that most
-            shears have no equilibrium and others have many. Prefer `grip`.
+        shear: The shears d_t1 and d_t2 at rest (2,), m. Prefer `grip`: in an upright symmetric
+            grasp most shears have no equilibrium and others have many.
         near: A state, or a run whose last state is meant. The search begins there; without `shear`
             and `grip` it finds the member to which the no-slip constraint leads from there, which
             is where a settled run will be at rest.

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .. import _core
 from ..run.request import rest_scene
 from ..run.run import Run
 from ..scene.parts import width
@@ -66,22 +64,19 @@ class WrenchLimits(Result):
         """The size of the smallest limiting wrench, N: a measure of the grasp's quality.
 
         It is the radius of the largest ball of wrenches that the grasp bears, as far as the
-        directions show. Ferrari and Canny's measure (1992) has the same form, but asks only whether
-        the contact forces can balance the wrench. Here the tips deform, and the contact forces
-        are those of the deformed grasp.
+        directions show. Ferrari and Canny's measure (1992) has the same form for rigid contacts;
+        here the contact forces are those of the deformed grasp.
         """
         return float(self.size.min())
 
     def __repr__(self) -> str:
-        k = int(np.argmin(self.size))
-        x, y, moment = self.wrench[k]
+        x, y, moment = self.wrench[np.argmin(self.size)]
         names, counts = np.unique(self.limit, return_counts=True)
         pairs = zip(names.tolist(), counts.tolist(), strict=True)
         each = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in pairs)
         if not self.size.any():
             return f"<WrenchLimits: not even a small wrench is borne; {self.equilibrium.message}>"
-        wrench = f"({x:.6g} N, {y:.6g} N, {moment:.6g} N m)"
-        weakest = f"weakest {self.weakest:.6g} N at {wrench}"
+        weakest = f"weakest {self.weakest:.6g} N at ({x:.6g} N, {y:.6g} N, {moment:.6g} N m)"
         return f"<WrenchLimits of {len(self.limit)} directions: {weakest}; {each}>"
 
 
@@ -100,15 +95,12 @@ def wrench_limits(
     A wrench on the object, beside those of the scene, grows from zero until a contact gives way: a
     tip would have to pull, or to slip (`friction` of the scene; without it tips never slip), or a
     contact leaves its face. The grasp follows in equilibrium, under the no-slip constraint (12), by
-    pseudo-arclength continuation. This is quasi-static: the limit of a wrench that grows so slowly
-    that inertia, viscosity and the controller's lag do not matter. A wrench that is applied
-    suddenly overshoots, and can lose the grasp below this limit, down to about half of it; a short
-    one may be borne above it. The eigenvalues of the whole motion are watched on the way, because
-    a PID can make a grasp oscillate long before its balance ends. A grasp that slips need not be
-    lost: in unilateral contact it may stick again.
-
-    The contacts are judged as sticking ones in bilateral and in unilateral contact. A scene without
-    equilibrium bears nothing.
+    pseudo-arclength continuation, in bilateral and in unilateral contact; the eigenvalues of the
+    whole motion are watched, because a PID can make a grasp oscillate long before its balance ends.
+    This is the limit of a wrench that grows so slowly that inertia, viscosity and the controller's
+    lag do not matter. A wrench that is applied suddenly overshoots, and can lose the grasp down to
+    about half of it; a short one may be borne above it. A grasp that slips need not be lost: in
+    unilateral contact it may stick again. A scene without equilibrium bears nothing.
 
     Args:
         grasp: A scene, whose `equilibrium` is found first, or an equilibrium.
@@ -128,7 +120,7 @@ def wrench_limits(
         moments = np.array([[0.0, 0.0, length], [0.0, 0.0, -length]])
         given = np.vstack([np.column_stack([unit_directions(), np.zeros(_FORCES)]), moments])
     rows = np.ascontiguousarray(given)
-    magnitude, limit, q = limits_of(rest, len(rows), lambda core, q: core.limits(q, rows))
+    magnitude, limit, q = limits_of(rest, rows)
     with np.errstate(invalid="ignore"):
         # Of a direction without limit, the components that are zero stay so.
         wrench = np.where(rows == 0.0, 0.0, magnitude[:, None] * rows)
@@ -175,16 +167,11 @@ def checked_directions(directions: ArrayLike, width: int) -> Floats:
     return rows
 
 
-def limits_of(
-    rest: Equilibrium, count: int, borne: Callable[[_core.RestScene, Floats], Any]
-) -> tuple[Floats, list[str], Floats]:
-    """Multiples (n,) of `count` loads, names of the limits, and coordinates (n, 9).
-
-    `borne` computes them from the core's scene and the coordinates of a stable equilibrium.
-    """
-    none: Any = np.zeros(count)
+def limits_of(rest: Equilibrium, loads: Floats) -> tuple[Floats, list[str], Floats]:
+    """Multiples (n,) of wrenches (n, 3) or accelerations (n, 2), their limits, and q (n, 9)."""
+    count = len(loads)
     if rest.state is None:
-        return none, [rest.status] * count, np.full((count, 9), np.nan)
+        return np.zeros(count), [rest.status] * count, np.full((count, 9), np.nan)
     if rest.growth > ROUND_OFF * np.abs(rest.eigenvalues).max():
-        return none, ["unstable"] * count, np.tile(rest.state.q, (count, 1))
-    return borne(rest_scene(rest.scene, rest.time), rest.state.q)  # type: ignore[no-any-return]
+        return np.zeros(count), ["unstable"] * count, np.tile(rest.state.q, (count, 1))
+    return rest_scene(rest.scene, rest.time).limits(rest.state.q, loads)

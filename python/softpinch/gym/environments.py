@@ -23,13 +23,15 @@ from ..support.choices import Recordable
 Observed: TypeAlias = NDArray[np.float64]
 Actions: TypeAlias = NDArray[np.float32]
 Flags: TypeAlias = NDArray[np.bool_]
+Stepped: TypeAlias = tuple[Observed, NDArray[np.float64], Flags, Flags, dict[str, Any]]
 
 # A film of one frame a step of 2 ms is ten times slower than the motion.
 _FPS = 50
+_NOTHING = 'render: there is nothing to draw without a "render_mode"'
 
 
 def _prepared(task: Task | None) -> tuple[Task, Box, Box]:
-    """Returns the task, by default the usual one, and the spaces of observations and actions."""
+    """The task, by default the usual one, and the spaces of observations and actions."""
     task = HoldAgainstPushes() if task is None else task
     checks.instance("task", task, Task, "a Task, such as HoldAgainstPushes()")
     observed = Box(-LIMIT, LIMIT, (len(task.measures),), np.float64)
@@ -38,8 +40,7 @@ def _prepared(task: Task | None) -> tuple[Task, Box, Box]:
 
 def _draw(frames: Frames, episodes: Episodes, k: int) -> None:
     seen = episodes.simulator.observations
-    title = f"t = {seen.t[k]:.3f} s"
-    frames.draw(seen.q[k], episodes.target(k), episodes.force(k), title)
+    frames.draw(seen.q[k], episodes.target(k), episodes.force(k), f"t = {seen.t[k]:.3f} s")
 
 
 class PinchEnv(gymnasium.Env[Observed, Actions]):
@@ -58,12 +59,7 @@ class PinchEnv(gymnasium.Env[Observed, Actions]):
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": _FPS}  # noqa: RUF012
 
     def __init__(self, task: Task | None = None, render_mode: str | None = None) -> None:
-        """Makes an environment; `reset` must come before `step`.
-
-        Args:
-            task: The task; None is `HoldAgainstPushes()`.
-            render_mode: "rgb_array", "human" or None.
-        """
+        """Makes an environment; the task None is `HoldAgainstPushes()`."""
         if render_mode is not None:
             checks.choice("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
@@ -82,9 +78,7 @@ class PinchEnv(gymnasium.Env[Observed, Actions]):
     ) -> tuple[Observed, dict[str, Any]]:
         """Starts an episode in the settled grasp, and returns observation (entries,) and info.
 
-        Args:
-            seed: Seed of the environment's generator; None goes on with the generator as it is.
-            options: None or empty; there are no options.
+        The seed None goes on with the environment's generator as it is. There are no options.
         """
         super().reset(seed=seed)
         checks.refuse_unknown("options", {} if options is None else options, (), "")
@@ -93,10 +87,7 @@ class PinchEnv(gymnasium.Env[Observed, Actions]):
         return outcome.observation[0], of_one(outcome.info)
 
     def step(self, action: ArrayLike) -> tuple[Observed, float, bool, bool, dict[str, Any]]:
-        """Holds the action's torques for one period.
-
-        Args:
-            action: Right and left (2,), in [-1, 1].
+        """Holds the torques of an action (2,) for one period.
 
         Returns:
             Observation (entries,), reward, whether the grasp has failed (terminated), whether the
@@ -115,16 +106,13 @@ class PinchEnv(gymnasium.Env[Observed, Actions]):
     def run(
         self, record: Recordable | Sequence[Recordable] = ("state", "multipliers", "torque")
     ) -> Run:
-        """Computes the episode so far again, with a recording, a ledger and all that a `Run` has.
-
-        `record` is that of `sp.simulate`.
-        """
+        """Computes the episode so far again as a `Run`; `record` is that of `sp.simulate`."""
         return self._episodes.run(0, record)
 
     def render(self) -> NDArray[np.uint8] | None:
         """Returns a frame (height, width, 3) with "rgb_array"; with "human" it only draws."""
         if self._frames is None:
-            gymnasium.logger.warn('render: there is nothing to draw without a "render_mode"')
+            gymnasium.logger.warn(_NOTHING)
             return None
         _draw(self._frames, self._episodes, 0)
         return self._frames.pixels() if self.render_mode == "rgb_array" else None
@@ -161,15 +149,12 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
         render_mode: str | None = None,
         threads: int = 1,
     ) -> None:
-        """Makes the environments; `reset` must come before `step`.
+        """Makes the environments; the task None is `HoldAgainstPushes()`.
 
         Args:
-            num_envs: Number of environments.
-            task: The task; None is `HoldAgainstPushes()`.
             autoreset_mode: When an environment that has ended starts its next episode: at the next
                 step ("NextStep"), in the same step ("SameStep"), or by
                 `reset(options={"reset_mask": ...})` ("Disabled").
-            render_mode: "rgb_array" or None.
             threads: Largest number of threads of a step, as for `sp.VectorSimulator`.
         """
         self.task, self.single_observation_space, self.single_action_space = _prepared(task)
@@ -228,14 +213,11 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
         outcome = self._episodes.start(mask, self._randoms)
         return outcome.observation, _masked(outcome.info, mask)
 
-    def step(
-        self, actions: ArrayLike
-    ) -> tuple[Observed, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
-        """Holds the torques of the actions for one period.
+    def step(self, actions: ArrayLike) -> Stepped:
+        """Holds the torques of the actions (n, 2) for one period.
 
-        Args:
-            actions: Right and left of each environment (n, 2), in [-1, 1]. Those of an environment
-                that starts its next episode in this step are not used, but must be finite.
+        Those of an environment that starts its next episode in this step are not used, but must be
+        finite.
 
         Returns:
             Observations (n, entries), rewards (n,), terminations (n,), truncations (n,) and infos.
@@ -259,7 +241,7 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Returns a frame (height, width, 3) of each environment, with "rgb_array"."""
         if self._frames is None:
-            gymnasium.logger.warn('render: there is nothing to draw without a "render_mode"')
+            gymnasium.logger.warn(_NOTHING)
             return None
         frames = []
         for k in range(self.num_envs):
@@ -267,9 +249,7 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
             frames.append(self._frames.pixels())
         return tuple(frames)
 
-    def _restarted(
-        self, ended: Outcome, mask: Flags, final: bool
-    ) -> tuple[Observed, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
+    def _restarted(self, ended: Outcome, mask: Flags, final: bool) -> Stepped:
         """Starts the next episodes of some environments, and merges that with a step's outcome."""
         first = self._episodes.start(mask, self._randoms)
         infos = _masked(ended.info, ~mask)

@@ -1,7 +1,4 @@
-"""`simulate` and `final_state`, which make JAX functions of a scene.
-
-`differentiable` makes a JAX function, with derivatives, of any computation outside of JAX.
-"""
+"""`simulate` and `final_state`, which make JAX functions of a scene."""
 
 from __future__ import annotations
 
@@ -19,12 +16,9 @@ from ..montecarlo import monte_carlo
 from ..run.options import MOST_STEPS, STOP_ON, Options, names
 from ..run.request import Request
 from ..run.simulate import simulate as run_of
-from ..scene.control import SampledController
-from ..scene.disturbance import Noise
+from ..scene import Noise, SampledController, Scene, Stabilization
 from ..scene.fields import QUANTITIES
 from ..scene.parts import refuse_others
-from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
 from ..scene.template import SceneTemplate
 from ..support import checks
 from ..support.arrays import Floats
@@ -43,8 +37,8 @@ Values: TypeAlias = Mapping[str, Any]
 class Trajectory(NamedTuple):
     """All recorded rows of a run, as JAX arrays.
 
-    A run that ends early has fewer rows than one that reaches its end: the others are NaN, and
-    their derivatives are zero, so that a loss that leaves them out has its own gradient.
+    The rows that a run does not reach are NaN, and their derivatives are zero, so that a loss that
+    leaves them out has its own gradient.
 
     Attributes:
         t: Recorded instants (n,), s.
@@ -69,13 +63,9 @@ class Trajectory(NamedTuple):
 
 
 class FinalState(NamedTuple):
-    """The last state of a run, as JAX arrays.
+    """The last row of a `Trajectory`: t (), s, q (9,), p (9,) and status.
 
-    Attributes:
-        t: The instant, s: the end of the scene's duration, or that at which the run ended.
-        q: Coordinates (9,), m and rad, in the order of `State.q`.
-        p: Rates of the coordinates (9,), m/s and rad/s.
-        status: Index in `softpinch.jax.STATUSES` of the run's status; 0 is "completed".
+    If the run ended early, t is the instant at which it did.
     """
 
     t: jax.Array
@@ -105,14 +95,12 @@ def simulate(
         layer = softpinch.jax.simulate(scene, ("grasped.mass", "schedule.angles"), dt=1e-3)
         run = layer({"grasped.mass": 0.1, "schedule.angles": angles})
 
-    `jit` calls back to Python; one call has the bits that it has without `jit`, and those of
-    `sp.simulate`. `jvp`, `jacfwd`, `grad` and `jacrev` have the derivatives of
-    `sp.simulate(..., sensitivities=...)`, all in forward mode: the time grows with the number of
-    varied numbers that JAX derives by, and not with the number of results. There are no second
-    derivatives. They hold at fixed instants, and that of `t` is zero, although the rows around a
-    switch that a value moves (such as "disturbances.0.time") move with it: use the last row there,
-    or `final_state`. `vmap` makes one call for a batch, which computes one run after another;
-    `final_state` uses the lanes of the core.
+    A call has the bits of `sp.simulate`, also in `jit`, which calls back to Python. `jvp`,
+    `jacfwd`, `grad` and `jacrev` have the derivatives of `sp.simulate(..., sensitivities=...)`, all
+    in forward mode: the time grows with the number of varied numbers that JAX derives by. There are
+    no second derivatives. They hold at fixed instants, although the rows around a switch that a
+    value moves (such as "disturbances.0.time") move with it: use the last row there, or
+    `final_state`. `vmap` makes one call for a batch, which computes one run after another.
 
     Args:
         scene: The scene.
@@ -125,9 +113,9 @@ def simulate(
 
     Returns:
         A function of a dictionary, path -> value, that has all paths of `vary`. It raises
-        ValueError or TypeError if a path or a shape is wrong, and RuntimeError if JAX's numbers
-        have 32 bits. A value that breaks a rule of the scene is an error too; within `jit`, JAX
-        makes its own exception of it, with the message. A run that fails has a status instead.
+        ValueError or TypeError if a path, a shape or a value is wrong (within `jit`, JAX makes its
+        own exception of it, with the message), and RuntimeError if JAX's numbers have 32 bits. A
+        run that fails has a status instead.
     """
     record = names("record", record, _RECORDABLE)
     how = (dt, method, formulation, stabilization, ("state", *record), every, stop_on)
@@ -160,12 +148,10 @@ def final_state(
 
     Args:
         scene: The scene. If it has noise, a batch is one run after another, with equal noise.
-        vary: Dotted paths of the numbers that are arguments.
-        dt, method, formulation, stabilization, stop_on: As for `sp.simulate`.
+        vary, dt, method, formulation, stabilization, stop_on: As for `simulate`.
 
     Returns:
-        A function of a dictionary, path -> value, as `simulate` has it. A run that ends early gives
-        its last state, and a status.
+        A function of a dictionary, path -> value, as `simulate` has it.
     """
     how = (dt, method, formulation, stabilization, "state", MOST_STEPS, stop_on)
     template, options = _prepared(scene, vary, *how)
@@ -204,11 +190,18 @@ def _layer(
     rows: int | None = None,
     many: Callable[[dict[str, Floats]], Results] | None = None,
 ) -> Callable[[Values], dict[str, jax.Array]]:
-    """Makes the JAX function of a run's rows, or of its last row alone if `rows` is None."""
+    """Makes the JAX function of a run's rows, or of its last row alone if `rows` is None.
+
+    A batch (`vmap`) is one call back to Python; `many` computes the results of all its runs. The
+    tangents are a contraction of the derivatives, which depend on the values only: hence JAX can
+    transpose it, and `grad` works.
+    """
+    shapes = template.shapes
     columns = {name: len(QUANTITIES[name].columns) for name in ("q", "p", *record)}
     first = () if rows is None else (rows,)
     results = {"t": array(*first), **{name: array(*first, k) for name, k in columns.items()}}
     results["status"] = array(kind=np.int32)
+    smooth = ("t", *columns)
 
     def shaped(value: Floats, fill: float) -> Any:
         if rows is None:
@@ -226,56 +219,21 @@ def _layer(
             counts = f"the run has {len(run)} rows, and {rows} with those of the scene"
             rule = "a layer's number of rows must not depend on its values"
             raise ValueError(f"vary: with these values {counts}; {rule}")
-        found = {name: shaped(getattr(run, name), np.nan) for name in ("t", *columns)}
+        found = {name: shaped(getattr(run, name), np.nan) for name in smooth}
         found["status"] = np.array(STATUSES.index(run.status), np.int32)
-        slopes: Slopes = {name: {} for name in ("t", *columns)}
+        slopes: Slopes = {name: {} for name in smooth}
         for path in by:
             both = run.sensitivity[path]
-            slopes["t"][path] = np.zeros((len(run), *template.shapes[path]))
+            slopes["t"][path] = np.zeros((len(run), *shapes[path]))
             slopes["q"][path], slopes["p"][path] = both[:, :9], both[:, 9:]
             for name in record:
                 slopes[name][path] = getattr(run.sensitivity, name)[path]
-        return found, {
-            name: {path: shaped(value, 0.0) for path, value in each.items()}
-            for name, each in slopes.items()
-        }
-
-    return differentiable(template.shapes, results, template.changed, derive, many)
-
-
-def require_float64() -> None:
-    """Refuses JAX's default of 32 bits, which would round values and results."""
-    if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
-        advice = 'call jax.config.update("jax_enable_x64", True) at the start of the program'
-        rule = "needs numbers of 64 bits, and JAX is set to 32"
-        raise RuntimeError(f"softpinch.jax {rule}: {advice}")
-
-
-def array(*shape: int, kind: type = np.float64) -> jax.ShapeDtypeStruct:
-    """The shape and type of an array, as JAX describes them."""
-    return jax.ShapeDtypeStruct(shape, kind)  # type: ignore[no-untyped-call]
-
-
-def differentiable(
-    shapes: Shapes,
-    results: Mapping[str, jax.ShapeDtypeStruct],
-    check: Callable[[dict[str, Floats]], object],
-    derive: Callable[[dict[str, Floats], Sequence[str]], tuple[Results, Slopes]],
-    many: Callable[[dict[str, Floats]], Results] | None = None,
-) -> Callable[[Mapping[str, Any]], dict[str, jax.Array]]:
-    """Makes a function of values by path to results by name, for JAX.
-
-    A batch (`vmap`) is one call back to Python. The tangents are a contraction of the derivatives,
-    which depend on the values only: hence JAX can transpose it, and `grad` works. `check` refuses
-    wrong values outside of callbacks, in which JAX buries the message of an error. `derive`
-    computes results of one run, and derivatives by some paths; `many` results of all runs at once.
-    """
-    smooth = [name for name, each in results.items() if each.dtype == np.float64]
+        return found, jax.tree.map(lambda value: shaped(value, 0.0), slopes)
 
     def primal(*values: Any) -> Results:
         batch, runs = runs_of(values)
         if many is not None and len(next(iter(runs.values()))) > 1:
-            return _reshaped(many(runs), batch)
+            return {k: value.reshape(batch + value.shape[1:]) for k, value in many(runs).items()}
         return sloped((), *values)[0]
 
     def sloped(by: Sequence[str], *values: Any) -> tuple[Results, Slopes]:
@@ -284,12 +242,11 @@ def differentiable(
         for k in range(count):
             with checks.reworded(f"run {k}: " if count > 1 else ""):
                 each.append(derive({path: value[k] for path, value in runs.items()}, by))
-        found = {name: np.stack([one[name] for one, _ in each]) for name in results}
-        slopes = {
-            name: {path: np.stack([slope[name][path] for _, slope in each]) for path in by}
-            for name in smooth
-        }
-        return _reshaped(found, batch), {k: _reshaped(slope, batch) for k, slope in slopes.items()}
+        # Results and derivatives are nested dictionaries of arrays.
+        stacked: tuple[Results, Slopes] = jax.tree.map(
+            lambda *rows: np.stack(rows).reshape(batch + np.shape(rows[0])), *each
+        )
+        return stacked
 
     def runs_of(values: Sequence[Any]) -> tuple[tuple[int, ...], dict[str, Floats]]:
         """Returns the shape of the batch, and the values of its runs in one axis."""
@@ -337,15 +294,25 @@ def differentiable(
     def layer(values: Mapping[str, Any]) -> dict[str, jax.Array]:
         require_float64()
         arrays = _checked(values, shapes)
+        # JAX buries the message of an error in a callback.
         if not any(isinstance(array, jax.core.Tracer) for array in arrays):
-            check(dict(zip(shapes, map(np.asarray, arrays), strict=True)))
+            template.changed(dict(zip(shapes, map(np.asarray, arrays), strict=True)))
         return function(*arrays)
 
     return layer
 
 
-def _reshaped(runs: dict[str, Any], batch: tuple[int, ...]) -> dict[str, Any]:
-    return {name: value.reshape(batch + value.shape[1:]) for name, value in runs.items()}
+def require_float64() -> None:
+    """Refuses JAX's default of 32 bits, which would round values and results."""
+    if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+        advice = 'call jax.config.update("jax_enable_x64", True) at the start of the program'
+        rule = "needs numbers of 64 bits, and JAX is set to 32"
+        raise RuntimeError(f"softpinch.jax {rule}: {advice}")
+
+
+def array(*shape: int, kind: type = np.float64) -> jax.ShapeDtypeStruct:
+    """The shape and type of an array, as JAX describes them."""
+    return jax.ShapeDtypeStruct(shape, kind)  # type: ignore[no-untyped-call]
 
 
 def _checked(values: Mapping[str, Any], shapes: Shapes) -> list[jax.Array]:

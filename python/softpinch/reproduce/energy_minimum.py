@@ -16,11 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..analysis.rest import Equilibrium, equilibrium
+from ..run import Run, evaluate
 from ..run import measures as m
-from ..run.evaluate import evaluate
-from ..run.run import Run
-from ..scene import outline
-from ..scene.scene import Scene, State
+from ..scene import Scene, State, outline
 from ..support.arrays import Floats
 from ..support.table import Table
 

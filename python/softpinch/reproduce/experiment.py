@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -11,10 +12,7 @@ from ..run.options import Options
 from ..run.request import Request
 from ..run.run import Run, computed
 from ..run.simulate import warn_of_steps
-from ..scene.disturbance import Impulse, Pulse
-from ..scene.hand import Fingertip, Hand
-from ..scene.scene import Scene
-from ..scene.schedule import Schedule
+from ..scene import Fingertip, Hand, Impulse, Pulse, Scene, Schedule
 from ..support import checks
 from .energy_minimum import Rest, rests
 
@@ -82,6 +80,7 @@ def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
     # The simulations are this share of the progress, the figures the rest.
     share, done, count = 0.4, 0, 6 + 3 * len(paper.CASES) + len(_MOMENTS)
     count += (1 + len(paper.CASES)) * len(FRICTIONS)
+    bare = ("state",)
 
     def run(
         scene: Scene, what: str, record: Sequence[str] = _EVERYTHING, times: float = 1.0
@@ -94,45 +93,33 @@ def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
         done += 1
         return result
 
+    def all_cases(what: str, record: Sequence[str] = _EVERYTHING, **changes: Any) -> dict[str, Run]:
+        scenes = {case: paper.disturbance(case, **changes) for case in paper.CASES}
+        return {case: run(scene, f"({case}){what}", record) for case, scene in scenes.items()}
+
+    def frictions(scene: Scene, what: str) -> dict[float, Run]:
+        return {mu: run(_real(scene, mu), f"{what}, mu = {mu:g}", bare) for mu in FRICTIONS}
+
+    operations, step = paper.manipulation(), paper.disturbance("i")
     other = Hand(tip=Fingertip(tilt_coupling=-1.0))
     last = Schedule.steps([0.0], np.deg2rad(paper.OPERATIONS[-1:]))
-    step = paper.disturbance("i")
     (pulse,) = paper.disturbance("ii").disturbances
     assert isinstance(pulse, Pulse)
     blow = Impulse(time=pulse.time, impulse=pulse.force, angular_impulse=pulse.moment)
     ideal = paper.disturbance("ii", disturbances=(blow,))
+    moments = {moment: step.with_({"disturbances.0.moment": moment}) for moment in _MOMENTS}
     return Runs(
-        operations=run(paper.manipulation(), "the eight operations"),
-        coarse=run(paper.manipulation(), "the operations with twice the step", times=2.0),
+        operations=run(operations, "the eight operations"),
+        coarse=run(operations, "the operations with twice the step", times=2.0),
         direct=run(Scene(schedule=last, duration=paper.OPERATION_TIME), "the last operation alone"),
-        cases={case: run(paper.disturbance(case), f"({case})") for case in paper.CASES},
-        held={
-            case: run(paper.disturbance(case, disturbances=()), f"({case}) undisturbed", ["state"])
-            for case in paper.CASES
-        },
-        moments={
-            moment: run(
-                step.with_({"disturbances.0.moment": moment}), f"(i) with {moment:g} N m", ["state"]
-            )
-            for moment in _MOMENTS
-        },
-        ideal=run(ideal, "(ii) as an ideal impulse", ["state"]),
+        cases=all_cases(""),
+        held=all_cases(" undisturbed", bare, disturbances=()),
+        moments={k: run(scene, f"(i) with {k:g} N m", bare) for k, scene in moments.items()},
+        ideal=run(ideal, "(ii) as an ideal impulse", bare),
         other_operations=run(paper.manipulation(hand=other), "the operations with kappa = -1"),
-        other_cases={
-            case: run(paper.disturbance(case, hand=other), f"({case}) with kappa = -1")
-            for case in paper.CASES
-        },
-        real={
-            mu: run(_real(paper.manipulation(), mu), f"the operations, mu = {mu:g}", ["state"])
-            for mu in FRICTIONS
-        },
-        real_cases={
-            case: {
-                mu: run(_real(paper.disturbance(case), mu), f"({case}), mu = {mu:g}", ["state"])
-                for mu in FRICTIONS
-            }
-            for case in paper.CASES
-        },
+        other_cases=all_cases(" with kappa = -1", hand=other),
+        real=frictions(operations, "the operations"),
+        real_cases={case: frictions(paper.disturbance(case), f"({case})") for case in paper.CASES},
     )
 
 

@@ -14,9 +14,8 @@ import numpy as np
 
 from .. import paper, plot
 from ..plot.style import BLACK, DEG, LETTERS, LINES, PAGE, PALE, least_range, panels, styled, tag
+from ..run import ContactMode, Run
 from ..run import measures as m
-from ..run.contact import ContactMode
-from ..run.run import Run
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.extras import require
@@ -121,8 +120,7 @@ def contact_table(runs: Runs) -> Table:
 
 def _longest(run: Run, begin: float, end: float) -> Floats:
     """The longest opening and the longest slip of a tip in [begin, end] (2,), ms."""
-    modes = (ContactMode.FREE, ContactMode.SLIP)
-    found = [v.spells(run, mode, begin, end) for mode in modes]
+    found = [v.spells(run, mode, begin, end) for mode in (ContactMode.FREE, ContactMode.SLIP)]
     return np.array([1e3 * max(times, default=0.0) for times in found])
 
 

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from ..paper import PARAMETER_NOTE
+from ..run import ContactMode, Run
 from ..run import measures as m
-from ..run.contact import ContactMode
-from ..run.run import Run
 from ..scene.fields import COORDINATE_UNITS, DISPLAY_UNITS
 from ..support import checks
 from .energy_minimum import WAYS, Rest, coordinates
@@ -53,9 +52,8 @@ def observation(claim: str, measure: str, value: float, evidence: str) -> Findin
     return Finding(claim=claim, measure=measure, value=value, evidence=evidence)
 
 
-def _at_most(run: Run, value: float, limit: float) -> dict[str, Any]:
-    """The part of a finding that decides it: a run reaches its end, with a value up to a limit."""
-    holds = run.success and value <= limit
+def _decided(holds: bool, value: float, limit: float) -> dict[str, Any]:
+    """The part of a finding that decides it: whether a value is on the right side of a limit."""
     return {"verdict": HOLDS if holds else FAILS, "value": value, "limit": limit}
 
 
@@ -68,7 +66,7 @@ def converges(run: Run) -> Finding:
     return Finding(
         claim="the object's position and orientation converge in every operation",
         source="VI-B-1, Fig. 5",
-        **_at_most(run, value, BAND),
+        **_decided(run.success and value <= BAND, value, BAND),
         measure="largest range over an operation's last quarter, mm or deg",
         evidence=(
             f"over the last quarter of every operation it moves by at most {moved:.2g} mm and "
@@ -84,7 +82,7 @@ def fingers_arrive(run: Run) -> Finding:
     return Finding(
         claim="the fingers converge to the desired angles",
         source="VI-B-1, Fig. 5 (a, b)",
-        **_at_most(run, value, BAND),
+        **_decided(run.success and value <= BAND, value, BAND),
         measure="largest |theta_i - theta_i^d| at an operation's end, deg",
         evidence=f"at the end of every operation they are within {value:.2g} deg",
     )
@@ -96,7 +94,7 @@ def holonomic_order(run: Run) -> Finding:
     return Finding(
         claim="the holonomic residual C^H is at most of order 1e-8",
         source="VI-B-1, Fig. 6 (a, b)",
-        **_at_most(run, value, HOLONOMIC),
+        **_decided(run.success and value <= HOLONOMIC, value, HOLONOMIC),
         measure="largest |C^H| of the whole run, m",
         evidence=f"at most {value:.1e} m at dt = {run.dt:g} s, switches included",
     )
@@ -109,7 +107,7 @@ def nonholonomic_order(run: Run) -> Finding:
     return Finding(
         claim="the nonholonomic residual C^N is at most of order 1e-6 except at the switches",
         source="VI-B-1, Fig. 6 (c, d)",
-        **_at_most(run, value, NONHOLONOMIC),
+        **_decided(run.success and value <= NONHOLONOMIC, value, NONHOLONOMIC),
         measure=f"largest |C^N| later than {1e3 * m.AROUND_SWITCH:g} ms after a switch, m/s",
         evidence=f"at most {value:.1e} m/s away from the switches at dt = {run.dt:g} s",
     )
@@ -125,10 +123,8 @@ def rises_at_switches(run: Run) -> Finding:
     return Finding(
         claim="C^N rises at every switch, where the steps make the fingers fast",
         source="VI-B-1, Fig. 6 (c, d)",
-        verdict=HOLDS if run.success and value > 1.0 else FAILS,
+        **_decided(run.success and value > 1.0, float(value), 1.0),
         measure="smallest peak of |C^N| around a switch over the largest |C^N| elsewhere",
-        value=float(value),
-        limit=1.0,
         evidence=(
             f"from {least:.0e} to {peaks.max(initial=0.0):.0e} m/s around the switches, at most "
             f"{away:.0e} m/s elsewhere"
@@ -138,10 +134,11 @@ def rises_at_switches(run: Run) -> Finding:
 
 def survives(case: str, run: Run) -> Finding:
     """After a disturbance the grasp holds, the fingers come back, and the object comes to rest."""
-    value, finger = np.nan, np.nan
+    moves = finger = np.nan
     if run.success:
-        value = float((m.drift_since(run) * POSE).max())
+        moves = float((m.drift_since(run) * POSE).max())
         finger = float(np.rad2deg(m.finger_errors(run)[-1].max()))
+    value = float(np.maximum(moves, finger))
     pull = m.longest_pull(run, m.onset(run), np.inf)
     least = float(run.multipliers[m.since_onset(run), :2].min())
     caveat = f"; a tip has to pull, {least:.1f} N, for {1e3 * pull:.1f} ms" if pull > 0 else ""
@@ -149,10 +146,10 @@ def survives(case: str, run: Run) -> Finding:
     return Finding(
         claim=f"disturbance ({case}) is survived and the fingers come back",
         source=f"VI-B-2, Fig. 7 ({case})",
-        **_at_most(run, float(np.maximum(value, finger)), BAND),
+        **_decided(run.success and value <= BAND, value, BAND),
         measure="largest range over the last quarter, mm or deg, or finger error, deg",
         evidence=(
-            f"the object turns by up to {tilt:.2f} deg and comes to rest within {value:.2g} mm or "
+            f"the object turns by up to {tilt:.2f} deg and comes to rest within {moves:.2g} mm or "
             f"deg, the fingers within {finger:.2g} deg of their targets{caveat}"
             if run.success
             else f"{run.status}: {run.message}"
@@ -171,10 +168,8 @@ def light_swings_more(light: tuple[Run, Run], strong: tuple[Run, Run]) -> Findin
     return Finding(
         claim="the light grasp (iii) oscillates more than the strong one (ii)",
         source="VI-B-2, Fig. 7 (c, d)",
-        verdict=HOLDS if ended and ratio > 1.0 else FAILS,
+        **_decided(ended and ratio > 1.0, ratio, 1.0),
         measure="the smaller of the ratios of the ranges of x and y, (iii) over (ii)",
-        value=ratio,
-        limit=1.0,
         evidence=(
             f"(iii) against (ii): x ranges over {more[0]:.3f} and {less[0]:.3f} mm, y over "
             f"{more[1]:.2f} and {less[1]:.2f} um, theta over {more[2]:.2f} and {less[2]:.2f} deg. "
@@ -200,8 +195,7 @@ def depends_on_the_way(run: Run, direct: Run) -> Finding:
 
 def pulls_at_switches(run: Run) -> Finding:
     """The number of switches at which a tip would have to pull."""
-    pieces = m.operations(run)
-    pulls = [m.longest_pull(run, *piece) for piece in pieces]
+    pulls = [m.longest_pull(run, *piece) for piece in m.operations(run)]
     pulling = [k + 1 for k, pull in enumerate(pulls) if pull > 0]
     least = float(run.multipliers[:, :2].min())
     shortest = 1e3 * min((pull for pull in pulls if pull > 0), default=0.0)
@@ -398,26 +392,22 @@ def without_slipping(run: Run, found: Sequence[Rest]) -> Finding:
     return Finding(
         claim="the object rests in a local minimum of elastic energy (LMEE)",
         source="VII, by [1], [2]",
-        verdict=HOLDS if every and value > 0.0 else FAILS,
+        **_decided(every and value > 0.0, value, 0.0),
         measure="smallest second derivative of elastic energy and gravity without slip, N/m",
-        value=value,
-        limit=0.0,
         evidence=words,
     )
 
 
 def elastic_alone(found: Sequence[Rest]) -> Finding:
     """The distance of the rests from the minimum of elastic energy alone."""
-    claim = "elastic energy alone is not stationary at rest: its slope in y is the weight"
-    measure = "how far the rest is below the minimum of elastic energy alone, mm"
     there = [coordinates(rest.weightless) - rest.q for rest in found]
     rises = [1e3 * float(move[1]) for move in there]
     turns = [1e3 * float(np.rad2deg(abs(move[2]))) for move in there]
     less = [1e3 * (rest.found.elastic_energy - rest.weightless.elastic_energy) for rest in found]
     weights = [-rest.elastic_slope for rest in found]
     return observation(
-        claim,
-        measure,
+        "elastic energy alone is not stationary at rest: its slope in y is the weight",
+        "how far the rest is below the minimum of elastic energy alone, mm",
         max(rises),
         f"the weight is {_span(weights, '.3f')} N. Without gravity the minimum would be "
         f"{_span(rises, '.3f')} mm higher, turned by at most {max(turns):.2g} mdeg, with "

@@ -16,9 +16,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from ..scene import fields
-from ..scene.disturbance import Sampled
-from ..scene.scene import Scene
+from ..scene import Sampled, Scene, fields
 from ..support.arrays import Floats, read_only
 from ..support.result import Result
 from . import scaled_error
@@ -39,37 +37,31 @@ _LARGEST = 1e-2
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ErrorEstimate(Result):
-    """The estimated error of a run, by comparison with runs of half and a quarter of its steps.
-
-    Adaptive steps are halved and quartered one by one, so that the finer runs take two and four
-    equal steps for each step of the run.
+    """The estimated error of a run, by comparison with runs of half and a quarter of each step.
 
     Attributes:
         q: Estimated |error| of q at each recorded row, (n, 9), m and rad; None if the state was not
             recorded. It is inf in rows that the finer runs lack, such as the last row of a run
-            that a violation ended. With adaptive steps it is also inf at the instants at which a
-            contact changes, unless an input jumps there: each run has its own such instants.
-            `times` chooses other rows.
+            that a violation ended, and with adaptive steps the rows at which a contact changes.
         p: Estimated |error| of p, (n, 9), m/s and rad/s, or None.
         multipliers: Estimated |error| of lambda, (n, 4), N, or None.
         largest: "q", "p", "multipliers" -> the largest error over components and the rows that have
             an estimate, each component scaled by its largest magnitude along the run. It is inf if
             the runs did not end alike.
-        order: The observed power of the step with which the differences between the runs fall.
-            It is inf if only round-off is left, and -inf if they grow from zero because a run
-            failed, or if the estimate was interrupted.
+        order: The observed power of the step with which the differences between the runs fall; inf
+            if only round-off is left, -inf if a finer run failed or was interrupted.
         expected_order: The order of the method.
         asymptotic: Whether the estimate can be trusted: all three runs ended with the same status
             within a step of each other, every row has an estimate, every scaled error is below
-            1e-2, and the errors fall with the method's order or are round-off. Of adaptive steps,
-            which may be too long for the method's full order, only order 1.6 is required.
+            1e-2, and the errors fall with the method's order (of adaptive steps, 1.6) or are
+            round-off.
         message: The estimate in words. It names the rows without an estimate.
         interrupted: Whether Ctrl-C came before both finer runs were done. Then every error is inf.
     """
 
-    q: Floats | None
-    p: Floats | None
-    multipliers: Floats | None
+    q: Floats | None = None
+    p: Floats | None = None
+    multipliers: Floats | None = None
     largest: dict[str, float]
     order: float
     expected_order: int
@@ -92,7 +84,7 @@ def estimate(request: Request, result: Mapping[str, Any]) -> ErrorEstimate:
         nowhere: Any = {name: np.full(result[name].shape, np.inf) for name in names}
         finer = "halves and quarters of the steps were" if adaptive else "dt/2 and dt/4 were"
         return ErrorEstimate(
-            **{**dict.fromkeys(QUANTITIES), **nowhere},
+            **nowhere,
             largest=dict.fromkeys(names, math.inf),
             order=-math.inf,
             expected_order=expected,
@@ -105,7 +97,7 @@ def estimate(request: Request, result: Mapping[str, Any]) -> ErrorEstimate:
     # A finer run may lack the last row of a run that ended early, and rows at changes of contacts.
     compared = np.flatnonzero((t[:n] == half["t"][:n]) & (t[:n] == quarter["t"][:n]))
     usual = scaled_error.usual(request.scene)
-    found: dict[str, Floats] = {}
+    found: dict[str, Any] = {}
     largest: dict[str, float] = {}
     orders: list[float] = []
     for name in names:
@@ -151,9 +143,8 @@ def estimate(request: Request, result: Mapping[str, Any]) -> ErrorEstimate:
             message += f"; {missed}: t = {some}{more} s"
     else:
         message = _not_alike(runs, adaptive)
-    bars_of_all: dict[str, Any] = {**dict.fromkeys(QUANTITIES), **found}
     return ErrorEstimate(
-        **bars_of_all,
+        **found,
         largest=largest,
         order=order,
         expected_order=expected,
@@ -217,8 +208,7 @@ def _finer_runs(
         return request.run_to_end(2), request.run_to_end(4)
     t = result["t"]
     if options.times is not None or options.every != 1:
-        ends = request.with_(record=(), times=None, every=1).run_to_end()["t"]
-        t = np.union1d(t, ends)
+        t = np.union1d(t, request.with_(record=(), times=None, every=1).run_to_end()["t"])
     t = ends_of_steps(t, [change[0] for change in result["contact_changes"]])
     if len(t) < 2:
         return result, result

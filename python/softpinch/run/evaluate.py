@@ -8,10 +8,9 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from .. import _core
+from ..scene import Scene, Stabilization
 from ..scene.contact import require_bilateral
 from ..scene.control import require_known_torque
-from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.choices import Formulation
@@ -44,13 +43,7 @@ class Forces(Result):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Energies(Result):
-    """The energies at one state, J.
-
-    Attributes:
-        kinetic: p^T M p / 2.
-        elastic: P of (5).
-        gravity: P_g of (16).
-    """
+    """The kinetic energy p^T M p / 2, P of (5) and P_g of (16) at one state, J."""
 
     kinetic: float
     elastic: float
@@ -134,6 +127,5 @@ def evaluate(
     )
     terms: dict[str, Any] = {**found}
     forces = {f.name: terms.pop(f.name) for f in fields(Forces)}
-    kinds = ("kinetic", "elastic", "gravity")
-    energies = {kind: terms.pop(f"{kind}_energy") for kind in kinds}
+    energies = {f.name: terms.pop(f"{f.name}_energy") for f in fields(Energies)}
     return Evaluation(**terms, forces=Forces(**forces), energies=Energies(**energies))

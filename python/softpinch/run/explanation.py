@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from ..scene import parts
+from ..scene import Scene, Stabilization, parts
 from ..scene.control import WRITTEN, Pid
 from ..scene.piecewise import Piecewise
-from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.choices import Formulation, Method, Recordable, Violation
@@ -35,13 +33,7 @@ _STEPS, _REPEATS, _PATIENCE = 2000, 5, 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Term(Result):
-    """An optional part of the computation.
-
-    Attributes:
-        name: The name of the part.
-        kept: Whether it is computed.
-        reason: The reason why it is computed or not.
-    """
+    """An optional part of the computation, whether it is computed, and why or why not."""
 
     name: str
     kept: bool
@@ -248,9 +240,7 @@ def _inputs(scene: Scene) -> list[tuple[str, bool, str, str]]:
 def _pieces(piecewise: Piecewise, begin: float, end: float) -> Floats:
     """Returns the coefficients of the pieces that overlap the run."""
     breaks, coefficients = piecewise
-    first = int(np.searchsorted(breaks, begin, side="right"))
-    last = int(np.searchsorted(breaks, end, side="left"))
-    return coefficients[first : last + 1]
+    return coefficients[np.searchsorted(breaks, begin, "right") : np.searchsorted(breaks, end) + 1]
 
 
 def _measured(scene: Scene, options: Options) -> float | None:

@@ -29,8 +29,8 @@ class EnergyLedger(Result):
         constraint_work: Integral of lambda^T Phi p, the work of drift off the constraints; with
             formulation "projected" also the energy change by the projections. It is zero on the
             constraints.
-        friction_loss: Energy that friction takes from contacts that slip, positive. This and the
-            next two are zero in bilateral contact.
+        friction_loss: Energy that slip takes, positive. This and the next two are zero in bilateral
+            contact.
         impact_loss: Kinetic energy that impacts of tips on the object take, and the ends of the
             relaxation of free tips, positive.
         relaxation_work: Energy that P gains because the tilt of a free tip is frozen in it: at

@@ -40,12 +40,15 @@ def settled(run: Run) -> Floats:
 
 def drift(run: Run) -> Floats:
     """Returns the ranges of x, y, theta over each operation's last quarter; nan without its end."""
-    ranges = np.full((len(operations(run)), 3), np.nan)
-    for k, (begin, end) in enumerate(operations(run)):
-        late = (run.t >= end - LAST * (end - begin)) & (run.t <= end)
-        if run.t[-1] >= end:
-            ranges[k] = np.ptp(run.q[late, :3], axis=0)
-    return ranges
+    return np.array([_late_range(run, *piece) for piece in operations(run)])
+
+
+def _late_range(run: Run, begin: float, end: float) -> Floats:
+    """Returns the ranges of x, y, theta over the last quarter of an interval; nan if it is cut."""
+    if run.t[-1] < end:
+        return np.full(3, np.nan)
+    late = (run.t >= end - LAST * (end - begin)) & (run.t <= end)
+    return np.asarray(np.ptp(run.q[late, :3], axis=0))
 
 
 def settling_times(run: Run, distance: float, angle: float) -> Floats:
@@ -77,10 +80,9 @@ def target_angles(run: Run) -> Floats | None:
 
 def near_switches(run: Run) -> NDArray[np.bool_]:
     """Returns whether each row (n,) is within `AROUND_SWITCH` after the begin of an operation."""
-    near = np.zeros(len(run.t), dtype=bool)
-    for begin, _ in operations(run):
-        near |= (run.t >= begin) & (run.t <= begin + AROUND_SWITCH)
-    return near
+    begins = np.array([begin for begin, _ in operations(run)])[:, None]
+    near = (run.t >= begins) & (run.t <= begins + AROUND_SWITCH)
+    return np.asarray(near.any(axis=0))
 
 
 def held_residuals(run: Run) -> Floats:
@@ -100,12 +102,9 @@ def peak_residuals(run: Run, share: float = 0.0) -> Floats:
 
 def least_pressing(run: Run) -> Floats:
     """Returns the smallest lambda^H of each operation (operations,), N; 0 where a tip is free."""
-    least = np.full(len(operations(run)), np.nan)
-    for k, (begin, end) in enumerate(operations(run)):
-        rows = (run.t >= begin) & (run.t < end)
-        if rows.any():
-            least[k] = run.multipliers[rows, :2].min()
-    return least
+    forces = run.multipliers[:, :2]
+    rows = [(run.t >= begin) & (run.t < end) for begin, end in operations(run)]
+    return np.array([forces[own].min() if own.any() else np.nan for own in rows])
 
 
 def jumps(run: Run) -> Floats:
@@ -240,9 +239,7 @@ def drift_since(run: Run) -> Floats:
     """Returns the ranges of x, y, theta over the last quarter since the onset; nan if it failed."""
     if not run.success:
         return np.full(3, np.nan)
-    end = float(run.t[-1])
-    late = run.t >= end - LAST * (end - onset(run))
-    return np.asarray(np.ptp(run.q[late, :3], axis=0))
+    return _late_range(run, onset(run), float(run.t[-1]))
 
 
 def swing(run: Run, undisturbed: Run | None = None) -> Floats:

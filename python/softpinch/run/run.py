@@ -10,15 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..scene import fields
+from ..scene import Scene, State, fields
 from ..scene.motion import HandMotion, HandState
 from ..scene.parts import jaws
-from ..scene.scene import Scene, State
 from ..scene.svg import drawings
-from ..support import checks
+from ..support import NotRecordedError, checks
 from ..support.arrays import read_only
 from ..support.display import Shown, ShownTable
-from ..support.errors import NotRecordedError
 from ..support.record import plain
 from ..support.table import save_map
 from .contact import ContactChange, ContactMode, DifferentiatedChange, known_modes
@@ -63,17 +61,14 @@ class Run(Shown):
             (k, 2), s: the first and the last of consecutive checked instants that showed it. The
             checked instants are the ends of all steps, recorded or not, and with `tolerance` also
             the instants of `times` and those inside a step at which a tip seemed to separate and
-            return. So the violation began at most one step before an interval's first instant, and
-            ended at most one step after its last one. In unilateral contact "slipping" (a tip
-            slips) and "opened" (a tip is free) have their exact times, from event to event, also
-            within a step; "pulling" and "separated" do not occur, and closed tips only are
-            "crushed", "folded", on the "rim" or "off_face".
+            return. So the violation may last up to one step longer at either end. In unilateral
+            contact "slipping" (a tip slips) and "opened" (a tip is free) have their exact times;
+            "pulling" and "separated" do not occur, and closed tips only are "crushed", "folded", on
+            the "rim" or "off_face".
         holds: Whether the grasp held. With unilateral contact: the run reaches its end, and no tip
-            is free there. With bilateral contact, as far as that can tell: the run must reach its
-            end, and from `summaries_after` on, or from the start if that is None, no tip may pull
-            (lambda^H < 0) or, if the scene has `friction`, need more friction
-            (|lambda^N| > mu lambda^H). Without `friction`, every friction force is allowed.
-            `violation_intervals` has the times of these violations.
+            is free there. With bilateral contact, as far as that can tell: the run reaches its end,
+            and from `summaries_after` on no tip pulls (lambda^H < 0) or, if the scene has
+            `friction`, needs more of it (|lambda^N| > mu lambda^H).
         stats: Counts of the work: steps, rejected (attempts), evaluations (of the right-hand side),
             jacobians, factorisations, iterations (Newton's), segments.
     """
@@ -241,11 +236,7 @@ class Run(Shown):
         return len(self.t)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Returns the recorded arrays except `t`, by name.
-
-        The energy ledger gives one array for each column and its closure: "energy_kinetic", ...,
-        "energy_closure".
-        """
+        """Returns the recorded arrays except `t`, by name, the ledger's as "energy_kinetic", ..."""
         result = self._result
         found = {name: result[name] for name in fields.QUANTITIES if result[name] is not None}
         if result["energy"] is not None:
@@ -297,18 +288,14 @@ class Run(Shown):
     def at(self, times: ArrayLike) -> NDArray[np.float64]:
         """Returns the states at any instants of the run, also between its rows and its steps.
 
-        The run is computed once more for it, with the same steps. With `dt` a state between the
-        ends of steps comes from a shorter step of the method from the end before, so that it has
-        the method's order; with `tolerance` from the method's interpolating polynomial.
+        The run is computed once more, with the same steps. States inside a step are as accurate as
+        those at the `times` of `simulate`.
 
         Args:
-            times: Instants (n,), s, in any order, from the run's start to its last instant.
+            times: Instants (n,), s, in any order, within the run; others raise ValueError.
 
         Returns:
             Coordinates and their rates (n, 18), m, rad, m/s and rad/s.
-
-        Raises:
-            ValueError: An instant is not finite, or not within the run.
         """
         instants = checks.array("times", times, ("n",))
         begin, end = self.scene.start().time, float(self._result["final"]["t"])
@@ -331,11 +318,10 @@ class Run(Shown):
         violations agree with the states.
 
         In unilateral contact also: lambda^H >= 0 and |lambda^N| <= mu lambda^H, with equality in
-        slip, up to round-off; no force acts on a tip that is free or grazes; no free tip beside a
-        face is within the object; friction and impacts only take energy; and the modes of the rows,
-        `contact_changes`, `violations`, `status` and `holds` agree. Residuals must be small only
-        where the modes keep them so: C^H of closed tips, C^N of tips that stick. What was not
-        recorded is not checked.
+        slip; no force acts on a tip that is free or grazes; no free tip beside a face is within the
+        object; friction and impacts only take energy; and the modes of the rows, `contact_changes`,
+        `violations`, `status` and `holds` agree. Residuals must be small only of constraints that
+        hold: C^H of closed tips, C^N of tips that stick. What was not recorded is not checked.
 
         With the default limits, the paper's scenes at dt = 1e-4 have a margin of six or more. Both
         errors fall as dt^4 with method "rk4". A stiffer scene needs a smaller dt or larger limits.
@@ -377,13 +363,7 @@ class Run(Shown):
         An `.npz` file has `t`, the arrays of `arrays()`, and `provenance()` as JSON text, from
         whose "scene" `Scene.from_dict` restores the scene. A `.csv` file has a column for each
         component, with its unit in the header, and no provenance. Both include the estimated error,
-        if there is one, as "error_q", "error_p" and "error_multipliers".
-
-        Args:
-            path: A file name that ends in `.npz` or `.csv`.
-
-        Returns:
-            The path.
+        if there is one, as "error_q", "error_p" and "error_multipliers". The path is returned.
         """
         arrays = self.arrays()
         if self._error is not None:

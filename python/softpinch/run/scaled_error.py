@@ -90,24 +90,7 @@ def at_end(
     return {k: float(by_row(row, getattr(expected, k)[-1], along[k])) for k, row in last.items()}
 
 
-def errors(result: Any, expected: Any) -> dict[str, Floats]:
-    """Returns the error of a result at each of its instants: name -> (n,), from `by_row`.
-
-    A result has t (n,) and some of q, p and multipliers, as a `Run` has; `expected` has them at the
-    same instants, taken as exact, and perhaps the `scales` of the whole run.
-    """
-    if not np.array_equal(np.asarray(result.t), np.asarray(expected.t)):
-        raise ValueError("errors: the result's instants differ from those it is compared with")
-    along = getattr(expected, "scales", None)
-    found = {}
-    for name in UNITS:
-        if not (hasattr(result, name) and hasattr(expected, name)):
-            continue
-        rows, right = (np.asarray(getattr(one, name), np.float64) for one in (result, expected))
-        found[name] = by_row(rows, right, along[name] if along else scales(name, right))
-    return found
-
-
-def largest(result: Any, expected: Any) -> dict[str, float]:
-    """Returns the largest of `errors` over all instants, by name."""
-    return {name: float(rows.max(initial=0.0)) for name, rows in errors(result, expected).items()}
+def largest(value: Any, exact: Any, along: Mapping[str, Floats]) -> dict[str, float]:
+    """Returns the largest errors over all instants by quantity; `along` is as for `at_end`."""
+    pairs = ((k, by_row(getattr(value, k), getattr(exact, k), along[k])) for k in along)
+    return {name: float(rows.max(initial=0.0)) for name, rows in pairs}

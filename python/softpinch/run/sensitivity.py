@@ -54,8 +54,7 @@ class Sensitivity(Shown, Mapping[str, Floats]):
     It is a mapping: `run.sensitivity[path]` has the derivatives of q (columns 0 to 8) and p (9 to
     17) by the value at `path`, (n, 18), or (n, 18, ...) if that is a pair or an array. Units are
     those of the coordinate or rate over that of the value. `multipliers`, `torque`, `integral` and
-    `energy` are mappings of the same kind. Derivatives of other quantities follow from the chain
-    rule.
+    `energy` are mappings of the same kind.
 
     They are the derivatives of the numbers that the run computed, exact to round-off, with the
     number and the lengths of its steps held: where a path moves a breakpoint, the motion is that of

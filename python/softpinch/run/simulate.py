@@ -7,9 +7,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from ..scene import usual
-from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
+from ..scene import Scene, Stabilization, usual
 from ..support import checks
 from ..support.choices import Formulation, Method, Recordable, Violation
 from ..support.errors import StabilityWarning, warn
@@ -69,9 +67,8 @@ def simulate(
             larger otherwise.
         times: Instants to record instead of the ends of steps, (n,), s, increasing, on the clock of
             `scene`'s start. They change no step. With `dt` each takes a shorter step of the method,
-            from the end of a step before it, and so has the method's order; with `tolerance` values
-            come from the method's interpolating polynomial, of order 7 for "dop853" and 3 for the
-            other two.
+            and so has its order; with `tolerance` values come from the method's interpolating
+            polynomial, of order 7 for "dop853" and 3 for the other two.
         max_steps: With `tolerance`: the largest number of attempted steps, by default 10 million,
             which take some ten seconds. A run that needs more ends with status "too_many_steps".
         summaries_after: `Run.holds` ignores pulling and slipping before this instant, s on the
@@ -80,13 +77,11 @@ def simulate(
         estimate_error: Whether to compute the run also with half and a quarter of each of its
             steps, which takes six times the work or somewhat more, for `Run.error_estimate`. Ctrl-C
             during this work returns the complete run, and an estimate with `interrupted`.
-        sensitivities: Paths of numbers, pairs or arrays of the scene, such as
-            "hand.tip.youngs_modulus", "initial.q" or "schedule.angles" (those of `vary` in
-            `monte_carlo`), for `Run.sensitivity`. Up to eight numbers make the call six to fourteen
-            times as long, depending on the method (docs/derivatives.md). `Sensitivity.at` of
-            another run continues that run's derivatives. Not with a `SampledController`; in
-            unilateral contact with "rk4" and "dop853", without the energy. Ctrl-C during this work
-            raises.
+        sensitivities: Paths of numbers, pairs or arrays of the scene, as in `vary` of
+            `monte_carlo`, for `Run.sensitivity`. Up to eight numbers make the call six to fourteen
+            times as long (docs/derivatives.md). `Sensitivity.at` of another run continues that
+            run's derivatives. Not with a `SampledController`; in unilateral contact with "rk4" and
+            "dop853", without the energy. Ctrl-C during this work raises.
 
     Returns:
         The run. A run that fails numerically or physically is also a result; see its status.

@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 
 from .. import _core
+from ..scene import SampledController, Schedule
 from ..scene.contact import without_drift
-from ..scene.control import SampledController
 from ..scene.loop_matrix import MOST_UNDER_WAY, measured, spectral_radius
 from ..scene.scene import Scene, inputs
-from ..scene.schedule import Schedule
 from ..support.arrays import Complexes, Floats
 from ..support.choices import Method
 from .contact import ContactMode

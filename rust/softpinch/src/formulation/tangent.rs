@@ -179,7 +179,8 @@ impl<R: Lanes, X: Lanes> Derivatives<R> for Swept<R, X> {
     }
 
     fn seeded(&self, at: &Seeded<Directions>) -> Option<Evaluation<Directions>> {
-        let minimal = with!(self.equations.kind, equations => !equations.drifts() || equations.opens());
+        let minimal =
+            with!(self.equations.kind, equations [true, true] => !equations.drifts() || equations.opens());
         if !minimal {
             return None;
         }
