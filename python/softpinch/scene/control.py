@@ -17,7 +17,7 @@ from .. import _core
 from ..support import checks
 from ..support.arrays import Floats, read_only
 from ..support.record import SIDES, Kinded, Record
-from .hand import one_or_pair, take_one_or_pair
+from .hand import one_or_pair, or_other, take_one_or_pair
 
 # Measures that a controller knows without a sensor.
 _KNOWN = {"target", "target_rate"}
@@ -149,9 +149,7 @@ class SampledController(Law):
         torque = checks.pair(of("initial_torque"), self.initial_torque)
         self._set("initial_torque", torque)
         begin = np.zeros(n) if self.initial_state is None else self.initial_state
-        if n or np.size(begin):
-            begin = checks.array(of("initial_state"), begin, (n,))
-        self._set("initial_state", begin)
+        self._set("initial_state", checks.array(of("initial_state"), begin, (n,)))
         limits = [] if self.limits is None else self.limits.tolist()
         for side, own, (low, high) in zip(SIDES, torque, limits, strict=False):
             if not low <= own <= high:
@@ -257,11 +255,9 @@ def _states(value: object) -> int:
 def _matrix(name: str, value: ArrayLike | None, shape: tuple[int, int]) -> Floats:
     """Checks a matrix; None is one of zeros."""
     place = f"SampledController.{name}"
-    if value is None:
-        if name in "BC" and shape[0] * shape[1]:
-            raise ValueError(f"{place} = None: must have shape {shape}, to fit A and measures")
-        value = np.zeros(shape)
-    elif np.size(value) == 0 and 0 in shape:
+    if value is None and name in "BC" and 0 not in shape:
+        raise ValueError(f"{place} = None: must have shape {shape}, to fit A and measures")
+    if value is None or (np.size(value) == 0 and 0 in shape):
         value = np.zeros(shape)
     return checks.array(place, value, shape)
 
@@ -303,11 +299,8 @@ def pids_of(control: object) -> tuple[Pid, Pid]:
     return right, left
 
 
-def parse_control(data: Any, path: str) -> Any:
-    """Parses `control` of a scene: one PID, one for each side, or a table with `kind`."""
-    if isinstance(data, Mapping) and "kind" in data:
-        return Law._parse(data, path)
-    return one_or_pair(Pid)(data, path)
+# One PID, one for each side, or a table with `kind`.
+parse_control = or_other(one_or_pair(Pid), Law)
 
 
 def take_control(value: object) -> object:

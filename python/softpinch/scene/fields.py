@@ -221,11 +221,6 @@ class Quantity(NamedTuple):
     units: tuple[str, ...]  # the units of its columns
     symbols: tuple[str, ...]  # of its columns in plain text, as in messages and linear models
 
-    @property
-    def headers(self) -> tuple[str, ...]:
-        """The names of the columns with units, as in the first line of a CSV file."""
-        return tuple(f"{c} [{u}]" for c, u in zip(self.columns, self.units, strict=True))
-
 
 def _by_contact(record: str, letter: str, units: tuple[str, ...]) -> Quantity:
     """A quantity with a normal column (H) and a tangential one (N) for each contact."""
@@ -251,14 +246,6 @@ QUANTITIES: dict[str, Quantity] = {
 }
 # Recorded quantities with an error estimate.
 ESTIMATED = ("q", "p", "multipliers")
-# Array that a run saves -> the headers of its columns, with units.
-COLUMNS: dict[str, tuple[str, ...]] = {
-    **{name: quantity.headers for name, quantity in QUANTITIES.items()},
-    **{
-        f"error_{name}": tuple(f"error of {header}" for header in QUANTITIES[name].headers)
-        for name in ESTIMATED
-    },
-}
 
 # Field or column -> its symbol or name in figures, where its own name with spaces would be unclear.
 _IN_FIGURES = {
@@ -346,13 +333,13 @@ def quantity(name: str, jaws: Jaws = _NONE) -> Quantity:
     return found._replace(units=tuple(of_column(column, unit, jaws) for column, unit in pairs))
 
 
-def headers(name: str, jaws: Jaws) -> tuple[str, ...] | None:
+def headers(name: str, jaws: Jaws = _NONE) -> tuple[str, ...] | None:
     """The headers of an array that a run saves, with units; None of arrays that have none."""
     plain = name.removeprefix("error_")
     if plain not in QUANTITIES:
         return None
-    own = quantity(plain, jaws).headers
-    return own if name == plain else tuple(f"error of {header}" for header in own)
+    own, of = quantity(plain, jaws), "" if name == plain else "error of "
+    return tuple(f"{of}{c} [{u}]" for c, u in zip(own.columns, own.units, strict=True))
 
 
 def axes(name: str, shape: Sequence[int]) -> tuple[str | None, ...]:

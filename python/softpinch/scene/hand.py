@@ -69,12 +69,12 @@ def take_one_or_pair(name: str, value: object, cls: type[Record]) -> object:
     raise TypeError(f"{name} = {checks.shown(value)}: {rule}")
 
 
-def _or_other(paper: type[Record], others: type[Kinded]) -> Parser:
+def or_other(paper: Parser, others: type[Kinded]) -> Parser:
     """Returns a parser of the paper's part, or of another one, whose table has a `kind`."""
 
     def parse(data: Any, path: str) -> Any:
         other = isinstance(data, Mapping) and "kind" in data
-        return (others if other else paper)._parse(data, path)
+        return others._parse(data, path) if other else paper(data, path)
 
     return parse
 
@@ -167,8 +167,8 @@ class Hand(Record):
     tip: Fingertip | tuple[Fingertip, Fingertip] = field(default_factory=Fingertip)
 
     _parsers: ClassVar[Mapping[str, Parser]] = {
-        "right": _or_other(Finger, Mechanism),
-        "left": _or_other(Finger, Mechanism),
+        "right": or_other(Finger._parse, Mechanism),
+        "left": or_other(Finger._parse, Mechanism),
         "tip": one_or_pair(Fingertip),
     }
 

@@ -19,7 +19,7 @@ from ..support import checks
 from ..support.arrays import Floats
 from ..support.record import Kinded, runs_of
 from ..support.result import Result
-from .piecewise import ROUND_OFF, Piecewise, derivative, evaluate, padded, through
+from .piecewise import ROUND_OFF, Piecewise, derivative, evaluate, moves, padded, through
 
 # Pieces of a move: the duration, s, and the share of the way in ascending powers of the time.
 _Profile: TypeAlias = Sequence[tuple[Any, Sequence[Any]]]
@@ -431,12 +431,7 @@ def _lengths(points: Floats) -> Floats:
 
 def _quintics(times: Floats, points: Floats) -> Piecewise:
     """Moves by minimum jerk from each of the points (k, channels) to the next."""
-    profiles: list[_Profile] = []
-    for time in np.diff(times):
-        cubed = 1.0 / time / time / time
-        powers = [10.0 * cubed, -15.0 * cubed / time, 6.0 * cubed / time / time]
-        profiles.append([(time, [0.0, 0.0, 0.0, *powers])])
-    return _moves(times, points, profiles)
+    return moves(times[:-1], points, np.diff(times))
 
 
 def _limited(way: Any, time: Any, acceleration: Any, jerk: Any) -> _Profile:

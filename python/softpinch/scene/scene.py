@@ -238,10 +238,6 @@ def inputs(
 _STARTS = 'must be a State, "touching" or None'
 
 
-def _parse_initial(data: Any, path: str) -> Any:
-    return data if isinstance(data, str) else State._parse(data, path)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Scene(Record):
     """A complete description of the physics to simulate. Numerical settings are not part of it.
@@ -295,7 +291,7 @@ class Scene(Record):
         "schedule": Schedule._parse,
         "disturbances": array_of(Disturbance, "Scene.disturbances"),
         "friction": parse_friction,
-        "initial": _parse_initial,
+        "initial": lambda data, at: data if isinstance(data, str) else State._parse(data, at),
         "motion": HandMotion._parse,
     }
 

@@ -212,7 +212,7 @@ class Schedule(Record):
     def _smooth(self, angles: Floats) -> piecewise.Piecewise:
         if self.move_time is None:
             return piecewise.through(self.times, angles)
-        return piecewise.moves(self.times, angles, self.move_time)
+        return piecewise.moves(self.times[1:], angles, self.move_time)
 
     def compile_runs(self, values: Mapping[str, Floats]) -> piecewise.Piecewise:
         """As `compile`, of runs that differ in `values` (runs, ...), the first axis of arrays."""

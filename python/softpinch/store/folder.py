@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ..run.ledger import LEDGER
 from ..run.options import Options
 from ..run.run import Run
-from ..scene.fields import COLUMNS
+from ..scene.fields import headers
 from ..study.compute import MOST_BLOCKS
 from ..study.rows import Edges, Rows, Spans
 from ..study.sources import BLOCK
@@ -207,10 +207,10 @@ class Trajectories(Mapping[int, Run]):
             else:
                 # The names of the columns are those of `Run.save`, without units.
                 width = value.shape[1]
-                headers = COLUMNS.get(name, [f"{name}.{k}" for k in range(width)])
+                own = headers(name) or [f"{name}.{k}" for k in range(width)]
                 if name == "energy":
-                    headers = [f"energy_{each}" for each in LEDGER[:width]]
-                names[name] = [header.partition(" [")[0] for header in headers]
+                    own = [f"energy_{each}" for each in LEDGER[:width]]
+                names[name] = [header.partition(" [")[0] for header in own]
                 columns.update(zip(names[name], value.T, strict=True))
         facts = {
             "study": self._folder.identity,
