@@ -108,10 +108,7 @@ class Fit(Result):
 
     @property
     def covariance(self) -> Floats:
-        """The covariance of the values (p, p), in the order of `values`.
-
-        Of what is not determined, the variance is inf and the covariances are NaN.
-        """
+        """Covariance (p, p) of `values`; inf and NaN of what the data do not determine."""
         sizes = np.array(list(self.standard_errors.values()))
         sizes[np.isinf(sizes)] = np.nan
         found = self.correlations * np.outer(sizes, sizes)
@@ -250,10 +247,7 @@ class Fit(Result):
         )  # fmt: skip
 
     def to_dict(self) -> dict[str, Any]:
-        """Returns the numbers, messages and scenes as plain data, without the measured motions.
-
-        Infinite numbers are text, "inf" and "-inf", which JSON has not otherwise.
-        """
+        """Numbers, messages and scenes as plain data; infinite numbers are text, for JSON."""
         names = [name.replace(" ", "_") for name in self.table().columns]
         return {
             "softpinch": _core.__version__,

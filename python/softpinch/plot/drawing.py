@@ -100,10 +100,7 @@ class Instant(NamedTuple):
 
 
 def instants(run: Run, times: Floats, forces: bool, fixed: bool = False) -> list[Instant]:
-    """The run at instants (k,), s, between its first and its last row, as the core records them.
-
-    The picture's axes are the hand's, or `fixed` ones.
-    """
+    """The run at instants (k,), s, of its duration, seen along the hand's axes, or `fixed` ones."""
     asked, place = np.unique(times, return_inverse=True)
     found = Request(run.scene, run._options).rows_at(asked, "multipliers", "contact")
     # Events at asked instants of the last step may end the repeated run there.

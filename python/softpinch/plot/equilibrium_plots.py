@@ -17,7 +17,7 @@ from ..scene.fields import label, words
 from ..scene.parts import width
 from ..study.results import Results
 from ..study.rows import Column
-from ..study.tables import booleans, number, shown
+from ..study.tables import event, number, shown
 from ..support import checks
 from ..support.arrays import Floats
 from . import style as s
@@ -358,11 +358,7 @@ def carry_limits(limits: CarryLimits, ax: Axes | None = None) -> Figure:
     """The largest accelerations of the hand that a grasp bears, by direction, and what gives way.
 
     The dashed circle is the size of gravity. Of several tilts, each has a curve of its own, without
-    what gives way.
-
-    Args:
-        limits: The limits.
-        ax: The axes to draw on, with projection="polar"; None makes a figure.
+    what gives way. The axes `ax` have projection="polar".
     """
     from matplotlib import colormaps
 
@@ -410,11 +406,7 @@ def _points(
     checks.instance("ensemble", ensemble, Results, "an Ensemble or a Study")
     checks.instance("force", force, str, "a path")
     x, y = (number(ensemble, f"{force}.{k}", "force").values for k in (0, 1))
-    if isinstance(what, str):
-        held = ensemble.happened(what)
-    else:
-        held = booleans("what", what, ensemble.runs)
-    return np.arctan2(y, x), np.hypot(x, y), held
+    return np.arctan2(y, x), np.hypot(x, y), event(ensemble, what)
 
 
 def _outline(axes: PolarAxes, angle: Floats, size: Floats, style: dict[str, Any]) -> None:

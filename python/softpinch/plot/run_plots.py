@@ -64,10 +64,7 @@ _Response = tuple[Floats, Floats]
 
 @styled()
 def motion(run: Run) -> Figure:
-    """Finger angles with their targets, and the object's pose, over time (the paper's Fig. 5).
-
-    The run has "state" recorded.
-    """
+    """Finger angles, their targets and the object's pose (the paper's Fig. 5); needs "state"."""
     checks.instance("run", run, Run)
     target = measures.target_angles(run)
     drawn = []

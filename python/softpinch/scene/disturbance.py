@@ -129,8 +129,11 @@ class Disturbance(Kinded):
         runs = [run.compile() for run in runs_of(self, values)]
         return stacked(runs, type(self).__name__)
 
-    def _check(self) -> None:
-        """Checks the numbers and pairs by the names of their fields."""
+
+class _Plain(Disturbance):
+    """Base class of the disturbances whose fields are numbers and pairs."""
+
+    def __post_init__(self) -> None:
         kind = type(self).__name__
         for f in fields(self):
             value = getattr(self, f.name)
@@ -146,7 +149,7 @@ class Disturbance(Kinded):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Step(Disturbance):
+class Step(_Plain):
     """A constant force and moment that start at `time` and never end.
 
     Attributes:
@@ -159,9 +162,6 @@ class Step(Disturbance):
     force: tuple[float, float] = (0.0, 0.0)
     moment: float = 0.0
 
-    def __post_init__(self) -> None:
-        self._check()
-
     def compile(self) -> Compiled:
         """Returns a piecewise polynomial with one break."""
         load = _load(self.force, self.moment)
@@ -169,7 +169,7 @@ class Step(Disturbance):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Pulse(Disturbance):
+class Pulse(_Plain):
     """A constant force and moment from `time` until `time + duration`.
 
     Attributes:
@@ -184,9 +184,6 @@ class Pulse(Disturbance):
     force: tuple[float, float] = (0.0, 0.0)
     moment: float = 0.0
 
-    def __post_init__(self) -> None:
-        self._check()
-
     def compile(self) -> Compiled:
         """Returns a piecewise polynomial with two breaks. An overflowing end is never reached."""
         with np.errstate(over="ignore"):
@@ -197,7 +194,7 @@ class Pulse(Disturbance):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Impulse(Disturbance):
+class Impulse(_Plain):
     """An ideal impulse: the velocities jump at `time` and still satisfy the constraints.
 
     It acts if the run's start <= `time` < the run's end. The row recorded at that instant is the
@@ -213,9 +210,6 @@ class Impulse(Disturbance):
     impulse: tuple[float, float] = (0.0, 0.0)
     angular_impulse: float = 0.0
 
-    def __post_init__(self) -> None:
-        self._check()
-
     def compile(self) -> Compiled:
         """Returns one impulse."""
         x, y, turn = np.moveaxis(_load(self.impulse, self.angular_impulse), -1, 0)
@@ -223,7 +217,7 @@ class Impulse(Disturbance):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Sine(Disturbance):
+class Sine(_Plain):
     """F sin(2 pi f (t - time) + phase) from `time` until `time + duration`, or without end.
 
     Attributes:
@@ -243,7 +237,7 @@ class Sine(Disturbance):
     duration: float | None = None
 
     def __post_init__(self) -> None:
-        self._check()
+        super().__post_init__()
         if not math.isfinite(math.tau * self.frequency_hz):
             rule = "2 pi times it must be finite"
             raise ValueError(f"Sine.frequency_hz = {self.frequency_hz}: {rule}")
@@ -294,7 +288,7 @@ class Sampled(Disturbance):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Noise(Disturbance):
+class Noise(_Plain):
     """Gaussian white noise, sampled `rate_hz` times a second; each sample is held until the next.
 
     The random numbers come from the counter-based generator Philox 4x64: sample n depends only on
@@ -325,7 +319,7 @@ class Noise(Disturbance):
     run: int = 0
 
     def __post_init__(self) -> None:
-        self._check()
+        super().__post_init__()
         for name in ("force_std", "acceleration_std"):
             field, value = f"Noise.{name}", getattr(self, name)
             if checks.read(field, value).ndim == 0:

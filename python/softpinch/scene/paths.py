@@ -141,10 +141,7 @@ def _hint(scene: Scene, path: str) -> str:
 
 
 def at_path(scene: Scene, path: str) -> list[Any]:
-    """Returns the values at a path: one, or two (right, left) of what both sides may share.
-
-    Another path may have split a shared number or record into a pair.
-    """
+    """The value at a path, or both values (right, left) if another path may have split it."""
     steps = path.split(".")
     for sided in shared_fields(scene):
         rest = steps[len(sided) :]

@@ -49,10 +49,7 @@ def _joined(times: Floats, coefficients: Floats) -> Piecewise:
 
 
 def padded(pieces: Sequence[Piecewise]) -> Piecewise:
-    """Stacks piecewise polynomials along a new first axis.
-
-    Missing breaks are placed beyond the end of any run; missing powers get zero coefficients.
-    """
+    """Stacks polynomials along a new first axis; missing breaks are later than any run's end."""
     most = max(len(breaks) for breaks, _ in pieces)
     degrees = max(coefficients.shape[-1] for _, coefficients in pieces)
     all_breaks, all_coefficients = [], []

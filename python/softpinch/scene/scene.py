@@ -399,11 +399,7 @@ class Scene(Record):
         yield ShownTable(("path", "value", "unit"), rows, f"{len(rows)} numbers", folded=True)
 
     def parameters(self) -> NDArray[np.float64]:
-        """Returns the physical parameters (94,), SI units, in the order of `_core.PARAMETERS`.
-
-        The first 38 are those of the paper's parts; the others have defaults where a scene has no
-        other parts.
-        """
+        """Returns the parameters (94,), SI units, in the order of `_core.PARAMETERS`."""
         return self._parameters
 
     # A scene is immutable, so every run of it can share these cached results.
@@ -453,11 +449,7 @@ class Scene(Record):
 
     @property
     def schedules_angles(self) -> bool:
-        """True if the schedule's values are angles of the fingers.
-
-        With `Torque()` they are torques. A `SampledController` that does not measure "angle_error"
-        may use them for any quantity.
-        """
+        """True if the schedule has angles: not torques, nor a controller's own quantity."""
         if isinstance(self.control, SampledController):
             return "angle_error" in self.control.measures
         return self.law != "torque"

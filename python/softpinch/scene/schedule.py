@@ -147,10 +147,7 @@ class Schedule(Record):
 
     @classmethod
     def sampled(cls, times: ArrayLike, angles: ArrayLike, hold: Hold = "zero") -> Self:
-        """Sampled angles (k, 2), rad, at times (k,), s, for example from another program.
-
-        The `hold` "zero" holds each sample until the next; "linear" interpolates between samples.
-        """
+        """Angles (k, 2), rad, at times (k,), s; `hold` is "zero" (until the next) or "linear"."""
         return cls(kind="sampled", times=times, angles=angles, hold=hold)  # type: ignore[arg-type]
 
     @classmethod
@@ -227,10 +224,7 @@ class Schedule(Record):
         return piecewise.padded([run.compile() for run in runs_of(self, values)])
 
     def target(self, t: ArrayLike) -> NDArray[np.float64]:
-        """Returns the target angles (..., 2), rad, at times `t` (...), s.
-
-        At a jump they are the angles after the jump.
-        """
+        """Returns target angles (..., 2), rad, at times `t` (...), s; at a jump those after it."""
         t = checks.numbers("t", t)
         checks.require_finite("t", t)
         return piecewise.evaluate(self.compile(), t)

@@ -252,11 +252,7 @@ class Simulator(Stepped):
         It has the bits of the steps, and its scene has their torques as its schedule, the forces of
         `set_force` as one more disturbance, and their accelerations as its motion. After
         `set_state` its last instant may differ by one unit of round-off, because not every sum of a
-        start and a duration is the end of a period.
-
-        Args:
-            record: Groups of quantities to record, as for `simulate`; all by default.
-            every: Number of steps between recorded rows.
+        start and a duration is the end of a period. The arguments are those of `simulate`.
         """
         if not self._held:
             raise ValueError("run: there has been no step since the start")
@@ -499,10 +495,7 @@ class VectorSimulator(Stepped):
     def set_state(
         self, state: State | Sequence[State], mask: ArrayLike | None = None
     ) -> Observations:
-        """Goes on from states, each at its time, as `Simulator.set_state` does.
-
-        `state` and `mask` are those of `reset`.
-        """
+        """Goes on from states, as `Simulator.set_state`; the arguments are those of `reset`."""
         self._set_states(self._core.set_state, self._all_checked(state), mask)
         return self.observations
 

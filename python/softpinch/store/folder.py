@@ -129,10 +129,7 @@ class Folder:
 
 
 class Trajectories(Mapping[int, Run]):
-    """The trajectories in a study's folder: run number -> `Run`, read on access.
-
-    A trajectory counts only if the study has a row of its run.
-    """
+    """The trajectories in a folder of runs that have a row: number -> `Run`, read on access."""
 
     def __init__(self, folder: Folder, scene_of: Any) -> None:
         self._folder = folder
@@ -304,10 +301,7 @@ def locked(path: Path) -> BaseFileLock:
 
 
 def refuse_other_content(path: Path) -> None:
-    """Refuses to begin a study in a folder that has no manifest but other content.
-
-    A study killed before it wrote its manifest leaves empty folders, a lock, digests and arrays.
-    """
+    """Refuses a folder with more than a study leaves that was killed before its manifest."""
     try:
         for name in visible(path):
             below = path / name

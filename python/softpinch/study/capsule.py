@@ -94,10 +94,7 @@ class Capsule(ByValue):
     def replay(
         self, record: Recordable | Sequence[Recordable] = _core.RECORDABLE, every: int = 1
     ) -> Run:
-        """Simulates the run again with the same bits, and returns it with its trajectory.
-
-        The arguments are those of `simulate`.
-        """
+        """Simulates the run again, with the same bits; the arguments are those of `simulate`."""
         options = Options.checked(**self.options.numerics(), record=record, every=every)
         return Run(self.scene, options, Request(self.scene, options).compute())
 

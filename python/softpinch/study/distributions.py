@@ -83,10 +83,7 @@ class Distribution(Kinded):
         raise NotImplementedError
 
     def _checked(self, **rules: Callable[[str, object], float]) -> list[Floats]:
-        """Checks the fields, and returns them as arrays; without a rule a field must be finite.
-
-        It stores them as floats or read-only arrays. Their shapes must broadcast.
-        """
+        """Checks the fields (finite without a rule), stores them, and returns them as arrays."""
         owner = type(self).__name__
         for name, value in self._values().items():
             check = rules.get(name, checks.finite)

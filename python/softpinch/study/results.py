@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
+from ..run.options import Options
+from ..run.request import Request
 from ..run.run import Run
 from ..scene.scene import Scene
 from ..support import checks
@@ -112,12 +114,6 @@ class Results(Shown, ABC):
         """Whether there is a row of this run."""
         return self._computed.has(checks.integer("run", run))
 
-    def _varied_values(self, run: int) -> dict[str, Any]:
-        if not self.has(run):
-            raise IndexError(f"run {checks.shown(run)} is not among the {self.runs} runs computed")
-        found = self._rows_of(np.array([run], np.uint64))
-        return {path: found.columns[path][0] for path in self._spec.shapes}
-
     def _capsules(self, rows: Rows) -> list[Capsule]:
         return [
             Capsule(
@@ -155,11 +151,7 @@ class Results(Shown, ABC):
 
     @property
     def holds(self) -> NDArray[np.bool_]:
-        """Whether each run's grasp held (runs,); see `Run.holds`.
-
-        In bilateral contact this counts from `summaries_after` on; in unilateral contact it means
-        that the run completed and no tip is free at its end.
-        """
+        """Whether each run's grasp held (runs,); see `Run.holds`."""
         return self._column(HOLDS)
 
     @property
@@ -402,20 +394,27 @@ class Results(Shown, ABC):
         every: int = 1,
         times: ArrayLike | None = None,
     ) -> Run:
-        """Simulates one run again with the same bits, and returns it with its trajectory.
+        """Simulates one run again with the same bits; the arguments are those of `simulate`.
 
-        The arguments are those of `simulate`; instants of `times` outside the run's duration are
-        left out.
+        Instants of `times` outside the run's duration are left out.
         """
-        run = checks.integer("run", run, 0)
-        values = self._varied_values(run)
-        recorded = (record,) if isinstance(record, str) else record
-        return self._spec.replay(run, values, recorded, every, times)
+        scene, own = self.scene_of(run), self._spec.options
+        if times is not None:
+            times, start = checks.times("times", times), scene.start().time
+            inside = times[(times >= start) & (times <= start + scene.duration)]
+            # The end of the run, if none is inside.
+            times = inside if len(inside) else [start + scene.duration]
+        how = own.numerics() | {"record": record, "every": every, "times": times}
+        options = Options.checked(**how, summaries_after=own.summaries_after)
+        return Run(scene, options, Request(scene, options).compute())
 
     def scene_of(self, run: int) -> Scene:
         """The scene of one run with its varied values, for `simulate`."""
         run = checks.integer("run", run, 0)
-        return self._spec.varied.at(self._varied_values(run), run)
+        if not self.has(run):
+            raise IndexError(f"run {checks.shown(run)} is not among the {self.runs} runs computed")
+        found = self._rows_of(np.array([run], np.uint64)).columns
+        return self._spec.varied.at({path: found[path][0] for path in self._spec.shapes}, run)
 
     def provenance(self) -> dict[str, Any]:
         """The settings and software versions behind these results, as plain data."""
@@ -459,11 +458,7 @@ class Results(Shown, ABC):
 
 
 class Ensemble(Results):
-    """The result of `monte_carlo` without a store: read-only arrays with a row for each run.
-
-    There are fewer rows than `requested` if Ctrl-C, `stop_when` or lost workers ended the
-    computation early.
-    """
+    """The result of `monte_carlo` in memory; fewer rows than `requested` if it ended early."""
 
     _gradients: Gradients | None = None
 

@@ -56,16 +56,22 @@ def _show(value: object) -> str:
     return repr(value)
 
 
+def unchecked(record: RecordType, values: Mapping[str, Any]) -> RecordType:
+    """Returns a copy with other values, which are not checked."""
+    copy = object.__new__(type(record))
+    for name, value in {**record._values(), **values}.items():
+        object.__setattr__(copy, name, value)
+    return copy
+
+
 def bare(record: RecordType, values: Mapping[str, Floats]) -> RecordType:
     """Returns an unchecked copy for `compile`, whose numbers have the runs as their first axis."""
-    many = object.__new__(type(record))
-    for name, value in record._values().items():
-        if name in values:
-            value = values[name]
-        elif isinstance(value, float | tuple | np.ndarray):
-            value = np.asarray(value)[None]
-        object.__setattr__(many, name, value)
-    return many
+    many = {
+        name: np.asarray(value)[None]
+        for name, value in record._values().items()
+        if isinstance(value, float | tuple | np.ndarray)
+    }
+    return unchecked(record, {**many, **values})
 
 
 def runs_of(
@@ -145,10 +151,7 @@ class Record(ByValue):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Makes a record from the output of `to_dict`. Omitted fields take their defaults.
-
-        An error of an entry has its place in the data; for an unknown name it suggests the closest.
-        """
+        """Makes a record from the output of `to_dict`; errors have the place in the data."""
         return cls._parse(data, "")
 
     @classmethod
