@@ -141,10 +141,6 @@ class Fit(Result):
         Along the profile the number has given values and all others are fitted again. The interval
         is where the sum of squares exceeds its minimum by less than the square of the normal or
         Student's quantile. It takes some ten to thirty fits of the other numbers.
-
-        Args:
-            path: The path of the number.
-            level: The level of the interval.
         """
         index = list(self.values).index(checks.choice("path", path, self.values))
         level = checks.share("level", level)
@@ -187,21 +183,13 @@ class Fit(Result):
 
     @property
     def scene(self) -> Scene:
-        """The scene with the fitted values put in.
-
-        Raises:
-            ValueError: There are several experiments; take `scenes`.
-        """
+        """The scene with the fitted values put in; of several experiments take `scenes`."""
         self._only("scene", "scenes")
         return self.scenes[0]
 
     @property
     def residuals(self) -> dict[str, Floats]:
-        """Observable -> measured minus fitted (n,) or (n, k), in SI units; NaN where no data is.
-
-        Raises:
-            ValueError: There are several experiments; take `experiments[k].residuals`.
-        """
+        """As `Experiment.residuals`; of several experiments take `experiments[k].residuals`."""
         return self._only("residuals", "experiments[k].residuals").residuals
 
     def _only(self, name: str, instead: str) -> Experiment:

@@ -63,9 +63,8 @@ def work_precision(result: WorkPrecision, peers: bool = False, where: str | None
     where = checks.choice("where", WHERE[peers] if where is None else where, WHERE)
     along = where == "along"
     curves = result.curves()
-    ours = {key: rows for key, rows in curves.items() if rows[0].method}
     parts: dict[str, Curves] = {
-        name: {key: rows for key, rows in ours.items() if rows[0].formulation == name}
+        name: {key: rows for key, rows in curves.items() if rows[0].formulation == name}
         for name in _core.FORMULATIONS
     }
     columns = {name: part for name, part in parts.items() if part}

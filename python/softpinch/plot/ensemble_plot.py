@@ -13,7 +13,6 @@ from ..scene.scene import State
 from ..study.effects import Effect, sensitivity
 from ..study.estimates import Estimate
 from ..study.results import Results
-from ..study.rows import finite
 from ..study.tables import drawn_by_magnitude, event, number, shown
 from ..support.arrays import Floats
 from ..support.checks import instance, integer
@@ -52,7 +51,7 @@ def histogram(
     """
     instance("ensemble", ensemble, Results, "an Ensemble or a Study")
     column = shown(number(ensemble, name))
-    values, kept = column.values, finite(column.values)
+    values, kept = column.values, np.isfinite(column.values)
     completed = (ensemble.status == "completed")[kept]
     values = values[kept]
     if bins is None:
@@ -107,7 +106,13 @@ def failure_times(ensemble: Results, ax: Axes | None = None) -> Figure:
     never = ensemble.runs - lost
     with s.one_panel(ax, s.COLUMN, 2.5) as (figure, each):
         each.set(xlabel="time [s]", ylabel="share of runs ended early [1]")
-        start, end = _spanned(ensemble)
+        # The scene that all runs share may have no valid start.
+        initial = ensemble.scene.initial
+        start = initial.time if isinstance(initial, State) else 0.0
+        end = start + ensemble.scene.duration
+        if ensemble.runs:
+            start = float(np.min(ensemble.parameters.get("initial.time", start)))
+            end = float(ensemble.end_time.max())
         if lost:
             # Runs usually end soon after a disturbance, so the axis shows only that time.
             first, last = np.nanmin(ensemble.failure_time), np.nanmax(ensemble.failure_time)
@@ -135,16 +140,6 @@ def failure_times(ensemble: Results, ax: Axes | None = None) -> Figure:
         each.plot([], [], " ", label=f"never ({never} of {ensemble.runs})")
         _legend(figure, each, ax)
         return figure
-
-
-def _spanned(ensemble: Results) -> tuple[float, float]:
-    """The first and the last instant of any run, s; the shared scene may have no valid start."""
-    initial = ensemble.scene.initial
-    shared = initial.time if isinstance(initial, State) else 0.0
-    if not ensemble.runs:
-        return shared, shared + ensemble.scene.duration
-    start = np.min(ensemble.parameters.get("initial.time", shared))
-    return float(start), float(ensemble.end_time.max())
 
 
 @s.styled()
@@ -252,19 +247,17 @@ def success_map(
 
     Args:
         ensemble: The ensemble or study.
-        x: Path of the parameter on the horizontal axis; with an index if the value has several
-            numbers: "disturbances.0.force.0".
-        y: Path of the parameter on the vertical axis.
+        x, y: Paths of the parameters on both axes; with an index if the value has several numbers:
+            "disturbances.0.force.0".
         what: A status, a violation, "holds", or whether it happened in each run, booleans (runs,).
         bins: Number of bins along each axis; None chooses it by the number of runs.
-        ax: The axes to draw on, beside which the scale of the colours is placed; None makes a
-            figure.
+        ax: The axes to draw on, with the scale of the colours beside them; None makes a figure.
     """
     instance("ensemble", ensemble, Results, "an Ensemble or a Study")
     across = shown(number(ensemble, x, "x"))
     up = shown(number(ensemble, y, "y"))
     name = f": {words(what)}" if isinstance(what, str) else ""
-    kept = finite(across.values, up.values)
+    kept = np.isfinite(across.values) & np.isfinite(up.values)
     u, v, happened = across.values[kept], up.values[kept], event(ensemble, what)[kept]
     if bins is None:
         bins = int(np.clip(np.sqrt(len(u) / 12), 3, 30))

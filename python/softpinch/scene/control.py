@@ -136,7 +136,7 @@ class SampledController(Law):
         self._set("delay", checks.non_negative(of("delay"), self.delay))
         self._set("measures", checks.names(of("measures"), self.measures, _core.MEASURES))
         m = sum(_core.MEASURES[name] for name in self.measures)
-        n = _states(self.A)
+        n = 0 if self.A is None else next(iter(checks.numbers(of("A"), self.A).shape), 0)
         if n == 0 and any(value is not None and np.size(value) for value in (self.B, self.C)):
             rule = "must be (n, n), because B or C is given"
             raise ValueError(f"SampledController.A = {checks.shown(self.A)}: {rule}")
@@ -191,14 +191,7 @@ class SampledController(Law):
         kd = 0.05 and ki = 20 are stable. Give all three gains: the default ki beside a kp of 1 and
         a kd of 0.05 is unstable where no tip touches, which a run warns of. In studies the gains of
         the right and the left finger are -`D.0.0` and -`D.1.1` (kp), -`D.0.2` and -`D.1.3` (kd),
-        -`C.0.0` and -`C.1.1` (ki).
-
-        Args:
-            period: Time between samples, s.
-            kp: K_P, N m/rad.
-            kd: K_D, N m s/rad.
-            ki: K_I, N m/(rad s).
-            settings: Other fields: `delay`, `limits`, `anti_windup`, ...
+        -`C.0.0` and -`C.1.1` (ki). Units are those of `Pid`; `settings` are other fields.
         """
         period = checks.positive("SampledController.period", period)
         gains = {"kp": kp, "kd": kd, "ki": ki}
@@ -216,12 +209,9 @@ class SampledController(Law):
     def compile_runs(
         self, values: Mapping[str, Floats], numbers: NDArray[np.uint64] | None, seed: int
     ) -> Compiled:
-        """Returns the controllers of many runs as the core takes them.
+        """Returns the controllers of runs that differ in `values` (runs, ...), for the core.
 
-        Args:
-            values: Fields that differ between runs -> (runs, ...).
-            numbers: The run numbers (runs,), which the noise depends on; None keeps `run`.
-            seed: Seed of the noise.
+        The noise depends on the `seed` and the run `numbers` (runs,); None keeps `run`.
         """
         limits = np.tile([-np.inf, np.inf], (2, 1)) if self.limits is None else self.limits
         names = ("period", "delay", "limits", "initial_torque", *"ABCD")
@@ -234,22 +224,15 @@ class SampledController(Law):
         rows = np.hstack([np.broadcast_to(part, (runs, part.shape[1])) for part in parts])
         numbers = np.array([self.run], np.uint64) if numbers is None else numbers
         rows = np.ascontiguousarray(rows)
-        return list(self.measures), _states(self.A), self.anti_windup, rows, seed, numbers
+        return list(self.measures), np.shape(self.A)[0], self.anti_windup, rows, seed, numbers
 
     def to_dict(self) -> dict[str, Any]:
         """Converts to a dictionary with the key `kind`; arrays without entries are left out."""
         data = super().to_dict()
-        if not _states(self.A):
+        if not np.size(self.A):
             for name in (*"ABC", "initial_state"):
                 del data[name]
         return data
-
-
-def _states(value: object) -> int:
-    if value is None:
-        return 0
-    given = checks.numbers("SampledController.A", value)
-    return given.shape[0] if given.ndim else 0
 
 
 def _matrix(name: str, value: ArrayLike | None, shape: tuple[int, int]) -> Floats:

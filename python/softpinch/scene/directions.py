@@ -68,10 +68,7 @@ def listed(asked: object) -> list[str]:
 def shapes(
     scene: Scene, paths: Sequence[str], varied: Sequence[str] = ()
 ) -> dict[str, tuple[int, ...]]:
-    """Checks paths, and returns the shape of the value at each; `varied` paths differ between runs.
-
-    Paths into `initial` are also those of a start that the scene does not give as a `State`.
-    """
+    """Checks paths, of which `varied` ones differ between runs; returns the shape at each."""
     if not paths:
         return {}
     for path in paths:
@@ -149,11 +146,6 @@ def directions(
         impulse_times=impulse_times[:, np.argsort(times, kind="stable")],
         start=start,
     )
-
-
-def move_inputs(paths: Sequence[str]) -> bool:
-    """Returns whether a path concerns the inputs, so that the directions differ between runs."""
-    return any(path.split(".")[0] in ("schedule", "disturbances", "motion") for path in paths)
 
 
 def move_breakpoints(scene: Scene, paths: Sequence[str]) -> bool:

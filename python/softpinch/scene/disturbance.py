@@ -41,21 +41,14 @@ _MOST_SAMPLES = 100_000_000
 
 
 class Compiled(NamedTuple):
-    """A compiled disturbance. For many runs every array has the runs as its first axis.
+    """A compiled disturbance. For many runs every array has the runs as its first axis."""
 
-    Attributes:
-        forces: Piecewise polynomials of F_x and F_y, N, and moment, N m.
-        sines: Arrays (7,): start and end, s; angular frequency, 1/s; phase, rad; amplitudes of F_x
-            and F_y, N, and of the moment, N m.
-        impulses: Arrays (4,): time, s; J_x and J_y, N s; J_theta, N m s.
-        noises: (array (6,) or (8,), seed, run) each. The array has the standard deviations of F_x
-            and F_y, N, and of the moment, N m; the sample rate, Hz; start and end, s; and those of
-            the acceleration of the hand's frame along fixed axes, m/s^2.
-    """
-
-    forces: tuple[Piecewise, ...] = ()
+    forces: tuple[Piecewise, ...] = ()  # F_x and F_y, N, and moment, N m
+    # (7,) each: start and end, s; angular frequency, 1/s; phase, rad; amplitudes of the forces.
     sines: tuple[Floats, ...] = ()
-    impulses: tuple[Floats, ...] = ()
+    impulses: tuple[Floats, ...] = ()  # (4,) each: time, s; J_x and J_y, N s; J_theta, N m s
+    # (6,) or (8,), seed and run, each: standard deviations of the forces; sample rate, Hz; start
+    # and end, s; standard deviations of the hand's acceleration along fixed axes, m/s^2.
     noises: tuple[tuple[Floats, int, int], ...] = ()
 
     def map(self, function: Callable[[Floats], Floats]) -> Compiled:
@@ -344,11 +337,9 @@ class Noise(_Plain):
         return Compiled(noises=((row, self.seed, self.run),))
 
     def samples(self, count: int, place: int = 0) -> Floats:
-        """Returns the first samples of F_x, F_y, N, and moment, N m, (count, 3).
+        """Returns the first samples of F_x, F_y, N, and moment, N m, (count, 3), at most 10^8.
 
-        Args:
-            count: Number of samples, at most 100 million.
-            place: Index of the disturbance in `Scene.disturbances`.
+        They are those of the noise at the index `place` of `Scene.disturbances`.
         """
         count = checks.integer("count", count, 0, _MOST_SAMPLES)
         place = checks.integer("place", place, 0, 2**64 - 1)

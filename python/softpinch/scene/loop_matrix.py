@@ -17,7 +17,7 @@ import numpy as np
 from .. import _core
 from ..support.arrays import Floats
 from .control import SampledController
-from .parts import inertia_of
+from .parts import Jaw
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -122,8 +122,8 @@ def growth(scene: Scene, control: SampledController) -> float:
     a, b = np.zeros((4, 4)), np.zeros((4, 2))
     a[:2, 2:] = np.eye(2)
     with np.errstate(all="ignore"):
-        hand = scene.hand
-        b[2:] = np.diag([1.0 / inertia_of(finger) for finger in (hand.right, hand.left)])
+        fingers = (scene.hand.right, scene.hand.left)
+        b[2:] = np.diag([1.0 / (f.mass if isinstance(f, Jaw) else f.inertia) for f in fingers])
     h, j = measured(control, _OF_FINGERS, np.eye(4), np.zeros((4, 2)))
     factor = spectral_radius(control, a, b, h, j)
     return 0.0 if math.isnan(factor) else factor

@@ -29,17 +29,12 @@ _NEAR = 1e-14
 
 
 class CompiledMotion(NamedTuple):
-    """A compiled motion. For many runs every array has the runs as its first axis.
+    """A compiled motion. For many runs every array has the runs as its first axis."""
 
-    Attributes:
-        position: Piecewise polynomial of X and Y, m.
-        tilt: Piecewise polynomial of phi, rad, in one channel.
-        sines: Arrays (5,): angular frequency, 1/s; phase at time 0, rad; amplitudes of X and Y, m,
-            and of phi, rad. They act at all times and add to the polynomials.
-    """
-
-    position: Piecewise
-    tilt: Piecewise
+    position: Piecewise  # X and Y, m
+    tilt: Piecewise  # phi, rad, in one channel
+    # Added at all times, (5,) each: angular frequency, 1/s; phase at time 0, rad; amplitudes of X
+    # and Y, m, and of phi, rad.
     sines: tuple[Floats, ...] = ()
 
     @property

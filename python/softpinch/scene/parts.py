@@ -408,11 +408,6 @@ def lever(finger: Finger | Jaw | Parallelogram) -> float:
     return math.hypot(finger.length, thick)
 
 
-def inertia_of(finger: Finger | Jaw | Parallelogram) -> float:
-    """The inertia of a finger in its coordinate, kg m^2, or kg of a jaw."""
-    return finger.mass if isinstance(finger, Jaw) else finger.inertia
-
-
 def refuse_others(scene: Scene, name: str) -> None:
     """Refuses a scene with other parts than the paper's, in the name of what lacks them."""
     found = others(scene)

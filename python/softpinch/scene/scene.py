@@ -132,15 +132,13 @@ class State(Record):
 
         Args:
             scene: The `Scene` whose geometry is used.
-            x: Horizontal position of the centre of gravity, m; None takes the scene's start.
-            y: Vertical position of the centre of gravity, m, upwards; None takes the scene's start.
+            x, y: Position of the centre of gravity, m; None takes that of the scene's start.
             rotation: theta, rad.
             fingers: theta_1 and theta_2 (2,), rad, or travels of jaws, m.
             shear: d_t1 and d_t2 (2,), m.
             velocity: Rates of x, y and theta (3,), m/s and rad/s.
             finger_rates: Rates of theta_1 and theta_2 (2,), rad/s, or m/s.
-            integral: Integrals of the angle errors (2,), rad s.
-            time: Time on the clock of schedule and disturbances, s.
+            integral, time: As for the class.
         """
         checks.instance("scene", scene, Scene)
         start = scene._start_position() if x is None or y is None else (0.0, 0.0)
@@ -375,13 +373,11 @@ class Scene(Record):
             >>> sp.Scene().vary_paths()["hand.tip.youngs_modulus"]
             (300000.0, 'Pa')
 
-        Of what both fingers share there is one path for both and one for each side, of a pair only
-        the latter. Of an array with more than 32 numbers only the path of the whole is listed,
-        though its entries may be varied too.
-
-        Returns:
-            A mapping path -> (value, unit), which prints as a table. A value of None is an optional
-            number that is not set. The unit is a tuple where the entries of an array differ.
+        It is a mapping, which prints as a table. A value of None is an optional number that is not
+        set. The unit is a tuple where the entries of an array differ. Of what both fingers share
+        there is one path for both and one for each side, of a pair only the latter. Of an array
+        with more than 32 numbers only the path of the whole is listed, though its entries may be
+        varied too.
         """
         return paths_of(self)
 
@@ -509,14 +505,11 @@ class Scene(Record):
 
     @classmethod
     def from_toml(cls, source: str | Path) -> Self:
-        """Reads a TOML scene file.
+        """Reads a scene from TOML text, or from the file at a `Path`.
 
         Omitted entries take their defaults. `hand.tip` and `control` are either one table or two
         tables named `right` and `left`; `friction` is one number, a list of two (right, left), or a
         table with `right` and `left`. A schedule may have `angles_deg` instead of `angles`.
-
-        Args:
-            source: TOML text, or the `Path` of a file.
         """
         from ..support import toml
 

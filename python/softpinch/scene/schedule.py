@@ -131,10 +131,6 @@ class Schedule(Record):
             >>> round_trip.kind
             'via_points'
 
-        Args:
-            times, angles: Increasing instants (k,), s, and target angles (k, 2), rad.
-            move_time: Duration of every move, or of each move (k - 1,), s; None passes through.
-
         Raises:
             ValueError: Moves overlap, or the angular rates overflow.
         """
@@ -167,11 +163,7 @@ class Schedule(Record):
             Schedule.in_degrees(kind='steps', times=[0.0, 0.5], angles=[[6.0, 6.0], [15.0, -5.0]])
             >>> moves = sp.Schedule.in_degrees("minimum_jerk", [0.0], [[6, 6]], move_time=0.2)
 
-        Args:
-            kind, times: As for the class.
-            angles: Target angles (k, 2), degrees; columns right and left.
-            move_time: As in `minimum_jerk`, for "minimum_jerk" only; None makes it "via_points".
-            hold: As in `sampled`, for "sampled" only; None takes "zero".
+        A `move_time` that is None makes "minimum_jerk" "via_points", and `hold` is "zero" if None.
         """
         if checks.choice("kind", kind, KINDS) == "sampled" and hold is None:
             hold = "zero"

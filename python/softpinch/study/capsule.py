@@ -160,12 +160,9 @@ class Capsule(ByValue):
 
     @classmethod
     def from_toml(cls, source: str | Path) -> Self:
-        """Makes a capsule from the result of `to_toml`.
+        """Makes a capsule from the text of `to_toml`, or from the file at a `Path`.
 
         A capsule with another `results_version` than this core's is not an error.
-
-        Args:
-            source: The text, or the file's `Path`.
 
         Raises:
             ValueError: The text is not TOML or not a capsule. The message has file, field, value

@@ -203,14 +203,9 @@ class Results(Shown, ABC):
         - free_time: The total time during which a tip is free, s. Zero in bilateral contact.
         - margin: How far the grasp was from its loss, without unit; `margin > 0` is `holds`. For a
           completed run the smallest distance to all that makes `holds` false, which counts forces
-          in E a^2 of the tip, lengths in its radius a, and tilts in 90 degrees. Bilateral contact:
-          lambda^H and, with friction, mu lambda^H - |lambda^N|. Unilateral: half the height - |G|
-          of closed contacts, the larger of both while both tips are free, and no distance if
-          `height` is None; and, at the end, lambda^H of closed contacts, or minus the gap of free
-          ones. Both: those of `stop_on`, such as a - d_n (crushed) and 90 degrees - |theta_p|
-          (folded), but not of "separated", before which a tip pulls. A run that ended early has
-          minus the share of its duration that was missing, plus the smallest distance if that is
-          negative. See docs/ensembles.md.
+          in E a^2 of the tip, lengths in its radius a, and tilts in 90 degrees; docs/ensembles.md
+          lists these distances. A run that ended early has minus the share of its duration that was
+          missing, plus the smallest distance if that is negative.
         - settling_time: The time from `summaries_after`, or from the start, until the speed of the
           object's faces stays below `settling_band`, s. The speed is the root mean square of both
           faces' middles. It is inf if the speed is above the band at the end, or if the run did not
@@ -277,13 +272,11 @@ class Results(Shown, ABC):
         The interval is Wilson's; in a study with `stop_when`, it is one of a confidence sequence,
         and `Estimate.interval` says so.
 
-        "completed" means that the run reached its end. In the paper's bilateral contact a tip may
-        pull and never slips, so a completed run need not be a held grasp. "holds" means that, in
-        addition, no tip pulled from `summaries_after` on and, with limited friction, no tip needed
-        more friction. In unilateral contact "holds" means that the run completed and no tip is free
-        at its end, whatever slipped or opened before (`Run.holds`). `model` describes the contact
-        and the friction. Violations count over the whole run, regardless of `summaries_after`. In
-        bilateral contact the probability for another coefficient of friction needs no new runs:
+        "completed" means that the run reached its end. In bilateral contact, whose tips pull and
+        never slip, a completed run need not be a held grasp: that is "holds", see `Run.holds`.
+        `model` describes the contact and the friction. Violations count over the whole run,
+        regardless of `summaries_after`. In bilateral contact the probability for another
+        coefficient of friction needs no new runs:
         `study.probability(lambda some: some["peak_friction_ratio"] <= mu)`.
 
         Args:
@@ -323,12 +316,7 @@ class Results(Shown, ABC):
 
     @property
     def model(self) -> str:
-        """The contact model in words, for reports of probabilities.
-
-        For example "bilateral contact, friction 0.8" or "unilateral contact, friction 0.5 right and
-        0.8 left"; "any friction" if the scene has no coefficient, and "varied friction" if a
-        coefficient differs between runs.
-        """
+        """Contact and friction in words, such as "unilateral contact, friction 0.5"."""
         friction = self.scene.friction
         if any(map(is_friction, self._spec.shapes)):
             words = "varied friction"
@@ -342,8 +330,6 @@ class Results(Shown, ABC):
 
     def mean(self, name: str | NDArray[np.bool_]) -> Mean:
         """The mean of a column over the runs in which it is finite, with its standard error.
-
-        Sums are exact and rounded once (`math.fsum`).
 
         Args:
             name: A summary or varied value ("peak_rotation"); one number of an entry with several
@@ -359,14 +345,10 @@ class Results(Shown, ABC):
         return Mean.of(self._numbers(name))
 
     def quantile(self, name: str, q: float | Sequence[float]) -> Any:
-        """Quantiles of a column over the runs in which it is finite, by `numpy.quantile`.
+        """Quantiles of a column, as named for `mean`, over the runs in which it is finite.
 
-        Args:
-            name: As for `mean`.
-            q: One probability or several, from 0 to 1.
-
-        Returns:
-            A float, or an array (len(q),); NaN if the column is finite in no run.
+        For one probability `q`, from 0 to 1, it is a float, for several an array (len(q),), by
+        `numpy.quantile`; NaN if the column is finite in no run.
         """
         wanted = checks.array("q", np.atleast_1d(checks.numbers("q", q)), ("k",))
         if ((wanted < 0) | (wanted > 1)).any():

@@ -17,7 +17,6 @@ from .. import _core
 from ..scene import fields as units
 from ..scene.scene import Scene
 from ..support import checks
-from ..support.arrays import Floats
 
 Numbers = NDArray[np.uint64]
 Edges = NDArray[np.int64]
@@ -342,8 +341,3 @@ def missing(name: str, scene: Scene, varied: Iterable[str]) -> str:
     if name == "slipping" and scene.friction is None and not any(map(is_friction, varied)):
         return 'a coefficient of friction; give Scene.friction, or vary "friction"'
     return ""
-
-
-def finite(*values: Floats) -> NDArray[np.bool_]:
-    """Whether all of the given values are finite in each run, (runs,)."""
-    return np.asarray(np.logical_and.reduce([np.isfinite(each) for each in values]))

@@ -27,16 +27,6 @@ SIDES = ("right", "left")
 _SHOWN = 32
 
 
-def _refuse_unknown_arguments(cls: type[Record], values: Mapping[str, Any]) -> None:
-    """Refuses arguments that are no fields, unless a class has a constructor of its own."""
-    import inspect  # only an error needs it
-
-    names = list(inspect.signature(cls.__init__).parameters)[1:]
-    if cls.__dataclass_fields__.keys() >= {*names}:
-        with reworded(kind=TypeError):
-            refuse_unknown(cls.__name__, values, names, "", cls)
-
-
 def plain(value: Any) -> Any:
     """Converts records, arrays and tuples to dictionaries and lists of numbers and text."""
     if isinstance(value, Record):
@@ -98,7 +88,13 @@ class Record(ByValue):
 
     def __new__(cls, *args: Any, **values: Any) -> Self:  # noqa: D102
         if not values.keys() <= cls.__dataclass_fields__.keys():
-            _refuse_unknown_arguments(cls, values)
+            import inspect  # only an error needs it
+
+            # A class may have a constructor of its own, with other arguments than its fields.
+            names = list(inspect.signature(cls.__init__).parameters)[1:]
+            if cls.__dataclass_fields__.keys() >= {*names}:
+                with reworded(kind=TypeError):
+                    refuse_unknown(cls.__name__, values, names, "", cls)
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
