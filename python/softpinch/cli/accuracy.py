@@ -104,8 +104,8 @@ def stability(
         with reporting(True, "longest steps") as report:
             for k, (formulation, method) in enumerate(wanted):
                 report(k, len(wanted))
-                step = max_stable_dt(described, method, formulation, stabilization=stabilization)
-                longest.append(step)
+                pair = (method, formulation)
+                longest.append(max_stable_dt(described, *pair, stabilization=stabilization))
         for name, step in zip(names, longest, strict=True):
             measured = "-" if step.measured is None else f"{step.measured:.4g}"
             typer.echo(f"{name:{wide}}  {step.predicted:9.4g}  {measured:>9}  {step.message}")

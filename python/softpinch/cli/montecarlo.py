@@ -150,10 +150,7 @@ def scalars(study: Results) -> list[str]:
 
 
 def summary_table(study: Results) -> Table:
-    """Probabilities of statuses, violations and holding, and statistics of each summary.
-
-    Intervals hold for independent draws: of the mean for summaries, Wilson's for probabilities.
-    """
+    """Probabilities of events and statistics of summaries, with intervals for independent draws."""
     rows: list[tuple[Any, ...]] = [(f"model: {study.model}", "", study.runs, *[""] * 9)]
     happened = dict.fromkeys(["completed", HOLDS, *study.counts()])
     for name in _core.VIOLATIONS:

@@ -41,10 +41,7 @@ _TIME = "t"
 
 
 def read(path: Path, **changes: Any) -> tuple[Scene, tuple[str, ...] | None, dict[str, Any]]:
-    """Reads scene, observables (None for all columns of the data) and other arguments of `sp.fit`.
-
-    `changes` override settings, see `in_place`; `sp.fit` checks them.
-    """
+    """Reads scene, observables (None is all columns) and arguments of `sp.fit`, with `changes`."""
     path = checks.path("path", path)
     data = toml.read(path)
     with naming(path):

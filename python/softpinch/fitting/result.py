@@ -108,10 +108,7 @@ class Fit(Result):
 
     @property
     def covariance(self) -> Floats:
-        """The covariance of the values (p, p), in the order of `values`.
-
-        Of what is not determined, the variance is inf and the covariances are NaN.
-        """
+        """Covariance (p, p) of `values`; inf and NaN of what the data do not determine."""
         sizes = np.array(list(self.standard_errors.values()))
         sizes[np.isinf(sizes)] = np.nan
         found = self.correlations * np.outer(sizes, sizes)
@@ -144,10 +141,6 @@ class Fit(Result):
         Along the profile the number has given values and all others are fitted again. The interval
         is where the sum of squares exceeds its minimum by less than the square of the normal or
         Student's quantile. It takes some ten to thirty fits of the other numbers.
-
-        Args:
-            path: The path of the number.
-            level: The level of the interval.
         """
         index = list(self.values).index(checks.choice("path", path, self.values))
         level = checks.share("level", level)
@@ -190,21 +183,13 @@ class Fit(Result):
 
     @property
     def scene(self) -> Scene:
-        """The scene with the fitted values put in.
-
-        Raises:
-            ValueError: There are several experiments; take `scenes`.
-        """
+        """The scene with the fitted values put in; of several experiments take `scenes`."""
         self._only("scene", "scenes")
         return self.scenes[0]
 
     @property
     def residuals(self) -> dict[str, Floats]:
-        """Observable -> measured minus fitted (n,) or (n, k), in SI units; NaN where no data is.
-
-        Raises:
-            ValueError: There are several experiments; take `experiments[k].residuals`.
-        """
+        """As `Experiment.residuals`; of several experiments take `experiments[k].residuals`."""
         return self._only("residuals", "experiments[k].residuals").residuals
 
     def _only(self, name: str, instead: str) -> Experiment:
@@ -250,10 +235,7 @@ class Fit(Result):
         )  # fmt: skip
 
     def to_dict(self) -> dict[str, Any]:
-        """Returns the numbers, messages and scenes as plain data, without the measured motions.
-
-        Infinite numbers are text, "inf" and "-inf", which JSON has not otherwise.
-        """
+        """Numbers, messages and scenes as plain data; infinite numbers are text, for JSON."""
         names = [name.replace(" ", "_") for name in self.table().columns]
         return {
             "softpinch": _core.__version__,

@@ -63,9 +63,8 @@ def work_precision(result: WorkPrecision, peers: bool = False, where: str | None
     where = checks.choice("where", WHERE[peers] if where is None else where, WHERE)
     along = where == "along"
     curves = result.curves()
-    ours = {key: rows for key, rows in curves.items() if rows[0].method}
     parts: dict[str, Curves] = {
-        name: {key: rows for key, rows in ours.items() if rows[0].formulation == name}
+        name: {key: rows for key, rows in curves.items() if rows[0].formulation == name}
         for name in _core.FORMULATIONS
     }
     columns = {name: part for name, part in parts.items() if part}
@@ -84,8 +83,8 @@ def work_precision(result: WorkPrecision, peers: bool = False, where: str | None
     axes[1, 0].set_ylabel("small errors")
     if not along:
         figure.suptitle("\n".join(wrap(result.settled(), 60)), fontsize=8.0)
-    columns_of_it = 2 if peers else 4
-    s.shared_legend(figure, axes.flat, "outside lower center", ncols=columns_of_it, fontsize=7.5)
+    below: dict[str, Any] = {"ncols": 2 if peers else 4, "fontsize": 7.5}
+    s.shared_legend(figure, axes.flat, "outside lower center", **below)
     return figure
 
 
@@ -192,12 +191,8 @@ def stability_map(map: StabilityMap, ax: Axes | None = None) -> Figure:
 
     The colour of a cell is the error at the end. Cells without an error show by face colour and
     hatch how the run ended. Dots mark runs that complete with an error above 0.1. The line is the
-    longest stable step that the eigenvalues predict.
-
-    Args:
-        map: The map.
-        ax: The axes to draw the map of a single pair on, with the scale of colours beside it and
-            the legend below it; None makes a figure.
+    longest stable step that the eigenvalues predict. With `ax`, for a map of a single pair, the
+    scale of colours is beside these axes and the legend below.
     """
     checks.instance("map", map, StabilityMap)
     rows = [name for name in _core.FORMULATIONS if name in {pair[0] for pair in map.pairs}]

@@ -100,10 +100,7 @@ class Instant(NamedTuple):
 
 
 def instants(run: Run, times: Floats, forces: bool, fixed: bool = False) -> list[Instant]:
-    """The run at instants (k,), s, between its first and its last row, as the core records them.
-
-    The picture's axes are the hand's, or `fixed` ones.
-    """
+    """The run at instants (k,), s, of its duration, seen along the hand's axes, or `fixed` ones."""
     asked, place = np.unique(times, return_inverse=True)
     found = Request(run.scene, run._options).rows_at(asked, "multipliers", "contact")
     # Events at asked instants of the last step may end the repeated run there.
@@ -112,7 +109,11 @@ def instants(run: Run, times: Floats, forces: bool, fixed: bool = False) -> list
     contact, external = np.zeros((len(times), 2, 2)), np.zeros((len(times), 3))
     pushes: dict[float, Floats] = {}
     if forces:
-        contact = _contact_forces(run.scene, found["multipliers"][place], q)
+        # The rows of (25) for x and y.
+        multipliers, across = found["multipliers"][place], outline.contacts(run.scene, q).normals
+        along = np.stack([-across[..., 1], across[..., 0]], axis=-1)
+        pressing = np.array(outline.SIGNS) * multipliers[:, :2]
+        contact = pressing[..., None] * across + multipliers[:, 2:, None] * along
         external = _external(run.scene, times)
         pushes = measures.impulses(run)
     modes: list[Any] = [None] * len(times)
@@ -130,14 +131,6 @@ def instants(run: Run, times: Floats, forces: bool, fixed: bool = False) -> list
         loads = into_hand @ external[k], into_hand @ push
         seen.append(Instant(time, places[k], q[k], modes[k], contact[k], *loads, status))
     return seen
-
-
-def _contact_forces(scene: Scene, multipliers: Floats, q: Floats) -> Floats:
-    """Forces of the tips on the object (k, 2, 2), N: the rows of (25) for x and y."""
-    across = outline.contacts(scene, q).normals
-    along = np.stack([-across[..., 1], across[..., 0]], axis=-1)
-    pressing = np.array(outline.SIGNS) * multipliers[:, :2]
-    return np.asarray(pressing[..., None] * across + multipliers[:, 2:, None] * along)
 
 
 def _external(scene: Scene, times: Floats) -> Floats:
@@ -237,29 +230,24 @@ class Picture:
         self._time = axes.set_title("t", loc="left", pad=3.0, fontsize="medium")
         self._status = axes.set_title("g", loc="right", pad=3.0, fontsize="medium")
         width = frame.right - frame.left
-        self._line = frame.top - 0.035 * width
+        line = frame.top - 0.035 * width
         self._load_text = axes.text(
-            frame.right - 0.02 * width, self._line, "",
+            frame.right - 0.02 * width, line, "",
             ha="right", va="center", color=PURPLE, fontsize="small",
         )  # fmt: skip
         if frame.newton:
-            self._draw_key(axes)
+            # The arrow of a round force in the upper left corner.
+            largest = frame.longest / frame.newton
+            power = 10.0 ** np.floor(np.log10(largest))
+            force = power * max(k for k in (1.0, 2.0, 5.0) if k * power <= largest)
+            start = np.array([frame.left + 0.02 * width, line])
+            arrow = self._arrow(start, np.array([force, 0.0]), frame.newton)
+            polygon(axes, BLACK, "white", 0.5, 1.0).set_xy(arrow)
+            end = start[0] + frame.newton * force + 0.02 * width
+            axes.text(end, line, f"{force:g} N", va="center", fontsize="small")
         span = float(run.t[-1] - run.t[0])
         # Decimals that tell a thousandth of the run's time.
         self._digits = int(np.clip(np.ceil(3.0 - np.log10(span)), 1, 9)) if span > 0.0 else 6
-
-    def _draw_key(self, axes: Axes) -> None:
-        """Draws the arrow of a round force in the upper left corner."""
-        frame = self._frame
-        largest = frame.longest / frame.newton
-        power = 10.0 ** np.floor(np.log10(largest))
-        force = power * max(k for k in (1.0, 2.0, 5.0) if k * power <= largest)
-        width = frame.right - frame.left
-        start = np.array([frame.left + 0.02 * width, self._line])
-        arrow = self._arrow(start, np.array([force, 0.0]), frame.newton)
-        polygon(axes, BLACK, "white", 0.5, 1.0).set_xy(arrow)
-        end = start[0] + frame.newton * force + 0.02 * width
-        axes.text(end, start[1], f"{force:g} N", va="center", fontsize="small")
 
     def _arrow(self, start: Floats, force: Floats, unit: float) -> Floats:
         """The outline (7, 2) of an arrow from `start`, mm; `unit` is the length of 1 N or 1 N s."""

@@ -13,8 +13,7 @@ from ..scene.scene import State
 from ..study.effects import Effect, sensitivity
 from ..study.estimates import Estimate
 from ..study.results import Results
-from ..study.rows import finite
-from ..study.tables import booleans, drawn_by_magnitude, number, shown
+from ..study.tables import drawn_by_magnitude, event, number, shown
 from ..support.arrays import Floats
 from ..support.checks import instance, integer
 from . import style as s
@@ -52,7 +51,7 @@ def histogram(
     """
     instance("ensemble", ensemble, Results, "an Ensemble or a Study")
     column = shown(number(ensemble, name))
-    values, kept = column.values, finite(column.values)
+    values, kept = column.values, np.isfinite(column.values)
     completed = (ensemble.status == "completed")[kept]
     values = values[kept]
     if bins is None:
@@ -71,7 +70,11 @@ def histogram(
         else:
             edges = np.histogram_bin_edges(values, bins)
         highest = _bars(each, edges, values, completed)
-        _quantiles(each, values)
+        low, middle, high = np.quantile(values, [0.05, 0.5, 0.95])
+        each.axvline(middle, color=s.BLACK, linewidth=1.0, label="median")
+        style: dict[str, Any] = {"color": s.BLACK, "linewidth": 0.8, "linestyle": (0, (3, 2))}
+        each.axvline(low, **style, label="5 % and 95 %")
+        each.axvline(high, **style)
         each.set(xlim=(edges[0], edges[-1]), ylim=(0.0, 1.08 * highest))
         _legend(figure, each, ax)
         if left_out := ensemble.runs - len(values):
@@ -95,28 +98,21 @@ def _bars(axes: Axes, edges: Floats, values: Floats, completed: NDArray[np.bool_
     return float(all_runs.max())
 
 
-def _quantiles(axes: Axes, values: Floats) -> None:
-    low, middle, high = np.quantile(values, [0.05, 0.5, 0.95])
-    axes.axvline(middle, color=s.BLACK, linewidth=1.0, label="median")
-    style: dict[str, Any] = {"color": s.BLACK, "linewidth": 0.8, "linestyle": (0, (3, 2))}
-    axes.axvline(low, **style, label="5 % and 95 %")
-    axes.axvline(high, **style)
-
-
 def failure_times(ensemble: Results, ax: Axes | None = None) -> Figure:
-    """The share of runs that had ended early by each instant, for each status and in total.
-
-    Args:
-        ensemble: The ensemble or study.
-        ax: The axes to draw on; None makes a figure.
-    """
+    """The share of runs that had ended early by each instant, for each status and in total."""
     instance("ensemble", ensemble, Results, "an Ensemble or a Study")
     counts = {name: n for name, n in ensemble.counts().items() if name != "completed"}
     lost = sum(counts.values())
     never = ensemble.runs - lost
     with s.one_panel(ax, s.COLUMN, 2.5) as (figure, each):
         each.set(xlabel="time [s]", ylabel="share of runs ended early [1]")
-        start, end = _spanned(ensemble)
+        # The scene that all runs share may have no valid start.
+        initial = ensemble.scene.initial
+        start = initial.time if isinstance(initial, State) else 0.0
+        end = start + ensemble.scene.duration
+        if ensemble.runs:
+            start = float(np.min(ensemble.parameters.get("initial.time", start)))
+            end = float(ensemble.end_time.max())
         if lost:
             # Runs usually end soon after a disturbance, so the axis shows only that time.
             first, last = np.nanmin(ensemble.failure_time), np.nanmax(ensemble.failure_time)
@@ -138,23 +134,12 @@ def failure_times(ensemble: Results, ax: Axes | None = None) -> Figure:
                 some, style = ensemble.status != "completed", {"color": s.BLACK, "linewidth": 0.7}
             times = np.sort(ensemble.failure_time[some])
             share = np.arange(len(times) + 1) / ensemble.runs
-            label_of_it = f"{words(status)} ({len(times)})"
             steps = [start, *times, end], [*share, share[-1]]
-            each.step(*steps, where="post", label=label_of_it, **style)
+            each.step(*steps, where="post", label=f"{words(status)} ({len(times)})", **style)
         each.set_ylim(0.0, 1.1 * lost / ensemble.runs)
         each.plot([], [], " ", label=f"never ({never} of {ensemble.runs})")
         _legend(figure, each, ax)
         return figure
-
-
-def _spanned(ensemble: Results) -> tuple[float, float]:
-    """The first and the last instant of any run, s; the shared scene may have no valid start."""
-    initial = ensemble.scene.initial
-    shared = initial.time if isinstance(initial, State) else 0.0
-    if not ensemble.runs:
-        return shared, shared + ensemble.scene.duration
-    start = np.min(ensemble.parameters.get("initial.time", shared))
-    return float(start), float(ensemble.end_time.max())
 
 
 @s.styled()
@@ -262,27 +247,22 @@ def success_map(
 
     Args:
         ensemble: The ensemble or study.
-        x: Path of the parameter on the horizontal axis; with an index if the value has several
-            numbers: "disturbances.0.force.0".
-        y: Path of the parameter on the vertical axis.
+        x, y: Paths of the parameters on both axes; with an index if the value has several numbers:
+            "disturbances.0.force.0".
         what: A status, a violation, "holds", or whether it happened in each run, booleans (runs,).
         bins: Number of bins along each axis; None chooses it by the number of runs.
-        ax: The axes to draw on, beside which the scale of the colours is placed; None makes a
-            figure.
+        ax: The axes to draw on, with the scale of the colours beside them; None makes a figure.
     """
     instance("ensemble", ensemble, Results, "an Ensemble or a Study")
     across = shown(number(ensemble, x, "x"))
     up = shown(number(ensemble, y, "y"))
-    if isinstance(what, str):
-        happened, share_of = ensemble.happened(what), f"share of runs: {words(what)} [1]"
-    else:
-        happened, share_of = booleans("what", what, ensemble.runs), "share of runs [1]"
-    kept = finite(across.values, up.values)
-    u, v, happened = across.values[kept], up.values[kept], happened[kept]
+    name = f": {words(what)}" if isinstance(what, str) else ""
+    kept = np.isfinite(across.values) & np.isfinite(up.values)
+    u, v, happened = across.values[kept], up.values[kept], event(ensemble, what)[kept]
     if bins is None:
         bins = int(np.clip(np.sqrt(len(u) / 12), 3, 30))
     bins = integer("bins", bins, 1, _MOST_BINS)
-    magnitude = [drawn_by_magnitude(ensemble, name) for name in (x, y)]
+    magnitude = [drawn_by_magnitude(ensemble, path) for path in (x, y)]
     with s.one_panel(ax, s.COLUMN, 2.9) as (figure, each):
         each.set(xlabel=label(x, across.unit), ylabel=label(y, up.unit))
         if not len(u):
@@ -304,7 +284,7 @@ def success_map(
         vague = (all_runs > 0) & (_reach(some, all_runs) > _WIDE)
         k, m = np.nonzero(vague)
         each.plot(middles[0][k], middles[1][m], **_DOTS)
-        s.colorbar(figure, mesh, each, share_of)
+        s.colorbar(figure, mesh, each, f"share of runs{name} [1]")
         filled = all_runs[all_runs > 0]
         empty = int((all_runs == 0).sum())
         text = f"{ensemble.model}\n{len(u)} runs, {np.median(filled):.0f} in the median bin"

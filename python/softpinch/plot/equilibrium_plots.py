@@ -17,7 +17,7 @@ from ..scene.fields import label, words
 from ..scene.parts import width
 from ..study.results import Results
 from ..study.rows import Column
-from ..study.tables import booleans, number, shown
+from ..study.tables import event, number, shown
 from ..support import checks
 from ..support.arrays import Floats
 from . import style as s
@@ -112,7 +112,10 @@ def _curves(map: EquilibriumMap) -> Figure:
                 each.axvspan(edges[cell], edges[cell + 1], facecolor=face, edgecolor="0.3",
                              hatch=hatch, linewidth=0.0, zorder=0.3)  # fmt: skip
     s.least_range(axes.flat, _ROUND_OFF)
-    _friction(axes[2, 0], map, values)
+    for mu in np.transpose([coefficients(cell.scene.friction) for cell in map.cells]):
+        if (known := np.isfinite(mu)).any():
+            axes[2, 0].plot(values, np.where(known, mu, np.nan), color=s.GREY, linewidth=0.8)
+    axes[2, 0].set_ylim(bottom=0.0)
     axes[2, 1].axhline(0.0, color=s.GREY, linewidth=0.6, zorder=0.8)
     for each in axes[-1]:
         each.set(xlabel=name, xlim=edges[[0, -1]])
@@ -145,16 +148,6 @@ def _curve(
 def _among_neighbours(cells: NDArray[np.bool_], itself: bool = True) -> NDArray[np.bool_]:
     """Marks the cells (n,) that are, or have a neighbour, among some cells (n,)."""
     return np.convolve(cells, [1, int(itself), 1])[1:-1] > 0
-
-
-def _friction(axes: Axes, map: EquilibriumMap, values: Floats) -> None:
-    """Draws the friction of both contacts, where the panel has room for it."""
-    limits = [coefficients(cell.scene.friction) for cell in map.cells]
-    for tip in (0, 1):
-        mu = np.array([pair[tip] for pair in limits])
-        if np.isfinite(mu).any():
-            axes.plot(values, np.where(np.isfinite(mu), mu, np.nan), color=s.GREY, linewidth=0.8)
-    axes.set_ylim(bottom=0.0)
 
 
 def _maps(map: EquilibriumMap) -> Figure:
@@ -224,9 +217,7 @@ def _boundaries(axes: Axes, map: EquilibriumMap, left: Floats, bottom: Floats) -
         for k, m in ((i + 1, j), (i, j + 1)):
             if k == map.shape[0] or m == map.shape[1] or not (at_rest[i, j] and at_rest[k, m]):
                 continue
-            upright = [(left[k], bottom[j]), (left[k], bottom[j + 1])]
-            level = [(left[i], bottom[m]), (left[i + 1], bottom[m])]
-            side = upright if k > i else level
+            side = [(left[k], bottom[m]), (left[i + 1], bottom[j + 1])]
             if map.branch[i, j] != map.branch[k, m] or (i, j, k, m) in seams:
                 branches.append(side)
                 continue
@@ -358,11 +349,7 @@ def carry_limits(limits: CarryLimits, ax: Axes | None = None) -> Figure:
     """The largest accelerations of the hand that a grasp bears, by direction, and what gives way.
 
     The dashed circle is the size of gravity. Of several tilts, each has a curve of its own, without
-    what gives way.
-
-    Args:
-        limits: The limits.
-        ax: The axes to draw on, with projection="polar"; None makes a figure.
+    what gives way. The axes `ax` have projection="polar".
     """
     from matplotlib import colormaps
 
@@ -410,11 +397,7 @@ def _points(
     checks.instance("ensemble", ensemble, Results, "an Ensemble or a Study")
     checks.instance("force", force, str, "a path")
     x, y = (number(ensemble, f"{force}.{k}", "force").values for k in (0, 1))
-    if isinstance(what, str):
-        held = ensemble.happened(what)
-    else:
-        held = booleans("what", what, ensemble.runs)
-    return np.arctan2(y, x), np.hypot(x, y), held
+    return np.arctan2(y, x), np.hypot(x, y), event(ensemble, what)
 
 
 def _outline(axes: PolarAxes, angle: Floats, size: Floats, style: dict[str, Any]) -> None:

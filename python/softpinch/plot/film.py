@@ -131,10 +131,8 @@ def snapshot(
     of impacts, have the longest arrow too. An object without `height`, whose faces have no end, is
     drawn 49 mm high.
 
-    The run is computed once more, with a row at the instant.
-
     Args:
-        run: The run.
+        run: The run, which is computed once more, with a row at the instant.
         t: The instant, s; None takes the last one.
         ax: The axes to draw on; None makes a figure.
         forces: Whether to draw the forces.

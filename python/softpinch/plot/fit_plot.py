@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..fitting.experiment import Experiment
 from ..fitting.law import LawFit
 from ..fitting.result import Fit
 from ..scene.fields import label
@@ -37,9 +35,15 @@ def fit(fit: Fit) -> Figure:
     """
     checks.instance("fit", fit, Fit)
     several = len(fit.experiments) > 1
+    # Name, times, data, fitted values and noise of each column.
     every: list[tuple[Any, ...]] = []
-    for k, each in enumerate(fit.experiments):
-        every += _panels(each, f" ({k})" if several else "")
+    for number, each in enumerate(fit.experiments):
+        for k, (name, unit) in enumerate(zip(each.columns, each.units, strict=True)):
+            noise = np.full(len(each.times), each.noise[k])
+            table = np.column_stack([each.data[:, k], each.fitted[:, k], noise])
+            column = shown(Column(table, unit))
+            title = label(name, column.unit) + (f" ({number})" if several else "")
+            every.append((title, each.times, *column.values.T))
     found = every[:_MOST]
     height, shared = 0.6 + _ROW * len(found), False if several else "col"
     figure, axes = panels(len(found), 2, PAGE, height, sharex=shared, width_ratios=[3, 2])
@@ -76,13 +80,3 @@ def law(fit: LawFit) -> Figure:
     axes[0, 0].set(xlabel="$d_n$ [mm]", ylabel="force [N]")
     axes[0, 0].legend()
     return figure
-
-
-def _panels(experiment: Experiment, number: str) -> Iterator[tuple[Any, ...]]:
-    """Yields name, times, data, fitted values and noise of each column of an experiment."""
-    for k, (name, unit) in enumerate(zip(experiment.columns, experiment.units, strict=True)):
-        noise = np.full(len(experiment.times), experiment.noise[k])
-        table = np.column_stack([experiment.data[:, k], experiment.fitted[:, k], noise])
-        column = shown(Column(table, unit))
-        measured, fitted, noise = column.values.T
-        yield label(name, column.unit) + number, experiment.times, measured, fitted, noise

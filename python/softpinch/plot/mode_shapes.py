@@ -125,15 +125,9 @@ def _name(rate: complex) -> str:
     damping = -rate.real / size
     if rate.imag != 0.0 and abs(damping) < _SWINGS:
         return f"{size / (2.0 * np.pi):.3g} Hz, damping {damping:.2f}"
-    grows = "grows, " if rate.real > 0.0 else ""
-    return f"{grows}time constant {_time(1.0 / abs(rate.real))}"
-
-
-def _time(seconds: float) -> str:
-    for unit, factor in (("s", 1.0), ("ms", 1e3)):
-        if seconds * factor >= 1.0:
-            return f"{seconds * factor:.3g} {unit}"
-    return f"{seconds * 1e6:.3g} µs"
+    grows, fast = "grows, " if rate.real > 0.0 else "", abs(rate.real)
+    factor, unit = (1.0, "s") if fast <= 1.0 else (1e3, "ms") if fast <= 1e3 else (1e6, "µs")
+    return f"{grows}time constant {factor / fast:.3g} {unit}"
 
 
 @styled()

@@ -64,10 +64,7 @@ _Response = tuple[Floats, Floats]
 
 @styled()
 def motion(run: Run) -> Figure:
-    """Finger angles with their targets, and the object's pose, over time (the paper's Fig. 5).
-
-    The run has "state" recorded.
-    """
+    """Finger angles, their targets and the object's pose (the paper's Fig. 5); needs "state"."""
     checks.instance("run", run, Run)
     target = measures.target_angles(run)
     drawn = []
@@ -128,8 +125,14 @@ def forces(run: Run) -> Figure:
     zoom = whole.zoomed(start - _BEFORE, start + _AFTER, "around the smallest force")
     figure, axes = draw([whole, zoom], PAGE, 6.2, "panels", sharey="row", width_ratios=(1.35, 1.0))
     _mark_pulls(axes[0, 0], axes[:2, 1], run)
+    labels = {1e-4: "$10^{-4}$", 1e-2: "$10^{-2}$", 1e0: "$10^{0}$", _INFINITE: r"$\infty$"}
     for each in axes[1]:
-        _scale_friction(each)
+        each.axhline(_INFINITE, color=GREY, linewidth=0.6, linestyle=":", zorder=0.8)
+        # Limits come before the scale, which would otherwise choose its own.
+        each.set_ylim(*_FRICTION_RANGE)
+        each.set_yscale("log", nonpositive="mask")
+        each.set_yticks(list(labels), labels=list(labels.values()))
+        each.set_yticks([], minor=True)
     return figure
 
 
@@ -163,17 +166,6 @@ def _friction(run: Run) -> Panel:
             curves.append(Curve(run.t, np.full(len(run), friction), style, r"$\mu$"))
     name = r"$|\lambda^N| / \lambda^H$ [1]"
     return Panel(name, curves + infinite, "friction that no-slip needs")
-
-
-def _scale_friction(axes: Axes) -> None:
-    """Makes the axis of friction logarithmic, with a place for infinity."""
-    axes.axhline(_INFINITE, color=GREY, linewidth=0.6, linestyle=":", zorder=0.8)
-    # Limits come before the scale, which would otherwise choose its own.
-    axes.set_ylim(*_FRICTION_RANGE)
-    axes.set_yscale("log", nonpositive="mask")
-    labels = {1e-4: "$10^{-4}$", 1e-2: "$10^{-2}$", 1e0: "$10^{0}$", _INFINITE: r"$\infty$"}
-    axes.set_yticks(list(labels), labels=list(labels.values()))
-    axes.set_yticks([], minor=True)
 
 
 @styled()

@@ -88,10 +88,7 @@ MM, DEG = Unit(*DISPLAY_UNITS["m"]), Unit(*DISPLAY_UNITS["rad"])
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Applies the style of these figures to figures made or saved inside `with plot.styled():`.
-
-    It is a decorator, too.
-    """
+    """Applies the style of these figures inside `with plot.styled():`, or to a function."""
     matplotlib = require("matplotlib", extra="plot", purpose="figures")
     colors = [style["color"] for style in LINES]
     with matplotlib.rc_context():
@@ -147,10 +144,7 @@ def panels(
 def panels_or_given(
     ax: Axes | None, rows: int, columns: int, width: float, height: float, **options: Any
 ) -> Iterator[tuple[Figure, NDArray[Any]]]:
-    """Yields a figure and its axes (rows, columns), to draw on inside the block.
-
-    The only panel may be the user's own axes `ax`, which keep the user's style.
-    """
+    """Yields a figure and its axes (rows, columns); the user's own axes `ax` keep their style."""
     require("matplotlib", extra="plot", purpose="figures")
     from matplotlib.axes import Axes
 
@@ -288,10 +282,7 @@ Face: TypeAlias = tuple[str, str]
 def fill_cells(
     axes: Axes, kinds: NDArray[Any], left: Floats, bottom: Floats, faces: Mapping[str, Face]
 ) -> None:
-    """Fills cells between edges `left` (m + 1,) and `bottom` (n + 1,) of which kinds have a face.
-
-    Equal neighbours are filled as one.
-    """
+    """Fills cells between edges (m + 1,), (n + 1,) that have a face; equal neighbours as one."""
     for column, sides in zip(kinds.tolist(), itertools.pairwise(left), strict=True):
         for kind, cells in itertools.groupby(range(len(column)), key=column.__getitem__):
             if kind in faces:

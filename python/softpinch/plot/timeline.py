@@ -239,10 +239,7 @@ def occurring(runs: Iterable[Run]) -> set[ContactMode]:
 
 
 def _draw_bands(axes: Axes, column: Column, room: int) -> None:
-    """Draws two bands for each run with modes, the upper one for the right tip.
-
-    The axes have room for the bands of `room` runs.
-    """
+    """Draws two bands for each run with modes, right tip first, with room for `room` runs."""
     named = unilateral(column.runs)
     labels: dict[float, str] = {}
     for k, (name, run) in enumerate(named.items()):

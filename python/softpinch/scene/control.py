@@ -17,7 +17,7 @@ from .. import _core
 from ..support import checks
 from ..support.arrays import Floats, read_only
 from ..support.record import SIDES, Kinded, Record
-from .hand import one_or_pair, take_one_or_pair
+from .hand import one_or_pair, or_other, take_one_or_pair
 
 # Measures that a controller knows without a sensor.
 _KNOWN = {"target", "target_rate"}
@@ -136,7 +136,7 @@ class SampledController(Law):
         self._set("delay", checks.non_negative(of("delay"), self.delay))
         self._set("measures", checks.names(of("measures"), self.measures, _core.MEASURES))
         m = sum(_core.MEASURES[name] for name in self.measures)
-        n = _states(self.A)
+        n = 0 if self.A is None else next(iter(checks.numbers(of("A"), self.A).shape), 0)
         if n == 0 and any(value is not None and np.size(value) for value in (self.B, self.C)):
             rule = "must be (n, n), because B or C is given"
             raise ValueError(f"SampledController.A = {checks.shown(self.A)}: {rule}")
@@ -149,9 +149,7 @@ class SampledController(Law):
         torque = checks.pair(of("initial_torque"), self.initial_torque)
         self._set("initial_torque", torque)
         begin = np.zeros(n) if self.initial_state is None else self.initial_state
-        if n or np.size(begin):
-            begin = checks.array(of("initial_state"), begin, (n,))
-        self._set("initial_state", begin)
+        self._set("initial_state", checks.array(of("initial_state"), begin, (n,)))
         limits = [] if self.limits is None else self.limits.tolist()
         for side, own, (low, high) in zip(SIDES, torque, limits, strict=False):
             if not low <= own <= high:
@@ -193,14 +191,7 @@ class SampledController(Law):
         kd = 0.05 and ki = 20 are stable. Give all three gains: the default ki beside a kp of 1 and
         a kd of 0.05 is unstable where no tip touches, which a run warns of. In studies the gains of
         the right and the left finger are -`D.0.0` and -`D.1.1` (kp), -`D.0.2` and -`D.1.3` (kd),
-        -`C.0.0` and -`C.1.1` (ki).
-
-        Args:
-            period: Time between samples, s.
-            kp: K_P, N m/rad.
-            kd: K_D, N m s/rad.
-            ki: K_I, N m/(rad s).
-            settings: Other fields: `delay`, `limits`, `anti_windup`, ...
+        -`C.0.0` and -`C.1.1` (ki). Units are those of `Pid`; `settings` are other fields.
         """
         period = checks.positive("SampledController.period", period)
         gains = {"kp": kp, "kd": kd, "ki": ki}
@@ -218,12 +209,9 @@ class SampledController(Law):
     def compile_runs(
         self, values: Mapping[str, Floats], numbers: NDArray[np.uint64] | None, seed: int
     ) -> Compiled:
-        """Returns the controllers of many runs as the core takes them.
+        """Returns the controllers of runs that differ in `values` (runs, ...), for the core.
 
-        Args:
-            values: Fields that differ between runs -> (runs, ...).
-            numbers: The run numbers (runs,), which the noise depends on; None keeps `run`.
-            seed: Seed of the noise.
+        The noise depends on the `seed` and the run `numbers` (runs,); None keeps `run`.
         """
         limits = np.tile([-np.inf, np.inf], (2, 1)) if self.limits is None else self.limits
         names = ("period", "delay", "limits", "initial_torque", *"ABCD")
@@ -236,32 +224,23 @@ class SampledController(Law):
         rows = np.hstack([np.broadcast_to(part, (runs, part.shape[1])) for part in parts])
         numbers = np.array([self.run], np.uint64) if numbers is None else numbers
         rows = np.ascontiguousarray(rows)
-        return list(self.measures), _states(self.A), self.anti_windup, rows, seed, numbers
+        return list(self.measures), np.shape(self.A)[0], self.anti_windup, rows, seed, numbers
 
     def to_dict(self) -> dict[str, Any]:
         """Converts to a dictionary with the key `kind`; arrays without entries are left out."""
         data = super().to_dict()
-        if not _states(self.A):
+        if not np.size(self.A):
             for name in (*"ABC", "initial_state"):
                 del data[name]
         return data
 
 
-def _states(value: object) -> int:
-    if value is None:
-        return 0
-    given = checks.numbers("SampledController.A", value)
-    return given.shape[0] if given.ndim else 0
-
-
 def _matrix(name: str, value: ArrayLike | None, shape: tuple[int, int]) -> Floats:
     """Checks a matrix; None is one of zeros."""
     place = f"SampledController.{name}"
-    if value is None:
-        if name in "BC" and shape[0] * shape[1]:
-            raise ValueError(f"{place} = None: must have shape {shape}, to fit A and measures")
-        value = np.zeros(shape)
-    elif np.size(value) == 0 and 0 in shape:
+    if value is None and name in "BC" and 0 not in shape:
+        raise ValueError(f"{place} = None: must have shape {shape}, to fit A and measures")
+    if value is None or (np.size(value) == 0 and 0 in shape):
         value = np.zeros(shape)
     return checks.array(place, value, shape)
 
@@ -303,11 +282,8 @@ def pids_of(control: object) -> tuple[Pid, Pid]:
     return right, left
 
 
-def parse_control(data: Any, path: str) -> Any:
-    """Parses `control` of a scene: one PID, one for each side, or a table with `kind`."""
-    if isinstance(data, Mapping) and "kind" in data:
-        return Law._parse(data, path)
-    return one_or_pair(Pid)(data, path)
+# One PID, one for each side, or a table with `kind`.
+parse_control = or_other(one_or_pair(Pid), Law)
 
 
 def take_control(value: object) -> object:

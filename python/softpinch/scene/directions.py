@@ -9,7 +9,7 @@ results is the derivative, exact to round-off.
 import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from .. import _core
 from ..support import checks
 from ..support.arrays import Floats
+from ..support.record import unchecked
 from .disturbance import DISTURBANCES, Compiled, Disturbance
 from .motion import MOTIONS
 from .parts import refuse_others
@@ -70,10 +71,7 @@ def listed(asked: object) -> list[str]:
 def shapes(
     scene: Scene, paths: Sequence[str], varied: Sequence[str] = ()
 ) -> dict[str, tuple[int, ...]]:
-    """Checks paths, and returns the shape of the value at each; `varied` paths differ between runs.
-
-    Paths into `initial` are also those of a start that the scene does not give as a `State`.
-    """
+    """Checks paths, of which `varied` ones differ between runs; returns the shape at each."""
     if not paths:
         return {}
     for path in paths:
@@ -140,19 +138,18 @@ def directions(
     if seeds is not None:
         initial = np.ascontiguousarray(seeds.T)
     shifts = [row for k, slope in enumerate(slopes) for row in _shifts(scene, base, slope, k)]
+    # Impulses follow in the order of their times.
+    times = np.array([impulse[0] for load in base for impulse in load.impulses])
+    moved = [[impulse[0] for load in slope for impulse in load.impulses] for slope in slopes]
+    impulse_times = np.array(moved, dtype=np.float64).reshape(len(slopes), len(times))
     return _core.Directions(
         parameters,
         _inputs(scene, base, slopes, _motion_slopes(scene, entries)),
         initial=initial,
         shifts=np.array(shifts, dtype=np.float64).reshape(-1, 9),
-        impulse_times=_impulse_times(base, slopes),
+        impulse_times=impulse_times[:, np.argsort(times, kind="stable")],
         start=start,
     )
-
-
-def move_inputs(paths: Sequence[str]) -> bool:
-    """Returns whether a path concerns the inputs, so that the directions differ between runs."""
-    return any(path.split(".")[0] in ("schedule", "disturbances", "motion") for path in paths)
 
 
 def move_breakpoints(scene: Scene, paths: Sequence[str]) -> bool:
@@ -217,11 +214,7 @@ def _moved(record: Any, name: str, place: tuple[int, ...], by: complex) -> Any:
     """Returns a copy of a record with a number added to one of its own, which is not checked."""
     value = np.array(getattr(record, name), dtype=type(by))
     value[place] += by
-    moved = object.__new__(type(record))
-    for field in fields(record):
-        object.__setattr__(moved, field.name, getattr(record, field.name))
-    object.__setattr__(moved, name, value if value.ndim else value[()])
-    return moved
+    return unchecked(record, {name: value if value.ndim else value[()]})
 
 
 def _require_analytic(record: Any, name: str, place: tuple[int, ...], compiled: Compiled) -> None:
@@ -360,11 +353,3 @@ def _jumps(of: Piecewise, slope: Piecewise) -> Iterator[tuple[float, float, Floa
         )
         jump = np.subtract(values[1], values[0])
         yield float(breaks[k]), float(slope[0][k]), jump, np.subtract(bends[1], bends[0])
-
-
-def _impulse_times(base: _Compiled, slopes: Sequence[_Compiled]) -> Floats:
-    """Returns the derivatives of the impulses' times, in the order of the times."""
-    times = np.array([impulse[0] for load in base for impulse in load.impulses])
-    order = np.argsort(times, kind="stable")
-    found = [[impulse[0] for load in slope for impulse in load.impulses] for slope in slopes]
-    return np.array(found, dtype=np.float64).reshape(len(slopes), len(times))[:, order]

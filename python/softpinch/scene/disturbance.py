@@ -41,21 +41,14 @@ _MOST_SAMPLES = 100_000_000
 
 
 class Compiled(NamedTuple):
-    """A compiled disturbance. For many runs every array has the runs as its first axis.
+    """A compiled disturbance. For many runs every array has the runs as its first axis."""
 
-    Attributes:
-        forces: Piecewise polynomials of F_x and F_y, N, and moment, N m.
-        sines: Arrays (7,): start and end, s; angular frequency, 1/s; phase, rad; amplitudes of F_x
-            and F_y, N, and of the moment, N m.
-        impulses: Arrays (4,): time, s; J_x and J_y, N s; J_theta, N m s.
-        noises: (array (6,) or (8,), seed, run) each. The array has the standard deviations of F_x
-            and F_y, N, and of the moment, N m; the sample rate, Hz; start and end, s; and those of
-            the acceleration of the hand's frame along fixed axes, m/s^2.
-    """
-
-    forces: tuple[Piecewise, ...] = ()
+    forces: tuple[Piecewise, ...] = ()  # F_x and F_y, N, and moment, N m
+    # (7,) each: start and end, s; angular frequency, 1/s; phase, rad; amplitudes of the forces.
     sines: tuple[Floats, ...] = ()
-    impulses: tuple[Floats, ...] = ()
+    impulses: tuple[Floats, ...] = ()  # (4,) each: time, s; J_x and J_y, N s; J_theta, N m s
+    # (6,) or (8,), seed and run, each: standard deviations of the forces; sample rate, Hz; start
+    # and end, s; standard deviations of the hand's acceleration along fixed axes, m/s^2.
     noises: tuple[tuple[Floats, int, int], ...] = ()
 
     def map(self, function: Callable[[Floats], Floats]) -> Compiled:
@@ -129,8 +122,11 @@ class Disturbance(Kinded):
         runs = [run.compile() for run in runs_of(self, values)]
         return stacked(runs, type(self).__name__)
 
-    def _check(self) -> None:
-        """Checks the numbers and pairs by the names of their fields."""
+
+class _Plain(Disturbance):
+    """Base class of the disturbances whose fields are numbers and pairs."""
+
+    def __post_init__(self) -> None:
         kind = type(self).__name__
         for f in fields(self):
             value = getattr(self, f.name)
@@ -146,7 +142,7 @@ class Disturbance(Kinded):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Step(Disturbance):
+class Step(_Plain):
     """A constant force and moment that start at `time` and never end.
 
     Attributes:
@@ -159,9 +155,6 @@ class Step(Disturbance):
     force: tuple[float, float] = (0.0, 0.0)
     moment: float = 0.0
 
-    def __post_init__(self) -> None:
-        self._check()
-
     def compile(self) -> Compiled:
         """Returns a piecewise polynomial with one break."""
         load = _load(self.force, self.moment)
@@ -169,7 +162,7 @@ class Step(Disturbance):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Pulse(Disturbance):
+class Pulse(_Plain):
     """A constant force and moment from `time` until `time + duration`.
 
     Attributes:
@@ -184,9 +177,6 @@ class Pulse(Disturbance):
     force: tuple[float, float] = (0.0, 0.0)
     moment: float = 0.0
 
-    def __post_init__(self) -> None:
-        self._check()
-
     def compile(self) -> Compiled:
         """Returns a piecewise polynomial with two breaks. An overflowing end is never reached."""
         with np.errstate(over="ignore"):
@@ -197,7 +187,7 @@ class Pulse(Disturbance):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Impulse(Disturbance):
+class Impulse(_Plain):
     """An ideal impulse: the velocities jump at `time` and still satisfy the constraints.
 
     It acts if the run's start <= `time` < the run's end. The row recorded at that instant is the
@@ -213,9 +203,6 @@ class Impulse(Disturbance):
     impulse: tuple[float, float] = (0.0, 0.0)
     angular_impulse: float = 0.0
 
-    def __post_init__(self) -> None:
-        self._check()
-
     def compile(self) -> Compiled:
         """Returns one impulse."""
         x, y, turn = np.moveaxis(_load(self.impulse, self.angular_impulse), -1, 0)
@@ -223,7 +210,7 @@ class Impulse(Disturbance):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Sine(Disturbance):
+class Sine(_Plain):
     """F sin(2 pi f (t - time) + phase) from `time` until `time + duration`, or without end.
 
     Attributes:
@@ -243,7 +230,7 @@ class Sine(Disturbance):
     duration: float | None = None
 
     def __post_init__(self) -> None:
-        self._check()
+        super().__post_init__()
         if not math.isfinite(math.tau * self.frequency_hz):
             rule = "2 pi times it must be finite"
             raise ValueError(f"Sine.frequency_hz = {self.frequency_hz}: {rule}")
@@ -294,7 +281,7 @@ class Sampled(Disturbance):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Noise(Disturbance):
+class Noise(_Plain):
     """Gaussian white noise, sampled `rate_hz` times a second; each sample is held until the next.
 
     The random numbers come from the counter-based generator Philox 4x64: sample n depends only on
@@ -325,7 +312,7 @@ class Noise(Disturbance):
     run: int = 0
 
     def __post_init__(self) -> None:
-        self._check()
+        super().__post_init__()
         for name in ("force_std", "acceleration_std"):
             field, value = f"Noise.{name}", getattr(self, name)
             if checks.read(field, value).ndim == 0:
@@ -350,11 +337,9 @@ class Noise(Disturbance):
         return Compiled(noises=((row, self.seed, self.run),))
 
     def samples(self, count: int, place: int = 0) -> Floats:
-        """Returns the first samples of F_x, F_y, N, and moment, N m, (count, 3).
+        """Returns the first samples of F_x, F_y, N, and moment, N m, (count, 3), at most 10^8.
 
-        Args:
-            count: Number of samples, at most 100 million.
-            place: Index of the disturbance in `Scene.disturbances`.
+        They are those of the noise at the index `place` of `Scene.disturbances`.
         """
         count = checks.integer("count", count, 0, _MOST_SAMPLES)
         place = checks.integer("place", place, 0, 2**64 - 1)

@@ -221,11 +221,6 @@ class Quantity(NamedTuple):
     units: tuple[str, ...]  # the units of its columns
     symbols: tuple[str, ...]  # of its columns in plain text, as in messages and linear models
 
-    @property
-    def headers(self) -> tuple[str, ...]:
-        """The names of the columns with units, as in the first line of a CSV file."""
-        return tuple(f"{c} [{u}]" for c, u in zip(self.columns, self.units, strict=True))
-
 
 def _by_contact(record: str, letter: str, units: tuple[str, ...]) -> Quantity:
     """A quantity with a normal column (H) and a tangential one (N) for each contact."""
@@ -251,14 +246,6 @@ QUANTITIES: dict[str, Quantity] = {
 }
 # Recorded quantities with an error estimate.
 ESTIMATED = ("q", "p", "multipliers")
-# Array that a run saves -> the headers of its columns, with units.
-COLUMNS: dict[str, tuple[str, ...]] = {
-    **{name: quantity.headers for name, quantity in QUANTITIES.items()},
-    **{
-        f"error_{name}": tuple(f"error of {header}" for header in QUANTITIES[name].headers)
-        for name in ESTIMATED
-    },
-}
 
 # Field or column -> its symbol or name in figures, where its own name with spaces would be unclear.
 _IN_FIGURES = {
@@ -295,10 +282,7 @@ RESULTS: dict[str, tuple[Unit, tuple[str, ...]]] = {
 
 
 def field_of(path: str) -> tuple[str, tuple[int, ...]]:
-    """Splits a path into the name of its last field and the indices after that name.
-
-    A side after the field, as in "friction.left", is left out.
-    """
+    """Splits a path into its last field and the indices after it; a side after it is left out."""
     names = path.split(".")
     if len(names) > 1 and names[-1] in SIDES:
         names.pop()
@@ -309,17 +293,14 @@ def field_of(path: str) -> tuple[str, tuple[int, ...]]:
 
 
 def units(name: str, shape: Sequence[int], jaws: Jaws = _NONE) -> Unit:
-    """Returns the unit of a result or of the field at a path, or one for each last index.
-
-    `shape` is that of one run's value. A field of a user's own class has the unit "unknown".
-    """
+    """The unit of a result or of a field with this shape in one run, or one for each last index."""
     field, index = field_of(name)
     if name in RESULTS:
         unit, index = RESULTS[name][0], ()
     elif field in FIELDS:
         unit = FIELDS[field].unit
     else:
-        return "unknown"
+        return "unknown"  # a field of a user's own class
     if any(jaws):
         unit = _with_jaws(name, field, unit, jaws)
     # A path that ends in an index, such as "initial.q.2", has the unit of that entry alone.
@@ -346,13 +327,13 @@ def quantity(name: str, jaws: Jaws = _NONE) -> Quantity:
     return found._replace(units=tuple(of_column(column, unit, jaws) for column, unit in pairs))
 
 
-def headers(name: str, jaws: Jaws) -> tuple[str, ...] | None:
+def headers(name: str, jaws: Jaws = _NONE) -> tuple[str, ...] | None:
     """The headers of an array that a run saves, with units; None of arrays that have none."""
     plain = name.removeprefix("error_")
     if plain not in QUANTITIES:
         return None
-    own = quantity(plain, jaws).headers
-    return own if name == plain else tuple(f"error of {header}" for header in own)
+    own, of = quantity(plain, jaws), "" if name == plain else "error of "
+    return tuple(f"{of}{c} [{u}]" for c, u in zip(own.columns, own.units, strict=True))
 
 
 def axes(name: str, shape: Sequence[int]) -> tuple[str | None, ...]:
@@ -364,12 +345,7 @@ def axes(name: str, shape: Sequence[int]) -> tuple[str | None, ...]:
 
 
 def label(name: str, unit: str = "", jaws: Jaws = _NONE) -> str:
-    """The label of a column: its name in words, and its unit in brackets if one is given.
-
-    The coordinate of a jaw is called z.
-
-    For example, "disturbances.0.force.1" becomes "force y (disturbance 0)".
-    """
+    """A column in words and its unit, "force y (disturbance 0) [N]"; a jaw's coordinate is z."""
     text = _name(name)
     for k in [k for jaw, k in zip(jaws, "12", strict=True) if jaw]:
         text = text.replace(rf"\theta_{k}", f"z_{k}").replace(rf"\tau_{k}", f"u_{k}")
@@ -413,10 +389,7 @@ def _coordinate(name: str) -> str:
 
 
 def spelt_out(path: str) -> tuple[str, ...]:
-    """Returns the paths that a path with a symbol in its last place may mean, the likeliest first.
-
-    "hand.tip.left.E" gives "hand.tip.left.youngs_modulus", then "hand.tip.youngs_modulus".
-    """
+    """The paths that one with a symbol, "hand.tip.left.E", may mean, the likeliest first."""
     owner, _, symbol = path.rpartition(".")
     if symbol not in SYMBOLS:
         return ()

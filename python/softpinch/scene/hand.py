@@ -69,12 +69,12 @@ def take_one_or_pair(name: str, value: object, cls: type[Record]) -> object:
     raise TypeError(f"{name} = {checks.shown(value)}: {rule}")
 
 
-def _or_other(paper: type[Record], others: type[Kinded]) -> Parser:
+def or_other(paper: Parser, others: type[Kinded]) -> Parser:
     """Returns a parser of the paper's part, or of another one, whose table has a `kind`."""
 
     def parse(data: Any, path: str) -> Any:
         other = isinstance(data, Mapping) and "kind" in data
-        return (others if other else paper)._parse(data, path)
+        return others._parse(data, path) if other else paper(data, path)
 
     return parse
 
@@ -167,8 +167,8 @@ class Hand(Record):
     tip: Fingertip | tuple[Fingertip, Fingertip] = field(default_factory=Fingertip)
 
     _parsers: ClassVar[Mapping[str, Parser]] = {
-        "right": _or_other(Finger, Mechanism),
-        "left": _or_other(Finger, Mechanism),
+        "right": or_other(Finger._parse, Mechanism),
+        "left": or_other(Finger._parse, Mechanism),
         "tip": one_or_pair(Fingertip),
     }
 
@@ -233,13 +233,11 @@ class GraspedObject(Record):
     def disc(cls, diameter: float, mass: float) -> Self:
         """A uniform disc or cylinder held by its round side: a bottle or a can from above.
 
+        The diameter 2 R is in m, the mass M in kg, and the inertia is M R^2 / 2.
+
             >>> import softpinch as sp
             >>> sp.GraspedObject.disc(diameter=0.06, mass=0.2).right
             Arc(radius=0.03)
-
-        Args:
-            diameter: 2 R, m.
-            mass: M, kg; the inertia is M R^2 / 2.
         """
         radius = 0.5 * checks.positive("diameter", diameter)
         mass = checks.positive("mass", mass)
@@ -254,15 +252,13 @@ class GraspedObject(Record):
 
         Args:
             width: Distance between the faces at the height of the centre of gravity, m.
-            height: H, from its lower to its upper end, m.
-            mass: M, kg.
+            height, mass: H, from its lower to its upper end, m; M, kg.
             angle: Tilt of each face, positive where the object is wider at its upper end, rad.
         """
         width, height = checks.positive("width", width), checks.positive("height", height)
         mass, rule = checks.positive("mass", mass), "must be between -pi/2 and pi/2"
         angle = checks.number_that("angle", angle, lambda x: abs(x) < 0.5 * math.pi, rule)
-        face = Face(tilt=angle)
-        rise = math.tan(face.tilt) * height
+        rise = math.tan(angle) * height
         # W = m + rise^2 / (3 m), where the width halfway up is m.
         root = width * width - 4.0 / 3.0 * rise * rise
         middle = 0.5 * (width + math.sqrt(max(root, 0.0)))
@@ -271,22 +267,19 @@ class GraspedObject(Record):
             raise ValueError(f"angle = {angle}: {rule}")
         offset = rise * height / (6.0 * middle)
         square = (middle * middle + rise * rise + height * height) / 12.0 - offset * offset
-        face = Face(tilt=face.tilt, height=height / math.cos(face.tilt))
+        face = Face(tilt=angle, height=height / math.cos(angle))
         inertia = mass * square
         return cls(width=width, mass=mass, inertia=inertia, height=height, right=face, left=face)
 
     @classmethod
     def box(cls, width: float, height: float, mass: float) -> Self:
-        """A uniform box, whose inertia about the axis normal to the plane is M (W^2 + H^2) / 12.
+        """A uniform box with a width W between its faces of height H, m, and the mass M, kg.
+
+        The inertia about the axis normal to the plane is M (W^2 + H^2) / 12.
 
             >>> import softpinch as sp
             >>> sp.GraspedObject.box(width=0.04, height=0.08, mass=0.3)
             GraspedObject(width=0.04, mass=0.3, inertia=0.0002, height=0.08)
-
-        Args:
-            width: W, distance between the faces, m.
-            height: H, of the faces, m.
-            mass: M, kg.
         """
         width, height = checks.positive("width", width), checks.positive("height", height)
         mass = checks.positive("mass", mass)
@@ -295,7 +288,7 @@ class GraspedObject(Record):
 
     @classmethod
     def cylinder(cls, length: float, radius: float, mass: float) -> Self:
-        """A uniform cylinder held by its flat ends, with its axis from one tip to the other.
+        """A uniform cylinder of length L and radius R, m, and mass M, kg, held by its flat ends.
 
         The width is the length, and the height is the diameter of the ends. `disc` is held by
         its round side. The inertia about the axis normal to the plane is M (3 R^2 + L^2) / 12.
@@ -303,11 +296,6 @@ class GraspedObject(Record):
             >>> import softpinch as sp
             >>> sp.GraspedObject.cylinder(length=0.04, radius=0.02, mass=0.12)
             GraspedObject(width=0.04, mass=0.12, inertia=2.8e-05, height=0.04)
-
-        Args:
-            length: L, distance between the flat ends, m.
-            radius: R, m.
-            mass: M, kg.
         """
         length, radius = checks.positive("length", length), checks.positive("radius", radius)
         mass = checks.positive("mass", mass)

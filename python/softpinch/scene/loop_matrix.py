@@ -17,7 +17,7 @@ import numpy as np
 from .. import _core
 from ..support.arrays import Floats
 from .control import SampledController
-from .parts import inertia_of
+from .parts import Jaw
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -103,10 +103,7 @@ def _held(a: Floats, b: Floats, time: float) -> tuple[Floats, Floats]:
 def measured(
     control: SampledController, places: Mapping[str, list[int]], c: Floats, d: Floats
 ) -> tuple[Floats, Floats]:
-    """H (m, n) and J (m, 2), with which the controller measures y = H x + J v under the torques v.
-
-    `places` has the rows of each measure in c (k, n) and d (k, 2); other measures are constant.
-    """
+    """H (m, n) and J (m, 2) of the measurements H x + J v, by each measure's rows of c and d."""
     h, j = [], []
     for name in control.measures:
         width = _core.MEASURES[name]
@@ -117,10 +114,7 @@ def measured(
 
 
 def growth(scene: Scene, control: SampledController) -> float:
-    """Returns the factor by which the swings of free fingers grow in one period; 0.0: unknown.
-
-    It is unknown if the controller measures more than fingers, or its delay takes too many periods.
-    """
+    """Growth of free fingers' swings in a period; 0.0 with other measures or a long delay."""
     known = set(control.measures) <= _OF_FINGERS.keys() | _GIVEN
     if not known or control.delay > MOST_UNDER_WAY * control.period:
         return 0.0
@@ -128,8 +122,8 @@ def growth(scene: Scene, control: SampledController) -> float:
     a, b = np.zeros((4, 4)), np.zeros((4, 2))
     a[:2, 2:] = np.eye(2)
     with np.errstate(all="ignore"):
-        hand = scene.hand
-        b[2:] = np.diag([1.0 / inertia_of(finger) for finger in (hand.right, hand.left)])
+        fingers = (scene.hand.right, scene.hand.left)
+        b[2:] = np.diag([1.0 / (f.mass if isinstance(f, Jaw) else f.inertia) for f in fingers])
     h, j = measured(control, _OF_FINGERS, np.eye(4), np.zeros((4, 2)))
     factor = spectral_radius(control, a, b, h, j)
     return 0.0 if math.isnan(factor) else factor

@@ -19,7 +19,7 @@ from ..support import checks
 from ..support.arrays import Floats
 from ..support.record import Kinded, runs_of
 from ..support.result import Result
-from .piecewise import ROUND_OFF, Piecewise, derivative, evaluate, padded, through
+from .piecewise import ROUND_OFF, Piecewise, derivative, evaluate, moves, padded, through
 
 # Pieces of a move: the duration, s, and the share of the way in ascending powers of the time.
 _Profile: TypeAlias = Sequence[tuple[Any, Sequence[Any]]]
@@ -29,17 +29,12 @@ _NEAR = 1e-14
 
 
 class CompiledMotion(NamedTuple):
-    """A compiled motion. For many runs every array has the runs as its first axis.
+    """A compiled motion. For many runs every array has the runs as its first axis."""
 
-    Attributes:
-        position: Piecewise polynomial of X and Y, m.
-        tilt: Piecewise polynomial of phi, rad, in one channel.
-        sines: Arrays (5,): angular frequency, 1/s; phase at time 0, rad; amplitudes of X and Y, m,
-            and of phi, rad. They act at all times and add to the polynomials.
-    """
-
-    position: Piecewise
-    tilt: Piecewise
+    position: Piecewise  # X and Y, m
+    tilt: Piecewise  # phi, rad, in one channel
+    # Added at all times, (5,) each: angular frequency, 1/s; phase at time 0, rad; amplitudes of X
+    # and Y, m, and of phi, rad.
     sines: tuple[Floats, ...] = ()
 
     @property
@@ -431,12 +426,7 @@ def _lengths(points: Floats) -> Floats:
 
 def _quintics(times: Floats, points: Floats) -> Piecewise:
     """Moves by minimum jerk from each of the points (k, channels) to the next."""
-    profiles: list[_Profile] = []
-    for time in np.diff(times):
-        cubed = 1.0 / time / time / time
-        powers = [10.0 * cubed, -15.0 * cubed / time, 6.0 * cubed / time / time]
-        profiles.append([(time, [0.0, 0.0, 0.0, *powers])])
-    return _moves(times, points, profiles)
+    return moves(times[:-1], points, np.diff(times))
 
 
 def _limited(way: Any, time: Any, acceleration: Any, jerk: Any) -> _Profile:

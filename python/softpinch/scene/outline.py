@@ -249,10 +249,7 @@ def contact_point(scene: Scene, q: Floats, side: int) -> Floats:
 
 
 def extent(scene: Scene, q: Floats) -> tuple[float, float, float, float]:
-    """Left, right, bottom and top of the drawing at the instants q (k, 9), mm.
-
-    Points beyond three times the hand's size are ignored, as of an object that was thrown out.
-    """
+    """Left, right, bottom and top of the drawing at q (k, 9), mm, without what was thrown out."""
     fingers = [finger_of(scene, side) for side in (0, 1)]
     lengths = [f.height if isinstance(f, Jaw) else f.length for f in fingers]
     size = max(
@@ -293,11 +290,8 @@ def angle_at(length: float, half_thickness: float, inward: float) -> float | Non
 
 
 def compression(scene: Scene, fingers: Sequence[float]) -> float:
-    """Returns d_n1 + d_n2, m, negative in a gap, of an upright object at the fingers' coordinates.
-
-    The object is where the scene's fingers hold it at first; on flat faces the sum does not depend
-    on that.
-    """
+    """Returns d_n1 + d_n2, m, negative in a gap, of an upright object between these fingers."""
+    # Where the fingers hold it at first; on flat faces the sum does not depend on that.
     pose = np.array([*scene._start_position(), 0.0, *fingers])
     q, _ = _core.consistent(scene.parameters(), pose, np.zeros(2), np.zeros(5))
     return float(q[5] + q[6])

@@ -206,10 +206,7 @@ class MeasuredLaw(TipLaw):
 
     @classmethod
     def from_csv(cls, path: str | Path, shear_factor: float = 1.0) -> Self:
-        """Reads compressions (m) and forces (N) from the first two columns of a CSV file.
-
-        One line of headings is allowed.
-        """
+        """Reads d_n (m) and F (N), the first two columns of a CSV file; a heading is allowed."""
         content = checks.path("path", path).read_bytes()
         try:
             # Spreadsheets begin a file with a mark of its encoding, and may quote its numbers.
@@ -411,11 +408,6 @@ def lever(finger: Finger | Jaw | Parallelogram) -> float:
     return math.hypot(finger.length, thick)
 
 
-def inertia_of(finger: Finger | Jaw | Parallelogram) -> float:
-    """The inertia of a finger in its coordinate, kg m^2, or kg of a jaw."""
-    return finger.mass if isinstance(finger, Jaw) else finger.inertia
-
-
 def refuse_others(scene: Scene, name: str) -> None:
     """Refuses a scene with other parts than the paper's, in the name of what lacks them."""
     found = others(scene)
@@ -456,10 +448,7 @@ def why_fixed(scene: Scene, path: str) -> str | None:
 def in_words(
     scene: Scene, coordinates: Sequence[float] | Floats, digits: str = ".4g", *, same: bool = True
 ) -> str:
-    """The coordinates of both fingers in words, each in degrees, or in millimetres of a jaw.
-
-    Two that look alike are written once if they are the `same`.
-    """
+    """Both fingers' coordinates in words, in degrees or mm; equal ones once if `same`."""
     own = jaws(scene)
     units = ["mm" if jaw else "degrees" for jaw in own]
     shown = [

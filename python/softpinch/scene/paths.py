@@ -121,7 +121,9 @@ def locate(scene: Scene, path: str) -> tuple[Any, str]:
         elif isinstance(node, tuple | np.ndarray) and name in map(str, range(len(node))):
             node, where = node[int(name)], f"{where}.{name}"
         elif isinstance(node, tuple | np.ndarray):
-            raise ValueError(f"vary: {shown}: {where} {_without(len(node), name)}")
+            places = f"has 0 to {len(node) - 1}" if len(node) > 1 else "has one entry, 0"
+            lacks = f"{places}, not" if len(node) else "is empty, so there is no"
+            raise ValueError(f"vary: {shown}: {where} {lacks} {checks.shown(name)}")
         else:
             start = "; give it a State, such as scene.start()" if where == "Scene.initial" else ""
             raise ValueError(f"vary: {shown}: {where} = {checks.shown(node)} has no parts{start}")
@@ -138,19 +140,8 @@ def _hint(scene: Scene, path: str) -> str:
     return suggest.hint(meant[-1] if meant else path, scene)
 
 
-def _without(entries: int, name: str) -> str:
-    """Describes the valid indices of a sequence, for an error about the missing entry `name`."""
-    asked = checks.shown(name)
-    if entries == 0:
-        return f"is empty, so there is no {asked}"
-    return f"has {'one entry, 0' if entries == 1 else f'0 to {entries - 1}'}, not {asked}"
-
-
 def at_path(scene: Scene, path: str) -> list[Any]:
-    """Returns the values at a path: one, or two (right, left) of what both sides may share.
-
-    Another path may have split a shared number or record into a pair.
-    """
+    """The value at a path, or both values (right, left) if another path may have split it."""
     steps = path.split(".")
     for sided in shared_fields(scene):
         rest = steps[len(sided) :]

@@ -49,10 +49,7 @@ def _joined(times: Floats, coefficients: Floats) -> Piecewise:
 
 
 def padded(pieces: Sequence[Piecewise]) -> Piecewise:
-    """Stacks piecewise polynomials along a new first axis.
-
-    Missing breaks are placed beyond the end of any run; missing powers get zero coefficients.
-    """
+    """Stacks polynomials along a new first axis; missing breaks are later than any run's end."""
     most = max(len(breaks) for breaks, _ in pieces)
     degrees = max(coefficients.shape[-1] for _, coefficients in pieces)
     all_breaks, all_coefficients = [], []
@@ -92,39 +89,30 @@ def derivative(piecewise: Piecewise) -> Piecewise:
     return breaks, np.roll(coefficients * np.arange(coefficients.shape[-1]), -1, axis=-1)
 
 
-def moves(times: Floats, angles: Floats, move_time: float | Floats) -> Piecewise:
-    """Quintic moves (10 s^3 - 15 s^4 + 6 s^5) that start at times[1:], each held until the next.
+def moves(starts: Floats, points: Floats, lasting: float | Floats) -> Piecewise:
+    """Quintic moves (10 s^3 - 15 s^4 + 6 s^5) from each point to the next, with rest between them.
 
-    Only the angles may have extra first axes, because the times determine the number of pieces.
+    Only the points may have extra first axes, because the times determine the number of pieces.
     """
-    lasting = np.broadcast_to(move_time, len(times) - 1)
-    each = lasting[:, None]
-    breaks: list[float] = []
-    front = angles.shape[:-2]
-    # Derivatives of a schedule come from complex numbers (directions.py).
-    kind = np.result_type(times, angles, move_time)
-    rows = [np.zeros((*front, 2, 6), kind)]
-    rows[0][..., 0] = angles[..., 0, :]
+    lasting = np.broadcast_to(lasting, len(starts))
+    each, ends = lasting[:, None], starts + lasting
+    # Derivatives of inputs come from complex numbers (directions.py).
+    rest = np.zeros((*points.shape, 6), np.result_type(starts, points, lasting))
+    rest[..., 0] = points
     # Divide repeatedly, because the fifth power overflows or underflows for extreme durations.
     powers = np.array([10.0, -15.0, 6.0]) / each / each / each
     powers[:, 1:] /= each
     powers[:, 2:] /= each
-    for k in range(1, len(times)):
-        move = np.zeros((*front, 2, 6), kind)
-        move[..., 0] = angles[..., k - 1, :]
-        move[..., 3:] = (angles[..., k, :] - angles[..., k - 1, :])[..., None] * powers[k - 1]
-        breaks.append(times[k])
-        rows.append(move)
-        end = times[k] + lasting[k - 1]
-        late = times[k + 1 :][:1]
-        if late.size and (late - end).real <= ROUND_OFF * abs(late):
-            continue
-        if np.isfinite(end):
-            rest = np.zeros((*front, 2, 6), kind)
-            rest[..., 0] = angles[..., k, :]
-            breaks.append(end)
-            rows.append(rest)
-    return _joined(np.array(breaks), np.stack(rows, axis=-3))
+    move = rest[..., :-1, :, :].copy()
+    move[..., 3:] = np.diff(points, axis=-2)[..., None] * powers[:, None]
+    # No rest follows a move that ends with the start of the next one, or later than any run.
+    rests = np.isfinite(ends)
+    rests[:-1] &= (starts[1:] - ends[:-1]).real > ROUND_OFF * abs(starts[1:])
+    kept = np.column_stack([np.ones_like(rests), rests]).ravel()
+    pieces = np.stack([move, rest[..., 1:, :, :]], axis=-3)
+    pieces = pieces.reshape(*move.shape[:-3], -1, *move.shape[-2:])[..., kept, :, :]
+    breaks = np.column_stack([starts, ends]).ravel()[kept]
+    return _joined(breaks, np.concatenate([rest[..., :1, :, :], pieces], axis=-3))
 
 
 def through(times: Floats, angles: Floats) -> Piecewise:

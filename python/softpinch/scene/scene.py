@@ -132,15 +132,13 @@ class State(Record):
 
         Args:
             scene: The `Scene` whose geometry is used.
-            x: Horizontal position of the centre of gravity, m; None takes the scene's start.
-            y: Vertical position of the centre of gravity, m, upwards; None takes the scene's start.
+            x, y: Position of the centre of gravity, m; None takes that of the scene's start.
             rotation: theta, rad.
             fingers: theta_1 and theta_2 (2,), rad, or travels of jaws, m.
             shear: d_t1 and d_t2 (2,), m.
             velocity: Rates of x, y and theta (3,), m/s and rad/s.
             finger_rates: Rates of theta_1 and theta_2 (2,), rad/s, or m/s.
-            integral: Integrals of the angle errors (2,), rad s.
-            time: Time on the clock of schedule and disturbances, s.
+            integral, time: As for the class.
         """
         checks.instance("scene", scene, Scene)
         start = scene._start_position() if x is None or y is None else (0.0, 0.0)
@@ -238,10 +236,6 @@ def inputs(
 _STARTS = 'must be a State, "touching" or None'
 
 
-def _parse_initial(data: Any, path: str) -> Any:
-    return data if isinstance(data, str) else State._parse(data, path)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Scene(Record):
     """A complete description of the physics to simulate. Numerical settings are not part of it.
@@ -295,7 +289,7 @@ class Scene(Record):
         "schedule": Schedule._parse,
         "disturbances": array_of(Disturbance, "Scene.disturbances"),
         "friction": parse_friction,
-        "initial": _parse_initial,
+        "initial": lambda data, at: data if isinstance(data, str) else State._parse(data, at),
         "motion": HandMotion._parse,
     }
 
@@ -379,13 +373,11 @@ class Scene(Record):
             >>> sp.Scene().vary_paths()["hand.tip.youngs_modulus"]
             (300000.0, 'Pa')
 
-        Of what both fingers share there is one path for both and one for each side, of a pair only
-        the latter. Of an array with more than 32 numbers only the path of the whole is listed,
-        though its entries may be varied too.
-
-        Returns:
-            A mapping path -> (value, unit), which prints as a table. A value of None is an optional
-            number that is not set. The unit is a tuple where the entries of an array differ.
+        It is a mapping, which prints as a table. A value of None is an optional number that is not
+        set. The unit is a tuple where the entries of an array differ. Of what both fingers share
+        there is one path for both and one for each side, of a pair only the latter. Of an array
+        with more than 32 numbers only the path of the whole is listed, though its entries may be
+        varied too.
         """
         return paths_of(self)
 
@@ -403,11 +395,7 @@ class Scene(Record):
         yield ShownTable(("path", "value", "unit"), rows, f"{len(rows)} numbers", folded=True)
 
     def parameters(self) -> NDArray[np.float64]:
-        """Returns the physical parameters (94,), SI units, in the order of `_core.PARAMETERS`.
-
-        The first 38 are those of the paper's parts; the others have defaults where a scene has no
-        other parts.
-        """
+        """Returns the parameters (94,), SI units, in the order of `_core.PARAMETERS`."""
         return self._parameters
 
     # A scene is immutable, so every run of it can share these cached results.
@@ -457,11 +445,7 @@ class Scene(Record):
 
     @property
     def schedules_angles(self) -> bool:
-        """True if the schedule's values are angles of the fingers.
-
-        With `Torque()` they are torques. A `SampledController` that does not measure "angle_error"
-        may use them for any quantity.
-        """
+        """True if the schedule has angles: not torques, nor a controller's own quantity."""
         if isinstance(self.control, SampledController):
             return "angle_error" in self.control.measures
         return self.law != "torque"
@@ -521,14 +505,11 @@ class Scene(Record):
 
     @classmethod
     def from_toml(cls, source: str | Path) -> Self:
-        """Reads a TOML scene file.
+        """Reads a scene from TOML text, or from the file at a `Path`.
 
         Omitted entries take their defaults. `hand.tip` and `control` are either one table or two
         tables named `right` and `left`; `friction` is one number, a list of two (right, left), or a
         table with `right` and `left`. A schedule may have `angles_deg` instead of `angles`.
-
-        Args:
-            source: TOML text, or the `Path` of a file.
         """
         from ..support import toml
 

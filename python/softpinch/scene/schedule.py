@@ -131,10 +131,6 @@ class Schedule(Record):
             >>> round_trip.kind
             'via_points'
 
-        Args:
-            times, angles: Increasing instants (k,), s, and target angles (k, 2), rad.
-            move_time: Duration of every move, or of each move (k - 1,), s; None passes through.
-
         Raises:
             ValueError: Moves overlap, or the angular rates overflow.
         """
@@ -147,10 +143,7 @@ class Schedule(Record):
 
     @classmethod
     def sampled(cls, times: ArrayLike, angles: ArrayLike, hold: Hold = "zero") -> Self:
-        """Sampled angles (k, 2), rad, at times (k,), s, for example from another program.
-
-        The `hold` "zero" holds each sample until the next; "linear" interpolates between samples.
-        """
+        """Angles (k, 2), rad, at times (k,), s; `hold` is "zero" (until the next) or "linear"."""
         return cls(kind="sampled", times=times, angles=angles, hold=hold)  # type: ignore[arg-type]
 
     @classmethod
@@ -170,11 +163,7 @@ class Schedule(Record):
             Schedule.in_degrees(kind='steps', times=[0.0, 0.5], angles=[[6.0, 6.0], [15.0, -5.0]])
             >>> moves = sp.Schedule.in_degrees("minimum_jerk", [0.0], [[6, 6]], move_time=0.2)
 
-        Args:
-            kind, times: As for the class.
-            angles: Target angles (k, 2), degrees; columns right and left.
-            move_time: As in `minimum_jerk`, for "minimum_jerk" only; None makes it "via_points".
-            hold: As in `sampled`, for "sampled" only; None takes "zero".
+        A `move_time` that is None makes "minimum_jerk" "via_points", and `hold` is "zero" if None.
         """
         if checks.choice("kind", kind, KINDS) == "sampled" and hold is None:
             hold = "zero"
@@ -212,7 +201,7 @@ class Schedule(Record):
     def _smooth(self, angles: Floats) -> piecewise.Piecewise:
         if self.move_time is None:
             return piecewise.through(self.times, angles)
-        return piecewise.moves(self.times, angles, self.move_time)
+        return piecewise.moves(self.times[1:], angles, self.move_time)
 
     def compile_runs(self, values: Mapping[str, Floats]) -> piecewise.Piecewise:
         """As `compile`, of runs that differ in `values` (runs, ...), the first axis of arrays."""
@@ -227,10 +216,7 @@ class Schedule(Record):
         return piecewise.padded([run.compile() for run in runs_of(self, values)])
 
     def target(self, t: ArrayLike) -> NDArray[np.float64]:
-        """Returns the target angles (..., 2), rad, at times `t` (...), s.
-
-        At a jump they are the angles after the jump.
-        """
+        """Returns target angles (..., 2), rad, at times `t` (...), s; at a jump those after it."""
         t = checks.numbers("t", t)
         checks.require_finite("t", t)
         return piecewise.evaluate(self.compile(), t)

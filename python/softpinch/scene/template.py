@@ -25,18 +25,12 @@ _SHARED = ("tolerance = ", "method = ", "formulation = ")
 
 
 class SceneTemplate:
-    """A scene with numbers that differ between runs.
-
-    Attributes:
-        scene: The scene that all runs share, apart from the varied numbers.
-        seed: The study's seed, which keys the noise of every run.
-        shapes: Path of a varied value -> its shape: () of a number, (2,) of a pair, or an array's.
-    """
+    """A scene with numbers that differ between runs."""
 
     def __init__(self, scene: Scene, paths: Iterable[str], seed: int) -> None:
-        self.scene = scene
-        self.seed = seed
-        self.shapes = shapes_of(scene, paths)
+        self.scene = scene  # which all runs share, apart from the varied numbers
+        self.seed = seed  # of the study, which keys the noise of every run
+        self.shapes = shapes_of(scene, paths)  # path of a varied value -> its shape
 
     def require_numbers(self, name: str) -> None:
         """Refuses a path to a pair or an array, in an error about the argument `name`."""

@@ -132,7 +132,8 @@ class Simulator(Stepped):
 
     n periods have the bits of one `simulate` whose schedule steps to the same torques at the same
     instants; `run()` is that run. Violations are watched as there: in each period from its start,
-    and at its end under the period's own torques.
+    and at its end under the period's own torques. After an argument that is refused, and after
+    Ctrl-C, the simulator is as before.
 
     The state is kept in the core, so that a simulator is not copied or pickled; for `run()` it also
     keeps 64 bytes for each period since the last `reset` or `set_state`. The core takes equal
@@ -187,7 +188,7 @@ class Simulator(Stepped):
 
         Args:
             state: Start from this state, and last for the scene's duration from its time on; None
-                starts as the scene does. If it is refused, the simulator is as before.
+                starts as the scene does.
         """
         self._core.reset(0, None if state is None else self._checked("state", state))
         self._start, self._force = state, (0.0, 0.0, 0.0)
@@ -195,8 +196,6 @@ class Simulator(Stepped):
 
     def step(self, torque: ArrayLike, acceleration: ArrayLike | None = None) -> Observation:
         """Goes on for one period.
-
-        If an argument is refused, or after Ctrl-C, the simulator is as before the step.
 
         Args:
             torque: Torques on the right and the left finger (2,), N m, a positive one closes its
@@ -237,8 +236,7 @@ class Simulator(Stepped):
 
         The end of the run and the force of `set_force` stay. Periods begin at the instants at
         which they would have begun anyway, if the state's time is one of them. Then the next steps
-        have the same bits as at first. `run()` begins at this state. If the state is refused, the
-        simulator is as before.
+        have the same bits as at first. `run()` begins at this state.
         """
         self._core.set_state(0, self._checked("state", state))
         self._start = state
@@ -252,11 +250,7 @@ class Simulator(Stepped):
         It has the bits of the steps, and its scene has their torques as its schedule, the forces of
         `set_force` as one more disturbance, and their accelerations as its motion. After
         `set_state` its last instant may differ by one unit of round-off, because not every sum of a
-        start and a duration is the end of a period.
-
-        Args:
-            record: Groups of quantities to record, as for `simulate`; all by default.
-            every: Number of steps between recorded rows.
+        start and a duration is the end of a period. The arguments are those of `simulate`.
         """
         if not self._held:
             raise ValueError("run: there has been no step since the start")
@@ -377,11 +371,9 @@ class VectorSimulator(Stepped):
         Args:
             scene: The scene that all runs share, apart from the varied values.
             n: Number of runs.
-            period: Time for which the torques of one `step` are held, s.
-            dt, method, formulation, stabilization, stop_on: As for `simulate`. The methods "rk4",
-                "dop853" and "rosenbrock" compute several runs in each instruction.
-            vary: The varied paths, and the sources of their values, as for `monte_carlo`.
-            seed: Seed of the draws and of noise, as for `monte_carlo`.
+            period, dt, method, formulation, stabilization, stop_on: As for `Simulator`. The methods
+                "rk4", "dop853" and "rosenbrock" compute several runs in each instruction.
+            vary, seed: As for `monte_carlo`.
             threads: Largest number of threads of a step. To wake a second thread costs up to 0.1 ms
                 at every step, so that it pays from about 2500 integration steps a call on, for
                 example 250 runs and 10 steps a period.
@@ -499,10 +491,7 @@ class VectorSimulator(Stepped):
     def set_state(
         self, state: State | Sequence[State], mask: ArrayLike | None = None
     ) -> Observations:
-        """Goes on from states, each at its time, as `Simulator.set_state` does.
-
-        `state` and `mask` are those of `reset`.
-        """
+        """Goes on from states, as `Simulator.set_state`; the arguments are those of `reset`."""
         self._set_states(self._core.set_state, self._all_checked(state), mask)
         return self.observations
 

@@ -231,8 +231,7 @@ class Task:
     def strayed(self, seen: Observations, target: Floats) -> Mask:
         """Says in which environments (n,) the object is beyond the leash."""
         away = seen.q[:, :2] - target[:, :2]
-        far: Mask = away[:, 0] ** 2 + away[:, 1] ** 2 > self.leash**2
-        return far
+        return np.asarray(away[:, 0] ** 2 + away[:, 1] ** 2 > self.leash**2)
 
     @property
     def measures(self) -> tuple[Measure, ...]:
@@ -287,9 +286,8 @@ class Task:
         return 1.0 / (1.0 + error) / self.steps
 
     def __repr__(self) -> str:
-        usual = {each.name: each.default for each in fields(self) if each.name != "grasp"}
-        own = {name: repr(getattr(self, name)) for name in usual}
-        changed = [f"{name}={own[name]}" for name in usual if own[name] != repr(usual[name])]
+        values = [(f.name, repr(getattr(self, f.name)), repr(f.default)) for f in fields(self)[1:]]
+        changed = [f"{name}={own}" for name, own, usual in values if own != usual]
         return f"{type(self).__name__}({', '.join(changed)})"
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ..run.ledger import LEDGER
 from ..run.options import Options
 from ..run.run import Run
-from ..scene.fields import COLUMNS
+from ..scene.fields import headers
 from ..study.compute import MOST_BLOCKS
 from ..study.rows import Edges, Rows, Spans
 from ..study.sources import BLOCK
@@ -129,10 +129,7 @@ class Folder:
 
 
 class Trajectories(Mapping[int, Run]):
-    """The trajectories in a study's folder: run number -> `Run`, read on access.
-
-    A trajectory counts only if the study has a row of its run.
-    """
+    """The trajectories in a folder of runs that have a row: number -> `Run`, read on access."""
 
     def __init__(self, folder: Folder, scene_of: Any) -> None:
         self._folder = folder
@@ -207,10 +204,10 @@ class Trajectories(Mapping[int, Run]):
             else:
                 # The names of the columns are those of `Run.save`, without units.
                 width = value.shape[1]
-                headers = COLUMNS.get(name, [f"{name}.{k}" for k in range(width)])
+                own = headers(name) or [f"{name}.{k}" for k in range(width)]
                 if name == "energy":
-                    headers = [f"energy_{each}" for each in LEDGER[:width]]
-                names[name] = [header.partition(" [")[0] for header in headers]
+                    own = [f"energy_{each}" for each in LEDGER[:width]]
+                names[name] = [header.partition(" [")[0] for header in own]
                 columns.update(zip(names[name], value.T, strict=True))
         facts = {
             "study": self._folder.identity,
@@ -304,10 +301,7 @@ def locked(path: Path) -> BaseFileLock:
 
 
 def refuse_other_content(path: Path) -> None:
-    """Refuses to begin a study in a folder that has no manifest but other content.
-
-    A study killed before it wrote its manifest leaves empty folders, a lock, digests and arrays.
-    """
+    """Refuses a folder with more than a study leaves that was killed before its manifest."""
     try:
         for name in visible(path):
             below = path / name

@@ -44,17 +44,14 @@ class Study(Results):
     another process has added. Arrays have a row for each run. For a large study use `probability`,
     `counts` or `chunks`, which read part by part, or `mean` and `quantile`, which read one column.
 
+    It has the attributes of `Results`, of which `interrupted`, `lost` and `discretisation` are of
+    the call that returned this object, and these:
+
     Attributes:
         path: The folder.
-        requested: The number of runs that the study is to have.
         missing: Runs not computed yet, as intervals (k, 2), first and one past the last.
         complete: Whether no run is missing. A study that `stop_when` ended early is not complete,
             although `resume` computes none of its missing runs.
-        interrupted: Whether Ctrl-C stopped the call that returned this object.
-        lost: Runs that failed on an executor's workers, in the call that returned this object.
-        trajectories: Run number -> `Run`, the recorded trajectories in the folder.
-        discretisation: As in `Ensemble`, if the call that returned this object had `check_dt`;
-            else None.
         made_by: Versions, SIMD level and package hash of each kind of writer, in order of writing.
     """
 

@@ -94,10 +94,7 @@ class Capsule(ByValue):
     def replay(
         self, record: Recordable | Sequence[Recordable] = _core.RECORDABLE, every: int = 1
     ) -> Run:
-        """Simulates the run again with the same bits, and returns it with its trajectory.
-
-        The arguments are those of `simulate`.
-        """
+        """Simulates the run again, with the same bits; the arguments are those of `simulate`."""
         options = Options.checked(**self.options.numerics(), record=record, every=every)
         return Run(self.scene, options, Request(self.scene, options).compute())
 
@@ -163,12 +160,9 @@ class Capsule(ByValue):
 
     @classmethod
     def from_toml(cls, source: str | Path) -> Self:
-        """Makes a capsule from the result of `to_toml`.
+        """Makes a capsule from the text of `to_toml`, or from the file at a `Path`.
 
         A capsule with another `results_version` than this core's is not an error.
-
-        Args:
-            source: The text, or the file's `Path`.
 
         Raises:
             ValueError: The text is not TOML or not a capsule. The message has file, field, value

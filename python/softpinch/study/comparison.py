@@ -80,8 +80,7 @@ def compare(
     for the paired-sample design", 1998.
 
     Args:
-        study_a: The study of the first design.
-        study_b: The study of the second design.
+        study_a, study_b: The studies of both designs.
         event: "holds", a status, or a violation at any time, as for `Results.probability`.
         confidence: The confidence level of the interval.
 

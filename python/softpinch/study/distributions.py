@@ -50,14 +50,10 @@ class Distribution(Kinded):
         return math.prod(self.shape)
 
     def ppf(self, u: ArrayLike) -> Floats:
-        """Maps uniform numbers to draws, by the inverse of the cumulative distribution.
+        """Maps uniform numbers (n, dimensions), within [0, 1), to quantiles (n, *shape).
 
-        Args:
-            u: Uniform numbers (n, dimensions), within [0, 1).
-
-        Returns:
-            Draws (n, *shape). u is limited to 1 - 2^-53 from above, and to 2^-54 from below if the
-            distribution has no lower end, so that draws are finite.
+        u is limited to 1 - 2^-53 from above, and to 2^-54 from below if the distribution has no
+        lower end, so that draws are finite.
         """
         given = checks.array("u", u, (len(np.atleast_1d(checks.read("u", u))), self.dimensions))
         wrong = np.argwhere((given < 0.0) | (given > 1.0))
@@ -83,10 +79,7 @@ class Distribution(Kinded):
         raise NotImplementedError
 
     def _checked(self, **rules: Callable[[str, object], float]) -> list[Floats]:
-        """Checks the fields, and returns them as arrays; without a rule a field must be finite.
-
-        It stores them as floats or read-only arrays. Their shapes must broadcast.
-        """
+        """Checks the fields (finite without a rule), stores them, and returns them as arrays."""
         owner = type(self).__name__
         for name, value in self._values().items():
             check = rules.get(name, checks.finite)

@@ -157,10 +157,7 @@ class _BinnedLines(NamedTuple):
         return cls(group, counts, along, np.where(spread > 1e-24, spread, np.inf))
 
     def share(self, y: Floats) -> float:
-        """The share of the variance of `y` that the lines explain beyond chance.
-
-        It is Kelley's epsilon^2, the adjusted R^2 of a regression.
-        """
+        """The share of y's variance that the lines explain beyond chance: the adjusted R^2."""
         n = len(y)
         numbers = len(self.counts) + int(np.count_nonzero(np.isfinite(self.spread)))
         if numbers < 2 or n <= numbers:

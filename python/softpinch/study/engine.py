@@ -220,10 +220,7 @@ class BlockScheduler:
             self.collect(_POLL_SECONDS)
 
     def cancel(self) -> None:
-        """Cancels the blocks that have not started, unless the executor is broken.
-
-        A cancelled future makes a broken ProcessPoolExecutor leave its processes (gh-107219).
-        """
+        """Cancels blocks that have not started; a broken pool would leak processes (gh-107219)."""
         if not self._executor_broken:
             for future in list(self.under_way):
                 future.cancel()

@@ -182,10 +182,7 @@ class Mean(NamedTuple):
 
     @classmethod
     def of(cls, values: Floats) -> Self:
-        """Computes the mean of values (n,).
-
-        Sums are exact and rounded once, so the order of the values does not change any bit.
-        """
+        """Computes the mean of values (n,), whose order does not matter, because sums are exact."""
         values = numbers("values", values)
         if values.ndim != 1:
             raise ValueError(f"values has shape {values.shape}: must have shape (n,)")

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
+from ..run.options import Options
+from ..run.request import Request
 from ..run.run import Run
 from ..scene.scene import Scene
 from ..support import checks
@@ -112,12 +114,6 @@ class Results(Shown, ABC):
         """Whether there is a row of this run."""
         return self._computed.has(checks.integer("run", run))
 
-    def _varied_values(self, run: int) -> dict[str, Any]:
-        if not self.has(run):
-            raise IndexError(f"run {checks.shown(run)} is not among the {self.runs} runs computed")
-        found = self._rows_of(np.array([run], np.uint64))
-        return {path: found.columns[path][0] for path in self._spec.shapes}
-
     def _capsules(self, rows: Rows) -> list[Capsule]:
         return [
             Capsule(
@@ -155,11 +151,7 @@ class Results(Shown, ABC):
 
     @property
     def holds(self) -> NDArray[np.bool_]:
-        """Whether each run's grasp held (runs,); see `Run.holds`.
-
-        In bilateral contact this counts from `summaries_after` on; in unilateral contact it means
-        that the run completed and no tip is free at its end.
-        """
+        """Whether each run's grasp held (runs,); see `Run.holds`."""
         return self._column(HOLDS)
 
     @property
@@ -211,14 +203,9 @@ class Results(Shown, ABC):
         - free_time: The total time during which a tip is free, s. Zero in bilateral contact.
         - margin: How far the grasp was from its loss, without unit; `margin > 0` is `holds`. For a
           completed run the smallest distance to all that makes `holds` false, which counts forces
-          in E a^2 of the tip, lengths in its radius a, and tilts in 90 degrees. Bilateral contact:
-          lambda^H and, with friction, mu lambda^H - |lambda^N|. Unilateral: half the height - |G|
-          of closed contacts, the larger of both while both tips are free, and no distance if
-          `height` is None; and, at the end, lambda^H of closed contacts, or minus the gap of free
-          ones. Both: those of `stop_on`, such as a - d_n (crushed) and 90 degrees - |theta_p|
-          (folded), but not of "separated", before which a tip pulls. A run that ended early has
-          minus the share of its duration that was missing, plus the smallest distance if that is
-          negative. See docs/ensembles.md.
+          in E a^2 of the tip, lengths in its radius a, and tilts in 90 degrees; docs/ensembles.md
+          lists these distances. A run that ended early has minus the share of its duration that was
+          missing, plus the smallest distance if that is negative.
         - settling_time: The time from `summaries_after`, or from the start, until the speed of the
           object's faces stays below `settling_band`, s. The speed is the root mean square of both
           faces' middles. It is inf if the speed is above the band at the end, or if the run did not
@@ -285,13 +272,11 @@ class Results(Shown, ABC):
         The interval is Wilson's; in a study with `stop_when`, it is one of a confidence sequence,
         and `Estimate.interval` says so.
 
-        "completed" means that the run reached its end. In the paper's bilateral contact a tip may
-        pull and never slips, so a completed run need not be a held grasp. "holds" means that, in
-        addition, no tip pulled from `summaries_after` on and, with limited friction, no tip needed
-        more friction. In unilateral contact "holds" means that the run completed and no tip is free
-        at its end, whatever slipped or opened before (`Run.holds`). `model` describes the contact
-        and the friction. Violations count over the whole run, regardless of `summaries_after`. In
-        bilateral contact the probability for another coefficient of friction needs no new runs:
+        "completed" means that the run reached its end. In bilateral contact, whose tips pull and
+        never slip, a completed run need not be a held grasp: that is "holds", see `Run.holds`.
+        `model` describes the contact and the friction. Violations count over the whole run,
+        regardless of `summaries_after`. In bilateral contact the probability for another
+        coefficient of friction needs no new runs:
         `study.probability(lambda some: some["peak_friction_ratio"] <= mu)`.
 
         Args:
@@ -331,12 +316,7 @@ class Results(Shown, ABC):
 
     @property
     def model(self) -> str:
-        """The contact model in words, for reports of probabilities.
-
-        For example "bilateral contact, friction 0.8" or "unilateral contact, friction 0.5 right and
-        0.8 left"; "any friction" if the scene has no coefficient, and "varied friction" if a
-        coefficient differs between runs.
-        """
+        """Contact and friction in words, such as "unilateral contact, friction 0.5"."""
         friction = self.scene.friction
         if any(map(is_friction, self._spec.shapes)):
             words = "varied friction"
@@ -350,8 +330,6 @@ class Results(Shown, ABC):
 
     def mean(self, name: str | NDArray[np.bool_]) -> Mean:
         """The mean of a column over the runs in which it is finite, with its standard error.
-
-        Sums are exact and rounded once (`math.fsum`).
 
         Args:
             name: A summary or varied value ("peak_rotation"); one number of an entry with several
@@ -367,14 +345,10 @@ class Results(Shown, ABC):
         return Mean.of(self._numbers(name))
 
     def quantile(self, name: str, q: float | Sequence[float]) -> Any:
-        """Quantiles of a column over the runs in which it is finite, by `numpy.quantile`.
+        """Quantiles of a column, as named for `mean`, over the runs in which it is finite.
 
-        Args:
-            name: As for `mean`.
-            q: One probability or several, from 0 to 1.
-
-        Returns:
-            A float, or an array (len(q),); NaN if the column is finite in no run.
+        For one probability `q`, from 0 to 1, it is a float, for several an array (len(q),), by
+        `numpy.quantile`; NaN if the column is finite in no run.
         """
         wanted = checks.array("q", np.atleast_1d(checks.numbers("q", q)), ("k",))
         if ((wanted < 0) | (wanted > 1)).any():
@@ -402,20 +376,27 @@ class Results(Shown, ABC):
         every: int = 1,
         times: ArrayLike | None = None,
     ) -> Run:
-        """Simulates one run again with the same bits, and returns it with its trajectory.
+        """Simulates one run again with the same bits; the arguments are those of `simulate`.
 
-        The arguments are those of `simulate`; instants of `times` outside the run's duration are
-        left out.
+        Instants of `times` outside the run's duration are left out.
         """
-        run = checks.integer("run", run, 0)
-        values = self._varied_values(run)
-        recorded = (record,) if isinstance(record, str) else record
-        return self._spec.replay(run, values, recorded, every, times)
+        scene, own = self.scene_of(run), self._spec.options
+        if times is not None:
+            times, start = checks.times("times", times), scene.start().time
+            inside = times[(times >= start) & (times <= start + scene.duration)]
+            # The end of the run, if none is inside.
+            times = inside if len(inside) else [start + scene.duration]
+        how = own.numerics() | {"record": record, "every": every, "times": times}
+        options = Options.checked(**how, summaries_after=own.summaries_after)
+        return Run(scene, options, Request(scene, options).compute())
 
     def scene_of(self, run: int) -> Scene:
         """The scene of one run with its varied values, for `simulate`."""
         run = checks.integer("run", run, 0)
-        return self._spec.varied.at(self._varied_values(run), run)
+        if not self.has(run):
+            raise IndexError(f"run {checks.shown(run)} is not among the {self.runs} runs computed")
+        found = self._rows_of(np.array([run], np.uint64)).columns
+        return self._spec.varied.at({path: found[path][0] for path in self._spec.shapes}, run)
 
     def provenance(self) -> dict[str, Any]:
         """The settings and software versions behind these results, as plain data."""
@@ -459,11 +440,7 @@ class Results(Shown, ABC):
 
 
 class Ensemble(Results):
-    """The result of `monte_carlo` without a store: read-only arrays with a row for each run.
-
-    There are fewer rows than `requested` if Ctrl-C, `stop_when` or lost workers ended the
-    computation early.
-    """
+    """The result of `monte_carlo` in memory; fewer rows than `requested` if it ended early."""
 
     _gradients: Gradients | None = None
 

@@ -17,7 +17,6 @@ from .. import _core
 from ..scene import fields as units
 from ..scene.scene import Scene
 from ..support import checks
-from ..support.arrays import Floats
 
 Numbers = NDArray[np.uint64]
 Edges = NDArray[np.int64]
@@ -37,10 +36,7 @@ _LISTED = 20
 
 
 class Spans:
-    """A set of run numbers, stored as half-open intervals, because studies have up to 2^62 runs.
-
-    The intervals `edges` (k, 2) are sorted, and do not overlap or touch.
-    """
+    """A set of up to 2^62 run numbers: sorted, separate half-open intervals `edges` (k, 2)."""
 
     def __init__(self, edges: Edges) -> None:
         self.edges = edges
@@ -184,10 +180,7 @@ class Schema:
         law: str,
         jaws: units.Jaws = (False, False),
     ) -> None:
-        """Takes the names of the summaries, path -> shape of a run's varied value, and the law.
-
-        `jaws` says which fingers are jaws.
-        """
+        """Takes summaries, path -> shape of a varied value, the law, and which fingers are jaws."""
         self.summaries = tuple(summaries)
         self.entries: dict[str, Entry] = {}
 
@@ -334,10 +327,7 @@ def is_friction(path: str) -> bool:
 
 
 def checked_event(field: str, name: object, scene: Scene, varied: Iterable[str]) -> str:
-    """Checks the name of an event of runs of `scene` with these varied paths, and returns it.
-
-    An event that no run could report is refused, because a probability of zero would mislead.
-    """
+    """Checks an event's name, and refuses one that no run could report, which would mislead."""
     name = checks.choice(field, name, EVENTS)
     if lacks := missing(name, scene, varied):
         raise ValueError(f'{field} = "{name}": needs {lacks}')
@@ -351,8 +341,3 @@ def missing(name: str, scene: Scene, varied: Iterable[str]) -> str:
     if name == "slipping" and scene.friction is None and not any(map(is_friction, varied)):
         return 'a coefficient of friction; give Scene.friction, or vary "friction"'
     return ""
-
-
-def finite(*values: Floats) -> NDArray[np.bool_]:
-    """Whether all of the given values are finite in each run, (runs,)."""
-    return np.asarray(np.logical_and.reduce([np.isfinite(each) for each in values]))

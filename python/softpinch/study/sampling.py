@@ -182,10 +182,7 @@ def _paths_of(vary: Mapping[Key, Any]) -> dict[Key, tuple[str, ...]]:
 
 
 def _count_runs(sources: Iterable[Source], runs: int | None, vary: Mapping[Key, Any]) -> int:
-    """Returns the number of runs: `runs`, or the common length of the arrays if it is None.
-
-    A tuple of two increasing numbers, which may be meant as bounds, makes two runs with a warning.
-    """
+    """The number of runs, given or that of the arrays; warns of a tuple that may be bounds."""
     wanted = None if runs is None else checks.integer("runs", runs, 1, MOST_RUNS)
     said = "runs is"
     for source, given in zip(sources, vary.values(), strict=True):

@@ -9,19 +9,14 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Self
 
-from numpy.typing import ArrayLike
-
 from .. import _core
 from ..run.options import MOST_STEPS, NUMERICS, Options, names
-from ..run.request import Request
-from ..run.run import Run
 from ..scene.parts import jaws
 from ..scene.paths import shapes_of
 from ..scene.scene import Scene
 from ..scene.template import SceneTemplate
 from ..support import checks
 from ..support.arrays import Floats
-from ..support.choices import Recordable
 from ..support.record import plain
 from .rows import Numbers, Rows, Schema, checked_event
 from .sampling import Draws
@@ -40,11 +35,7 @@ SETTINGS = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StudySpec:
-    """The description of a study: a scene, the values that vary between runs, and all settings.
-
-    The executor that computes the runs, and the storage of their rows, are not part of it. The
-    arguments of `monte_carlo` explain the fields.
-    """
+    """A study without its executor and its storage; `monte_carlo` explains the fields."""
 
     scene: Scene
     draws: Draws
@@ -166,29 +157,6 @@ class StudySpec:
         given = {name: plain(getattr(self.options, name)) for name in RECORDING}
         default = {"record": list(_core.RECORDABLE), "every": 1, "times": None}
         return {name: value for name, value in given.items() if value != default[name]}
-
-    def replay(
-        self,
-        run: int,
-        values: Mapping[str, Any],
-        record: Sequence[Recordable] = _core.RECORDABLE,
-        every: int = 1,
-        times: ArrayLike | None = None,
-    ) -> Run:
-        """Simulates one run again, with the same bits; `values` are its varied values.
-
-        Those of `times` that are outside the run's duration are left out.
-        """
-        scene = self.varied.at(values, run)
-        if times is not None:
-            times, start = checks.times("times", times), scene.start().time
-            inside = times[(times >= start) & (times <= start + scene.duration)]
-            # The end of the run, if none is inside.
-            times = inside if len(inside) else [start + scene.duration]
-        kept = {"record": record, "every": every, "times": times}
-        kept["summaries_after"] = self.options.summaries_after
-        options = Options.checked(**self.options.numerics(), **kept)
-        return Run(scene, options, Request(scene, options).compute())
 
     def block(self, numbers: Numbers) -> Rows:
         """Draws the varied values of some runs, increasing."""

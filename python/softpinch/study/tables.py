@@ -38,6 +38,13 @@ def booleans(field: str, given: Any, runs: int) -> NDArray[np.bool_]:
     return cast("NDArray[np.bool_]", found)
 
 
+def event(results: Results, what: str | NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Whether an event, by its name or as booleans, happened in each run (runs,)."""
+    if isinstance(what, str):
+        return results.happened(what)
+    return booleans("what", what, results.runs)
+
+
 def number(results: Results, name: str | NDArray[np.bool_], field: str = "name") -> Column:
     """Returns a number for each run: a numeric column, or 1.0 and 0.0 for an event or booleans."""
     if not isinstance(name, str):

@@ -105,10 +105,7 @@ def function(name: str, value: object) -> None:
 
 
 def read(name: str, value: object) -> NDArray[Any]:
-    """Converts a user's value to an array of any dtype. Every array argument passes through here.
-
-    Masked arrays are refused: NumPy would drop the mask and use hidden entries.
-    """
+    """Converts a value to an array of any dtype; refuses a mask, which NumPy would drop."""
     if isinstance(value, np.ma.MaskedArray):
         raise TypeError(f"{name}: must not be a masked array; take filled() or compressed() of it")
     try:
@@ -118,10 +115,7 @@ def read(name: str, value: object) -> NDArray[Any]:
 
 
 def numbers(name: str, value: object) -> Floats:
-    """Converts real numbers to a float64 array. Infinity and NaN pass; float64 input is not copied.
-
-    In object arrays None and text are refused: NumPy would make NaN and numbers of them.
-    """
+    """Converts real numbers to float64 (not copied); refuses None and text, unlike NumPy."""
     given = read(name, value)
     kind = given.dtype.kind
     wrong = (kind not in _NUMBERS and given.size > 0) or (
@@ -229,10 +223,7 @@ def path(name: str, value: object, what: str = "a path") -> Path:
 def instance(
     name: str, value: object, cls: type[object] | tuple[type[object], ...], kind: str = ""
 ) -> None:
-    """Refuses a value that is not a `cls`. Errors call the type `kind`, by default "a <class>".
-
-    For a result that is given as `scene`, the error says to pass its scene.
-    """
+    """Refuses a value that is no `cls`, named `kind`; of a result, the error says what to pass."""
     if isinstance(value, cls):
         return
     part, hint = name.rpartition(".")[2], ""

@@ -7,10 +7,7 @@ from typing import Any
 
 
 def require(module: str, *, extra: str, purpose: str = "") -> ModuleType:
-    """Imports an optional dependency, which the `extra` of softpinch installs.
-
-    The message of the error names the `purpose` that needs it, or else the module.
-    """
+    """Imports a dependency of an `extra`; the error names the `purpose`, or else the module."""
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:

@@ -8,10 +8,7 @@ from typing import Any, Self
 
 
 class CtrlC:
-    """Context manager that defers Ctrl-C while `held` is true.
-
-    It has an effect on the main thread only, and only if SIGINT has Python's default handler.
-    """
+    """Defers Ctrl-C while `held` is true, on the main thread if SIGINT has Python's own handler."""
 
     def __init__(self) -> None:
         self.held = False  # whether Ctrl-C is deferred; the user of the object sets it

@@ -14,10 +14,7 @@ Report: TypeAlias = Callable[[int, int], object]
 
 @contextmanager
 def reporting(progress: bool | Report, what: str, each: str = "runs") -> Iterator[Report]:
-    """Yields a function to call with (runs done, runs in total), or of other things counted.
-
-    True draws a bar if stderr is a terminal and rich is installed. A function is used as it is.
-    """
+    """Yields a function of (done, total): the user's, or a bar on a terminal with rich, or none."""
     if callable(progress):
         yield progress
         return

@@ -27,16 +27,6 @@ SIDES = ("right", "left")
 _SHOWN = 32
 
 
-def _refuse_unknown_arguments(cls: type[Record], values: Mapping[str, Any]) -> None:
-    """Refuses arguments that are no fields, unless a class has a constructor of its own."""
-    import inspect  # only an error needs it
-
-    names = list(inspect.signature(cls.__init__).parameters)[1:]
-    if cls.__dataclass_fields__.keys() >= {*names}:
-        with reworded(kind=TypeError):
-            refuse_unknown(cls.__name__, values, names, "", cls)
-
-
 def plain(value: Any) -> Any:
     """Converts records, arrays and tuples to dictionaries and lists of numbers and text."""
     if isinstance(value, Record):
@@ -56,16 +46,22 @@ def _show(value: object) -> str:
     return repr(value)
 
 
+def unchecked(record: RecordType, values: Mapping[str, Any]) -> RecordType:
+    """Returns a copy with other values, which are not checked."""
+    copy = object.__new__(type(record))
+    for name, value in {**record._values(), **values}.items():
+        object.__setattr__(copy, name, value)
+    return copy
+
+
 def bare(record: RecordType, values: Mapping[str, Floats]) -> RecordType:
     """Returns an unchecked copy for `compile`, whose numbers have the runs as their first axis."""
-    many = object.__new__(type(record))
-    for name, value in record._values().items():
-        if name in values:
-            value = values[name]
-        elif isinstance(value, float | tuple | np.ndarray):
-            value = np.asarray(value)[None]
-        object.__setattr__(many, name, value)
-    return many
+    many = {
+        name: np.asarray(value)[None]
+        for name, value in record._values().items()
+        if isinstance(value, float | tuple | np.ndarray)
+    }
+    return unchecked(record, {**many, **values})
 
 
 def runs_of(
@@ -92,7 +88,13 @@ class Record(ByValue):
 
     def __new__(cls, *args: Any, **values: Any) -> Self:  # noqa: D102
         if not values.keys() <= cls.__dataclass_fields__.keys():
-            _refuse_unknown_arguments(cls, values)
+            import inspect  # only an error needs it
+
+            # A class may have a constructor of its own, with other arguments than its fields.
+            names = list(inspect.signature(cls.__init__).parameters)[1:]
+            if cls.__dataclass_fields__.keys() >= {*names}:
+                with reworded(kind=TypeError):
+                    refuse_unknown(cls.__name__, values, names, "", cls)
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
@@ -145,10 +147,7 @@ class Record(ByValue):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Makes a record from the output of `to_dict`. Omitted fields take their defaults.
-
-        An error of an entry has its place in the data; for an unknown name it suggests the closest.
-        """
+        """Makes a record from the output of `to_dict`; errors have the place in the data."""
         return cls._parse(data, "")
 
     @classmethod

@@ -40,11 +40,7 @@ def hint(name: str, owner: Any, path: str = "") -> str:
 
 
 def places(owner: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yields the dotted path and the value of each field of a record, and of all inside it.
-
-    Entries of pairs have the names of their sides, records in other tuples their indices. Numbers
-    in tuples and arrays are not listed.
-    """
+    """Yields path and value of each field of a record and of its parts, but not of arrays."""
     for f in fields(owner):
         if isinstance(owner, type):
             value = f.default if f.default_factory is MISSING else f.default_factory()
