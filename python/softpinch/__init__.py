@@ -35,8 +35,8 @@ _LAZY = {
     "store": ("Study",),
     "study": (
         *("Capsule", "Choice", "Discretisation", "Distribution", "Effect", "Ensemble", "Estimate"),
-        *("Gradients", "LogNormal", "LogUniform", "Lost", "Mean", "Normal", "Results"),
-        *("TruncatedNormal", "Uniform", "sensitivity"),
+        *("Gradients", "Level", "LogNormal", "LogUniform", "Lost", "Mean", "Normal", "RareEvent"),
+        *("Results", "TruncatedNormal", "Uniform", "rare_event", "sensitivity"),
     ),
 }
 

@@ -18,7 +18,9 @@ from .effects import Effect, sensitivity
 from .engine import Lost
 from .estimates import Discretisation, Estimate, Mean
 from .gradients import Gradients
+from .rare import RareEvent, rare_event
 from .results import Ensemble, Results
+from .subset import Level
 
 __all__ = [
     "Capsule",
@@ -29,13 +31,16 @@ __all__ = [
     "Ensemble",
     "Estimate",
     "Gradients",
+    "Level",
     "LogNormal",
     "LogUniform",
     "Lost",
     "Mean",
     "Normal",
+    "RareEvent",
     "Results",
     "TruncatedNormal",
     "Uniform",
+    "rare_event",
     "sensitivity",
 ]

@@ -101,11 +101,12 @@ def subset_simulation(
         values = distance(points)
         while True:
             threshold = max(0.0, float(np.partition(values, chains - 1)[chains - 1]))
-            if threshold >= before:
+            highest = min(before, float(values.max()))
+            if threshold >= highest and (values < highest).any():
                 # Many values are equal: go down to the next one.
-                if not (values < before).any():
-                    return result
-                threshold = max(0.0, float(values[values < before].max()))
+                threshold = max(0.0, float(values[values < highest].max()))
+            elif threshold >= before:
+                return result
             inside = values <= threshold
             share, cov = float(inside.mean()), _cov(inside.reshape(-1, chains), before == math.inf)
             facts = {"probability": share, "cov": cov, "acceptance": acceptance}
