@@ -117,8 +117,8 @@ def rare_event(
             A run with NaN counts as a run with the event.
         runs: The largest number of runs, at least 1000.
         seed: Seed of all random numbers.
-        method: "subset" simulation by levels; "splitting", in which a step keeps the `Noise` up to
-            an instant and draws it anew from there on; "importance", which weights independent runs
+        method: "subset" simulation by levels; "splitting", in which half of the steps draw the
+            `Noise` anew from a random instant on; "importance", which weights independent runs
             about the runs with the event that subset simulation found. "auto" is "importance" for
             up to 12 random numbers, else "subset".
         summaries: Summaries to compute for an `event` that is a function.
@@ -288,7 +288,7 @@ class _Runner:
         few = method == "importance" or (method == "auto" and self.dimensions <= _FEW)
         method = "splitting" if method == "splitting" else "subset"
         if not pilot.interrupted:
-            deepest = pilot.probability * math.exp(-2.0 * pilot.spread) if pilot.found else LEAST
+            deepest = pilot.probability * math.exp(-3.0 * pilot.spread) if pilot.found else LEAST
             levels, left = max(1, math.ceil(-math.log10(deepest))), most - self._done
             # Levels that keep all ways to the event need more runs than the weighted ones.
             part, bound = (0.6, 0.8) if few and levels > 1 else (1.0, 1.0)

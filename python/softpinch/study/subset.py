@@ -90,8 +90,8 @@ def subset_simulation(
 ) -> Estimate:
     """Goes down level by level, with `size` points in each, and at most `most` calls in all.
 
-    A KeyboardInterrupt of `distance` keeps the finished levels. With `times` (d,) a step keeps the
-    numbers before a random instant and draws later ones anew; those without a time are NaN.
+    A KeyboardInterrupt of `distance` keeps the finished levels. With `times` (d,), NaN for
+    numbers without a time, half of the steps draw numbers from a random instant on anew.
     """
     chains, result = size // LENGTH, Estimate()
     points = rng.standard_normal((chains * LENGTH, dimensions))
@@ -132,7 +132,8 @@ def subset_simulation(
                 trial = np.sqrt(1.0 - sigma**2) * u + sigma * fresh
                 if times is not None:
                     cut = rng.choice(times[np.isfinite(times)], (chains, 1))
-                    trial = np.where(np.isnan(times), trial, np.where(times >= cut, fresh, u))
+                    cut = np.where(rng.random((chains, 1)) < 0.5, cut, np.inf)
+                    trial = np.where(times >= cut, fresh, trial)
                 new = distance(trial)
                 moved = new <= threshold
                 u, value = np.where(moved[:, None], trial, u), np.where(moved, new, value)
