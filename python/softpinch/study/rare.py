@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from ..run.options import Options
+from ..run.options import Options, names
 from ..scene import usual
 from ..scene.disturbance import Noise, Sampled
 from ..scene.scene import Scene, State
@@ -143,10 +143,10 @@ def rare_event(
             rule = "must be a distribution with quantiles, such as sp.Normal(1.0, 0.1)"
             raise TypeError(f"vary[{checks.shown(key)}] = {checks.shown(value)}: {rule}")
     distance, column = _distance(event)
-    names: list[Any] = [summaries] if isinstance(summaries, str) else [*summaries]
-    names += [name for name in SUMMARIES if name == column.split(".")[0]]
+    asked = names("summaries", summaries, SUMMARIES)
+    asked += tuple(name for name in SUMMARIES if name == column.split(".")[0])
     sampled, drawn, instants = _with_samples(scene, vary)
-    spec = StudySpec.checked(sampled, checked, runs=runs, seed=seed, vary=drawn, summaries=names)
+    spec = StudySpec.checked(sampled, checked, runs=runs, seed=seed, vary=drawn, summaries=asked)
     if column:
         spec.schema.locate(column, "event[0]")
     runner = _Runner(spec, distance, how_many_threads(threads), instants)
@@ -164,7 +164,8 @@ def _distance(event: Event) -> tuple[Callable[[Ensemble], Any], str]:
     """The function that gives the distances of runs to the event, and its column or ""."""
     if callable(event):
         return event, ""
-    event = ("margin", "<", 0.0) if event == "lost" else event
+    lost = isinstance(event, str) and event == "lost"
+    event = ("margin", "<", 0.0) if lost else event
     if not isinstance(event, tuple) or len(event) != 3 or not isinstance(event[0], str):
         rule = 'must be "lost", a function, or such as ("peak_rotation", ">", 0.3)'
         raise TypeError(f"event = {checks.shown(event)}: {rule}")

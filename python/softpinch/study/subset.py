@@ -12,6 +12,8 @@ level and stay inside, by adaptive conditional sampling (Papaioannou, Betz, Zwir
 "MCMC algorithms for subset simulation", 2015). All chains step together, so that runs use lanes.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
