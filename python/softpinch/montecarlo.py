@@ -147,7 +147,7 @@ def monte_carlo(
         summaries: Quantities to compute for each run, at the ends of steps: "final_state",
             "peak_rotation", "min_compression", "peak_friction_angle", "peak_friction_ratio",
             "pulling_time", "settling_time", "max_residual", "energy_closure", "peak_torque",
-            "slip_distance", "free_time". `Ensemble.summaries` explains them.
+            "slip_distance", "free_time", "margin". `Ensemble.summaries` explains them.
         max_steps: As for `simulate`; the reruns of `check_dt` may take ten times as many.
         summaries_after: Summaries ignore the time before this instant, s on the scene's clock, and
             so does "holds" in bilateral contact; None ignores nothing.

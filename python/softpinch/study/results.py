@@ -194,7 +194,7 @@ class Results(Shown, ABC):
 
         Summaries use the states at the ends of steps. With `tolerance` they also use instants
         inside a step at which a tip seemed to separate and return. They are NaN if the run ended
-        before `summaries_after`.
+        before `summaries_after`, except `margin`.
 
         - final_state: q, then p, at the last instant (runs, 18).
         - peak_rotation: The largest |theta|, rad.
@@ -209,6 +209,16 @@ class Results(Shown, ABC):
         - slip_distance: The distance that the faces slide over the tips, both contacts together, m.
           Zero in bilateral contact.
         - free_time: The total time during which a tip is free, s. Zero in bilateral contact.
+        - margin: How far the grasp was from its loss, without unit; `margin > 0` is `holds`. For a
+          completed run the smallest distance to all that makes `holds` false, which counts forces
+          in E a^2 of the tip, lengths in its radius a, and tilts in 90 degrees. Bilateral contact:
+          lambda^H and, with friction, mu lambda^H - |lambda^N|. Unilateral: half the height - |G|
+          of closed contacts, the larger of both while both tips are free, and no distance if
+          `height` is None; and, at the end, lambda^H of closed contacts, or minus the gap of free
+          ones. Both: those of `stop_on`, such as a - d_n (crushed) and 90 degrees - |theta_p|
+          (folded), but not of "separated", before which a tip pulls. A run that ended early has
+          minus the share of its duration that was missing, plus the smallest distance if that is
+          negative. See docs/ensembles.md.
         - settling_time: The time from `summaries_after`, or from the start, until the speed of the
           object's faces stays below `settling_band`, s. The speed is the root mean square of both
           faces' middles. It is inf if the speed is above the band at the end, or if the run did not

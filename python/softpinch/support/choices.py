@@ -28,6 +28,7 @@ Summary: TypeAlias = Literal[
     "peak_torque",
     "slip_distance",
     "free_time",
+    "margin",
 ]
 Sampler: TypeAlias = Literal["random", "sobol", "latin_hypercube"]
 ScheduleKind: TypeAlias = Literal["steps", "ramps", "minimum_jerk", "via_points", "sampled"]

@@ -14,13 +14,13 @@ use crate::number::real::inlined;
 use crate::number::{Bits, Instructions, LaneTask, Lanes, MOST, each, task};
 use crate::stepping::ending::{after_violation, unstable};
 use crate::stepping::instant::{energies, put_motion};
-use crate::stepping::monitor::explain;
+use crate::stepping::monitor::{Margins, explain};
 use crate::stepping::phase::Phases;
 use crate::stepping::summary::RunEnd;
 use crate::stepping::{
     End, EventResult, Instant, LaneContact, LaneController, Limits, Moment, Options, Phase, Recordable,
-    Recorder, Recording, Run, Status, Steps, Summaries, SummaryInstant, SummarySet, VIOLATIONS, Violation,
-    ViolationSet, all_finite, column, put,
+    Recorder, Recording, Run, Status, Steps, Summaries, Summary, SummaryInstant, SummarySet, VIOLATIONS,
+    Violation, ViolationSet, all_finite, column, put,
 };
 
 /// A closure error of the ledger below this share of the energy of gravity, whose zero is arbitrary, is round-off. So is
@@ -369,7 +369,13 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         }
         if self.summaries.wanted.set != SummarySet::default() {
             let (half_width, slip_speed) = (self.half_width, self.slip_speed(&now.residuals));
-            let instant = SummaryInstant { t, now, slip_speed, closure, half_width };
+            let mut margins = [R::zero(); 2];
+            if self.summaries.wanted.set.contains(Summary::Margin) {
+                let contacts = self.unilateral.then_some(&self.drive.contacts);
+                let (limits, stop_on) = (&self.limits, &self.stop_on);
+                margins = R::call(self.instructions, Margins { limits, now, contacts, stop_on });
+            }
+            let instant = SummaryInstant { t, now, slip_speed, closure, half_width, margins };
             self.summaries.watch(&instant, seen);
         }
         unstable &= seen;
@@ -480,7 +486,9 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         let completed = status == Status::Completed;
         let found = run.contact.as_mut().map(|contact| (contact.free_time(last.t), contact.is_closed()));
         let (free_time, closed) = found.unwrap_or((0.0, true));
-        let run_end = RunEnd { from, completed, free_time };
+        let holds = completed && closed && self.lost_grip >> lane & 1 == 0;
+        let missing = (run.scene.initial.time + run.scene.duration - last.t) / run.scene.duration;
+        let run_end = RunEnd { from, completed, holds, missing, free_time };
         let initial_energies = (system.size().works > 0).then(|| self.initial_energies.lane(lane));
         let mut finished = Run {
             recording: Recording::default(),
@@ -493,7 +501,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
             first_times: run.first_times,
             violation_intervals: Vec::new(),
             contact_changes: Vec::new(),
-            holds: completed && closed && self.lost_grip >> lane & 1 == 0,
+            holds,
             summaries: self.summaries.values(lane, &run_end),
             stats: Stats { steps: run.steps, segments: run.segments, ..self.stats },
         };

@@ -6,7 +6,7 @@ use crate::formulation::Evaluation;
 use crate::model::contact::Side;
 use crate::model::{Any, Contact, Contacts, Geometry, Motion, Parameters, SIDES, ShapeKind, Source};
 use crate::names::{named, set};
-use crate::number::{Bits, LaneTask, Lanes, Real};
+use crate::number::{Bits, LaneTask, Lanes, Real, task};
 use crate::stepping::{Cause, Instant};
 
 named! {
@@ -135,6 +135,8 @@ pub(crate) struct Limits<R> {
     pub(super) half_height: [R; 2],
     /// 1/R of arcs.
     curvature: [R; 2],
+    /// One by the force E a^2 of each tip.
+    per_force: [R; 2],
 }
 
 impl<R: Lanes> Limits<R> {
@@ -153,6 +155,10 @@ impl<R: Lanes> Limits<R> {
             limited: friction[0].less(infinity) | friction[1].less(infinity),
             half_height: [half_length(source, 0), half_length(source, 1)],
             curvature: [curvature(source, 0), curvature(source, 1)],
+            per_force: [
+                source.number(|p| 1.0 / (p.modulus(0) * p.tips[0].radius.powi(2))),
+                source.number(|p| 1.0 / (p.modulus(1) * p.tips[1].radius.powi(2))),
+            ],
         }
     }
 
@@ -167,6 +173,20 @@ impl<R: Lanes> Limits<R> {
             found |= (first * last).less(R::zero());
         }
         found
+    }
+
+    /// The compression at which contact `i` reaches the rim of its tip.
+    #[inline(always)]
+    fn rim(&self, at: &Evaluation<R>, i: usize) -> R {
+        let (d_n, radius) = (at.motion.q.compression[i], self.sides[i].radius());
+        if !self.sides[i].is_curved() {
+            return radius * (R::constant(1.0) - at.sin_tilt[i].abs());
+        }
+        // The depth of the rim below a curved side: sin |theta_p| > (2 D + k (a^2 + D^2)) / (2 a (1 + k D)).
+        let (depth, k) = (radius - d_n, self.curvature[i]);
+        let rest = k * radius.dot2(radius, depth, depth);
+        let most = (depth + depth + rest) / (k.mul_add(depth, R::constant(1.0)) * (radius + radius));
+        radius.mul_add(most - at.sin_tilt[i].abs(), d_n)
     }
 
     /// The table of all conditions of contact `i`: gives each of them to `take`, those that events end in the order of
@@ -223,14 +243,6 @@ impl<R: Lanes> Limits<R> {
             take(Condition { failure: Failure::Violation(violation), lanes, value, least, strict });
         };
         let quarter = R::constant(std::f64::consts::FRAC_PI_2);
-        let mut rim = radius * (R::constant(1.0) - at.sin_tilt[i].abs());
-        if self.sides[i].is_curved() {
-            // The depth of the rim below a curved side: sin |theta_p| > (2 D + k (a^2 + D^2)) / (2 a (1 + k D)).
-            let (depth, k) = (radius - d_n, self.curvature[i]);
-            let rest = k * radius.dot2(radius, depth, depth);
-            let most = (depth + depth + rest) / (k.mul_add(depth, R::constant(1.0)) * (radius + radius));
-            rim = radius.mul_add(most - at.sin_tilt[i].abs(), d_n);
-        }
         let limited = bilateral & self.limited;
         if limited != 0 {
             violation(Violation::Slipping, limited, self.friction[i] * along, across.abs(), false);
@@ -240,7 +252,7 @@ impl<R: Lanes> Limits<R> {
         violation(Violation::OffFace, touching, half, places[i], false);
         violation(Violation::Crushed, touching, radius, d_n, true);
         violation(Violation::Folded, touching, quarter, at.tilt[i].abs(), true);
-        violation(Violation::Rim, touching, rim, d_n, false);
+        violation(Violation::Rim, touching, self.rim(at, i), d_n, false);
     }
 
     /// For each of [`VIOLATIONS`] the lanes in which it holds at an instant. In unilateral contact there are `contacts`,
@@ -288,6 +300,44 @@ impl<R: Lanes> Limits<R> {
             });
         }
         found
+    }
+}
+
+task! {
+    /// How far an instant is from the loss of the grasp: the least distance to all that makes the grasp not hold, with the
+    /// violations in `stop_on`; and by how much it would hold if a unilateral run ended there. Forces count in E a^2 of the
+    /// tip, lengths in its radius a, and tilts in 90 degrees. Separation has no distance: a tip pulls before it.
+    pub(super) ['a, R: Lanes]
+    Margins<'a, R>(limits: &'a Limits<R>, now: &'a Evaluation<R>, contacts: Option<&'a Contacts<R>>,
+        stop_on: &'a [Bits; VIOLATIONS.len()])
+    for R => [R; 2] = {
+        let (one, infinity, per_tilt) = (R::constant(1.0), R::constant(f64::INFINITY), R::constant(std::f64::consts::FRAC_2_PI));
+        let (mut least, mut at_end) = (infinity, infinity);
+        let inside = [limits.half_height[0] - now.places[0].abs(), limits.half_height[1] - now.places[1].abs()];
+        for i in 0..2 {
+            let (d_n, per_length) = (now.motion.q.compression[i], one / limits.sides[i].radius());
+            let (force, across) = (now.multipliers[i] * limits.per_force[i], now.multipliers[2 + i].abs());
+            let cone = limits.friction[i].mul_add(force, -across * limits.per_force[i]);
+            let (mut touching, mut sticks, mut slips) = (Bits::MAX, 0, 0);
+            if let Some(contacts) = contacts {
+                let both_free = contacts.free[0] & contacts.free[1];
+                (touching, slips) = (!contacts.free[i], contacts.slip(i));
+                sticks = touching & !(slips | contacts.graze[i]);
+                let beside = R::select(both_free, inside[0].max_in(inside[1], R::ALL), inside[i]);
+                least = least.min_in(beside * per_length, touching | both_free);
+                let gap = now.residuals[i].max_in(-inside[i], R::ALL) * per_length;
+                at_end = at_end.min_in(R::select(contacts.free[i], -gap, force), R::ALL);
+            } else {
+                least = least.min_in(force, R::ALL).min_in(cone, limits.friction[i].less(infinity));
+            }
+            least = least.min_in(one - d_n * per_length, touching & stop_on[Violation::Crushed as usize]);
+            least = least.min_in(one - now.tilt[i].abs() * per_tilt, touching & stop_on[Violation::Folded as usize]);
+            least = least.min_in((limits.rim(now, i) - d_n) * per_length, touching & stop_on[Violation::Rim as usize]);
+            least = least.min_in(inside[i] * per_length, touching & stop_on[Violation::OffFace as usize]);
+            least = least.min_in(cone, sticks & stop_on[Violation::Slipping as usize]);
+            least = least.min_in(force, slips & stop_on[Violation::Opened as usize]);
+        }
+        [least, at_end]
     }
 }
 

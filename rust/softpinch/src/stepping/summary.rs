@@ -21,6 +21,8 @@ pub(crate) struct SummaryInstant<'a, R> {
     pub closure: R,
     /// W / 2, m.
     pub half_width: R,
+    /// How far the grasp is from its loss, and by how much it would hold if the run ended here: `Margins`.
+    pub margins: [R; 2],
 }
 
 /// The end of a run, as far as summaries need it.
@@ -28,6 +30,9 @@ pub(crate) struct RunEnd {
     /// The first instant that the summaries look at: the start of the run, or a later instant, s.
     pub from: f64,
     pub completed: bool,
+    pub holds: bool,
+    /// The share of the run's duration that was left at its last instant.
+    pub missing: f64,
     /// The time during which a tip was free, s.
     pub free_time: f64,
 }
@@ -134,6 +139,8 @@ summaries! {
     SlipDistance = "slip_distance", "m";
     /// The time during which a tip is free. Bilateral contact never opens.
     FreeTime = "free_time", "s";
+    /// How far the grasp was from its loss: positive where it held, negative or zero where not.
+    Margin = "margin", "1";
 }
 
 const NOTHING: f64 = f64::NEG_INFINITY;
@@ -283,6 +290,30 @@ impl Fold for FreeTime {
     }
 }
 
+/// The memory has by how much the grasp holds at the last instant, and the smallest distance from its loss. A run that
+/// ended early has a value even if no instant was seen.
+impl Fold for Margin {
+    const START: [f64; 3] = [f64::NAN, f64::INFINITY, 0.0];
+    const SMOOTH: bool = false;
+
+    #[inline(always)]
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, _: R, seen: Bits) {
+        let [distance, at_end] = instant.margins;
+        memory[0] = R::select(seen, at_end, memory[0]);
+        memory[1] = memory[1].min_in(distance, seen);
+    }
+
+    /// What was beyond and what was missing add up. Round-off does not decide the sign: the run knows whether it held.
+    fn value([at_end, distance, _]: [f64; 3], end: &RunEnd) -> f64 {
+        let margin = match end.completed {
+            true if at_end.is_nan() => return f64::NAN,
+            true => distance.min(at_end),
+            false => distance.min(0.0) - end.missing,
+        };
+        if end.holds { margin.max(f64::MIN_POSITIVE) } else { margin.min(0.0) }
+    }
+}
+
 set! {
     /// A set of summaries.
     SummarySet of Summary
@@ -345,12 +376,13 @@ mod tests {
         slip_speed: R,
         closure: R,
         half_width: R,
+        margins: [R; 2],
     }
 
     impl<R: Lanes> Own<R> {
         fn instant(&self) -> SummaryInstant<'_, R> {
-            let Self { t, ref now, slip_speed, closure, half_width } = *self;
-            SummaryInstant { t, now, slip_speed, closure, half_width }
+            let Self { t, ref now, slip_speed, closure, half_width, margins } = *self;
+            SummaryInstant { t, now, slip_speed, closure, half_width, margins }
         }
     }
 
@@ -372,9 +404,8 @@ mod tests {
                     torque: [x[29], x[30]],
                     ..Evaluation::nothing()
                 };
-                let instant =
-                    Own { t, now, slip_speed: x[26].abs(), closure: x[27], half_width: x[28].abs() };
-                (instant, seen)
+                let (slip_speed, half_width, margins) = (x[26].abs(), x[28].abs(), [x[29], x[31]]);
+                (Own { t, now, slip_speed, closure: x[27], half_width, margins }, seen)
             };
             rows.into_iter().map(instant).collect()
         })
@@ -383,7 +414,12 @@ mod tests {
     /// The summaries of a list of instants, each by its definition.
     fn by_definition(seen: &[Own<f64>], end: &RunEnd) -> [f64; COUNT] {
         let mut values = [f64::NAN; COUNT];
-        let Some(last) = seen.last() else { return values };
+        let Some(last) = seen.last() else {
+            if !end.completed {
+                values[Summary::Margin as usize] = -end.missing;
+            }
+            return values;
+        };
         let largest = |of: &dyn Fn(&Own<f64>) -> f64| seen.iter().map(of).fold(NOTHING, f64::max);
         let tips =
             |now: &Own<f64>| [0, 1].map(|i| (now.now.multipliers[i], now.now.multipliers[2 + i].abs()));
@@ -430,6 +466,14 @@ mod tests {
             (Summary::PeakTorque, largest(&|now| now.now.torque[0].abs().max(now.now.torque[1].abs()))),
             (Summary::SlipDistance, integral(&|now| now.slip_speed)),
             (Summary::FreeTime, end.free_time),
+            (
+                Summary::Margin,
+                match -largest(&|now| -now.margins[0]) {
+                    distance if !end.completed => distance.min(0.0) - end.missing,
+                    distance if end.holds => distance.min(last.margins[1]).max(0.0),
+                    distance => distance.min(last.margins[1]).min(0.0),
+                },
+            ),
         ] {
             values[kind as usize] = value;
         }
@@ -443,6 +487,7 @@ mod tests {
             runs in proptest::collection::vec(instants(), 4),
             after in 0.0..2.0f64,
             completed in any::<bool>(),
+            kept in any::<bool>(),
         ) {
             let set = SUMMARIES.into_iter().map(|(_, summary)| summary).collect();
             let wanted = Wanted { set, after, band: 1e-3 };
@@ -468,12 +513,13 @@ mod tests {
                     slip_speed: number(&|own| own.slip_speed),
                     closure: number(&|own| own.closure),
                     half_width: number(&|own| own.half_width),
+                    margins: [0, 1].map(|n| number(&|own| own.margins[n])),
                 };
                 let seen = |lane: usize| runs[lane].get(k).is_some_and(|&(_, seen)| seen);
                 let seen = (0..4).fold(0, |bits, lane| bits | Bits::from(seen(lane)) << lane);
                 summaries.watch(&instant.instant(), seen);
             }
-            let end = RunEnd { from: after, completed, free_time: 0.25 };
+            let end = RunEnd { from: after, completed, holds: completed && kept, missing: 0.375, free_time: 0.25 };
             for (lane, run) in runs.iter().enumerate() {
                 let counts = |&&(instant, seen): &&Watched| seen && instant.t >= after;
                 let list: Vec<_> = run.iter().filter(counts).map(|&(instant, _)| instant).collect();
