@@ -295,7 +295,7 @@ class _Runner:
             part, bound = (0.6, 0.8) if few and levels > 1 else (1.0, 1.0)
             size = int(part * left / (levels - (levels - 1) / LENGTH))
             found = subset_simulation(self, self.dimensions, size, int(bound * left), rng, times)
-        if few and found.found and len(found.levels) > 1:
+        if few and len(found.levels) > 1 and not found.interrupted:
             try:
                 found = importance_sampling(self, found, most - self._done, rng)
                 method = "importance"

@@ -32,6 +32,8 @@ LENGTH = 10
 LEAST = 1e-9
 # The acceptance rate that is aimed at, and the range outside of which chains explore little.
 _TARGET, _ACCEPTABLE = 0.44, (0.15, 0.8)
+# Twice the standard deviation of runs in all directions, if no point of the event is known.
+_FAR = 5.0
 # Half width of a two-sided 95 % interval, in standard deviations.
 _REACH = 1.959963984540054
 
@@ -193,24 +195,31 @@ def importance_sampling(
 
     To the points of the event that subset simulation found, the likeliest mixture is the one with
     the least cross-entropy. A fourth of the runs improves it, and the others give the estimate.
+    Some runs look in all directions, for ways to the event that the levels did not lead to.
     """
-    points = levels.points
-    for number in (runs // 4, runs - runs // 4):
-        mixture = _mixture(points, rng)
+    normal = require("scipy.stats", extra="study", purpose="rare_event (SciPy)").multivariate_normal
+    d, points = levels.points.shape[1], levels.points[: len(levels.points) * levels.found]
+    far = max(1.0, 0.5 * float(np.linalg.norm(points, axis=1).min(initial=_FAR)))
+    for number, share in ((runs // 4, 0.5), (runs - runs // 4, 0.1)):
+        mixture = [(1.0, normal(np.zeros(d), far**2 * np.eye(d)))]
+        if len(points):
+            about = [((1.0 - share) * weight, one) for weight, one in _mixture(points, rng)]
+            mixture = [(share, mixture[0][1]), *about]
         counts = rng.multinomial(number, [weight for weight, _ in mixture])
         drawn = [one.rvs(n, rng) for n, (_, one) in zip(counts, mixture, strict=True)]
-        trial = np.concatenate([each.reshape(-1, points.shape[1]) for each in drawn])
+        trial = np.concatenate([each.reshape(-1, d) for each in drawn])
         inside = trial[distance(trial) <= 0.0]
+        if not len(inside):
+            return levels
         logs = [math.log(weight) + one.logpdf(inside).reshape(-1) for weight, one in mixture]
-        squares = (inside**2).sum(axis=1) + inside.shape[1] * math.log(2.0 * math.pi)
+        squares = (inside**2).sum(axis=1) + d * math.log(2.0 * math.pi)
         weights = np.exp(-0.5 * squares - np.logaddexp.reduce(logs, axis=0))
-        if len(inside) > len(points):
-            points = inside[rng.choice(len(inside), 2000, p=weights / weights.sum())]
+        points = inside[rng.choice(len(inside), 2000, p=weights / weights.sum())]
     mean, square = float(weights.sum()) / number, float((weights**2).sum()) / number
-    cov = math.sqrt((square / mean**2 - 1.0) / (number - 1)) if mean else math.inf
-    return replace(
-        levels, probability=mean, cov=cov, points=inside, weights=weights, found=mean > 0.0
-    )
+    cov = math.sqrt((square / mean**2 - 1.0) / (number - 1))
+    lost = [] if levels.found else ["the levels did not lead to the event: runs around it did"]
+    changes = {"probability": mean, "cov": cov, "points": inside, "weights": weights}
+    return replace(levels, found=True, warnings=[*levels.warnings, *lost], **changes)
 
 
 def _mixture(points: Floats, rng: np.random.Generator) -> list[tuple[float, Any]]:
