@@ -61,5 +61,4 @@ with sp.plot.styled():
     way.set(xlabel="push x [N]", ylabel="push y [N]", title="runs that lose the object")
     figure.colorbar(points, ax=way, label="friction [1]")
     sp.plot.snapshot(lost, float(lost.t[-1]), grasp)
-    grasp.set_title("the design point, at its end")
 print("saved", sp.plot.save(figure, given.picture))

@@ -305,3 +305,19 @@ def test_bad_arguments_are_refused(
     given = {"vary": NORMAL, "event": ("peak_rotation", ">", 0.1), **HOW} | change
     with pytest.raises(error, match=text):
         sp.rare_event(SHORT, **given)
+
+
+def test_the_loss_of_a_grasp_is_a_margin_that_is_not_positive() -> None:
+    scene = sp.Scene(
+        contact="unilateral",
+        friction=0.5,
+        hand=sp.Hand(tip=sp.Fingertip(normal_mass=0.01, tangential_mass=0.01)),
+        grasped=sp.GraspedObject(height=0.049),
+        disturbances=[sp.Pulse(time=0.02, duration=0.01)],
+        duration=0.1,
+    )
+    vary = {"disturbances.0.force": sp.Normal((0.0, 0.0), (40.0, 40.0))}
+    wanted = sp.monte_carlo(scene, 10_000, 1, vary, summaries="margin", **HOW).probability("holds")
+    found = sp.rare_event(scene, vary, runs=8000, seed=1, **HOW)
+    assert not found.events.holds.any()
+    assert found.interval[0] <= 1.0 - wanted.low and 1.0 - wanted.high <= found.interval[1]
