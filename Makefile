@@ -215,6 +215,10 @@ bench-odds: build ## Compute how likely a grasp holds with real friction, and wr
 bench-rare: build ## Measure rare events beside plain runs, and beside OpenTURNS where it is installed
 	$(BIN)/python benchmarks/rare.py
 
+.PHONY: bench-stopping
+bench-stopping: build ## Measure how often intervals of stopped studies are right, and write docs/ensembles.md's table again
+	$(BIN)/python benchmarks/stopping.py
+
 .PHONY: bench-scale
 bench-scale: build ## Measure processes, Dask and the store, and write docs/scale-out.md's tables again
 	$(BIN)/python benchmarks/scale.py --document

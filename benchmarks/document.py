@@ -10,6 +10,7 @@ ROOT = Path(__file__).parent.parent
 DOCUMENTS = (
     "control.md",
     "derivatives.md",
+    "ensembles.md",
     "equilibria.md",
     "error-against-run-time.md",
     "scale-out.md",

@@ -34,9 +34,10 @@ _LAZY = {
     "simulator": ("Observation", "Observations", "Simulator", "VectorSimulator"),
     "store": ("Study",),
     "study": (
-        *("Capsule", "Choice", "Discretisation", "Distribution", "Effect", "Ensemble", "Estimate"),
-        *("Gradients", "Level", "LogNormal", "LogUniform", "Lost", "Mean", "Normal", "RareEvent"),
-        *("Results", "TruncatedNormal", "Uniform", "rare_event", "sensitivity"),
+        *("Capsule", "Choice", "Comparison", "Discretisation", "Distribution", "Effect"),
+        *("Ensemble", "Estimate", "Gradients", "Level", "LogNormal", "LogUniform"),
+        *("Lost", "Mean", "Normal", "RareEvent", "Results", "TruncatedNormal"),
+        *("Uniform", "compare", "rare_event", "sensitivity"),
     ),
 }
 

@@ -332,6 +332,7 @@ def linearize(
     alpha: float,
     beta: float,
     *,
+    contacts: _Floats | None,
     whole: bool,
     open_loop: bool,
     frozen: bool,

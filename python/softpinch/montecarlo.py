@@ -175,7 +175,9 @@ def monte_carlo(
             `disturbances` take one to two milliseconds more for each run.
         stop_when: Status, violation or "holds" -> half width. Stops at the end of the first block
             of 1024 runs at which the 95 % interval of each probability has at most this half width;
-            `runs` is then the maximum. The kept runs do not depend on threads or executor.
+            `runs` is then the maximum. The intervals, also those of `probability`, hold at every
+            look (`Estimate.at_every_look`) and are wider than Wilson's. The kept runs do not depend
+            on threads or executor.
         threads: Number of threads; None takes as many as the process may use. With `executor`: the
             threads of each worker, 1 if left out.
         executor: Computes the runs on the workers of a `concurrent.futures.Executor` (processes,

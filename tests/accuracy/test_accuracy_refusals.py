@@ -72,7 +72,7 @@ BAD_VALUES: list[tuple[Callable[[], object], str]] = [
     (lambda: mapped("tilt", threads=0), "threads = 0"),
     (lambda: modes(coordinates=8), "q has shape"),
     (lambda: modes().stable_step("euler"), "method = 'euler'"),
-    (lambda: modes(REAL), "modes linearises bilateral contact only; replace("),
+    (lambda: modes(REAL), "must be given in unilateral contact"),
     (lambda: reference.solve(REAL), "the reference has the equations of bilateral"),
     (lambda: reference.solve(SCENE, [0.0, 0.06]), "times: must be from 0.0 to 0.05 s"),
     (lambda: reference.solve(SCENE, rtol=0.0), "rtol = 0.0: must be finite and > 0"),

@@ -102,7 +102,6 @@ BAD_VALUES: list[tuple[Callable[[], object], str]] = [
         lambda: sp.linearize(SCENE, STATE, outputs=("pose", "pose")),
         '"pose" is there more than once',
     ),
-    (lambda: sp.linearize(UNILATERAL, STATE), "linearize linearises bilateral contact only"),
     (lambda: sp.linearize(SAMPLED, STATE), "linearize without inputs"),
     (lambda: sp.linearize(SAMPLED, STATE, "torque"), "this state has controller = None"),
     (lambda: at(replace(STATE, contact=[1, 1, 0, 0])), "0.]): must be None"),

@@ -28,7 +28,7 @@ LIMITS = {
     # Calls of functions that add or multiply lanes once, where the lanes' instructions were lost.
     "calls of one lane operation": 0,
     "largest frame, KB": 129.0,
-    "size, MB": 6.0,
+    "size, MB": 6.1,
 }
 # The fma of Rust's library where the processor has the instruction.
 HARDWARE_FMA = "vfmadd213sd %xmm2,%xmm1,%xmm0"

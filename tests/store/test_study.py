@@ -165,7 +165,7 @@ def coin(store: Path | None = None, **how: Any) -> Any:
     return tiny(store, 9 * BLOCK, **how)
 
 
-NARROW = {"separated": 0.0151, "completed": 0.02}
+NARROW = {"separated": 0.0251, "completed": 0.03}
 
 
 def test_stop_when_stops_where_the_ensemble_does_however_it_came_there(tmp_path: Path) -> None:

@@ -261,6 +261,7 @@ def special() -> dict[str, dict[str, Any]]:
         "Study.extend": {"runs": 4},
         "advise": {"tolerance": 1e-3, **PAIR},
         "fit": {"times": run().t[1:], "dt": STEP, "noise": 1e-5},
+        "compare": {"study_a": pushed(), "study_b": pushed()},
         "grip": {"force": 5.0},
         "linearize": {"state": SCENE.start()},
         "modes": {"t": [0.0], "q": [SCENE.start().q], "p": [[0.0] * 9]},

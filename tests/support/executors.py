@@ -46,7 +46,7 @@ KINDS: dict[str, tuple[sp.Scene, dict[str, Any]]] = {
     "stop_when": (
         SHOVED,
         {"vary": {"disturbances.0.force": sp.Uniform((-180, -180), (180, 180))},
-         "stop_when": {"completed": 0.0175}},
+         "stop_when": {"completed": 0.0285}},
     ),
 }  # fmt: skip
 

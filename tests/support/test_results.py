@@ -60,6 +60,7 @@ def results() -> dict[str, Any]:
         callables.stability(),
         callables.sweep(),
         checked.discretisation["final_state"],  # type: ignore[index]
+        sp.compare(checked, checked),
         estimated.error_estimate,
         evaluation,
         evaluation.energies,

@@ -15,16 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from ..analysis.states import ONLY_BILATERAL, state_names
+from ..analysis.states import state_names
 from ..run import scaled_error
-from ..run.contact import ContactMode
 from ..run.options import MOST_STEPS, Options
 from ..run.request import Request
 from ..run.run import Run, computed
-from ..run.stiffness import ALONE, eigenvalues, stable_steps, surfaces
-from ..scene.contact import as_bilateral, require_bilateral, require_formulations
+from ..run.stiffness import eigenvalues, stable_steps
+from ..scene.contact import require_formulations
 from ..scene.control import require_known_torque
-from ..scene.fields import COORDINATES, RATES
 from ..scene.parts import branches
 from ..scene.scene import Scene, State
 from ..scene.stabilization import Stabilization
@@ -135,31 +133,39 @@ def modes(
     p: ArrayLike,
     integral: ArrayLike,
     *,
+    contacts: ArrayLike | None = None,
     formulation: Formulation = "nullspace",
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
 ) -> Modes:
     """Linearises the motion about states, such as the rows of a run.
 
     Args:
-        scene: The scene with parameters and inputs, with bilateral contact.
+        scene: The scene with parameters and inputs.
         t: Instants (n,), on the clock of schedule and disturbances, s. At a jump of an input, its
             value after the jump counts.
         q: Coordinates (n, 9), m and rad.
         p: Velocities (n, 9), m/s and rad/s.
         integral: PID integrals (n, 2), rad s.
+        contacts: The contacts (n, 4) in unilateral contact, in whose modes the motion goes on:
+            `run.state(k).contact` of each row.
         formulation: The formulation whose states are used. "csm" adds modes with eigenvalues
-            -alpha, twice for each C^H, and -beta for each C^N; "projected" has zeros instead.
+            -alpha, twice for each C^H, and -beta for each C^N; "projected" has zeros instead. One
+            of these two in unilateral contact, where they are for the constraints that hold.
         stabilization: As for `simulate`.
     """
     checks.instance("scene", scene, Scene)
-    require_bilateral(scene, "modes", ONLY_BILATERAL)
     instants = checks.array("t", t, ("n",))
     n = len(instants)
+    if (contacts is None) != (scene.contact == "bilateral"):
+        rule = "must be given in unilateral contact, and None in bilateral contact"
+        raise ValueError(f'contacts with Scene.contact = "{scene.contact}": {rule}')
+    own = None if contacts is None else checks.array("contacts", contacts, (n, 4))
     require_known_torque(scene.law, "the linearisation")
     options = Options.checked(formulation=formulation, stabilization=stabilization)
+    require_formulations("formulation", (formulation,), scene)
     given = {"q": (q, 9), "p": (p, 9), "integral": (integral, 2)}
     rows = [checks.array(name, value, (n, width)) for name, (value, width) in given.items()]
-    jacobian = Request(scene, options).linear_model(instants, *rows)["A"]
+    jacobian = Request(scene, options).linear_model(instants, *rows, contacts=own)["A"]
     states = state_names(scene.law, options.formulation, branches(scene))
     return Modes(t=instants, jacobian=jacobian, rates=eigenvalues(jacobian), states=states)
 
@@ -167,30 +173,14 @@ def modes(
 def along_run(
     run: Run, formulation: Formulation, stabilization: Stabilization, instants: int = _INSTANTS
 ) -> Modes:
-    """Linearises the motion at evenly spread rows of a run, including its start and end.
-
-    Rows in which a tip does not stick have only the parts that move by themselves (`surfaces`), and
-    zeros for the states whose rates are not known there.
-    """
+    """Linearises the motion at evenly spread rows of a run, including its start and end."""
     rows = np.unique(np.linspace(0, len(run) - 1, instants).round().astype(int))
-    sticking = as_bilateral(run.scene)
     at = run.t[rows], run.q[rows], run.p[rows], run.integral[rows]
-    found = modes(sticking, *at, formulation=formulation, stabilization=stabilization)
-    if run.scene.contact == "bilateral":
-        return found
-    contacts = [run.state(row).contact for row in rows.tolist()]
-    modes_of_tips = np.abs(np.array(contacts)[:, :2]).astype(np.uint8)
-    own = surfaces(run.scene, run.q[rows], modes_of_tips)
-    n, size = found.rates.shape
-    jacobian = np.zeros((n, size + 2 * len(ALONE), size + 2 * len(ALONE)))
-    sticks = (modes_of_tips == ContactMode.STICK).all(axis=1)
-    jacobian[:, :size, :size] = np.where(sticks[:, None, None], found.jacobian, 0.0)
-    for k in range(len(ALONE)):
-        block = slice(size + 2 * k, size + 2 * k + 2)
-        jacobian[:, block, block] = own[:, k]
-    alone = [name for k in ALONE for name in (COORDINATES[k], RATES[k])]
-    states = (*found.states, *alone)
-    return replace(found, jacobian=jacobian, rates=eigenvalues(jacobian), states=states)
+    contacts = None
+    if run.scene.contact == "unilateral":
+        contacts = np.array([run.state(row).contact for row in rows.tolist()])
+    how: Any = {"formulation": formulation, "stabilization": stabilization}
+    return modes(run.scene, *at, contacts=contacts, **how)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -243,10 +233,7 @@ def max_stable_dt(
     that it is not "unstable" either, and stays within half of each coordinate's largest magnitude
     of the accurate run. Steps of 0.95, 0.9 and 0.8 times its length do so, too.
 
-    In unilateral contact the linearisation is complete at the instants at which both tips stick. At
-    the others it has the parts that move by themselves: the shear of a tip that slips, grazes or
-    is free, the compression and the finger of a free one. Only the measurement covers the rest
-    there, and the message has the share of these instants if it matters.
+    In unilateral contact the motion is linearised in the modes of each instant.
 
     A stable step need not be accurate: `advise` finds a step that meets an accuracy.
 
@@ -266,8 +253,7 @@ def max_stable_dt(
     max_steps = checks.integer("max_steps", max_steps, 1, MOST_STEPS)
     measure = checks.boolean("measure", measure)
     most = max(max_steps, _FEWEST_STEPS)
-    record = ("state", "contact")
-    accurate = accurate_run(scene, formulation, stabilization, record=record, max_steps=most)
+    accurate = accurate_run(scene, formulation, stabilization, record="state", max_steps=most)
     along = along_run(accurate, formulation, stabilization)
     steps = along.stable_step(method)
     k = int(np.argmin(steps))
@@ -300,10 +286,6 @@ def max_stable_dt(
         message += f"; they part because {reason}"
     elif failure and measured is None:
         message += f"; not measured: {failure}"
-    alone = float((accurate.contact != ContactMode.STICK).any(axis=1).mean())
-    if alone and (measured is None or measured < predicted / _AGREE):
-        why = "where only its own surface is linearised, so the predicted step may be too long"
-        message += f"; at {100 * alone:.2g} % of the instants a tip does not stick, {why}"
     return StableStep(
         method=method,
         formulation=formulation,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from ..scene.contact import as_bilateral, require_bilateral
+from ..scene.contact import as_bilateral
 from ..scene.control import WRITTEN, require_known_torque
 from ..scene.fields import Jaws, of_column
 from ..scene.parts import branches, jaws
@@ -23,6 +23,7 @@ from ..support.arrays import Complexes, Floats, read_only
 from ..support.display import ShownTable
 from ..support.result import Result
 from . import states
+from .given_modes import GivenModes, contact_row
 from .rest import Equilibrium, equilibrium
 
 # States that are this far off the constraints or off the schedule, as a share of a tip's radius
@@ -55,11 +56,12 @@ class LinearModel(Result):
         output_values: The outputs at the operating point (k,).
         state_rates: The rates of the states at the operating point (N,).
         state: The operating point.
-        neutral: Rows w, (2, N), of the combinations w x that no motion of the model changes: shear
-            plus slip, d_ti + Phi_Ni (x, y, theta, theta_1, theta_2) with the rows N of (25). They
-            belong to the two eigenvalues zero. With driven fingers the angles theta_i are inputs:
-            w x changes only with them, by B's columns of their rates. (0, N) if the operating
-            point moves, where no such combination exists, and in a reduced model.
+        neutral: Rows w, (k, N), of the combinations w x that no motion of the model changes: of the
+            k tips that stick, shear plus slip, d_ti + Phi_Ni (x, y, theta, theta_1, theta_2) with
+            the rows N of (25). They belong to as many eigenvalues zero. With driven fingers the
+            angles theta_i are inputs: w x changes only with them, by B's columns of their rates.
+            (0, N) if the operating point moves, where no such combination exists, and in a reduced
+            model.
     """
 
     A: Floats
@@ -134,6 +136,7 @@ def linearize(
     inputs: str | Sequence[str] = ("targets",),
     outputs: str | Sequence[str] = ("pose",),
     *,
+    modes: GivenModes | None = None,
     reduced: bool = False,
 ) -> LinearModel:
     """Linearises the motion about an equilibrium, or about a state of a run.
@@ -143,6 +146,9 @@ def linearize(
     their rates, the shears, and the integrals of a PID; 14 with a PID, 12 with torques, 8 with
     driven fingers, whose angles are inputs. Of `state` only these are used; compressions, and rates
     of compressions and shears, follow from the constraints (9) and (25).
+
+    In unilateral contact each tip keeps its mode. The rate of the shear is one more state for each
+    tip that does not stick, and the compression and its rate are two more for each that is free.
 
     Inputs, by the names of their groups:
 
@@ -160,27 +166,30 @@ def linearize(
     "rates" (of pose and fingers).
 
     Args:
-        scene: The physics. Contact must be bilateral, except with an equilibrium: that of a scene
-            with unilateral contact is linearised as long as both tips stick.
+        scene: The physics.
         state: The operating point, such as `run.state(k)`, under the scene's inputs at `state.time`
             (if an input jumps there, after the jump); or an equilibrium of this scene, whose inputs
             are kept. None finds the equilibrium at the end of schedule and scene.
         inputs: Names of groups of inputs, in the order of B's columns.
         outputs: Names of groups of outputs, in the order of C's rows.
-        reduced: Whether the two neutral states are taken out, exactly: at rest the no-slip
-            constraint ties the shears to the pose, d_ti = -Phi_Ni (x, y, theta, theta_1, theta_2),
-            whatever the inputs do. The transfer function stays the same, and the two eigenvalues
-            zero are gone. With driven fingers it stays the same for all inputs whose rates and
-            accelerations are those of the angles. The integrals of a PID with K_I = 0 stay, each
-            with an eigenvalue zero, which `Equilibrium.eigenvalues` leaves out.
+        modes: Modes of the contacts (right, left) in unilateral contact, each a `ContactMode`,
+            "stick", "slip_up" or "slip_down" (the way of the face over the tip), "slip" (as the
+            state moves), "graze" or "free". None takes those of the state, which a run chooses if
+            `state.contact` is None; at an equilibrium both tips stick.
+        reduced: Whether the neutral states of tips that stick are taken out, exactly: at rest the
+            no-slip constraint ties these shears to the pose, d_ti = -Phi_Ni (x, y, theta, theta_1,
+            theta_2), whatever the inputs do. The transfer function stays the same, and their
+            eigenvalues zero are gone. With driven fingers it stays the same for all inputs whose
+            rates and accelerations are those of the angles. The integrals of a PID with K_I = 0
+            stay, each with an eigenvalue zero, which `Equilibrium.eigenvalues` leaves out.
 
     Raises:
         ValueError: There is no equilibrium, or it is one of another scene; the state does not fit
-            the scene; `reduced` at a state that moves; or the law is a `SampledController`, except
-            with "torque" at a state of its run, which has the torques in force.
+            the scene or the modes; `reduced` at a state that moves; or the law is a
+            `SampledController`, except with "torque" at a state of its run, which has the torques
+            in force.
     """
     checks.instance("scene", scene, Scene)
-    scene = _sticking(scene, state)
     chosen = checks.names("inputs", inputs, states.INPUTS)
     wanted = states.output_ports(checks.names("outputs", outputs, states.OUTPUTS))
     reduced = checks.boolean("reduced", reduced)
@@ -194,30 +203,29 @@ def linearize(
         require_known_torque(scene.law, 'linearize without inputs "torque"')
     frozen = not isinstance(state, State)
     if not isinstance(state, State):
-        rest = equilibrium(scene) if state is None else state
+        rest = equilibrium(scene) if state is None else _of_scene(scene, state)
         if rest.state is None:
             raise ValueError(f"linearize: {rest.message}")
         state = rest.state
+        modes = ("stick", "stick") if modes is None and scene.contact == "unilateral" else modes
     require_fit(scene, "state", state)
     law = "torque" if open_loop else scene.law
-    found = states.linear_at(
-        scene, state, inputs=_inputs(scene, state), whole=True, open_loop=open_loop, frozen=frozen
-    )
+    contact = contact_row(scene, state, modes)
+    how = {"inputs": _inputs(scene, state), "whole": True, "open_loop": open_loop, "frozen": frozen}
+    found = states.linear_at(scene, state, contact, **how)
     _require_sound(scene, state, found)
-    names = states.state_names(law, "nullspace", branches(scene))
+    codes = (1.0, 1.0) if contact is None else tuple(contact[:2])
+    names = states.state_names(law, "nullspace", branches(scene), codes)
     model = _selected(found, state, names, states.input_ports(chosen, law), wanted, jaws(scene))
     return _without_neutral(model) if reduced else model
 
 
-def _sticking(scene: Scene, state: object) -> Scene:
-    """The scene while both tips stick. At an equilibrium of it they do, whatever the contact."""
-    if not isinstance(state, Equilibrium):
-        require_bilateral(scene, "linearize", states.ONLY_BILATERAL)
-        return scene
+def _of_scene(scene: Scene, state: Equilibrium) -> Equilibrium:
+    """The equilibrium, if it is one of this scene while both tips stick, whatever the contact."""
     if scene != state.scene and as_bilateral(scene) != as_bilateral(state.scene):
         advice = "pass scene = state.scene, or state.state to linearise that state under this scene"
         raise ValueError(f"state: is an equilibrium of another scene; {advice}")
-    return scene if scene.contact == "bilateral" else as_bilateral(scene)
+    return state
 
 
 def _inputs(scene: Scene, state: State) -> _core.Inputs:
@@ -255,11 +263,11 @@ def _selected(
 ) -> LinearModel:
     """The model with the chosen rows and columns."""
     columns, rows = list(ins.places), list(outs.places)
-    # The rows w of d_t + Phi_N pose (2, N): at rest, d_t changes at -Phi_N times the pose's rates.
+    # The rows w of d_t + Phi_N pose (k, N): at rest, d_t changes at -Phi_N times the pose's rates.
     pose, _, shears = states.places(names)
-    slips = np.zeros((2, len(names)))
+    slips = np.zeros((len(shears), len(names)))
     slips[:, pose] = -states.shears_by_pose(found["A"][0], names)
-    slips[:, shears] = np.eye(2)
+    slips[:, shears] = np.eye(len(shears))
     at_rest = not found["output"][0, 15:].any()
     return LinearModel(
         A=found["A"][0],
@@ -282,20 +290,20 @@ def _selected(
 
 
 def _without_neutral(model: LinearModel) -> LinearModel:
-    """The model on the subspace in which both neutral combinations are zero: d_t = -Phi_N pose.
+    """The model on the subspace in which the neutral combinations are zero: d_t = -Phi_N pose.
 
     The share of driven angles in it goes from B's columns of their rates to those of the angles.
     """
     names, inputs = model.states, model.inputs
-    if not len(model.neutral):
+    pose, _, shears = states.places(names)
+    if len(model.neutral) < len(shears):
         moves = "the operating point moves (state.p is not zero)"
         why = "the no-slip constraint turns with it and ties no shear to the pose"
         raise ValueError(f"reduced = True: {moves}, so {why}; reduced = False keeps all states")
-    pose, _, shears = states.places(names)
     rows = states.kept(names)
     # d_t by the pose and by the inputs.
     by_pose = -model.neutral[:, pose]
-    by_inputs = np.zeros((2, len(inputs)))
+    by_inputs = np.zeros((len(shears), len(inputs)))
     for name in ("target_1", "target_2"):
         rate = f"rate of {name}"
         if rate in inputs:

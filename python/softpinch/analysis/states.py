@@ -9,19 +9,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .. import _core
+from ..run.contact import ContactMode
 from ..run.options import Options
 from ..run.request import Request
 from ..scene.fields import COORDINATES, QUANTITIES, RATE_UNITS, RATES
 from ..scene.scene import Scene, State
 from ..support.arrays import Floats
 
+FREE, STICK = ContactMode.FREE, ContactMode.STICK
 INPUTS = ("targets", "torque", "force", "acceleration")
 OUTPUTS = ("pose", "fingers", "compressions", "shears", "multipliers", "torque", "rates")
 
-ONLY_BILATERAL = (
-    'linearises bilateral contact only; replace(scene, contact="bilateral") has the motion while '
-    "both tips stick"
-)
 # Coordinate or integral -> unit.
 _UNITS = {
     column: unit
@@ -30,19 +28,37 @@ _UNITS = {
 }
 
 
-def linear_at(scene: Scene, state: State, **how: Any) -> _core._Linear:
-    """Returns the matrices of "nullspace" at one state (1, ...), by `Request.linear_model`."""
+def linear_at(
+    scene: Scene, state: State, contact: Floats | None = None, **how: Any
+) -> _core._Linear:
+    """Returns the matrices of minimal states at one state (1, ...), by `Request.linear_model`.
+
+    The tips stick, or are in the modes of `contact` (4,).
+    """
+    how["contacts"] = None if contact is None else contact[None]
     request = Request(scene, Options.checked(formulation="nullspace"))
     rows = np.array([state.time]), state.q[None], state.p[None], state._memories[None]
     return request.linear_model(*rows, **how)
 
 
 @cache
-def state_names(law: str, formulation: str, branches: int = 0) -> tuple[str, ...]:
-    """Names the states of a law, a formulation and Maxwell branches (docs/integrators.md)."""
+def state_names(
+    law: str, formulation: str, branches: int = 0, codes: tuple[float, ...] = (1.0, 1.0)
+) -> tuple[str, ...]:
+    """Names the states of a law, a formulation and Maxwell branches (docs/integrators.md).
+
+    With the tips in the modes `codes` of `State.contact`, "nullspace" stands for minimal states:
+    the surface of a free tip moves by itself, and along the face that of one that does not stick.
+    """
     nullspace = formulation == "nullspace"
     pose = COORDINATES[:3] if law == "driven" else COORDINATES[:5]
-    places = pose if nullspace else (*pose, *COORDINATES[5:])
+    free = (name for name, code in zip(COORDINATES[5:7], codes, strict=True) if code == FREE)
+    places = (*pose, *free) if nullspace else (*pose, *COORDINATES[5:])
+    slides = tuple(
+        f"rate of {name}"
+        for name, code in zip(COORDINATES[7:], codes, strict=True)
+        if code != STICK and nullspace
+    )
     shears = COORDINATES[7:] if nullspace else ()
     relaxed = (
         f"branch_{k}_{kind}_{i}"
@@ -51,13 +67,17 @@ def state_names(law: str, formulation: str, branches: int = 0) -> tuple[str, ...
         for i in (1, 2)
     )
     memories = (*relaxed, *(("integral_1", "integral_2") if law == "pid" else ()))
-    return (*places, *(f"rate of {name}" for name in places), *shears, *memories)
+    return (*places, *(f"rate of {name}" for name in places), *slides, *shears, *memories)
 
 
-def places(names: tuple[str, ...]) -> tuple[slice, slice, slice]:
-    """Returns where coordinates, their rates and the shears are among states of "nullspace"."""
+def places(names: tuple[str, ...]) -> tuple[slice, slice, list[int]]:
+    """Returns where coordinates, their rates and the held shears are among minimal states.
+
+    The shears of tips that stick are held.
+    """
     degrees = names.index("rate of x")
-    return slice(0, degrees), slice(degrees, 2 * degrees), slice(2 * degrees, 2 * degrees + 2)
+    held = [names.index(name) for name in COORDINATES[7:] if f"rate of {name}" not in names]
+    return slice(0, degrees), slice(degrees, 2 * degrees), held
 
 
 @cache
@@ -70,7 +90,7 @@ def unit_of(name: str) -> str:
 
 
 def shears_by_pose(a: Floats, names: tuple[str, ...]) -> Floats:
-    """Returns -Phi_N of (25), derivatives of the shears by the pose at rest (2, d), in A."""
+    """Returns -Phi_N of (25), derivatives of the held shears by the pose at rest (k, d), in A."""
     _, rates, shears = places(names)
     return a[shears, rates]
 
@@ -78,7 +98,7 @@ def shears_by_pose(a: Floats, names: tuple[str, ...]) -> Floats:
 def without_shears(rows: Floats, by_pose: Floats, names: tuple[str, ...]) -> Floats:
     """Returns rows of A or C by the states that `kept` lists, where d_t + Phi_N pose is zero.
 
-    No motion changes these two combinations, so the rows keep all eigenvalues but two zeros.
+    No motion changes these combinations, so the rows keep all eigenvalues but their zeros.
     """
     pose, _, shears = places(names)
     rows = rows.copy()
@@ -87,9 +107,9 @@ def without_shears(rows: Floats, by_pose: Floats, names: tuple[str, ...]) -> Flo
 
 
 def kept(names: tuple[str, ...]) -> list[int]:
-    """Returns the indices of the states that are no shears."""
+    """Returns the indices of the states that are no held shears."""
     shears = places(names)[2]
-    return [*range(shears.start), *range(shears.stop, len(names))]
+    return [k for k in range(len(names)) if k not in shears]
 
 
 class Ports(NamedTuple):

@@ -59,18 +59,27 @@ class Request:
         return self.with_(times=times, every=1, record=record, stop_on=()).run_to_end()
 
     def linear_model(
-        self, t: Floats, q: Floats, p: Floats, integral: Floats, *, inputs: Any = None, **how: bool
+        self,
+        t: Floats,
+        q: Floats,
+        p: Floats,
+        integral: Floats,
+        *,
+        contacts: Floats | None = None,
+        inputs: Any = None,
+        **how: bool,
     ) -> _core._Linear:
-        """Linearises the motion with both tips sticking at n states: t (n,), q (n, 9), p, integral.
+        """Linearises the motion at n states: t (n,), q (n, 9), p, integral.
 
-        `inputs` take the place of the scene's own. Of `how`, `whole` computes B, C and D too; with
-        `open_loop` torques turn the fingers instead of the scene's law; with `frozen` the inputs of
-        the instant hold, as at an equilibrium.
+        The tips stick, or are in the modes of `contacts` (n, 4) as in `State.contact`, where a
+        frozen tilt of NaN is the present one. `inputs` take the place of the scene's own. Of `how`,
+        `whole` computes B, C and D too; with `open_loop` torques turn the fingers instead of the
+        scene's law; with `frozen` the inputs of the instant hold, as at an equilibrium.
         """
-        # Contact is no part of parameters and inputs: the core takes both tips as sticking.
         parts = self.scene.parameters(), self.scene.inputs() if inputs is None else inputs
         name, gains = self.options.formulation, self.options.stabilization
         flags: Any = {"whole": False, "open_loop": False, "frozen": False} | how
+        flags["contacts"] = contacts
         return _core.linearize(*parts, t, q, p, integral, name, gains.alpha, gains.beta, **flags)
 
 

@@ -16,14 +16,13 @@ import numpy as np
 
 from .. import _core
 from ..scene.contact import without_drift
-from ..scene.control import SampledController, pids_of
+from ..scene.control import SampledController
 from ..scene.loop_matrix import MOST_UNDER_WAY, measured, spectral_radius
-from ..scene.parts import inertia_of, shear_factor, stiffness
 from ..scene.scene import Scene, inputs
 from ..scene.schedule import Schedule
 from ..support.arrays import Complexes, Floats
 from ..support.choices import Method
-from .contact import ContactMode, Modes
+from .contact import ContactMode
 from .options import Options
 from .request import Request
 
@@ -38,8 +37,6 @@ _TOLERANCE, _MOST = 1e-3, 1000
 _MOST_ROWS = 1_000_000
 # The motion is linearised at this many of its instants, and where compressions are extreme.
 _INSTANTS = 10
-# Indices in q of the coordinates that can move by themselves: d_n and d_t of both tips, theta_i.
-ALONE = (5, 6, 7, 8, 3, 4)
 # The method that the warning recommends.
 STIFF: Method = "radau5"
 # The ends that an unstable loop does not explain: the run was stopped.
@@ -89,37 +86,6 @@ def stable_steps(method: str, rates: Complexes) -> Floats:
 def is_explicit(method: str) -> bool:
     """True if a method is stable for short steps only."""
     return bool(np.isfinite(_core.stable_step(method, np.array([-1.0 + 0.0j]))[0]))
-
-
-def surfaces(scene: Scene, q: Floats, contact: Modes) -> Floats:
-    """Jacobians of the parts that move by themselves (n, 6, 2, 2), in 1/s; those of others are 0.
-
-    They are the derivatives of (rate, acceleration) by (coordinate, rate), for the coordinates
-    `ALONE`, at q (n, 9) with the modes (n, 2). Where a tip does not stick, its shear obeys
-    m d'' + c d' + k d = force of friction, by (U3) and (U5); where it is free, so does its
-    compression, without that force. By (5) k is 2 pi E d_n, of the compression but for the tilt;
-    another law has its own stiffness, and Maxwell branches add theirs.
-    The finger of a free tip turns under its PID (39), here without the integral.
-    """
-    found = np.zeros((len(q), len(ALONE), 2, 2))
-    free = contact == ContactMode.FREE
-    moves = np.hstack([free, contact != ContactMode.STICK, free])
-    for k in range(4):
-        tip, kind = scene.hand.tips[k % 2], ("normal", "tangential")[k // 2]
-        mass = getattr(tip, f"{kind}_mass")
-        mass = scene.grasped.mass if mass is None else mass
-        found[:, k, 0, 1] = 1.0
-        at_once = 1.0 + sum(branch.share for branch in tip.relaxation or ())
-        stiff = at_once * stiffness(scene, k % 2, q[:, 5 + k % 2])
-        found[:, k, 1, 0] = -(stiff if k < 2 else shear_factor(tip) * stiff) / mass
-        found[:, k, 1, 1] = -getattr(tip, f"{kind}_viscosity") / mass
-    if scene.law == "pid":
-        fingers = scene.hand.right, scene.hand.left
-        for k, (pid, finger) in enumerate(zip(pids_of(scene.control), fingers, strict=True)):
-            found[:, 4 + k, 0, 1] = 1.0
-            inertia = inertia_of(finger)
-            found[:, 4 + k, 1] = -pid.kp / inertia, -pid.kd / inertia
-    return np.where(moves[:, :, None, None], found, 0.0)
 
 
 def too_long(request: Request, status: str, end: float) -> str | None:
@@ -193,21 +159,17 @@ def _stable(request: Request, motion: Mapping[str, Any]) -> Floats:
             own = np.flatnonzero(modes == mode)
             some |= {int(own[f(compression[own])]) for f in (np.argmin, np.argmax)}
     rows = np.array(sorted(some))
-    sticks = (motion["contact"][rows] == ContactMode.STICK).all(axis=1)
-    held = rows[sticks]
-    if len(held):
-        # A discrete controller holds its torques during a step; its state is no part of the motion.
-        sampled = scene.law == "sampled"
-        names = ("t", "q", "p", "integral")
-        t, q, p, integral = (np.ascontiguousarray(motion[name][held]) for name in names)
-        integral = np.zeros((len(held), 2)) if sampled else integral
-        rates = eigenvalues(request.linear_model(t, q, p, integral, open_loop=sampled)["A"])
-        # Of a pair of conjugates one is enough.
-        half = np.where(rates.imag < 0.0, 0.0, rates)
-        steps[held] = stable_steps(method, half).min(axis=1)
-    parts = surfaces(scene, motion["q"][rows], motion["contact"][rows])
-    alone = stable_steps(method, eigenvalues(parts.reshape(-1, 2, 2)))
-    steps[rows] = np.minimum(steps[rows], alone.reshape(len(rows), -1).min(axis=1))
+    # A discrete controller holds its torques during a step; its state is no part of the motion.
+    sampled = scene.law == "sampled"
+    names = ("t", "q", "p", "integral")
+    t, q, p, integral = (np.ascontiguousarray(motion[name][rows]) for name in names)
+    integral = np.zeros((len(rows), 2)) if sampled else integral
+    contacts = None if motion["contacts"] is None else motion["contacts"][rows]
+    found = request.linear_model(t, q, p, integral, contacts=contacts, open_loop=sampled)
+    rates = eigenvalues(found["A"])
+    # Of a pair of conjugates one is enough.
+    half = np.where(rates.imag < 0.0, 0.0, rates)
+    steps[rows] = stable_steps(method, half).min(axis=1)
     return steps
 
 

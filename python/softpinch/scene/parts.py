@@ -20,7 +20,7 @@ from ..support.arrays import Floats, read_only
 from ..support.record import SIDES, Kinded, Record
 
 if TYPE_CHECKING:
-    from .hand import Finger, Fingertip, GraspedObject
+    from .hand import Finger, GraspedObject
     from .scene import Scene
 
 # Number of parameters of a scene with the paper's parts, which come first in `_core.PARAMETERS`.
@@ -401,11 +401,6 @@ def softened(scene: Scene) -> tuple[float, float]:
         for tip, side in zip(scene.hand.tips, sides_of(scene.grasped), strict=True)
     )
     return right, left
-
-
-def shear_factor(tip: Fingertip) -> float:
-    """The stiffness of a tip against shear as a share of the normal one."""
-    return getattr(tip.law, "shear_factor", 1.0)
 
 
 def lever(finger: Finger | Jaw | Parallelogram) -> float:

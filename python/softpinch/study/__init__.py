@@ -5,6 +5,7 @@ again. Threads or the workers of an executor return rows in blocks. Nothing here
 """
 
 from .capsule import Capsule
+from .comparison import Comparison, compare
 from .distributions import (
     Choice,
     Distribution,
@@ -25,6 +26,7 @@ from .subset import Level
 __all__ = [
     "Capsule",
     "Choice",
+    "Comparison",
     "Discretisation",
     "Distribution",
     "Effect",
@@ -41,6 +43,7 @@ __all__ = [
     "Results",
     "TruncatedNormal",
     "Uniform",
+    "compare",
     "rare_event",
     "sensitivity",
 ]

@@ -234,7 +234,7 @@ class EarlyStopping:
             self._next += 1
             runs = self._total["runs"]
             if runs and all(
-                Estimate.counted(self._total[name], runs).half_width <= width
+                Estimate.at_every_look(self._total[name], runs).half_width <= width
                 for name, width in self._narrow.items()
             ):
                 return True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Any, NamedTuple, Self
@@ -27,12 +28,15 @@ class Estimate(NamedTuple):
 
     Attributes:
         value: The share of the runs in which the event happened.
-        low: Lower end of its confidence interval (Wilson, "Probable inference", 1927).
+        low: Lower end of its confidence interval.
         high: Upper end of the interval.
         happened: The number of runs in which the event happened.
         runs: The number of all runs.
         confidence: The confidence level of the interval.
         missing: The number of runs that were requested and have no result.
+        interval: "Wilson" for a number of runs that was fixed before ("Probable inference", 1927);
+            or "confidence sequence", which holds at every look, so that the results may decide when
+            to stop (`stop_when`).
     """
 
     value: float
@@ -42,6 +46,7 @@ class Estimate(NamedTuple):
     runs: int
     confidence: float
     missing: int = 0
+    interval: str = "Wilson"
 
     @classmethod
     def of(cls, happened: NDArray[np.bool_], confidence: float = 0.95) -> Self:
@@ -70,6 +75,23 @@ class Estimate(NamedTuple):
         high = 1.0 if count == n else min(1.0, middle + reach)
         return cls(part, low, high, count, n, confidence)
 
+    @classmethod
+    def at_every_look(cls, count: int, n: int, confidence: float = 0.95) -> Self:
+        """Estimates as `counted`, if the results so far decided to stop after `n` runs.
+
+        The interval is one of a confidence sequence: with probability `confidence`, the intervals
+        of all n contain the probability. For each p the likelihood ratio that is mixed over a prior
+        Beta(m p, m (1 - p)) is a martingale of mean one, which ever exceeds 1 / (1 - confidence)
+        with at most the probability 1 - confidence (Robbins, "Statistical methods related to the
+        law of the iterated logarithm", 1970; Howard, Ramdas, McAuliffe and Sekhon, "Time-uniform,
+        nonparametric, nonasymptotic confidence sequences", 2021, the beta-binomial mixture).
+        """
+        estimate = cls.counted(count, n, confidence)._replace(interval="confidence sequence")
+        if n == 0:
+            return estimate
+        low, rest = (_least_plausible(k, n, 1.0 - confidence) for k in (count, n - count))
+        return estimate._replace(low=low, high=1.0 - rest)
+
     @property
     def half_width(self) -> float:
         """Half of the interval's width."""
@@ -86,14 +108,52 @@ class Estimate(NamedTuple):
     def __str__(self) -> str:
         value, low, high = self.texts()
         requested = f", {self.runs + self.missing} requested" if self.missing else ""
-        share = f"{value} ({100 * self.confidence:g} %: {low} to {high})"
-        return f"{share}, {self.happened} of {self.runs} runs{requested}"
+        looks = " at every look" if self.interval != "Wilson" else ""
+        share = f"{value} ({100 * self.confidence:g} %{looks}: {low} to {high})"
+        return f"{share}, {self.happened} of {self.runs} runs{requested}{self._rule_of_three()}"
+
+    def _rule_of_three(self) -> str:
+        """What runs that all ended alike say, in words; empty if they did not."""
+        if 0 < self.happened < self.runs or self.runs == 0:
+            return ""
+        most, why = -math.log1p(-self.confidence), "rule of three, one-sided"
+        if self.interval != "Wilson":
+            most = self.runs * (self.high if self.happened == 0 else 1.0 - self.low)
+            why = "at every look"
+        event = "it happens" if self.happened == 0 else "it fails to happen"
+        return f"; {event} in at most {most:.3g} of {self.runs} runs ({why})"
 
     def _repr_html_(self) -> str:
         return ShownTable(self._fields, [(*self.texts(), *self[3:])], "probability").html()
 
     def __float__(self) -> float:
         return self.value
+
+
+# A confidence sequence is narrowest at about this number of runs, a block: the first look.
+_NARROWEST = 1024
+
+
+def _least_plausible(count: int, n: int, level: float) -> float:
+    """The smallest p that `count` of `n` runs do not contradict; see `Estimate.at_every_look`."""
+    limit, rest = -math.log(level), n - count
+    mass = _NARROWEST / (2.0 * limit + math.log1p(2.0 * limit))  # m, as Howard et al. choose it
+    gamma = math.lgamma
+
+    def contradicted(p: float) -> bool:
+        a, b = mass * p, mass * (1.0 - p)
+        mixed = gamma(a + count) - gamma(a) + gamma(b + rest) - gamma(b)
+        ratio = mixed - gamma(mass + n) + gamma(mass)
+        return ratio - count * math.log(p) - rest * math.log1p(-p) > limit
+
+    # The ratio is at most one at the share itself, and grows away from it.
+    low, high = sys.float_info.min, count / n
+    if count == 0 or not contradicted(low):
+        return 0.0
+    while high - low > 1e-12 * high:
+        middle = math.sqrt(low) * math.sqrt(high)
+        low, high = (middle, high) if contradicted(middle) else (low, middle)
+    return low
 
 
 class Mean(NamedTuple):

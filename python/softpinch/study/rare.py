@@ -28,7 +28,7 @@ from .results import Ensemble
 from .rows import Rows
 from .sources import Key
 from .spec import SUMMARIES, StudySpec
-from .subset import LEAST, LENGTH, Estimate, Level, importance_sampling, subset_simulation
+from .subset import LEAST, LENGTH, Found, Level, importance_sampling, subset_simulation
 
 RareMethod: TypeAlias = Literal["auto", "subset", "splitting", "importance"]
 Event: TypeAlias = str | tuple[str, str, float] | Callable[[Ensemble], Any]
@@ -305,7 +305,7 @@ class _Runner:
             found = replace(pilot, interrupted=True)
         return self._result(method, found, pilot)
 
-    def _result(self, method: str, found: Estimate, pilot: Estimate) -> RareEvent:
+    def _result(self, method: str, found: Found, pilot: Found) -> RareEvent:
         warnings, value = [*found.warnings], found.probability if found.found else 0.0
         low, high = (found.end(-1.0), found.end(1.0)) if value else (0.0, found.end(1.0))
         if not value:
@@ -342,7 +342,7 @@ class _Runner:
             interrupted=found.interrupted,
         )
 
-    def _scores(self, found: Estimate) -> tuple[dict[str, float], dict[str, Any]]:
+    def _scores(self, found: Found) -> tuple[dict[str, float], dict[str, Any]]:
         """`RareEvent.importance`, and the mean scores d ln(density) / d parameter of the event."""
         shares: dict[str, float] = {}
         slopes: dict[str, Any] = {}

@@ -255,7 +255,7 @@ class Results(Shown, ABC):
     def _tables(self) -> Iterator[ShownTable]:
         if not self.runs:
             return
-        shares = {name: Estimate.counted(n, self.runs) for name, n in self.counts().items()}
+        shares = {name: self._estimate(n) for name, n in self.counts().items()}
         yield tables.probabilities({**shares, HOLDS: self.probability(HOLDS)})
         entries = self._spec.schema.entries
         columns = [entries[name].columns for name in (*self._spec.shapes, *self._spec.summaries)]
@@ -280,7 +280,10 @@ class Results(Shown, ABC):
         what: str | NDArray[np.bool_] | Callable[[Any], Any] = "completed",
         confidence: float = 0.95,
     ) -> Estimate:
-        """The probability of an event, with Wilson's confidence interval (see `Estimate`).
+        """The probability of an event, with its confidence interval (see `Estimate`).
+
+        The interval is Wilson's; in a study with `stop_when`, it is one of a confidence sequence,
+        and `Estimate.interval` says so.
 
         "completed" means that the run reached its end. In the paper's bilateral contact a tip may
         pull and never slips, so a completed run need not be a held grasp. "holds" means that, in
@@ -311,8 +314,13 @@ class Results(Shown, ABC):
         else:
             found = [tables.booleans("what", what, self.runs)]
         count = sum(int(np.count_nonzero(part)) for part in found)
-        estimate = Estimate.counted(count, self.runs, confidence)
-        return estimate._replace(missing=max(0, self.requested - self.runs))
+        return self._estimate(count, confidence)
+
+    def _estimate(self, count: int, confidence: float = 0.95) -> Estimate:
+        """The probability of an event that happened in `count` runs."""
+        of = Estimate.at_every_look if self._spec.stop_when else Estimate.counted
+        missing = max(0, self.requested - self.runs)
+        return of(count, self.runs, confidence)._replace(missing=missing)
 
     def counts(self) -> dict[str, int]:
         """Status -> the number of runs with this status, the most frequent status first."""

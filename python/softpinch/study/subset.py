@@ -61,7 +61,7 @@ class Level(Result):
 
 
 @dataclass
-class Estimate:
+class Found:
     """The probability of an event, or of the last level before it."""
 
     levels: list[Level] = field(default_factory=list)
@@ -91,13 +91,13 @@ def subset_simulation(
     most: int,
     rng: np.random.Generator,
     times: Floats | None = None,
-) -> Estimate:
+) -> Found:
     """Goes down level by level, with `size` points in each, and at most `most` calls in all.
 
     A KeyboardInterrupt of `distance` keeps the finished levels. With `times` (d,), NaN for
     numbers without a time, half of the steps draw numbers from a random instant on anew.
     """
-    chains, result = size // LENGTH, Estimate()
+    chains, result = size // LENGTH, Found()
     points = rng.standard_normal((chains * LENGTH, dimensions))
     ancestors, scale, acceptance = np.arange(len(points)), 0.6, math.nan
     before, runs, left, squares = math.inf, len(points), most - len(points), 0.0
@@ -189,8 +189,8 @@ def _warnings(number: int, level: Level, lineages: int) -> list[str]:
 
 
 def importance_sampling(
-    distance: Distance, levels: Estimate, runs: int, rng: np.random.Generator
-) -> Estimate:
+    distance: Distance, levels: Found, runs: int, rng: np.random.Generator
+) -> Found:
     """Weights independent runs from a mixture of normal distributions, about points of the event.
 
     To the points of the event that subset simulation found, the likeliest mixture is the one with

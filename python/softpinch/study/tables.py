@@ -67,7 +67,7 @@ def shown(column: Column) -> Column:
 
 
 def probabilities(estimates: Mapping[str, Estimate]) -> ShownTable:
-    """Event -> its share of the runs, with Wilson's interval."""
+    """Event -> its share of the runs, with its interval."""
     rows = []
     for name, estimate in estimates.items():
         share, low, high = estimate.texts()

@@ -18,9 +18,9 @@ const ARRAYS: [(&str, usize); 8] =
     [("A", 2), ("B", 2), ("C", 2), ("D", 2), ("state", 1), ("rate", 1), ("input", 1), ("output", 1)];
 
 /// The linearised motion about the rows of a run: A (n, states, states), and if `whole` B, C, D and the
-/// operating points too. The eigenvalues are left to LAPACK.
+/// operating points too. Unilateral contacts are in the modes of the rows of `contacts` (n, 4). The eigenvalues are left to LAPACK.
 #[pyfunction]
-#[pyo3(signature = (parameters, inputs, t, q, p, integral, formulation, alpha, beta, *, whole, open_loop, frozen))]
+#[pyo3(signature = (parameters, inputs, t, q, p, integral, formulation, alpha, beta, *, contacts, whole, open_loop, frozen))]
 pub fn linearize<'py>(
     py: Python<'py>,
     parameters: Physics,
@@ -32,6 +32,7 @@ pub fn linearize<'py>(
     formulation: &str,
     alpha: f64,
     beta: f64,
+    contacts: Option<GivenRows<'py>>,
     whole: bool,
     open_loop: bool,
     frozen: bool,
@@ -48,6 +49,10 @@ pub fn linearize<'py>(
     require(others == [n; 3], || {
         let [q, p, memory] = others;
         format!("t, q, p and integral have {n}, {q}, {p} and {memory} rows: must be equal")
+    })?;
+    let contacts = contacts.map(|rows| columns::<4>("contacts", &rows)).transpose()?;
+    require(contacts.as_ref().is_none_or(|rows| rows.len() == n), || {
+        format!("contacts: must have {n} rows, as t has")
     })?;
     // For each array its shape, and its numbers at all instants.
     let mut stacks = ARRAYS.map(|(_, axes)| (vec![0; axes], Vec::new()));
@@ -67,7 +72,9 @@ pub fn linearize<'py>(
             // After the integrals the states of Maxwell branches, if they are given.
             let all = memory.row(k).to_vec();
             let motion = motion(&parameters.0, (q[k], p[k], [all[0], all[1]]), &all[2..]);
-            let problem = Problem::new(&parameters.0, &inputs, &setting, t, &motion).map_err(raise)?;
+            let contact = contacts.as_ref().map(|rows| &rows[k]);
+            let problem =
+                Problem::new(&parameters.0, &inputs, &setting, t, &motion, contact).map_err(raise)?;
             if !whole {
                 let a = problem.jacobian();
                 push(0, &[a.nrows(), a.ncols()], a.transpose().as_slice())?;

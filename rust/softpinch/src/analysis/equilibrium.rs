@@ -355,7 +355,7 @@ mod tests {
             open_loop: false,
             frozen: false,
         };
-        let whole = crate::analysis::Problem::new(&scene.parameters, &inputs, &setting, 0.0, &motion)
+        let whole = crate::analysis::Problem::new(&scene.parameters, &inputs, &setting, 0.0, &motion, None)
             .unwrap()
             .jacobian();
         let mut rates: Vec<f64> = whole.complex_eigenvalues().iter().map(|rate| rate.re).collect();

@@ -5,13 +5,14 @@
 use nalgebra::{DMatrix, DVector, Schur};
 
 use crate::error::{Error, Result};
-use crate::formulation::{Choice, Formulation, Linear, MAX_COMPONENTS, Seeded, States, System};
-use crate::method::{DIRECTIONS, Runs};
+use crate::formulation::{Choice, Contact, Formulation, Linear, Seeded, States, System};
+use crate::method::Runs;
+use crate::model::contact::Side;
 use crate::model::{
-    ContactModel, Contacts, Fingers, FrameMotion, Input, Inputs, Motion, Parameters, Rule, SegmentDrive,
-    Stabilization,
+    ContactModel, ContactRow, Coordinates, DIRECTIONS, Fingers, FrameMotion, Geometry, Input, Inputs, Mode,
+    Motion, Parameters, Rule, SegmentDrive, Stabilization,
 };
-use crate::number::{Dual, Level, MOST};
+use crate::number::{Dual, LaneTask, Lanes, Level, MOST, task};
 
 /// Number of outputs: the coordinates q (9), the multipliers (4), the torques on the fingers (2), and the rates
 /// of x, y, theta, theta_1 and theta_2 (5).
@@ -42,8 +43,8 @@ pub struct LinearModel {
     /// A and B: the derivatives of the states' rates with respect to the states, and to the inputs. C and D: those of
     /// the outputs.
     pub matrices: [DMatrix<f64>; 4],
-    /// Of the operating point: the states, which are coordinates, their rates, d_t1 and d_t2, branches of tips, and the
-    /// memories of PID controllers; their rates, zero at an equilibrium; the inputs, which are target angles or torques
+    /// Of the operating point: the states, which are coordinates (with d_n of free tips), their rates, the rates of d_t of
+    /// tips that do not stick, d_t1 and d_t2, branches of tips, and the memories of PID controllers; their rates, zero at an equilibrium; the inputs, which are target angles or torques
     /// (2), for driven fingers their rates (2) and accelerations (2) too, F_x, F_y and the moment, and the acceleration
     /// of the hand's frame along its own axes (2); and the outputs, [`OUTPUTS`].
     pub vectors: [DVector<f64>; 4],
@@ -54,26 +55,66 @@ pub struct Problem<'a> {
     runs: Runs<'a>,
     drive: SegmentDrive,
     motion: Motion<f64>,
+    /// The modes of the contacts, if these are unilateral.
+    modes: Option<[Mode; 2]>,
+}
+
+/// A number with its derivative in one direction, for which the equations of all parts are compiled.
+type One = Dual<f64, 1>;
+
+task! {
+    /// Puts a state of `csm` on the constraints that the modes hold. Driven fingers are given.
+    ['a]
+    Constrain<'a>(sides: &'a [Side<One>; 2], modes: [Mode; 2], driven: Option<&'a [[One; 2]; 2]>, y: &'a mut States<One>)
+    for One => () = {
+        let pose = if driven.is_some() { 3 } else { 5 };
+        let (mut q, mut p) = (Coordinates::zero(), Coordinates::zero());
+        for (own, first) in [(&mut q, 0), (&mut p, pose + 4)] {
+            own.object.copy_from_slice(&y[first..first + 3]);
+            own.finger.copy_from_slice(&y[first + 3..first + 5]);
+        }
+        if let Some(&[turn, rate]) = driven {
+            (q.finger, p.finger) = (turn, rate);
+        }
+        Geometry::<One>::constrained(sides, &mut q, &mut p);
+        for i in 0..2 {
+            if modes[i].is_closed() {
+                (y[pose + i], y[2 * pose + 4 + i]) = (q.compression[i], p.compression[i]);
+            }
+            if modes[i] == Mode::Stick {
+                y[2 * pose + 6 + i] = p.shear[i];
+            }
+        }
+    }
 }
 
 impl<'a> Problem<'a> {
-    /// At time `t`; if an input jumps there, its value after the jump is used.
+    /// At time `t`; if an input jumps there, its value after the jump is used. Unilateral contacts are in the modes of
+    /// `contact`. A free tip whose frozen tilt is NaN there has its present tilt.
     pub fn new(
         parameters: &'a Parameters,
         inputs: &Inputs,
         setting: &'a Setting,
         t: f64,
         motion: &Motion<f64>,
+        contact: Option<&ContactRow>,
     ) -> Result<Self> {
         Rule::Finite.check("t", t)?;
         let Setting { formulation, ref gains, level, open_loop, frozen } = *setting;
         let instructions = level.require()?;
-        let drive = if frozen { inputs.frozen(t).segment(t) } else { inputs.segment(t) };
-        let (contact, fingers) = (ContactModel::Bilateral, inputs.fingers());
+        let mut drive = if frozen { inputs.frozen(t).segment(t) } else { inputs.segment(t) };
+        let (mut model, mut modes, fingers) = (ContactModel::Bilateral, None, inputs.fingers());
+        if let Some(&[right, left, ref tilts @ ..]) = contact {
+            let now = Geometry::of_scene(parameters, &motion.q, &motion.p).tilt();
+            let [r, l] = [0, 1].map(|i| if tilts[i].is_nan() { now[i] } else { tilts[i] });
+            let own = Contact::of_row(&[right, left, r, l])?.map(|contact| contact.mode);
+            drive.contacts.set(0, own, [r, l]);
+            (model, modes) = (ContactModel::Unilateral, Some(own));
+        }
         let moves = drive.frame.is_some();
-        let choice = Choice { formulation, contact, fingers, moves, ledger: false };
+        let choice = Choice { formulation, contact: model, fingers, moves, ledger: false };
         let runs = Runs { instructions, choice, parameters: [parameters; MOST], gains };
-        let mut problem = Self { runs, drive, motion: *motion };
+        let mut problem = Self { runs, drive, motion: *motion, modes };
         if open_loop {
             let system = runs.system();
             let now = system.evaluate(&problem.drive, 0.0, &system.begin(motion));
@@ -95,34 +136,65 @@ impl<'a> Problem<'a> {
     /// The derivatives of the states' rates with respect to the states alone.
     pub fn jacobian(&self) -> DMatrix<f64> {
         let (y, states) = self.states();
-        let rows = self.runs.tangent::<f64, DIRECTIONS>().jacobian(&self.drive, 0.0, &y).rows;
+        let rows = self.runs.tangent::<f64>().jacobian(&self.drive, 0.0, &y).rows;
         DMatrix::from_fn(states, states, |row, column| rows[row][column])
     }
 
-    /// The model with all inputs and outputs. The states are those of `nullspace`; another formulation is an error.
+    /// The places in the states of the equations of those that are independent in the modes of the contacts.
+    fn independent(&self, states: usize) -> Vec<usize> {
+        let Some(modes) = self.modes else { return (0..states).collect() };
+        let pose = if self.runs.choice.fingers == Fingers::Driven { 3 } else { 5 };
+        let free = |i: &usize| !modes[*i].is_closed();
+        let coordinates: Vec<_> = (0..pose).chain((0..2).filter(free).map(|i| pose + i)).collect();
+        let slides = (0..2).filter(|&i| modes[i] != Mode::Stick).map(|i| 2 * pose + 6 + i);
+        let rates = coordinates.iter().map(|place| pose + 4 + place);
+        let rest = (pose + 2..pose + 4).chain(2 * pose + 8..states);
+        coordinates.iter().copied().chain(rates).chain(slides).chain(rest).collect()
+    }
+
+    /// The model with all inputs and outputs. The states are those of `nullspace`; another formulation is an error. In
+    /// unilateral contact they are the independent ones, and the others follow them on the constraints.
     pub fn model(&self) -> Result<LinearModel> {
-        let (y, states) = self.states();
+        let (mut y, states) = self.states();
+        let independent = self.independent(states);
+        let states = independent.len();
         let input = self.drive.at(0.0_f64);
         let driven = self.runs.choice.fingers == Fingers::Driven;
         let frame = self.drive.frame.as_ref().map_or_else(FrameMotion::still, |frame| frame.at(0.0));
         let values = list(&input, &frame, driven);
+        let Runs { instructions, mut choice, parameters: [parameters, ..], .. } = self.runs;
         // The weights are forces of the motion, which may be that of a hand at rest.
-        let choice = Choice { moves: true, ..self.runs.choice };
-        let tangent = Runs { choice, ..self.runs }.tangent::<f64, DIRECTIONS>();
+        choice.moves = true;
+        let tangent = Runs { choice, ..self.runs }.tangent::<f64>();
+        let sides = Side::<One>::both(parameters);
 
         let all = states + values.len();
         let mut rates = DMatrix::zeros(states, all);
         let mut outputs = DMatrix::zeros(OUTPUTS, all);
         let (mut rate, mut output) = (DVector::zeros(states), DVector::zeros(OUTPUTS));
         for first in (0..all).step_by(DIRECTIONS) {
-            let mut dual_y = [Dual::<f64, DIRECTIONS>::variable(0.0, DIRECTIONS); MAX_COMPONENTS];
-            for (n, (dual, &number)) in dual_y.iter_mut().zip(&y).enumerate() {
-                let direction = if n < states { n.wrapping_sub(first) } else { DIRECTIONS };
-                *dual = Dual::variable(number, direction);
-            }
             let (input, frame) = seed(&input, &frame, driven, states.wrapping_sub(first));
-            let at = Seeded { input, frame: Some(frame), contacts: Contacts::sticking(), y: dual_y };
-            let now = tangent.evaluate_seeded(&at).ok_or_else(|| {
+            let mut dual_y = y.map(|number| Dual::<f64, DIRECTIONS>::variable(number, DIRECTIONS));
+            for k in 0..DIRECTIONS {
+                let mut one = y.map(|number| One::variable(number, 1));
+                if let Some(&place) = independent.get(first + k) {
+                    one[place] = One::variable(y[place], 0);
+                }
+                if let Some(modes) = self.modes {
+                    let along =
+                        |number: Dual<f64, DIRECTIONS>| One { value: number.value, slope: [number.slope[k]] };
+                    let given = [input.target, input.target_rate].map(|pair| pair.map(along));
+                    let driven = driven.then_some(&given);
+                    One::call(instructions, Constrain { sides: &sides, modes, driven, y: &mut one });
+                }
+                for (dual, one) in dual_y.iter_mut().zip(one) {
+                    (dual.value, dual.slope[k]) = (one.value, one.slope[0]);
+                }
+            }
+            y = dual_y.map(|dual| dual.value);
+            let contacts = self.drive.contacts.lifted();
+            let now = tangent.evaluate_seeded(&Seeded { input, frame: Some(frame), contacts, y: dual_y });
+            let now = now.filter(|_| choice.formulation == Formulation::Nullspace).ok_or_else(|| {
                 let name = format!("{:?}", choice.formulation).to_lowercase();
                 Error::unknown("formulation", name, "\"nullspace\", for a model with inputs and outputs")
             })?;
@@ -130,14 +202,14 @@ impl<'a> Problem<'a> {
             let (q, p) = (now.motion.q.row(), now.motion.p.row());
             let found = [&q[..], &now.multipliers, &now.torque, &p[..5]].concat();
             for column in first..all.min(first + DIRECTIONS) {
-                for row in 0..states {
-                    rates[(row, column)] = now.rate[row].slope[column - first];
+                for (row, &place) in independent.iter().enumerate() {
+                    rates[(row, column)] = now.rate[place].slope[column - first];
                 }
                 for (row, dual) in found.iter().enumerate() {
                     outputs[(row, column)] = dual.slope[column - first];
                 }
             }
-            rate = DVector::from_fn(states, |row, _| now.rate[row].value);
+            rate = DVector::from_fn(states, |row, _| now.rate[independent[row]].value);
             output = DVector::from_fn(OUTPUTS, |row, _| found[row].value);
         }
         let inputs = values.len();
@@ -148,7 +220,12 @@ impl<'a> Problem<'a> {
                 outputs.columns(0, states).into(),
                 outputs.columns(states, inputs).into(),
             ],
-            vectors: [DVector::from_column_slice(&y[..states]), rate, DVector::from_vec(values), output],
+            vectors: [
+                DVector::from_fn(states, |row, _| y[independent[row]]),
+                rate,
+                DVector::from_vec(values),
+                output,
+            ],
         })
     }
 }
@@ -164,7 +241,7 @@ pub fn growth(
 ) -> Option<(f64, f64)> {
     let (formulation, gains) = (Formulation::Nullspace, Stabilization { alpha: 0.0, beta: 0.0 });
     let setting = Setting { formulation, gains, level, open_loop: false, frozen: false };
-    let mut a = Problem::new(parameters, inputs, &setting, 0.0, motion).ok()?.jacobian();
+    let mut a = Problem::new(parameters, inputs, &setting, 0.0, motion, None).ok()?.jacobian();
     let degrees = if inputs.fingers() == Fingers::Driven { 3 } else { 5 };
     let shears = 2 * degrees;
     // No motion changes d_t + Phi_N pose, and the rows of d_t are -Phi_N.
@@ -260,7 +337,7 @@ mod tests {
         t: f64,
         motion: &Motion<f64>,
     ) -> Result<LinearModel> {
-        Problem::new(parameters, inputs, setting, t, motion)?.model()
+        Problem::new(parameters, inputs, setting, t, motion, None)?.model()
     }
 
     #[test]
@@ -268,7 +345,7 @@ mod tests {
         for fingers in FINGERS {
             let (parameters, inputs, motion) = moving(fingers);
             let setting = setting(Formulation::Nullspace);
-            let alone = Problem::new(&parameters, &inputs, &setting, 0.5, &motion).unwrap().jacobian();
+            let alone = Problem::new(&parameters, &inputs, &setting, 0.5, &motion, None).unwrap().jacobian();
             let whole = model(&parameters, &inputs, &setting, 0.5, &motion).unwrap();
             assert_eq!(whole.matrices[0], alone);
             let inputs = if fingers == Fingers::Driven { 11 } else { 7 };

@@ -270,9 +270,9 @@ impl Rows<'_> {
 impl<R: Lanes> Ends<R> {
     #[inline(always)]
     fn take(&mut self, time: f64, now: &Evaluation<RunDual<R>>) {
-        let (zero, t) = (RunDual::zero(), RunDual::constant(time));
-        let [slip_speed, closure, half_width] = [zero; 3];
-        let instant = SummaryInstant { t, now, slip_speed, closure, half_width, margins: [zero; 2] };
+        let zero = RunDual::zero();
+        let t = RunDual::constant(time);
+        let instant = SummaryInstant { t, now, slip_speed: zero, closure: zero, half_width: zero };
         self.summaries.watch(&instant, R::ALL);
         if time >= self.until {
             self.last = Some(now.motion);

@@ -8,23 +8,25 @@ use crate::formulation::{
     StageState, States, Unilateral, for_fingers, with,
 };
 use crate::model::{
-    Carriage, Constants, Contacts, DIRECTIONS, FrameMotion, Input, Parameters, Parts, SegmentDrive,
-    Stabilization,
+    Carriage, Constants, Contacts, DIRECTIONS, FrameMotion, Input, Parameters, SegmentDrive, Stabilization,
 };
 use crate::number::{
     Dual, Instructions, LaneKernel, LaneTask, Lanes, MOST, Real, call_four_lanes, gathered, spread, task,
 };
 
-/// The equations of a scene in dual numbers with `W` directions.
-pub enum Tangent<R, const W: usize> {
-    /// With the paper's parts.
-    Papers(Box<SceneEquations<Dual<R, W>>>),
-    /// With others, in one direction, or in four lanes in four directions, which takes little code.
-    Others(Box<dyn Derivatives<R>>),
+/// How many directions are computed at once in lanes of several runs.
+const IN_LANES: usize = 4;
+
+/// The equations of a scene in dual numbers.
+pub enum Tangent<R> {
+    /// In lanes of runs with the paper's parts.
+    InLanes(Box<SceneEquations<Dual<R, IN_LANES>>>),
+    /// Of a single run, or of runs with other parts: one direction in each lane takes little code.
+    Swept(Box<dyn Derivatives<R>>),
 }
 
-/// Computes a Jacobian in sweeps, each with `W` directions.
-struct Sweeps<'a, R, E, const W: usize> {
+/// Computes a Jacobian in sweeps over the directions.
+struct Sweeps<'a, R, E> {
     equations: &'a E,
     drive: &'a SegmentDrive<R>,
     tau: R,
@@ -33,21 +35,21 @@ struct Sweeps<'a, R, E, const W: usize> {
     jacobian: &'a mut Jacobian<R>,
 }
 
-impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<Dual<R, W>> for Sweeps<'_, R, E, W> {
+impl<R: Lanes, E: Equations<Dual<R, IN_LANES>>> LaneTask<Dual<R, IN_LANES>> for Sweeps<'_, R, E> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
         let Self { equations, drive, tau, y, ledger, jacobian } = self;
         let contacts = drive.contacts.lifted();
-        for_fingers_of!(equations, driven [E::Parts::PAPERS && (R::WIDTH > 1 || !equations.opens())] => {
+        for_fingers_of!(equations, driven [true] => {
             let size = size_of(equations, driven, ledger);
             let (states, all) = (size.states, size.all());
             let mut first = 0;
             while first <= states {
                 let mut duals = [Dual::constant(0.0); MAX_COMPONENTS];
                 for (n, (dual, &number)) in duals.iter_mut().zip(y).take(all).enumerate() {
-                    let direction = if n < states { n.wrapping_sub(first) } else { W };
+                    let direction = if n < states { n.wrapping_sub(first) } else { IN_LANES };
                     *dual = Dual::variable(number, direction);
                 }
                 let tau = Dual::variable(tau, states.wrapping_sub(first));
@@ -62,15 +64,15 @@ impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<Dual<R, W>> fo
                 let applied = (&input, Carriage::Either(moving.as_ref()));
                 let rate = equations.evaluate(driven, applied, &contacts, &duals, ledger).rate;
                 for n in 0..all {
-                    jacobian.rows[n][first..first + W].copy_from_slice(&rate[n].slope);
+                    jacobian.rows[n][first..first + IN_LANES].copy_from_slice(&rate[n].slope);
                 }
-                first += W;
+                first += IN_LANES;
             }
         });
     }
 }
 
-/// The derivatives of a single run's Jacobian that are computed at once.
+/// A number of a single run with its derivatives in directions of the caller's.
 type Directions = Dual<f64, DIRECTIONS>;
 
 /// What is evaluated in numbers with derivatives, whose directions are the caller's.
@@ -101,7 +103,7 @@ task! {
     }
 }
 
-/// Derivatives of the equations of other parts.
+/// Derivatives of the equations of a single run, or of other parts.
 pub trait Derivatives<R: Lanes>: Send + Sync {
     /// Writes a Jacobian, as [`Linear::jacobian_into`] does.
     fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>);
@@ -110,39 +112,25 @@ pub trait Derivatives<R: Lanes>: Send + Sync {
     fn seeded(&self, at: &Seeded<Directions>) -> Option<Evaluation<Directions>>;
 }
 
-/// The equations of other parts in vectors that hold the lanes of a run, or of several, once for each of several
-/// directions.
-struct Swept<X> {
-    instructions: Instructions,
-    ledger: bool,
-    equations: AnyParts<Dual<X, 1>>,
+/// Equations in vectors `X` that hold the lanes of `R` once for each of several directions.
+struct Swept<R, X> {
+    equations: SceneEquations<Dual<X, 1>>,
+    runs: PhantomData<R>,
 }
 
-impl<X: Lanes> Swept<X> {
-    fn evaluate_seeds(&self, at: &Seeded<Directions>) -> Evaluation<Directions> {
-        let mut found = Evaluation::nothing();
-        for first in (0..DIRECTIONS).step_by(X::WIDTH) {
-            let own = |own: Directions| own.spread(first);
-            let spread = Seeded {
-                input: at.input.map(own),
-                frame: at.frame.map(|frame| frame.map(own)),
-                contacts: Contacts::sticking(),
-                y: at.y.map(own),
-            };
-            found.gather(first, &self.evaluate(&spread));
-        }
-        found
-    }
-
+impl<R: Lanes, X: Lanes> Swept<R, X> {
+    /// Evaluates a state. The paper's parts of several runs have [`Tangent::InLanes`].
     fn evaluate(&self, at: &Seeded<Dual<X, 1>>) -> Evaluation<Dual<X, 1>> {
-        let Self { instructions, ledger, equations } = self;
-        Dual::call(*instructions, Evaluate { equations, at, ledger: *ledger })
+        let SceneEquations { instructions, ledger, .. } = self.equations;
+        with!(self.equations.kind, equations [R::WIDTH == 1, true] => {
+            Dual::call(instructions, Evaluate { equations, at, ledger })
+        })
     }
 }
 
-/// Computes a Jacobian of other parts.
+/// Computes a Jacobian, a direction in each lane.
 struct SweptJacobian<'a, R, X> {
-    swept: &'a Swept<X>,
+    swept: &'a Swept<R, X>,
     drive: &'a SegmentDrive<R>,
     tau: R,
     y: &'a States<R>,
@@ -155,7 +143,9 @@ impl<R: Lanes, X: Lanes> LaneTask<R> for SweptJacobian<'_, R, X> {
     #[inline(always)]
     fn run(self) {
         let Self { swept, drive, tau, y, jacobian } = self;
-        let size = size_of(&swept.equations, swept.equations.plant().driven, swept.ledger);
+        let size = with!(swept.equations.kind, equations [R::WIDTH == 1, true] => {
+            size_of(equations, equations.plant().driven, swept.equations.ledger)
+        });
         let (states, all, zero) = (size.states, size.all(), R::zero());
         let tau = Dual::<R, 1>::variable(tau, 0);
         let (input, frame) = (drive.at(tau), drive.frame.as_ref().map(|frame| frame.motion(tau)));
@@ -183,17 +173,32 @@ impl<R: Lanes, X: Lanes> LaneTask<R> for SweptJacobian<'_, R, X> {
     }
 }
 
-impl<R: Lanes, X: Lanes> Derivatives<R> for Swept<X> {
+impl<R: Lanes, X: Lanes> Derivatives<R> for Swept<R, X> {
     fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>) {
-        R::call(self.instructions, SweptJacobian { swept: self, drive, tau, y, jacobian });
+        R::call(self.equations.instructions, SweptJacobian { swept: self, drive, tau, y, jacobian });
     }
 
     fn seeded(&self, at: &Seeded<Directions>) -> Option<Evaluation<Directions>> {
-        if self.equations.drifts { None } else { Some(self.evaluate_seeds(at)) }
+        let minimal = with!(self.equations.kind, equations => !equations.drifts() || equations.opens());
+        if !minimal {
+            return None;
+        }
+        let mut found = Evaluation::nothing();
+        for first in (0..DIRECTIONS).step_by(X::WIDTH) {
+            let own = |own: Directions| own.spread(first);
+            let spread = Seeded {
+                input: at.input.map(own),
+                frame: at.frame.map(|frame| frame.map(own)),
+                contacts: at.contacts.spread(),
+                y: at.y.map(own),
+            };
+            found.gather(first, &self.evaluate(&spread));
+        }
+        Some(found)
     }
 }
 
-/// Builds the equations of other parts in vectors, and for the runs of which they give derivatives.
+/// Builds equations in vectors, for the runs of which they give derivatives.
 struct BuildFor<'a, R>(Choice, &'a [&'a Parameters; MOST], &'a Stabilization, PhantomData<R>);
 
 impl<R: Lanes> LaneKernel for BuildFor<'_, R> {
@@ -201,28 +206,30 @@ impl<R: Lanes> LaneKernel for BuildFor<'_, R> {
 
     #[inline(always)]
     fn run<X: Lanes>(self, instructions: Instructions) -> Self::Output {
-        let Self(choice, parameters, gains, _) = self;
+        let Self(choice, parameters, gains, runs) = self;
         // The lanes of the runs come once for each direction.
         let parameters = &std::array::from_fn(|lane| parameters[lane % R::WIDTH]);
-        let equations = AnyParts::<Dual<X, 1>>::new(choice, &Constants(parameters), gains);
-        Box::new(Swept { instructions, ledger: choice.ledger, equations })
+        let equations = SceneEquations::new(instructions, choice, &Constants(parameters), gains);
+        Box::new(Swept::<R, X> { equations, runs })
     }
 }
 
-impl<R: Lanes, const W: usize> Linear<R> for Tangent<R, W> {
+impl<R: Lanes> Linear<R> for Tangent<R> {
     fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>) {
-        let system = match self {
-            Self::Papers(system) => system,
-            Self::Others(others) => return others.jacobian_into(drive, tau, y, jacobian),
-        };
-        let (instructions, ledger) = (system.instructions, system.ledger);
-        with!(system.kind, equations [true, false] => {
-            Dual::call(instructions, Sweeps::<R, _, W> { equations, drive, tau, y, ledger, jacobian });
-        });
+        match self {
+            Self::InLanes(system) if R::WIDTH > 1 => {
+                let (instructions, ledger) = (system.instructions, system.ledger);
+                with!(system.kind, equations [true, false] => {
+                    Dual::call(instructions, Sweeps { equations, drive, tau, y, ledger, jacobian });
+                });
+            }
+            Self::InLanes(_) => unreachable!("single runs are swept"),
+            Self::Swept(swept) => swept.jacobian_into(drive, tau, y, jacobian),
+        }
     }
 }
 
-impl<R: Lanes, const W: usize> Tangent<R, W> {
+impl<R: Lanes> Tangent<R> {
     /// Builds the equations of a scene, or of one scene for each lane.
     pub fn new(
         instructions: Instructions,
@@ -230,20 +237,16 @@ impl<R: Lanes, const W: usize> Tangent<R, W> {
         parameters: &[&Parameters; MOST],
         gains: &Stabilization,
     ) -> Self {
-        if !R::ANY_PARTS || parameters[0].has_the_papers_parts() {
-            return Self::Papers(Box::new(SceneEquations::new(
-                instructions,
-                choice,
-                &Constants(parameters),
-                gains,
-            )));
-        }
+        let papers = !R::ANY_PARTS || parameters[0].has_the_papers_parts();
         let build = BuildFor(choice, parameters, gains, PhantomData);
-        Self::Others(if R::WIDTH == 1 {
-            call_four_lanes(instructions, build)
+        if R::WIDTH == 1 {
+            Self::Swept(call_four_lanes(instructions, build))
+        } else if papers {
+            let source = &Constants(parameters);
+            Self::InLanes(Box::new(SceneEquations::new(instructions, choice, source, gains)))
         } else {
-            build.run::<R>(instructions)
-        })
+            Self::Swept(build.run::<R>(instructions))
+        }
     }
 
     /// Builds them anew for runs with parts of the same kinds, in the same place.
@@ -255,26 +258,22 @@ impl<R: Lanes, const W: usize> Tangent<R, W> {
         gains: &Stabilization,
     ) {
         match self {
-            Self::Papers(system) => {
+            Self::InLanes(system) if R::WIDTH > 1 => {
                 **system = SceneEquations::new(instructions, choice, &Constants(parameters), gains);
             }
-            Self::Others(_) => *self = Self::new(instructions, choice, parameters, gains),
+            _ => *self = Self::new(instructions, choice, parameters, gains),
         }
     }
 }
 
-impl Tangent<f64, DIRECTIONS> {
-    /// Evaluates a state of a single run while both tips stick, without the works of the ledger. The directions are the
-    /// caller's, so this differentiates every result by whatever is wanted. `None` for formulations other than
-    /// `nullspace`: only its minimal coordinates are linearised with inputs and outputs, and this code is not compiled for
-    /// the other formulations.
+impl Tangent<f64> {
+    /// Evaluates a state of a single run. The directions are the caller's, so this differentiates every result by whatever
+    /// is wanted. `None` for bilateral formulations other than `nullspace`: only its minimal coordinates are linearised
+    /// with inputs and outputs.
     pub fn evaluate_seeded(&self, at: &Seeded<Directions>) -> Option<Evaluation<Directions>> {
         match self {
-            Self::Others(others) => others.seeded(at),
-            Self::Papers(system) => {
-                let EquationKind::Nullspace(equations) = &system.kind else { return None };
-                Some(Dual::call(system.instructions, Evaluate { equations, at, ledger: false }))
-            }
+            Self::Swept(swept) => swept.seeded(at),
+            Self::InLanes(_) => None,
         }
     }
 }

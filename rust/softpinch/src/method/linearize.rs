@@ -14,11 +14,6 @@ use crate::formulation::{Jacobian, Linear, MAX_COMPONENTS, Size, States};
 use crate::model::SegmentDrive;
 use crate::number::{Entry, LaneTask, Lanes, Lu, MOST_ROWS, Real, Square, task};
 
-/// Directions in one sweep of dual numbers for a single run: one vector of AVX-512.
-pub const DIRECTIONS: usize = 8;
-/// Directions in one sweep if the components of the dual numbers are lanes.
-pub const DIRECTIONS_IN_LANES: usize = 4;
-
 /// Calls a function with the numbers of states and of degrees of freedom, and whether there are branches. For the sizes
 /// of the formulations these are constants, so that the function's loops are unrolled.
 macro_rules! unrolled {
@@ -323,7 +318,7 @@ mod tests {
         formulation: Formulation,
         fingers: Fingers,
         ledger: bool,
-    ) -> (SceneEquations<f64>, Tangent<f64, DIRECTIONS>) {
+    ) -> (SceneEquations<f64>, Tangent<f64>) {
         let gains = Stabilization { alpha: 1000.0, beta: 700.0 };
         let instructions = Level::detect().require().unwrap();
         let choice = Choice { formulation, contact: ContactModel::Bilateral, fingers, moves: false, ledger };
@@ -361,7 +356,7 @@ mod tests {
     /// The Jacobian agrees with differences, and linear systems with it have the solutions that nalgebra
     /// finds for the full matrix. An effect on a row below `round_off` counts as round-off: those on the
     /// power of the constraints in `nullspace` do, and they are larger with driven fingers.
-    fn check((system, tangent): (SceneEquations<f64>, Tangent<f64, DIRECTIONS>), round_off: f64) {
+    fn check((system, tangent): (SceneEquations<f64>, Tangent<f64>), round_off: f64) {
         let size = system.size();
         let (states, all) = (size.states, size.all());
         let y = system.begin(&motion());

@@ -24,7 +24,7 @@ mod tests;
 
 pub(crate) use called::{AnyAdaptiveMethod, AnyMethod, Called};
 pub(crate) use dop853::Dop853;
-pub(crate) use linearize::{DIRECTIONS, Factors, Linearization};
+pub(crate) use linearize::{Factors, Linearization};
 pub(crate) use newton::{Iteration, Newton, Problem, Scheme, Solved};
 pub(crate) use rk4::Rk4;
 pub(crate) use rosenbrock::Rosenbrock;

@@ -3,7 +3,7 @@
 
 use crate::formulation::{Linear, MAX_COMPONENTS, SceneEquations, Size, StageState, States, System, Tangent};
 use crate::method::{
-    Allowed, Called, DIRECTIONS, Integrator, Linearization, Runs, Stats, Step, StepResult, Unsolved, largest,
+    Allowed, Called, Integrator, Linearization, Runs, Stats, Step, StepResult, Unsolved, largest,
 };
 use crate::model::{Motion, SegmentDrive};
 use crate::number::real::inlined;
@@ -127,7 +127,7 @@ pub trait Scheme<S: System<f64>> {
 }
 
 /// A scheme with the Jacobian and the factors that it keeps while they are of use.
-pub struct Newton<M, F, T = Tangent<f64, DIRECTIONS>> {
+pub struct Newton<M, F, T = Tangent<f64>> {
     /// The numbers of components of a state, and their typical magnitudes.
     size: Size,
     magnitudes: States<f64>,

@@ -12,8 +12,7 @@ use nalgebra::Complex;
 
 use crate::formulation::{Linear, MAX_COMPONENTS, SceneEquations, Size, StageState, States, System, Tangent};
 use crate::method::{
-    Adaptive, Called, DIRECTIONS, Integrator, Linearization, MethodEntry, Runs, Stats, Step, StepResult,
-    largest,
+    Adaptive, Called, Integrator, Linearization, MethodEntry, Runs, Stats, Step, StepResult, largest,
 };
 use crate::number::{Bits, Entry, Lanes};
 
@@ -34,10 +33,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
     min_growth: 1.0,
 };
 
-pub(super) fn rosenbrock(
-    runs: Runs<'_>,
-    system: &SceneEquations<f64>,
-) -> Called<Rosenbrock<Tangent<f64, DIRECTIONS>>> {
+pub(super) fn rosenbrock(runs: Runs<'_>, system: &SceneEquations<f64>) -> Called<Rosenbrock<Tangent<f64>>> {
     Called::new(runs, Rosenbrock::new(system.size(), runs.tangent()))
 }
 

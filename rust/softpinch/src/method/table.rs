@@ -3,7 +3,6 @@
 use nalgebra::Complex;
 
 use crate::formulation::{SceneEquations, System, Tangent};
-use crate::method::linearize::DIRECTIONS_IN_LANES;
 use crate::method::{AnyAdaptiveMethod, AnyMethod, Called, Dop853, Rosenbrock, Runs};
 use crate::method::{dop853, implicit_midpoint, radau5, rk4, rosenbrock};
 use crate::names::named;
@@ -55,7 +54,7 @@ task! {
     pub(crate) ['a, R: Lanes] MakeInLanes<'a, R>(method: Method, runs: Runs<'a>, system: &'a SceneEquations<R>)
     for R => AnyAdaptiveMethod<R> = match method {
         Method::Rosenbrock => {
-            type InLanes<R> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, LaneEntry<R>>;
+            type InLanes<R> = Rosenbrock<Tangent<R>, R, LaneEntry<R>>;
             let method = InLanes::<R>::new(system.size(), runs.tangent());
             let renew = |method: &mut InLanes<R>, runs: Runs<'_>| runs.renew(&mut method.tangent);
             Box::new(Called { renew, ..Called::new(runs, method) })

@@ -156,13 +156,13 @@ impl Runs<'_> {
         (system, method)
     }
 
-    /// Builds the same equations in dual numbers with `W` directions.
-    pub fn tangent<R: Lanes, const W: usize>(&self) -> Tangent<R, W> {
+    /// Builds the same equations in dual numbers.
+    pub fn tangent<R: Lanes>(&self) -> Tangent<R> {
         Tangent::new(self.instructions, self.choice, &self.parameters, self.gains)
     }
 
     /// Builds them anew.
-    pub fn renew<R: Lanes, const W: usize>(&self, tangent: &mut Tangent<R, W>) {
+    pub fn renew<R: Lanes>(&self, tangent: &mut Tangent<R>) {
         tangent.renew(self.instructions, self.choice, &self.parameters, self.gains);
     }
 }

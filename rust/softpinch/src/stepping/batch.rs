@@ -148,7 +148,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
             drive: SegmentDrive::still(),
             stats: Stats::default(),
             start: Motion::zero(),
-            limits: Limits::new(&lanes),
+            limits: R::call(instructions, Numbers { source: &lanes }).0,
             half_width: zero,
             initial_energies: Energies { kinetic: zero, elastic: zero, gravity: zero },
             guarded: 0,
@@ -369,14 +369,15 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         }
         if self.summaries.wanted.set != SummarySet::default() {
             let (half_width, slip_speed) = (self.half_width, self.slip_speed(&now.residuals));
-            let mut margins = [R::zero(); 2];
+            let instant = SummaryInstant { t, now, slip_speed, closure, half_width };
+            self.summaries.watch(&instant, seen);
             if self.summaries.wanted.set.contains(Summary::Margin) {
                 let contacts = self.unilateral.then_some(&self.drive.contacts);
-                let (limits, stop_on) = (&self.limits, &self.stop_on);
-                margins = R::call(self.instructions, Margins { limits, now, contacts, stop_on });
+                let (limits, stop_on, seen) =
+                    (&self.limits, &self.stop_on, seen & self.summaries.after.at_most(t));
+                let memory = &mut self.summaries.memory[Summary::Margin as usize];
+                R::call(self.instructions, Margins { limits, now, contacts, stop_on, memory, seen });
             }
-            let instant = SummaryInstant { t, now, slip_speed, closure, half_width, margins };
-            self.summaries.watch(&instant, seen);
         }
         unstable &= seen;
         Seen { finite, ended: ended | unstable, unstable, found }

@@ -7,6 +7,7 @@ use crate::model::contact::Side;
 use crate::model::{Any, Contact, Contacts, Geometry, Motion, Parameters, SIDES, ShapeKind, Source};
 use crate::names::{named, set};
 use crate::number::{Bits, LaneTask, Lanes, Real, task};
+use crate::stepping::summary::{Memory, take_margins};
 use crate::stepping::{Cause, Instant};
 
 named! {
@@ -309,8 +310,8 @@ task! {
     /// tip, lengths in its radius a, and tilts in 90 degrees. Separation has no distance: a tip pulls before it.
     pub(super) ['a, R: Lanes]
     Margins<'a, R>(limits: &'a Limits<R>, now: &'a Evaluation<R>, contacts: Option<&'a Contacts<R>>,
-        stop_on: &'a [Bits; VIOLATIONS.len()])
-    for R => [R; 2] = {
+        stop_on: &'a [Bits; VIOLATIONS.len()], memory: &'a mut Memory<R>, seen: Bits)
+    for R => () = {
         let (one, infinity, per_tilt) = (R::constant(1.0), R::constant(f64::INFINITY), R::constant(std::f64::consts::FRAC_2_PI));
         let (mut least, mut at_end) = (infinity, infinity);
         let inside = [limits.half_height[0] - now.places[0].abs(), limits.half_height[1] - now.places[1].abs()];
@@ -337,7 +338,7 @@ task! {
             least = least.min_in(cone, sticks & stop_on[Violation::Slipping as usize]);
             least = least.min_in(force, slips & stop_on[Violation::Opened as usize]);
         }
-        [least, at_end]
+        take_margins(memory, [least, at_end], seen)
     }
 }
 

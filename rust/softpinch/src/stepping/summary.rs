@@ -9,7 +9,7 @@ use crate::names::{named, set};
 use crate::number::{Bits, Lanes};
 
 /// The numbers that a summary keeps from one instant to the next.
-type Memory<R> = [R; 3];
+pub(super) type Memory<R> = [R; 3];
 
 /// One instant of the runs in all lanes.
 pub(crate) struct SummaryInstant<'a, R> {
@@ -21,8 +21,6 @@ pub(crate) struct SummaryInstant<'a, R> {
     pub closure: R,
     /// W / 2, m.
     pub half_width: R,
-    /// How far the grasp is from its loss, and by how much it would hold if the run ended here: `Margins`.
-    pub margins: [R; 2],
 }
 
 /// The end of a run, as far as summaries need it.
@@ -43,8 +41,9 @@ trait Fold {
     const START: [f64; 3] = [NOTHING; 3];
     /// Whether the value has a derivative that means anything. Sums of times or errors do not follow the motion smoothly.
     const SMOOTH: bool = true;
-    /// Takes an instant of the lanes in `seen`.
-    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, band: R, seen: Bits);
+    /// Takes an instant of the lanes in `seen`. Margins have a task of their own, which keeps the step loops small.
+    #[inline(always)]
+    fn watch<R: Lanes>(_memory: &mut Memory<R>, _: &SummaryInstant<'_, R>, _band: R, _seen: Bits) {}
     /// The value at the end of a run of which an instant was seen.
     fn value(memory: [f64; 3], _end: &RunEnd) -> f64 {
         memory[0]
@@ -296,13 +295,6 @@ impl Fold for Margin {
     const START: [f64; 3] = [f64::NAN, f64::INFINITY, 0.0];
     const SMOOTH: bool = false;
 
-    #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, _: R, seen: Bits) {
-        let [distance, at_end] = instant.margins;
-        memory[0] = R::select(seen, at_end, memory[0]);
-        memory[1] = memory[1].min_in(distance, seen);
-    }
-
     /// What was beyond and what was missing add up. Round-off does not decide the sign: the run knows whether it held.
     fn value([at_end, distance, _]: [f64; 3], end: &RunEnd) -> f64 {
         let margin = match end.completed {
@@ -312,6 +304,13 @@ impl Fold for Margin {
         };
         if end.holds { margin.max(f64::MIN_POSITIVE) } else { margin.min(0.0) }
     }
+}
+
+/// Takes the two margins of an instant of the lanes in `seen`.
+#[inline(always)]
+pub(super) fn take_margins<R: Lanes>(memory: &mut Memory<R>, [distance, at_end]: [R; 2], seen: Bits) {
+    memory[0] = R::select(seen, at_end, memory[0]);
+    memory[1] = memory[1].min_in(distance, seen);
 }
 
 set! {
@@ -381,8 +380,8 @@ mod tests {
 
     impl<R: Lanes> Own<R> {
         fn instant(&self) -> SummaryInstant<'_, R> {
-            let Self { t, ref now, slip_speed, closure, half_width, margins } = *self;
-            SummaryInstant { t, now, slip_speed, closure, half_width, margins }
+            let Self { t, ref now, slip_speed, closure, half_width, .. } = *self;
+            SummaryInstant { t, now, slip_speed, closure, half_width }
         }
     }
 
@@ -518,6 +517,8 @@ mod tests {
                 let seen = |lane: usize| runs[lane].get(k).is_some_and(|&(_, seen)| seen);
                 let seen = (0..4).fold(0, |bits, lane| bits | Bits::from(seen(lane)) << lane);
                 summaries.watch(&instant.instant(), seen);
+                let memory = &mut summaries.memory[Summary::Margin as usize];
+                take_margins(memory, instant.margins, seen & summaries.after.at_most(instant.t));
             }
             let end = RunEnd { from: after, completed, holds: completed && kept, missing: 0.375, free_time: 0.25 };
             for (lane, run) in runs.iter().enumerate() {

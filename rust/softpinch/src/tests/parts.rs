@@ -530,7 +530,7 @@ proptest! {
             let choice = Choice { formulation, contact: ContactModel::Bilateral, fingers: Fingers::Pid, moves: false, ledger: false };
             let instructions = Level::detect().require().unwrap();
             let system = SceneEquations::<f64>::new(instructions, choice, &hand, &gains);
-            let tangent = Tangent::<f64, 8>::new(instructions, choice, &[&hand; MOST], &gains);
+            let tangent = Tangent::<f64>::new(instructions, choice, &[&hand; MOST], &gains);
             let y = system.begin(&Motion { q, p, memory: [1e-3, -1e-3], ..Motion::zero() });
             let found = tangent.jacobian(&drive, 0.0, &y).rows;
             let states = system.size().states;

@@ -31,7 +31,6 @@ numbered! {
 }
 
 /// The modulus E with which (5) is as stiff at full compression as the law of tip `i`, Pa.
-#[inline(never)]
 pub(crate) fn modulus(parameters: &Parameters, i: usize) -> f64 {
     if parameters.law(i) == LawKind::ParallelSprings {
         return parameters.tips[i].youngs_modulus;
