@@ -19,7 +19,7 @@ import numpy as np
 import softpinch as sp
 from command import parser
 from machine import describe
-from softpinch.study.subset import Estimate, importance_sampling, subset_simulation
+from softpinch.study.subset import Found, importance_sampling, subset_simulation
 
 SCENE = sp.Scene(duration=0.1, disturbances=[sp.Pulse(time=0.02, duration=0.01)])
 FORCES = (20.0, 10.0)  # N, standard deviations of the push
@@ -117,7 +117,7 @@ def coverage(quick: bool) -> None:
         kept: dict[str, list[bool]] = {"subset": [], "importance": []}
         for seed in range(seeds):
             rng = np.random.Generator(np.random.Philox(seed))
-            found: Estimate = subset_simulation(plane, d, 1000, 10**6, rng)
+            found: Found = subset_simulation(plane, d, 1000, 10**6, rng)
             kept["subset"].append(found.end(-1.0) <= probability <= found.end(1.0))
             if d <= 12:
                 found = importance_sampling(plane, found, 8000, rng)

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("scipy")
 
-from softpinch.study.subset import Estimate, importance_sampling, subset_simulation
+from softpinch.study.subset import Found, importance_sampling, subset_simulation
 
 BELOW = NormalDist().cdf
 
@@ -28,7 +28,7 @@ def opposite(beta: float) -> Callable[[np.ndarray], np.ndarray]:
     return lambda u: beta - np.abs(u[:, 0])
 
 
-def subset(distance: Callable[..., np.ndarray], d: int, seed: int, size: int = 2000) -> Estimate:
+def subset(distance: Callable[..., np.ndarray], d: int, seed: int, size: int = 2000) -> Found:
     return subset_simulation(distance, d, size, 100_000, generator(seed))
 
 
