@@ -67,6 +67,7 @@ figures: build ## Make the pictures of README and docs again
 	$(BIN)/python examples/12_softest_tip.py docs/figures/softest_tip.png
 	$(BIN)/python examples/13_carried_by_an_arm.py docs/figures/carried_by_an_arm.png
 	$(BIN)/python examples/14_a_bottle_in_jaws.py docs/figures/a_bottle_in_jaws.png
+	$(BIN)/python examples/15_how_rarely_it_fails.py docs/figures/how_rarely_it_fails.png
 
 # Every warning is an error; --keep-going shows all of them.
 SITE := $(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going --nitpicky --fresh-env --quiet docs build/docs
@@ -209,6 +210,10 @@ bench-ablation: build ## Measure what each part of a scene costs, and write docs
 .PHONY: bench-odds
 bench-odds: build ## Compute how likely a grasp holds with real friction, and write docs/unilateral.md's tables again
 	$(BIN)/python benchmarks/contact_odds.py
+
+.PHONY: bench-rare
+bench-rare: build ## Measure rare events beside plain runs, and beside OpenTURNS where it is installed
+	$(BIN)/python benchmarks/rare.py
 
 .PHONY: bench-stopping
 bench-stopping: build ## Measure how often intervals of stopped studies are right, and write docs/ensembles.md's table again

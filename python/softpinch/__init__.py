@@ -35,8 +35,9 @@ _LAZY = {
     "store": ("Study",),
     "study": (
         *("Capsule", "Choice", "Comparison", "Discretisation", "Distribution", "Effect"),
-        *("Ensemble", "Estimate", "Gradients", "LogNormal", "LogUniform", "Lost", "Mean"),
-        *("Normal", "Results", "TruncatedNormal", "Uniform", "compare", "sensitivity"),
+        *("Ensemble", "Estimate", "Gradients", "Level", "LogNormal", "LogUniform"),
+        *("Lost", "Mean", "Normal", "RareEvent", "Results", "TruncatedNormal"),
+        *("Uniform", "compare", "rare_event", "sensitivity"),
     ),
 }
 

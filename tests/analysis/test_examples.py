@@ -139,3 +139,9 @@ def test_a_gripper_carries_a_bottle_as_fast_as_friction_lets_it(tmp_path: Path) 
     at, low, high, slips = np.array(rows, float).T
     assert low[0] > 0.6 and high[-1] < 0.1 and low[at < duration].min() > high[at > 0.75].max()
     assert (slips >= low).all()
+
+
+def test_how_rarely_it_fails(tmp_path: Path) -> None:
+    printed = run_example("15_how_rarely_it_fails.py", tmp_path, "--quick")
+    assert "lost with a probability of" in printed
+    assert "the object was lost at" in printed

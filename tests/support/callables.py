@@ -22,6 +22,13 @@ STEP = 1e-3
 TIMES, ANGLES = [0.0, 0.1], [[0.1, 0.1], [0.2, 0.2]]
 # One pair, so that what compares pairs takes no time.
 PAIR: dict[str, Any] = {"formulations": "csm", "methods": "rk4"}
+RARE: dict[str, Any] = {
+    "vary": {"grasped.mass": sp.Normal(0.1, 0.01)},
+    "event": ("peak_rotation", ">", 1e-9),
+    "runs": 1000,
+    "dt": STEP,
+    "progress": False,
+}
 # Classes that users make, beside the records: others are results.
 MADE = {"Peer", "Simulator", "VectorSimulator"}
 # Without an object of their own: their methods are those of what is derived.
@@ -259,6 +266,8 @@ def special() -> dict[str, dict[str, Any]]:
         "linearize": {"state": SCENE.start()},
         "modes": {"t": [0.0], "q": [SCENE.start().q], "p": [[0.0] * 9]},
         "monte_carlo": {"vary": {"grasped.mass": [0.1, 0.2]}, "dt": STEP},
+        "rare_event": RARE,
+        "plot.rare_event": {"found": sp.rare_event(SCENE, **RARE)},
         "simulate": {"dt": STEP},
         "stability_map": {"values": [0.1], **pair},
         "stabilization_sweep": {"dt": STEP, "products": [0.1]},

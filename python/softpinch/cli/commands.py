@@ -29,6 +29,7 @@ from ..support.files import FORMATS
 from .accuracy import advise, stability, work_precision
 from .montecarlo import montecarlo
 from .options import Alpha, Beta, Dt, Format, Formulation, Method, Out, Set, Tolerance, separated
+from .rare import rare
 from .shell import ENDED_EARLY, INTERRUPTED, gains, one_line_errors, read_run, with_changes
 
 app = typer.Typer(
@@ -193,6 +194,7 @@ def run(
 
 
 app.command()(montecarlo)
+app.command()(rare)
 
 
 @app.command()

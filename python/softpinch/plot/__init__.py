@@ -12,6 +12,7 @@ from .equilibrium_plots import carry_limits, equilibria, wrench_limits
 from .film import animate, snapshot, snapshots
 from .fit_plot import fit, law
 from .mode_shapes import compliance, modes
+from .rare_plot import rare_event
 from .run_plots import (
     contact,
     contact_models,
@@ -40,6 +41,7 @@ __all__ = [
     "law",
     "modes",
     "motion",
+    "rare_event",
     "residuals",
     "run",
     "save",

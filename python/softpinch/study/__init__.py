@@ -19,7 +19,9 @@ from .effects import Effect, sensitivity
 from .engine import Lost
 from .estimates import Discretisation, Estimate, Mean
 from .gradients import Gradients
+from .rare import RareEvent, rare_event
 from .results import Ensemble, Results
+from .subset import Level
 
 __all__ = [
     "Capsule",
@@ -31,14 +33,17 @@ __all__ = [
     "Ensemble",
     "Estimate",
     "Gradients",
+    "Level",
     "LogNormal",
     "LogUniform",
     "Lost",
     "Mean",
     "Normal",
+    "RareEvent",
     "Results",
     "TruncatedNormal",
     "Uniform",
     "compare",
+    "rare_event",
     "sensitivity",
 ]

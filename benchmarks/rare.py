@@ -1,0 +1,138 @@
+"""Runs and time for rare events, P = 1e-3 to 1e-7, beside plain runs and OpenTURNS.
+
+make bench-rare
+
+A grasp is pushed at random, and the event is that its object turns by more than an angle. Prints
+the runs that each method takes, its time, its coefficient of variation, and, for a distance of
+which the probability is known, how often its 95 % intervals have the truth. OpenTURNS'
+SubsetSampling takes part where it is installed.
+"""
+
+import math
+import time
+from importlib.util import find_spec
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+
+import softpinch as sp
+from command import parser
+from machine import describe
+from softpinch.study.subset import Found, importance_sampling, subset_simulation
+
+SCENE = sp.Scene(duration=0.1, disturbances=[sp.Pulse(time=0.02, duration=0.01)])
+FORCES = (20.0, 10.0)  # N, standard deviations of the push
+VARY: dict[Any, Any] = {
+    "grasped.mass": sp.Normal(0.1, 0.01),
+    "hand.tip.youngs_modulus": sp.LogNormal(0.3e6, 0.2),
+    "disturbances.0.force": sp.Normal((0.0, 0.0), FORCES),
+}
+DT = 1e-3
+# Angles whose probabilities are about 1e-3 ... 1e-7, rad.
+ANGLES = (0.0200, 0.0249, 0.0290, 0.0325, 0.0357)
+
+
+def runs_at(points: Any) -> Any:
+    """The peak rotations of runs at points of the standard normal space (n, 4)."""
+    u = np.asarray(points)
+    columns = {
+        "grasped.mass": 0.1 + 0.01 * u[:, 0],
+        "hand.tip.youngs_modulus": 0.3e6 * np.exp(0.2 * u[:, 1]),
+        "disturbances.0.force": np.array(FORCES) * u[:, 2:],
+    }
+    study = sp.monte_carlo(SCENE, vary=columns, dt=DT, summaries="peak_rotation", progress=False)
+    return study["peak_rotation"]
+
+
+def peer(angle: float, seed: int) -> tuple[float, float, int]:
+    """Probability, coefficient of variation and runs of OpenTURNS' subset simulation."""
+    import openturns as ot
+
+    ot.RandomGenerator.SetSeed(seed)
+
+    def batch(points: Any) -> Any:
+        return runs_at(points)[:, None]
+
+    function = ot.PythonFunction(4, 1, func_sample=batch)
+    vector = ot.CompositeRandomVector(function, ot.RandomVector(ot.Normal(4)))
+    subset = ot.SubsetSampling(ot.ThresholdEvent(vector, ot.Greater(), angle))
+    subset.setMaximumOuterSampling(5)
+    subset.setBlockSize(1000)
+    subset.run()
+    result = subset.getResult()
+    calls = result.getOuterSampling() * result.getBlockSize()
+    return result.getProbabilityEstimate(), result.getCoefficientOfVariation(), calls
+
+
+def row(name: str, p: float, cov: float, runs: float, seconds: float, note: str = "") -> None:
+    print(f"  {name:22} {p:10.3g} {100 * cov:7.1f} % {runs:10.3g} {seconds:9.2f} s  {note}")
+
+
+def table(quick: bool) -> None:
+    """Each method for each angle."""
+    print("\nthe object turns by more than an angle:")
+    print(f"  {'method':22} {'P':>10} {'cov':>9} {'runs':>10} {'time':>11}")
+    begun = time.perf_counter()
+    count = 4000 if quick else 200_000
+    sp.monte_carlo(SCENE, count, 1, VARY, dt=DT, summaries="peak_rotation", progress=False)
+    each = (time.perf_counter() - begun) / count
+    runs, seeds = (1500, 1) if quick else (30_000, 5)
+    for angle in ANGLES[:1] if quick else ANGLES:
+        print(f"angle {angle} rad")
+        for method in ("importance", "subset"):
+            found, spent = [], []
+            for seed in range(seeds):
+                begun = time.perf_counter()
+                how: dict[str, Any] = {"method": method, "dt": DT, "progress": False}
+                event = ("peak_rotation", ">", angle)
+                found.append(sp.rare_event(SCENE, VARY, event, runs, seed, **how))
+                spent.append(time.perf_counter() - begun)
+            values = np.array([one.probability for one in found])
+            cov, took = float(np.median([one.cov for one in found])), float(np.median(spent))
+            noted = f"scatter of {seeds} seeds {100 * values.std() / values.mean():.1f} %, "
+            noted += f"{sum(bool(one.warnings) for one in found)} with warnings"
+            row(f"{method}", float(np.median(values)), cov, found[0].runs, took, noted)
+            if method == "importance":
+                best, cov_best = float(np.median(values)), cov
+        if find_spec("openturns") and not quick:
+            begun = time.perf_counter()
+            p, cov, calls = peer(angle, 1)
+            row("OpenTURNS subset", p, cov, calls, time.perf_counter() - begun)
+        for name, target in (("plain, cov 10 %", 0.1), ("plain, as importance", cov_best)):
+            needed = (1.0 / best - 1.0) / target**2
+            row(name, best, target, needed, needed * each, "computed from the time of a run")
+
+
+def coverage(quick: bool) -> None:
+    """How often intervals have a probability that a formula gives."""
+    seeds = 20 if quick else 400
+    print(f"\n95 % intervals that have the truth, of {seeds} seeds:")
+    for d, probability in ((2, 1e-3), (10, 1e-3), (100, 1e-3), (4, 1e-6)):
+        beta = -NormalDist().inv_cdf(probability)
+
+        def plane(u: Any, beta: float = beta, d: int = d) -> Any:
+            return beta - u.sum(axis=1) / math.sqrt(d)
+
+        kept: dict[str, list[bool]] = {"subset": [], "importance": []}
+        for seed in range(seeds):
+            rng = np.random.Generator(np.random.Philox(seed))
+            found: Found = subset_simulation(plane, d, 1000, 10**6, rng)
+            kept["subset"].append(found.end(-1.0) <= probability <= found.end(1.0))
+            if d <= 12:
+                found = importance_sampling(plane, found, 8000, rng)
+                kept["importance"].append(found.end(-1.0) <= probability <= found.end(1.0))
+        shares = ", ".join(f"{k} {100 * np.mean(v):.1f} %" for k, v in kept.items() if v)
+        print(f"  plane in {d:3} dimensions, P = {probability:g}: {shares}")
+
+
+def main() -> None:
+    asked = parser(__doc__).parse_args()
+    missing = {} if find_spec("openturns") else {"OpenTURNS": "not installed"}
+    print(describe("all cores", missing=missing))
+    table(asked.quick)
+    coverage(asked.quick)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,380 @@
+"""`rare_event`: the probability of an event that plain runs hardly ever show, with its interval."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+
+from ..run.options import Options, names
+from ..scene import usual
+from ..scene.disturbance import Noise, Sampled
+from ..scene.scene import Scene, State
+from ..support import checks
+from ..support.arrays import Floats
+from ..support.choices import Summary
+from ..support.errors import StabilityWarning, warn
+from ..support.extras import require
+from ..support.progress import Report, reporting
+from ..support.result import Result
+from .capsule import Capsule
+from .distributions import LogNormal, Normal
+from .engine import how_many_threads, on_threads
+from .estimates import number_or_array
+from .results import Ensemble
+from .rows import Rows
+from .sources import Key
+from .spec import SUMMARIES, StudySpec
+from .subset import LEAST, LENGTH, Found, Level, importance_sampling, subset_simulation
+
+RareMethod: TypeAlias = Literal["auto", "subset", "splitting", "importance"]
+Event: TypeAlias = str | tuple[str, str, float] | Callable[[Ensemble], Any]
+
+# The most random numbers of a run for which "auto" is "importance".
+_FEW = 12
+# Values beyond so many standard deviations from the medians are not drawn.
+_FARTHEST = 7.0
+# A `Noise` with more samples stays random in each run.
+_MOST_SAMPLES = 4000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class RareEvent(Result):
+    """The probability of a rare event, from `rare_event`.
+
+    Attributes:
+        probability: The estimate; 0 if the levels did not reach the event.
+        interval: Its 95 % confidence interval, log-normal with `cov`. If the probability is 0, the
+            upper end is a bound that holds if the levels lead to the event.
+        cov: Coefficient of variation of the estimate, with the correlation of the chains.
+        levels: The levels on the way to the event, `Level`.
+        runs: Number of computed runs.
+        method: "subset", "splitting" or "importance".
+        warnings: Reasons to doubt the estimate, in words.
+        design_point: Path -> value in the computed run with the event whose parameters are the
+            likeliest, measured in the standard normal space.
+        importance: Column -> its share of the way from the medians to the event; together 1.
+        sensitivity: The derivative of ln(probability) by each parameter of a `Normal` or
+            `LogNormal`, such as "friction.mean".
+        events: The computed runs with the event, as an ensemble.
+        interrupted: Whether Ctrl-C ended the computation; finished levels are kept.
+    """
+
+    probability: float
+    interval: tuple[float, float]
+    cov: float
+    levels: tuple[Level, ...]
+    runs: int
+    method: str
+    warnings: tuple[str, ...]
+    design_point: dict[str, Any]
+    importance: dict[str, float]
+    sensitivity: dict[str, Any]
+    events: Ensemble
+    interrupted: bool
+
+    def __str__(self) -> str:
+        low, high = self.interval
+        return f"{self.probability:.4g} (95 %: {low:.3g} to {high:.3g}), {self.runs} runs"
+
+    @property
+    def plain_runs(self) -> float:
+        """The number of plain runs with the same coefficient of variation; inf for 0."""
+        return (1.0 / self.probability - 1.0) / self.cov**2 if self.probability else math.inf
+
+    def failures(self) -> list[Capsule]:
+        """The computed runs with the event, as capsules, each of which can be replayed alone."""
+        return self.events._capsules(self.events._rows)
+
+
+def rare_event(
+    scene: Scene,
+    vary: Mapping[Key, Any],
+    event: Event = "lost",
+    runs: int = 30_000,
+    seed: int = 0,
+    method: RareMethod = "auto",
+    *,
+    summaries: Summary | Sequence[Summary] = (),
+    threads: int | None = None,
+    progress: bool | Report = True,
+    **options: Any,
+) -> RareEvent:
+    """The probability of a rare event in runs of a scene, such as the loss of the object.
+
+    The same arguments give the same bits, for any number of threads. Ctrl-C keeps finished levels.
+
+    Args:
+        scene: The scene that all runs share. Forces and moments of a `Noise` are drawn as the other
+            random numbers are. A `Noise` that shakes the hand stays random in each run.
+        vary: Path -> distribution, as for `monte_carlo`; it must have quantiles (`ppf`).
+        event: "lost" is `margin` <= 0; (column, ">" or "<", threshold) is about a summary or a
+            component of one, such as ("peak_rotation", ">", 0.3); or a function from an `Ensemble`
+            to numbers (runs,), continuous if possible, which are at most 0 where the event happens.
+            A run with NaN counts as a run with the event.
+        runs: The largest number of runs, at least 1000.
+        seed: Seed of all random numbers.
+        method: "subset" simulation by levels; "splitting", in which half of the steps draw the
+            `Noise` anew from a random instant on; "importance", which weights independent runs
+            about the runs with the event that subset simulation found. "auto" is "importance" for
+            up to 12 random numbers, else "subset".
+        summaries: Summaries to compute for an `event` that is a function.
+        threads: Number of threads; None takes as many as the process may use.
+        progress: As for `monte_carlo`, with the largest number of runs.
+        options: `dt`, `tolerance`, `formulation`, `stabilization`, `stop_on`, `max_steps` and
+            `summaries_after` as for `monte_carlo`, and `integrator`, which is `method` there.
+
+    Raises:
+        ValueError: An argument breaks its rule, or a value within 7 standard deviations from the
+            medians that of its field. Errors come before anything is computed.
+        TypeError: An argument is of the wrong kind.
+        ImportError: SciPy is not installed (extra `study`).
+    """
+    checks.instance("scene", scene, Scene)
+    checked = Options.checked(method=options.pop("integrator", "rk4"), **options)
+    method = checks.choice("method", method, get_args(RareMethod))
+    runs = checks.integer("runs", runs, 1000, 10**9)
+    checks.instance("vary", vary, Mapping, "a mapping from paths to distributions")
+    for key, value in vary.items():
+        if not hasattr(value, "ppf"):
+            rule = "must be a distribution with quantiles, such as sp.Normal(1.0, 0.1)"
+            raise TypeError(f"vary[{checks.shown(key)}] = {checks.shown(value)}: {rule}")
+    distance, column = _distance(event)
+    asked = names("summaries", summaries, SUMMARIES)
+    asked += tuple(name for name in SUMMARIES if name == column.split(".")[0])
+    sampled, drawn, instants = _with_samples(scene, vary)
+    spec = StudySpec.checked(sampled, checked, runs=runs, seed=seed, vary=drawn, summaries=asked)
+    if column:
+        spec.schema.locate(column, "event[0]")
+    runner = _Runner(spec, distance, how_many_threads(threads), instants)
+    if not runner.dimensions:
+        raise ValueError("vary is empty: must have a distribution, or the scene a Noise of forces")
+    if method == "splitting" and runner.times is None:
+        raise ValueError('method = "splitting": needs a Noise of forces in Scene.disturbances')
+    usual.warn(scene)
+    runner.check()
+    with reporting(progress, "rare event") as runner.report:
+        return runner.result(method)
+
+
+def _distance(event: Event) -> tuple[Callable[[Ensemble], Any], str]:
+    """The function that gives the distances of runs to the event, and its column or ""."""
+    if callable(event):
+        return event, ""
+    lost = isinstance(event, str) and event == "lost"
+    event = ("margin", "<", 0.0) if lost else event
+    if not isinstance(event, tuple) or len(event) != 3 or not isinstance(event[0], str):
+        rule = 'must be "lost", a function, or such as ("peak_rotation", ">", 0.3)'
+        raise TypeError(f"event = {checks.shown(event)}: {rule}")
+    name, threshold = event[0], checks.finite("event[2]", event[2])
+    sign = 1.0 if checks.choice("event[1]", event[1], ("<", ">")) == "<" else -1.0
+    return lambda some: sign * (some._numbers(name) - threshold), name
+
+
+def _with_samples(
+    scene: Scene, vary: Mapping[Key, Any]
+) -> tuple[Scene, dict[Key, Any], dict[Key, Floats]]:
+    """Makes each `Noise` of forces a `Sampled` whose samples `vary`; path -> their instants."""
+    paths = [path for key in vary for path in ((key,) if isinstance(key, str) else key)]
+    drawn, loads = dict(vary), list(scene.disturbances)
+    instants: dict[Key, Floats] = {}
+    end = scene.duration + (scene.initial.time if isinstance(scene.initial, State) else 0.0)
+    for k, one in enumerate(scene.disturbances):
+        place = f"disturbances.{k}"
+        fixed = not any(path == "duration" or path.startswith(place) for path in paths)
+        if type(one) is not Noise or np.any(one.acceleration_std) or not fixed:
+            continue
+        stop = end if one.duration is None else min(end, one.time + one.duration)
+        count = math.ceil((stop - one.time) * one.rate_hz)
+        if not 0 < count <= _MOST_SAMPLES:
+            continue
+        # A noise that ends before the run leaves no force.
+        times = np.append(one.time + np.arange(count) / one.rate_hz, [stop] if stop < end else [])
+        acts = (np.arange(len(times)) < count).astype(float)
+        loads[k] = Sampled(times=times, force=np.zeros((len(times), 2)))
+        if np.any(one.force_std):
+            drawn[f"{place}.force"] = Normal(
+                0.0, np.multiply.outer(acts, one.force_std * np.ones(2))
+            )
+            instants[f"{place}.force"] = np.repeat(times, 2)
+        if one.moment_std:
+            drawn[f"{place}.moment"] = Normal(0.0, one.moment_std * acts)
+            instants[f"{place}.moment"] = times
+    return replace(scene, disturbances=tuple(loads)), drawn, instants
+
+
+class _Runner:
+    """Computes runs at points of the standard normal space, and estimates the probability."""
+
+    def __init__(
+        self,
+        spec: StudySpec,
+        distance: Callable[[Ensemble], Any],
+        threads: int,
+        instants: Mapping[Key, Floats],
+    ) -> None:
+        self._normal = require("scipy.special", extra="study", purpose="rare_event (SciPy)").ndtr
+        self._spec, self._distance, self._threads = spec, distance, threads
+        self._instants = instants
+        self.report: Report
+        self._columns: dict[Key, slice] = {}  # of the points (n, d)
+        self.dimensions = self._done = self._broken = 0
+        times = [np.empty(0)]
+        for key, source in spec.draws.sources.items():
+            size = source.dimensions("rare_event")
+            self._columns[key] = slice(self.dimensions, self.dimensions + size)
+            self.dimensions += size
+            times.append(instants.get(key, np.full(size, np.nan)))
+        self.times = np.concatenate(times) if instants else None
+        # The runs with the event, and their points.
+        nowhere = np.empty((0, self.dimensions))
+        nothing = Rows(columns=spec.empty().columns | self._block(nowhere).columns)
+        self._rows, self._points = [nothing], [nowhere]
+
+    def _block(self, points: Floats) -> Rows:
+        """The next runs, at points (n, d)."""
+        uniform = self._normal(np.clip(points, -_FARTHEST, _FARTHEST))
+        numbers = np.arange(self._done, self._done + len(points), dtype=np.uint64)
+        columns: dict[str, Any] = {"run": numbers}
+        for key, source in self._spec.draws.sources.items():
+            columns |= source.split(source.from_points(uniform[:, self._columns[key]], 0))
+        return Rows(columns=columns)
+
+    def check(self) -> None:
+        """Refuses distributions whose tails break the rules of their fields."""
+        some = slice(None) if self.times is None else np.isnan(self.times)
+        ends = _FARTHEST * np.eye(self.dimensions)[some]
+        block = self._block(np.concatenate([np.zeros((1, self.dimensions)), ends, -ends]))
+        advice = "; take a distribution without such a tail, as LogNormal or TruncatedNormal"
+        with checks.reworded(f"vary: {_FARTHEST:g} standard deviations off, ", advice):
+            self._spec.varied.check(self._spec.values(block), block.run)
+            batch = self._spec.batch(block)
+        if batch.warning:
+            warn(batch.warning, StabilityWarning)
+
+    def __call__(self, points: Floats) -> Floats:
+        """Computes runs at points (n, d) in lanes, and returns their distances to the event."""
+        found: list[Rows] = []
+        block, done, most = self._block(points), self._done, self._spec.draws.runs
+
+        def accept(rows: Rows) -> bool:
+            found.append(rows)
+            return False
+
+        def report(new: int, total: int) -> None:
+            self.report(done + new, most)
+
+        if on_threads(self._spec, [block], len(points), self._threads, report, accept):
+            raise KeyboardInterrupt
+        rows = found[0].in_order()
+        self._done += len(rows)
+        values = checks.numbers("event", self._distance(Ensemble(self._spec, rows, requested=0)))
+        if values.shape != (len(rows),):
+            raise ValueError(f"event: gave shape {values.shape}, must give ({len(rows)},)")
+        self._broken += int(np.isnan(values).sum())
+        values = np.where(np.isnan(values), -np.inf, values)
+        self._rows.append(rows.select(values <= 0.0))
+        self._points.append(points[values <= 0.0])
+        return values
+
+    def result(self, method: str) -> RareEvent:
+        """Finds levels with some of the runs; the others give the estimate."""
+        most, times = self._spec.draws.runs, self.times if method == "splitting" else None
+        rng = np.random.Generator(np.random.Philox(self._spec.draws.seed))
+        size = int(np.clip(most // 30, 100, 1000))
+        pilot = found = subset_simulation(self, self.dimensions, size, most, rng, times)
+        few = method == "importance" or (method == "auto" and self.dimensions <= _FEW)
+        method = "splitting" if method == "splitting" else "subset"
+        if not pilot.interrupted:
+            deepest = pilot.probability * math.exp(-3.0 * pilot.spread) if pilot.found else LEAST
+            levels, left = max(1, math.ceil(-math.log10(deepest))), most - self._done
+            # Levels that keep all ways to the event need more runs than the weighted ones.
+            part, bound = (0.6, 0.8) if few and levels > 1 else (1.0, 1.0)
+            size = int(part * left / (levels - (levels - 1) / LENGTH))
+            found = subset_simulation(self, self.dimensions, size, int(bound * left), rng, times)
+        if few and len(found.levels) > 1 and not found.interrupted:
+            try:
+                found = importance_sampling(self, found, most - self._done, rng)
+                method = "importance"
+            except KeyboardInterrupt:
+                found = replace(found, interrupted=True)
+        elif found.interrupted and pilot.found:
+            found = replace(pilot, interrupted=True)
+        return self._result(method, found, pilot)
+
+    def _result(self, method: str, found: Found, pilot: Found) -> RareEvent:
+        warnings, value = [*found.warnings], found.probability if found.found else 0.0
+        low, high = (found.end(-1.0), found.end(1.0)) if value else (0.0, found.end(1.0))
+        if not value:
+            # The rule of three, for the independent runs of the first level.
+            high = min(high, 3.0 / found.levels[0].runs) if found.levels else 1.0
+            warnings.append("not found: the upper bound holds if the levels lead to the event")
+        apart = 3.0 * math.hypot(found.spread, pilot.spread)
+        if pilot.found and (not value or abs(math.log(value / pilot.probability)) > apart):
+            text = f"fewer runs gave {pilot.probability:.2g}, and more {value:.2g}"
+            warnings.append(f"{text}: one of them misses a part of the event")
+        share = found.weights.max() / found.weights.sum() if value else 0.0
+        if method == "importance" and share > 0.05:
+            warnings.append(f"{share:.0%} of the estimate comes from one run: cov may be too small")
+        if self._broken:
+            warnings.append(f"{self._broken} runs give NaN, and count as runs with the event")
+        if value and len(found.levels) > 1 and self.dimensions <= _FEW:
+            warnings += _lost_ways(found.first, found.points)
+        rows, points = Rows.joined(self._rows), np.concatenate(self._points)
+        nearest = np.argsort((points**2).sum(axis=1), kind="stable")[:1].tolist()
+        shapes = self._spec.shapes
+        importance, sensitivity = self._scores(found) if value else ({}, {})
+        return RareEvent(
+            probability=value,
+            interval=(low, min(high, 1.0)),
+            cov=found.cov if value else math.inf,
+            levels=tuple(found.levels),
+            runs=self._done,
+            method=method,
+            warnings=tuple(warnings),
+            design_point={p: number_or_array(rows.columns[p][k]) for k in nearest for p in shapes},
+            importance=importance,
+            sensitivity=sensitivity,
+            events=Ensemble(self._spec, rows, requested=len(rows)),
+            interrupted=found.interrupted,
+        )
+
+    def _scores(self, found: Found) -> tuple[dict[str, float], dict[str, Any]]:
+        """`RareEvent.importance`, and the mean scores d ln(density) / d parameter of the event."""
+        shares: dict[str, float] = {}
+        slopes: dict[str, Any] = {}
+        for key, source in self._spec.draws.sources.items():
+            u, value = found.points[:, self._columns[key]], source.value
+            first, second = (np.average(x, 0, found.weights) for x in (u, u**2 - 1.0))
+            entries = [self._spec.schema.entries[path] for path in source.paths]
+            names, part = [n for one in entries for n in one.columns], np.maximum(second, 0.0)
+            # One random number may select several values.
+            names, part = (
+                (names, part) if len(names) == len(part) else (names[:1], part.sum()[None])
+            )
+            shares |= dict(zip(names, part.tolist(), strict=True))
+            if not isinstance(value, Normal | LogNormal) or key in self._instants:
+                continue
+            unit = value.median if isinstance(value, LogNormal) else 1.0
+            (centre, _), (width, std) = value._values().items()
+            for name, score, scale in ((centre, first, unit), (width, second, 1.0)):
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    mean = score.reshape(-1, *value.shape).sum(axis=0) / np.multiply(scale, std)
+                # All components may share a parameter.
+                alone = np.ndim(getattr(value, name)) == 0
+                slopes[f"{', '.join(source.paths)}.{name}"] = number_or_array(
+                    mean.sum() if alone else mean
+                )
+        total = sum(shares.values()) or 1.0
+        return {n: shares[n] / total for n in sorted(shares, key=lambda n: -shares[n])}, slopes
+
+
+def _lost_ways(first: Floats, events: Floats) -> list[str]:
+    """A warning if runs of the first level lie in directions in which no run has the event."""
+    here, there = (x / np.linalg.norm(x, axis=1)[:, None] for x in (first, events[:2000]))
+    share = float(((here @ there.T).max(axis=1) < 0.3).mean())
+    text = f"{share:.0%} of the runs of the first level lie where no run has the event at the end"
+    return [f"{text}, so that a second way to the event may be lost"] if share > 0.05 else []

@@ -1,0 +1,243 @@
+"""Probabilities of rare events of standard normal numbers: subset and importance sampling.
+
+    >>> rng = np.random.Generator(np.random.Philox(1))
+    >>> found = subset_simulation(lambda u: 4.0 - u[:, 0], 2, 1000, 30_000, rng)
+    >>> 2e-5 < found.probability < 5e-5  # 3.2e-5
+    True
+
+An event happens where a function of the point (d,) is at most 0. Subset simulation (Au and Beck,
+"Estimation of small failure probabilities in high dimensions by subset simulation", 2001)
+multiplies the shares of levels, each a tenth of the one before. Chains begin at the points inside a
+level and stay inside, by adaptive conditional sampling (Papaioannou, Betz, Zwirglmaier and Straub,
+"MCMC algorithms for subset simulation", 2015). All chains step together, so that runs use lanes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..support.arrays import Floats
+from ..support.extras import require
+from ..support.result import Result
+
+# A level is a tenth of the one before, so that chains from inside it have so many points.
+LENGTH = 10
+# Subset simulation gives up below this probability.
+LEAST = 1e-9
+# The acceptance rate that is aimed at, and the range outside of which chains explore little.
+_TARGET, _ACCEPTABLE = 0.44, (0.15, 0.8)
+# Twice the standard deviation of runs in all directions, if no point of the event is known.
+_FAR = 5.0
+# Half width of a two-sided 95 % interval, in standard deviations.
+_REACH = 1.959963984540054
+
+# From points (n, d) to their distances to the event (n,).
+Distance = Callable[[Floats], Floats]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Level(Result):
+    """A level of subset simulation.
+
+    Attributes:
+        threshold: The largest distance to the event of runs inside the level.
+        probability: The share of runs inside, among those inside the level before.
+        cov: Coefficient of variation of `probability`, with the correlation of the chains.
+        acceptance: The share of the chains' steps that were accepted; NaN for independent runs.
+        runs: Number of runs.
+    """
+
+    threshold: float
+    probability: float
+    cov: float
+    acceptance: float
+    runs: int
+
+
+@dataclass
+class Found:
+    """The probability of an event, or of the last level before it."""
+
+    levels: list[Level] = field(default_factory=list)
+    probability: float = 1.0
+    cov: float = 0.0
+    points: Floats = field(default_factory=lambda: np.empty((0, 0)))  # inside (k, d)
+    weights: Floats = field(default_factory=lambda: np.empty(0))  # of these (k,)
+    first: Floats = field(default_factory=lambda: np.empty((0, 0)))  # inside the first level (m, d)
+    found: bool = False  # whether the event is reached
+    interrupted: bool = False
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def spread(self) -> float:
+        """The standard deviation of the logarithm of a log-normal number with this `cov`."""
+        return math.sqrt(math.log1p(self.cov**2))
+
+    def end(self, side: float) -> float:
+        """The lower (-1.0) or upper (1.0) end of the 95 % interval of a log-normal estimate."""
+        return self.probability * math.exp(0.5 * self.spread**2 + side * _REACH * self.spread)
+
+
+def subset_simulation(
+    distance: Distance,
+    dimensions: int,
+    size: int,
+    most: int,
+    rng: np.random.Generator,
+    times: Floats | None = None,
+) -> Found:
+    """Goes down level by level, with `size` points in each, and at most `most` calls in all.
+
+    A KeyboardInterrupt of `distance` keeps the finished levels. With `times` (d,), NaN for
+    numbers without a time, half of the steps draw numbers from a random instant on anew.
+    """
+    chains, result = size // LENGTH, Found()
+    points = rng.standard_normal((chains * LENGTH, dimensions))
+    ancestors, scale, acceptance = np.arange(len(points)), 0.6, math.nan
+    before, runs, left, squares = math.inf, len(points), most - len(points), 0.0
+    try:
+        values = distance(points)
+        while True:
+            threshold = max(0.0, float(np.partition(values, chains - 1)[chains - 1]))
+            highest = min(before, float(values.max()))
+            if threshold >= highest and (values < highest).any():
+                # Many values are equal: go down to the next one.
+                threshold = max(0.0, float(values[values < highest].max()))
+            elif threshold >= before:
+                return result
+            inside = values <= threshold
+            share, cov = float(inside.mean()), _cov(inside.reshape(-1, chains), before == math.inf)
+            facts = {"probability": share, "cov": cov, "acceptance": acceptance}
+            result.levels.append(Level(threshold=threshold, runs=runs, **facts))
+            result.probability *= share
+            result.points, result.weights = points[inside], np.ones(int(inside.sum()))
+            result.first = result.points if before == math.inf else result.first
+            lineages = np.unique(ancestors[inside], return_counts=True)[1]
+            squares += cov**2
+            descent = _descent(lineages, chains * LENGTH, len(result.levels))
+            result.cov = math.sqrt(max(squares, descent))
+            number = len(result.levels)
+            result.warnings += _warnings(number, result.levels[-1], len(lineages))
+            result.found, length = threshold == 0.0, min(LENGTH, 1 + left // chains)
+            if result.found or inside.all() or result.probability < LEAST or length < 3:
+                return result
+            seeds = np.resize(rng.permutation(np.flatnonzero(inside)), chains)
+            u, value, ancestors = points[seeds], values[seeds], np.tile(ancestors[seeds], length)
+            steps, accepted, spread = [(u, value)], [], result.points.std(axis=0)
+            for k in range(1, length):
+                sigma = np.minimum(1.0, scale * spread)
+                fresh = rng.standard_normal(u.shape)
+                trial = np.sqrt(1.0 - sigma**2) * u + sigma * fresh
+                if times is not None:
+                    cut = rng.choice(times[np.isfinite(times)], (chains, 1))
+                    cut = np.where(rng.random((chains, 1)) < 0.5, cut, np.inf)
+                    trial = np.where(times >= cut, fresh, trial)
+                new = distance(trial)
+                moved = new <= threshold
+                u, value = np.where(moved[:, None], trial, u), np.where(moved, new, value)
+                steps.append((u, value))
+                accepted.append(float(moved.mean()))
+                scale *= math.exp((accepted[-1] - _TARGET) / math.sqrt(k))
+            points, values = (np.concatenate(parts) for parts in zip(*steps, strict=True))
+            # The first points of the chains belong to the level before.
+            before, runs, acceptance = threshold, len(points) - chains, float(np.mean(accepted))
+            left -= runs
+    except KeyboardInterrupt:
+        result.interrupted = True
+        return result
+
+
+def _cov(inside: NDArray[np.bool_], independent: bool) -> float:
+    """The coefficient of variation of a level's share, from which points (steps, chains) are in.
+
+    The factor 1 + gamma of Au and Beck, equations (25) and (28), is that of correlated chains.
+    """
+    steps, share = len(inside), float(inside.mean())
+    gamma, variance = 0.0, share * (1.0 - share)
+    for lag in range(1, steps if variance and not independent else 1):
+        both = float((inside[lag:] & inside[:-lag]).mean()) - share**2
+        gamma += 2.0 * (1.0 - lag / steps) * both / variance
+    return math.sqrt((1.0 - share) / (share * inside.size) * (1.0 + max(gamma, 0.0)))
+
+
+def _descent(lineages: NDArray[np.intp], size: int, levels: int) -> float:
+    """The relative variance of the product of all levels, from the points of each lineage.
+
+    Levels are not independent, but lineages of different first points are nearly so (Lee and
+    Whiteley, "Variance estimation in the particle filter", 2018, equation (8)).
+    """
+    apart = 1.0 - float((lineages.astype(float) ** 2).sum()) / float(lineages.sum()) ** 2
+    return 1.0 - (size / (size - 1)) ** levels * apart
+
+
+def _warnings(number: int, level: Level, lineages: int) -> list[str]:
+    """Warnings about level `number`, whose points inside have so many lineages."""
+    texts = []
+    if level.acceptance < _ACCEPTABLE[0] or level.acceptance > _ACCEPTABLE[1]:
+        texts += [f"{level.acceptance:.0%} of the steps were accepted: chains explore little"]
+    if level.threshold > 0.0 and level.probability > 1.5 / LENGTH:
+        texts += [f"{level.probability:.0%} of its runs are equally near: levels may mislead"]
+    if number > 1 and lineages < LENGTH:
+        texts += [f"it descends from {lineages} of the first runs: other ways may be lost"]
+    return [f"level {number}: {text}" for text in texts]
+
+
+def importance_sampling(
+    distance: Distance, levels: Found, runs: int, rng: np.random.Generator
+) -> Found:
+    """Weights independent runs from a mixture of normal distributions, about points of the event.
+
+    To the points of the event that subset simulation found, the likeliest mixture is the one with
+    the least cross-entropy. A fourth of the runs improves it, and the others give the estimate.
+    Some runs look in all directions, for ways to the event that the levels did not lead to.
+    """
+    normal = require("scipy.stats", extra="study", purpose="rare_event (SciPy)").multivariate_normal
+    d, points = levels.points.shape[1], levels.points[: len(levels.points) * levels.found]
+    far = max(1.0, 0.5 * float(np.linalg.norm(points, axis=1).min(initial=_FAR)))
+    for number, share in ((runs // 4, 0.5), (runs - runs // 4, 0.1)):
+        mixture = [(1.0, normal(np.zeros(d), far**2 * np.eye(d)))]
+        if len(points):
+            about = [((1.0 - share) * weight, one) for weight, one in _mixture(points, rng)]
+            mixture = [(share, mixture[0][1]), *about]
+        counts = rng.multinomial(number, [weight for weight, _ in mixture])
+        drawn = [one.rvs(n, rng) for n, (_, one) in zip(counts, mixture, strict=True)]
+        trial = np.concatenate([each.reshape(-1, d) for each in drawn])
+        inside = trial[distance(trial) <= 0.0]
+        if not len(inside):
+            return levels
+        logs = [math.log(weight) + one.logpdf(inside).reshape(-1) for weight, one in mixture]
+        squares = (inside**2).sum(axis=1) + d * math.log(2.0 * math.pi)
+        weights = np.exp(-0.5 * squares - np.logaddexp.reduce(logs, axis=0))
+        points = inside[rng.choice(len(inside), 2000, p=weights / weights.sum())]
+    mean, square = float(weights.sum()) / number, float((weights**2).sum()) / number
+    cov = math.sqrt((square / mean**2 - 1.0) / (number - 1))
+    lost = [] if levels.found else ["the levels did not lead to the event: runs around it did"]
+    changes = {"probability": mean, "cov": cov, "points": inside, "weights": weights}
+    return replace(levels, found=True, warnings=[*levels.warnings, *lost], **changes)
+
+
+def _mixture(points: Floats, rng: np.random.Generator) -> list[tuple[float, Any]]:
+    """Weights and normal distributions about up to 4 groups of points (n, d)."""
+    normal = require("scipy.stats", extra="study", purpose="rare_event (SciPy)").multivariate_normal
+    vq = require("scipy.cluster.vq", extra="study", purpose="rare_event (SciPy)")
+    n, d = points.shape
+    groups = int(np.clip(n // (10 * d), 1, 4))
+    group, result = vq.kmeans2(points, groups, minit="++", rng=rng)[1], []
+    for own in (points[group == k] for k in range(groups)):
+        if len(own) > 1:
+            covariance = np.cov(own.T).reshape(d, d)
+            # Few points do not determine correlations: shrink them.
+            kept = np.where(np.eye(d) == 1.0, 1.0, len(own) / (len(own) + d))
+            covariance = covariance * kept + 1e-6 * np.eye(d)
+            # Wider than the points, and a tenth of it much wider, so that no weight is huge.
+            for share, factor in ((0.9, 1.2), (0.1, 2.4)):
+                one = normal(own.mean(axis=0), factor**2 * covariance)
+                result.append((share * len(own) / n, one))
+    total = sum(weight for weight, _ in result)
+    return [(weight / total, one) for weight, one in result]
