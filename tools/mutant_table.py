@@ -495,8 +495,8 @@ MUTANTS = (
     ),
     Mutant(
         "analysis/linear.rs",
-        "input.target_rate.map(|value| variable(value, driven))",
-        "input.target_rate.map(|value| variable(value, false))",
+        "input.target_rate.map(|value| number(value, driven))",
+        "input.target_rate.map(|value| number(value, false))",
         "linearize",
     ),
     Mutant(
