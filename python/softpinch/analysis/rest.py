@@ -34,10 +34,8 @@ class Equilibrium(Result):
     """A state of rest of a scene, or the reason why there is none.
 
     Without an equilibrium `state` is None, `message` has the reason, `stable` and `minimum` are
-    False, and all numbers are nan.
-
-    The no-slip constraint (12) restricts velocities only. So the grasp can rest in a family of
-    states with two parameters, `grip`. The way there decides which of them is reached.
+    False, and all numbers are nan. The no-slip constraint (12) restricts velocities only. So the
+    grasp can rest in a family of states with two parameters, `grip`, by the way there.
 
     Attributes:
         scene: The scene.
@@ -52,8 +50,8 @@ class Equilibrium(Result):
         message: The result in words.
         multipliers: lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N (4,), N; positive lambda^H
             presses the tip on the object.
-        torque: The holding torques: those on the right and the left finger at this rest (2,), N m,
-            or N of a jaw, positive where they close it. A settled run has the same in `Run.torque`.
+        torque: The holding torques on the right and the left finger (2,), N m, or N of a jaw,
+            positive where they close it, as in `Run.torque`.
         stiffness: The stiffness of the grasp (3, 3), N/m, N and N m/rad: the force and the moment
             on the object that a displacement in x, y and theta needs while the fingers are held.
             It is not symmetric, because the forms of the no-slip constraint (12) are no
