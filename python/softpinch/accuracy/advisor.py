@@ -166,12 +166,8 @@ class Advice(Result):
     def simulate(self, **options: Any) -> Run:
         """Simulates the scene as advised, with `dt` or with `step_tolerance`.
 
-        Args:
-            options: Further arguments of `simulate`, such as `record` and `every`; not those that
-                the advice chooses.
-
-        Raises:
-            TypeError: An option is one that the advice chooses.
+        Options are further arguments of `simulate`, such as `record` and `every`. One that the
+        advice chooses is a TypeError.
         """
         return simulate(
             self.scene,

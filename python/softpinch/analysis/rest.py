@@ -61,12 +61,11 @@ class Equilibrium(Result):
             parts, largest first. The two zeros of the family come first of all. Integrals of a PID
             with K_I = 0, which drive nothing, are left out.
         stable: Whether the other eigenvalues have negative real parts: the grasp comes to rest
-            again after a small push, in the same member of the family after a small displacement.
+            again after a small push.
         minimum: Whether elastic energy and gravity have a minimum along every displacement that
             the no-slip constraint admits. Fingers that are not held are displaced too; K_P then
             counts as a spring, a torque of the schedule as a constant force.
-        neutral: The two directions along the family (2, 9): derivatives of q by the grip of the
-            right and of the left tip.
+        neutral: The derivatives of q along the family by the grip of the right and left tip (2, 9).
         grip: Where each tip holds the object's face (2,), m above the centre of gravity: there its
             middle would be, if it were turned upright without shear.
         energy: Elastic energy (5) plus energy of gravity (16), J.
