@@ -60,7 +60,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         raise Reached
 
     monkeypatch.setattr("softpinch.reproduce.experiment.computed", stop)
-    monkeypatch.setattr("softpinch.reproduce.verdict.converges", stop)
+    monkeypatch.setattr("softpinch.reproduce.verdict._converges", stop)
 
 
 def faults(name: str, parameter: str) -> Iterator[str]:

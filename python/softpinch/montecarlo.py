@@ -158,15 +158,13 @@ def monte_carlo(
         record, every, times: Quantities and rows of the trajectories, as for `simulate`; all groups
             if left out. Instants outside the duration of a run are left out.
         check_dt: Whether to compute up to 256 of the runs again with half the step (or a tenth of
-            the tolerance); `Ensemble.discretisation` then has the error of each summary and
-            of the probabilities of "completed" and "holds".
+            the tolerance), for the errors in `Ensemble.discretisation`.
         gradients: Summaries whose derivatives are computed too, after the runs, in
             `Ensemble.gradients`: "final_state", "peak_rotation", "min_compression",
             "peak_friction_angle", "peak_friction_ratio", "peak_torque". For bilateral contact
             without a `SampledController`. Ctrl-C then returns the ensemble without them.
         sensitivities: The paths by which `gradients` differentiates, as for `simulate`; those of
-            `vary` if left out. They need not vary between runs. Paths into `schedule` and
-            `disturbances` take one to two milliseconds more for each run.
+            `vary` if left out. They need not vary between runs.
         stop_when: Status, violation or "holds" -> half width. Stops at the end of the first block
             of 1024 runs at which the 95 % interval of each probability has at most this half width;
             `runs` is then the maximum. The intervals, also those of `probability`, hold at every
@@ -202,10 +200,8 @@ def monte_carlo(
         VersionMismatchError: A worker of the executor has a softpinch version with other bits.
 
     Warns:
-        StabilityWarning: `alpha` or `beta` times `dt` is so large that the method does not damp
-            constraint errors, in some run; or `dt` was too long for an explicit method to be
-            stable in one of up to eight runs that are looked at: unstable ones, else failed ones,
-            else any.
+        StabilityWarning: As of `simulate`, of some run; whether `dt` was too long is looked at in
+            up to eight runs: unstable ones, else failed ones, else any.
         SuspiciousValueWarning: A value that all runs share is far from the usual range.
         LostRunsWarning: Runs failed on workers of the executor and are missing.
     """

@@ -155,12 +155,12 @@ def test_an_unstable_rest_is_no_minimum() -> None:
 def test_the_eight_operations(operations: sp.Run) -> None:
     found = e.rests(operations)
     assert [rest.number for rest in found] == list(range(1, 9))
-    verdict = v.without_slipping(operations, found)
+    verdict = v._without_slipping(operations, found)
     assert verdict.verdict == "holds"
     assert verdict.value == pytest.approx(min(map(softest, found)), rel=1e-5)
     short = sp.simulate(paper.manipulation(duration=4.5), dt=2e-4, record=("state",))
     assert len(e.rests(short)) == 5
-    assert v.without_slipping(operations, found[:5]).verdict == "does not hold"
+    assert v._without_slipping(operations, found[:5]).verdict == "does not hold"
 
 
 def of_random_hands(count: int, seed: int = random_hands.SEED) -> None:

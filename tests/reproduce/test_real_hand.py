@@ -70,7 +70,7 @@ def test_an_operation_is_survived_only_if_both_tips_touch_and_the_object_rests()
 
 
 def words(real: Mapping[float, sp.Run], cases: Mapping[str, Mapping[float, sp.Run]]) -> str:
-    return v.which_survive(real, cases).evidence
+    return v._which_survive(real, cases).evidence
 
 
 def test_words_change_with_the_runs(runs: Runs) -> None:
@@ -82,7 +82,7 @@ def test_words_change_with_the_runs(runs: Runs) -> None:
     assert "survived with mu = 0.5 only, of 0.3, 0.5: (ii)" in text
     short = simulated(paper.manipulation(duration=1.2))
     assert "survived with no mu of 0.5: operation 2" in words({0.5: short}, {})
-    dropped = v.falls_in_operations(runs.operations, {0.3: lost})
+    dropped = v._falls_in_operations(runs.operations, {0.3: lost})
     assert np.isnan(dropped.value) and "lost at 1.0063 s (mu = 0.3)" in dropped.evidence
 
 

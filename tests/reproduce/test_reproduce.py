@@ -75,15 +75,15 @@ def verdicts(check: Callable[[sp.Run], v.Finding], **columns: Any) -> str:
 
 def test_converging_holds_only_where_the_end_of_every_operation_is_calm() -> None:
     settle = since(1.0, lambda t: 0.02 * (1.0 - np.exp(-t / 0.05)))
-    assert verdicts(v.converges, q_0=settle) == "holds"
+    assert verdicts(v._converges, q_0=settle) == "holds"
     creep = since(1.0, lambda t: 0.02 * (1.0 - np.exp(-t)))
-    assert verdicts(v.converges, q_0=creep) == "does not hold"
+    assert verdicts(v._converges, q_0=creep) == "does not hold"
     for column in (0, 1, 2):
         shake = {f"q_{column}": lambda t: 1e-3 * np.sin(50.0 * t)}
-        assert verdicts(v.converges, **shake) == "does not hold"
+        assert verdicts(v._converges, **shake) == "does not hold"
     first_only = {"q_1": lambda t: np.where(t < 1.0, 1e-3 * np.sin(50.0 * t), 0.0)}
-    assert verdicts(v.converges, **first_only) == "does not hold"
-    assert verdicts(v.converges, q_0=settle, status="separated") == "does not hold"
+    assert verdicts(v._converges, **first_only) == "does not hold"
+    assert verdicts(v._converges, q_0=settle, status="separated") == "does not hold"
 
 
 def test_settling_time_is_that_of_an_exponential() -> None:
@@ -94,22 +94,22 @@ def test_settling_time_is_that_of_an_exponential() -> None:
 
 
 def test_the_fingers_arrive_or_not() -> None:
-    assert verdicts(v.fingers_arrive) == "holds"
+    assert verdicts(v._fingers_arrive) == "holds"
     late = {"q_3": lambda t: np.where(t > 1.0, np.deg2rad(9.0), 0.0)}
-    assert verdicts(v.fingers_arrive, **late) == "does not hold"
+    assert verdicts(v._fingers_arrive, **late) == "does not hold"
     np.testing.assert_allclose(
         np.rad2deg(m.finger_errors(made(**late))), [[0, 0], [1, 0]], atol=1e-6
     )
 
 
 def test_residuals_hold_up_to_their_order_and_rise_at_switches_only() -> None:
-    assert verdicts(v.holonomic_order, residuals_0=spike(1.0, 9e-9)) == "holds"
-    assert verdicts(v.holonomic_order, residuals_1=spike(1.0, -2e-8)) == "does not hold"
+    assert verdicts(v._holonomic_order, residuals_0=spike(1.0, 9e-9)) == "holds"
+    assert verdicts(v._holonomic_order, residuals_1=spike(1.0, -2e-8)) == "does not hold"
     # C^N may rise around a switch, not elsewhere.
-    assert verdicts(v.nonholonomic_order, residuals_2=spike(1.01, 1e-3)) == "holds"
-    assert verdicts(v.nonholonomic_order, residuals_3=spike(1.2, -2e-6)) == "does not hold"
-    assert verdicts(v.rises_at_switches, residuals_2=spike(1.01, 1e-7)) == "holds"
-    assert verdicts(v.rises_at_switches, residuals_2=spike(0.5, 1e-7)) == "does not hold"
+    assert verdicts(v._nonholonomic_order, residuals_2=spike(1.01, 1e-3)) == "holds"
+    assert verdicts(v._nonholonomic_order, residuals_3=spike(1.2, -2e-6)) == "does not hold"
+    assert verdicts(v._rises_at_switches, residuals_2=spike(1.01, 1e-7)) == "holds"
+    assert verdicts(v._rises_at_switches, residuals_2=spike(0.5, 1e-7)) == "does not hold"
 
 
 def test_residuals_of_an_operation_and_of_its_last_quarter() -> None:
@@ -120,17 +120,17 @@ def test_residuals_of_an_operation_and_of_its_last_quarter() -> None:
 
 def test_a_disturbance_is_survived_or_not() -> None:
     def verdict(**columns: Any) -> str:
-        return v.survives("ii", made(PUSHED, **columns)).verdict
+        return v._survives("ii", made(PUSHED, **columns)).verdict
 
     assert verdict(q_2=ring(0.1)) == "holds"
     assert verdict(q_2=ring(0.1, last=10.0)) == "does not hold"
     assert verdict(q_0=since(1.0, lambda t: 1e-3 * t)) == "does not hold"
     assert verdict(q_4=since(1.0, lambda t: np.full_like(t, 0.01))) == "does not hold"
-    lost = v.survives("ii", made(PUSHED, status="separated"))
+    lost = v._survives("ii", made(PUSHED, status="separated"))
     assert lost.verdict == "does not hold"
     assert "separated" in lost.evidence
     pulls = made(PUSHED, multipliers_0=lambda t: np.where((t > 1.1) & (t < 1.2), -2.0, 1.0))
-    assert "a tip has to pull, -2.0 N" in v.survives("ii", pulls).evidence
+    assert "a tip has to pull, -2.0 N" in v._survives("ii", pulls).evidence
 
 
 def test_a_light_grasp_swings_more_or_not() -> None:
@@ -138,7 +138,7 @@ def test_a_light_grasp_swings_more_or_not() -> None:
         held = made(PUSHED)
         runs = [made(PUSHED, q_0=ring(x), q_1=ring(y))
                 for x, y in ((light, light_y), (strong, strong_y))]  # fmt: skip
-        return v.light_swings_more((runs[0], held), (runs[1], held)).verdict
+        return v._light_swings_more((runs[0], held), (runs[1], held)).verdict
 
     assert verdict(2e-3, 1e-3, 2e-6, 1e-6) == "holds"
     assert verdict(1e-3, 2e-3, 2e-6, 1e-6) == "does not hold"

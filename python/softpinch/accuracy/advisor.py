@@ -64,30 +64,20 @@ _PROMISING: Mapping[str, tuple[Method, ...]] = {
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Trial(Result):
-    """A pair of formulation and method that was tried, with equal or with adaptive steps.
-
-    Attributes:
-        formulation: How the constraints are kept.
-        method: How time is stepped.
-        dt: The longest step found whose error is small enough, s; nan if none was found, and with
-            adaptive steps.
-        step_tolerance: The largest tolerance of adaptive steps found whose error is small enough;
-            nan if none was found, and with equal steps.
-        error: Error with this setting, the largest of q, p and lambda; inf if none was found.
-        time: CPU time of a run, s, scaled up to the whole scene; if no setting was found inf, but
-            in `Advice.equal` and `Advice.adaptive` a lower bound.
-        whole: Whether the pair was tried on the whole scene, not only on its beginning.
-        note: Why the pair was given up, or not tried; empty if it was not given up.
-    """
+    """A pair of formulation and method that was tried, with equal or with adaptive steps."""
 
     formulation: Formulation
     method: Method
+    # The longest step, s, or the largest tolerance found whose error is small enough; nan if none
+    # was found, and of the other kind of steps.
     dt: float = math.nan
     step_tolerance: float = math.nan
-    error: float = math.inf
+    error: float = math.inf  # with this setting, the largest of q, p and lambda; inf without one
+    # CPU time of a run, s, scaled up to the whole scene; if no setting was found inf, but in
+    # `Advice.equal` and `Advice.adaptive` a lower bound.
     time: float = math.inf
-    whole: bool = False
-    note: str = ""
+    whole: bool = False  # tried on the whole scene, not only on its beginning
+    note: str = ""  # why the pair was given up, or not tried; empty if it was not given up
 
     @property
     def found(self) -> bool:
@@ -166,12 +156,8 @@ class Advice(Result):
     def simulate(self, **options: Any) -> Run:
         """Simulates the scene as advised, with `dt` or with `step_tolerance`.
 
-        Args:
-            options: Further arguments of `simulate`, such as `record` and `every`; not those that
-                the advice chooses.
-
-        Raises:
-            TypeError: An option is one that the advice chooses.
+        Options are further arguments of `simulate`, such as `record` and `every`. One that the
+        advice chooses is a TypeError.
         """
         return simulate(
             self.scene,

@@ -169,8 +169,7 @@ def stabilization_sweep(
             factors.
 
     Raises:
-        ValueError: The scene starts off the constraints.
-        RuntimeError: The reference cannot be computed, usually because the grasp is lost.
+        ValueError, RuntimeError: As for `work_precision`.
     """
     checks.instance("scene", scene, Scene)
     dt = checks.positive("dt", dt)
@@ -245,15 +244,14 @@ def _sampled(request: Request, switches: Floats) -> tuple[_Sampled, float]:
     residuals = held_residuals(run).max(axis=0)
     exchanged = run.energy.exchanged
     closure = float(np.abs(run.energy.closure).max())
+    counts: Any = {k: run.stats[k] for k in ("evaluations", "factorisations", "steps")}
     row = replace(
         _row(request),
         status=run.status,
         holonomic=float(residuals[:2].max()),
         nonholonomic=float(residuals[2:].max()),
         closure=closure / exchanged if exchanged > 0.0 else closure,
-        evaluations=run.stats["evaluations"],
-        factorisations=run.stats["factorisations"],
-        steps=run.stats["steps"],
+        **counts,
     )
     rows = sampled_rows(run, switches)
     return _Sampled(request, row, run.t[rows], {n: getattr(run, n)[rows] for n in ESTIMATED}), spent

@@ -113,8 +113,8 @@ def solve(
             run, in any order; None requests the start, every break and the end.
         method: A SciPy method, one of `METHODS`.
         rtol: Relative tolerance of a step, raised to 2.3e-14 if smaller. The absolute tolerance is
-            a share of `rtol` times each state's magnitude along the run, which a rough pass
-            determines: a hundredth, but a tenth for LSODA, and all of it for Radau and BDF.
+            a share of `rtol` times each state's magnitude along the run: a hundredth, but a tenth
+            for LSODA, and all of it for Radau and BDF.
         most: The largest number of evaluations of the right-hand side.
         tolerance: The largest constraint residual of the start, relative to the magnitudes of the
             terms in the constraint.

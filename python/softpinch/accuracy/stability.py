@@ -75,9 +75,8 @@ class Modes(Result):
     def stable_step(self, method: Method) -> Floats:
         """The longest stable step at each instant (n,), s; inf where every step is stable.
 
-        It is the longest step for which every decaying mode decays in the numerical solution too.
-        Modes that grow physically impose no limit, except slowly growing oscillations, which count
-        as undamped. The step is zero where an entry of J overflowed.
+        With it every decaying mode decays in the numerical solution too; slowly growing
+        oscillations count as undamped. The step is zero where an entry of J overflowed.
         """
         method = checks.choice("method", method, _core.METHODS)
         return np.asarray(stable_steps(method, self.rates).min(axis=1))

@@ -195,14 +195,13 @@ def stability_map(
 
     Args:
         scene: The scene that the axis varies.
-        axis: The parameter that changes: "youngs_modulus" (of both tips, Pa), "object_mass" (kg;
-            the inertia changes in proportion), "viscosity" (of both tips in both directions,
-            N s/m), "gains" (a common factor on K_P, K_D and K_I), "stabilization" (alpha = beta of
-            "csm", 1/s), "grasp_depth" (d_n / a of both tips at the start; the scene starts at rest
-            and holds these finger angles), "tilt" (theta_p in degrees at the start, likewise, with
-            d_n / a = 0.05 and finger roots moved apart), "impulse" (size of an impulse on the
-            object after a quarter of the duration, N s); or a path as in `vary` of `monte_carlo`;
-            or a function from a value to a scene.
+        axis: The parameter that changes: "youngs_modulus" (of both tips, Pa), "object_mass" (kg,
+            with the inertia in proportion), "viscosity" (of both tips in both directions, N s/m),
+            "gains" (a common factor on K_P, K_D and K_I), "stabilization" (alpha = beta of "csm",
+            1/s), "grasp_depth" (d_n / a of both tips at the start, at rest and held), "tilt"
+            (theta_p in degrees at the start, likewise, with d_n / a = 0.05 and finger roots moved
+            apart), "impulse" (size of an impulse on the object after a quarter of the duration,
+            N s); or a path as in `vary` of `monte_carlo`; or a function from a value to a scene.
         values: Values on the axis (v,), increasing; None takes the defaults of a named axis. Paths
             and functions have no defaults.
         dt: Steps (d,), s, increasing; None takes 13 from 1e-6 to 1e-2, by equal factors.

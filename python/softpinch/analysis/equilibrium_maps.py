@@ -282,7 +282,14 @@ class _Search:
         if int(np.prod(self.shape)) > _MOST:
             raise ValueError(f"axes: the map has {np.prod(self.shape)} cells: at most {_MOST}")
         self.kind, self._base = self._member(grip, shear)
-        self._template = self._varied([name for name in axes if name not in FAMILY])
+        paths = [name for name in axes if name not in FAMILY]
+        for path in paths:
+            if path.split(".")[0] in _WITHOUT_EFFECT:
+                raise ValueError(f"axes: {path!r} has no effect on where the scene rests")
+        others = f"; or one of {checks.quoted(FAMILY)}"
+        with checks.reworded("axes: ", others, drop="vary: ", kind=ValueError):
+            self._template = SceneTemplate(scene, paths, 0)
+        self._template.require_numbers("axes")
         self.units = tuple("m" if k in FAMILY else str(units(k, (), jaws(scene))) for k in axes)
         self.branch = np.full(self.shape, -1, dtype=np.int64)
         self.seams: Integers = np.empty((0, 2, len(self.shape)), dtype=np.int64)
@@ -308,17 +315,6 @@ class _Search:
         if numbers is not None and len(tips) == 2:
             raise ValueError(f"{kind} = {checks.shown(numbers)}: the axes set it already")
         return kind, np.zeros(2) if numbers is None else checks.array(kind, numbers, (2,))
-
-    def _varied(self, paths: list[str]) -> SceneTemplate:
-        """The scene with the numbers at these paths left open."""
-        for path in paths:
-            if path.split(".")[0] in _WITHOUT_EFFECT:
-                raise ValueError(f"axes: {path!r} has no effect on where the scene rests")
-        others = f"; or one of {checks.quoted(FAMILY)}"
-        with checks.reworded("axes: ", others, drop="vary: ", kind=ValueError):
-            template = SceneTemplate(self.scene, paths, 0)
-        template.require_numbers("axes")
-        return template
 
     def _scene_at(self, cell: Cell) -> Scene:
         """The scene of a cell; an error names axis, value and rule."""

@@ -63,10 +63,9 @@ def grip(scene: Scene, force: float | None = None, compression: float | None = N
     targets are this angle; without K_I each target is ahead of the finger by torque / K_P. In the
     `equilibrium` both tips hold the object at the height of its centre of gravity.
 
-    Positions of rolling contact form a family of rests, so a run that does not start at
-    `equilibrium.state` may settle in another one with another force: of alike fingers within about
-    2 % of it, of tips with unlike radii within about 3 %, and of fingers of unlike length or root
-    offset 10 % to 30 % off at a few newtons.
+    Rests form a family, so a run that does not start at `equilibrium.state` may settle in another
+    one with another force: of alike fingers within about 2 % of it, of tips with unlike radii
+    within 3 %, and of fingers of unlike length or root offset 10 % to 30 % off at a few newtons.
 
         >>> import softpinch as sp
         >>> held = sp.grip(sp.Scene(), force=5.0)

@@ -45,15 +45,14 @@ _MOMENT = 1e-9
 class LinearModel(Result):
     """Small deviations from an operating point: dx/dt = A x + B u, y = C x + D u.
 
-    States x, inputs u and outputs y are differences from `state_values`, `input_values` and
-    `output_values`. If the operating point is no equilibrium, the motion leaves it at the rates
-    `state_rates`, and x is the difference from that motion.
+    x, u and y are differences from `state_values`, `input_values` and `output_values`. If the
+    operating point moves, x is the difference from the motion that leaves it.
 
     Attributes:
-        A: (N, N), the derivatives of the states' rates with respect to the states.
-        B: (N, m), the derivatives of the states' rates with respect to the inputs.
-        C: (k, N), the derivatives of the outputs with respect to the states.
-        D: (k, m), the derivatives of the outputs with respect to the inputs.
+        A: (N, N), the derivatives of the states' rates by the states.
+        B: (N, m), those by the inputs.
+        C: (k, N), the derivatives of the outputs by the states.
+        D: (k, m), those by the inputs.
         states: Names of the states (N,); the rate of x is "rate of x".
         inputs: Names of the inputs (m,).
         outputs: Names of the outputs (k,).
@@ -163,11 +162,9 @@ def linearize(
     - "targets": the schedule's values. Target angles for a PID, rad; torques with `Torque()`, N m;
       for driven fingers the angles, rad, their rates, rad/s, and accelerations, rad/s^2, which the
       model takes as six independent inputs;
-    - "torque": torques on the fingers, N m, instead of the scene's law: the open
-      loop. At the operating point they are the scene's own;
+    - "torque": torques on the fingers, N m, instead of the scene's law: the open loop;
     - "force": external force F_x and F_y along fixed axes, N, and moment, N m, on the object;
-    - "acceleration": acceleration a_x and a_y of the hand's frame along its own axes, m/s^2, in
-      every scene; without a motion it is zero at the operating point.
+    - "acceleration": acceleration a_x and a_y of the hand's frame along its own axes, m/s^2.
 
     Outputs: "pose" (x, y, theta), "fingers" (theta_1, theta_2), "compressions", "shears",
     "multipliers" (lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N), "torque" (of both fingers), and
@@ -210,7 +207,11 @@ def linearize(
         require_known_torque(scene.law, 'linearize without inputs "torque"')
     frozen = not isinstance(state, State)
     if not isinstance(state, State):
-        rest = equilibrium(scene) if state is None else _of_scene(scene, state)
+        rest = equilibrium(scene) if state is None else state
+        # While both tips stick the contact model does not matter.
+        if scene != rest.scene and as_bilateral(scene) != as_bilateral(rest.scene):
+            advice = "scene = state.scene, or state.state to linearise that state under this scene"
+            raise ValueError(f"state: is an equilibrium of another scene; pass {advice}")
         if rest.state is None:
             raise ValueError(f"linearize: {rest.message}")
         state = rest.state
@@ -225,14 +226,6 @@ def linearize(
     names = states.state_names(law, "nullspace", branches(scene), codes)
     model = _selected(found, state, names, states.input_ports(chosen, law), wanted, jaws(scene))
     return _without_neutral(model) if reduced else model
-
-
-def _of_scene(scene: Scene, state: Equilibrium) -> Equilibrium:
-    """The equilibrium, if it is one of this scene while both tips stick, whatever the contact."""
-    if scene != state.scene and as_bilateral(scene) != as_bilateral(state.scene):
-        advice = "pass scene = state.scene, or state.state to linearise that state under this scene"
-        raise ValueError(f"state: is an equilibrium of another scene; {advice}")
-    return state
 
 
 def _inputs(scene: Scene, state: State) -> _core.Inputs:

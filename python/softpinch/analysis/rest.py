@@ -34,10 +34,8 @@ class Equilibrium(Result):
     """A state of rest of a scene, or the reason why there is none.
 
     Without an equilibrium `state` is None, `message` has the reason, `stable` and `minimum` are
-    False, and all numbers are nan.
-
-    The no-slip constraint (12) restricts velocities only. So the grasp can rest in a family of
-    states with two parameters, `grip`. The way there decides which of them is reached.
+    False, and all numbers are nan. The no-slip constraint (12) restricts velocities only. So the
+    grasp can rest in a family of states with two parameters, `grip`, by the way there.
 
     Attributes:
         scene: The scene.
@@ -52,8 +50,8 @@ class Equilibrium(Result):
         message: The result in words.
         multipliers: lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N (4,), N; positive lambda^H
             presses the tip on the object.
-        torque: The holding torques: those on the right and the left finger at this rest (2,), N m,
-            or N of a jaw, positive where they close it. A settled run has the same in `Run.torque`.
+        torque: The holding torques on the right and the left finger (2,), N m, or N of a jaw,
+            positive where they close it, as in `Run.torque`.
         stiffness: The stiffness of the grasp (3, 3), N/m, N and N m/rad: the force and the moment
             on the object that a displacement in x, y and theta needs while the fingers are held.
             It is not symmetric, because the forms of the no-slip constraint (12) are no
@@ -63,12 +61,11 @@ class Equilibrium(Result):
             parts, largest first. The two zeros of the family come first of all. Integrals of a PID
             with K_I = 0, which drive nothing, are left out.
         stable: Whether the other eigenvalues have negative real parts: the grasp comes to rest
-            again after a small push, in the same member of the family after a small displacement.
+            again after a small push.
         minimum: Whether elastic energy and gravity have a minimum along every displacement that
             the no-slip constraint admits. Fingers that are not held are displaced too; K_P then
             counts as a spring, a torque of the schedule as a constant force.
-        neutral: The two directions along the family (2, 9): derivatives of q by the grip of the
-            right and of the left tip.
+        neutral: The derivatives of q along the family by the grip of the right and left tip (2, 9).
         grip: Where each tip holds the object's face (2,), m above the centre of gravity: there its
             middle would be, if it were turned upright without shear.
         energy: Elastic energy (5) plus energy of gravity (16), J.

@@ -161,6 +161,5 @@ def input_ports(chosen: tuple[str, ...], law: str) -> Ports:
 @cache
 def output_ports(chosen: tuple[str, ...]) -> Ports:
     """Returns the outputs of these groups in this order."""
-    found = tuple(place for group in chosen for place in _OUTPUTS[group])
-    names = tuple(_OUTPUT_NAMES[k] for k in found)
-    return Ports(found, names, tuple(_OUTPUT_UNITS[k] for k in found))
+    places = (place for group in chosen for place in _OUTPUTS[group])
+    return Ports(*zip(*((k, _OUTPUT_NAMES[k], _OUTPUT_UNITS[k]) for k in places), strict=True))

@@ -39,8 +39,7 @@ class WrenchLimits(Result):
         limit: The cause (n,): a contact, by "pulling", "slipping" or "off_face"; a tip, by
             "separated", "crushed" or "folded"; or the balance, by "unstable": the equilibrium ends
             in a fold, no longer resists a slow displacement, or an oscillation grows. "none" if
-            nothing gives way up to wrenches far beyond the range of the model, "lost" if the search
-            failed at this magnitude.
+            nothing gives way, "lost" if the search failed at this magnitude.
         q: The coordinates at which it gives way (n, 9), m and rad; where nothing does, those of the
             equilibrium.
         length: The length by which moments compare with forces, m.

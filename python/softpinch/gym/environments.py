@@ -199,7 +199,13 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
                 mask is an array of booleans (n,) with at least one True.
         """
         n = self.num_envs
-        mask = self._mask({} if options is None else options)
+        options = {} if options is None else options
+        checks.refuse_unknown("options", options, ("reset_mask",), "")
+        mask = checks.read("options['reset_mask']", options.get("reset_mask", np.ones(n, bool)))
+        if mask.dtype != np.bool_ or mask.shape != (n,) or not mask.any():
+            rule = f"must be {n} booleans, and at least one True"
+            raise ValueError(f"options['reset_mask'] = {checks.shown(mask)}: {rule}")
+        mask = mask.copy()
         if seed is not None and not isinstance(seed, list | tuple | np.ndarray):
             first = checks.integer("seed", seed, 0)
             seed = range(first, first + n)
@@ -264,16 +270,6 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
             infos |= {"final_info": _masked(ended.info, mask), "_final_info": mask.copy()}
         observation = np.where(mask[:, None], first.observation, ended.observation)
         return observation, ended.reward, ended.terminated, ended.truncated, infos
-
-    def _mask(self, options: Mapping[str, Any]) -> Flags:
-        checks.refuse_unknown("options", options, ("reset_mask",), "")
-        if "reset_mask" not in options:
-            return np.ones(self.num_envs, bool)
-        mask = checks.read("options['reset_mask']", options["reset_mask"])
-        if mask.dtype != np.bool_ or mask.shape != (self.num_envs,) or not mask.any():
-            rule = f"must be {self.num_envs} booleans, and at least one True"
-            raise ValueError(f"options['reset_mask'] = {checks.shown(mask)}: {rule}")
-        return mask.copy()
 
 
 def _masked(info: Mapping[str, NDArray[Any]], mask: Flags) -> dict[str, Any]:

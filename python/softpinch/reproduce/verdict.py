@@ -57,8 +57,7 @@ def _decided(holds: bool, value: float, limit: float) -> dict[str, Any]:
     return {"verdict": HOLDS if holds else FAILS, "value": value, "limit": limit}
 
 
-def converges(run: Run) -> Finding:
-    """The object's position and orientation converge in every operation."""
+def _converges(run: Run) -> Finding:
     ranges = m.drift(run) * POSE
     moved, turned = float(ranges[:, :2].max()), float(ranges[:, 2].max())
     value = float(ranges.max())
@@ -76,8 +75,7 @@ def converges(run: Run) -> Finding:
     )
 
 
-def fingers_arrive(run: Run) -> Finding:
-    """The fingers converge to the desired angles."""
+def _fingers_arrive(run: Run) -> Finding:
     value = float(np.rad2deg(m.finger_errors(run).max()))
     return Finding(
         claim="the fingers converge to the desired angles",
@@ -88,8 +86,7 @@ def fingers_arrive(run: Run) -> Finding:
     )
 
 
-def holonomic_order(run: Run) -> Finding:
-    """|C^H| is at most of the order of 1e-8 m."""
+def _holonomic_order(run: Run) -> Finding:
     value = float(np.abs(run.residuals[:, :2]).max())
     return Finding(
         claim="the holonomic residual C^H is at most of order 1e-8",
@@ -100,8 +97,7 @@ def holonomic_order(run: Run) -> Finding:
     )
 
 
-def nonholonomic_order(run: Run) -> Finding:
-    """|C^N| is at most of the order of 1e-6 m/s, away from the switches."""
+def _nonholonomic_order(run: Run) -> Finding:
     away = ~m.near_switches(run)
     value = float(np.abs(run.residuals[away, 2:]).max(initial=0.0)) if away.any() else np.nan
     return Finding(
@@ -113,8 +109,7 @@ def nonholonomic_order(run: Run) -> Finding:
     )
 
 
-def rises_at_switches(run: Run) -> Finding:
-    """|C^N| rises at every switch."""
+def _rises_at_switches(run: Run) -> Finding:
     size = np.abs(run.residuals[:, 2:]).max(axis=1)
     away = size[~m.near_switches(run)].max(initial=0.0)
     peaks = m.peak_residuals(run)[1:, 1]
@@ -132,8 +127,7 @@ def rises_at_switches(run: Run) -> Finding:
     )
 
 
-def survives(case: str, run: Run) -> Finding:
-    """After a disturbance the grasp holds, the fingers come back, and the object comes to rest."""
+def _survives(case: str, run: Run) -> Finding:
     moves = finger = np.nan
     if run.success:
         moves = float((m.drift_since(run) * POSE).max())
@@ -157,8 +151,8 @@ def survives(case: str, run: Run) -> Finding:
     )
 
 
-def light_swings_more(light: tuple[Run, Run], strong: tuple[Run, Run]) -> Finding:
-    """A light grasp oscillates more than a strong one; each is disturbed and undisturbed."""
+def _light_swings_more(light: tuple[Run, Run], strong: tuple[Run, Run]) -> Finding:
+    # Each pair is a disturbed run and the same undisturbed.
     scale = np.array([1e3, 1e6, np.rad2deg(1.0)])
     more, less = m.swing(*light) * scale, m.swing(*strong) * scale
     # The claim concerns Fig. 7 (c) and (d), which show x and y.
@@ -179,8 +173,7 @@ def light_swings_more(light: tuple[Run, Run], strong: tuple[Run, Run]) -> Findin
     )
 
 
-def depends_on_the_way(run: Run, direct: Run) -> Finding:
-    """The last operation ends in another pose than the same finger angles alone from the start."""
+def _depends_on_the_way(run: Run, direct: Run) -> Finding:
     came, went = m.settled(run)[-1], m.settled(direct)[-1]
     value = float(np.rad2deg(came[2] - went[2]))
     return observation(
@@ -193,8 +186,7 @@ def depends_on_the_way(run: Run, direct: Run) -> Finding:
     )
 
 
-def pulls_at_switches(run: Run) -> Finding:
-    """The number of switches at which a tip would have to pull."""
+def _pulls_at_switches(run: Run) -> Finding:
     pulls = [m.longest_pull(run, *piece) for piece in m.operations(run)]
     pulling = [k + 1 for k, pull in enumerate(pulls) if pull > 0]
     least = float(run.multipliers[:, :2].min())
@@ -209,8 +201,7 @@ def pulls_at_switches(run: Run) -> Finding:
     )
 
 
-def only_as_printed(runs: Mapping[float, Run]) -> Finding:
-    """The moments with which the grasp survives the step (40)."""
+def _only_as_printed(runs: Mapping[float, Run]) -> Finding:
     ends = {moment: "held" if run.success else run.status for moment, run in runs.items()}
     return observation(
         "whether the step (i) is survived depends on the moment that comes with its force",
@@ -221,7 +212,7 @@ def only_as_printed(runs: Mapping[float, Run]) -> Finding:
     )
 
 
-def reading_of_delta(run: Run) -> Finding:
+def _reading_of_delta(run: Run) -> Finding:
     """The effect of (41), read as an ideal impulse."""
     ended = "the grasp holds" if run.success else f"{run.status} at {run.t[-1]:.4f} s"
     return observation(
@@ -232,7 +223,7 @@ def reading_of_delta(run: Run) -> Finding:
     )
 
 
-def sign_of_the_shear(plus: Run, minus: Run, pushed: Run) -> Finding:
+def _sign_of_the_shear(plus: Run, minus: Run, pushed: Run) -> Finding:
     """The effect of kappa = -1 on the operations, and on the pushed grasp of case (i)."""
     tilts = [np.rad2deg(m.settled(run)[:, 2]) for run in (plus, minus)]
     worst = int(np.argmax(np.nan_to_num(np.abs(tilts[0] - tilts[1]))))
@@ -247,8 +238,7 @@ def sign_of_the_shear(plus: Run, minus: Run, pushed: Run) -> Finding:
     )
 
 
-def residuals_follow_the_step(run: Run, coarse: Run) -> Finding:
-    """The residuals' orders of magnitude follow the step, which `coarse` has twice as long."""
+def _residuals_follow_the_step(run: Run, coarse: Run) -> Finding:
     fine, rough = (np.abs(r.residuals).max(axis=0).reshape(2, 2).max(axis=1) for r in (run, coarse))
     ratios = np.divide(rough, fine, out=np.full(2, np.nan), where=fine > 0.0)
     return observation(
@@ -260,7 +250,7 @@ def residuals_follow_the_step(run: Run, coarse: Run) -> Finding:
     )
 
 
-def can_be_believed(run: Run) -> Finding:
+def _can_be_believed(run: Run) -> Finding:
     """The numerical quality of a run: `Run.check` and the closure of the energy ledger."""
     value = float(np.abs(run.energy.closure).max())
     try:
@@ -302,8 +292,7 @@ def case_survived(run: Run) -> bool:
     return run.holds and bool((m.drift_since(run) <= BANDS).all())
 
 
-def which_survive(real: Mapping[float, Run], cases: Mapping[str, Mapping[float, Run]]) -> Finding:
-    """The operations and disturbances that hold with each friction."""
+def _which_survive(real: Mapping[float, Run], cases: Mapping[str, Mapping[float, Run]]) -> Finding:
     kept = {mu: survived(run) for mu, run in real.items()}
     count = len(next(iter(kept.values())))
     rows = {f"operation {k + 1}": {mu: kept[mu][k] for mu in kept} for k in range(count)}
@@ -327,8 +316,7 @@ def which_survive(real: Mapping[float, Run], cases: Mapping[str, Mapping[float, 
     )
 
 
-def falls_in_operations(paper: Run, real: Mapping[float, Run]) -> Finding:
-    """The openings of tips in the eight operations, and where the object ends."""
+def _falls_in_operations(paper: Run, real: Mapping[float, Run]) -> Finding:
     opened: dict[int, list[float]] = {}
     for run in real.values():
         for k, piece in enumerate(m.operations(run)):
@@ -370,7 +358,7 @@ def is_minimum(rest: Rest) -> bool:
     return arrived and rest.slope <= _FLAT and rest.curvature > 0.0 and rest.turning > 0.0
 
 
-def without_slipping(run: Run, found: Sequence[Rest]) -> Finding:
+def _without_slipping(run: Run, found: Sequence[Rest]) -> Finding:
     """LMEE in the sense that holds: elastic energy and gravity, displacements without slip."""
     every = len(found) == len(m.operations(run)) and all(map(is_minimum, found))
     curvature = np.array([rest.curvature for rest in found])
@@ -398,8 +386,7 @@ def without_slipping(run: Run, found: Sequence[Rest]) -> Finding:
     )
 
 
-def elastic_alone(found: Sequence[Rest]) -> Finding:
-    """The distance of the rests from the minimum of elastic energy alone."""
+def _elastic_alone(found: Sequence[Rest]) -> Finding:
     there = [coordinates(rest.weightless) - rest.q for rest in found]
     rises = [1e3 * float(move[1]) for move in there]
     turns = [1e3 * float(np.rad2deg(abs(move[2]))) for move in there]
@@ -428,25 +415,25 @@ def find(runs: Runs) -> tuple[Finding, ...]:
     checks.instance("runs", runs, Runs)
     known = [rest for rest in runs.rests if rest.found.state and rest.weightless.state]
     return (
-        converges(runs.operations),
-        fingers_arrive(runs.operations),
-        holonomic_order(runs.operations),
-        nonholonomic_order(runs.operations),
-        rises_at_switches(runs.operations),
-        *(survives(case, run) for case, run in runs.cases.items()),
-        light_swings_more(
+        _converges(runs.operations),
+        _fingers_arrive(runs.operations),
+        _holonomic_order(runs.operations),
+        _nonholonomic_order(runs.operations),
+        _rises_at_switches(runs.operations),
+        *(_survives(case, run) for case, run in runs.cases.items()),
+        _light_swings_more(
             (runs.cases["iii"], runs.held["iii"]), (runs.cases["ii"], runs.held["ii"])
         ),
-        without_slipping(runs.operations, runs.rests),
-        *([elastic_alone(known)] if known else []),
-        depends_on_the_way(runs.operations, runs.direct),
-        pulls_at_switches(runs.operations),
-        only_as_printed(runs.moments),
-        reading_of_delta(runs.ideal),
-        which_survive(runs.real, runs.real_cases),
-        falls_in_operations(runs.operations, runs.real),
-        sign_of_the_shear(runs.operations, runs.other_operations, runs.other_cases["i"]),
-        residuals_follow_the_step(runs.operations, runs.coarse),
-        can_be_believed(runs.operations),
+        _without_slipping(runs.operations, runs.rests),
+        *([_elastic_alone(known)] if known else []),
+        _depends_on_the_way(runs.operations, runs.direct),
+        _pulls_at_switches(runs.operations),
+        _only_as_printed(runs.moments),
+        _reading_of_delta(runs.ideal),
+        _which_survive(runs.real, runs.real_cases),
+        _falls_in_operations(runs.operations, runs.real),
+        _sign_of_the_shear(runs.operations, runs.other_operations, runs.other_cases["i"]),
+        _residuals_follow_the_step(runs.operations, runs.coarse),
+        _can_be_believed(runs.operations),
         observation("the parameters are ours", "", np.nan, PARAMETER_NOTE),
     )

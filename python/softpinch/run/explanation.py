@@ -50,9 +50,7 @@ class Explanation(Result):
         fingers: "pid", "torque", "sampled" or "driven".
         simd: The processor instructions that the core uses.
         degrees: Number of velocities that the equations are solved for.
-        states: Number of values that a step advances, including the works of the energy ledger. In
-            unilateral contact friction, impacts and relaxation join the four of bilateral contact;
-            so does the work of the forces of a hand that moves.
+        states: Number of values that a step advances, including the works of the energy ledger.
         terms: The optional parts, computed or left out.
         segments: Number of intervals between the instants at which an input jumps or kinks.
         steps: Number of steps of a run; None if the error control chooses them.

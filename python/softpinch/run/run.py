@@ -50,10 +50,9 @@ class Run(Shown):
             "folded", "pulling", "slipping", "rim", "off_face" or "opened"; or "not_finite",
             "unstable" (the steps were too long for an explicit method: the energy ledger is open by
             more energy than the motion was ever given), "newton_failed", "step_too_small",
-            "too_many_steps" or "interrupted". Unilateral contact
-            ends a run also as "crushed", "folded" or "lost" (a contact leaves its face, or no tip
-            is beside a face), whatever `stop_on` is, as "chattering" (more than 64 events in one
-            step) and as "no_mode" (no modes of the contacts agree with the forces).
+            "too_many_steps" or "interrupted". Unilateral contact ends a run also as "crushed",
+            "folded" or "lost" (a contact leaves its face, or no tip is beside a face), "chattering"
+            (over 64 events in one step) and "no_mode" (no modes agree with the forces).
         message: The status in words, with the numbers.
         violations: Name of each violation of the model's assumptions that was seen -> the time at
             which it was first seen, s.
@@ -250,9 +249,7 @@ class Run(Shown):
 
         With `dt` the continued run gives the same bits as an uninterrupted one. With `tolerance` it
         is as accurate, but chooses other steps. The last state is always available. A state of
-        formulation "csm" has check=False, because it includes drift off the constraints. A state of
-        unilateral contact has its contacts, with the tilts that are frozen in free tips; one of a
-        `SampledController` has the controller's own state.
+        formulation "csm" has check=False, because it includes drift off the constraints.
 
         Raises:
             NotRecordedError: The state was not recorded, and `k` is not the last row.
@@ -323,8 +320,8 @@ class Run(Shown):
         `violations`, `status` and `holds` agree. Residuals must be small only of constraints that
         hold: C^H of closed tips, C^N of tips that stick. What was not recorded is not checked.
 
-        With the default limits, the paper's scenes at dt = 1e-4 have a margin of six or more. Both
-        errors fall as dt^4 with method "rk4". A stiffer scene needs a smaller dt or larger limits.
+        With the default limits, the paper's scenes at dt = 1e-4 have a margin of six or more. A
+        stiffer scene needs a smaller dt or larger limits.
 
         Args:
             residual: Limit for C^H as a share of the fingertip's radius, and for C^N as a share of

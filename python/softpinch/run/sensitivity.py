@@ -57,11 +57,10 @@ class Sensitivity(Shown, Mapping[str, Floats]):
     `energy` are mappings of the same kind.
 
     They are the derivatives of the numbers that the run computed, exact to round-off, with the
-    number and the lengths of its steps held: where a path moves a breakpoint, the motion is that of
-    the exact equations in the time by which it moves. With `tolerance` the error control is held
-    too, so that the derivatives have the errors of the run's own accuracy, and at instants of
-    `times` inside a step they are those of a step that ends there. At a switch or an impulse a row
-    has the derivatives just before it. A path that names no side is both sides' together.
+    number and the lengths of its steps held, with `tolerance` its error control too: where a path
+    moves a breakpoint, the motion is that of the exact equations in the time by which it moves. At
+    a switch or an impulse a row has the derivatives just before it. A path that names no side is
+    both sides' together.
 
     In unilateral contact they jump at the events of contacts, whose times have derivatives
     (`ContactChange.sensitivity`). Where an event only just happens, or coincides with another one

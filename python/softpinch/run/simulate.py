@@ -59,8 +59,7 @@ def simulate(
         stop_on: The violations that end the run, with a status of the same name: any of
             "separated", "crushed", "folded", which are the default, "pulling", "slipping", "rim",
             "off_face" and "opened". `Run.violations` reports all of them. In unilateral contact a
-            run ends with the step in which a tip slipped or opened, even if it sticks again by
-            then; there no tip pulls, and in bilateral contact none opens.
+            run ends with the step in which a tip slipped or opened.
         tolerance: Instead of `dt`, for "dop853", "radau5" and "rosenbrock": the largest error of a
             step, with each state scaled by its largest magnitude so far; from 1e-14 to below 1. The
             error of the whole run is of the same order if the motion damps perturbations, and
@@ -72,8 +71,7 @@ def simulate(
         max_steps: With `tolerance`: the largest number of attempted steps, by default 10 million,
             which take some ten seconds. A run that needs more ends with status "too_many_steps".
         summaries_after: `Run.holds` ignores pulling and slipping before this instant, s on the
-            clock of `scene`'s start; None ignores nothing. A start without compression and a jump
-            of the targets pull or slip for a moment in nearly every grasp.
+            clock of `scene`'s start, as after a start without compression; None ignores nothing.
         estimate_error: Whether to compute the run also with half and a quarter of each of its
             steps, which takes six times the work or somewhat more, for `Run.error_estimate`. Ctrl-C
             during this work returns the complete run, and an estimate with `interrupted`.

@@ -5,8 +5,6 @@ did not complete, or if a bound on the rates of the motion lets their steps be t
 a `SampledController` if they failed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace
