@@ -324,9 +324,7 @@ def compute_in_folder(computation: Computation, store: str | Path) -> Study:
         return stopping.enough(rows)
 
     try:
-        events = ("run", "status", HOLDS, *(f"first_{name}" for name in _core.VIOLATIONS))
-        stored = (Rows(columns=folder.read(part, events)) for part in folder.parts)
-        enough = bool(spec.stop_when) and any(map(stopping.enough, stored))
+        enough = bool(spec.stop_when) and any(map(stopping.enough, _events(folder)))
         alone = bool(spec.stop_when) or computation.executor is not None
         missing = Spans.upto(0) if enough else computation.wanted.without(folder.done)
         computation.compute(missing, accept, lambda: BLOCK * (1 if alone else blocks))
@@ -350,6 +348,13 @@ def _refuse_unrepeatable_draws(draws: Draws, missing: Spans) -> None:
                 rule = "may use only the generator that it is given"
                 why = f"A study in a folder draws again to resume, so its function {rule}"
                 raise ValueError(f"vary: {path!r}: a second draw gave other numbers. {why}")
+
+
+def _events(folder: Folder) -> Iterator[Rows]:
+    """Yields the columns that determine the events of computed runs (`EVENTS`), part by part."""
+    entries = ("run", "status", HOLDS, *(f"first_{name}" for name in _core.VIOLATIONS))
+    for part in folder.parts:
+        yield Rows(columns=folder.read(part, entries))
 
 
 def _matching_manifest(path: Path, given: Mapping[str, Any]) -> dict[str, Any] | None:
