@@ -19,7 +19,7 @@ from ..run.run import computed
 from ..run.simulate import warn_of_steps
 from ..scene import usual
 from ..scene.fields import QUANTITIES
-from ..scene.paths import replaced, tree_of_numbers
+from ..scene.paths import with_numbers
 from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats
@@ -166,18 +166,13 @@ class Experiment(Result):
         places = [INDICES[column] for column in self.columns]
         return _ROUND_OFF * np.array([sizes[each.quantity][each.column] for each in places])
 
-    def changed(self, values: Mapping[str, float]) -> Scene:
-        """Returns the scene with values put in at their paths."""
-        scene: Scene = replaced(self.scene, tree_of_numbers(values))
-        return scene
-
     def simulated(
         self, values: Mapping[str, float], options: Options, derivatives: bool, warns: bool = False
     ) -> Motion:
         """Simulates the scene with values by path at the measured times, or raises FailedRun."""
         paths = tuple(values)
         try:
-            scene = self.changed(values)
+            scene = with_numbers(self.scene, values)
             duration = float(self.times[-1]) - scene.start().time
             if options.tolerance is not None:
                 duration *= 1.0 + 1e-12  # rounding must not put the last time behind the end

@@ -69,8 +69,7 @@ def fit_law(
     A motion of a scene is fitted by `fit`. Needs the extra `study`.
 
     Args:
-        compression: d_n, rising from above zero (k,), m; at least three.
-        force: F, rising (k,), N.
+        compression, force: d_n, m, from above zero, and F, N, both rising (k,); at least three.
         kind: "springs", F = pi E d_n^2; "power", F = c d_n^n, n > 1; or "measured", `MeasuredLaw`.
         foot: The foot of a power law, m; a law with n < 2 needs one where its tip is released.
     """
@@ -85,17 +84,18 @@ def fit_law(
     if kind == "measured":
         law = MeasuredLaw(d, f)
         fitted = law.predicted(d)
+    elif kind == "power":
+        names = ("coefficient", "exponent")
+        values, intervals, fitted = _fitted(d, f, 2, foot)
+        if values[1] < 1.0 + 1e-6:
+            rule = f"best as a power of {values[1]:.3g}: must be convex, without saturation"
+            raise ValueError(f"force: {rule}")
+        law = PowerLaw(float(values[0]), float(values[1]), foot or None)
     else:
-        names = ("coefficient", "exponent")[: 1 + (kind == "power")]
-        values, intervals, fitted = _fitted(d, f, len(names), foot)
-        if kind == "power":
-            if values[1] < 1.0 + 1e-6:
-                rule = f"best as a power of {values[1]:.3g}: must be convex, without saturation"
-                raise ValueError(f"force: {rule}")
-            law = PowerLaw(float(values[0]), float(values[1]), foot or None)
-        else:
-            names, values, intervals = ("youngs_modulus",), values / np.pi, intervals / np.pi
-            law = ParallelSprings(float(values[0]))
+        names = ("youngs_modulus",)
+        coefficient, ends, fitted = _fitted(d, f, 1, foot)
+        values, intervals = coefficient / np.pi, ends / np.pi
+        law = ParallelSprings(float(values[0]))
     misfit = float(np.abs(fitted - f).max() / f[-1])
     return LawFit(
         law=law, compression=d, force=f, fitted=fitted, names=names, values=values,

@@ -214,10 +214,7 @@ class Problem:
         return np.concatenate(rows)
 
     def minimum(self, start: Floats, held: int | None = None, loss: str | None = None) -> Minimum:
-        """Searches a minimum from a start (p,), at which the runs must succeed, else `FailedRun`.
-
-        SciPy shortens a step to a failed run. The parameter with the index `held` keeps its value.
-        """
+        """Searches from a start (p,) whose runs succeed, else `FailedRun`; `held` is kept."""
         loss = loss or self.loss
         optimize = require("scipy.optimize", extra="study", purpose="fit")
         free = np.array([k for k in range(len(start)) if k != held], dtype=int)
@@ -238,7 +235,7 @@ class Problem:
             try:
                 return self.residuals(self.motions(put(some)))
             except FailedRun:
-                return np.full(count, np.inf)
+                return np.full(count, np.inf)  # SciPy shortens the step
 
         def jacobian(some: Floats) -> Floats:
             return self.jacobian(self.motions(put(some), derivatives=True))[:, free]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from .. import _core
 from ..run.options import STOP_ON, Options
+from ..scene.paths import with_numbers
 from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats
@@ -124,9 +125,8 @@ class Fit(Result):
     def confidence(self, level: float = LEVEL) -> dict[str, tuple[float, float]]:
         """Returns path -> confidence interval (low, high), from the standard errors.
 
-        An interval is symmetric about the estimate in u, so about the logarithm of a number that is
-        searched in its logarithm, and ends at the bounds. It is the bounds for what the data do not
-        determine. It is Student's if noise was estimated.
+        An interval is symmetric about the estimate in u, and ends at the bounds; it is the bounds
+        for what the data do not determine. It is Student's if noise was estimated.
         """
         half = self._reach(checks.share("level", level)) * self.scaled_errors
         found = {}
@@ -179,7 +179,7 @@ class Fit(Result):
     @cached_property
     def scenes(self) -> tuple[Scene, ...]:
         """The scene of each experiment with the fitted values put in."""
-        return tuple(each.changed(self.values) for each in self.experiments)
+        return tuple(with_numbers(each.scene, self.values) for each in self.experiments)
 
     @property
     def scene(self) -> Scene:
@@ -236,23 +236,18 @@ class Fit(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers, messages and scenes as plain data; infinite numbers are text, for JSON."""
-        names = [name.replace(" ", "_") for name in self.table().columns]
+        table = self.table()
+        names = [name.replace(" ", "_") for name in table.columns]
+        rows = [[str(e) if e in (np.inf, -np.inf) else e for e in row] for row in table.rows]
+        noise = [dict(zip(e.columns, e.noise.tolist(), strict=True)) for e in self.experiments]
         return {
             "softpinch": _core.__version__,
             "results_version": _core.RESULTS_VERSION,
             "converged": self.converged,
             "messages": list(self.messages),
-            "parameters": [
-                {
-                    name: str(entry) if entry in (np.inf, -np.inf) else entry
-                    for name, entry in zip(names, row, strict=True)
-                }
-                for row in self.table().rows
-            ],
+            "parameters": [dict(zip(names, row, strict=True)) for row in rows],
             "correlations": self.correlations.tolist(),
-            "noise": [
-                dict(zip(e.columns, e.noise.tolist(), strict=True)) for e in self.experiments
-            ],
+            "noise": noise,
             "noise_estimated": self.noise_estimated,
             "chi_squared": self.chi_squared,
             "degrees_of_freedom": self.degrees_of_freedom,

@@ -247,8 +247,8 @@ def stability_map(map: StabilityMap, ax: Axes | None = None) -> Figure:
         bar.set_ticks(list(ticks), labels=[f"$10^{{{k}}}$" for k in ticks])
         entries = {"handles": list(_legend(kinds, map)), "handlelength": 1.8, "columnspacing": 1.4}
         if ax is None:
-            columns_of_it = 5 if width == s.PAGE else 2
-            figure.legend(**entries, loc="outside upper center", ncols=columns_of_it)
+            entries["ncols"] = 5 if width == s.PAGE else 2
+            figure.legend(**entries, loc="outside upper center")
         else:
             # A legend inside would hide cells.
             ax.legend(**entries, loc="upper center", bbox_to_anchor=(0.5, -0.2), fontsize="small")

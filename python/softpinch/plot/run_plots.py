@@ -466,11 +466,9 @@ def tilt_coupling(
     """The effect of the sign of the shear in (4): kappa = +1, as printed, and kappa = -1.
 
     Args:
-        run_plus: A run with `tilt_coupling` = 1 and "state" recorded.
-        run_minus: A run of this scene with `tilt_coupling` = -1 and "state" recorded.
-        pushed_plus: A run with `tilt_coupling` = 1 under a disturbance. With `pushed_minus` it adds
-            a second column with tilt and compressions.
-        pushed_minus: A run of that scene with `tilt_coupling` = -1.
+        run_plus, run_minus: Runs of a scene with `tilt_coupling` = 1 and -1, "state" recorded.
+        pushed_plus, pushed_minus: Such runs under a disturbance. They add a second column with tilt
+            and compressions.
         disturbance: Name of the disturbance, for the second column's title.
     """
     pushed = {"pushed_plus": pushed_plus, "pushed_minus": pushed_minus}

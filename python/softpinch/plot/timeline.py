@@ -150,10 +150,7 @@ def draw(
     legends: Literal["above", "panels", "none"] = "above",
     **options: Any,
 ) -> tuple[Figure, NDArray[Any]]:
-    """Draws columns side by side; returns the figure, and the axes of its panels (rows, columns).
-
-    Bands are added to the height, inches. `options` go to `Figure.subplots`.
-    """
+    """Draws columns, with bands below the `height`, inches; returns figure and panels' axes."""
     rows = max(len(column.panels) for column in columns)
     most = max(len(unilateral(column.runs)) for column in columns)
     if most:

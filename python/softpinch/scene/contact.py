@@ -79,10 +79,3 @@ def coefficients(friction: float | tuple[float, float] | None) -> tuple[float, f
     """Returns a scene's coefficients of both contacts, (right, left); inf where it has none."""
     right, left = friction if isinstance(friction, tuple) else (friction, friction)
     return (math.inf if right is None else right, math.inf if left is None else left)
-
-
-def require_finite(friction: float | tuple[float, float] | None) -> None:
-    """Refuses unilateral contact without finite friction."""
-    if not np.isfinite(coefficients(friction)).all():
-        rule = 'must be finite where contact = "unilateral", such as 0.5'
-        raise ValueError(f"Scene.friction = {checks.shown(friction)}: {rule}")

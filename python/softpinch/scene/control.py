@@ -72,9 +72,6 @@ class SampledController(Law):
     of the integration end at each of these instants, so that a method keeps its order. A delay may
     be longer than the period. The schedule has the target angles of the fingers.
 
-    A sampled loop can be unstable although the mechanics and the same gains in continuous time are
-    stable. If a run fails so, the `StabilityWarning` of `simulate` has the loop's spectral radius.
-
     Measures, with the number of their entries in y:
 
     - "angle" (2), rad; "angle_rate" (2), rad/s: theta_i of the right and the left finger; this and
@@ -223,13 +220,13 @@ class SampledController(Law):
         runs = max(map(len, parts))
         rows = np.hstack([np.broadcast_to(part, (runs, part.shape[1])) for part in parts])
         numbers = np.array([self.run], np.uint64) if numbers is None else numbers
-        rows = np.ascontiguousarray(rows)
-        return list(self.measures), np.shape(self.A)[0], self.anti_windup, rows, seed, numbers
+        rows, states = np.ascontiguousarray(rows), 0 if self.A is None else len(self.A)
+        return list(self.measures), states, self.anti_windup, rows, seed, numbers
 
     def to_dict(self) -> dict[str, Any]:
         """Converts to a dictionary with the key `kind`; arrays without entries are left out."""
         data = super().to_dict()
-        if not np.size(self.A):
+        if not data["A"]:
             for name in (*"ABC", "initial_state"):
                 del data[name]
         return data

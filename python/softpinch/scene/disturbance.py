@@ -93,10 +93,10 @@ def _columns(*parts: Any) -> Floats:
     return whole.astype(np.result_type(np.float64, whole), copy=False)
 
 
-def _load(force: Any, moment: Any) -> Floats:
-    """Joins a force (..., 2) and a moment (...) to a load (..., 3)."""
+def _load(force: Any, moment: Any, *before: Any) -> Floats:
+    """Joins a force (..., 2) and a moment (...) to a load (..., 3), behind numbers `before` it."""
     force = np.asarray(force)
-    return _columns(force[..., 0], force[..., 1], moment)
+    return _columns(*before, force[..., 0], force[..., 1], moment)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -205,8 +205,7 @@ class Impulse(_Plain):
 
     def compile(self) -> Compiled:
         """Returns one impulse."""
-        x, y, turn = np.moveaxis(_load(self.impulse, self.angular_impulse), -1, 0)
-        return Compiled(impulses=(_columns(self.time, x, y, turn),))
+        return Compiled(impulses=(_load(self.impulse, self.angular_impulse, self.time),))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -238,9 +237,8 @@ class Sine(_Plain):
     def compile(self) -> Compiled:
         """Returns one sinusoid."""
         omega = np.multiply(math.tau, self.frequency_hz)
-        x, y, turn = np.moveaxis(_load(self.force, self.moment), -1, 0)
-        end = _end(self.time, self.duration)
-        return Compiled(sines=(_columns(self.time, end, omega, self.phase, x, y, turn),))
+        wave = (self.time, _end(self.time, self.duration), omega, self.phase)
+        return Compiled(sines=(_load(self.force, self.moment, *wave),))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -35,11 +35,7 @@ _GIVEN = {"target", "target_rate", "accelerometer", "gyroscope"}
 def spectral_radius(
     control: SampledController, a: Floats, b: Floats, h: Floats, j: Floats
 ) -> float:
-    """The spectral radius of the loop; nan if a number overflows.
-
-    The motion is x' = a x + b v (n, n), (n, 2), under the torques v, and the measurements are
-    h x + j v (m, n), (m, 2).
-    """
+    """Spectral radius of the loop of x' = a x + b v, measured as h x + j v; nan by overflow."""
     with np.errstate(all="ignore"):
         loop = _matrix(control, a, b, h, j)
     if not np.isfinite(loop).all():

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 OBJECT_HEIGHT = 0.049
 # (-1)^i of (6): finger 1, the right one, first.
 SIGNS = (-1.0, 1.0)
-_MM = 1e3
 # From the lower to the upper end of an arc, as shares of its span.
 _SWEEP = np.linspace(-0.5, 0.5, 61)
 # Colours of a drawing: edges, links, the object, a fingertip and the lines inside it.
@@ -266,7 +265,7 @@ def extent(scene: Scene, q: Floats) -> tuple[float, float, float, float]:
     for outline in (finger_outline(scene, row, side) for row in q for side in (0, 1)):
         clouds += [*outline.links, outline.tip]
     points = np.concatenate(clouds)
-    points = points[(np.abs(points) <= 3.0 * size).all(axis=1)] * _MM
+    points = points[(np.abs(points) <= 3.0 * size).all(axis=1)] * 1e3
     (left, bottom), (right, top) = points.min(axis=0), points.max(axis=0)
     return float(left), float(right), float(bottom), float(top)
 

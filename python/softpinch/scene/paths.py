@@ -151,6 +151,12 @@ def at_path(scene: Scene, path: str) -> list[Any]:
     return [resolve(scene, path)]
 
 
+def with_numbers(scene: Scene, values: Mapping[str, Any]) -> Scene:
+    """Returns a copy of a scene with numbers or arrays at paths, which are known to exist."""
+    changed: Scene = replaced(scene, tree_of_numbers(values))
+    return changed
+
+
 def tree_of_numbers(values: Mapping[str, Any]) -> dict[str, Any]:
     """Converts path -> number or array to a tree (`tree_of`) of floats and arrays."""
     arrays = {path: np.asarray(value) for path, value in values.items()}
@@ -170,15 +176,13 @@ def tree_of(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def replaced(node: Any, tree: Any) -> Any:
-    """Returns a copy of a record, pair, array or value with new values from a tree of paths.
-
-    The values of one record are replaced together, because some rules relate several fields.
-    """
+    """Returns a copy of a record, pair, array or value with new values from a tree of paths."""
     if not isinstance(tree, dict):
         return tree
     if isinstance(node, Record):
         known = {f.name for f in fields(node)}
         own = {name: replaced(getattr(node, name), tree[name]) for name in tree if name in known}
+        # All at once, because some rules relate several fields.
         record = replace(node, **own)
         if own.keys() == tree.keys():
             return record

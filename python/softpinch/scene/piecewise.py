@@ -64,11 +64,10 @@ def padded(pieces: Sequence[Piecewise]) -> Piecewise:
     return np.stack(all_breaks), np.stack(all_coefficients)
 
 
-def require_finite(name: str, piecewise: Piecewise) -> Piecewise:
+def require_finite(name: str, piecewise: Piecewise) -> None:
     """Refuses coefficients that overflow, because knots are too close for the change of value."""
     if not np.isfinite(piecewise[1]).all():
         raise ValueError(f"{name}: too short, the rates of change overflow")
-    return piecewise
 
 
 def evaluate(piecewise: Piecewise, t: Floats) -> Floats:
@@ -151,10 +150,7 @@ def through(times: Floats, angles: Floats) -> Piecewise:
 
 
 def _at_knots(h: Floats, ways: Floats) -> tuple[Floats, Floats]:
-    """The velocities and accelerations at all knots (k, channels), which are zero at both ends.
-
-    `h` has the durations of the pieces, `ways` the differences over them.
-    """
+    """The velocities and accelerations (k, channels) at all knots, which are zero at both ends."""
     count, kind = len(h) + 1, np.result_type(h, ways)
     found = np.zeros((count, 2, ways.shape[1]), kind)
     ahead = np.zeros((count, 2, 2), kind)

@@ -20,7 +20,7 @@ from ..support.choices import ContactModel, Fingers
 from ..support.display import ShownTable
 from ..support.record import SIDES, Parser, Record, array_of
 from . import parts, usual
-from .contact import pair_of, parse_friction, require_finite
+from .contact import coefficients, pair_of, parse_friction
 from .control import WRITTEN, Control, Pid, SampledController, Torque, parse_control, take_control
 from .disturbance import Compiled, Disturbance, Noise
 from .hand import GraspedObject, Hand, name_sides
@@ -301,8 +301,9 @@ class Scene(Record):
         if pair is not None:
             self._set("friction", pair)
         checks.choice("Scene.contact", self.contact, _core.CONTACT_MODELS)
-        if self.contact == "unilateral":
-            require_finite(self.friction)
+        if self.contact == "unilateral" and not np.isfinite(coefficients(self.friction)).all():
+            rule = 'must be finite where contact = "unilateral", such as 0.5'
+            raise ValueError(f"Scene.friction = {checks.shown(self.friction)}: {rule}")
         checks.instance("Scene.hand", self.hand, Hand)
         checks.instance("Scene.grasped", self.grasped, GraspedObject)
         made = "a Schedule, such as Schedule.steps(times, angles)"
@@ -351,9 +352,8 @@ class Scene(Record):
 
         The paths are those of `vary` in `monte_carlo`, which `vary_paths` lists, and also lead to
         names of choices ("contact"), whole records ("grasped", "hand.tip.left") and optional values
-        ("friction": None). All values are set together. What follows from a changed value follows
-        here too: tips without masses of their own take the new mass of the object. The inertia of
-        the object is a value of its own; see `GraspedObject.box`.
+        ("friction": None). All values are set together. Tips without masses of their own take the
+        new mass of the object; its inertia is a value of its own, see `GraspedObject.box`.
 
         Args:
             values: Path -> new value: a number, a pair, an array, a name, a record or None.

@@ -62,21 +62,17 @@ class Schedule(Record):
                 rule = f"belongs to {kind}" if given else "is missing"
                 raise ValueError(f"Schedule.{name}: {rule}")
         if self.move_time is not None:
-            self._set("move_time", self._checked_move_time())
+            name, moved = "Schedule.move_time", len(self.times) - 1
+            lasting = checks.number_or_array(name, self.move_time, checks.positive)
+            if not isinstance(lasting, float) and lasting.shape != (moved,):
+                rule = f"must be one number, or have shape ({moved},), one for each move"
+                first = "no move goes to the first angles"
+                raise ValueError(f"{name} has shape {lasting.shape}: {rule}; {first}")
+            self._set("move_time", lasting)
             self._refuse_overlaps()
         if self.hold is not None:
             checks.choice("Schedule.hold", self.hold, HOLDS)
         piecewise.require_finite(f"Schedule.{_OWN.get(self.kind, 'times')}", self.compile())
-
-    def _checked_move_time(self) -> float | NDArray[np.float64]:
-        name, moved = "Schedule.move_time", len(self.times) - 1
-        given = checks.number_or_array(name, self.move_time, checks.positive)
-        if not isinstance(given, float) and given.shape != (moved,):
-            rule = f"must be one number, or have shape ({moved},), one for each move"
-            raise ValueError(
-                f"{name} has shape {given.shape}: {rule}; no move goes to the first angles"
-            )
-        return given
 
     def _refuse_overlaps(self) -> None:
         starts = self.times[1:]

@@ -15,7 +15,7 @@ from ..support.arrays import Floats
 from ..support.record import Record
 from .control import SampledController
 from .disturbance import Noise
-from .paths import replaced, shapes_of, tree_of_numbers
+from .paths import replaced, shapes_of, tree_of_numbers, with_numbers
 from .scene import Scene, State, inputs
 
 # The core's errors begin with the index of the run within its batch.
@@ -42,8 +42,7 @@ class SceneTemplate:
 
     def changed(self, values: Mapping[str, Any]) -> Scene:
         """Returns the scene with these values. Unlike `at`, it keeps the noise's seed and run."""
-        scene: Scene = replaced(self.scene, tree_of_numbers(values))
-        return scene
+        return with_numbers(self.scene, values)
 
     def at(self, values: Mapping[str, Any], run: int) -> Scene:
         """Returns the scene of one run, from its values (path -> value) and its number."""

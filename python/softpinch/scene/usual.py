@@ -137,12 +137,9 @@ def _opening(scene: Scene) -> Iterator[str]:
 
 
 def inertias(width: float, mass: float, height: float | None) -> tuple[float, float]:
-    """Returns the smallest and the largest usual inertia of an object, kg m^2.
-
-    The least is a low uniform box's; the most has all mass in the corners of the faces, or without
-    a height is that of a uniform box about 35 times as tall as wide.
-    """
+    """Returns the smallest and the largest usual inertia of an object, kg m^2."""
     square = width**2
+    # All mass in the corners of the faces, or a uniform box about 35 times as tall as wide.
     most = _SLENDER * square if height is None else 0.25 * (square + height**2)
     return mass * square / 12.0, mass * most
 

@@ -321,14 +321,9 @@ def checked_actions(actions: ArrayLike, n: int, each: str) -> NDArray[np.float64
 
 
 class Observations(NamedTuple):
-    """Observations of all runs at the ends of their periods; `Observation` has the details.
+    """Observations of n runs at the ends of their periods; `Observation` has the details.
 
-    Attributes:
-        t: Times (n,), s.
-        q: Coordinates (n, 9), m and rad.
-        p: Rates of the coordinates (n, 9), m/s and rad/s.
-        multipliers: Multipliers (n, 4), N.
-        status: Statuses (n,), as text.
+    Arrays: t (n,), q and p (n, 9), multipliers (n, 4), and status (n,), as text.
     """
 
     t: NDArray[np.float64]

@@ -73,10 +73,7 @@ class Part(NamedTuple):
 
 
 class Folder:
-    """A study's folder for reading, with the `parts` that it had when it was opened.
-
-    `identity` is a hash of everything on which the rows depend; each part's metadata repeats it.
-    """
+    """A study's folder as it was opened; `identity` is a hash of all that decides its rows."""
 
     def __init__(self, path: Path, spec: StudySpec, identity: str) -> None:
         # An absolute path stays valid when the process changes its working directory.

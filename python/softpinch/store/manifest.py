@@ -27,15 +27,13 @@ from ..study.sampling import MOST_RUNS, Draws
 from ..study.sources import Description, Key
 from ..study.spec import RECORDING, SETTINGS, StudySpec
 from ..study.study_file import checksum, load_array
-from ..support import checks, toml
+from ..support import checks, extras, toml
 from ..support.arrays import Floats
 from ..support.errors import StoreError
 from . import files
 from .files import ARRAYS, MANIFEST
 
 FORMAT = 4
-# What writing a manifest needs, for the error.
-_EXTRA = {"extra": "study", "purpose": "a study's folder (tomli-w)"}
 # Entries of [study] that may change when a study is continued, because no row depends on them.
 FREE = ("runs", "stop_when", "check_dt", "trajectories", *RECORDING)
 
@@ -43,7 +41,7 @@ FREE = ("runs", "stop_when", "check_dt", "trajectories", *RECORDING)
 def describe(spec: StudySpec, vary: Mapping[str, Any]) -> dict[str, Any]:
     """The manifest of a study as its TOML gives it; `vary` is from `with_files`."""
     data = {"format": FORMAT, **spec.to_dict(), "vary": dict(vary), "made_by": [made_by()]}
-    return tomllib.loads(toml.dumps(data, "study", **_EXTRA))
+    return tomllib.loads(dumps(data))
 
 
 def made_by() -> dict[str, Any]:
@@ -78,7 +76,14 @@ def _installed() -> dict[str, str]:
 def write(path: Path, data: Mapping[str, Any]) -> None:
     """Writes the manifest of a folder."""
     own = {"format": data["format"], "sha256": _digest(data)}
-    files.write(path / MANIFEST, toml.dumps({**own, **data}, "study", **_EXTRA).encode())
+    files.write(path / MANIFEST, dumps({**own, **data}).encode())
+
+
+def dumps(data: Mapping[str, Any]) -> str:
+    """Converts a manifest to TOML that gives every number back exactly."""
+    # `toml.dumps` would name another extra in its error.
+    extras.require("tomli_w", extra="study", purpose="a study's folder (tomli-w)")
+    return toml.dumps(data, "study")
 
 
 def read(path: Path) -> dict[str, Any]:

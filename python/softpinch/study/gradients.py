@@ -104,8 +104,8 @@ def differentiated(
     paths, varied = list(by), list(spec.shapes)
     along = partial(directions.directions, paths=paths, shared=spec.scene, varied=varied)
     # Directions of the inputs depend on each run's own inputs.
-    inputs = any(path.split(".")[0] in ("schedule", "disturbances", "motion") for path in paths)
-    shared = [] if inputs else [along(spec.scene)]
+    differ = any(path.split(".")[0] in ("schedule", "disturbances", "motion") for path in paths)
+    shared = [] if differ else [along(spec.scene)]
     parts, failed = [], 0
     for first in range(0, len(rows), _BLOCK):
         some = rows.select(np.arange(first, min(first + _BLOCK, len(rows))))

@@ -131,11 +131,7 @@ def numbers(name: str, value: object) -> Floats:
 
 
 def array(name: str, value: object, shape: tuple[int | str, ...], meaning: str = "") -> Floats:
-    """Converts finite real numbers to a read-only float64 copy of the given shape.
-
-    A letter in `shape` allows any length above 0 along that axis. `meaning` says in the error what
-    the axes are.
-    """
+    """Converts finite numbers to a read-only copy; a letter in `shape` is any length above 0."""
     wanted = "(" + ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "") + ")"
     given = numbers(name, value)
     if given.ndim != len(shape) or any(
@@ -291,11 +287,7 @@ def refuse_unknown(
     cls: type[Any] | None = None,
     needed: Iterable[str] = (),
 ) -> None:
-    """Refuses data that is not a mapping, has a name that is not allowed, or lacks a needed one.
-
-    Error messages name the `owner`, a class or table, and the `path` of the data in its file. With
-    the record class `cls` suggestions also search nested records.
-    """
+    """Refuses data that is no mapping, has a name that is not allowed, or lacks a needed one."""
     if not isinstance(data, Mapping):
         raise TypeError(f"{owner}{at(path)} = {shown(data)}: must be a table")
     allowed = tuple(allowed)

@@ -21,10 +21,7 @@ def require(module: str, *, extra: str, purpose: str = "") -> ModuleType:
 
 
 def lazily(package: str, modules: Mapping[str, Sequence[str]]) -> Callable[[str], Any]:
-    """Makes the `__getattr__` of a package whose names are imported when they are asked for.
-
-    `modules` has names in each module; the module's own name stands for the module itself.
-    """
+    """Makes a package's `__getattr__`, which imports names of its modules when asked for them."""
     places = {name: module for module, names in modules.items() for name in names}
 
     def find(name: str) -> Any:

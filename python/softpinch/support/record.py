@@ -165,10 +165,7 @@ class Record(ByValue):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Kinded(Record):
-    """Base class of records of several kinds, which an entry `kind` of plain data tells apart.
-
-    A direct subclass is the common base of its kinds; `_kinds` has their table, kind -> class.
-    """
+    """Base class of records of several kinds; `_kinds` of a direct subclass is kind -> class."""
 
     _kinds: ClassVar[Mapping[str, type[Kinded]]] = {}
 

@@ -29,10 +29,7 @@ class ByValue(Shown):
 
 
 class Result(ByValue):
-    """Base class of results. It keeps arrays read-only, also in unpickled and copied results.
-
-    Derive with `@dataclass(frozen=True, kw_only=True, eq=False, repr=False)`.
-    """
+    """Base class of results, whose arrays stay read-only, also if unpickled or copied."""
 
     def __post_init__(self) -> None:
         """Makes the arrays read-only."""

@@ -14,11 +14,7 @@ _MOST = 1000
 
 
 def hint(name: str, owner: Any, path: str = "") -> str:
-    """Returns '; did you mean "hand.tip.radius"?' if a field is close, otherwise an empty text.
-
-    The fields are those of a dataclass, an instance or a class with its defaults, and of nested
-    ones. `path` is the place of the owner, which goes in front of the suggestion.
-    """
+    """Returns '; did you mean "hand.tip.radius"?' if a field of the owner at `path` is close."""
     from difflib import SequenceMatcher  # only an error needs it
 
     def similarity(found: tuple[str, Any]) -> tuple[float, ...]:

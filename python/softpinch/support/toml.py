@@ -13,11 +13,9 @@ from . import checks, extras
 MOST_BYTES = 2**26
 
 
-def dumps(
-    data: Mapping[str, Any], what: str, extra: str = "cli", purpose: str = "writing TOML"
-) -> str:
+def dumps(data: Mapping[str, Any], what: str) -> str:
     """Converts plain data to TOML with exact numbers. A first comment names the kind of file."""
-    tomli_w = extras.require("tomli_w", extra=extra, purpose=purpose)
+    tomli_w = extras.require("tomli_w", extra="cli", purpose="writing TOML")
     text: str = tomli_w.dumps(data)
     return f"# A softpinch {what}: SI units, angles in radians.\n{text}"
 
