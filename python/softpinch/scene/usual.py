@@ -96,11 +96,11 @@ def _growing_swings(scene: Scene) -> Iterator[str]:
     control = scene.control
     if not isinstance(control, SampledController):
         return
-    factor = growth(scene, control)
-    periods = scene.duration / control.period
+    factor, period = growth(scene, control)
+    periods = scene.duration / period
     if factor <= 1.0 or periods * math.log(factor) <= math.log(_GROWN):
         return
-    time, gain = control.period / math.log(factor), units("control.ki", (), jaws(scene))
+    time, gain = period / math.log(factor), units("control.ki", (), jaws(scene))
     yield (
         f"control: with this SampledController a finger that touches nothing swings ever wider, by "
         f"a factor of 2.7 in each {time:.3g} s; smaller gains, most of all ki (1000 {gain} in "

@@ -30,7 +30,7 @@ pub use contact::shape::{Counterface, Frame, ShapeKind, Surface};
 pub use contact::{Any, Contact, Others, Papers, Parts};
 pub use contact_modes::{CONTACT_MODELS, CONTACT_MODES, ContactModel, ContactRow, Contacts, Mode, Slip};
 pub use control::{FINGERS, Fingers};
-pub use controller_state::{ControllerState, Kept, Measured, Scratch};
+pub use controller_state::{ControllerState, Kept, Known, Measured, Scratch};
 pub use coordinates::Coordinates;
 pub(crate) use coordinates::each_coordinate;
 pub(crate) use drive::SegmentFrame;
