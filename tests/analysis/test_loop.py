@@ -9,6 +9,7 @@ from scipy.linalg import expm
 
 import softpinch as sp
 from sampled_blocks import SAME, Block
+from softpinch.analysis.loops import _model
 
 EYE, SWAY = np.eye(2), np.array([[1.0], [-1.0]])
 TARGETS = sp.Schedule.steps([0.0], [[0.1, 0.1]])
@@ -30,7 +31,7 @@ def scene_of(*blocks: sp.SampledController, **changes: Any) -> sp.Scene:
 
 def by_steps(scene: sp.Scene, found: sp.Loop, periods: int) -> float:
     """The growth in a period, from a random start, of the linear motion with blocks beside it."""
-    model, end = found.model, periods * found.period
+    model, end = _model(scene, None), periods * found.period
     parts = [one for _, one in scene.control.blocks()]  # type: ignore[union-attr]
     calm = [replace(one, outer=None, initial_torque=(0.0, 0.0), limits=None) for one in parts]
     blocks = [Block(one, k, end) for k, one in enumerate(calm)][::-1]
@@ -139,7 +140,7 @@ def test_states_and_refusals() -> None:
     state = sp.simulate(begun, 1e-4).state(0)
     assert sp.loop(scene, state).spectral_radius == pytest.approx(one.spectral_radius, rel=1e-6)
     for call, named in (
-        (lambda: sp.loop(sp.Scene()), r"Scene\.control: must be a SampledController"),
+        (lambda: sp.loop(sp.Scene()), r"control=Pid.*loop needs a SampledController"),
         (lambda: sp.loop(scene, block=2), r"block = 2: must be at most 1"),
         (lambda: sp.loop(scene, rest.state), r"state\.controller = None: must have the torques"),
         (lambda: sp.loop(scene_of(camera(1.0, period=np.pi / 100), SERVO)), "common period"),

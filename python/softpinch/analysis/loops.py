@@ -27,8 +27,7 @@ _NEUTRAL = 1e-8
 class Loop(Result):
     """The loop of a scene's `SampledController` and its grasp at rest, for small deviations.
 
-    Between two instants of the controller the linearised motion is exact, and all blocks of a
-    cascade are followed over their common period. Limits, dead zones, resolution, noise, lost
+    It is exact over the common period of all blocks. Limits, dead zones, resolution, noise, lost
     samples and jitter are left out.
 
     Attributes:
@@ -38,14 +37,12 @@ class Loop(Result):
             the loop is unstable; inf if there is none up to 1000, nan in an unstable loop.
         delay_margin: The delay, s, in addition to the block's, beyond which the loop is unstable;
             inf if there is none up to 20 of its periods, nan in an unstable loop.
-        model: The motion with torques as inputs, without its neutral states.
     """
 
     period: float
     spectral_radius: float
     gain_margin: float
     delay_margin: float
-    model: LinearModel
 
 
 def loop(scene: Scene, state: State | Equilibrium | None = None, block: int = -1) -> Loop:
@@ -62,8 +59,7 @@ def loop(scene: Scene, state: State | Equilibrium | None = None, block: int = -1
     checks.instance("scene", scene, Scene)
     control = scene.control
     if not isinstance(control, SampledController):
-        rule = f"must be a SampledController; with {WRITTEN[scene.law]} take linearize"
-        raise ValueError(f"Scene.control: {rule}")
+        raise ValueError(f"Scene.{WRITTEN[scene.law]}: loop needs a SampledController")
     blocks = [replace(own, outer=None) for _, own in control.blocks()][::-1]
     block = checks.integer("block", block, -len(blocks), len(blocks) - 1)
     (period, why), own = common_period(control), blocks[block]
@@ -84,7 +80,6 @@ def loop(scene: Scene, state: State | Equilibrium | None = None, block: int = -1
         gain_margin=1.1
         ** _first(lambda k: radius(**{n: 1.1**k * x for n, x in gains.items()}), 73),
         delay_margin=step * _first(lambda k: radius(delay=own.delay + k * step), min(40, most)),
-        model=model,
     )
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self, TypeAlias, get_args
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,11 +17,12 @@ from .. import _core
 from ..support import checks
 from ..support.arrays import Floats, read_only
 from ..support.choices import Jitter
-from ..support.record import SIDES, Kinded, Parser, Record
+from ..support.record import SIDES, Kinded, Record
 from .hand import one_or_pair, take_one_or_pair
 
 # Measures that a controller knows without a sensor.
 _KNOWN = {"target", "target_rate", "schedule"}
+JITTERS = ("uniform", "normal")
 # Fields with one number for each entry of y, or measure -> number.
 _OF_EACH = ("measure_noise", "resolution", "dead_zone")
 # The numbers of a block as the core takes them.
@@ -104,8 +105,7 @@ class SampledController(Law):
         period: Time between samples, s.
         A: (n, n); None is a controller without states, with B and C also None.
         B: (n, m), for the m numbers that are measured.
-        C: (2, n), N m: torques on the right and the left finger; in a cascade, of a block that is
-            not the last one, targets of the next one.
+        C: (2, n), N m: torques on the right and the left finger, or targets of the next block.
         D: (2, m); None is zero.
         measures: Names of the measures, in the order of y.
         delay: Time from a sample (and its `measure_delay`) until its torques act, s.
@@ -121,9 +121,8 @@ class SampledController(Law):
             quantities ("target", "target_rate") have none.
         resolution: The steps to which measurements are rounded, as of an encoder, given as
             `measure_noise`; 0 does not round. For "angle_error" the angle is rounded.
-        seed: Seed of noise, losses and jitter, from 0 to 2^64 - 1, of the blocks before it too; in
-            `monte_carlo` it becomes the study's.
-        run: Run number, which these depend on too; in `monte_carlo` it becomes the run's.
+        seed: Seed of noise, losses and jitter, from 0 to 2^64 - 1; `monte_carlo` takes the study's.
+        run: Run number, which these depend on too; `monte_carlo` takes the run's.
         first_sample: Time from the start until the first sample, s.
         measure_delay: Time from a sample until its measurements are used, s, with the targets of
             the later instant. Torques act `delay` after that.
@@ -133,16 +132,11 @@ class SampledController(Law):
             `jitter_kind` "normal", the size of a normal number with this deviation, at most 0.999
             periods. No sample overtakes another one. Delays begin at the late sample.
         jitter_kind: "uniform" or "normal"; see `jitter`.
-        rate_limit: Largest change of a torque in a second, N m/s: from one sample to the next by
-            `rate_limit` * period; None does not limit it.
+        rate_limit: Largest change of a torque in one period, divided by it, N m/s; None: no limit.
         dead_zone: Half the width of a dead zone of measurements, given as `measure_noise`: y
             between -z and z counts as 0, and beyond it as closer to 0 by z.
         outer: The block before this one in a cascade; see `cascade`.
     """
-
-    _parsers: ClassVar[Mapping[str, Parser]] = {
-        "outer": lambda data, path: SampledController._parse(data, path)
-    }
 
     period: float
     A: NDArray[np.float64] | None = None
@@ -177,7 +171,7 @@ class SampledController(Law):
             rule = f"must be below the period, {self.period:g}, so that no sample overtakes another"
             raise ValueError(f"{of('jitter')} = {self.jitter}: {rule}")
         checks.number_that(of("loss"), self.loss, lambda x: x < 1.0, "must be >= 0 and < 1")
-        checks.choice(of("jitter_kind"), self.jitter_kind, get_args(Jitter))
+        checks.choice(of("jitter_kind"), self.jitter_kind, JITTERS)
         if self.rate_limit is not None:
             self._set("rate_limit", checks.positive(of("rate_limit"), self.rate_limit))
         self._set("measures", checks.names(of("measures"), self.measures, _core.MEASURES))
@@ -359,6 +353,7 @@ Control: TypeAlias = Pid | tuple[Pid, Pid] | Torque | SampledController
 # The entry `kind` of a scene file -> class. A PID has none.
 LAWS: dict[str, type[Law]] = {"torque": Torque, "sampled": SampledController}
 Law._kinds = LAWS
+SampledController._parsers = {"outer": SampledController._parse}
 # `Scene.law` -> what moves the fingers then, as it is written.
 WRITTEN = {
     "pid": "control=Pid(...)",

@@ -161,15 +161,14 @@ def measured(
     return [(of(block, c), of(block, d)) for _, block in control.blocks()]
 
 
-def growth(scene: Scene, control: SampledController) -> tuple[float, float]:
-    """The factor by which the swings of free fingers grow in one common period, and that, s.
+def growth(scene: Scene, control: SampledController) -> float:
+    """The factor by which the swings of free fingers grow in one common period; 0.0: unknown.
 
-    The factor is 0.0 if it is unknown: blocks measure more than fingers, or there is no loop.
+    It is unknown if blocks measure more than fingers, or there is no loop.
     """
     names = {name for _, block in control.blocks() for name in block.measures}
-    period, _ = common_period(control)
-    if not names <= _OF_FINGERS.keys() | _GIVEN or period == math.inf:
-        return 0.0, period
+    if not names <= _OF_FINGERS.keys() | _GIVEN or common_period(control)[0] == math.inf:
+        return 0.0
     # A finger that touches nothing moves by I theta'' = u, without gravity.
     a, b = np.zeros((4, 4)), np.zeros((4, 2))
     a[:2, 2:] = np.eye(2)
@@ -178,4 +177,4 @@ def growth(scene: Scene, control: SampledController) -> tuple[float, float]:
         b[2:] = np.diag([1.0 / inertia_of(finger) for finger in (hand.right, hand.left)])
     found = measured(control, _OF_FINGERS, np.eye(4), np.zeros((4, 2)))
     factor = spectral_radius(control, a, b, found)
-    return (0.0 if math.isnan(factor) else factor), period
+    return 0.0 if math.isnan(factor) else factor

@@ -20,7 +20,7 @@ from ..support.suggest import places
 from .contact import coefficients
 from .control import SampledController
 from .fields import COORDINATE_RANGES, COORDINATE_UNITS, Unit, of_coordinates, units, usual_range
-from .loop_matrix import growth
+from .loop_matrix import common_period, growth
 from .outline import closing, compression
 from .parts import in_words, jaws, width
 from .schedule import default_schedule
@@ -96,7 +96,7 @@ def _growing_swings(scene: Scene) -> Iterator[str]:
     control = scene.control
     if not isinstance(control, SampledController):
         return
-    factor, period = growth(scene, control)
+    factor, (period, _) = growth(scene, control), common_period(control)
     periods = scene.duration / period
     if factor <= 1.0 or periods * math.log(factor) <= math.log(_GROWN):
         return
