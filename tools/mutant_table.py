@@ -434,15 +434,33 @@ MUTANTS = (
     ),
     Mutant(
         "model/sampled.rs",
-        "None => sample.min(self.first_after(origin, self.delay, t)),",
-        "None => sample,",
+        "first = first.min(block.first_after(origin, delay, t));",
+        "",
         "test_sampled",
     ),
     Mutant(
         "stepping/lane_controller.rs",
-        "if watched.t < self.changed || watched.before_sample {",
-        "if watched.before_sample {",
+        "let earlier = watched.t < self.changed || watched.before_sample;",
+        "let earlier = watched.before_sample;",
         "test_sampled",
+    ),
+    Mutant(
+        "model/sampled.rs",
+        "if near >= first && (t - near).abs() <= SAME * period { near } else { t }",
+        "t",
+        "test_cascade",
+    ),
+    Mutant(
+        "model/controller_state.rs",
+        "let before = own(number - 1);",
+        "let before = own(number);",
+        "test_cascade",
+    ),
+    Mutant(
+        "stepping/lane_controller.rs",
+        "zip(&self.blocks).rev() {",
+        "zip(&self.blocks) {",
+        "test_cascade",
     ),
     Mutant(
         "stepping/equal_lanes.rs",

@@ -26,8 +26,9 @@ _LAZY = {
         *("stabilization_sweep", "work_precision"),
     ),
     "analysis": (
-        *("CarryLimits", "Equilibrium", "EquilibriumMap", "Grip", "LinearModel", "WrenchLimits"),
-        *("carry_limits", "equilibrium", "equilibrium_map", "grip", "linearize", "wrench_limits"),
+        *("CarryLimits", "Equilibrium", "EquilibriumMap", "Grip", "LinearModel", "Loop"),
+        *("WrenchLimits", "carry_limits", "equilibrium", "equilibrium_map", "grip", "linearize"),
+        *("loop", "wrench_limits"),
     ),
     "fitting": ("Fit", "LawFit", "fit", "fit_law"),
     "montecarlo": ("monte_carlo",),

@@ -194,7 +194,10 @@ class Inputs:
         impulses: Sequence[_Floats],
         noises: Sequence[tuple[_Floats, int, NDArray[np.uint64], int]],
         fingers: str,
-        controller: tuple[list[str], int, bool, _Floats, int, NDArray[np.uint64]] | None = None,
+        controller: tuple[
+            list[tuple[list[str], int, tuple[bool, bool], _Floats]], int, NDArray[np.uint64]
+        ]
+        | None = None,
         motion: tuple[tuple[_Floats, _Floats], tuple[_Floats, _Floats], _Floats] | None = None,
     ) -> Inputs: ...
 
@@ -267,6 +270,7 @@ class Simulator:
         _Floats,
         _Floats,
         tuple[float, int] | None,
+        _Floats | None,
         _Floats | None,
     ]: ...
     def reset(self, run: int, state: _State | None) -> None: ...

@@ -95,7 +95,6 @@ def test_scenes_refuse_what_does_not_fit() -> None:
         lambda: sp.modes(scene, [0.0], [scene.start().q], [[0.0] * 9], [[0.0, 0.0]]),
         lambda: sp.max_stable_dt(scene),
         lambda: sp.reference.solve(scene),
-        lambda: sp.Simulator(scene),
     ):
         with pytest.raises(ValueError, match=r"control=SampledController|'sampled'"):
             call()

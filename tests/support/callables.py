@@ -18,6 +18,7 @@ from softpinch.support.record import Record
 
 SCENE = sp.Scene(duration=0.002, friction=0.5)
 STEPPED = replace(SCENE, control=sp.Torque(), duration=1.0)
+SAMPLED = replace(SCENE, control=sp.SampledController.pid(1e-3, 4.0, 0.05, 20.0))
 STEP = 1e-3
 TIMES, ANGLES = [0.0, 0.1], [[0.1, 0.1], [0.2, 0.2]]
 # One pair, so that what compares pairs takes no time.
@@ -166,6 +167,7 @@ def objects() -> dict[str, Any]:
         "Fit": fitted(),
         "Sensitivity": differentiated().sensitivity,
         "LinearModel": sp.linearize(SCENE, SCENE.start()),
+        "Loop": sp.loop(SAMPLED),
         "StabilityMap": stability(),
         "EquilibriumMap": equilibria(),
         "WorkPrecision": precision(),
@@ -243,6 +245,7 @@ def special() -> dict[str, dict[str, Any]]:
         "HandMotion.trapezoid": {"points": ANGLES, "acceleration": 100.0},
         "Noise.samples": {"count": 3},
         "Peer": {field: getattr(peer(), field) for field in sp.Peer.__dataclass_fields__},
+        "SampledController.cascade": {"blocks": [SAMPLED.control]},
         "SampledController": {**gains, "measures": ("angle_error",), "limits": (-1.0, 1.0)},
         "Schedule.minimum_jerk": {"move_time": 0.05},
         "Scene.with_": {"values": {"grasped.mass": 0.2}},
@@ -264,6 +267,7 @@ def special() -> dict[str, dict[str, Any]]:
         "compare": {"study_a": pushed(), "study_b": pushed()},
         "grip": {"force": 5.0},
         "linearize": {"state": SCENE.start()},
+        "loop": {"scene": SAMPLED},
         "modes": {"t": [0.0], "q": [SCENE.start().q], "p": [[0.0] * 9]},
         "monte_carlo": {"vary": {"grasped.mass": [0.1, 0.2]}, "dt": STEP},
         "rare_event": RARE,

@@ -7,6 +7,7 @@ import pytest
 import softpinch as sp
 from softpinch import _core
 from softpinch.run.options import STOP_ON
+from softpinch.scene.control import JITTERS
 from softpinch.scene.schedule import HOLDS, KINDS
 from softpinch.support import choices
 
@@ -20,6 +21,7 @@ TABLES: dict[Any, tuple[str, ...]] = {
     choices.Summary: ("final_state", *_core.SUMMARIES),
     choices.ScheduleKind: KINDS,
     choices.Hold: HOLDS,
+    choices.Jitter: JITTERS,
 }
 
 

@@ -53,6 +53,7 @@ def results() -> dict[str, Any]:
         sp.carry_limits(rest, [[1.0, 0.0]]),
         sp.wrench_limits(rest, [[1.0, 0.0, 0.0]]),
         sp.linearize(scene, rest),
+        sp.loop(callables.SAMPLED),
         advised,
         advised.trials[0],
         callables.precision(),

@@ -7,6 +7,7 @@ from .carry import CarryLimits, carry_limits
 from .equilibrium_maps import EquilibriumMap, equilibrium_map
 from .grip_targets import Grip, grip
 from .linearization import LinearModel, linearize
+from .loops import Loop, loop
 from .rest import Equilibrium, equilibrium
 from .wrench import WrenchLimits, wrench_limits
 
@@ -16,11 +17,13 @@ __all__ = [
     "EquilibriumMap",
     "Grip",
     "LinearModel",
+    "Loop",
     "WrenchLimits",
     "carry_limits",
     "equilibrium",
     "equilibrium_map",
     "grip",
     "linearize",
+    "loop",
     "wrench_limits",
 ]

@@ -15,7 +15,7 @@ import numpy as np
 from .. import _core
 from ..scene import SampledController, Schedule
 from ..scene.contact import without_drift
-from ..scene.loop_matrix import MOST_UNDER_WAY, measured, spectral_radius
+from ..scene.loop_matrix import common_period, measured, spectral_radius
 from ..scene.scene import Scene, inputs
 from ..support.arrays import Complexes, Floats
 from ..support.choices import Method
@@ -181,7 +181,8 @@ def unstable(request: Request, status: str, end: float) -> str | None:
     if status in _STOPPED or not isinstance(control, SampledController):
         return None
     lasted = end - scene.start().time
-    if control.delay > MOST_UNDER_WAY * control.period or lasted < control.period:
+    period, _ = common_period(control)
+    if lasted < period:
         return None
     every = 1 if options.dt is None else max(1, int(lasted / options.dt / _LOOP_ROWS))
     record = ("state", "torque", "contact")
@@ -191,18 +192,18 @@ def unstable(request: Request, status: str, end: float) -> str | None:
     names = ("t", "q", "p", "torque")
     radii = [radius(scene, *(motion[name][row] for name in names)) for row in rows]
     found = float(np.median(radii)) if radii else math.nan
-    if not math.log(max(found, 1.0)) * lasted / control.period >= math.log(_GROWN):
+    if not math.log(max(found, 1.0)) * lasted / period >= math.log(_GROWN):
         return None
     return (
         f'the run ended as "{status}" at t = {end:.4g} s, and the likely cause is its '
         f"SampledController, whose loop is unstable: by the linearised motion deviations grow by "
-        f"a factor of {found:.4g} in each sampling period of {control.period:g} s (the spectral "
+        f"a factor of {found:.4g} in each sampling period of {period:g} s (the spectral "
         "radius of the loop); lower the gains, or shorten the period and the delay"
     )
 
 
 def radius(scene: Scene, t: float, q: Floats, p: Floats, torque: Floats) -> float:
-    """The spectral radius of the loop from sample to sample, about a state; nan if it overflows.
+    """The spectral radius of the loop in its common period, about a state; nan if it overflows.
 
     It is at least 1, because a grasp at rest has two neutral states. `torque` (2,), N m, acts.
     """
@@ -213,4 +214,4 @@ def radius(scene: Scene, t: float, q: Floats, p: Floats, torque: Floats) -> floa
         np.array([t]), q[None], p[None], np.zeros((1, 2)), inputs=held, whole=True, open_loop=True
     )
     a, b, c, d = plant["A"][0], plant["B"][0][:, :2], plant["C"][0], plant["D"][0][:, :2]
-    return spectral_radius(control, a, b, *measured(control, MEASURED, c, d))
+    return spectral_radius(control, a, b, measured(control, MEASURED, c, d))

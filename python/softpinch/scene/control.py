@@ -6,8 +6,8 @@ A new law needs its class, and a line in `LAWS`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import Any, Self, TypeAlias
 
 import numpy as np
@@ -16,15 +16,22 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..support import checks
 from ..support.arrays import Floats, read_only
+from ..support.choices import Jitter
 from ..support.record import SIDES, Kinded, Record
 from .hand import one_or_pair, or_other, take_one_or_pair
 
 # Measures that a controller knows without a sensor.
-_KNOWN = {"target", "target_rate"}
+_KNOWN = {"target", "target_rate", "schedule"}
+JITTERS = ("uniform", "normal")
+# Fields with one number for each entry of y, or measure -> number.
+_OF_EACH = ("measure_noise", "resolution", "dead_zone")
+# The numbers of a block as the core takes them.
+_NUMBERS = ("period", "first_sample", "measure_delay", "delay", "loss", "jitter", "rate_limit")
+_NUMBERS += ("limits", "initial_torque", *"ABCD", "initial_state", *_OF_EACH)
 
-# A `SampledController` as the core takes it: measures, number of states, anti-windup, numbers
-# (runs, k), seed, and the numbers of the runs.
-Compiled: TypeAlias = tuple[list[str], int, bool, Floats, int, NDArray[np.uint64]]
+# A block of a `SampledController` as the core takes it: measures, number of states, anti-windup and
+# whether jitter is normal, and numbers (runs, k).
+Compiled: TypeAlias = tuple[list[str], int, tuple[bool, bool], Floats]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -72,12 +79,16 @@ class SampledController(Law):
     of the integration end at each of these instants, so that a method keeps its order. A delay may
     be longer than the period. The schedule has the target angles of the fingers.
 
+    `cascade` makes one of several, such as of a camera and a servo, each with a period, delays and
+    limits of its own.
+
     Measures, with the number of their entries in y:
 
     - "angle" (2), rad; "angle_rate" (2), rad/s: theta_i of the right and the left finger; this and
       what belongs to it is of a `Jaw` its travel in m, with forces in N for torques;
     - "angle_error" (2), rad: theta_i minus its target, as in the PID (39);
-    - "target" (2), rad; "target_rate" (2), rad/s: the schedule's;
+    - "target" (2), rad; "target_rate" (2), rad/s: the schedule's; in a cascade, what the block
+      before this one puts out, and zero; "schedule" (2), rad: in each block the schedule's;
     - "position" (2), m; "velocity" (2), m/s: x and y of the object;
     - "rotation" (1), rad; "rotation_rate" (1), rad/s: theta of the object;
     - "compression" (2), m; "shear" (2), m: d_n and d_t of both tips;
@@ -91,10 +102,10 @@ class SampledController(Law):
         period: Time between samples, s.
         A: (n, n); None is a controller without states, with B and C also None.
         B: (n, m), for the m numbers that are measured.
-        C: (2, n), N m: torques on the right and the left finger.
+        C: (2, n), N m: torques on the right and the left finger, or targets of the next block.
         D: (2, m); None is zero.
         measures: Names of the measures, in the order of y.
-        delay: Time from a sample until its torques act, s.
+        delay: Time from a sample (and its `measure_delay`) until its torques act, s.
         limits: Smallest and largest torque, N m, (2,), or one pair for each finger (2, 2); None
             does not limit them. The torques never exceed them.
         initial_torque: Torques on the right and the left finger until the first sample acts, N m,
@@ -107,8 +118,21 @@ class SampledController(Law):
             quantities ("target", "target_rate") have none.
         resolution: The steps to which measurements are rounded, as of an encoder, given as
             `measure_noise`; 0 does not round. For "angle_error" the angle is rounded.
-        seed: Seed of the noise, from 0 to 2^64 - 1; in `monte_carlo` it becomes the study's.
-        run: Run number, which the noise depends on too; in `monte_carlo` it becomes the run's.
+        seed: Seed of noise, losses and jitter, from 0 to 2^64 - 1; `monte_carlo` takes the study's.
+        run: Run number, which these depend on too; `monte_carlo` takes the run's.
+        first_sample: Time from the start until the first sample, s.
+        measure_delay: Time from a sample until its measurements are used, s, with the targets of
+            the later instant. Torques act `delay` after that.
+        loss: Probability, below 1, with which the measurements of a sample are lost, and those of
+            the sample before it are used again. The first sample is never lost.
+        jitter: How late samples are, s, below the period: uniform from 0 to `jitter`; or, with
+            `jitter_kind` "normal", the size of a normal number with this deviation, at most 0.999
+            periods. No sample overtakes another one. Delays begin at the late sample.
+        jitter_kind: "uniform" or "normal"; see `jitter`.
+        rate_limit: Largest change of a torque in one period, divided by it, N m/s; None: no limit.
+        dead_zone: Half the width of a dead zone of measurements, given as `measure_noise`: y
+            between -z and z counts as 0, and beyond it as closer to 0 by z.
+        outer: The block before this one in a cascade; see `cascade`.
     """
 
     period: float
@@ -126,11 +150,27 @@ class SampledController(Law):
     resolution: NDArray[np.float64] | float = 0.0
     seed: int = 0
     run: int = 0
+    first_sample: float = 0.0
+    measure_delay: float = 0.0
+    loss: float = 0.0
+    jitter: float = 0.0
+    jitter_kind: Jitter = "uniform"
+    rate_limit: float | None = None
+    dead_zone: NDArray[np.float64] | float = 0.0
+    outer: SampledController | None = None
 
     def __post_init__(self) -> None:
         of = "SampledController.{}".format
         self._set("period", checks.positive(of("period"), self.period))
-        self._set("delay", checks.non_negative(of("delay"), self.delay))
+        for name in ("first_sample", "measure_delay", "delay", "jitter", "loss"):
+            self._set(name, checks.non_negative(of(name), getattr(self, name)))
+        if self.jitter >= self.period:
+            rule = f"must be below the period, {self.period:g}, so that no sample overtakes another"
+            raise ValueError(f"{of('jitter')} = {self.jitter}: {rule}")
+        checks.number_that(of("loss"), self.loss, lambda x: x < 1.0, "must be >= 0 and < 1")
+        checks.choice(of("jitter_kind"), self.jitter_kind, JITTERS)
+        if self.rate_limit is not None:
+            self._set("rate_limit", checks.positive(of("rate_limit"), self.rate_limit))
         self._set("measures", checks.names(of("measures"), self.measures, _core.MEASURES))
         m = sum(_core.MEASURES[name] for name in self.measures)
         n = 0 if self.A is None else next(iter(checks.numbers(of("A"), self.A).shape), 0)
@@ -153,10 +193,14 @@ class SampledController(Law):
                 rule = f"must be within the limits, from {low} to {high} for the {side} finger"
                 raise ValueError(f"{of('initial_torque')} = {checks.shown(torque)}: {rule}")
         self._set("anti_windup", checks.boolean(of("anti_windup"), self.anti_windup))
-        for name in ("measure_noise", "resolution"):
+        for name in _OF_EACH:
             self._set(name, self._of_each(name, getattr(self, name)))
         for name in ("seed", "run"):
             self._set(name, checks.integer(of(name), getattr(self, name), 0, 2**64 - 1))
+        if self.outer is not None:
+            checks.instance(of("outer"), self.outer, SampledController)
+            if (self.outer.seed, self.outer.run) != (self.seed, self.run):
+                self._set("outer", replace(self.outer, seed=self.seed, run=self.run))
 
     def _of_each(self, name: str, value: object) -> Floats:
         """Returns one number that is not negative for each entry of y."""
@@ -164,7 +208,7 @@ class SampledController(Law):
         widths = [_core.MEASURES[measure] for measure in self.measures]
         if isinstance(value, Mapping):
             checks.refuse_unknown(place, value, self.measures, "")
-            for known in sorted(_KNOWN & value.keys()):
+            for known in sorted(_KNOWN & value.keys() if name != "dead_zone" else ()):
                 if checks.number(f"{place}[{known!r}]", value[known]) != 0.0:
                     rule = "must be 0, because no sensor measures it"
                     raise ValueError(f"{place}[{known!r}] = {checks.shown(value[known])}: {rule}")
@@ -203,25 +247,51 @@ class SampledController(Law):
             **{"measures": ("angle_error", "angle_rate")} | settings,
         )
 
-    def compile_runs(
-        self, values: Mapping[str, Floats], numbers: NDArray[np.uint64] | None, seed: int
-    ) -> Compiled:
-        """Returns the controllers of runs that differ in `values` (runs, ...), for the core.
+    @classmethod
+    def cascade(cls, blocks: Iterable[SampledController]) -> SampledController:
+        """Makes one controller of several blocks, of which each gives the next one its targets.
 
-        The noise depends on the `seed` and the run `numbers` (runs,); None keeps `run`.
+        The schedule has the targets of the first block. The outputs of each block (after its limits
+        and delays) are the targets of the next one, also in "angle_error", and those of the last
+        one are the torques. At an instant that a block shares with a sample of the last one, but
+        for round-off, it acts first. The result is the last block, whose seed and run are those of
+        all, with the one before it as its `outer`: paths are "control.period" and
+        "control.outer.period".
         """
-        limits = np.tile([-np.inf, np.inf], (2, 1)) if self.limits is None else self.limits
-        names = ("period", "delay", "limits", "initial_torque", *"ABCD")
+        name = "cascade: blocks"
+        given = checks.several(name, blocks, "several SampledControllers")
+        checks.integer(f"{name}: their number", len(given), 1, 16)
+        for k, block in enumerate(given):
+            checks.instance(f"{name}[{k}]", block, SampledController)
+            if block.outer is not None:
+                raise ValueError(f"{name}[{k}].outer is given: must be None, the list has them all")
+        whole: SampledController = given[0]
+        for block in given[1:]:
+            whole = replace(block, outer=whole)
+        return whole
+
+    def blocks(self) -> Iterator[tuple[str, SampledController]]:
+        """Yields the blocks and their paths in a scene, the last one of the cascade first."""
+        block: SampledController | None = self
+        path = "control"
+        while block is not None:
+            yield path, block
+            block, path = block.outer, f"{path}.outer"
+
+    def compile_runs(self, values: Mapping[str, Floats]) -> Compiled:
+        """Returns this block as the core takes it; `values` differ between runs -> (runs, ...)."""
+        none = {"limits": np.tile([-np.inf, np.inf], (2, 1)), "rate_limit": np.inf}
         parts = []
-        for name in (*names, "initial_state", "measure_noise", "resolution"):
-            own = limits if name == "limits" else np.asarray(getattr(self, name), dtype=float)
+        for name in _NUMBERS:
+            own = getattr(self, name)
+            own = np.asarray(none[name] if own is None else own, dtype=float)
             many = values.get(name, own[None])
             parts.append(many.reshape(len(many), own.size))
         runs = max(map(len, parts))
         rows = np.hstack([np.broadcast_to(part, (runs, part.shape[1])) for part in parts])
-        numbers = np.array([self.run], np.uint64) if numbers is None else numbers
-        rows, states = np.ascontiguousarray(rows), 0 if self.A is None else len(self.A)
-        return list(self.measures), states, self.anti_windup, rows, seed, numbers
+        how = self.anti_windup, self.jitter_kind == "normal"
+        states = 0 if self.A is None else len(self.A)
+        return list(self.measures), states, how, np.ascontiguousarray(rows)
 
     def to_dict(self) -> dict[str, Any]:
         """Converts to a dictionary with the key `kind`; arrays without entries are left out."""
@@ -263,6 +333,7 @@ Control: TypeAlias = Pid | tuple[Pid, Pid] | Torque | SampledController
 # The entry `kind` of a scene file -> class. A PID has none.
 LAWS: dict[str, type[Law]] = {"torque": Torque, "sampled": SampledController}
 Law._kinds = LAWS
+SampledController._parsers = {"outer": SampledController._parse}
 # `Scene.law` -> what moves the fingers then, as it is written.
 WRITTEN = {
     "pid": "control=Pid(...)",

@@ -1,15 +1,16 @@
-"""The loop of a `SampledController` and a linear motion, from sample to sample.
+"""The loop of a `SampledController` and a linear motion, over the common period of its blocks.
 
-Between two samples the torques are held, so a linear motion has an exact discrete-time model. With
-the state of the controller and its torques that are under way it is the loop, whose spectral radius
-is the factor by which a deviation grows in each period. Limits of the torques are left out.
+Between two instants of a block the torques are held, so a linear motion has an exact discrete-time
+model. With the states of the blocks, their outputs and what they have measured it is the loop,
+whose spectral radius is the factor by which a deviation grows in each period. Limits, dead zones,
+lost samples and jitter are left out.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from itertools import pairwise
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,57 +25,105 @@ if TYPE_CHECKING:
 
 # With more torques under way the matrix of the loop is too large to compute.
 MOST_UNDER_WAY = 50
+# A common period has at most so many periods of the last block.
+_MOST_SAMPLES = 2000
+# Instants that are closer than this share of a period are one.
+SAME = 1e-9
 # Terms of the exponential series, of a matrix whose norm is at most one half.
 _TERMS = 16
 # Measure -> its places among the angles and then the rates of the fingers.
 _OF_FINGERS = {"angle": [0, 1], "angle_error": [0, 1], "angle_rate": [2, 3]}
 # Measures that depend on no state.
-_GIVEN = {"target", "target_rate", "accelerometer", "gyroscope"}
+_GIVEN = {"target", "target_rate", "schedule", "accelerometer", "gyroscope"}
+
+
+def common_period(control: SampledController) -> tuple[float, str]:
+    """The common period of the blocks, s, and an empty text; or inf, and why there is no loop."""
+    last, common = control.period, 1
+    for path, block in control.blocks():
+        ratio = Fraction(min(block.period / last, 1e9)).limit_denominator(_MOST_SAMPLES)
+        common = math.lcm(common, ratio.numerator)
+        if abs(float(ratio) * last - block.period) > SAME * block.period or common > _MOST_SAMPLES:
+            rule = f"must have a common period with control.period = {last}, of at most"
+            return math.inf, f"{path}.period = {block.period}: {rule} {_MOST_SAMPLES} of these"
+        for name in ("measure_delay", "delay"):
+            if getattr(block, name) > MOST_UNDER_WAY * block.period:
+                rule = f"must be at most {MOST_UNDER_WAY} periods of its block"
+                return math.inf, f"{path}.{name} = {getattr(block, name)}: {rule}"
+    return common * last, ""
 
 
 def spectral_radius(
-    control: SampledController, a: Floats, b: Floats, h: Floats, j: Floats
+    control: SampledController, a: Floats, b: Floats, measures: Sequence[tuple[Floats, Floats]]
 ) -> float:
-    """Spectral radius of the loop of x' = a x + b v, measured as h x + j v; nan by overflow."""
+    """The spectral radius of the loop over `common_period`; nan if a number overflows.
+
+    The motion is x' = a x + b v (n, n), (n, 2), under the torques v. Each block, the last one
+    first, measures h x + j v (m, n), (m, 2).
+    """
     with np.errstate(all="ignore"):
-        loop = _matrix(control, a, b, h, j)
+        loop = _matrix(control, a, b, measures)
     if not np.isfinite(loop).all():
         return math.nan
     return float(np.abs(np.linalg.eigvals(loop)).max())
 
 
-def _matrix(control: SampledController, a: Floats, b: Floats, h: Floats, j: Floats) -> Floats:
-    """The matrix of the loop from sample to sample: of x, xi, and the last outputs, newest first.
+def _matrix(
+    control: SampledController, a: Floats, b: Floats, measures: Sequence[tuple[Floats, Floats]]
+) -> Floats:
+    """The matrix of the loop over a common period.
 
-    The oldest output is in force at the sample. With delay = late * period + rest, that one acts
-    for `rest` longer, and then the next one does.
+    It is of x and, of each block, xi, the outputs in force and, newest first, those that may be
+    under way and the measurements that may be. Its rows begin as those of the identity, and follow
+    the instants of the period.
     """
-    gains = [np.asarray(getattr(control, name)) for name in "ABCD"]
-    size, n = len(a), len(gains[0])
-    late = int(control.delay // control.period)
-    rest = min(max(control.delay - late * control.period, 0.0), control.period)
-    outputs = [slice(size + n + 2 * k, size + n + 2 * k + 2) for k in range(late + 1)]
-    whole = outputs[-1].stop
-    x, xi = slice(0, size), slice(size, size + n)
-    # Rows of y and of the new output by all states.
-    y = np.zeros((len(h), whole))
-    y[:, x], y[:, outputs[-1]] = h, j
-    new = gains[3] @ y
-    new[:, xi] += gains[2]
-    loop = np.zeros((whole, whole))
-    before, after = (_held(a, b, time) for time in (rest, control.period - rest))
-    loop[x, x] = after[0] @ before[0]
-    loop[x, outputs[-1]] += after[0] @ before[1]
-    if late:
-        loop[x, outputs[-2]] += after[1]
-    else:
-        loop[x] += after[1] @ new
-    loop[xi] = gains[1] @ y
-    loop[xi, xi] += gains[0]
-    loop[outputs[0]] = new
-    for newer, older in pairwise(outputs):
-        loop[older, newer] = np.eye(2)
-    return loop
+    blocks = [block for _, block in control.blocks()]
+    period, tick = common_period(control)[0], SAME * min(block.period for block in blocks)
+    parts, instants, stop = [], [], len(a)
+    for k, block in enumerate(blocks):
+        delays = np.array([0.0, block.measure_delay, block.delay])
+        late = (delays / block.period + SAME).astype(int)
+        m, n = len(measures[k][0]), len(np.asarray(block.A))
+        sizes = n, 2, 2 * late[2] + 2, (late[1] + 1) * m
+        ends = stop + np.cumsum([0, *sizes])
+        parts.append([slice(*ends[i : i + 2]) for i in range(4)])
+        stop = int(ends[-1])
+        for number in range(round(period / block.period)):
+            taken = block.first_sample + number * block.period
+            for stage, time in enumerate(taken + np.cumsum(delays)):
+                place = round(time % period / tick) % round(period / tick)
+                instants.append((place, -k, stage, int(late[stage])))
+    rows = np.eye(stop)
+    x, now = slice(0, len(a)), 0
+    held: dict[int, tuple[Floats, Floats]] = {}
+    for place, k, stage, late_by in [*sorted(instants), (round(period / tick), 1, 0, 0)]:
+        if place > now:
+            if place - now not in held:
+                held[place - now] = _held(a, b, tick * (place - now))
+            free, forced = held[place - now]
+            rows[x] = free @ rows[x] + forced @ rows[parts[0][1]]
+            now = place
+        if k > 0:
+            break
+        block, (h, j), (xi, force, outputs, seen) = blocks[-k], measures[-k], parts[-k]
+        if stage == 0:
+            y = h @ rows[x] + j @ rows[parts[0][1]]
+            rows[seen] = np.vstack([y, rows[seen]])[: seen.stop - seen.start]
+        elif stage == 1:
+            y = rows[seen][late_by * len(h) :][: len(h)].copy()
+            first = 0
+            for name in block.measures:
+                sign = {"target": 1.0, "angle_error": -1.0}.get(name, 0.0)
+                if sign and 1 - k < len(blocks):
+                    y[first : first + 2] += sign * rows[parts[1 - k][1]]
+                first += _core.MEASURES[name]
+            own = [np.asarray(getattr(block, name)) for name in "ABCD"]
+            u = own[2] @ rows[xi] + own[3] @ y
+            rows[xi] = own[0] @ rows[xi] + own[1] @ y
+            rows[outputs] = np.vstack([u, rows[outputs]])[: outputs.stop - outputs.start]
+        else:
+            rows[force] = rows[outputs][2 * late_by :][:2]
+    return rows
 
 
 def _held(a: Floats, b: Floats, time: float) -> tuple[Floats, Floats]:
@@ -98,28 +147,34 @@ def _held(a: Floats, b: Floats, time: float) -> tuple[Floats, Floats]:
 
 def measured(
     control: SampledController, places: Mapping[str, list[int]], c: Floats, d: Floats
-) -> tuple[Floats, Floats]:
-    """H (m, n) and J (m, 2) of the measurements H x + J v, by each measure's rows of c and d."""
-    h, j = [], []
-    for name in control.measures:
-        width = _core.MEASURES[name]
-        rows = places.get(name)
-        h.append(c[rows] if rows else np.zeros((width, c.shape[1])))
-        j.append(d[rows] if rows else np.zeros((width, d.shape[1])))
-    return np.vstack(h), np.vstack(j)
+) -> list[tuple[Floats, Floats]]:
+    """H (m, n) and J (m, 2) of each block, which measures y = H x + J v under the torques v.
+
+    `places` has the rows of each measure in c (k, n) and d (k, 2); other measures are constant.
+    """
+
+    def of(block: SampledController, by: Floats) -> Floats:
+        none = [np.zeros((_core.MEASURES[name], by.shape[1])) for name in block.measures]
+        rows = zip(block.measures, none, strict=True)
+        return np.vstack([by[places[name]] if name in places else zero for name, zero in rows])
+
+    return [(of(block, c), of(block, d)) for _, block in control.blocks()]
 
 
 def growth(scene: Scene, control: SampledController) -> float:
-    """Growth of free fingers' swings in a period; 0.0 with other measures or a long delay."""
-    known = set(control.measures) <= _OF_FINGERS.keys() | _GIVEN
-    if not known or control.delay > MOST_UNDER_WAY * control.period:
+    """The factor by which the swings of free fingers grow in one common period; 0.0: unknown.
+
+    It is unknown if blocks measure more than fingers, or there is no loop.
+    """
+    names = {name for _, block in control.blocks() for name in block.measures}
+    if not names <= _OF_FINGERS.keys() | _GIVEN or common_period(control)[0] == math.inf:
         return 0.0
     # A finger that touches nothing moves by I theta'' = u, without gravity.
     a, b = np.zeros((4, 4)), np.zeros((4, 2))
     a[:2, 2:] = np.eye(2)
+    fingers = (scene.hand.right, scene.hand.left)
     with np.errstate(all="ignore"):
-        fingers = (scene.hand.right, scene.hand.left)
         b[2:] = np.diag([1.0 / (f.mass if isinstance(f, Jaw) else f.inertia) for f in fingers])
-    h, j = measured(control, _OF_FINGERS, np.eye(4), np.zeros((4, 2)))
-    factor = spectral_radius(control, a, b, h, j)
+    found = measured(control, _OF_FINGERS, np.eye(4), np.zeros((4, 2)))
+    factor = spectral_radius(control, a, b, found)
     return 0.0 if math.isnan(factor) else factor

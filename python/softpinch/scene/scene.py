@@ -184,7 +184,7 @@ def inputs(
     *,
     moves: Mapping[str, Floats] = _ALIKE,
     loads: Sequence[Mapping[str, Floats]] = (),
-    gains: Mapping[str, Floats] = _ALIKE,
+    gains: Mapping[str, Mapping[str, Floats]] = MappingProxyType({}),
     motion: HandMotion | None = None,
     carries: Mapping[str, Floats] = _ALIKE,
     numbers: NDArray[np.uint64] | None = None,
@@ -192,10 +192,11 @@ def inputs(
 ) -> _core.Inputs:
     """Converts schedule, disturbances, controller and motion to the core's inputs.
 
-    They are those of one run or of many. `moves`, `loads`, `gains` and `carries` have the fields of
-    the schedule, of each disturbance, of a `SampledController` and of the hand's motion that differ
-    between runs: name -> (runs, ...). The run `numbers` (runs,) key the noise together with the
-    study's `seed`; None keeps each noise's own `seed` and `run`.
+    They are those of one run or of many. `moves`, `loads` and `carries` have the fields of the
+    schedule, of each disturbance and of the hand's motion that differ between runs: name ->
+    (runs, ...). `gains` has those of each block of a `SampledController`, by its path. The run
+    `numbers` (runs,) key the noise together with the study's `seed`; None keeps each noise's own
+    `seed` and `run`.
     """
 
     def one(array: Any) -> Any:
@@ -229,8 +230,10 @@ def inputs(
         carried = moved.core()
     if not isinstance(control, SampledController):
         return _core.Inputs(*parts, law, None, carried)
-    controller = control.compile_runs(gains, numbers, control.seed if numbers is None else seed)
-    return _core.Inputs(*parts, "torque", controller, carried)
+    blocks = [own.compile_runs(gains.get(path, _ALIKE)) for path, own in control.blocks()][::-1]
+    if numbers is None:
+        numbers, seed = np.array([control.run], np.uint64), control.seed
+    return _core.Inputs(*parts, "torque", (blocks, seed, numbers), carried)
 
 
 _STARTS = 'must be a State, "touching" or None'

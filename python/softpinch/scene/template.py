@@ -117,9 +117,9 @@ class SceneTemplate:
         ]
         carries = {} if scene.motion is None else self._fields(scene.motion, "motion", values)
         control = scene.control
-        gains: Mapping[str, Floats] = {}
+        gains = {}
         if isinstance(control, SampledController):
-            gains = self._fields(control, "control", values)
+            gains = {path: self._fields(one, path, values) for path, one in control.blocks()}
         # Other kinds of start have no use for the numbers of a state.
         given = isinstance(scene.initial, State)
         start = scene.initial if isinstance(scene.initial, State) else State(np.zeros(9))
@@ -177,6 +177,8 @@ class SceneTemplate:
             if not path.startswith(f"{place}."):
                 continue
             name, *index = path.removeprefix(f"{place}.").split(".")
+            if isinstance(getattr(record, name), Record):
+                continue
             if index:
                 whole = np.asarray(getattr(record, name), dtype=np.float64)
                 runs = (len(value), *whole.shape)

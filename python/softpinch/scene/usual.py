@@ -20,7 +20,7 @@ from ..support.suggest import places
 from .contact import coefficients
 from .control import SampledController
 from .fields import COORDINATE_RANGES, COORDINATE_UNITS, Unit, of_coordinates, units, usual_range
-from .loop_matrix import growth
+from .loop_matrix import common_period, growth
 from .outline import closing, compression
 from .parts import in_words, jaws, width
 from .schedule import default_schedule
@@ -96,11 +96,11 @@ def _growing_swings(scene: Scene) -> Iterator[str]:
     control = scene.control
     if not isinstance(control, SampledController):
         return
-    factor = growth(scene, control)
-    periods = scene.duration / control.period
+    factor, (period, _) = growth(scene, control), common_period(control)
+    periods = scene.duration / period
     if factor <= 1.0 or periods * math.log(factor) <= math.log(_GROWN):
         return
-    time, gain = control.period / math.log(factor), units("control.ki", (), jaws(scene))
+    time, gain = period / math.log(factor), units("control.ki", (), jaws(scene))
     yield (
         f"control: with this SampledController a finger that touches nothing swings ever wider, by "
         f"a factor of 2.7 in each {time:.3g} s; smaller gains, most of all ki (1000 {gain} in "

@@ -70,8 +70,8 @@ class Stepped(Shown):
     def __init__(self, scene: Scene, period: float, *how: Any, stop_on: Any) -> None:
         """Takes dt, method, formulation and stabilization as `how` to step."""
         checks.instance("scene", scene, Scene)
-        if scene.law not in ("torque", "pid"):
-            rule = "control=Torque(), whose torques it sets, or a PID, whose target angles it sets"
+        if scene.law not in ("torque", "pid", "sampled"):
+            rule = "control=Torque(), whose torques it sets, or another law, whose targets it sets"
             raise ValueError(f"Scene.{WRITTEN[scene.law]}: a simulator needs {rule}")
         self._scene = scene
         self._options = Options.checked(*how, stop_on=stop_on)
@@ -79,10 +79,10 @@ class Stepped(Shown):
         usual.warn(scene, schedule_replaced=True)
 
     def _state(self, run: int) -> State:
-        time, q, p, (right, left, *branches), grid, contact = self._core.state(run)
+        time, q, p, (right, left, *branches), grid, *rest = self._core.state(run)
         # The stabilisation lets states drift off the constraints.
         check = self._options.formulation != "csm"
-        state = State(q, p, (right, left), time, check=check, grid=grid, contact=contact)
+        state = State(q, p, (right, left), time, check, grid, None, *rest)
         return replace(state, relaxation=np.array(branches)) if branches else state
 
     def _checked(self, name: str, state: State) -> State:
@@ -128,7 +128,8 @@ class Simulator(Stepped):
     Period k goes from start + k * period to start + (k + 1) * period; the last one ends with the
     scene's duration. A step ends at each of these instants, so that a method keeps its order. The
     torques take the place of the scene's schedule; its disturbances act as in `simulate`. A scene
-    with a PID takes the target angles of its fingers, rad, instead of torques.
+    with a PID takes the target angles of its fingers, rad, instead of torques, and one with a
+    `SampledController` its targets, those of the first block of a cascade.
 
     n periods have the bits of one `simulate` whose schedule steps to the same torques at the same
     instants; `run()` is that run. Violations are watched as there: in each period from its start,
@@ -260,7 +261,8 @@ class Simulator(Stepped):
         if isinstance(initial, State):
             # A period begins a segment of its own, wherever the state comes from.
             initial = replace(initial, grid=None, linearized=None)
-        if held[:, 3:6].any():
+        # Periods begin segments; only the targets of a `SampledController` do not by themselves.
+        if held[:, 3:6].any() or self._scene.law == "sampled":
             force = Sampled(times=times, force=held[:, 3:5], moment=held[:, 5])
             disturbances = (*disturbances, force)
         motion, accelerations = self._scene.motion, held[:, 6:]

@@ -33,3 +33,4 @@ Summary: TypeAlias = Literal[
 Sampler: TypeAlias = Literal["random", "sobol", "latin_hypercube"]
 ScheduleKind: TypeAlias = Literal["steps", "ramps", "minimum_jerk", "via_points", "sampled"]
 Hold: TypeAlias = Literal["zero", "linear"]
+Jitter: TypeAlias = Literal["uniform", "normal"]

@@ -66,10 +66,7 @@ impl Batch {
         }
         let parameters = Parameters::from_array(&values)?;
         let origin = match &self.start {
-            Start::At(states) => {
-                let State { time, controller, .. } = own(states, run);
-                controller.as_ref().map_or(*time, |row| row.first().copied().unwrap_or(0.0))
-            }
+            Start::At(states) => own(states, run).origin(),
             Start::Made(..) => 0.0,
         };
         let inputs = self.inputs.get().of(run, origin)?;

@@ -19,9 +19,12 @@ type Piecewise<'py> = (GivenRows<'py>, PyReadonlyArray4<'py, f64>);
 /// Standard deviations, rate, start and end (runs, 6); the seed; the runs' numbers (runs,); the stream.
 type NoiseTuple<'py> = (GivenRows<'py>, u64, GivenRow<'py, u64>, u64);
 
-/// Names of the measures, number of states, anti-windup, the numbers of each run (runs, k), seed and the runs'
-/// numbers (runs,). The numbers are period, delay, limits (4), initial torque (2), A, B, C, D, initial state, noise and resolution.
-type ControllerTuple<'py> = (Vec<String>, usize, bool, GivenRows<'py>, u64, GivenRow<'py, u64>);
+/// Names of the measures, number of states, anti-windup and whether jitter is normal, and the numbers of each run (runs, k):
+/// period, instant of the first sample, delay of measures, delay, loss, jitter, limit of the rate, limits (4), initial torque (2), A, B, C, D,
+/// initial state, noise, resolution and dead zone.
+type BlockTuple<'py> = (Vec<String>, usize, [bool; 2], GivenRows<'py>);
+/// The blocks of a cascade, seed and the runs' numbers (runs,).
+type ControllerTuple<'py> = (Vec<BlockTuple<'py>>, u64, GivenRow<'py, u64>);
 
 /// Accelerations of the hand's frame along fixed axes, its tilt, and the sinusoids (runs, 5) that add to them: angular
 /// frequency, phase at time 0, amplitudes of both accelerations and of the tilt.
@@ -47,7 +50,7 @@ pub struct Inputs {
     impulses: Vec<Part<Impulse>>,
     noises: Vec<(Part<Noise>, Part<u64>)>,
     fingers: Fingers,
-    controller: Option<(Part<Arc<SampledController>>, Part<u64>)>,
+    controller: Option<(Vec<Part<Arc<SampledController>>>, Part<u64>)>,
     motion: Option<Part<Arc<HandMotion>>>,
 }
 
@@ -60,7 +63,8 @@ impl Inputs {
             .chain(self.sines.iter().map(|part| part.0.len()))
             .chain(self.impulses.iter().map(|part| part.0.len()))
             .chain(self.noises.iter().flat_map(|(part, numbers)| [part.0.len(), numbers.0.len()]))
-            .chain(self.controller.iter().flat_map(|(part, numbers)| [part.0.len(), numbers.0.len()]))
+            .chain(self.controller.iter().map(|(_, numbers)| numbers.0.len()))
+            .chain(self.controller.iter().flat_map(|(blocks, _)| blocks.iter().map(|part| part.0.len())))
             .chain(self.motion.iter().map(|part| part.0.len()))
             .filter(|&length| length != 1);
         let first = lengths.next().unwrap_or(1);
@@ -86,12 +90,13 @@ impl Inputs {
         )?;
         let motion = self.motion.as_ref().map(|part| part.of(run)).transpose()?;
         let inputs = inputs.with_hand_motion(motion);
-        let Some((part, numbers)) = &self.controller else { return Ok(inputs.with_fingers(self.fingers)) };
-        let (mut controller, number) = (part.of(run)?, numbers.of(run)?);
-        if controller.key[1] != number {
-            let key = [controller.key[0], number];
-            controller = Arc::new(SampledController { key, ..(*controller).clone() });
-        }
+        let Some((parts, numbers)) = &self.controller else {
+            return Ok(inputs.with_fingers(self.fingers));
+        };
+        let blocks = parts.iter().map(|part| part.of(run)).collect::<Result<_, _>>()?;
+        let controller = SampledController::cascade(blocks, numbers.of(run)?);
+        let (found, rule) = ("no blocks", "must have one or more");
+        let controller = controller.ok_or_else(|| Error::shape("control", found, rule))?;
         Ok(inputs.with_controller(controller, origin))
     }
 }
@@ -126,7 +131,13 @@ impl Inputs {
                 })
                 .collect::<PyResult<_>>()?,
             fingers: lookup("fingers", fingers, &FINGERS).map_err(raise)?,
-            controller: controller.map(controllers).transpose()?,
+            controller: match controller {
+                None => None,
+                Some((given, seed, numbers)) => {
+                    let blocks = given.iter().map(|own| blocks(own, seed)).collect::<PyResult<_>>()?;
+                    Some((blocks, Part(entries("the runs' numbers", &numbers)?)))
+                }
+            },
             motion: motion.map(hand_motion).transpose()?,
         };
         inputs.check().map(|()| inputs)
@@ -144,23 +155,30 @@ fn hand_motion((accelerations, tilts, sines): MotionTuple<'_>) -> PyResult<Part<
     Ok(Part(motions.collect::<PyResult<_>>()?))
 }
 
-fn controllers(
-    (names, states, anti_windup, rows, seed, numbers): ControllerTuple<'_>,
-) -> PyResult<(Part<Arc<SampledController>>, Part<u64>)> {
-    let measures: Vec<Measure> = select("control.measures", &names, &MEASURES)?;
+fn blocks(
+    (names, states, [anti_windup, normal_jitter], rows): &BlockTuple<'_>,
+    seed: u64,
+) -> PyResult<Part<Arc<SampledController>>> {
+    let measures: Vec<Measure> = select("control.measures", names, &MEASURES)?;
     let m: usize = measures.iter().map(|measure| measure.width()).sum();
-    let n = states;
+    let n = *states;
     let rows = rows.as_array();
-    let (found, width) = (rows.ncols(), 8 + (n + 2) * (n + m) + n + 2 * m);
+    let (found, width) = (rows.ncols(), 13 + (n + 2) * (n + m) + n + 3 * m);
     require(found == width, || format!("control: has {found} numbers, must have {width}"))?;
     let one = |row: ArrayView1<'_, f64>| {
-        let mut rest = row.iter().skip(8).copied();
+        let mut rest = row.iter().skip(13).copied();
         let mut take = |count: usize| rest.by_ref().take(count).collect::<Vec<f64>>();
         Arc::new(SampledController {
             period: row[0],
-            delay: row[1],
-            limits: [[row[2], row[3]], [row[4], row[5]]],
-            initial_torque: [row[6], row[7]],
+            first_sample: row[1],
+            measure_delay: row[2],
+            delay: row[3],
+            loss: row[4],
+            jitter: row[5],
+            normal_jitter: *normal_jitter,
+            rate_limit: row[6],
+            limits: [[row[7], row[8]], [row[9], row[10]]],
+            initial_torque: [row[11], row[12]],
             a: take(n * n),
             b: take(n * m),
             c: take(2 * n),
@@ -168,13 +186,15 @@ fn controllers(
             initial_state: take(n),
             noise: take(m),
             resolution: take(m),
+            dead_zone: take(m),
             measures: measures.clone(),
-            anti_windup,
+            anti_windup: *anti_windup,
             key: [seed, 0],
+            outer: None,
+            place: (0, [row[0], row[1]]),
         })
     };
-    let controllers = rows.rows().into_iter().map(one).collect();
-    Ok((Part(controllers), Part(entries("the runs' numbers", &numbers)?)))
+    Ok(Part(rows.rows().into_iter().map(one).collect()))
 }
 
 /// A part of the inputs from rows of exactly `N` numbers, one row for each run.

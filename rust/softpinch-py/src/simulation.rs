@@ -81,8 +81,7 @@ impl Simulation {
         options: GivenOptions,
     ) -> PyResult<Self> {
         let (check, initial) = (initial.check, initial.state(&parameters.0));
-        let origin = initial.controller.as_ref().and_then(|row| row.first().copied()).unwrap_or(initial.time);
-        let inputs = inputs.of(0, origin).map_err(raise)?;
+        let inputs = inputs.of(0, initial.origin()).map_err(raise)?;
         let scene = Scene { parameters: parameters.0, inputs, initial, check, duration };
         let times = times.map(|times| entries("times, in numbers,", &times)).transpose()?;
         let record = select("record", &record, &RECORDABLE)?;

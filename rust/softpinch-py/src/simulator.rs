@@ -17,8 +17,9 @@ use softpinch::stepping::Status;
 
 /// Time, coordinates, velocities, multipliers and the code of the status.
 type Observation = (f64, Numbers<9>, Numbers<9>, Numbers<4>, u8);
-/// Time, coordinates, velocities, integrals with the states of Maxwell branches, grid and contacts of a state.
-type StateParts = (f64, Numbers<9>, Numbers<9>, Vec<f64>, Option<(f64, u64)>, Option<Numbers<4>>);
+/// Time, coordinates, velocities, integrals with the states of Maxwell branches, grid, contacts and controller of a state.
+type StateParts =
+    (f64, Numbers<9>, Numbers<9>, Vec<f64>, Option<(f64, u64)>, Option<Numbers<4>>, Option<Vec<f64>>);
 /// Arrays of all runs: times (n,), coordinates (n, 9), velocities (n, 9), multipliers (n, 4) and codes (n,). They
 /// are borrowed once no other thread uses the simulator.
 type Arrays<'py> = (Row<'py>, Rows<'py>, Rows<'py>, Rows<'py>, Row<'py, u8>);
@@ -39,7 +40,7 @@ fn code(status: Option<Status>) -> u8 {
 /// A state from which a run goes on, and whether it is refused if it is off the constraints.
 fn given(parameters: &Parameters, state: GivenState) -> (State, bool) {
     let check = state.check;
-    (State { linearized: None, controller: None, ..state.state(parameters) }, check)
+    (State { linearized: None, ..state.state(parameters) }, check)
 }
 
 impl Simulator {
@@ -197,8 +198,9 @@ impl Simulator {
         let runs = self.with(run)?;
         let scene = runs.core.scene(run);
         let State { time, motion: Motion { q, p, memory, relaxation }, grid, contact, .. } = scene.initial;
+        let controller = scene.initial.controller.clone();
         let memories = [&memory[..], &relaxation[..4 * scene.parameters.branches()]].concat();
-        Ok((time, Numbers(q.row()), Numbers(p.row()), memories, grid, contact.map(Numbers)))
+        Ok((time, Numbers(q.row()), Numbers(p.row()), memories, grid, contact.map(Numbers), controller))
     }
 
     /// Puts a run back to its start, or to the start of another run.

@@ -18,8 +18,8 @@ use crate::formulation::{Contact, System};
 use crate::model::{ContactModel, Held, Motion, Rule, Scene, State};
 use crate::number::MOST;
 use crate::stepping::{
-    ContactRun, Finished, Grid, Instant, LaneContact, MOST_STEPS, Options, Recorder, Run, RunQueue, Span,
-    Status, Steps, Taken, round_off,
+    ContactRun, Finished, Grid, Instant, LaneContact, LaneController, MOST_STEPS, Options, Recorder, Run,
+    RunQueue, Span, Status, Steps, Taken, round_off,
 };
 
 /// Runs that are stepped from outside.
@@ -263,12 +263,16 @@ impl Environment {
         scene.inputs.hold(None);
         scene.check = check;
         let before = std::mem::replace(&mut scene.initial, state.clone());
+        scene.inputs.start_controller(state.origin());
         // A period begins a segment, so that steps that a run took before in its own segment do not count.
         if let Some(grid) = &mut scene.initial.grid {
             *grid = (state.time, 0);
         }
         let found = require_valid(scene, &how.options).and_then(|()| multipliers(scene, how));
-        let multipliers = found.inspect_err(|_| scene.initial = before)?;
+        let multipliers = found.inspect_err(|_| {
+            scene.inputs.start_controller(before.origin());
+            scene.initial = before;
+        })?;
         let State { time: t, motion, .. } = *state;
         self.span = span;
         let status = (t >= span.end).then_some(Status::Completed);
@@ -277,10 +281,11 @@ impl Environment {
     }
 
     /// Takes the run of a period that ended at `until`.
-    fn take(&mut self, Run { status, message, last, .. }: Run, until: f64) {
+    fn take(&mut self, Run { status, message, last, controller, .. }: Run, until: f64) {
         let Instant { t, motion, multipliers, contact, .. } = last;
         let initial = &mut self.scene.initial;
         (initial.time, initial.motion, initial.contact) = (t, motion, contact);
+        initial.controller = controller;
         initial.grid = Some((t, 0));
         initial.linearized = None;
         self.periods += 1;
@@ -297,6 +302,9 @@ fn multipliers(scene: &Scene, Stepping { options, dt, .. }: &Stepping) -> Result
     let equations = options.runs(instructions, scene).system::<f64>();
     let State { time, motion, .. } = scene.initial;
     let mut drive = scene.inputs.segment(time);
+    if let Some(controller) = LaneController::new(scene)? {
+        drive.hold(controller.held());
+    }
     if options.contact == ContactModel::Unilateral {
         let Some(row) = &scene.initial.contact else {
             return LaneContact::multipliers(options, scene, drive, *dt);

@@ -5,65 +5,72 @@ use crate::error::{Error, Result, require};
 use crate::model::noise::normals;
 use crate::model::{FrameMotion, Measure, Motion, SampledController};
 
-/// The stream of the measurements' noise. Those of the disturbances' noises count from 0.
-const STREAM: u64 = u64::MAX;
-
-/// The state of a controller: its clock, the torques in force, those under way, and xi.
+/// The state of one block of a controller: its clock, the torques in force, those under way, and xi.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ControllerState {
     /// The instant of sample 0, s.
     origin: f64,
-    /// Numbers of samples that have been taken and that have acted.
+    /// Numbers of samples that have been taken, whose measurements have been used, and that have acted.
     taken: u64,
+    used: u64,
     acted: u64,
     /// The torques in force, N m.
     torque: [f64; 2],
     xi: Vec<f64>,
     /// The outputs under way; that of sample k is entry k modulo its length.
     under_way: Vec<[f64; 2]>,
+    /// The measurements that are kept, in the same order; empty where each is used at once and none is lost.
+    seen: Vec<f64>,
 }
 
 impl ControllerState {
-    /// The state of a controller whose first sample is taken at `origin`.
+    /// The state of a controller that starts at `origin`.
     pub fn new(controller: &SampledController, origin: f64) -> Self {
         Self {
             origin,
             taken: 0,
+            used: 0,
             acted: 0,
             torque: controller.initial_torque,
             xi: controller.initial_state.clone(),
-            under_way: vec![[0.0; 2]; controller.under_way()],
+            under_way: vec![[0.0; 2]; controller.under_way(controller.delay)],
+            seen: vec![0.0; controller.kept() * controller.inputs()],
         }
     }
 
     /// The state as numbers: origin, the numbers of samples that have been taken and that have acted, the torques in
-    /// force, xi, and the outputs under way.
+    /// force, xi, and the outputs under way; then, if measurements are kept, the number of those used, and them.
     pub fn row(&self) -> impl Iterator<Item = f64> + '_ {
         [self.origin, self.taken as f64, self.acted as f64, self.torque[0], self.torque[1]]
             .into_iter()
             .chain(self.xi.iter().copied())
             .chain(self.under_way.as_flattened().iter().copied())
+            .chain((!self.seen.is_empty()).then_some(self.used as f64))
+            .chain(self.seen.iter().copied())
     }
 
     /// The state from the numbers of [`row`](Self::row).
     pub fn from_row(controller: &SampledController, row: &[f64]) -> Result<Self> {
         const FIELD: &str = "State.controller";
         let refused = |rule| Error::shape(FIELD, format_args!("{} numbers", row.len()), rule);
-        if row.len() != controller.width() {
+        if row.len() != controller.own_width() {
             return Err(refused("must fit the controller's states and its samples under way"));
         }
         let (head, rest) = row.split_at(5);
-        let (xi, under_way) = rest.split_at(controller.states());
+        let (xi, rest) = rest.split_at(controller.states());
+        let (under_way, kept) = rest.split_at(2 * controller.under_way(controller.delay));
+        let (used, seen) = kept.split_first().unwrap_or((&head[1], &[]));
         let whole = |number: f64| (0.0..9e15).contains(&number) && number.fract() == 0.0;
-        if !(whole(head[1]) && whole(head[2]) && head[2] <= head[1] && head[0].is_finite()) {
+        let ordered = head[2] <= *used && *used <= head[1];
+        if !(whole(head[1]) && whole(head[2]) && whole(*used) && ordered && head[0].is_finite()) {
             return Err(refused("must begin with the origin, s, and the numbers of samples"));
         }
-        let (taken, acted) = (head[1] as u64, head[2] as u64);
+        let (taken, used, acted) = (head[1] as u64, *used as u64, head[2] as u64);
         let (pairs, _) = under_way.as_chunks::<2>();
-        if taken - acted > pairs.len() as u64 {
+        if used - acted > pairs.len() as u64 || taken - used > controller.kept() as u64 {
             return Err(refused("has more samples under way than the delay allows"));
         }
-        let outputs = (acted..taken).map(|number| pairs[place(number, pairs.len())]);
+        let outputs = (acted..used).map(|number| pairs[place(number, pairs.len())]);
         for torques in outputs.chain([[head[3], head[4]]]) {
             for (torque, [low, high]) in torques.into_iter().zip(controller.limits) {
                 let within = !(torque < low || torque > high);
@@ -73,25 +80,30 @@ impl ControllerState {
         Ok(Self {
             origin: head[0],
             taken,
+            used,
             acted,
             torque: [head[3], head[4]],
             xi: xi.to_vec(),
             under_way: pairs.to_vec(),
+            seen: seen.to_vec(),
         })
     }
 
     /// Keeps the numbers that the next sample may change.
     pub fn keep(&self, kept: &mut Kept) {
-        (kept.taken, kept.acted, kept.torque) = (self.taken, self.acted, self.torque);
+        (kept.taken, kept.used, kept.acted, kept.torque) = (self.taken, self.used, self.acted, self.torque);
         kept.xi.clone_from(&self.xi);
-        kept.output = self.under_way[place(self.taken, self.under_way.len())];
+        kept.output = self.under_way[place(self.used, self.under_way.len())];
+        kept.seen.clone_from(&self.seen);
     }
 
     /// The state before one sample at most.
     pub fn before(&self, kept: &Kept) -> Self {
-        let Kept { taken, acted, torque, ref xi, output } = *kept;
-        let mut before = Self { taken, acted, torque, xi: xi.clone(), ..self.clone() };
-        before.under_way[place(taken, self.under_way.len())] = output;
+        let Kept { taken, used, acted, torque, output, ref xi, ref seen } = *kept;
+        let (origin, under_way) = (self.origin, self.under_way.clone());
+        let mut before =
+            Self { origin, taken, used, acted, torque, xi: xi.clone(), under_way, seen: seen.clone() };
+        before.under_way[place(used, self.under_way.len())] = output;
         before
     }
 
@@ -113,7 +125,12 @@ impl ControllerState {
 
     /// Whether torques under way act from `t` or earlier.
     pub fn acts(&self, controller: &SampledController, t: f64) -> bool {
-        self.acted < self.taken && controller.applied(self.origin, self.acted) <= t
+        self.acted < self.used && controller.applied(self.origin, self.acted) <= t
+    }
+
+    /// Whether measurements are to be used at `t`.
+    pub fn uses(&self, controller: &SampledController, t: f64) -> bool {
+        self.used < self.taken && controller.used(self.origin, self.used) <= t
     }
 
     /// Puts these torques in force.
@@ -124,11 +141,43 @@ impl ControllerState {
         }
     }
 
-    /// Takes a sample. `scratch` is overwritten.
-    pub fn sample(&mut self, controller: &SampledController, seen: &Measured<'_>, scratch: &mut Scratch) {
+    /// Takes a sample. Its measurements are used at once, or kept until [`use_kept`](Self::use_kept).
+    pub fn sample(
+        &mut self,
+        controller: &SampledController,
+        (seen, known): (&Measured<'_>, &Known),
+        scratch: &mut Scratch,
+    ) {
+        let (number, y) = (self.taken, &mut scratch.measured);
+        measure(controller, number, seen, y);
+        self.taken += 1;
+        if self.seen.is_empty() {
+            return self.compute(controller, known, scratch);
+        }
+        let own = |number: u64| y.len() * place(number, controller.kept());
+        if controller.is_lost(number) {
+            let before = own(number - 1);
+            self.seen.copy_within(before..before + y.len(), own(number));
+        } else {
+            self.seen[own(number)..][..y.len()].copy_from_slice(y);
+        }
+    }
+
+    /// Uses the measurements that are kept and due at `t`.
+    pub fn use_kept(&mut self, controller: &SampledController, t: f64, known: &Known, scratch: &mut Scratch) {
+        while self.uses(controller, t) {
+            let m = controller.inputs();
+            scratch.measured.clear();
+            scratch.measured.extend(&self.seen[m * place(self.used, controller.kept())..][..m]);
+            self.compute(controller, known, scratch);
+        }
+    }
+
+    /// Computes the next output from the measurements in `scratch`, which is overwritten.
+    fn compute(&mut self, controller: &SampledController, known: &Known, scratch: &mut Scratch) {
         let SampledController { a, b, c, d, limits, anti_windup, .. } = controller;
         let Scratch { measured: y, next } = scratch;
-        measure(controller, self.taken, seen, y);
+        complete(controller, known, y);
         let (n, m, xi) = (self.xi.len(), y.len(), &self.xi);
         // Not fused: outside of vector code a fused multiply-add is a call of a function.
         let row = |matrix: &[f64], row: usize, vector: &[f64]| -> f64 {
@@ -138,7 +187,15 @@ impl ControllerState {
         debug_assert_eq!((n, m), (controller.states(), controller.inputs()));
         let wanted: [f64; 2] = std::array::from_fn(|i| row(c, i, xi) + row(d, i, y));
         // NaN stays, so that the run ends.
-        let limited: [f64; 2] = std::array::from_fn(|i| wanted[i].clamp(limits[i][0], limits[i][1]));
+        let mut limited: [f64; 2] = std::array::from_fn(|i| wanted[i].clamp(limits[i][0], limits[i][1]));
+        let length = self.under_way.len();
+        if controller.rate_limit < f64::INFINITY {
+            let most = controller.rate_limit * controller.period;
+            let last = self.used.checked_sub(1).map(|number| self.under_way[place(number, length)]);
+            for (own, last) in limited.iter_mut().zip(last.unwrap_or(controller.initial_torque)) {
+                *own = own.clamp(last - most, last + most);
+            }
+        }
         next.clear();
         next.extend((0..n).map(|k| row(a, k, xi) + row(b, k, y)));
         if *anti_windup {
@@ -150,9 +207,8 @@ impl ControllerState {
             }
         }
         self.xi.copy_from_slice(next);
-        let length = self.under_way.len();
-        self.under_way[place(self.taken, length)] = limited;
-        self.taken += 1;
+        self.under_way[place(self.used, length)] = limited;
+        self.used += 1;
     }
 }
 
@@ -160,11 +216,13 @@ impl ControllerState {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Kept {
     taken: u64,
+    used: u64,
     acted: u64,
     torque: [f64; 2],
     xi: Vec<f64>,
     /// The output under way whose place the sample takes.
     output: [f64; 2],
+    seen: Vec<f64>,
 }
 
 /// Room for the numbers of one sample.
@@ -186,22 +244,28 @@ pub struct Measured<'a> {
     pub motion: &'a Motion<f64>,
     /// The multipliers.
     pub multipliers: &'a [f64; 4],
-    /// The target angles, rad, and their rates, rad/s.
-    pub target: [[f64; 2]; 2],
     /// The motion of the hand's frame, and g in m/s^2.
     pub frame: (FrameMotion<f64>, f64),
 }
 
-/// Measures y: each number with noise, and rounded to its resolution.
+/// What a block knows without sensors when it computes an output.
+#[derive(Debug, Clone, Copy)]
+pub struct Known {
+    /// The targets, rad, and their rates, rad/s.
+    pub target: [[f64; 2]; 2],
+    /// The schedule's values, rad.
+    pub schedule: [f64; 2],
+}
+
+/// Measures what sensors do of y: each number with noise, and rounded to its resolution.
 fn measure(controller: &SampledController, number: u64, seen: &Measured<'_>, y: &mut Vec<f64>) {
-    let Measured { motion: Motion { q, p, .. }, multipliers, target: [target, target_rate], frame } = seen;
+    let Measured { motion: Motion { q, p, .. }, multipliers, frame } = seen;
     y.clear();
     for measure in &controller.measures {
         match measure {
             Measure::Angle | Measure::AngleError => y.extend(&q.finger),
             Measure::AngleRate => y.extend(&p.finger),
-            Measure::Target => y.extend(target),
-            Measure::TargetRate => y.extend(target_rate),
+            Measure::Target | Measure::TargetRate | Measure::Schedule => y.extend([0.0; 2]),
             Measure::Position => y.extend(&q.object[..2]),
             Measure::Rotation => y.push(q.object[2]),
             Measure::Velocity => y.extend(&p.object[..2]),
@@ -220,15 +284,33 @@ fn measure(controller: &SampledController, number: u64, seen: &Measured<'_>, y: 
                 continue;
             }
             if controller.noise[k] > 0.0 {
-                let random = normals([number, STREAM, (k / 4) as u64, 0], controller.key)[k % 4];
+                let random = normals([number, controller.stream(), (k / 4) as u64, 0], controller.key)[k % 4];
                 y[k] += controller.noise[k] * random;
             }
             if controller.resolution[k] > 0.0 {
                 y[k] = (y[k] / controller.resolution[k]).round() * controller.resolution[k];
             }
-            if *measure == Measure::AngleError {
-                // An encoder measures the angle.
-                y[k] -= target[k - first];
+        }
+        first += measure.width();
+    }
+}
+
+/// Completes y: what is known, the targets of angles, which an encoder measures, and dead zones.
+fn complete(controller: &SampledController, known: &Known, y: &mut [f64]) {
+    let Known { target: [target, target_rate], schedule } = known;
+    let mut first = 0;
+    for measure in &controller.measures {
+        let own = &mut y[first..first + measure.width()];
+        match measure {
+            Measure::AngleError => (0..2).for_each(|i| own[i] -= target[i]),
+            Measure::Target => own.copy_from_slice(target),
+            Measure::TargetRate => own.copy_from_slice(target_rate),
+            Measure::Schedule => own.copy_from_slice(schedule),
+            _ => {}
+        }
+        for (value, &zone) in own.iter_mut().zip(&controller.dead_zone[first..]) {
+            if zone > 0.0 {
+                *value -= value.clamp(-zone, zone);
             }
         }
         first += measure.width();
@@ -276,8 +358,9 @@ mod tests {
         let mut motion = Motion::zero();
         (motion.q.finger, motion.p.finger) = ([y[0], y[1]], [y[2], y[3]]);
         let frame = (FrameMotion::still(), 9.81);
-        let seen = Measured { motion: &motion, multipliers: &[0.0; 4], target: [[0.0; 2]; 2], frame };
-        state.sample(controller, &seen, &mut Scratch::default());
+        let seen = Measured { motion: &motion, multipliers: &[0.0; 4], frame };
+        let known = Known { target: [[0.0; 2]; 2], schedule: [0.0; 2] };
+        state.sample(controller, (&seen, &known), &mut Scratch::default());
     }
 
     proptest! {
@@ -334,7 +417,7 @@ mod tests {
             for (k, y) in measured.into_iter().enumerate() {
                 if k == resumed_at {
                     let row: Vec<f64> = whole.row().collect();
-                    prop_assert_eq!(row.len(), controller.width());
+                    prop_assert_eq!(row.len(), controller.own_width());
                     resumed = ControllerState::from_row(&controller, &row).unwrap();
                     prop_assert_eq!(&resumed, &whole);
                 }

@@ -227,9 +227,16 @@ impl Inputs {
         self.sampled.as_ref()
     }
 
-    /// The schedule's values at time `t`, and their rates.
+    /// Lets the discrete controller, if there is one, start at `origin`, s.
+    pub fn start_controller(&mut self, origin: f64) {
+        if let Some(sampled) = &mut self.sampled {
+            sampled.origin = origin;
+        }
+    }
+
+    /// The schedule's values at time `t`, or those from outside, and their rates.
     pub fn target(&self, t: f64) -> [[f64; 2]; 2] {
-        self.schedule.value_and_rate(t)
+        self.held.map_or_else(|| self.schedule.value_and_rate(t), |held| [held.target, [0.0; 2]])
     }
 
     /// The same inputs with the values of time `t` at all times, for a balance of forces. Sinusoids and noises,

@@ -8,13 +8,13 @@ named! {
     MEASURES = {
         /// theta_1 and theta_2, rad.
         Angle = "angle",
-        /// theta_i - theta_i^d, rad.
+        /// theta_i minus its target, rad.
         AngleError = "angle_error",
         /// Rates of theta_1 and theta_2, rad/s.
         AngleRate = "angle_rate",
-        /// theta_1^d and theta_2^d, rad: the schedule.
+        /// The targets of both fingers, rad: the schedule, or what the block before puts out.
         Target = "target",
-        /// Rates of theta_1^d and theta_2^d, rad/s.
+        /// Rates of the targets, rad/s.
         TargetRate = "target_rate",
         /// x and y, m.
         Position = "position",
@@ -34,6 +34,8 @@ named! {
         Accelerometer = "accelerometer",
         /// Rate of the tilt of the hand's frame, rad/s.
         Gyroscope = "gyroscope",
+        /// theta_1^d and theta_2^d, rad: the schedule.
+        Schedule = "schedule",
     }
 }
 
@@ -49,6 +51,6 @@ impl Measure {
 
     /// Whether the measure is an input of the controller, which no sensor measures.
     pub(super) fn is_known(self) -> bool {
-        matches!(self, Self::Target | Self::TargetRate)
+        matches!(self, Self::Target | Self::TargetRate | Self::Schedule)
     }
 }

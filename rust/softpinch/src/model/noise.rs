@@ -48,18 +48,21 @@ fn philox(mut counter: [u64; 4], mut key: [u64; 2]) -> [u64; 4] {
     counter
 }
 
-fn normal(a: u64, b: u64) -> (f64, f64) {
-    // 53 bits.
-    let unit = |bits: u64| (bits >> 11) as f64 * (0.5 * f64::EPSILON);
-    // 1 - u is in (0, 1], where the logarithm is finite.
-    let radius = (-2.0 * libm::log(1.0 - unit(a))).sqrt();
-    let (sin, cos) = sin_cos(std::f64::consts::TAU * unit(b));
+pub(crate) fn normal(a: f64, b: f64) -> (f64, f64) {
+    // 1 - a is in (0, 1], where the logarithm is finite.
+    let radius = (-2.0 * libm::log(1.0 - a)).sqrt();
+    let (sin, cos) = sin_cos(std::f64::consts::TAU * b);
     (radius * cos, radius * sin)
+}
+
+/// Four independent numbers of a counter and a key that are uniform from 0, included, to 1. They have 53 bits.
+pub fn uniforms(counter: [u64; 4], key: [u64; 2]) -> [f64; 4] {
+    philox(counter, key).map(|bits| (bits >> 11) as f64 * (0.5 * f64::EPSILON))
 }
 
 /// Four independent standard normal numbers of a counter and a key.
 pub fn normals(counter: [u64; 4], key: [u64; 2]) -> [f64; 4] {
-    let [a, b, c, d] = philox(counter, key);
+    let [a, b, c, d] = uniforms(counter, key);
     let ((x, y), (z, w)) = (normal(a, b), normal(c, d));
     [x, y, z, w]
 }

@@ -1,25 +1,46 @@
-//! A discrete linear controller of the fingers, which measures at every period and sets torques that are held.
+//! A discrete linear controller of the fingers, which measures at every period and sets torques that are held; or a
+//! cascade of them, in which a controller's outputs are the targets of the next one.
 //!
-//! With the measurements y_k at the instant t_k = origin + k period:
+//! With the measurements y_k at the instant t_k = origin + first_sample + k period:
 //!
 //! u_k = C xi_k + D y_k, limited to v_k; xi_(k+1) = A xi_k + B y_k.
 //!
-//! v_k acts from t_k + delay until v_(k+1) does. With a delay that is longer than a period several v are under way.
+//! v_k is computed at t_k + measure_delay, and acts `delay` later until v_(k+1) does. With delays that are longer than a
+//! period several v are under way.
+
+use std::sync::Arc;
 
 use crate::error::{Error, Result, require, require_at_most};
-use crate::model::noise::MOST_SAMPLES;
+use crate::model::noise::{MOST_SAMPLES, normal, uniforms};
 use crate::model::{Measure, Rule};
 
 /// Largest number of outputs that are under way at a time.
 const MOST_UNDER_WAY: f64 = 1e4;
+/// The stream of the last block's noise, jitter and losses; that of the block before it is one lower, and so on. Those of
+/// the disturbances' noises count from 0.
+const STREAM: u64 = u64::MAX;
+/// Instants of a cascade that are closer than this share of a period are one.
+const SAME: f64 = 1e-9;
+/// The largest lateness of a sample, in periods, so that no sample overtakes another one.
+const LATEST: f64 = 0.999;
 
 /// A discrete linear controller. Matrices are stored row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SampledController {
     /// Time between samples, s.
     pub period: f64,
-    /// Time from a sample until its torques act, s.
+    /// Time from the start until the first sample, s.
+    pub first_sample: f64,
+    /// Time from a sample until its measurements are used, s.
+    pub measure_delay: f64,
+    /// Time from then until its torques act, s.
     pub delay: f64,
+    /// Probability with which the measurements of a sample are lost, so that those before it are used.
+    pub loss: f64,
+    /// Largest lateness of samples, s; the standard deviation of a normal number whose size it is, if `normal_jitter`.
+    pub jitter: f64,
+    /// Whether the lateness is the size of a normal number.
+    pub normal_jitter: bool,
     /// A, (n, n).
     pub a: Vec<f64>,
     /// B, (n, m).
@@ -32,6 +53,8 @@ pub struct SampledController {
     pub measures: Vec<Measure>,
     /// Smallest and largest torque of each finger, N m; infinite where there is no limit.
     pub limits: [[f64; 2]; 2],
+    /// Largest change of a torque in a second, N m/s; infinite where there is no limit.
+    pub rate_limit: f64,
     /// Whether a state is held that would drive a limited torque further beyond its limit.
     pub anti_windup: bool,
     /// Torques until the first sample acts, N m.
@@ -42,11 +65,38 @@ pub struct SampledController {
     pub noise: Vec<f64>,
     /// Step of each measured number, (m,); 0 for one that is not rounded.
     pub resolution: Vec<f64>,
+    /// Half the width of each measured number's dead zone, (m,).
+    pub dead_zone: Vec<f64>,
     /// Seed, and number of the run.
     pub key: [u64; 2],
+    /// The block before this one in a cascade.
+    pub outer: Option<Arc<SampledController>>,
+    /// Number of blocks after this one, and period and first sample of the last one, s.
+    pub place: (u64, [f64; 2]),
 }
 
 impl SampledController {
+    /// The last one of these blocks, each of which gives the next its targets, with the run's number as its key.
+    pub fn cascade(blocks: Vec<Arc<Self>>, number: u64) -> Option<Arc<Self>> {
+        let last = blocks.last()?;
+        let (grid, key, mut after) =
+            ([last.period, last.first_sample], [last.key[0], number], blocks.len() as u64);
+        blocks.into_iter().fold(None, |outer, block| {
+            after -= 1;
+            let same = outer.is_none() && after == 0 && block.key == key;
+            Some(if same {
+                block
+            } else {
+                Arc::new(Self { key, outer, place: (after, grid), ..(*block).clone() })
+            })
+        })
+    }
+
+    /// The blocks of the cascade, the last one first.
+    pub fn blocks(&self) -> impl Iterator<Item = &Self> {
+        std::iter::successors(Some(self), |block| block.outer.as_deref())
+    }
+
     /// Number of states.
     pub fn states(&self) -> usize {
         self.c.len() / 2
@@ -59,9 +109,26 @@ impl SampledController {
 
     /// Checks numbers and sizes.
     pub fn check(&self) -> Result {
-        Rule::Positive.check("control.period", self.period)?;
-        Rule::NonNegative.check("control.delay", self.delay)?;
-        let under_way = self.delay / self.period;
+        self.blocks().try_for_each(Self::check_own)
+    }
+
+    fn check_own(&self) -> Result {
+        let control = format!("control{}", ".outer".repeat(self.place.0 as usize));
+        Rule::Positive.check(format_args!("{control}.period"), self.period)?;
+        for (field, value, rule) in [
+            ("first_sample", self.first_sample, Rule::NonNegative),
+            ("measure_delay", self.measure_delay, Rule::NonNegative),
+            ("delay", self.delay, Rule::NonNegative),
+            ("jitter", self.jitter, Rule::NonNegative),
+            ("rate_limit", self.rate_limit, Rule::PositiveOrInfinite),
+        ] {
+            rule.check(format_args!("{control}.{field}"), value)?;
+        }
+        let (field, rule) = (format_args!("{control}.jitter"), "must be below the period");
+        require(self.jitter < self.period, field, self.jitter, rule)?;
+        let (field, rule) = (format_args!("{control}.loss"), "must be >= 0 and < 1");
+        require((0.0..1.0).contains(&self.loss), field, self.loss, rule)?;
+        let under_way = (self.measure_delay + self.delay) / self.period;
         let what = "the samples under way (delay / period)";
         require_at_most(what, under_way, MOST_UNDER_WAY, "shorten the delay")?;
         let (n, m) = (self.states(), self.inputs());
@@ -73,8 +140,9 @@ impl SampledController {
             ("initial_state", &self.initial_state, n, Rule::Finite),
             ("measure_noise", &self.noise, m, Rule::NonNegative),
             ("resolution", &self.resolution, m, Rule::NonNegative),
+            ("dead_zone", &self.dead_zone, m, Rule::NonNegative),
         ] {
-            let field = format_args!("control.{field}");
+            let field = format_args!("{control}.{field}");
             if values.len() != length {
                 let found = format!("{} numbers", values.len());
                 return Err(Error::shape(field, found, "must fit the numbers of states and measures"));
@@ -82,72 +150,147 @@ impl SampledController {
             rule.check_all(field, values)?;
         }
         for [low, high] in self.limits {
-            require(low <= high, "control.limits", low, "must not be above the largest torque")?;
+            let field = format_args!("{control}.limits");
+            require(low <= high, field, low, "must not be above the largest torque")?;
         }
-        Rule::Finite.check_all("control.initial_torque", &self.initial_torque)
+        Rule::Finite.check_all(format_args!("{control}.initial_torque"), &self.initial_torque)
     }
 
     /// Refuses more samples than a run can be divided into, and samples that the clock cannot tell apart.
     pub fn require_countable(&self, from: f64, until: f64) -> Result {
-        let needed = (until - from) / self.period;
+        let needed: f64 = self.blocks().map(|block| (until - from) / block.period).sum();
         let what = "the controller's samples (duration / period)";
         require_at_most(what, needed, MOST_SAMPLES, "lengthen the period or shorten the run")?;
         let size = from.abs().max(until.abs());
         let rule = "must be more than round-off of the times of the run";
-        require(size + 0.25 * self.period != size, "control.period", self.period, rule)
+        self.blocks().try_for_each(|block| {
+            require(size + 0.25 * block.period != size, "control.period", block.period, rule)
+        })
     }
 
     /// The instant of a sample.
     pub(super) fn sampled(&self, origin: f64, number: u64) -> f64 {
-        number as f64 * self.period + origin
+        let due = number as f64 * self.period + (origin + self.first_sample);
+        if self.jitter == 0.0 {
+            return self.snapped(origin, due);
+        }
+        let [_, a, b, _] = self.drawn(number);
+        let late = if self.normal_jitter { normal(a, b).0.abs() } else { a };
+        self.snapped(origin, due + (self.jitter * late).min(LATEST * self.period))
+    }
+
+    /// The instant, or the sample of the last block that it is but for round-off. So it does not depend on round-off
+    /// which of two blocks comes first.
+    fn snapped(&self, origin: f64, t: f64) -> f64 {
+        let (after, [period, first_sample]) = self.place;
+        if after == 0 {
+            return t;
+        }
+        let first = origin + first_sample;
+        let near = ((t - first) / period).round() * period + first;
+        if near >= first && (t - near).abs() <= SAME * period { near } else { t }
+    }
+
+    /// Whether the measurements of a sample are lost. Those of the first one never are.
+    pub(super) fn is_lost(&self, number: u64) -> bool {
+        self.loss > 0.0 && number > 0 && self.drawn(number)[0] < self.loss
+    }
+
+    /// Uniform numbers of a sample, for its loss and its jitter. Noise of measured numbers has other counters.
+    fn drawn(&self, number: u64) -> [f64; 4] {
+        uniforms([number, self.stream(), u64::MAX, 0], self.key)
+    }
+
+    /// The stream of the block's random numbers.
+    pub(super) fn stream(&self) -> u64 {
+        STREAM - self.place.0
+    }
+
+    /// The instant at which the measurements of a sample are used.
+    pub(super) fn used(&self, origin: f64, number: u64) -> f64 {
+        self.later(origin, number, self.measure_delay)
     }
 
     /// The instant from which a sample's torques act.
     pub(super) fn applied(&self, origin: f64, number: u64) -> f64 {
-        match self.whole_periods() {
-            Some(periods) => self.sampled(origin, number + periods),
-            None => self.sampled(origin, number) + self.delay,
+        match self.whole_periods(self.delay) {
+            Some(periods) => self.used(origin, number + periods),
+            None => self.later(origin, number, self.measure_delay + self.delay),
         }
     }
 
-    /// The delay in periods, if it is a multiple of them but for round-off. Torques then act at the instants of
+    fn later(&self, origin: f64, number: u64, delay: f64) -> f64 {
+        match self.whole_periods(delay) {
+            Some(periods) => self.sampled(origin, number + periods),
+            None => self.after(origin, number, delay),
+        }
+    }
+
+    fn after(&self, origin: f64, number: u64, delay: f64) -> f64 {
+        self.snapped(origin, self.sampled(origin, number) + delay)
+    }
+
+    /// A delay in periods, if it is a multiple of them but for round-off. Torques then act at the instants of
     /// samples exactly, and after these.
-    fn whole_periods(&self) -> Option<u64> {
-        let periods = (self.delay / self.period).round();
-        let whole = (self.delay - periods * self.period).abs() <= 1e-9 * self.period;
+    fn whole_periods(&self, delay: f64) -> Option<u64> {
+        if delay == 0.0 || self.jitter > 0.0 {
+            return (delay == 0.0).then_some(0);
+        }
+        let periods = (delay / self.period).round();
+        let whole = (delay - periods * self.period).abs() <= SAME * self.period;
         whole.then_some(periods as u64)
     }
 
-    /// The first instant after `t` at which a sample is taken or acts.
+    /// The first instant after `t` at which a sample of a block is taken, is used, or acts.
     pub fn next_break(&self, origin: f64, t: f64) -> f64 {
-        let sample = self.first_after(origin, 0.0, t);
-        match self.whole_periods() {
-            Some(_) => sample,
-            None => sample.min(self.first_after(origin, self.delay, t)),
-        }
+        let of = |block: &Self| {
+            let (used, acts) = (block.measure_delay, block.measure_delay + block.delay);
+            let apart = |delay: f64| block.whole_periods(delay).is_none();
+            let mut first = block.first_after(origin, 0.0, t);
+            for (delay, own) in [(used, apart(used)), (acts, apart(acts) && apart(block.delay))] {
+                if own {
+                    first = first.min(block.first_after(origin, delay, t));
+                }
+            }
+            first
+        };
+        self.blocks().map(of).fold(f64::INFINITY, f64::min)
     }
 
     /// The first instant after `t` that is later than a sample by `delay`.
     fn first_after(&self, origin: f64, delay: f64, t: f64) -> f64 {
-        let mut number = ((t - origin - delay) / self.period) as u64; // a whole number, saturating
-        // Quotient and product are rounded, so the right number may be one lower or higher.
-        while number > 0 && self.sampled(origin, number - 1) + delay > t {
+        let mut number = ((t - origin - self.first_sample - delay) / self.period) as u64; // a whole number, saturating
+        // Quotient and product are rounded and samples may be late, so the right number may be one lower or higher.
+        while number > 0 && self.after(origin, number - 1, delay) > t {
             number -= 1;
         }
-        while self.sampled(origin, number) + delay <= t {
+        while self.after(origin, number, delay) <= t {
             number += 1;
         }
-        self.sampled(origin, number) + delay
+        self.after(origin, number, delay)
     }
 
-    /// Largest number of outputs that are under way at a time.
-    pub(super) fn under_way(&self) -> usize {
-        (self.delay / self.period).ceil() as usize + 1
+    /// Largest number of samples that are under way at a time with a delay.
+    pub(super) fn under_way(&self, delay: f64) -> usize {
+        (delay / self.period).ceil() as usize + 1 + usize::from(self.jitter > 0.0)
     }
 
-    /// The length of `ControllerState::row`.
+    /// Number of samples whose measurements are kept: those that wait to be used, and the one before them, which a lost
+    /// one repeats.
+    pub(super) fn kept(&self) -> usize {
+        let keeps = self.measure_delay > 0.0 || self.loss > 0.0;
+        if keeps { self.under_way(self.measure_delay) + 1 } else { 0 }
+    }
+
+    /// The length of the [`ControllerState::row`](crate::model::controller_state::ControllerState::row) of this block.
+    pub fn own_width(&self) -> usize {
+        let kept = self.kept();
+        5 + self.states() + 2 * self.under_way(self.delay) + usize::from(kept > 0) + kept * self.inputs()
+    }
+
+    /// The length of the rows of all blocks.
     pub fn width(&self) -> usize {
-        5 + self.states() + 2 * self.under_way()
+        self.blocks().map(Self::own_width).sum()
     }
 }
 

@@ -53,6 +53,11 @@ impl State {
             controller: None,
         }
     }
+
+    /// The instant at which its discrete controller started, or starts, s.
+    pub fn origin(&self) -> f64 {
+        self.controller.as_ref().and_then(|row| row.first().copied()).unwrap_or(self.time)
+    }
 }
 
 /// The states of branches that have relaxed at these coordinates: r = F(d_n) and zeta = d_t.

@@ -224,7 +224,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         let Some(run) = &mut self.runs[lane] else { return };
         let mut drive = run.scene.inputs.segment(anchor);
         if let Some(controller) = &mut run.controller {
-            drive.hold(controller.torque(t));
+            drive.hold(controller.torque(&run.scene.inputs, t));
         }
         self.drive.set(lane, &drive);
         if let Some(contact) = &mut run.contact {
@@ -486,10 +486,15 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         let missing = (run.scene.initial.time + run.scene.duration - last.t) / run.scene.duration;
         let run_end = RunEnd { from, completed, holds, missing, free_time };
         let initial_energies = (system.size().works > 0).then(|| self.initial_energies.lane(lane));
+        let controller = run.controller.map(|controller| {
+            let mut row = Vec::new();
+            controller.put_row(last, &mut row);
+            row
+        });
         let mut finished = Run {
             recording: Recording::default(),
             last: *last,
-            controller: run.controller.map(|controller| controller.state_at(last).row().collect()),
+            controller,
             initial_energies,
             branches: 4 * run.scene.parameters.branches(),
             status,
@@ -514,9 +519,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         if self.options.record.contains(Recordable::State)
             && let Some(LaneRun { controller: Some(controller), .. }) = &self.runs[0]
         {
-            let row = &mut self.queue.recorder.controller;
-            row.clear();
-            row.extend(controller.state_at(watched).row());
+            controller.put_row(watched, &mut self.queue.recorder.controller);
         }
         self.queue.recorder.record(watched, || energies(system, watched))
     }

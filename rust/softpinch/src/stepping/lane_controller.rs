@@ -1,21 +1,22 @@
 //! The discrete controller of the run in a lane. Its work is done for this run alone, between steps.
 
-use std::borrow::Cow;
 use std::sync::Arc;
 
 use crate::error::{Result, require};
 use crate::formulation::Evaluation;
 use crate::model::{
-    ControllerState, FrameMotion, Kept, Measure, Measured, Sampled, SampledController, Scene, Scratch,
+    ControllerState, FrameMotion, Inputs, Kept, Known, Measure, Measured, Sampled, SampledController, Scene,
+    Scratch,
 };
 use crate::number::Lanes;
 use crate::stepping::{Instant, LaneContact, Options, column};
 
 pub struct LaneController {
-    controller: Arc<SampledController>,
-    now: ControllerState,
-    /// The state before the last change, in so far as it was changed, and the instant of that change, s.
-    before: Kept,
+    /// The blocks, the last one first, and their states.
+    blocks: Vec<Arc<SampledController>>,
+    now: Vec<ControllerState>,
+    /// The states before the last change, in so far as they were changed, and the instant of that change, s.
+    before: Vec<Kept>,
     changed: f64,
     scratch: Scratch,
 }
@@ -25,20 +26,12 @@ impl LaneController {
     pub fn new(scene: &Scene) -> Result<Option<Box<Self>>> {
         let Some(Sampled { controller, origin }) = scene.inputs.sampled() else { return Ok(None) };
         let now = match &scene.initial.controller {
-            Some(row) => {
-                let state = ControllerState::from_row(controller, row)?;
-                let (time, rule) = (
-                    scene.initial.time,
-                    "must be between the last sample of State.controller and the next one",
-                );
-                require(state.holds_at(controller, time), "State.time", time, rule)?;
-                state
-            }
-            None => ControllerState::new(controller, *origin),
+            Some(row) => states(controller, row, scene.initial.time)?,
+            None => controller.blocks().map(|block| ControllerState::new(block, *origin)).collect(),
         };
         Ok(Some(Box::new(Self {
-            controller: controller.clone(),
-            before: Kept::default(),
+            blocks: std::iter::successors(Some(controller.clone()), |block| block.outer.clone()).collect(),
+            before: vec![Kept::default(); now.len()],
             changed: f64::NEG_INFINITY,
             scratch: Scratch::default(),
             now,
@@ -46,14 +39,32 @@ impl LaneController {
     }
 
     pub fn is_due(&self, t: f64) -> bool {
-        self.now.is_due(&self.controller, t)
+        self.now.iter().zip(&self.blocks).any(|(now, block)| now.is_due(block, t))
     }
 
-    /// Keeps the state before a change at the instant `t`.
+    /// Keeps the states before a change at the instant `t`.
     fn keep(&mut self, t: f64) {
         if t > self.changed {
-            self.now.keep(&mut self.before);
+            for (now, before) in self.now.iter().zip(&mut self.before) {
+                now.keep(before);
+            }
             self.changed = t;
+        }
+    }
+
+    /// Lets the blocks do what they do at the instant `t`, each before those to which it gives targets: take samples of
+    /// what is `seen`, use measurements, and let outputs act.
+    fn advance(&mut self, inputs: &Inputs, t: f64, seen: Option<&Measured<'_>>) {
+        self.keep(t);
+        let [schedule, rate] = inputs.target(t);
+        let mut known = Known { target: [schedule, rate], schedule };
+        for (now, block) in self.now.iter_mut().zip(&self.blocks).rev() {
+            if let Some(seen) = seen.filter(|_| now.is_due(block, t)) {
+                now.sample(block, (seen, &known), &mut self.scratch);
+            }
+            now.use_kept(block, t, &known, &mut self.scratch);
+            now.act(block, t);
+            known.target = [now.torque(), [0.0; 2]];
         }
     }
 
@@ -70,49 +81,64 @@ impl LaneController {
         let motion = now.motion.lane(lane);
         let mut multipliers = column(&now.multipliers, lane);
         if contact.is_some_and(LaneContact::is_unset)
-            && self.controller.measures.contains(&Measure::Multipliers)
+            && self.blocks.iter().any(|block| block.measures.contains(&Measure::Multipliers))
         {
             // The contacts of a run that has not begun have no modes yet.
             let mut drive = scene.inputs.segment(t);
-            drive.hold(self.now.torque());
+            drive.hold(self.held());
             // The length of a step only scales what counts as an event now, and a state without contacts has no
             // row that could be refused.
-            let h = self.controller.period;
+            let h = self.blocks[0].period;
             let found = LaneContact::multipliers(options, scene, drive, h);
             multipliers = found.unwrap_or(multipliers);
         }
         let frame = scene.inputs.frame_from(t).map_or_else(FrameMotion::still, |frame| frame.at(0.0));
         let frame = (frame, scene.parameters.surroundings.gravity);
-        let target = scene.inputs.target(t);
-        let seen = Measured { motion: &motion, multipliers: &multipliers, target, frame };
-        self.keep(t);
-        self.now.sample(&self.controller, &seen, &mut self.scratch);
+        let seen = Measured { motion: &motion, multipliers: &multipliers, frame };
+        self.advance(&scene.inputs, t, Some(&seen));
     }
 
     /// The torques that have acted so far, N m.
     pub fn held(&self) -> [f64; 2] {
-        self.now.torque()
+        self.now[0].torque()
     }
 
     /// The torques that act from the instant `t` on, N m. They are NaN, which ends the run, once a sample has
     /// overflowed, although its output may be limited, or under way.
-    pub fn torque(&mut self, t: f64) -> [f64; 2] {
-        if self.now.row().any(|number| !number.is_finite()) {
+    pub fn torque(&mut self, inputs: &Inputs, t: f64) -> [f64; 2] {
+        let due = |(now, block): (&ControllerState, &Arc<_>)| now.uses(block, t) || now.acts(block, t);
+        if self.now.iter().zip(&self.blocks).any(due) {
+            self.advance(inputs, t, None);
+        }
+        if self.now.iter().flat_map(ControllerState::row).any(|number| !number.is_finite()) {
             return [f64::NAN; 2];
         }
-        if self.now.acts(&self.controller, t) {
-            self.keep(t);
-            self.now.act(&self.controller, t);
-        }
-        self.now.torque()
+        self.held()
     }
 
-    /// The state at an instant, which may be one before the last change.
-    pub fn state_at(&self, watched: &Instant) -> Cow<'_, ControllerState> {
-        if watched.t < self.changed || watched.before_sample {
-            Cow::Owned(self.now.before(&self.before))
-        } else {
-            Cow::Borrowed(&self.now)
+    /// Puts the numbers of the state at an instant, which may be one before the last change, into a row.
+    pub fn put_row(&self, watched: &Instant, row: &mut Vec<f64>) {
+        row.clear();
+        let earlier = watched.t < self.changed || watched.before_sample;
+        for (now, before) in self.now.iter().zip(&self.before) {
+            if earlier { row.extend(now.before(before).row()) } else { row.extend(now.row()) }
         }
     }
+}
+
+/// The states of all blocks from the numbers of a row, with which a run goes on at `time`.
+fn states(controller: &SampledController, row: &[f64], time: f64) -> Result<Vec<ControllerState>> {
+    if row.len() != controller.width() {
+        ControllerState::from_row(controller, &[])?;
+    }
+    let mut rest = row;
+    let one = |block: &SampledController| {
+        let (own, others) = rest.split_at(block.own_width());
+        rest = others;
+        let state = ControllerState::from_row(block, own)?;
+        let rule = "must be between the last sample of State.controller and the next one";
+        require(state.holds_at(block, time), "State.time", time, rule)?;
+        Ok(state)
+    };
+    controller.blocks().map(one).collect()
 }

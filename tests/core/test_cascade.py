@@ -1,0 +1,332 @@
+"""Cascades of discrete controllers: beside SciPy, with given draws, resumed, and in lanes."""
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+import softpinch as sp
+from ensembles import require_alone
+from sampled_blocks import SAME, Block, drawn
+from softpinch import reference
+
+# Nearly the torque tau: K_P (tau / K_P - theta) = tau - K_P theta.
+WEAK = 1e-12
+TURN = sp.Schedule.steps([0.0, 0.0125], np.deg2rad([[6.0, 6.0], [8.0, 5.0]]))
+PUSH = sp.Pulse(time=0.0205, duration=0.01, force=(3.0, -1.0), moment=0.01)
+EYE, ZERO = np.eye(2), np.zeros((2, 2))
+# It moves the targets of the servo against the object's rotation, by proportion and integral.
+SWAY = np.array([[1.0], [-1.0]])
+CAMERA = sp.SampledController(
+    1 / 137,
+    [[1.0]],
+    [[1 / 137, 0.0, 0.0, 0.0, 0.0]],
+    2.0 * SWAY,
+    np.hstack([0.4 * SWAY, 0.002 * SWAY, -0.002 * SWAY, EYE]),
+    measures=("rotation", "velocity", "target"),
+    first_sample=1.1e-3,
+    measure_delay=9.4e-3,
+    delay=0.7e-3,
+    initial_torque=(0.1, 0.11),
+)
+SERVO = sp.SampledController.pid(
+    1e-3,
+    4.0,
+    0.05,
+    20.0,
+    first_sample=0.2e-3,
+    delay=1.45e-3,
+    limits=(-3.0, 3.0),
+    initial_torque=(0.42, 0.4),
+)
+
+
+def cascade(camera: dict[str, Any] | None = None, servo: dict[str, Any] | None = None) -> Any:
+    blocks = replace(CAMERA, **(camera or {})), replace(SERVO, **(servo or {}))
+    return sp.SampledController.cascade(blocks)
+
+
+def scene_of(control: sp.SampledController, **changes: Any) -> sp.Scene:
+    return sp.Scene(
+        **{"schedule": TURN, "disturbances": [PUSH], "duration": 0.04} | changes, control=control
+    )
+
+
+def until(end: float, start: float) -> float | None:
+    """The duration from `start` that ends at exactly `end`, if there is one."""
+    near = end - start
+    return next((x for x in (near, *np.nextafter(near, [0.0, 1.0])) if start + x == end), None)
+
+
+def by_scipy(scene: sp.Scene) -> tuple[np.ndarray, np.ndarray]:
+    """The last q and p, by SciPy between the instants at which a block does something."""
+    parts = [block for _, block in scene.control.blocks()]  # type: ignore[union-attr]
+    blocks = [Block(one, k, scene.duration) for k, one in enumerate(parts)][::-1]
+    whole = np.sort(np.hstack([[0.0], *[np.hstack([b.taken, b.used, b.acting]) for b in blocks]]))
+    whole = whole[np.diff(whole, prepend=-1.0) > SAME]
+    instants = [*whole[whole < scene.duration], scene.duration]
+    state = scene.start()
+    for begin, end in pairwise(instants):
+        schedule = target = scene.schedule.target(begin)
+        for block in blocks:
+            block.at(begin, state.q, state.p, target, schedule)
+            target = block.force
+        held = replace(
+            scene,
+            control=sp.Pid(kp=WEAK, kd=0.0, ki=0.0),
+            schedule=sp.Schedule.steps([0.0], [target / WEAK]),
+            initial=replace(state, time=begin, check=False),
+            duration=end - begin,
+        )
+        run = reference.solve(held, np.array([begin + held.duration]), tolerance=1e-12)
+        state = sp.State(run.q[-1], run.p[-1])
+    return state.q, state.p
+
+
+LOOPS = {
+    "two rates": cascade(),
+    "commensurate": cascade(
+        {"period": 5e-3, "first_sample": 0.0, "measure_delay": 6e-3, "delay": 1e-3},
+        {"first_sample": 0.0, "delay": 1e-3},
+    ),
+    "lost samples": cascade({"loss": 0.4}, {"loss": 0.3, "seed": 11, "run": 3}),
+    "uniform jitter": cascade({"jitter": 5e-3}, {"jitter": 0.8e-3, "seed": 5}),
+    "normal jitter": cascade(
+        {"jitter": 4e-3, "jitter_kind": "normal", "loss": 0.2},
+        {"jitter": 0.7e-3, "jitter_kind": "normal", "measure_delay": 1.7e-3, "seed": 6},
+    ),
+    "limits of rate and dead zones": cascade(
+        {"dead_zone": {"rotation": 2e-4}, "rate_limit": 0.05},
+        {"dead_zone": {"angle_error": 1e-3, "angle_rate": 0.01}, "rate_limit": 8.0},
+    ),
+    "three blocks": sp.SampledController.cascade(
+        [
+            replace(CAMERA, measure_delay=0.0),
+            sp.SampledController(
+                2.3e-3,
+                D=np.hstack([0.7 * EYE, 0.3 * EYE, ZERO]),
+                measures=("target", "schedule", "target_rate"),
+                delay=0.3e-3,
+                initial_torque=(0.1, 0.1),
+            ),
+            SERVO,
+        ]
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_a_cascade_is_that_of_scipy(name: str) -> None:
+    scene = scene_of(LOOPS[name])
+    q, p = by_scipy(scene)
+    exact = sp.simulate(scene, method="dop853", formulation="projected", tolerance=1e-12)
+    assert exact.success
+    for found, expected in ((exact.q[-1], q), (exact.p[-1], p)):
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max())
+    # The camera matters, and equal steps keep the order four.
+    alone = sp.simulate(replace(scene, control=SERVO), 1e-4)
+    assert np.abs(alone.q[-1] - q).max() > 1e-5
+    errors = [
+        np.abs(sp.simulate(scene, dt, formulation="projected").q[-1] - q).max()
+        for dt in (2e-4, 1e-4, 5e-5)
+    ]
+    # Segments are shorter than steps, so that halving dt may halve few of them.
+    assert errors[-1] < 1e-7
+    assert errors[0] < 1e-5
+
+
+def test_instants_that_differ_by_round_off_are_one() -> None:
+    """A camera at 30 Hz and a servo at 1 kHz meet each 0.1 s, and the camera acts first there."""
+    camera = replace(CAMERA, period=1 / 30, first_sample=0.0, measure_delay=0.03, delay=1 / 30)
+    for servo in (SERVO, replace(SERVO, period=0.7e-3)):
+        control = sp.SampledController.cascade([camera, replace(servo, first_sample=0.0, delay=0)])
+        run = sp.simulate(scene_of(control, duration=0.45), 1e-3)
+        assert run.success
+        assert np.diff(run.t).min() > 1e-6
+
+
+@pytest.mark.parametrize("name", LOOPS)
+@pytest.mark.parametrize("how", [{"dt": 1e-4}, {"tolerance": 1e-5, "method": "dop853"}])
+def test_a_run_goes_on_from_any_row(name: str, how: dict[str, Any]) -> None:
+    contact: Any = {"contact": "unilateral", "friction": 0.3} if "jitter" in name else {}
+    noisy = {"measure_noise": 1e-3, "resolution": 1e-4}
+    blocks = [block for _, block in LOOPS[name].blocks()][::-1]
+    control = sp.SampledController.cascade(
+        [replace(b, outer=None, **(noisy if "target" not in b.measures else {})) for b in blocks]
+    )
+    scene = scene_of(control, **contact)
+    run = sp.simulate(scene, **how)
+    assert run.success
+    resumed = 0
+    for row in range(0, len(run) - 1, 7):
+        state = run.state(row)
+        duration = until(scene.duration, state.time)
+        if duration is None:
+            continue
+        resumed += 1
+        again = sp.simulate(replace(scene, initial=state, duration=duration), **how)
+        if "dt" in how:  # adaptive steps depend on all earlier ones
+            assert np.array_equal(again.q[-1], run.q[-1]), row
+            assert np.array_equal(again.p[-1], run.p[-1]), row
+            assert again.state() == run.state(), row
+        else:
+            np.testing.assert_allclose(again.q[-1], run.q[-1], atol=1e-5)
+    assert resumed > 9
+
+
+VARY = {
+    "control.delay": sp.Uniform(0.0, 3e-3),
+    "control.jitter": sp.Uniform(0.0, 0.4e-3),
+    "control.D.0.0": sp.Uniform(-5.0, -3.0),
+    "control.outer.period": sp.Uniform(4e-3, 9e-3),
+    "control.outer.measure_delay": sp.Uniform(0.0, 12e-3),
+    "control.outer.loss": sp.Uniform(0.1, 0.5),
+    "control.outer.D.0.0": sp.Uniform(0.1, 0.4),
+    "grasped.mass": sp.Uniform(0.08, 0.12),
+}
+
+
+@pytest.mark.parametrize("method", ["rk4", "radau5", "rosenbrock"])
+@pytest.mark.parametrize("contact", ["bilateral", "unilateral"])
+@pytest.mark.parametrize("adaptive", [False, True])
+def test_runs_in_lanes_have_the_bits_that_they_have_alone(
+    method: str, contact: str, adaptive: bool
+) -> None:
+    noisy = {"measure_noise": {"angle_error": 1e-3, "angle_rate": 0.1}}
+    control = cascade({"measure_noise": {"rotation": 1e-3}}, noisy)
+    scene = scene_of(control, contact=contact, friction=0.3, duration=0.025)
+    method = "dop853" if adaptive and method == "rk4" else method
+    how: dict[str, Any] = {"tolerance": 1e-4} if adaptive else {"dt": 1e-4}
+    found = sp.monte_carlo(
+        scene, 21, seed=5, vary=VARY, method=method, progress=False, threads=2, **how
+    )
+    for run in range(21):
+        one = require_alone(found, run).scene.control
+        assert isinstance(one, sp.SampledController) and one.outer is not None
+        assert {(b.seed, b.run) for _, b in one.blocks()} == {(5, run)}
+
+
+def test_a_cascade_of_one_block_is_that_block() -> None:
+    assert sp.SampledController.cascade([SERVO]) == SERVO
+    # A block before it that passes its targets on without delay changes no bit.
+    through = sp.SampledController(1e-3, D=EYE, measures=("target",), first_sample=0.2e-3)
+    scenes = [
+        scene_of(one, schedule=sp.Schedule.steps([0.0], [[0.1, 0.1]]))
+        for one in (SERVO, sp.SampledController.cascade([through, SERVO]))
+    ]
+    one, two = (sp.simulate(scene) for scene in scenes)
+    assert np.array_equal(one.t, two.t)
+    assert np.array_equal(one.q, two.q)
+
+
+def test_the_mirror_image() -> None:
+    """With the fingers exchanged and x, the rotation and the moments turned round."""
+    push = sp.Pulse(time=0.0105, duration=0.01, force=(3.0, -1.0), moment=0.01)
+    turn = sp.Schedule.steps([0.0], [[0.1, 0.12]])
+    control = cascade({"loss": 0.3, "jitter": 2e-3}, {"jitter": 0.3e-3})
+    mirrored_camera = replace(
+        CAMERA,
+        loss=0.3,
+        jitter=2e-3,
+        D=np.hstack([0.4 * SWAY, 0.002 * SWAY, 0.002 * SWAY, EYE]),
+        initial_torque=CAMERA.initial_torque[::-1],
+    )
+    mirrored = sp.SampledController.cascade(
+        [mirrored_camera, replace(SERVO, jitter=0.3e-3, initial_torque=(0.4, 0.42))]
+    )
+    one = sp.simulate(scene_of(control, schedule=turn, disturbances=[push]))
+    other = sp.simulate(
+        scene_of(
+            mirrored,
+            schedule=sp.Schedule.steps([0.0], [[0.12, 0.1]]),
+            disturbances=[replace(push, force=(-3.0, -1.0), moment=-0.01)],
+        )
+    )
+    image = other.q[:, [0, 1, 2, 4, 3, 6, 5, 8, 7]] * [-1, 1, -1, 1, 1, 1, 1, 1, 1]
+    assert np.abs(one.q[:, 2]).max() > 1e-3
+    np.testing.assert_allclose(image, one.q, atol=1e-10)
+
+
+def test_lost_samples_and_jitter_have_their_odds() -> None:
+    """A controller that puts out what it measures shows which samples it has, and when."""
+    pick = np.hstack([EYE, np.zeros((2, 2)), [[1e-3], [0.0]]])
+    measures = ("target", "target_rate", "rotation")
+    one = sp.SampledController(1e-3, D=pick, measures=measures, loss=0.25, jitter=0.9e-3, run=7)
+    load = sp.Schedule.steps([0.0], [[0.42, 0.42]])
+    run = sp.simulate(scene_of(one, schedule=load, duration=0.4), record=("state", "torque"))
+    draws = np.array([drawn(one, 0, k) for k in range(399)])
+    rows = np.searchsorted(run.t, 1e-3 * np.arange(399) + 0.9e-3 * draws[:, 1] - 1e-12)
+    kept = np.isclose(run.torque[rows, 0], 0.42 + 1e-3 * run.q[rows, 2], rtol=0.0, atol=1e-15)
+    lost = draws[:, 0] < 0.25
+    lost[0] = False
+    # Before the push the object does not turn.
+    assert np.array_equal(~kept[30:], lost[30:])
+    assert not lost[~kept].any() or lost[~kept].all()
+    assert 0.17 < lost.mean() < 0.33
+
+
+def test_simulators_set_the_targets_of_the_first_block() -> None:
+    control = cascade({"loss": 0.2}, {"jitter": 0.4e-3})
+    scene = scene_of(control, contact="unilateral", friction=0.6)
+    sim = sp.Simulator(scene, 1.7e-3, 1e-4)
+    middle = None
+    for k in range(24):
+        seen = sim.step((0.105 + 1e-4 * k, 0.11))
+        if k == 9:
+            middle = sim.state()
+    assert seen.status == "completed"
+    run = sim.run()
+    assert np.array_equal(run.q[-1], seen.q)
+    assert run.state().controller.tolist() == sim.state().controller.tolist()
+    assert middle is not None
+    sim.set_state(middle)
+    for k in range(10, 24):
+        again = sim.step((0.105 + 1e-4 * k, 0.11))
+    assert np.array_equal(again.q, seen.q)
+    first = sim.reset()
+    assert first.t == 0.0
+    many = sp.VectorSimulator(scene, 3, 1.7e-3, 1e-4, vary={"control.outer.delay": [0, 1e-3, 2e-3]})
+    alone = sp.Simulator(many.scene(2), 1.7e-3, 1e-4)
+    for _ in range(12):
+        rows = many.step(np.full((3, 2), 0.11))
+        assert np.array_equal(rows.q[2], alone.step((0.11, 0.11)).q)
+
+
+def test_files_and_bad_blocks() -> None:
+    scene = scene_of(LOOPS["normal jitter"])
+    assert sp.Scene.from_toml(scene.to_toml()) == scene
+    assert scene.vary_paths()["control.outer.period"] == (1 / 137, "s")
+    changed = scene.with_({"control.outer.delay": 2e-3, "control.seed": 9})
+    assert changed.control.outer.delay == 2e-3
+    assert changed.control.outer.seed == 9
+    of = sp.SampledController.cascade
+    for blocks, kind, named in (
+        ([], ValueError, r"their number = 0: must be at least 1"),
+        ([SERVO] * 17, ValueError, "must be at most 16"),
+        ([SERVO, sp.Pid()], TypeError, r"blocks\[1\] = Pid.*must be a SampledController"),
+        (SERVO, TypeError, "must be several SampledControllers"),
+        ([SERVO, of([CAMERA, SERVO])], ValueError, r"blocks\[1\]\.outer is given"),
+    ):
+        with pytest.raises(kind, match=named):
+            of(blocks)
+    for field, value, rule in (
+        ("first_sample", -1.0, "must be finite and >= 0"),
+        ("measure_delay", np.inf, "must be finite and >= 0"),
+        ("loss", 1.0, "must be >= 0 and < 1"),
+        ("jitter", 1e-3, "must be below the period"),
+        ("jitter_kind", "poisson", 'must be one of "uniform", "normal"'),
+        ("rate_limit", 0.0, "must be finite and > 0"),
+        ("dead_zone", -1.0, "must be finite and >= 0"),
+    ):
+        with pytest.raises(ValueError, match=rf"SampledController\.{field}.*{rule}"):
+            replace(SERVO, **{field: value})
+    late = {"control.outer.measure_delay": [1e-3, -1e-3]}
+    with pytest.raises(ValueError, match=r"run 1: .*measure_delay"):
+        sp.monte_carlo(scene, vary=late, progress=False)
+    with pytest.raises(ValueError, match=r"run 1: .*jitter"):
+        sp.monte_carlo(scene, vary={"control.jitter": [1e-4, 1e-2]}, progress=False)
+    state = sp.simulate(scene).state()
+    with pytest.raises(ValueError, match=r"State\.controller"):
+        sp.simulate(replace(scene, initial=state, control=SERVO))
