@@ -41,6 +41,9 @@ impl<T: Clone> Part<T> {
     }
 }
 
+/// The blocks of a cascade, and the runs' numbers.
+type Controllers = (Vec<Part<Arc<SampledController>>>, Part<u64>);
+
 /// Schedule and disturbances in the form that the core takes.
 #[pyclass(frozen, module = "softpinch._core")]
 pub struct Inputs {
@@ -50,7 +53,7 @@ pub struct Inputs {
     impulses: Vec<Part<Impulse>>,
     noises: Vec<(Part<Noise>, Part<u64>)>,
     fingers: Fingers,
-    controller: Option<(Vec<Part<Arc<SampledController>>>, Part<u64>)>,
+    controller: Option<Controllers>,
     motion: Option<Part<Arc<HandMotion>>>,
 }
 

@@ -346,7 +346,7 @@ task! {
 
 /// Derivative and multipliers of a state, by the equations' own terms.
 #[inline(always)]
-fn evaluated<R: Real, E: Equations<R>>(
+pub(super) fn evaluated<R: Real, E: Equations<R>>(
     equations: &E,
     driven: bool,
     (input, moving): Applied<'_, R>,
