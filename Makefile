@@ -68,6 +68,7 @@ figures: build ## Make the pictures of README and docs again
 	$(BIN)/python examples/13_carried_by_an_arm.py docs/figures/carried_by_an_arm.png
 	$(BIN)/python examples/14_a_bottle_in_jaws.py docs/figures/a_bottle_in_jaws.png
 	$(BIN)/python examples/15_how_rarely_it_fails.py docs/figures/how_rarely_it_fails.png
+	$(BIN)/python examples/16_camera_and_servo.py docs/figures/camera_and_servo.png
 
 # Every warning is an error; --keep-going shows all of them.
 SITE := $(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going --nitpicky --fresh-env --quiet docs build/docs

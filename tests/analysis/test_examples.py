@@ -50,6 +50,14 @@ def test_the_linear_model_predicts_the_limit_of_the_gain(tmp_path: Path) -> None
     assert found == pytest.approx(predicted, rel=0.0081)
 
 
+def test_the_loop_predicts_the_gain_of_the_camera(tmp_path: Path) -> None:
+    printed = run_example("16_camera_and_servo.py", tmp_path, "--quick")
+    predicted, found = map(float, re.findall(r": +([\d.]+) 1/s", printed))
+    assert found == pytest.approx(predicted, rel=0.0081)
+    with_camera, without = map(float, re.findall(r"camera: ([\d.]+)%", printed))
+    assert with_camera > without + 3.0
+
+
 def test_a_true_model_leaves_the_smallest_errors(tmp_path: Path) -> None:
     printed = run_example("06_computed_torque.py", tmp_path, "--quick")
     # Largest error after the start, degrees.

@@ -19,8 +19,7 @@ from .linearization import LinearModel, linearize
 from .rest import Equilibrium, equilibrium
 from .states import OUTPUTS
 
-# A radius that is above 1 by less is that of a mode that neither grows nor decays.
-_NEUTRAL = 1e-8
+_NEUTRAL = 1e-8  # a radius that is above 1 by less is that of a mode that does not grow
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -51,9 +50,8 @@ def loop(scene: Scene, state: State | Equilibrium | None = None, block: int = -1
     Args:
         scene: A scene with a `SampledController` whose blocks' periods have a common one. Delays
             take at most 50 periods of their block.
-        state: Where the grasp rests: a state of its run (`run.state()`), whose rates count as zero,
-            or an equilibrium of the scene with another law. None finds the rest with the fingers at
-            the schedule's angles.
+        state: Where the grasp rests: a state of its run, whose rates count as zero, or the rest of
+            the scene with another law. None finds that with the fingers at the schedule's angles.
         block: Place in the cascade of the block whose margins are computed; -1 is the last one.
     """
     checks.instance("scene", scene, Scene)

@@ -83,7 +83,8 @@ def _matrix(
     for k, block in enumerate(blocks):
         delays = np.array([0.0, block.measure_delay, block.delay])
         late = (delays / block.period + SAME).astype(int)
-        m, n = len(measures[k][0]), len(np.asarray(block.A))
+        # States that drive nothing, as of a PD law made by `pid`, are no part of the loop.
+        m, n = len(measures[k][0]), len(np.asarray(block.A)) * bool(np.any(block.C))
         sizes = n, 2, 2 * late[2] + 2, (late[1] + 1) * m
         ends = stop + np.cumsum([0, *sizes])
         parts.append([slice(*ends[i : i + 2]) for i in range(4)])
@@ -118,8 +119,9 @@ def _matrix(
                     y[first : first + 2] += sign * rows[parts[1 - k][1]]
                 first += _core.MEASURES[name]
             own = [np.asarray(getattr(block, name)) for name in "ABCD"]
-            u = own[2] @ rows[xi] + own[3] @ y
-            rows[xi] = own[0] @ rows[xi] + own[1] @ y
+            n = xi.stop - xi.start
+            u = own[2][:, :n] @ rows[xi] + own[3] @ y
+            rows[xi] = own[0][:n, :n] @ rows[xi] + own[1][:n] @ y
             rows[outputs] = np.vstack([u, rows[outputs]])[: outputs.stop - outputs.start]
         else:
             rows[force] = rows[outputs][2 * late_by :][:2]

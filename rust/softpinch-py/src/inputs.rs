@@ -41,8 +41,8 @@ impl<T: Clone> Part<T> {
     }
 }
 
-/// The blocks of a cascade, and the runs' numbers.
-type Controllers = (Vec<Part<Arc<SampledController>>>, Part<u64>);
+/// A block of a cascade.
+type Block = Part<Arc<SampledController>>;
 
 /// Schedule and disturbances in the form that the core takes.
 #[pyclass(frozen, module = "softpinch._core")]
@@ -53,7 +53,7 @@ pub struct Inputs {
     impulses: Vec<Part<Impulse>>,
     noises: Vec<(Part<Noise>, Part<u64>)>,
     fingers: Fingers,
-    controller: Option<Controllers>,
+    controller: Option<(Vec<Block>, Part<u64>)>,
     motion: Option<Part<Arc<HandMotion>>>,
 }
 
@@ -161,7 +161,7 @@ fn hand_motion((accelerations, tilts, sines): MotionTuple<'_>) -> PyResult<Part<
 fn blocks(
     (names, states, [anti_windup, normal_jitter], rows): &BlockTuple<'_>,
     seed: u64,
-) -> PyResult<Part<Arc<SampledController>>> {
+) -> PyResult<Block> {
     let measures: Vec<Measure> = select("control.measures", names, &MEASURES)?;
     let m: usize = measures.iter().map(|measure| measure.width()).sum();
     let n = *states;
