@@ -269,7 +269,8 @@ def main() -> None:
         with document.folders(quick) as (figures, _):
             chart(figures / "reference_problems.png", found, rows)
     for name, text in texts.items():
-        print(f"\n{name}\n{text}")
+        if machine not in text:
+            print(f"\n{name}\n{text}")
         if not quick:
             document.put(name, text)
 
