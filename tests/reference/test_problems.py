@@ -153,3 +153,30 @@ def test_the_problems_are_those_of_the_definitions() -> None:
     for problem in PROBLEMS:
         assert facts(problem.name)["title"] == problem.title
         assert facts(problem.name)["statement"] == problem.statement
+
+
+def test_the_probability_is_the_integral_over_what_is_just_held() -> None:
+    stats = pytest.importorskip("scipy.stats")
+    data = facts(score.RARE)
+    friction, force = data["random"]["friction"], data["random"]["disturbances.0.force.1"]
+    pairs = np.array([(each["friction"], each["force"]) for each in data["answer"]["just_held"]])
+    held = np.polynomial.Polynomial.fit(*pairs.T, len(pairs) - 1)
+    points = np.linspace(friction["from"], friction["to"], 20_001)
+    above = stats.norm.sf(held(points), -force["mean"], force["standard_deviation"])
+    exact = data["answer"]["probability"]
+    assert np.trapezoid(above, points) / np.ptp(points) == pytest.approx(exact, rel=1e-5)
+    plain = data["answer"]["plain"]
+    low, high = score.wilson(plain["failures"], plain["runs"])
+    assert low < exact < high
+    assert plain["draws_above_what_is_held"] == plain["failures"]
+
+
+def test_a_little_more_than_what_is_just_held_loses_the_object() -> None:
+    pair = facts(score.RARE)["answer"]["just_held"][5]
+    for more, status in ((-1e-4, "completed"), (1e-4, "lost")):
+        push = (0.0, -pair["force"] - more)
+        changed = {"friction": pair["friction"], "disturbances.0.force": push}
+        run = sp.simulate(
+            scene(score.RARE).with_(changed), method="rosenbrock", dt=1e-4, record=("state",)
+        )
+        assert run.status == status
