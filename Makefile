@@ -184,6 +184,14 @@ bench-creep: build $(VENV)/.peers ## Hold a grasp for 1000 s beside MuJoCo, and 
 bench-carry: build $(VENV)/.peers ## Move a grasp 1000 times back and forth beside MuJoCo and Drake, and see what slides out
 	$(BIN)/python benchmarks/carry.py
 
+.PHONY: bench-reference
+bench-reference: build $(VENV)/.peers ## Measure Siconos, MuJoCo and Drake by the reference problems, and write docs/reference-problems.md again
+	$(BIN)/python benchmarks/reference.py
+
+.PHONY: reference
+reference: build ## Write the reference problems and their solutions again; takes half an hour
+	PYTHONPATH=tests $(BIN)/python reference/generate.py
+
 .PHONY: bench-stepping
 bench-stepping: build $(VENV)/.peers ## Time stepping from outside beside MuJoCo, and write docs/control.md's tables again
 	$(BIN)/python benchmarks/stepping.py

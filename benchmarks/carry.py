@@ -142,8 +142,8 @@ def ours(there: Journey, settled: sp.State, method: str, dt: float) -> Carried:
     return Carried(run.q[:, 1] - settled.q[1], cone, None, spent)
 
 
-def theirs(peer: Peer, there: Journey, grip: float) -> Carried:
-    """The moves by a peer, whose fingers press as ours do.
+def close(peer: Peer, grip: float) -> None:
+    """Closes a peer's fingers until they press with the grip, N, and leaves the hand at rest.
 
     The fingers close without weight, in a flight upwards at whose top the hand comes to rest:
     contacts that creep would lose the object before they press.
@@ -153,12 +153,15 @@ def theirs(peer: Peer, there: Journey, grip: float) -> Carried:
     peer.throw(GRAVITY * rounds * steps * peer.step)
     peer.press(grip / STIFFNESS)
     for _ in range(rounds):
-        for _ in range(steps):
-            peer.advance(0.0, -GRAVITY)
+        peer.advance(0.0, -GRAVITY, steps)
         # The contact yields: the targets follow until the fingers press as they should.
         pressing = sum(normal for normal, _ in peer.forces()) / 2
         peer.press((grip - pressing) / STIFFNESS)
 
+
+def theirs(peer: Peer, there: Journey, grip: float) -> Carried:
+    """The moves by a peer, whose fingers press as ours do."""
+    close(peer, grip)
     instants = [round((t - SETTLING) / peer.step) for t in there.marks]
     accelerations = there.motion.at(SETTLING + peer.step * np.arange(instants[-1])).acceleration
     start, cone, lost = peer.height(), 0.0, None

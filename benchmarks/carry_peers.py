@@ -29,8 +29,8 @@ class Peer(Protocol):
 
     step: float
 
-    def advance(self, x: float, y: float) -> None:
-        """Takes a step in which the hand has this acceleration, m/s^2."""
+    def advance(self, x: float, y: float, steps: int = 1) -> None:
+        """Takes steps in which the hand has this acceleration, m/s^2."""
 
     def height(self) -> float:
         """Of the object in the hand, m."""
@@ -65,7 +65,9 @@ class MuJoCo:
     because MuJoCo takes the mean over all directions in which a body can move for its inertia.
     """
 
-    def __init__(self, options: dict[str, str], time_constant: float) -> None:
+    def __init__(
+        self, options: dict[str, str], time_constant: float, step: float = creep.STEP
+    ) -> None:
         import mujoco
 
         text = creep.pinch(options, time_constant, CARRIAGE)
@@ -73,12 +75,12 @@ class MuJoCo:
         self._model = mujoco.MjModel.from_xml_string(text)
         self._data = mujoco.MjData(self._model)
         self._mass = float(self._model.body_mass.sum())
-        self.step = creep.STEP
+        self._model.opt.timestep = self.step = step
 
-    def advance(self, x: float, y: float) -> None:
+    def advance(self, x: float, y: float, steps: int = 1) -> None:
         # The object's weight and inertia are carried by the carriage, too.
         self._data.ctrl[2:] = self._mass * x, self._mass * (y + creep.GRAVITY)
-        self._mujoco.mj_step(self._model, self._data)
+        self._mujoco.mj_step(self._model, self._data, steps)
 
     def height(self) -> float:
         return float(self._data.qpos[1] - self._data.qpos[4])
@@ -98,9 +100,19 @@ class MuJoCo:
 
 
 class Drake:
-    """The same hand. Its contacts are points with Drake's default stiffness and dissipation."""
+    """The same hand. Its contacts are points with Drake's default stiffness and dissipation.
 
-    def __init__(self, config: dict[str, Any]) -> None:
+    With an accuracy, Drake's integrator with error control, CENIC, chooses the steps, up to the
+    longest; the force on the hand changes at multiples of `step`.
+    """
+
+    def __init__(
+        self,
+        config: dict[str, Any],
+        step: float = DRAKE_STEP,
+        accuracy: float | None = None,
+        longest: float = 0.1,
+    ) -> None:
         from pydrake.geometry import AddContactMaterial, Box, ProximityProperties, Sphere
         from pydrake.math import RigidTransform
         from pydrake.multibody.plant import (
@@ -122,7 +134,7 @@ class Drake:
         builder = DiagramBuilder()
         # Ports that are computed when they are read only save time.
         settings = MultibodyPlantConfig(
-            time_step=DRAKE_STEP, use_sampled_output_ports=False, **config
+            time_step=0.0 if accuracy else step, use_sampled_output_ports=False, **config
         )
         plant, _ = AddMultibodyPlant(settings, builder)
         plant.mutable_gravity_field().set_gravity_vector([0.0, -creep.GRAVITY, 0.0])
@@ -160,22 +172,32 @@ class Drake:
 
         self._plant = plant
         self._simulator = Simulator(builder.Build())
+        if accuracy is not None:
+            from pydrake.systems.analysis import ApplySimulatorConfig, SimulatorConfig
+
+            control = SimulatorConfig(
+                integration_scheme="cenic",
+                accuracy=accuracy,
+                max_step_size=longest,
+                use_error_control=True,
+            )
+            ApplySimulatorConfig(control, self._simulator)
         self._root = self._simulator.get_mutable_context()
         self._context = plant.GetMyMutableContextFromRoot(self._root)
         self._force = plant.get_actuation_input_port().FixValue(self._context, [0.0] * 4)
         self._desired = plant.get_desired_state_input_port(cube.model_instance())
         self._targets = [0.0] * 8
         self._carried = CARRIAGE + 2 * FINGER + creep.MASS
-        self.step = DRAKE_STEP
+        self.step = step
         self._steps = 0
         self.press(0.0)
 
-    def advance(self, x: float, y: float) -> None:
+    def advance(self, x: float, y: float, steps: int = 1) -> None:
         force = self._force.GetMutableData().get_mutable_value()
         force.SetAtIndex(0, (self._carried + CARRIAGE) * x)
         force.SetAtIndex(1, self._carried * (y + creep.GRAVITY))
-        self._steps += 1
-        self._simulator.AdvanceTo(self._steps * DRAKE_STEP)
+        self._steps += steps
+        self._simulator.AdvanceTo(self._steps * self.step)
 
     def height(self) -> float:
         q = self._plant.GetPositions(self._context)

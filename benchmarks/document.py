@@ -13,6 +13,7 @@ DOCUMENTS = (
     "ensembles.md",
     "equilibria.md",
     "error-against-run-time.md",
+    "reference-problems.md",
     "scale-out.md",
     "stability.md",
     "unilateral.md",

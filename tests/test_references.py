@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import pytest
 
 ROOT = Path(__file__).parent.parent
-FOLDERS = ("python", "rust", "tests", "benchmarks", "tools", "examples", "docs")
+FOLDERS = ("python", "rust", "tests", "benchmarks", "tools", "examples", "docs", "reference")
 
 
 def comments_of_python(text: str) -> Iterator[str]:

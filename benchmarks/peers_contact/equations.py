@@ -1,0 +1,95 @@
+"""Solvers of the problems' own equations: softpinch and Siconos.
+
+Siconos has no event location: its Moreau-Jean scheme solves one nonsmooth problem a step. It is
+called as the tests call it (tests/oracle/moreau_jean.py), with forces that are Python; its time
+includes theirs.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import softpinch as sp
+
+ROOT = Path(__file__).parents[2]
+sys.path += [str(ROOT / "reference"), str(ROOT / "tests")]
+
+import score  # noqa: E402
+
+Floats = NDArray[np.float64]
+
+# Problems with the paper's hand that both can compute.
+PROBLEMS = ("10-slip", "12-open", "14-impact")
+# Steps of a run: the first, and how often they are doubled. They meet the breaks of the inputs.
+SICONOS_STEPS, SICONOS_DOUBLINGS = {"10-slip": 400, "12-open": 500, "14-impact": 300}, 6
+OURS: tuple[tuple[str, dict[str, Any], tuple[dict[str, float], ...]], ...] = (
+    (
+        "softpinch, rk4, csm",
+        {"method": "rk4", "formulation": "csm"},
+        tuple({"dt": dt} for dt in (2e-4, 1e-4, 5e-5, 2.5e-5, 1.25e-5, 6.25e-6)),
+    ),
+    (
+        "softpinch, dop853, projected",
+        {"method": "dop853", "formulation": "projected"},
+        tuple({"tolerance": 10.0**-k} for k in range(2, 13)),
+    ),
+    (
+        "softpinch, radau5, csm",
+        {"method": "radau5", "formulation": "csm"},
+        tuple({"tolerance": 10.0**-k} for k in range(2, 12)),
+    ),
+)
+
+
+def without_siconos() -> dict[str, str]:
+    """For `missing` of `machine.describe`: Siconos and why it does not take part, or nothing."""
+    try:
+        from oracle import moreau_jean
+    except ImportError:
+        return {"Siconos": "not installed"}
+    return {} if moreau_jean.interpreter() else {"Siconos": "not installed"}
+
+
+def scene(name: str) -> sp.Scene:
+    """The scene of a problem, as its file has it."""
+    from softpinch.support import toml
+
+    return sp.Scene.from_toml(toml.dumps(score.solution(name)[0]["scene"], "scene"))
+
+
+def error(name: str, q: Floats, p: Floats) -> float:
+    """The error of q and p at the end, as `score` measures it."""
+    exact = score.solution(name)[1].rows
+    mine = exact[-1:].copy()
+    mine[0, 1:10], mine[0, 10:19] = q, p
+    found = score.differences(exact[-1:], mine, exact)
+    return max(found["q"], found["p"])
+
+
+def ours(name: str, options: dict[str, Any], repeats: int) -> tuple[float, float]:
+    """Error at the end, and processor time, s."""
+    posed, spent = scene(name), []
+    settings: dict[str, Any] = {"every": 10**9, "record": ("state",), "stop_on": (), **options}
+    for _ in range(repeats):
+        begin = time.process_time()
+        run = sp.simulate(posed, **settings)
+        spent.append(time.process_time() - begin)
+    off = error(name, run.q[-1], run.p[-1]) if run.status == "completed" else np.inf
+    return off, float(np.median(spent))
+
+
+def siconos(name: str, steps: int) -> tuple[float, float, float]:
+    """Error at the end, processor time, s, and the share of the forces in it."""
+    from oracle import moreau_jean
+
+    posed = scene(name)
+    mu = posed.friction
+    end = moreau_jean.stepped(posed, mu if isinstance(mu, tuple) else (mu, mu), steps)  # type: ignore[arg-type]
+    total, terms = end.spent
+    return error(name, end.q, end.p), total, terms / total

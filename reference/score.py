@@ -1,0 +1,352 @@
+"""Measures a solver by the reference problems. Needs Python 3.11 and NumPy.
+
+python reference/score.py mine.csv [--events events.csv]
+python reference/score.py --rare FAILURES RUNS
+
+mine.csv has the columns of the solutions in reference/problems, and a column "problem" in front of
+them; energy may be left out. The file of the events has the columns problem, time, finger, before
+and after. README.md beside this script has the rules.
+
+Exit status: 0 if no problem failed, 1 if one did, 2 if a file cannot be scored.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import sys
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+VERSION = "1"
+FOLDER = Path(__file__).parent / "problems"
+RARE = "24-rare"
+
+_PLACES = (
+    *("x", "y", "theta", "finger_right", "finger_left"),
+    *("dn_right", "dn_left", "dt_right", "dt_left"),
+)
+_FORCES = ("normal_right", "normal_left", "tangential_right", "tangential_left")
+COLUMNS = ("t", *_PLACES, *(f"rate_{name}" for name in _PLACES), *_FORCES, "energy")
+EVENTS = ("problem", "time", "finger", "before", "after")
+MODES = ("stick", "slip", "graze", "free")
+# Quantity -> groups of columns that are measured by one size, each with the least such size, in SI
+# units: below it a group counts as zero.
+QUANTITIES: dict[str, list[tuple[list[int], float]]] = {
+    "q": [([1, 2, 6, 7, 8, 9], 1e-3), ([3], 1e-2), ([4, 5], 1e-3)],
+    "p": [([10, 11, 15, 16, 17, 18], 1e-3), ([12], 1e-2), ([13, 14], 1e-3)],
+    "multipliers": [([19, 20, 21, 22], 1e-1)],
+    "energy": [([23], 1e-3)],
+}
+LEVELS = (1e-9, 1e-6, 1e-4, 1e-2)
+# Instants within this of each other are one, s. Modes that last less than that may be left out, s.
+SAME, BRIEF = 1e-9, 1e-5
+
+Floats: TypeAlias = NDArray[np.float64]
+Event: TypeAlias = tuple[float, str, str, str]
+
+
+class FileError(Exception):
+    """A file that cannot be scored."""
+
+
+@dataclass
+class Answer:
+    """What a file says about one problem.
+
+    Attributes:
+        rows: `COLUMNS`, in the order of the file; energy is NaN where it was left out.
+        events: None where there is no file of events.
+    """
+
+    rows: Floats
+    events: list[Event] | None = None
+
+    @property
+    def lost(self) -> float | None:
+        """When the object was lost, s, or None."""
+        times = [t for t, finger, _, after in self.events or () if (finger, after) == _LOST]
+        return min(times, default=None)
+
+
+_LOST = ("object", "lost")
+
+
+@dataclass
+class Score:
+    """The errors of one problem.
+
+    Attributes:
+        errors: By quantity, without a unit; "events" is in s, NaN where it was not reported.
+        creep: In mm, of the solver and of the solution; None where the problem has none.
+        failures: Why it failed.
+        notes: What was not reported.
+    """
+
+    errors: dict[str, float]
+    creep: tuple[float, float] | None = None
+    failures: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def verdict(self) -> str:
+        if self.failures:
+            return "FAILS: " + "; ".join(self.failures)
+        worst = max(self.errors[name] for name in ("q", "p", "multipliers"))
+        level = next(level for level in LEVELS if worst <= level)
+        return f"right to {level:.0e}" + "".join(f"; {note}" for note in self.notes)
+
+
+def differences(exact: Floats, other: Floats, sized_by: Floats) -> dict[str, float]:
+    """The largest difference of each quantity, by the size of its group along the solution.
+
+    A quantity that is NaN in all rows is left out.
+    """
+    found = {}
+    for name, groups in QUANTITIES.items():
+        worst = math.nan
+        for columns, least in groups:
+            off = np.abs(exact[:, columns] - other[:, columns])
+            if not np.isnan(off).all():
+                size = max(float(np.abs(sized_by[:, columns]).max()), least)
+                worst = np.fmax(worst, np.nanmax(off) / size)
+        if not math.isnan(worst):
+            found[name] = float(worst)
+    return found
+
+
+def lasting(events: Sequence[Event]) -> dict[str, list[tuple[float, str]]]:
+    """The changes of each finger that last: (time, mode from then on)."""
+    found: dict[str, list[tuple[float, str]]] = {"right": [], "left": [], "object": []}
+    for time, finger, before, after in sorted(events, key=lambda event: event[0]):
+        kept = found[finger]
+        if kept and time - kept[-1][0] < BRIEF:
+            # The mode that ends here was brief: the change to it is one with this one.
+            begun, _ = kept.pop()
+            earlier = kept[-1][1] if kept else _first(events, finger)
+            if after != earlier:
+                kept.append((begun, after))
+        elif after != before:
+            kept.append((time, after))
+    return found
+
+
+def _first(events: Sequence[Event], finger: str) -> str:
+    return min((event for event in events if event[1] == finger), key=lambda event: event[0])[2]
+
+
+def event_error(
+    one: dict[str, list[tuple[float, str]]], other: dict[str, list[tuple[float, str]]]
+) -> float:
+    """The largest difference of the times of events, s; infinite where the modes differ."""
+    worst = 0.0
+    for finger in ("right", "left"):
+        if [mode for _, mode in one[finger]] != [mode for _, mode in other[finger]]:
+            return math.inf
+        for (here, _), (there, _) in zip(one[finger], other[finger], strict=True):
+            worst = max(worst, abs(here - there))
+    return worst
+
+
+def _table(path: Path, needed: Sequence[str]) -> list[dict[str, str]]:
+    """The rows of a CSV file with a header."""
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            reader = csv.DictReader(file)
+            names = [name.strip() for name in reader.fieldnames or ()]
+            missing = [name for name in needed if name not in names]
+            if missing:
+                hint = "" if names else " (the file is empty)"
+                raise FileError(f"{path}: columns are missing: {', '.join(missing)}{hint}")
+            reader.fieldnames = names
+            return list(reader)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise FileError(f"{path}: not a CSV file that can be read: {error}") from None
+
+
+def _number(path: Path, line: int, name: str, text: str | None) -> float:
+    try:
+        value = float(text or "")
+    except ValueError:
+        rule = f"column {name} must be a number, not {text!r}"
+        raise FileError(f"{path}, line {line}: {rule}") from None
+    if not math.isfinite(value):
+        raise FileError(f"{path}, line {line}: column {name} is {text}; it must be finite")
+    return value
+
+
+def read(path: Path, events: Path | None = None) -> dict[str, Answer]:
+    """A solver's answers by the problem's name.
+
+    Raises:
+        FileError: A column is missing, an entry is no finite number, or a problem is unknown.
+    """
+    table = _table(path, ["problem", *COLUMNS[:-1]])
+    with_energy = bool(table) and "energy" in table[0]
+    if not table:
+        raise FileError(f"{path}: no rows")
+    rows: dict[str, list[list[float]]] = {}
+    for line, row in enumerate(table, 2):
+        name = _known(path, line, row["problem"])
+        values = [_number(path, line, key, row[key]) for key in COLUMNS[:-1]]
+        values.append(_number(path, line, "energy", row["energy"]) if with_energy else math.nan)
+        rows.setdefault(name, []).append(values)
+    answers = {name: Answer(np.array(found)) for name, found in rows.items()}
+    if events is not None:
+        for answer in answers.values():
+            answer.events = []
+        for line, row in enumerate(_table(events, EVENTS), 2):
+            name = _known(events, line, row["problem"])
+            if name not in answers:
+                raise FileError(f"{events}, line {line}: {path} has no rows of {name}")
+            time = _number(events, line, "time", row["time"])
+            finger, before, after = row["finger"], row["before"], row["after"]
+            if finger != "object" and (
+                finger not in ("right", "left") or before not in MODES or after not in MODES
+            ):
+                rule = f"finger must be right, left or object, and modes one of {', '.join(MODES)}"
+                raise FileError(f"{events}, line {line}: {finger}, {before}, {after}: {rule}")
+            found = answers[name].events
+            assert found is not None
+            found.append((time, finger, before, after))
+    return answers
+
+
+def _known(path: Path, line: int, name: str | None) -> str:
+    if not name or not (FOLDER / name / "solution.csv").is_file():
+        raise FileError(f"{path}, line {line}: {name!r} is none of the problems in {FOLDER.name}/")
+    return name
+
+
+def solution(name: str) -> tuple[dict[str, Any], Answer]:
+    """The problem's facts and its solution."""
+    folder = FOLDER / name
+    data = tomllib.loads((folder / "problem.toml").read_text("utf-8"))
+    table = _table(folder / "solution.csv", COLUMNS)
+    rows = np.array([[float(row[key]) for key in COLUMNS] for row in table])
+    events = [
+        (float(row["time"]), row["finger"], row["before"], row["after"])
+        for row in _table(folder / "events.csv", EVENTS[1:])
+    ]
+    return data, Answer(rows, events)
+
+
+def score(name: str, mine: Answer) -> Score:
+    """Compares an answer with the solution.
+
+    Raises:
+        FileError: Instants of the solution are missing.
+    """
+    data, exact = solution(name)
+    lost = mine.lost
+    wanted = exact.rows if lost is None else exact.rows[exact.rows[:, 0] < lost]
+    order = np.argsort(mine.rows[:, 0], kind="stable")
+    times = mine.rows[order, 0]
+    at = np.clip(np.searchsorted(times, wanted[:, 0]), 1, max(len(times) - 1, 1))
+    at = np.minimum(at, len(times) - 1)
+    before = np.maximum(at - 1, 0)
+    closer = np.abs(times[before] - wanted[:, 0]) < np.abs(times[at] - wanted[:, 0])
+    at = np.where(closer, before, at)
+    off = np.abs(times[at] - wanted[:, 0]) > SAME * np.maximum(1.0, wanted[:, 0])
+    if off.any():
+        first = float(wanted[off.argmax(), 0])
+        raise FileError(
+            f"{name}: {off.sum()} of {len(wanted)} instants are missing, the first is "
+            f"t = {first!r}; if the object was lost before, report the event "
+            "object,held,lost"
+        )
+    rows = mine.rows[order][at]
+    errors = differences(wanted, rows, exact.rows) if len(wanted) else {}
+    result = Score(dict.fromkeys((*QUANTITIES, "events"), math.nan) | errors)
+    answer = data["answer"]
+    was_lost = answer["status"] == "lost"
+    if mine.events is None:
+        result.notes.append("events not reported")
+        if was_lost:
+            result.notes.append("whether the object was lost, too")
+    else:
+        if (lost is not None) != was_lost:
+            told = "lost" if lost is not None else "not lost"
+            result.failures.append(
+                f"the object is {told}, and should {'' if was_lost else 'not '}be"
+            )
+        elif lost is not None and abs(lost - answer["end"]) > LEVELS[-1] * answer["end"]:
+            result.failures.append(f"the object is lost at {lost:g} s, not {answer['end']:g} s")
+        assert exact.events is not None
+        result.errors["events"] = event_error(lasting(exact.events), lasting(mine.events))
+        if math.isinf(result.errors["events"]):
+            result.notes.append("other modes")
+    if "creep_mm" in answer and lost is None:
+        a, b = (int(np.searchsorted(wanted[:, 0], t)) for t in answer["creep_between"])
+        way = rows[min(b, len(rows) - 1), 1:3] - rows[a, 1:3]
+        result.creep = 1e3 * float(np.hypot(*way)), float(answer["creep_mm"])
+    worst = max((result.errors[name] for name in ("q", "p", "multipliers")), default=math.nan)
+    if not worst <= LEVELS[-1]:
+        result.failures.append(f"an error above {LEVELS[-1]:g}")
+    return result
+
+
+def wilson(failures: int, runs: int, z: float = 2.5758293035489004) -> tuple[float, float]:
+    """Wilson's interval of a probability, 99 % by default."""
+    p = failures / runs
+    middle = p + z * z / (2 * runs)
+    half = z * math.sqrt(p * (1 - p) / runs + z * z / (4 * runs * runs))
+    scale = 1 + z * z / runs
+    return max(0.0, (middle - half) / scale), min(1.0, (middle + half) / scale)
+
+
+def rare(failures: int, runs: int) -> bool:
+    """Prints whether a probability from plain runs agrees with the exact one."""
+    data = tomllib.loads((FOLDER / RARE / "problem.toml").read_text("utf-8"))
+    exact = float(data["answer"]["probability"])
+    low, high = wilson(failures, runs)
+    right = low <= exact <= high
+    print(f"{RARE}: {failures} of {runs} runs; exact {exact:.6g}")
+    print(f"  99 % interval {low:.3g} to {high:.3g}: {'agrees' if right else 'FAILS'}")
+    return right
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("file", type=Path, nargs="?", help="your rows")
+    parser.add_argument("--events", type=Path, help="your events")
+    parser.add_argument("--rare", type=int, nargs=2, metavar=("FAILURES", "RUNS"))
+    given = parser.parse_args(arguments)
+    if given.rare is not None:
+        failures, runs = given.rare
+        if not 0 <= failures <= runs or runs < 1:
+            parser.error("--rare: there must be 0 to RUNS failures")
+        return 0 if rare(failures, runs) else 1
+    if given.file is None:
+        parser.error("name a file")
+    try:
+        answers = read(given.file, given.events)
+        scores = {name: score(name, answer) for name, answer in sorted(answers.items())}
+    except FileError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    print(f"{'problem':24s}" + "".join(f"{name:>12s}" for name in QUANTITIES) + "   events, s")
+    for name, found in scores.items():
+        cells = (
+            f"{'-':>12s}" if math.isnan(value) else f"{value:12.1e}"
+            for value in found.errors.values()
+        )
+        print(f"{name:24s}{''.join(cells)}  {found.verdict}")
+        if found.creep is not None:
+            print(f"{'':24s}  creep {found.creep[0]:.3g} mm, should be {found.creep[1]:.3g} mm")
+    failed = sum(bool(found.failures) for found in scores.values())
+    print(f"{len(scores) - failed} of {len(scores)} problems are right")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
