@@ -125,7 +125,7 @@ with sp.plot.styled():
     for share, color, dashes in ((0.05, BLACK, "-"), (0.3, GREEN, (0, (5, 1.2))), (0.8, RED, ":")):
         run = sp.simulate(replace(turned_away, control=controller(share * limit)), record="state")
         look = {"color": color, "linestyle": dashes}
-        angle.plot(run.t, np.rad2deg(run.q[:, 2]), label=f"{share:.1f} of the limit", **look)
+        angle.plot(run.t, np.rad2deg(run.q[:, 2]), label=f"{share:g} of the limit", **look)
         target.plot(run.t, np.rad2deg(run.q[:, 3]), **look)
         target.plot(run.t, np.rad2deg(run.q[:, 4]), **look)
     angle.axhline(0.0, color=BLACK, linewidth=0.5)
