@@ -54,10 +54,10 @@ class State(Record):
             tip, a code (0 free, 1 stick, 2 or -2 slip with the face moving up or down over the
             tip, 3 graze, 4 or -4 graze while the face moves up or down), then the tilts that are
             frozen while the tips are free, rad. None lets the contacts follow from `q` and `p`.
-        controller: The state of a `SampledController` in a run, from which another run goes on: the
-            instant of its first sample, s; the numbers of samples taken and in force; the torques
-            in force (2,), N m; xi (n,); and the torques under way. None starts the controller at
-            `time`.
+        controller: The state of a `SampledController` in a run: the instant at which it started, s;
+            the numbers of samples taken and in force; the torques in force (2,), N m; xi (n,); the
+            torques under way; measurements that are kept, and how many were used. In a cascade it
+            is so of each block, the last one first. None starts the controller at `time`.
         relaxation: The states of `Maxwell` branches (k,), for each branch the remembered forces of
             the right and the left tip, N, and their remembered shears, m. None is branches that
             have relaxed.
