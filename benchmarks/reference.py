@@ -237,7 +237,7 @@ def chart(path: Path, found: list[Rungs], rows: list[GripRow]) -> None:
         axis.set_ylim(FLOOR / 3, 1e3)
         axis.set_title(problem)
         axis.set_xlabel("processor time, s")
-    axes[1, 0].set_ylabel(f"creep, mm (points at {FLOOR:.0e} mm: less)")
+    axes[1, 0].set_ylabel(f"creep, mm (points at {FLOOR:.0e}: less)")
     if axes[1, 0].has_data():
         axes[1, 0].legend(fontsize=8)
     for axis in axes.flat:
