@@ -9,11 +9,17 @@
 use crate::formulation::contact_solve::Load;
 use crate::formulation::{Equations, States, constrained, response};
 use crate::model::{Contacts, Coordinates, Geometry, Input, Motion, Parts, Plant, each_coordinate, work};
-use crate::number::{Bits, Real, solve2};
+use crate::number::{Bits, LaneTask, Real, solve2, task};
 
 /// Newton steps of the correction of the position. RK4 leaves C^H at 1e-6 m even close to its stability
 /// limit; the second Newton step then reaches round-off.
 const NEWTON_STEPS: usize = 2;
+
+task! {
+    ['a, R: Real, E: Equations<R>]
+    NewtonStep<'a, R, E>(equations: &'a E, q: &'a Coordinates<R>, free: [Bits; 2])
+    for R => Coordinates<R> = newton_step::<R, E::Parts>(equations.plant(), q, free)
+}
 
 /// Moves q by one Newton step towards C^H = 0 along M^-1 Phi_H^T, without the constraints of the contacts in `free`.
 #[inline(always)]
@@ -58,7 +64,8 @@ pub fn correct<R: Real, E: Equations<R>>(
     let free = if equations.opens() { contacts.free } else { [0; 2] };
     let mut q = left_q;
     for _ in 0..NEWTON_STEPS {
-        q = newton_step::<R, E::Parts>(plant, &q, free);
+        let step = NewtonStep { equations, q: &q, free };
+        q = if R::ORDER > 0 { R::outlined(step) } else { step.run() };
     }
     let geometry = Geometry::<R, E::Parts>::of(&plant.sides, &q, &left_p);
     let (zero, finger_acceleration) = (R::zero(), [R::zero(); 2]);
@@ -80,7 +87,8 @@ pub fn correct<R: Real, E: Equations<R>>(
     let works = *y;
     let corrected = Motion { q, p, ..left };
     *y = equations.begin(driven, &corrected);
-    if ledger {
+    // Derivatives of unilateral contact are without the ledger.
+    if ledger && (R::ORDER == 0 || !equations.opens()) {
         let states = equations.states(driven);
         y[states..].copy_from_slice(&works[states..]);
         // The energy that the correction adds is work of the constraints.

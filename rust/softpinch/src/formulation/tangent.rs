@@ -151,21 +151,25 @@ impl<R: Lanes, X: Lanes> LaneTask<R> for SweptJacobian<'_, R, X> {
         let (states, all, zero) = (size.states, size.all(), R::zero());
         let tau = Dual::<R, 1>::variable(tau, 0);
         let (input, frame) = (drive.at(tau), drive.frame.as_ref().map(|frame| frame.motion(tau)));
+        let mut at = Seeded {
+            input: input.map(|own| spread(own.value, |_| zero)),
+            frame: frame.map(|frame| frame.map(|own| spread(own.value, |_| zero))),
+            contacts: drive.contacts.spread(),
+            y: y.map(|own| spread(own, |_| zero)),
+        };
         for first in (0..=states).step_by(X::WIDTH / R::WIDTH) {
             let in_time = |own: Dual<R, 1>| {
                 spread(own.value, |k| if first + k == states { own.slope[0] } else { zero })
             };
-            let mut state = [Dual::constant(0.0); MAX_COMPONENTS];
-            for n in 0..all {
-                let own = |k| if n < states && first + k == n { R::constant(1.0) } else { zero };
-                state[n] = spread(y[n], own);
+            if first + X::WIDTH / R::WIDTH > states {
+                at.input = input.map(in_time);
+                at.frame = frame.map(|frame| frame.map(in_time));
             }
-            let found = swept.evaluate(&Seeded {
-                input: input.map(in_time),
-                frame: frame.map(|frame| frame.map(in_time)),
-                contacts: drive.contacts.spread(),
-                y: state,
-            });
+            for (n, own) in at.y.iter_mut().enumerate().take(states) {
+                let along = |lane: usize| f64::from(first + lane / R::WIDTH == n);
+                own.slope = [X::from_fn(along)];
+            }
+            let found = swept.evaluate(&at);
             for n in 0..all {
                 for k in 0..X::WIDTH / R::WIDTH {
                     jacobian.rows[n][first + k] = gathered(found.rate[n].slope[0], k);
