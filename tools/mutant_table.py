@@ -434,8 +434,8 @@ MUTANTS = (
     ),
     Mutant(
         "model/sampled.rs",
-        "first = first.min(block.first_after(origin, delay, t));",
-        "",
+        "late.fold(block.first_after(origin, 0.0, t), f64::min)",
+        "block.first_after(origin, 0.0, t)",
         "test_sampled",
     ),
     Mutant(

@@ -41,7 +41,6 @@ impl<T: Clone> Part<T> {
     }
 }
 
-/// A block of a cascade.
 type Block = Part<Arc<SampledController>>;
 
 /// Schedule and disturbances in the form that the core takes.

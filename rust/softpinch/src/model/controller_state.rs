@@ -49,6 +49,12 @@ impl ControllerState {
             .chain(self.seen.iter().copied())
     }
 
+    /// Whether all numbers are finite.
+    pub fn is_finite(&self) -> bool {
+        let numbers = [&self.torque, &self.xi[..], self.under_way.as_flattened(), &self.seen];
+        numbers.into_iter().flatten().all(|number| number.is_finite())
+    }
+
     /// The state from the numbers of [`row`](Self::row).
     pub fn from_row(controller: &SampledController, row: &[f64]) -> Result<Self> {
         const FIELD: &str = "State.controller";

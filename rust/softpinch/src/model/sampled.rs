@@ -5,8 +5,7 @@
 //!
 //! u_k = C xi_k + D y_k, limited to v_k; xi_(k+1) = A xi_k + B y_k.
 //!
-//! v_k is computed at t_k + measure_delay, and acts `delay` later until v_(k+1) does. With delays that are longer than a
-//! period several v are under way.
+//! v_k is computed at t_k + measure_delay and acts `delay` later. With delays above a period several v are under way.
 
 use std::sync::Arc;
 
@@ -16,8 +15,7 @@ use crate::model::{Measure, Rule};
 
 /// Largest number of outputs that are under way at a time.
 const MOST_UNDER_WAY: f64 = 1e4;
-/// The stream of the last block's noise, jitter and losses; that of the block before it is one lower, and so on. Those of
-/// the disturbances' noises count from 0.
+/// The stream of the last block's noise, jitter and losses; others count down from it, those of disturbances up from 0.
 const STREAM: u64 = u64::MAX;
 /// Instants of a cascade that are closer than this share of a period are one.
 const SAME: f64 = 1e-9;
@@ -124,10 +122,10 @@ impl SampledController {
         ] {
             rule.check(format_args!("{control}.{field}"), value)?;
         }
-        let (field, rule) = (format_args!("{control}.jitter"), "must be below the period");
-        require(self.jitter < self.period, field, self.jitter, rule)?;
-        let (field, rule) = (format_args!("{control}.loss"), "must be >= 0 and < 1");
-        require((0.0..1.0).contains(&self.loss), field, self.loss, rule)?;
+        let late = format_args!("{control}.jitter");
+        require(self.jitter < self.period, late, self.jitter, "must be below the period")?;
+        let rule = "must be >= 0 and < 1";
+        require((0.0..1.0).contains(&self.loss), format_args!("{control}.loss"), self.loss, rule)?;
         let under_way = (self.measure_delay + self.delay) / self.period;
         let what = "the samples under way (delay / period)";
         require_at_most(what, under_way, MOST_UNDER_WAY, "shorten the delay")?;
@@ -179,8 +177,7 @@ impl SampledController {
         self.snapped(origin, due + (self.jitter * late).min(LATEST * self.period))
     }
 
-    /// The instant, or the sample of the last block that it is but for round-off. So it does not depend on round-off
-    /// which of two blocks comes first.
+    /// The instant, or the sample of the last block that it is but for round-off, which else would set their order.
     fn snapped(&self, origin: f64, t: f64) -> f64 {
         let (after, [period, first_sample]) = self.place;
         if after == 0 {
@@ -201,12 +198,10 @@ impl SampledController {
         uniforms([number, self.stream(), u64::MAX, 0], self.key)
     }
 
-    /// The stream of the block's random numbers.
     pub(super) fn stream(&self) -> u64 {
         STREAM - self.place.0
     }
 
-    /// The instant at which the measurements of a sample are used.
     pub(super) fn used(&self, origin: f64, number: u64) -> f64 {
         self.later(origin, number, self.measure_delay)
     }
@@ -215,6 +210,7 @@ impl SampledController {
     pub(super) fn applied(&self, origin: f64, number: u64) -> f64 {
         match self.whole_periods(self.delay) {
             Some(periods) => self.used(origin, number + periods),
+            None if self.measure_delay == 0.0 => self.after(origin, number, self.delay),
             None => self.later(origin, number, self.measure_delay + self.delay),
         }
     }
@@ -230,8 +226,7 @@ impl SampledController {
         self.snapped(origin, self.sampled(origin, number) + delay)
     }
 
-    /// A delay in periods, if it is a multiple of them but for round-off. Torques then act at the instants of
-    /// samples exactly, and after these.
+    /// A delay in periods, if it is a multiple of them but for round-off. It then ends at a sample exactly, and after it.
     fn whole_periods(&self, delay: f64) -> Option<u64> {
         if delay == 0.0 || self.jitter > 0.0 {
             return (delay == 0.0).then_some(0);
@@ -246,13 +241,10 @@ impl SampledController {
         let of = |block: &Self| {
             let (used, acts) = (block.measure_delay, block.measure_delay + block.delay);
             let apart = |delay: f64| block.whole_periods(delay).is_none();
-            let mut first = block.first_after(origin, 0.0, t);
-            for (delay, own) in [(used, apart(used)), (acts, apart(acts) && apart(block.delay))] {
-                if own {
-                    first = first.min(block.first_after(origin, delay, t));
-                }
-            }
-            first
+            let late = [(used, apart(used)), (acts, apart(acts) && apart(block.delay))];
+            let late = late.into_iter().filter(|&(_, own)| own);
+            let late = late.map(|(delay, _)| block.first_after(origin, delay, t));
+            late.fold(block.first_after(origin, 0.0, t), f64::min)
         };
         self.blocks().map(of).fold(f64::INFINITY, f64::min)
     }
@@ -260,7 +252,7 @@ impl SampledController {
     /// The first instant after `t` that is later than a sample by `delay`.
     fn first_after(&self, origin: f64, delay: f64, t: f64) -> f64 {
         let mut number = ((t - origin - self.first_sample - delay) / self.period) as u64; // a whole number, saturating
-        // Quotient and product are rounded and samples may be late, so the right number may be one lower or higher.
+        // Quotient and product are rounded, and samples are late, so the right number may be one lower or higher.
         while number > 0 && self.after(origin, number - 1, delay) > t {
             number -= 1;
         }
@@ -275,8 +267,7 @@ impl SampledController {
         (delay / self.period).ceil() as usize + 1 + usize::from(self.jitter > 0.0)
     }
 
-    /// Number of samples whose measurements are kept: those that wait to be used, and the one before them, which a lost
-    /// one repeats.
+    /// Number of samples whose measurements are kept: those that wait, and the one before, which a lost one repeats.
     pub(super) fn kept(&self) -> usize {
         let keeps = self.measure_delay > 0.0 || self.loss > 0.0;
         if keeps { self.under_way(self.measure_delay) + 1 } else { 0 }

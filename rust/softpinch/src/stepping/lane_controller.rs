@@ -52,19 +52,23 @@ impl LaneController {
         }
     }
 
-    /// Lets the blocks do what they do at the instant `t`, each before those to which it gives targets: take samples of
-    /// what is `seen`, use measurements, and let outputs act.
+    /// Lets each block, before that to which it gives targets, sample what is `seen`, use measurements, and act at `t`.
     fn advance(&mut self, inputs: &Inputs, t: f64, seen: Option<&Measured<'_>>) {
         self.keep(t);
-        let [schedule, rate] = inputs.target(t);
-        let mut known = Known { target: [schedule, rate], schedule };
+        let mut before = None;
         for (now, block) in self.now.iter_mut().zip(&self.blocks).rev() {
-            if let Some(seen) = seen.filter(|_| now.is_due(block, t)) {
-                now.sample(block, (seen, &known), &mut self.scratch);
+            let seen = seen.filter(|_| now.is_due(block, t));
+            if seen.is_some() || now.uses(block, t) {
+                let [schedule, rate] = inputs.target(t);
+                let target = before.map_or([schedule, rate], |outputs| [outputs, [0.0; 2]]);
+                let known = Known { target, schedule };
+                if let Some(seen) = seen {
+                    now.sample(block, (seen, &known), &mut self.scratch);
+                }
+                now.use_kept(block, t, &known, &mut self.scratch);
             }
-            now.use_kept(block, t, &known, &mut self.scratch);
             now.act(block, t);
-            known.target = [now.torque(), [0.0; 2]];
+            before = Some(now.torque());
         }
     }
 
@@ -110,7 +114,7 @@ impl LaneController {
         if self.now.iter().zip(&self.blocks).any(due) {
             self.advance(inputs, t, None);
         }
-        if self.now.iter().flat_map(ControllerState::row).any(|number| !number.is_finite()) {
+        if !self.now.iter().all(ControllerState::is_finite) {
             return [f64::NAN; 2];
         }
         self.held()
