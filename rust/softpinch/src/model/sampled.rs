@@ -167,22 +167,28 @@ impl SampledController {
     }
 
     /// The instant of a sample.
+    #[inline(always)]
     pub(super) fn sampled(&self, origin: f64, number: u64) -> f64 {
-        let due = number as f64 * self.period + (origin + self.first_sample);
-        if self.jitter == 0.0 {
-            return self.snapped(origin, due);
-        }
+        let late = if self.jitter == 0.0 { 0.0 } else { self.late(number) };
+        self.snapped(origin, number as f64 * self.period + (origin + self.first_sample) + late)
+    }
+
+    /// How late a sample is.
+    #[cold]
+    fn late(&self, number: u64) -> f64 {
         let [_, a, b, _] = self.drawn(number);
         let late = if self.normal_jitter { normal(a, b).0.abs() } else { a };
-        self.snapped(origin, due + (self.jitter * late).min(LATEST * self.period))
+        (self.jitter * late).min(LATEST * self.period)
     }
 
     /// The instant, or the sample of the last block that it is but for round-off, which else would set their order.
+    #[inline(always)]
     fn snapped(&self, origin: f64, t: f64) -> f64 {
-        let (after, [period, first_sample]) = self.place;
-        if after == 0 {
-            return t;
-        }
+        if self.place.0 == 0 { t } else { self.snapped_to_last(origin, t) }
+    }
+
+    fn snapped_to_last(&self, origin: f64, t: f64) -> f64 {
+        let (_, [period, first_sample]) = self.place;
         let first = origin + first_sample;
         let near = ((t - first) / period).round() * period + first;
         if near >= first && (t - near).abs() <= SAME * period { near } else { t }
@@ -222,6 +228,7 @@ impl SampledController {
         }
     }
 
+    #[inline(always)]
     fn after(&self, origin: f64, number: u64, delay: f64) -> f64 {
         self.snapped(origin, self.sampled(origin, number) + delay)
     }
@@ -241,10 +248,14 @@ impl SampledController {
         let of = |block: &Self| {
             let (used, acts) = (block.measure_delay, block.measure_delay + block.delay);
             let apart = |delay: f64| block.whole_periods(delay).is_none();
-            let late = [(used, apart(used)), (acts, apart(acts) && apart(block.delay))];
-            let late = late.into_iter().filter(|&(_, own)| own);
-            let late = late.map(|(delay, _)| block.first_after(origin, delay, t));
-            late.fold(block.first_after(origin, 0.0, t), f64::min)
+            let mut first = block.first_after(origin, 0.0, t);
+            if apart(used) {
+                first = first.min(block.first_after(origin, used, t));
+            }
+            if apart(acts) && (used == 0.0 || apart(block.delay)) {
+                first = first.min(block.first_after(origin, acts, t));
+            }
+            first
         };
         self.blocks().map(of).fold(f64::INFINITY, f64::min)
     }
@@ -256,10 +267,13 @@ impl SampledController {
         while number > 0 && self.after(origin, number - 1, delay) > t {
             number -= 1;
         }
-        while self.after(origin, number, delay) <= t {
+        loop {
+            let at = self.after(origin, number, delay);
+            if at > t {
+                return at;
+            }
             number += 1;
         }
-        self.after(origin, number, delay)
     }
 
     /// Largest number of samples that are under way at a time with a delay.
