@@ -29,7 +29,7 @@ if hasattr(providers, "_get_local_constants"):
 settings.register_profile(
     "house",
     deadline=None,
-    max_examples=40,
+    max_examples=30,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
     # Hypothesis changes its defaults where a variable such as CI is set.
