@@ -287,7 +287,7 @@ impl SampledController {
         if keeps { self.under_way(self.measure_delay) + 1 } else { 0 }
     }
 
-    /// The length of the [`ControllerState::row`](crate::model::controller_state::ControllerState::row) of this block.
+    /// The length of the row of the state of this block.
     pub fn own_width(&self) -> usize {
         let kept = self.kept();
         5 + self.states() + 2 * self.under_way(self.delay) + usize::from(kept > 0) + kept * self.inputs()
