@@ -78,8 +78,8 @@ MUTANTS = (
     ),
     Mutant(
         "formulation/projected.rs",
-        "q = newton_step::<R, E::Parts>(plant, &q, free);",
-        "let _ = (newton_step::<R, E::Parts>(plant, &q, free), &mut q);",
+        "q = if R::ORDER > 0 { R::outlined(step) } else { step.run() };",
+        "let _ = (step, &mut q);",
         "formulations",
     ),
     Mutant("method/dop853/tableau.rs", "0.2413651341592667", "0.2413651441592667", CARGO),
@@ -434,8 +434,8 @@ MUTANTS = (
     ),
     Mutant(
         "model/sampled.rs",
-        "late.fold(block.first_after(origin, 0.0, t), f64::min)",
-        "block.first_after(origin, 0.0, t)",
+        "first = first.min(block.first_after(origin, acts, t));",
+        "let _ = (acts, &mut first);",
         "test_sampled",
     ),
     Mutant(

@@ -43,6 +43,7 @@ def results() -> dict[str, Any]:
     modes = callables.modes()
     advised = sp.advise(scene, 1e-3, **callables.PAIR)
     rest = sp.equilibrium(scene)
+    rare = sp.rare_event(scene, **callables.RARE)
     every: list[Any] = [
         rest,
         callables.equilibria(),
@@ -62,6 +63,8 @@ def results() -> dict[str, Any]:
         callables.sweep(),
         checked.discretisation["final_state"],  # type: ignore[index]
         sp.compare(checked, checked),
+        rare,
+        rare.levels[0],
         estimated.error_estimate,
         evaluation,
         evaluation.energies,

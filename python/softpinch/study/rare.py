@@ -19,7 +19,7 @@ from ..support.choices import Summary
 from ..support.errors import StabilityWarning, warn
 from ..support.extras import require
 from ..support.progress import Report, reporting
-from ..support.result import Result
+from ..support.result import Result, same
 from .capsule import Capsule
 from .distributions import LogNormal, Normal
 from .engine import how_many_threads, on_threads
@@ -75,6 +75,14 @@ class RareEvent(Result):
     sensitivity: dict[str, Any]
     events: Ensemble
     interrupted: bool
+
+    def __eq__(self, other: object) -> bool:
+        # An ensemble equals itself only, and the other numbers follow from its runs.
+        if not isinstance(other, RareEvent):
+            return NotImplemented
+        return same(*({**one._values(), "events": None} for one in (self, other)))
+
+    __hash__ = Result.__hash__
 
     def __str__(self) -> str:
         low, high = self.interval
