@@ -238,9 +238,9 @@ impl SampledController {
         if delay == 0.0 || self.jitter > 0.0 {
             return (delay == 0.0).then_some(0);
         }
-        let periods = (delay / self.period).round();
-        let whole = (delay - periods * self.period).abs() <= SAME * self.period;
-        whole.then_some(periods as u64)
+        let periods = (delay / self.period + 0.5) as u64;
+        let whole = (delay - periods as f64 * self.period).abs() <= SAME * self.period;
+        whole.then_some(periods)
     }
 
     /// The first instant after `t` at which a sample of a block is taken, is used, or acts.
