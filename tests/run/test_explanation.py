@@ -65,6 +65,16 @@ def test_the_motion_of_the_hand_is_named() -> None:
     assert reason in str(moving)
 
 
+def test_controllers_are_named_with_their_periods() -> None:
+    blocks = [sp.SampledController.pid(period, kp=20.0, kd=0.2, ki=0.0) for period in (0.04, 1e-3)]
+    for control, periods in ((blocks[1], "0.001 s"), (blocks, "0.04 s and every 0.001 s")):
+        if isinstance(control, list):
+            control = sp.SampledController.cascade(control)
+        terms = sp.explain(sp.Scene(control=control), measure=False).terms
+        (reason,) = [one.reason for one in terms if one.name == "finger angles and controllers"]
+        assert reason == f"a sample every {periods} turns the fingers"
+
+
 def test_bytes_of_chosen_rows_include_the_end() -> None:
     how: dict[str, Any] = {"method": "dop853", "tolerance": 1e-6}
     for times in ([0.01, 0.02], [0.01, 0.1]):

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from .. import _core
 from ..scene import Scene, Stabilization, parts
-from ..scene.control import WRITTEN, Pid
+from ..scene.control import WRITTEN, Pid, SampledController
 from ..scene.piecewise import Piecewise
 from ..support import checks
 from ..support.arrays import Floats
@@ -168,7 +168,10 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str], ledger: boo
     viscous = any(tip.normal_viscosity or tip.tangential_viscosity for tip in tips)
     coupled = any(tip.tilt_coupling for tip in tips)
     unilateral = scene.contact == "unilateral"
-    turns = "(39)" if scene.law == "pid" else WRITTEN[scene.law]
+    turns, law = "(39)" if scene.law == "pid" else WRITTEN[scene.law], "PID"
+    if isinstance(scene.control, SampledController):
+        periods = [f"{block.period:g} s" for _, block in scene.control.blocks()]
+        turns, law = f"a sample every {' and every '.join(periods[::-1])}", "controllers"
     driver = "the schedule drives the fingers"
     carried = f"{type(scene.motion).__name__}: inertial forces, gravity that turns, and their work"
     events = "tips stick, slip, graze or are free; the events between them are located"
@@ -176,7 +179,7 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str], ledger: boo
     name = options.formulation
     # Name, whether it is computed, the reason if it is, and the reason if it is not.
     before = [
-        (f"finger {moved} and PID", not driven, f"{turns} {verb} the fingers", driver),
+        (f"finger {moved} and {law}", not driven, f"{turns} {verb} the fingers", driver),
         ("integral state", not driven, "K_I is not zero" if integrates else _ZERO, driver),
         ("viscosity", True, "(44, 45)" if viscous else _ZERO, ""),
         ("tilt coupling", True, "kappa in (5)" if coupled else _ZERO, ""),
