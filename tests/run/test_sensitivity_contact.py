@@ -262,3 +262,32 @@ def test_what_is_not_followed_is_refused() -> None:
     ):
         sp.monte_carlo(scene, 2, gradients="final_state", sensitivities="gravity")
     assert not sp.simulate(scene).contact_changes[0].sensitivity
+
+
+def test_tips_that_slip_together_have_no_derivative() -> None:
+    tip = sp.Fingertip(normal_mass=0.01, tangential_mass=0.01)
+    scene = sp.Scene(
+        contact="unilateral",
+        friction=(0.5, 0.5),
+        hand=sp.Hand(tip=tip),
+        schedule=sp.Schedule.steps([0.0], [[0.105, 0.105]]),
+        duration=0.008,
+        disturbances=[sp.Pulse(time=0.005, duration=0.005, force=(0.0, -80.0))],
+    )
+    with pytest.warns(UserWarning, match="an event coincides with another one"):
+        run = sp.simulate(scene, dt=1e-4, sensitivities="friction.left")
+    both = [change for change in run.contact_changes if change.after.name == "SLIP"]
+    assert len(both) == 2 and both[0].time == both[1].time
+    for change in both:
+        assert np.isnan(change.sensitivity["friction.left"])
+    assert np.isnan(run.sensitivity["friction.left"][-1]).any()
+    assert np.isfinite(run.sensitivity["friction.left"][run.t < 0.005]).all()
+
+
+def test_a_change_at_a_breakpoint_that_moves_has_no_derivative() -> None:
+    switch = sp.Schedule.steps([0.0, 0.02], np.deg2rad([[6, 6], [20, -10]]))
+    scene = sp.Scene(schedule=switch, contact="unilateral", friction=0.5, duration=0.022)
+    with pytest.warns(UserWarning, match="change at a breakpoint that a path moves"):
+        run = sp.simulate(scene, dt=1e-4, sensitivities="schedule.times.1")
+    assert run.contact_changes[0].time == 0.02
+    assert np.isnan(run.contact_changes[0].sensitivity["schedule.times.1"])

@@ -20,6 +20,8 @@ const GRAZING: f64 = 1e-6;
 /// A share of a step in which round-off has a part in the mean rate.
 const SHORT: f64 = 1e-3;
 
+const COINCIDES: &str = "an event coincides with another one or with a breakpoint";
+
 /// The method of a run with derivatives, and its contacts if they are unilateral.
 pub struct Stepper<R> {
     pub instructions: Instructions,
@@ -85,10 +87,14 @@ impl<R: Lanes> Stepper<R> {
         log: &[Passage],
     ) -> Result<States<RunDual<R>>> {
         let end = place.tau + RunDual::constant(h);
+        let mut begins = false;
         for &passage in log {
             let mut why = None;
             match passage {
-                Passage::Step(length, event) => why = self.reach(&mut place, (length, h), event)?,
+                Passage::Step(length, event) => {
+                    begins = event.cause == Cause::Cone;
+                    why = self.reach(&mut place, (length, h), event)?;
+                }
                 Passage::Jump(jump) => {
                     place.equations.system.apply((place.drive, place.tau), &mut place.y, jump, impulse);
                 }
@@ -108,8 +114,13 @@ impl<R: Lanes> Stepper<R> {
                         }
                     }
                     if let Some(contact) = &mut self.contact {
-                        let anchor = RunDual::constant(contact.lane.run.anchor);
-                        contact.changes.resize(changes, anchor + place.tau);
+                        // Where a slip begins forces do not jump, so no other mode ends because of it.
+                        if begins && changes > contact.changes.len() + 1 {
+                            why = Some(COINCIDES);
+                        } else {
+                            let anchor = RunDual::constant(contact.lane.run.anchor);
+                            contact.changes.resize(changes, anchor + place.tau);
+                        }
                     }
                 }
                 Passage::Undefined(reason) => why = Some(reason),
@@ -161,7 +172,7 @@ impl<R: Lanes> Stepper<R> {
         let falls = -rate * length > GRAZING * found[0].lane(0) || length < SHORT * h;
         Ok(match () {
             () if rests => None,
-            () if together => Some("an event coincides with another one or with a breakpoint"),
+            () if together => Some(COINCIDES),
             () if !(rate < 0.0 && falls) => Some("an event only just happens"),
             () => None,
         })

@@ -405,7 +405,7 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
             let mut tau = RunDual::constant(segment.tau(segment.first));
             let h = next_step(&segment, 0, ends).map_or(segment.h, |step| step.h);
             if let Some(contact) = &mut stepper.contact {
-                let (modes, start) = (contact.lane.run.modes(), tau.lane(0));
+                let (modes, start, known) = (contact.lane.run.modes(), tau.lane(0), contact.changes.len());
                 contact.lane.enter(segment.anchor, inputs.segment(segment.anchor));
                 contact.between = [start, segment.end - segment.anchor];
                 let place = Place { equations, drive: &mut drive, tau, y };
@@ -413,9 +413,9 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
                     lane.begin(&Moment { earlier: false, tau: start, h, y })
                 })?;
                 y = begun.unwrap_or(y);
-                let changed =
-                    stepper.contact.as_ref().is_some_and(|contact| contact.lane.run.modes() != modes);
-                if changed && self.shifts_at(segment.start) {
+                let changed = stepper.contact.as_mut().filter(|contact| contact.lane.run.modes() != modes);
+                if let Some(contact) = changed.filter(|_| self.shifts_at(segment.start)) {
+                    contact.changes.truncate(known);
                     let why = "the modes of contacts change at a breakpoint that a path moves";
                     return Err(Error::NoEventDerivative { time: segment.start, why });
                 }
