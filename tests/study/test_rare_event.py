@@ -321,3 +321,37 @@ def test_the_loss_of_a_grasp_is_a_margin_that_is_not_positive() -> None:
     found = sp.rare_event(scene, vary, runs=8000, seed=1, **HOW)
     assert not found.events.holds.any()
     assert found.interval[0] <= 1.0 - wanted.low and 1.0 - wanted.high <= found.interval[1]
+
+
+def test_equality_is_no_event_and_certainty_has_plain_runs() -> None:
+    scene = sp.Scene(duration=0.01)
+    vary = {"grasped.mass": sp.Normal(0.1, 1e-3)}
+    never = sp.rare_event(scene, vary, ("pulling_time", ">", 0.0), runs=1000, dt=1e-3)
+    assert never.probability == 0.0
+    always = sp.rare_event(scene, vary, ("pulling_time", "<", 1.0), runs=1000, dt=1e-3)
+    assert always.probability == 1.0 and always.plain_runs == always.runs
+
+
+def test_runs_that_stay_random_have_no_weights() -> None:
+    noisy = sp.SampledController.pid(1e-3, kp=20.0, kd=0.2, ki=0.0, jitter=5e-4)
+    scene = sp.Scene(duration=0.01, control=noisy)
+    vary = {"grasped.mass": sp.Normal(0.1, 1e-3)}
+    event = ("peak_rotation", ">", -1.0)
+    with pytest.raises(ValueError, match='method = "importance": needs runs without'):
+        sp.rare_event(scene, vary, event, runs=1000, dt=1e-3, method="importance")
+    assert sp.rare_event(scene, vary, event, runs=1000, dt=1e-3).method == "subset"
+
+
+@pytest.mark.parametrize(("time", "duration", "rate"), [(0.1, 0.3, 10.0), (0.1, 0.2, 30.0)])
+def test_the_end_of_a_noise_may_be_rounded(time: float, duration: float, rate: float) -> None:
+    noise = sp.Noise(time=time, duration=duration, rate_hz=rate, force_std=1.0)
+    scene = sp.Scene(duration=0.5, disturbances=[noise])
+    found = sp.rare_event(scene, {}, ("peak_rotation", ">", -1.0), runs=1000, dt=5e-3)
+    assert found.probability == 1.0
+
+
+def test_few_runs_end_with_a_bound() -> None:
+    vary = {"disturbances.0.force": sp.Normal((0.0, 0.0), (5.0, 5.0))}
+    scene = sp.Scene(duration=0.1, disturbances=[sp.Pulse(time=0.02, duration=0.01)])
+    found = sp.rare_event(scene, vary, ("peak_rotation", ">", 0.01), runs=1000, dt=1e-3)
+    assert found.runs <= 1000 and found.interval[1] > 0.0

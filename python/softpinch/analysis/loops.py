@@ -50,8 +50,10 @@ def loop(scene: Scene, state: State | Equilibrium | None = None, block: int = -1
     Args:
         scene: A scene with a `SampledController` whose blocks' periods have a common one. Delays
             take at most 50 periods of their block.
-        state: Where the grasp rests: a state of its run, whose rates count as zero, or the rest of
-            the scene with another law. None finds that with the fingers at the schedule's angles.
+        state: Where the grasp rests: a state of its run that has settled, whose rates count as
+            zero, or the rest of the scene with another law. None finds that with the fingers at the
+            schedule's angles. Only laws with an integral bring them there; any other rests
+            elsewhere, with other margins, so give the state.
         block: Place in the cascade of the block whose margins are computed; -1 is the last one.
     """
     checks.instance("scene", scene, Scene)

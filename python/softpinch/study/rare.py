@@ -11,6 +11,7 @@ import numpy as np
 
 from ..run.options import Options, names
 from ..scene import usual
+from ..scene.control import SampledController
 from ..scene.disturbance import Noise, Sampled
 from ..scene.scene import Scene, State
 from ..support import checks
@@ -91,6 +92,8 @@ class RareEvent(Result):
     @property
     def plain_runs(self) -> float:
         """The number of plain runs with the same coefficient of variation; inf for 0."""
+        if self.probability == 1.0:
+            return float(self.runs)
         return (1.0 / self.probability - 1.0) / self.cov**2 if self.probability else math.inf
 
     def failures(self) -> list[Capsule]:
@@ -162,6 +165,11 @@ def rare_event(
         raise ValueError("vary is empty: must have a distribution, or the scene a Noise of forces")
     if method == "splitting" and runner.times is None:
         raise ValueError('method = "splitting": needs a Noise of forces in Scene.disturbances')
+    if _own_randomness(sampled):
+        if method == "importance":
+            rule = "needs runs without a noise, lost samples or jitter that stay random"
+            raise ValueError(f'method = "importance": {rule}; take "subset"')
+        method = "subset" if method == "auto" else method
     usual.warn(scene)
     runner.check()
     with reporting(progress, "rare event") as runner.report:
@@ -179,7 +187,21 @@ def _distance(event: Event) -> tuple[Callable[[Ensemble], Any], str]:
         raise TypeError(f"event = {checks.shown(event)}: {rule}")
     name, threshold = event[0], checks.finite("event[2]", event[2])
     sign = 1.0 if checks.choice("event[1]", event[1], ("<", ">")) == "<" else -1.0
-    return lambda some: sign * (some._numbers(name) - threshold), name
+
+    def distance(some: Ensemble) -> Any:
+        found = sign * (some._numbers(name) - threshold)
+        # Equality is no event, but where the object is lost.
+        return found if lost else np.where(found == 0.0, np.finfo(float).tiny, found)
+
+    return distance, name
+
+
+def _own_randomness(scene: Scene) -> bool:
+    """Whether a run has random numbers of its own, beside those of its point."""
+    laws = [scene.control] if isinstance(scene.control, SampledController) else []
+    blocks = [block for law in laws for _, block in law.blocks()]
+    noisy = any(np.any(b.measure_noise) or b.loss or b.jitter for b in blocks)
+    return noisy or any(isinstance(one, Noise) for one in scene.disturbances)
 
 
 def _with_samples(
@@ -196,7 +218,8 @@ def _with_samples(
         if type(one) is not Noise or np.any(one.acceleration_std) or not fixed:
             continue
         stop = end if one.duration is None else min(end, one.time + one.duration)
-        count = math.ceil((stop - one.time) * one.rate_hz)
+        # A sample at the end, but for round-off, is none.
+        count = math.ceil((stop - one.time) * one.rate_hz * (1.0 - 1e-12))
         if not 0 < count <= _MOST_SAMPLES:
             continue
         # A noise that ends before the run leaves no force.
@@ -302,7 +325,9 @@ class _Runner:
             # Levels that keep all ways to the event need more runs than the weighted ones.
             part, bound = (0.6, 0.8) if few and levels > 1 else (1.0, 1.0)
             size = int(part * left / (levels - (levels - 1) / LENGTH))
-            found = subset_simulation(self, self.dimensions, size, int(bound * left), rng, times)
+            if size >= 10 * LENGTH:
+                most_now = int(bound * left)
+                found = subset_simulation(self, self.dimensions, size, most_now, rng, times)
         if few and len(found.levels) > 1 and not found.interrupted:
             try:
                 found = importance_sampling(self, found, most - self._done, rng)

@@ -227,7 +227,7 @@ def _mixture(points: Floats, rng: np.random.Generator) -> list[tuple[float, Any]
     normal = require("scipy.stats", extra="study", purpose="rare_event (SciPy)").multivariate_normal
     vq = require("scipy.cluster.vq", extra="study", purpose="rare_event (SciPy)")
     n, d = points.shape
-    groups = int(np.clip(n // (10 * d), 1, 4))
+    groups = int(np.clip(min(n // (10 * d), len(np.unique(points, axis=0))), 1, 4))
     group, result = vq.kmeans2(points, groups, minit="++", rng=rng)[1], []
     for own in (points[group == k] for k in range(groups)):
         if len(own) > 1:
