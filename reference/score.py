@@ -158,7 +158,7 @@ def event_error(
 def _table(path: Path, needed: Sequence[str]) -> list[dict[str, str]]:
     """The rows of a CSV file with a header."""
     try:
-        with path.open(encoding="utf-8", newline="") as file:
+        with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file)
             names = [name.strip() for name in reader.fieldnames or ()]
             missing = [name for name in needed if name not in names]
@@ -208,10 +208,10 @@ def read(path: Path, events: Path | None = None) -> dict[str, Answer]:
                 raise FileError(f"{events}, line {line}: {path} has no rows of {name}")
             time = _number(events, line, "time", row["time"])
             finger, before, after = row["finger"], row["before"], row["after"]
-            if finger != "object" and (
-                finger not in ("right", "left") or before not in MODES or after not in MODES
-            ):
+            of_tip = finger in ("right", "left") and before in MODES and after in MODES
+            if not of_tip and (finger, before, after) != (_LOST[0], "held", _LOST[1]):
                 rule = f"finger must be right, left or object, and modes one of {', '.join(MODES)}"
+                rule += "; the object goes from held to lost"
                 raise FileError(f"{events}, line {line}: {finger}, {before}, {after}: {rule}")
             found = answers[name].events
             assert found is not None
@@ -281,15 +281,18 @@ def score(name: str, mine: Answer) -> Score:
             result.failures.append(f"the object is lost at {lost:g} s, not {answer['end']:g} s")
         assert exact.events is not None
         result.errors["events"] = event_error(lasting(exact.events), lasting(mine.events))
+        if was_lost and lost is not None:
+            late = abs(lost - answer["end"])
+            result.errors["events"] = max(result.errors["events"], late)
         if math.isinf(result.errors["events"]):
             result.notes.append("other modes")
     if "creep_mm" in answer and lost is None:
         a, b = (int(np.searchsorted(wanted[:, 0], t)) for t in answer["creep_between"])
         way = rows[min(b, len(rows) - 1), 1:3] - rows[a, 1:3]
         result.creep = 1e3 * float(np.hypot(*way)), float(answer["creep_mm"])
-    worst = max((result.errors[name] for name in ("q", "p", "multipliers")), default=math.nan)
-    if not worst <= LEVELS[-1]:
-        result.failures.append(f"an error above {LEVELS[-1]:g}")
+    wrong = [name for name in ("q", "p", "multipliers") if not result.errors[name] <= LEVELS[-1]]
+    if wrong:
+        result.failures.append(f"an error above {LEVELS[-1]:g}, of {', '.join(wrong)}")
     return result
 
 

@@ -224,6 +224,7 @@ def test_events_that_cannot_be_scored_are_refused(
         ([SLIP, "soon", "left", "stick", "slip"], "column time must be a number"),
         ([SLIP, 0.1, "middle", "stick", "slip"], "finger must be right, left or object"),
         ([SLIP, 0.1, "left", "stick", "glue"], "modes one of stick, slip, graze, free"),
+        ([SLIP, 0.1, "object", "held", "Lost"], "the object goes from held to lost"),
         ([LOST, 0.1, "left", "stick", "slip"], "has no rows of 04-lost"),
     ):
         path = table(tmp_path / "e.csv", score.EVENTS, [row])
