@@ -9,13 +9,8 @@ import pytest
 
 import softpinch as sp
 from ensembles import require_alone
-from sampled_blocks import SAME, Block, drawn
-from softpinch import reference
+from sampled_blocks import PUSH, SAME, TURN, Block, drawn, under_held_torques
 
-# Nearly the torque tau: K_P (tau / K_P - theta) = tau - K_P theta.
-WEAK = 1e-12
-TURN = sp.Schedule.steps([0.0, 0.0125], np.deg2rad([[6.0, 6.0], [8.0, 5.0]]))
-PUSH = sp.Pulse(time=0.0205, duration=0.01, force=(3.0, -1.0), moment=0.01)
 EYE, ZERO = np.eye(2), np.zeros((2, 2))
 # It moves the targets of the servo against the object's rotation, by proportion and integral.
 SWAY = np.array([[1.0], [-1.0]])
@@ -73,15 +68,7 @@ def by_scipy(scene: sp.Scene) -> tuple[np.ndarray, np.ndarray]:
         for block in blocks:
             block.at(begin, state.q, state.p, target, schedule)
             target = block.force
-        held = replace(
-            scene,
-            control=sp.Pid(kp=WEAK, kd=0.0, ki=0.0),
-            schedule=sp.Schedule.steps([0.0], [target / WEAK]),
-            initial=replace(state, time=begin, check=False),
-            duration=end - begin,
-        )
-        run = reference.solve(held, np.array([begin + held.duration]), tolerance=1e-12)
-        state = sp.State(run.q[-1], run.p[-1])
+        state = under_held_torques(scene, state, begin, end, target)
     return state.q, state.p
 
 

@@ -12,17 +12,13 @@ from hypothesis import strategies as st
 
 import softpinch as sp
 from ensembles import require_alone
-from softpinch import reference
+from sampled_blocks import PUSH, TURN, under_held_torques
 
 DELAYED = sp.SampledController.pid(
     1e-3, 4.0, 0.05, 0.0, delay=1.4e-3, initial_torque=(0.42, 0.4), limits=(-3.0, 3.0)
 )
-PUSH = sp.Pulse(time=0.0205, duration=0.01, force=(3.0, -1.0), moment=0.01)
-TURN = sp.Schedule.steps([0.0, 0.0125], np.deg2rad([[6.0, 6.0], [8.0, 5.0]]))
 SCENE = sp.Scene(control=DELAYED, schedule=TURN, disturbances=[PUSH], duration=0.04)
 METHODS = ("rk4", "dop853", "implicit_midpoint", "radau5", "rosenbrock")
-# Nearly the torque tau: K_P (tau / K_P - theta) = tau - K_P theta.
-WEAK = 1e-12
 
 
 def breaks(control: sp.SampledController, end: float) -> tuple[np.ndarray, np.ndarray]:
@@ -52,15 +48,7 @@ def by_scipy(scene: sp.Scene) -> tuple[np.ndarray, np.ndarray]:
             commands.append(np.clip(-kp * error - kd * state.p[3:5], -3.0, 3.0))
         if begin in acting:
             torque = commands.pop(0)
-        held = replace(
-            scene,
-            control=sp.Pid(kp=WEAK, kd=0.0, ki=0.0),
-            schedule=sp.Schedule.steps([0.0], [torque / WEAK]),
-            initial=replace(state, time=begin, check=False),
-            duration=end - begin,
-        )
-        run = reference.solve(held, np.array([begin + held.duration]), tolerance=1e-12)
-        state = sp.State(run.q[-1], run.p[-1])
+        state = under_held_torques(scene, state, begin, end, torque)
     return state.q, state.p
 
 

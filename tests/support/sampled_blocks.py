@@ -1,13 +1,20 @@
 """A block of a discrete controller as its documentation says, for loops that others compute."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 import softpinch as sp
+from softpinch import reference
 
 # Instants this close are one.
 SAME = 1e-11
+# Nearly the torque tau: K_P (tau / K_P - theta) = tau - K_P theta.
+WEAK = 1e-12
+# A switch and a push between samples.
+TURN = sp.Schedule.steps([0.0, 0.0125], np.deg2rad([[6.0, 6.0], [8.0, 5.0]]))
+PUSH = sp.Pulse(time=0.0205, duration=0.01, force=(3.0, -1.0), moment=0.01)
 
 
 def drawn(control: sp.SampledController, after: int, number: int) -> np.ndarray:
@@ -73,3 +80,18 @@ class Block:
             self.xi = of.A @ self.xi + of.B @ y
         if self.due(self.acting, t):
             self.force = self.outputs[int(np.argmin(np.abs(self.acting - t)))]
+
+
+def under_held_torques(
+    scene: sp.Scene, state: sp.State, begin: float, end: float, torque: np.ndarray
+) -> sp.State:
+    """The state at `end` of a scene whose fingers have these torques from `begin` on, by SciPy."""
+    held = replace(
+        scene,
+        control=sp.Pid(kp=WEAK, kd=0.0, ki=0.0),
+        schedule=sp.Schedule.steps([0.0], [torque / WEAK]),
+        initial=replace(state, time=begin, check=False),
+        duration=end - begin,
+    )
+    run = reference.solve(held, np.array([begin + held.duration]), tolerance=1e-12)
+    return sp.State(run.q[-1], run.p[-1])

@@ -198,10 +198,12 @@ def _distance(event: Event) -> tuple[Callable[[Ensemble], Any], str]:
 
 def _own_randomness(scene: Scene) -> bool:
     """Whether a run has random numbers of its own, beside those of its point."""
-    laws = [scene.control] if isinstance(scene.control, SampledController) else []
-    blocks = [block for law in laws for _, block in law.blocks()]
-    noisy = any(np.any(b.measure_noise) or b.loss or b.jitter for b in blocks)
-    return noisy or any(isinstance(one, Noise) for one in scene.disturbances)
+    if any(isinstance(one, Noise) for one in scene.disturbances):
+        return True
+    if not isinstance(scene.control, SampledController):
+        return False
+    blocks = (block for _, block in scene.control.blocks())
+    return any(np.any(one.measure_noise) or one.loss or one.jitter for one in blocks)
 
 
 def _with_samples(
