@@ -60,6 +60,8 @@ class Computation:
         self._progress = progress
         self._warned = False
         self._may_be_unstable = False
+        # The last chunk that was checked. A study of one chunk need not be checked again.
+        self._checked: engine.Checked | None = None
 
     def check(self, missing: Spans) -> None:
         """Refuses a study if any run breaks a rule, also with the smaller steps of `check_dt`."""
@@ -74,6 +76,7 @@ class Computation:
                 block = self.draw(numbers)
                 self.spec.varied.check(self.spec.values(block), numbers)
                 batch = self.spec.batch(block)
+                self._checked = block, batch
                 advice |= {batch.warning} if batch.warning else set()
                 self._may_be_unstable |= batch.may_be_unstable
                 if finer is not None:
@@ -86,18 +89,24 @@ class Computation:
 
     def compute(self, missing: Spans, accept: Accept, size: Callable[[], int]) -> None:
         """Computes runs; `accept` keeps their rows and returns whether they are enough."""
-        blocks = map(self.draw, missing.aligned_chunks(size))
+        blocks = map(self._drawn, missing.aligned_chunks(size))
         with reporting(self._progress, "simulating") as report:
             self.interrupted, self.lost = self._engine(self.spec, blocks, missing, report, accept)
         for one in self.lost:
             warn(f"lost {one}", LostRunsWarning)
+
+    def _drawn(self, numbers: Numbers) -> Rows:
+        if self._checked and np.array_equal(self._checked[0].run, numbers):
+            return self._checked[0]
+        return self.draw(numbers)
 
     def _engine(
         self, spec: StudySpec, blocks: Iterable[Rows], asked: Spans, report: Report, accept: Accept
     ) -> tuple[bool, tuple[Lost, ...]]:
         if self.executor is None:
             threads = how_many_threads(self._threads)
-            return engine.on_threads(spec, blocks, asked.count, threads, report, accept), ()
+            how = (threads, report, accept, self._checked)
+            return engine.on_threads(spec, blocks, asked.count, *how), ()
         threads = 1 if self._threads is None else self._threads
         return engine.on_executor(spec, blocks, asked, self.executor, threads, report, accept)
 

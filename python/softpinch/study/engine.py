@@ -97,15 +97,32 @@ def how_many_threads(threads: int | None) -> int:
     return os.cpu_count() or 1
 
 
-def compute(spec: StudySpec, block: Rows, threads: int, watch: Callable[[int], bool]) -> Rows:
+# A block and its batch.
+Checked: TypeAlias = tuple[Rows, _core.Batch]
+
+
+def compute(
+    spec: StudySpec,
+    block: Rows,
+    threads: int,
+    watch: Callable[[int], bool],
+    checked: Checked | None = None,
+) -> Rows:
     """Computes a block; `watch` takes the number of completed runs, and returns whether to stop."""
+    batch = checked[1] if checked and checked[0] is block else spec.batch(block)
     # More threads than runs would only cost time.
-    result = spec.batch(block).run(min(threads, len(block)), watch)
+    result = batch.run(min(threads, len(block)), watch)
     return Rows.of(result, block.run, spec.summaries)
 
 
 def on_threads(
-    spec: StudySpec, blocks: Iterable[Rows], runs: int, threads: int, report: Report, accept: Accept
+    spec: StudySpec,
+    blocks: Iterable[Rows],
+    runs: int,
+    threads: int,
+    report: Report,
+    accept: Accept,
+    checked: Checked | None = None,
 ) -> bool:
     """Computes blocks with so many `runs` on threads, and returns whether Ctrl-C ended it."""
     done = 0
@@ -120,7 +137,7 @@ def on_threads(
             for block in blocks:
                 # Hold Ctrl-C back until the rows are accepted, so that no computed row is lost.
                 ctrl_c.held = True
-                rows = compute(spec, block, threads, watch)
+                rows = compute(spec, block, threads, watch, checked)
                 enough = accept(rows.with_values(block))
                 ctrl_c.held = False
                 done += len(rows)

@@ -64,7 +64,9 @@ impl Batch {
         for (slot, column) in &self.columns {
             values[*slot] = column[run];
         }
-        let parameters = Parameters::from_array(&values)?;
+        let checked = self.options.checked;
+        let parameters =
+            if checked { Parameters::unchecked(&values) } else { Parameters::from_array(&values)? };
         let origin = match &self.start {
             Start::At(states) => own(states, run).origin(),
             Start::Made(..) => 0.0,
@@ -184,7 +186,7 @@ impl Batch {
             PyResult::Ok((longest, guard))
         })?;
         batch.warning = stability_warning(&batch.options, longest);
-        batch.options.guard = guard;
+        (batch.options.guard, batch.options.checked) = (guard, true);
         Ok(batch)
     }
 

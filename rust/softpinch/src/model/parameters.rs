@@ -294,9 +294,10 @@ impl Parameters {
         Ok(Self::unchecked(values))
     }
 
-    /// Builds parameters from the flat array without a check: they lie between others that keep every rule.
+    /// Builds parameters from the flat array without a check, because they keep every rule or lie between others that
+    /// do.
     #[inline(never)]
-    pub(crate) fn unchecked(values: &[f64; PARAMETER_COUNT]) -> Self {
+    pub fn unchecked(values: &[f64; PARAMETER_COUNT]) -> Self {
         let mut rest = &values[..];
         let rest = &mut rest;
         Self {

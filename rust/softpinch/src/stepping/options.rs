@@ -46,6 +46,9 @@ pub struct Options {
     /// Whether runs whose steps [may be unstable](Options::may_be_unstable) end where their energy ledger shows that
     /// they are. This carries the ledger.
     pub guard: bool,
+    /// Whether every scene of an ensemble has passed [`check`](crate::driver::check) with these options. They are not
+    /// checked again, which would take a tenth of a short run.
+    pub checked: bool,
     pub simd: Level,
 }
 
@@ -65,6 +68,7 @@ impl Default for Options {
             max_steps: MAX_STEPS,
             refine: 1,
             guard: false,
+            checked: false,
             simd: Level::detect(),
         }
     }
