@@ -46,7 +46,7 @@ def test_a_worker_that_alone_is_interrupted_loses_nothing(monkeypatch: pytest.Mo
         """Ctrl-C comes in the middle of the first attempt at its second block."""
 
         def do(self, function: Callable[..., Any], call: Call) -> Any:
-            def interrupted(spec: Any, block: Any, threads: int, watch: Any) -> Any:
+            def interrupted(spec: Any, block: Any, threads: int, watch: Any, *_: Any) -> Any:
                 # Not from `watch` inside the core: a fast processor ends the block before it asks.
                 if (call.block, call.attempt) == (1, 1):
                     signal.raise_signal(signal.SIGINT)
