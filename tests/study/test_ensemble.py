@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 import softpinch as sp
 from ensembles import require_alone, require_same, same
 from softpinch import _core, strategies
+from softpinch.study.rows import Rows
+from softpinch.study.spec import StudySpec
 
 SUMMARIES = ("final_state", *_core.SUMMARIES)
 # Methods that run in lanes, and those that run one by one.
@@ -263,3 +265,23 @@ def test_other_threads_of_python_go_on() -> None:
         counter.join()
     # Held throughout, the interpreter would let it tick a handful of times.
     assert ticks > 20 or spent < 0.05
+
+
+def test_a_study_of_one_chunk_makes_its_batch_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes: list[int] = []
+    make = StudySpec.batch
+
+    def counted(spec: StudySpec, block: Rows) -> _core.Batch:
+        sizes.append(len(block))
+        return make(spec, block)
+
+    monkeypatch.setattr(StudySpec, "batch", counted)
+    few = sp.Scene(duration=0.01)
+    sp.monte_carlo(few, 30, dt=1e-3, vary={"grasped.mass": sp.Uniform(0.08, 0.12)})
+    assert sizes == [30]
+    sizes.clear()
+    # Of two chunks only the last one is still there.
+    monkeypatch.setattr("softpinch.study.compute.MOST_BLOCKS", 1)
+    monkeypatch.setattr("softpinch.montecarlo.MOST_BLOCKS", 1)
+    sp.monte_carlo(few, 1030, dt=1e-3, vary={"grasped.mass": sp.Uniform(0.08, 0.12)})
+    assert sizes == [1024, 6, 1024]
