@@ -1,6 +1,6 @@
 """Types of the Rust core. Bad input raises ValueError with the field, the value and the rule."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NotRequired, TypeAlias, TypedDict, final
 
 import numpy as np
@@ -222,7 +222,7 @@ class Batch:
         duration: _Floats,
         summaries: list[str],
         band: float,
-        options: dict[str, Any],
+        options: Mapping[str, Any],
     ) -> Batch: ...
     def run(self, threads: int, watch: Callable[[int], bool]) -> _Rows: ...
 
@@ -241,7 +241,7 @@ class Simulation:
         refine: int,
         record: Sequence[str],
         summaries: Sequence[str],
-        options: dict[str, Any],
+        options: Mapping[str, Any],
     ) -> Simulation: ...
     def run(self) -> _Run: ...
     def outline(self) -> _Outline: ...

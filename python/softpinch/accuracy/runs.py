@@ -133,7 +133,7 @@ def batches(
         numbers = {path: np.array([each[path] for each in own]) for path in own[0]}
         differing = {path: each for path, each in numbers.items() if (each != each[:1]).any()}
         varied = SceneTemplate(scenes[chosen[0]], differing, 0)
-        yield varied.batch(differing, None, summaries=[], band=0.1, options=options.core()), chosen
+        yield varied.batch(differing, None, summaries=[], band=0.1, options=options.core), chosen
 
 
 @lru_cache(maxsize=256)  # a map asks for each scene once for every step and pair

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -63,8 +63,9 @@ class Options(Result):
         found = {name: getattr(self, name) for name in how}
         return found if self.tolerance is not None else found | {"max_steps": None}
 
-    def core(self) -> dict[str, Any]:
-        """Returns the options that `_core.Simulation` and `_core.Batch` share."""
+    @cached_property
+    def core(self) -> Mapping[str, Any]:
+        """The options that `_core.Simulation` and `_core.Batch` share."""
         how = self.numerics() | {"max_steps": self.max_steps, "stop_on": list(self.stop_on)}
         gains: Stabilization = how.pop("stabilization")
         after = -np.inf if self.summaries_after is None else self.summaries_after

@@ -38,7 +38,7 @@ class Request:
             refine=refine,
             record=options.record,
             summaries=summaries,
-            options=options.core(),
+            options=options.core,
         )
 
     def compute(self) -> Mapping[str, Any]:

@@ -173,7 +173,7 @@ class StudySpec:
             block.run,
             summaries=[name for name in self.summaries if name != "final_state"],
             band=self.band,
-            options=self.options.core(),
+            options=self.options.core,
         )
 
     def empty(self) -> Rows:
