@@ -29,13 +29,11 @@ from .results import Ensemble
 from .rows import Rows
 from .sources import Key
 from .spec import SUMMARIES, StudySpec
-from .subset import LEAST, LENGTH, Found, Level, importance_sampling, subset_simulation
+from .subset import Found, Level, estimate
 
 RareMethod: TypeAlias = Literal["auto", "subset", "splitting", "importance"]
 Event: TypeAlias = str | tuple[str, str, float] | Callable[[Ensemble], Any]
 
-# The most random numbers of a run for which "auto" is "importance".
-_FEW = 12
 # Values beyond so many standard deviations from the medians are not drawn.
 _FARTHEST = 7.0
 # A `Noise` with more samples stays random in each run.
@@ -314,50 +312,18 @@ class _Runner:
         return values
 
     def result(self, method: str) -> RareEvent:
-        """Finds levels with some of the runs; the others give the estimate."""
+        """Computes the runs, and estimates the probability."""
         most, times = self._spec.draws.runs, self.times if method == "splitting" else None
         rng = np.random.Generator(np.random.Philox(self._spec.draws.seed))
-        size = int(np.clip(most // 30, 100, 1000))
-        pilot = found = subset_simulation(self, self.dimensions, size, most, rng, times)
-        few = method == "importance" or (method == "auto" and self.dimensions <= _FEW)
-        method = "splitting" if method == "splitting" else "subset"
-        if not pilot.interrupted:
-            deepest = pilot.probability * math.exp(-3.0 * pilot.spread) if pilot.found else LEAST
-            levels, left = max(1, math.ceil(-math.log10(deepest))), most - self._done
-            # Levels that keep all ways to the event need more runs than the weighted ones.
-            part, bound = (0.6, 0.8) if few and levels > 1 else (1.0, 1.0)
-            size = int(part * left / (levels - (levels - 1) / LENGTH))
-            if size >= 10 * LENGTH:
-                most_now = int(bound * left)
-                found = subset_simulation(self, self.dimensions, size, most_now, rng, times)
-        if few and len(found.levels) > 1 and not found.interrupted:
-            try:
-                found = importance_sampling(self, found, most - self._done, rng)
-                method = "importance"
-            except KeyboardInterrupt:
-                found = replace(found, interrupted=True)
-        elif found.interrupted and pilot.found:
-            found = replace(pilot, interrupted=True)
-        return self._result(method, found, pilot)
-
-    def _result(self, method: str, found: Found, pilot: Found) -> RareEvent:
+        found, method = estimate(self, self.dimensions, most, rng, method, times)
         warnings, value = [*found.warnings], found.probability if found.found else 0.0
         low, high = (found.end(-1.0), found.end(1.0)) if value else (0.0, found.end(1.0))
         if not value:
             # The rule of three, for the independent runs of the first level.
             high = min(high, 3.0 / found.levels[0].runs) if found.levels else 1.0
             warnings.append("not found: the upper bound holds if the levels lead to the event")
-        apart = 3.0 * math.hypot(found.spread, pilot.spread)
-        if pilot.found and (not value or abs(math.log(value / pilot.probability)) > apart):
-            text = f"fewer runs gave {pilot.probability:.2g}, and more {value:.2g}"
-            warnings.append(f"{text}: one of them misses a part of the event")
-        share = found.weights.max() / found.weights.sum() if value else 0.0
-        if method == "importance" and share > 0.05:
-            warnings.append(f"{share:.0%} of the estimate comes from one run: cov may be too small")
         if self._broken:
             warnings.append(f"{self._broken} runs give NaN, and count as runs with the event")
-        if value and len(found.levels) > 1 and self.dimensions <= _FEW:
-            warnings += _lost_ways(found.first, found.points)
         rows, points = Rows.joined(self._rows), np.concatenate(self._points)
         nearest = np.argsort((points**2).sum(axis=1), kind="stable")[:1].tolist()
         shapes = self._spec.shapes
@@ -405,11 +371,3 @@ class _Runner:
                 )
         total = sum(shares.values()) or 1.0
         return {n: shares[n] / total for n in sorted(shares, key=lambda n: -shares[n])}, slopes
-
-
-def _lost_ways(first: Floats, events: Floats) -> list[str]:
-    """A warning if runs of the first level lie in directions in which no run has the event."""
-    here, there = (x / np.linalg.norm(x, axis=1)[:, None] for x in (first, events[:2000]))
-    share = float(((here @ there.T).max(axis=1) < 0.3).mean())
-    text = f"{share:.0%} of the runs of the first level lie where no run has the event at the end"
-    return [f"{text}, so that a second way to the event may be lost"] if share > 0.05 else []
