@@ -84,11 +84,6 @@ class Found:
     warnings: list[str] = field(default_factory=list)
 
     @property
-    def runs(self) -> int:
-        """The number of runs of the levels."""
-        return sum(level.runs for level in self.levels)
-
-    @property
     def spread(self) -> float:
         """The standard deviation of the logarithm of a log-normal number with this `cov`."""
         return math.sqrt(math.log1p(self.cov**2))
@@ -135,10 +130,9 @@ def estimate(
         if size >= 10 * LENGTH:
             found = subset_simulation(counted, dimensions, size, int(bound * left), rng, times)
             if pilot.found and not found.found:
-                text = f"{most - left} runs did not lead to the event: {pilot.runs} of them did"
-                lost = [] if found.interrupted else [text]
-                warnings = [*pilot.warnings, *lost]
-                found = replace(pilot, interrupted=found.interrupted, warnings=warnings)
+                lost = ["most runs did not lead to the event: this is what the others give"]
+                lost = pilot.warnings + (lost if not found.interrupted else [])
+                found = replace(pilot, interrupted=found.interrupted, warnings=lost)
     if few and len(found.levels) > 1 and not found.interrupted:
         try:
             found = importance_sampling(counted, found, left, rng)
@@ -199,9 +193,7 @@ def subset_simulation(
             result.first = result.points if before == math.inf else result.first
             lineages = np.unique(ancestors[inside], return_counts=True)[1]
             squares, number = squares + cov**2, len(result.levels)
-            result.lineages = float(lineages.sum()) ** 2 / float(
-                (lineages.astype(float) ** 2).sum()
-            )
+            result.lineages = _effective(lineages.astype(float))
             descent = _descent(result.lineages, chains * LENGTH, number)
             result.cov = math.sqrt(max(squares, descent))
             result.warnings += _warnings(number, result.levels[-1], len(lineages))
@@ -245,6 +237,10 @@ def _cov(inside: NDArray[np.bool_], independent: bool) -> float:
         both = float((inside[lag:] & inside[:-lag]).mean()) - share**2
         gamma += 2.0 * (1.0 - lag / steps) * both / variance
     return math.sqrt((1.0 - share) / (share * inside.size) * (1.0 + max(gamma, 0.0)))
+
+
+def _effective(weights: Floats) -> float:
+    return float(weights.sum() ** 2 / (weights**2).sum())
 
 
 def _descent(lineages: float, size: int, levels: int) -> float:
@@ -303,22 +299,18 @@ def importance_sampling(
         weights = _weights(inside, mixture)
         points = inside[rng.choice(len(inside), 2000, p=weights / weights.sum())]
     mean, square = float(weights.sum()) / number, float((weights**2).sum()) / number
-    # The chains of the levels, if they are among the runs, know weights that no run has.
-    seen = levels.points[: len(levels.points) * levels.found]
-    if len(seen):
-        square = max(square, mean * float(_weights(seen, mixture).mean()))
+    if levels.found:  # the chains may know greater weights than these runs have
+        square = max(square, mean * float(_weights(levels.points, mixture).mean()))
     cov = math.sqrt(max(square / mean**2 - 1.0, 0.0) / (number - 1))
     if levels.lineages < _FEW_LINEAGES:
         cov = max(cov, levels.cov)  # the runs may not know all ways to the event
-    warnings = list(levels.warnings)
-    if not levels.found:
-        warnings.append("the levels did not lead to the event: runs around it did")
-    share = weights.max() / weights.sum()
-    if share > 0.05:
-        warnings.append(f"{share:.0%} of the estimate comes from one run: cov may be too small")
-    lineages = min(levels.lineages, float(weights.sum() ** 2 / (weights**2).sum()))
-    changes = {"probability": mean, "cov": cov, "points": inside, "weights": weights}
-    return replace(levels, found=True, lineages=lineages, warnings=warnings, **changes)
+    lost = [] if levels.found else ["the levels did not lead to the event: runs around it did"]
+    if (most := weights.max() / weights.sum()) > 0.05:
+        lost.append(f"{most:.0%} of the estimate comes from one run: cov may be too small")
+    changes: dict[str, Any] = {"probability": mean, "cov": cov, "points": inside}
+    changes["lineages"] = min(levels.lineages, _effective(weights))
+    changes["weights"] = weights
+    return replace(levels, found=True, warnings=levels.warnings + lost, **changes)
 
 
 def _joined(*parts: tuple[float, Mixture]) -> Mixture:
