@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
+from .. import _core
 from ..run.options import Options, names
 from ..scene import usual
 from ..scene.control import SampledController
@@ -17,7 +21,7 @@ from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.choices import Summary
-from ..support.errors import StabilityWarning, warn
+from ..support.errors import StabilityWarning, StoreError, warn
 from ..support.extras import require
 from ..support.progress import Report, reporting
 from ..support.result import Result, same
@@ -34,6 +38,10 @@ from .subset import Found, Level, estimate
 RareMethod: TypeAlias = Literal["auto", "subset", "splitting", "importance"]
 Event: TypeAlias = str | tuple[str, str, float] | Callable[[Ensemble], Any]
 
+_OPTIONS = (
+    *("dt", "tolerance", "formulation", "stabilization", "stop_on", "max_steps"),
+    *("summaries_after", "integrator"),
+)
 # Values beyond so many standard deviations from the medians are not drawn.
 _FARTHEST = 7.0
 # A `Noise` with more samples stays random in each run.
@@ -57,7 +65,7 @@ class RareEvent(Result):
             likeliest, measured in the standard normal space.
         importance: Column -> its share of the way from the medians to the event; together 1.
         sensitivity: The derivative of ln(probability) by each parameter of a `Normal` or
-            `LogNormal`, such as "friction.mean".
+            `LogNormal`, such as "friction.mean"; NaN where its deviation is 0.
         events: The computed runs with the event, as an ensemble.
         interrupted: Whether Ctrl-C ended the computation; finished levels are kept.
     """
@@ -110,6 +118,7 @@ def rare_event(
     summaries: Summary | Sequence[Summary] = (),
     threads: int | None = None,
     progress: bool | Report = True,
+    store: str | PathLike[str] | None = None,
     **options: Any,
 ) -> RareEvent:
     """The probability of a rare event in runs of a scene, such as the loss of the object.
@@ -133,6 +142,8 @@ def rare_event(
         summaries: Summaries to compute for an `event` that is a function.
         threads: Number of threads; None takes as many as the process may use.
         progress: As for `monte_carlo`, with the largest number of runs.
+        store: A folder for the runs, as Parquet files. A repeated call reads those that it has, and
+            computes the others. These runs are no independent draws.
         options: `dt`, `tolerance`, `formulation`, `stabilization`, `stop_on`, `max_steps` and
             `summaries_after` as for `monte_carlo`, and `integrator`, which is `method` there.
 
@@ -140,10 +151,15 @@ def rare_event(
         ValueError: An argument breaks its rule, or a value within 7 standard deviations from the
             medians that of its field. Errors come before anything is computed.
         TypeError: An argument is of the wrong kind.
-        ImportError: SciPy is not installed (extra `study`).
+        ImportError: SciPy is not installed, or what a `store` needs (extra `study`).
+        StoreError: `store` cannot be written, or holds other runs.
     """
     checks.instance("scene", scene, Scene)
-    checked = Options.checked(method=options.pop("integrator", "rk4"), **options)
+    for name in options.keys() - {*_OPTIONS}:
+        rule = f"must be one of {checks.quoted(_OPTIONS)}{checks.hint(name, _OPTIONS)}"
+        raise TypeError(f"rare_event: {name} is unknown: {rule}")
+    integrator = checks.choice("integrator", options.pop("integrator", "rk4"), _core.METHODS)
+    checked = Options.checked(method=integrator, **options)
     method = checks.choice("method", method, get_args(RareMethod))
     runs = checks.integer("runs", runs, 1000, 10**9)
     checks.instance("vary", vary, Mapping, "a mapping from paths to distributions")
@@ -170,7 +186,7 @@ def rare_event(
         method = "subset" if method == "auto" else method
     usual.warn(scene)
     runner.check()
-    with reporting(progress, "rare event") as runner.report:
+    with runner.keeping(store), reporting(progress, "rare event") as runner.report:
         return runner.result(method)
 
 
@@ -251,6 +267,8 @@ class _Runner:
         self._spec, self._distance, self._threads = spec, distance, threads
         self._instants = instants
         self.report: Report
+        self._writer: Any = None
+        self._kept: list[Rows] = []  # from the folder, of the next calls
         self._columns: dict[Key, slice] = {}  # of the points (n, d)
         self.dimensions = self._done = self._broken = 0
         times = [np.empty(0)]
@@ -286,10 +304,36 @@ class _Runner:
         if batch.warning:
             warn(batch.warning, StabilityWarning)
 
+    @contextmanager
+    def keeping(self, store: str | PathLike[str] | None) -> Iterator[None]:
+        """Reads the runs in a folder, and writes others there, a part for each call."""
+        if store is None:
+            yield
+            return
+        from ..store import files, folder, manifest  # need this package
+
+        path = Path(checks.path("store", store, "the path of a folder"))
+        files.arrow()
+        if (path / files.MANIFEST).exists():
+            raise StoreError(f"{path}: holds a study: give another folder")
+        described = manifest.describe(self._spec, self._spec.draws.describe()["vary"])
+        lock = folder.locked(path)
+        try:
+            there = folder.Folder(path, self._spec, manifest.identity(described))
+            self._kept = [there.rows(part) for part in there.parts]
+            self._writer = folder.Writer(there, lock)
+            yield
+        finally:
+            lock.release()
+
     def __call__(self, points: Floats) -> Floats:
         """Computes runs at points (n, d) in lanes, and returns their distances to the event."""
-        found: list[Rows] = []
         block, done, most = self._block(points), self._done, self._spec.draws.runs
+        found = [self._kept.pop(0)] if self._kept else []
+        for name, drawn in block.columns.items() if found else ():
+            if found[0].columns[name].tobytes() != drawn.tobytes():
+                rule = "has the runs of another call: give its arguments, or another folder"
+                raise StoreError(f"store: the folder {rule}")
 
         def accept(rows: Rows) -> bool:
             found.append(rows)
@@ -298,8 +342,12 @@ class _Runner:
         def report(new: int, total: int) -> None:
             self.report(done + new, most)
 
-        if on_threads(self._spec, [block], len(points), self._threads, report, accept):
-            raise KeyboardInterrupt
+        if not found:
+            if on_threads(self._spec, [block], len(points), self._threads, report, accept):
+                raise KeyboardInterrupt
+            if self._writer:
+                self._writer.add(found[0])
+                self._writer.flush()
         rows = found[0].in_order()
         self._done += len(rows)
         values = checks.numbers("event", self._distance(Ensemble(self._spec, rows, requested=0)))
@@ -350,8 +398,10 @@ class _Runner:
         for key, source in self._spec.draws.sources.items():
             u, value = found.points[:, self._columns[key]], source.value
             first, second = (np.average(x, 0, found.weights) for x in (u, u**2 - 1.0))
+            # A choice in the middle has neither a mean nor a far tail.
+            part = np.maximum(np.abs(second), first**2)
             entries = [self._spec.schema.entries[path] for path in source.paths]
-            names, part = [n for one in entries for n in one.columns], np.maximum(second, 0.0)
+            names = [n for one in entries for n in one.columns]
             # One random number may select several values.
             names, part = (
                 (names, part) if len(names) == len(part) else (names[:1], part.sum()[None])
@@ -364,6 +414,7 @@ class _Runner:
             for name, score, scale in ((centre, first, unit), (width, second, 1.0)):
                 with np.errstate(divide="ignore", invalid="ignore"):
                     mean = score.reshape(-1, *value.shape).sum(axis=0) / np.multiply(scale, std)
+                    mean = np.where(np.equal(std, 0.0), np.nan, mean)
                 # All components may share a parameter.
                 alone = np.ndim(getattr(value, name)) == 0
                 slopes[f"{', '.join(source.paths)}.{name}"] = number_or_array(

@@ -133,7 +133,7 @@ def estimate(
                 lost = ["most runs did not lead to the event: this is what the others give"]
                 lost = pilot.warnings + (lost if not found.interrupted else [])
                 found = replace(pilot, interrupted=found.interrupted, warnings=lost)
-    if few and len(found.levels) > 1 and not found.interrupted:
+    if few and not found.interrupted and (len(found.levels) > 1 or not found.found):
         try:
             found = importance_sampling(counted, found, left, rng)
             method = "importance"
@@ -182,7 +182,7 @@ def subset_simulation(
             if threshold >= highest and (values < highest).any():
                 # Many values are equal: go down to the next one.
                 threshold = max(0.0, float(values[values < highest].max()))
-            elif threshold >= before:
+            elif threshold >= before and result.levels:
                 return result
             inside = values <= threshold
             share, cov = float(inside.mean()), _cov(inside.reshape(-1, chains), before == math.inf)
@@ -202,7 +202,9 @@ def subset_simulation(
                 return result
             seeds = np.resize(rng.permutation(np.flatnonzero(inside)), chains)
             u, value, ancestors = points[seeds], values[seeds], np.tile(ancestors[seeds], length)
-            steps, accepted, spread = [(u, value)], [], result.points.std(axis=0)
+            steps, accepted = [(u, value)], []
+            # Few points are no measure of a level's width.
+            spread = result.points.std(axis=0) if len(result.points) > LENGTH else 1.0
             for k in range(1, length):
                 sigma = np.minimum(1.0, scale * spread)
                 fresh = rng.standard_normal(u.shape)
