@@ -81,6 +81,7 @@ class Found:
     first: Floats = field(default_factory=lambda: np.empty((0, 0)))  # inside the first level (m, d)
     found: bool = False  # whether the event is reached
     interrupted: bool = False
+    left: int = 0  # calls that were allowed, and not needed
     warnings: list[str] = field(default_factory=list)
 
     @property
@@ -109,16 +110,9 @@ def estimate(
 
     Some of the calls find the levels; the others give the estimate. `times` is for "splitting".
     """
-    left = most
-
-    def counted(points: Floats) -> Floats:
-        nonlocal left
-        values = distance(points)
-        left -= len(points)
-        return values
-
     size = int(np.clip(most // 30, 100, 1000))
-    pilot = found = subset_simulation(counted, dimensions, size, most, rng, times)
+    pilot = found = subset_simulation(distance, dimensions, size, most, rng, times)
+    left = pilot.left
     few = method == "importance" or (method == "auto" and dimensions <= FEW)
     method = "splitting" if method == "splitting" else "subset"
     if not pilot.interrupted:
@@ -128,14 +122,16 @@ def estimate(
         part, bound = (0.6, 0.8) if few and levels > 1 else (1.0, 1.0)
         size = int(part * left / (levels - (levels - 1) / LENGTH))
         if size >= 10 * LENGTH:
-            found = subset_simulation(counted, dimensions, size, int(bound * left), rng, times)
+            most = int(bound * left)
+            found = subset_simulation(distance, dimensions, size, most, rng, times)
+            left -= most - found.left
             if pilot.found and not found.found:
                 lost = ["most runs did not lead to the event: this is what the others give"]
-                lost = pilot.warnings + (lost if not found.interrupted else [])
+                lost = pilot.warnings + lost * (not found.interrupted)
                 found = replace(pilot, interrupted=found.interrupted, warnings=lost)
     if few and not found.interrupted and (len(found.levels) > 1 or not found.found):
         try:
-            found = importance_sampling(counted, found, left, rng)
+            found = importance_sampling(distance, found, left, rng)
             method = "importance"
         except KeyboardInterrupt:
             found = replace(found, interrupted=True)
@@ -170,10 +166,10 @@ def subset_simulation(
     A KeyboardInterrupt of `distance` keeps the finished levels. With `times` (d,), NaN for
     numbers without a time, half of the steps draw numbers from a random instant on anew.
     """
-    chains, result = size // LENGTH, Found()
+    chains, result = size // LENGTH, Found(left=most - size // LENGTH * LENGTH)
     points = rng.standard_normal((chains * LENGTH, dimensions))
     ancestors, scale, acceptance = np.arange(len(points)), 0.6, math.nan
-    before, runs, left, squares = math.inf, len(points), most - len(points), 0.0
+    before, runs, squares = math.inf, len(points), 0.0
     try:
         values = distance(points)
         while True:
@@ -197,7 +193,7 @@ def subset_simulation(
             descent = _descent(result.lineages, chains * LENGTH, number)
             result.cov = math.sqrt(max(squares, descent))
             result.warnings += _warnings(number, result.levels[-1], len(lineages))
-            result.found, length = threshold == 0.0, min(LENGTH, 1 + left // chains)
+            result.found, length = threshold == 0.0, min(LENGTH, 1 + result.left // chains)
             if result.found or inside.all() or result.probability < LEAST or length < 3:
                 return result
             seeds = np.resize(rng.permutation(np.flatnonzero(inside)), chains)
@@ -222,7 +218,7 @@ def subset_simulation(
             points, values = (np.concatenate(parts) for parts in zip(*steps, strict=True))
             # The first points of the chains belong to the level before.
             before, runs, acceptance = threshold, len(points) - chains, float(np.mean(accepted))
-            left -= runs
+            result.left -= runs
     except KeyboardInterrupt:
         result.interrupted = True
         return result
