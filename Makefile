@@ -136,6 +136,10 @@ hunt: build ## Property tests with new random examples: TESTS (tests), from SEED
 digests: build ## Store the bits of today's results, after RESULTS_VERSION was raised
 	$(BIN)/python tests/support/digests.py
 
+.PHONY: rare-truth
+rare-truth: build ## Compute plain runs of scenes with rare events, and store their probabilities; takes an hour
+	$(BIN)/python tests/support/rare_scenes.py
+
 .PHONY: operations
 operations: ## Count the operations of today's equations, and write the table of the benchmarks
 	cargo test --profile tested --locked --quiet --package softpinch --lib write_the_table -- --ignored

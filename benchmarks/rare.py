@@ -19,7 +19,7 @@ import numpy as np
 import softpinch as sp
 from command import parser
 from machine import describe
-from softpinch.study.subset import Found, importance_sampling, subset_simulation
+from softpinch.study.subset import FEW, Distance, estimate
 
 SCENE = sp.Scene(duration=0.1, disturbances=[sp.Pulse(time=0.02, duration=0.01)])
 FORCES = (20.0, 10.0)  # N, standard deviations of the push
@@ -104,33 +104,60 @@ def table(quick: bool) -> None:
             row(name, best, target, needed, needed * each, "computed from the time of a run")
 
 
+def plane(d: int, probability: float) -> tuple[str, int, Distance, float]:
+    """A plane in d dimensions at a distance from the medians."""
+    beta = -NormalDist().inv_cdf(probability)
+    name = f"plane, {d} dimensions, {probability:g}"
+    return name, d, lambda u: beta - u.sum(axis=1) / math.sqrt(d), probability
+
+
+def two_ways(d: int, probability: float) -> tuple[str, int, Distance, float]:
+    """Two planes on both sides of the medians."""
+    beta = -NormalDist().inv_cdf(probability / 2.0)
+    name = f"two ways, {d} dimensions, {probability:g}"
+    return name, d, lambda u: beta - np.abs(u[:, 0]), probability
+
+
+def curved(d: int, beta: float) -> tuple[str, int, Distance, float]:
+    """A parabola, whose probability is an integral over its first coordinate."""
+    nodes, weights = np.polynomial.hermite_e.hermegauss(80)
+    below = [NormalDist().cdf(-beta - 0.3 * x * x) for x in nodes]
+    probability = float(weights @ below / weights.sum())
+    name = f"parabola, {d} dimensions, {probability:.2g}"
+    return name, d, lambda u: beta + 0.3 * u[:, 0] ** 2 - u[:, 1], probability
+
+
 def coverage(quick: bool) -> None:
     """How often intervals have a probability that a formula gives."""
     seeds = 20 if quick else 400
-    print(f"\n95 % intervals that have the truth, of {seeds} seeds:")
-    for d, probability in ((2, 1e-3), (10, 1e-3), (100, 1e-3), (4, 1e-6)):
-        beta = -NormalDist().inv_cdf(probability)
-
-        def plane(u: Any, beta: float = beta, d: int = d) -> Any:
-            return beta - u.sum(axis=1) / math.sqrt(d)
-
-        kept: dict[str, list[bool]] = {"subset": [], "importance": []}
-        for seed in range(seeds):
-            rng = np.random.Generator(np.random.Philox(seed))
-            found: Found = subset_simulation(plane, d, 1000, 10**6, rng)
-            kept["subset"].append(found.end(-1.0) <= probability <= found.end(1.0))
-            if d <= 12:
-                found = importance_sampling(plane, found, 8000, rng)
-                kept["importance"].append(found.end(-1.0) <= probability <= found.end(1.0))
-        shares = ", ".join(f"{k} {100 * np.mean(v):.1f} %" for k, v in kept.items() if v)
-        print(f"  plane in {d:3} dimensions, P = {probability:g}: {shares}")
+    print(
+        f"\n95 % intervals that have the truth, of {seeds} seeds (median of upper over lower end):"
+    )
+    functions = [plane(2, 1e-3), two_ways(2, 1e-3), two_ways(4, 1e-5), curved(4, 2.8)]
+    for name, d, distance, probability in [*functions, plane(100, 1e-3)]:
+        for method in ("importance", "subset")[d > FEW :]:
+            texts = []
+            for runs in (1000, 3000, 10_000):
+                ends, right = [], 0
+                for seed in range(seeds):
+                    rng = np.random.Generator(np.random.Philox(seed))
+                    found, _ = estimate(distance, d, runs, rng, method)
+                    low, high = (found.end(-1.0), found.end(1.0)) if found.found else (0.0, 1.0)
+                    right += low <= probability <= high
+                    ends.append(high / low if low else math.inf)
+                share = f"{100 * right / seeds:.1f} % ({np.median(ends):.3g})"
+                texts.append(f"{runs} runs {share}")
+            print(f"  {name}, {method}: {', '.join(texts)}", flush=True)
 
 
 def main() -> None:
-    asked = parser(__doc__).parse_args()
+    given = parser(__doc__)
+    given.add_argument("--coverage", action="store_true", help="print the shares of intervals only")
+    asked = given.parse_args()
     missing = {} if find_spec("openturns") else {"OpenTURNS": "not installed"}
     print(describe("all cores", missing=missing))
-    table(asked.quick)
+    if not asked.coverage:
+        table(asked.quick)
     coverage(asked.quick)
 
 

@@ -83,3 +83,23 @@ def test_bad_files_are_refused_in_one_line(
     code, _, error = call("rare", study, "--out", tmp_path / "out")
     assert code == 2 and text in error and error.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_a_directory_that_cannot_be_made_is_refused_before_any_run(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*given: object, **named: object) -> None:
+        raise AssertionError("runs were computed")
+
+    monkeypatch.setattr("softpinch.cli.rare.rare_event", never)
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    code, _, error = call("rare", study, "--out", tmp_path / "file" / "out")
+    assert code == 2 and "no folder that can be written" in error
+
+
+def test_a_store_goes_on(study: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    given = ("rare", study, "--out", tmp_path / "out", "--store", tmp_path / "runs")
+    code, first, _ = call(*given)
+    assert code == 0 and any((tmp_path / "runs" / "parts").iterdir())
+    assert call(*given)[1] == first

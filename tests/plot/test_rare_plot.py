@@ -21,7 +21,7 @@ def test_levels_estimate_and_runs() -> None:
     }
 
     def event(some: sp.Ensemble) -> Any:
-        return some["grasped.mass"] - 0.1 + 0.05 * (np.log(some["hand.tip.youngs_modulus"] / 5e5))
+        return some["grasped.mass"] - 0.1 + 0.08 * (np.log(some["hand.tip.youngs_modulus"] / 5e5))
 
     found = sp.rare_event(SCENE, vary, lambda some: -event(some) + 0.05, 5000, **HOW)
     figure = sp.plot.rare_event(found)

@@ -1,10 +1,12 @@
 """`rare_event`, beside closed forms, plain runs and its own arguments."""
 
+import contextlib
 import math
 import os
 import signal
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from statistics import NormalDist
 from typing import Any
 
@@ -294,9 +296,10 @@ NORMAL = {"grasped.mass": sp.Normal(0.1, 0.01)}
         ({"method": "line"}, ValueError, "method = 'line'"),
         ({"method": "splitting"}, ValueError, "needs a Noise of forces"),
         ({"dt": -1.0}, ValueError, "dt = -1.0"),
-        ({"integrator": "euler"}, ValueError, "'euler'"),
+        ({"integrator": "euler"}, ValueError, "^integrator = 'euler'"),
         ({"threads": 0}, ValueError, "threads = 0"),
-        ({"step": 1.0}, TypeError, "step"),
+        ({"step": 1.0}, TypeError, "^rare_event: step is unknown"),
+        ({"record": "state"}, TypeError, "^rare_event: record is unknown"),
     ],
 )  # fmt: skip
 def test_bad_arguments_are_refused(
@@ -317,8 +320,10 @@ def test_the_loss_of_a_grasp_is_a_margin_that_is_not_positive() -> None:
         duration=0.1,
     )
     vary = {"disturbances.0.force": sp.Normal((0.0, 0.0), (40.0, 40.0))}
-    wanted = sp.monte_carlo(scene, 10_000, 1, vary, summaries="margin", **HOW).probability("holds")
-    found = sp.rare_event(scene, vary, runs=8000, seed=1, **HOW)
+    how = HOW | {"dt": 2.5e-4}  # stable, other than steps of 1 ms
+    wanted = sp.monte_carlo(scene, 10_000, 1, vary, summaries="margin", **how).probability("holds")
+    found = sp.rare_event(scene, vary, runs=8000, seed=1, **how)
+    assert 0.01 < found.probability < 0.5
     assert not found.events.holds.any()
     assert found.interval[0] <= 1.0 - wanted.low and 1.0 - wanted.high <= found.interval[1]
 
@@ -355,3 +360,115 @@ def test_few_runs_end_with_a_bound() -> None:
     scene = sp.Scene(duration=0.1, disturbances=[sp.Pulse(time=0.02, duration=0.01)])
     found = sp.rare_event(scene, vary, ("peak_rotation", ">", 0.01), runs=1000, dt=1e-3)
     assert found.runs <= 1000 and found.interval[1] > 0.0
+
+
+def test_numbers_that_do_not_vary_have_no_derivative() -> None:
+    scene = replace(SHORT, disturbances=[sp.Pulse(time=0.0, duration=1e-3)])
+    vary = {"disturbances.0.force": sp.Normal((0.0, 0.0), (1.0, 0.0))}
+    found = sp.rare_event(
+        scene, vary, lambda some: 3.0 - some["disturbances.0.force"][:, 0], 2000, **HOW
+    )
+    for name in ("mean", "std"):
+        one, other = found.sensitivity[f"disturbances.0.force.{name}"]
+        assert one > 1.0 and math.isnan(other)
+
+
+@pytest.mark.parametrize("where", [0, 1, 2])
+def test_a_choice_that_matters_is_important(where: int) -> None:
+    """One of three friction coefficients, of which the middle one is neither high nor low."""
+    vary: dict[Any, Any] = {
+        "friction": sp.Choice([0.4, 0.5, 0.6]),
+        "grasped.mass": sp.Normal(0.1, 0.01),
+        "hand.tip.youngs_modulus": sp.LogNormal(3e5, 0.1),
+    }
+
+    def event(some: sp.Ensemble) -> Any:
+        wrong = some["friction"] != [0.4, 0.5, 0.6][where]
+        return 3.0 * wrong + 2.3 - (some["grasped.mass"] - 0.1) / 0.01
+
+    scene = replace(SHORT, contact="unilateral", friction=0.5)
+    scene = replace(scene, hand=sp.Hand(tip=sp.Fingertip(normal_mass=0.01, tangential_mass=0.01)))
+    found = sp.rare_event(scene, vary, event, 5000, **HOW | {"dt": 2.5e-4})
+    assert list(found.importance)[:2] == ["grasped.mass", "friction"]
+    assert found.importance["friction"] > 0.05
+
+
+@pytest.mark.parametrize("method", ["subset", "importance"])
+def test_most_runs_may_be_infinitely_far(method: Any) -> None:
+    """One run in 700 has a distance, from which the levels begin."""
+
+    def event(some: sp.Ensemble) -> Any:
+        return np.where(some["grasped.mass"] < 0.13, np.inf, 0.14 - some["grasped.mass"])
+
+    vary = NORMAL | {"hand.tip.youngs_modulus": sp.LogNormal(3e5, 0.1)}
+    found = sp.rare_event(SHORT, vary, event, 10_000, 1, method, **HOW)
+    assert found.interval[0] < BELOW(-4.0) < found.interval[1]
+    assert found.probability > 0.0 or method == "importance"
+    # Without any distance, the rule of three is left, with a warning.
+    never = sp.rare_event(SHORT, NORMAL, lambda some: np.full(len(some), np.inf), 2000, **HOW)
+    assert never.interval[0] == 0.0 and never.interval[1] < 0.1
+    assert "equally near" in never.warnings[0]
+
+
+@pytest.fixture
+def counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The numbers of runs that are computed, call by call."""
+    from softpinch.study import rare
+
+    calls: list[int] = []
+    original = rare.on_threads
+
+    def on_threads(*given: Any) -> bool:
+        calls.append(given[2])
+        return original(*given)
+
+    monkeypatch.setattr(rare, "on_threads", on_threads)
+    return calls
+
+
+def test_a_store_keeps_runs_and_a_repeated_call_goes_on(tmp_path: Path, counted: list[int]) -> None:
+    pytest.importorskip("pyarrow")
+    stopped = [False]
+
+    def event(some: sp.Ensemble) -> Any:
+        if sum(counted) > 1500 and not stopped[0]:
+            stopped[0] = True
+            os.kill(os.getpid(), signal.SIGINT)
+        return TURNS[2] - some["peak_rotation"]
+
+    def call(**how: Any) -> sp.RareEvent:
+        given = HOW | {"summaries": "peak_rotation", "store": tmp_path / "runs"} | how
+        return sp.rare_event(SCENE, VARY, event, 3000, 4, **given)
+
+    with contextlib.suppress(KeyboardInterrupt):
+        assert call().interrupted
+    before = sum(counted)
+    assert stopped[0] and 1500 < before < 3000
+    found = call()
+    assert sum(counted) <= found.runs + 300  # at most one unfinished call again
+    plain = call(store=None)
+    counted.clear()
+    again = call()
+    assert counted == []
+    assert again == found == plain
+    np.testing.assert_array_equal(again.events["peak_rotation"], plain.events["peak_rotation"])
+    # Any tool reads the parts.
+    import pyarrow.parquet as parquet
+
+    rows = sum(parquet.read_table(part).num_rows for part in (tmp_path / "runs/parts").iterdir())
+    assert rows == found.runs
+    with pytest.raises(sp.StoreError, match="another call"):
+        sp.rare_event(
+            SCENE, VARY, event, 6000, 4, summaries="peak_rotation", store=tmp_path / "runs", **HOW
+        )
+    with pytest.raises(sp.StoreError):
+        call(dt=5e-4)
+    with pytest.raises(sp.StoreError, match="not a study"):
+        sp.Study.open(tmp_path / "runs")
+
+
+def test_a_store_is_not_the_folder_of_a_study(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    sp.monte_carlo(SHORT, 10, vary=NORMAL, store=tmp_path / "plain", **HOW)
+    with pytest.raises(sp.StoreError, match="holds a study"):
+        sp.rare_event(SHORT, NORMAL, light(0.06), 1000, store=tmp_path / "plain", **HOW)

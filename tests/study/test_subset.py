@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("scipy")
 
-from softpinch.study.subset import Found, importance_sampling, subset_simulation
+from softpinch.study.subset import Found, estimate, importance_sampling, subset_simulation
 
 BELOW = NormalDist().cdf
 
@@ -68,6 +68,42 @@ def test_intervals_cover(probability: float) -> None:
     covered = [one.end(-1.0) <= probability <= one.end(1.0) for one in found]
     # Four standard errors below 95 %.
     assert np.mean(covered) > 0.95 - 4.0 * math.sqrt(0.95 * 0.05 / 200)
+
+
+def test_intervals_of_few_points_cover() -> None:
+    """Few lineages reach the event, and their variance is known as badly as their mean."""
+
+    def curved(u: np.ndarray) -> np.ndarray:
+        return 2.0 + 0.3 * u[:, 0] ** 2 - u[:, 1]
+
+    nodes, weights = np.polynomial.hermite_e.hermegauss(80)
+    probability = weights @ [BELOW(-2.0 - 0.3 * x * x) for x in nodes] / weights.sum()
+    found = [subset(curved, 4, seed, 100) for seed in range(400)]
+    covered = [one.end(-1.0) <= probability <= one.end(1.0) for one in found]
+    assert np.mean(covered) > 0.95 - 3.0 * math.sqrt(0.95 * 0.05 / 400)
+
+
+@pytest.mark.parametrize("runs", [1000, 3000])
+@pytest.mark.parametrize("method", ["subset", "importance"])
+def test_few_runs_with_two_ways_cover(method: str, runs: int) -> None:
+    probability = 2.0 * BELOW(-3.29)
+    found = [estimate(opposite(3.29), 2, runs, generator(seed), method) for seed in range(100)]
+    assert {name for _, name in found} == {method}
+    covered = [one.end(-1.0) <= probability <= one.end(1.0) for one, _ in found]
+    assert np.mean(covered) > 0.95 - 3.0 * math.sqrt(0.95 * 0.05 / 100)
+
+
+def test_levels_that_do_not_reach_the_event_leave_the_first_estimate() -> None:
+    """The second levels are planned for a likely event, and then stand before a wall."""
+    calls = []
+
+    def distance(u: np.ndarray) -> np.ndarray:
+        calls.append(len(u))
+        return plane(1.6)(u) if sum(calls) <= 1500 else np.ones(len(u))
+
+    found, _ = estimate(distance, 2, 10_000, generator(1), "subset")
+    assert found.found and 0.02 < found.probability < 0.2
+    assert "did not lead to the event" in found.warnings[-1]
 
 
 def test_chains_that_keep_times_before_an_instant() -> None:

@@ -1,5 +1,6 @@
 """`softpinch rare`: the probability of a rare event, from a study file."""
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -31,6 +32,9 @@ def rare(
         str | None, typer.Option(metavar="auto|subset|splitting|importance", help="The method.")
     ] = None,
     out: Out = Path("rare"),
+    store: Annotated[
+        Path | None, typer.Option(help="A folder for the runs; a repeated command continues there.")
+    ] = None,
     dt: Dt = None,
     threads: Threads = None,
     format: Format = "png",
@@ -56,12 +60,13 @@ def rare(
             how = {name: settings[name] for name in RUN_OPTIONS if name in settings}
             options = Options.from_dict(how | in_place(dt=dt))
             numerics = options.numerics() | {"summaries_after": options.summaries_after}
+        there = next(each for each in (out, *out.absolute().parents) if each.exists())
+        if not (there.is_dir() and os.access(there, os.W_OK)):
+            raise ValueError(f"--out {out}: {there} is no folder that can be written")
         integrator = numerics.pop("method")
-        own |= in_place(runs=runs, method=method)
         seed = settings.get("seed", 0) if seed is None else seed
-        found = rare_event(
-            scene, vary, seed=seed, threads=threads, integrator=integrator, **own, **numerics
-        )
+        own |= in_place(runs=runs, method=method, store=store) | {"seed": seed, "threads": threads}
+        found = rare_event(scene, vary, integrator=integrator, **own, **numerics)
         typer.echo(
             f"probability {found}, cov {found.cov:.3g}, as {found.plain_runs:.3g} plain runs"
         )

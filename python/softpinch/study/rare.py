@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
+from .. import _core
 from ..run.options import Options, names
 from ..scene import usual
 from ..scene.control import SampledController
@@ -17,7 +21,7 @@ from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.choices import Summary
-from ..support.errors import StabilityWarning, warn
+from ..support.errors import StabilityWarning, StoreError, warn
 from ..support.extras import require
 from ..support.progress import Report, reporting
 from ..support.result import Result, same
@@ -29,13 +33,12 @@ from .results import Ensemble
 from .rows import Rows
 from .sources import Key
 from .spec import SUMMARIES, StudySpec
-from .subset import LEAST, LENGTH, Found, Level, importance_sampling, subset_simulation
+from .subset import Found, Level, estimate
 
 RareMethod: TypeAlias = Literal["auto", "subset", "splitting", "importance"]
 Event: TypeAlias = str | tuple[str, str, float] | Callable[[Ensemble], Any]
 
-# The most random numbers of a run for which "auto" is "importance".
-_FEW = 12
+_OPTIONS = "dt tolerance max_steps integrator formulation stabilization stop_on summaries_after"
 # Values beyond so many standard deviations from the medians are not drawn.
 _FARTHEST = 7.0
 # A `Noise` with more samples stays random in each run.
@@ -59,7 +62,7 @@ class RareEvent(Result):
             likeliest, measured in the standard normal space.
         importance: Column -> its share of the way from the medians to the event; together 1.
         sensitivity: The derivative of ln(probability) by each parameter of a `Normal` or
-            `LogNormal`, such as "friction.mean".
+            `LogNormal`, such as "friction.mean"; NaN where its deviation is 0.
         events: The computed runs with the event, as an ensemble.
         interrupted: Whether Ctrl-C ended the computation; finished levels are kept.
     """
@@ -112,6 +115,7 @@ def rare_event(
     summaries: Summary | Sequence[Summary] = (),
     threads: int | None = None,
     progress: bool | Report = True,
+    store: str | PathLike[str] | None = None,
     **options: Any,
 ) -> RareEvent:
     """The probability of a rare event in runs of a scene, such as the loss of the object.
@@ -135,6 +139,8 @@ def rare_event(
         summaries: Summaries to compute for an `event` that is a function.
         threads: Number of threads; None takes as many as the process may use.
         progress: As for `monte_carlo`, with the largest number of runs.
+        store: A folder for the runs, as Parquet files. A repeated call reads those that it has, and
+            computes the others. These runs are no independent draws.
         options: `dt`, `tolerance`, `formulation`, `stabilization`, `stop_on`, `max_steps` and
             `summaries_after` as for `monte_carlo`, and `integrator`, which is `method` there.
 
@@ -142,10 +148,14 @@ def rare_event(
         ValueError: An argument breaks its rule, or a value within 7 standard deviations from the
             medians that of its field. Errors come before anything is computed.
         TypeError: An argument is of the wrong kind.
-        ImportError: SciPy is not installed (extra `study`).
+        ImportError: SciPy is not installed, or what a `store` needs (extra `study`).
+        StoreError: `store` cannot be written, or holds other runs.
     """
     checks.instance("scene", scene, Scene)
-    checked = Options.checked(method=options.pop("integrator", "rk4"), **options)
+    for name in options.keys() - {*_OPTIONS.split()}:
+        raise TypeError(f"rare_event: {name} is unknown: give options out of {_OPTIONS}")
+    integrator = checks.choice("integrator", options.pop("integrator", "rk4"), _core.METHODS)
+    checked = Options.checked(method=integrator, **options)
     method = checks.choice("method", method, get_args(RareMethod))
     runs = checks.integer("runs", runs, 1000, 10**9)
     checks.instance("vary", vary, Mapping, "a mapping from paths to distributions")
@@ -172,7 +182,7 @@ def rare_event(
         method = "subset" if method == "auto" else method
     usual.warn(scene)
     runner.check()
-    with reporting(progress, "rare event") as runner.report:
+    with runner.keeping(store), reporting(progress, "rare event") as runner.report:
         return runner.result(method)
 
 
@@ -253,6 +263,8 @@ class _Runner:
         self._spec, self._distance, self._threads = spec, distance, threads
         self._instants = instants
         self.report: Report
+        self._writer: Any = None
+        self._kept: list[Rows] = []  # from the folder, of the next calls
         self._columns: dict[Key, slice] = {}  # of the points (n, d)
         self.dimensions = self._done = self._broken = 0
         times = [np.empty(0)]
@@ -288,10 +300,36 @@ class _Runner:
         if batch.warning:
             warn(batch.warning, StabilityWarning)
 
+    @contextmanager
+    def keeping(self, store: str | PathLike[str] | None) -> Iterator[None]:
+        """Reads the runs in a folder, and writes others there, a part for each call."""
+        if store is None:
+            yield
+            return
+        from ..store import files, folder, manifest  # need this package
+
+        path = Path(checks.path("store", store, "the path of a folder"))
+        files.arrow()
+        if (path / files.MANIFEST).exists():
+            raise StoreError(f"{path}: holds a study: give another folder")
+        described = manifest.describe(self._spec, self._spec.draws.describe()["vary"])
+        lock = folder.locked(path)
+        try:
+            there = folder.Folder(path, self._spec, manifest.identity(described))
+            self._kept = [there.rows(part) for part in there.parts]
+            self._writer = folder.Writer(there, lock)
+            yield
+        finally:
+            lock.release()
+
     def __call__(self, points: Floats) -> Floats:
         """Computes runs at points (n, d) in lanes, and returns their distances to the event."""
-        found: list[Rows] = []
         block, done, most = self._block(points), self._done, self._spec.draws.runs
+        found = [self._kept.pop(0)] if self._kept else []
+        for name, drawn in block.columns.items() if found else ():
+            if found[0].columns[name].tobytes() != drawn.tobytes():
+                rule = "has the runs of another call: give its arguments, or another folder"
+                raise StoreError(f"store: the folder {rule}")
 
         def accept(rows: Rows) -> bool:
             found.append(rows)
@@ -300,8 +338,12 @@ class _Runner:
         def report(new: int, total: int) -> None:
             self.report(done + new, most)
 
-        if on_threads(self._spec, [block], len(points), self._threads, report, accept):
-            raise KeyboardInterrupt
+        if not found:
+            if on_threads(self._spec, [block], len(points), self._threads, report, accept):
+                raise KeyboardInterrupt
+            if self._writer:
+                self._writer.add(found[0])
+                self._writer.flush()
         rows = found[0].in_order()
         self._done += len(rows)
         values = checks.numbers("event", self._distance(Ensemble(self._spec, rows, requested=0)))
@@ -314,50 +356,18 @@ class _Runner:
         return values
 
     def result(self, method: str) -> RareEvent:
-        """Finds levels with some of the runs; the others give the estimate."""
+        """Computes the runs, and estimates the probability."""
         most, times = self._spec.draws.runs, self.times if method == "splitting" else None
         rng = np.random.Generator(np.random.Philox(self._spec.draws.seed))
-        size = int(np.clip(most // 30, 100, 1000))
-        pilot = found = subset_simulation(self, self.dimensions, size, most, rng, times)
-        few = method == "importance" or (method == "auto" and self.dimensions <= _FEW)
-        method = "splitting" if method == "splitting" else "subset"
-        if not pilot.interrupted:
-            deepest = pilot.probability * math.exp(-3.0 * pilot.spread) if pilot.found else LEAST
-            levels, left = max(1, math.ceil(-math.log10(deepest))), most - self._done
-            # Levels that keep all ways to the event need more runs than the weighted ones.
-            part, bound = (0.6, 0.8) if few and levels > 1 else (1.0, 1.0)
-            size = int(part * left / (levels - (levels - 1) / LENGTH))
-            if size >= 10 * LENGTH:
-                most_now = int(bound * left)
-                found = subset_simulation(self, self.dimensions, size, most_now, rng, times)
-        if few and len(found.levels) > 1 and not found.interrupted:
-            try:
-                found = importance_sampling(self, found, most - self._done, rng)
-                method = "importance"
-            except KeyboardInterrupt:
-                found = replace(found, interrupted=True)
-        elif found.interrupted and pilot.found:
-            found = replace(pilot, interrupted=True)
-        return self._result(method, found, pilot)
-
-    def _result(self, method: str, found: Found, pilot: Found) -> RareEvent:
+        found, method = estimate(self, self.dimensions, most, rng, method, times)
         warnings, value = [*found.warnings], found.probability if found.found else 0.0
         low, high = (found.end(-1.0), found.end(1.0)) if value else (0.0, found.end(1.0))
         if not value:
             # The rule of three, for the independent runs of the first level.
             high = min(high, 3.0 / found.levels[0].runs) if found.levels else 1.0
             warnings.append("not found: the upper bound holds if the levels lead to the event")
-        apart = 3.0 * math.hypot(found.spread, pilot.spread)
-        if pilot.found and (not value or abs(math.log(value / pilot.probability)) > apart):
-            text = f"fewer runs gave {pilot.probability:.2g}, and more {value:.2g}"
-            warnings.append(f"{text}: one of them misses a part of the event")
-        share = found.weights.max() / found.weights.sum() if value else 0.0
-        if method == "importance" and share > 0.05:
-            warnings.append(f"{share:.0%} of the estimate comes from one run: cov may be too small")
         if self._broken:
             warnings.append(f"{self._broken} runs give NaN, and count as runs with the event")
-        if value and len(found.levels) > 1 and self.dimensions <= _FEW:
-            warnings += _lost_ways(found.first, found.points)
         rows, points = Rows.joined(self._rows), np.concatenate(self._points)
         nearest = np.argsort((points**2).sum(axis=1), kind="stable")[:1].tolist()
         shapes = self._spec.shapes
@@ -384,8 +394,10 @@ class _Runner:
         for key, source in self._spec.draws.sources.items():
             u, value = found.points[:, self._columns[key]], source.value
             first, second = (np.average(x, 0, found.weights) for x in (u, u**2 - 1.0))
+            # A choice in the middle has neither a mean nor a far tail.
+            part = np.maximum(np.abs(second), first**2)
             entries = [self._spec.schema.entries[path] for path in source.paths]
-            names, part = [n for one in entries for n in one.columns], np.maximum(second, 0.0)
+            names = [n for one in entries for n in one.columns]
             # One random number may select several values.
             names, part = (
                 (names, part) if len(names) == len(part) else (names[:1], part.sum()[None])
@@ -398,6 +410,7 @@ class _Runner:
             for name, score, scale in ((centre, first, unit), (width, second, 1.0)):
                 with np.errstate(divide="ignore", invalid="ignore"):
                     mean = score.reshape(-1, *value.shape).sum(axis=0) / np.multiply(scale, std)
+                    mean = np.where(np.equal(std, 0.0), np.nan, mean)
                 # All components may share a parameter.
                 alone = np.ndim(getattr(value, name)) == 0
                 slopes[f"{', '.join(source.paths)}.{name}"] = number_or_array(
@@ -405,11 +418,3 @@ class _Runner:
                 )
         total = sum(shares.values()) or 1.0
         return {n: shares[n] / total for n in sorted(shares, key=lambda n: -shares[n])}, slopes
-
-
-def _lost_ways(first: Floats, events: Floats) -> list[str]:
-    """A warning if runs of the first level lie in directions in which no run has the event."""
-    here, there = (x / np.linalg.norm(x, axis=1)[:, None] for x in (first, events[:2000]))
-    share = float(((here @ there.T).max(axis=1) < 0.3).mean())
-    text = f"{share:.0%} of the runs of the first level lie where no run has the event at the end"
-    return [f"{text}, so that a second way to the event may be lost"] if share > 0.05 else []

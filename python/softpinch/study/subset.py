@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,9 +34,13 @@ LEAST = 1e-9
 _TARGET, _ACCEPTABLE = 0.44, (0.15, 0.8)
 # Twice the standard deviation of runs in all directions, if no point of the event is known.
 _FAR = 5.0
-# Half width of a two-sided 95 % interval, in standard deviations.
-_REACH = 1.959963984540054
+# Fewer effective lineages hardly tell how many ways to the event there are.
+_FEW_LINEAGES = 5.0
+# The most dimensions for which "auto" is "importance".
+FEW = 12
 
+# Weights, which are 1 together, and frozen distributions of SciPy.
+Mixture: TypeAlias = list[tuple[float, Any]]
 # From points (n, d) to their distances to the event (n,).
 Distance = Callable[[Floats], Floats]
 
@@ -62,16 +66,22 @@ class Level(Result):
 
 @dataclass
 class Found:
-    """The probability of an event, or of the last level before it."""
+    """The probability of an event, or of the last level before it.
+
+    `lineages` is the effective number of first points from which the points inside descend. The
+    variance is known as well as from so many independent numbers.
+    """
 
     levels: list[Level] = field(default_factory=list)
     probability: float = 1.0
     cov: float = 0.0
+    lineages: float = 1.0
     points: Floats = field(default_factory=lambda: np.empty((0, 0)))  # inside (k, d)
     weights: Floats = field(default_factory=lambda: np.empty(0))  # of these (k,)
     first: Floats = field(default_factory=lambda: np.empty((0, 0)))  # inside the first level (m, d)
     found: bool = False  # whether the event is reached
     interrupted: bool = False
+    left: int = 0  # calls that were allowed, and not needed
     warnings: list[str] = field(default_factory=list)
 
     @property
@@ -80,8 +90,67 @@ class Found:
         return math.sqrt(math.log1p(self.cov**2))
 
     def end(self, side: float) -> float:
-        """The lower (-1.0) or upper (1.0) end of the 95 % interval of a log-normal estimate."""
-        return self.probability * math.exp(0.5 * self.spread**2 + side * _REACH * self.spread)
+        """The lower (-1.0) or upper (1.0) end of the 95 % interval of a log-normal estimate.
+
+        Its half width is a quantile of Student's t, because the variance is an estimate too.
+        """
+        quantile = _scipy("special").stdtrit(max(self.lineages - 1.0, 2.0), 0.975)
+        return self.probability * math.exp(self.spread * (0.5 * self.spread + side * quantile))
+
+
+def estimate(
+    distance: Distance,
+    dimensions: int,
+    most: int,
+    rng: np.random.Generator,
+    method: str = "auto",
+    times: Floats | None = None,
+) -> tuple[Found, str]:
+    """The probability of an event by at most `most` calls, and the method that gave it.
+
+    Some of the calls find the levels; the others give the estimate. `times` is for "splitting".
+    """
+    size = int(np.clip(most // 30, 100, 1000))
+    pilot = found = subset_simulation(distance, dimensions, size, most, rng, times)
+    left = pilot.left
+    few = method == "importance" or (method == "auto" and dimensions <= FEW)
+    method = "splitting" if method == "splitting" else "subset"
+    if not pilot.interrupted:
+        deepest = pilot.probability * math.exp(-3.0 * pilot.spread) if pilot.found else LEAST
+        levels = max(1, math.ceil(-math.log10(deepest)))
+        # Levels that keep all ways to the event need more runs than the weighted ones.
+        part, bound = (0.6, 0.8) if few and levels > 1 else (1.0, 1.0)
+        size = int(part * left / (levels - (levels - 1) / LENGTH))
+        if size >= 10 * LENGTH:
+            most = int(bound * left)
+            found = subset_simulation(distance, dimensions, size, most, rng, times)
+            left -= most - found.left
+            if pilot.found and not found.found:
+                lost = ["most runs did not lead to the event: this is what the others give"]
+                lost = pilot.warnings + lost * (not found.interrupted)
+                found = replace(pilot, interrupted=found.interrupted, warnings=lost)
+    if few and not found.interrupted and (len(found.levels) > 1 or not found.found):
+        try:
+            found = importance_sampling(distance, found, left, rng)
+            method = "importance"
+        except KeyboardInterrupt:
+            found = replace(found, interrupted=True)
+    if found.found and pilot.found:
+        apart = abs(math.log(found.probability / pilot.probability))
+        if apart > 3.0 * math.hypot(found.spread, pilot.spread):
+            text = f"fewer runs gave {pilot.probability:.2g}, and more {found.probability:.2g}"
+            found.warnings.append(f"{text}: one of them misses a part of the event")
+    if found.found and len(found.levels) > 1 and dimensions <= FEW:
+        found.warnings += _lost_ways(found.first, found.points)
+    return found, method
+
+
+def _lost_ways(first: Floats, events: Floats) -> list[str]:
+    """A warning if runs of the first level lie in directions in which no run has the event."""
+    here, there = (x / np.linalg.norm(x, axis=1)[:, None] for x in (first, events[:2000]))
+    share = float(((here @ there.T).max(axis=1) < 0.3).mean())
+    text = f"{share:.0%} of the runs of the first level lie where no run has the event at the end"
+    return [f"{text}, so that a second way to the event may be lost"] if share > 0.05 else []
 
 
 def subset_simulation(
@@ -97,10 +166,10 @@ def subset_simulation(
     A KeyboardInterrupt of `distance` keeps the finished levels. With `times` (d,), NaN for
     numbers without a time, half of the steps draw numbers from a random instant on anew.
     """
-    chains, result = size // LENGTH, Found()
+    chains, result = size // LENGTH, Found(left=most - size // LENGTH * LENGTH)
     points = rng.standard_normal((chains * LENGTH, dimensions))
     ancestors, scale, acceptance = np.arange(len(points)), 0.6, math.nan
-    before, runs, left, squares = math.inf, len(points), most - len(points), 0.0
+    before, runs, squares = math.inf, len(points), 0.0
     try:
         values = distance(points)
         while True:
@@ -109,7 +178,7 @@ def subset_simulation(
             if threshold >= highest and (values < highest).any():
                 # Many values are equal: go down to the next one.
                 threshold = max(0.0, float(values[values < highest].max()))
-            elif threshold >= before:
+            elif threshold >= before and result.levels:
                 return result
             inside = values <= threshold
             share, cov = float(inside.mean()), _cov(inside.reshape(-1, chains), before == math.inf)
@@ -119,17 +188,19 @@ def subset_simulation(
             result.points, result.weights = points[inside], np.ones(int(inside.sum()))
             result.first = result.points if before == math.inf else result.first
             lineages = np.unique(ancestors[inside], return_counts=True)[1]
-            squares += cov**2
-            descent = _descent(lineages, chains * LENGTH, len(result.levels))
+            squares, number = squares + cov**2, len(result.levels)
+            result.lineages = _effective(lineages.astype(float))
+            descent = _descent(result.lineages, chains * LENGTH, number)
             result.cov = math.sqrt(max(squares, descent))
-            number = len(result.levels)
             result.warnings += _warnings(number, result.levels[-1], len(lineages))
-            result.found, length = threshold == 0.0, min(LENGTH, 1 + left // chains)
+            result.found, length = threshold == 0.0, min(LENGTH, 1 + result.left // chains)
             if result.found or inside.all() or result.probability < LEAST or length < 3:
                 return result
             seeds = np.resize(rng.permutation(np.flatnonzero(inside)), chains)
             u, value, ancestors = points[seeds], values[seeds], np.tile(ancestors[seeds], length)
-            steps, accepted, spread = [(u, value)], [], result.points.std(axis=0)
+            steps, accepted = [(u, value)], []
+            # Few points are no measure of a level's width.
+            spread = result.points.std(axis=0) if len(result.points) > LENGTH else 1.0
             for k in range(1, length):
                 sigma = np.minimum(1.0, scale * spread)
                 fresh = rng.standard_normal(u.shape)
@@ -147,7 +218,7 @@ def subset_simulation(
             points, values = (np.concatenate(parts) for parts in zip(*steps, strict=True))
             # The first points of the chains belong to the level before.
             before, runs, acceptance = threshold, len(points) - chains, float(np.mean(accepted))
-            left -= runs
+            result.left -= runs
     except KeyboardInterrupt:
         result.interrupted = True
         return result
@@ -166,14 +237,17 @@ def _cov(inside: NDArray[np.bool_], independent: bool) -> float:
     return math.sqrt((1.0 - share) / (share * inside.size) * (1.0 + max(gamma, 0.0)))
 
 
-def _descent(lineages: NDArray[np.intp], size: int, levels: int) -> float:
-    """The relative variance of the product of all levels, from the points of each lineage.
+def _effective(weights: Floats) -> float:
+    return float(weights.sum() ** 2 / (weights**2).sum())
+
+
+def _descent(lineages: float, size: int, levels: int) -> float:
+    """The relative variance of the product of all levels, from the effective number of lineages.
 
     Levels are not independent, but lineages of different first points are nearly so (Lee and
     Whiteley, "Variance estimation in the particle filter", 2018, equation (8)).
     """
-    apart = 1.0 - float((lineages.astype(float) ** 2).sum()) / float(lineages.sum()) ** 2
-    return 1.0 - (size / (size - 1)) ** levels * apart
+    return 1.0 - (size / (size - 1)) ** levels * (1.0 - 1.0 / lineages)
 
 
 def _warnings(number: int, level: Level, lineages: int) -> list[str]:
@@ -188,6 +262,10 @@ def _warnings(number: int, level: Level, lineages: int) -> list[str]:
     return [f"level {number}: {text}" for text in texts]
 
 
+def _scipy(module: str) -> Any:
+    return require(f"scipy.{module}", extra="study", purpose="rare_event (SciPy)")
+
+
 def importance_sampling(
     distance: Distance, levels: Found, runs: int, rng: np.random.Generator
 ) -> Found:
@@ -197,35 +275,58 @@ def importance_sampling(
     the least cross-entropy. A fourth of the runs improves it, and the others give the estimate.
     Some runs look in all directions, for ways to the event that the levels did not lead to.
     """
-    normal = require("scipy.stats", extra="study", purpose="rare_event (SciPy)").multivariate_normal
+    normal = _scipy("stats").multivariate_normal
     d, points = levels.points.shape[1], levels.points[: len(levels.points) * levels.found]
-    far = max(1.0, 0.5 * float(np.linalg.norm(points, axis=1).min(initial=_FAR)))
+    radii = np.linalg.norm(points, axis=1)
+    far = max(1.0, 0.5 * float(radii.min(initial=_FAR)))
+    around: Mixture = [(1.0, normal(np.zeros(d), far**2 * np.eye(d)))]
+    if len(points):
+        # The runs of the first level, moved as far out as the event, lie in all of its ways.
+        out = float(np.median(radii) / np.median(np.linalg.norm(levels.first, axis=1)))
+        around = _joined((0.5, around), (0.5, _mixture(out * levels.first, rng)))
     for number, share in ((runs // 4, 0.5), (runs - runs // 4, 0.1)):
-        mixture = [(1.0, normal(np.zeros(d), far**2 * np.eye(d)))]
+        mixture = around
         if len(points):
-            about = [((1.0 - share) * weight, one) for weight, one in _mixture(points, rng)]
-            mixture = [(share, mixture[0][1]), *about]
+            mixture = _joined((share, around), (1.0 - share, _mixture(points, rng)))
         counts = rng.multinomial(number, [weight for weight, _ in mixture])
         drawn = [one.rvs(n, rng) for n, (_, one) in zip(counts, mixture, strict=True)]
         trial = np.concatenate([each.reshape(-1, d) for each in drawn])
         inside = trial[distance(trial) <= 0.0]
         if not len(inside):
             return levels
-        logs = [math.log(weight) + one.logpdf(inside).reshape(-1) for weight, one in mixture]
-        squares = (inside**2).sum(axis=1) + d * math.log(2.0 * math.pi)
-        weights = np.exp(-0.5 * squares - np.logaddexp.reduce(logs, axis=0))
+        weights = _weights(inside, mixture)
         points = inside[rng.choice(len(inside), 2000, p=weights / weights.sum())]
     mean, square = float(weights.sum()) / number, float((weights**2).sum()) / number
-    cov = math.sqrt((square / mean**2 - 1.0) / (number - 1))
+    if levels.found:  # the chains may know greater weights than these runs have
+        square = max(square, mean * float(_weights(levels.points, mixture).mean()))
+    cov = math.sqrt(max(square / mean**2 - 1.0, 0.0) / (number - 1))
+    if levels.lineages < _FEW_LINEAGES:
+        cov = max(cov, levels.cov)  # the runs may not know all ways to the event
     lost = [] if levels.found else ["the levels did not lead to the event: runs around it did"]
-    changes = {"probability": mean, "cov": cov, "points": inside, "weights": weights}
-    return replace(levels, found=True, warnings=[*levels.warnings, *lost], **changes)
+    if (most := weights.max() / weights.sum()) > 0.05:
+        lost.append(f"{most:.0%} of the estimate comes from one run: cov may be too small")
+    changes: dict[str, Any] = {"probability": mean, "cov": cov, "points": inside}
+    changes["lineages"] = min(levels.lineages, _effective(weights))
+    changes["weights"] = weights
+    return replace(levels, found=True, warnings=levels.warnings + lost, **changes)
 
 
-def _mixture(points: Floats, rng: np.random.Generator) -> list[tuple[float, Any]]:
+def _joined(*parts: tuple[float, Mixture]) -> Mixture:
+    return [(share * weight, one) for share, mixture in parts for weight, one in mixture]
+
+
+def _weights(points: Floats, mixture: Mixture) -> Floats:
+    """The density of the standard normal distribution at points (n, d), over a mixture's."""
+    logs = [math.log(weight) + one.logpdf(points).reshape(-1) for weight, one in mixture]
+    squares = (points**2).sum(axis=1) + points.shape[1] * math.log(2.0 * math.pi)
+    weights: Floats = np.exp(-0.5 * squares - np.logaddexp.reduce(logs, axis=0))
+    return weights
+
+
+def _mixture(points: Floats, rng: np.random.Generator) -> Mixture:
     """Weights and normal distributions about up to 4 groups of points (n, d)."""
-    normal = require("scipy.stats", extra="study", purpose="rare_event (SciPy)").multivariate_normal
-    vq = require("scipy.cluster.vq", extra="study", purpose="rare_event (SciPy)")
+    normal = _scipy("stats").multivariate_normal
+    vq = _scipy("cluster.vq")
     n, d = points.shape
     groups = int(np.clip(min(n // (10 * d), len(np.unique(points, axis=0))), 1, 4))
     group, result = vq.kmeans2(points, groups, minit="++", rng=rng)[1], []
