@@ -87,8 +87,18 @@ def test_scenes_refuse_what_does_not_fit() -> None:
         sp.Scene(control=PID, fingers="driven")
     with pytest.raises(ValueError, match="the controller's samples"):
         sp.simulate(sp.Scene(control=replace(PID, period=1e-9, delay=0.0), duration=1.0))
-    with pytest.raises(ValueError, match="samples under way"):
-        sp.simulate(sp.Scene(control=replace(PID, delay=1e3), duration=0.01))
+    late = replace(PID, delay=1e3, measure_delay=1.0)
+    for named, one in (
+        (r"control\.delay: measure_delay \+ delay are 1001000 periods of 0\.001 s; must", late),
+        (
+            r"control\.outer\.measure_delay: .* 20000",
+            sp.SampledController.cascade(
+                [replace(STATIC, measure_delay=20000 * STATIC.period), PID]
+            ),
+        ),
+    ):
+        with pytest.raises(ValueError, match=named):
+            sp.simulate(sp.Scene(control=one, duration=0.01))
     scene = sp.Scene(control=PID, duration=0.01)
     for call in (
         lambda: sp.evaluate(scene, 0.0, scene.start().q, np.zeros(9)),
@@ -105,8 +115,15 @@ def test_states_of_another_controller_are_refused() -> None:
     state = sp.simulate(scene).state()
     for other, named in (
         (replace(scene, control=sp.Pid()), r"Scene\.initial\.controller"),
-        (replace(scene, control=replace(PID, delay=9e-3)), r"State\.controller"),
-        (replace(scene, control=STATIC), r"State\.controller"),
+        (
+            replace(scene, control=replace(PID, delay=9e-3)),
+            r"State\.controller: 13 numbers instead of 27; must be a state of this controller",
+        ),
+        (replace(scene, control=STATIC), r"State\.controller: 13 numbers instead of 7"),
+        (
+            replace(scene, control=sp.SampledController.cascade([STATIC, PID])),
+            r"State\.controller: 13 numbers instead of 20",
+        ),
     ):
         with pytest.raises(ValueError, match=named):
             sp.simulate(replace(other, initial=state))
@@ -116,9 +133,10 @@ def test_states_of_another_controller_are_refused() -> None:
         ValueError, match=r"State\.controller = 9\.0.*within the controller's limits"
     ):
         sp.simulate(replace(scene, initial=strong))
-    late = replace(state, time=0.5)
-    with pytest.raises(ValueError, match="last sample"):
-        sp.simulate(replace(scene, initial=late))
+    begun = replace(state, controller=np.hstack([[0.3], np.zeros(12)]))
+    for other in (replace(state, time=0.5), begun):  # after the next sample; before the origin
+        with pytest.raises(ValueError, match="last sample"):
+            sp.simulate(replace(scene, initial=other))
 
 
 def test_studies_refuse_fields_that_cannot_vary() -> None:
