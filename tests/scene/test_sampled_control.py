@@ -1,5 +1,6 @@
 """`SampledController` as a record: its fields, files, and what it refuses."""
 
+import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -146,3 +147,37 @@ def test_studies_refuse_fields_that_cannot_vary() -> None:
             sp.monte_carlo(scene, 2, vary={path: sp.Uniform(0.0, 1.0)}, progress=False)
     with pytest.raises(ValueError, match=r"run \d+: .*delay"):
         sp.monte_carlo(scene, vary={"control.delay": [1e-3, -1e-3]}, progress=False)
+
+
+def test_a_schedule_has_the_quantity_of_the_first_block() -> None:
+    """A camera passes target angles on to a servo; a loop of forces makes angles of forces."""
+    eye, none = np.eye(2), np.zeros((2, 2))
+    servo = sp.SampledController.pid(1e-3, 20.0, 0.2, 0.0)
+    camera = sp.SampledController(
+        0.03, D=np.hstack([[[1], [-1]], eye]), measures=("rotation", "target")
+    )
+    force = sp.SampledController(
+        0.01, D=np.hstack([-0.01 * eye, none, 0.01 * eye]), measures=("multipliers", "target")
+    )
+    passing = sp.SampledController(0.01, D=eye, measures=("target",))
+    newtons = sp.Schedule.steps([0.0], [[2.0, 2.0]])
+    for blocks, angles in (
+        ([servo], True),
+        ([camera, servo], True),
+        ([passing, camera, servo], True),
+        ([force, servo], False),
+        ([passing, force, servo], False),
+        ([passing], False),
+    ):
+        scene = sp.Scene(control=sp.SampledController.cascade(blocks), schedule=newtons)
+        assert scene.schedules_angles == angles
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            sp.simulate(replace(scene, duration=1e-3, contact="unilateral", friction=0.5))
+        assert any("schedule.angles" in str(one.message) for one in caught) == angles
+        units = scene.vary_paths()
+        assert units["schedule.angles.0.0"][1] == ("rad" if angles else "unknown")
+        assert units["control.D"][1] == "N m"
+        for name in ("C", "D", "limits", "initial_torque", "rate_limit"):
+            path = f"control.outer.{name}"
+            assert path not in units or units[path][1] == "unknown", path

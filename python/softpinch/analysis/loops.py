@@ -11,7 +11,7 @@ import numpy as np
 from ..run.stiffness import MEASURED
 from ..scene.control import WRITTEN, SampledController, Torque
 from ..scene.fields import RATE_UNITS
-from ..scene.loop_matrix import MOST_UNDER_WAY, common_period, measured, spectral_radius
+from ..scene.loop_matrix import MOST_UNDER_WAY, common_period, factors, measured
 from ..scene.scene import Scene, State
 from ..scene.schedule import Schedule
 from ..support import checks
@@ -71,7 +71,8 @@ def loop(scene: Scene, state: State | Equilibrium | None = None, block: int = -1
     def radius(**changes: object) -> float:
         blocks[block] = replace(own, **changes)  # type: ignore[arg-type]
         found = measured(control, MEASURED, model.C, model.D)
-        return spectral_radius(SampledController.cascade(blocks), model.A, model.B, found)
+        whole = SampledController.cascade(blocks)
+        return float(np.abs(factors(whole, model.A, model.B, found)).max())
 
     gains = {name: np.asarray(getattr(own, name)) for name in "CD"}
     step, most = 0.5 * own.period, int(2.0 * (MOST_UNDER_WAY - own.delay / own.period))

@@ -216,10 +216,7 @@ def last_instant(scene: Scene) -> float:
 def from_core(
     scene: Scene, time: float, found: Any, kind: str, member: Floats, row: Floats | None = None
 ) -> Equilibrium:
-    """Makes an `Equilibrium` from the core's result of a search for a member of the family.
-
-    `row` is the state of a `SampledController`.
-    """
+    """Makes an `Equilibrium` from the core's result of a search, and `State.controller`."""
     status = found["status"]
     if status != "at_rest":
         return _no_equilibrium(scene, time, status, found["message"], kind, member)
@@ -233,13 +230,14 @@ def from_core(
     if not np.isfinite(found["integral"]).all():
         words = "the PID's integral overflows"
         return _no_equilibrium(scene, time, "not_found", words, kind, member)
-    integral = tuple(found["integral"].tolist()) if row is None else (0.0, 0.0)
-    state = State(found["q"], integral=integral, time=time, controller=row)
-    if row is None:
+    control = scene.control
+    if isinstance(control, SampledController):
+        state = State(found["q"], time=time, controller=row)
+        eigenvalues, known = sampled_eigenvalues(scene, control, state, found["torque"])
+    else:
+        state = State(found["q"], integral=tuple(found["integral"].tolist()), time=time)
         eigenvalues = _eigenvalues(scene, state)
         known = np.abs(eigenvalues).max() * ROUND_OFF
-    else:
-        eigenvalues, known = sampled_eigenvalues(scene, state, found["torque"])
     growing = eigenvalues[2:].real.max(initial=-np.inf)
     stable = bool(growing < -known)
     return Equilibrium(

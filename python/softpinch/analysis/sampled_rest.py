@@ -15,6 +15,7 @@ from ..run.request import rest_scene
 from ..run.stiffness import MEASURED
 from ..scene.control import WRITTEN, Pid, SampledController
 from ..scene.loop_matrix import common_period, driving, factors, measured
+from ..scene.motion import HandMotion
 from ..scene.parts import branches
 from ..scene.scene import Scene, State, inputs
 from ..scene.schedule import Schedule
@@ -52,8 +53,11 @@ def sampled_rest(
     for _ in range(_MOST):
         if found["status"] != "at_rest":
             return found, rest, found["message"]
+        aside = [at(fingers + e) for e in _STEP * np.eye(2)]
+        if any(one["status"] != "at_rest" for one in aside):
+            break
         lack, none = lacks(found, rest), lacks(found, np.zeros(size))
-        columns = [(lacks(at(fingers + e), rest) - lack) / _STEP for e in _STEP * np.eye(2)]
+        columns = [(lacks(one, rest) - lack) / _STEP for one in aside]
         columns += [lacks(found, e) - none for e in np.eye(size)]  # they are linear
         change, share = _solved(np.transpose(columns), -lack), 1.0
         while (there := at(fingers + share * change[:2]))["status"] != "at_rest" and share > 1e-3:
@@ -70,13 +74,12 @@ def _law_at_rest(
     """What the equations of all blocks, the first one first, lack, and their number of unknowns."""
     blocks = [(block, driving(block)) for _, block in control.blocks()][::-1]
     zero, schedule = np.zeros(2), np.array(scene.schedule.target(time))
+    frame = (scene.motion or HandMotion.constant()).at(time)
+    cos, sin = np.cos(frame.tilt), np.sin(frame.tilt)
+    felt = np.array([[cos, sin], [-sin, cos]]) @ (
+        frame.acceleration + np.array([0.0, scene.gravity])
+    )
     fixed = {"schedule": schedule, "target_rate": zero, "gyroscope": zero[:1]}
-    fixed["accelerometer"] = np.array([0.0, scene.gravity])
-    if scene.motion is not None:
-        frame = scene.motion.at(time)
-        cos, sin = np.cos(frame.tilt), np.sin(frame.tilt)
-        felt = frame.acceleration + fixed["accelerometer"]
-        fixed["accelerometer"] = np.array([[cos, sin], [-sin, cos]]) @ felt
 
     def lacks(found: _Found, rest: Floats) -> Floats:
         seen = np.hstack([found["q"], found["multipliers"], found["torque"], np.zeros(5)])
@@ -85,8 +88,8 @@ def _law_at_rest(
         for block, n in blocks:
             a, b, c, d = (np.asarray(getattr(block, name)) for name in "ABCD")
             xi, outputs, rest = np.split(rest, [len(n), len(n) + 2])
-            own = values | {"target": target, "angle_error": values["angle"] - target}
-            y = np.hstack([own[name] for name in block.measures])
+            own = {"target": target, "angle_error": seen[3:5] - target, "accelerometer": felt}
+            y = np.hstack([(values | own)[name] for name in block.measures])
             parts += [xi - a[np.ix_(n, n)] @ xi - b[n] @ y, outputs - c[:, n] @ xi - d @ y]
             target = outputs
         return np.hstack([*parts, found["torque"] - target])
@@ -96,15 +99,16 @@ def _law_at_rest(
 
 def _solved(matrix: Floats, right: Floats) -> Floats:
     """Solves equations whose rows and columns have units of their own."""
-    rows = np.abs(matrix).max(axis=1, keepdims=True)
-    scaled = matrix / np.where(rows > 0.0, rows, 1.0)
-    columns = np.abs(scaled).max(axis=0)
-    scaled /= np.where(columns > 0.0, columns, 1.0)
-    if not np.linalg.svd(scaled, compute_uv=False)[-1] > _SINGULAR:
-        why = "its equations at rest, xi = A xi + B y and u = C xi + D y, have no unique solution"
-        advice = "they hold no finger at a place, or two states integrate alike"
-        raise ValueError(f"Scene.{WRITTEN['sampled']}: has no unique rest; {why}: {advice}")
-    return np.asarray(np.linalg.solve(scaled, right / rows[:, 0]) / columns)
+    if not np.isfinite(matrix).all():
+        raise ValueError(f"Scene.{WRITTEN['sampled']}: has no rest, its gains overflow")
+    rows = np.maximum(np.abs(matrix).max(axis=1, keepdims=True), np.finfo(float).tiny)
+    columns = np.maximum(np.abs(matrix / rows).max(axis=0), np.finfo(float).tiny)
+    found, _, rank, _ = np.linalg.lstsq(matrix / rows / columns, right / rows[:, 0], _SINGULAR)
+    if rank < len(right):
+        why = "equations xi = A xi + B y, u = C xi + D y have no unique solution: two states may"
+        law = WRITTEN["sampled"]
+        raise ValueError(f"Scene.{law}: has no unique rest, its {why} integrate alike")
+    return np.asarray(found / columns)
 
 
 def _row(control: SampledController, time: float, rest: Floats) -> tuple[Floats, str]:
@@ -115,33 +119,34 @@ def _row(control: SampledController, time: float, rest: Floats) -> tuple[Floats,
         rest, own = np.split(rest, [len(rest) - 2 - len(driving(block))])
         xi, outputs = np.array(block.initial_state), own[-2:]
         xi[driving(block)] = own[:-2]
-        low, high = (-np.inf, np.inf) if block.limits is None else np.transpose(block.limits)
-        if not ((low <= outputs) & (outputs <= high)).all():
+        if (
+            block.limits is not None
+            and (outputs != np.clip(outputs, *np.transpose(block.limits))).any()
+        ):
             beyond = f"{path}.limits do not allow its outputs at rest, {outputs.tolist()}"
-        late, (m, period) = 1 + (block.jitter > 0.0), (np.asarray(block.D).shape[1], block.period)
+        late, period = 1 + (block.jitter > 0.0), block.period
         zeros = 2 * (math.ceil(block.delay / period) + late)
         if block.measure_delay > 0.0 or block.loss > 0.0:
-            zeros += 1 + m * (math.ceil(block.measure_delay / period) + late + 1)
+            waiting = math.ceil(block.measure_delay / period) + late + 1
+            zeros += 1 + waiting * np.asarray(block.D).shape[1]
         numbers += [[time, 0.0, 0.0], outputs, xi, np.zeros(zeros)]
     return np.hstack(numbers), beyond
 
 
-def sampled_eigenvalues(scene: Scene, state: State, torque: Floats) -> tuple[Complexes, float]:
-    """As of `Equilibrium` (N,), 1/s, and their round-off: ln(f) / period for each factor f of the
-    loop over its common period; nan without one.
-    """
-    control = scene.control
-    assert isinstance(control, SampledController)
-    period, _ = common_period(control)
-    if not math.isfinite(period):
+def sampled_eigenvalues(
+    scene: Scene, control: SampledController, state: State, torque: Floats
+) -> tuple[Complexes, float]:
+    """As of `Equilibrium` (N,), 1/s, and their round-off; nan without a common period."""
+    period, why = common_period(control)
+    if why:
         return np.full(3, complex(np.nan, np.nan)), np.nan
     held = Schedule.steps([0.0], [torque])
     given = inputs(held, scene.disturbances, "torque", motion=scene.motion)
     plant = linear_at(scene, state, inputs=given, whole=True, open_loop=True, frozen=True)
     names = state_names("torque", "nullspace", branches(scene))
-    by_pose, stays = shears_by_pose(plant["A"][0], names), kept(names)
-    a, c = (without_shears(rows[0], by_pose, names) for rows in (plant["A"], plant["C"]))
+    by_pose, rows = shears_by_pose(plant["A"][0], names), kept(names)
+    a, c = (without_shears(matrix[0], by_pose, names) for matrix in (plant["A"], plant["C"]))
     seen = measured(control, MEASURED, c, plant["D"][0][:, :2])
-    found = factors(control, a[stays], plant["B"][0][stays, :2], seen)
+    found = factors(control, a[rows], plant["B"][0][rows, :2], seen)
     rates = np.log(found[found != 0.0]) / period
     return np.hstack([np.zeros(2), rates[np.argsort(-rates.real)]]), _NEUTRAL / period

@@ -61,21 +61,14 @@ def driving(block: SampledController) -> list[int]:
     return np.flatnonzero(drive).tolist()
 
 
-def spectral_radius(
+def factors(
     control: SampledController, a: Floats, b: Floats, measures: Sequence[tuple[Floats, Floats]]
-) -> float:
-    """The spectral radius of the loop over `common_period`; nan if a number overflows.
+) -> Complexes:
+    """The factors of the loop's modes in a `common_period`; nan if a number overflows.
 
     The motion is x' = a x + b v (n, n), (n, 2), under the torques v. Each block, the last one
     first, measures h x + j v (m, n), (m, 2).
     """
-    return float(np.abs(factors(control, a, b, measures)).max())
-
-
-def factors(
-    control: SampledController, a: Floats, b: Floats, measures: Sequence[tuple[Floats, Floats]]
-) -> Complexes:
-    """The eigenvalues of that loop: the factors of its modes in a common period."""
     with np.errstate(all="ignore"):
         loop = _matrix(control, a, b, measures)
     if not np.isfinite(loop).all():
@@ -191,5 +184,5 @@ def growth(scene: Scene, control: SampledController) -> float:
     with np.errstate(all="ignore"):
         b[2:] = np.diag([1.0 / (f.mass if isinstance(f, Jaw) else f.inertia) for f in fingers])
     found = measured(control, _OF_FINGERS, np.eye(4), np.zeros((4, 2)))
-    factor = spectral_radius(control, a, b, found)
+    factor = float(np.abs(factors(control, a, b, found)).max())
     return 0.0 if math.isnan(factor) else factor
