@@ -198,9 +198,7 @@ def equilibrium(
     if not isinstance(control, SampledController):
         found = rest_scene(scene, instant).equilibrium(kind, member, start)
         return from_core(scene, instant, found, kind, member)
-    found, row, message = sampled_rest(
-        scene, control, instant, start, lambda held: held.equilibrium(kind, member, start)
-    )
+    found, row, message = sampled_rest(scene, control, instant, kind, member, start)
     if message:
         status = "not_found" if found["status"] == "at_rest" else found["status"]
         return _no_equilibrium(scene, instant, status, message, kind, member)

@@ -10,7 +10,6 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .. import _core
 from ..run.request import rest_scene
 from ..run.stiffness import MEASURED
 from ..scene.control import WRITTEN, Pid, SampledController
@@ -22,9 +21,7 @@ from ..scene.schedule import Schedule
 from ..support.arrays import Complexes, Floats
 from .states import kept, linear_at, shears_by_pose, state_names, without_shears
 
-# What the core finds of its scene.
-_Found: TypeAlias = dict[str, Any]
-_RestOf: TypeAlias = Callable[[_core.RestScene], _Found]
+_Found: TypeAlias = dict[str, Any]  # by the core
 # Step of differences by the fingers' coordinates; the last of Newton's corrections is below SMALL.
 _STEP, _SMALL, _MOST = 1e-6, 1e-9, 60
 # Scaled equations with a smaller singular value have no unique solution.
@@ -34,21 +31,22 @@ _NEUTRAL = 1e-8
 
 
 def sampled_rest(
-    scene: Scene, control: SampledController, time: float, near: Floats | None, rest_of: _RestOf
+    scene: Scene, control: SampledController, time: float, *member: Any
 ) -> tuple[_Found, Floats, str]:
     """Returns the core's rest, `State.controller` there, and why it is none, or an empty text.
 
     Newton's method finds the fingers' coordinates and, of each block, the states that drive an
     output and the outputs: xi = A xi + B y, u = C xi + D y, and the last u are the holding torques
-    of fingers that stand there. `rest_of` takes a scene of the core to a member of its family.
+    of fingers that stand there. `member` is that of the core's family, and where to begin.
     """
     lacks, size = _law_at_rest(scene, control, time)
 
     def at(fingers: Floats) -> _Found:
         held = Schedule.steps([0.0], [fingers])
-        return rest_of(rest_scene(replace(scene, control=Pid(), schedule=held, initial=None), time))
+        pressed = replace(scene, control=Pid(), schedule=held, initial=None)
+        return rest_scene(pressed, time).equilibrium(*member)
 
-    fingers = np.array(scene.schedule.target(time)) if near is None else near[3:5]
+    fingers = np.array(scene.schedule.target(time)) if member[-1] is None else member[-1][3:5]
     found, rest = at(fingers), np.zeros(size)
     for _ in range(_MOST):
         if found["status"] != "at_rest":
